@@ -4,20 +4,14 @@ from typing import Any
 
 import warp as wp
 
-from ..offsets import BLOCK
 from ..patch import BOTTOM, EXACT, Patch, section_frame
 from .edge_pairing import OPEN
 from .half_edges import Surface
-from .pieces import CLOSED, ContourPieces, count_row, section_at, section_of, store_piece
+from .pieces import CLOSED, ContourPieces, count_row, section_of, store_piece
 from .segment_clipping import NONE, Segment, needs_left, segment_of
 from .triangle_walk import corners_left_from, link_of, load_vec4
 
 wp.set_module_options(EXACT)
-
-LAUNCH_BOUNDS = (
-    BLOCK,
-    12,
-)  # 12 blocks at a time, 80 registers: only a look at unlisted corners needs more
 
 # An event is a segment that clipping must test, as two numbers: `what`, and the number of steps of non-zero length
 # inside the patch since the event before. `what` is the half-edge of the segment's first crossing << HALF | these bits:
@@ -28,10 +22,6 @@ END = wp.constant(512)  # the loop is back at its first crossing
 STOP = wp.constant(1024)  # the contour ends at an open edge
 CLEAR = wp.constant(2048)  # in float32 neither of its crossings lies on the line of a patch side
 HALF = wp.constant(12)
-# Bits of the second number above those of the steps, once `_look_at_corners` has written them:
-STEPS = wp.constant((1 << 24) - 1)
-LEFT = wp.constant(24)  # bits above it: the corners to the left of the segment (`corners_left`)
-KNOWN = wp.constant(1 << 28)  # set if they are there
 
 
 @wp.struct
@@ -43,36 +33,21 @@ class Events:
     step: wp.int64
     event: wp.array[wp.vec2i]
     count: wp.array[wp.int32]  # events of each row, also those beyond its room
-    passing: wp.array[wp.vec2i]  # row and number of events that pass corners, in any order; empty: none are listed
-    passing_count: wp.array[wp.int32]  # number of them, also of those for which there is no room, shape [1]
-
-
-@wp.func
-def index_of(events: Events, row: int, k: int):
-    """Index of event k of a row."""
-    return wp.int64(row) * events.row + wp.int64(k) * events.step
 
 
 @wp.func
 def write_event(events: Events, row: int, k: int, what: int, steps: int):
     """Write event k of a row, if there is room."""
     if k < events.room:
-        events.event[index_of(events, row, k)] = wp.vec2i(what, steps)
-
-
-@wp.func
-def list_passing(events: Events, row: int, k: int, code_p: int, code_q: int):
-    """List event k of a row if it passes a corner, so that its look at the corners is taken together with others'."""
-    if events.passing.shape[0] > 0 and k < events.room and needs_left(code_p, code_q):
-        i = wp.atomic_add(events.passing_count, 0, 1)
-        if i < events.passing.shape[0]:
-            events.passing[i] = wp.vec2i(row, k)
+        events.event[wp.int64(row) * events.row + wp.int64(k) * events.step] = wp.vec2i(what, steps)
 
 
 @wp.func
 def is_quiet(code_p: int, code_q: int):
     """Whether a segment stays inside, or outside without winding around the patch."""
-    return wp.where((code_p & code_q) != 0, ((code_p ^ code_q) & BOTTOM) == 0, (code_p | code_q) == 0)
+    if (code_p | code_q) == 0:
+        return True
+    return (code_p & code_q) != 0 and ((code_p ^ code_q) & BOTTOM) == 0
 
 
 @wp.struct
@@ -142,30 +117,6 @@ def advance(tour: EventTour, what: int, steps: int, segment: Segment, clear: int
 
 
 @wp.kernel
-def _look_at_corners(
-    # In:
-    surface: Surface,
-    pose: wp.array2d[wp.transform],
-    patch: wp.array[Patch],
-    section: wp.array[wp.int32],  # of each row; empty if rows are sections
-    # Out:
-    events: Events,  # listed ones get the bits LEFT; one that was written anew since it was listed may pass no corner
-):
-    """Find the corners to the left of the listed events: a thread each, while `_clip_loops` would let others wait."""
-    if wp.tid() >= events.passing_count[0]:
-        return
-    row = events.passing[wp.tid()][0]
-    i = index_of(events, row, events.passing[wp.tid()][1])
-    event = events.event[i]
-    what = event[0]
-    if (what & BEGIN) == 0 and needs_left((what >> FROM) & TO, what & TO):
-        own = section_at(section, row)
-        f = section_frame(pose, patch, own)
-        left = corners_left_from(surface, f, what >> HALF, patch[own % patch.shape[0]].half)
-        events.event[i] = wp.vec2i(what, event[1] | KNOWN | (left << LEFT))
-
-
-@wp.kernel(launch_bounds=LAUNCH_BOUNDS)
 def _clip_loops(
     # In:
     surface: Surface,
@@ -186,8 +137,7 @@ def _clip_loops(
     k = int(0)
     after = int(0)  # the event behind the loop
     while k < count:
-        event = events.event[index_of(events, row, k)]
-        steps = event[1] & STEPS
+        event = events.event[wp.int64(row) * events.row + wp.int64(k) * events.step]
         what = event[0]
         k += 1
         if (what & BEGIN) != 0:
@@ -196,12 +146,10 @@ def _clip_loops(
             left = int(0)
             clear = wp.where((what & CLEAR) != 0, 1, 0)
             if needs_left((what >> FROM) & TO, what & TO):
+                f = section_frame(pose, patch, section)
+                left = corners_left_from(surface, f, what >> HALF, own.half)
                 clear = 0
-                left = (event[1] >> LEFT) & TO
-                if (event[1] & KNOWN) == 0:
-                    f = section_frame(pose, patch, section)
-                    left = corners_left_from(surface, f, what >> HALF, own.half)
-            tour = advance(tour, what, steps, segment_of((what >> FROM) & TO, what & TO, left), clear, pieces, row)
+            tour = advance(tour, what, event[1], segment_of((what >> FROM) & TO, what & TO, left), clear, pieces, row)
             if tour.done == 1 and tour.whole == 1:
                 half = tour.first
                 store_piece(
@@ -224,6 +172,4 @@ def room_for_events(row_count: int, room: int, device: Any) -> Any:
     events.row, events.step = (room, 1) if device.is_cpu else (1, row_count)
     events.event = wp.empty(row_count * room, dtype=wp.vec2i, device=device)
     events.count = wp.empty(row_count, dtype=wp.int32, device=device)
-    events.passing = wp.empty(0, dtype=wp.vec2i, device=device)
-    events.passing_count = wp.empty(0, dtype=wp.int32, device=device)
     return events

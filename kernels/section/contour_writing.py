@@ -10,20 +10,14 @@ import warp as wp
 
 from ..lanes import lane_count
 from ..offsets import BLOCK
-from ..patch import EXACT, Frame, Patch, half_extents, output_point, section_frame
+from ..patch import EXACT, Patch, half_extents, output_point, section_frame
 from .half_edges import Surface
 from .joining import BOUNDARY, SLOT, Entries, Joined
 from .pieces import ContourPieces, section_of, start_of
-from .row_order import begin_order, end_order, note_length, ordered_threads, row_in_order
 from .row_walker import LineArrays, PolylineWriter, draw_row, draw_row_ends
 from .triangle_walk import crossing_at, point_of
 
 wp.set_module_options(EXACT)
-
-LAUNCH_BOUNDS = (
-    BLOCK,
-    10,
-)  # 10 blocks at a time, 96 registers: fewer would leave many numbers in memory
 
 
 GROUPS_MOST = 2**24  # of lanes that draw; 64 times as many threads have numbers in 31 bits
@@ -40,33 +34,7 @@ class Contours(NamedTuple):
     section_start: wp.array  # int64, shape [section + 1]
 
 
-@wp.func
-def draw_section(
-    surface: Surface,
-    f: Frame,
-    patch: wp.array[Patch],
-    pieces: ContourPieces,
-    entries: Entries,
-    bounded: int,
-    closes: int,
-    row: int,
-    section: int,
-    section_start: wp.array[wp.int64],
-    point_start: wp.array[wp.int64],
-    lines: LineArrays,
-):
-    """Write a row's polylines."""
-    own = section % patch.shape[0]
-    writer = PolylineWriter()
-    writer.i = point_start[section]
-    writer.line = section_start[section]
-    writer.patch = own
-    writer = draw_row(surface, f, half_extents(patch[own], bounded), pieces, entries, row, closes, lines, writer)
-    if section == section_start.shape[0] - 2:
-        lines.polyline_start[section_start[section + 1]] = point_start[section + 1]
-
-
-@wp.kernel(launch_bounds=LAUNCH_BOUNDS)
+@wp.kernel
 def _draw_contours(
     # In:
     surface: Surface,
@@ -78,30 +46,21 @@ def _draw_contours(
     closes: int,  # 1: CC, 0: OC
     section_start: wp.array[wp.int64],  # offsets of the sections' polylines, shape [section + 1]
     point_start: wp.array[wp.int64],  # offsets of the sections' points, shape [section + 1]
-    lanes: int,  # of a block
-    rounds: int,  # how many rows each takes
     # Out:
     lines: LineArrays,
 ):
     """Write each row's polylines."""
-    first = wp.tid() // lanes * lanes * rounds
-    order = begin_order()
-    for k in range(rounds):
-        i = k * lanes + wp.tid() % lanes
-        length = int(0)
-        if first + i < entries.count.shape[0]:
-            section = section_of(pieces, first + i)
-            length = int(point_start[section + 1] - point_start[section])
-        note_length(order, i, length)
-    end_order(order, rounds)
-    for k in range(rounds):
-        row = first + row_in_order(order, k)
-        if row < entries.count.shape[0]:
-            section = section_of(pieces, row)
-            f = section_frame(pose, patch, section)
-            draw_section(
-                surface, f, patch, pieces, entries, bounded, closes, row, section, section_start, point_start, lines
-            )
+    row = wp.tid()
+    section = section_of(pieces, row)
+    own = section % patch.shape[0]
+    writer = PolylineWriter()
+    writer.i = point_start[section]
+    writer.line = section_start[section]
+    writer.patch = own
+    f = section_frame(pose, patch, section)
+    writer = draw_row(surface, f, half_extents(patch[own], bounded), pieces, entries, row, closes, lines, writer)
+    if section == section_start.shape[0] - 2:
+        lines.polyline_start[section_start[section + 1]] = point_start[section + 1]
 
 
 @wp.kernel
@@ -177,11 +136,9 @@ def draw_contours(
     for pieces, entries in joined.rows:
         row_count, drawn = pieces.count.shape[0], [patch, pieces, entries, int(bounded)]
         inputs = [surface, pose, *drawn, int(closes), joined.section_start, joined.point_start]
-        if pieces.listed is None:
-            launch(_draw_contours, **ordered_threads(row_count, device, inputs), outputs=[lines])
-        else:
+        launch(_draw_contours if pieces.listed is None else _draw_ends, row_count, inputs=inputs, outputs=[lines])
+        if pieces.listed is not None:
             lanes, groups = lane_count(device), min(row_count, GROUPS_MOST)
-            launch(_draw_ends, row_count, inputs=inputs, outputs=[lines])
             launch(_draw_listed, groups * lanes, inputs=[surface, *drawn, lanes, groups], outputs=[lines.points])
     return out
 

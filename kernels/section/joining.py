@@ -6,16 +6,13 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
-from ..patch import EXACT, Frame, Patch, corner, output_point, section_frame
+from ..patch import EXACT, Frame, Patch, corner, outcode, output_point, section_frame
 from .half_edges import Surface
-from .piece_ends import PieceEnds, place_ends
 from .pieces import CLOSED, ContourPieces, room_of, section_of, start_of
-from .row_order import begin_order, end_order, note_length, ordered_threads, row_in_order
-from .segment_clipping import NONE
+from .segment_clipping import NONE, side_point, side_position
+from .triangle_walk import crossing_after, crossing_at, point_of
 
 wp.set_module_options(EXACT)
-
-LAUNCH_BOUNDS = (BLOCK, 10)  # 10 blocks at a time, 96 registers: with fewer, some would stand in memory
 
 BY_KEY = wp.constant(2)  # an order of pieces; 0 and 1: by where they enter, leave
 BEGIN = wp.constant(1 << 24)  # in an entry: a polyline begins with this piece
@@ -32,6 +29,51 @@ class Entries:
     count: wp.array[wp.int32]  # entries, BOUNDARY; shape [row]
     polylines: wp.array[wp.int64]  # of each section, shape [section + 1], the last one stays 0
     points: wp.array[wp.int64]
+
+
+@wp.struct
+class PieceEnds:
+    """Ends of a row's open pieces, sorted along the boundary; scratch, by slot."""
+
+    leaving: wp.array[wp.int32]  # piece, in the order of the places where pieces leave; in the end, by key
+    entering: wp.array[wp.int32]  # piece, in the order of the places where pieces enter
+    follower: wp.array[wp.int32]  # the piece that the boundary leads to from where this one leaves; NONE once drawn
+    corners: wp.array[wp.int32]  # how many corners it passes on the way
+    position: wp.array[wp.vec2d]  # how far along its side each piece enters and leaves [m]
+    steps: wp.array[wp.int32]  # steps of non-zero length
+    first: wp.array[wp.vec3]  # first and last point [m], array frame
+    last: wp.array[wp.vec3]
+
+
+@wp.func
+def place_ends(surface: Surface, f: Frame, half: wp.vec2d, pieces: ContourPieces, i: wp.int64, ends: PieceEnds):
+    """Compute where an open piece enters and leaves its patch; add its steps of non-zero length there."""
+    side = pieces.side[i]
+    position = wp.vec2d()
+    steps = pieces.steps[i] // 2
+    x = wp.vec3()
+    if side[0] != NONE:
+        c = crossing_at(surface, f, pieces.half[i])
+        q = point_of(f, crossing_after(surface, f, c), half)
+        p = side_point(side[0], point_of(f, c, half), q, half)
+        x = output_point(f, p)
+        position[0] = side_position(side[0], p)
+        ends.first[i] = x
+        if outcode(q, half) == 0 and not (x == output_point(f, q)):
+            steps += 1
+    if side[1] != NONE:
+        c = crossing_at(surface, f, pieces.out[i])
+        p = point_of(f, c, half)
+        q = side_point(side[1], p, point_of(f, crossing_after(surface, f, c), half), half)
+        y = output_point(f, q)
+        position[1] = side_position(side[1], q)
+        ends.last[i] = y
+        if outcode(p, half) == 0:
+            x = output_point(f, p)
+        if not (x == y):
+            steps += 1
+    ends.position[i] = position
+    ends.steps[i] = steps
 
 
 @wp.func
@@ -227,50 +269,7 @@ def end_steps(side: wp.vec2i, through: bool):
     return steps
 
 
-@wp.func
-def join_row(
-    surface: Surface,
-    pieces: ContourPieces,
-    f: Frame,
-    half: wp.vec2d,
-    closes: int,
-    row: int,
-    ends: PieceEnds,
-    entries: Entries,
-):
-    """Order a row's pieces, loop by loop; returns entries, polylines and points."""
-    count = pieces.count[row]
-    base = start_of(pieces, row)
-    lines = int(0)
-    points = int(0)
-    entry = int(0)
-    for slot in range(count):
-        own = base + wp.int64(slot) * pieces.stride
-        ends.follower[own] = slot
-        ends.corners[own] = NONE
-        ends.steps[own] = pieces.steps[own] // 2
-        if pieces.key[own] < CLOSED:
-            place_ends(surface, f, half, pieces, own, ends)
-    open_count = int(0)
-    if closes == 1:
-        open_count = match_ends(pieces, base, count, pieces.winding[row], ends)
-    sort_slots(pieces, base, count, BY_KEY, False, ends, ends.leaving)
-    for rank in range(count):
-        slot = ends.leaving[base + wp.int64(rank) * pieces.stride]
-        if ends.follower[base + wp.int64(slot) * pieces.stride] != NONE:
-            steps = loop_steps(pieces, base, slot, f, half, ends)
-            entry = enter_loop(pieces, base, slot, steps > 0, ends, entries, entry)
-            if steps > 0:
-                lines += 1
-                points += steps + 1
-    if closes == 1 and open_count == 0 and pieces.winding[row] > 0:
-        entry = entry | BOUNDARY
-        lines += 1
-        points += 5
-    return wp.vec3i(entry, lines, points)
-
-
-@wp.kernel(launch_bounds=LAUNCH_BOUNDS)
+@wp.kernel
 def _join_pieces(
     # In:
     surface: Surface,
@@ -280,35 +279,47 @@ def _join_pieces(
     closes: int,  # 1: CC, 0: OC
     rest: wp.array[wp.int32],
     rest_count: wp.array[wp.int32],
-    lanes: int,  # of a block
-    rounds: int,  # how many rows each takes
     # Out:
     ends: PieceEnds,  # scratch
     entries: Entries,
 ):
     """Order each row's pieces, loop by loop, and count polylines and points without steps of zero length."""
-    first = wp.tid() // lanes * lanes * rounds
-    if first >= rest_count[0]:
+    if wp.tid() >= rest_count[0]:
         return
-    order = begin_order()
-    for k in range(rounds):
-        i = k * lanes + wp.tid() % lanes
-        length = int(0)
-        if first + i < rest_count[0]:
-            length = 2 * pieces.count[rest[first + i]]  # so that STEP tells 1 from 2
-        note_length(order, i, length)
-    end_order(order, rounds)
-    for k in range(rounds):
-        i = first + row_in_order(order, k)
-        if i < rest_count[0]:
-            row = rest[i]
-            section = section_of(pieces, row)
-            joined = wp.vec3i()
-            if pieces.count[row] <= room_of(pieces, row):  # else it has a row with more room elsewhere
-                f = section_frame(pose, patch, section)
-                half = patch[section % patch.shape[0]].half
-                joined = join_row(surface, pieces, f, half, closes, row, ends, entries)
-            write_row(entries, row, section, joined[0], joined[1], joined[2])
+    row = rest[wp.tid()]
+    section = section_of(pieces, row)
+    count = pieces.count[row]
+    base = start_of(pieces, row)
+    lines = int(0)
+    points = int(0)
+    entry = int(0)
+    if count <= room_of(pieces, row):  # else it has a row with more room elsewhere
+        f = section_frame(pose, patch, section)
+        half = patch[section % patch.shape[0]].half
+        for slot in range(count):
+            own = base + wp.int64(slot) * pieces.stride
+            ends.follower[own] = slot
+            ends.corners[own] = NONE
+            ends.steps[own] = pieces.steps[own] // 2
+            if pieces.key[own] < CLOSED:
+                place_ends(surface, f, half, pieces, own, ends)
+        open_count = int(0)
+        if closes == 1:
+            open_count = match_ends(pieces, base, count, pieces.winding[row], ends)
+        sort_slots(pieces, base, count, BY_KEY, False, ends, ends.leaving)
+        for rank in range(count):
+            slot = ends.leaving[base + wp.int64(rank) * pieces.stride]
+            if ends.follower[base + wp.int64(slot) * pieces.stride] != NONE:
+                steps = loop_steps(pieces, base, slot, f, half, ends)
+                entry = enter_loop(pieces, base, slot, steps > 0, ends, entries, entry)
+                if steps > 0:
+                    lines += 1
+                    points += steps + 1
+        if closes == 1 and open_count == 0 and pieces.winding[row] > 0:
+            entry = entry | BOUNDARY
+            lines += 1
+            points += 5
+    write_row(entries, row, section, entry, lines, points)
 
 
 class Ordered(NamedTuple):
@@ -348,7 +359,7 @@ def order_pieces(surface: Any, found: list, pose: wp.array, patch: wp.array, *, 
         rest_count = wp.zeros(1, dtype=wp.int32, device=device)
         launch(_join_single_pieces, row_count, inputs=[pieces, int(closes)], outputs=[entries, rest, rest_count])
         inputs = [surface, pieces, pose, patch, int(closes), rest, rest_count]
-        launch(_join_pieces, **ordered_threads(row_count, device, inputs), outputs=[ends, entries])
+        launch(_join_pieces, row_count, inputs=inputs, outputs=[ends, entries])
         rows.append((pieces, entries))
     return Ordered(rows, polylines, points)
 

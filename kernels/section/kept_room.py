@@ -15,7 +15,6 @@ from .clip_events import _clip_loops, room_for_events
 from .contour_writing import _draw_contours
 from .joining import _join_pieces, _join_single_pieces, room_to_join
 from .pieces import SLOTS, ContourPieces, with_slots
-from .row_order import ordered_threads
 from .row_walker import LineArrays
 from .scan_search import _walk_doubtful_loops, _walk_first_loops, _walk_other_loops
 from .tree_search import _tree_search_pieces
@@ -198,11 +197,8 @@ class Room:
         ], self._record(_draw_contours, [*drawn, self._polylines.start, self._points.start], [self._lines])
 
     def _record(self, kernel: Any, inputs: list, outputs: list) -> wp.Launch:
-        threads = {"dim": self.row_count, "inputs": inputs}
-        if kernel in (_walk_other_loops, _join_pieces, _draw_contours):
-            threads = ordered_threads(self.row_count, wp.get_device(self.device), inputs)
         options = {"device": self.device, "block_dim": BLOCK, "record_cmd": True}
-        return cast(wp.Launch, wp.launch(kernel, **threads, outputs=outputs, **options))
+        return cast(wp.Launch, wp.launch(kernel, self.row_count, inputs=inputs, outputs=outputs, **options))
 
 
 class Offsets:

@@ -9,10 +9,10 @@ heights exceed 2 e. So t / d is wrong by at most e + 2 e |u - l| / d, and by 2.4
 import warp as wp
 
 from ..patch import BOTTOM, LEFT, RIGHT, TOP, Coarse
-from .clip_events import BEGIN, CLEAR, END, FROM, HALF, Events, is_quiet, list_passing, write_event
+from .clip_events import BEGIN, CLEAR, END, FROM, HALF, Events, is_quiet, write_event
 from .edge_pairing import OPEN
 from .half_edges import Surface
-from .triangle_walk import half_after, half_before, link_either, link_of, load_vec4, vertex_of
+from .triangle_walk import half_after, half_before, link_of, load_vec4, vertex_of
 
 
 @wp.func_native("""
@@ -227,12 +227,12 @@ def walk_roughly(surface: Surface, g: Coarse, half: int, events: Events, row: in
     last = int(0)
     while last == 0 and out.sure:
         third = load_vec4(surface.corner, half_before(now))
-        following = load_vec4(surface.corner, half_after(now))  # by which the loop goes on if the third is above
+        down = link_of(load_vec4(surface.corner, half_after(now)))  # where the loop goes on if the third is above
         x = rough_position(g, vertex_of(third))
         up = x[2] > 0.0
         upper = wp.where(up, x, upper)
         lower = wp.where(up, lower, x)
-        link = link_either(up, third, following)
+        link = wp.where(up, down, link_of(third))
         q = rough_crossing(g, upper, lower, at_sides)
         out.sure = q.sure and wp.abs(x[2]) > 2.0 * g.unsure
         out.scanned += link & 1
@@ -244,7 +244,6 @@ def walk_roughly(surface: Surface, g: Coarse, half: int, events: Events, row: in
             write_event(
                 events, row, start + out.events, (now << HALF) | last | CLEAR | (p.code << FROM) | q.code, steps
             )
-            list_passing(events, row, start + out.events, p.code, q.code)
             out.events += 1
             steps = 0
         now = link >> 1
@@ -259,9 +258,8 @@ def mark_roughly(surface: Surface, g: Coarse, half: int, mask: wp.array[wp.uint3
     done = int(0)
     while done == 0:
         third = load_vec4(surface.corner, half_before(now))
-        following = load_vec4(surface.corner, half_after(now))
-        up = rough_sum(g.n, vertex_of(third) - g.origin, 0.0) > 0.0
-        link = link_either(up, third, following)
+        down = link_of(load_vec4(surface.corner, half_after(now)))
+        link = wp.where(rough_sum(g.n, vertex_of(third) - g.origin, 0.0) > 0.0, down, link_of(third))
         now = link >> 1
         if (link & 1) != 0:
             mark(mask, load_int(surface.rank, now))

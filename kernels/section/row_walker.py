@@ -21,7 +21,7 @@ from .half_edges import Surface
 from .joining import BEGIN, BOUNDARY, CORNERS, SLOT, Entries
 from .pieces import CLOSED, ContourPieces, start_of
 from .segment_clipping import corners_left, segment_of, side_point
-from .triangle_walk import crossing_after, crossing_at, placed_point, point_of
+from .triangle_walk import crossing_after, crossing_at, point_of
 
 OBJECT = 0
 HAND = 1
@@ -202,9 +202,8 @@ def row_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: Any, b
             p = q
             code_p = code_q
             n = crossing_after(surface, f, n)
-            placed = placed_point(f, n, side)
-            q = placed.at
-            code_q = placed.code
+            q = point_of(f, n, side)
+            code_q = outcode(q, side)
         x = output_point(f, q)
         if code_q != 0:
             x = output_point(f, side_point(segment_of(code_p, code_q, corners_left(p, q, side)).leave, p, q, side))

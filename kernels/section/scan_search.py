@@ -37,7 +37,6 @@ from .clip_events import (
     STOP,
     Events,
     _clip_loops,
-    _look_at_corners,
     is_quiet,
     room_for_events,
     write_event,
@@ -58,13 +57,10 @@ from .rough_walk import (
     scan_roughly,
     walk_roughly,
 )
-from .row_order import begin_order, end_order, note_length, ordered_threads, row_in_order
-from .segment_clipping import NONE
 from .triangle_walk import Crossing, chain_start, crossing_after, crossing_at, link_of, load_vec4, point_of, vertex_of
 
 wp.set_module_options(EXACT)
 
-FEW_WORDS = 8  # of the mask of a scan path with few steps
 LISTED = 32  # scanned crossings that one scan lists; a further scan lists the next ones
 
 
@@ -241,37 +237,6 @@ def _walk_first_loops(
         doubtful[wp.atomic_add(doubtful_count, 0, 1)] = row
 
 
-def rest_walker(words: int) -> Any:
-    """A wp.func that walks a row's other loops with a mask of so many words: to clear a large one takes longer."""
-
-    @wp.func
-    def walk_rest(surface: Surface, g: Coarse, listed: wp.vec3i, events: Events):
-        """Walk around a row's other loops; returns its number of events, NONE if that is not sure."""
-        row = listed[0]
-        left = listed[1]
-        half = listed[2]
-        mask = wp.zeros(shape=words, dtype=wp.uint32)
-        place = ScanPlace()
-        place.above = scan_height(g, load_vec4(surface.scan_path, 0)) > 0.0
-        walk = RoughWalk()
-        walk.sure = True
-        count = events.count[row]
-        while left > 0 and walk.sure:
-            mark_roughly(surface, g, half, mask)
-            place = next_unmarked(surface, g, mask, place)
-            half = place.half
-            walk = walk_roughly(surface, g, half, events, row, count)
-            count += walk.events
-            left -= walk.scanned
-        return wp.where(walk.sure, count, NONE)
-
-    return walk_rest
-
-
-walk_rest_of_few = rest_walker(FEW_WORDS)
-walk_rest_of_many = rest_walker(MASK_WORDS)
-
-
 @wp.kernel
 def _walk_other_loops(
     # In:
@@ -282,41 +247,38 @@ def _walk_other_loops(
     section: wp.array[wp.int32],
     rest: wp.array[wp.vec3i],
     rest_count: wp.array[wp.int32],
-    lanes: int,  # of a block
-    rounds: int,  # how many rows each takes
     # Out:
     events: Events,  # those of the first loop are there already
     doubtful: wp.array[wp.int32],
     doubtful_count: wp.array[wp.int32],
 ):
     """Walk around the other loops of rows that have more than one."""
-    first = wp.tid() // lanes * lanes * rounds
-    if first >= rest_count[0]:
+    if wp.tid() >= rest_count[0]:
         return
-    order = begin_order()
-    for k in range(rounds):
-        i = k * lanes + wp.tid() % lanes
-        length = int(0)
-        if first + i < rest_count[0]:
-            length = rest[first + i][1]
-        note_length(order, i, length)
-    end_order(order, rounds)
-    for k in range(rounds):
-        i = first + row_in_order(order, k)
-        if i < rest_count[0]:
-            row = rest[i][0]
-            own = section_at(section, row)
-            side = half_extents(patch[own % patch.shape[0]], bounded)
-            g = held_frame(coarse_frame(section_frame(pose, patch, own), side, surface.reach))
-            count = int(0)
-            if surface.scan_path.shape[0] <= 32 * FEW_WORDS:
-                count = walk_rest_of_few(surface, g, rest[i], events)
-            else:
-                count = walk_rest_of_many(surface, g, rest[i], events)
-            if count != NONE:
-                events.count[row] = count
-            else:
-                doubtful[wp.atomic_add(doubtful_count, 0, 1)] = row
+    listed = rest[wp.tid()]
+    row = listed[0]
+    left = listed[1]
+    half = listed[2]
+    own = section_at(section, row)
+    side = half_extents(patch[own % patch.shape[0]], bounded)
+    g = held_frame(coarse_frame(section_frame(pose, patch, own), side, surface.reach))
+    mask = wp.zeros(shape=MASK_WORDS, dtype=wp.uint32)
+    place = ScanPlace()
+    place.above = scan_height(g, load_vec4(surface.scan_path, 0)) > 0.0
+    walk = RoughWalk()
+    walk.sure = True
+    count = events.count[row]
+    while left > 0 and walk.sure:
+        mark_roughly(surface, g, half, mask)
+        place = next_unmarked(surface, g, mask, place)
+        half = place.half
+        walk = walk_roughly(surface, g, half, events, row, count)
+        count += walk.events
+        left -= walk.scanned
+    if walk.sure:
+        events.count[row] = count
+    else:
+        doubtful[wp.atomic_add(doubtful_count, 0, 1)] = row
 
 
 @wp.func
@@ -382,17 +344,12 @@ def scan_search_pieces(
     events = room_for_events(row_count, room, device)
     rest = wp.empty(row_count, dtype=wp.vec3i, device=device)
     doubtful = wp.empty(row_count, dtype=wp.int32, device=device)
-    counts = wp.zeros(3, dtype=wp.int32, device=device)
-    rests, doubts = [rest, counts[:1]], [doubtful, counts[1:2]]
-    if not device.is_cpu:
-        events.passing, events.passing_count = wp.empty(row_count, dtype=wp.vec2i, device=device), counts[2:]
+    counts = wp.zeros(2, dtype=wp.int32, device=device)
+    rests, doubts = [rest, counts[:1]], [doubtful, counts[1:]]
     inputs = [surface, pose, patch, int(bounded), pieces.section]
     launch = partial(wp.launch, device=device, block_dim=BLOCK)
     launch(_walk_first_loops, row_count, inputs=inputs, outputs=[events, *rests, *doubts])
-    threads = ordered_threads(row_count, device, [*inputs, *rests])
-    launch(_walk_other_loops, **threads, outputs=[events, *doubts])
+    launch(_walk_other_loops, row_count, inputs=[*inputs, *rests], outputs=[events, *doubts])
     launch(_walk_doubtful_loops, row_count, inputs=[*inputs, *doubts], outputs=[events])
-    if not device.is_cpu:
-        launch(_look_at_corners, row_count, inputs=[*inputs[:3], pieces.section], outputs=[events])
     launch(_clip_loops, row_count, inputs=[surface, pose, patch, events], outputs=[pieces])
     return events.count

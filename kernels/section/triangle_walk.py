@@ -52,13 +52,6 @@ def corner_of(half: int):
 
 
 @wp.func
-def link_either(up: wp.bool, x: wp.vec4, y: wp.vec4):
-    """Link of y if `up`, else that of x; by their bits, as a GPU would else not read y before it knows `up`."""
-    link = link_of(x)
-    return link ^ ((link ^ link_of(y)) & wp.where(up, -1, 0))
-
-
-@wp.func
 def half_after(half: int):
     """Next half-edge of the triangle."""
     return wp.where(corner_of(half) == wp.uint32(2), half - 2, half + 1)
@@ -90,12 +83,12 @@ def crossing_after(surface: Surface, f: Frame, c: Crossing):
     """
     n = Crossing()
     third = load_vec4(surface.corner, half_before(c.half))
-    following = load_vec4(surface.corner, half_after(c.half))
+    down = link_of(load_vec4(surface.corner, half_after(c.half)))  # read already, for it may be needed
     x = patch_coordinates(f, vertex_of(third))
     up = above(x[2])
     n.upper = wp.where(up, x, c.upper)
     n.lower = wp.where(up, c.lower, x)
-    link = link_either(up, third, following)
+    link = wp.where(up, down, link_of(third))
     n.half = link >> 1  # of OPEN: OPEN
     n.scanned = link & 1
     return n
@@ -142,27 +135,6 @@ def point_of(f: Frame, c: Crossing, side: wp.vec2d):
     p = wp.vec2d(c.upper[0], c.upper[1])
     q = wp.vec2d(c.lower[0], c.lower[1])
     return snap_to_sides(blend(p, q, c.upper[2], c.lower[2]), side, f.flush)
-
-
-@wp.struct
-class PlacedPoint:
-    """A crossing's point in the patch's plane, and its outcode."""
-
-    at: wp.vec2d  # [m]
-    code: int
-
-
-@wp.func
-def placed_point(f: Frame, c: Crossing, side: wp.vec2d):
-    """`point_of` and its outcode: what is clearly inside is neither moved nor compared with each side."""
-    p = wp.vec2d(c.upper[0], c.upper[1])
-    q = wp.vec2d(c.lower[0], c.lower[1])
-    out = PlacedPoint()
-    out.at = blend(p, q, c.upper[2], c.lower[2])
-    if wp.max(wp.abs(out.at[0]) - side[0], wp.abs(out.at[1]) - side[1]) >= -f.flush:
-        out.at = snap_to_sides(out.at, side, f.flush)
-        out.code = outcode(out.at, side)
-    return out
 
 
 @wp.func

@@ -15,6 +15,7 @@ from ..offsets import BLOCK
 from ..patch import EXACT, Coarse, Frame, to_float64
 from ..section.edge_pairing import OPEN
 from ..section.half_edges import LEAF, LEAF_BITS, Surface
+from ..section.rough_walk import held_vec3
 from ..section.tree_search import Window, down_half
 from ..section.triangle_walk import load_vec4, vertex_of
 
@@ -123,26 +124,15 @@ def packed_crossings(
     for none, 4 where it is not certain; first: the leaf's first face."""
 
 
-@wp.func_native("""
-#ifdef __CUDA_ARCH__
-    for (int k = 0; k < 3; ++k)
-        asm volatile("" : "+f"(x[k]));
-#endif
-    return x;
-""")
-def kept(x: wp.vec3) -> wp.vec3:
-    """The same vector, which a GPU's compiler keeps, and does not convert from float64 again wherever it is used."""
-
-
 @wp.func
 def packed_frame(surface: Surface, g: Coarse, w: Window):
     """The frame and window for a surface's packed boxes."""
     p = PackedFrame()
     scale = 2.0 / surface.box_step
-    p.origin = kept(scale * (g.origin - surface.box_low))
-    p.u = kept(g.u)
-    p.v = kept(g.v)
-    p.n = kept(g.n)
+    p.origin = held_vec3(scale * (g.origin - surface.box_low))
+    p.u = held_vec3(g.u)
+    p.v = held_vec3(g.v)
+    p.n = held_vec3(g.n)
     p.low = scale * w.low
     p.high = scale * w.high
     p.unsure = scale * 2.0 * g.unsure

@@ -62,23 +62,23 @@ def mark(mask: wp.array[wp.uint32], rank: int):
 
 @wp.func_native("""
 #ifdef __CUDA_ARCH__
-    asm volatile("" : "+f"(x));  // computed once, not wherever it is used
+    asm volatile("" : "+f"(x));
 #endif
     return x;
 """)
 def held(x: float) -> float:
-    """The number as it is."""
+    """The same number, which a GPU keeps, and does not convert from float64 again wherever it is used."""
 
 
 @wp.func
 def held_vec3(x: wp.vec3):
-    """The vector as it is."""
+    """The same vector, as `held`."""
     return wp.vec3(held(x[0]), held(x[1]), held(x[2]))
 
 
 @wp.func
 def held_frame(g: Coarse):
-    """The frame as it is."""
+    """The same frame, as `held`."""
     out = Coarse()
     out.origin = held_vec3(g.origin)
     out.u = held_vec3(g.u)

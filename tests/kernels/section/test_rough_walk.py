@@ -1,0 +1,64 @@
+"""Walks in float32 against walks in float64, at sections that rounding nearly decides otherwise."""
+
+import numpy as np
+import pytest
+from degenerate_cases import HALF, pose_of
+from drawing import STRATEGIES, assert_same_bits, draw, patch_array, surface_on
+from mesh_cases import MESHES
+from scipy.spatial.transform import Rotation
+
+SOLIDS = ("cube", "tube", "dog", "comb", "bodies")
+
+
+def unit(x):
+    return x / np.linalg.norm(x)
+
+
+def poses_along_edges(mesh, count, seed):
+    """Planes that an edge crosses at a small angle: its ends lie 1e-7 to 1e-3 m above and below, so that where it
+    crosses is uncertain by up to the edge's length. A side of the palm passes there."""
+    rng = np.random.default_rng(seed)
+    vertices, faces = mesh[0].astype(float), mesh[1]
+    poses = []
+    for _ in range(count):
+        a, b = vertices[faces[rng.integers(len(faces))][rng.permutation(3)[:2]]]
+        along = unit(b - a)
+        low, high = 10.0 ** rng.uniform(-7, -3, 2)
+        across = unit(np.cross(along, rng.normal(size=3)))
+        n = across + (low + high) / np.linalg.norm(b - a) * along
+        at = a + low / (low + high) * (b - a)
+        poses.append(palm_with_side(at, rng.normal(size=3), n, rng, nearest=-7))
+    return np.array(poses)
+
+
+def poses_near_vertices(mesh, count, seed):
+    """Planes that pass a vertex at 1e-9 to 1e-5 m, which a side of the palm passes, too."""
+    rng = np.random.default_rng(seed)
+    poses = []
+    for _ in range(count):
+        n = unit(rng.normal(size=3))
+        at = mesh[0][rng.integers(len(mesh[0]))] + rng.choice([-1, 1]) * 10.0 ** rng.uniform(-9, -5) * n
+        poses.append(palm_with_side(at, rng.normal(size=3), n, rng, nearest=-9))
+    return np.array(poses)
+
+
+def palm_with_side(at, u, n, rng, nearest):
+    """A palm's pose with a side that passes a point at 10^nearest to 1e-3 m."""
+    pose = pose_of(at, u, n)
+    apart = rng.choice([-1, 1]) * 10.0 ** rng.uniform(nearest, -3)
+    local = np.array([rng.choice([-1, 1]) * (HALF[0] + apart), 0.0, rng.uniform(-0.9, 0.9) * HALF[1]])
+    moved = at - Rotation.from_quat(pose[3:].astype(float)).apply(local)
+    return np.hstack([moved, pose[3:]]).astype(np.float32)
+
+
+@pytest.mark.exhaustive(after=2)
+@pytest.mark.parametrize("poses_of", [poses_along_edges, poses_near_vertices])
+@pytest.mark.parametrize("name", SOLIDS)
+def test_what_float32_decides_is_what_float64_decides(name, poses_of, device):
+    mesh = MESHES[name]()
+    surface, patch = surface_on(mesh, device), patch_array(HALF, device)
+    poses = poses_of(mesh, 2000, 7)
+    for strategy in STRATEGIES:
+        traced, sought = (draw(surface, poses, patch, strategy, method) for method in ("trace", "seek"))
+        assert_same_bits(traced, sought)
+        assert len(traced.points) > 2000

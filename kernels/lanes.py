@@ -1,7 +1,8 @@
 """Lanes: the threads that share one section. On a GPU they are a block; on a CPU there is one.
 
 All lanes of a group take the same way through a kernel where they vote, synchronise or take a row. A kernel is launched
-with `lane_count` threads for each group, and with that many threads a block.
+with `lane_count` threads for each group, and with that many threads a block; a kernel that does not vote may have
+groups of another size (`pieces.many_crossings`).
 """
 
 from typing import Any

@@ -1,4 +1,8 @@
-"""Pieces of sections with many crossings: groups of many lanes, which share one memory near them."""
+"""Pieces of sections with many crossings: groups of many lanes, which share one memory near them.
+
+This is `few_crossings` with another size of groups, in a module of its own: Warp compiles a module for one size of
+blocks.
+"""
 
 from typing import Any
 

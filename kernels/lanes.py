@@ -105,11 +105,11 @@ def from_first_lane(x: int) -> int:
 
 
 @wp.func
-def take_row(taken: wp.array[wp.int32], kernel: int, lane: int):
+def take_row(taken: wp.array[wp.int64], kernel: int, lane: int):
     """The next row that no group has taken in a kernel."""
     row = int(0)
     if lane == 0:
-        row = wp.atomic_add(taken, kernel, 1)
+        row = int(wp.atomic_add(taken, kernel, wp.int64(1)))
     return from_first_lane(row)
 
 

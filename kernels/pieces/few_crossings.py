@@ -26,27 +26,20 @@ def _rank_few_crossings(
     # Out:
     block: RowBlock,
     pieces: ContourPieces,
-    listed: wp.array[wp.int32],
 ):
     """Store the pieces of each row of a block, and list the half-edges of their steps, as `rank_rows`."""
     near = near_space(address_of_few(), NEAR_FEW)
-    rank_rows(surface, patch, bounded, wp.tid(), lanes, near, block, pieces, listed)
+    rank_rows(surface, patch, bounded, wp.tid(), lanes, near, block, pieces)
 
 
-def rank_few_crossings(
-    surface: Any, patch: wp.array, block: Any, *, bounded: bool, pieces: Any, listed: wp.array
-) -> None:
-    """Store the pieces of each row of a RowBlock, and list the half-edges of their steps.
-
-    listed: of each row: in, its crossings; out, the steps of its pieces. `ContourPieces.excess` counts
-    rows with too few slots.
-    """
+def rank_few_crossings(surface: Any, patch: wp.array, block: Any, *, bounded: bool, pieces: Any) -> None:
+    """Store the pieces of each row of a RowBlock, and list the half-edges of their steps: see `rank_rows`."""
     lanes = lane_count(patch.device)
     wp.launch(
         _rank_few_crossings,
-        block.steps.shape[0] * lanes,
+        block.stored.shape[0] * lanes,
         inputs=[surface, patch, int(bounded), lanes],
-        outputs=[block, pieces, listed],
+        outputs=[block, pieces],
         device=patch.device,
         block_dim=BLOCK,
     )

@@ -7,7 +7,7 @@
 | flat | descent of the box hierarchy, crossings ranked side by side | many a section, for large surfaces on GPUs |
 """
 
-from collections.abc import Callable
+from collections.abc import Iterable
 from typing import Any
 
 import warp as wp
@@ -15,8 +15,8 @@ import warp as wp
 from ..patch import require_section_poses
 from ..section.pieces import room_for_excess, room_for_sections
 from ..section.scan_search import scan_search_pieces
-from ..section.tree_search import tree_search_pieces
-from .flat_search import CrossingLimitError, flat_search_pieces
+from ..section.tree_search import tree_pieces
+from .flat_search import flat_search_pieces
 
 SCAN_SEARCH_FACES_MOST = 5000  # other searches are faster for more triangles, on a CPU and a GPU (performance.md)
 METHODS = ("trace", "seek", "flat")
@@ -32,16 +32,16 @@ def method_for(surface: Any, device: Any) -> str:
 
 def find_pieces(
     surface: Any, pose: wp.array, patch: wp.array, *, bounded: bool, closes: bool, method: str | None = None
-) -> list:
+) -> Iterable[Any]:
     """Find the pieces of a surface's contours in every patch at every pose; all methods find the same pieces.
 
     surface: Surface; pose: wp.transform, of the hand or of each patch, shape [pose, 1 or patch]; patch: Patch, shape
     [patch]; all on one device.
     bounded: whether patches cut contours off; closes: whether winding numbers are computed.
-    method: "trace" (for surfaces with a scan path), "seek", "flat" (for any; "seek" if a section has more crossings
-    than it can link), None: the fastest one.
+    method: "trace" (for surfaces with a scan path), "seek", "flat" (for any), None: the fastest one.
     Raises ValueError for an unknown method, one that the surface does not allow, and poses of another shape.
-    Returns ContourPieces of all sections, and further ContourPieces for sections with more than SLOTS pieces.
+    Returns ContourPieces, to be taken once and in this order: of all sections, in one or several; and further ones of
+    sections that had too little room. A flat search is launched, and waited for, as its ContourPieces are taken.
     """
     device = pose.device
     require_section_poses(pose, patch)
@@ -52,12 +52,8 @@ def find_pieces(
         raise ValueError(f"a surface of {surface.corner.shape[0] // 3} triangles has no scan path: use seek")
     if method == "trace":
         return _scanned_pieces(surface, pose, patch, bounded=bounded)
-    if method == "flat":
-        try:
-            return _searched_pieces(flat_search_pieces, surface, pose, patch, bounded=bounded, closes=closes)
-        except CrossingLimitError:  # the tree search has no such limit
-            pass
-    return _searched_pieces(tree_search_pieces, surface, pose, patch, bounded=bounded, closes=closes)
+    search = flat_search_pieces if method == "flat" else tree_pieces
+    return search(surface, pose, patch, bounded=bounded, closes=closes)
 
 
 def _scanned_pieces(surface: Any, pose: wp.array, patch: wp.array, *, bounded: bool) -> list:
@@ -68,16 +64,4 @@ def _scanned_pieces(surface: Any, pose: wp.array, patch: wp.array, *, bounded: b
         found.append(room_for_excess(found[0], pose.device))
         room = int(needed.numpy()[found[1].section.numpy()].max())  # events of a row
         scan_search_pieces(surface, pose, patch, found[1], bounded=bounded, room=room)
-    return found
-
-
-def _searched_pieces(
-    search: Callable, surface: Any, pose: wp.array, patch: wp.array, *, bounded: bool, closes: bool
-) -> list:
-    """`find_pieces` by a search of the box hierarchy."""
-    found = [room_for_sections(pose.shape[0] * patch.shape[0], pose.device)]
-    search(surface, pose, patch, found[0], bounded=bounded, closes=closes)
-    if found[0].excess.numpy()[0] > 0:
-        found.append(room_for_excess(found[0], pose.device))
-        search(surface, pose, patch, found[1], bounded=bounded, closes=closes)
     return found

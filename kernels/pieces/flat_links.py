@@ -113,6 +113,8 @@ def sides_of(surface: Surface, f: Frame, side: wp.vec2d, half: int, out: int):
 def link_crossing(surface: Surface, f: Frame, side: wp.vec2d, s: LaneSpace, i: int):
     """Complete the link of a crossing: whether its piece begins or ends with it, and whether its step counts.
 
+    Returns whether a piece begins with it, which then also ends with a crossing.
+
     The next crossing's point is that which its own lane computed: both have the same vertices. One that is not listed
     lies outside the patch, or at an open edge. Lanes may complete links that others read, who look at the outcode only.
     """
@@ -139,3 +141,4 @@ def link_crossing(surface: Surface, f: Frame, side: wp.vec2d, s: LaneSpace, i: i
         elif outcode(q, side) == 0 and not (output_point(f, p) == output_point(f, q)):
             bits = bits | STEP
     set_link(s, i, ((place + 1) << PLACE) | code | bits)
+    return (bits & FIRST) != 0

@@ -11,7 +11,7 @@ import warp as wp
 from ..lanes import any_lane, sync_lanes, take_row
 from ..patch import Frame, Patch, coarse_frame, half_extents
 from ..section.half_edges import Surface
-from ..section.pieces import CLOSED, ContourPieces, room_of, section_of, start_of, store_piece
+from ..section.pieces import CLOSED, ContourPieces, section_of, start_of, store_piece
 from ..section.segment_clipping import NONE
 from ..section.triangle_walk import link_of, load_vec4
 from .flat_links import ASTRAY, FIRST, INSIDE, LAST, LOOP, STEP, link_crossing, next_of, place_crossing, sides_of
@@ -27,7 +27,7 @@ from .lane_space import (
     set_state,
     state_at,
 )
-from .row_block import RowBlock
+from .row_block import RANKS, STORED, RowBlock, note_lacking
 
 RANK_MOST = wp.constant(0x7FFFFFFF)
 
@@ -120,8 +120,13 @@ def scanned_rank(surface: Surface, half: int):
 
 
 @wp.func
-def open_loops(surface: Surface, s: LaneSpace, count: int, lane: int, lanes: int):
-    """Make the scanned crossing with the lowest rank the first of each loop: rounds that pass on the lowest rank."""
+def open_loops(
+    surface: Surface, s: LaneSpace, count: int, group: int, stored: wp.array[wp.int64], lane: int, lanes: int
+):
+    """Make the scanned crossing with the lowest rank the first of each loop: rounds that pass on the lowest rank.
+
+    Each first crossing counts as a piece in `stored`.
+    """
     i = int(lane)
     while i < count:
         link = link_at(s, i)
@@ -148,6 +153,7 @@ def open_loops(surface: Surface, s: LaneSpace, count: int, lane: int, lanes: int
             rank = scanned_rank(surface, half_at(s, i))
             if rank != RANK_MOST and rank == low_of(state_at(s, i)):
                 set_link(s, i, link | FIRST)
+                wp.atomic_add(stored, group, packed(1, 0))
         i += lanes
     sync_lanes()
     i = lane
@@ -164,13 +170,28 @@ def open_loops(surface: Surface, s: LaneSpace, count: int, lane: int, lanes: int
 
 
 @wp.func
-def rank_crossings(surface: Surface, s: LaneSpace, count: int, lane: int, lanes: int):
+def rank_crossings(
+    surface: Surface, s: LaneSpace, count: int, group: int, stored: wp.array[wp.int64], lane: int, lanes: int
+):
     """Rank all linked crossings of a section along their chains and loops."""
     begin_ranks(s, count, lane, lanes)
     jump(s, count, lane, lanes)
     if mark_loops(s, count, lane, lanes):
-        open_loops(surface, s, count, lane, lanes)
+        open_loops(surface, s, count, group, stored, lane, lanes)
         jump(s, count, lane, lanes)
+
+
+@wp.func
+def take_slots(block: RowBlock, pieces: ContourPieces, group: int, row: int):
+    """Take as many slots as the row of a group has pieces, or note that there are too few."""
+    count = high_of(block.stored[group])
+    block.stored[group] = wp.int64(0)
+    start = wp.atomic_add(block.numbers, STORED, wp.int64(count))
+    if start + wp.int64(count) > wp.int64(pieces.half.shape[0]):
+        note_lacking(block, pieces, row)
+        count = 0
+    pieces.start[row] = start
+    pieces.count[row] = count
 
 
 @wp.func
@@ -182,10 +203,10 @@ def store_ranked(
     i: int,
     group: int,
     row: int,
-    steps: wp.array[wp.int32],
+    stored: wp.array[wp.int64],
     pieces: ContourPieces,
 ):
-    """Store the piece or the loop that ends with a crossing, if any; steps: of each group's row so far."""
+    """Store the piece or the loop that ends with a crossing, if any; stored: `RowBlock.stored`."""
     link = link_at(s, i)
     is_loop = (link & LOOP) != 0
     first = int(0)
@@ -199,11 +220,11 @@ def store_ranked(
         return
     count = low_of(state_at(s, i)) + wp.where((link & STEP) != 0, 1, 0)
     half = half_at(s, first)
-    slot = wp.atomic_add(pieces.count, row, 1)
-    begin = wp.atomic_add(steps, group, count)
+    before = wp.atomic_add(stored, group, packed(1, count))
+    slot = high_of(before)
+    begin = low_of(before)
     set_begin(s, first, begin)
-    if slot < room_of(pieces, row):
-        pieces.begin[start_of(pieces, row) + wp.int64(slot) * pieces.stride] = begin
+    pieces.begin[start_of(pieces, row) + wp.int64(slot) * pieces.stride] = begin
     if is_loop:
         store_piece(pieces, row, slot, half, half, NONE, NONE, count, CLOSED + surface.rank[half], 1)
     else:
@@ -224,8 +245,18 @@ def list_step(s: LaneSpace, start: wp.int64, i: int, listed: wp.array[wp.int32])
 
 
 @wp.func
-def link_crossings(surface: Surface, f: Frame, side: wp.vec2d, s: LaneSpace, count: int, lane: int, lanes: int):
-    """Link all crossings of a section."""
+def link_crossings(
+    surface: Surface,
+    f: Frame,
+    side: wp.vec2d,
+    s: LaneSpace,
+    count: int,
+    group: int,
+    stored: wp.array[wp.int64],
+    lane: int,
+    lanes: int,
+):
+    """Link all crossings of a section, and count its open pieces by their first crossings in `stored`."""
     g = coarse_frame(f, side, surface.reach)
     i = int(lane)
     while i < count:
@@ -234,9 +265,50 @@ def link_crossings(surface: Surface, f: Frame, side: wp.vec2d, s: LaneSpace, cou
     sync_lanes()
     i = lane
     while i < count:
-        link_crossing(surface, f, side, s, i)
+        if link_crossing(surface, f, side, s, i):
+            wp.atomic_add(stored, group, packed(1, 0))
         i += lanes
     sync_lanes()
+
+
+@wp.func
+def rank_row(
+    surface: Surface,
+    f: Frame,
+    side: wp.vec2d,
+    s: LaneSpace,
+    count: int,
+    group: int,
+    row: int,
+    block: RowBlock,
+    pieces: ContourPieces,
+    lane: int,
+    lanes: int,
+):
+    """Store the pieces of a row with crossings, and list the half-edges of their steps instead of its crossings."""
+    start = pieces.row_start[row]
+    if lane == 0:
+        block.stored[group] = wp.int64(0)
+    i = int(lane)
+    while i < count:
+        set_half(s, i, pieces.listed[start + wp.int64(i)])
+        i += lanes
+    sync_lanes()
+    link_crossings(surface, f, side, s, count, group, block.stored, lane, lanes)
+    rank_crossings(surface, s, count, group, block.stored, lane, lanes)
+    if lane == 0:
+        take_slots(block, pieces, group, row)
+    sync_lanes()
+    if pieces.count[row] > 0:
+        i = lane
+        while i < count:
+            store_ranked(surface, f, side, s, i, group, row, block.stored, pieces)
+            i += lanes
+        sync_lanes()
+        i = lane
+        while i < count:
+            list_step(s, start, i, pieces.listed)
+            i += lanes
 
 
 @wp.func
@@ -247,47 +319,24 @@ def rank_rows(
     bounded: int,
     thread: int,
     lanes: int,  # of a group
-    near: LaneSpace,
+    near: LaneSpace,  # memory near the lanes
     # Out:
     block: RowBlock,
     pieces: ContourPieces,
-    listed: wp.array[wp.int32],
 ):
-    """Store the pieces of each row of a block, and list the half-edges of their steps.
-
-    near: memory near the lanes. listed: of each row: in, its crossings; out, the steps of its pieces.
-    """
+    """Rank the crossings of each row of a block: see `rank_row`."""
     group = thread // lanes
     lane = thread % lanes
-    own = take_row(block.taken, 2, lane)
-    while own < block.rows:
-        row = block.first + own
-        f = pieces.frame[row]
-        side = half_extents(patch[section_of(pieces, row) % patch.shape[0]], bounded)
-        count = block.count[own]
-        start = pieces.row_start[row] - block.listed_before
-        s = near
-        if count > near.most:
-            s = far_space(block.far, group)
-        if lane == 0:
+    row = take_row(block.numbers, RANKS, lane)
+    while row < pieces.frame.shape[0]:
+        count = block.count[row]
+        if count > 0:
+            f = pieces.frame[row]
+            side = half_extents(patch[section_of(pieces, row) % patch.shape[0]], bounded)
+            s = near
+            if count > near.most:
+                s = far_space(block.far, group)
+            rank_row(surface, f, side, s, count, group, row, block, pieces, lane, lanes)
+        elif lane == 0:
             pieces.count[row] = 0
-            block.steps[group] = 0
-        i = int(lane)
-        while i < count:
-            set_half(s, i, listed[start + wp.int64(i)])
-            i += lanes
-        sync_lanes()
-        link_crossings(surface, f, side, s, count, lane, lanes)
-        rank_crossings(surface, s, count, lane, lanes)
-        i = lane
-        while i < count:
-            store_ranked(surface, f, side, s, i, group, row, block.steps, pieces)
-            i += lanes
-        sync_lanes()
-        if lane == 0 and pieces.count[row] > room_of(pieces, row):
-            wp.atomic_add(pieces.excess, 0, 1)
-        i = lane
-        while i < count:
-            list_step(s, start, i, listed)
-            i += lanes
-        own = take_row(block.taken, 2, lane)
+        row = take_row(block.numbers, RANKS, lane)

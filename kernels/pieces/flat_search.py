@@ -1,74 +1,108 @@
 """Flat search, for large surfaces on a GPU: the lanes of a group share the work of each section.
 
-Three kernels, which one after the other search a block of rows: frames and winding numbers, lists of crossings, pieces.
+Four kernels, which one after the other search a block of rows: frames, winding numbers, lists of crossings, pieces.
+Nothing is waited for between them. A row for which room was too small is noted, and searched again with more.
 """
 
+from collections.abc import Iterator
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import warp as wp
 
 from ..lanes import lane_count, sync_lanes, take_row
 from ..offsets import BLOCK
-from ..patch import EXACT, Frame, Patch, coarse_frame, half_extents, section_frame
+from ..patch import EXACT, Patch, coarse_frame, half_extents, section_frame
 from ..section.half_edges import Surface
 from ..section.pieces import ContourPieces, section_of
-from ..section.tree_search import corner_window, patch_window
+from ..section.tree_search import corner_window, patch_window, tree_pieces
 from .few_crossings import rank_few_crossings
 from .flat_boxes import pack_boxes, packed_frame
 from .flat_crossings import list_crossings, list_leaves, winding_of_lane
 from .flat_links import CROSSINGS_MOST
 from .lane_space import NEAR_FEW, far_space, half_at
 from .many_crossings import rank_many_crossings
-from .row_block import LISTED, SPACE, FlatSize, RowBlock, room_for_rows
+from .row_block import (
+    LACKING,
+    LISTED,
+    LISTS,
+    NO_SPACE,
+    SPACE,
+    WINDINGS,
+    FlatSize,
+    RowBlock,
+    add_lists,
+    add_slots,
+    framed_rows,
+    note_lacking,
+    room_for_groups_of,
+)
 
 wp.set_module_options(EXACT)
 
-FEW = 0.75 * NEAR_FEW  # crossings of a row, mean, with which most rows find room beside few lanes
+FEW = (
+    0.9 * NEAR_FEW
+)  # half-edges of a row, mean, for which there is room, with which most rows find room beside few lanes
 
 
-class CrossingLimitError(ValueError):
-    """A section has more crossings than the flat search can link."""
+@wp.kernel
+def _write_frames(
+    # In:
+    pose: wp.array2d[wp.transform],
+    patch: wp.array[Patch],
+    # Out:
+    pieces: ContourPieces,
+):
+    """Frame of each row's patch, and the winding number around its corner 0 of a solid that is elsewhere."""
+    row = wp.tid()
+    pieces.frame[row] = section_frame(pose, patch, section_of(pieces, row))
+    pieces.winding[row] = 0
 
 
 @wp.kernel(launch_bounds=(BLOCK, 10))
-def _prepare_rows(
+def _count_windings(
     # In:
     surface: Surface,
-    pose: wp.array2d[wp.transform],
     patch: wp.array[Patch],
-    bounded: int,
-    closes: int,
     lanes: int,  # of a group
     # Out:
     block: RowBlock,
     pieces: ContourPieces,
 ):
-    """Frame of each row's patch, and winding number of the solid around its corner 0, 0 unless contours are closed."""
+    """Winding number of the solid around corner 0 of each row's patch, NO_SPACE where boxes found no space."""
     group = wp.tid() // lanes
     lane = wp.tid() % lanes
-    row = take_row(block.taken, 0, lane)
-    while row < block.rows:
-        row += block.first
-        section = section_of(pieces, row)
-        f = section_frame(pose, patch, section)
-        side = half_extents(patch[section % patch.shape[0]], bounded)
+    row = take_row(block.numbers, WINDINGS, lane)
+    while row < pieces.frame.shape[0]:
+        f = pieces.frame[row]
+        side = patch[section_of(pieces, row) % patch.shape[0]].half
         g = coarse_frame(f, side, surface.reach)
-        if lane == 0:
-            pieces.frame[row] = f
-            pieces.winding[row] = 0
-        sync_lanes()
-        if closes == 1:
-            p = packed_frame(surface, g, corner_window(g))
-            s = far_space(block.far, group)
-            leaves = list_leaves(surface, p, s, lane, lanes)
-            if leaves.needed <= s.most:
-                winding = winding_of_lane(surface, f, g, p, side, s, leaves, lane, lanes)
-                if winding != 0:
-                    wp.atomic_add(pieces.winding, row, winding)
-            elif lane == 0:
-                wp.atomic_max(block.numbers, SPACE, wp.int64(leaves.needed))
-        row = take_row(block.taken, 0, lane)
+        p = packed_frame(surface, g, corner_window(g))
+        s = far_space(block.far, group)
+        leaves = list_leaves(surface, p, s, lane, lanes)
+        if leaves.needed <= s.most:
+            winding = winding_of_lane(surface, f, g, p, side, s, leaves, lane, lanes)
+            if winding != 0:
+                wp.atomic_add(pieces.winding, row, winding)
+        elif lane == 0:
+            pieces.winding[row] = NO_SPACE
+            wp.atomic_max(block.numbers, SPACE, wp.int64(leaves.needed))
+        row = take_row(block.numbers, WINDINGS, lane)
+
+
+@wp.func
+def place_list(block: RowBlock, pieces: ContourPieces, row: int, count: int, needed: int, most: int):
+    """Find a place for a row's crossings, or note that it has none; needed: crossings or boxes of any level."""
+    if needed > most:
+        wp.atomic_max(block.numbers, SPACE, wp.int64(needed))
+    placed = needed <= most and pieces.winding[row] != NO_SPACE
+    if placed and count > 0:
+        start = wp.atomic_add(block.numbers, LISTED, wp.int64(count))
+        pieces.row_start[row] = start
+        placed = start + wp.int64(count) <= wp.int64(pieces.listed.shape[0])
+    if not placed:
+        note_lacking(block, pieces, row)
+    block.count[row] = wp.where(placed, count, 0)
 
 
 @wp.kernel(launch_bounds=(BLOCK, 16))
@@ -76,20 +110,17 @@ def _list_crossings(
     # In:
     surface: Surface,
     patch: wp.array[Patch],
-    pieces: ContourPieces,
     bounded: int,
     lanes: int,  # of a group
     # Out:
     block: RowBlock,
-    row_start: wp.array[wp.int64],  # where the half-edges of each row begin among those of all blocks, shape [row]
-    listed: wp.array[wp.int32],  # half-edges of the crossings of each row
+    pieces: ContourPieces,
 ):
-    """List the crossings of each row of a block; `block.numbers` tells whether all found room."""
+    """List the crossings of each row of a block."""
     group = wp.tid() // lanes
     lane = wp.tid() % lanes
-    own = take_row(block.taken, 1, lane)
-    while own < block.rows:
-        row = block.first + own
+    row = take_row(block.numbers, LISTS, lane)
+    while row < pieces.frame.shape[0]:
         f = pieces.frame[row]
         side = half_extents(patch[section_of(pieces, row) % patch.shape[0]], bounded)
         g = coarse_frame(f, side, surface.reach)
@@ -99,104 +130,80 @@ def _list_crossings(
         count = int(0)
         if leaves.needed <= s.most:
             count = list_crossings(surface, f, g, p, s, leaves, lane, lanes)
-        needed = wp.max(leaves.needed, count)
-        if needed > s.most:
-            count = 0
-            if lane == 0:
-                wp.atomic_max(block.numbers, SPACE, wp.int64(needed))
         if lane == 0:
-            start = wp.atomic_add(block.numbers, LISTED, wp.int64(count))
-            row_start[row] = block.listed_before + start
-            block.count[own] = wp.where(start + wp.int64(count) <= wp.int64(listed.shape[0]), count, 0)
+            place_list(block, pieces, row, count, wp.max(leaves.needed, count), s.most)
         sync_lanes()
         i = int(lane)
-        while i < block.count[own]:
-            listed[row_start[row] - block.listed_before + wp.int64(i)] = half_at(s, i)
+        while i < block.count[row]:
+            pieces.listed[pieces.row_start[row] + wp.int64(i)] = half_at(s, i)
             i += lanes
-        own = take_row(block.taken, 1, lane)
+        row = take_row(block.numbers, LISTS, lane)
+
+
+class FlatWork(NamedTuple):
+    """What is searched."""
+
+    surface: Any
+    pose: wp.array
+    patch: wp.array
+    bounded: bool
+    closes: bool
 
 
 def flat_search_pieces(
-    surface: Any,
-    pose: wp.array,
-    patch: wp.array,
-    pieces: Any,
-    *,
-    bounded: bool,
-    closes: bool,
-    size: FlatSize | None = None,
-) -> None:
+    surface: Any, pose: wp.array, patch: wp.array, *, bounded: bool, closes: bool, size: FlatSize | None = None
+) -> Iterator[Any]:
     """Find the pieces of a surface of any size, and list the half-edges of their steps.
 
-    Rows are searched in blocks. A block whose crossings need more memory than there is, is searched again, with more
-    for each row, and fewer rows.
-    Raises CrossingLimitError for a section with more than CROSSINGS_MOST crossings.
+    Gives ContourPieces of blocks of rows, each as soon as its search is launched: what comes after it can be launched
+    before the search is waited for. Sections for which room was too small have no pieces there, but in ContourPieces
+    that come later.
     """
-    device, row_count = pose.device, pieces.count.shape[0]
-    size = size or FlatSize.for_surface(surface.corner.shape[0] // 3, bounded)
-    with_steps(pieces, device)
     if surface.packed_face is None or surface.packed_face.shape[0] == 0:
-        pack_boxes(surface, device)
-    found: list[wp.array] = []
-    first = 0
-    while first < row_count:
-        rows = range(first, min(row_count, first + max(1, int(size.block / size.listed))))
-        block = room_for_rows(rows, size, sum(array.shape[0] for array in found), device)
-        listed = _list_block(surface, pose, patch, pieces, block, size, bounded=bounded, closes=closes)
-        needed, used = (int(number) for number in block.numbers.numpy())
-        if needed > CROSSINGS_MOST:
-            raise CrossingLimitError(f"a section needs room for {needed} crossings; a flat search has {CROSSINGS_MOST}")
-        if needed > 0:
-            size = size._replace(space=min(max(2 * size.space, needed), CROSSINGS_MOST))
-            continue
-        size = size.after(used / len(rows), is_enough=used <= listed.shape[0])
-        if used > listed.shape[0]:
-            continue
-        found.append(listed[:used])
-        rank = rank_few_crossings if used <= FEW * len(rows) else rank_many_crossings
-        rank(surface, patch, block, bounded=bounded, pieces=pieces, listed=found[-1])
-        first = rows.stop
-    pieces.listed = joined_arrays(found, device)
+        pack_boxes(surface, pose.device)
+    size = size or FlatSize.for_surface(surface.corner.shape[0] // 3, bounded)
+    work = FlatWork(surface, pose, patch, bounded, closes)
+    return _search_rows(work, None, pose.shape[0] * patch.shape[0], size)
 
 
-def _list_block(
-    surface: Any,
-    pose: wp.array,
-    patch: wp.array,
-    pieces: Any,
-    block: Any,
-    size: FlatSize,
-    *,
-    bounded: bool,
-    closes: bool,
-) -> wp.array:
-    """Prepare a RowBlock and list its crossings; `block.numbers` tells whether there was room for them."""
+def _search_rows(work: FlatWork, section: wp.array | None, count: int, size: FlatSize) -> Iterator[Any]:
+    """Search some sections, or all, with rooms of a size; those for which it is too small again, with larger ones."""
+    if size.space > CROSSINGS_MOST:  # the tree search has no such limit
+        surface, pose, patch, bounded, closes = work
+        yield from tree_pieces(surface, pose, patch, section, bounded=bounded, closes=closes)
+        return
+    stop = 0
+    while True:
+        rows = range(stop, min(count, stop + size.rows()))
+        pieces, block = _launch_block(work, rows, section, size)
+        yield pieces
+        numbers, stop = block.numbers.numpy(), rows.stop
+        if numbers[LACKING]:
+            yield from _search_rows(
+                work, block.lacking[: numbers[LACKING]], int(numbers[LACKING]), size.enlarged(numbers)
+            )
+        if stop == count:
+            return
+        pieces.listed = wp.clone(
+            pieces.listed[: min(numbers[LISTED], pieces.listed.shape[0])]
+        )  # the rest is free again
+        size = size.after(len(rows), numbers)
+
+
+def _launch_block(work: FlatWork, rows: range, section: wp.array | None, size: FlatSize) -> tuple[Any, Any]:
+    """ContourPieces and RowBlock of rows whose search is launched; arrays are made just before a kernel needs them."""
+    surface, pose, patch, bounded, closes = work
     device, lanes = pose.device, lane_count(pose.device)
-    listed = wp.empty(int(block.rows * size.listed) + 1, dtype=wp.int32, device=device)
-    launch = partial(wp.launch, dim=block.steps.shape[0] * lanes, device=device, block_dim=BLOCK)
-    inputs = [surface, pose, patch, int(bounded), int(closes), lanes]
-    launch(_prepare_rows, inputs=inputs, outputs=[block, pieces])
-    outputs = [block, pieces.row_start, listed]
-    launch(_list_crossings, inputs=[surface, patch, pieces, int(bounded), lanes], outputs=outputs)
-    return listed
-
-
-def with_steps(pieces: Any, device: Any) -> None:
-    """Allocate the arrays of `pieces` for listed steps, but `listed` itself."""
-    slots = pieces.half.shape[0]
-    pieces.row_start = wp.empty(pieces.count.shape[0], dtype=wp.int64, device=device)
-    pieces.frame = wp.empty(pieces.count.shape[0], dtype=Frame, device=device)
-    pieces.begin = wp.empty(slots, dtype=wp.int32, device=device)
-    pieces.place = wp.empty(slots, dtype=wp.int64, device=device)
-
-
-def joined_arrays(arrays: list, device: Any) -> wp.array:
-    """Arrays of numbers behind each other."""
-    if len(arrays) == 1:
-        return arrays[0]
-    joined = wp.empty(sum(array.shape[0] for array in arrays), dtype=wp.int32, device=device)
-    start = 0
-    for array in (array for array in arrays if array.shape[0]):
-        wp.copy(joined, array, dest_offset=start, count=array.shape[0])
-        start += array.shape[0]
-    return joined
+    launch = partial(wp.launch, device=device, block_dim=BLOCK)
+    pieces = framed_rows(rows, section, device)
+    launch(_write_frames, len(rows), inputs=[pose, patch], outputs=[pieces])
+    block = room_for_groups_of(len(rows), size, device)
+    threads = block.stored.shape[0] * lanes
+    if closes:
+        launch(_count_windings, threads, inputs=[surface, patch, lanes], outputs=[block, pieces])
+    add_lists(block, pieces, len(rows), size, device)
+    launch(_list_crossings, threads, inputs=[surface, patch, int(bounded), lanes], outputs=[block, pieces])
+    add_slots(pieces, len(rows), size, device)
+    rank = rank_few_crossings if size.listed <= FEW else rank_many_crossings
+    rank(surface, patch, block, bounded=bounded, pieces=pieces)
+    return pieces, block

@@ -5,18 +5,28 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..lanes import group_count
+from ..patch import Frame
+from ..section.pieces import ContourPieces, section_of
 from .lane_space import WORDS, FarSpace, room_for_groups
 
 LISTED_FIRST = 2**26  # half-edges of the first block of rows, about
 LISTED_MOST = 2**28  # of later ones, about, each of which may be larger than the one before
 GROWTH = 4
-SHARE = 1.15  # of the half-edges that the block before suggests
+SHARE = 1.15  # of what the block before suggests
+SLOTS_FIRST = 3.0  # pieces of a row, mean
+SLOTS_LEAST = 64  # of a block
 SPACE_BYTES = 2**29  # of all groups
-SPACE, LISTED = range(2)  # numbers of a search: crossings for which a section needs room, half-edges listed
+TAKEN = wp.constant(0)  # numbers of a block: rows that groups took, by kernel
+WINDINGS, LISTS, RANKS = (wp.constant(kernel) for kernel in range(3))
+SPACE = wp.constant(3)  # crossings for which a section needs more room than it has; 0 if none does
+LISTED = wp.constant(4)  # half-edges listed
+STORED = wp.constant(5)  # pieces stored
+LACKING = wp.constant(6)  # rows without room
+NO_SPACE = wp.constant(-(1 << 30))  # winding number of a row for which boxes found no space
 
 
 class FlatSize(NamedTuple):
-    """First capacities of a flat search; those that prove too small are enlarged."""
+    """Capacities of a flat search; rows for which they are too small are searched again with larger ones."""
 
     space: int
     """Crossings of a section."""
@@ -24,6 +34,8 @@ class FlatSize(NamedTuple):
     """Half-edges of a row, mean."""
     block: int
     """Half-edges of a block of rows."""
+    slots: float = SLOTS_FIRST
+    """Pieces of a row, mean."""
 
     @classmethod
     def for_surface(cls, face_count: int, bounded: bool) -> "FlatSize":
@@ -31,34 +43,76 @@ class FlatSize(NamedTuple):
         root, share = face_count**0.5, 1.0 if bounded else 2.0
         return cls(int(max(256.0, (2.0 + 2.0 * share) * root)), 16.0 + share * root, LISTED_FIRST)
 
-    def after(self, listed: float, *, is_enough: bool) -> "FlatSize":
-        """Capacities after a block of so many half-edges a row; for more rows if it had room, as the mean is known."""
-        block = min(GROWTH * self.block, LISTED_MOST) if is_enough else self.block
-        return FlatSize(self.space, max(1.0, SHARE * listed), block)
+    def rows(self) -> int:
+        """Rows of a block."""
+        return max(1, int(self.block / self.listed))
+
+    def after(self, rows: int, numbers: Any) -> "FlatSize":
+        """Capacities after a block with these numbers; for more rows if all had room, as the mean is known."""
+        block = self.block if numbers[LACKING] else min(GROWTH * self.block, LISTED_MOST)
+        listed, slots = (max(1.0, SHARE * float(numbers[of]) / max(1, rows)) for of in (LISTED, STORED))
+        return FlatSize(self.space, listed, block, slots)
+
+    def enlarged(self, numbers: Any) -> "FlatSize":
+        """Capacities for the rows of a block that lacked room."""
+        space = max(2 * self.space, int(numbers[SPACE])) if numbers[SPACE] else self.space
+        return FlatSize(space, max(2.0 * self.listed, float(numbers[SPACE])), self.block, 2.0 * self.slots)
 
 
 @wp.struct
 class RowBlock:
-    """A block of rows, what the groups that search it share, and their memory."""
+    """What the groups share that search a block of rows, and their memory."""
 
-    first: int  # row
-    rows: int
-    listed_before: wp.int64  # half-edges that blocks before have listed
-    taken: wp.array[wp.int32]  # rows that groups took, by kernel, zero-initialised, shape [3]
     far: FarSpace
-    count: wp.array[wp.int32]  # crossings of each row, 0 where there was no room, shape [row of the block]
-    steps: wp.array[wp.int32]  # of non-zero length that the pieces of each group's row have so far, shape [group]
-    numbers: wp.array[wp.int64]  # by SPACE, LISTED, zero-initialised
+    count: wp.array[wp.int32]  # crossings of each row, 0 where there was no room
+    stored: wp.array[wp.int64]  # pieces << 32 | steps of non-zero length, of each group's row so far
+    lacking: wp.array[wp.int32]  # sections of rows without room, in any order
+    numbers: wp.array[wp.int64]  # by TAKEN, SPACE, LISTED, STORED, LACKING, zero-initialised
 
 
-def room_for_rows(rows: range, size: FlatSize, listed_before: int, device: Any) -> Any:
-    """RowBlock of some rows."""
-    groups = min(group_count(device, len(rows)), max(1, SPACE_BYTES // (4 * WORDS * size.space)))
+@wp.func
+def note_lacking(block: RowBlock, pieces: ContourPieces, row: int):
+    """Note that a row has no room; until it is searched again it has neither pieces nor a boundary."""
+    block.lacking[int(wp.atomic_add(block.numbers, LACKING, wp.int64(1)))] = section_of(pieces, row)
+    pieces.winding[row] = 0
+
+
+def framed_rows(rows: range, section: wp.array | None, device: Any) -> Any:
+    """ContourPieces of rows with room for their frames and winding numbers; rows: of `section`, or sections."""
+    pieces = ContourPieces()
+    pieces.stride = 1
+    pieces.first = rows.start if section is None else 0
+    pieces.section = wp.empty(0, dtype=wp.int32, device=device) if section is None else section[rows.start : rows.stop]
+    pieces.frame = wp.empty(len(rows), dtype=Frame, device=device)
+    pieces.winding = wp.empty(len(rows), dtype=wp.int32, device=device)
+    return pieces
+
+
+def room_for_groups_of(rows: int, size: FlatSize, device: Any) -> Any:
+    """RowBlock for as many groups as work at once, but for the arrays that `add_lists` adds."""
+    groups = min(group_count(device, rows), max(1, SPACE_BYTES // (4 * WORDS * size.space)))
     block = RowBlock()
-    block.first, block.rows, block.listed_before = rows.start, len(rows), listed_before
     block.far = room_for_groups(groups, size.space, device)
-    block.taken = wp.zeros(3, dtype=wp.int32, device=device)
-    block.count = wp.empty(len(rows), dtype=wp.int32, device=device)
-    block.steps = wp.empty(groups, dtype=wp.int32, device=device)
-    block.numbers = wp.zeros(2, dtype=wp.int64, device=device)
+    block.stored = wp.empty(groups, dtype=wp.int64, device=device)
+    block.numbers = wp.zeros(7, dtype=wp.int64, device=device)
     return block
+
+
+def add_lists(block: Any, pieces: Any, rows: int, size: FlatSize, device: Any) -> None:
+    """Add room for the crossings of rows; so that one row finds room, too, for one section more than the mean."""
+    listed = int(rows * size.listed) + size.space
+    pieces.listed = wp.empty(listed, dtype=wp.int32, device=device)
+    pieces.row_start = wp.empty(rows, dtype=wp.int64, device=device)
+    block.count = wp.empty(rows, dtype=wp.int32, device=device)
+    block.lacking = wp.empty(rows, dtype=wp.int32, device=device)
+
+
+def add_slots(pieces: Any, rows: int, size: FlatSize, device: Any) -> None:
+    """Add slots for the pieces of rows; each row takes as many as it needs."""
+    slots = int(rows * size.slots) + SLOTS_LEAST
+    pieces.count = pieces.room = wp.empty(rows, dtype=wp.int32, device=device)
+    pieces.start = wp.empty(rows, dtype=wp.int64, device=device)
+    pieces.side = wp.empty(slots, dtype=wp.vec2i, device=device)
+    pieces.place = wp.empty(slots, dtype=wp.int64, device=device)
+    for field in ("half", "out", "key", "steps", "begin"):
+        setattr(pieces, field, wp.empty(slots, dtype=wp.int32, device=device))

@@ -1,11 +1,12 @@
 """Pieces -> polylines: as they are (OC), or closed along the patch's own boundary where that is in the solid (CC)."""
 
+from collections.abc import Iterable, Iterator
 from functools import partial
 from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
+from ..offsets import BLOCK, PointLimitError, lasts_of, offsets_of
 from ..patch import EXACT, Frame, Patch, corner, outcode, output_point, section_frame
 from .half_edges import Surface
 from .pieces import CLOSED, ContourPieces, room_of, section_of, start_of
@@ -327,7 +328,7 @@ class Ordered(NamedTuple):
 
     rows: list[tuple[Any, Any]]  # ContourPieces and Entries
     polylines: wp.array  # of each section, int64, shape [section + 1], the last one 0
-    points: wp.array
+    points: wp.array  # as polylines
 
 
 class Joined(NamedTuple):
@@ -340,43 +341,50 @@ class Joined(NamedTuple):
     point_count: int
 
 
-def order_pieces(surface: Any, found: list, pose: wp.array, patch: wp.array, *, closes: bool) -> Ordered:
+def order_pieces(surface: Any, found: Iterable[Any], pose: wp.array, patch: wp.array, *, closes: bool) -> Ordered:
     """Order pieces into polylines, closed along the patches' boundaries or not.
 
     found: what `find_pieces` returned; closes needs a watertight surface and bounded patches.
     """
-    section_count = pose.shape[0] * patch.shape[0]
-    device = pose.device
-    polylines = wp.zeros(section_count + 1, dtype=wp.int64, device=device)
-    points = wp.zeros(section_count + 1, dtype=wp.int64, device=device)
+    return list(_order_each(surface, found, pose, patch, closes))[-1]
+
+
+def _order_each(surface: Any, found: Iterable, pose: wp.array, patch: wp.array, closes: bool) -> Iterator[Ordered]:
+    """What is ordered, whenever further pieces are: before a search that goes on is waited for."""
+    sections, device = pose.shape[0] * patch.shape[0], pose.device
     launch = partial(wp.launch, device=device, block_dim=BLOCK)
-    rows = []
+    ordered = Ordered([], *(wp.zeros(sections + 1, dtype=wp.int64, device=device) for _ in range(2)))
     for pieces in found:
         row_count = pieces.count.shape[0]
         ends, entries = room_to_join(pieces, device)
-        entries.polylines, entries.points = polylines, points
-        rest = wp.empty(row_count, dtype=wp.int32, device=device)
-        rest_count = wp.zeros(1, dtype=wp.int32, device=device)
+        entries.polylines, entries.points = ordered.polylines, ordered.points
+        rest, rest_count = wp.empty_like(entries.count), wp.zeros(1, dtype=wp.int32, device=device)
         launch(_join_single_pieces, row_count, inputs=[pieces, int(closes)], outputs=[entries, rest, rest_count])
         inputs = [surface, pieces, pose, patch, int(closes), rest, rest_count]
         launch(_join_pieces, row_count, inputs=inputs, outputs=[ends, entries])
-        rows.append((pieces, entries))
-    return Ordered(rows, polylines, points)
+        ordered.rows.append((pieces, entries))
+        yield ordered
 
 
 def join_pieces(
-    surface: Any, found: list, pose: wp.array, patch: wp.array, *, closes: bool, limit: int | None = None
+    surface: Any, found: Iterable[Any], pose: wp.array, patch: wp.array, *, closes: bool, limit: int | None = None
 ) -> Joined:
     """As `order_pieces`, and count polylines and points.
 
     Raises PointLimitError, before any memory is taken for them, if there are more points than `limit`.
     """
-    rows, polylines, points = order_pieces(surface, found, pose, patch, closes=closes)
-    section_start, point_start = offsets_of(polylines), offsets_of(points)
-    polyline_count, point_count = last_of(section_start), last_of(point_start)
+    each = (_offsets(ordered) for ordered in _order_each(surface, found, pose, patch, closes))
+    rows, section_start, point_start, totals = list(each)[-1]
+    polyline_count, point_count = (int(total) for total in totals.numpy())
     if limit is not None and point_count > limit:
         raise PointLimitError(point_count, limit)
     return Joined(rows, section_start, point_start, polyline_count, point_count)
+
+
+def _offsets(ordered: Ordered) -> tuple[list, wp.array, wp.array, wp.array]:
+    """Rows, offsets of each section's polylines and of its points, and both totals, which are not waited for."""
+    starts = offsets_of(ordered.polylines), offsets_of(ordered.points)
+    return ordered.rows, *starts, lasts_of(starts)
 
 
 def room_to_join(pieces: Any, device: Any) -> tuple[Any, Any]:

@@ -16,7 +16,8 @@ CLOSED = wp.constant(1 << 30)  # in a piece's key: a closed loop inside the patc
 class ContourPieces:
     """Pieces in slots: one row per section; slot s of row r has index start[r] + s * stride."""
 
-    section: wp.array[wp.int32]  # section of each row; empty: row = section
+    section: wp.array[wp.int32]  # section of each row; empty: section of row r = first + r
+    first: int  # 0 unless `section` is empty
     start: wp.array[wp.int64]  # index of each row's slot 0, shape [row]; empty: start[r] = r
     room: wp.array[wp.int32]  # number of slots of each row; empty: SLOTS
     stride: wp.int64
@@ -63,7 +64,7 @@ def section_at(section: wp.array[wp.int32], row: int):
 @wp.func
 def section_of(pieces: ContourPieces, row: int):
     """Section of a row."""
-    return section_at(pieces.section, row)
+    return pieces.first + section_at(pieces.section, row)
 
 
 @wp.func
@@ -98,30 +99,34 @@ def count_row(pieces: ContourPieces, row: int, count: int, winding: int):
         wp.atomic_add(pieces.excess, 0, 1)
 
 
-def room_for_sections(section_count: int, device: str) -> Any:
-    """ContourPieces with one row per section and SLOTS slots per row; equal slots of neighbouring rows are adjacent."""
+def room_for_sections(section_count: int, device: Any, section: wp.array | None = None) -> Any:
+    """ContourPieces with one row per section and SLOTS slots per row; equal slots of neighbouring rows are adjacent.
+
+    section: those of the rows if they are not all.
+    """
     pieces = ContourPieces()
-    pieces.section = wp.empty(0, dtype=wp.int32, device=device)
+    pieces.section = wp.empty(0, dtype=wp.int32, device=device) if section is None else section
     pieces.start = wp.empty(0, dtype=wp.int64, device=device)
     pieces.room = wp.empty(0, dtype=wp.int32, device=device)
     pieces.stride = section_count
     return with_slots(pieces, section_count, section_count * SLOTS, device)
 
 
-def room_for_excess(found: Any, device: str) -> Any:
+def room_for_excess(found: Any, device: Any) -> Any:
     """ContourPieces for the rows of `found` with too few slots; each row gets as many slots as it has pieces."""
     count = found.count.numpy()
-    section = np.flatnonzero(count > SLOTS)
-    start = np.concatenate([[0], np.cumsum(count[section], dtype=np.int64)])
+    row = np.flatnonzero(count > SLOTS)
+    section = row if found.section.shape[0] == 0 else found.section.numpy()[row]
+    start = np.concatenate([[0], np.cumsum(count[row], dtype=np.int64)])
     pieces = ContourPieces()
     pieces.section = wp.array(section.astype(np.int32), device=device)
     pieces.start = wp.array(start[:-1], dtype=wp.int64, device=device)
-    pieces.room = wp.array(count[section], dtype=wp.int32, device=device)
+    pieces.room = wp.array(count[row], dtype=wp.int32, device=device)
     pieces.stride = 1
-    return with_slots(pieces, len(section), int(start[-1]), device)
+    return with_slots(pieces, len(row), int(start[-1]), device)
 
 
-def with_slots(pieces: Any, row_count: int, slot_count: int, device: str) -> Any:
+def with_slots(pieces: Any, row_count: int, slot_count: int, device: Any) -> Any:
     """Allocate the arrays of `pieces`; returns it."""
     pieces.count = wp.empty(row_count, dtype=wp.int32, device=device)
     pieces.winding = wp.empty(row_count, dtype=wp.int32, device=device)

@@ -23,6 +23,7 @@ def _tally_pieces(
     pose: wp.array2d[wp.transform],
     patch: wp.array[Patch],
     own: int,  # the patch whose rows are added
+    whole: int,  # 1: rows are all sections, and only those of the patch are launched
     pieces: ContourPieces,
     entries: Entries,
     bounded: int,  # 0: the whole plane
@@ -32,7 +33,7 @@ def _tally_pieces(
 ):
     """Add what a row's polylines come to to its pose; launched patch by patch, which is their order."""
     row = wp.tid()
-    if pieces.section.shape[0] == 0:  # rows are sections
+    if whole == 1:
         row = row * patch.shape[0] + own
     if entries.count[row] == 0:
         return
@@ -94,9 +95,11 @@ def tally_pieces(
     launch = partial(wp.launch, device=device, block_dim=BLOCK)
     total = wp.zeros((pose_count, 3), dtype=wp.float64, device=device)
     for own in range(patch_count):
-        for k, (pieces, entries) in enumerate(ordered.rows):  # rows with more room are of sections that have none above
-            inputs = [surface, pose, patch, own, pieces, entries, int(bounded), int(closes)]
-            launch(_tally_pieces, pieces.count.shape[0] if k else pose_count, inputs=inputs, outputs=[total])
+        for pieces, entries in ordered.rows:  # a section has entries in one row only
+            row_count, whole = pieces.count.shape[0], pieces.count.shape[0] == pose_count * patch_count
+            whole = whole and pieces.section.shape[0] == 0
+            inputs = [surface, pose, patch, own, int(whole), pieces, entries, int(bounded), int(closes)]
+            launch(_tally_pieces, pose_count if whole else row_count, inputs=inputs, outputs=[total])
     inputs = [total, ordered.polylines, patch_count, int(closes)]
     launch(_write_poses, pose_count, inputs=inputs, outputs=[value, length])
 

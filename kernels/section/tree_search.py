@@ -20,7 +20,15 @@ from ..patch import (
 )
 from .edge_pairing import OPEN
 from .half_edges import LEAF, Surface
-from .pieces import CLOSED, ContourPieces, count_row, section_of, store_piece
+from .pieces import (
+    CLOSED,
+    ContourPieces,
+    count_row,
+    room_for_excess,
+    room_for_sections,
+    section_of,
+    store_piece,
+)
 from .segment_clipping import NONE, corners_left, segment_of, winding_step
 from .triangle_walk import crossing_after, crossing_at, is_first, link_of, load_vec4, point_of, vertex_of
 
@@ -326,3 +334,22 @@ def tree_search_pieces(
     wp.launch(
         _tree_search_pieces, pieces.count.shape[0], inputs=inputs, outputs=[pieces], device=pose.device, block_dim=BLOCK
     )
+
+
+def tree_pieces(
+    surface: Any,
+    pose: wp.array,
+    patch: wp.array,
+    section: wp.array | None = None,
+    *,
+    bounded: bool,
+    closes: bool,
+) -> list:
+    """ContourPieces of some sections, or all, and further ones of those with more than SLOTS pieces."""
+    row_count = pose.shape[0] * patch.shape[0] if section is None else section.shape[0]
+    found = [room_for_sections(row_count, pose.device, section)]
+    tree_search_pieces(surface, pose, patch, found[0], bounded=bounded, closes=closes)
+    if found[0].excess.numpy()[0] > 0:
+        found.append(room_for_excess(found[0], pose.device))
+        tree_search_pieces(surface, pose, patch, found[1], bounded=bounded, closes=closes)
+    return found

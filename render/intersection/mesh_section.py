@@ -4,6 +4,7 @@ Contours of a simple mesh are cut, joined and drawn by kernels. Those of a close
 itself are the boundary of the region that its winding number defines as inside, computed on the host by section.
 """
 
+from collections.abc import Iterable
 from typing import Any
 
 import warp as wp
@@ -150,12 +151,14 @@ def _pieces(
     strategy: IntersectionStrategy,
     method: str | None,
     timing: dict[str, float] | None,
-) -> tuple[list[Any], tuple[Any, wp.array]]:
+) -> tuple[Iterable[Any], tuple[Any, wp.array]]:
     """Pieces of contours in each patch; and the surface and section poses that they were found with."""
     device, section = str(pose.device), sections_of(pose)
     surface = mesh.on(device)
     with StageClock(timing, "find", device):
         found = find_pieces(surface, section, patch, bounded=strategy.bounded, closes=strategy.closes, method=method)
+        if timing is not None:
+            found = list(found)  # the search belongs to this stage
     return found, (surface, section)
 
 

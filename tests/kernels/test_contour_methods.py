@@ -254,7 +254,7 @@ def test_the_method_is_the_faster_one_and_can_be_named(device):
     assert method_for(surface, pose.device) == "trace"
     assert method_for(large, pose.device) == ("seek" if pose.device.is_cpu else "flat")
     for method in (None, *METHODS, "flat"):
-        assert len(find_pieces(surface, pose, patch, bounded=True, closes=True, method=method)) == 1
+        assert len(list(find_pieces(surface, pose, patch, bounded=True, closes=True, method=method))) == 1
     with pytest.raises(ValueError, match="method must be one of trace, seek, flat, not 'guess'"):
         find_pieces(surface, pose, patch, bounded=True, closes=True, method="guess")
 

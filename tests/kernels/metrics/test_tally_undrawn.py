@@ -32,7 +32,7 @@ def both_ways(mesh, poses, halves, strategy, method, device):
     poses = np.asarray(poses, np.float32)
     poses = poses if poses.ndim == 3 else poses[:, None]
     pose = wp.array(poses, dtype=wp.transform, ndim=2, device=device)
-    found = find_pieces(surface, pose, patch, bounded=bounded, closes=closes, method=method)
+    found = list(find_pieces(surface, pose, patch, bounded=bounded, closes=closes, method=method))
     joined = join_pieces(surface, found, pose, patch, closes=closes)
     contours = draw_contours(surface, pose, patch, joined, bounded=bounded, closes=closes)
     drawn, walked = empty(len(poses), device), empty(len(poses), device)

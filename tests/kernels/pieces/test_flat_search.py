@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 from degenerate_cases import degenerate_poses
-from drawing import STRATEGIES, Drawn, assert_same_bits, draw, patch_array, surface_on
+from drawing import STRATEGIES, Drawn, assert_same_bits, draw, drawn_of, patch_array, surface_on
 from mesh_cases import CLOSED, MESHES, comb, generic_poses
 from tally_outputs import empty
 
@@ -16,7 +16,7 @@ from palpate.kernels.pieces.flat_search import flat_search_pieces
 from palpate.kernels.pieces.row_block import FlatSize
 from palpate.kernels.section.contour_writing import draw_contours
 from palpate.kernels.section.joining import join_pieces, order_pieces
-from palpate.kernels.section.pieces import SLOTS, room_for_sections
+from palpate.kernels.section.pieces import SLOTS
 from palpate.kernels.section.tally_undrawn import tally_pieces
 from palpate.render import Palm, closed_contour, open_contour
 from palpate.render.bench.cases import blob, random_poses
@@ -75,16 +75,6 @@ def test_patches_with_poses_of_their_own(device):
         assert_same(surface, poses, patch, strategy)
 
 
-def test_sections_with_many_pieces_are_searched_again(device):
-    surface, patch = surface_on(comb(), device), patch_array([0.0425, 0.0425], device)
-    pose = wp.array(generic_poses(200, 8)[:, None], dtype=wp.transform, ndim=2, device=device)
-    found = find_pieces(surface, pose, patch, bounded=True, closes=True, method="flat")
-    assert len(found) == 2
-    assert found[1].count.numpy().min() > SLOTS
-    for strategy in STRATEGIES:
-        assert_same(surface, generic_poses(200, 8), patch, strategy)
-
-
 def test_no_poses_and_poses_that_meet_nothing(device):
     surface, patch = surface_on(blob(16), device), patch_array(HALF, device)
     away = random_poses(20) + np.array([0, 0, 5, 0, 0, 0, 0], np.float32)
@@ -93,39 +83,85 @@ def test_no_poses_and_poses_that_meet_nothing(device):
             assert len(assert_same(surface, poses, patch, strategy).points) == 0
 
 
+def assert_found(surface, poses, patch, strategy, size):
+    """Blocks hold all sections in order, each has pieces in one place only, and the bits are those of walking.
+
+    Returns the ContourPieces of blocks, and those of sections that were searched again.
+    """
+    (bounded, closes), count = STRATEGIES[strategy], len(poses)
+    pose = wp.array(poses[:, None], dtype=wp.transform, ndim=2, device=patch.device)
+    found = list(flat_search_pieces(surface, pose, patch, bounded=bounded, closes=closes, size=size))
+    joined = join_pieces(surface, found, pose, patch, closes=closes)
+    flat = drawn_of(draw_contours(surface, pose, patch, joined, bounded=bounded, closes=closes))
+    assert_same_bits(draw(surface, poses, patch, strategy, "seek"), flat)
+    blocks = [pieces for pieces in found if pieces.section.shape[0] == 0]
+    again = [pieces for pieces in found if pieces.section.shape[0] > 0]
+    rows = [pieces.first + np.arange(pieces.count.shape[0]) for pieces in blocks]
+    np.testing.assert_array_equal(np.concatenate(rows), np.arange(count))
+    holders = np.zeros(count, int)
+    for pieces, section in [*zip(blocks, rows, strict=True), *((own, own.section.numpy()) for own in again)]:
+        counted, room = pieces.count.numpy(), pieces.room.numpy() if pieces.room.shape[0] else SLOTS
+        np.add.at(holders, section[(counted > 0) & (counted <= room)], 1)
+    assert holders.max() == 1
+    return blocks, again
+
+
+def test_each_row_takes_as_many_slots_as_it_has_pieces(device):
+    surface, patch = surface_on(comb(), device), patch_array([0.0425, 0.0425], device)
+    (pieces,), again = assert_found(surface, generic_poses(200, 8), patch, "oc", FlatSize(4000, 400.0, 2**20, 20.0))
+    count, start = pieces.count.numpy(), pieces.start.numpy()
+    assert not again
+    assert count.max() > SLOTS
+    taken = np.concatenate([np.arange(first, first + own) for first, own in zip(start, count, strict=True) if own])
+    np.testing.assert_array_equal(np.sort(taken), np.arange(count.sum()))
+
+
 @pytest.mark.parametrize(
     "size",
-    [FlatSize(1, 100.0, 2**20), FlatSize(4000, 0.01, 2**20), FlatSize(4000, 100.0, 700), FlatSize(2, 1.0, 64)],
-    ids=["space", "crossings", "blocks", "all"],
+    [
+        FlatSize(1, 100.0, 2**20),
+        FlatSize(300, 0.01, 2**20),
+        FlatSize(300, 400.0, 2**20, 0.01),
+        FlatSize(2, 1.0, 2**20, 0.1),
+    ],
+    ids=["space", "crossings", "slots", "all"],
 )
-def test_what_finds_no_space_is_searched_again(size, device, monkeypatch):
-    """Too little space for a section, for a block's crossings, and blocks of a few rows."""
-    sizes = []
+def test_only_rows_without_room_are_searched_again(size, device):
+    """Too little space for a section, for all rows' crossings, and for their pieces."""
+    poses = generic_poses(120, 3)
+    poses[::3, 2] += np.float32(1.0)  # away from the solid
+    for name in ("comb", "sphere", "torn dog"):
+        surface, patch = surface_on(MESHES[name](), device), patch_array([0.0425, 0.0425], device)
+        for strategy in strategies_for(name):
+            blocks, again = assert_found(surface, poses, patch, strategy, size)
+            assert len(blocks) == 1
+            searched = np.concatenate([pieces.section.numpy() for pieces in again])
+            assert 0 < len(np.unique(searched)) <= (80 if strategy == "oc" else 120)  # patches elsewhere need no room
 
-    def search(*arguments, **options):
-        sizes.append(size)
-        flat_search_pieces(*arguments, size=size, **options)
 
-    monkeypatch.setattr(finding, "flat_search_pieces", search)
-    poses = generic_poses(60, 3)
-    for mesh in (comb(), blob(12), MESHES["torn dog"]()):
-        surface, patch = surface_on(mesh, device), patch_array([0.0425, 0.0425], device)
-        for strategy in ("raw", "oc"):
-            assert_same(surface, poses, patch, strategy)
-    assert len(sizes) > 6  # the comb's rows with many pieces, too
+def test_blocks_of_a_few_rows(device):
+    surface, patch = surface_on(blob(12), device), patch_array([0.0425, 0.0425], device)
+    for strategy in STRATEGIES:
+        blocks, again = assert_found(surface, generic_poses(60, 3), patch, strategy, FlatSize(4000, 100.0, 700))
+        assert len(blocks) > 1
+        assert not again
+        blocks, again = assert_found(surface, generic_poses(60, 3), patch, strategy, FlatSize(2, 1.0, 8, 0.01))
+        assert len(blocks) > 1
+        assert len(again) > len(blocks)
 
 
 def test_a_section_with_too_many_crossings_is_searched_by_walking(device, monkeypatch):
-    monkeypatch.setattr(flat_search, "CROSSINGS_MOST", 20)
-    surface, patch = surface_on(blob(16), device), patch_array([0.0425, 0.0425], device)
-    size = FlatSize(2, 1.0, 64)
-    pose = wp.array(random_poses(20)[:, None], dtype=wp.transform, ndim=2, device=device)
-    pieces = room_for_sections(20, device)
-    with pytest.raises(flat_search.CrossingLimitError, match=r"room for \d+ crossings; a flat search has 20"):
-        flat_search_pieces(surface, pose, patch, pieces, bounded=True, closes=True, size=size)
-    monkeypatch.setattr(finding, "flat_search_pieces", partial(flat_search_pieces, size=size))
-    for strategy in STRATEGIES:
-        assert_same(surface, random_poses(50), patch, strategy)
+    monkeypatch.setattr(flat_search, "CROSSINGS_MOST", 60)
+    for mesh in (blob(16), comb()):
+        surface, patch = surface_on(mesh, device), patch_array([0.0425, 0.0425], device)
+        for strategy in STRATEGIES:
+            _, again = assert_found(surface, random_poses(50), patch, strategy, FlatSize(2, 1.0, 2**20))
+            assert again[-1].listed is None  # found by walking
+
+
+def test_sums_of_rows_that_are_searched_again(device, monkeypatch):
+    monkeypatch.setattr(finding, "flat_search_pieces", partial(flat_search_pieces, size=FlatSize(60, 0.5, 60, 0.1)))
+    test_sums_without_points_are_those_of_pieces_found_by_walking("comb", device)
 
 
 @pytest.mark.parametrize("name", ["comb", "dog", "shell"])
@@ -171,7 +207,7 @@ def test_slots_may_come_in_any_order(device):
     pose = wp.array(generic_poses(80, 8)[:, None], dtype=wp.transform, ndim=2, device=device)
     drawn = []
     for turned in (False, True):
-        found = find_pieces(surface, pose, patch, bounded=True, closes=True, method="flat")
+        found = list(find_pieces(surface, pose, patch, bounded=True, closes=True, method="flat"))
         if turned:
             for pieces in found:
                 turn_slots(pieces)
@@ -183,13 +219,11 @@ def test_slots_may_come_in_any_order(device):
 
 def turn_slots(pieces):
     """Reverse the slots of each row."""
-    count = pieces.count.numpy()
-    start = pieces.start.numpy() if pieces.start.shape[0] else np.arange(len(count))
-    room = pieces.room.numpy() if pieces.room.shape[0] else np.full(len(count), SLOTS)
+    count, start = pieces.count.numpy(), pieces.start.numpy()
     for field in ("half", "out", "key", "side", "steps", "begin"):
         array = getattr(pieces, field)
         values = array.numpy().copy()
-        for row, stored in enumerate(np.minimum(count, room)):
-            slots = start[row] + np.arange(stored) * pieces.stride
+        for row, stored in enumerate(count):
+            slots = start[row] + np.arange(stored)
             values[slots] = values[slots[::-1]]
         array.assign(values)

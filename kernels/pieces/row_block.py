@@ -82,7 +82,8 @@ def framed_rows(rows: range, section: wp.array | None, device: Any) -> Any:
     pieces = ContourPieces()
     pieces.stride = 1
     pieces.first = rows.start if section is None else 0
-    pieces.section = wp.empty(0, dtype=wp.int32, device=device) if section is None else section[rows.start : rows.stop]
+    if section is not None:
+        pieces.section = section[rows.start : rows.stop]
     pieces.frame = wp.empty(len(rows), dtype=Frame, device=device)
     pieces.winding = wp.empty(len(rows), dtype=wp.int32, device=device)
     return pieces

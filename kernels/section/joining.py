@@ -351,11 +351,11 @@ def order_pieces(surface: Any, found: Iterable[Any], pose: wp.array, patch: wp.a
 
 def _order_each(surface: Any, found: Iterable, pose: wp.array, patch: wp.array, closes: bool) -> Iterator[Ordered]:
     """What is ordered, whenever further pieces are: before a search that goes on is waited for."""
-    sections, device = pose.shape[0] * patch.shape[0], pose.device
+    sections, device, ordered = pose.shape[0] * patch.shape[0], pose.device, None
     launch = partial(wp.launch, device=device, block_dim=BLOCK)
-    ordered = Ordered([], *(wp.zeros(sections + 1, dtype=wp.int64, device=device) for _ in range(2)))
-    for pieces in found:
+    for pieces in found:  # a search may begin here
         row_count = pieces.count.shape[0]
+        ordered = ordered or Ordered([], *(wp.zeros(sections + 1, dtype=wp.int64, device=device) for _ in range(2)))
         ends, entries = room_to_join(pieces, device)
         entries.polylines, entries.points = ordered.polylines, ordered.points
         rest, rest_count = wp.empty_like(entries.count), wp.zeros(1, dtype=wp.int32, device=device)

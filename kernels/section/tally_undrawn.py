@@ -97,7 +97,7 @@ def tally_pieces(
     for own in range(patch_count):
         for pieces, entries in ordered.rows:  # a section has entries in one row only
             row_count, whole = pieces.count.shape[0], pieces.count.shape[0] == pose_count * patch_count
-            whole = whole and pieces.section.shape[0] == 0
+            whole = whole and not pieces.section
             inputs = [surface, pose, patch, own, int(whole), pieces, entries, int(bounded), int(closes)]
             launch(_tally_pieces, pose_count if whole else row_count, inputs=inputs, outputs=[total])
     inputs = [total, ordered.polylines, patch_count, int(closes)]

@@ -94,8 +94,8 @@ def assert_found(surface, poses, patch, strategy, size):
     joined = join_pieces(surface, found, pose, patch, closes=closes)
     flat = drawn_of(draw_contours(surface, pose, patch, joined, bounded=bounded, closes=closes))
     assert_same_bits(draw(surface, poses, patch, strategy, "seek"), flat)
-    blocks = [pieces for pieces in found if pieces.section.shape[0] == 0]
-    again = [pieces for pieces in found if pieces.section.shape[0] > 0]
+    blocks = [pieces for pieces in found if not pieces.section]
+    again = [pieces for pieces in found if pieces.section]
     rows = [pieces.first + np.arange(pieces.count.shape[0]) for pieces in blocks]
     np.testing.assert_array_equal(np.concatenate(rows), np.arange(count))
     holders = np.zeros(count, int)

@@ -62,31 +62,96 @@ def votes_of(vote: wp.bool, turn: int) -> wp.vec2i:
     """
 
 
+@wp.func_native("""
+#ifdef __CUDA_ARCH__
+    __syncwarp();
+#endif
+""")
+def sync_warp():
+    """Wait for the lanes of this warp, as `sync_lanes`."""
+
+
+LOWER = """
+    unsigned int lower;  // bits of the lanes below this one
+    asm("mov.u32 %0, %lanemask_lt;" : "=r"(lower));
+"""
+
+
 @wp.func_native(f"""
 #ifdef __CUDA_ARCH__
-    __shared__ int counts[2][{WARPS}];
-    const unsigned int lane = threadIdx.x % 32u, warp = threadIdx.x / 32u, lower = (1u << lane) - 1u;
-    int* count = counts[turn & 1];
-    int before = 0, own = 0, all = 0;
+    {LOWER}
+    const unsigned int votes = __ballot_sync(0xffffffffu, vote);
+    return wp::vec_t<2, int>(__popc(votes & lower), __popc(votes));
+#else
+    return wp::vec_t<2, int>(0, vote ? 1 : 0);
+#endif
+""")
+def warp_votes_of(vote: wp.bool) -> wp.vec2i:
+    """How many lanes of this warp below this one voted, and how many in all."""
+
+
+@wp.func_native(f"""
+#ifdef __CUDA_ARCH__
+    {LOWER}
+    int before = 0, all = 0;
     for (int bit = 0; bit < 3; ++bit) {{
         const unsigned int votes = __ballot_sync(0xffffffffu, (number >> bit) & 1);
         before += __popc(votes & lower) << bit;
-        own += __popc(votes) << bit;
-    }}
-    if (lane == 0)
-        count[warp] = own;
-    __syncthreads();
-    for (unsigned int k = 0; k < {WARPS}; ++k) {{
-        before += k < warp ? count[k] : 0;
-        all += count[k];
+        all += __popc(votes) << bit;
     }}
     return wp::vec_t<2, int>(before, all);
 #else
     return wp::vec_t<2, int>(0, number);
 #endif
 """)
-def numbers_of(number: int, turn: int) -> wp.vec2i:
-    """Sum of the numbers, 0 to 7, of the lanes below this one, and of all; else as `votes_of`."""
+def warp_numbers_of(number: int) -> wp.vec2i:
+    """Sum of the numbers, 0 to 7, of the lanes of this warp below this one, and of all."""
+
+
+@wp.func_native(f"""
+#ifdef __CUDA_ARCH__
+    __shared__ int numbers[{WARPS}];
+    const unsigned int warp = threadIdx.x / 32u;
+    if (threadIdx.x % 32u == 0)
+        numbers[warp] = number;
+    __syncthreads();
+    int before = 0, all = 0;
+    for (unsigned int k = 0; k < {WARPS}; ++k) {{
+        before += k < warp ? numbers[k] : 0;
+        all += numbers[k];
+    }}
+    return wp::vec_t<2, int>(before, all);
+#else
+    return wp::vec_t<2, int>(0, number);
+#endif
+""")
+def numbers_of_warps(number: int) -> wp.vec2i:
+    """Sum of the numbers, one for each warp, of the warps below this one, and of all; waits for all lanes.
+
+    Between two calls is a call of `sync_lanes`.
+    """
+
+
+@wp.struct
+class Warp:
+    """A lane's place in its group."""
+
+    own: int  # number of its warp
+    bits: int  # the group has 2^bits warps
+    lane: int  # in its warp
+    lanes: int  # of a warp
+
+
+@wp.func
+def warp_of(lane: int, lanes: int):
+    """The place of a lane of a group."""
+    warp = Warp()
+    while (lanes >> warp.bits) > 32:
+        warp.bits += 1
+    warp.lanes = lanes >> warp.bits
+    warp.own = lane // warp.lanes
+    warp.lane = lane % warp.lanes
+    return warp
 
 
 @wp.func_native("""

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..lanes import lane_count, sync_lanes, take_row
+from ..lanes import lane_count, numbers_of_warps, sync_lanes, take_row, warp_of
 from ..offsets import BLOCK
 from ..patch import EXACT, Patch, coarse_frame, half_extents, section_frame
 from ..section.half_edges import Surface
@@ -20,7 +20,7 @@ from .few_crossings import rank_few_crossings
 from .flat_boxes import pack_boxes, packed_frame
 from .flat_crossings import list_crossings, list_leaves, winding_of_lane
 from .flat_links import CROSSINGS_MOST
-from .lane_space import NEAR_FEW, far_space, half_at
+from .lane_space import NEAR_FEW, far_space, half_at, warp_space
 from .many_crossings import rank_many_crossings
 from .row_block import (
     LACKING,
@@ -43,6 +43,9 @@ wp.set_module_options(EXACT)
 FEW = (
     0.9 * NEAR_FEW
 )  # half-edges of a row, mean, for which there is room, with which most rows find room beside few lanes
+
+
+SPACELESS = wp.constant(1 << 28)  # number of crossings of a warp that had no space for them
 
 
 @wp.kernel
@@ -69,33 +72,31 @@ def _count_windings(
     block: RowBlock,
     pieces: ContourPieces,
 ):
-    """Winding number of the solid around corner 0 of each row's patch, NO_SPACE where boxes found no space."""
-    group = wp.tid() // lanes
+    """Winding number of the solid around corner 0 of each row's patch, at most NO_SPACE where boxes found no space."""
     lane = wp.tid() % lanes
+    warp = warp_of(lane, lanes)
+    group = far_space(block.far, wp.tid() // lanes)
+    s = warp_space(group, warp)
     row = take_row(block.numbers, WINDINGS, lane)
     while row < pieces.frame.shape[0]:
-        f = pieces.frame[row]
         side = patch[section_of(pieces, row) % patch.shape[0]].half
-        g = coarse_frame(f, side, surface.reach)
+        g = coarse_frame(pieces.frame[row], side, surface.reach)
         p = packed_frame(surface, g, corner_window(g))
-        s = far_space(block.far, group)
-        leaves = list_leaves(surface, p, s, lane, lanes)
+        leaves = list_leaves(surface, p, group, s, lane, warp)
         if leaves.needed <= s.most:
-            winding = winding_of_lane(surface, f, g, p, side, s, leaves, lane, lanes)
+            winding = winding_of_lane(surface, pieces.frame, row, p, side, leaves, warp)
             if winding != 0:
                 wp.atomic_add(pieces.winding, row, winding)
-        elif lane == 0:
-            pieces.winding[row] = NO_SPACE
-            wp.atomic_max(block.numbers, SPACE, wp.int64(leaves.needed))
+        elif warp.lane == 0:
+            wp.atomic_add(pieces.winding, row, NO_SPACE)
+            wp.atomic_max(block.numbers, SPACE, wp.int64(leaves.needed << warp.bits))
         row = take_row(block.numbers, WINDINGS, lane)
 
 
 @wp.func
-def place_list(block: RowBlock, pieces: ContourPieces, row: int, count: int, needed: int, most: int):
-    """Find a place for a row's crossings, or note that it has none; needed: crossings or boxes of any level."""
-    if needed > most:
-        wp.atomic_max(block.numbers, SPACE, wp.int64(needed))
-    placed = needed <= most and pieces.winding[row] != NO_SPACE
+def place_list(block: RowBlock, pieces: ContourPieces, row: int, count: int):
+    """Find a place for a row's crossings, or note that it has none; count: SPACELESS or more if a list had no space."""
+    placed = count < SPACELESS and pieces.winding[row] > NO_SPACE // 2
     if placed and count > 0:
         start = wp.atomic_add(block.numbers, LISTED, wp.int64(count))
         pieces.row_start[row] = start
@@ -117,26 +118,34 @@ def _list_crossings(
     pieces: ContourPieces,
 ):
     """List the crossings of each row of a block."""
-    group = wp.tid() // lanes
     lane = wp.tid() % lanes
+    warp = warp_of(lane, lanes)
+    group = far_space(block.far, wp.tid() // lanes)
+    s = warp_space(group, warp)
     row = take_row(block.numbers, LISTS, lane)
     while row < pieces.frame.shape[0]:
-        f = pieces.frame[row]
         side = half_extents(patch[section_of(pieces, row) % patch.shape[0]], bounded)
-        g = coarse_frame(f, side, surface.reach)
+        g = coarse_frame(pieces.frame[row], side, surface.reach)
         p = packed_frame(surface, g, patch_window(g))
-        s = far_space(block.far, group)
-        leaves = list_leaves(surface, p, s, lane, lanes)
+        leaves = list_leaves(surface, p, group, s, lane, warp)
         count = int(0)
         if leaves.needed <= s.most:
-            count = list_crossings(surface, f, g, p, s, leaves, lane, lanes)
+            count = list_crossings(surface, pieces.frame, row, p, s, leaves, warp)
+        needed = wp.max(leaves.needed, count)
+        if needed > s.most:
+            count = SPACELESS
+            if warp.lane == 0:
+                wp.atomic_max(block.numbers, SPACE, wp.int64(needed << warp.bits))
+        counts = numbers_of_warps(count)
         if lane == 0:
-            place_list(block, pieces, row, count, wp.max(leaves.needed, count), s.most)
+            place_list(block, pieces, row, counts[1])
         sync_lanes()
-        i = int(lane)
-        while i < block.count[row]:
-            pieces.listed[pieces.row_start[row] + wp.int64(i)] = half_at(s, i)
-            i += lanes
+        if block.count[row] > 0:
+            start = pieces.row_start[row] + wp.int64(counts[0])
+            i = int(warp.lane)
+            while i < count:
+                pieces.listed[start + wp.int64(i)] = half_at(s, i)
+                i += warp.lanes
         row = take_row(block.numbers, LISTS, lane)
 
 

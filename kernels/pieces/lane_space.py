@@ -2,17 +2,19 @@
 
 Crossings lie near the lanes (a GPU's shared memory) if a section has few of them, else in the device's memory. For each
 there are five words of 32 bits: its half-edge, a link, a state of 64 bits, and a beginning. While crossings are looked
-for, two of the words are those of lists of boxes.
+for, each warp has its share of the memory; three of the words are those of lists of boxes.
 """
 
 from typing import Any
 
 import warp as wp
 
-WORDS = 5  # of a crossing
+from ..lanes import Warp
+
+WORDS = wp.constant(5)  # of a crossing
 NEAR_FEW = 512  # crossings near the lanes: more groups of few lanes, and more cache, find room beside little memory
 NEAR_MANY = 1536  # or fewer groups of many lanes
-EVEN = 2  # capacities are even, so that states lie at multiples of 8 bytes
+EVEN = 4  # capacities of warps are even, so that states lie at multiples of 8 bytes
 LINKS = wp.constant(1)  # parts of a memory
 BEGINNINGS = wp.constant(4)
 
@@ -21,7 +23,7 @@ BEGINNINGS = wp.constant(4)
 class FarSpace:
     """Memory of all groups in the device's memory."""
 
-    most: int  # crossings of a group, even
+    most: int  # crossings of a group, a multiple of EVEN
     word: wp.array[wp.int32]  # shape [group * WORDS * most]
 
 
@@ -113,15 +115,19 @@ def far_space(far: FarSpace, group: int):
 
 
 @wp.func
-def box_at(s: LaneSpace, part: int, i: int):
-    """Box i of a list of boxes; part: 1 or 2."""
-    return word_at(s.address, part * s.most + i)
+def warp_space(s: LaneSpace, warp: Warp):
+    """A warp's share of the memory of its group."""
+    space = LaneSpace()
+    space.most = s.most >> warp.bits
+    space.address = address_after(s.address, warp.own * WORDS * space.most)
+    return space
 
 
-@wp.func
-def set_box(s: LaneSpace, part: int, i: int, box: int):
-    """Write box i of a list of boxes; part: 1 or 2."""
-    set_word(s.address, part * s.most + i, box)
+@wp.func_native("""
+    return address + 4 * static_cast<wp::int64>(words);
+""")
+def address_after(address: wp.uint64, words: int) -> wp.uint64:
+    """The address so many words after one."""
 
 
 @wp.func

@@ -7,6 +7,7 @@ import warp as wp
 from ..lanes import group_count
 from ..patch import Frame
 from ..section.pieces import ContourPieces, section_of
+from .flat_links import CROSSINGS_MOST
 from .lane_space import WORDS, FarSpace, room_for_groups
 
 LISTED_FIRST = 2**26  # half-edges of the first block of rows, about
@@ -22,7 +23,7 @@ SPACE = wp.constant(3)  # crossings for which a section needs more room than it 
 LISTED = wp.constant(4)  # half-edges listed
 STORED = wp.constant(5)  # pieces stored
 LACKING = wp.constant(6)  # rows without room
-NO_SPACE = wp.constant(-(1 << 30))  # winding number of a row for which boxes found no space
+NO_SPACE = wp.constant(-(1 << 30))  # added to the winding number of a row by each warp whose boxes found no space
 
 
 class FlatSize(NamedTuple):
@@ -55,7 +56,7 @@ class FlatSize(NamedTuple):
 
     def enlarged(self, numbers: Any) -> "FlatSize":
         """Capacities for the rows of a block that lacked room."""
-        space = max(2 * self.space, int(numbers[SPACE])) if numbers[SPACE] else self.space
+        space = max(int(numbers[SPACE]), min(2 * self.space, CROSSINGS_MOST)) if numbers[SPACE] else self.space
         return FlatSize(space, max(2.0 * self.listed, float(numbers[SPACE])), self.block, 2.0 * self.slots)
 
 

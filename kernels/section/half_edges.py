@@ -33,7 +33,7 @@ class Surface:
     packed_box: wp.array[wp.vec4i]  # boxes of the hierarchy and their faces for flat searches (`flat_boxes`), or none
     packed_face: wp.array[wp.vec4i]
     box_low: wp.vec3  # corner of the grid of packed boxes [m]
-    box_step: wp.float32  # [m]
+    box_scale: wp.float32  # steps of the grid in a metre [1/m]
 
 
 def spatial_order(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

@@ -44,9 +44,10 @@ def test_packed_boxes_hold_boxes_and_corners(name, place, device):
     edges = HalfEdges(vertices, faces)
     surface = surface_on((vertices, faces), device)
     pack_boxes(surface, wp.get_device(device))
-    step, low = float(surface.box_step), np.array(surface.box_low, np.float64)
+    step, low = 1.0 / float(surface.box_scale), np.array(surface.box_low, np.float64)
     words = surface.packed_box.numpy().reshape(-1, 4)
-    ends = low + step * np.stack([words[:, :3] & 0xFFFF, words[:, :3] >> 16 & 0xFFFF], axis=1)
+    middle, extent = words[:, :3] & 0x7FFF, words[:, :3] >> 16
+    ends = low + step * np.stack([middle - extent, middle + extent], axis=1)
     full = edges.boxes.half[:, 0] >= 0
     full[0] = False  # the heap begins with 1
     rounding = 4 * np.spacing(np.float32(np.abs(vertices).max()))
@@ -55,11 +56,12 @@ def test_packed_boxes_hold_boxes_and_corners(name, place, device):
     assert (ends[full, 0] <= centre - half + rounding).all()
     assert (ends[full, 1] >= centre + half - rounding).all()
     size = 2.0 * edges.boxes.half[1].max()
-    assert (ends[full, 1] - ends[full, 0] <= 2 * half + 5 * size / 65500 + 2 * rounding).all()
+    assert (ends[full, 1] - ends[full, 0] <= 2 * half + 4.3 * size / 32700 + 2 * rounding).all()
     corner = surface.packed_face.numpy().reshape(-1, 4)
     assert (corner[:, 3] == (np.arange(len(corner)) < len(faces))).all()
     box = ends[edges.boxes.leaf_first + np.arange(len(faces)) // LEAF]
-    parts = np.stack([corner[: len(faces), :3] >> shift & 1023 for shift in (0, 10, 20)], axis=2)
+    word = corner[: len(faces), :3].view(np.uint32)
+    parts = np.stack([word >> 13 & 1023, word >> 3 & 1023, word >> 23 | (word & 1) << 9], axis=2)
     part = (box[:, 1] - box[:, 0]) / 1023
     x = box[:, None, 0] + parts * part[:, None]
     assert (np.abs(x - edges.vertices[edges.faces]) <= 0.5 * part[:, None] + 2 * rounding).all()

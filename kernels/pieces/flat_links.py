@@ -5,7 +5,7 @@ import warp as wp
 from ..patch import Coarse, Frame, is_above, outcode, output_point
 from ..section.edge_pairing import OPEN
 from ..section.half_edges import Surface
-from ..section.segment_clipping import NONE, corners_left, segment_of
+from ..section.segment_clipping import NONE, corners_left, needs_left, segment_of
 from ..section.triangle_walk import (
     crossing_after,
     crossing_at,
@@ -23,8 +23,10 @@ FIRST = wp.constant(16)  # its piece begins with it
 LAST = wp.constant(32)  # its piece ends in the triangle that it enters
 STEP = wp.constant(64)  # the step from it to the next crossing inside the patch has non-zero length
 INSIDE = wp.constant(128)  # it lies on a piece, and so does the next crossing, which is inside the patch
+COURSE = wp.constant(16 + 32 + 64 + 128)  # FIRST, LAST, STEP and INSIDE
 ASTRAY = wp.constant(256)  # nothing comes before it, yet no piece begins with it: it lies on none
 LOOP = wp.constant(512)  # it lies on a loop
+ASKS = wp.constant(1024)  # not in a link: the points of its step decide what its other bits are
 FROM_OPEN = wp.constant(16)  # bits before crossings are linked: it lies on an open edge
 TO_OPEN = wp.constant(32)  # the next crossing lies on an open edge
 PLACE = wp.constant(10)  # bits below the place of the next crossing, plus 1: 0 for none
@@ -110,13 +112,12 @@ def sides_of(surface: Surface, f: Frame, side: wp.vec2d, half: int, out: int):
 
 
 @wp.func
-def link_crossing(surface: Surface, f: Frame, side: wp.vec2d, s: LaneSpace, i: int):
+def link_crossing(s: LaneSpace, i: int):
     """Complete the link of a crossing: whether its piece begins or ends with it, and whether its step counts.
-
-    Returns whether a piece begins with it, which then also ends with a crossing.
 
     The next crossing's point is that which its own lane computed: both have the same vertices. One that is not listed
     lies outside the patch, or at an open edge. Lanes may complete links that others read, who look at the outcode only.
+    Returns the bits of FIRST to STEP; ASKS, if `link_by_points` is to find them.
     """
     own = link_at(s, i)
     place = next_of(own)
@@ -131,14 +132,41 @@ def link_crossing(surface: Surface, f: Frame, side: wp.vec2d, s: LaneSpace, i: i
             bits = bits | wp.where(point_at(s, i) == point_at(s, place), INSIDE, INSIDE | STEP)
         else:
             bits = bits | LAST
-    if (code == 0 and (own & TO_OPEN) != 0) or (code != 0 and (place == NONE or (code & code_next) == 0)):
-        c = crossing_at(surface, f, half_at(s, i))
-        p = point_of(f, c, side)
-        q = point_of(f, crossing_after(surface, f, c), side)
-        if code != 0:
-            if segment_of(code, outcode(q, side), corners_left(p, q, side)).enter != NONE:
-                bits = FIRST | wp.where(code_next == 0, INSIDE, LAST)
-        elif outcode(q, side) == 0 and not (output_point(f, p) == output_point(f, q)):
-            bits = bits | STEP
-    set_link(s, i, ((place + 1) << PLACE) | code | bits)
-    return (bits & FIRST) != 0
+        if (own & TO_OPEN) != 0:
+            bits = bits | ASKS
+    elif place == NONE:
+        bits = ASKS
+    elif needs_left(code, code_next):
+        bits = wp.where((code & code_next) == 0, ASKS, 0)
+    elif segment_of(code, code_next, 0).enter != NONE:
+        bits = first_bits(code_next)
+    set_link(s, i, (own & ~COURSE) | (bits & ~ASKS))
+    return bits
+
+
+@wp.func
+def first_bits(code_next: int):
+    """Bits of the link of a crossing outside the patch whose step enters it."""
+    return FIRST | wp.where(code_next == 0, INSIDE, LAST)
+
+
+@wp.func
+def link_by_points(surface: Surface, f: Frame, side: wp.vec2d, s: LaneSpace, i: int):
+    """Complete the link of a crossing that asks for the points of its step; returns the bits of FIRST to STEP."""
+    own = link_at(s, i)
+    place = next_of(own)
+    code = own & OUTCODE
+    bits = own & COURSE
+    c = crossing_at(surface, f, half_at(s, i))
+    p = point_of(f, c, side)
+    q = point_of(f, crossing_after(surface, f, c), side)
+    if code != 0:
+        if segment_of(code, outcode(q, side), corners_left(p, q, side)).enter != NONE:
+            code_next = int(OUTCODE)
+            if place != NONE:
+                code_next = link_at(s, place) & OUTCODE
+            bits = first_bits(code_next)
+    elif outcode(q, side) == 0 and not (output_point(f, p) == output_point(f, q)):
+        bits = bits | STEP
+    set_link(s, i, (own & ~COURSE) | bits)
+    return bits

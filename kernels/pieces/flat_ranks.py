@@ -14,7 +14,20 @@ from ..section.half_edges import Surface
 from ..section.pieces import CLOSED, ContourPieces, section_of, start_of, store_piece
 from ..section.segment_clipping import NONE
 from ..section.triangle_walk import link_of, load_vec4
-from .flat_links import ASTRAY, FIRST, INSIDE, LAST, LOOP, STEP, link_crossing, next_of, place_crossing, sides_of
+from .flat_links import (
+    ASKS,
+    ASTRAY,
+    FIRST,
+    INSIDE,
+    LAST,
+    LOOP,
+    STEP,
+    link_by_points,
+    link_crossing,
+    next_of,
+    place_crossing,
+    sides_of,
+)
 from .lane_space import (
     LaneSpace,
     begin_at,
@@ -30,6 +43,7 @@ from .lane_space import (
 from .row_block import RANKS, STORED, RowBlock, note_lacking
 
 RANK_MOST = wp.constant(0x7FFFFFFF)
+TURNS_MOST = wp.constant(31)  # bits of a word
 
 
 @wp.func
@@ -197,8 +211,6 @@ def take_slots(block: RowBlock, pieces: ContourPieces, group: int, row: int):
 @wp.func
 def store_ranked(
     surface: Surface,
-    f: Frame,
-    side: wp.vec2d,
     s: LaneSpace,
     i: int,
     group: int,
@@ -206,7 +218,7 @@ def store_ranked(
     stored: wp.array[wp.int64],
     pieces: ContourPieces,
 ):
-    """Store the piece or the loop that ends with a crossing, if any; stored: `RowBlock.stored`."""
+    """Store the piece or the loop that ends with a crossing, if any, but for its sides; stored: `RowBlock.stored`."""
     link = link_at(s, i)
     is_loop = (link & LOOP) != 0
     first = int(0)
@@ -228,9 +240,18 @@ def store_ranked(
     if is_loop:
         store_piece(pieces, row, slot, half, half, NONE, NONE, count, CLOSED + surface.rank[half], 1)
     else:
-        out = half_at(s, i)
-        sides = sides_of(surface, f, side, half, out)
-        store_piece(pieces, row, slot, half, out, sides[0], sides[1], count, half, 0)
+        store_piece(pieces, row, slot, half, half_at(s, i), NONE, NONE, count, half, 0)
+
+
+@wp.func
+def store_sides(surface: Surface, f: Frame, side: wp.vec2d, row: int, pieces: ContourPieces, lane: int, lanes: int):
+    """Store the sides by which the open pieces of a row enter and leave: they are few, and a lane's own piece each."""
+    slot = int(lane)
+    while slot < pieces.count[row]:
+        own = start_of(pieces, row) + wp.int64(slot) * pieces.stride
+        if pieces.key[own] < CLOSED:
+            pieces.side[own] = sides_of(surface, f, side, pieces.half[own], pieces.out[own])
+        slot += lanes
 
 
 @wp.func
@@ -245,6 +266,35 @@ def list_step(s: LaneSpace, start: wp.int64, i: int, listed: wp.array[wp.int32])
 
 
 @wp.func
+def complete_links(surface: Surface, f: Frame, side: wp.vec2d, s: LaneSpace, count: int, lane: int, lanes: int):
+    """Complete the links of a lane's crossings; returns how many of them open pieces begin with."""
+    firsts = int(0)
+    first = int(lane)
+    while first < count:
+        asking = int(0)  # bits of turns whose crossing asks for points: few do, so a lane looks at its own afterwards
+        turn = int(0)
+        i = first
+        while i < count and turn < TURNS_MOST:
+            bits = link_crossing(s, i)
+            if (bits & ASKS) != 0:
+                asking = asking | (1 << turn)
+            elif (bits & FIRST) != 0:
+                firsts += 1
+            i += lanes
+            turn += 1
+        turn = int(0)
+        while asking != 0:
+            while asking & 1 == 0:
+                asking = asking >> 1
+                turn += 1
+            if (link_by_points(surface, f, side, s, first + turn * lanes) & FIRST) != 0:
+                firsts += 1
+            asking = asking & ~1
+        first = i
+    return firsts
+
+
+@wp.func
 def link_crossings(
     surface: Surface,
     f: Frame,
@@ -256,18 +306,16 @@ def link_crossings(
     lane: int,
     lanes: int,
 ):
-    """Link all crossings of a section, and count its open pieces by their first crossings in `stored`."""
+    """Link all crossings of a section, and count its open pieces in `stored`."""
     g = coarse_frame(f, side, surface.reach)
     i = int(lane)
     while i < count:
         place_crossing(surface, f, g, side, s, count, i)
         i += lanes
     sync_lanes()
-    i = lane
-    while i < count:
-        if link_crossing(surface, f, side, s, i):
-            wp.atomic_add(stored, group, packed(1, 0))
-        i += lanes
+    firsts = complete_links(surface, f, side, s, count, lane, lanes)
+    if firsts != 0:
+        wp.atomic_add(stored, group, packed(firsts, 0))
     sync_lanes()
 
 
@@ -302,13 +350,14 @@ def rank_row(
     if pieces.count[row] > 0:
         i = lane
         while i < count:
-            store_ranked(surface, f, side, s, i, group, row, block.stored, pieces)
+            store_ranked(surface, s, i, group, row, block.stored, pieces)
             i += lanes
         sync_lanes()
         i = lane
         while i < count:
             list_step(s, start, i, pieces.listed)
             i += lanes
+        store_sides(surface, f, side, row, pieces, lane, lanes)
 
 
 @wp.func

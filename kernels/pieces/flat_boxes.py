@@ -15,7 +15,6 @@ from ..offsets import BLOCK
 from ..patch import EXACT, Coarse, Frame, coarse_frame, to_float64
 from ..section.edge_pairing import OPEN
 from ..section.half_edges import LEAF, LEAF_BITS, Surface
-from ..section.rough_walk import held, held_vec3
 from ..section.tree_search import Window, down_half
 from ..section.triangle_walk import load_vec4, vertex_of
 
@@ -159,25 +158,21 @@ def packed_frame(surface: Surface, g: Coarse, w: Window):
     unsure = scale * 2.0 * g.unsure
     margin = 2.0 * unsure + ROUNDING
     p = PackedFrame()
-    p.n = held_vec3(g.n)
-    p.u = held_vec3(g.u)
-    p.v = held_vec3(g.v)
-    p.middle = held_vec3(
-        wp.vec3(
-            middle_of(g.n, origin, 0.0, 0.0),
-            middle_of(g.u, origin, low[0], high[0]),
-            middle_of(g.v, origin, low[1], high[1]),
-        )
+    p.n = g.n
+    p.u = g.u
+    p.v = g.v
+    p.middle = wp.vec3(
+        middle_of(g.n, origin, 0.0, 0.0),
+        middle_of(g.u, origin, low[0], high[0]),
+        middle_of(g.v, origin, low[1], high[1]),
     )
-    p.reach = held_vec3(
-        wp.vec3(
-            reach_of(g.n, margin, 0.0, 0.0),
-            reach_of(g.u, margin, low[0], high[0]),
-            reach_of(g.v, margin, low[1], high[1]),
-        )
+    p.reach = wp.vec3(
+        reach_of(g.n, margin, 0.0, 0.0),
+        reach_of(g.u, margin, low[0], high[0]),
+        reach_of(g.v, margin, low[1], high[1]),
     )
-    p.height = held(-wp.dot(g.n, origin))
-    p.unsure = held(unsure + 0.25 * ROUNDING)
+    p.height = -wp.dot(g.n, origin)
+    p.unsure = unsure + 0.25 * ROUNDING
     return p
 
 

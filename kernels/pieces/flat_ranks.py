@@ -1,9 +1,9 @@
 """Pieces from linked crossings: the lanes of a group rank the crossings of one section along their chains.
 
 Ranks come from pointer jumping: each crossing knows one that comes before it in its chain, and how many steps of
-non-zero length lie between. A round replaces that crossing by the one which it knows itself. So after log2(n) rounds
-every crossing of a chain of n knows the chain's first one. A loop inside the patch has no first crossing: rounds that
-pass on the lowest rank find it, and then the loop is ranked as a chain from there.
+non-zero length lie between. A jump replaces that crossing by the one which it knows itself. So every crossing of a
+chain of n knows the chain's first one after log4(n) rounds of three jumps. A loop inside the patch has no first
+crossing: rounds that pass on the lowest rank find it, and then the loop is ranked as a chain from there.
 """
 
 import warp as wp
@@ -43,6 +43,7 @@ from .lane_space import (
 from .row_block import RANKS, STORED, RowBlock, note_lacking
 
 RANK_MOST = wp.constant(0x7FFFFFFF)
+JUMPS = wp.constant(3)  # of a round
 TURNS_MOST = wp.constant(31)  # bits of a word
 
 
@@ -92,7 +93,8 @@ def begin_ranks(s: LaneSpace, count: int, lane: int, lanes: int):
 def jump(s: LaneSpace, count: int, lane: int, lanes: int):
     """Rounds of pointer jumping, until all crossings of chains know the first one of theirs.
 
-    A lane may read what another has written in the same round already: that is as true as what it has replaced.
+    A round makes JUMPS jumps, which then reach 1 + JUMPS times as far: lanes wait for each other after fewer rounds. A
+    lane may read what another has written in the same round already: that is as true as what it has replaced.
     """
     span = int(1)
     while span < count:
@@ -101,14 +103,18 @@ def jump(s: LaneSpace, count: int, lane: int, lanes: int):
         while i < count:
             own = state_at(s, i)
             known = high_of(own)
-            further = state_at(s, known)
-            if high_of(further) != known:
-                set_state(s, i, packed(high_of(further), (low_of(own) + low_of(further)) & RANK_MOST))
+            steps = low_of(own)
+            for _ in range(JUMPS):
+                further = state_at(s, known)
+                known = high_of(further)
+                steps = (steps + low_of(further)) & RANK_MOST
+            if known != high_of(own):
+                set_state(s, i, packed(known, steps))
                 changed = True
             i += lanes
         if not any_lane(changed):
             break
-        span = 2 * span
+        span = (1 + JUMPS) * span
 
 
 @wp.func

@@ -17,7 +17,7 @@ from ..section.half_edges import Surface
 from ..section.pieces import ContourPieces, section_of
 from ..section.tree_search import corner_window, patch_window, tree_pieces
 from .few_crossings import rank_few_crossings
-from .flat_boxes import pack_boxes, packed_frame
+from .flat_boxes import PackedFrame, pack_boxes, packed_frame
 from .flat_crossings import list_crossings, list_leaves, winding_of_lane
 from .flat_links import CROSSINGS_MOST
 from .lane_space import NEAR_FEW, far_space, half_at, warp_space
@@ -27,6 +27,8 @@ from .row_block import (
     LISTED,
     LISTS,
     NO_SPACE,
+    OF_CORNER,
+    OF_PATCH,
     SPACE,
     WINDINGS,
     FlatSize,
@@ -51,15 +53,24 @@ SPACELESS = wp.constant(1 << 28)  # number of crossings of a warp that had no sp
 @wp.kernel
 def _write_frames(
     # In:
+    surface: Surface,
     pose: wp.array2d[wp.transform],
     patch: wp.array[Patch],
+    bounded: int,
     # Out:
     pieces: ContourPieces,
+    window: wp.array2d[PackedFrame],  # `RowBlock.window`
 ):
-    """Frame of each row's patch, and the winding number around its corner 0 of a solid that is elsewhere."""
+    """Frame of each row's patch, its windows, and the winding number around its corner 0 of a solid elsewhere."""
     row = wp.tid()
-    pieces.frame[row] = section_frame(pose, patch, section_of(pieces, row))
+    section = section_of(pieces, row)
+    f = section_frame(pose, patch, section)
+    g = coarse_frame(f, half_extents(patch[section % patch.shape[0]], bounded), surface.reach)
+    pieces.frame[row] = f
     pieces.winding[row] = 0
+    window[OF_PATCH, row] = packed_frame(surface, g, patch_window(g))
+    if window.shape[0] > OF_CORNER:
+        window[OF_CORNER, row] = packed_frame(surface, g, corner_window(g))
 
 
 @wp.kernel(launch_bounds=(BLOCK, 10))
@@ -79,11 +90,10 @@ def _count_windings(
     s = warp_space(group, warp)
     row = take_row(block.numbers, WINDINGS, lane)
     while row < pieces.frame.shape[0]:
-        side = patch[section_of(pieces, row) % patch.shape[0]].half
-        g = coarse_frame(pieces.frame[row], side, surface.reach)
-        p = packed_frame(surface, g, corner_window(g))
+        p = block.window[OF_CORNER, row]
         leaves = list_leaves(surface, p, group, s, lane, warp)
         if leaves.needed <= s.most:
+            side = patch[section_of(pieces, row) % patch.shape[0]].half
             winding = winding_of_lane(surface, pieces.frame, row, p, side, leaves, warp)
             if winding != 0:
                 wp.atomic_add(pieces.winding, row, winding)
@@ -110,8 +120,6 @@ def place_list(block: RowBlock, pieces: ContourPieces, row: int, count: int):
 def _list_crossings(
     # In:
     surface: Surface,
-    patch: wp.array[Patch],
-    bounded: int,
     lanes: int,  # of a group
     # Out:
     block: RowBlock,
@@ -124,9 +132,7 @@ def _list_crossings(
     s = warp_space(group, warp)
     row = take_row(block.numbers, LISTS, lane)
     while row < pieces.frame.shape[0]:
-        side = half_extents(patch[section_of(pieces, row) % patch.shape[0]], bounded)
-        g = coarse_frame(pieces.frame[row], side, surface.reach)
-        p = packed_frame(surface, g, patch_window(g))
+        p = block.window[OF_PATCH, row]
         leaves = list_leaves(surface, p, group, s, lane, warp)
         count = int(0)
         if leaves.needed <= s.most:
@@ -205,13 +211,15 @@ def _launch_block(work: FlatWork, rows: range, section: wp.array | None, size: F
     device, lanes = pose.device, lane_count(pose.device)
     launch = partial(wp.launch, device=device, block_dim=BLOCK)
     pieces = framed_rows(rows, section, device)
-    launch(_write_frames, len(rows), inputs=[pose, patch], outputs=[pieces])
+    window = wp.empty((1 + int(closes), len(rows)), dtype=PackedFrame, device=device)
+    launch(_write_frames, len(rows), inputs=[surface, pose, patch, int(bounded)], outputs=[pieces, window])
     block = room_for_groups_of(len(rows), size, device)
+    block.window = window
     threads = block.stored.shape[0] * lanes
     if closes:
         launch(_count_windings, threads, inputs=[surface, patch, lanes], outputs=[block, pieces])
     add_lists(block, pieces, len(rows), size, device)
-    launch(_list_crossings, threads, inputs=[surface, patch, int(bounded), lanes], outputs=[block, pieces])
+    launch(_list_crossings, threads, inputs=[surface, lanes], outputs=[block, pieces])
     add_slots(pieces, len(rows), size, device)
     rank = rank_few_crossings if size.listed <= FEW else rank_many_crossings
     rank(surface, patch, block, bounded=bounded, pieces=pieces)

@@ -7,6 +7,7 @@ import warp as wp
 from ..lanes import group_count
 from ..patch import Frame
 from ..section.pieces import ContourPieces, section_of
+from .flat_boxes import PackedFrame
 from .flat_links import CROSSINGS_MOST
 from .lane_space import WORDS, FarSpace, room_for_groups
 
@@ -17,12 +18,13 @@ SHARE = 1.15  # of what the block before suggests
 SLOTS_FIRST = 3.0  # pieces of a row, mean
 SLOTS_LEAST = 64  # of a block
 SPACE_BYTES = 2**29  # of all groups
-TAKEN = wp.constant(0)  # numbers of a block: rows that groups took, by kernel
-WINDINGS, LISTS, RANKS = (wp.constant(kernel) for kernel in range(3))
+OF_PATCH, OF_CORNER = wp.constant(0), wp.constant(1)  # windows of a row: `patch_window`, `corner_window`
+WINDINGS, LISTS, RANKS = (wp.constant(kernel) for kernel in range(3))  # numbers of a block: rows that a kernel took
 SPACE = wp.constant(3)  # crossings for which a section needs more room than it has; 0 if none does
 LISTED = wp.constant(4)  # half-edges listed
 STORED = wp.constant(5)  # pieces stored
 LACKING = wp.constant(6)  # rows without room
+NUMBERS = 7
 NO_SPACE = wp.constant(-(1 << 30))  # added to the winding number of a row by each warp whose boxes found no space
 
 
@@ -64,11 +66,12 @@ class FlatSize(NamedTuple):
 class RowBlock:
     """What the groups share that search a block of rows, and their memory."""
 
+    window: wp.array2d[PackedFrame]  # of each row, by OF_PATCH and, if contours are closed, OF_CORNER
     far: FarSpace
     count: wp.array[wp.int32]  # crossings of each row, 0 where there was no room
     stored: wp.array[wp.int64]  # pieces << 32 | steps of non-zero length, of each group's row so far
     lacking: wp.array[wp.int32]  # sections of rows without room, in any order
-    numbers: wp.array[wp.int64]  # by TAKEN, SPACE, LISTED, STORED, LACKING, zero-initialised
+    numbers: wp.array[wp.int64]  # by WINDINGS to LACKING, zero-initialised, shape [NUMBERS]
 
 
 @wp.func
@@ -96,7 +99,7 @@ def room_for_groups_of(rows: int, size: FlatSize, device: Any) -> Any:
     block = RowBlock()
     block.far = room_for_groups(groups, size.space, device)
     block.stored = wp.empty(groups, dtype=wp.int64, device=device)
-    block.numbers = wp.zeros(7, dtype=wp.int64, device=device)
+    block.numbers = wp.zeros(NUMBERS, dtype=wp.int64, device=device)
     return block
 
 

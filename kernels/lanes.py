@@ -73,7 +73,7 @@ def sync_warp():
 
 LOWER = """
     unsigned int lower;  // bits of the lanes below this one
-    asm("mov.u32 %0, %lanemask_lt;" : "=r"(lower));
+    asm("mov.u32 %0, %%lanemask_lt;" : "=r"(lower));
 """
 
 

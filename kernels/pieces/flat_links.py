@@ -40,19 +40,20 @@ def next_of(link: int):
 
 
 @wp.func
-def place_of(s: LaneSpace, count: int, half: int):
-    """Place of the crossing of the half-edge's triangle in a section's list; NONE if it is not listed."""
-    low = int(0)
-    high = int(count)
-    while low < high:
-        middle = (low + high) >> 1
-        if half_at(s, middle) < half:
-            low = middle + 1
-        else:
-            high = middle
-    if low < count:
-        if half_at(s, low) == half:
-            return low
+def place_of(s: LaneSpace, count: int, half: int, stride: int):
+    """Place of the crossing of the half-edge's triangle in a section's list; NONE if it is not listed.
+
+    stride: a power of 2 of which twice is more than the count. All lanes take as many steps.
+    """
+    place = int(0)  # so many half-edges are lower, at least
+    step = int(stride)
+    while step > 0:
+        probe = wp.min(place + step, count)
+        place = wp.where(half_at(s, probe - 1) < half, probe, place)
+        step = step >> 1
+    if place < count:
+        if half_at(s, place) == half:
+            return place
     return NONE
 
 
@@ -73,8 +74,13 @@ def point_at(s: LaneSpace, i: int):
 
 
 @wp.func
-def place_crossing(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, s: LaneSpace, count: int, i: int):
-    """Compute a crossing's output point, outcode and the place of the next crossing, before crossings are linked."""
+def place_crossing(
+    surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, s: LaneSpace, count: int, stride: int, i: int
+):
+    """Compute a crossing's output point, outcode and the place of the next crossing, before crossings are linked.
+
+    stride: see `place_of`.
+    """
     half = half_at(s, i)
     p = point_of(f, crossing_at(surface, f, half), side)
     bits = outcode(p, side)
@@ -87,7 +93,7 @@ def place_crossing(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, s: Lan
     if following == OPEN:
         bits = bits | TO_OPEN
     else:
-        place = place_of(s, count, following >> 1)
+        place = place_of(s, count, following >> 1, stride)
     set_point(s, i, output_point(f, p))
     set_link(s, i, ((place + 1) << PLACE) | bits)
 

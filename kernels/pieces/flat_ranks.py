@@ -86,7 +86,6 @@ def begin_ranks(s: LaneSpace, count: int, lane: int, lanes: int):
         if (link & FIRST) == 0 and high_of(state_at(s, i)) == i:
             set_link(s, i, link | ASTRAY)
         i += lanes
-    sync_lanes()
 
 
 @wp.func
@@ -314,9 +313,12 @@ def link_crossings(
 ):
     """Link all crossings of a section, and count its open pieces in `stored`."""
     g = coarse_frame(f, side, surface.reach)
+    stride = int(1)
+    while 2 * stride <= count:
+        stride = 2 * stride
     i = int(lane)
     while i < count:
-        place_crossing(surface, f, g, side, s, count, i)
+        place_crossing(surface, f, g, side, s, count, stride, i)
         i += lanes
     sync_lanes()
     firsts = complete_links(surface, f, side, s, count, lane, lanes)

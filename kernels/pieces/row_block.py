@@ -42,9 +42,12 @@ class FlatSize(NamedTuple):
 
     @classmethod
     def for_surface(cls, face_count: int, bounded: bool) -> "FlatSize":
-        """Capacities for planes through a round body: one through its middle crosses 2.6 sqrt(face_count) faces."""
+        """Capacities for planes through a round body: one through its middle crosses 2.6 sqrt(face_count) faces.
+
+        Each warp has its share of the space, and not all have equal numbers of crossings.
+        """
         root, share = face_count**0.5, 1.0 if bounded else 2.0
-        return cls(int(max(256.0, (2.0 + 2.0 * share) * root)), 16.0 + share * root, LISTED_FIRST)
+        return cls(int(max(512.0, (4.0 + 2.0 * share) * root)), 16.0 + share * root, LISTED_FIRST)
 
     def rows(self) -> int:
         """Rows of a block."""

@@ -107,21 +107,24 @@ def _draw_listed(
 ):
     """Write the points of the listed crossings of each row's polylines."""
     row = wp.tid() // lanes
+    lane = wp.tid() - row * lanes
     while row < entries.count.shape[0]:
         count = entries.count[row] & (BOUNDARY - 1)
         if count > 0:
             f = pieces.frame[row]
             side = half_extents(patch[section_of(pieces, row) % patch.shape[0]], bounded)
             base = start_of(pieces, row)
+            row_start = pieces.row_start[row]
             for e in range(count):
                 slot = base + wp.int64(entries.entry[base + wp.int64(e) * pieces.stride] & SLOT) * pieces.stride
-                begin = pieces.row_start[row] + wp.int64(pieces.begin[slot])
+                begin = row_start + wp.int64(pieces.begin[slot])
+                place = pieces.place[slot]
                 steps = pieces.steps[slot] // 2
-                k = wp.tid() % lanes
+                k = int(lane)
                 while k < steps:
                     half = pieces.listed[begin + wp.int64(k)]
                     x = output_point(f, point_of(f, crossing_at(surface, f, half), side))
-                    points[pieces.place[slot] + wp.int64(k)] = x
+                    points[place + wp.int64(k)] = x
                     k += lanes
         row += groups
 

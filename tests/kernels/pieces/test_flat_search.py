@@ -106,9 +106,10 @@ def assert_found(surface, poses, patch, strategy, size):
     return blocks, again
 
 
-def test_each_row_takes_as_many_slots_as_it_has_pieces(device):
+@pytest.mark.parametrize("listed", [400.0, 600.0], ids=["few lanes", "many lanes"])
+def test_each_row_takes_as_many_slots_as_it_has_pieces(listed, device):
     surface, patch = surface_on(comb(), device), patch_array([0.0425, 0.0425], device)
-    (pieces,), again = assert_found(surface, generic_poses(200, 8), patch, "oc", FlatSize(4000, 400.0, 2**20, 20.0))
+    (pieces,), again = assert_found(surface, generic_poses(200, 8), patch, "oc", FlatSize(4000, listed, 2**20, 20.0))
     count, start = pieces.count.numpy(), pieces.start.numpy()
     assert not again
     assert count.max() > SLOTS

@@ -37,7 +37,7 @@ def rank_few_crossings(surface: Any, patch: wp.array, block: Any, *, bounded: bo
     lanes = lane_count(patch.device)
     wp.launch(
         _rank_few_crossings,
-        block.stored.shape[0] * lanes,
+        block.groups * lanes,
         inputs=[surface, patch, int(bounded), lanes],
         outputs=[block, pieces],
         device=patch.device,

@@ -215,12 +215,12 @@ def _launch_block(work: FlatWork, rows: range, section: wp.array | None, size: F
     launch(_write_frames, len(rows), inputs=[surface, pose, patch, int(bounded)], outputs=[pieces, window])
     block = room_for_groups_of(len(rows), size, device)
     block.window = window
-    threads = block.stored.shape[0] * lanes
+    threads = block.groups * lanes
     if closes:
         launch(_count_windings, threads, inputs=[surface, patch, lanes], outputs=[block, pieces])
     add_lists(block, pieces, len(rows), size, device)
     launch(_list_crossings, threads, inputs=[surface, lanes], outputs=[block, pieces])
-    add_slots(pieces, len(rows), size, device)
+    add_slots(block, pieces, len(rows), size, device)
     rank = rank_few_crossings if size.listed <= FEW else rank_many_crossings
     rank(surface, patch, block, bounded=bounded, pieces=pieces)
     return pieces, block

@@ -41,7 +41,7 @@ def rank_many_crossings(surface: Any, patch: wp.array, block: Any, *, bounded: b
     lanes = 1 if patch.device.is_cpu else BLOCK
     wp.launch(
         _rank_many_crossings,
-        block.stored.shape[0] * lanes,
+        block.groups * lanes,
         inputs=[surface, patch, int(bounded), lanes],
         outputs=[block, pieces],
         device=patch.device,

@@ -70,6 +70,7 @@ class RowBlock:
     """What the groups share that search a block of rows, and their memory."""
 
     window: wp.array2d[PackedFrame]  # of each row, by OF_PATCH and, if contours are closed, OF_CORNER
+    groups: int
     far: FarSpace
     count: wp.array[wp.int32]  # crossings of each row, 0 where there was no room
     stored: wp.array[wp.int64]  # pieces << 32 | steps of non-zero length, of each group's row so far
@@ -97,11 +98,10 @@ def framed_rows(rows: range, section: wp.array | None, device: Any) -> Any:
 
 
 def room_for_groups_of(rows: int, size: FlatSize, device: Any) -> Any:
-    """RowBlock for as many groups as work at once, but for the arrays that `add_lists` adds."""
-    groups = min(group_count(device, rows), max(1, SPACE_BYTES // (4 * WORDS * size.space)))
+    """RowBlock for as many groups as work at once, but for the arrays that `add_lists` and `add_slots` add."""
     block = RowBlock()
-    block.far = room_for_groups(groups, size.space, device)
-    block.stored = wp.empty(groups, dtype=wp.int64, device=device)
+    block.groups = min(group_count(device, rows), max(1, SPACE_BYTES // (4 * WORDS * size.space)))
+    block.far = room_for_groups(block.groups, size.space, device)
     block.numbers = wp.zeros(NUMBERS, dtype=wp.int64, device=device)
     return block
 
@@ -115,8 +115,9 @@ def add_lists(block: Any, pieces: Any, rows: int, size: FlatSize, device: Any) -
     block.lacking = wp.empty(rows, dtype=wp.int32, device=device)
 
 
-def add_slots(pieces: Any, rows: int, size: FlatSize, device: Any) -> None:
+def add_slots(block: Any, pieces: Any, rows: int, size: FlatSize, device: Any) -> None:
     """Add slots for the pieces of rows; each row takes as many as it needs."""
+    block.stored = wp.empty(block.groups, dtype=wp.int64, device=device)
     slots = int(rows * size.slots) + SLOTS_LEAST
     pieces.count = pieces.room = wp.empty(rows, dtype=wp.int32, device=device)
     pieces.start = wp.empty(rows, dtype=wp.int64, device=device)

@@ -15,6 +15,7 @@ import warp as wp
 from ..patch import require_section_poses
 from ..section.pieces import room_for_excess, room_for_sections
 from ..section.scan_search import scan_search_pieces
+from ..section.step_lists import room_for_steps
 from ..section.tree_search import tree_search_pieces
 from .flat_search import CrossingLimitError, flat_search_pieces
 
@@ -62,7 +63,10 @@ def find_pieces(
 
 def _scanned_pieces(surface: Any, pose: wp.array, patch: wp.array, *, bounded: bool) -> list:
     """`find_pieces` by the scan search."""
-    found = [room_for_sections(pose.shape[0] * patch.shape[0], pose.device)]
+    row_count = pose.shape[0] * patch.shape[0]
+    found = [room_for_sections(row_count, pose.device)]
+    faces = surface.corner.shape[0] // 3
+    found[0].lists = room_for_steps(row_count, faces, bounded=bounded, device=pose.device)
     needed = scan_search_pieces(surface, pose, patch, found[0], bounded=bounded)
     if found[0].excess.numpy()[0] > 0:
         found.append(room_for_excess(found[0], pose.device))

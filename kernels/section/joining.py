@@ -8,7 +8,7 @@ import warp as wp
 from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
 from ..patch import EXACT, Frame, Patch, corner, outcode, output_point, section_frame
 from .half_edges import Surface
-from .pieces import CLOSED, ContourPieces, room_of, section_of, start_of
+from .pieces import CLOSED, ContourPieces, end_side, enter_side, is_listed, leave_side, room_of, section_of, start_of
 from .segment_clipping import NONE, side_point, side_position
 from .triangle_walk import crossing_after, crossing_at, point_of
 
@@ -18,7 +18,9 @@ BY_KEY = wp.constant(2)  # an order of pieces; 0 and 1: by where they enter, lea
 BEGIN = wp.constant(1 << 24)  # in an entry: a polyline begins with this piece
 CORNERS = wp.constant(25)  # bits above it: how many corners of the patch follow the piece
 SLOT = wp.constant((1 << 24) - 1)  # bits of the piece's slot
-BOUNDARY = wp.constant(1 << 30)  # in a row's entry count: the patch's whole boundary follows as a polyline
+COUNT = wp.constant((1 << 29) - 1)  # bits of a row's number of entries
+WALKED = wp.constant(1 << 29)  # above them: not all points are those that steps, sides and corners have in general
+BOUNDARY = wp.constant(1 << 30)  # above them: the patch's whole boundary follows as a polyline
 
 
 @wp.struct
@@ -26,7 +28,7 @@ class Entries:
     """Pieces in the order in which they are drawn; a row's entry e stands where its slot e does."""
 
     entry: wp.array[wp.int32]  # slot, BEGIN, corners << CORNERS
-    count: wp.array[wp.int32]  # entries, BOUNDARY; shape [row]
+    count: wp.array[wp.int32]  # entries, WALKED, BOUNDARY; shape [row]
     polylines: wp.array[wp.int64]  # of each section, shape [section + 1], the last one stays 0
     points: wp.array[wp.int64]
 
@@ -52,21 +54,23 @@ def place_ends(surface: Surface, f: Frame, half: wp.vec2d, pieces: ContourPieces
     position = wp.vec2d()
     steps = pieces.steps[i] // 2
     x = wp.vec3()
-    if side[0] != NONE:
+    enter = enter_side(side)
+    leave = leave_side(side)
+    if enter != NONE:
         c = crossing_at(surface, f, pieces.half[i])
         q = point_of(f, crossing_after(surface, f, c), half)
-        p = side_point(side[0], point_of(f, c, half), q, half)
+        p = side_point(enter, point_of(f, c, half), q, half)
         x = output_point(f, p)
-        position[0] = side_position(side[0], p)
+        position[0] = side_position(enter, p)
         ends.first[i] = x
         if outcode(q, half) == 0 and not (x == output_point(f, q)):
             steps += 1
-    if side[1] != NONE:
+    if leave != NONE:
         c = crossing_at(surface, f, pieces.out[i])
         p = point_of(f, c, half)
-        q = side_point(side[1], p, point_of(f, crossing_after(surface, f, c), half), half)
+        q = side_point(leave, p, point_of(f, crossing_after(surface, f, c), half), half)
         y = output_point(f, q)
-        position[1] = side_position(side[1], q)
+        position[1] = side_position(leave, q)
         ends.last[i] = y
         if outcode(p, half) == 0:
             x = output_point(f, p)
@@ -77,13 +81,38 @@ def place_ends(surface: Surface, f: Frame, half: wp.vec2d, pieces: ContourPieces
 
 
 @wp.func
+def is_through(pieces: ContourPieces, i: wp.int64):
+    """Whether an open piece enters and leaves with one segment."""
+    side = pieces.side[i]
+    return enter_side(side) != NONE and leave_side(side) != NONE and pieces.half[i] == pieces.out[i]
+
+
+@wp.func
+def steps_most(pieces: ContourPieces, i: wp.int64):
+    """Number of a piece's steps if none at the patch's sides has zero length."""
+    steps = pieces.steps[i] // 2
+    if pieces.key[i] < CLOSED:
+        side = pieces.side[i]
+        steps += wp.where(enter_side(side) != NONE, 1, 0) + wp.where(leave_side(side) != NONE, 1, 0)
+        steps -= wp.where(is_through(pieces, i), 1, 0)
+    return steps
+
+
+@wp.func
+def is_drawable(pieces: ContourPieces, i: wp.int64):
+    """Whether all points of a piece are those of listed steps, of its last crossing and of where it meets sides."""
+    side = pieces.side[i]
+    return is_listed(side) and (pieces.key[i] >= CLOSED or leave_side(side) != NONE)
+
+
+@wp.func
 def comes_before(pieces: ContourPieces, base: wp.int64, one: int, two: int, by: int, ends: PieceEnds):
     """Whether a slot's piece comes before another's: by where they enter or leave, then by key."""
     a = base + wp.int64(one) * pieces.stride
     b = base + wp.int64(two) * pieces.stride
     if by != BY_KEY:
-        side_a = pieces.side[a][by]
-        side_b = pieces.side[b][by]
+        side_a = end_side(pieces.side[a], by)
+        side_b = end_side(pieces.side[b], by)
         if side_a != side_b:
             return side_a < side_b
         if ends.position[a][by] != ends.position[b][by]:
@@ -140,7 +169,7 @@ def match_ends(pieces: ContourPieces, base: wp.int64, count: int, winding: int, 
         leaving = ends.leaving[base + wp.int64(k) * pieces.stride]
         entering = ends.entering[base + wp.int64((k + wp.max(winding, 0)) % n) * pieces.stride]
         own = base + wp.int64(leaving) * pieces.stride
-        gap = pieces.side[base + wp.int64(entering) * pieces.stride][0] - pieces.side[own][1]
+        gap = enter_side(pieces.side[base + wp.int64(entering) * pieces.stride]) - leave_side(pieces.side[own])
         if k + wp.max(winding, 0) >= n:
             gap += 4
         ends.follower[own] = entering
@@ -165,21 +194,25 @@ def joint_steps(f: Frame, half: wp.vec2d, x: wp.vec3, y: wp.vec3, side: int, cor
 
 @wp.func
 def loop_steps(pieces: ContourPieces, base: wp.int64, first: int, f: Frame, half: wp.vec2d, ends: PieceEnds):
-    """Number of steps of non-zero length around the loop of a piece."""
+    """Number of steps of non-zero length around the loop of a piece, and of all steps that its pieces have."""
     own = base + wp.int64(first) * pieces.stride
     steps = ends.steps[own]
-    if pieces.key[own] >= CLOSED or pieces.side[own][1] == NONE or ends.corners[own] == NONE:
-        return steps
+    most = steps_most(pieces, own)
+    if pieces.key[own] >= CLOSED or leave_side(pieces.side[own]) == NONE or ends.corners[own] == NONE:
+        return wp.vec2i(steps, most)
     slot = ends.follower[own]
     while True:
         following = base + wp.int64(slot) * pieces.stride
-        steps += joint_steps(f, half, ends.last[own], ends.first[following], pieces.side[own][1], ends.corners[own])
+        side = leave_side(pieces.side[own])
+        steps += joint_steps(f, half, ends.last[own], ends.first[following], side, ends.corners[own])
+        most += ends.corners[own] + 1
         if slot == first:
             break
         own = following
         steps += ends.steps[own]
+        most += steps_most(pieces, own)
         slot = ends.follower[own]
-    return steps
+    return wp.vec2i(steps, most)
 
 
 @wp.func
@@ -239,15 +272,15 @@ def _join_single_pieces(
         listed = pieces.steps[own] & 1 == 0
         if pieces.key[own] < CLOSED:
             side = pieces.side[own]
-            steps += end_steps(side, pieces.half[own] == pieces.out[own])
+            steps = steps_most(pieces, own)
             if closes == 1:
-                corners = wp.max(side[0] - side[1] + wp.where(inside, 4, 0), 0)
+                corners = wp.max(enter_side(side) - leave_side(side) + wp.where(inside, 4, 0), 0)
                 steps += corners + 1
                 listed = listed or corners == 0  # it may leave where it entered
             inside = False
         if steps > 0:
             entries.entry[own] = BEGIN | (corners << CORNERS)
-            entry = 1
+            entry = 1 | wp.where(is_drawable(pieces, own), 0, WALKED)
             lines = 1
             points = steps + 1
     if inside:
@@ -258,15 +291,6 @@ def _join_single_pieces(
         rest[wp.atomic_add(rest_count, 0, 1)] = row
     else:
         write_row(entries, row, section_of(pieces, row), entry, lines, points)
-
-
-@wp.func
-def end_steps(side: wp.vec2i, through: bool):
-    """Steps of an open piece at the patch's sides; through: it enters and leaves with one segment."""
-    steps = wp.where(side[0] != NONE, 1, 0) + wp.where(side[1] != NONE, 1, 0)
-    if through and steps == 2:
-        return 1
-    return steps
 
 
 @wp.kernel
@@ -293,6 +317,7 @@ def _join_pieces(
     lines = int(0)
     points = int(0)
     entry = int(0)
+    walked = int(0)
     if count <= room_of(pieces, row):  # else it has a row with more room elsewhere
         f = section_frame(pose, patch, section)
         half = patch[section % patch.shape[0]].half
@@ -303,6 +328,8 @@ def _join_pieces(
             ends.steps[own] = pieces.steps[own] // 2
             if pieces.key[own] < CLOSED:
                 place_ends(surface, f, half, pieces, own, ends)
+            if not is_drawable(pieces, own):
+                walked = WALKED
         open_count = int(0)
         if closes == 1:
             open_count = match_ends(pieces, base, count, pieces.winding[row], ends)
@@ -311,14 +338,16 @@ def _join_pieces(
             slot = ends.leaving[base + wp.int64(rank) * pieces.stride]
             if ends.follower[base + wp.int64(slot) * pieces.stride] != NONE:
                 steps = loop_steps(pieces, base, slot, f, half, ends)
-                entry = enter_loop(pieces, base, slot, steps > 0, ends, entries, entry)
-                if steps > 0:
+                entry = enter_loop(pieces, base, slot, steps[0] > 0, ends, entries, entry)
+                if steps[0] > 0:
                     lines += 1
-                    points += steps + 1
+                    points += steps[0] + 1
+                    walked = wp.where(steps[0] == steps[1], walked, WALKED)
         if closes == 1 and open_count == 0 and pieces.winding[row] > 0:
             entry = entry | BOUNDARY
             lines += 1
             points += 5
+        entry = entry | walked
     write_row(entries, row, section, entry, lines, points)
 
 

@@ -17,7 +17,7 @@ WARP = 32  # lanes of a warp on a GPU
 def memory_of_warp(words: int) -> str:
     """Source of a native function that gives the address of so many words of 64 bits for each lane of a warp.
 
-    On a GPU this is shared memory. On a CPU it is the array `own`, a kernel's own of the same number of words.
+    On a GPU this is shared memory. On a CPU it is the array `own`, which has as many words, one launch's alone.
     """
     return f"""
 #ifdef __CUDA_ARCH__
@@ -89,6 +89,31 @@ def half_word_at(address: wp.uint64, i: int) -> int:
 """)
 def set_half_word(address: wp.uint64, i: int, x: int):
     """Write 32 bits number i from an address on."""
+
+
+@wp.func_native("""
+    unsigned int* word = reinterpret_cast<unsigned int*>(address) + k / 32u;
+#ifdef __CUDA_ARCH__
+    atomicOr(word, 1u << (k % 32u));
+#else
+    *word |= 1u << (k % 32u);
+#endif
+""")
+def mark_bit(address: wp.uint64, k: wp.uint32):
+    """Set bit k from an address on."""
+
+
+@wp.func_native("""
+    const unsigned int word = reinterpret_cast<const unsigned int*>(address)[k / 32u];
+    const unsigned int bits = word & (0xffffffffu >> (31u - k % 32u));
+#ifdef __CUDA_ARCH__
+    return __popc(bits);
+#else
+    return __builtin_popcount(bits);
+#endif
+""")
+def bits_to(address: wp.uint64, k: wp.uint32) -> int:
+    """How many bits are set from an address on, of the 32 to which bit k belongs, up to it."""
 
 
 @wp.func_native("""

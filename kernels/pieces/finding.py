@@ -31,6 +31,11 @@ def method_for(surface: Any, device: Any) -> str:
     return "seek" if device.is_cpu else "flat"
 
 
+def lists_steps(device: Any) -> bool:
+    """Whether the scan search lists steps, to draw from them: one thread alone draws faster by walking."""
+    return device.is_cuda
+
+
 def find_pieces(
     surface: Any, pose: wp.array, patch: wp.array, *, bounded: bool, closes: bool, method: str | None = None
 ) -> list:
@@ -65,8 +70,9 @@ def _scanned_pieces(surface: Any, pose: wp.array, patch: wp.array, *, bounded: b
     """`find_pieces` by the scan search."""
     row_count = pose.shape[0] * patch.shape[0]
     found = [room_for_sections(row_count, pose.device)]
-    faces = surface.corner.shape[0] // 3
-    found[0].lists = room_for_steps(row_count, faces, bounded=bounded, device=pose.device)
+    if lists_steps(pose.device):
+        faces = surface.corner.shape[0] // 3
+        found[0].lists = room_for_steps(row_count, faces, bounded=bounded, device=pose.device)
     needed = scan_search_pieces(surface, pose, patch, found[0], bounded=bounded)
     if found[0].excess.numpy()[0] > 0:
         found.append(room_for_excess(found[0], pose.device))

@@ -14,7 +14,7 @@ from ..patch import EXACT, Patch, half_extents, output_point, section_frame
 from ..warps import threads_for
 from .half_edges import Surface
 from .joining import COUNT, SLOT, Entries, Joined
-from .listed_drawing import _draw_listed_rows
+from .listed_drawing import LANE_WORDS, _draw_listed_rows
 from .pieces import ContourPieces, section_of, start_of
 from .row_walker import LineArrays, PolylineWriter, draw_row, draw_row_ends
 from .triangle_walk import crossing_at, point_of
@@ -205,8 +205,9 @@ def draw_listed_rows(
     rest = [wp.empty(row_count, dtype=wp.int32, device=device), wp.zeros(1, dtype=wp.int32, device=device)]
     inputs = [surface, pose, patch, pieces, entries, int(bounded), int(closes)]
     inputs += [joined.section_start, joined.point_start]
+    own = [wp.empty(size, dtype=wp.int64, device=device) for size in LANE_WORDS]
     launch = partial(wp.launch, device=device, block_dim=BLOCK)
-    launch(_draw_listed_rows, threads_for(device, row_count), inputs=inputs, outputs=[lines, *rest])
+    launch(_draw_listed_rows, threads_for(device, row_count), inputs=inputs, outputs=[*own, lines, *rest])
     launch(_draw_rest, row_count, inputs=[*inputs, *rest], outputs=[lines])
 
 

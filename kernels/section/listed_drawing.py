@@ -7,12 +7,15 @@ by walking.
 
 import warp as wp
 
+from ..offsets import BLOCK
 from ..patch import EXACT, Frame, Patch, corner, half_extents, output_point, section_frame
 from ..warps import (
+    bits_to,
     half_word_at,
     lane_of_warp,
     lanes_of_warp,
     long_at,
+    mark_bit,
     memory_of_warp,
     set_half_word,
     set_long,
@@ -31,15 +34,18 @@ from .triangle_walk import crossing_after, crossing_at, point_of
 
 wp.set_module_options(EXACT)
 
-# A piece in the warp's memory is 32 bits: number of its first crossing among those of the warp, and its lane << LANE |
-# slot << SLOT_AT; and 32 more: places of its first crossing and of its polyline's last point, if that repeats where the
-# piece enters, << CLOSING, among the points of its row.
+# A piece in the warp's memory is 32 bits: number of its first crossing among those of the warp | its lane << LANE | its
+# slot << SLOT_AT | THROUGH; and 32 more: places of its first crossing and, << CLOSING, of its polyline's last point, if
+# that repeats where the piece enters, among the points of its row.
 NUMBER = wp.constant((1 << 16) - 1)
 LANE = wp.constant(16)
 SLOT_AT = wp.constant(21)
+THROUGH = wp.constant(1 << 24)  # it has no crossing inside, but a number for one
 CLOSING = wp.constant(16)
+BIT_WORDS = wp.constant(3)  # of a row: a bit for each of its crossings
 PLANE_WORDS = wp.constant(17)  # of a row: its frame, half extents, where its points begin; an odd number, so that lanes
 # which read different rows seldom wait for each other
+LANE_WORDS = (SLOTS, int(PLANE_WORDS), int(BIT_WORDS))  # of the three memories
 
 
 @wp.func_native(memory_of_warp(SLOTS))
@@ -47,9 +53,23 @@ def piece_memory(own: wp.array[wp.int64]) -> wp.uint64:
     """Address of the warp's pieces."""
 
 
+@wp.func_native(memory_of_warp(int(BIT_WORDS)))
+def bit_memory(own: wp.array[wp.int64]) -> wp.uint64:
+    """Address of bits of the warp's crossings: 1 for the first one of each piece."""
+
+
 @wp.func_native(memory_of_warp(int(PLANE_WORDS)))
 def plane_memory(own: wp.array[wp.int64]) -> wp.uint64:
     """Address of the warp's planes."""
+
+
+@wp.struct
+class WarpMemory:
+    """Memory of a warp."""
+
+    pieces: wp.uint64
+    planes: wp.uint64
+    bits: wp.uint64
 
 
 @wp.struct
@@ -59,6 +79,13 @@ class RowPlane:
     f: Frame
     side: wp.vec2d  # half extents of the patch [m]
     start: wp.int64  # of the row's points among all
+
+
+@wp.func_native("""
+    points.data[i] = x;
+""")
+def write_point(points: wp.array[wp.vec3], i: wp.int64, x: wp.vec3):
+    """Write point i."""
 
 
 @wp.func
@@ -92,9 +119,15 @@ def plane_of(memory: wp.uint64, lane: int):
 
 
 @wp.func
-def crossing_count(pieces: ContourPieces, i: wp.int64):
-    """Number of points of a piece that are crossings: its listed ones, and the last one unless it has none inside."""
-    return pieces.steps[i] // 2 + wp.where(is_through(pieces, i), 0, 1)
+def slot_of(piece: int):
+    """The slot of a piece in the warp's memory."""
+    return (piece >> SLOT_AT) & (SLOTS - 1)
+
+
+@wp.func
+def lane_of(piece: int):
+    """The lane to which it belongs."""
+    return (piece >> LANE) & 31
 
 
 @wp.func
@@ -113,14 +146,14 @@ def place_pieces(
     row: int,
     count: int,
     closes: int,
-    memory: wp.uint64,
+    memory: WarpMemory,
     first: int,
     lines: LineArrays,
     writer: PolylineWriter,
 ):
     """Write a row's polylines and corners, and its pieces to the warp's memory from number `first` on.
 
-    Returns how many of the row's points are crossings.
+    Returns how many numbers its crossings get.
     """
     out = writer
     crossings = int(0)
@@ -131,16 +164,21 @@ def place_pieces(
         slot = code & SLOT
         i = wp.int64(row) + wp.int64(slot) * pieces.stride
         side = pieces.side[i]
+        steps = pieces.steps[i] >> 1
+        through = int(0)
+        if steps == 0:
+            through = wp.where(is_through(pieces, i), THROUGH, 0)
         whole = pieces.key[i] >= CLOSED
         if (code & BEGIN) != 0:
             begin = first + e
             out.i = plane.start + wp.int64(place)
             out = begin_line(lines, out, True, whole or closes == 1)
         place += wp.where(enter_side(side) != NONE, 1, 0)
-        set_half_word(memory, 2 * (first + e), crossings | (lane_of_warp() << LANE) | (slot << SLOT_AT))
-        set_half_word(memory, 2 * (first + e) + 1, place)
-        crossings += crossing_count(pieces, i)
-        place += crossing_count(pieces, i)
+        piece = crossings | (lane_of_warp() << LANE) | (slot << SLOT_AT) | through
+        set_half_word(memory.pieces, 2 * (first + e), piece)
+        set_half_word(memory.pieces, 2 * (first + e) + 1, place)
+        crossings += steps + 1
+        place += steps + wp.where(through != 0, 0, 1)
         if not whole:
             place += 1
             if closes == 1:
@@ -151,8 +189,8 @@ def place_pieces(
                 if not ends:
                     ends = (entries.entry[wp.int64(row) + wp.int64(e + 1) * pieces.stride] & BEGIN) != 0
                 if ends:
-                    own = half_word_at(memory, 2 * begin + 1)
-                    set_half_word(memory, 2 * begin + 1, own | (place << CLOSING))
+                    own = half_word_at(memory.pieces, 2 * begin + 1)
+                    set_half_word(memory.pieces, 2 * begin + 1, own | (place << CLOSING))
                     lines.kind[plane.start + wp.int64(place)] = wp.uint8(HAND)
                     place += 1
     out.i = plane.start + wp.int64(place)
@@ -161,57 +199,42 @@ def place_pieces(
 
 
 @wp.func
-def number_crossings(memory: wp.uint64, first: int, count: int, before: int):
-    """Add the number of crossings of the lanes below to those of a row's pieces."""
+def number_crossings(memory: WarpMemory, first: int, count: int, before: int):
+    """Add the number of crossings of the lanes below to those of a row's pieces, and mark each piece's first one."""
     for j in range(first, first + count):
-        set_half_word(memory, 2 * j, half_word_at(memory, 2 * j) + before)
-
-
-@wp.func
-def piece_with(memory: wp.uint64, count: int, k: int):
-    """Which of so many pieces crossing number k of the warp belongs to."""
-    step = int(1)
-    while 2 * step < count:
-        step = 2 * step
-    found = int(0)
-    while step > 0:
-        if found + step < count:
-            if (half_word_at(memory, 2 * (found + step)) & NUMBER) <= k:
-                found += step
-        step = step >> 1
-    return found
+        piece = half_word_at(memory.pieces, 2 * j) + before
+        set_half_word(memory.pieces, 2 * j, piece)
+        mark_bit(memory.bits, wp.uint32(piece & NUMBER))
 
 
 @wp.func
 def draw_crossings(
-    surface: Surface,
-    pieces: ContourPieces,
-    first_row: int,
-    memory: wp.uint64,
-    planes: wp.uint64,
-    count: int,
-    crossings: int,
-    lines: LineArrays,
+    surface: Surface, pieces: ContourPieces, first_row: int, memory: WarpMemory, crossings: int, lines: LineArrays
 ):
     """Write the crossings of all pieces of a warp."""
     k = lane_of_warp()
+    begun = int(0)  # pieces that begin before the 32 crossings to which k belongs
     while k < crossings:
-        j = piece_with(memory, count, k)
-        piece = half_word_at(memory, 2 * j)
-        lane = (piece >> LANE) & 31
-        row = first_row + lane
-        i = row + (piece >> SLOT_AT) * int(pieces.stride)
-        step = k - (piece & NUMBER)
-        half = int(0)
-        if step < load_int(pieces.steps, i) >> 1:
-            half = listed_step(pieces, row, load_int(pieces.side, i), step)
-        else:
-            half = load_int(pieces.out, i)
-        plane = plane_of(planes, lane)
-        x = output_point(plane.f, point_of(plane.f, crossing_at(surface, plane.f, half), plane.side))
-        place = (half_word_at(memory, 2 * j + 1) & NUMBER) + step
-        lines.points[plane.start + wp.int64(place)] = x
-        k += lanes_of_warp()
+        j = begun + bits_to(memory.bits, wp.uint32(k)) - 1
+        piece = half_word_at(memory.pieces, 2 * j)
+        if (piece & THROUGH) == 0:
+            lane = lane_of(piece)
+            row = first_row + lane
+            i = row + slot_of(piece) * int(pieces.stride)
+            step = k - (piece & NUMBER)
+            half = int(0)
+            if step < load_int(pieces.steps, i) >> 1:
+                half = listed_step(pieces, row, load_int(pieces.side, i), step)
+            else:
+                half = load_int(pieces.out, i)
+            plane = plane_of(memory.planes, lane)
+            x = output_point(plane.f, point_of(plane.f, crossing_at(surface, plane.f, half), plane.side))
+            place = (half_word_at(memory.pieces, 2 * j + 1) & NUMBER) + step
+            write_point(lines.points, plane.start + wp.int64(place), x)
+        following = k + lanes_of_warp()
+        if (k ^ following) >> 5 != 0:
+            begun += bits_to(memory.bits, wp.uint32(k | 31))
+        k = following
 
 
 @wp.func
@@ -219,8 +242,7 @@ def draw_ends(
     surface: Surface,
     pieces: ContourPieces,
     first_row: int,
-    memory: wp.uint64,
-    planes: wp.uint64,
+    memory: WarpMemory,
     count: int,
     closes: int,
     lines: LineArrays,
@@ -228,32 +250,32 @@ def draw_ends(
     """Write where all pieces of a warp enter and leave."""
     k = lane_of_warp()
     while k < 2 * count:
-        piece = half_word_at(memory, k & ~1)
-        places = half_word_at(memory, k | 1)
-        lane = (piece >> LANE) & 31
-        i = first_row + lane + (piece >> SLOT_AT) * int(pieces.stride)
+        piece = half_word_at(memory.pieces, k & ~1)
+        places = half_word_at(memory.pieces, k | 1)
+        lane = lane_of(piece)
+        i = first_row + lane + slot_of(piece) * int(pieces.stride)
         leaves = k & 1
         side = end_side(load_int(pieces.side, i), leaves)
         if side != NONE:
             half = load_int(pieces.half, i)
             out = load_int(pieces.out, i)
-            plane = plane_of(planes, lane)
+            plane = plane_of(memory.planes, lane)
             c = crossing_at(surface, plane.f, wp.where(leaves == 1, out, half))
             p = point_of(plane.f, c, plane.side)
             q = point_of(plane.f, crossing_after(surface, plane.f, c), plane.side)
             x = output_point(plane.f, side_point(side, p, q, plane.side))
             place = (places & NUMBER) - 1
             if leaves == 1:
-                place += 1 + crossing_count(pieces, wp.int64(i))
+                place += (load_int(pieces.steps, i) >> 1) + wp.where((piece & THROUGH) != 0, 1, 2)
                 if closes == 1:
                     lines.kind[plane.start + wp.int64(place)] = wp.uint8(HAND)
             elif places >> CLOSING != 0:
-                lines.points[plane.start + wp.int64(places >> CLOSING)] = x
-            lines.points[plane.start + wp.int64(place)] = x
+                write_point(lines.points, plane.start + wp.int64(places >> CLOSING), x)
+            write_point(lines.points, plane.start + wp.int64(place), x)
         k += lanes_of_warp()
 
 
-@wp.kernel
+@wp.kernel(launch_bounds=(BLOCK, 12))
 def _draw_listed_rows(
     # In:
     surface: Surface,
@@ -266,16 +288,21 @@ def _draw_listed_rows(
     section_start: wp.array[wp.int64],  # offsets of the sections' polylines, shape [section + 1]
     point_start: wp.array[wp.int64],  # offsets of the sections' points, shape [section + 1]
     # Out:
+    own_pieces: wp.array[wp.int64],  # a CPU's memory of the lane, shape [SLOTS]
+    own_plane: wp.array[wp.int64],  # shape [PLANE_WORDS]
+    own_bits: wp.array[wp.int64],  # shape [BIT_WORDS]
     lines: LineArrays,
     rest: wp.array[wp.int32],  # rows that are drawn by walking, in any order, shape [row]
     rest_count: wp.array[wp.int32],  # number of these rows, zero-initialised, shape [1]
 ):
     """Write each row's polylines from listed steps; list the other rows."""
     row = wp.tid()
-    own_pieces = wp.zeros(shape=SLOTS, dtype=wp.int64)
-    own_plane = wp.zeros(shape=PLANE_WORDS, dtype=wp.int64)
-    memory = piece_memory(own_pieces)
-    planes = plane_memory(own_plane)
+    memory = WarpMemory()
+    memory.pieces = piece_memory(own_pieces)
+    memory.planes = plane_memory(own_plane)
+    memory.bits = bit_memory(own_bits)
+    for k in range(BIT_WORDS):
+        set_long(memory.bits, lane_of_warp() * BIT_WORDS + k, wp.int64(0))
     plane = RowPlane()
     writer = PolylineWriter()
     count = int(0)
@@ -287,7 +314,7 @@ def _draw_listed_rows(
         plane.start = point_start[row]
         plane.f = section_frame(pose, patch, row)
         plane.side = half_extents(patch[writer.patch], bounded)
-        keep_plane(planes, lane_of_warp(), plane)
+        keep_plane(memory.planes, lane_of_warp(), plane)
         if row == section_start.shape[0] - 2:
             lines.polyline_start[section_start[row + 1]] = point_start[row + 1]
         if entries.count[row] & WALKED != 0:
@@ -299,8 +326,9 @@ def _draw_listed_rows(
     if is_drawn:
         crossings = place_pieces(plane, pieces, entries, row, count, closes, memory, numbers[0], lines, writer)
     crossing_numbers = sums_of_warp(crossings)
+    sync_warp()
     number_crossings(memory, numbers[0], count, crossing_numbers[0])
     sync_warp()
     first_row = row - lane_of_warp()
-    draw_ends(surface, pieces, first_row, memory, planes, numbers[1], closes, lines)
-    draw_crossings(surface, pieces, first_row, memory, planes, numbers[1], crossing_numbers[1], lines)
+    draw_ends(surface, pieces, first_row, memory, numbers[1], closes, lines)
+    draw_crossings(surface, pieces, first_row, memory, crossing_numbers[1], lines)

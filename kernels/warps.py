@@ -14,17 +14,17 @@ from .offsets import BLOCK
 WARP = 32  # lanes of a warp on a GPU
 
 
-def memory_of_warp(words: int) -> str:
+def memory_of_warp(words: int, begin: int = 0) -> str:
     """Source of a native function that gives the address of so many words of 64 bits for each lane of a warp.
 
-    On a GPU this is shared memory. On a CPU it is the array `own`, which has as many words, one launch's alone.
+    On a GPU this is shared memory. On a CPU it is the array `own`, one launch's alone, from a word on.
     """
     return f"""
 #ifdef __CUDA_ARCH__
     __shared__ wp::int64 words[{BLOCK // WARP}][{WARP * words}];
     return reinterpret_cast<wp::uint64>(words[threadIdx.x / {WARP}u]);
 #else
-    return reinterpret_cast<wp::uint64>(own.data);
+    return reinterpret_cast<wp::uint64>(own.data + {begin});
 #endif
 """
 
@@ -89,6 +89,18 @@ def half_word_at(address: wp.uint64, i: int) -> int:
 """)
 def set_half_word(address: wp.uint64, i: int, x: int):
     """Write 32 bits number i from an address on."""
+
+
+@wp.func_native("""
+    int lane = 0;
+#ifdef __CUDA_ARCH__
+    for (int step = 16; step > 0; step /= 2)
+        lane += reinterpret_cast<const int*>(firsts)[lane + step] <= k ? step : 0;
+#endif
+    return lane;
+""")
+def owner_of(firsts: wp.uint64, k: int) -> int:
+    """The lane to which number k of the warp belongs; firsts: address of the first number of each lane, 32 bits."""
 
 
 @wp.func_native("""

@@ -205,9 +205,9 @@ def draw_listed_rows(
     rest = [wp.empty(row_count, dtype=wp.int32, device=device), wp.zeros(1, dtype=wp.int32, device=device)]
     inputs = [surface, pose, patch, pieces, entries, int(bounded), int(closes)]
     inputs += [joined.section_start, joined.point_start]
-    own = [wp.empty(size, dtype=wp.int64, device=device) for size in LANE_WORDS]
+    own = wp.empty(LANE_WORDS, dtype=wp.int64, device=device)
     launch = partial(wp.launch, device=device, block_dim=BLOCK)
-    launch(_draw_listed_rows, threads_for(device, row_count), inputs=inputs, outputs=[*own, lines, *rest])
+    launch(_draw_listed_rows, threads_for(device, row_count), inputs=inputs, outputs=[own, lines, *rest])
     launch(_draw_rest, row_count, inputs=[*inputs, *rest], outputs=[lines])
 
 

@@ -14,20 +14,19 @@ from ..warps import (
     half_word_at,
     lane_of_warp,
     lanes_of_warp,
-    long_at,
     mark_bit,
     memory_of_warp,
     set_half_word,
     set_long,
-    set_vec3d,
     sums_of_warp,
     sync_warp,
-    vec3d_at,
 )
 from .half_edges import Surface
-from .joining import BEGIN, BOUNDARY, CORNERS, COUNT, SLOT, WALKED, Entries, is_through
+from .joining import BEGIN, BOUNDARY, CORNERS, COUNT, SLOT, WALKED, Entries
+from .piece_ends import is_through
 from .pieces import CLOSED, SLOTS, ContourPieces, end_side, enter_side, leave_side, listed_step
 from .rough_walk import load_int
+from .row_planes import PLANE_WORDS, RowPlane, keep_plane, plane_memory, plane_of
 from .row_walker import HAND, LineArrays, PolylineWriter, begin_line, draw_boundary
 from .segment_clipping import NONE, side_point
 from .triangle_walk import crossing_after, crossing_at, point_of
@@ -43,24 +42,17 @@ SLOT_AT = wp.constant(21)
 THROUGH = wp.constant(1 << 24)  # it has no crossing inside, but a number for one
 CLOSING = wp.constant(16)
 BIT_WORDS = wp.constant(3)  # of a row: a bit for each of its crossings
-PLANE_WORDS = wp.constant(17)  # of a row: its frame, half extents, where its points begin; an odd number, so that lanes
-# which read different rows seldom wait for each other
-LANE_WORDS = (SLOTS, int(PLANE_WORDS), int(BIT_WORDS))  # of the three memories
+LANE_WORDS = PLANE_WORDS + SLOTS + int(BIT_WORDS)  # of a lane's memory on a CPU
 
 
-@wp.func_native(memory_of_warp(SLOTS))
+@wp.func_native(memory_of_warp(SLOTS, begin=PLANE_WORDS))
 def piece_memory(own: wp.array[wp.int64]) -> wp.uint64:
     """Address of the warp's pieces."""
 
 
-@wp.func_native(memory_of_warp(int(BIT_WORDS)))
+@wp.func_native(memory_of_warp(int(BIT_WORDS), begin=PLANE_WORDS + SLOTS))
 def bit_memory(own: wp.array[wp.int64]) -> wp.uint64:
     """Address of bits of the warp's crossings: 1 for the first one of each piece."""
-
-
-@wp.func_native(memory_of_warp(int(PLANE_WORDS)))
-def plane_memory(own: wp.array[wp.int64]) -> wp.uint64:
-    """Address of the warp's planes."""
 
 
 @wp.struct
@@ -72,50 +64,11 @@ class WarpMemory:
     bits: wp.uint64
 
 
-@wp.struct
-class RowPlane:
-    """What points of a row are computed with."""
-
-    f: Frame
-    side: wp.vec2d  # half extents of the patch [m]
-    start: wp.int64  # of the row's points among all
-
-
 @wp.func_native("""
     points.data[i] = x;
 """)
 def write_point(points: wp.array[wp.vec3], i: wp.int64, x: wp.vec3):
     """Write point i."""
-
-
-@wp.func
-def keep_plane(memory: wp.uint64, lane: int, plane: RowPlane):
-    """Write a row's plane to the warp's memory."""
-    i = lane * PLANE_WORDS
-    set_vec3d(memory, i, plane.f.origin)
-    set_vec3d(memory, i + 3, plane.f.u)
-    set_vec3d(memory, i + 6, plane.f.v)
-    set_vec3d(memory, i + 9, plane.f.n)
-    set_vec3d(memory, i + 12, wp.vec3d(plane.f.flush, plane.side[0], plane.side[1]))
-    set_long(memory, i + 15, plane.start)
-    set_long(memory, i + 16, wp.int64(plane.f.relative))
-
-
-@wp.func
-def plane_of(memory: wp.uint64, lane: int):
-    """The plane of a lane's row."""
-    plane = RowPlane()
-    i = lane * PLANE_WORDS
-    plane.f.origin = vec3d_at(memory, i)
-    plane.f.u = vec3d_at(memory, i + 3)
-    plane.f.v = vec3d_at(memory, i + 6)
-    plane.f.n = vec3d_at(memory, i + 9)
-    x = vec3d_at(memory, i + 12)
-    plane.f.flush = x[0]
-    plane.side = wp.vec2d(x[1], x[2])
-    plane.start = long_at(memory, i + 15)
-    plane.f.relative = int(long_at(memory, i + 16))
-    return plane
 
 
 @wp.func
@@ -167,7 +120,7 @@ def place_pieces(
         steps = pieces.steps[i] >> 1
         through = int(0)
         if steps == 0:
-            through = wp.where(is_through(pieces, i), THROUGH, 0)
+            through = wp.where(is_through(pieces, int(i)), THROUGH, 0)
         whole = pieces.key[i] >= CLOSED
         if (code & BEGIN) != 0:
             begin = first + e
@@ -288,9 +241,7 @@ def _draw_listed_rows(
     section_start: wp.array[wp.int64],  # offsets of the sections' polylines, shape [section + 1]
     point_start: wp.array[wp.int64],  # offsets of the sections' points, shape [section + 1]
     # Out:
-    own_pieces: wp.array[wp.int64],  # a CPU's memory of the lane, shape [SLOTS]
-    own_plane: wp.array[wp.int64],  # shape [PLANE_WORDS]
-    own_bits: wp.array[wp.int64],  # shape [BIT_WORDS]
+    own: wp.array[wp.int64],  # a CPU's memory of the lane, shape [LANE_WORDS]
     lines: LineArrays,
     rest: wp.array[wp.int32],  # rows that are drawn by walking, in any order, shape [row]
     rest_count: wp.array[wp.int32],  # number of these rows, zero-initialised, shape [1]
@@ -298,9 +249,9 @@ def _draw_listed_rows(
     """Write each row's polylines from listed steps; list the other rows."""
     row = wp.tid()
     memory = WarpMemory()
-    memory.pieces = piece_memory(own_pieces)
-    memory.planes = plane_memory(own_plane)
-    memory.bits = bit_memory(own_bits)
+    memory.pieces = piece_memory(own)
+    memory.planes = plane_memory(own)
+    memory.bits = bit_memory(own)
     for k in range(BIT_WORDS):
         set_long(memory.bits, lane_of_warp() * BIT_WORDS + k, wp.int64(0))
     plane = RowPlane()

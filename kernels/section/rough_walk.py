@@ -12,7 +12,7 @@ from ..patch import BOTTOM, LEFT, RIGHT, TOP, Coarse
 from .clip_events import BEGIN, CLEAR, END, FROM, HALF, Events, is_quiet, write_event
 from .edge_pairing import OPEN
 from .half_edges import Surface
-from .step_lists import end_list, list_half
+from .step_lists import PLACE, end_list, list_address, list_half
 from .triangle_walk import half_after, half_before, link_of, load_vec4, vertex_of
 
 
@@ -231,6 +231,8 @@ def walk_roughly(surface: Surface, g: Coarse, half: int, events: Events, row: in
     steps = int(0)
     word = wp.uint64(0)
     k = int(listed)
+    most = events.lists.words << PLACE
+    address = list_address(events.lists.word, events.lists.words, row)
     last = int(0)
     while last == 0 and out.sure:
         third = load_vec4(surface.corner, half_before(now))
@@ -246,7 +248,7 @@ def walk_roughly(surface: Surface, g: Coarse, half: int, events: Events, row: in
         last = wp.where(link >> 1 == half, END, 0)
         if (p.code | q.code) == 0:
             steps += 1
-            word = list_half(events.lists, row, k, word, now)
+            word = list_half(address, most, k, word, now)
             k += 1
             out.sure = out.sure and surely_move(g, p, q)
         if last != 0 or not is_quiet(p.code, q.code):
@@ -257,7 +259,7 @@ def walk_roughly(surface: Surface, g: Coarse, half: int, events: Events, row: in
             steps = 0
         now = link >> 1
         p = q
-    out.listed = end_list(events.lists, row, k, word)
+    out.listed = end_list(address, most, k, word)
     return out
 
 

@@ -57,7 +57,7 @@ from .rough_walk import (
     scan_roughly,
     walk_roughly,
 )
-from .step_lists import end_list, list_half
+from .step_lists import PLACE, end_list, list_address, list_half
 from .triangle_walk import Crossing, chain_start, crossing_after, crossing_at, link_of, load_vec4, point_of, vertex_of
 
 wp.set_module_options(EXACT)
@@ -183,6 +183,8 @@ def walk_loop(
     steps = int(0)
     word = wp.uint64(0)
     k = int(listed)
+    most = events.lists.words << PLACE
+    address = list_address(events.lists.word, events.lists.words, row)
     last = int(0)
     while last == 0:
         n = crossing_after(surface, f, c)
@@ -197,7 +199,7 @@ def walk_loop(
         if (p.code | q.code) == 0:
             if moves(f, g, side, c, p, n, q):
                 steps += 1
-                word = list_half(events.lists, row, k, word, c.half)
+                word = list_half(address, most, k, word, c.half)
                 k += 1
         if last != 0 or not is_quiet(p.code, q.code):
             what = (c.half << HALF) | last | (p.clear & q.clear) | (p.code << FROM) | q.code
@@ -208,7 +210,7 @@ def walk_loop(
         p = q
     if last == STOP:
         out.ended = 1
-    out.listed = end_list(events.lists, row, k, word)
+    out.listed = end_list(address, most, k, word)
     return out
 
 

@@ -27,11 +27,11 @@ from .piece_ends import (
     NO_CORNERS,
     PieceEnds,
     corners_after,
-    end_steps_most,
+    is_clear,
     is_drawable,
-    link_of_ends,
+    link_before,
     match_ends,
-    place_ends,
+    place_end,
     set_slot_int,
     slot_int,
     slot_point,
@@ -39,7 +39,7 @@ from .piece_ends import (
     steps_most,
 )
 from .pieces import CLOSED, ContourPieces, enter_side, leave_side, room_of, section_of, start_of
-from .row_planes import PLANE_WORDS, RowPlane, keep_plane, plane_memory, plane_of
+from .row_planes import PLANE_WORDS, RowPlane, keep_plane, plane_memory, plane_of, start_at
 
 wp.set_module_options(EXACT)
 
@@ -96,9 +96,13 @@ def loop_steps(pieces: ContourPieces, base: int, first: int, f: Frame, half: wp.
         slot = link & FOLLOWER
         following = base + slot * stride
         side = leave_side(slot_int(pieces.side, own))
-        x = slot_point(ends.last, own)
-        steps += joint_steps(f, half, x, slot_point(ends.first, following), side, corners_after(link))
-        most += corners_after(link) + 1
+        corners = corners_after(link)
+        most += corners + 1
+        if corners > 0 and is_clear(pieces, own) and is_clear(pieces, following):
+            steps += corners + 1
+        else:
+            x = slot_point(ends.last, own)
+            steps += joint_steps(f, half, x, slot_point(ends.first, following), side, corners)
         if slot == first:
             break
         own = following
@@ -162,7 +166,7 @@ def join_row(
 
 
 @wp.func
-def place_rows_ends(
+def place_ends_of_warp(
     surface: Surface,
     pieces: ContourPieces,
     closes: int,
@@ -171,20 +175,16 @@ def place_rows_ends(
     total: int,
     ends: PieceEnds,
 ):
-    """Place the ends of all pieces of a warp's rows; firsts: with which number of the warp each row's pieces begin."""
+    """Place the ends of all pieces of a warp's rows; firsts: with which number of the warp each row's ends begin."""
     k = lane_of_warp()
     while k < total:
         lane = owner_of(firsts, k)
-        slot = k - half_word_at(firsts, lane)
-        plane = plane_of(memory, lane)
-        i = int(plane.start) + slot * int(pieces.stride)
-        steps = int(0)
+        number = k - half_word_at(firsts, lane)
+        i = int(start_at(memory, lane)) + (number >> 1) * int(pieces.stride)
         if slot_int(pieces.key, i) < CLOSED:
-            if closes == 0 and slot_int(pieces.steps, i) & 1 == 1:
-                steps = end_steps_most(pieces, i)
-            else:
-                steps = place_ends(surface, plane.f, plane.side, pieces, i, ends)
-        set_slot_int(ends.link, i, link_of_ends(slot, steps))
+            if closes == 1 or not is_clear(pieces, i):
+                plane = plane_of(memory, lane)
+                place_end(surface, plane.f, plane.side, pieces, i, number & 1, ends)
         k += lanes_of_warp()
 
 
@@ -278,10 +278,13 @@ def _join_pieces(
             plane.side = patch[section % patch.shape[0]].half
             plane.start = start_of(pieces, row)
             keep_plane(memory, lane, plane)
-    numbers = sums_of_warp(count)
+    for slot in range(count):
+        i = int(plane.start) + slot * int(pieces.stride)
+        set_slot_int(ends.link, i, link_before(pieces, i, slot))
+    numbers = sums_of_warp(2 * count)
     set_half_word(firsts, lane, numbers[0])
     sync_warp()
-    place_rows_ends(surface, pieces, closes, memory, firsts, numbers[1], ends)
+    place_ends_of_warp(surface, pieces, closes, memory, firsts, numbers[1], ends)
     sync_warp()
     if is_row:
         joined = wp.vec3i()

@@ -23,13 +23,12 @@ from ..warps import (
 )
 from .half_edges import Surface
 from .joining import BEGIN, BOUNDARY, CORNERS, COUNT, SLOT, WALKED, Entries
-from .piece_ends import is_through
+from .piece_ends import is_through, piece_end, slot_int
 from .pieces import CLOSED, SLOTS, ContourPieces, end_side, enter_side, leave_side, listed_step
-from .rough_walk import load_int
 from .row_planes import PLANE_WORDS, RowPlane, keep_plane, plane_memory, plane_of
 from .row_walker import HAND, LineArrays, PolylineWriter, begin_line, draw_boundary
-from .segment_clipping import NONE, side_point
-from .triangle_walk import crossing_after, crossing_at, point_of
+from .segment_clipping import NONE
+from .triangle_walk import crossing_at, point_of
 
 wp.set_module_options(EXACT)
 
@@ -176,10 +175,10 @@ def draw_crossings(
             i = row + slot_of(piece) * int(pieces.stride)
             step = k - (piece & NUMBER)
             half = int(0)
-            if step < load_int(pieces.steps, i) >> 1:
-                half = listed_step(pieces, row, load_int(pieces.side, i), step)
+            if step < slot_int(pieces.steps, i) >> 1:
+                half = listed_step(pieces, row, slot_int(pieces.side, i), step)
             else:
-                half = load_int(pieces.out, i)
+                half = slot_int(pieces.out, i)
             plane = plane_of(memory.planes, lane)
             x = output_point(plane.f, point_of(plane.f, crossing_at(surface, plane.f, half), plane.side))
             place = (half_word_at(memory.pieces, 2 * j + 1) & NUMBER) + step
@@ -208,18 +207,12 @@ def draw_ends(
         lane = lane_of(piece)
         i = first_row + lane + slot_of(piece) * int(pieces.stride)
         leaves = k & 1
-        side = end_side(load_int(pieces.side, i), leaves)
-        if side != NONE:
-            half = load_int(pieces.half, i)
-            out = load_int(pieces.out, i)
+        if end_side(slot_int(pieces.side, i), leaves) != NONE:
             plane = plane_of(memory.planes, lane)
-            c = crossing_at(surface, plane.f, wp.where(leaves == 1, out, half))
-            p = point_of(plane.f, c, plane.side)
-            q = point_of(plane.f, crossing_after(surface, plane.f, c), plane.side)
-            x = output_point(plane.f, side_point(side, p, q, plane.side))
+            x = output_point(plane.f, piece_end(surface, plane.f, plane.side, pieces, i, leaves).at)
             place = (places & NUMBER) - 1
             if leaves == 1:
-                place += (load_int(pieces.steps, i) >> 1) + wp.where((piece & THROUGH) != 0, 1, 2)
+                place += (slot_int(pieces.steps, i) >> 1) + wp.where((piece & THROUGH) != 0, 1, 2)
                 if closes == 1:
                     lines.kind[plane.start + wp.int64(place)] = wp.uint8(HAND)
             elif places >> CLOSING != 0:

@@ -31,6 +31,15 @@ class PieceEnds:
     last: wp.array[wp.vec3]
 
 
+@wp.struct
+class PieceEnd:
+    """Where a piece enters or leaves by a side, on a segment p -> q [m]."""
+
+    p: wp.vec2d
+    q: wp.vec2d
+    at: wp.vec2d
+
+
 @wp.func_native("""
     return a.data[static_cast<unsigned>(i)];
 """)
@@ -74,46 +83,9 @@ def set_end_position(a: wp.array[wp.vec2d], i: int, end: int, x: wp.float64):
 
 
 @wp.func
-def link_of_ends(slot: int, end_steps: int):
-    """The link of a piece that is not followed yet."""
-    return slot | (NO_CORNERS << PASSED) | (end_steps << END_STEPS)
-
-
-@wp.func
 def corners_after(link: int):
     """Corners that the boundary passes behind a piece; NO_CORNERS for no boundary."""
     return (link >> PASSED) & PASSES
-
-
-@wp.func
-def place_ends(surface: Surface, f: Frame, half: wp.vec2d, pieces: ContourPieces, i: int, ends: PieceEnds):
-    """Compute where an open piece enters and leaves its patch; returns its steps of non-zero length there."""
-    side = slot_int(pieces.side, i)
-    steps = int(0)
-    x = wp.vec3()
-    enter = enter_side(side)
-    leave = leave_side(side)
-    if enter != NONE:
-        c = crossing_at(surface, f, slot_int(pieces.half, i))
-        q = point_of(f, crossing_after(surface, f, c), half)
-        p = side_point(enter, point_of(f, c, half), q, half)
-        x = output_point(f, p)
-        set_end_position(ends.position, i, 0, side_position(enter, p))
-        set_slot_point(ends.first, i, x)
-        if outcode(q, half) == 0 and not (x == output_point(f, q)):
-            steps += 1
-    if leave != NONE:
-        c = crossing_at(surface, f, slot_int(pieces.out, i))
-        p = point_of(f, c, half)
-        q = side_point(leave, p, point_of(f, crossing_after(surface, f, c), half), half)
-        y = output_point(f, q)
-        set_end_position(ends.position, i, 1, side_position(leave, q))
-        set_slot_point(ends.last, i, y)
-        if outcode(p, half) == 0:
-            x = output_point(f, p)
-        if not (x == y):
-            steps += 1
-    return steps
 
 
 @wp.func
@@ -133,6 +105,67 @@ def end_steps_most(pieces: ContourPieces, i: int):
     if slot_int(pieces.steps, i) < 2 and is_through(pieces, i):
         steps = 1
     return steps
+
+
+@wp.func
+def is_clear(pieces: ContourPieces, i: int):
+    """Whether no step at a piece's ends has zero length, for sure."""
+    return (slot_int(pieces.steps, i) & 1) != 0
+
+
+@wp.func
+def piece_end(surface: Surface, f: Frame, half: wp.vec2d, pieces: ContourPieces, i: int, end: int):
+    """The end of a piece where it enters (0) or leaves (1) by a side."""
+    out = PieceEnd()
+    crossing = slot_int(pieces.half, i)
+    if end == 1:
+        crossing = slot_int(pieces.out, i)
+    c = crossing_at(surface, f, crossing)
+    out.p = point_of(f, c, half)
+    out.q = point_of(f, crossing_after(surface, f, c), half)
+    out.at = side_point(end_side(slot_int(pieces.side, i), end), out.p, out.q, half)
+    return out
+
+
+@wp.func
+def is_step(e: PieceEnd, f: Frame, half: wp.vec2d, side: int, end: int):
+    """Whether a step of non-zero length belongs to an end; side: `ContourPieces.side`.
+
+    That of a piece which passes through with one segment belongs to where it leaves.
+    """
+    inner = e.q
+    if end == 1:
+        inner = e.p
+    if outcode(inner, half) != 0:
+        if end == 0:
+            return False
+        inner = side_point(enter_side(side), e.p, e.q, half)
+    return not (output_point(f, e.at) == output_point(f, inner))
+
+
+@wp.func
+def place_end(surface: Surface, f: Frame, half: wp.vec2d, pieces: ContourPieces, i: int, end: int, ends: PieceEnds):
+    """Compute where an open piece enters (0) or leaves (1); count its step there in `PieceEnds.link` unless clear."""
+    side = slot_int(pieces.side, i)
+    if end_side(side, end) != NONE:
+        e = piece_end(surface, f, half, pieces, i, end)
+        set_end_position(ends.position, i, end, side_position(end_side(side, end), e.at))
+        if end == 0:
+            set_slot_point(ends.first, i, output_point(f, e.at))
+        else:
+            set_slot_point(ends.last, i, output_point(f, e.at))
+        if not is_clear(pieces, i):
+            if is_step(e, f, half, side, end):
+                wp.atomic_add(ends.link, i, 1 << END_STEPS)
+
+
+@wp.func
+def link_before(pieces: ContourPieces, i: int, slot: int):
+    """The link of a piece before its ends are placed."""
+    steps = int(0)
+    if is_clear(pieces, i) and slot_int(pieces.key, i) < CLOSED:
+        steps = end_steps_most(pieces, i)
+    return slot | (NO_CORNERS << PASSED) | (steps << END_STEPS)
 
 
 @wp.func

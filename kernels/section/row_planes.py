@@ -36,6 +36,12 @@ def keep_plane(memory: wp.uint64, lane: int, plane: RowPlane):
 
 
 @wp.func
+def start_at(memory: wp.uint64, lane: int):
+    """Where a lane's row begins."""
+    return long_at(memory, lane * PLANE_WORDS + 15)
+
+
+@wp.func
 def plane_of(memory: wp.uint64, lane: int):
     """The plane of a lane's row."""
     plane = RowPlane()
@@ -47,6 +53,6 @@ def plane_of(memory: wp.uint64, lane: int):
     x = vec3d_at(memory, i + 12)
     plane.f.flush = x[0]
     plane.side = wp.vec2d(x[1], x[2])
-    plane.start = long_at(memory, i + 15)
+    plane.start = start_at(memory, lane)
     plane.f.relative = int(long_at(memory, i + 16))
     return plane

@@ -85,7 +85,7 @@ def joint_steps(f: Frame, half: wp.vec2d, x: wp.vec3, y: wp.vec3, side: int, cor
 
 
 @wp.func
-def loop_steps(pieces: ContourPieces, base: int, first: int, f: Frame, half: wp.vec2d, ends: PieceEnds):
+def loop_steps(pieces: ContourPieces, base: int, first: int, planes: wp.uint64, ends: PieceEnds):
     """Number of steps of non-zero length around the loop of a piece, and of all steps that its pieces have."""
     stride = int(pieces.stride)
     own = base + first * stride
@@ -101,8 +101,9 @@ def loop_steps(pieces: ContourPieces, base: int, first: int, f: Frame, half: wp.
         if corners > 0 and is_clear(pieces, own) and is_clear(pieces, following):
             steps += corners + 1
         else:
+            plane = plane_of(planes, lane_of_warp())
             x = slot_point(ends.last, own)
-            steps += joint_steps(f, half, x, slot_point(ends.first, following), side, corners)
+            steps += joint_steps(plane.f, plane.side, x, slot_point(ends.first, following), side, corners)
         if slot == first:
             break
         own = following
@@ -133,11 +134,10 @@ def enter_loop(pieces: ContourPieces, base: int, first: int, kept: bool, ends: P
 
 
 @wp.func
-def join_row(
-    pieces: ContourPieces, row: int, base: int, f: Frame, half: wp.vec2d, closes: int, ends: PieceEnds, entries: Entries
-):
+def join_row(pieces: ContourPieces, row: int, planes: wp.uint64, closes: int, ends: PieceEnds, entries: Entries):
     """Order a row's pieces, whose ends are placed; returns its number of entries, of polylines and of points."""
     stride = int(pieces.stride)
+    base = int(start_at(planes, lane_of_warp()))
     count = pieces.count[row]
     lines = int(0)
     points = int(0)
@@ -152,7 +152,7 @@ def join_row(
         if not is_drawable(pieces, base + slot * stride):
             walked = WALKED
         if (slot_int(ends.link, base + slot * stride) & DONE) == 0:
-            steps = loop_steps(pieces, base, slot, f, half, ends)
+            steps = loop_steps(pieces, base, slot, planes, ends)
             entry = enter_loop(pieces, base, slot, steps[0] > 0, ends, entries, entry)
             if steps[0] > 0:
                 lines += 1
@@ -170,7 +170,7 @@ def place_ends_of_warp(
     surface: Surface,
     pieces: ContourPieces,
     closes: int,
-    memory: wp.uint64,
+    planes: wp.uint64,
     firsts: wp.uint64,
     total: int,
     ends: PieceEnds,
@@ -180,10 +180,10 @@ def place_ends_of_warp(
     while k < total:
         lane = owner_of(firsts, k)
         number = k - half_word_at(firsts, lane)
-        i = int(start_at(memory, lane)) + (number >> 1) * int(pieces.stride)
+        i = int(start_at(planes, lane)) + (number >> 1) * int(pieces.stride)
         if slot_int(pieces.key, i) < CLOSED:
             if closes == 1 or not is_clear(pieces, i):
-                plane = plane_of(memory, lane)
+                plane = plane_of(planes, lane)
                 place_end(surface, plane.f, plane.side, pieces, i, number & 1, ends)
         k += lanes_of_warp()
 
@@ -242,7 +242,7 @@ def _join_single_pieces(
         write_row(entries, row, section_of(pieces, row), entry, lines, points)
 
 
-@wp.kernel
+@wp.kernel(launch_bounds=(BLOCK, 12))
 def _join_pieces(
     # In:
     surface: Surface,
@@ -265,7 +265,7 @@ def _join_pieces(
     is_row = wp.tid() < rest_count[0]
     row = int(0)
     count = int(0)
-    memory = plane_memory(own)
+    planes = plane_memory(own)
     firsts = number_memory(own)
     plane = RowPlane()
     section = int(0)
@@ -277,19 +277,19 @@ def _join_pieces(
             plane.f = section_frame(pose, patch, section)
             plane.side = patch[section % patch.shape[0]].half
             plane.start = start_of(pieces, row)
-            keep_plane(memory, lane, plane)
+            keep_plane(planes, lane, plane)
     for slot in range(count):
         i = int(plane.start) + slot * int(pieces.stride)
         set_slot_int(ends.link, i, link_before(pieces, i, slot))
     numbers = sums_of_warp(2 * count)
     set_half_word(firsts, lane, numbers[0])
     sync_warp()
-    place_ends_of_warp(surface, pieces, closes, memory, firsts, numbers[1], ends)
+    place_ends_of_warp(surface, pieces, closes, planes, firsts, numbers[1], ends)
     sync_warp()
     if is_row:
         joined = wp.vec3i()
         if count > 0:
-            joined = join_row(pieces, row, int(plane.start), plane.f, plane.side, closes, ends, entries)
+            joined = join_row(pieces, row, planes, closes, ends, entries)
         write_row(entries, row, section, joined[0], joined[1], joined[2])
 
 

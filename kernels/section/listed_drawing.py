@@ -82,12 +82,43 @@ def lane_of(piece: int):
     return (piece >> LANE) & 31
 
 
+@wp.func_native(f"""
+    kind.data[i] = {HAND};
+""")
+def mark_hand(kind: wp.array[wp.uint8], i: wp.int64):
+    """Make the segment that starts at point i one of kind HAND."""
+
+
 @wp.func
 def write_corners(f: Frame, half: wp.vec2d, first: int, count: int, begin: wp.int64, lines: LineArrays):
     """Write corners of a patch as points."""
     for k in range(count):
-        lines.points[begin + wp.int64(k)] = output_point(f, corner((first + k) % 4, half))
-        lines.kind[begin + wp.int64(k)] = wp.uint8(HAND)
+        write_point(lines.points, begin + wp.int64(k), output_point(f, corner((first + k) & 3, half)))
+        mark_hand(lines.kind, begin + wp.int64(k))
+
+
+@wp.func
+def keep_piece(pieces: ContourPieces, i: int, slot: int, j: int, number: int, place: int, memory: WarpMemory):
+    """Write a piece to the warp's memory as number j; returns how many of its points are crossings.
+
+    number: of its first crossing among those of the row; place: of that crossing among the row's points.
+    """
+    steps = slot_int(pieces.steps, i) >> 1
+    through = int(0)
+    if steps == 0:
+        if slot_int(pieces.key, i) < CLOSED and is_through(pieces, i):
+            through = THROUGH
+    set_half_word(memory.pieces, 2 * j, number | (lane_of_warp() << LANE) | (slot << SLOT_AT) | through)
+    set_half_word(memory.pieces, 2 * j + 1, place)
+    return steps + wp.where(through != 0, 0, 1)
+
+
+@wp.func
+def close_line(plane: RowPlane, j: int, place: int, memory: WarpMemory, lines: LineArrays):
+    """End a closed polyline that begins with piece j: its last point repeats where that piece enters."""
+    own = half_word_at(memory.pieces, 2 * j + 1)
+    set_half_word(memory.pieces, 2 * j + 1, own | (place << CLOSING))
+    mark_hand(lines.kind, plane.start + wp.int64(place))
 
 
 @wp.func
@@ -105,45 +136,39 @@ def place_pieces(
 ):
     """Write a row's polylines and corners, and its pieces to the warp's memory from number `first` on.
 
-    Returns how many numbers its crossings get.
+    Returns how many numbers its crossings get: each piece has at least one.
     """
     out = writer
     crossings = int(0)
     begin = int(0)
     place = int(0)  # of the next point in the row
+    code = int(0)
+    if count > 0:
+        code = slot_int(entries.entry, row)
     for e in range(count):
-        code = entries.entry[wp.int64(row) + wp.int64(e) * pieces.stride]
         slot = code & SLOT
-        i = wp.int64(row) + wp.int64(slot) * pieces.stride
-        side = pieces.side[i]
-        steps = pieces.steps[i] >> 1
-        through = int(0)
-        if steps == 0:
-            through = wp.where(is_through(pieces, int(i)), THROUGH, 0)
-        whole = pieces.key[i] >= CLOSED
+        i = row + slot * int(pieces.stride)
+        side = slot_int(pieces.side, i)
+        whole = slot_int(pieces.key, i) >= CLOSED
+        corners = code >> CORNERS
         if (code & BEGIN) != 0:
             begin = first + e
             out.i = plane.start + wp.int64(place)
             out = begin_line(lines, out, True, whole or closes == 1)
         place += wp.where(enter_side(side) != NONE, 1, 0)
-        piece = crossings | (lane_of_warp() << LANE) | (slot << SLOT_AT) | through
-        set_half_word(memory.pieces, 2 * (first + e), piece)
-        set_half_word(memory.pieces, 2 * (first + e) + 1, place)
-        crossings += steps + 1
-        place += steps + wp.where(through != 0, 0, 1)
+        points = keep_piece(pieces, i, slot, first + e, crossings, place, memory)
+        place += points
+        crossings += wp.max(points, 1)
+        code = BEGIN
+        if e + 1 < count:
+            code = slot_int(entries.entry, row + (e + 1) * int(pieces.stride))
         if not whole:
             place += 1
             if closes == 1:
-                corners = code >> CORNERS
                 write_corners(plane.f, plane.side, leave_side(side) + 1, corners, plane.start + wp.int64(place), lines)
                 place += corners
-                ends = e + 1 == count
-                if not ends:
-                    ends = (entries.entry[wp.int64(row) + wp.int64(e + 1) * pieces.stride] & BEGIN) != 0
-                if ends:
-                    own = half_word_at(memory.pieces, 2 * begin + 1)
-                    set_half_word(memory.pieces, 2 * begin + 1, own | (place << CLOSING))
-                    lines.kind[plane.start + wp.int64(place)] = wp.uint8(HAND)
+                if (code & BEGIN) != 0:
+                    close_line(plane, begin, place, memory, lines)
                     place += 1
     out.i = plane.start + wp.int64(place)
     draw_boundary(lines, out, plane.f, plane.side, entries.count[row] >= BOUNDARY)
@@ -214,7 +239,7 @@ def draw_ends(
             if leaves == 1:
                 place += (slot_int(pieces.steps, i) >> 1) + wp.where((piece & THROUGH) != 0, 1, 2)
                 if closes == 1:
-                    lines.kind[plane.start + wp.int64(place)] = wp.uint8(HAND)
+                    mark_hand(lines.kind, plane.start + wp.int64(place))
             elif places >> CLOSING != 0:
                 write_point(lines.points, plane.start + wp.int64(places >> CLOSING), x)
             write_point(lines.points, plane.start + wp.int64(place), x)

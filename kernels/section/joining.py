@@ -22,14 +22,14 @@ from .half_edges import Surface
 from .piece_ends import (
     BY_KEY,
     DONE,
-    END_STEPS,
     FOLLOWER,
+    LOST,
     NO_CORNERS,
+    PASSED,
     PieceEnds,
     corners_after,
     is_clear,
     is_drawable,
-    link_before,
     match_ends,
     place_end,
     set_slot_int,
@@ -85,32 +85,39 @@ def joint_steps(f: Frame, half: wp.vec2d, x: wp.vec3, y: wp.vec3, side: int, cor
 
 
 @wp.func
+def joint_lost(pieces: ContourPieces, own: int, following: int, corners: int, planes: wp.uint64, ends: PieceEnds):
+    """Number of steps of zero length among those from where a piece leaves past corners to where another enters."""
+    if corners > 0 and is_clear(pieces, own) and is_clear(pieces, following):
+        return 0
+    x = slot_point(ends.last, own)
+    y = slot_point(ends.first, following)
+    if corners == 0:
+        return wp.where(x == y, 1, 0)
+    plane = plane_of(planes, lane_of_warp())
+    side = leave_side(slot_int(pieces.side, own))
+    return corners + 1 - joint_steps(plane.f, plane.side, x, y, side, corners)
+
+
+@wp.func
 def loop_steps(pieces: ContourPieces, base: int, first: int, planes: wp.uint64, ends: PieceEnds):
-    """Number of steps of non-zero length around the loop of a piece, and of all steps that its pieces have."""
+    """Number of steps around the loop of a piece, and how many of them have zero length."""
     stride = int(pieces.stride)
     own = base + first * stride
     link = slot_int(ends.link, own)
-    steps = (slot_int(pieces.steps, own) >> 1) + (link >> END_STEPS)
-    most = steps_most(pieces, own)
+    steps = steps_most(pieces, own)
+    lost = link >> LOST
     while corners_after(link) != NO_CORNERS:
         slot = link & FOLLOWER
         following = base + slot * stride
-        side = leave_side(slot_int(pieces.side, own))
-        corners = corners_after(link)
-        most += corners + 1
-        if corners > 0 and is_clear(pieces, own) and is_clear(pieces, following):
-            steps += corners + 1
-        else:
-            plane = plane_of(planes, lane_of_warp())
-            x = slot_point(ends.last, own)
-            steps += joint_steps(plane.f, plane.side, x, slot_point(ends.first, following), side, corners)
+        steps += corners_after(link) + 1
+        lost += joint_lost(pieces, own, following, corners_after(link), planes, ends)
         if slot == first:
             break
         own = following
         link = slot_int(ends.link, own)
-        steps += (slot_int(pieces.steps, own) >> 1) + (link >> END_STEPS)
-        most += steps_most(pieces, own)
-    return wp.vec2i(steps, most)
+        steps += steps_most(pieces, own)
+        lost += link >> LOST
+    return wp.vec2i(steps, lost)
 
 
 @wp.func
@@ -153,11 +160,11 @@ def join_row(pieces: ContourPieces, row: int, planes: wp.uint64, closes: int, en
             walked = WALKED
         if (slot_int(ends.link, base + slot * stride) & DONE) == 0:
             steps = loop_steps(pieces, base, slot, planes, ends)
-            entry = enter_loop(pieces, base, slot, steps[0] > 0, ends, entries, entry)
-            if steps[0] > 0:
+            entry = enter_loop(pieces, base, slot, steps[0] > steps[1], ends, entries, entry)
+            if steps[0] > steps[1]:
                 lines += 1
-                points += steps[0] + 1
-                walked = wp.where(steps[0] == steps[1], walked, WALKED)
+                points += steps[0] - steps[1] + 1
+                walked = wp.where(steps[1] == 0, walked, WALKED)
     if closes == 1 and open_count == 0 and pieces.winding[row] > 0:
         entry = entry | BOUNDARY
         lines += 1
@@ -280,7 +287,7 @@ def _join_pieces(
             keep_plane(planes, lane, plane)
     for slot in range(count):
         i = int(plane.start) + slot * int(pieces.stride)
-        set_slot_int(ends.link, i, link_before(pieces, i, slot))
+        set_slot_int(ends.link, i, slot | (NO_CORNERS << PASSED))
     numbers = sums_of_warp(2 * count)
     set_half_word(firsts, lane, numbers[0])
     sync_warp()

@@ -15,7 +15,7 @@ FOLLOWER = wp.constant((1 << 24) - 1)  # the slot's
 PASSED = wp.constant(24)  # bits above: how many corners the boundary passes on the way
 PASSES = wp.constant(15)
 NO_CORNERS = wp.constant(15)  # instead of a number: contours are not closed, or the piece is a loop
-END_STEPS = wp.constant(28)  # bits above: steps of non-zero length at the piece's ends
+LOST = wp.constant(28)  # bits above: steps of zero length at the piece's ends
 DONE = wp.constant(1 << 30)  # the piece is in a loop that is entered or dropped
 
 
@@ -128,10 +128,10 @@ def piece_end(surface: Surface, f: Frame, half: wp.vec2d, pieces: ContourPieces,
 
 
 @wp.func
-def is_step(e: PieceEnd, f: Frame, half: wp.vec2d, side: int, end: int):
-    """Whether a step of non-zero length belongs to an end; side: `ContourPieces.side`.
+def is_lost(e: PieceEnd, f: Frame, half: wp.vec2d, side: int, end: int):
+    """Whether the step at an end has zero length; side: `ContourPieces.side`.
 
-    That of a piece which passes through with one segment belongs to where it leaves.
+    The step of a piece that passes through with one segment is that at the end where it leaves.
     """
     inner = e.q
     if end == 1:
@@ -140,12 +140,12 @@ def is_step(e: PieceEnd, f: Frame, half: wp.vec2d, side: int, end: int):
         if end == 0:
             return False
         inner = side_point(enter_side(side), e.p, e.q, half)
-    return not (output_point(f, e.at) == output_point(f, inner))
+    return output_point(f, e.at) == output_point(f, inner)
 
 
 @wp.func
 def place_end(surface: Surface, f: Frame, half: wp.vec2d, pieces: ContourPieces, i: int, end: int, ends: PieceEnds):
-    """Compute where an open piece enters (0) or leaves (1); count its step there in `PieceEnds.link` unless clear."""
+    """Compute where an open piece enters (0) or leaves (1), and whether a step of zero length is lost there."""
     side = slot_int(pieces.side, i)
     if end_side(side, end) != NONE:
         e = piece_end(surface, f, half, pieces, i, end)
@@ -155,17 +155,8 @@ def place_end(surface: Surface, f: Frame, half: wp.vec2d, pieces: ContourPieces,
         else:
             set_slot_point(ends.last, i, output_point(f, e.at))
         if not is_clear(pieces, i):
-            if is_step(e, f, half, side, end):
-                wp.atomic_add(ends.link, i, 1 << END_STEPS)
-
-
-@wp.func
-def link_before(pieces: ContourPieces, i: int, slot: int):
-    """The link of a piece before its ends are placed."""
-    steps = int(0)
-    if is_clear(pieces, i) and slot_int(pieces.key, i) < CLOSED:
-        steps = end_steps_most(pieces, i)
-    return slot | (NO_CORNERS << PASSED) | (steps << END_STEPS)
+            if is_lost(e, f, half, side, end):
+                wp.atomic_add(ends.link, i, 1 << LOST)
 
 
 @wp.func
@@ -252,6 +243,6 @@ def match_ends(pieces: ContourPieces, base: int, count: int, winding: int, ends:
         gap = enter_side(slot_int(pieces.side, base + entering * stride)) - leave_side(slot_int(pieces.side, own))
         if k + wp.max(winding, 0) >= n:
             gap += 4
-        end_steps = slot_int(ends.link, own) >> END_STEPS
-        set_slot_int(ends.link, own, entering | (wp.max(gap, 0) << PASSED) | (end_steps << END_STEPS))
+        lost = slot_int(ends.link, own) >> LOST
+        set_slot_int(ends.link, own, entering | (wp.max(gap, 0) << PASSED) | (lost << LOST))
     return n

@@ -7,7 +7,7 @@
 | flat | descent of the box hierarchy, crossings ranked side by side | many a section, for large surfaces on GPUs |
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import warp as wp
@@ -15,6 +15,7 @@ import warp as wp
 from ..patch import require_section_poses
 from ..section.pieces import room_for_excess, room_for_sections
 from ..section.scan_search import scan_search_pieces
+from ..section.step_lists import room_for_steps
 from ..section.tree_search import tree_pieces
 from .flat_search import flat_search_pieces
 
@@ -30,6 +31,11 @@ def method_for(surface: Any, device: Any) -> str:
     return "seek" if device.is_cpu else "flat"
 
 
+def lists_steps(device: Any) -> bool:
+    """Whether the scan search lists steps, to draw from them: one thread alone draws faster by walking."""
+    return device.is_cuda
+
+
 def find_pieces(
     surface: Any, pose: wp.array, patch: wp.array, *, bounded: bool, closes: bool, method: str | None = None
 ) -> Iterable[Any]:
@@ -41,7 +47,7 @@ def find_pieces(
     method: "trace" (for surfaces with a scan path), "seek", "flat" (for any), None: the fastest one.
     Raises ValueError for an unknown method, one that the surface does not allow, and poses of another shape.
     Returns ContourPieces, to be taken once and in this order: of all sections, in one or several; and further ones of
-    sections that had too little room. A flat search is launched, and waited for, as its ContourPieces are taken.
+    sections that had too little room. Searches are launched, and waited for, as their ContourPieces are taken.
     """
     device = pose.device
     require_section_poses(pose, patch)
@@ -56,12 +62,17 @@ def find_pieces(
     return search(surface, pose, patch, bounded=bounded, closes=closes)
 
 
-def _scanned_pieces(surface: Any, pose: wp.array, patch: wp.array, *, bounded: bool) -> list:
-    """`find_pieces` by the scan search."""
-    found = [room_for_sections(pose.shape[0] * patch.shape[0], pose.device)]
-    needed = scan_search_pieces(surface, pose, patch, found[0], bounded=bounded)
-    if found[0].excess.numpy()[0] > 0:
-        found.append(room_for_excess(found[0], pose.device))
-        room = int(needed.numpy()[found[1].section.numpy()].max())  # events of a row
-        scan_search_pieces(surface, pose, patch, found[1], bounded=bounded, room=room)
-    return found
+def _scanned_pieces(surface: Any, pose: wp.array, patch: wp.array, *, bounded: bool) -> Iterator[Any]:
+    """`find_pieces` by the scan search; rows with too little room are looked for when the first pieces are taken."""
+    row_count = pose.shape[0] * patch.shape[0]
+    pieces = room_for_sections(row_count, pose.device)
+    if lists_steps(pose.device):
+        faces = surface.corner.shape[0] // 3
+        pieces.lists = room_for_steps(row_count, faces, bounded=bounded, device=pose.device)
+    needed = scan_search_pieces(surface, pose, patch, pieces, bounded=bounded)
+    yield pieces
+    if pieces.excess.numpy()[0] > 0:
+        rest = room_for_excess(pieces, pose.device)
+        room = int(needed.numpy()[rest.section.numpy()].max())  # events of a row
+        scan_search_pieces(surface, pose, patch, rest, bounded=bounded, room=room)
+        yield rest

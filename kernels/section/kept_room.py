@@ -11,9 +11,10 @@ import numpy as np
 import warp as wp
 
 from ..offsets import BLOCK
+from ..warps import threads_for
 from .clip_events import _clip_loops, room_for_events
 from .contour_writing import _draw_contours
-from .joining import _join_pieces, _join_single_pieces, room_to_join
+from .joining import LANE_WORDS, _join_pieces, _join_single_pieces, room_to_join
 from .pieces import SLOTS, ContourPieces, with_slots
 from .row_walker import LineArrays
 from .scan_search import _walk_doubtful_loops, _walk_first_loops, _walk_other_loops
@@ -187,18 +188,20 @@ class Room:
         ends, entries = room_to_join(self._pieces, self.device)
         self._entries = entries
         entries.polylines, entries.points = self._polylines.count, self._points.count
+        own = wp.empty(LANE_WORDS, dtype=wp.int64, device=self.device)
         rest = [self._rest, self._counters[LISTED:]]
         single = [self._pieces, self._stages[1]]
         several = [self._surface, self._pieces, self._pose, self._patch, self._stages[1], *rest]
         drawn = [self._surface, self._pose, self._patch, self._pieces, entries, *self._stages]
         return [
             (self._record(_join_single_pieces, single, [entries, *rest]), None),
-            (self._record(_join_pieces, several, [ends, entries]), LISTED),
+            (self._record(_join_pieces, several, [own, ends, entries]), LISTED),
         ], self._record(_draw_contours, [*drawn, self._polylines.start, self._points.start], [self._lines])
 
     def _record(self, kernel: Any, inputs: list, outputs: list) -> wp.Launch:
         options = {"device": self.device, "block_dim": BLOCK, "record_cmd": True}
-        return cast(wp.Launch, wp.launch(kernel, self.row_count, inputs=inputs, outputs=outputs, **options))
+        threads = threads_for(wp.get_device(self.device), self.row_count) if kernel is _join_pieces else self.row_count
+        return cast(wp.Launch, wp.launch(kernel, threads, inputs=inputs, outputs=outputs, **options))
 
 
 class Offsets:

@@ -12,6 +12,7 @@ from ..patch import BOTTOM, LEFT, RIGHT, TOP, Coarse
 from .clip_events import BEGIN, CLEAR, END, FROM, HALF, Events, is_quiet, write_event
 from .edge_pairing import OPEN
 from .half_edges import Surface
+from .step_lists import PLACE, end_list, list_address, list_half
 from .triangle_walk import half_after, half_before, link_of, load_vec4, vertex_of
 
 
@@ -127,6 +128,7 @@ class RoughWalk:
 
     events: int  # number of events
     scanned: int  # scanned crossings passed
+    listed: int  # steps of the row that are listed so far, and of the loops before
     sure: wp.bool  # whether all of it is right; else it ended too early
 
 
@@ -212,8 +214,11 @@ def surely_move(g: Coarse, p: RoughCrossing, q: RoughCrossing):
 
 
 @wp.func
-def walk_roughly(surface: Surface, g: Coarse, half: int, events: Events, row: int, start: int):
-    """Walk from a crossing around its loop; writes events from number `start` on, as `walk_loop` does."""
+def walk_roughly(surface: Surface, g: Coarse, half: int, events: Events, row: int, start: int, listed: int):
+    """Walk from a crossing around its loop; writes events from number `start` on, as `walk_loop` does.
+
+    listed: with which number of the row's list the steps' half-edges begin.
+    """
     out = RoughWalk()
     at_sides = 2.0 * g.unsure + 2.0e-7 * wp.max(g.half[0], g.half[1])
     upper = rough_position(g, vertex_of(load_vec4(surface.corner, half)))
@@ -224,6 +229,10 @@ def walk_roughly(surface: Surface, g: Coarse, half: int, events: Events, row: in
     out.events = 1
     now = half
     steps = int(0)
+    word = wp.uint64(0)
+    k = int(listed)
+    most = events.lists.words << PLACE
+    address = list_address(events.lists.word, events.lists.words, row)
     last = int(0)
     while last == 0 and out.sure:
         third = load_vec4(surface.corner, half_before(now))
@@ -239,6 +248,8 @@ def walk_roughly(surface: Surface, g: Coarse, half: int, events: Events, row: in
         last = wp.where(link >> 1 == half, END, 0)
         if (p.code | q.code) == 0:
             steps += 1
+            word = list_half(address, most, k, word, now)
+            k += 1
             out.sure = out.sure and surely_move(g, p, q)
         if last != 0 or not is_quiet(p.code, q.code):
             write_event(
@@ -248,6 +259,7 @@ def walk_roughly(surface: Surface, g: Coarse, half: int, events: Events, row: in
             steps = 0
         now = link >> 1
         p = q
+    out.listed = end_list(address, most, k, word)
     return out
 
 

@@ -57,6 +57,7 @@ from .rough_walk import (
     scan_roughly,
     walk_roughly,
 )
+from .step_lists import PLACE, end_list, list_address, list_half
 from .triangle_walk import Crossing, chain_start, crossing_after, crossing_at, link_of, load_vec4, point_of, vertex_of
 
 wp.set_module_options(EXACT)
@@ -98,6 +99,7 @@ class Walk:
 
     events: int  # number of events
     scanned: int  # scanned crossings passed
+    listed: int  # as of `RoughWalk`
     ended: int  # 1 if it ended at an open edge, so it is a chain and no loop
 
 
@@ -162,8 +164,11 @@ def walk_loop(
     events: Events,
     row: int,
     start: int,
+    listed: int,
 ):
     """Walk from a crossing around its loop, or to the end of its chain; writes events from number `start` on.
+
+    listed: as of `walk_roughly`.
 
     A segment is an event unless it stays inside, or stays outside without winding around the patch (`is_quiet`).
     """
@@ -176,6 +181,10 @@ def walk_loop(
         out.scanned = 1
         mark(mask, surface.rank[half])
     steps = int(0)
+    word = wp.uint64(0)
+    k = int(listed)
+    most = events.lists.words << PLACE
+    address = list_address(events.lists.word, events.lists.words, row)
     last = int(0)
     while last == 0:
         n = crossing_after(surface, f, c)
@@ -190,6 +199,8 @@ def walk_loop(
         if (p.code | q.code) == 0:
             if moves(f, g, side, c, p, n, q):
                 steps += 1
+                word = list_half(address, most, k, word, c.half)
+                k += 1
         if last != 0 or not is_quiet(p.code, q.code):
             what = (c.half << HALF) | last | (p.clear & q.clear) | (p.code << FROM) | q.code
             write_event(events, row, start + out.events, what, steps)
@@ -199,6 +210,7 @@ def walk_loop(
         p = q
     if last == STOP:
         out.ended = 1
+    out.listed = end_list(address, most, k, word)
     return out
 
 
@@ -229,10 +241,11 @@ def _walk_first_loops(
         walk.sure = found.least > g.unsure
         if walk.sure and found.count > 0:
             half = half_of_step(surface, found.step, found.above)
-            walk = walk_roughly(surface, g, half, events, row, 0)
+            walk = walk_roughly(surface, g, half, events, row, 0, 0)
             if walk.sure and walk.scanned < found.count:
                 rest[wp.atomic_add(rest_count, 0, 1)] = wp.vec3i(row, found.count - walk.scanned, half)
     events.count[row] = walk.events
+    events.listed[row] = walk.listed
     if not walk.sure:
         doubtful[wp.atomic_add(doubtful_count, 0, 1)] = row
 
@@ -268,15 +281,17 @@ def _walk_other_loops(
     walk = RoughWalk()
     walk.sure = True
     count = events.count[row]
+    walk.listed = events.listed[row]
     while left > 0 and walk.sure:
         mark_roughly(surface, g, half, mask)
         place = next_unmarked(surface, g, mask, place)
         half = place.half
-        walk = walk_roughly(surface, g, half, events, row, count)
+        walk = walk_roughly(surface, g, half, events, row, count, walk.listed)
         count += walk.events
         left -= walk.scanned
     if walk.sure:
         events.count[row] = count
+        events.listed[row] = walk.listed
     else:
         doubtful[wp.atomic_add(doubtful_count, 0, 1)] = row
 
@@ -290,6 +305,7 @@ def walk_all_loops(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, events
     total = found.count
     count = int(0)
     scanned = int(0)
+    listed = int(0)
     k = int(0)
     while scanned < total and found.kept > 0:
         if k == found.kept:
@@ -300,12 +316,14 @@ def walk_all_loops(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, events
         if k < found.kept:
             half = halves[k]
             chain = link_of(load_vec4(surface.corner, half)) == OPEN
-            walk = walk_loop(surface, f, g, side, half, chain, mask, events, row, count)
+            walk = walk_loop(surface, f, g, side, half, chain, mask, events, row, count, listed)
             if walk.ended == 1 and not chain:
                 half = chain_start(surface, f, half)
-                walk = walk_loop(surface, f, g, side, half, True, mask, events, row, count)
+                walk = walk_loop(surface, f, g, side, half, True, mask, events, row, count, listed)
             count += walk.events
             scanned += walk.scanned
+            listed = walk.listed
+    events.listed[row] = listed
     return count
 
 
@@ -341,7 +359,7 @@ def scan_search_pieces(
     """
     device = pose.device
     row_count = pieces.count.shape[0]
-    events = room_for_events(row_count, room, device)
+    events = room_for_events(row_count, room, device, pieces.lists)
     rest = wp.empty(row_count, dtype=wp.vec3i, device=device)
     doubtful = wp.empty(row_count, dtype=wp.int32, device=device)
     counts = wp.zeros(2, dtype=wp.int32, device=device)

@@ -192,16 +192,15 @@ def _search_rows(work: FlatWork, section: wp.array | None, count: int, size: Fla
         rows = range(stop, min(count, stop + size.rows()))
         pieces, block = _launch_block(work, rows, section, size)
         yield pieces
-        numbers, stop = block.numbers.numpy(), rows.stop
-        if numbers[LACKING]:
-            yield from _search_rows(
-                work, block.lacking[: numbers[LACKING]], int(numbers[LACKING]), size.enlarged(numbers)
-            )
+        numbers, lacking = block.numbers.numpy(), block.lacking
+        del block  # its memory is free for the next
+        if missed := int(numbers[LACKING]):
+            yield from _search_rows(work, lacking[:missed], missed, size.enlarged(numbers))
+        stop = rows.stop
         if stop == count:
             return
-        pieces.listed = wp.clone(
-            pieces.listed[: min(numbers[LISTED], pieces.listed.shape[0])]
-        )  # the rest is free again
+        used = min(int(numbers[LISTED]), pieces.listed.shape[0])
+        pieces.listed = wp.clone(pieces.listed[:used])  # the rest is free again
         size = size.after(len(rows), numbers)
 
 

@@ -14,6 +14,7 @@ from .lane_space import WORDS, FarSpace, room_for_groups
 LISTED_FIRST = 2**26  # half-edges of the first block of rows, about
 LISTED_MOST = 2**28  # of later ones, about, each of which may be larger than the one before
 GROWTH = 4
+LACKING_MOST = 64  # one row of so many may lack room before later blocks have more
 SHARE = 1.15  # of what the block before suggests
 SLOTS_FIRST = 3.0  # pieces of a row, mean
 SLOTS_LEAST = 64  # of a block
@@ -54,10 +55,12 @@ class FlatSize(NamedTuple):
         return max(1, int(self.block / self.listed))
 
     def after(self, rows: int, numbers: Any) -> "FlatSize":
-        """Capacities after a block with these numbers; for more rows if all had room, as the mean is known."""
-        block = self.block if numbers[LACKING] else min(GROWTH * self.block, LISTED_MOST)
+        """Capacities after a block with these numbers; for more rows, as the mean is known, if few lacked room."""
+        many = LACKING_MOST * numbers[LACKING] > rows
+        space = self.enlarged(numbers).space if many else self.space
+        block = self.block if many else min(GROWTH * self.block, LISTED_MOST)
         listed, slots = (max(1.0, SHARE * float(numbers[of]) / max(1, rows)) for of in (LISTED, STORED))
-        return FlatSize(self.space, listed, block, slots)
+        return FlatSize(space, listed, block, slots)
 
     def enlarged(self, numbers: Any) -> "FlatSize":
         """Capacities for the rows of a block that lacked room."""

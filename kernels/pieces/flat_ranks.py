@@ -11,7 +11,7 @@ import warp as wp
 from ..lanes import any_lane, sync_lanes, take_row
 from ..patch import Frame, Patch, coarse_frame, half_extents
 from ..section.half_edges import Surface
-from ..section.pieces import CLOSED, ContourPieces, section_of, start_of, store_piece
+from ..section.pieces import CLOSED, UNLISTED, ContourPieces, section_of, sides_word, start_of, store_piece
 from ..section.segment_clipping import NONE
 from ..section.triangle_walk import link_of, load_vec4
 from .flat_links import (
@@ -255,7 +255,8 @@ def store_sides(surface: Surface, f: Frame, side: wp.vec2d, row: int, pieces: Co
     while slot < pieces.count[row]:
         own = start_of(pieces, row) + wp.int64(slot) * pieces.stride
         if pieces.key[own] < CLOSED:
-            pieces.side[own] = sides_of(surface, f, side, pieces.half[own], pieces.out[own])
+            sides = sides_of(surface, f, side, pieces.half[own], pieces.out[own])
+            pieces.side[own] = sides_word(sides[0], sides[1], UNLISTED)
         slot += lanes
 
 

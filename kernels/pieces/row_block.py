@@ -124,7 +124,7 @@ def add_slots(block: Any, pieces: Any, rows: int, size: FlatSize, device: Any) -
     slots = int(rows * size.slots) + SLOTS_LEAST
     pieces.count = pieces.room = wp.empty(rows, dtype=wp.int32, device=device)
     pieces.start = wp.empty(rows, dtype=wp.int64, device=device)
-    pieces.side = wp.empty(slots, dtype=wp.vec2i, device=device)
+    pieces.side = wp.empty(slots, dtype=wp.int32, device=device)
     pieces.place = wp.empty(slots, dtype=wp.int64, device=device)
     for field in ("half", "out", "key", "steps", "begin"):
         setattr(pieces, field, wp.empty(slots, dtype=wp.int32, device=device))

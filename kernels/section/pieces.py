@@ -101,6 +101,12 @@ def end_side(side: int, end: int):
 
 
 @wp.func
+def sides_word(enter: int, leave: int, location: int):
+    """What `ContourPieces.side` holds of a piece that enters and leaves by these sides, -1 for none."""
+    return (enter + 1) | ((leave + 1) << LEAVE) | (location << LOCATION)
+
+
+@wp.func
 def list_location(word: int, begin: int, length: int):
     """A piece's place in `ContourPieces.lists`; length: NO_WRAP, or of the list of its loop."""
     return word | (begin << LIST) | (length << (LIST + FIRST_STEP))
@@ -160,7 +166,7 @@ def store_listed(
         pieces.half[i] = half
         pieces.out[i] = out
         pieces.key[i] = key
-        pieces.side[i] = (enter + 1) | ((leave + 1) << LEAVE) | (location << LOCATION)
+        pieces.side[i] = sides_word(enter, leave, location)
         pieces.steps[i] = 2 * steps + clear
 
 

@@ -140,6 +140,15 @@ def test_only_rows_without_room_are_searched_again(size, device):
             assert 0 < len(np.unique(searched)) <= (80 if strategy == "oc" else 120)  # patches elsewhere need no room
 
 
+def test_patches_inside_a_solid_whose_winding_numbers_find_no_space(device):
+    """Nothing crosses these patches, but the lines of their sides meet more boxes than there is space for."""
+    surface, patch = surface_on(blob(12), device), patch_array([0.001, 0.001], device)
+    (block,), again = assert_found(surface, generic_poses(100, 5), patch, "cc", FlatSize(1, 100.0, 2**20))
+    inside = [section for pieces in again for section in pieces.section.numpy()[pieces.winding.numpy() > 0]]
+    assert len(inside) > 10
+    assert (block.winding.numpy()[inside] == 0).all()
+
+
 def test_blocks_of_a_few_rows(device):
     surface, patch = surface_on(blob(12), device), patch_array([0.0425, 0.0425], device)
     for strategy in STRATEGIES:

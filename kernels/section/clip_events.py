@@ -9,7 +9,7 @@ from .edge_pairing import OPEN
 from .half_edges import Surface
 from .pieces import CLOSED, NO_WRAP, UNLISTED, ContourPieces, count_row, list_location, section_of, store_listed
 from .segment_clipping import NONE, Segment, needs_left, segment_of
-from .step_lists import PLACE, StepLists, no_steps
+from .step_lists import PLACE, StepLists
 from .triangle_walk import corners_left_from, link_of, load_vec4
 
 wp.set_module_options(EXACT)
@@ -187,6 +187,7 @@ def room_for_events(row_count: int, room: int, device: Any, lists: Any = None) -
     events.row, events.step = (room, 1) if device.is_cpu else (1, row_count)
     events.event = wp.empty(row_count * room, dtype=wp.vec2i, device=device)
     events.count = wp.empty(row_count, dtype=wp.int32, device=device)
-    events.lists = lists or no_steps(device)
+    if lists is not None:
+        events.lists = lists
     events.listed = wp.empty(row_count, dtype=wp.int32, device=device)
     return events

@@ -330,19 +330,24 @@ def order_pieces(surface: Any, found: Iterable[Any], pose: wp.array, patch: wp.a
 def _order_each(surface: Any, found: Iterable, pose: wp.array, patch: wp.array, closes: bool) -> Iterator[Ordered]:
     """What is ordered, whenever further pieces are: before a search that goes on is waited for."""
     sections, device, ordered = pose.shape[0] * patch.shape[0], pose.device, None
-    launch = partial(wp.launch, device=device, block_dim=BLOCK)
     for pieces in found:  # a search may begin here
-        row_count = pieces.count.shape[0]
         ordered = ordered or Ordered([], *(wp.zeros(sections + 1, dtype=wp.int64, device=device) for _ in range(2)))
-        ends, entries = room_to_join(pieces, device)
-        entries.polylines, entries.points = ordered.polylines, ordered.points
-        rest, rest_count = wp.empty_like(entries.count), wp.zeros(1, dtype=wp.int32, device=device)
-        launch(_join_single_pieces, row_count, inputs=[pieces, int(closes)], outputs=[entries, rest, rest_count])
-        inputs = [surface, pieces, pose, patch, int(closes), rest, rest_count]
-        outputs = [wp.empty(LANE_WORDS, dtype=wp.int64, device=device), ends, entries]
-        launch(_join_pieces, threads_for(device, row_count), inputs=inputs, outputs=outputs)
-        ordered.rows.append((pieces, entries))
+        _order_rows(surface, pieces, pose, patch, closes, ordered)
         yield ordered
+
+
+def _order_rows(surface: Any, pieces: Any, pose: wp.array, patch: wp.array, closes: bool, ordered: Ordered) -> None:
+    """Order the pieces of further rows; memory that only this needs is free again after."""
+    row_count, device = pieces.count.shape[0], pose.device
+    launch = partial(wp.launch, device=device, block_dim=BLOCK)
+    ends, entries = room_to_join(pieces, device)
+    entries.polylines, entries.points = ordered.polylines, ordered.points
+    rest, rest_count = wp.empty_like(entries.count), wp.zeros(1, dtype=wp.int32, device=device)
+    launch(_join_single_pieces, row_count, inputs=[pieces, int(closes)], outputs=[entries, rest, rest_count])
+    inputs = [surface, pieces, pose, patch, int(closes), rest, rest_count]
+    outputs = [wp.empty(LANE_WORDS, dtype=wp.int64, device=device), ends, entries]
+    launch(_join_pieces, threads_for(device, row_count), inputs=inputs, outputs=outputs)
+    ordered.rows.append((pieces, entries))
 
 
 def join_pieces(

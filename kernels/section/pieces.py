@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 
 from ..patch import Frame
-from .step_lists import PLACE, StepLists, listed_half, no_steps
+from .step_lists import PLACE, StepLists, listed_half
 
 SLOTS = 8  # slots of a section in the first search; sections with more pieces are searched again with enough slots
 CLOSED = wp.constant(1 << 30)  # in a piece's key: a closed loop inside the patch
@@ -211,7 +211,6 @@ def with_slots(pieces: Any, row_count: int, slot_count: int, device: Any) -> Any
     pieces.count = wp.empty(row_count, dtype=wp.int32, device=device)
     pieces.winding = wp.empty(row_count, dtype=wp.int32, device=device)
     pieces.excess = wp.zeros(1, dtype=wp.int32, device=device)
-    pieces.lists = no_steps(device)
     for field in ("half", "out", "key", "side", "steps"):
         setattr(pieces, field, wp.empty(slot_count, dtype=wp.int32, device=device))
     return pieces

@@ -70,10 +70,3 @@ def room_for_steps(row_count: int, face_count: int, *, bounded: bool, device: An
     lists.words = min(most, math.ceil(factor * math.sqrt(face_count) / FOUR))
     lists.word = wp.empty(row_count * lists.words, dtype=wp.uint64, device=device)
     return lists
-
-
-def no_steps(device: Any) -> Any:
-    """StepLists without room."""
-    lists = StepLists()
-    lists.word = wp.empty(0, dtype=wp.uint64, device=device)
-    return lists

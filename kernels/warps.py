@@ -116,6 +116,13 @@ def mark_bit(address: wp.uint64, k: wp.uint32):
 
 
 @wp.func_native("""
+    return (reinterpret_cast<const unsigned int*>(address)[k / 32u] >> (k % 32u)) & 1u;
+""")
+def is_bit(address: wp.uint64, k: wp.uint32) -> wp.bool:
+    """Whether bit k from an address on is set."""
+
+
+@wp.func_native("""
     const unsigned int word = reinterpret_cast<const unsigned int*>(address)[k / 32u];
     const unsigned int bits = word & (0xffffffffu >> (31u - k % 32u));
 #ifdef __CUDA_ARCH__

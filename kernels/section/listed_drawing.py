@@ -12,6 +12,7 @@ from ..patch import EXACT, Frame, Patch, corner, half_extents, output_point, sec
 from ..warps import (
     bits_to,
     half_word_at,
+    is_bit,
     lane_of_warp,
     lanes_of_warp,
     mark_bit,
@@ -32,24 +33,27 @@ from .triangle_walk import crossing_at, point_of
 
 wp.set_module_options(EXACT)
 
-# A piece in the warp's memory is 32 bits: number of its first crossing among those of the warp | its lane << LANE | its
-# slot << SLOT_AT | THROUGH; and 32 more: places of its first crossing and, << CLOSING, of its polyline's last point, if
-# that repeats where the piece enters, among the points of its row.
+# A piece in the warp's memory is PIECE half words, of 32 bits each. The first: number of its first crossing among those
+# of the warp | its lane << LANE | its slot << SLOT_AT | THROUGH. The second: places of its first crossing and, <<
+# CLOSING, of its polyline's last point, if that repeats where the piece enters, among the points of its row. The third:
+# `ContourPieces.side`.
+PIECE = wp.constant(3)
 NUMBER = wp.constant((1 << 16) - 1)
 LANE = wp.constant(16)
 SLOT_AT = wp.constant(21)
 THROUGH = wp.constant(1 << 24)  # it has no crossing inside, but a number for one
 CLOSING = wp.constant(16)
 BIT_WORDS = wp.constant(3)  # of a row: a bit for each of its crossings
-LANE_WORDS = PLANE_WORDS + SLOTS + int(BIT_WORDS)  # of a lane's memory on a CPU
+PIECE_WORDS = SLOTS * int(PIECE) // 2  # of a row
+LANE_WORDS = PLANE_WORDS + PIECE_WORDS + int(BIT_WORDS)  # of a lane's memory on a CPU
 
 
-@wp.func_native(memory_of_warp(SLOTS, begin=PLANE_WORDS))
+@wp.func_native(memory_of_warp(PIECE_WORDS, begin=PLANE_WORDS))
 def piece_memory(own: wp.array[wp.int64]) -> wp.uint64:
     """Address of the warp's pieces."""
 
 
-@wp.func_native(memory_of_warp(int(BIT_WORDS), begin=PLANE_WORDS + SLOTS))
+@wp.func_native(memory_of_warp(int(BIT_WORDS), begin=PLANE_WORDS + PIECE_WORDS))
 def bit_memory(own: wp.array[wp.int64]) -> wp.uint64:
     """Address of bits of the warp's crossings: 1 for the first one of each piece."""
 
@@ -98,26 +102,30 @@ def write_corners(f: Frame, half: wp.vec2d, first: int, count: int, begin: wp.in
 
 
 @wp.func
-def keep_piece(pieces: ContourPieces, i: int, slot: int, j: int, number: int, place: int, memory: WarpMemory):
+def keep_piece(
+    pieces: ContourPieces, i: int, slot: int, side: int, j: int, number: int, place: int, memory: WarpMemory
+):
     """Write a piece to the warp's memory as number j; returns how many of its points are crossings.
 
-    number: of its first crossing among those of the row; place: of that crossing among the row's points.
+    side: `ContourPieces.side`; number: of its first crossing among those of the row; place: of that crossing among the
+    row's points.
     """
     steps = slot_int(pieces.steps, i) >> 1
     through = int(0)
     if steps == 0:
         if slot_int(pieces.key, i) < CLOSED and is_through(pieces, i):
             through = THROUGH
-    set_half_word(memory.pieces, 2 * j, number | (lane_of_warp() << LANE) | (slot << SLOT_AT) | through)
-    set_half_word(memory.pieces, 2 * j + 1, place)
+    set_half_word(memory.pieces, PIECE * j, number | (lane_of_warp() << LANE) | (slot << SLOT_AT) | through)
+    set_half_word(memory.pieces, PIECE * j + 1, place)
+    set_half_word(memory.pieces, PIECE * j + 2, side)
     return steps + wp.where(through != 0, 0, 1)
 
 
 @wp.func
 def close_line(plane: RowPlane, j: int, place: int, memory: WarpMemory, lines: LineArrays):
     """End a closed polyline that begins with piece j: its last point repeats where that piece enters."""
-    own = half_word_at(memory.pieces, 2 * j + 1)
-    set_half_word(memory.pieces, 2 * j + 1, own | (place << CLOSING))
+    own = half_word_at(memory.pieces, PIECE * j + 1)
+    set_half_word(memory.pieces, PIECE * j + 1, own | (place << CLOSING))
     mark_hand(lines.kind, plane.start + wp.int64(place))
 
 
@@ -156,7 +164,7 @@ def place_pieces(
             out.i = plane.start + wp.int64(place)
             out = begin_line(lines, out, True, whole or closes == 1)
         place += wp.where(enter_side(side) != NONE, 1, 0)
-        points = keep_piece(pieces, i, slot, first + e, crossings, place, memory)
+        points = keep_piece(pieces, i, slot, side, first + e, crossings, place, memory)
         place += points
         crossings += wp.max(points, 1)
         code = BEGIN
@@ -179,39 +187,60 @@ def place_pieces(
 def number_crossings(memory: WarpMemory, first: int, count: int, before: int):
     """Add the number of crossings of the lanes below to those of a row's pieces, and mark each piece's first one."""
     for j in range(first, first + count):
-        piece = half_word_at(memory.pieces, 2 * j) + before
-        set_half_word(memory.pieces, 2 * j, piece)
+        piece = half_word_at(memory.pieces, PIECE * j) + before
+        set_half_word(memory.pieces, PIECE * j, piece)
         mark_bit(memory.bits, wp.uint32(piece & NUMBER))
+
+
+@wp.struct
+class CrossingPlace:
+    """A crossing, and where its point is written."""
+
+    half: int  # its half-edge; NONE if it is not drawn
+    lane: int  # of its row
+    place: int  # of its point among those of the row
+
+
+@wp.func
+def crossing_place(pieces: ContourPieces, first_row: int, memory: WarpMemory, k: int, begun: int, crossings: int):
+    """Crossing number k of a warp; begun: pieces that begin before the 32 crossings to which k belongs."""
+    out = CrossingPlace()
+    j = begun + bits_to(memory.bits, wp.uint32(k)) - 1
+    piece = half_word_at(memory.pieces, PIECE * j)
+    out.half = NONE
+    if (piece & THROUGH) == 0:
+        step = k - (piece & NUMBER)
+        out.lane = lane_of(piece)
+        out.place = (half_word_at(memory.pieces, PIECE * j + 1) & NUMBER) + step
+        row = first_row + out.lane
+        last = k + 1 == crossings or is_bit(memory.bits, wp.uint32(k + 1))  # the next one is another piece's
+        i = row + slot_of(piece) * int(pieces.stride)
+        out.half = listed_step(pieces, row, i, half_word_at(memory.pieces, PIECE * j + 2), step, last)
+    return out
 
 
 @wp.func
 def draw_crossings(
     surface: Surface, pieces: ContourPieces, first_row: int, memory: WarpMemory, crossings: int, lines: LineArrays
 ):
-    """Write the crossings of all pieces of a warp."""
+    """Write the crossings of all pieces of a warp; the next one is looked up while the point of one is computed."""
     k = lane_of_warp()
-    begun = int(0)  # pieces that begin before the 32 crossings to which k belongs
+    begun = int(0)
+    following = CrossingPlace()
+    if k < crossings:
+        following = crossing_place(pieces, first_row, memory, k, begun, crossings)
     while k < crossings:
-        j = begun + bits_to(memory.bits, wp.uint32(k)) - 1
-        piece = half_word_at(memory.pieces, 2 * j)
-        if (piece & THROUGH) == 0:
-            lane = lane_of(piece)
-            row = first_row + lane
-            i = row + slot_of(piece) * int(pieces.stride)
-            step = k - (piece & NUMBER)
-            half = int(0)
-            if step < slot_int(pieces.steps, i) >> 1:
-                half = listed_step(pieces, row, slot_int(pieces.side, i), step)
-            else:
-                half = slot_int(pieces.out, i)
-            plane = plane_of(memory.planes, lane)
-            x = output_point(plane.f, point_of(plane.f, crossing_at(surface, plane.f, half), plane.side))
-            place = (half_word_at(memory.pieces, 2 * j + 1) & NUMBER) + step
-            write_point(lines.points, plane.start + wp.int64(place), x)
-        following = k + lanes_of_warp()
-        if (k ^ following) >> 5 != 0:
-            begun += bits_to(memory.bits, wp.uint32(k | 31))
-        k = following
+        own = following
+        before = k
+        k += lanes_of_warp()
+        if k < crossings:
+            if (k ^ before) >> 5 != 0:
+                begun += bits_to(memory.bits, wp.uint32(before | 31))
+            following = crossing_place(pieces, first_row, memory, k, begun, crossings)
+        if own.half != NONE:
+            plane = plane_of(memory.planes, own.lane)
+            x = output_point(plane.f, point_of(plane.f, crossing_at(surface, plane.f, own.half), plane.side))
+            write_point(lines.points, plane.start + wp.int64(own.place), x)
 
 
 @wp.func
@@ -227,12 +256,13 @@ def draw_ends(
     """Write where all pieces of a warp enter and leave."""
     k = lane_of_warp()
     while k < 2 * count:
-        piece = half_word_at(memory.pieces, k & ~1)
-        places = half_word_at(memory.pieces, k | 1)
+        j = k >> 1
+        piece = half_word_at(memory.pieces, PIECE * j)
+        places = half_word_at(memory.pieces, PIECE * j + 1)
         lane = lane_of(piece)
         i = first_row + lane + slot_of(piece) * int(pieces.stride)
         leaves = k & 1
-        if end_side(slot_int(pieces.side, i), leaves) != NONE:
+        if end_side(half_word_at(memory.pieces, PIECE * j + 2), leaves) != NONE:
             plane = plane_of(memory.planes, lane)
             x = output_point(plane.f, piece_end(surface, plane.f, plane.side, pieces, i, leaves).at)
             place = (places & NUMBER) - 1

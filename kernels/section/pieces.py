@@ -119,14 +119,15 @@ def is_listed(side: int):
 
 
 @wp.func
-def listed_step(pieces: ContourPieces, row: int, side: int, k: int):
-    """Half-edge at which step k of a piece begins, by its `ContourPieces.side`."""
+def listed_step(pieces: ContourPieces, row: int, i: int, side: int, k: int, last: wp.bool):
+    """Half-edge at which step k of piece i begins, by its `ContourPieces.side`; or if it is the last, `out`."""
     word = (side >> LOCATION) & UNLISTED
-    i = ((side >> (LOCATION + LIST)) & NO_WRAP) + k
+    place = ((side >> (LOCATION + LIST)) & NO_WRAP) + k
     length = side >> (LOCATION + LIST + FIRST_STEP)
-    if i >= length:
-        i -= length
-    return listed_half(pieces.lists.word, pieces.lists.words, row, (word << PLACE) + i)
+    if place >= length:
+        place -= length
+    lists = pieces.lists
+    return listed_half(lists.word, lists.words, row, (word << PLACE) + place, pieces.out, i, last)
 
 
 @wp.func

@@ -57,10 +57,15 @@ def end_list(address: wp.uint64, most: int, k: int, word: wp.uint64) -> int:
 
 
 @wp.func_native("""
-    return reinterpret_cast<const unsigned short*>(word.data + static_cast<long long>(row) * words)[k];
+    const int* list = reinterpret_cast<const int*>(word.data + static_cast<long long>(row) * words);
+    const int* at = last ? out.data + i : list + (k >> 1);
+    const unsigned read = *at;  // one load for all lanes, wherever it is from
+    return last ? read : (read >> ((k & 1) << 4)) & 0xffffu;
 """)
-def listed_half(word: wp.array[wp.uint64], words: int, row: int, k: int) -> int:
-    """Number k of a row's list, which consists of so many words."""
+def listed_half(
+    word: wp.array[wp.uint64], words: int, row: int, k: int, out: wp.array[wp.int32], i: int, last: wp.bool
+) -> int:
+    """Number k of a row's list, which consists of so many words; or if it is the last, number i of `out`."""
 
 
 def room_for_steps(row_count: int, face_count: int, *, bounded: bool, device: Any) -> Any:

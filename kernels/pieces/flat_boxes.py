@@ -15,7 +15,7 @@ from ..offsets import BLOCK
 from ..patch import EXACT, Coarse, Frame, to_float64
 from ..section.edge_pairing import OPEN
 from ..section.half_edges import LEAF, LEAF_BITS, Surface
-from ..section.rough_walk import held_vec3
+from ..section.rough_scan import held_vec3
 from ..section.tree_search import Window, down_half
 from ..section.triangle_walk import load_vec4, vertex_of
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import warp as wp
 
-from ..patch import BOTTOM, EXACT, Patch, section_frame
+from ..patch import EXACT, Patch, section_frame
 from .edge_pairing import OPEN
 from .half_edges import Surface
 from .pieces import CLOSED, ContourPieces, count_row, section_of, store_piece
@@ -26,11 +26,9 @@ HALF = wp.constant(12)
 
 @wp.struct
 class Events:
-    """Events of each row's section, loop by loop; event k of row r has index r * row + k * step."""
+    """Events of each row's section, loop by loop; event k of row r has index r * room + k."""
 
     room: wp.int32  # most events of a row
-    row: wp.int64
-    step: wp.int64
     event: wp.array[wp.vec2i]
     count: wp.array[wp.int32]  # events of each row, also those beyond its room
 
@@ -39,15 +37,36 @@ class Events:
 def write_event(events: Events, row: int, k: int, what: int, steps: int):
     """Write event k of a row, if there is room."""
     if k < events.room:
-        events.event[wp.int64(row) * events.row + wp.int64(k) * events.step] = wp.vec2i(what, steps)
+        events.event[wp.int64(row) * wp.int64(events.room) + wp.int64(k)] = wp.vec2i(what, steps)
 
 
-@wp.func
-def is_quiet(code_p: int, code_q: int):
+@wp.func_native("""
+    return reinterpret_cast<wp::uint64>(events.event.data + static_cast<wp::int64>(row) * events.room);
+""")
+def address_of_events(events: Events, row: int) -> wp.uint64:
+    """Address of the first event of a row."""
+
+
+@wp.func_native("""
+    if (k < events.room) {
+#ifdef __CUDA_ARCH__
+        const wp::uint64 at = address + 8ull * static_cast<unsigned>(k);
+        asm volatile("st.global.v2.s32 [%0], {%1, %2};" ::"l"(at), "r"(what), "r"(steps) : "memory");
+#else
+        reinterpret_cast<wp::vec2i*>(address)[k] = wp::vec2i(what, steps);
+#endif
+    }
+""")
+def add_event(events: Events, address: wp.uint64, k: int, what: int, steps: int):
+    """`write_event` for a row whose events begin at an address."""
+
+
+@wp.func_native("""
+    const unsigned apart = code_p ^ code_q;
+    return (apart == 0) | ((code_p & code_q & ((apart & 1u) - 1u)) != 0);  // bit 0: BOTTOM
+""")
+def is_quiet(code_p: int, code_q: int) -> wp.bool:
     """Whether a segment stays inside, or outside without winding around the patch."""
-    if (code_p | code_q) == 0:
-        return True
-    return (code_p & code_q) != 0 and ((code_p ^ code_q) & BOTTOM) == 0
 
 
 @wp.struct
@@ -137,7 +156,7 @@ def _clip_loops(
     k = int(0)
     after = int(0)  # the event behind the loop
     while k < count:
-        event = events.event[wp.int64(row) * events.row + wp.int64(k) * events.step]
+        event = events.event[wp.int64(row) * wp.int64(events.room) + wp.int64(k)]
         what = event[0]
         k += 1
         if (what & BEGIN) != 0:
@@ -166,10 +185,9 @@ def _clip_loops(
 
 
 def room_for_events(row_count: int, room: int, device: Any) -> Any:
-    """Allocate `room` events per row: those of a row are adjacent on a CPU, equal ones of all rows on a GPU."""
+    """Allocate `room` events per row."""
     events = Events()
     events.room = room
-    events.row, events.step = (room, 1) if device.is_cpu else (1, row_count)
     events.event = wp.empty(row_count * room, dtype=wp.vec2i, device=device)
     events.count = wp.empty(row_count, dtype=wp.int32, device=device)
     return events

@@ -1,8 +1,8 @@
 """Scan search, for small surfaces: test every scanned edge, then walk every loop in the plane once.
 
-The walk lists the segments that clipping must test, and a second kernel clips them: all lanes of a GPU walk alike, but
-clipping diverges and would make the other lanes wait. Closed surfaces are walked in float32 (`rough_walk`), and the
-few rows for which that is not exact enough in float64.
+The walk lists the segments that clipping must test, and another kernel clips them: all lanes of a GPU walk alike, but
+clipping diverges and would make the other lanes wait. Closed surfaces are scanned and walked in float32 (`rough_scan`,
+`rough_walk`), and the few rows for which that is not exact enough in float64.
 """
 
 from functools import partial
@@ -10,6 +10,7 @@ from typing import Any
 
 import warp as wp
 
+from ..lanes import GROUPS_OF_PROCESSOR, first_places, in_step, lanes_of_warp, take_place, taking_lanes
 from ..offsets import BLOCK
 from ..patch import (
     BOTTOM,
@@ -37,6 +38,7 @@ from .clip_events import (
     STOP,
     Events,
     _clip_loops,
+    address_of_events,
     is_quiet,
     room_for_events,
     write_event,
@@ -44,24 +46,32 @@ from .clip_events import (
 from .edge_pairing import OPEN
 from .half_edges import MASK_WORDS, Surface
 from .pieces import section_at
-from .rough_walk import (
-    RoughWalk,
-    ScanPlace,
-    half_of_step,
-    held_frame,
-    is_marked,
-    mark,
-    mark_roughly,
-    next_unmarked,
-    scan_height,
-    scan_roughly,
-    walk_roughly,
-)
+from .rough_scan import Scans, fetch_words, held, held_vec3, room_for_scans, scan_roughly
+from .rough_walk import RoughFrame, RoughWalk, begin_loop, rough_frame, step_roughly
 from .triangle_walk import Crossing, chain_start, crossing_after, crossing_at, link_of, load_vec4, point_of, vertex_of
 
 wp.set_module_options(EXACT)
 
 LISTED = 32  # scanned crossings that one scan lists; a further scan lists the next ones
+
+
+FEW_WALK = wp.constant(24)  # lanes of a warp: if no more are walking, the others take rows
+
+
+@wp.func_native("""
+    const unsigned k = static_cast<unsigned>(rank);
+    return (mask.data[k >> 5] >> (k & 31u)) & 1u;
+""")
+def is_marked(mask: wp.array[wp.uint32], rank: int) -> wp.bool:
+    """Whether the scanned edge of that rank is marked as passed."""
+
+
+@wp.func_native("""
+    const unsigned k = static_cast<unsigned>(rank);
+    mask.data[k >> 5] |= 1u << (k & 31u);
+""")
+def mark(mask: wp.array[wp.uint32], rank: int):
+    """Mark the scanned edge of that rank as passed."""
 
 
 @wp.struct
@@ -203,7 +213,7 @@ def walk_loop(
 
 
 @wp.kernel
-def _walk_first_loops(
+def _scan_sections(
     # In:
     surface: Surface,
     pose: wp.array2d[wp.transform],  # of the hand or of each patch -> array frame, shape [pose, 1 or patch]
@@ -211,74 +221,88 @@ def _walk_first_loops(
     bounded: int,  # 0: the whole plane
     section: wp.array[wp.int32],  # of each row; empty if rows are sections
     # Out:
-    events: Events,
-    rest: wp.array[wp.vec3i],  # rows with more loops, in any order, shape [row]:
-    # row, scanned crossings of other loops, half-edge of the first loop
-    rest_count: wp.array[wp.int32],  # number of these rows, zero-initialised, shape [1]
+    scans: Scans,
+    event_count: wp.array[wp.int32],  # 0 for rows whose planes miss the surface, shape [row]
     doubtful: wp.array[wp.int32],  # rows that need float64, in any order, shape [row]
-    doubtful_count: wp.array[wp.int32],
+    doubtful_count: wp.array[wp.int32],  # zero-initialised, shape [1]
 ):
-    """Walk around the first loop of each row's plane, usually the only one, if the surface is closed."""
+    """Scan the scan path for each row's plane, if the surface is closed; list the rows that must be walked."""
     row = wp.tid()
-    own = section_at(section, row)
-    side = half_extents(patch[own % patch.shape[0]], bounded)
-    g = held_frame(coarse_frame(section_frame(pose, patch, own), side, surface.reach))
-    walk = RoughWalk()
-    if surface.is_open == 0:
-        found = scan_roughly(surface, g)
-        walk.sure = found.least > g.unsure
-        if walk.sure and found.count > 0:
-            half = half_of_step(surface, found.step, found.above)
-            walk = walk_roughly(surface, g, half, events, row, 0)
-            if walk.sure and walk.scanned < found.count:
-                rest[wp.atomic_add(rest_count, 0, 1)] = wp.vec3i(row, found.count - walk.scanned, half)
-    events.count[row] = walk.events
-    if not walk.sure:
+    sure = surface.is_open == 0
+    crossings = int(0)
+    if sure:
+        own = section_at(section, row)
+        side = half_extents(patch[own % patch.shape[0]], bounded)
+        g = coarse_frame(section_frame(pose, patch, own), side, surface.reach)
+        unsure = held(g.unsure)
+        found = scan_roughly(surface, held_vec3(g.n), held(g.distance), scans, row)
+        sure = found.least > unsure
+        crossings = found.count
+    if not sure:
         doubtful[wp.atomic_add(doubtful_count, 0, 1)] = row
+    elif crossings > 0:
+        scans.listed[wp.atomic_add(scans.count, 0, 1)] = wp.vec2i(row, crossings)
+    else:
+        event_count[row] = 0
 
 
-@wp.kernel
-def _walk_other_loops(
+@wp.func
+def finish_row(walk: RoughWalk, events: Events, doubtful: wp.array[wp.int32], doubtful_count: wp.array[wp.int32]):
+    """Leave the row of a walk; returns whether another loop of it is to be walked instead."""
+    if walk.steps >= 0 and walk.left > 0:
+        return False
+    if walk.steps >= 0:
+        events.count[walk.row] = walk.events
+    else:
+        doubtful[wp.atomic_add(doubtful_count, 0, 1)] = walk.row
+    return True
+
+
+@wp.kernel(launch_bounds=(BLOCK, GROUPS_OF_PROCESSOR))
+def _walk_loops(
     # In:
     surface: Surface,
     pose: wp.array2d[wp.transform],
     patch: wp.array[Patch],
     bounded: int,
     section: wp.array[wp.int32],
-    rest: wp.array[wp.vec3i],
-    rest_count: wp.array[wp.int32],
+    scans: Scans,
     # Out:
-    events: Events,  # those of the first loop are there already
+    events: Events,
     doubtful: wp.array[wp.int32],
     doubtful_count: wp.array[wp.int32],
 ):
-    """Walk around the other loops of rows that have more than one."""
-    if wp.tid() >= rest_count[0]:
-        return
-    listed = rest[wp.tid()]
-    row = listed[0]
-    left = listed[1]
-    half = listed[2]
-    own = section_at(section, row)
-    side = half_extents(patch[own % patch.shape[0]], bounded)
-    g = held_frame(coarse_frame(section_frame(pose, patch, own), side, surface.reach))
-    mask = wp.zeros(shape=MASK_WORDS, dtype=wp.uint32)
-    place = ScanPlace()
-    place.above = scan_height(g, load_vec4(surface.scan_path, 0)) > 0.0
+    """Walk around all loops of the listed rows. A lane that is done takes another row, once there are several such."""
+    count = scans.count[0]
+    ours = first_places(wp.tid())
+    g = RoughFrame()
     walk = RoughWalk()
-    walk.sure = True
-    count = events.count[row]
-    while left > 0 and walk.sure:
-        mark_roughly(surface, g, half, mask)
-        place = next_unmarked(surface, g, mask, place)
-        half = place.half
-        walk = walk_roughly(surface, g, half, events, row, count)
-        count += walk.events
-        left -= walk.scanned
-    if walk.sure:
-        events.count[row] = count
-    else:
-        doubtful[wp.atomic_add(doubtful_count, 0, 1)] = row
+    walk.row = OPEN
+    works = bool(True)
+    while works:
+        if walk.row != OPEN:
+            if finish_row(walk, events, doubtful, doubtful_count):
+                walk.row = OPEN
+        place = take_place(walk.row == OPEN, ours, scans.taken, count)
+        ours = wp.vec2i(place[1], place[2])
+        if place[0] != OPEN:
+            walk.row = scans.listed[place[0]][0]
+            walk.left = scans.listed[place[0]][1]
+            walk.events = 0
+            walk.address = address_of_events(events, walk.row)
+            own = section_at(section, walk.row)
+            side = half_extents(patch[own % patch.shape[0]], bounded)
+            g = rough_frame(section_frame(pose, patch, own), side, surface.reach)
+            walk.words = fetch_words(surface, scans, walk.row)
+        walk.walks = 0
+        if walk.row != OPEN:
+            walk = begin_loop(surface, g, events, walk)
+        few = wp.where(ours[0] < count, FEW_WALK, 0)
+        while lanes_of_warp(walk.walks != 0) > few:
+            walk = step_roughly(surface, g, events, walk)
+            if in_step():  # lanes vote after every second step
+                walk = step_roughly(surface, g, events, walk)
+        works = lanes_of_warp(walk.row != OPEN) > 0
 
 
 @wp.func
@@ -342,14 +366,13 @@ def scan_search_pieces(
     device = pose.device
     row_count = pieces.count.shape[0]
     events = room_for_events(row_count, room, device)
-    rest = wp.empty(row_count, dtype=wp.vec3i, device=device)
-    doubtful = wp.empty(row_count, dtype=wp.int32, device=device)
-    counts = wp.zeros(2, dtype=wp.int32, device=device)
-    rests, doubts = [rest, counts[:1]], [doubtful, counts[1:]]
+    counters = wp.zeros(3, dtype=wp.int32, device=device)
+    scans = room_for_scans(surface, row_count, counters, device)
+    doubts = [wp.empty(row_count, dtype=wp.int32, device=device), counters[2:]]
     inputs = [surface, pose, patch, int(bounded), pieces.section]
     launch = partial(wp.launch, device=device, block_dim=BLOCK)
-    launch(_walk_first_loops, row_count, inputs=inputs, outputs=[events, *rests, *doubts])
-    launch(_walk_other_loops, row_count, inputs=[*inputs, *rests], outputs=[events, *doubts])
+    launch(_scan_sections, row_count, inputs=inputs, outputs=[scans, events.count, *doubts])
+    launch(_walk_loops, taking_lanes(device, row_count), inputs=[*inputs, scans], outputs=[events, *doubts])
     launch(_walk_doubtful_loops, row_count, inputs=[*inputs, *doubts], outputs=[events])
     launch(_clip_loops, row_count, inputs=[surface, pose, patch, events], outputs=[pieces])
     return events.count

@@ -14,7 +14,7 @@ LEAF_BITS = wp.constant(2)  # below a leaf's number in those of its triangles
 LEAF = 4  # triangles of a leaf of the hierarchy
 MASK_WORDS = 128  # 32-bit words of the scan search's mask, which has one bit per scanned edge
 SCAN_FACES_MOST = 8000  # most triangles of a surface with a scan path: links of their half-edges have 16 bits
-SCAN_WORDS = 8  # most 32-bit words in which a scan notes its crossings, one bit for `Surface.scan_group` steps
+SCAN_WORDS = 32  # most 32-bit words in which a scan notes its crossings, one bit for `Surface.scan_group` steps
 
 
 @wp.struct

@@ -41,7 +41,7 @@ def crossed_bits(edges, group, pose):
     return set((step // group).tolist()), len(step)
 
 
-@pytest.mark.parametrize("words", [1, 8])
+@pytest.mark.parametrize("words", [1, half_edges.SCAN_WORDS])
 @pytest.mark.parametrize("name", CLOSED)
 def test_a_scan_notes_the_steps_that_cross_the_plane(name, words, device, monkeypatch):
     monkeypatch.setattr(half_edges, "SCAN_WORDS", words)

@@ -280,7 +280,7 @@ def _walk_loops(
     walk.row = OPEN
     works = bool(True)
     while works:
-        if walk.row != OPEN:
+        if walk.row != OPEN and walk.walks == 0:
             if finish_row(walk, events, doubtful, doubtful_count):
                 walk.row = OPEN
         place = take_place(walk.row == OPEN, ours, scans.taken, count)
@@ -294,8 +294,7 @@ def _walk_loops(
             side = half_extents(patch[own % patch.shape[0]], bounded)
             g = rough_frame(section_frame(pose, patch, own), side, surface.reach)
             walk.words = fetch_words(surface, scans, walk.row)
-        walk.walks = 0
-        if walk.row != OPEN:
+        if walk.row != OPEN and walk.walks == 0:
             walk = begin_loop(surface, g, events, walk)
         few = wp.where(ours[0] < count, FEW_WALK, 0)
         while lanes_of_warp(walk.walks != 0) > few:

@@ -20,6 +20,7 @@ RENDER_STAGES = (
     "pieces.many_crossings",
     "section.joining",
     "section.contour_writing",
+    "section.listed_drawing",
     "pieces.plane_loops",
     "patterns.section_cutting",
     "patterns.section_drawing",

@@ -15,6 +15,7 @@ import warp as wp
 from ..patch import require_section_poses
 from ..section.pieces import room_for_excess, room_for_sections
 from ..section.scan_search import scan_search_pieces
+from ..section.step_lists import room_for_steps
 from ..section.tree_search import tree_search_pieces
 from .flat_search import CrossingLimitError, flat_search_pieces
 
@@ -28,6 +29,11 @@ def method_for(surface: Any, device: Any) -> str:
     if small and surface.scan_path.shape[0] > 0:
         return "trace"
     return "seek" if device.is_cpu else "flat"
+
+
+def lists_steps(device: Any) -> bool:
+    """Whether the scan search lists steps, to draw from them: one thread alone draws faster by walking."""
+    return device.is_cuda
 
 
 def find_pieces(
@@ -62,7 +68,11 @@ def find_pieces(
 
 def _scanned_pieces(surface: Any, pose: wp.array, patch: wp.array, *, bounded: bool) -> list:
     """`find_pieces` by the scan search."""
-    found = [room_for_sections(pose.shape[0] * patch.shape[0], pose.device)]
+    row_count = pose.shape[0] * patch.shape[0]
+    found = [room_for_sections(row_count, pose.device)]
+    if lists_steps(pose.device):
+        faces = surface.corner.shape[0] // 3
+        found[0].lists = room_for_steps(row_count, faces, bounded=bounded, device=pose.device)
     needed = scan_search_pieces(surface, pose, patch, found[0], bounded=bounded)
     if found[0].excess.numpy()[0] > 0:
         found.append(room_for_excess(found[0], pose.device))

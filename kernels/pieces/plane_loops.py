@@ -11,7 +11,7 @@ import warp as wp
 from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
 from ..patch import EXACT, Frame, Patch, half_extents, section_frame
 from ..section.half_edges import OPEN, Surface
-from ..section.joining import BOUNDARY, SLOT, Entries, order_pieces
+from ..section.joining import COUNT, SLOT, Entries, order_pieces
 from ..section.pieces import ContourPieces, section_of, start_of
 from ..section.triangle_walk import crossing_after, crossing_at, point_of
 from .finding import find_pieces
@@ -52,7 +52,7 @@ def _count_crossings(
 ):
     """Count the crossings of all loops of a row."""
     row = wp.tid()
-    count = entries.count[row] & (BOUNDARY - 1)
+    count = entries.count[row] & COUNT
     if count == 0:
         return
     section = section_of(pieces, row)
@@ -87,7 +87,7 @@ def _draw_loops(
     side = half_extents(patch[section % patch.shape[0]], bounded)
     base = start_of(pieces, row)
     i = point_start[section]
-    for e in range(entries.count[row] & (BOUNDARY - 1)):
+    for e in range(entries.count[row] & COUNT):
         slot = entries.entry[base + wp.int64(e) * pieces.stride] & SLOT
         half = pieces.half[base + wp.int64(slot) * pieces.stride]
         loop_start[section_start[section] + wp.int64(e)] = i

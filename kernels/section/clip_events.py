@@ -7,8 +7,9 @@ import warp as wp
 from ..patch import EXACT, Patch, section_frame
 from .edge_pairing import OPEN
 from .half_edges import Surface
-from .pieces import CLOSED, ContourPieces, count_row, section_of, store_piece
+from .pieces import CLOSED, NO_WRAP, UNLISTED, ContourPieces, count_row, list_location, section_of, store_listed
 from .segment_clipping import NONE, Segment, needs_left, segment_of
+from .step_lists import PLACE, StepLists, no_steps
 from .triangle_walk import corners_left_from, link_of, load_vec4
 
 wp.set_module_options(EXACT)
@@ -31,6 +32,8 @@ class Events:
     room: wp.int32  # most events of a row
     event: wp.array[wp.vec2i]
     count: wp.array[wp.int32]  # events of each row, also those beyond its room
+    lists: StepLists
+    listed: wp.array[wp.int32]  # length of each row's list, also what is beyond its room, in whole words
 
 
 @wp.func
@@ -86,6 +89,9 @@ class EventTour:
     pieces: int
     winding: int
     clear: int  # 1 if the end where the piece entered is clear
+    word: int  # with which the list of the loop's steps begins; UNLISTED if the row's list has no room
+    passed: int  # steps of the loop so far
+    first_step: int  # of the piece, in the loop's list
 
 
 @wp.func
@@ -94,6 +100,7 @@ def begin_tour(surface: Surface, k: int, what: int, old: EventTour):
     t = EventTour()
     t.pieces = old.pieces
     t.winding = old.winding
+    t.word = wp.where(old.word == UNLISTED, UNLISTED, old.word + ((old.passed + 3) >> PLACE))
     t.begin = k
     t.first = what >> HALF
     t.half = t.first
@@ -114,11 +121,13 @@ def advance(tour: EventTour, what: int, steps: int, segment: Segment, clear: int
     at = what >> HALF
     t.steps += steps
     if t.again == 0:
+        t.passed += steps
         t.winding += segment.winding
         if segment.enter != NONE:
             t.half = at
             t.enter = segment.enter
             t.clear = clear
+            t.first_step = t.passed
             t.steps = 0
             t.inside = 1
             t.partial = 0
@@ -126,7 +135,9 @@ def advance(tour: EventTour, what: int, steps: int, segment: Segment, clear: int
         t.whole = 0
     if t.inside == 1 and (segment.leave != NONE or (what & STOP) != 0):
         if t.partial == 0:
-            store_piece(pieces, row, t.pieces, t.half, at, t.enter, segment.leave, t.steps, t.half, t.clear & clear)
+            location = list_location(t.word, t.first_step, wp.where(t.again == 1, t.passed, NO_WRAP))
+            clear = t.clear & clear
+            store_listed(pieces, row, t.pieces, t.half, at, t.enter, segment.leave, t.steps, t.half, clear, location)
             t.pieces += 1
         t.inside = 0
     if (what & (END | STOP)) != 0:
@@ -152,6 +163,7 @@ def _clip_loops(
     count = events.count[row]
     tour = EventTour()
     tour.pieces = wp.where(count > events.room, count, 0)  # no more pieces than events
+    tour.word = wp.where(events.listed[row] <= events.lists.words << PLACE, 0, UNLISTED)
     count = wp.where(count > events.room, 0, count)
     k = int(0)
     after = int(0)  # the event behind the loop
@@ -171,9 +183,9 @@ def _clip_loops(
             tour = advance(tour, what, event[1], segment_of((what >> FROM) & TO, what & TO, left), clear, pieces, row)
             if tour.done == 1 and tour.whole == 1:
                 half = tour.first
-                store_piece(
-                    pieces, row, tour.pieces, half, half, NONE, NONE, tour.steps, CLOSED + surface.rank[half], 1
-                )
+                location = list_location(tour.word, 0, NO_WRAP)
+                rank = surface.rank[half]
+                store_listed(pieces, row, tour.pieces, half, half, NONE, NONE, tour.steps, CLOSED + rank, 1, location)
                 tour.pieces += 1
             if (what & (END | STOP)) != 0:
                 after = k
@@ -184,10 +196,12 @@ def _clip_loops(
     count_row(pieces, row, tour.pieces, tour.winding)
 
 
-def room_for_events(row_count: int, room: int, device: Any) -> Any:
-    """Allocate `room` events per row."""
+def room_for_events(row_count: int, room: int, device: Any, lists: Any = None) -> Any:
+    """Allocate `room` events per row. lists: takes the steps between events, if any."""
     events = Events()
     events.room = room
     events.event = wp.empty(row_count * room, dtype=wp.vec2i, device=device)
     events.count = wp.empty(row_count, dtype=wp.int32, device=device)
+    events.lists = lists or no_steps(device)
+    events.listed = wp.empty(row_count, dtype=wp.int32, device=device)
     return events

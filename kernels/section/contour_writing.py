@@ -11,8 +11,10 @@ import warp as wp
 from ..lanes import lane_count
 from ..offsets import BLOCK
 from ..patch import EXACT, Patch, half_extents, output_point, section_frame
+from ..warps import threads_for
 from .half_edges import Surface
-from .joining import BOUNDARY, SLOT, Entries, Joined
+from .joining import COUNT, SLOT, Entries, Joined
+from .listed_drawing import LANE_WORDS, _draw_listed_rows
 from .pieces import ContourPieces, section_of, start_of
 from .row_walker import LineArrays, PolylineWriter, draw_row, draw_row_ends
 from .triangle_walk import crossing_at, point_of
@@ -34,6 +36,33 @@ class Contours(NamedTuple):
     section_start: wp.array  # int64, shape [section + 1]
 
 
+@wp.func
+def write_row(
+    surface: Surface,
+    pose: wp.array2d[wp.transform],
+    patch: wp.array[Patch],
+    pieces: ContourPieces,
+    entries: Entries,
+    row: int,
+    bounded: int,
+    closes: int,
+    section_start: wp.array[wp.int64],
+    point_start: wp.array[wp.int64],
+    lines: LineArrays,
+):
+    """Write a row's polylines by walking its pieces."""
+    section = section_of(pieces, row)
+    own = section % patch.shape[0]
+    writer = PolylineWriter()
+    writer.i = point_start[section]
+    writer.line = section_start[section]
+    writer.patch = own
+    f = section_frame(pose, patch, section)
+    writer = draw_row(surface, f, half_extents(patch[own], bounded), pieces, entries, row, closes, lines, writer)
+    if section == section_start.shape[0] - 2:
+        lines.polyline_start[section_start[section + 1]] = point_start[section + 1]
+
+
 @wp.kernel
 def _draw_contours(
     # In:
@@ -50,17 +79,30 @@ def _draw_contours(
     lines: LineArrays,
 ):
     """Write each row's polylines."""
-    row = wp.tid()
-    section = section_of(pieces, row)
-    own = section % patch.shape[0]
-    writer = PolylineWriter()
-    writer.i = point_start[section]
-    writer.line = section_start[section]
-    writer.patch = own
-    f = section_frame(pose, patch, section)
-    writer = draw_row(surface, f, half_extents(patch[own], bounded), pieces, entries, row, closes, lines, writer)
-    if section == section_start.shape[0] - 2:
-        lines.polyline_start[section_start[section + 1]] = point_start[section + 1]
+    write_row(surface, pose, patch, pieces, entries, wp.tid(), bounded, closes, section_start, point_start, lines)
+
+
+@wp.kernel
+def _draw_rest(
+    # In:
+    surface: Surface,
+    pose: wp.array2d[wp.transform],
+    patch: wp.array[Patch],
+    pieces: ContourPieces,
+    entries: Entries,
+    bounded: int,
+    closes: int,
+    section_start: wp.array[wp.int64],
+    point_start: wp.array[wp.int64],
+    rest: wp.array[wp.int32],  # rows that `_draw_listed_rows` leaves out
+    rest_count: wp.array[wp.int32],
+    # Out:
+    lines: LineArrays,
+):
+    """Write the polylines of the rows that are left."""
+    if wp.tid() < rest_count[0]:
+        row = rest[wp.tid()]
+        write_row(surface, pose, patch, pieces, entries, row, bounded, closes, section_start, point_start, lines)
 
 
 @wp.kernel
@@ -108,7 +150,7 @@ def _draw_listed(
     """Write the points of the listed crossings of each row's polylines."""
     row = wp.tid() // lanes
     while row < entries.count.shape[0]:
-        count = entries.count[row] & (BOUNDARY - 1)
+        count = entries.count[row] & COUNT
         if count > 0:
             f = pieces.frame[row]
             side = half_extents(patch[section_of(pieces, row) % patch.shape[0]], bounded)
@@ -134,6 +176,9 @@ def draw_contours(
     out, lines = room_for_contours(joined.section_start, joined.polyline_count, joined.point_count)
     launch = partial(wp.launch, device=device, block_dim=BLOCK)
     for pieces, entries in joined.rows:
+        if pieces.lists.words > 0:
+            draw_listed_rows(surface, pose, patch, pieces, entries, joined, lines, bounded=bounded, closes=closes)
+            continue
         row_count, drawn = pieces.count.shape[0], [patch, pieces, entries, int(bounded)]
         inputs = [surface, pose, *drawn, int(closes), joined.section_start, joined.point_start]
         launch(_draw_contours if pieces.listed is None else _draw_ends, row_count, inputs=inputs, outputs=[lines])
@@ -141,6 +186,29 @@ def draw_contours(
             lanes, groups = lane_count(device), min(row_count, GROUPS_MOST)
             launch(_draw_listed, groups * lanes, inputs=[surface, *drawn, lanes, groups], outputs=[lines.points])
     return out
+
+
+def draw_listed_rows(
+    surface: Any,
+    pose: wp.array,
+    patch: wp.array,
+    pieces: Any,
+    entries: Any,
+    joined: Joined,
+    lines: Any,
+    *,
+    bounded: bool,
+    closes: bool,
+) -> None:
+    """Write rows from listed steps, and those by walking for which that is not enough."""
+    device, row_count = pose.device, pieces.count.shape[0]
+    rest = [wp.empty(row_count, dtype=wp.int32, device=device), wp.zeros(1, dtype=wp.int32, device=device)]
+    inputs = [surface, pose, patch, pieces, entries, int(bounded), int(closes)]
+    inputs += [joined.section_start, joined.point_start]
+    own = wp.empty(LANE_WORDS, dtype=wp.int64, device=device)
+    launch = partial(wp.launch, device=device, block_dim=BLOCK)
+    launch(_draw_listed_rows, threads_for(device, row_count), inputs=inputs, outputs=[own, lines, *rest])
+    launch(_draw_rest, row_count, inputs=[*inputs, *rest], outputs=[lines])
 
 
 def room_for_contours(section_start: wp.array, polyline_count: int, point_count: int) -> tuple[Contours, Any]:

@@ -6,19 +6,57 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
-from ..patch import EXACT, Frame, Patch, corner, outcode, output_point, section_frame
+from ..patch import EXACT, Frame, Patch, corner, output_point, section_frame
+from ..warps import (
+    half_word_at,
+    lane_of_warp,
+    lanes_of_warp,
+    memory_of_warp,
+    owner_of,
+    set_half_word,
+    sums_of_warp,
+    sync_warp,
+    threads_for,
+)
 from .half_edges import Surface
-from .pieces import CLOSED, ContourPieces, room_of, section_of, start_of
-from .segment_clipping import NONE, side_point, side_position
-from .triangle_walk import crossing_after, crossing_at, point_of
+from .piece_ends import (
+    BY_KEY,
+    DONE,
+    FOLLOWER,
+    LOST,
+    NO_CORNERS,
+    PASSED,
+    PieceEnds,
+    corners_after,
+    is_clear,
+    is_drawable,
+    match_ends,
+    place_end,
+    set_slot_int,
+    slot_int,
+    slot_point,
+    sort_slots,
+    steps_most,
+)
+from .pieces import CLOSED, ContourPieces, enter_side, leave_side, room_of, section_of, start_of
+from .row_planes import PLANE_WORDS, RowPlane, keep_plane, plane_memory, plane_of, start_at
 
 wp.set_module_options(EXACT)
 
-BY_KEY = wp.constant(2)  # an order of pieces; 0 and 1: by where they enter, leave
 BEGIN = wp.constant(1 << 24)  # in an entry: a polyline begins with this piece
 CORNERS = wp.constant(25)  # bits above it: how many corners of the patch follow the piece
 SLOT = wp.constant((1 << 24) - 1)  # bits of the piece's slot
-BOUNDARY = wp.constant(1 << 30)  # in a row's entry count: the patch's whole boundary follows as a polyline
+COUNT = wp.constant((1 << 29) - 1)  # bits of a row's number of entries
+WALKED = wp.constant(1 << 29)  # above them: not all points are those that steps, sides and corners have in general
+BOUNDARY = wp.constant(1 << 30)  # above them: the patch's whole boundary follows as a polyline
+
+
+LANE_WORDS = PLANE_WORDS + 1  # of a lane's memory on a CPU
+
+
+@wp.func_native(memory_of_warp(1, begin=PLANE_WORDS))
+def number_memory(own: wp.array[wp.int64]) -> wp.uint64:
+    """Address of numbers of 32 bits, one for each lane."""
 
 
 @wp.struct
@@ -26,126 +64,9 @@ class Entries:
     """Pieces in the order in which they are drawn; a row's entry e stands where its slot e does."""
 
     entry: wp.array[wp.int32]  # slot, BEGIN, corners << CORNERS
-    count: wp.array[wp.int32]  # entries, BOUNDARY; shape [row]
+    count: wp.array[wp.int32]  # entries, WALKED, BOUNDARY; shape [row]
     polylines: wp.array[wp.int64]  # of each section, shape [section + 1], the last one stays 0
     points: wp.array[wp.int64]
-
-
-@wp.struct
-class PieceEnds:
-    """Ends of a row's open pieces, sorted along the boundary; scratch, by slot."""
-
-    leaving: wp.array[wp.int32]  # piece, in the order of the places where pieces leave; in the end, by key
-    entering: wp.array[wp.int32]  # piece, in the order of the places where pieces enter
-    follower: wp.array[wp.int32]  # the piece that the boundary leads to from where this one leaves; NONE once drawn
-    corners: wp.array[wp.int32]  # how many corners it passes on the way
-    position: wp.array[wp.vec2d]  # how far along its side each piece enters and leaves [m]
-    steps: wp.array[wp.int32]  # steps of non-zero length
-    first: wp.array[wp.vec3]  # first and last point [m], array frame
-    last: wp.array[wp.vec3]
-
-
-@wp.func
-def place_ends(surface: Surface, f: Frame, half: wp.vec2d, pieces: ContourPieces, i: wp.int64, ends: PieceEnds):
-    """Compute where an open piece enters and leaves its patch; add its steps of non-zero length there."""
-    side = pieces.side[i]
-    position = wp.vec2d()
-    steps = pieces.steps[i] // 2
-    x = wp.vec3()
-    if side[0] != NONE:
-        c = crossing_at(surface, f, pieces.half[i])
-        q = point_of(f, crossing_after(surface, f, c), half)
-        p = side_point(side[0], point_of(f, c, half), q, half)
-        x = output_point(f, p)
-        position[0] = side_position(side[0], p)
-        ends.first[i] = x
-        if outcode(q, half) == 0 and not (x == output_point(f, q)):
-            steps += 1
-    if side[1] != NONE:
-        c = crossing_at(surface, f, pieces.out[i])
-        p = point_of(f, c, half)
-        q = side_point(side[1], p, point_of(f, crossing_after(surface, f, c), half), half)
-        y = output_point(f, q)
-        position[1] = side_position(side[1], q)
-        ends.last[i] = y
-        if outcode(p, half) == 0:
-            x = output_point(f, p)
-        if not (x == y):
-            steps += 1
-    ends.position[i] = position
-    ends.steps[i] = steps
-
-
-@wp.func
-def comes_before(pieces: ContourPieces, base: wp.int64, one: int, two: int, by: int, ends: PieceEnds):
-    """Whether a slot's piece comes before another's: by where they enter or leave, then by key."""
-    a = base + wp.int64(one) * pieces.stride
-    b = base + wp.int64(two) * pieces.stride
-    if by != BY_KEY:
-        side_a = pieces.side[a][by]
-        side_b = pieces.side[b][by]
-        if side_a != side_b:
-            return side_a < side_b
-        if ends.position[a][by] != ends.position[b][by]:
-            return ends.position[a][by] < ends.position[b][by]
-    return pieces.key[a] < pieces.key[b]
-
-
-@wp.func
-def sort_slots(
-    pieces: ContourPieces,
-    base: wp.int64,
-    count: int,
-    by: int,
-    only_open: bool,
-    ends: PieceEnds,
-    order: wp.array[wp.int32],
-):
-    """Shell sort of a row's slots; returns how many there are. For a few it is an insertion sort."""
-    n = int(0)
-    for slot in range(count):
-        if not only_open or pieces.key[base + wp.int64(slot) * pieces.stride] < CLOSED:
-            order[base + wp.int64(n) * pieces.stride] = slot
-            n += 1
-    gap = int(1)
-    while gap < n // 3:
-        gap = 3 * gap + 1
-    while gap > 0:
-        for i in range(gap, n):
-            slot = order[base + wp.int64(i) * pieces.stride]
-            place = int(i)
-            while place >= gap:
-                other = order[base + wp.int64(place - gap) * pieces.stride]
-                if not comes_before(pieces, base, slot, other, by, ends):
-                    break
-                order[base + wp.int64(place) * pieces.stride] = other
-                place -= gap
-            order[base + wp.int64(place) * pieces.stride] = slot
-        gap = gap // 3
-    return n
-
-
-@wp.func
-def match_ends(pieces: ContourPieces, base: wp.int64, count: int, winding: int, ends: PieceEnds):
-    """Match leaving and entering ends; returns how many open pieces there are.
-
-    Along the boundary a solid interval begins where a piece leaves and ends where one enters. At corner 0, `winding`
-    solid intervals are already open, and the first `winding` entering ends close them. So leaving end k pairs with
-    entering end (k + winding) mod n, all ends sorted along the boundary. Pairing uses sort rank, not distances: two
-    ends that rounding has swapped still pair, and no spurious corner is inserted between them.
-    """
-    n = sort_slots(pieces, base, count, 1, True, ends, ends.leaving)
-    sort_slots(pieces, base, count, 0, True, ends, ends.entering)
-    for k in range(n):
-        leaving = ends.leaving[base + wp.int64(k) * pieces.stride]
-        entering = ends.entering[base + wp.int64((k + wp.max(winding, 0)) % n) * pieces.stride]
-        own = base + wp.int64(leaving) * pieces.stride
-        gap = pieces.side[base + wp.int64(entering) * pieces.stride][0] - pieces.side[own][1]
-        if k + wp.max(winding, 0) >= n:
-            gap += 4
-        ends.follower[own] = entering
-        ends.corners[own] = wp.max(gap, 0)
-    return n
 
 
 @wp.func
@@ -164,46 +85,114 @@ def joint_steps(f: Frame, half: wp.vec2d, x: wp.vec3, y: wp.vec3, side: int, cor
 
 
 @wp.func
-def loop_steps(pieces: ContourPieces, base: wp.int64, first: int, f: Frame, half: wp.vec2d, ends: PieceEnds):
-    """Number of steps of non-zero length around the loop of a piece."""
-    own = base + wp.int64(first) * pieces.stride
-    steps = ends.steps[own]
-    if pieces.key[own] >= CLOSED or pieces.side[own][1] == NONE or ends.corners[own] == NONE:
-        return steps
-    slot = ends.follower[own]
-    while True:
-        following = base + wp.int64(slot) * pieces.stride
-        steps += joint_steps(f, half, ends.last[own], ends.first[following], pieces.side[own][1], ends.corners[own])
-        if slot == first:
-            break
-        own = following
-        steps += ends.steps[own]
-        slot = ends.follower[own]
-    return steps
+def joint_lost(pieces: ContourPieces, own: int, following: int, corners: int, planes: wp.uint64, ends: PieceEnds):
+    """Number of steps of zero length among those from where a piece leaves past corners to where another enters."""
+    if corners > 0 and is_clear(pieces, own) and is_clear(pieces, following):
+        return 0
+    x = slot_point(ends.last, own)
+    y = slot_point(ends.first, following)
+    if corners == 0:
+        return wp.where(x == y, 1, 0)
+    plane = plane_of(planes, lane_of_warp())
+    side = leave_side(slot_int(pieces.side, own))
+    return corners + 1 - joint_steps(plane.f, plane.side, x, y, side, corners)
 
 
 @wp.func
-def enter_loop(
-    pieces: ContourPieces, base: wp.int64, first: int, kept: bool, ends: PieceEnds, entries: Entries, entry: int
-):
-    """Mark the pieces of a loop as drawn, and enter them from entry on if it is kept; returns the next free entry."""
+def loop_steps(pieces: ContourPieces, base: int, first: int, planes: wp.uint64, ends: PieceEnds):
+    """Number of steps around the loop of a piece, and how many of them have zero length."""
+    stride = int(pieces.stride)
+    own = base + first * stride
+    link = slot_int(ends.link, own)
+    steps = steps_most(pieces, own)
+    lost = link >> LOST
+    while corners_after(link) != NO_CORNERS:
+        slot = link & FOLLOWER
+        following = base + slot * stride
+        steps += corners_after(link) + 1
+        lost += joint_lost(pieces, own, following, corners_after(link), planes, ends)
+        if slot == first:
+            break
+        own = following
+        link = slot_int(ends.link, own)
+        steps += steps_most(pieces, own)
+        lost += link >> LOST
+    return wp.vec2i(steps, lost)
+
+
+@wp.func
+def enter_loop(pieces: ContourPieces, base: int, first: int, kept: bool, ends: PieceEnds, entries: Entries, entry: int):
+    """Mark the pieces of a loop as done, and enter them from entry on if it is kept; returns the next free entry."""
+    stride = int(pieces.stride)
     n = int(entry)
     slot = int(first)
     while True:
-        own = base + wp.int64(slot) * pieces.stride
-        corners = wp.max(ends.corners[own], 0)
-        follower = ends.follower[own]
-        ends.follower[own] = NONE
+        link = slot_int(ends.link, base + slot * stride)
+        set_slot_int(ends.link, base + slot * stride, link | DONE)
         if kept:
-            code = slot | (corners << CORNERS)
-            if slot == first:
-                code = code | BEGIN
-            entries.entry[base + wp.int64(n) * pieces.stride] = code
+            corners = wp.where(corners_after(link) == NO_CORNERS, 0, corners_after(link))
+            begin = wp.where(slot == first, BEGIN, 0)
+            set_slot_int(entries.entry, base + n * stride, slot | (corners << CORNERS) | begin)
             n += 1
-        if follower == first:
+        slot = link & FOLLOWER
+        if slot == first:
             break
-        slot = follower
     return n
+
+
+@wp.func
+def join_row(pieces: ContourPieces, row: int, planes: wp.uint64, closes: int, ends: PieceEnds, entries: Entries):
+    """Order a row's pieces, whose ends are placed; returns its number of entries, of polylines and of points."""
+    stride = int(pieces.stride)
+    base = int(start_at(planes, lane_of_warp()))
+    count = pieces.count[row]
+    lines = int(0)
+    points = int(0)
+    entry = int(0)
+    walked = int(0)
+    open_count = int(0)
+    if closes == 1:
+        open_count = match_ends(pieces, base, count, pieces.winding[row], ends)
+    sort_slots(pieces, base, count, BY_KEY, ends, ends.leaving)
+    for rank in range(count):
+        slot = slot_int(ends.leaving, base + rank * stride)
+        if not is_drawable(pieces, base + slot * stride):
+            walked = WALKED
+        if (slot_int(ends.link, base + slot * stride) & DONE) == 0:
+            steps = loop_steps(pieces, base, slot, planes, ends)
+            entry = enter_loop(pieces, base, slot, steps[0] > steps[1], ends, entries, entry)
+            if steps[0] > steps[1]:
+                lines += 1
+                points += steps[0] - steps[1] + 1
+                walked = wp.where(steps[1] == 0, walked, WALKED)
+    if closes == 1 and open_count == 0 and pieces.winding[row] > 0:
+        entry = entry | BOUNDARY
+        lines += 1
+        points += 5
+    return wp.vec3i(entry | walked, lines, points)
+
+
+@wp.func
+def place_ends_of_warp(
+    surface: Surface,
+    pieces: ContourPieces,
+    closes: int,
+    planes: wp.uint64,
+    firsts: wp.uint64,
+    total: int,
+    ends: PieceEnds,
+):
+    """Place the ends of all pieces of a warp's rows; firsts: with which number of the warp each row's ends begin."""
+    k = lane_of_warp()
+    while k < total:
+        lane = owner_of(firsts, k)
+        number = k - half_word_at(firsts, lane)
+        i = int(start_at(planes, lane)) + (number >> 1) * int(pieces.stride)
+        if slot_int(pieces.key, i) < CLOSED:
+            if closes == 1 or not is_clear(pieces, i):
+                plane = plane_of(planes, lane)
+                place_end(surface, plane.f, plane.side, pieces, i, number & 1, ends)
+        k += lanes_of_warp()
 
 
 @wp.func
@@ -233,21 +222,21 @@ def _join_single_pieces(
     points = int(0)
     listed = count > 1
     if count == 1:
-        own = start_of(pieces, row)
+        own = int(start_of(pieces, row))
         steps = pieces.steps[own] // 2
         corners = int(0)
         listed = pieces.steps[own] & 1 == 0
         if pieces.key[own] < CLOSED:
             side = pieces.side[own]
-            steps += end_steps(side, pieces.half[own] == pieces.out[own])
+            steps = steps_most(pieces, own)
             if closes == 1:
-                corners = wp.max(side[0] - side[1] + wp.where(inside, 4, 0), 0)
+                corners = wp.max(enter_side(side) - leave_side(side) + wp.where(inside, 4, 0), 0)
                 steps += corners + 1
                 listed = listed or corners == 0  # it may leave where it entered
             inside = False
         if steps > 0:
             entries.entry[own] = BEGIN | (corners << CORNERS)
-            entry = 1
+            entry = 1 | wp.where(is_drawable(pieces, own), 0, WALKED)
             lines = 1
             points = steps + 1
     if inside:
@@ -260,16 +249,7 @@ def _join_single_pieces(
         write_row(entries, row, section_of(pieces, row), entry, lines, points)
 
 
-@wp.func
-def end_steps(side: wp.vec2i, through: bool):
-    """Steps of an open piece at the patch's sides; through: it enters and leaves with one segment."""
-    steps = wp.where(side[0] != NONE, 1, 0) + wp.where(side[1] != NONE, 1, 0)
-    if through and steps == 2:
-        return 1
-    return steps
-
-
-@wp.kernel
+@wp.kernel(launch_bounds=(BLOCK, 12))
 def _join_pieces(
     # In:
     surface: Surface,
@@ -280,46 +260,44 @@ def _join_pieces(
     rest: wp.array[wp.int32],
     rest_count: wp.array[wp.int32],
     # Out:
+    own: wp.array[wp.int64],  # a CPU's memory of the lane, shape [LANE_WORDS]
     ends: PieceEnds,  # scratch
     entries: Entries,
 ):
-    """Order each row's pieces, loop by loop, and count polylines and points without steps of zero length."""
-    if wp.tid() >= rest_count[0]:
-        return
-    row = rest[wp.tid()]
-    section = section_of(pieces, row)
-    count = pieces.count[row]
-    base = start_of(pieces, row)
-    lines = int(0)
-    points = int(0)
-    entry = int(0)
-    if count <= room_of(pieces, row):  # else it has a row with more room elsewhere
-        f = section_frame(pose, patch, section)
-        half = patch[section % patch.shape[0]].half
-        for slot in range(count):
-            own = base + wp.int64(slot) * pieces.stride
-            ends.follower[own] = slot
-            ends.corners[own] = NONE
-            ends.steps[own] = pieces.steps[own] // 2
-            if pieces.key[own] < CLOSED:
-                place_ends(surface, f, half, pieces, own, ends)
-        open_count = int(0)
-        if closes == 1:
-            open_count = match_ends(pieces, base, count, pieces.winding[row], ends)
-        sort_slots(pieces, base, count, BY_KEY, False, ends, ends.leaving)
-        for rank in range(count):
-            slot = ends.leaving[base + wp.int64(rank) * pieces.stride]
-            if ends.follower[base + wp.int64(slot) * pieces.stride] != NONE:
-                steps = loop_steps(pieces, base, slot, f, half, ends)
-                entry = enter_loop(pieces, base, slot, steps > 0, ends, entries, entry)
-                if steps > 0:
-                    lines += 1
-                    points += steps + 1
-        if closes == 1 and open_count == 0 and pieces.winding[row] > 0:
-            entry = entry | BOUNDARY
-            lines += 1
-            points += 5
-    write_row(entries, row, section, entry, lines, points)
+    """Order each row's pieces, loop by loop, and count polylines and points without steps of zero length.
+
+    The lanes of a warp share out the pieces of its rows to place their ends.
+    """
+    lane = lane_of_warp()
+    is_row = wp.tid() < rest_count[0]
+    row = int(0)
+    count = int(0)
+    planes = plane_memory(own)
+    firsts = number_memory(own)
+    plane = RowPlane()
+    section = int(0)
+    if is_row:
+        row = rest[wp.tid()]
+        section = section_of(pieces, row)
+        if pieces.count[row] <= room_of(pieces, row):  # else it has a row with more room elsewhere
+            count = pieces.count[row]
+            plane.f = section_frame(pose, patch, section)
+            plane.side = patch[section % patch.shape[0]].half
+            plane.start = start_of(pieces, row)
+            keep_plane(planes, lane, plane)
+    for slot in range(count):
+        i = int(plane.start) + slot * int(pieces.stride)
+        set_slot_int(ends.link, i, slot | (NO_CORNERS << PASSED))
+    numbers = sums_of_warp(2 * count)
+    set_half_word(firsts, lane, numbers[0])
+    sync_warp()
+    place_ends_of_warp(surface, pieces, closes, planes, firsts, numbers[1], ends)
+    sync_warp()
+    if is_row:
+        joined = wp.vec3i()
+        if count > 0:
+            joined = join_row(pieces, row, planes, closes, ends, entries)
+        write_row(entries, row, section, joined[0], joined[1], joined[2])
 
 
 class Ordered(NamedTuple):
@@ -359,7 +337,8 @@ def order_pieces(surface: Any, found: list, pose: wp.array, patch: wp.array, *, 
         rest_count = wp.zeros(1, dtype=wp.int32, device=device)
         launch(_join_single_pieces, row_count, inputs=[pieces, int(closes)], outputs=[entries, rest, rest_count])
         inputs = [surface, pieces, pose, patch, int(closes), rest, rest_count]
-        launch(_join_pieces, row_count, inputs=inputs, outputs=[ends, entries])
+        outputs = [wp.empty(LANE_WORDS, dtype=wp.int64, device=device), ends, entries]
+        launch(_join_pieces, threads_for(device, row_count), inputs=inputs, outputs=outputs)
         rows.append((pieces, entries))
     return Ordered(rows, polylines, points)
 
@@ -383,10 +362,15 @@ def room_to_join(pieces: Any, device: Any) -> tuple[Any, Any]:
     """Ends and Entries for as many pieces."""
     ends, entries = PieceEnds(), Entries()
     slot_count = pieces.half.shape[0]
-    for field in ("leaving", "entering", "follower", "corners", "steps"):
-        setattr(ends, field, wp.empty(slot_count, dtype=wp.int32, device=device))
-    for field, dtype in (("position", wp.vec2d), ("first", wp.vec3), ("last", wp.vec3)):
-        setattr(ends, field, wp.empty(slot_count, dtype=dtype, device=device))
     entries.entry = wp.empty(slot_count, dtype=wp.int32, device=device)
     entries.count = wp.empty(pieces.count.shape[0], dtype=wp.int32, device=device)
+    ends.entering = entries.entry
+    for field, dtype in (
+        ("leaving", wp.int32),
+        ("link", wp.int32),
+        ("position", wp.vec2d),
+        ("first", wp.vec3),
+        ("last", wp.vec3),
+    ):
+        setattr(ends, field, wp.empty(slot_count, dtype=dtype, device=device))
     return ends, entries

@@ -12,9 +12,10 @@ import warp as wp
 
 from ..lanes import taking_lanes
 from ..offsets import BLOCK
+from ..warps import threads_for
 from .clip_events import _clip_loops, room_for_events
 from .contour_writing import _draw_contours
-from .joining import _join_pieces, _join_single_pieces, room_to_join
+from .joining import LANE_WORDS, _join_pieces, _join_single_pieces, room_to_join
 from .pieces import SLOTS, ContourPieces, with_slots
 from .rough_scan import room_for_scans
 from .row_walker import LineArrays
@@ -193,13 +194,15 @@ class Room:
         ends, entries = room_to_join(self._pieces, self.device)
         self._entries = entries
         entries.polylines, entries.points = self._polylines.count, self._points.count
+        own = wp.empty(LANE_WORDS, dtype=wp.int64, device=self.device)
+        lanes_to_join = threads_for(wp.get_device(self.device), self.row_count)
         rest = [self._rest, self._counters[LISTED:]]
         single = [self._pieces, self._stages[1]]
         several = [self._surface, self._pieces, self._pose, self._patch, self._stages[1], *rest]
         drawn = [self._surface, self._pose, self._patch, self._pieces, entries, *self._stages]
         return [
             (self._record(_join_single_pieces, single, [entries, *rest]), None),
-            (self._record(_join_pieces, several, [ends, entries]), LISTED),
+            (self._record(_join_pieces, several, [own, ends, entries], lanes_to_join), LISTED),
         ], self._record(_draw_contours, [*drawn, self._polylines.start, self._points.start], [self._lines])
 
     def _record(self, kernel: Any, inputs: list, outputs: list, lanes: int | None = None) -> wp.Launch:

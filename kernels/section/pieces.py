@@ -7,9 +7,23 @@ import numpy as np
 import warp as wp
 
 from ..patch import Frame
+from .step_lists import PLACE, StepLists, listed_half, no_steps
 
 SLOTS = 8  # slots of a section in the first search; sections with more pieces are searched again with enough slots
 CLOSED = wp.constant(1 << 30)  # in a piece's key: a closed loop inside the patch
+
+# `ContourPieces.side` consists of these bits. Below LOCATION: 1 + the side by which the piece enters, and the same of
+# the side by which it leaves << LEAVE; 0 for none. From LOCATION on, where `ContourPieces.lists` holds its steps:
+LEAVE = wp.constant(3)
+SIDE = wp.constant(7)  # bits of a side
+LOCATION = wp.constant(6)
+LIST = wp.constant(7)  # bits of the word with which the list of the piece's loop begins
+FIRST_STEP = wp.constant(
+    9
+)  # bits above: number of the piece's first step in that list; above: how long the list is, if
+# the piece goes on at its beginning
+UNLISTED = wp.constant((1 << 7) - 1)  # for the word: nothing is listed, or not all
+NO_WRAP = wp.constant((1 << 9) - 1)  # for the length: the piece ends before the list does
 
 
 @wp.struct
@@ -26,9 +40,10 @@ class ContourPieces:
     half: wp.array[wp.int32]  # half-edge of the crossing before the piece enters, or of its first crossing inside
     key: wp.array[wp.int32]  # sort key of the pieces of a section: half, or CLOSED + rank
     out: wp.array[wp.int32]  # half-edge of the crossing before the piece leaves
-    side: wp.array[wp.vec2i]  # patch sides by which the piece enters and leaves, NONE for none
+    side: wp.array[wp.int32]  # patch sides by which the piece enters and leaves, and its place in `lists`: see LEAVE
     steps: wp.array[wp.int32]  # 2 * (steps of non-zero length between crossings inside) + 1 if both ends are clear.
     # An end is clear if in float32 it differs from the neighbouring crossings and corners, so steps there are not zero
+    lists: StepLists  # half-edges at which the steps of non-zero length begin, by row; without room if none are listed
     listed: wp.array[wp.int32]  # half-edges at which the steps of non-zero length begin, piece by piece; or empty
     row_start: wp.array[wp.int64]  # where a row's pieces begin in `listed`, shape [row]
     begin: wp.array[wp.int32]  # where a piece begins among those of its row
@@ -67,6 +82,47 @@ def section_of(pieces: ContourPieces, row: int):
 
 
 @wp.func
+def enter_side(side: int):
+    """Side by which a piece enters, from `ContourPieces.side`; -1 for none."""
+    return (side & SIDE) - 1
+
+
+@wp.func
+def leave_side(side: int):
+    """Side by which a piece leaves."""
+    return ((side >> LEAVE) & SIDE) - 1
+
+
+@wp.func
+def end_side(side: int, end: int):
+    """Side by which a piece enters (0) or leaves (1)."""
+    return ((side >> (LEAVE * end)) & SIDE) - 1
+
+
+@wp.func
+def list_location(word: int, begin: int, length: int):
+    """A piece's place in `ContourPieces.lists`; length: NO_WRAP, or of the list of its loop."""
+    return word | (begin << LIST) | (length << (LIST + FIRST_STEP))
+
+
+@wp.func
+def is_listed(side: int):
+    """Whether a piece's steps are listed."""
+    return (side >> LOCATION) & UNLISTED != UNLISTED
+
+
+@wp.func
+def listed_step(pieces: ContourPieces, row: int, side: int, k: int):
+    """Half-edge at which step k of a piece begins, by its `ContourPieces.side`."""
+    word = (side >> LOCATION) & UNLISTED
+    i = ((side >> (LOCATION + LIST)) & NO_WRAP) + k
+    length = side >> (LOCATION + LIST + FIRST_STEP)
+    if i >= length:
+        i -= length
+    return listed_half(pieces.lists.word, pieces.lists.words, row, (word << PLACE) + i)
+
+
+@wp.func
 def store_piece(
     pieces: ContourPieces,
     row: int,
@@ -79,13 +135,31 @@ def store_piece(
     key: int,
     clear: int,
 ):
+    """`store_listed` for a piece that is not listed."""
+    store_listed(pieces, row, slot, half, out, enter, leave, steps, key, clear, UNLISTED)
+
+
+@wp.func
+def store_listed(
+    pieces: ContourPieces,
+    row: int,
+    slot: int,
+    half: int,
+    out: int,
+    enter: int,
+    leave: int,
+    steps: int,
+    key: int,
+    clear: int,
+    location: int,
+):
     """Store a piece if its row has the slot; clear: 1 if its ends are (`ContourPieces.steps`), 0 if that is unknown."""
     if slot < room_of(pieces, row):
         i = start_of(pieces, row) + wp.int64(slot) * pieces.stride
         pieces.half[i] = half
         pieces.out[i] = out
         pieces.key[i] = key
-        pieces.side[i] = wp.vec2i(enter, leave)
+        pieces.side[i] = (enter + 1) | ((leave + 1) << LEAVE) | (location << LOCATION)
         pieces.steps[i] = 2 * steps + clear
 
 
@@ -126,7 +200,7 @@ def with_slots(pieces: Any, row_count: int, slot_count: int, device: str) -> Any
     pieces.count = wp.empty(row_count, dtype=wp.int32, device=device)
     pieces.winding = wp.empty(row_count, dtype=wp.int32, device=device)
     pieces.excess = wp.zeros(1, dtype=wp.int32, device=device)
-    pieces.side = wp.empty(slot_count, dtype=wp.vec2i, device=device)
-    for field in ("half", "out", "key", "steps"):
+    pieces.lists = no_steps(device)
+    for field in ("half", "out", "key", "side", "steps"):
         setattr(pieces, field, wp.empty(slot_count, dtype=wp.int32, device=device))
     return pieces

@@ -13,6 +13,7 @@ from .clip_events import BEGIN, CLEAR, END, FROM, HALF, Events, add_event, is_qu
 from .edge_pairing import OPEN
 from .half_edges import Surface
 from .rough_scan import clear_bit, half_at, lowest_left, rough_sum
+from .step_lists import end_list, list_half
 from .triangle_walk import half_after, load_vec4, vertex_of
 
 UNSURE = wp.constant(-(1 << 30))  # stays negative, however many steps are added
@@ -132,6 +133,8 @@ class RoughWalk:
     lower: wp.vec3
     crossing: RoughCrossing
     steps: int  # of non-zero length since the latest event; negative if the walk of the row ended early, being not sure
+    listed: int  # steps of the row that are listed so far, and of the loops before
+    word: wp.uint64  # what is filled of the list's latest word
 
 
 @wp.func
@@ -184,6 +187,7 @@ def surely_move(p: RoughCrossing, q: RoughCrossing):
 def begin_loop(surface: Surface, g: RoughFrame, events: Events, walk: RoughWalk):
     """Begin the row's next loop, at its lowest crossing that no walk has passed."""
     t = walk
+    t.listed = end_list(events.lists, t.row, t.listed, t.word)
     t.bit = lowest_left(surface, t.words)
     t.first = OPEN
     if t.bit != OPEN:
@@ -220,6 +224,9 @@ def step_roughly(surface: Surface, g: RoughFrame, events: Events, walk: RoughWal
     inside = (p.code | q.code) == 0
     sure = both(both(q.sure, wp.abs(x[2]) > g.flat), either(not inside, surely_move(p, q)))
     t.steps += wp.where(inside, 1, 0)
+    if both(inside, t.walks != 0):
+        t.word = list_half(events.lists, t.row, t.listed, t.word, t.now)
+        t.listed += 1
     link = link_after(hop, up)
     now = t.now
     t.now = link >> 1

@@ -18,8 +18,8 @@ import warp as wp
 from ..patch import Frame, corner, outcode, output_point, to_float64
 from .edge_pairing import OPEN
 from .half_edges import Surface
-from .joining import BEGIN, BOUNDARY, CORNERS, SLOT, Entries
-from .pieces import CLOSED, ContourPieces, start_of
+from .joining import BEGIN, BOUNDARY, CORNERS, COUNT, SLOT, Entries
+from .pieces import CLOSED, ContourPieces, leave_side, start_of
 from .segment_clipping import corners_left, segment_of, side_point
 from .triangle_walk import crossing_after, crossing_at, point_of
 
@@ -238,7 +238,7 @@ def row_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: Any, b
         """Draw a row's polylines; a closed one repeats its first point at its end."""
         base = start_of(pieces, row)
         out = state
-        count = entries.count[row] & (BOUNDARY - 1)
+        count = entries.count[row] & COUNT
         for e in range(count):
             code = entries.entry[base + wp.int64(e) * pieces.stride]
             slot = base + wp.int64(code & SLOT) * pieces.stride
@@ -250,7 +250,7 @@ def row_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: Any, b
             corners = int(0)
             if turns:
                 corners = code >> CORNERS
-            out = draw_corners(sink, out, f, side, pieces.side[slot][1] + 1, corners, turns)
+            out = draw_corners(sink, out, f, side, leave_side(pieces.side[slot]) + 1, corners, turns)
             ends = e + 1 == count
             if not ends:
                 ends = (entries.entry[base + wp.int64(e + 1) * pieces.stride] & BEGIN) != 0

@@ -48,6 +48,7 @@ from .half_edges import MASK_WORDS, Surface
 from .pieces import section_at
 from .rough_scan import Scans, fetch_words, held, held_vec3, room_for_scans, scan_roughly
 from .rough_walk import RoughFrame, RoughWalk, begin_loop, rough_frame, step_roughly
+from .step_lists import end_list, list_half
 from .triangle_walk import Crossing, chain_start, crossing_after, crossing_at, link_of, load_vec4, point_of, vertex_of
 
 wp.set_module_options(EXACT)
@@ -108,6 +109,7 @@ class Walk:
 
     events: int  # number of events
     scanned: int  # scanned crossings passed
+    listed: int  # steps of the row that are listed so far, and of the loops before
     ended: int  # 1 if it ended at an open edge, so it is a chain and no loop
 
 
@@ -172,8 +174,11 @@ def walk_loop(
     events: Events,
     row: int,
     start: int,
+    listed: int,
 ):
     """Walk from a crossing around its loop, or to the end of its chain; writes events from number `start` on.
+
+    listed: with which number of the row's list the steps' half-edges begin.
 
     A segment is an event unless it stays inside, or stays outside without winding around the patch (`is_quiet`).
     """
@@ -186,6 +191,8 @@ def walk_loop(
         out.scanned = 1
         mark(mask, surface.rank[half])
     steps = int(0)
+    word = wp.uint64(0)
+    k = int(listed)
     last = int(0)
     while last == 0:
         n = crossing_after(surface, f, c)
@@ -200,6 +207,8 @@ def walk_loop(
         if (p.code | q.code) == 0:
             if moves(f, g, side, c, p, n, q):
                 steps += 1
+                word = list_half(events.lists, row, k, word, c.half)
+                k += 1
         if last != 0 or not is_quiet(p.code, q.code):
             what = (c.half << HALF) | last | (p.clear & q.clear) | (p.code << FROM) | q.code
             write_event(events, row, start + out.events, what, steps)
@@ -209,6 +218,7 @@ def walk_loop(
         p = q
     if last == STOP:
         out.ended = 1
+    out.listed = end_list(events.lists, row, k, word)
     return out
 
 
@@ -253,6 +263,7 @@ def finish_row(walk: RoughWalk, events: Events, doubtful: wp.array[wp.int32], do
         return False
     if walk.steps >= 0:
         events.count[walk.row] = walk.events
+        events.listed[walk.row] = end_list(events.lists, walk.row, walk.listed, walk.word)
     else:
         doubtful[wp.atomic_add(doubtful_count, 0, 1)] = walk.row
     return True
@@ -289,6 +300,7 @@ def _walk_loops(
             walk.row = scans.listed[place[0]][0]
             walk.left = scans.listed[place[0]][1]
             walk.events = 0
+            walk.listed = 0
             walk.address = address_of_events(events, walk.row)
             own = section_at(section, walk.row)
             side = half_extents(patch[own % patch.shape[0]], bounded)
@@ -313,6 +325,7 @@ def walk_all_loops(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, events
     total = found.count
     count = int(0)
     scanned = int(0)
+    listed = int(0)
     k = int(0)
     while scanned < total and found.kept > 0:
         if k == found.kept:
@@ -323,12 +336,14 @@ def walk_all_loops(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, events
         if k < found.kept:
             half = halves[k]
             chain = link_of(load_vec4(surface.corner, half)) == OPEN
-            walk = walk_loop(surface, f, g, side, half, chain, mask, events, row, count)
+            walk = walk_loop(surface, f, g, side, half, chain, mask, events, row, count, listed)
             if walk.ended == 1 and not chain:
                 half = chain_start(surface, f, half)
-                walk = walk_loop(surface, f, g, side, half, True, mask, events, row, count)
+                walk = walk_loop(surface, f, g, side, half, True, mask, events, row, count, listed)
             count += walk.events
             scanned += walk.scanned
+            listed = walk.listed
+    events.listed[row] = listed
     return count
 
 
@@ -364,7 +379,7 @@ def scan_search_pieces(
     """
     device = pose.device
     row_count = pieces.count.shape[0]
-    events = room_for_events(row_count, room, device)
+    events = room_for_events(row_count, room, device, pieces.lists)
     counters = wp.zeros(3, dtype=wp.int32, device=device)
     scans = room_for_scans(surface, row_count, counters, device)
     doubts = [wp.empty(row_count, dtype=wp.int32, device=device), counters[2:]]

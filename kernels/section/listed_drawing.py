@@ -1,0 +1,303 @@
+"""Drawing from listed steps: the lanes of a warp share out the points of the warp's rows.
+
+If none of its steps at the patch's sides has zero length, a piece has these points: where it enters; the crossings at
+which its listed steps begin; its last crossing; where it leaves. Rows for which that is not so are listed, to be drawn
+by walking.
+"""
+
+import warp as wp
+
+from ..offsets import BLOCK
+from ..patch import EXACT, Frame, Patch, corner, half_extents, output_point, section_frame
+from ..warps import (
+    bits_to,
+    half_word_at,
+    lane_of_warp,
+    lanes_of_warp,
+    mark_bit,
+    memory_of_warp,
+    set_half_word,
+    set_long,
+    sums_of_warp,
+    sync_warp,
+)
+from .half_edges import Surface
+from .joining import BEGIN, BOUNDARY, CORNERS, COUNT, SLOT, WALKED, Entries
+from .piece_ends import is_through, piece_end, slot_int
+from .pieces import CLOSED, SLOTS, ContourPieces, end_side, enter_side, leave_side, listed_step
+from .row_planes import PLANE_WORDS, RowPlane, keep_plane, plane_memory, plane_of
+from .row_walker import HAND, LineArrays, PolylineWriter, begin_line, draw_boundary
+from .segment_clipping import NONE
+from .triangle_walk import crossing_at, point_of
+
+wp.set_module_options(EXACT)
+
+# A piece in the warp's memory is 32 bits: number of its first crossing among those of the warp | its lane << LANE | its
+# slot << SLOT_AT | THROUGH; and 32 more: places of its first crossing and, << CLOSING, of its polyline's last point, if
+# that repeats where the piece enters, among the points of its row.
+NUMBER = wp.constant((1 << 16) - 1)
+LANE = wp.constant(16)
+SLOT_AT = wp.constant(21)
+THROUGH = wp.constant(1 << 24)  # it has no crossing inside, but a number for one
+CLOSING = wp.constant(16)
+BIT_WORDS = wp.constant(3)  # of a row: a bit for each of its crossings
+LANE_WORDS = PLANE_WORDS + SLOTS + int(BIT_WORDS)  # of a lane's memory on a CPU
+
+
+@wp.func_native(memory_of_warp(SLOTS, begin=PLANE_WORDS))
+def piece_memory(own: wp.array[wp.int64]) -> wp.uint64:
+    """Address of the warp's pieces."""
+
+
+@wp.func_native(memory_of_warp(int(BIT_WORDS), begin=PLANE_WORDS + SLOTS))
+def bit_memory(own: wp.array[wp.int64]) -> wp.uint64:
+    """Address of bits of the warp's crossings: 1 for the first one of each piece."""
+
+
+@wp.struct
+class WarpMemory:
+    """Memory of a warp."""
+
+    pieces: wp.uint64
+    planes: wp.uint64
+    bits: wp.uint64
+
+
+@wp.func_native("""
+    points.data[i] = x;
+""")
+def write_point(points: wp.array[wp.vec3], i: wp.int64, x: wp.vec3):
+    """Write point i."""
+
+
+@wp.func
+def slot_of(piece: int):
+    """The slot of a piece in the warp's memory."""
+    return (piece >> SLOT_AT) & (SLOTS - 1)
+
+
+@wp.func
+def lane_of(piece: int):
+    """The lane to which it belongs."""
+    return (piece >> LANE) & 31
+
+
+@wp.func_native(f"""
+    kind.data[i] = {HAND};
+""")
+def mark_hand(kind: wp.array[wp.uint8], i: wp.int64):
+    """Make the segment that starts at point i one of kind HAND."""
+
+
+@wp.func
+def write_corners(f: Frame, half: wp.vec2d, first: int, count: int, begin: wp.int64, lines: LineArrays):
+    """Write corners of a patch as points."""
+    for k in range(count):
+        write_point(lines.points, begin + wp.int64(k), output_point(f, corner((first + k) & 3, half)))
+        mark_hand(lines.kind, begin + wp.int64(k))
+
+
+@wp.func
+def keep_piece(pieces: ContourPieces, i: int, slot: int, j: int, number: int, place: int, memory: WarpMemory):
+    """Write a piece to the warp's memory as number j; returns how many of its points are crossings.
+
+    number: of its first crossing among those of the row; place: of that crossing among the row's points.
+    """
+    steps = slot_int(pieces.steps, i) >> 1
+    through = int(0)
+    if steps == 0:
+        if slot_int(pieces.key, i) < CLOSED and is_through(pieces, i):
+            through = THROUGH
+    set_half_word(memory.pieces, 2 * j, number | (lane_of_warp() << LANE) | (slot << SLOT_AT) | through)
+    set_half_word(memory.pieces, 2 * j + 1, place)
+    return steps + wp.where(through != 0, 0, 1)
+
+
+@wp.func
+def close_line(plane: RowPlane, j: int, place: int, memory: WarpMemory, lines: LineArrays):
+    """End a closed polyline that begins with piece j: its last point repeats where that piece enters."""
+    own = half_word_at(memory.pieces, 2 * j + 1)
+    set_half_word(memory.pieces, 2 * j + 1, own | (place << CLOSING))
+    mark_hand(lines.kind, plane.start + wp.int64(place))
+
+
+@wp.func
+def place_pieces(
+    plane: RowPlane,
+    pieces: ContourPieces,
+    entries: Entries,
+    row: int,
+    count: int,
+    closes: int,
+    memory: WarpMemory,
+    first: int,
+    lines: LineArrays,
+    writer: PolylineWriter,
+):
+    """Write a row's polylines and corners, and its pieces to the warp's memory from number `first` on.
+
+    Returns how many numbers its crossings get: each piece has at least one.
+    """
+    out = writer
+    crossings = int(0)
+    begin = int(0)
+    place = int(0)  # of the next point in the row
+    code = int(0)
+    if count > 0:
+        code = slot_int(entries.entry, row)
+    for e in range(count):
+        slot = code & SLOT
+        i = row + slot * int(pieces.stride)
+        side = slot_int(pieces.side, i)
+        whole = slot_int(pieces.key, i) >= CLOSED
+        corners = code >> CORNERS
+        if (code & BEGIN) != 0:
+            begin = first + e
+            out.i = plane.start + wp.int64(place)
+            out = begin_line(lines, out, True, whole or closes == 1)
+        place += wp.where(enter_side(side) != NONE, 1, 0)
+        points = keep_piece(pieces, i, slot, first + e, crossings, place, memory)
+        place += points
+        crossings += wp.max(points, 1)
+        code = BEGIN
+        if e + 1 < count:
+            code = slot_int(entries.entry, row + (e + 1) * int(pieces.stride))
+        if not whole:
+            place += 1
+            if closes == 1:
+                write_corners(plane.f, plane.side, leave_side(side) + 1, corners, plane.start + wp.int64(place), lines)
+                place += corners
+                if (code & BEGIN) != 0:
+                    close_line(plane, begin, place, memory, lines)
+                    place += 1
+    out.i = plane.start + wp.int64(place)
+    draw_boundary(lines, out, plane.f, plane.side, entries.count[row] >= BOUNDARY)
+    return crossings
+
+
+@wp.func
+def number_crossings(memory: WarpMemory, first: int, count: int, before: int):
+    """Add the number of crossings of the lanes below to those of a row's pieces, and mark each piece's first one."""
+    for j in range(first, first + count):
+        piece = half_word_at(memory.pieces, 2 * j) + before
+        set_half_word(memory.pieces, 2 * j, piece)
+        mark_bit(memory.bits, wp.uint32(piece & NUMBER))
+
+
+@wp.func
+def draw_crossings(
+    surface: Surface, pieces: ContourPieces, first_row: int, memory: WarpMemory, crossings: int, lines: LineArrays
+):
+    """Write the crossings of all pieces of a warp."""
+    k = lane_of_warp()
+    begun = int(0)  # pieces that begin before the 32 crossings to which k belongs
+    while k < crossings:
+        j = begun + bits_to(memory.bits, wp.uint32(k)) - 1
+        piece = half_word_at(memory.pieces, 2 * j)
+        if (piece & THROUGH) == 0:
+            lane = lane_of(piece)
+            row = first_row + lane
+            i = row + slot_of(piece) * int(pieces.stride)
+            step = k - (piece & NUMBER)
+            half = int(0)
+            if step < slot_int(pieces.steps, i) >> 1:
+                half = listed_step(pieces, row, slot_int(pieces.side, i), step)
+            else:
+                half = slot_int(pieces.out, i)
+            plane = plane_of(memory.planes, lane)
+            x = output_point(plane.f, point_of(plane.f, crossing_at(surface, plane.f, half), plane.side))
+            place = (half_word_at(memory.pieces, 2 * j + 1) & NUMBER) + step
+            write_point(lines.points, plane.start + wp.int64(place), x)
+        following = k + lanes_of_warp()
+        if (k ^ following) >> 5 != 0:
+            begun += bits_to(memory.bits, wp.uint32(k | 31))
+        k = following
+
+
+@wp.func
+def draw_ends(
+    surface: Surface,
+    pieces: ContourPieces,
+    first_row: int,
+    memory: WarpMemory,
+    count: int,
+    closes: int,
+    lines: LineArrays,
+):
+    """Write where all pieces of a warp enter and leave."""
+    k = lane_of_warp()
+    while k < 2 * count:
+        piece = half_word_at(memory.pieces, k & ~1)
+        places = half_word_at(memory.pieces, k | 1)
+        lane = lane_of(piece)
+        i = first_row + lane + slot_of(piece) * int(pieces.stride)
+        leaves = k & 1
+        if end_side(slot_int(pieces.side, i), leaves) != NONE:
+            plane = plane_of(memory.planes, lane)
+            x = output_point(plane.f, piece_end(surface, plane.f, plane.side, pieces, i, leaves).at)
+            place = (places & NUMBER) - 1
+            if leaves == 1:
+                place += (slot_int(pieces.steps, i) >> 1) + wp.where((piece & THROUGH) != 0, 1, 2)
+                if closes == 1:
+                    mark_hand(lines.kind, plane.start + wp.int64(place))
+            elif places >> CLOSING != 0:
+                write_point(lines.points, plane.start + wp.int64(places >> CLOSING), x)
+            write_point(lines.points, plane.start + wp.int64(place), x)
+        k += lanes_of_warp()
+
+
+@wp.kernel(launch_bounds=(BLOCK, 12))
+def _draw_listed_rows(
+    # In:
+    surface: Surface,
+    pose: wp.array2d[wp.transform],
+    patch: wp.array[Patch],
+    pieces: ContourPieces,  # with `lists`; rows are sections
+    entries: Entries,
+    bounded: int,  # 0: the whole plane
+    closes: int,  # 1: CC, 0: OC
+    section_start: wp.array[wp.int64],  # offsets of the sections' polylines, shape [section + 1]
+    point_start: wp.array[wp.int64],  # offsets of the sections' points, shape [section + 1]
+    # Out:
+    own: wp.array[wp.int64],  # a CPU's memory of the lane, shape [LANE_WORDS]
+    lines: LineArrays,
+    rest: wp.array[wp.int32],  # rows that are drawn by walking, in any order, shape [row]
+    rest_count: wp.array[wp.int32],  # number of these rows, zero-initialised, shape [1]
+):
+    """Write each row's polylines from listed steps; list the other rows."""
+    row = wp.tid()
+    memory = WarpMemory()
+    memory.pieces = piece_memory(own)
+    memory.planes = plane_memory(own)
+    memory.bits = bit_memory(own)
+    for k in range(BIT_WORDS):
+        set_long(memory.bits, lane_of_warp() * BIT_WORDS + k, wp.int64(0))
+    plane = RowPlane()
+    writer = PolylineWriter()
+    count = int(0)
+    is_drawn = row < entries.count.shape[0]
+    if is_drawn:
+        count = entries.count[row] & COUNT
+        writer.patch = row % patch.shape[0]
+        writer.line = section_start[row]
+        plane.start = point_start[row]
+        plane.f = section_frame(pose, patch, row)
+        plane.side = half_extents(patch[writer.patch], bounded)
+        keep_plane(memory.planes, lane_of_warp(), plane)
+        if row == section_start.shape[0] - 2:
+            lines.polyline_start[section_start[row + 1]] = point_start[row + 1]
+        if entries.count[row] & WALKED != 0:
+            rest[wp.atomic_add(rest_count, 0, 1)] = row
+            count = 0
+            is_drawn = False
+    numbers = sums_of_warp(count)
+    crossings = int(0)
+    if is_drawn:
+        crossings = place_pieces(plane, pieces, entries, row, count, closes, memory, numbers[0], lines, writer)
+    crossing_numbers = sums_of_warp(crossings)
+    sync_warp()
+    number_crossings(memory, numbers[0], count, crossing_numbers[0])
+    sync_warp()
+    first_row = row - lane_of_warp()
+    draw_ends(surface, pieces, first_row, memory, numbers[1], closes, lines)
+    draw_crossings(surface, pieces, first_row, memory, crossing_numbers[1], lines)

@@ -1,0 +1,76 @@
+"""Lists of steps: walks list the half-edges at which a row's steps of non-zero length inside the patch begin.
+
+Contours are then drawn point by point from these lists (`listed_drawing`), without walking again.
+"""
+
+import math
+from typing import Any
+
+import warp as wp
+
+FOUR = 4  # half-edges of 16 bits in a word: a surface with a scan path has fewer than 2^16
+PLACE = wp.constant(2)  # bits of a half-edge's place in its word
+BOUNDED = (4.0, 16)  # words of a row: by the square root of the number of triangles, and most
+UNBOUNDED = (9.0, 36)  # the same if patches cut nothing off, so whole loops are listed; see `pieces.UNLISTED`
+
+
+@wp.struct
+class StepLists:
+    """Lists of the steps of all rows: those of a row's loops one after the other, each loop's from a whole word on."""
+
+    words: wp.int32  # of a row; 0: nothing is listed
+    word: wp.array[wp.uint64]  # words of a row are adjacent
+
+
+@wp.func_native("""
+    const wp::uint64 filled = (word >> 16) | (static_cast<wp::uint64>(half) << 48);
+    if ((k & 3) == 3 && k < 4 * lists.words) {
+        const unsigned bytes = 8u * static_cast<unsigned>(lists.words), at = 2u * static_cast<unsigned>(k) - 6u;
+        char* const address = reinterpret_cast<char*>(lists.word.data) + at;
+        const wp::uint64 offset = static_cast<wp::uint64>(static_cast<unsigned>(row)) * bytes;
+#ifdef __CUDA_ARCH__
+        asm volatile("st.global.b64 [%0], %1;" ::"l"(address + offset), "l"(filled) : "memory");
+#else
+        *reinterpret_cast<wp::uint64*>(address + offset) = filled;
+#endif
+    }
+    return filled;
+""")
+def list_half(lists: StepLists, row: int, k: int, word: wp.uint64, half: int) -> wp.uint64:
+    """List a half-edge as number k of a row, if there is room; returns the word that is filled so far.
+
+    A word is written once it is full, which costs a GPU less than a store a step.
+    """
+
+
+@wp.func_native("""
+    const int free = -k & 3;
+    if (free != 0 && k < 4 * lists.words)
+        lists.word.data[static_cast<wp::int64>(row) * lists.words + (k >> 2)] = word >> (16 * free);
+    return k + free;
+""")
+def end_list(lists: StepLists, row: int, k: int, word: wp.uint64) -> int:
+    """Write a loop's last word if it is not full; returns the number with which the next loop's list begins."""
+
+
+@wp.func_native("""
+    return reinterpret_cast<const unsigned short*>(word.data + static_cast<long long>(row) * words)[k];
+""")
+def listed_half(word: wp.array[wp.uint64], words: int, row: int, k: int) -> int:
+    """Number k of a row's list, which consists of so many words."""
+
+
+def room_for_steps(row_count: int, face_count: int, *, bounded: bool, device: Any) -> Any:
+    """StepLists for a surface's rows: enough for nearly all of them, others are drawn by walking."""
+    factor, most = BOUNDED if bounded else UNBOUNDED
+    lists = StepLists()
+    lists.words = min(most, math.ceil(factor * math.sqrt(face_count) / FOUR))
+    lists.word = wp.empty(row_count * lists.words, dtype=wp.uint64, device=device)
+    return lists
+
+
+def no_steps(device: Any) -> Any:
+    """StepLists without room."""
+    lists = StepLists()
+    lists.word = wp.empty(0, dtype=wp.uint64, device=device)
+    return lists

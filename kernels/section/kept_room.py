@@ -183,7 +183,7 @@ class Room:
             (self._record(_scan_sections, section, [scans, events.count, *doubtful]), None),
             (walk, CROSSED),
             (self._record(_walk_doubtful_loops, [*section, *doubtful], [events]), DOUBTFUL),
-            (self._record(_clip_loops, [*section[:3], self._events], [self._pieces]), None),
+            (self._record(_clip_loops, [self._surface.rank, self._events], [self._pieces]), None),
         ]
 
     def _tree_search(self) -> Launches:

@@ -4,19 +4,29 @@ All numbers of this module are of a patch's frame. A coordinate of a vertex is w
 which includes the shift of flush vertices. A crossing of an edge from u above the plane to l below lies at t / d with
 t = l h(u) - u h(l) and d = h(u) - h(l). It is a mean of u and l, whose weights are wrong by at most 2 e / d if both
 heights exceed 2 e. So t / d is wrong by at most e + 2 e |u - l| / d, and by 2.4 e with the rounding of t.
+
+Corner C of the patch is to the left of a segment P -> Q if (Q - P) x (C - P) = P x Q + (Q - P) x C is not negative.
+If P and Q are wrong by at most p and q along each axis, this product is wrong by at most p |Q - C| + q |P - C| + 2 p q,
+where |.| sums absolute coordinates. p and q are `RoughCrossing.room` / d. They exceed 6 e, which is 50 half spacings of
+float32 at the farthest vertex. Each term of the product is wrong by at most 6 half spacings more. A quarter more of the
+bound contains these.
 """
 
 import warp as wp
 
 from ..patch import Frame, coarse_frame
-from .clip_events import BEGIN, CLEAR, END, FROM, HALF, Events, add_event, is_quiet
+from .clip_events import BEGIN, CLEAR, CORNERS, END, FROM, HALF, Events, is_quiet, write_event
 from .edge_pairing import OPEN
 from .half_edges import Surface
 from .rough_scan import clear_bit, half_at, lowest_left, rough_sum
+from .segment_clipping import needs_left
 from .step_lists import end_list, list_half
 from .triangle_walk import half_after, load_vec4, vertex_of
 
-UNSURE = wp.constant(-(1 << 30))  # stays negative, however many steps are added
+REST = wp.constant(1 << 16)  # more than a row's events: a surface with a scan path has 24,000 half-edges at most
+# In `RoughWalk.steps`: no loop has so many steps, so that some may be added.
+ENDED = wp.constant(1 << 29)  # the lane is on no loop
+UNSURE = wp.constant(-(1 << 30))  # neither, as float32 could not decide
 
 
 @wp.func_native("""
@@ -63,6 +73,15 @@ def code_of_signs(right: float, x: float, top: float, y: float) -> int:
 
 
 @wp.func_native("""
+    const unsigned i = reinterpret_cast<const unsigned&>(a), j = reinterpret_cast<const unsigned&>(b);
+    const unsigned k = reinterpret_cast<const unsigned&>(c), l = reinterpret_cast<const unsigned&>(d);
+    return ~(i >> 31 | j >> 31 << 1 | k >> 31 << 2 | l >> 31 << 3) & 15u;
+""")
+def bits_of_signs(a: float, b: float, c: float, d: float) -> int:
+    """Bit k is set if number k of four is not negative."""
+
+
+@wp.func_native("""
     return a.data[static_cast<unsigned>(i)];
 """)
 def load_int(a: wp.array[wp.int32], i: int) -> int:
@@ -101,7 +120,7 @@ class RoughFrame:
     from_origin: wp.vec3  # minus the scalar products of u, v and n with the origin [m]
     minus_half: wp.vec2  # minus the half extents [m]
     flat: float  # 2 e: a height below it is not sure [m]
-    at_sides: float  # bound of the rounding of a half extent [m]
+    near: float  # 6 e and the rounding of half extents [m]
 
 
 @wp.struct
@@ -117,24 +136,35 @@ class RoughCrossing:
 
 
 @wp.struct
+class RoughCorners:
+    """The patch's corners to the left of a segment."""
+
+    left: int  # bits as of `corners_left`
+    sure: wp.bool
+
+
+@wp.struct
 class RoughWalk:
     """State of a walk around the loops of a row, one after another."""
 
     row: int  # OPEN for none
-    left: int  # crossings that the scan counted and no walk has passed
-    events: int  # of the row
-    address: wp.uint64  # of its first event
+    events: int  # of the row, and above them REST times the crossings that the scan counted and no walk has passed
     words: wp.uint64  # address of what is left of its scan
-    walks: int  # 1 if it is on a loop
     first: int  # half-edge of the loop's first crossing
     bit: int  # its bit in the scan
     now: int  # half-edge of the latest crossing
     upper: wp.vec3  # its ends
     lower: wp.vec3
     crossing: RoughCrossing
-    steps: int  # of non-zero length since the latest event; negative if the walk of the row ended early, being not sure
+    steps: int  # of non-zero length since the latest event, ENDED or UNSURE, or more than these
     listed: int  # steps of the row that are listed so far, and of the loops before
     word: wp.uint64  # what is filled of the list's latest word
+
+
+@wp.func
+def is_walking(walk: RoughWalk):
+    """Whether a lane is on a loop."""
+    return wp.uint32(walk.steps) < wp.uint32(ENDED)
 
 
 @wp.func
@@ -148,7 +178,9 @@ def rough_frame(f: Frame, half: wp.vec2d, reach: float):
     out.from_origin = wp.vec3(-wp.float32(wp.dot(f.u, f.origin)), -wp.float32(wp.dot(f.v, f.origin)), -g.distance)
     out.minus_half = -g.half
     out.flat = 2.0 * g.unsure
-    out.at_sides = 2.0e-7 * wp.max(g.half[0], g.half[1])
+    out.near = 3.0 * out.flat + wp.min(
+        2.0e-7 * wp.max(g.half[0], g.half[1]), out.flat
+    )  # no patch side is nearer if more
     return out
 
 
@@ -167,11 +199,11 @@ def rough_crossing(g: RoughFrame, upper: wp.vec3, lower: wp.vec3):
     c.x = rough_difference(lower[0], upper[2], upper[0], lower[2])
     c.y = rough_difference(lower[1], upper[2], upper[1], lower[2])
     wide = wp.abs(upper[0] - lower[0]) + wp.abs(upper[1] - lower[1])
-    c.room = g.flat * rough_product(3.0, c.d, wide)
+    c.room = rough_product(g.near, c.d, g.flat * wide)
     right = rough_product(g.minus_half[0], c.d, wp.abs(c.x))
     top = rough_product(g.minus_half[1], c.d, wp.abs(c.y))
     c.code = code_of_signs(right, c.x, top, c.y)
-    c.sure = wp.min(wp.abs(right), wp.abs(top)) > rough_product(g.at_sides, c.d, c.room)
+    c.sure = wp.min(wp.abs(right), wp.abs(top)) > c.room
     return c
 
 
@@ -181,6 +213,30 @@ def surely_move(p: RoughCrossing, q: RoughCrossing):
     x = wp.abs(rough_difference(p.x, q.d, q.x, p.d))
     y = wp.abs(rough_difference(p.y, q.d, q.y, p.d))
     return wp.max(x, y) > rough_product(p.room, q.d, q.room * p.d)
+
+
+@wp.func
+def rough_corners(g: RoughFrame, p: RoughCrossing, q: RoughCrossing):
+    """The patch's corners to the left of the segment p -> q."""
+    x = rough_difference(q.x, p.d, p.x, q.d)
+    y = rough_difference(q.y, p.d, p.y, q.d)
+    turn = rough_difference(p.x, q.y, p.y, q.x)
+    m = g.minus_half
+    below = rough_product(m[1], x, turn)
+    above = rough_product(-m[1], x, turn)
+    one = rough_product(-m[0], y, below)  # `left_of` of each corner, times both d
+    two = rough_product(m[0], y, below)
+    three = rough_product(m[0], y, above)
+    four = rough_product(-m[0], y, above)
+    out = RoughCorners()
+    out.left = bits_of_signs(one, two, three, four)
+    size = m[0] + m[1]
+    far_p = rough_product(-size, p.d, wp.abs(p.x) + wp.abs(p.y))
+    far_q = rough_product(-size, q.d, wp.abs(q.x) + wp.abs(q.y))
+    room = rough_product(p.room, far_q, q.room * rough_product(2.0, p.room, far_p))
+    least = wp.min(wp.min(wp.abs(one), wp.abs(two)), wp.min(wp.abs(three), wp.abs(four)))
+    out.sure = least > 1.25 * room
+    return out
 
 
 @wp.func
@@ -198,12 +254,11 @@ def begin_loop(surface: Surface, g: RoughFrame, events: Events, walk: RoughWalk)
         t.lower = rough_position(g, vertex_of(load_vec4(surface.corner, half_after(t.first))))
         t.crossing = rough_crossing(g, t.upper, t.lower)
         code = t.crossing.code
-        add_event(events, t.address, t.events, (t.first << HALF) | BEGIN | (code << FROM) | code, 0)
+        write_event(events, t.row, t.events & (REST - 1), (t.first << HALF) | BEGIN | (code << FROM) | code, 0)
         t.events += 1
         t.now = t.first
         if t.crossing.sure and wp.min(t.upper[2], -t.lower[2]) > g.flat:
             t.steps = 0
-    t.walks = wp.where(t.steps == 0, 1, 0)
     return t
 
 
@@ -214,6 +269,7 @@ def step_roughly(surface: Surface, g: RoughFrame, events: Events, walk: RoughWal
     A lane that does not walk goes on around its loop and leaves no trace: that takes fewer instructions than to stand.
     """
     t = walk
+    walks = is_walking(t)
     p = t.crossing
     hop = load_vec4(surface.hop, t.now)
     x = rough_position(g, vertex_of(hop))
@@ -224,25 +280,29 @@ def step_roughly(surface: Surface, g: RoughFrame, events: Events, walk: RoughWal
     inside = (p.code | q.code) == 0
     sure = both(both(q.sure, wp.abs(x[2]) > g.flat), either(not inside, surely_move(p, q)))
     t.steps += wp.where(inside, 1, 0)
-    if both(inside, t.walks != 0):
-        t.word = list_half(events.lists, t.row, t.listed, t.word, t.now)
-        t.listed += 1
+    listed = both(inside, walks)
+    t.word = list_half(events.lists, t.row, t.listed, t.word, t.now, listed)
+    t.listed += wp.where(listed, 1, 0)
     link = link_after(hop, up)
     now = t.now
     t.now = link >> 1
     t.crossing = q
     last = wp.where(t.now == t.first, END, 0)
-    if both(t.walks != 0, either(last != 0, not is_quiet(p.code, q.code))):
-        add_event(events, t.address, t.events, (now << HALF) | last | CLEAR | (p.code << FROM) | q.code, t.steps)
+    if both(walks, either(last != 0, not is_quiet(p.code, q.code))):
+        what = (now << HALF) | last | (p.code << FROM) | q.code
+        if needs_left(p.code, q.code):
+            corners = rough_corners(g, p, q)
+            what |= corners.left << CORNERS
+            sure = both(sure, corners.sure)
+        else:
+            what |= CLEAR
+        write_event(events, t.row, t.events & (REST - 1), what, t.steps)
         t.events += 1
-        t.steps = 0
-    behind = int(0)  # bits from the first crossing's to that of this one
-    if both(t.walks != 0, (link & 1) != 0):
+        t.steps = wp.where(last != 0, ENDED, 0)
+    if both(walks, (link & 1) != 0):
         bit = load_int(surface.scan_bit, t.now)
         clear_bit(t.words, bit)
-        t.left -= 1
-        behind = bit - t.bit
-    sure = both(sure, behind >= 0)
+        t.events -= REST
+        sure = both(sure, bit >= t.bit)
     t.steps = wp.where(sure, t.steps, UNSURE)
-    t.walks = wp.where(both(sure, last == 0), t.walks, 0)
     return t

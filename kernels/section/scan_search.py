@@ -32,13 +32,13 @@ from ..patch import (
 from .clip_events import (
     BEGIN,
     CLEAR,
+    CORNERS,
     END,
     FROM,
     HALF,
     STOP,
     Events,
     _clip_loops,
-    address_of_events,
     is_quiet,
     room_for_events,
     write_event,
@@ -47,7 +47,8 @@ from .edge_pairing import OPEN
 from .half_edges import MASK_WORDS, Surface
 from .pieces import section_at
 from .rough_scan import Scans, fetch_words, held, held_vec3, room_for_scans, scan_roughly
-from .rough_walk import RoughFrame, RoughWalk, begin_loop, rough_frame, step_roughly
+from .rough_walk import ENDED, REST, RoughFrame, RoughWalk, begin_loop, is_walking, rough_frame, step_roughly
+from .segment_clipping import corners_left, needs_left
 from .step_lists import end_list, list_half
 from .triangle_walk import Crossing, chain_start, crossing_after, crossing_at, link_of, load_vec4, point_of, vertex_of
 
@@ -185,7 +186,8 @@ def walk_loop(
     out = Walk()
     c = crossing_at(surface, f, half)
     p = crossing_point(f, g, c, side)
-    write_event(events, row, start, (half << HALF) | BEGIN | (p.code << FROM) | p.code, 0)
+    begin = wp.where(chain, BEGIN | STOP, BEGIN)
+    write_event(events, row, start, (half << HALF) | begin | (p.code << FROM) | p.code, 0)
     out.events = 1
     if chain:
         out.scanned = 1
@@ -207,10 +209,14 @@ def walk_loop(
         if (p.code | q.code) == 0:
             if moves(f, g, side, c, p, n, q):
                 steps += 1
-                word = list_half(events.lists, row, k, word, c.half)
+                word = list_half(events.lists, row, k, word, c.half, True)
                 k += 1
         if last != 0 or not is_quiet(p.code, q.code):
-            what = (c.half << HALF) | last | (p.clear & q.clear) | (p.code << FROM) | q.code
+            what = (c.half << HALF) | last | (p.code << FROM) | q.code
+            if needs_left(p.code, q.code):
+                what |= corners_left(point_of(f, c, side), point_of(f, n, side), side) << CORNERS
+            else:
+                what |= p.clear & q.clear
             write_event(events, row, start + out.events, what, steps)
             out.events += 1
             steps = 0
@@ -259,7 +265,7 @@ def _scan_sections(
 @wp.func
 def finish_row(walk: RoughWalk, events: Events, doubtful: wp.array[wp.int32], doubtful_count: wp.array[wp.int32]):
     """Leave the row of a walk; returns whether another loop of it is to be walked instead."""
-    if walk.steps >= 0 and walk.left > 0:
+    if walk.steps >= 0 and walk.events >= REST:
         return False
     if walk.steps >= 0:
         events.count[walk.row] = walk.events
@@ -289,27 +295,26 @@ def _walk_loops(
     g = RoughFrame()
     walk = RoughWalk()
     walk.row = OPEN
+    walk.steps = ENDED
     works = bool(True)
     while works:
-        if walk.row != OPEN and walk.walks == 0:
+        if walk.row != OPEN and not is_walking(walk):
             if finish_row(walk, events, doubtful, doubtful_count):
                 walk.row = OPEN
         place = take_place(walk.row == OPEN, ours, scans.taken, count)
         ours = wp.vec2i(place[1], place[2])
         if place[0] != OPEN:
             walk.row = scans.listed[place[0]][0]
-            walk.left = scans.listed[place[0]][1]
-            walk.events = 0
+            walk.events = REST * scans.listed[place[0]][1]
             walk.listed = 0
-            walk.address = address_of_events(events, walk.row)
             own = section_at(section, walk.row)
             side = half_extents(patch[own % patch.shape[0]], bounded)
             g = rough_frame(section_frame(pose, patch, own), side, surface.reach)
             walk.words = fetch_words(surface, scans, walk.row)
-        if walk.row != OPEN and walk.walks == 0:
+        if walk.row != OPEN and not is_walking(walk):
             walk = begin_loop(surface, g, events, walk)
         few = wp.where(ours[0] < count, FEW_WALK, 0)
-        while lanes_of_warp(walk.walks != 0) > few:
+        while lanes_of_warp(is_walking(walk)) > few:
             walk = step_roughly(surface, g, events, walk)
             if in_step():  # lanes vote after every second step
                 walk = step_roughly(surface, g, events, walk)
@@ -388,5 +393,5 @@ def scan_search_pieces(
     launch(_scan_sections, row_count, inputs=inputs, outputs=[scans, events.count, *doubts])
     launch(_walk_loops, taking_lanes(device, row_count), inputs=[*inputs, scans], outputs=[events, *doubts])
     launch(_walk_doubtful_loops, row_count, inputs=[*inputs, *doubts], outputs=[events])
-    launch(_clip_loops, row_count, inputs=[surface, pose, patch, events], outputs=[pieces])
+    launch(_clip_loops, row_count, inputs=[surface.rank, events], outputs=[pieces])
     return events.count

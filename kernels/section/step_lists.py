@@ -19,25 +19,28 @@ class StepLists:
     """Lists of the steps of all rows: those of a row's loops one after the other, each loop's from a whole word on."""
 
     words: wp.int32  # of a row; 0: nothing is listed
+    steps: wp.int32  # that have room in them
     word: wp.array[wp.uint64]  # words of a row are adjacent
 
 
 @wp.func_native("""
     const wp::uint64 filled = (word >> 16) | (static_cast<wp::uint64>(half) << 48);
-    if ((k & 3) == 3 && k < 4 * lists.words) {
-        const unsigned bytes = 8u * static_cast<unsigned>(lists.words), at = 2u * static_cast<unsigned>(k) - 6u;
-        char* const address = reinterpret_cast<char*>(lists.word.data) + at;
-        const wp::uint64 offset = static_cast<wp::uint64>(static_cast<unsigned>(row)) * bytes;
+    const unsigned words = static_cast<unsigned>(lists.words), own = static_cast<unsigned>(k) >> 2;
+    const unsigned i = static_cast<unsigned>(row) * words + own;
 #ifdef __CUDA_ARCH__
-        asm volatile("st.global.b64 [%0], %1;" ::"l"(address + offset), "l"(filled) : "memory");
+    const int stores = listed && (k & 3) == 3 && k < lists.steps;
+    asm volatile("{.reg .pred p; setp.ne.s32 p, %2, 0; @p st.global.b64 [%0], %1;}" ::"l"(lists.word.data + i),
+        "l"(filled), "r"(stores) : "memory");
 #else
-        *reinterpret_cast<wp::uint64*>(address + offset) = filled;
+    if ((k & 3) == 3 && listed && k < lists.steps)
+        lists.word.data[i] = filled;
 #endif
-    }
-    return filled;
+    return listed ? filled : word;
 """)
-def list_half(lists: StepLists, row: int, k: int, word: wp.uint64, half: int) -> wp.uint64:
+def list_half(lists: StepLists, row: int, k: int, word: wp.uint64, half: int, listed: wp.bool) -> wp.uint64:
     """List a half-edge as number k of a row, if there is room; returns the word that is filled so far.
+
+    listed: False for nothing to be listed, which a GPU does without a branch.
 
     A word is written once it is full, which costs a GPU less than a store a step.
     """
@@ -45,7 +48,7 @@ def list_half(lists: StepLists, row: int, k: int, word: wp.uint64, half: int) ->
 
 @wp.func_native("""
     const int free = -k & 3;
-    if (free != 0 && k < 4 * lists.words)
+    if (free != 0 && k < lists.steps)
         lists.word.data[static_cast<wp::int64>(row) * lists.words + (k >> 2)] = word >> (16 * free);
     return k + free;
 """)
@@ -65,6 +68,7 @@ def room_for_steps(row_count: int, face_count: int, *, bounded: bool, device: An
     factor, most = BOUNDED if bounded else UNBOUNDED
     lists = StepLists()
     lists.words = min(most, math.ceil(factor * math.sqrt(face_count) / FOUR))
+    lists.steps = FOUR * lists.words
     lists.word = wp.empty(row_count * lists.words, dtype=wp.uint64, device=device)
     return lists
 

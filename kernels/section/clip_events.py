@@ -1,16 +1,14 @@
 """Events of a contour (the segments that clipping must test), and the pieces found from them."""
 
+from functools import cache
 from typing import Any
 
 import warp as wp
 
-from ..patch import BOTTOM, EXACT, Patch, section_frame
-from .edge_pairing import OPEN
-from .half_edges import Surface
-from .pieces import CLOSED, NO_WRAP, UNLISTED, ContourPieces, count_row, list_location, section_of, store_listed
-from .segment_clipping import NONE, Segment, needs_left, segment_of
+from ..patch import EXACT
+from .pieces import CLOSED, LEAVE, NO_WRAP, SIDE, UNLISTED, ContourPieces, count_row, list_location, store_listed
+from .segment_clipping import NONE, segment_of
 from .step_lists import PLACE, StepLists
-from .triangle_walk import corners_left_from, link_of, load_vec4
 
 wp.set_module_options(EXACT)
 
@@ -18,176 +16,222 @@ wp.set_module_options(EXACT)
 # inside the patch since the event before. `what` is the half-edge of the segment's first crossing << HALF | these bits:
 TO = wp.constant(15)  # outcode where the segment ends
 FROM = wp.constant(4)  # bits above it: outcode where it starts
-BEGIN = wp.constant(256)  # a loop begins here; both outcodes are of its first crossing
-END = wp.constant(512)  # the loop is back at its first crossing
-STOP = wp.constant(1024)  # the contour ends at an open edge
-CLEAR = wp.constant(2048)  # in float32 neither of its crossings lies on the line of a patch side
-HALF = wp.constant(12)
+CORNERS = wp.constant(8)  # bits above: the patch's corners to its left (`corners_left`), 0 unless it `needs_left`
+CLIP = wp.constant((1 << 12) - 1)  # all these bits, which decide how the patch clips the segment
+BEGIN = wp.constant(
+    1 << 12
+)  # a loop begins here, or a chain if STOP is set, too; both outcodes are of its first crossing
+END = wp.constant(1 << 13)  # the loop is back at its first crossing
+STOP = wp.constant(1 << 14)  # the contour ends at an open edge
+CLEAR = wp.constant(1 << 15)  # in float32 the segment meets no side near a corner or a crossing
+HALF = wp.constant(16)
+WINDING = wp.constant(6)  # in `Events.clip`: bits below are those of `ContourPieces.side`, bits above 1 + the winding
 
 
 @wp.struct
 class Events:
-    """Events of each row's section, loop by loop; event k of row r has index r * row + k * step."""
+    """Events of each row's section, loop by loop; event k of row r has index r * room + k."""
 
     room: wp.int32  # most events of a row
-    row: wp.int64
-    step: wp.int64
     event: wp.array[wp.vec2i]
     count: wp.array[wp.int32]  # events of each row, also those beyond its room
     lists: StepLists
     listed: wp.array[wp.int32]  # length of each row's list, also what is beyond its room, in whole words
+    clip: wp.array[wp.uint8]  # how the patch clips a segment (`segment_of`), by the bits CLIP of its event
 
 
-@wp.func
+@wp.func_native("""
+    if (k < events.room) {
+        const unsigned i = static_cast<unsigned>(row) * static_cast<unsigned>(events.room) + static_cast<unsigned>(k);
+#ifdef __CUDA_ARCH__
+        asm volatile("st.global.v2.s32 [%0], {%1, %2};" ::"l"(events.event.data + i), "r"(what), "r"(steps) : "memory");
+#else
+        events.event.data[i] = wp::vec2i(what, steps);
+#endif
+    }
+""")
 def write_event(events: Events, row: int, k: int, what: int, steps: int):
     """Write event k of a row, if there is room."""
-    if k < events.room:
-        events.event[wp.int64(row) * events.row + wp.int64(k) * events.step] = wp.vec2i(what, steps)
 
 
-@wp.func
-def is_quiet(code_p: int, code_q: int):
+@wp.func_native("""
+#ifdef __CUDA_ARCH__
+    const int4 r = __ldg(reinterpret_cast<const int4*>(event.data) + pair);
+    return wp::vec_t<4, int>(r.x, r.y, r.z, r.w);
+#else
+    const wp::vec2i &a = event.data[2 * pair], &b = event.data[2 * pair + 1];
+    return wp::vec_t<4, int>(a[0], a[1], b[0], b[1]);
+#endif
+""")
+def load_pair(event: wp.array[wp.vec2i], pair: int) -> wp.vec4i:
+    """Events 2 pair and 2 pair + 1 of all rows, read with one load on a GPU."""
+
+
+@wp.func_native("""
+    return clip.data[what & 0xfff];
+""")
+def load_clip(clip: wp.array[wp.uint8], what: int) -> int:
+    """Entry of `Events.clip` for an event."""
+
+
+@wp.func_native("""
+    const unsigned apart = code_p ^ code_q;
+    return (apart == 0) | ((code_p & code_q & ((apart & 1u) - 1u)) != 0);  // bit 0: BOTTOM
+""")
+def is_quiet(code_p: int, code_q: int) -> wp.bool:
     """Whether a segment stays inside, or outside without winding around the patch."""
-    if (code_p | code_q) == 0:
-        return True
-    return (code_p & code_q) != 0 and ((code_p ^ code_q) & BOTTOM) == 0
 
 
 @wp.struct
 class EventTour:
-    """State of reading one loop's events, and the piece that is being read."""
+    """State of reading a row's events, loop by loop, and the piece that is being read."""
 
-    begin: int  # event with which the loop begins
-    first: int  # half-edge with which it begins
-    half: int  # the piece: of the crossing before it enters, or where the tour starts
-    enter: int
-    steps: int
-    inside: int  # 1 while on a piece
-    partial: int  # 1 while on a piece that the tour started in the middle of: it is read at the end
-    whole: int  # 1 if the loop has not left the patch so far
-    again: int  # 1 once the tour has come back to where it started
-    done: int  # 1 between loops
-    pieces: int
+    pieces: int  # of the row so far
     winding: int
-    clear: int  # 1 if the end where the piece entered is clear
     word: int  # with which the list of the loop's steps begins; UNLISTED if the row's list has no room
     passed: int  # steps of the loop so far
-    first_step: int  # of the piece, in the loop's list
+    inside: int  # 1 while on a piece
+    partial: int  # 1 while on a piece in whose middle the loop begins
+    half: int  # the piece: half-edge of the crossing before it enters, or with which the loop begins
+    enter: int  # 1 + the side by which it enters, 0 for none
+    first_step: int  # number of its first step in the loop's list
+    clear: int  # CLEAR if its beginning is clear
+    cut: int  # if the loop began in the middle of a piece: the event at which that leaves
+    cut_steps: int  # steps of the loop up to there
 
 
 @wp.func
-def begin_tour(surface: Surface, k: int, what: int, old: EventTour):
-    """Start reading the loop that begins with event k."""
+def begin_tour(what: int, old: EventTour):
+    """Start reading the loop that begins with an event."""
     t = EventTour()
     t.pieces = old.pieces
     t.winding = old.winding
     t.word = wp.where(old.word == UNLISTED, UNLISTED, old.word + ((old.passed + 3) >> PLACE))
-    t.begin = k
-    t.first = what >> HALF
-    t.half = t.first
-    t.enter = NONE
+    t.half = what >> HALF
     if (what & TO) == 0:
         t.inside = 1
-        t.clear = 1
-        if link_of(load_vec4(surface.corner, t.half)) != OPEN:  # else a chain: its first piece is one
-            t.whole = 1
-            t.partial = 1
+        t.clear = CLEAR
+        t.partial = wp.where((what & STOP) == 0, 1, 0)  # a chain's first piece begins with it
     return t
 
 
 @wp.func
-def advance(tour: EventTour, what: int, steps: int, segment: Segment, clear: int, pieces: ContourPieces, row: int):
-    """Read one event; clear: 1 if the segment meets no side near a corner or a crossing."""
+def end_piece(
+    tour: EventTour, what: int, leave: int, rank: wp.array[wp.int32], events: Events, pieces: ContourPieces, row: int
+):
+    """End a piece where it leaves or its loop ends."""
     t = tour
-    at = what >> HALF
-    t.steps += steps
-    if t.again == 0:
-        t.passed += steps
-        t.winding += segment.winding
-        if segment.enter != NONE:
-            t.half = at
-            t.enter = segment.enter
-            t.clear = clear
-            t.first_step = t.passed
-            t.steps = 0
-            t.inside = 1
-            t.partial = 0
-    if (what & TO) != 0:
-        t.whole = 0
-    if t.inside == 1 and (segment.leave != NONE or (what & STOP) != 0):
-        if t.partial == 0:
-            location = list_location(t.word, t.first_step, wp.where(t.again == 1, t.passed, NO_WRAP))
-            clear = t.clear & clear
-            store_listed(pieces, row, t.pieces, t.half, at, t.enter, segment.leave, t.steps, t.half, clear, location)
-            t.pieces += 1
-        t.inside = 0
-    if (what & (END | STOP)) != 0:
-        t.again = 1
-    t.done = wp.where(t.again == 1 and (t.whole == 1 or t.inside == 0 or (what & STOP) != 0), 1, 0)
+    t.inside = 0
+    steps = t.passed - t.first_step
+    if t.partial == 0:
+        last = int(what)
+        by = int(leave)
+        length = int(NO_WRAP)
+        if (what & END) != 0 and leave == 0:  # goes on where the loop begins
+            last = t.cut
+            by = (load_clip(events.clip, last) >> LEAVE) & SIDE
+            length = t.passed
+            steps += t.cut_steps
+        location = list_location(t.word, t.first_step, length)
+        clear = wp.where((t.clear & last & CLEAR) != 0, 1, 0)
+        store_listed(pieces, row, t.pieces, t.half, last >> HALF, t.enter - 1, by - 1, steps, t.half, clear, location)
+        t.pieces += 1
+    elif (what & END) != 0:
+        location = list_location(t.word, 0, NO_WRAP)
+        store_listed(pieces, row, t.pieces, t.half, t.half, NONE, NONE, steps, CLOSED + rank[t.half], 1, location)
+        t.pieces += 1
+    else:
+        t.cut = what
+        t.cut_steps = t.passed
+        t.partial = 0
+    return t
+
+
+@wp.func
+def read_event(
+    tour: EventTour, what: int, steps: int, rank: wp.array[wp.int32], events: Events, pieces: ContourPieces, row: int
+):
+    """Read one event."""
+    if (what & BEGIN) != 0:
+        return begin_tour(what, tour)
+    t = tour
+    clip = load_clip(events.clip, what)
+    t.passed += steps
+    t.winding += (clip >> WINDING) - 1
+    if (clip & SIDE) != 0:
+        t.half = what >> HALF
+        t.enter = clip & SIDE
+        t.clear = what
+        t.first_step = t.passed
+        t.inside = 1
+    leave = (clip >> LEAVE) & SIDE
+    if t.inside == 1 and (leave != 0 or (what & (END | STOP)) != 0):
+        t = end_piece(t, what, leave, rank, events, pieces, row)
     return t
 
 
 @wp.kernel
 def _clip_loops(
     # In:
-    surface: Surface,
-    pose: wp.array2d[wp.transform],
-    patch: wp.array[Patch],
+    rank: wp.array[wp.int32],  # `Surface.rank`
     events: Events,
     # Out:
     pieces: ContourPieces,
 ):
     """Find the pieces of each row's section in its events."""
     row = wp.tid()
-    section = section_of(pieces, row)
-    own = patch[section % patch.shape[0]]
     count = events.count[row]
     tour = EventTour()
-    tour.pieces = wp.where(count > events.room, count, 0)  # no more pieces than events
-    tour.word = wp.where(events.listed[row] <= events.lists.words << PLACE, 0, UNLISTED)
-    count = wp.where(count > events.room, 0, count)
-    k = int(0)
-    after = int(0)  # the event behind the loop
-    while k < count:
-        event = events.event[wp.int64(row) * events.row + wp.int64(k) * events.step]
-        what = event[0]
-        k += 1
-        if (what & BEGIN) != 0:
-            tour = begin_tour(surface, k, what, tour)
-        else:
-            left = int(0)
-            clear = wp.where((what & CLEAR) != 0, 1, 0)
-            if needs_left((what >> FROM) & TO, what & TO):
-                f = section_frame(pose, patch, section)
-                left = corners_left_from(surface, f, what >> HALF, own.half)
-                clear = 0
-            tour = advance(tour, what, event[1], segment_of((what >> FROM) & TO, what & TO, left), clear, pieces, row)
-            if tour.done == 1 and tour.whole == 1:
-                half = tour.first
-                location = list_location(tour.word, 0, NO_WRAP)
-                rank = surface.rank[half]
-                store_listed(pieces, row, tour.pieces, half, half, NONE, NONE, tour.steps, CLOSED + rank, 1, location)
-                tour.pieces += 1
-            if (what & (END | STOP)) != 0:
-                after = k
-                if tour.done == 0:
-                    k = tour.begin
-            elif tour.done == 1:
-                k = after
+    tour.pieces = count  # no more pieces than events
+    if count <= events.room:
+        tour.pieces = 0
+        tour.word = wp.where(events.listed[row] <= events.lists.steps, 0, UNLISTED)
+        k = int(0)
+        first = row * (events.room / 2)
+        pair = wp.vec4i()
+        if count > 0:
+            pair = load_pair(events.event, first)
+        while k < count:
+            after = pair
+            if k + 2 < count:  # is read before it is needed
+                after = load_pair(events.event, first + (k >> 1) + 1)
+            tour = read_event(tour, pair[0], pair[1], rank, events, pieces, row)
+            if k + 1 < count:
+                tour = read_event(tour, pair[2], pair[3], rank, events, pieces, row)
+            pair = after
+            k += 2
     count_row(pieces, row, tour.pieces, tour.winding)
 
 
-def room_for_events(row_count: int, room: int, device: Any, lists: Any = None) -> Any:
-    """Allocate `room` events per row: those of a row are adjacent on a CPU, equal ones of all rows on a GPU.
+@wp.kernel
+def _tabulate_clips(
+    # Out:
+    clip: wp.array[wp.uint8],  # shape [CLIP + 1]
+):
+    """Tabulate how a patch clips segments: see `Events.clip`."""
+    k = wp.tid()
+    s = segment_of((k >> FROM) & TO, k & TO, k >> CORNERS)
+    clip[k] = wp.uint8((s.enter + 1) | ((s.leave + 1) << LEAVE) | ((s.winding + 1) << WINDING))
 
-    lists: takes the steps between events, if any.
-    """
+
+@cache
+def clips_on(device: str) -> wp.array:
+    """`Events.clip` on a device."""
+    clip = wp.empty(int(CLIP) + 1, dtype=wp.uint8, device=device)
+    wp.launch(_tabulate_clips, len(clip), outputs=[clip], device=device)
+    wp.synchronize_device(device)  # other streams read it, too
+    return clip
+
+
+def room_for_events(row_count: int, room: int, device: Any, lists: Any = None) -> Any:
+    """Allocate `room` events per row, or one more to have pairs. lists: takes the steps between events, if any."""
     events = Events()
+    room += room % 2
     events.room = room
-    events.row, events.step = (room, 1) if device.is_cpu else (1, row_count)
     events.event = wp.empty(row_count * room, dtype=wp.vec2i, device=device)
     events.count = wp.empty(row_count, dtype=wp.int32, device=device)
     if lists is not None:
         events.lists = lists
     events.listed = wp.empty(row_count, dtype=wp.int32, device=device)
+    events.clip = clips_on(str(device))
     return events

@@ -13,7 +13,8 @@ FACES_MOST = 2**28  # most triangles: half-edge numbers and flags share 31 bits
 LEAF_BITS = wp.constant(2)  # below a leaf's number in those of its triangles
 LEAF = 4  # triangles of a leaf of the hierarchy
 MASK_WORDS = 128  # 32-bit words of the scan search's mask, which has one bit per scanned edge
-SCAN_FACES_MOST = 8000  # most triangles of a surface with a scan path
+SCAN_FACES_MOST = 8000  # most triangles of a surface with a scan path: links of their half-edges have 16 bits
+SCAN_WORDS = 32  # most 32-bit words in which a scan notes its crossings, one bit for `Surface.scan_group` steps
 
 
 @wp.struct
@@ -24,9 +25,16 @@ class Surface:
     rank: wp.array[wp.int32]  # `HalfEdges.rank`, shape [half]
     is_open: wp.int32  # 1 if any edge has a triangle on one side only
     reach: wp.float32  # largest |x| + |y| + |z| of a vertex [m]; bounds the rounding of float32 heights
-    scan_path: wp.array[wp.vec4]  # vertices [m] along the scan path, and bits of the rank of the step that ends there,
-    # OPEN for a jump; shape [step + 1]
+    hop: wp.array[wp.vec4]  # the triangle's third vertex [m] and bits of two links: of the next half-edge, and 16 bits
+    # higher of the previous one, shape [half]; empty for an open surface and one without a scan path
+    scan_path: wp.array[
+        wp.vec4
+    ]  # vertices [m] along the scan path, and the bit in which a scan notes a crossing of the
+    # step that ends there, 0 for a jump; shape [step + 1]
     scan_path_half: wp.array[wp.vec2i]  # half-edges of the step that ends here, forth and back; OPEN for none or a jump
+    scan_bit: wp.array[wp.int32]  # number of a scanned half-edge's bit, from bit 0 of word 0 on, shape [half]
+    scan_group: wp.int32  # neighbouring steps of the scan path that share a bit
+    scan_words: wp.int32  # words of a scan
     node_centre: wp.array[wp.vec4]  # centres of the hierarchy's boxes, a heap whose root is 1 [m]
     node_half: wp.array[wp.vec4]  # half extents of the boxes [m]; -1 for an empty box
     leaf_first: wp.int32  # heap number of the first leaf
@@ -287,14 +295,38 @@ def upload_surface(surface: HalfEdges, device: str) -> Surface:
     out.rank = wp.array(surface.rank, dtype=wp.int32, device=device)
     out.is_open = int(surface.open_count > 0)
     out.reach = float(np.abs(surface.vertices).sum(axis=1).max())
-    vertices, halves = surface.scan_path if surface.has_scan_path else (np.zeros(0, int), np.zeros(0, int))
-    path = pad_to_vec4(surface.vertices[vertices])
-    path[1:, 3] = np.where(halves == OPEN, OPEN, surface.rank[halves]).astype(np.int32).view(np.float32)
-    out.scan_path = wp.array(path, dtype=wp.vec4, device=device)
-    out.scan_path_half = wp.array(step_halves(surface, vertices, halves), dtype=wp.vec2i, device=device)
+    upload_scan_path(surface, out, device)
     out.node_centre = wp.array(pad_to_vec4(surface.boxes.centre), dtype=wp.vec4, device=device)
     out.node_half = wp.array(pad_to_vec4(surface.boxes.half), dtype=wp.vec4, device=device)
     out.leaf_first = surface.boxes.leaf_first
+    return out
+
+
+def upload_scan_path(surface: HalfEdges, out: Surface, device: str) -> None:
+    """Copy the scan path to a device, if there is one, and what walks from its crossings read."""
+    vertices, halves = surface.scan_path if surface.has_scan_path else (np.zeros(0, int), np.zeros(0, int))
+    out.scan_group = max(1, -(-len(halves) // (32 * SCAN_WORDS)))
+    bit = np.arange(len(halves)) // out.scan_group
+    out.scan_words = -(-len(halves) // (32 * out.scan_group))
+    path, step = pad_to_vec4(surface.vertices[vertices]), step_halves(surface, vertices, halves)
+    path[1:, 3] = np.where(halves == OPEN, 0, 1 << (bit % 32)).astype(np.uint32).view(np.float32)
+    bit_of_half = np.zeros(len(surface.twin), np.int32)
+    for direction in (0, 1):
+        is_half = step[1:, direction] != OPEN
+        bit_of_half[step[1:, direction][is_half]] = bit[is_half]
+    out.scan_path = wp.array(path, dtype=wp.vec4, device=device)
+    out.scan_path_half = wp.array(step, dtype=wp.vec2i, device=device)
+    out.scan_bit = wp.array(bit_of_half, dtype=wp.int32, device=device)
+    walks = surface.has_scan_path and surface.open_count == 0
+    out.hop = wp.array(hops_of(surface) if walks else np.zeros((0, 4), np.float32), dtype=wp.vec4, device=device)
+
+
+def hops_of(surface: HalfEdges) -> np.ndarray:
+    """`Surface.hop` of a closed surface with a scan path."""
+    previous, following = (np.roll(np.arange(len(surface.twin)).reshape(-1, 3), k, axis=1).ravel() for k in (1, -1))
+    out = pad_to_vec4(surface.vertices[surface.faces.ravel()[previous]])
+    links = surface.link.astype(np.uint32)
+    out[:, 3] = (links[following] | (links[previous] << np.uint32(16))).view(np.float32)
     return out
 
 

@@ -10,21 +10,24 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import warp as wp
 
+from ..lanes import taking_lanes
 from ..offsets import BLOCK
 from ..warps import threads_for
 from .clip_events import _clip_loops, room_for_events
 from .contour_writing import _draw_contours
 from .joining import LANE_WORDS, _join_pieces, _join_single_pieces, room_to_join
 from .pieces import SLOTS, ContourPieces, with_slots
+from .rough_scan import room_for_scans
 from .row_walker import LineArrays
-from .scan_search import _walk_doubtful_loops, _walk_first_loops, _walk_other_loops
+from .scan_search import _scan_sections, _walk_doubtful_loops, _walk_loops
 from .tree_search import _tree_search_pieces
 
 CPU = "cpu"
 FEW = 32  # patches of all poses that get the largest capacities
 EVENTS_MANY, POINTS_MANY = 24, 48  # of a patch
 PIECE_BYTES, EVENT_BYTES, POINT_BYTES = 120, 8, 13
-SEVERAL, DOUBTFUL, LISTED, EXCESS = range(4)  # counters of patches: more loops, float64, pieces to join, no room
+# Counters of patches: those to walk, those taken to walk, in float64, of several pieces to join, without room.
+CROSSED, TAKEN, DOUBTFUL, LISTED, EXCESS = range(5)
 
 Launches = list[tuple[wp.Launch, int | None]]  # each with the counter that must not be 0 for it to do anything
 
@@ -79,7 +82,7 @@ class Room:
         self.row_count = pose_count * patch.shape[0]
         self._stages = [int(outside), int(close)]
         self._pose = wp.full((pose_count, 1), wp.transform_identity(), dtype=wp.transform, device=self.device)
-        self._counters = wp.zeros(4, dtype=wp.int32, device=self.device)
+        self._counters = wp.zeros(5, dtype=wp.int32, device=self.device)
         self._rest = wp.zeros(self.row_count, dtype=wp.int32, device=self.device)
         self._polylines, self._points = (Offsets(self.row_count, self.device) for _ in range(2))
         self._pieces = self._room_for_pieces()
@@ -171,13 +174,16 @@ class Room:
 
     def _scan_search(self) -> Launches:
         section = [self._surface, self._pose, self._patch, self._stages[0], self._pieces.section]
-        several = [wp.zeros(self.row_count, dtype=wp.vec3i, device=self.device), self._counters[SEVERAL:]]
-        doubtful = [self._rest, self._counters[DOUBTFUL:]]
+        scans = room_for_scans(
+            self._surface, self.row_count, self._counters[CROSSED:], device := wp.get_device(self.device)
+        )
+        doubtful, events = [self._rest, self._counters[DOUBTFUL:]], self._events
+        walk = self._record(_walk_loops, [*section, scans], [events, *doubtful], taking_lanes(device, self.row_count))
         return [
-            (self._record(_walk_first_loops, section, [self._events, *several, *doubtful]), None),
-            (self._record(_walk_other_loops, [*section, *several], [self._events, *doubtful]), SEVERAL),
-            (self._record(_walk_doubtful_loops, [*section, *doubtful], [self._events]), DOUBTFUL),
-            (self._record(_clip_loops, [*section[:3], self._events], [self._pieces]), None),
+            (self._record(_scan_sections, section, [scans, events.count, *doubtful]), None),
+            (walk, CROSSED),
+            (self._record(_walk_doubtful_loops, [*section, *doubtful], [events]), DOUBTFUL),
+            (self._record(_clip_loops, [self._surface.rank, self._events], [self._pieces]), None),
         ]
 
     def _tree_search(self) -> Launches:
@@ -189,19 +195,19 @@ class Room:
         self._entries = entries
         entries.polylines, entries.points = self._polylines.count, self._points.count
         own = wp.empty(LANE_WORDS, dtype=wp.int64, device=self.device)
+        lanes_to_join = threads_for(wp.get_device(self.device), self.row_count)
         rest = [self._rest, self._counters[LISTED:]]
         single = [self._pieces, self._stages[1]]
         several = [self._surface, self._pieces, self._pose, self._patch, self._stages[1], *rest]
         drawn = [self._surface, self._pose, self._patch, self._pieces, entries, *self._stages]
         return [
             (self._record(_join_single_pieces, single, [entries, *rest]), None),
-            (self._record(_join_pieces, several, [own, ends, entries]), LISTED),
+            (self._record(_join_pieces, several, [own, ends, entries], lanes_to_join), LISTED),
         ], self._record(_draw_contours, [*drawn, self._polylines.start, self._points.start], [self._lines])
 
-    def _record(self, kernel: Any, inputs: list, outputs: list) -> wp.Launch:
+    def _record(self, kernel: Any, inputs: list, outputs: list, lanes: int | None = None) -> wp.Launch:
         options = {"device": self.device, "block_dim": BLOCK, "record_cmd": True}
-        threads = threads_for(wp.get_device(self.device), self.row_count) if kernel is _join_pieces else self.row_count
-        return cast(wp.Launch, wp.launch(kernel, threads, inputs=inputs, outputs=outputs, **options))
+        return cast(wp.Launch, wp.launch(kernel, lanes or self.row_count, inputs=inputs, outputs=outputs, **options))
 
 
 class Offsets:

@@ -4,27 +4,29 @@ All numbers of this module are of a patch's frame. A coordinate of a vertex is w
 which includes the shift of flush vertices. A crossing of an edge from u above the plane to l below lies at t / d with
 t = l h(u) - u h(l) and d = h(u) - h(l). It is a mean of u and l, whose weights are wrong by at most 2 e / d if both
 heights exceed 2 e. So t / d is wrong by at most e + 2 e |u - l| / d, and by 2.4 e with the rounding of t.
+
+Corner C of the patch is to the left of a segment P -> Q if (Q - P) x (C - P) = P x Q + (Q - P) x C is not negative.
+If P and Q are wrong by at most p and q along each axis, this product is wrong by at most p |Q - C| + q |P - C| + 2 p q,
+where |.| sums absolute coordinates. p and q are `RoughCrossing.room` / d. They exceed 6 e, which is 50 half spacings of
+float32 at the farthest vertex. Each term of the product is wrong by at most 6 half spacings more. A quarter more of the
+bound contains these.
 """
 
 import warp as wp
 
-from ..patch import BOTTOM, LEFT, RIGHT, TOP, Coarse
-from .clip_events import BEGIN, CLEAR, END, FROM, HALF, Events, is_quiet, write_event
+from ..patch import Frame, coarse_frame
+from .clip_events import BEGIN, CLEAR, CORNERS, END, FROM, HALF, Events, is_quiet, write_event
 from .edge_pairing import OPEN
 from .half_edges import Surface
-from .step_lists import PLACE, end_list, list_address, list_half
-from .triangle_walk import half_after, half_before, link_of, load_vec4, vertex_of
+from .rough_scan import clear_bit, half_at, lowest_left, rough_sum
+from .segment_clipping import needs_left
+from .step_lists import end_list, list_half
+from .triangle_walk import half_after, load_vec4, vertex_of
 
-
-@wp.func_native("""
-#ifdef __CUDA_ARCH__
-    return fmaf(a[0], b[0], fmaf(a[1], b[1], fmaf(a[2], b[2], c)));
-#else
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + c;
-#endif
-""")
-def rough_sum(a: wp.vec3, b: wp.vec3, c: float) -> float:
-    """About the scalar product of a and b, plus c."""
+REST = wp.constant(1 << 16)  # more than a row's events: a surface with a scan path has 24,000 half-edges at most
+# In `RoughWalk.steps`: no loop has so many steps, so that some may be added.
+ENDED = wp.constant(1 << 29)  # the lane is on no loop
+UNSURE = wp.constant(-(1 << 30))  # neither, as float32 could not decide
 
 
 @wp.func_native("""
@@ -39,6 +41,47 @@ def rough_difference(a: float, b: float, c: float, d: float) -> float:
 
 
 @wp.func_native("""
+#ifdef __CUDA_ARCH__
+    return fmaf(a, b, c);
+#else
+    return a * b + c;
+#endif
+""")
+def rough_product(a: float, b: float, c: float) -> float:
+    """About a b + c."""
+
+
+@wp.func_native("""
+    const unsigned in_u = reinterpret_cast<const unsigned&>(right), in_v = reinterpret_cast<const unsigned&>(top);
+    const unsigned u = reinterpret_cast<const unsigned&>(x), v = reinterpret_cast<const unsigned&>(y);
+    const unsigned left = ~in_u & u, bottom = ~in_v & v;
+#ifdef __CUDA_ARCH__
+    unsigned right_of, top_of;  // neither: one instruction each, for which the compiler takes two
+    asm("lop3.b32 %0, %1, %2, 0, 0x03;" : "=r"(right_of) : "r"(in_u), "r"(u));
+    asm("lop3.b32 %0, %1, %2, 0, 0x03;" : "=r"(top_of) : "r"(in_v), "r"(v));
+    unsigned code = __funnelshift_l(left, 0u, 1);
+    code = __funnelshift_l(top_of, code, 1);
+    code = __funnelshift_l(right_of, code, 1);
+    return __funnelshift_l(bottom, code, 1);
+#else
+    const unsigned right_of = ~(in_u | u), top_of = ~(in_v | v);
+    return (left >> 31) << 3 | (top_of >> 31) << 2 | (right_of >> 31) << 1 | bottom >> 31;
+#endif
+""")
+def code_of_signs(right: float, x: float, top: float, y: float) -> int:
+    """Outcode of a point (x, y): beyond a side along u if `right` is not negative, along v if `top` is not."""
+
+
+@wp.func_native("""
+    const unsigned i = reinterpret_cast<const unsigned&>(a), j = reinterpret_cast<const unsigned&>(b);
+    const unsigned k = reinterpret_cast<const unsigned&>(c), l = reinterpret_cast<const unsigned&>(d);
+    return ~(i >> 31 | j >> 31 << 1 | k >> 31 << 2 | l >> 31 << 3) & 15u;
+""")
+def bits_of_signs(a: float, b: float, c: float, d: float) -> int:
+    """Bit k is set if number k of four is not negative."""
+
+
+@wp.func_native("""
     return a.data[static_cast<unsigned>(i)];
 """)
 def load_int(a: wp.array[wp.int32], i: int) -> int:
@@ -46,68 +89,38 @@ def load_int(a: wp.array[wp.int32], i: int) -> int:
 
 
 @wp.func_native("""
-    const unsigned k = static_cast<unsigned>(rank);
-    return (mask.data[k >> 5] >> (k & 31u)) & 1u;
+    return a & b;
 """)
-def is_marked(mask: wp.array[wp.uint32], rank: int) -> wp.bool:
-    """Whether the scanned edge of that rank is marked as passed."""
+def both(a: wp.bool, b: wp.bool) -> wp.bool:
+    """Whether both are true; unlike `and`, it never branches."""
 
 
 @wp.func_native("""
-    const unsigned k = static_cast<unsigned>(rank);
-    mask.data[k >> 5] |= 1u << (k & 31u);
+    return a | b;
 """)
-def mark(mask: wp.array[wp.uint32], rank: int):
-    """Mark the scanned edge of that rank as passed."""
+def either(a: wp.bool, b: wp.bool) -> wp.bool:
+    """Whether one is true; unlike `or`, it never branches."""
 
 
 @wp.func_native("""
-#ifdef __CUDA_ARCH__
-    asm volatile("" : "+f"(x));
-#endif
-    return x;
+    const unsigned bits = reinterpret_cast<const unsigned&>(hop.c[3]);
+    return up ? bits & 0xffffu : bits >> 16;
 """)
-def held(x: float) -> float:
-    """The same number, which a GPU keeps, and does not convert from float64 again wherever it is used."""
-
-
-@wp.func
-def held_vec3(x: wp.vec3):
-    """The same vector, as `held`."""
-    return wp.vec3(held(x[0]), held(x[1]), held(x[2]))
-
-
-@wp.func
-def held_frame(g: Coarse):
-    """The same frame, as `held`."""
-    out = Coarse()
-    out.origin = held_vec3(g.origin)
-    out.u = held_vec3(g.u)
-    out.v = held_vec3(g.v)
-    out.n = held_vec3(g.n)
-    out.distance = held(g.distance)
-    out.half = wp.vec2(held(g.half[0]), held(g.half[1]))
-    out.unsure = held(g.unsure)
-    return out
+def link_after(hop: wp.vec4, up: wp.bool) -> int:
+    """Link of the half-edge by which a contour leaves a triangle, from `Surface.hop`; up: third vertex above."""
 
 
 @wp.struct
-class RoughScan:
-    """Crossings of scanned edges along the scan path, and the first of them."""
+class RoughFrame:
+    """A patch's frame in float32."""
 
-    count: int
-    step: int  # of the first one
-    above: wp.bool  # whether that step starts above the plane
-    least: float  # smallest distance of a vertex from the plane [m]
-
-
-@wp.struct
-class ScanPlace:
-    """A place on the scan path."""
-
-    step: int
-    above: wp.bool  # whether it ends above the plane
-    half: int  # half-edge of its crossing if no mark is set for it, else OPEN
+    u: wp.vec3
+    v: wp.vec3
+    n: wp.vec3
+    from_origin: wp.vec3  # minus the scalar products of u, v and n with the origin [m]
+    minus_half: wp.vec2  # minus the half extents [m]
+    flat: float  # 2 e: a height below it is not sure [m]
+    near: float  # 6 e and the rounding of half extents [m]
 
 
 @wp.struct
@@ -117,163 +130,179 @@ class RoughCrossing:
     x: float  # [m^2]
     y: float
     d: float  # [m]
-    room: float  # d times the bound of the error of x / d and y / d [m^2]
+    room: float  # d times the bound of the error of x / d and y / d, and of a move onto a side [m^2]
     code: int
     sure: wp.bool  # whether the code is right, and the crossing is CLEAR
 
 
 @wp.struct
+class RoughCorners:
+    """The patch's corners to the left of a segment."""
+
+    left: int  # bits as of `corners_left`
+    sure: wp.bool
+
+
+@wp.struct
 class RoughWalk:
-    """Result of a walk around one loop."""
+    """State of a walk around the loops of a row, one after another."""
 
-    events: int  # number of events
-    scanned: int  # scanned crossings passed
+    row: int  # OPEN for none
+    events: int  # of the row, and above them REST times the crossings that the scan counted and no walk has passed
+    words: wp.uint64  # address of what is left of its scan
+    first: int  # half-edge of the loop's first crossing
+    bit: int  # its bit in the scan
+    now: int  # half-edge of the latest crossing
+    upper: wp.vec3  # its ends
+    lower: wp.vec3
+    crossing: RoughCrossing
+    steps: int  # of non-zero length since the latest event, ENDED or UNSURE, or more than these
     listed: int  # steps of the row that are listed so far, and of the loops before
-    sure: wp.bool  # whether all of it is right; else it ended too early
+    word: wp.uint64  # what is filled of the list's latest word
 
 
 @wp.func
-def rough_position(g: Coarse, x: wp.vec3):
-    """Coordinates of a vertex along u, v and n [m]."""
-    y = x - g.origin
-    return wp.vec3(rough_sum(g.u, y, 0.0), rough_sum(g.v, y, 0.0), rough_sum(g.n, y, 0.0))
+def is_walking(walk: RoughWalk):
+    """Whether a lane is on a loop."""
+    return wp.uint32(walk.steps) < wp.uint32(ENDED)
 
 
 @wp.func
-def scan_height(g: Coarse, x: wp.vec4):
-    """Height of a vertex above the plane [m]."""
-    return rough_sum(g.n, vertex_of(x), -g.distance)
-
-
-@wp.func
-def scan_roughly(surface: Surface, g: Coarse):
-    """Count the scanned crossings of a closed surface."""
-    found = RoughScan()
-    height = scan_height(g, load_vec4(surface.scan_path, 0))
-    above = height > 0.0
-    found.least = wp.abs(height)
-    for i in range(1, surface.scan_path.shape[0]):
-        x = load_vec4(surface.scan_path, i)
-        height = scan_height(g, x)
-        found.least = wp.min(found.least, wp.abs(height))
-        if (height > 0.0) != above and link_of(x) != OPEN:
-            if found.count == 0:
-                found.step = i
-                found.above = above
-            found.count += 1
-        above = height > 0.0
-    return found
-
-
-@wp.func
-def half_of_step(surface: Surface, step: int, above: wp.bool):
-    """Half-edge of a step's crossing, if the step starts above the plane or below."""
-    return surface.scan_path_half[step][wp.where(above, 0, 1)]
-
-
-@wp.func
-def next_unmarked(surface: Surface, g: Coarse, mask: wp.array[wp.uint32], place: ScanPlace):
-    """The next step after a place whose crossing is not marked, if `scan_roughly` was sure."""
-    out = place
-    out.half = OPEN
-    while out.half == OPEN and out.step + 1 < surface.scan_path.shape[0]:
-        out.step += 1
-        x = load_vec4(surface.scan_path, out.step)
-        above = scan_height(g, x) > 0.0
-        if above != out.above and link_of(x) != OPEN:
-            if not is_marked(mask, link_of(x)):
-                out.half = half_of_step(surface, out.step, out.above)
-        out.above = above
+def rough_frame(f: Frame, half: wp.vec2d, reach: float):
+    """The frame in float32; arguments as of `coarse_frame`."""
+    g = coarse_frame(f, half, reach)
+    out = RoughFrame()
+    out.u = g.u
+    out.v = g.v
+    out.n = g.n
+    out.from_origin = wp.vec3(-wp.float32(wp.dot(f.u, f.origin)), -wp.float32(wp.dot(f.v, f.origin)), -g.distance)
+    out.minus_half = -g.half
+    out.flat = 2.0 * g.unsure
+    out.near = 3.0 * out.flat + wp.min(
+        2.0e-7 * wp.max(g.half[0], g.half[1]), out.flat
+    )  # no patch side is nearer if more
     return out
 
 
 @wp.func
-def rough_crossing(g: Coarse, upper: wp.vec3, lower: wp.vec3, at_sides: float):
-    """The crossing of an edge; at_sides: bound of the error of a side's distance, and what makes a crossing CLEAR."""
+def rough_position(g: RoughFrame, x: wp.vec3):
+    """Coordinates of a vertex along u, v and n [m]."""
+    o = g.from_origin
+    return wp.vec3(rough_sum(g.u, x, o[0]), rough_sum(g.v, x, o[1]), rough_sum(g.n, x, o[2]))
+
+
+@wp.func
+def rough_crossing(g: RoughFrame, upper: wp.vec3, lower: wp.vec3):
+    """The crossing of an edge."""
     c = RoughCrossing()
     c.d = upper[2] - lower[2]
     c.x = rough_difference(lower[0], upper[2], upper[0], lower[2])
     c.y = rough_difference(lower[1], upper[2], upper[1], lower[2])
     wide = wp.abs(upper[0] - lower[0]) + wp.abs(upper[1] - lower[1])
-    c.room = g.unsure * (4.0 * c.d + 2.0 * wide)
-    right = wp.abs(c.x) - g.half[0] * c.d
-    top = wp.abs(c.y) - g.half[1] * c.d
-    c.code = wp.where(right > 0.0, wp.where(c.x > 0.0, RIGHT, LEFT), 0)
-    c.code += wp.where(top > 0.0, wp.where(c.y > 0.0, TOP, BOTTOM), 0)
-    c.sure = wp.min(wp.abs(right), wp.abs(top)) > c.room + at_sides * c.d
+    c.room = rough_product(g.near, c.d, g.flat * wide)
+    right = rough_product(g.minus_half[0], c.d, wp.abs(c.x))
+    top = rough_product(g.minus_half[1], c.d, wp.abs(c.y))
+    c.code = code_of_signs(right, c.x, top, c.y)
+    c.sure = wp.min(wp.abs(right), wp.abs(top)) > c.room
     return c
 
 
 @wp.func
-def surely_move(g: Coarse, p: RoughCrossing, q: RoughCrossing):
+def surely_move(p: RoughCrossing, q: RoughCrossing):
     """Whether the float32 output points of two crossings differ for sure: each may be moved onto a side."""
-    room = 3.0 * g.unsure * p.d * q.d + p.room * q.d + q.room * p.d
     x = wp.abs(rough_difference(p.x, q.d, q.x, p.d))
     y = wp.abs(rough_difference(p.y, q.d, q.y, p.d))
-    return wp.max(x, y) > room
+    return wp.max(x, y) > rough_product(p.room, q.d, q.room * p.d)
 
 
 @wp.func
-def walk_roughly(surface: Surface, g: Coarse, half: int, events: Events, row: int, start: int, listed: int):
-    """Walk from a crossing around its loop; writes events from number `start` on, as `walk_loop` does.
-
-    listed: with which number of the row's list the steps' half-edges begin.
-    """
-    out = RoughWalk()
-    at_sides = 2.0 * g.unsure + 2.0e-7 * wp.max(g.half[0], g.half[1])
-    upper = rough_position(g, vertex_of(load_vec4(surface.corner, half)))
-    lower = rough_position(g, vertex_of(load_vec4(surface.corner, half_after(half))))
-    p = rough_crossing(g, upper, lower, at_sides)
-    out.sure = p.sure and wp.min(upper[2], -lower[2]) > 2.0 * g.unsure
-    write_event(events, row, start, (half << HALF) | BEGIN | (p.code << FROM) | p.code, 0)
-    out.events = 1
-    now = half
-    steps = int(0)
-    word = wp.uint64(0)
-    k = int(listed)
-    most = events.lists.words << PLACE
-    address = list_address(events.lists.word, events.lists.words, row)
-    last = int(0)
-    while last == 0 and out.sure:
-        third = load_vec4(surface.corner, half_before(now))
-        down = link_of(load_vec4(surface.corner, half_after(now)))  # where the loop goes on if the third is above
-        x = rough_position(g, vertex_of(third))
-        up = x[2] > 0.0
-        upper = wp.where(up, x, upper)
-        lower = wp.where(up, lower, x)
-        link = wp.where(up, down, link_of(third))
-        q = rough_crossing(g, upper, lower, at_sides)
-        out.sure = q.sure and wp.abs(x[2]) > 2.0 * g.unsure
-        out.scanned += link & 1
-        last = wp.where(link >> 1 == half, END, 0)
-        if (p.code | q.code) == 0:
-            steps += 1
-            word = list_half(address, most, k, word, now)
-            k += 1
-            out.sure = out.sure and surely_move(g, p, q)
-        if last != 0 or not is_quiet(p.code, q.code):
-            write_event(
-                events, row, start + out.events, (now << HALF) | last | CLEAR | (p.code << FROM) | q.code, steps
-            )
-            out.events += 1
-            steps = 0
-        now = link >> 1
-        p = q
-    out.listed = end_list(address, most, k, word)
+def rough_corners(g: RoughFrame, p: RoughCrossing, q: RoughCrossing):
+    """The patch's corners to the left of the segment p -> q."""
+    x = rough_difference(q.x, p.d, p.x, q.d)
+    y = rough_difference(q.y, p.d, p.y, q.d)
+    turn = rough_difference(p.x, q.y, p.y, q.x)
+    m = g.minus_half
+    below = rough_product(m[1], x, turn)
+    above = rough_product(-m[1], x, turn)
+    one = rough_product(-m[0], y, below)  # `left_of` of each corner, times both d
+    two = rough_product(m[0], y, below)
+    three = rough_product(m[0], y, above)
+    four = rough_product(-m[0], y, above)
+    out = RoughCorners()
+    out.left = bits_of_signs(one, two, three, four)
+    size = m[0] + m[1]
+    far_p = rough_product(-size, p.d, wp.abs(p.x) + wp.abs(p.y))
+    far_q = rough_product(-size, q.d, wp.abs(q.x) + wp.abs(q.y))
+    room = rough_product(p.room, far_q, q.room * rough_product(2.0, p.room, far_p))
+    least = wp.min(wp.min(wp.abs(one), wp.abs(two)), wp.min(wp.abs(three), wp.abs(four)))
+    out.sure = least > 1.25 * room
     return out
 
 
 @wp.func
-def mark_roughly(surface: Surface, g: Coarse, half: int, mask: wp.array[wp.uint32]):
-    """Mark the scanned crossings of a loop for which `walk_roughly` was sure."""
-    now = half
-    done = int(0)
-    while done == 0:
-        third = load_vec4(surface.corner, half_before(now))
-        down = link_of(load_vec4(surface.corner, half_after(now)))
-        link = wp.where(rough_sum(g.n, vertex_of(third) - g.origin, 0.0) > 0.0, down, link_of(third))
-        now = link >> 1
-        if (link & 1) != 0:
-            mark(mask, load_int(surface.rank, now))
-        if now == half:
-            done = 1
+def begin_loop(surface: Surface, g: RoughFrame, events: Events, walk: RoughWalk):
+    """Begin the row's next loop, at its lowest crossing that no walk has passed."""
+    t = walk
+    t.listed = end_list(events.lists, t.row, t.listed, t.word)
+    t.bit = lowest_left(surface, t.words)
+    t.first = OPEN
+    if t.bit != OPEN:
+        t.first = half_at(surface, g.n, -g.from_origin[2], t.bit)
+    t.steps = UNSURE
+    if t.first != OPEN:
+        t.upper = rough_position(g, vertex_of(load_vec4(surface.corner, t.first)))
+        t.lower = rough_position(g, vertex_of(load_vec4(surface.corner, half_after(t.first))))
+        t.crossing = rough_crossing(g, t.upper, t.lower)
+        code = t.crossing.code
+        write_event(events, t.row, t.events & (REST - 1), (t.first << HALF) | BEGIN | (code << FROM) | code, 0)
+        t.events += 1
+        t.now = t.first
+        if t.crossing.sure and wp.min(t.upper[2], -t.lower[2]) > g.flat:
+            t.steps = 0
+    return t
+
+
+@wp.func
+def step_roughly(surface: Surface, g: RoughFrame, events: Events, walk: RoughWalk):
+    """Walk to the loop's next crossing; writes the events that `walk_loop` writes.
+
+    A lane that does not walk goes on around its loop and leaves no trace: that takes fewer instructions than to stand.
+    """
+    t = walk
+    walks = is_walking(t)
+    p = t.crossing
+    hop = load_vec4(surface.hop, t.now)
+    x = rough_position(g, vertex_of(hop))
+    up = x[2] > 0.0
+    t.upper = wp.where(up, x, t.upper)
+    t.lower = wp.where(up, t.lower, x)
+    q = rough_crossing(g, t.upper, t.lower)
+    inside = (p.code | q.code) == 0
+    sure = both(both(q.sure, wp.abs(x[2]) > g.flat), either(not inside, surely_move(p, q)))
+    t.steps += wp.where(inside, 1, 0)
+    listed = both(inside, walks)
+    t.word = list_half(events.lists, t.row, t.listed, t.word, t.now, listed)
+    t.listed += wp.where(listed, 1, 0)
+    link = link_after(hop, up)
+    now = t.now
+    t.now = link >> 1
+    t.crossing = q
+    last = wp.where(t.now == t.first, END, 0)
+    if both(walks, either(last != 0, not is_quiet(p.code, q.code))):
+        what = (now << HALF) | last | (p.code << FROM) | q.code
+        if needs_left(p.code, q.code):
+            corners = rough_corners(g, p, q)
+            what |= corners.left << CORNERS
+            sure = both(sure, corners.sure)
+        else:
+            what |= CLEAR
+        write_event(events, t.row, t.events & (REST - 1), what, t.steps)
+        t.events += 1
+        t.steps = wp.where(last != 0, ENDED, 0)
+    if both(walks, (link & 1) != 0):
+        bit = load_int(surface.scan_bit, t.now)
+        clear_bit(t.words, bit)
+        t.events -= REST
+        sure = both(sure, bit >= t.bit)
+    t.steps = wp.where(sure, t.steps, UNSURE)
+    return t

@@ -1,8 +1,8 @@
 """Scan search, for small surfaces: test every scanned edge, then walk every loop in the plane once.
 
-The walk lists the segments that clipping must test, and a second kernel clips them: all lanes of a GPU walk alike, but
-clipping diverges and would make the other lanes wait. Closed surfaces are walked in float32 (`rough_walk`), and the
-few rows for which that is not exact enough in float64.
+The walk lists the segments that clipping must test, and another kernel clips them: all lanes of a GPU walk alike, but
+clipping diverges and would make the other lanes wait. Closed surfaces are scanned and walked in float32 (`rough_scan`,
+`rough_walk`), and the few rows for which that is not exact enough in float64.
 """
 
 from functools import partial
@@ -10,6 +10,7 @@ from typing import Any
 
 import warp as wp
 
+from ..lanes import GROUPS_OF_PROCESSOR, first_places, in_step, lanes_of_warp, take_place, taking_lanes
 from ..offsets import BLOCK
 from ..patch import (
     BOTTOM,
@@ -31,6 +32,7 @@ from ..patch import (
 from .clip_events import (
     BEGIN,
     CLEAR,
+    CORNERS,
     END,
     FROM,
     HALF,
@@ -44,25 +46,34 @@ from .clip_events import (
 from .edge_pairing import OPEN
 from .half_edges import MASK_WORDS, Surface
 from .pieces import section_at
-from .rough_walk import (
-    RoughWalk,
-    ScanPlace,
-    half_of_step,
-    held_frame,
-    is_marked,
-    mark,
-    mark_roughly,
-    next_unmarked,
-    scan_height,
-    scan_roughly,
-    walk_roughly,
-)
-from .step_lists import PLACE, end_list, list_address, list_half
+from .rough_scan import Scans, fetch_words, held, held_vec3, room_for_scans, scan_roughly
+from .rough_walk import ENDED, REST, RoughFrame, RoughWalk, begin_loop, is_walking, rough_frame, step_roughly
+from .segment_clipping import corners_left, needs_left
+from .step_lists import end_list, list_half
 from .triangle_walk import Crossing, chain_start, crossing_after, crossing_at, link_of, load_vec4, point_of, vertex_of
 
 wp.set_module_options(EXACT)
 
 LISTED = 32  # scanned crossings that one scan lists; a further scan lists the next ones
+
+
+FEW_WALK = wp.constant(24)  # lanes of a warp: if no more are walking, the others take rows
+
+
+@wp.func_native("""
+    const unsigned k = static_cast<unsigned>(rank);
+    return (mask.data[k >> 5] >> (k & 31u)) & 1u;
+""")
+def is_marked(mask: wp.array[wp.uint32], rank: int) -> wp.bool:
+    """Whether the scanned edge of that rank is marked as passed."""
+
+
+@wp.func_native("""
+    const unsigned k = static_cast<unsigned>(rank);
+    mask.data[k >> 5] |= 1u << (k & 31u);
+""")
+def mark(mask: wp.array[wp.uint32], rank: int):
+    """Mark the scanned edge of that rank as passed."""
 
 
 @wp.struct
@@ -99,7 +110,7 @@ class Walk:
 
     events: int  # number of events
     scanned: int  # scanned crossings passed
-    listed: int  # as of `RoughWalk`
+    listed: int  # steps of the row that are listed so far, and of the loops before
     ended: int  # 1 if it ended at an open edge, so it is a chain and no loop
 
 
@@ -168,14 +179,15 @@ def walk_loop(
 ):
     """Walk from a crossing around its loop, or to the end of its chain; writes events from number `start` on.
 
-    listed: as of `walk_roughly`.
+    listed: with which number of the row's list the steps' half-edges begin.
 
     A segment is an event unless it stays inside, or stays outside without winding around the patch (`is_quiet`).
     """
     out = Walk()
     c = crossing_at(surface, f, half)
     p = crossing_point(f, g, c, side)
-    write_event(events, row, start, (half << HALF) | BEGIN | (p.code << FROM) | p.code, 0)
+    begin = wp.where(chain, BEGIN | STOP, BEGIN)
+    write_event(events, row, start, (half << HALF) | begin | (p.code << FROM) | p.code, 0)
     out.events = 1
     if chain:
         out.scanned = 1
@@ -183,8 +195,6 @@ def walk_loop(
     steps = int(0)
     word = wp.uint64(0)
     k = int(listed)
-    most = events.lists.words << PLACE
-    address = list_address(events.lists.word, events.lists.words, row)
     last = int(0)
     while last == 0:
         n = crossing_after(surface, f, c)
@@ -199,10 +209,14 @@ def walk_loop(
         if (p.code | q.code) == 0:
             if moves(f, g, side, c, p, n, q):
                 steps += 1
-                word = list_half(address, most, k, word, c.half)
+                word = list_half(events.lists, row, k, word, c.half, True)
                 k += 1
         if last != 0 or not is_quiet(p.code, q.code):
-            what = (c.half << HALF) | last | (p.clear & q.clear) | (p.code << FROM) | q.code
+            what = (c.half << HALF) | last | (p.code << FROM) | q.code
+            if needs_left(p.code, q.code):
+                what |= corners_left(point_of(f, c, side), point_of(f, n, side), side) << CORNERS
+            else:
+                what |= p.clear & q.clear
             write_event(events, row, start + out.events, what, steps)
             out.events += 1
             steps = 0
@@ -210,12 +224,12 @@ def walk_loop(
         p = q
     if last == STOP:
         out.ended = 1
-    out.listed = end_list(address, most, k, word)
+    out.listed = end_list(events.lists, row, k, word)
     return out
 
 
 @wp.kernel
-def _walk_first_loops(
+def _scan_sections(
     # In:
     surface: Surface,
     pose: wp.array2d[wp.transform],  # of the hand or of each patch -> array frame, shape [pose, 1 or patch]
@@ -223,77 +237,88 @@ def _walk_first_loops(
     bounded: int,  # 0: the whole plane
     section: wp.array[wp.int32],  # of each row; empty if rows are sections
     # Out:
-    events: Events,
-    rest: wp.array[wp.vec3i],  # rows with more loops, in any order, shape [row]:
-    # row, scanned crossings of other loops, half-edge of the first loop
-    rest_count: wp.array[wp.int32],  # number of these rows, zero-initialised, shape [1]
+    scans: Scans,
+    event_count: wp.array[wp.int32],  # 0 for rows whose planes miss the surface, shape [row]
     doubtful: wp.array[wp.int32],  # rows that need float64, in any order, shape [row]
-    doubtful_count: wp.array[wp.int32],
+    doubtful_count: wp.array[wp.int32],  # zero-initialised, shape [1]
 ):
-    """Walk around the first loop of each row's plane, usually the only one, if the surface is closed."""
+    """Scan the scan path for each row's plane, if the surface is closed; list the rows that must be walked."""
     row = wp.tid()
-    own = section_at(section, row)
-    side = half_extents(patch[own % patch.shape[0]], bounded)
-    g = held_frame(coarse_frame(section_frame(pose, patch, own), side, surface.reach))
-    walk = RoughWalk()
-    if surface.is_open == 0:
-        found = scan_roughly(surface, g)
-        walk.sure = found.least > g.unsure
-        if walk.sure and found.count > 0:
-            half = half_of_step(surface, found.step, found.above)
-            walk = walk_roughly(surface, g, half, events, row, 0, 0)
-            if walk.sure and walk.scanned < found.count:
-                rest[wp.atomic_add(rest_count, 0, 1)] = wp.vec3i(row, found.count - walk.scanned, half)
-    events.count[row] = walk.events
-    events.listed[row] = walk.listed
-    if not walk.sure:
+    sure = surface.is_open == 0
+    crossings = int(0)
+    if sure:
+        own = section_at(section, row)
+        side = half_extents(patch[own % patch.shape[0]], bounded)
+        g = coarse_frame(section_frame(pose, patch, own), side, surface.reach)
+        unsure = held(g.unsure)
+        found = scan_roughly(surface, held_vec3(g.n), held(g.distance), scans, row)
+        sure = found.least > unsure
+        crossings = found.count
+    if not sure:
         doubtful[wp.atomic_add(doubtful_count, 0, 1)] = row
+    elif crossings > 0:
+        scans.listed[wp.atomic_add(scans.count, 0, 1)] = wp.vec2i(row, crossings)
+    else:
+        event_count[row] = 0
 
 
-@wp.kernel
-def _walk_other_loops(
+@wp.func
+def finish_row(walk: RoughWalk, events: Events, doubtful: wp.array[wp.int32], doubtful_count: wp.array[wp.int32]):
+    """Leave the row of a walk; returns whether another loop of it is to be walked instead."""
+    if walk.steps >= 0 and walk.events >= REST:
+        return False
+    if walk.steps >= 0:
+        events.count[walk.row] = walk.events
+        events.listed[walk.row] = end_list(events.lists, walk.row, walk.listed, walk.word)
+    else:
+        doubtful[wp.atomic_add(doubtful_count, 0, 1)] = walk.row
+    return True
+
+
+@wp.kernel(launch_bounds=(BLOCK, GROUPS_OF_PROCESSOR))
+def _walk_loops(
     # In:
     surface: Surface,
     pose: wp.array2d[wp.transform],
     patch: wp.array[Patch],
     bounded: int,
     section: wp.array[wp.int32],
-    rest: wp.array[wp.vec3i],
-    rest_count: wp.array[wp.int32],
+    scans: Scans,
     # Out:
-    events: Events,  # those of the first loop are there already
+    events: Events,
     doubtful: wp.array[wp.int32],
     doubtful_count: wp.array[wp.int32],
 ):
-    """Walk around the other loops of rows that have more than one."""
-    if wp.tid() >= rest_count[0]:
-        return
-    listed = rest[wp.tid()]
-    row = listed[0]
-    left = listed[1]
-    half = listed[2]
-    own = section_at(section, row)
-    side = half_extents(patch[own % patch.shape[0]], bounded)
-    g = held_frame(coarse_frame(section_frame(pose, patch, own), side, surface.reach))
-    mask = wp.zeros(shape=MASK_WORDS, dtype=wp.uint32)
-    place = ScanPlace()
-    place.above = scan_height(g, load_vec4(surface.scan_path, 0)) > 0.0
+    """Walk around all loops of the listed rows. A lane that is done takes another row, once there are several such."""
+    count = scans.count[0]
+    ours = first_places(wp.tid())
+    g = RoughFrame()
     walk = RoughWalk()
-    walk.sure = True
-    count = events.count[row]
-    walk.listed = events.listed[row]
-    while left > 0 and walk.sure:
-        mark_roughly(surface, g, half, mask)
-        place = next_unmarked(surface, g, mask, place)
-        half = place.half
-        walk = walk_roughly(surface, g, half, events, row, count, walk.listed)
-        count += walk.events
-        left -= walk.scanned
-    if walk.sure:
-        events.count[row] = count
-        events.listed[row] = walk.listed
-    else:
-        doubtful[wp.atomic_add(doubtful_count, 0, 1)] = row
+    walk.row = OPEN
+    walk.steps = ENDED
+    works = bool(True)
+    while works:
+        if walk.row != OPEN and not is_walking(walk):
+            if finish_row(walk, events, doubtful, doubtful_count):
+                walk.row = OPEN
+        place = take_place(walk.row == OPEN, ours, scans.taken, count)
+        ours = wp.vec2i(place[1], place[2])
+        if place[0] != OPEN:
+            walk.row = scans.listed[place[0]][0]
+            walk.events = REST * scans.listed[place[0]][1]
+            walk.listed = 0
+            own = section_at(section, walk.row)
+            side = half_extents(patch[own % patch.shape[0]], bounded)
+            g = rough_frame(section_frame(pose, patch, own), side, surface.reach)
+            walk.words = fetch_words(surface, scans, walk.row)
+        if walk.row != OPEN and not is_walking(walk):
+            walk = begin_loop(surface, g, events, walk)
+        few = wp.where(ours[0] < count, FEW_WALK, 0)
+        while lanes_of_warp(is_walking(walk)) > few:
+            walk = step_roughly(surface, g, events, walk)
+            if in_step():  # lanes vote after every second step
+                walk = step_roughly(surface, g, events, walk)
+        works = lanes_of_warp(walk.row != OPEN) > 0
 
 
 @wp.func
@@ -360,14 +385,13 @@ def scan_search_pieces(
     device = pose.device
     row_count = pieces.count.shape[0]
     events = room_for_events(row_count, room, device, pieces.lists)
-    rest = wp.empty(row_count, dtype=wp.vec3i, device=device)
-    doubtful = wp.empty(row_count, dtype=wp.int32, device=device)
-    counts = wp.zeros(2, dtype=wp.int32, device=device)
-    rests, doubts = [rest, counts[:1]], [doubtful, counts[1:]]
+    counters = wp.zeros(3, dtype=wp.int32, device=device)
+    scans = room_for_scans(surface, row_count, counters, device)
+    doubts = [wp.empty(row_count, dtype=wp.int32, device=device), counters[2:]]
     inputs = [surface, pose, patch, int(bounded), pieces.section]
     launch = partial(wp.launch, device=device, block_dim=BLOCK)
-    launch(_walk_first_loops, row_count, inputs=inputs, outputs=[events, *rests, *doubts])
-    launch(_walk_other_loops, row_count, inputs=[*inputs, *rests], outputs=[events, *doubts])
+    launch(_scan_sections, row_count, inputs=inputs, outputs=[scans, events.count, *doubts])
+    launch(_walk_loops, taking_lanes(device, row_count), inputs=[*inputs, scans], outputs=[events, *doubts])
     launch(_walk_doubtful_loops, row_count, inputs=[*inputs, *doubts], outputs=[events])
-    launch(_clip_loops, row_count, inputs=[surface, pose, patch, events], outputs=[pieces])
+    launch(_clip_loops, row_count, inputs=[surface.rank, events], outputs=[pieces])
     return events.count

@@ -19,40 +19,40 @@ class StepLists:
     """Lists of the steps of all rows: those of a row's loops one after the other, each loop's from a whole word on."""
 
     words: wp.int32  # of a row; 0: nothing is listed
+    steps: wp.int32  # that have room in them
     word: wp.array[wp.uint64]  # words of a row are adjacent
 
 
 @wp.func_native("""
-    return reinterpret_cast<wp::uint64>(word.data + static_cast<long long>(row) * words);
-""")
-def list_address(word: wp.array[wp.uint64], words: int, row: int) -> wp.uint64:
-    """Address of a row's list."""
-
-
-@wp.func_native("""
     const wp::uint64 filled = (word >> 16) | (static_cast<wp::uint64>(half) << 48);
-    if ((k & 3) == 3 && k < most) {
-        const wp::uint64 at = address + 2u * static_cast<unsigned>(k) - 6u;
+    const unsigned words = static_cast<unsigned>(lists.words), own = static_cast<unsigned>(k) >> 2;
+    const unsigned i = static_cast<unsigned>(row) * words + own;
 #ifdef __CUDA_ARCH__
-        asm volatile("st.global.b64 [%0], %1;" ::"l"(at), "l"(filled) : "memory");
+    const int stores = listed && (k & 3) == 3 && k < lists.steps;
+    asm volatile("{.reg .pred p; setp.ne.s32 p, %2, 0; @p st.global.b64 [%0], %1;}" ::"l"(lists.word.data + i),
+        "l"(filled), "r"(stores) : "memory");
 #else
-        *reinterpret_cast<wp::uint64*>(at) = filled;
+    if ((k & 3) == 3 && listed && k < lists.steps)
+        lists.word.data[i] = filled;
 #endif
-    }
-    return filled;
+    return listed ? filled : word;
 """)
-def list_half(address: wp.uint64, most: int, k: int, word: wp.uint64, half: int) -> wp.uint64:
-    """List a half-edge as number k of a row that has an address and room for so many; returns the word that is
-    filled so far, which is written once full: this costs a GPU less than an address of each word."""
+def list_half(lists: StepLists, row: int, k: int, word: wp.uint64, half: int, listed: wp.bool) -> wp.uint64:
+    """List a half-edge as number k of a row, if there is room; returns the word that is filled so far.
+
+    listed: False for nothing to be listed, which a GPU does without a branch.
+
+    A word is written once it is full, which costs a GPU less than a store a step.
+    """
 
 
 @wp.func_native("""
     const int free = -k & 3;
-    if (free != 0 && k < most)
-        *reinterpret_cast<wp::uint64*>(address + 2u * static_cast<unsigned>(k & ~3)) = word >> (16 * free);
+    if (free != 0 && k < lists.steps)
+        lists.word.data[static_cast<wp::int64>(row) * lists.words + (k >> 2)] = word >> (16 * free);
     return k + free;
 """)
-def end_list(address: wp.uint64, most: int, k: int, word: wp.uint64) -> int:
+def end_list(lists: StepLists, row: int, k: int, word: wp.uint64) -> int:
     """Write a loop's last word if it is not full; returns the number with which the next loop's list begins."""
 
 
@@ -73,5 +73,6 @@ def room_for_steps(row_count: int, face_count: int, *, bounded: bool, device: An
     factor, most = BOUNDED if bounded else UNBOUNDED
     lists = StepLists()
     lists.words = min(most, math.ceil(factor * math.sqrt(face_count) / FOUR))
+    lists.steps = FOUR * lists.words
     lists.word = wp.empty(row_count * lists.words, dtype=wp.uint64, device=device)
     return lists

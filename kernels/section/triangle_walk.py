@@ -5,7 +5,7 @@ import warp as wp
 from ..patch import Frame, above, outcode, patch_coordinates, snap_to_sides
 from .edge_pairing import OPEN
 from .half_edges import Surface
-from .segment_clipping import blend, corners_left
+from .segment_clipping import blend
 
 
 @wp.struct
@@ -135,13 +135,6 @@ def point_of(f: Frame, c: Crossing, side: wp.vec2d):
     p = wp.vec2d(c.upper[0], c.upper[1])
     q = wp.vec2d(c.lower[0], c.lower[1])
     return snap_to_sides(blend(p, q, c.upper[2], c.lower[2]), side, f.flush)
-
-
-@wp.func
-def corners_left_from(surface: Surface, f: Frame, half: int, side: wp.vec2d):
-    """`corners_left` of the segment from a half-edge's crossing to the next crossing."""
-    c = crossing_at(surface, f, half)
-    return corners_left(point_of(f, c, side), point_of(f, crossing_after(surface, f, c), side), side)
 
 
 @wp.func

@@ -1,0 +1,75 @@
+"""Scans in float32 against heights in float64, and walks of rows whose crossings share bits."""
+
+import numpy as np
+import pytest
+import warp as wp
+from degenerate_cases import HALF
+from drawing import STRATEGIES, assert_same_bits, draw, exact_poses, patch_array, pose_array, surface_on
+from mesh_cases import CLOSED, MESHES
+from scipy.spatial.transform import Rotation
+
+from palpate.kernels.section import half_edges
+from palpate.kernels.section.edge_pairing import OPEN
+from palpate.kernels.section.rough_scan import room_for_scans
+from palpate.kernels.section.scan_search import _scan_sections
+
+
+def scan(surface, poses, device):
+    """Words, listed rows with their numbers of crossings, and doubtful rows, of palms."""
+    rows, counters = len(poses), wp.zeros(3, dtype=wp.int32, device=device)
+    scans = room_for_scans(surface, rows, counters, wp.get_device(device))
+    events, doubtful = (wp.full(rows, -1, dtype=wp.int32, device=device) for _ in range(2))
+    inputs = [
+        surface,
+        pose_array(poses, device),
+        patch_array(HALF, device),
+        1,
+        wp.empty(0, dtype=wp.int32, device=device),
+    ]
+    wp.launch(_scan_sections, rows, inputs=inputs, outputs=[scans, events, doubtful, counters[2:]], device=device)
+    words = scans.word.numpy()[np.arange(rows)[:, None] * scans.row + np.arange(surface.scan_words) * scans.step]
+    listed, count = scans.listed.numpy(), counters.numpy()
+    return words, dict(listed[: count[0]].tolist()), set(doubtful.numpy()[: count[2]].tolist()), events.numpy()
+
+
+def crossed_bits(edges, group, pose):
+    """Bits of the steps of the scan path that cross a palm's plane, and how many such steps there are."""
+    vertices, halves = edges.scan_path
+    normal = Rotation.from_quat(pose[3:].astype(float)).apply([0.0, 1.0, 0.0])
+    above = (edges.vertices[vertices].astype(float) - pose[:3]) @ normal > 0
+    step = np.flatnonzero((above[1:] != above[:-1]) & (halves != OPEN))
+    return set((step // group).tolist()), len(step)
+
+
+@pytest.mark.parametrize("words", [1, half_edges.SCAN_WORDS])
+@pytest.mark.parametrize("name", CLOSED)
+def test_a_scan_notes_the_steps_that_cross_the_plane(name, words, device, monkeypatch):
+    monkeypatch.setattr(half_edges, "SCAN_WORDS", words)
+    edges, poses = half_edges.HalfEdges(*MESHES[name]()), exact_poses(70, 3)
+    surface = half_edges.upload_surface(edges, device)
+    assert surface.scan_words <= words
+    noted, listed, doubtful, events = scan(surface, poses, device)
+    for row in set(range(len(poses))) - doubtful:
+        bits, count = crossed_bits(edges, surface.scan_group, poses[row])
+        assert {k for k in range(32 * surface.scan_words) if noted[row, k // 32] >> (k % 32) & 1} == bits
+        assert listed.get(row, 0) == count
+        assert count > 0 or events[row] == 0
+    assert len(doubtful) < len(poses) // 4
+
+
+@pytest.mark.parametrize("name", CLOSED)
+def test_rows_whose_crossings_share_bits_keep_their_contours(name, device, monkeypatch):
+    mesh, poses, patch = MESHES[name](), exact_poses(400, 4), patch_array(HALF, device)
+    monkeypatch.setattr(half_edges, "SCAN_WORDS", 1)
+    for strategy in STRATEGIES:
+        traced, sought = (
+            draw(surface_on(mesh, device), poses, patch, strategy, method) for method in ("trace", "seek")
+        )
+        assert_same_bits(traced, sought)
+
+
+@pytest.mark.parametrize("count", [0, 1, 31, 33, 65])
+def test_lists_of_any_length_are_walked(count, device):
+    surface, poses, patch = surface_on(MESHES["bodies"](), device), exact_poses(65, 5), patch_array(HALF, device)
+    some, every = (draw(surface, rows, patch, "cc", "trace") for rows in (poses[:count], poses))
+    assert_same_bits(some, every.part(0, count))

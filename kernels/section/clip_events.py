@@ -7,7 +7,7 @@ import warp as wp
 
 from ..patch import EXACT
 from .pieces import CLOSED, LEAVE, NO_WRAP, SIDE, UNLISTED, ContourPieces, count_row, list_location, store_listed
-from .segment_clipping import NONE, segment_of
+from .segment_clipping import segment_of
 from .step_lists import PLACE, StepLists
 
 wp.set_module_options(EXACT)
@@ -91,12 +91,12 @@ class EventTour:
     word: int  # with which the list of the loop's steps begins; UNLISTED if the row's list has no room
     passed: int  # steps of the loop so far
     inside: int  # 1 while on a piece
-    partial: int  # 1 while on a piece in whose middle the loop begins
+    partial: int  # 1 while on a piece in whose middle the loop begins, or on a closed loop
     half: int  # the piece: half-edge of the crossing before it enters, or with which the loop begins
     enter: int  # 1 + the side by which it enters, 0 for none
     first_step: int  # number of its first step in the loop's list
     clear: int  # CLEAR if its beginning is clear
-    cut: int  # if the loop began in the middle of a piece: the event at which that leaves
+    cut: int  # if the loop began in the middle of a piece: the event at which that leaves, or the first one, made CLEAR
     cut_steps: int  # steps of the loop up to there
 
 
@@ -111,6 +111,7 @@ def begin_tour(what: int, old: EventTour):
     if (what & TO) == 0:
         t.inside = 1
         t.clear = CLEAR
+        t.cut = what | CLEAR
         t.partial = wp.where((what & STOP) == 0, 1, 0)  # a chain's first piece begins with it
     return t
 
@@ -122,28 +123,26 @@ def end_piece(
     """End a piece where it leaves or its loop ends."""
     t = tour
     t.inside = 0
-    steps = t.passed - t.first_step
-    if t.partial == 0:
-        last = int(what)
-        by = int(leave)
-        length = int(NO_WRAP)
-        if (what & END) != 0 and leave == 0:  # goes on where the loop begins
-            last = t.cut
-            by = (load_clip(events.clip, last) >> LEAVE) & SIDE
-            length = t.passed
-            steps += t.cut_steps
-        location = list_location(t.word, t.first_step, length)
-        clear = wp.where((t.clear & last & CLEAR) != 0, 1, 0)
-        store_listed(pieces, row, t.pieces, t.half, last >> HALF, t.enter - 1, by - 1, steps, t.half, clear, location)
-        t.pieces += 1
-    elif (what & END) != 0:
-        location = list_location(t.word, 0, NO_WRAP)
-        store_listed(pieces, row, t.pieces, t.half, t.half, NONE, NONE, steps, CLOSED + rank[t.half], 1, location)
-        t.pieces += 1
-    else:
+    if t.partial == 1 and (what & END) == 0:
         t.cut = what
         t.cut_steps = t.passed
         t.partial = 0
+    else:
+        last = int(what)
+        length = int(NO_WRAP)
+        steps = t.passed - t.first_step
+        if (what & END) != 0 and leave == 0:  # goes on where the loop begins
+            last = t.cut
+            length = t.passed
+            steps += t.cut_steps
+        by = (load_clip(events.clip, last) >> LEAVE) & SIDE
+        key = t.half
+        if t.partial == 1:
+            key = CLOSED + rank[t.half]
+        location = list_location(t.word, t.first_step, length)
+        clear = wp.where((t.clear & last & CLEAR) != 0, 1, 0)
+        store_listed(pieces, row, t.pieces, t.half, last >> HALF, t.enter - 1, by - 1, steps, key, clear, location)
+        t.pieces += 1
     return t
 
 

@@ -5,11 +5,11 @@ which includes the shift of flush vertices. A crossing of an edge from u above t
 t = l h(u) - u h(l) and d = h(u) - h(l). It is a mean of u and l, whose weights are wrong by at most 2 e / d if both
 heights exceed 2 e. So t / d is wrong by at most e + 2 e |u - l| / d, and by 2.4 e with the rounding of t.
 
-Corner C of the patch is to the left of a segment P -> Q if (Q - P) x (C - P) = P x Q + (Q - P) x C is not negative.
-If P and Q are wrong by at most p and q along each axis, this product is wrong by at most p |Q - C| + q |P - C| + 2 p q,
-where |.| sums absolute coordinates. p and q are `RoughCrossing.room` / d. They exceed 6 e, which is 50 half spacings of
-float32 at the farthest vertex. Each term of the product is wrong by at most 6 half spacings more. A quarter more of the
-bound contains these.
+Corner C of the patch is to the left of a segment P -> Q if (P - C) x (Q - C) is not negative. If P and Q are wrong by
+at most p and q along each axis, this product is wrong by at most p |Q - C| + q |P - C| + 2 p q, where |.| sums absolute
+coordinates. Only corners between P and Q matter. So C is not farther away than the farthest vertex, where half a
+spacing of float32 is e / 8 at most. `RoughCrossing.room` / d exceeds the error of P by 2.6 e, which contains the
+rounding of P - C, and it exceeds 6 e, so that a quarter more of the bound contains the rounding of the product.
 """
 
 import warp as wp
@@ -73,15 +73,6 @@ def code_of_signs(right: float, x: float, top: float, y: float) -> int:
 
 
 @wp.func_native("""
-    const unsigned i = reinterpret_cast<const unsigned&>(a), j = reinterpret_cast<const unsigned&>(b);
-    const unsigned k = reinterpret_cast<const unsigned&>(c), l = reinterpret_cast<const unsigned&>(d);
-    return ~(i >> 31 | j >> 31 << 1 | k >> 31 << 2 | l >> 31 << 3) & 15u;
-""")
-def bits_of_signs(a: float, b: float, c: float, d: float) -> int:
-    """Bit k is set if number k of four is not negative."""
-
-
-@wp.func_native("""
     return a.data[static_cast<unsigned>(i)];
 """)
 def load_int(a: wp.array[wp.int32], i: int) -> int:
@@ -137,7 +128,7 @@ class RoughCrossing:
 
 @wp.struct
 class RoughCorners:
-    """The patch's corners to the left of a segment."""
+    """Corners of the patch."""
 
     left: int  # bits as of `corners_left`
     sure: wp.bool
@@ -217,25 +208,23 @@ def surely_move(p: RoughCrossing, q: RoughCrossing):
 
 @wp.func
 def rough_corners(g: RoughFrame, p: RoughCrossing, q: RoughCrossing):
-    """The patch's corners to the left of the segment p -> q."""
-    x = rough_difference(q.x, p.d, p.x, q.d)
-    y = rough_difference(q.y, p.d, p.y, q.d)
-    turn = rough_difference(p.x, q.y, p.y, q.x)
-    m = g.minus_half
-    below = rough_product(m[1], x, turn)
-    above = rough_product(-m[1], x, turn)
-    one = rough_product(-m[0], y, below)  # `left_of` of each corner, times both d
-    two = rough_product(m[0], y, below)
-    three = rough_product(m[0], y, above)
-    four = rough_product(-m[0], y, above)
+    """The patch's corners between the ends of the segment p -> q and to the left of it."""
     out = RoughCorners()
-    out.left = bits_of_signs(one, two, three, four)
-    size = m[0] + m[1]
-    far_p = rough_product(-size, p.d, wp.abs(p.x) + wp.abs(p.y))
-    far_q = rough_product(-size, q.d, wp.abs(q.x) + wp.abs(q.y))
-    room = rough_product(p.room, far_q, q.room * rough_product(2.0, p.room, far_p))
-    least = wp.min(wp.min(wp.abs(one), wp.abs(two)), wp.min(wp.abs(three), wp.abs(four)))
-    out.sure = least > 1.25 * room
+    out.sure = True
+    apart = p.code ^ q.code
+    between = apart & ((apart << 1) | (apart >> 3))
+    while between != 0:
+        corner = between & -between
+        x = wp.where((corner & 6) != 0, g.minus_half[0], -g.minus_half[0])  # minus the corner's coordinates
+        y = wp.where((corner & 12) != 0, g.minus_half[1], -g.minus_half[1])
+        from_p = wp.vec2(rough_product(x, p.d, p.x), rough_product(y, p.d, p.y))
+        from_q = wp.vec2(rough_product(x, q.d, q.x), rough_product(y, q.d, q.y))
+        turn = rough_difference(from_p[0], from_q[1], from_p[1], from_q[0])
+        room = p.room * (wp.abs(from_q[0]) + wp.abs(from_q[1]))
+        room += q.room * rough_product(2.0, p.room, wp.abs(from_p[0]) + wp.abs(from_p[1]))
+        out.sure = both(out.sure, wp.abs(turn) > 1.25 * room)
+        out.left |= wp.where(turn > 0.0, corner, 0)
+        between ^= corner
     return out
 
 

@@ -42,6 +42,23 @@ def poses_near_vertices(mesh, count, seed):
     return np.array(poses)
 
 
+def poses_near_corners(mesh, count, seed):
+    """Planes that cut a triangle along a line which a corner of the palm passes at 1e-9 to 1e-4 m."""
+    rng = np.random.default_rng(seed)
+    poses = []
+    for _ in range(count):
+        a, b, c = mesh[0][mesh[1][rng.integers(len(mesh[1]))]].astype(float)
+        at = rng.dirichlet(np.ones(3)) @ [a, b, c]
+        n = unit(rng.normal(size=3))
+        across = unit(np.cross(n, np.cross(n, np.cross(b - a, c - a))))
+        pose = pose_of(at, rng.normal(size=3), n)
+        local = np.array([rng.choice([-1, 1]) * HALF[0], 0.0, rng.choice([-1, 1]) * HALF[1]])
+        corner = at + rng.choice([-1, 1]) * 10.0 ** rng.uniform(-9, -4) * across
+        moved = corner - Rotation.from_quat(pose[3:].astype(float)).apply(local)
+        poses.append(np.hstack([moved, pose[3:]]).astype(np.float32))
+    return np.array(poses)
+
+
 def palm_with_side(at, u, n, rng, nearest):
     """A palm's pose with a side that passes a point at 10^nearest to 1e-3 m."""
     pose = pose_of(at, u, n)
@@ -52,7 +69,7 @@ def palm_with_side(at, u, n, rng, nearest):
 
 
 @pytest.mark.exhaustive(after=2)
-@pytest.mark.parametrize("poses_of", [poses_along_edges, poses_near_vertices])
+@pytest.mark.parametrize("poses_of", [poses_along_edges, poses_near_vertices, poses_near_corners])
 @pytest.mark.parametrize("name", SOLIDS)
 def test_what_float32_decides_is_what_float64_decides(name, poses_of, device):
     mesh = MESHES[name]()

@@ -47,7 +47,7 @@ def lane_of_warp() -> int:
     return 1;
 #endif
 """)
-def lanes_of_warp() -> int:
+def warp_size() -> int:
     """Number of lanes of a warp."""
 
 
@@ -58,6 +58,43 @@ def lanes_of_warp() -> int:
 """)
 def sync_warp():
     """Wait for all lanes of the warp; what they wrote before can be read after."""
+
+
+LOWER = """
+    unsigned int lower;  // bits of the lanes below this one
+    asm("mov.u32 %0, %%lanemask_lt;" : "=r"(lower));
+"""
+
+
+@wp.func_native(f"""
+#ifdef __CUDA_ARCH__
+    {LOWER}
+    const unsigned int votes = __ballot_sync(0xffffffffu, vote);
+    return wp::vec_t<2, int>(__popc(votes & lower), __popc(votes));
+#else
+    return wp::vec_t<2, int>(0, vote ? 1 : 0);
+#endif
+""")
+def warp_votes_of(vote: wp.bool) -> wp.vec2i:
+    """How many lanes of this warp below this one voted, and how many in all; waits for its lanes."""
+
+
+@wp.func_native(f"""
+#ifdef __CUDA_ARCH__
+    {LOWER}
+    int before = 0, all = 0;
+    for (int bit = 0; bit < 3; ++bit) {{
+        const unsigned int votes = __ballot_sync(0xffffffffu, (number >> bit) & 1);
+        before += __popc(votes & lower) << bit;
+        all += __popc(votes) << bit;
+    }}
+    return wp::vec_t<2, int>(before, all);
+#else
+    return wp::vec_t<2, int>(0, number);
+#endif
+""")
+def warp_numbers_of(number: int) -> wp.vec2i:
+    """Sum of the numbers, 0 to 7, of the lanes of this warp below this one, and of all."""
 
 
 @wp.func_native(f"""
@@ -75,6 +112,59 @@ def sync_warp():
 """)
 def sums_of_warp(number: int) -> wp.vec2i:
     """Sum of the numbers of the lanes below this one, and of all."""
+
+
+@wp.func_native("""
+#ifdef __CUDA_ARCH__
+    return true;
+#else
+    return false;
+#endif
+""")
+def in_step() -> wp.bool:
+    """Whether a lane has others beside it that run in step, as on a GPU."""
+
+
+@wp.func_native(f"""
+#ifdef __CUDA_ARCH__
+    const unsigned int all = 0xffffffffu, votes = __ballot_sync(all, wants), lane = threadIdx.x % 32u;
+    const int number = __popc(votes), rank = __popc(votes & ((1u << lane) - 1u)), left = ours[1] - ours[0];
+    int place = ours[0] + rank;
+    ours[0] += number;
+    if (left < number && ours[1] < count) {{
+        int first = 0;
+        if (lane == 0)
+            first = atomicAdd(taken.data, {WARP});
+        first = __shfl_sync(all, first, 0);
+        if (rank >= left)
+            place = first + rank - left;
+        ours = wp::vec_t<2, int>(first + number - left, first + {WARP});
+    }}
+#else
+    const int place = ours[0];
+    if (wants)
+        ours[0] = count;
+#endif
+    return wp::vec_t<3, int>(wants && place < count ? place : -1, ours[0], ours[1]);
+""")
+def take_place(wants: wp.bool, ours: wp.vec2i, taken: wp.array[wp.int32], count: int) -> wp.vec3i:
+    """The next place of a list of `count` for each lane of a warp that wants one, -1 for none; waits for its lanes.
+
+    ours: places that the warp has taken and given to no lane, from the first one to before the second one; they follow
+    in the answer, and the first one is at least `count` when the list is at its end. If there are too few, a GPU takes
+    more from `taken`; a CPU has one lane a place.
+    """
+
+
+@wp.func_native("""
+#ifdef __CUDA_ARCH__
+    return wp::vec_t<2, int>(0, 0);
+#else
+    return wp::vec_t<2, int>(lane, lane + 1);
+#endif
+""")
+def first_places(lane: int) -> wp.vec2i:
+    """Places of a list with which `take_place` begins."""
 
 
 @wp.func_native("""
@@ -168,3 +258,13 @@ def set_vec3d(address: wp.uint64, i: int, x: wp.vec3d):
 def threads_for(device: Any, rows: int) -> int:
     """Threads for so many rows, whole warps on a GPU."""
     return rows if device.is_cpu else -(-rows // BLOCK) * BLOCK
+
+
+def taking_lanes(device: Any, places: int, blocks: int) -> int:
+    """Lanes to launch to take the places of a list: of as many blocks as the device holds, or one lane a place.
+
+    blocks: that a processor of a GPU holds.
+    """
+    if device.is_cpu:
+        return places
+    return BLOCK * min(blocks * device.sm_count, -(-places // BLOCK))

@@ -7,10 +7,11 @@ the crossed faces of a section come out in ascending order, warp by warp.
 
 import warp as wp
 
-from ..lanes import Warp, sync_lanes, sync_warp, votes_of, warp_numbers_of, warp_votes_of
+from ..lanes import Warp, sync_lanes, votes_of
 from ..patch import Frame
 from ..section.half_edges import LEAF, Surface
 from ..section.tree_search import winding_across
+from ..warps import sync_warp, warp_numbers_of, warp_votes_of
 from .flat_boxes import PackedFrame, crossed_halves, meets_packed
 from .lane_space import WORDS, LaneSpace, address_after, set_half, set_word, word_at
 

@@ -11,13 +11,13 @@ from ..patch import EXACT, Frame, Patch, corner, output_point, section_frame
 from ..warps import (
     half_word_at,
     lane_of_warp,
-    lanes_of_warp,
     memory_of_warp,
     owner_of,
     set_half_word,
     sums_of_warp,
     sync_warp,
     threads_for,
+    warp_size,
 )
 from .half_edges import Surface
 from .piece_ends import (
@@ -193,7 +193,7 @@ def place_ends_of_warp(
             if closes == 1 or not is_clear(pieces, i):
                 plane = plane_of(planes, lane)
                 place_end(surface, plane.f, plane.side, pieces, i, number & 1, ends)
-        k += lanes_of_warp()
+        k += warp_size()
 
 
 @wp.func

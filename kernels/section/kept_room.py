@@ -10,16 +10,15 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import warp as wp
 
-from ..lanes import taking_lanes
 from ..offsets import BLOCK
-from ..warps import threads_for
+from ..warps import taking_lanes, threads_for
 from .clip_events import _clip_loops, room_for_events
 from .contour_writing import _draw_contours
 from .joining import LANE_WORDS, _join_pieces, _join_single_pieces, room_to_join
 from .pieces import SLOTS, ContourPieces, with_slots
 from .rough_scan import room_for_scans
 from .row_walker import LineArrays
-from .scan_search import _scan_sections, _walk_doubtful_loops, _walk_loops
+from .scan_search import WALK_BLOCKS, _scan_sections, _walk_doubtful_loops, _walk_loops
 from .tree_search import _tree_search_pieces
 
 CPU = "cpu"
@@ -178,7 +177,9 @@ class Room:
             self._surface, self.row_count, self._counters[CROSSED:], device := wp.get_device(self.device)
         )
         doubtful, events = [self._rest, self._counters[DOUBTFUL:]], self._events
-        walk = self._record(_walk_loops, [*section, scans], [events, *doubtful], taking_lanes(device, self.row_count))
+        walk = self._record(
+            _walk_loops, [*section, scans], [events, *doubtful], taking_lanes(device, self.row_count, WALK_BLOCKS)
+        )
         return [
             (self._record(_scan_sections, section, [scans, events.count, *doubtful]), None),
             (walk, CROSSED),

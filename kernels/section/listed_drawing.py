@@ -14,13 +14,13 @@ from ..warps import (
     half_word_at,
     is_bit,
     lane_of_warp,
-    lanes_of_warp,
     mark_bit,
     memory_of_warp,
     set_half_word,
     set_long,
     sums_of_warp,
     sync_warp,
+    warp_size,
 )
 from .half_edges import Surface
 from .joining import BEGIN, BOUNDARY, CORNERS, COUNT, SLOT, WALKED, Entries
@@ -232,7 +232,7 @@ def draw_crossings(
     while k < crossings:
         own = following
         before = k
-        k += lanes_of_warp()
+        k += warp_size()
         if k < crossings:
             if (k ^ before) >> 5 != 0:
                 begun += bits_to(memory.bits, wp.uint32(before | 31))
@@ -273,7 +273,7 @@ def draw_ends(
             elif places >> CLOSING != 0:
                 write_point(lines.points, plane.start + wp.int64(places >> CLOSING), x)
             write_point(lines.points, plane.start + wp.int64(place), x)
-        k += lanes_of_warp()
+        k += warp_size()
 
 
 @wp.kernel(launch_bounds=(BLOCK, 12))

@@ -10,7 +10,6 @@ from typing import Any
 
 import warp as wp
 
-from ..lanes import GROUPS_OF_PROCESSOR, first_places, in_step, lanes_of_warp, take_place, taking_lanes
 from ..offsets import BLOCK
 from ..patch import (
     BOTTOM,
@@ -29,6 +28,7 @@ from ..patch import (
     output_point,
     section_frame,
 )
+from ..warps import first_places, in_step, take_place, taking_lanes, warp_votes_of
 from .clip_events import (
     BEGIN,
     CLEAR,
@@ -57,6 +57,7 @@ wp.set_module_options(EXACT)
 LISTED = 32  # scanned crossings that one scan lists; a further scan lists the next ones
 
 
+WALK_BLOCKS = 16  # that walk at once on a processor
 FEW_WALK = wp.constant(24)  # lanes of a warp: if no more are walking, the others take rows
 
 
@@ -275,7 +276,7 @@ def finish_row(walk: RoughWalk, events: Events, doubtful: wp.array[wp.int32], do
     return True
 
 
-@wp.kernel(launch_bounds=(BLOCK, GROUPS_OF_PROCESSOR))
+@wp.kernel(launch_bounds=(BLOCK, WALK_BLOCKS))
 def _walk_loops(
     # In:
     surface: Surface,
@@ -314,11 +315,11 @@ def _walk_loops(
         if walk.row != OPEN and not is_walking(walk):
             walk = begin_loop(surface, g, events, walk)
         few = wp.where(ours[0] < count, FEW_WALK, 0)
-        while lanes_of_warp(is_walking(walk)) > few:
+        while warp_votes_of(is_walking(walk))[1] > few:
             walk = step_roughly(surface, g, events, walk)
             if in_step():  # lanes vote after every second step
                 walk = step_roughly(surface, g, events, walk)
-        works = lanes_of_warp(walk.row != OPEN) > 0
+        works = warp_votes_of(walk.row != OPEN)[1] > 0
 
 
 @wp.func
@@ -391,7 +392,9 @@ def scan_search_pieces(
     inputs = [surface, pose, patch, int(bounded), pieces.section]
     launch = partial(wp.launch, device=device, block_dim=BLOCK)
     launch(_scan_sections, row_count, inputs=inputs, outputs=[scans, events.count, *doubts])
-    launch(_walk_loops, taking_lanes(device, row_count), inputs=[*inputs, scans], outputs=[events, *doubts])
+    launch(
+        _walk_loops, taking_lanes(device, row_count, WALK_BLOCKS), inputs=[*inputs, scans], outputs=[events, *doubts]
+    )
     launch(_walk_doubtful_loops, row_count, inputs=[*inputs, *doubts], outputs=[events])
     launch(_clip_loops, row_count, inputs=[surface.rank, events], outputs=[pieces])
     return events.count

@@ -204,6 +204,7 @@ def _clip_loops(
 
 @wp.kernel
 def _tabulate_clips(
+    # In: nothing
     # Out:
     clip: wp.array[wp.uint8],  # shape [CLIP + 1]
 ):

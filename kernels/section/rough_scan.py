@@ -74,10 +74,16 @@ def signs_differ(a: float, b: float) -> wp.uint32:
 
 
 @wp.func_native("""
-    return reinterpret_cast<const unsigned&>(x.c[3]);
+    const unsigned bit = reinterpret_cast<const unsigned&>(x.c[3]);
+    const int apart = reinterpret_cast<const int&>(a) ^ reinterpret_cast<const int&>(b);
+#ifdef __CUDA_ARCH__
+    return apart < 0 ? bit : 0u;
+#else
+    return bit & static_cast<unsigned>(apart >> 31);  // no branch, which a CPU would often mispredict
+#endif
 """)
-def bits_of(x: wp.vec4) -> wp.uint32:
-    """The bits of the last number."""
+def bit_of_crossing(a: float, b: float, x: wp.vec4) -> wp.uint32:
+    """The last number's bits if one of a and b is negative (-0 is) and the other is not, else 0."""
 
 
 @wp.func_native("""
@@ -155,10 +161,10 @@ def fetch_words(surface: Surface, scans: Scans, row: int):
 
 
 @wp.func
-def clear_bit(address: wp.uint64, bit: int):
-    """Note in the words of a row that its walk passes a crossing."""
+def clear_bit(address: wp.uint64, bit: int, passes: wp.bool):
+    """Note in the words of a row that its walk passes a crossing, if it does."""
     k = bit >> 5
-    set_word(address, k, get_word(address, k) & (ALL ^ bit_in_word(bit)))
+    set_word(address, k, get_word(address, k) & (ALL ^ wp.where(passes, bit_in_word(bit), NONE_SET)))
 
 
 @wp.func
@@ -183,21 +189,24 @@ def scan_height(n: wp.vec3, distance: float, x: wp.vec4):
 @wp.func
 def scan_roughly(surface: Surface, n: wp.vec3, distance: float, scans: Scans, row: int):
     """Note and count the crossings of the scan path with a plane."""
-    found = RoughScan()
     height = scan_height(n, distance, load_vec4(surface.scan_path, 0))
-    found.least = wp.abs(height)
+    least = wp.abs(height)
+    count = int(0)
     size = 32 * surface.scan_group
     for k in range(surface.scan_words):
         word = wp.uint32(0)
         for i in range(k * size + 1, wp.min((k + 1) * size + 1, surface.scan_path.shape[0])):
             x = load_vec4(surface.scan_path, i)
             now = scan_height(n, distance, x)
-            found.least = wp.min(found.least, wp.abs(now))
-            if signs_differ(now, height) != NONE_SET and bits_of(x) != NONE_SET:
-                word |= bits_of(x)
-                found.count += 1
+            least = wp.min(least, wp.abs(now))
+            bit = bit_of_crossing(now, height, x)
+            word |= bit
+            count += wp.where(bit != NONE_SET, 1, 0)
             height = now
         scans.word[wp.int64(row) * scans.row + wp.int64(k) * scans.step] = word
+    found = RoughScan()
+    found.count = count
+    found.least = least
     return found
 
 

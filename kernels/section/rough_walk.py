@@ -14,6 +14,7 @@ rounding of P - C, and it exceeds 6 e, so that a quarter more of the bound conta
 
 import warp as wp
 
+from ..lanes import in_step
 from ..patch import Frame, coarse_frame
 from .clip_events import BEGIN, CLEAR, CORNERS, END, FROM, HALF, Events, is_quiet, write_event
 from .edge_pairing import OPEN
@@ -288,10 +289,11 @@ def step_roughly(surface: Surface, g: RoughFrame, events: Events, walk: RoughWal
         write_event(events, t.row, t.events & (REST - 1), what, t.steps)
         t.events += 1
         t.steps = wp.where(last != 0, ENDED, 0)
-    if both(walks, (link & 1) != 0):
+    scanned = both(walks, (link & 1) != 0)
+    if either(scanned, not in_step()):  # a CPU would often mispredict this branch, so it has none
         bit = load_int(surface.scan_bit, t.now)
-        clear_bit(t.words, bit)
-        t.events -= REST
-        sure = both(sure, bit >= t.bit)
+        clear_bit(t.words, bit, scanned)
+        t.events -= wp.where(scanned, REST, 0)
+        sure = both(sure, either(not scanned, bit >= t.bit))
     t.steps = wp.where(sure, t.steps, UNSURE)
     return t

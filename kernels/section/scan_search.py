@@ -55,10 +55,9 @@ from .triangle_walk import Crossing, chain_start, crossing_after, crossing_at, l
 wp.set_module_options(EXACT)
 
 LISTED = 32  # scanned crossings that one scan lists; a further scan lists the next ones
-
-
 WALK_BLOCKS = 16  # that walk at once on a processor
 FEW_WALK = wp.constant(24)  # lanes of a warp: if no more are walking, the others take rows
+APART = wp.constant(4)  # lanes a row in float64 if such rows are few: a warp waits for each lane's rare branches
 
 
 @wp.func_native("""
@@ -180,9 +179,8 @@ def walk_loop(
 ):
     """Walk from a crossing around its loop, or to the end of its chain; writes events from number `start` on.
 
-    listed: with which number of the row's list the steps' half-edges begin.
-
     A segment is an event unless it stays inside, or stays outside without winding around the patch (`is_quiet`).
+    listed: with which number of the row's list the steps' half-edges begin.
     """
     out = Walk()
     c = crossing_at(surface, f, half)
@@ -367,8 +365,11 @@ def _walk_doubtful_loops(
     events: Events,
 ):
     """Walk in float64 around all loops of rows that float32 cannot decide, and around those of an open surface."""
-    if wp.tid() < doubtful_count[0]:
-        row = doubtful[wp.tid()]
+    count = doubtful_count[0]
+    apart = wp.where(APART * count <= events.count.shape[0], APART, 1)
+    place = wp.tid() / apart
+    if place * apart == wp.tid() and place < count:
+        row = doubtful[place]
         own = section_at(section, row)
         f = section_frame(pose, patch, own)
         side = half_extents(patch[own % patch.shape[0]], bounded)

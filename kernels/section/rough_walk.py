@@ -14,8 +14,8 @@ rounding of P - C, and it exceeds 6 e, so that a quarter more of the bound conta
 
 import warp as wp
 
-from ..lanes import in_step
 from ..patch import Frame, coarse_frame
+from ..warps import in_step
 from .clip_events import BEGIN, CLEAR, CORNERS, END, FROM, HALF, Events, is_quiet, write_event
 from .edge_pairing import OPEN
 from .half_edges import Surface

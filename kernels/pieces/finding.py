@@ -13,8 +13,9 @@ from typing import Any
 import warp as wp
 
 from ..patch import require_section_poses
+from ..section.clip_events import clip_events
 from ..section.pieces import room_for_excess, room_for_sections
-from ..section.scan_search import scan_search_pieces
+from ..section.scan_search import walk_sections
 from ..section.step_lists import room_for_steps
 from ..section.tree_search import tree_pieces
 from .flat_search import flat_search_pieces
@@ -64,15 +65,20 @@ def find_pieces(
 
 def _scanned_pieces(surface: Any, pose: wp.array, patch: wp.array, *, bounded: bool) -> Iterator[Any]:
     """`find_pieces` by the scan search; rows with too little room are looked for when the first pieces are taken."""
-    row_count = pose.shape[0] * patch.shape[0]
-    pieces = room_for_sections(row_count, pose.device)
-    if lists_steps(pose.device):
-        faces = surface.corner.shape[0] // 3
-        pieces.lists = room_for_steps(row_count, faces, bounded=bounded, device=pose.device)
-    needed = scan_search_pieces(surface, pose, patch, pieces, bounded=bounded)
+    device, row_count, lists = pose.device, pose.shape[0] * patch.shape[0], None
+    if lists_steps(device):
+        lists = room_for_steps(row_count, surface.corner.shape[0] // 3, bounded=bounded, device=device)
+    events = walk_sections(surface, pose, patch, None, bounded=bounded, lists=lists)
+    pieces = room_for_sections(row_count, device)
+    if lists is not None:
+        pieces.lists = lists
+    clip_events(surface, events, pieces)
+    count = events.count
+    del events  # its memory serves joining
     yield pieces
     if pieces.excess.numpy()[0] > 0:
-        rest = room_for_excess(pieces, pose.device)
-        room = int(needed.numpy()[rest.section.numpy()].max())  # events of a row
-        scan_search_pieces(surface, pose, patch, rest, bounded=bounded, room=room)
+        rest = room_for_excess(pieces, device)
+        room = int(count.numpy()[rest.section.numpy()].max())  # events of a row
+        events = walk_sections(surface, pose, patch, rest.section, bounded=bounded, room=room)
+        clip_events(surface, events, rest)
         yield rest

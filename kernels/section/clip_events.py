@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from ..offsets import BLOCK
 from ..patch import EXACT
 from .pieces import CLOSED, LEAVE, NO_WRAP, SIDE, UNLISTED, ContourPieces, count_row, list_location, store_listed
 from .segment_clipping import segment_of
@@ -223,13 +224,23 @@ def clips_on(device: str) -> wp.array:
     return clip
 
 
-def room_for_events(row_count: int, room: int, device: Any, lists: Any = None) -> Any:
-    """Allocate `room` events per row, or one more to have pairs. lists: takes the steps between events, if any."""
+def clip_events(surface: Any, events: Any, pieces: Any) -> None:
+    """Find the pieces in Events of the same rows; a row with more events than room counts as one with too few slots."""
+    rows, device = events.count.shape[0], events.count.device
+    wp.launch(_clip_loops, rows, inputs=[surface.rank, events], outputs=[pieces], device=device, block_dim=BLOCK)
+
+
+def room_for_events(count: wp.array, room: int, lists: Any = None) -> Any:
+    """Events with room for so many a row, or one more to have pairs.
+
+    count: takes the number of each row's events; lists: takes the steps between them, if any.
+    """
     events = Events()
+    row_count, device = count.shape[0], count.device
     room += room % 2
     events.room = room
+    events.count = count
     events.event = wp.empty(row_count * room, dtype=wp.vec2i, device=device)
-    events.count = wp.empty(row_count, dtype=wp.int32, device=device)
     if lists is not None:
         events.lists = lists
     events.listed = wp.empty(row_count, dtype=wp.int32, device=device)

@@ -85,7 +85,8 @@ class Room:
         self._rest = wp.zeros(self.row_count, dtype=wp.int32, device=self.device)
         self._polylines, self._points = (Offsets(self.row_count, self.device) for _ in range(2))
         self._pieces = self._room_for_pieces()
-        self._events = room_for_events(self.row_count, self.size.events, wp.get_device(self.device))
+        count = wp.empty(self.row_count, dtype=wp.int32, device=self.device)
+        self._events = room_for_events(count, self.size.events)
         self._events.count.zero_()  # seeking leaves them so
         self._lines = self._room_for_lines()
         self._find = self._scan_search() if method == "trace" else self._tree_search()

@@ -276,7 +276,7 @@ def draw_ends(
         k += warp_size()
 
 
-@wp.kernel(launch_bounds=(BLOCK, 12))
+@wp.kernel(launch_bounds=(BLOCK, 10))
 def _draw_listed_rows(
     # In:
     surface: Surface,

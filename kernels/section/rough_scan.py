@@ -228,6 +228,22 @@ def half_at(surface: Surface, n: wp.vec3, distance: float, bit: int):
     return half
 
 
+@wp.func_native("""
+    const unsigned k = static_cast<unsigned>(rank);
+    return (mask.data[k >> 5] >> (k & 31u)) & 1u;
+""")
+def is_marked(mask: wp.array[wp.uint32], rank: int) -> wp.bool:
+    """Whether the scanned edge of that rank is marked as passed."""
+
+
+@wp.func_native("""
+    const unsigned k = static_cast<unsigned>(rank);
+    mask.data[k >> 5] |= 1u << (k & 31u);
+""")
+def mark(mask: wp.array[wp.uint32], rank: int):
+    """Mark the scanned edge of that rank as passed."""
+
+
 def room_for_scans(surface: Any, row_count: int, counters: Any, device: Any) -> Any:
     """Memory for scans of rows; counters: two of int32, zero-initialised, shape [2]."""
     scans = Scans()

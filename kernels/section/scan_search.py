@@ -38,7 +38,6 @@ from .clip_events import (
     HALF,
     STOP,
     Events,
-    _clip_loops,
     is_quiet,
     room_for_events,
     write_event,
@@ -46,7 +45,7 @@ from .clip_events import (
 from .edge_pairing import OPEN
 from .half_edges import MASK_WORDS, Surface
 from .pieces import section_at
-from .rough_scan import Scans, fetch_words, held, held_vec3, room_for_scans, scan_roughly
+from .rough_scan import Scans, fetch_words, held, held_vec3, is_marked, mark, room_for_scans, scan_roughly
 from .rough_walk import ENDED, REST, RoughFrame, RoughWalk, begin_loop, is_walking, rough_frame, step_roughly
 from .segment_clipping import corners_left, needs_left
 from .step_lists import end_list, list_half
@@ -55,25 +54,8 @@ from .triangle_walk import Crossing, chain_start, crossing_after, crossing_at, l
 wp.set_module_options(EXACT)
 
 LISTED = 32  # scanned crossings that one scan lists; a further scan lists the next ones
-WALK_BLOCKS = 16  # that walk at once on a processor
-FEW_WALK = wp.constant(24)  # lanes of a warp: if no more are walking, the others take rows
-APART = wp.constant(4)  # lanes a row in float64 if such rows are few: a warp waits for each lane's rare branches
-
-
-@wp.func_native("""
-    const unsigned k = static_cast<unsigned>(rank);
-    return (mask.data[k >> 5] >> (k & 31u)) & 1u;
-""")
-def is_marked(mask: wp.array[wp.uint32], rank: int) -> wp.bool:
-    """Whether the scanned edge of that rank is marked as passed."""
-
-
-@wp.func_native("""
-    const unsigned k = static_cast<unsigned>(rank);
-    mask.data[k >> 5] |= 1u << (k & 31u);
-""")
-def mark(mask: wp.array[wp.uint32], rank: int):
-    """Mark the scanned edge of that rank as passed."""
+WALK_BLOCKS = 10  # that walk at once on a processor; more have too few registers, and spill into the cache of edges
+FEW_WALK = wp.constant(16)  # lanes of a warp: if no more are walking, the others take rows
 
 
 @wp.struct
@@ -365,11 +347,8 @@ def _walk_doubtful_loops(
     events: Events,
 ):
     """Walk in float64 around all loops of rows that float32 cannot decide, and around those of an open surface."""
-    count = doubtful_count[0]
-    apart = wp.where(APART * count <= events.count.shape[0], APART, 1)
-    place = wp.tid() / apart
-    if place * apart == wp.tid() and place < count:
-        row = doubtful[place]
+    if wp.tid() < doubtful_count[0]:
+        row = doubtful[wp.tid()]
         own = section_at(section, row)
         f = section_frame(pose, patch, own)
         side = half_extents(patch[own % patch.shape[0]], bounded)
@@ -377,25 +356,31 @@ def _walk_doubtful_loops(
         events.count[row] = walk_all_loops(surface, f, g, side, events, row)
 
 
-def scan_search_pieces(
-    surface: Any, pose: wp.array, patch: wp.array, pieces: Any, *, bounded: bool, room: int = 24
-) -> wp.array:
-    """Find the pieces of a surface that has a scan path; returns the number of events of each row, int32, shape [row].
+def walk_sections(
+    surface: Any,
+    pose: wp.array,
+    patch: wp.array,
+    section: wp.array | None,
+    *,
+    bounded: bool,
+    lists: Any = None,
+    room: int = 24,
+) -> Any:
+    """Walk the loops of sections of a surface that has a scan path; returns their Events.
 
-    room: most events of a row. A row with more counts in `pieces` as one with too few slots.
+    section: those of the rows, None for all; lists: StepLists of the rows, if any; room: most events of a row.
     """
     device = pose.device
-    row_count = pieces.count.shape[0]
-    events = room_for_events(row_count, room, device, pieces.lists)
+    row_count = pose.shape[0] * patch.shape[0] if section is None else section.shape[0]
+    launch = partial(wp.launch, device=device, block_dim=BLOCK)
     counters = wp.zeros(3, dtype=wp.int32, device=device)
     scans = room_for_scans(surface, row_count, counters, device)
     doubts = [wp.empty(row_count, dtype=wp.int32, device=device), counters[2:]]
-    inputs = [surface, pose, patch, int(bounded), pieces.section]
-    launch = partial(wp.launch, device=device, block_dim=BLOCK)
-    launch(_scan_sections, row_count, inputs=inputs, outputs=[scans, events.count, *doubts])
-    launch(
-        _walk_loops, taking_lanes(device, row_count, WALK_BLOCKS), inputs=[*inputs, scans], outputs=[events, *doubts]
-    )
+    count = wp.empty(row_count, dtype=wp.int32, device=device)
+    inputs = [surface, pose, patch, int(bounded), section]
+    launch(_scan_sections, row_count, inputs=inputs, outputs=[scans, count, *doubts])
+    events = room_for_events(count, room, lists)
+    lanes = taking_lanes(device, row_count, WALK_BLOCKS)
+    launch(_walk_loops, lanes, inputs=[*inputs, scans], outputs=[events, *doubts])
     launch(_walk_doubtful_loops, row_count, inputs=[*inputs, *doubts], outputs=[events])
-    launch(_clip_loops, row_count, inputs=[surface.rank, events], outputs=[pieces])
-    return events.count
+    return events

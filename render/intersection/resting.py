@@ -1,12 +1,13 @@
 """Distance at which a vertex counts as on a patch's plane or side: `flush`, or float32 spacings at the pose."""
 
+from functools import lru_cache
 from weakref import WeakKeyDictionary
 
 import numpy as np
 import warp as wp
 
 from ...kernels.flush import FLUSH_RATE, resolve_flush
-from ..hands.hand import PatchHand
+from ..hands.hand import Palm, PatchHand
 from ..objects.solid import Solid
 from ..strategies.intersection_strategy import IntersectionStrategy
 
@@ -41,8 +42,16 @@ def patches_for(
     object's own poses on top where it moves: those are rounded, too. farthest: see `farthest_of`; relative: whether
     points are written relative to their patch.
     """
-    patch = hand.on(device)
-    if strategy.flush is not None:
-        return resolve_flush(patch, flush=strategy.flush, relative=relative)
-    least = FLUSH_RATE * (reach_of(solid) + farthest)
-    return resolve_flush(patch, flush=least, flush_rate=FLUSH_RATE, relative=relative)
+    least, rate = strategy.flush, 0.0
+    if least is None:
+        least, rate = FLUSH_RATE * (reach_of(solid) + farthest), FLUSH_RATE
+    resolve = _palm_patches if isinstance(hand, Palm) else _patches
+    return resolve(hand, device, least, rate, relative)
+
+
+def _patches(hand: PatchHand, device: str, flush: float, flush_rate: float, relative: bool) -> wp.array:
+    """A hand's patches on a device, resolved (`resolve_flush`)."""
+    return resolve_flush(hand.on(device), flush=flush, flush_rate=flush_rate, relative=relative)
+
+
+_palm_patches = lru_cache(maxsize=16)(_patches)  # the same palm and object in batch after batch; nobody writes to them

@@ -38,7 +38,14 @@ def lists_steps(device: Any) -> bool:
 
 
 def find_pieces(
-    surface: Any, pose: wp.array, patch: wp.array, *, bounded: bool, closes: bool, method: str | None = None
+    surface: Any,
+    pose: wp.array,
+    patch: wp.array,
+    *,
+    bounded: bool,
+    closes: bool,
+    method: str | None = None,
+    draws: bool = True,
 ) -> Iterable[Any]:
     """Find the pieces of a surface's contours in every patch at every pose; all methods find the same pieces.
 
@@ -46,6 +53,7 @@ def find_pieces(
     [patch]; all on one device.
     bounded: whether patches cut contours off; closes: whether winding numbers are computed.
     method: "trace" (for surfaces with a scan path), "seek", "flat" (for any), None: the fastest one.
+    draws: whether the pieces will be drawn (`draw_contours`); a scan search then lists what drawing is faster with.
     Raises ValueError for an unknown method, one that the surface does not allow, and poses of another shape.
     Returns ContourPieces, to be taken once and in this order: of all sections, in one or several; and further ones of
     sections that had too little room. Searches are launched, and waited for, as their ContourPieces are taken.
@@ -58,15 +66,15 @@ def find_pieces(
     if method == "trace" and surface.scan_path.shape[0] == 0:
         raise ValueError(f"a surface of {surface.corner.shape[0] // 3} triangles has no scan path: use seek")
     if method == "trace":
-        return _scanned_pieces(surface, pose, patch, bounded=bounded)
+        return _scanned_pieces(surface, pose, patch, bounded=bounded, draws=draws)
     search = flat_search_pieces if method == "flat" else tree_pieces
     return search(surface, pose, patch, bounded=bounded, closes=closes)
 
 
-def _scanned_pieces(surface: Any, pose: wp.array, patch: wp.array, *, bounded: bool) -> Iterator[Any]:
+def _scanned_pieces(surface: Any, pose: wp.array, patch: wp.array, *, bounded: bool, draws: bool) -> Iterator[Any]:
     """`find_pieces` by the scan search; rows with too little room are looked for when the first pieces are taken."""
     device, row_count, lists = pose.device, pose.shape[0] * patch.shape[0], None
-    if lists_steps(device):
+    if draws and lists_steps(device):
         lists = room_for_steps(row_count, surface.corner.shape[0] // 3, bounded=bounded, device=device)
     events = walk_sections(surface, pose, patch, None, bounded=bounded, lists=lists)
     pieces = room_for_sections(row_count, device)

@@ -139,7 +139,7 @@ def plane_loops(
     Raises PointLimitError, before memory is taken for them, if the loops have more points than `limit`.
     """
     device = pose.device
-    found = find_pieces(surface, pose, patch, bounded=False, closes=False, method=method)
+    found = find_pieces(surface, pose, patch, bounded=False, closes=False, method=method, draws=False)
     ordered = order_pieces(surface, found, pose, patch, closes=False)
     crossings = wp.zeros_like(ordered.points)
     launch = partial(wp.launch, device=device, block_dim=BLOCK)

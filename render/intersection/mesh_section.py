@@ -137,7 +137,7 @@ def tally_intersection(
         with StageClock(timing, "measure", device):
             sum_sections(*planes, cut, value, length, bounded=bounded, closes=closes)
         return
-    found, (surface, section) = _pieces(mesh, patch, pose, strategy, method, timing)
+    found, (surface, section) = _pieces(mesh, patch, pose, strategy, method, timing, draws=False)
     with StageClock(timing, "join", device):
         ordered = order_pieces(surface, found, section, patch, closes=closes)
     with StageClock(timing, "measure", device):
@@ -151,12 +151,15 @@ def _pieces(
     strategy: IntersectionStrategy,
     method: str | None,
     timing: dict[str, float] | None,
+    *,
+    draws: bool = True,
 ) -> tuple[Iterable[Any], tuple[Any, wp.array]]:
     """Pieces of contours in each patch; and the surface and section poses that they were found with."""
     device, section = str(pose.device), sections_of(pose)
     surface = mesh.on(device)
+    options = {"bounded": strategy.bounded, "closes": strategy.closes, "method": method, "draws": draws}
     with StageClock(timing, "find", device):
-        found = find_pieces(surface, section, patch, bounded=strategy.bounded, closes=strategy.closes, method=method)
+        found = find_pieces(surface, section, patch, **options)
         if timing is not None:
             found = list(found)  # the search belongs to this stage
     return found, (surface, section)

@@ -2,7 +2,7 @@
 
 Each lane counts what it has, all together number it through (`sums_of_warp`), and then lane k takes number k, k + 32
 and so on, whichever lane that belongs to. What others need for it lies in memory of the warp. Functions that a whole
-warp calls are called by each lane that has not ended.
+warp calls are called by all its lanes.
 """
 
 from typing import Any

@@ -2,7 +2,7 @@
 
 | method | search | threads |
 |---|---|---|
-| trace | scan of all scanned edges, for surfaces with a scan path | one a section |
+| trace | scan of all scanned edges, for surfaces with a scan path | one a section; one that is done takes the next |
 | seek | descent of the box hierarchy, walks from triangle to triangle | one a section |
 | flat | descent of the box hierarchy, crossings ranked side by side | many a section, for large surfaces on GPUs |
 """
@@ -56,7 +56,7 @@ def find_pieces(
     draws: whether the pieces will be drawn (`draw_contours`); a scan search then lists what drawing is faster with.
     Raises ValueError for an unknown method, one that the surface does not allow, and poses of another shape.
     Returns ContourPieces, to be taken once and in this order: of all sections, in one or several; and further ones of
-    sections that had too little room. Searches are launched, and waited for, as their ContourPieces are taken.
+    sections that had too little room. Scan and flat searches are launched as their ContourPieces are taken.
     """
     device = pose.device
     require_section_poses(pose, patch)

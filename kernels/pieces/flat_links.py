@@ -30,7 +30,7 @@ ASKS = wp.constant(1024)  # not in a link: the points of its step decide what it
 FROM_OPEN = wp.constant(16)  # bits before crossings are linked: it lies on an open edge
 TO_OPEN = wp.constant(32)  # the next crossing lies on an open edge
 PLACE = wp.constant(10)  # bits below the place of the next crossing, plus 1: 0 for none
-CROSSINGS_MOST = 2 ** (31 - 10) - 2  # of a section, so that a link has room for any place
+CROSSINGS_MOST = 2 ** (31 - 10) - 4  # of a section, so that a link has room for any place; a multiple of EVEN
 
 
 @wp.func

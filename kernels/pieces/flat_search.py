@@ -42,9 +42,8 @@ from .row_block import (
 
 wp.set_module_options(EXACT)
 
-FEW = (
-    0.9 * NEAR_FEW
-)  # half-edges of a row, mean, for which there is room, with which most rows find room beside few lanes
+# Room for half-edges of a row, in the mean, up to which nearly all rows fit into the memory beside few lanes:
+FEW = 0.9 * NEAR_FEW
 
 
 SPACELESS = wp.constant(1 << 28)  # number of crossings of a warp that had no space for them

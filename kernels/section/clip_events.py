@@ -19,13 +19,13 @@ TO = wp.constant(15)  # outcode where the segment ends
 FROM = wp.constant(4)  # bits above it: outcode where it starts
 CORNERS = wp.constant(8)  # bits above: the patch's corners to its left (`corners_left`), 0 unless it `needs_left`
 CLIP = wp.constant((1 << 12) - 1)  # all these bits, which decide how the patch clips the segment
-BEGIN = wp.constant(
-    1 << 12
-)  # a loop begins here, or a chain if STOP is set, too; both outcodes are of its first crossing
+# A loop begins here, or a chain if STOP is set, too; both outcodes are of its first crossing:
+BEGIN = wp.constant(1 << 12)
 END = wp.constant(1 << 13)  # the loop is back at its first crossing
 STOP = wp.constant(1 << 14)  # the contour ends at an open edge
 CLEAR = wp.constant(1 << 15)  # in float32 the segment meets no side near a corner or a crossing
 HALF = wp.constant(16)
+EVENTS_MOST = 2**32  # of all rows: kernels count them in 32 bits
 WINDING = wp.constant(6)  # in `Events.clip`: bits below are those of `ContourPieces.side`, bits above 1 + the winding
 
 
@@ -219,7 +219,7 @@ def _tabulate_clips(
 def clips_on(device: str) -> wp.array:
     """`Events.clip` on a device."""
     clip = wp.empty(int(CLIP) + 1, dtype=wp.uint8, device=device)
-    wp.launch(_tabulate_clips, len(clip), outputs=[clip], device=device)
+    wp.launch(_tabulate_clips, len(clip), outputs=[clip], device=device, block_dim=BLOCK)
     wp.synchronize_device(device)  # other streams read it, too
     return clip
 
@@ -238,6 +238,8 @@ def room_for_events(count: wp.array, room: int, lists: Any = None) -> Any:
     events = Events()
     row_count, device = count.shape[0], count.device
     room += room % 2
+    if row_count * room >= EVENTS_MOST:
+        raise MemoryError(f"{row_count} rows of {room} events each exceed the limit of {EVENTS_MOST} events")
     events.room = room
     events.count = count
     events.event = wp.empty(row_count * room, dtype=wp.vec2i, device=device)

@@ -27,10 +27,8 @@ class Surface:
     reach: wp.float32  # largest |x| + |y| + |z| of a vertex [m]; bounds the rounding of float32 heights
     hop: wp.array[wp.vec4]  # the triangle's third vertex [m] and bits of two links: of the next half-edge, and 16 bits
     # higher of the previous one, shape [half]; empty for an open surface and one without a scan path
-    scan_path: wp.array[
-        wp.vec4
-    ]  # vertices [m] along the scan path, and the bit in which a scan notes a crossing of the
-    # step that ends there, 0 for a jump; shape [step + 1]
+    scan_path: wp.array[wp.vec4]  # vertices along the scan path [m], and the bit in which a scan notes a crossing of
+    # the step that ends there, 0 for a jump; shape [step + 1]
     scan_path_half: wp.array[wp.vec2i]  # half-edges of the step that ends here, forth and back; OPEN for none or a jump
     scan_bit: wp.array[wp.int32]  # number of a scanned half-edge's bit, from bit 0 of word 0 on, shape [half]
     scan_group: wp.int32  # neighbouring steps of the scan path that share a bit

@@ -1,5 +1,6 @@
 """Pieces -> polylines: as they are (OC), or closed along the patch's own boundary where that is in the solid (CC)."""
 
+from collections import deque
 from collections.abc import Iterable, Iterator
 from functools import partial
 from typing import Any, NamedTuple
@@ -324,7 +325,7 @@ def order_pieces(surface: Any, found: Iterable[Any], pose: wp.array, patch: wp.a
 
     found: what `find_pieces` returned; closes needs a watertight surface and bounded patches.
     """
-    return list(_order_each(surface, found, pose, patch, closes))[-1]
+    return _last_of(_order_each(surface, found, pose, patch, closes))
 
 
 def _order_each(surface: Any, found: Iterable, pose: wp.array, patch: wp.array, closes: bool) -> Iterator[Ordered]:
@@ -358,11 +359,19 @@ def join_pieces(
     Raises PointLimitError, before any memory is taken for them, if there are more points than `limit`.
     """
     each = (_offsets(ordered) for ordered in _order_each(surface, found, pose, patch, closes))
-    rows, section_start, point_start, totals = list(each)[-1]
+    rows, section_start, point_start, totals = _last_of(each)
     polyline_count, point_count = (int(total) for total in totals.numpy())
     if limit is not None and point_count > limit:
         raise PointLimitError(point_count, limit)
     return Joined(rows, section_start, point_start, polyline_count, point_count)
+
+
+def _last_of(each: Iterator[Any]) -> Any:
+    """The last one; those before are not kept. Raises ValueError for none."""
+    last = deque(each, maxlen=1)
+    if not last:
+        raise ValueError("found has no pieces left: what find_pieces returns can be taken once")
+    return last[0]
 
 
 def _offsets(ordered: Ordered) -> tuple[list, wp.array, wp.array, wp.array]:

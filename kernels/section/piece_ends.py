@@ -128,19 +128,19 @@ def piece_end(surface: Surface, f: Frame, half: wp.vec2d, pieces: ContourPieces,
 
 
 @wp.func
-def is_lost(e: PieceEnd, f: Frame, half: wp.vec2d, side: int, end: int):
+def is_lost(placed: PieceEnd, f: Frame, half: wp.vec2d, side: int, end: int):
     """Whether the step at an end has zero length; side: `ContourPieces.side`.
 
     The step of a piece that passes through with one segment is that at the end where it leaves.
     """
-    inner = e.q
+    inner = placed.q
     if end == 1:
-        inner = e.p
+        inner = placed.p
     if outcode(inner, half) != 0:
         if end == 0:
             return False
-        inner = side_point(enter_side(side), e.p, e.q, half)
-    return output_point(f, e.at) == output_point(f, inner)
+        inner = side_point(enter_side(side), placed.p, placed.q, half)
+    return output_point(f, placed.at) == output_point(f, inner)
 
 
 @wp.func
@@ -148,14 +148,14 @@ def place_end(surface: Surface, f: Frame, half: wp.vec2d, pieces: ContourPieces,
     """Compute where an open piece enters (0) or leaves (1), and whether a step of zero length is lost there."""
     side = slot_int(pieces.side, i)
     if end_side(side, end) != NONE:
-        e = piece_end(surface, f, half, pieces, i, end)
-        set_end_position(ends.position, i, end, side_position(end_side(side, end), e.at))
+        placed = piece_end(surface, f, half, pieces, i, end)
+        set_end_position(ends.position, i, end, side_position(end_side(side, end), placed.at))
         if end == 0:
-            set_slot_point(ends.first, i, output_point(f, e.at))
+            set_slot_point(ends.first, i, output_point(f, placed.at))
         else:
-            set_slot_point(ends.last, i, output_point(f, e.at))
+            set_slot_point(ends.last, i, output_point(f, placed.at))
         if not is_clear(pieces, i):
-            if is_lost(e, f, half, side, end):
+            if is_lost(placed, f, half, side, end):
                 wp.atomic_add(ends.link, i, 1 << LOST)
 
 

@@ -18,10 +18,9 @@ LEAVE = wp.constant(3)
 SIDE = wp.constant(7)  # bits of a side
 LOCATION = wp.constant(6)
 LIST = wp.constant(7)  # bits of the word with which the list of the piece's loop begins
-FIRST_STEP = wp.constant(
-    9
-)  # bits above: number of the piece's first step in that list; above: how long the list is, if
-# the piece goes on at its beginning
+# Bits above: number of the piece's first step in that list; above: how long the list is, if the piece goes on at its
+# beginning
+FIRST_STEP = wp.constant(9)
 UNLISTED = wp.constant((1 << 7) - 1)  # for the word: nothing is listed, or not all
 NO_WRAP = wp.constant((1 << 9) - 1)  # for the length: the piece ends before the list does
 

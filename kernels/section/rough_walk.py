@@ -170,9 +170,8 @@ def rough_frame(f: Frame, half: wp.vec2d, reach: float):
     out.from_origin = wp.vec3(-wp.float32(wp.dot(f.u, f.origin)), -wp.float32(wp.dot(f.v, f.origin)), -g.distance)
     out.minus_half = -g.half
     out.flat = 2.0 * g.unsure
-    out.near = 3.0 * out.flat + wp.min(
-        2.0e-7 * wp.max(g.half[0], g.half[1]), out.flat
-    )  # no patch side is nearer if more
+    rounding = 2.0e-7 * wp.max(g.half[0], g.half[1])  # of a side; if it is larger, the sides lie beyond the surface
+    out.near = 3.0 * out.flat + wp.min(rounding, out.flat)
     return out
 
 

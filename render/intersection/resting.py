@@ -45,7 +45,7 @@ def patches_for(
     least, rate = strategy.flush, 0.0
     if least is None:
         least, rate = FLUSH_RATE * (reach_of(solid) + farthest), FLUSH_RATE
-    resolve = _palm_patches if isinstance(hand, Palm) else _patches
+    resolve = _palm_patches if type(hand) is Palm else _patches  # a subclass may have other patches
     return resolve(hand, device, least, rate, relative)
 
 
@@ -54,4 +54,9 @@ def _patches(hand: PatchHand, device: str, flush: float, flush_rate: float, rela
     return resolve_flush(hand.on(device), flush=flush, flush_rate=flush_rate, relative=relative)
 
 
-_palm_patches = lru_cache(maxsize=16)(_patches)  # the same palm and object in batch after batch; nobody writes to them
+@lru_cache(maxsize=16)
+def _palm_patches(palm: Palm, device: str, flush: float, flush_rate: float, relative: bool) -> wp.array:
+    """`_patches` of a palm, which meets the same object in batch after batch; nobody writes to them."""
+    resolved = _patches(palm, device, flush, flush_rate, relative)
+    wp.synchronize_device(device)  # other streams read them, too
+    return resolved

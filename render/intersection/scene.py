@@ -42,7 +42,7 @@ from .mesh_section import intersect, needs_regularising, tally_intersection
 from .overlap_tour import overlap_contours
 from .resting import farthest_of, patches_for
 
-SECTION_BYTES = 1024  # for a pose and patch: slots of pieces (SLOTS x 88), events (24 x 8), counts and offsets
+SECTION_BYTES = 1024  # for a pose and patch: slots of pieces (SLOTS x 72), listed steps (128), events (24 x 8), offsets
 
 SKIN_BYTES = 40  # for a pose and vertex of a hand's skin: its position, sign, marks of its edges
 

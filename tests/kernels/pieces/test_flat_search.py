@@ -137,7 +137,7 @@ def test_only_rows_without_room_are_searched_again(size, device):
             blocks, again = assert_found(surface, poses, patch, strategy, size)
             assert len(blocks) == 1
             searched = np.concatenate([pieces.section.numpy() for pieces in again])
-            assert 0 < len(np.unique(searched)) <= (80 if strategy == "oc" else 120)  # patches elsewhere need no room
+            assert 0 < len(np.unique(searched)) <= (80 if strategy == "oc" else 119)  # patches elsewhere need no room
 
 
 def test_patches_inside_a_solid_whose_winding_numbers_find_no_space(device):

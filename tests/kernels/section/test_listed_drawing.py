@@ -10,6 +10,7 @@ from mesh_cases import CLOSED, MESHES, generic_poses
 from palpate.kernels.pieces import finding
 from palpate.kernels.pieces.finding import find_pieces
 from palpate.kernels.section import step_lists
+from palpate.kernels.section.clip_events import room_for_events
 from palpate.kernels.section.joining import WALKED, join_pieces
 from palpate.kernels.section.pieces import FIRST_STEP, LIST, LOCATION, NO_WRAP, SLOTS, UNLISTED
 from palpate.kernels.warps import threads_for
@@ -135,3 +136,23 @@ def test_threads_are_whole_blocks_on_a_gpu():
 
     assert [threads_for(Gpu, rows) for rows in (0, 1, 64, 65)] == [0, 64, 64, 128]
     assert threads_for(wp.get_device("cpu"), 65) == 65
+
+
+@pytest.mark.parametrize("method", ["trace", "seek", "flat"])
+def test_pieces_that_were_taken_are_missed(method, device):
+    """What `find_pieces` returns can be taken once; joining what is left of it is refused, or the same again."""
+    surface = surface_on(MESHES["sphere"](), device)
+    pose, patch = pose_array(generic_poses(5, 1), device), patch_array(HALF, device)
+    found = find_pieces(surface, pose, patch, bounded=True, closes=True, method=method)
+    joined = join_pieces(surface, found, pose, patch, closes=True)
+    if isinstance(found, list):
+        assert join_pieces(surface, found, pose, patch, closes=True).point_count == joined.point_count
+    else:
+        with pytest.raises(ValueError, match="can be taken once"):
+            join_pieces(surface, found, pose, patch, closes=True)
+
+
+def test_more_events_than_32_bits_count_are_refused(device):
+    count = wp.empty(2**20, dtype=wp.int32, device=device)
+    with pytest.raises(MemoryError, match=r"1048576 rows of 4096 events each exceed the limit of 4294967296 events"):
+        room_for_events(count, 4095)

@@ -1,0 +1,47 @@
+"""Patches of hands as scenes take them: palms are resolved once, other hands whenever they are asked for."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import warp as wp
+
+from palpate.kernels.patch import Patch
+from palpate.render import MeshObject, Palm
+from palpate.render.intersection.resting import patches_for
+from palpate.render.strategies.intersection_strategy import strategy_of
+
+STRATEGY = strategy_of("oc")
+
+
+@dataclass(frozen=True)
+class ShiftedPalm(Palm):
+    """A palm beside where the hand is, as `shift` says when it is asked."""
+
+    def on(self, device):
+        patch = Palm.on(self, device).numpy()
+        patch["origin"][:, 0] = SHIFT[0]
+        return wp.array(patch, dtype=Patch, device=device)
+
+
+SHIFT = [0.0]
+
+
+def test_equal_palms_share_their_patches(device):
+    cube = MeshObject.load("cube")
+    first = patches_for(Palm(0.08, 0.1), cube, STRATEGY, device)
+    assert patches_for(Palm(0.08, 0.1), cube, STRATEGY, device) is first
+    others = {
+        "size": patches_for(Palm(0.08, 0.11), cube, STRATEGY, device),
+        "relative": patches_for(Palm(0.08, 0.1), cube, STRATEGY, device, relative=True),
+        "farthest": patches_for(Palm(0.08, 0.1), cube, STRATEGY, device, farthest=2.0),
+    }
+    for field, column in (("size", "half"), ("relative", "relative"), ("farthest", "flush")):
+        assert not np.array_equal(others[field].numpy()[column], first.numpy()[column])
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.05])
+def test_a_palm_of_another_class_is_asked_each_time(shift, device):
+    SHIFT[0] = shift
+    patch = patches_for(ShiftedPalm(0.08, 0.1), MeshObject.load("cube"), STRATEGY, device)
+    assert patch.numpy()["origin"][0, 0] == shift

@@ -20,14 +20,14 @@ from ..section.step_lists import room_for_steps
 from ..section.tree_search import tree_pieces
 from .flat_search import flat_search_pieces
 
-SCAN_SEARCH_FACES_MOST = 5000  # other searches are faster for more triangles, on a CPU and a GPU (performance.md)
+SCAN_FACES_CPU, SCAN_FACES_GPU = 5000, 6500  # of more triangles other searches find pieces faster (performance.md)
 METHODS = ("trace", "seek", "flat")
 
 
 def method_for(surface: Any, device: Any) -> str:
     """The fastest method for a surface: "trace" for small ones, "seek" or on a GPU "flat" for others."""
-    small = surface.corner.shape[0] // 3 <= SCAN_SEARCH_FACES_MOST
-    if small and surface.scan_path.shape[0] > 0:
+    most = SCAN_FACES_CPU if device.is_cpu else SCAN_FACES_GPU
+    if surface.corner.shape[0] // 3 <= most and surface.scan_path.shape[0] > 0:
         return "trace"
     return "seek" if device.is_cpu else "flat"
 

@@ -170,14 +170,14 @@ def first_places(lane: int) -> wp.vec2i:
 @wp.func_native("""
     return reinterpret_cast<const int*>(address)[i];
 """)
-def half_word_at(address: wp.uint64, i: int) -> int:
-    """32 bits number i from an address on."""
+def int_at(address: wp.uint64, i: int) -> int:
+    """32 bits number i from an address on; unlike an array's entry, they cost no look at the sign of i."""
 
 
 @wp.func_native("""
     reinterpret_cast<int*>(address)[i] = x;
 """)
-def set_half_word(address: wp.uint64, i: int, x: int):
+def set_int(address: wp.uint64, i: int, x: int):
     """Write 32 bits number i from an address on."""
 
 

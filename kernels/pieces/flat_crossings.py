@@ -11,9 +11,9 @@ from ..lanes import Warp, sync_lanes, votes_of
 from ..patch import Frame
 from ..section.half_edges import LEAF, Surface
 from ..section.tree_search import winding_across
-from ..warps import sync_warp, warp_numbers_of, warp_votes_of
+from ..warps import int_at, set_int, sync_warp, warp_numbers_of, warp_votes_of
 from .flat_boxes import PackedFrame, crossed_halves, meets_packed
-from .lane_space import WORDS, LaneSpace, address_after, set_half, set_word, word_at
+from .lane_space import WORDS, LaneSpace, address_after, set_half
 
 FIRST_MOST = wp.constant(128)  # boxes, at most, of the level with which a descent begins
 LEVELS = wp.constant(2)  # that a descent goes down at once: fewer boxes are tested than level by level, in fewer turns
@@ -47,7 +47,7 @@ def list_first_boxes(
             met = meets_packed(surface.packed_box, p, first + k)
         votes = votes_of(met, turn)
         if met and count + votes[0] < s.most:
-            set_word(boxes.address, count + votes[0], first + k)
+            set_int(boxes.address, count + votes[0], first + k)
         count += votes[1]
         turn += 1
         k += warp.lanes << warp.bits
@@ -70,11 +70,11 @@ def list_boxes_below(surface: Surface, p: PackedFrame, s: LaneSpace, boxes: BoxL
         met = k < boxes.count << LEVELS
         node = int(0)
         if met:
-            node = (word_at(boxes.address, k >> LEVELS) << LEVELS) + (k & ((1 << LEVELS) - 1))
+            node = (int_at(boxes.address, k >> LEVELS) << LEVELS) + (k & ((1 << LEVELS) - 1))
             met = meets_packed(surface.packed_box, p, node)
         votes = warp_votes_of(met)
         if met and below.count + votes[0] < s.most:
-            set_word(below.address, below.count + votes[0], node)
+            set_int(below.address, below.count + votes[0], node)
         below.count += votes[1]
         k += warp.lanes
     sync_warp()
@@ -108,7 +108,7 @@ def list_crossings(
         node = int(0)
         codes = int(0)
         if i < leaves.count:
-            node = word_at(leaves.address, i)
+            node = int_at(leaves.address, i)
             codes = crossed_halves(surface, frame, row, p, node)
         crossed = (codes | (codes >> 1)) & 0x1111  # codes are 0 to 3
         numbers = warp_numbers_of((crossed * 0x1111) >> 12 & 15)
@@ -135,7 +135,7 @@ def winding_of_lane(
     winding = int(0)
     i = int(warp.lane)
     while i < leaves.count:
-        node = word_at(leaves.address, i)
+        node = int_at(leaves.address, i)
         codes = crossed_halves(surface, frame, row, p, node)
         half = (node - surface.leaf_first) * (3 * LEAF) - 1
         while codes != 0:

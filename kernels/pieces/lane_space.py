@@ -10,6 +10,7 @@ from typing import Any
 import warp as wp
 
 from ..lanes import Warp
+from ..warps import int_at, long_at, set_int, set_long
 
 WORDS = wp.constant(5)  # of a crossing
 NEAR_FEW = 512  # crossings near the lanes: more groups of few lanes, and more cache, find room beside little memory
@@ -68,34 +69,6 @@ def address_of(word: wp.array[wp.int32], i: wp.int64) -> wp.uint64:
     """Address of an entry."""
 
 
-@wp.func_native("""
-    return reinterpret_cast<const int*>(address)[i];
-""")
-def word_at(address: wp.uint64, i: int) -> int:
-    """Word i from an address on; unlike an array's entry, it costs no look at the sign of i."""
-
-
-@wp.func_native("""
-    reinterpret_cast<int*>(address)[i] = x;
-""")
-def set_word(address: wp.uint64, i: int, x: int):
-    """Write word i from an address on."""
-
-
-@wp.func_native("""
-    return reinterpret_cast<const wp::int64*>(address)[i];
-""")
-def state_word_at(address: wp.uint64, i: int) -> wp.int64:
-    """Pair i of words from an address on, read at once."""
-
-
-@wp.func_native("""
-    reinterpret_cast<wp::int64*>(address)[i] = x;
-""")
-def set_state_word(address: wp.uint64, i: int, x: wp.int64):
-    """Write pair i of words from an address on at once."""
-
-
 @wp.func
 def near_space(address: wp.uint64, most: int):
     """The memory near the lanes at an address, or with no room where there is none."""
@@ -133,49 +106,49 @@ def address_after(address: wp.uint64, words: int) -> wp.uint64:
 @wp.func
 def half_at(s: LaneSpace, i: int):
     """Half-edge of crossing i."""
-    return word_at(s.address, i)
+    return int_at(s.address, i)
 
 
 @wp.func
 def set_half(s: LaneSpace, i: int, half: int):
     """Write the half-edge of crossing i."""
-    set_word(s.address, i, half)
+    set_int(s.address, i, half)
 
 
 @wp.func
 def link_at(s: LaneSpace, i: int):
     """Link of crossing i (`flat_links`)."""
-    return word_at(s.address, LINKS * s.most + i)
+    return int_at(s.address, LINKS * s.most + i)
 
 
 @wp.func
 def set_link(s: LaneSpace, i: int, link: int):
     """Write the link of crossing i."""
-    set_word(s.address, LINKS * s.most + i, link)
+    set_int(s.address, LINKS * s.most + i, link)
 
 
 @wp.func
 def state_at(s: LaneSpace, i: int):
     """State of crossing i: its output point, x and y (`flat_links`), then its rank (`flat_ranks`)."""
-    return state_word_at(s.address, s.most + i)
+    return long_at(s.address, s.most + i)
 
 
 @wp.func
 def set_state(s: LaneSpace, i: int, state: wp.int64):
     """Write the state of crossing i."""
-    set_state_word(s.address, s.most + i, state)
+    set_long(s.address, s.most + i, state)
 
 
 @wp.func
 def begin_at(s: LaneSpace, i: int):
     """Where the steps of the piece begin of which crossing i is the first; before, z of its output point."""
-    return word_at(s.address, BEGINNINGS * s.most + i)
+    return int_at(s.address, BEGINNINGS * s.most + i)
 
 
 @wp.func
 def set_begin(s: LaneSpace, i: int, begin: int):
     """Write what `begin_at` gives."""
-    set_word(s.address, BEGINNINGS * s.most + i, begin)
+    set_int(s.address, BEGINNINGS * s.most + i, begin)
 
 
 def room_for_groups(groups: int, most: int, device: Any) -> Any:

@@ -10,11 +10,11 @@ import warp as wp
 from ..offsets import BLOCK, PointLimitError, lasts_of, offsets_of
 from ..patch import EXACT, Frame, Patch, corner, output_point, section_frame
 from ..warps import (
-    half_word_at,
+    int_at,
     lane_of_warp,
     memory_of_warp,
     owner_of,
-    set_half_word,
+    set_int,
     sums_of_warp,
     sync_warp,
     threads_for,
@@ -188,7 +188,7 @@ def place_ends_of_warp(
     k = lane_of_warp()
     while k < total:
         lane = owner_of(firsts, k)
-        number = k - half_word_at(firsts, lane)
+        number = k - int_at(firsts, lane)
         i = int(start_at(planes, lane)) + (number >> 1) * int(pieces.stride)
         if slot_int(pieces.key, i) < CLOSED:
             if closes == 1 or not is_clear(pieces, i):
@@ -291,7 +291,7 @@ def _join_pieces(
         i = int(plane.start) + slot * int(pieces.stride)
         set_slot_int(ends.link, i, slot | (NO_CORNERS << PASSED))
     numbers = sums_of_warp(2 * count)
-    set_half_word(firsts, lane, numbers[0])
+    set_int(firsts, lane, numbers[0])
     sync_warp()
     place_ends_of_warp(surface, pieces, closes, planes, firsts, numbers[1], ends)
     sync_warp()

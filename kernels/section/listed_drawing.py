@@ -11,12 +11,12 @@ from ..offsets import BLOCK
 from ..patch import EXACT, Frame, Patch, corner, half_extents, output_point, section_frame
 from ..warps import (
     bits_to,
-    half_word_at,
+    int_at,
     is_bit,
     lane_of_warp,
     mark_bit,
     memory_of_warp,
-    set_half_word,
+    set_int,
     set_long,
     sums_of_warp,
     sync_warp,
@@ -115,17 +115,17 @@ def keep_piece(
     if steps == 0:
         if slot_int(pieces.key, i) < CLOSED and is_through(pieces, i):
             through = THROUGH
-    set_half_word(memory.pieces, PIECE * j, number | (lane_of_warp() << LANE) | (slot << SLOT_AT) | through)
-    set_half_word(memory.pieces, PIECE * j + 1, place)
-    set_half_word(memory.pieces, PIECE * j + 2, side)
+    set_int(memory.pieces, PIECE * j, number | (lane_of_warp() << LANE) | (slot << SLOT_AT) | through)
+    set_int(memory.pieces, PIECE * j + 1, place)
+    set_int(memory.pieces, PIECE * j + 2, side)
     return steps + wp.where(through != 0, 0, 1)
 
 
 @wp.func
 def close_line(plane: RowPlane, j: int, place: int, memory: WarpMemory, lines: LineArrays):
     """End a closed polyline that begins with piece j: its last point repeats where that piece enters."""
-    own = half_word_at(memory.pieces, PIECE * j + 1)
-    set_half_word(memory.pieces, PIECE * j + 1, own | (place << CLOSING))
+    own = int_at(memory.pieces, PIECE * j + 1)
+    set_int(memory.pieces, PIECE * j + 1, own | (place << CLOSING))
     mark_hand(lines.kind, plane.start + wp.int64(place))
 
 
@@ -187,8 +187,8 @@ def place_pieces(
 def number_crossings(memory: WarpMemory, first: int, count: int, before: int):
     """Add the number of crossings of the lanes below to those of a row's pieces, and mark each piece's first one."""
     for j in range(first, first + count):
-        piece = half_word_at(memory.pieces, PIECE * j) + before
-        set_half_word(memory.pieces, PIECE * j, piece)
+        piece = int_at(memory.pieces, PIECE * j) + before
+        set_int(memory.pieces, PIECE * j, piece)
         mark_bit(memory.bits, wp.uint32(piece & NUMBER))
 
 
@@ -206,16 +206,16 @@ def crossing_place(pieces: ContourPieces, first_row: int, memory: WarpMemory, k:
     """Crossing number k of a warp; begun: pieces that begin before the 32 crossings to which k belongs."""
     out = CrossingPlace()
     j = begun + bits_to(memory.bits, wp.uint32(k)) - 1
-    piece = half_word_at(memory.pieces, PIECE * j)
+    piece = int_at(memory.pieces, PIECE * j)
     out.half = NONE
     if (piece & THROUGH) == 0:
         step = k - (piece & NUMBER)
         out.lane = lane_of(piece)
-        out.place = (half_word_at(memory.pieces, PIECE * j + 1) & NUMBER) + step
+        out.place = (int_at(memory.pieces, PIECE * j + 1) & NUMBER) + step
         row = first_row + out.lane
         last = k + 1 == crossings or is_bit(memory.bits, wp.uint32(k + 1))  # the next one is another piece's
         i = row + slot_of(piece) * int(pieces.stride)
-        out.half = listed_step(pieces, row, i, half_word_at(memory.pieces, PIECE * j + 2), step, last)
+        out.half = listed_step(pieces, row, i, int_at(memory.pieces, PIECE * j + 2), step, last)
     return out
 
 
@@ -257,12 +257,12 @@ def draw_ends(
     k = lane_of_warp()
     while k < 2 * count:
         j = k >> 1
-        piece = half_word_at(memory.pieces, PIECE * j)
-        places = half_word_at(memory.pieces, PIECE * j + 1)
+        piece = int_at(memory.pieces, PIECE * j)
+        places = int_at(memory.pieces, PIECE * j + 1)
         lane = lane_of(piece)
         i = first_row + lane + slot_of(piece) * int(pieces.stride)
         leaves = k & 1
-        if end_side(half_word_at(memory.pieces, PIECE * j + 2), leaves) != NONE:
+        if end_side(int_at(memory.pieces, PIECE * j + 2), leaves) != NONE:
             plane = plane_of(memory.planes, lane)
             x = output_point(plane.f, piece_end(surface, plane.f, plane.side, pieces, i, leaves).at)
             place = (places & NUMBER) - 1

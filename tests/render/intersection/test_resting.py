@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-import pytest
 import warp as wp
 
 from palpate.kernels.patch import Patch
@@ -14,17 +13,17 @@ from palpate.render.strategies.intersection_strategy import strategy_of
 STRATEGY = strategy_of("oc")
 
 
+SHIFT = {"x": 0.0}  # along x, of the patches of every ShiftedPalm [m]
+
+
 @dataclass(frozen=True)
 class ShiftedPalm(Palm):
-    """A palm beside where the hand is, as `shift` says when it is asked."""
+    """A palm whose patch is not where its width and length alone would put it."""
 
     def on(self, device):
         patch = Palm.on(self, device).numpy()
-        patch["origin"][:, 0] = SHIFT[0]
+        patch["origin"][:, 0] = SHIFT["x"]
         return wp.array(patch, dtype=Patch, device=device)
-
-
-SHIFT = [0.0]
 
 
 def test_equal_palms_share_their_patches(device):
@@ -40,8 +39,9 @@ def test_equal_palms_share_their_patches(device):
         assert not np.array_equal(others[field].numpy()[column], first.numpy()[column])
 
 
-@pytest.mark.parametrize("shift", [0.0, 0.05])
-def test_a_palm_of_another_class_is_asked_each_time(shift, device):
-    SHIFT[0] = shift
-    patch = patches_for(ShiftedPalm(0.08, 0.1), MeshObject.load("cube"), STRATEGY, device)
-    assert patch.numpy()["origin"][0, 0] == shift
+def test_a_palm_of_another_class_is_asked_each_time(monkeypatch, device):
+    cube = MeshObject.load("cube")
+    for shift in (0.0, 0.05):
+        monkeypatch.setitem(SHIFT, "x", shift)
+        patch = patches_for(ShiftedPalm(0.08, 0.1), cube, STRATEGY, device)
+        assert patch.numpy()["origin"][0, 0] == shift

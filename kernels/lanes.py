@@ -132,9 +132,9 @@ def take_row(taken: wp.array[wp.int64], kernel: int, lane: int):
     return from_first_lane(row)
 
 
-def lane_count(device: Any) -> int:
-    """Lanes of a group on a device."""
-    return 1 if device.is_cpu else LANES
+def lane_count(device: Any, lanes: int = LANES) -> int:
+    """Lanes of a group on a device; lanes: those on a GPU."""
+    return 1 if device.is_cpu else lanes
 
 
 def group_count(device: Any, rows: int) -> int:

@@ -33,6 +33,11 @@ def pytest_addoption(parser):
     parser.addoption(
         "--device", action="append", help="Warp device to test on (again for more); default: all there are"
     )
+    parser.addoption(
+        "--lanes",
+        choices=("rising", "falling"),
+        help="kernels/section and kernels/pieces run on the CPU what they run on GPUs; lanes in this order",
+    )
 
 
 def pytest_configure(config):
@@ -49,7 +54,11 @@ def pytest_configure(config):
         "of a test, and those whose id has `but`, run always",
     ):
         config.addinivalue_line("markers", line)
-    if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
+    if config.getoption("--lanes"):
+        from lanes_on_cpu import emulate_lanes
+
+        emulate_lanes(config.getoption("--lanes"))
+    elif config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
         from palpate.kernels import compile_kernels
 
         for device in config.getoption("--device") or [str(d) for d in wp.get_devices()]:

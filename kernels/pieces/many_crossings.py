@@ -8,6 +8,7 @@ from typing import Any
 
 import warp as wp
 
+from ..lanes import lane_count
 from ..patch import EXACT, Patch
 from ..section.half_edges import Surface
 from ..section.pieces import ContourPieces
@@ -38,7 +39,7 @@ def _rank_many_crossings(
 
 def rank_many_crossings(surface: Any, patch: wp.array, block: Any, *, bounded: bool, pieces: Any) -> None:
     """Store the pieces of each row of a RowBlock, and list the half-edges of their steps: see `rank_rows`."""
-    lanes = 1 if patch.device.is_cpu else BLOCK
+    lanes = lane_count(patch.device, BLOCK)
     wp.launch(
         _rank_many_crossings,
         block.groups * lanes,

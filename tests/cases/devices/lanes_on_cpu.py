@@ -173,7 +173,7 @@ def map_near_memory():
     """Take the addresses from NEAR on."""
     libc = CDLL(None)
     libc.mmap.restype, libc.mmap.argtypes = c_void_p, [c_void_p, c_size_t, c_int, c_int, c_int, c_size_t]
-    fixed = 0x100000  # MAP_FIXED_NOREPLACE, which mmap lacks
+    fixed = 0x100000  # MAP_FIXED_NOREPLACE, for which mmap has no name
     flags = mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | fixed
     taken = libc.mmap(NEAR, 2**16, mmap.PROT_READ | mmap.PROT_WRITE, flags, -1, 0)
     if taken != NEAR:

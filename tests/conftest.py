@@ -55,6 +55,9 @@ def pytest_configure(config):
     ):
         config.addinivalue_line("markers", line)
     if config.getoption("--lanes"):
+        if config.getoption("--device") not in (None, ["cpu"]):
+            raise pytest.UsageError(f"--lanes is for the CPU alone, not for --device {config.getoption('--device')}")
+        config.option.device = ["cpu"]
         from lanes_on_cpu import emulate_lanes
 
         emulate_lanes(config.getoption("--lanes"))

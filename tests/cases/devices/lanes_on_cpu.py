@@ -191,7 +191,7 @@ def emulate_lanes(order):
     map_near_memory()
     for module in modules():
         for name, x in list(vars(module).items()):
-            if name in ASKED and module not in (lanes, warps):  # where most are defined, for those who ask themselves
+            if name in ASKED and module not in (lanes, warps):  # tests call these two modules' functions as they are
                 setattr(module, name, lambda device, *rest, ask=x: ask(GPU, *rest))
             source = getattr(x, "native_snippet", None)
             if source and "__CUDA_ARCH__" in source:

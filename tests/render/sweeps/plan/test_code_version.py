@@ -48,8 +48,8 @@ def test_another_version_of_a_library_is_another_code_version(monkeypatch):
         assert f"{changed} 0.0" in other
 
 
-def hosts(paths):
-    """Those outside kernels/, where most modules hold only functions that Warp compiles, which no Python trace sees."""
+def outside_kernels(paths):
+    """Paths outside kernels/: most modules in it hold only what Warp compiles, which a trace of Python does not see."""
     return {path for path in paths if not path.startswith("kernels/")}
 
 
@@ -63,7 +63,7 @@ def test_every_module_that_runs_in_a_task_counts(tmp_path, monkeypatch):
     counted = set(import_closure(COMPUTING))
     ran = {path for path in told["ran"] if path.split("/")[0] in PACKAGES}  # a virtual environment may lie beside them
     assert ran - counted == set()
-    assert len(hosts(ran)) > 0.7 * len(hosts(counted))
+    assert len(outside_kernels(ran)) > 0.7 * len(outside_kernels(counted))
     loaded = {name.removeprefix("palpate.").replace(".", "/") for name in told["modules"]}
     modules = {f"{name}.py" for name in loaded if (HOUSE / f"{name}.py").is_file()}
     assert {path for path in modules - counted if not path.startswith(REGISTERED)} == set()

@@ -20,6 +20,8 @@ try:
 except ModuleNotFoundError:  # a machine with a GPU, Warp, NumPy and pytest only
     hypothesis = None
 
+pytest_plugins = ["cpu_time", "first_minute", "reach"]  # tests/suite, by pyproject's pythonpath
+
 wp.config.log_level = wp.LOG_WARNING
 os.environ["PALPATE_CACHE"] = "off"  # no test reads or fills the user's cache; those of the cache name a folder
 
@@ -41,7 +43,7 @@ def pytest_addoption(parser):
 
 
 def pytest_configure(config):
-    """Compile every kernel before workers start, which would all do it at once; one process compiles what it needs."""
+    """Usual signal handlers, the way to shared modules, markers, and lanes on a CPU if they are asked for."""
     # A shell's `&` ignores SIGINT and `nohup` SIGHUP; processes of tests would inherit that.
     for signum, usual in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
         if signal.getsignal(signum) is signal.SIG_IGN:
@@ -50,7 +52,7 @@ def pytest_configure(config):
     os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [*shared, os.environ.get("PYTHONPATH")]))
     for line in (
         "stress: many poses on large meshes; seconds each",
-        "exhaustive(after=0, but=''): runs only with -m '' or -m exhaustive, as in .ci/run; the first `after` examples "
+        "exhaustive(after=0, but=''): runs only with -m '' or -m exhaustive (CONTRIBUTING.md); the first `after` examples "
         "of a test, and those whose id has `but`, run always",
     ):
         config.addinivalue_line("markers", line)
@@ -61,11 +63,6 @@ def pytest_configure(config):
         from lanes_on_cpu import emulate_lanes
 
         emulate_lanes(config.getoption("--lanes"))
-    elif config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
-        from palpate.kernels import compile_kernels
-
-        for device in config.getoption("--device") or [str(d) for d in wp.get_devices()]:
-            compile_kernels(device)
 
 
 @pytest.fixture(autouse=True)

@@ -9,44 +9,15 @@ from collections import Counter, defaultdict
 from functools import cache
 from importlib import import_module
 from importlib.metadata import files, version
-from pathlib import Path
 
 import pytest
+from rooms import BY_TEXT, PACKAGES, ROOT, SOURCES, folder_of, imports_of, is_init
 
-ROOT = Path(__file__).parents[2]
-PACKAGES = ("kernels", "render", "device", "datasets")
 ALLOWED = {"kernels": set(), "datasets": set(), "device": set(), "render": {"kernels", "datasets", "device"}}
-SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 MODULES_MOST = 20
 SHARED = {"Box", "Chunk", "Cursor", "Field", "Frame", "Lattice", "Parts", "Step", "Surface"}
 """Class names that still stand in two folders, each a term of both fields; no name may join them."""
 ROW = re.compile(r"^\| `([a-z_0-9/]+)` \| (\d+) \| [^|]+ \| ([^|]*) \|$", re.MULTILINE)
-
-
-def folder_of(path):
-    return path.parent.relative_to(ROOT).as_posix()
-
-
-@cache
-def imports_of(path):
-    """Files of the house, and names of other packages, that a file imports; lazily or for type checkers, too."""
-    own, other = set(), set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            other.update(name.name.split(".")[0] for name in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.level == 0:
-            other.add(node.module.split(".")[0])
-        elif isinstance(node, ast.ImportFrom):
-            base = path.parents[node.level - 1].joinpath(*(node.module or "").split("."))
-            for name in node.names:
-                named = [base / f"{name.name}.py", base / name.name / "__init__.py"]
-                named += [base.with_suffix(".py"), base / "__init__.py"]
-                own.add(next(file for file in named if file.exists()))
-    return own, other
-
-
-def is_init(path):
-    return path.name == "__init__.py"
 
 
 @cache
@@ -75,6 +46,11 @@ def test_arrows_are_those_of_the_table_and_point_up(package):
         assert listed <= above, (name, sorted(listed - above))
         assert int(count) == sum(folder_of(path) == name and not is_init(path) for path in SOURCES), name
         above.add("root" if name == package else name.removeprefix(f"{package}/"))
+
+
+def test_files_that_import_by_text_are_listed():
+    found = [path for path in SOURCES if re.search(r"\bimport_module\(|\b__import__\(", path.read_text())]
+    assert {path.relative_to(ROOT).as_posix() for path in found} == set(BY_TEXT)
 
 
 @pytest.mark.parametrize("package", PACKAGES)

@@ -65,6 +65,7 @@ class Estimate:
     poses: int
     """Of all recipes."""
     poses_to_render: int
+    """Of these renderings, each pose once, although some are rendered again to be sampled."""
     bytes: int
     """That the store will take."""
     bytes_free: int
@@ -205,7 +206,7 @@ def estimate(plan: Plan, missing: Missing, folder: Path, *, devices: Sequence[st
     if not missing.is_exhausted:
         scale = plan.recipe_count / counts.recipes
         pose_scale = plan.recipe_count * mean_size(plan)[0] / counts.poses
-        pose_scale *= 1.0 + missing.poses_unread / max(1, counts.poses_missing)
+        pose_scale *= 1.0 + missing.poses_unread / max(1, counts.poses_once)
     size = _Size()
     known = sum(size.of(Recipe.from_json(own.chunk.recipe), own.pose_count, own.chunk.groups) for own in chunks)
     recipe_count = counts.recipes if missing.is_exhausted else plan.recipe_count
@@ -216,7 +217,7 @@ def estimate(plan: Plan, missing: Missing, folder: Path, *, devices: Sequence[st
         recipes_done=round(counts.done * scale),
         renderings=round(len({chunk.rendering for chunk in chunks}) * scale),
         poses=round(plan.recipe_count * mean_size(plan)[0]) if not missing.is_exhausted else counts.poses,
-        poses_to_render=round(counts.poses_missing * pose_scale),
+        poses_to_render=round(counts.poses_once * pose_scale),
         bytes=round(known * pose_scale),
         bytes_free=bytes_free(folder),
         bytes_table=TABLE_BYTES * recipe_count,

@@ -153,7 +153,7 @@ class Counts:
     poses: int = 0
     """Of all recipes read."""
     poses_missing: int = 0
-    """To be rendered; a rendering that several recipes share counts once."""
+    """Of chunks to be made; a rendering that several recipes share counts once, or twice if it is sampled, too."""
     poses_incomplete: int = 0
     """Of all recipes read of which something is missing."""
     poses_once: int = 0

@@ -50,15 +50,15 @@ def test_a_test_file_uses_the_rooms_that_it_imports_or_names(tmp_path):
 @pytest.mark.parametrize(
     ("changed", "file", "rank"),
     [
-        ({"render/sampling"}, "tests/render/sampling/test_presets.py", 0),
-        ({"tests/render/sampling"}, "tests/render/sampling/test_presets.py", 0),
+        ({"render/sampling"}, "tests/render/sampling/test_orders.py", 0),
+        ({"tests/render/sampling"}, "tests/render/sampling/test_orders.py", 0),
         ({"render/sampling"}, "tests/render/playback/test_drive.py", 1),
         ({"tests/oracles"}, "tests/kernels/test_geometry.py", 2),
         ({"benchmarks"}, "tests/house/test_benchmarks.py", 2),
         ({"docs/guide"}, "tests/house/test_docs.py", 2),
         ({"device/playing"}, "tests/kernels/test_geometry.py", None),
         ({"docs/guide"}, "tests/kernels/test_geometry.py", None),
-        (set(), "tests/render/sampling/test_presets.py", None),
+        (set(), "tests/render/sampling/test_orders.py", None),
     ],
 )
 def test_a_change_reaches_its_room_those_that_import_it_and_tests_that_name_it(changed, file, rank):

@@ -1,7 +1,8 @@
 """Mutants: one fault a patch. Each is put into a copy of the source, where the tests that it names must fail.
 
     .venv/bin/python tests/mutants/run_mutants.py                # all
-    .venv/bin/python tests/mutants/run_mutants.py sweeps device  # of some rooms, or single patches by path
+    .venv/bin/python tests/mutants/run_mutants.py objects playback     # of some rooms, or single patches by path
+    .venv/bin/python tests/mutants/run_mutants.py --reach        # of source or tests that changed since .ci/proved
 
 A patch `tests/mutants/ROOM/NAME.patch` begins with these lines, then a diff as `git diff` writes it:
 
@@ -28,6 +29,11 @@ from queue import Queue
 
 ROOT = Path(__file__).parents[2]
 FOLDER = Path(__file__).parent
+sys.path.insert(0, str(ROOT / "tests" / "suite"))
+
+from reach import changed_rooms, proved_digests, reaches_all  # noqa: E402 - the path to it stands above
+from rooms import digests, folder_of  # noqa: E402
+
 PACKAGES = ("kernels", "render", "device", "datasets")
 TIMEOUT = 600.0
 """Seconds that the tests of one mutant may take: a fault that makes them hang is found, too."""
@@ -45,6 +51,12 @@ class Mutant:
     @property
     def name(self) -> str:
         return self.path.relative_to(FOLDER).with_suffix("").as_posix()
+
+    @property
+    def rooms(self) -> set[str]:
+        """Folders of the source that it changes, and of its tests."""
+        files = [*re.findall(r"^\+\+\+ b/(.+)$", self.path.read_text(), re.MULTILINE), *self.tests]
+        return {folder_of(ROOT / file.partition("::")[0]) for file in files}
 
 
 def read_mutant(path: Path) -> Mutant:
@@ -125,8 +137,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("rooms", nargs="*", help="folders of tests/mutants, or patches; default: all")
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="mutants at a time")
+    parser.add_argument("--reach", action="store_true", help="only those whose source or tests changed")
     options = parser.parse_args()
     mutants = [read_mutant(path) for path in selected(options.rooms)]
+    changed = changed_rooms(proved_digests(), digests()) if options.reach else set()
+    if options.reach and not reaches_all(changed):
+        mutants = [mutant for mutant in mutants if mutant.rooms & changed]
     wrong = 0
     with tempfile.TemporaryDirectory() as scratch:
         free: Queue[Path] = Queue()

@@ -11,7 +11,6 @@ from palpate.render import MeshObject, Palm, closed_contour, render
 from palpate.render.errors import StrategyError
 from palpate.render.sampling.contour_sampling import (
     FocalPoints,
-    Gap,
     Order,
     Path,
     Sampler,
@@ -150,18 +149,6 @@ def test_lengths_of_jumps_are_summed_by_cause():
     assert count.jump_length == pytest.approx(steps[steps > 5e-3].sum(), abs=1e-5)
     assert sum(count.jumps.values()) == np.count_nonzero(steps > 5e-3)
     assert count.step_longest == pytest.approx(np.delete(steps, 2999).max(), abs=1e-6)
-
-
-def test_a_fast_return_is_no_jump_though_its_steps_are_longer_than_those_of_the_contour():
-    lines = [([[-0.04, 0, 0.2], [0.04, 0, 0.2]], False)]
-    counts = {}
-    for kind in ("return", "jump"):
-        sampler = Sampler(SamplingStrategy(gap=Gap(kind=kind, speed=60.0)))  # 6 mm a sample
-        sampler.draw(Path.of(batch_of([lines]), 0), still(1)[0], 1000)
-        counts[kind] = sampler.count.jumps["polyline"]
-        assert sampler.strategy.jump_threshold == pytest.approx(0.012 if kind == "return" else 5e-3)
-    assert counts["return"] == 0
-    assert counts["jump"] > 0
 
 
 def test_a_step_out_of_silence_is_no_jump():

@@ -41,6 +41,9 @@ def test_11_a_new_pose_does_not_restart_the_path():
     steps = np.linalg.norm(np.diff(position, axis=0), axis=1)
     assert steps.max() < 2 * 7e-4
     assert sum(count.jumps.values()) == 0
+    angle = np.unwrap(np.arctan2(position[:, 1], position[:, 0]))
+    assert (np.diff(angle) > 0).all()
+    assert angle[-1] - angle[0] == pytest.approx(7.0 / 0.03, rel=0.01)  # as one contour would be drawn
     restarted = np.array([np.linalg.norm(circle(0.03, turn=2.4 * i)[0] - position[111 * i - 1]) for i in range(1, 80)])
     assert np.median(restarted) > 0.02  # what restarting would have jumped
 
@@ -133,6 +136,7 @@ def test_15_actual_revisit_rate_is_reported_beside_the_nominal_one():
     _, count = sampled([[LEFT], [RIGHT]] * 45)
     assert count.draw_frequency(10_000.0) == pytest.approx(7.0 / (2 * np.pi * 0.02), rel=0.01)
     assert count.revisit_rate < 0.95 * count.draw_frequency(10_000.0)
+    assert count.jumps["pose"] == 89
 
 
 @pytest.mark.parametrize(("radius", "lowest", "highest"), [(0.0016, 600, 700), (0.1, 11, 11.2)])

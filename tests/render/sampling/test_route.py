@@ -159,17 +159,3 @@ def test_a_good_order_of_many_pieces_is_not_made_worse(monkeypatch, rng):
         good = shortest_route(pieces)
     assert jump_total(shortest_route(pieces)) > 1.02 * jump_total(good)
     assert jump_total(shortest_route(good)) <= jump_total(good) + 1e-9
-
-
-def test_2_opt_is_tried_again_with_the_doors_it_led_to():
-    random = np.random.default_rng(7)
-    gains = []
-    for _ in range(20):
-        lines = [(circle(random.uniform(0.01, 0.03), random.uniform(-0.05, 0.05, 3), count=12), True) for _ in range(8)]
-        pieces = pieces_from(lines)
-        doors = routing._doors_of(pieces, 8, back=False, outside=False)
-        start = np.array([of[0] for of in doors.of])
-        once, _ = routing._best_of_order(routing._uncrossed(start, doors), doors)
-        gains.append(once - routing._improved(start, doors)[0])
-    assert min(gains) >= -1e-12
-    assert max(gains) > 1e-3

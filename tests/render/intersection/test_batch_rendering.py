@@ -21,8 +21,6 @@ from palpate.render import (
 )
 from palpate.render.contour_batch import HAND, OBJECT, join_batches, object_part
 from palpate.render.errors import PoseError, StrategyError
-from palpate.render.intersection.batch_rendering import POINT_BYTES, rendered_chunks
-from palpate.render.intersection.scene import Scene
 
 OBJECTS = {name: MeshObject.load(name) for name in shape_names()}
 PALM = Palm()
@@ -134,21 +132,6 @@ def test_permuted_poses_permute_the_batch(device, rng):
     assert_same(join_batches([plain.select(i, i + 1) for i in order]), shuffled)
 
 
-def test_chunk_size_does_not_matter_and_memory_is_kept_to(device):
-    thing, poses = OBJECTS["dog-detailed"], random_poses(3000, 6)
-    whole = render(thing, PALM, poses, closed_contour(), device=device, memory=2**30)
-    chunks = list(rendered_chunks(Scene.of(thing, PALM, closed_contour()), poses, device=device, memory=2**20))
-    assert len(chunks) > 5
-    assert [c.first for c in chunks[1:]] == [c.stop for c in chunks[:-1]]
-    assert_same(whole, join_batches([c.contours for c in chunks]))
-    assert whole.point_count * POINT_BYTES > 2**19  # so that the budget has had something to do
-
-
-def test_pose_too_large_for_the_budget_is_refused_with_the_bytes(device):
-    with pytest.raises(StrategyError, match=r"memory must be at least 1048576 bytes, not 1000"):
-        render(OBJECTS["cube"], PALM, random_poses(1, 1), open_contour(), device=device, memory=1000)
-
-
 @pytest.mark.parametrize("memory", [np.nan, np.inf, -1, "2 GB", True])
 def test_a_budget_that_is_no_number_of_bytes_is_refused(memory, tmp_path):
     poses = random_poses(2, 1)
@@ -157,21 +140,6 @@ def test_a_budget_that_is_no_number_of_bytes_is_refused(memory, tmp_path):
     with pytest.raises(StrategyError, match="memory must be"):
         record(tmp_path / "out.h5", OBJECTS["cube"], PALM, HandMotion(None, poses), open_contour(), memory=memory)
     assert not list(tmp_path.iterdir())
-
-
-def test_same_run_gives_the_same_bits(device):
-    poses = random_poses(500, 8)
-    one, two = (render(OBJECTS["rock"], PALM, poses, closed_contour(), device=device) for _ in range(2))
-    assert_same(one, two)
-
-
-def test_order_does_not_depend_on_where_the_section_starts(device):
-    """Polylines of a pose by key: scaling the palm cuts pieces off but never reorders what is left whole."""
-    poses = random_poses(300, 9)
-    small, large = (
-        render(OBJECTS["dog"], p, poses, IntersectionStrategy(), device=device) for p in (Palm(0.02, 0.02), PALM)
-    )
-    assert_same(small, large)
 
 
 def test_mirrored_object_gives_mirrored_contours_of_the_same_length(device):
@@ -224,36 +192,3 @@ def test_far_from_the_origin_contours_are_as_good_as_the_coordinates(device):
 def test_bad_poses_are_refused_with_their_row(pose, error, message):
     with pytest.raises(error, match=message):
         render(OBJECTS["cube"], PALM, np.array(pose), open_contour())
-
-
-def test_unknown_device_is_refused_with_those_that_there_are():
-    with pytest.raises(StrategyError, match=r"no device 'cuda:99'.*cpu"):
-        render(OBJECTS["cube"], PALM, random_poses(1, 1), open_contour(), device="cuda:99")
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("{", "not JSON"),
-        ("[]", "must be a JSON object"),
-        ('{"raw": "guess"}', "raw: unknown stage 'guess'; known: section"),
-        ('{"prune": ["far"]}', "prune: unknown stage 'far'; known: outside"),
-        ('{"transform": ["close"]}', '"close" needs "outside"'),
-        ('{"stages": []}', "unknown field 'stages'"),
-        ('{"prune": "outside"}', "prune must be a list"),
-    ],
-)
-def test_bad_strategies_are_refused(text, message):
-    with pytest.raises(StrategyError, match=message):
-        IntersectionStrategy.from_json(text)
-
-
-def test_strategies_survive_json():
-    for strategy in (open_contour(), closed_contour(), IntersectionStrategy()):
-        assert IntersectionStrategy.from_json(strategy.to_json()) == strategy
-
-
-@pytest.mark.parametrize("size", [(0.0, 0.1), (0.1, -1.0), (float("nan"), 0.1), (2.0, 0.1)])
-def test_impossible_palms_are_refused(size):
-    with pytest.raises(StrategyError, match=r"palm (width|length)"):
-        Palm(*size)

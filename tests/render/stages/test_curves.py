@@ -21,12 +21,7 @@ from palpate.kernels.stages.simplify import simplify_polylines
 from palpate.render import (
     ContourBatch,
     HandPatch,
-    IntersectionStrategy,
-    MeshObject,
-    Palm,
     PlaneHand,
-    Stage,
-    render,
 )
 from palpate.render.stages.point_insertion import divide_batch
 
@@ -159,12 +154,6 @@ def test_simplifying_within_nothing_changes_nothing_and_needs_no_points(rng):
         "inset",
     ):
         assert_valid(run_stage(name, empty, a_setting(setting.pose[:1])), 1)
-
-
-def test_identity_is_identity(rng):
-    batch, setting, _ = random_regions(rng)
-    batch = with_weights(batch, rng)
-    assert_equal(run_stage("identity", batch, setting), batch)
 
 
 @pytest.mark.parametrize("options", [{"method": "chaikin"}, {"method": "laplace", "rounds": 5}])
@@ -321,17 +310,6 @@ def test_smoothing_leaves_no_segment_without_length(options):
     out = run_stage("smooth", batch, setting, **options)
     assert_valid(out, out.pose_count)
     assert 2 < out.point_count < 200 or options["method"] == "laplace"
-
-
-def test_depth_of_an_object_that_is_said_to_stay_is_that_of_one_that_stands_still():
-    cube = MeshObject.load("cube")
-    pose = np.array([[0, 0, 0.19, np.sqrt(0.5), 0, 0, np.sqrt(0.5)]], np.float32)
-    moved = np.array([[*cube.bounds.mean(axis=0), 0, 0, 0, 1]], np.float32)
-    for at in ("patch", "point"):
-        strategy = IntersectionStrategy(prune=("outside",), transform=("close", Stage("depth", {"at": at})))
-        still, said = (render(cube, Palm(), pose, strategy, object_pose=m).intensity for m in (None, moved))
-        assert said == pytest.approx(still, abs=1e-5)
-        assert at == "point" or still.min() > 0.35
 
 
 def test_a_small_loop_has_its_corners_although_the_window_is_longer_than_it():

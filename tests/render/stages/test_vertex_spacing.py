@@ -117,9 +117,7 @@ def test_one_rendering_warns_once_whoever_renders_and_the_next_one_again(workers
     assert len(drawn("mine", **options)[1]) == 1
 
 
-@pytest.mark.parametrize(
-    ("func", "gives"), [(striped, "intensity"), (stepped, "intensity"), (waving, "point")], ids=["sine", "step", "bend"]
-)
+@pytest.mark.parametrize(("func", "gives"), [(stepped, "intensity"), (waving, "point")], ids=["step", "bend"])
 def test_resampled_by_default_no_function_is_warned_of(func, gives):
     register_point_function("mine", func, gives=gives)
     assert len(drawn("mine")[1]) == 1

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mesh_cases import generic_poses
 from scipy.spatial.transform import Rotation
 
 from palpate.datasets.errors import MotionError
@@ -26,13 +27,6 @@ OBJECTS = {name: MeshObject.load(name) for name in shape_names()}
 PALM = Palm()
 
 
-def random_poses(count, seed, spread=0.08):
-    rng = np.random.default_rng(seed)
-    quaternion = rng.normal(size=(count, 4))
-    quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
-    return np.hstack([rng.uniform(-spread, spread, (count, 3)) + np.array([0, 0, 0.2]), quaternion]).astype(np.float32)
-
-
 def assert_same(one: ContourBatch, two: ContourBatch):
     first, second = one.arrays(), two.arrays()
     assert first.keys() == second.keys()
@@ -40,7 +34,7 @@ def assert_same(one: ContourBatch, two: ContourBatch):
         np.testing.assert_array_equal(first[name], second[name], err_msg=name)
 
 
-poses_of_cases = st.builds(random_poses, st.integers(1, 12), st.integers(0, 2**32 - 1), st.floats(0.0, 0.12))
+poses_of_cases = st.builds(generic_poses, st.integers(1, 12), st.integers(0, 2**32 - 1), st.floats(0.0, 0.12))
 palms = st.builds(Palm, st.floats(0.01, 0.3), st.floats(0.01, 0.3))
 
 
@@ -111,7 +105,7 @@ def test_sections_of_the_sphere_lie_between_its_faces_and_its_radius(height, til
     turn=st.tuples(*[st.floats(-3.0, 3.0)] * 3),
 )
 def test_moving_everything_moves_the_contours(name, seed, move, turn):
-    thing, poses = OBJECTS[name], random_poses(4, seed).astype(float)
+    thing, poses = OBJECTS[name], generic_poses(4, seed).astype(float)
     rigid = Rotation.from_euler("xyz", turn)
     moved = MeshObject(rigid.apply(thing.vertices) + move, thing.faces)
     other = np.hstack([rigid.apply(poses[:, :3]) + move, (rigid * Rotation.from_quat(poses[:, 3:])).as_quat()])
@@ -125,7 +119,7 @@ def test_moving_everything_moves_the_contours(name, seed, move, turn):
 
 
 def test_permuted_poses_permute_the_batch(device, rng):
-    poses = random_poses(200, 5)
+    poses = generic_poses(200, 5)
     order = rng.permutation(len(poses))
     plain = render(OBJECTS["tube"], PALM, poses, closed_contour(), device=device)
     shuffled = render(OBJECTS["tube"], PALM, poses[order], closed_contour(), device=device)
@@ -134,7 +128,7 @@ def test_permuted_poses_permute_the_batch(device, rng):
 
 @pytest.mark.parametrize("memory", [np.nan, np.inf, -1, "2 GB", True])
 def test_a_budget_that_is_no_number_of_bytes_is_refused(memory, tmp_path):
-    poses = random_poses(2, 1)
+    poses = generic_poses(2, 1)
     with pytest.raises(StrategyError, match="memory must be"):
         render(OBJECTS["cube"], PALM, poses, open_contour(), memory=memory)
     with pytest.raises(StrategyError, match="memory must be"):
@@ -143,7 +137,7 @@ def test_a_budget_that_is_no_number_of_bytes_is_refused(memory, tmp_path):
 
 
 def test_mirrored_object_gives_mirrored_contours_of_the_same_length(device):
-    thing, poses = OBJECTS["dog"], random_poses(100, 10)
+    thing, poses = OBJECTS["dog"], generic_poses(100, 10)
     mirror = np.array([-1.0, 1.0, 1.0])
     mirrored = MeshObject(thing.vertices * mirror, thing.faces[:, ::-1])
     turned = poses.copy()
@@ -156,7 +150,7 @@ def test_mirrored_object_gives_mirrored_contours_of_the_same_length(device):
 
 
 def test_flipping_the_palm_over_changes_nothing_but_the_direction(device):
-    poses = random_poses(100, 11)
+    poses = generic_poses(100, 11)
     flipped = poses.copy()
     half_turn = Rotation.from_euler("z", 180, degrees=True)  # about the fingers: n and u reverse
     flipped[:, 3:] = (Rotation.from_quat(poses[:, 3:]) * half_turn).as_quat()
@@ -169,7 +163,7 @@ def test_flipping_the_palm_over_changes_nothing_but_the_direction(device):
 @pytest.mark.filterwarnings("ignore:motion. positions reach 256:palpate.render.RecordingWarning")
 def test_far_from_the_origin_contours_are_as_good_as_the_coordinates(device):
     near = MeshObject.load("cube")
-    poses = random_poses(50, 12)
+    poses = generic_poses(50, 12)
     offset = np.array([128.0, -64.0, 256.0], np.float32)  # float32 steps there are 15 and 30 um
     snapped = np.round(near.vertices.astype(float) * 2**15) / 2**15
     poses[:, :3] = np.round(poses[:, :3].astype(float) * 2**15) / 2**15

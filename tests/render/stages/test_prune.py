@@ -116,6 +116,16 @@ def test_off_skin_keeps_what_dense_samples_find_near(device, rng):
                 assert skin_distance(a + share * (b - a), frames, pose).max() <= 0.012 + 2e-6
 
 
+def test_pauses_stay_at_the_vertices_that_stay_and_cuts_have_none(device, rng):
+    batch, frames = random_batch(rng, 15), random_frames(rng, 15)
+    batch = replace(batch, dwell=rng.uniform(0.01, 0.02, batch.point_count).astype(np.float32))
+    pause = {tuple(point): dwell for point, dwell in zip(batch.points.tolist(), batch.dwell, strict=True)}
+    out, _ = pruned(batch, a_setting(frames, device), "off-skin", radius=0.012)
+    expected = [pause.get(tuple(point), 0.0) for point in out.points.tolist()]
+    np.testing.assert_array_equal(out.dwell, np.array(expected, np.float32))
+    assert 10 < np.count_nonzero(out.dwell) < out.point_count - 10
+
+
 def test_off_skin_cuts_exactly_at_the_focal_radius(device):
     frames = flat_frames([(0, 0, 0.2)], [(0.04, 0.03)])
     line = lines_at([(-1, 0, 0.2), (1, 0, 0.2)])

@@ -53,7 +53,7 @@ def disguised(triangles, rng, turn, grid):
 @pytest.mark.parametrize("number", range(SETS))
 def test_random_complexes_load_as_their_union(number, kind):
     exact, disguises = 0, set()
-    for seed in range(24):
+    for seed in range(16):
         rng = np.random.default_rng([number, len(kind), seed])
         complex_ = random_complex(rng, 4 if seed % 8 == 0 else 3)
         if not complex_.is_exact():
@@ -66,8 +66,8 @@ def test_random_complexes_load_as_their_union(number, kind):
         assert (mended.report.crossings, mended.report.bodies_united, mended.report.open_edges) == (0, 0, 0), seed
         off = 1e-4 if "float32" in kind else 1e-9
         assert_is_solid(mended.vertices @ rotated, mended.faces, complex_.filled, off, (number, seed))
-    assert exact > 12
-    assert len(disguises) >= 6
+    assert exact > 8
+    assert len(disguises) >= 4
 
 
 @pytest.mark.exhaustive

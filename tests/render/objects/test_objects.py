@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
+from scipy.spatial.transform import Rotation
 
 from palpate.render import MeshObject, Palm, Placement, closed_contour, open_contour, render
 from palpate.render.errors import MeshError, PalpateWarning, PlacementError
@@ -280,6 +281,9 @@ def test_placement_scales_turns_up_fits_rotates_and_moves_in_this_order():
     turned = MeshObject(vertices, faces, placement=Placement(up="y", fit=0.2, rotate=(0, 0, 90), at=(0, 0, 0.3)))
     assert np.ptp(turned.vertices, axis=0) == pytest.approx([0.05, 0.1, 0.2], rel=1e-5)
     assert volume(turned) == pytest.approx(volume(thing), rel=1e-5)  # no mirror among them
+    angles, middle = (10, 20, 30), np.array([1, 2, 0.5])
+    expected = Rotation.from_euler("xyz", angles, degrees=True).apply(vertices - middle) + np.array([0, 0, 0.3])
+    assert Placement(rotate=angles, at=(0, 0, 0.3)).applied_to(vertices) == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize("up", ["x", "y", "z", "-x", "-y", "-z"])

@@ -17,7 +17,6 @@ from transform_cases import (
 )
 
 from palpate.kernels.section.row_walker import OBJECT
-from palpate.kernels.stages.simplify import simplify_polylines
 from palpate.render import (
     ContourBatch,
     HandPatch,
@@ -101,21 +100,18 @@ def kept(p, kind, closed, tolerance, level=None, dwell=None):
 
 @pytest.mark.parametrize("weighted", [False, True])
 def test_simplified_contours_keep_the_vertices_that_the_oracle_keeps(weighted, device, rng):
-    batch, _, _ = random_regions(rng)
+    batch, setting, _ = random_regions(rng)
     batch = with_weights(batch, rng) if weighted else batch
-    there = batch.to(device)
-    index, start = simplify_polylines(
-        there.points, there.kind, there.polyline_start, there.polyline_closed, tolerance=0.0015, level=0.05,
-        intensity=there.intensity, dwell=there.dwell,
-    )  # fmt: skip
+    out = run_stage("simplify", batch, replace(setting, device=device), tolerance=0.0015)
     want = []
     for k, (a, b) in enumerate(zip(batch.polyline_start[:-1], batch.polyline_start[1:], strict=True)):
         level = None if batch.intensity is None else batch.intensity[a:b].astype(np.float64)
         dwell = None if batch.dwell is None else batch.dwell[a:b]
         p, closed = batch.points[a:b].astype(np.float64), batch.polyline_closed[k]
         want.append(a + np.flatnonzero(kept(p, batch.kind[a:b], closed, 0.0015, level, dwell)))
-    np.testing.assert_array_equal(index.numpy(), np.concatenate(want))
-    assert np.diff(start.numpy()).tolist() == [len(w) for w in want]
+    for name in ("points", "kind", "intensity", "dwell") if weighted else ("points", "kind"):
+        np.testing.assert_array_equal(getattr(out, name), getattr(batch, name)[np.concatenate(want)], err_msg=name)
+    assert np.diff(out.polyline_start).tolist() == [len(w) for w in want]
 
 
 @pytest.mark.parametrize("tolerance", [1e-5, 0.001, 0.02])

@@ -58,9 +58,9 @@ def test_a_ball_is_a_ball_however_it_is_told(source, device, rng):
 @pytest.mark.parametrize(
     "placement",
     [
+        Placement(up="y", rotate=(10, 20, 30), at=(0, 0, 0.2)),
         UP,
         Placement(scale=0.5, at=(0.1, 0, 0.3)),
-        Placement(up="y", rotate=(10, 20, 30), at=(0, 0, 0.2)),
         Placement(up="-x", fit=0.13, rotate=(0, 0, 90), at=(0.01, 0.02, 0.2)),
         Placement(rotate=(90, 0, 0)),
     ],

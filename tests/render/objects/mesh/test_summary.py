@@ -104,10 +104,12 @@ def test_filling_holes_as_suggested_closes_them(tmp_path):
 
 def test_only_holes_up_to_the_length_are_filled(tmp_path):
     (vertices, faces), _ = FAULTS["torn sphere"]
-    edge = np.linalg.norm(vertices[faces[0, 0]] - vertices[faces[0, 1]])
+    corner = SPHERE.triangles[SPHERE.triangles_center.argmax(axis=0)]  # of the triangles that are missing
+    rims = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).sum(axis=1)
     trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / "torn.ply")
-    told = answer("info", tmp_path / "torn.ply", "--fill-holes", edge)
-    assert (told["open_edges"], told["holes_filled"]) == (9, 0)
+    for length, filled in ((0.999 * rims.min(), 0), (1.001 * rims.max(), 3)):
+        told = answer("info", tmp_path / "torn.ply", "--fill-holes", length)
+        assert (told["open_edges"], told["holes_filled"]) == (9 - 3 * filled, filled)
 
 
 def test_welding_as_suggested_closes_a_soup_whose_corners_are_apart(tmp_path, rng):

@@ -66,6 +66,18 @@ def test_a_binary_ball_is_within_a_voxel_and_a_half_and_smoothing_brings_it_clos
     assert np.std(surface_distances(smooth)) < 0.6 * np.std(surface_distances(plain))
 
 
+def test_smoothing_is_as_wide_in_metres_along_each_axis():
+    """A Gaussian of 6 mm, of which voxels of 4, 5 and 3 mm take samples, has that standard deviation."""
+    one = np.zeros((25, 25, 25), bool)
+    one[9:16, 9:16, 9:16] = True
+    weight = 0.5 - balled(one, kind=None, smooth=0.006).values.astype(np.float64)
+    for axis, size in enumerate((0.004, 0.005, 0.003)):
+        along = weight.sum(axis=tuple({0, 1, 2} - {axis}))
+        place = size * (np.arange(25) - 12)
+        variance = (along * place**2).sum() / along.sum() - size**2 * (7**2 - 1) / 12  # less that of the cube
+        assert np.sqrt(variance) == pytest.approx(0.006, rel=0.02)
+
+
 def test_smoothing_takes_what_is_beyond_the_border_for_outside():
     block = np.zeros((14, 13, 12), bool)
     block[5:, 4:9, :] = True

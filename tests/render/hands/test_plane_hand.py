@@ -122,6 +122,7 @@ def test_nothing_is_drawn_on_a_patch_that_is_not_there(strategy, device):
     assert np.abs(part.points).max() < 1.0
     corners = gone.corners(pose)
     np.testing.assert_array_equal(np.isnan(corners).all(axis=(2, 3)), gone.absent)
+    np.testing.assert_array_equal(gone.corners(pose[5:8], 5), corners[5:8])
     assert np.isfinite(gone.frames(pose).origin).all()
 
 

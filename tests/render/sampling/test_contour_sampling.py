@@ -58,17 +58,6 @@ def test_default_strategy_draws_what_the_slow_way_draws(radius, corners, shifts,
     assert np.concatenate([d.position for d in drawn]) == pytest.approx(slow, abs=2e-7)
 
 
-def test_corners_are_cut_by_no_more_than_half_a_step():
-    side = 0.04
-    position, _, _ = sampled([[(square(side), True)]], [0.0], 1.0)
-    corner = square(side)[1]
-    nearest = np.linalg.norm(position - corner, axis=1).min()
-    assert nearest <= 0.5 * 7e-4
-    inside = np.abs(position[:, :2]).max(axis=1) - side / 2
-    assert inside.max() <= 1e-8  # never outside the contour
-    assert np.abs(inside).max() <= 1e-7  # and always on it
-
-
 def test_number_of_samples_a_cycle_is_rounded_up_and_needs_no_partial_step():
     strategy = SamplingStrategy()
     assert strategy.samples_a_cycle(0.28) == 400
@@ -132,14 +121,6 @@ def test_after_a_silence_drawing_begins_at_the_nearest_point_itself():
     along = np.abs(np.abs(back[:2] - [0.001, 0.0]).max() - 0.02)
     assert along < 1e-7
     assert back - left == pytest.approx(np.array([0.001, 0, 0]) * (abs(abs(left[0]) - 0.02) < 1e-7), abs=1e-7)
-
-
-def test_motion_without_any_contour_is_silent_and_finite():
-    position, intensity, count = sampled([[], []], [0.0, 0.1], 0.2)
-    assert not intensity.any()
-    assert np.isfinite(position).all()
-    assert count.silent == 2000
-    assert count.revisit_rate is None
 
 
 def test_missing_poses_are_held_and_then_faded_while_the_focal_point_moves_on():

@@ -315,7 +315,9 @@ def test_regions_that_are_filled_or_replaced_stay_whole(name):
     bare = PlaneHand(hand.patches)
     thing = MeshObject.load("sphere")
     strategy = IntersectionStrategy(prune=("outside",), transform=("close", name))
-    pose = np.array([[0, 0.02, 0.2, 0.7071068, 0, 0, 0.7071068]], np.float32)
+    pose = np.array([[0, -0.02, 0.2, 0.7071068, 0, 0, 0.7071068]], np.float32)
+    joined, apart = (render(thing, some, pose, "cc").length()[0] for some in (hand, bare))
+    assert joined < apart - 0.02  # sides by which patches touch are in the sphere
     one, other = (render(thing, some, pose, strategy) for some in (hand, bare))
     assert one.point_count > 10
     np.testing.assert_array_equal(one.points, other.points)

@@ -12,10 +12,9 @@ from thinning_oracle import SlowThinning
 
 from palpate.kernels.stages.cut import divide_segments
 from palpate.kernels.stages.prune_crowded import Beside, thin_contours
-from palpate.render import ContourBatch, IntersectionStrategy
+from palpate.render import ContourBatch
 from palpate.render.hands.hand import PatchFrames
 from palpate.render.stages.prune import facing_angle
-from palpate.render.stages.registry import known_stages
 
 STAGES = ["off-skin", "close-together", "small", "turned-away", "hidden"]
 OPTIONS = {"small": {"perimeter": 0.4, "length": 0.2}}  # random polylines are long
@@ -74,14 +73,6 @@ def test_poses_do_not_depend_on_each_other(name, device, rng):
         np.testing.assert_array_equal(own_removed, removed[first:stop])
         for field, value in own.by_name().items():
             np.testing.assert_array_equal(value, whole.select(first, stop).by_name()[field])
-
-
-def test_every_stage_says_in_one_line_what_it_does_and_stores_numbers():
-    entries = known_stages("prune")
-    for name in STAGES:
-        assert entries[name].line.startswith("Remove ")
-        stored = IntersectionStrategy(prune=(name,)).resolved(FOCAL_WIDTH).described()["prune"][0]
-        assert all(isinstance(value, int | float | bool) for key, value in stored.items() if key != "stage")
 
 
 # ---- off-skin ------------------------------------------------------------------------------------------------------

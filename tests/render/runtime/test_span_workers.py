@@ -66,8 +66,7 @@ def spans_of(ranges, *, size=10, workers=2):
     return spans
 
 
-@pytest.mark.exhaustive
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(
     ranges=st.lists(st.integers(0, 40), min_size=0, max_size=6).map(lambda steps: list(itertools.accumulate(steps))),
     size=st.integers(1, 12),

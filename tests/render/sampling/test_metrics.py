@@ -7,7 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from palpate.render import MeshObject, Palm, closed_contour, render
 from palpate.render.errors import StrategyError
 from palpate.render.sampling.contour_sampling import (
     FocalPoints,
@@ -82,19 +81,6 @@ def test_map_of_exactly_the_palms_size_holds_the_palms_border(width, length, cel
     assert found.along[[0, -1]] == pytest.approx([-length / 2, length / 2], abs=1e-12)
     assert np.diff(found.along).max() <= cell * (1 + 1e-9)
     assert found.time[1:-1, 1:-1].sum() == 0.0
-
-
-@pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize("seed", range(5))
-def test_border_of_a_palm_inside_the_cube_is_dwelt_on_within_the_map(seed):
-    turn = Rotation.from_rotvec(np.random.default_rng(seed).uniform(-1, 1, 3) * [0.05, 0.05, 3.0])
-    pose = np.array([[3e-3, -2e-3, 0.21, *(turn * Rotation.from_quat(POSE[3:])).as_quat()]])
-    batch = render(MeshObject.load("cube"), Palm(0.085, 0.085), pose, closed_contour())
-    assert batch.length() == pytest.approx([4 * 0.085])  # the cube's sides are 130 mm long
-    blocks = sample_contours([batch], pose, np.zeros(1), 1.0, Sampler(SamplingStrategy()))
-    found = dwell_map(blocks, pose, sample_bounds(np.zeros(1), 1.0, 10_000.0), 10_000.0)
-    assert found.outside == pytest.approx(0.0, abs=1e-12)
-    assert found.time.sum() == pytest.approx(1.0)
 
 
 def test_border_between_cells_is_of_the_upper_cell_however_a_place_is_rounded():

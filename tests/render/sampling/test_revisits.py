@@ -13,10 +13,8 @@ from scipy.spatial.transform import Rotation
 from palpate.render.errors import StrategyError
 from palpate.render.sampling import revisits
 from palpate.render.sampling.contour_sampling import (
-    AmplitudeModulation,
     FocalPoints,
     Order,
-    Pace,
     Path,
     Sampler,
     SamplingCount,
@@ -142,33 +140,6 @@ def test_silent_side_takes_its_time_but_is_no_place():
     visits, waited = counted(corner, lit)
     assert visits > 100
     assert waited == visits * 400
-
-
-@pytest.mark.exhaustive
-def test_places_after_a_long_silence_wait_since_drawing_began_again(every_place):
-    lit = np.ones(30_000, bool)
-    lit[8_000:20_000] = False  # longer than the second that is looked back
-    begun_again = sum(k - REACH for k in range(REACH, 400 - REACH))  # until the visit begins, REACH before the place
-    assert counted(ring(30_000, 400), lit) == (
-        8_000 + 10_000 - 2 * 400 + 2 * FIRST_CYCLE[0],
-        (8_000 + 10_000 - 2 * 400) * 400 + 2 * FIRST_CYCLE[1] + begun_again,
-    )
-
-
-@pytest.mark.exhaustive
-def test_place_that_was_not_drawn_for_a_second_has_waited_in_vain(every_place):
-    points = np.concatenate([ring(20_000, 400), ring(1, 400) + np.tile([[0.1, 0, 0]], (10, 1))])
-    assert counted(points) == (19_600 + FIRST_CYCLE[0], 19_600 * 400 + FIRST_CYCLE[1] + 10 * 10_000)
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("tremor", [0.0, 1e-4])
-def test_a_point_that_stays_is_not_drawn_again_however_it_is_modulated(every_place, tremor):
-    points = POSE[:3] + tremor * np.random.default_rng(1).standard_normal((1_500, 3))
-    assert counted(points, rate=1_000.0) == (0, 0)
-    assert counted(points, np.arange(1_500) % 50 < 25, rate=1_000.0) == (0, 0)  # on and off at 20 Hz
-    strategy = SamplingStrategy(pace=Pace(kind="still"), am=AmplitudeModulation(wave="square"))
-    assert sampled([(square(0.04), True)], 1.0, strategy)[1].revisit_rate is None
 
 
 @pytest.mark.exhaustive

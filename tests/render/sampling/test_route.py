@@ -9,10 +9,9 @@ from contour_shapes import batch_of, circle
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.render.sampling import route as routing
 from palpate.render.sampling.contour_sampling import SamplingStrategy
 from palpate.render.sampling.path import Path
-from palpate.render.sampling.route import PIECES_MOST, SEARCHED_MOST, jump_total, shortest_route
+from palpate.render.sampling.route import PIECES_MOST, jump_total, shortest_route
 from palpate.render.sampling.track import lay_track, pieces_of
 
 place = st.tuples(*[st.integers(-50, 50)] * 3).map(lambda p: np.array(p) * 1e-3)
@@ -127,26 +126,3 @@ def test_very_many_pieces_stay_in_the_order_given():
 
 def small_loops(rng, count):
     return [(circle(0.003, centre=rng.uniform(-0.05, 0.05, 3), count=12), True) for _ in range(count)]
-
-
-def test_a_route_is_searched_for_few_pieces_only(monkeypatch, rng):
-    pieces = pieces_from(small_loops(rng, PIECES_MOST))
-    searched = []
-    monkeypatch.setattr(routing, "_uncrossed", lambda chosen, doors: searched.append(len(doors.piece)) or chosen)
-    shortest_route(pieces[:SEARCHED_MOST])
-    assert max(searched) == 2 * SEARCHED_MOST
-    searched.clear()
-    for many in (pieces, pieces[: SEARCHED_MOST + 1]):
-        route = shortest_route(many)
-        assert not searched
-        assert sorted(map(id, route)) == sorted(map(id, many))  # loops start where they are given
-        assert jump_total(route) < 0.5 * jump_total(many)
-
-
-def test_a_good_order_of_many_pieces_is_not_made_worse(monkeypatch, rng):
-    pieces = pieces_from(small_loops(rng, 60))
-    with monkeypatch.context() as patch:
-        patch.setattr(routing, "SEARCHED_MOST", 60)
-        good = shortest_route(pieces)
-    assert jump_total(shortest_route(pieces)) > 1.02 * jump_total(good)
-    assert jump_total(shortest_route(good)) <= jump_total(good) + 1e-9

@@ -67,18 +67,6 @@ def test_six_circles_are_each_drawn_again_within_a_cycle_and_a_half_whatever_the
 
 
 @pytest.mark.exhaustive
-def test_the_shortest_route_of_each_pose_alone_is_another_by_noise(rng):
-    """Why a route is kept: looked for anew at every pose, the order of the circles changes by a micrometre of noise."""
-    paths = [Path.of(batch_of([lines]), 0) for lines in noisy_circles(rng, 1e-6)]
-    orders = set()
-    for path in paths:
-        pieces = lay_track(path, SamplingStrategy()).route.pieces
-        order = nearest_of(np.array([p.points[0] for p in pieces]), np.array(CENTRES)[None]).tolist()
-        orders.add(tuple(np.roll(order, -order.index(0))))
-    assert len(orders) > 1
-
-
-@pytest.mark.exhaustive
 @pytest.mark.parametrize("recording", ["HandSplay-110fps", "rollAndPitchCropped", "grab"])
 def test_tremor_of_real_hands_leaves_no_contour_undrawn(outside_data, rng, recording):
     shift = tremor_of(outside_data, recording, 270)

@@ -1,7 +1,6 @@
 """Loading of large meshes and long explorations: fast where it was slow, the same result, and never silent."""
 
 import io
-import threading
 import time
 import warnings
 from itertools import pairwise
@@ -132,19 +131,6 @@ def terminal(monkeypatch):
         monkeypatch.setattr(module, "errors", Console(file=screen, force_terminal=True, width=100))
     monkeypatch.setattr(bars, "LOADING_SILENT", 0.05)
     return screen
-
-
-@pytest.mark.exhaustive
-def test_a_bar_appears_while_a_stage_takes_long_and_goes_again(terminal):
-    with bars.loading_bar("a[m].stl", quiet=False) as watch:
-        watch("welding", 0, 1)
-        time.sleep(0.3)  # as one call of NumPy does
-        watch("crossings", 1, 2)
-        time.sleep(0.3)
-    assert "a[m].stl: welding" in terminal.getvalue()
-    assert "a[m].stl: crossings" in terminal.getvalue()
-    assert terminal.getvalue().endswith("\x1b[2K")  # the line is cleared
-    assert not [thread for thread in threading.enumerate() if isinstance(thread, threading.Timer)]
 
 
 @pytest.mark.parametrize(("quiet", "seconds"), [(True, 0.2), (False, 0.0)])

@@ -6,22 +6,13 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
+from box_meshes import box, inverted, joined
 from scipy.spatial.transform import Rotation
 
 from palpate.render import MeshObject, Palm, Placement, closed_contour, open_contour, render
 from palpate.render.errors import MeshError, PalpateWarning, PlacementError
 
 BOX = trimesh.creation.box([0.1, 0.1, 0.1], transform=trimesh.transformations.translation_matrix([0, 0, 0.2]))
-
-
-def box(size=0.1, at=(0.0, 0.0, 0.2)):
-    mesh = trimesh.creation.box([size] * 3)
-    return np.asarray(mesh.vertices) + at, np.asarray(mesh.faces)
-
-
-def joined(*parts):
-    offsets = np.cumsum([0, *(len(v) for v, _ in parts)])
-    return np.vstack([v for v, _ in parts]), np.vstack([f + o for (_, f), o in zip(parts, offsets, strict=False)])
 
 
 def volume(thing):
@@ -86,10 +77,6 @@ def test_bodies_that_overlap_nest_or_share_a_face_are_one_solid(other, outline, 
         thing = MeshObject(*joined(box(), box(*other)))
     length = render(thing, Palm(0.4, 0.4), LEVEL, closed_contour(), device=device).length()
     assert length == pytest.approx([outline], abs=1e-5)
-
-
-def inverted(body):
-    return body[0], body[1][:, ::-1]
 
 
 @pytest.mark.parametrize(

@@ -122,7 +122,3 @@ def test_very_many_pieces_stay_in_the_order_given():
     track = lay_track(path, SamplingStrategy())
     assert track.points is path.points  # nothing is taken apart, however many they are
     assert track.seconds == pytest.approx(0.01 * (PIECES_MOST + 1) / 7.0)
-
-
-def small_loops(rng, count):
-    return [(circle(0.003, centre=rng.uniform(-0.05, 0.05, 3), count=12), True) for _ in range(count)]

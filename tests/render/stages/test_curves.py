@@ -14,6 +14,7 @@ from transform_cases import (
     flattened,
     random_regions,
     run_stage,
+    with_weights,
 )
 
 from palpate.kernels.section.row_walker import OBJECT
@@ -46,14 +47,6 @@ def one_loop(loop, rng=None, *, closed=True):
     pose = np.array([[0, 0, 0.2, np.sqrt(0.5), 0, 0, np.sqrt(0.5)]], np.float32)
     setting = a_setting(pose, thing=Block())
     return batch_of_loops([[loop]], setting.frames, rng, closed), setting
-
-
-def with_weights(batch, rng):
-    intensity = rng.random(batch.point_count).astype(np.float32)
-    dwell = np.where(rng.random(batch.point_count) < 0.1, 0.01, 0).astype(np.float32)
-    for a, b in zip(batch.polyline_start[:-1], batch.polyline_start[1:], strict=True):
-        intensity[b - 1], dwell[b - 1] = intensity[a], dwell[a]
-    return ContourBatch(**{**batch.by_name(), "intensity": intensity, "dwell": dwell})
 
 
 # Slow and obvious: which points Douglas and Peucker keep, by recursion.

@@ -1,5 +1,7 @@
 """Random regions in the plane of a palm, as contours and as shapely's polygons, for tests of transformations."""
 
+from dataclasses import replace
+
 import numpy as np
 import shapely
 import warp as wp
@@ -120,6 +122,15 @@ def region_batches(rng, device):
     yield lines, a_setting(random_poses(rng, 30), hand=hand, device=device)
     yield nested.select(3, 3), a_setting(setting.pose[3:3], device=device)
     yield random_batch(rng, 5, line_most=0), a_setting(random_poses(rng, 5), device=device)
+
+
+def with_weights(batch, rng):
+    """A batch with an intensity at each point and a pause at some, which agree at seams."""
+    intensity = rng.random(batch.point_count).astype(np.float32)
+    dwell = np.where(rng.random(batch.point_count) < 0.1, 0.01, 0).astype(np.float32)
+    for a, b in zip(batch.polyline_start[:-1], batch.polyline_start[1:], strict=True):
+        intensity[b - 1], dwell[b - 1] = intensity[a], dwell[a]
+    return replace(batch, intensity=intensity, dwell=dwell)
 
 
 def near_poses(rng, count, spread=0.02):

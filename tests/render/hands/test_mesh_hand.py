@@ -158,8 +158,10 @@ def test_steps_and_rows_that_are_none_are_named():
         MeshHand(VERTICES, FACES, step=0)
     with pytest.raises(StrategyError, match=r"a step of 0\.0001 m asks for more than"):
         MeshHand(VERTICES * 11, FACES, step=1e-4).edges_of()
-    rows = MeshHand(np.tile(VERTICES, (3, 1, 1)), FACES)
+    rows = MeshHand(VERTICES * np.float32([1.0, 1.1, 1.2])[:, None, None], FACES)
     assert rows.pose_count == 3
+    on_device = rows.vertices_on("cpu", 1, 3).numpy()  # in an order of the kernels' own
+    np.testing.assert_array_equal(np.sort(on_device, axis=1), np.sort(rows.vertices[1:3], axis=1))
     for ask in (lambda: rows.vertices_on("cpu", 2, 4), lambda: rows.frames(np.zeros((2, 7)), 2)):
         with pytest.raises(PoseError, match=r"3 poses, not for 2\.\.4"):
             ask()

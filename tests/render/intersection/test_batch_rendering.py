@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mesh_cases import generic_poses
 from scipy.spatial.transform import Rotation
 
 from palpate.datasets.errors import MotionError
@@ -21,18 +22,9 @@ from palpate.render import (
 )
 from palpate.render.contour_batch import HAND, OBJECT, join_batches, object_part
 from palpate.render.errors import PoseError, StrategyError
-from palpate.render.intersection.batch_rendering import POINT_BYTES, rendered_chunks
-from palpate.render.intersection.scene import Scene
 
 OBJECTS = {name: MeshObject.load(name) for name in shape_names()}
 PALM = Palm()
-
-
-def random_poses(count, seed, spread=0.08):
-    rng = np.random.default_rng(seed)
-    quaternion = rng.normal(size=(count, 4))
-    quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
-    return np.hstack([rng.uniform(-spread, spread, (count, 3)) + np.array([0, 0, 0.2]), quaternion]).astype(np.float32)
 
 
 def assert_same(one: ContourBatch, two: ContourBatch):
@@ -42,7 +34,7 @@ def assert_same(one: ContourBatch, two: ContourBatch):
         np.testing.assert_array_equal(first[name], second[name], err_msg=name)
 
 
-poses_of_cases = st.builds(random_poses, st.integers(1, 12), st.integers(0, 2**32 - 1), st.floats(0.0, 0.12))
+poses_of_cases = st.builds(generic_poses, st.integers(1, 12), st.integers(0, 2**32 - 1), st.floats(0.0, 0.12))
 palms = st.builds(Palm, st.floats(0.01, 0.3), st.floats(0.01, 0.3))
 
 
@@ -113,7 +105,7 @@ def test_sections_of_the_sphere_lie_between_its_faces_and_its_radius(height, til
     turn=st.tuples(*[st.floats(-3.0, 3.0)] * 3),
 )
 def test_moving_everything_moves_the_contours(name, seed, move, turn):
-    thing, poses = OBJECTS[name], random_poses(4, seed).astype(float)
+    thing, poses = OBJECTS[name], generic_poses(4, seed).astype(float)
     rigid = Rotation.from_euler("xyz", turn)
     moved = MeshObject(rigid.apply(thing.vertices) + move, thing.faces)
     other = np.hstack([rigid.apply(poses[:, :3]) + move, (rigid * Rotation.from_quat(poses[:, 3:])).as_quat()])
@@ -127,31 +119,16 @@ def test_moving_everything_moves_the_contours(name, seed, move, turn):
 
 
 def test_permuted_poses_permute_the_batch(device, rng):
-    poses = random_poses(200, 5)
+    poses = generic_poses(200, 5)
     order = rng.permutation(len(poses))
     plain = render(OBJECTS["tube"], PALM, poses, closed_contour(), device=device)
     shuffled = render(OBJECTS["tube"], PALM, poses[order], closed_contour(), device=device)
     assert_same(join_batches([plain.select(i, i + 1) for i in order]), shuffled)
 
 
-def test_chunk_size_does_not_matter_and_memory_is_kept_to(device):
-    thing, poses = OBJECTS["dog-detailed"], random_poses(3000, 6)
-    whole = render(thing, PALM, poses, closed_contour(), device=device, memory=2**30)
-    chunks = list(rendered_chunks(Scene.of(thing, PALM, closed_contour()), poses, device=device, memory=2**20))
-    assert len(chunks) > 5
-    assert [c.first for c in chunks[1:]] == [c.stop for c in chunks[:-1]]
-    assert_same(whole, join_batches([c.contours for c in chunks]))
-    assert whole.point_count * POINT_BYTES > 2**19  # so that the budget has had something to do
-
-
-def test_pose_too_large_for_the_budget_is_refused_with_the_bytes(device):
-    with pytest.raises(StrategyError, match=r"memory must be at least 1048576 bytes, not 1000"):
-        render(OBJECTS["cube"], PALM, random_poses(1, 1), open_contour(), device=device, memory=1000)
-
-
 @pytest.mark.parametrize("memory", [np.nan, np.inf, -1, "2 GB", True])
 def test_a_budget_that_is_no_number_of_bytes_is_refused(memory, tmp_path):
-    poses = random_poses(2, 1)
+    poses = generic_poses(2, 1)
     with pytest.raises(StrategyError, match="memory must be"):
         render(OBJECTS["cube"], PALM, poses, open_contour(), memory=memory)
     with pytest.raises(StrategyError, match="memory must be"):
@@ -159,23 +136,8 @@ def test_a_budget_that_is_no_number_of_bytes_is_refused(memory, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_same_run_gives_the_same_bits(device):
-    poses = random_poses(500, 8)
-    one, two = (render(OBJECTS["rock"], PALM, poses, closed_contour(), device=device) for _ in range(2))
-    assert_same(one, two)
-
-
-def test_order_does_not_depend_on_where_the_section_starts(device):
-    """Polylines of a pose by key: scaling the palm cuts pieces off but never reorders what is left whole."""
-    poses = random_poses(300, 9)
-    small, large = (
-        render(OBJECTS["dog"], p, poses, IntersectionStrategy(), device=device) for p in (Palm(0.02, 0.02), PALM)
-    )
-    assert_same(small, large)
-
-
 def test_mirrored_object_gives_mirrored_contours_of_the_same_length(device):
-    thing, poses = OBJECTS["dog"], random_poses(100, 10)
+    thing, poses = OBJECTS["dog"], generic_poses(100, 10)
     mirror = np.array([-1.0, 1.0, 1.0])
     mirrored = MeshObject(thing.vertices * mirror, thing.faces[:, ::-1])
     turned = poses.copy()
@@ -188,7 +150,7 @@ def test_mirrored_object_gives_mirrored_contours_of_the_same_length(device):
 
 
 def test_flipping_the_palm_over_changes_nothing_but_the_direction(device):
-    poses = random_poses(100, 11)
+    poses = generic_poses(100, 11)
     flipped = poses.copy()
     half_turn = Rotation.from_euler("z", 180, degrees=True)  # about the fingers: n and u reverse
     flipped[:, 3:] = (Rotation.from_quat(poses[:, 3:]) * half_turn).as_quat()
@@ -201,7 +163,7 @@ def test_flipping_the_palm_over_changes_nothing_but_the_direction(device):
 @pytest.mark.filterwarnings("ignore:motion. positions reach 256:palpate.render.RecordingWarning")
 def test_far_from_the_origin_contours_are_as_good_as_the_coordinates(device):
     near = MeshObject.load("cube")
-    poses = random_poses(50, 12)
+    poses = generic_poses(50, 12)
     offset = np.array([128.0, -64.0, 256.0], np.float32)  # float32 steps there are 15 and 30 um
     snapped = np.round(near.vertices.astype(float) * 2**15) / 2**15
     poses[:, :3] = np.round(poses[:, :3].astype(float) * 2**15) / 2**15
@@ -224,36 +186,3 @@ def test_far_from_the_origin_contours_are_as_good_as_the_coordinates(device):
 def test_bad_poses_are_refused_with_their_row(pose, error, message):
     with pytest.raises(error, match=message):
         render(OBJECTS["cube"], PALM, np.array(pose), open_contour())
-
-
-def test_unknown_device_is_refused_with_those_that_there_are():
-    with pytest.raises(StrategyError, match=r"no device 'cuda:99'.*cpu"):
-        render(OBJECTS["cube"], PALM, random_poses(1, 1), open_contour(), device="cuda:99")
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("{", "not JSON"),
-        ("[]", "must be a JSON object"),
-        ('{"raw": "guess"}', "raw: unknown stage 'guess'; known: section"),
-        ('{"prune": ["far"]}', "prune: unknown stage 'far'; known: outside"),
-        ('{"transform": ["close"]}', '"close" needs "outside"'),
-        ('{"stages": []}', "unknown field 'stages'"),
-        ('{"prune": "outside"}', "prune must be a list"),
-    ],
-)
-def test_bad_strategies_are_refused(text, message):
-    with pytest.raises(StrategyError, match=message):
-        IntersectionStrategy.from_json(text)
-
-
-def test_strategies_survive_json():
-    for strategy in (open_contour(), closed_contour(), IntersectionStrategy()):
-        assert IntersectionStrategy.from_json(strategy.to_json()) == strategy
-
-
-@pytest.mark.parametrize("size", [(0.0, 0.1), (0.1, -1.0), (float("nan"), 0.1), (2.0, 0.1)])
-def test_impossible_palms_are_refused(size):
-    with pytest.raises(StrategyError, match=r"palm (width|length)"):
-        Palm(*size)

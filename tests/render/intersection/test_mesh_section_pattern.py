@@ -19,7 +19,7 @@ from palpate.render.intersection.mesh_section import PATTERN, intersect, tally_i
 from palpate.render.strategies.presets import whole_outline
 
 FIELDS = ("points", "kind", "polyline_start", "polyline_patch", "polyline_closed", "pose_start")
-SIMPLE = ("cube", "tetrahedron", "tetrahedra apart", "angle", "ring", "round")
+SIMPLE = ("cube", "tetrahedra apart", "ring")
 
 
 def poses_on(device, count=60):
@@ -27,11 +27,11 @@ def poses_on(device, count=60):
 
 
 @pytest.mark.parametrize("strategy", [whole_outline(), open_contour(), closed_contour()], ids=["raw", "oc", "cc"])
-@pytest.mark.parametrize("hand", [Palm(), flat_hand()], ids=["palm", "hand"])
 @pytest.mark.parametrize("name", SIMPLE)
-def test_meshes_and_hands_are_intersected_and_measured_alike(name, hand, strategy, device):
+def test_meshes_and_hands_are_intersected_and_measured_alike(name, strategy, device):
     """Relative points and a flush, too, which the objects and hands bring."""
     mesh, pose, sums = MeshObject(*SOLIDS[name]()), poses_on(device), []
+    hand = flat_hand() if name == "ring" else Palm()
     for relative in (False, True):
         batches = [
             intersect(mesh, hand, pose, strategy, method=method, relative=relative) for method in ("trace", PATTERN)

@@ -17,6 +17,7 @@ from palpate.render.focal_spot import focal_width
 from palpate.render.hands.mesh_hand import MeshHand
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand
 from palpate.render.intersection.scene import Scene
+from palpate.render.objects.functions import implicit_object
 from palpate.render.objects.functions.expression import box, sphere
 from palpate.render.reports.contour_figure import draw_figure
 from palpate.render.reports.scene_drawing import object_at
@@ -60,7 +61,8 @@ def test_an_object_that_stays_where_it_was_placed_is_one_that_stands_still(make)
     np.testing.assert_allclose(batch.length(), expected.length(), atol=1e-5)
 
 
-def test_a_file_tells_where_the_middle_of_its_outline_is_so_that_pictures_are_right(tmp_path):
+def test_a_file_tells_where_the_middle_of_its_outline_is_so_that_pictures_are_right(tmp_path, monkeypatch):
+    monkeypatch.setattr(implicit_object, "OUTLINE", 24)  # cells along the longest side, which is quicker
     thing, path = cut_sphere(), tmp_path / "cut.h5"
     outline = thing.outline_mesh()[0].astype(np.float64)
     middle = thing.bounds.mean(axis=0)

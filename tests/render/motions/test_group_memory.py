@@ -10,7 +10,7 @@ from palpate.render import ExploredPoses, render_motions
 from palpate.render.motions import groups as groups_module
 from palpate.render.motions.groups import motion_bytes, sample_counts
 
-DENSE = [("smooth", "dtp"), ("smooth", "pendulum"), ("smooth", "am-multi-focus"), ("corner-pauses", "stm")]
+DENSE = [("corner-pauses", "stm"), ("smooth", "dtp"), ("smooth", "pendulum"), ("smooth", "am-multi-focus")]
 CASES = [("cc", "stm"), ("smooth", "stm"), *DENSE, ("depth-hatch", "stm"), ("inset-hatch", "stm"), ("cc", "dtp")]
 
 

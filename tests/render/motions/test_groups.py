@@ -30,10 +30,9 @@ from palpate.render import (
 )
 from palpate.render.intersection.named_inputs import load_hand
 from palpate.render.motions import groups as groups_module
-from palpate.render.motions.poses import HostPoses
 from palpate.render.playback.focus_source import ContourSource
 from palpate.render.playback.pose_insertion import insert_poses
-from palpate.render.sampling.contour_sampling import joined
+from palpate.render.sampling.contour_sampling import joined, preset
 from palpate.render.sweeps.make.sampling import RenderedContours
 
 
@@ -100,6 +99,15 @@ def test_motions_of_the_host_and_of_the_device_may_be_mixed(device):
     (alone,) = grouped([rigid], device=device)
     assert group.numbers[1] == alone.numbers[0]
     assert group.numbers[2] == grouped(made, device=device)[0].numbers[1]
+
+
+def test_the_last_pose_lasts_for_the_median_interval_and_a_pose_fades_after_two():
+    """Poses every 0.2 s, one of which is missing for 0.6 s: silence from 0.4 s and a fade of 0.02 s after it on."""
+    time = np.array([0.0, 0.2, 0.4, 0.6, 1.2, 1.4])
+    motion = HandMotion(time, np.tile(static_pose([0, 0, 0.2]).pose, (6, 1)))
+    ((numbers,),) = (group.numbers for group in render_motions("cube", "palm", [motion], "cc", "stm"))
+    assert numbers["samples"] == 16_000
+    assert numbers["silent_share"] == pytest.approx((1.2 - 1.02) / 1.6, abs=2e-4)
 
 
 def test_a_group_that_does_not_fit_is_halved(monkeypatch, device):
@@ -181,14 +189,15 @@ def test_frames_are_those_of_the_driver(device):
 
 
 def test_frames_of_several_focal_points_start_from_rest_at_each_motion(device):
-    (group,) = grouped(trials(2, duration=0.5), sampling="multi-focus", device=device, memory=2**25)
+    sampling = preset("multi-focus", update_rate=1000.0)
+    (group,) = grouped(trials(2, duration=0.5), sampling=sampling, device=device, memory=2**25)
     packer = PulsePacker("pat16", device=device)
     frames = np.concatenate([packed.frame.numpy() for packed in group.frames(packer)])
     for k in range(2):
-        (alone,) = grouped(trials(2, duration=0.5)[k : k + 1], sampling="multi-focus", device=device)
+        (alone,) = grouped(trials(2, duration=0.5)[k : k + 1], sampling=sampling, device=device)
         own = np.concatenate([packed.frame.numpy() for packed in alone.frames(packer)])
-        np.testing.assert_array_equal(frames[5000 * k : 5000 * (k + 1)], own)
-    assert len(frames) == 10_000
+        np.testing.assert_array_equal(frames[500 * k : 500 * (k + 1)], own)
+    assert len(frames) == 1000
 
 
 @pytest.mark.parametrize("memory", [None, 2**20])
@@ -242,14 +251,6 @@ def test_hands_of_many_shapes_are_refused(tmp_path):
 
 def test_no_motions_make_no_group():
     assert grouped([]) == []
-
-
-def test_times_of_explorations_are_those_of_the_host():
-    for duration, rate in ((1.0, 90.0), (0.1, 30.0), (2.0, 77.7)):
-        poses = ExploredPoses.of("cube", duration=duration, rate=rate)
-        motion = exploration(MeshObject.load("cube"), duration, rate=rate)
-        np.testing.assert_array_equal(poses.time, motion.time)
-        np.testing.assert_array_equal(HostPoses(motion).time, motion.time)
 
 
 def test_poses_are_widened_exactly(device):

@@ -6,21 +6,13 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
+from box_meshes import box, inverted, joined
+from scipy.spatial.transform import Rotation
 
 from palpate.render import MeshObject, Palm, Placement, closed_contour, open_contour, render
-from palpate.render.errors import MeshError, PalpateWarning, PlacementError, StrategyError
+from palpate.render.errors import MeshError, PalpateWarning, PlacementError
 
 BOX = trimesh.creation.box([0.1, 0.1, 0.1], transform=trimesh.transformations.translation_matrix([0, 0, 0.2]))
-
-
-def box(size=0.1, at=(0.0, 0.0, 0.2)):
-    mesh = trimesh.creation.box([size] * 3)
-    return np.asarray(mesh.vertices) + at, np.asarray(mesh.faces)
-
-
-def joined(*parts):
-    offsets = np.cumsum([0, *(len(v) for v, _ in parts)])
-    return np.vstack([v for v, _ in parts]), np.vstack([f + o for (_, f), o in zip(parts, offsets, strict=False)])
 
 
 def volume(thing):
@@ -55,13 +47,6 @@ def test_scene_is_flattened_with_its_transforms(tmp_path):
     assert thing.bounds[1] == pytest.approx([0.35, 0.05, 0.25], abs=1e-6)
 
 
-def test_texture_seams_are_welded_from_arrays_too():
-    vertices, faces = box()
-    thing = MeshObject(vertices[faces].reshape(-1, 3), np.arange(36).reshape(-1, 3))
-    assert thing.report.vertices_welded == 28
-    assert thing.report.closed
-
-
 def test_body_that_faces_inwards_is_turned_with_a_warning():
     vertices, faces = box()
     with pytest.warns(PalpateWarning, match="1 of 1 bodies turned inside out"):
@@ -79,17 +64,6 @@ def test_triangles_that_disagree_are_turned():
     assert volume(thing) == pytest.approx(1e-3, rel=1e-5)
 
 
-def test_cavity_keeps_its_orientation_and_body_in_cavity_too(device):
-    inner = box(0.06)
-    vertices, faces = joined(box(), (inner[0], inner[1][:, ::-1]), box(0.02))
-    thing = MeshObject(vertices, faces)
-    assert thing.report.cavities == 1
-    assert not thing.report.bodies_united
-    assert volume(thing) == pytest.approx(0.1**3 - 0.06**3 + 0.02**3, rel=1e-5)
-    length = render(thing, Palm(0.2, 0.2), LEVEL, closed_contour(), device=device).length()
-    assert length == pytest.approx([4 * (0.1 + 0.06 + 0.02)], abs=1e-5)
-
-
 @pytest.mark.parametrize(
     ("other", "outline", "message"),
     [
@@ -105,13 +79,10 @@ def test_bodies_that_overlap_nest_or_share_a_face_are_one_solid(other, outline, 
     assert length == pytest.approx([outline], abs=1e-5)
 
 
-def inverted(body):
-    return body[0], body[1][:, ::-1]
-
-
 @pytest.mark.parametrize(
     ("bodies", "turned", "cavities", "small", "large"),
     [  # small and large: length of CC of palms of 30 and 200 mm through the middle
+        pytest.param([box(0.1), inverted(box(0.06)), box(0.02)], 0, 1, 0.08, 0.72, id="body in a cavity"),
         pytest.param([box(0.1), inverted(box(0.05)), inverted(box(0.02))], 1, 1, 0.08, 0.68, id="island inwards"),
         pytest.param([inverted(box(0.1)), box(0.06)], 2, 1, 0.0, 0.64, id="hollow cube inside out"),
         pytest.param([inverted(box(0.1)), inverted(box(0.06))], 1, 1, 0.0, 0.64, id="only the outside inside out"),
@@ -168,12 +139,6 @@ def test_object_too_far_for_float32_is_warned_of():
     vertices, faces = box()
     with pytest.warns(PalpateWarning, match=r"of 8 vertices fall on others in float32, which steps by 8 m"):
         MeshObject(vertices + 1e8, faces)
-
-
-def test_bodies_apart_are_left_alone():
-    thing = MeshObject(*joined(box(), box(0.05, (0.2, 0, 0.2))))
-    assert not thing.report.bodies_united
-    assert len(thing.faces) == 24
 
 
 def test_bodies_that_touch_in_an_edge_give_simple_loops(device):
@@ -241,14 +206,6 @@ def test_triangles_without_area_are_dropped_or_taken_out_and_told():
     assert thing.report.faces_flat == 1
 
 
-def test_repeated_triangles_are_dropped():
-    vertices, faces = box()
-    with pytest.warns(PalpateWarning, match="12 triangles dropped"):
-        thing = MeshObject(vertices, np.vstack([faces, np.roll(faces, 1, axis=1)]))
-    assert len(thing.faces) == 12
-    assert thing.report.closed
-
-
 @pytest.mark.parametrize(
     ("vertices", "faces", "message"),
     [
@@ -311,6 +268,9 @@ def test_placement_scales_turns_up_fits_rotates_and_moves_in_this_order():
     turned = MeshObject(vertices, faces, placement=Placement(up="y", fit=0.2, rotate=(0, 0, 90), at=(0, 0, 0.3)))
     assert np.ptp(turned.vertices, axis=0) == pytest.approx([0.05, 0.1, 0.2], rel=1e-5)
     assert volume(turned) == pytest.approx(volume(thing), rel=1e-5)  # no mirror among them
+    angles, middle = (10, 20, 30), np.array([1, 2, 0.5])
+    expected = Rotation.from_euler("xyz", angles, degrees=True).apply(vertices - middle) + np.array([0, 0, 0.3])
+    assert Placement(rotate=angles, at=(0, 0, 0.3)).applied_to(vertices) == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize("up", ["x", "y", "z", "-x", "-y", "-z"])
@@ -368,9 +328,3 @@ def test_equal_objects_share_what_is_built_of_them():
     one, two, other = (MeshObject.load("tube", placement=Placement(scale=scale)) for scale in (1.0, 1.0, 1.1))
     assert one.edges is two.edges
     assert one.edges is not other.edges
-
-
-@pytest.mark.parametrize("width", [0.0, 5e-5, 1.5, float("nan")])
-def test_palm_of_no_size_for_skin_is_refused_with_the_bounds(width):
-    with pytest.raises(StrategyError, match=r"palm width must lie between 0\.0001 and 1 m, not"):
-        Palm(width, 0.085)

@@ -14,6 +14,7 @@ import pytest
 import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mesh_cases import generic_poses
 
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.motions.hand_motion import HandMotion
@@ -39,11 +40,7 @@ def no_thread_is_left():
 
 @pytest.fixture(scope="module")
 def poses():
-    rng = np.random.default_rng(3)
-    turn = rng.normal(size=(6000, 4))
-    turn /= np.linalg.norm(turn, axis=1, keepdims=True)
-    centre = rng.uniform(-0.08, 0.08, (6000, 3)) + np.array([0, 0, 0.2])
-    return np.hstack([centre, turn]).astype(np.float32)
+    return generic_poses(6000, 3, spread=0.08)
 
 
 def assert_same(one, two):
@@ -69,8 +66,7 @@ def spans_of(ranges, *, size=10, workers=2):
     return spans
 
 
-@pytest.mark.exhaustive
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(
     ranges=st.lists(st.integers(0, 40), min_size=0, max_size=6).map(lambda steps: list(itertools.accumulate(steps))),
     size=st.integers(1, 12),

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import warp as wp
 from contour_random import random_strokes
-from contour_shapes import batch_of, circle, square, still
+from contour_shapes import batch_of, square, still
 
-from palpate.render import ContourBatch, MeshObject, Palm, Scene, exploration, render
+from palpate.render import MeshObject, Palm, Scene, exploration, render
 from palpate.render.contour_batch import join_batches
 from palpate.render.errors import StrategyError
 from palpate.render.hands.flat_hand import flat_hand
@@ -126,8 +126,8 @@ def random_motions(rng, pose_count):
     return pose.astype(np.float32), time, np.array(start), np.array(duration), hold
 
 
-@pytest.mark.exhaustive(after=60)
-@pytest.mark.parametrize("seed", range(600))
+@pytest.mark.exhaustive(after=8)
+@pytest.mark.parametrize("seed", range(48))
 def test_random_motions_are_what_the_host_draws(seed, device):
     rng = np.random.default_rng(seed)
     count = int(rng.integers(1, 40))
@@ -141,34 +141,35 @@ def test_random_motions_are_what_the_host_draws(seed, device):
     assert_same(samples, batch, pose, time, start, duration, strategy, hold)
 
 
-def explored(name, contours, seed=0, duration=4.0):
+def explored(name, contours, seed=0, duration=1.2):
     """Contours of an exploration, and its motion."""
     motion = exploration(name, duration=duration, rate=90.0, seed=seed)
     return Scene.of(MeshObject.load(name), Palm(), contours).contours(motion.pose, 0, "cpu")[0].numpy(), motion
 
 
-@pytest.mark.parametrize("contours", ["cc", "oc"])
-@pytest.mark.parametrize("name", ["cube", "tube", "dog"])
+@pytest.mark.exhaustive(after=1)
+@pytest.mark.parametrize(("name", "contours"), [("tube", "oc"), ("tube", "cc"), ("cube", "cc"), ("dog", "oc")])
 def test_explorations_are_what_the_host_draws(name, contours, device):
     batch, motion = explored(name, contours)
     start, duration = np.array([0, len(motion)]), np.array([motion.duration])
-    for strategy in (SamplingStrategy(), preset("capped"), preset("fast-return")):
+    finished = SamplingStrategy(speed=0.5, continuity="finish", dwell=Dwell(time=0.01), gap=Gap("return"))
+    for strategy in (SamplingStrategy(), preset("stp", continuity="finish", foci=2), preset("dtp"), finished):
         samples = sample_motions(batch, motion.pose, motion.time, start, duration, strategy, device=device)
         assert_same(samples, batch, motion.pose, motion.time, start, duration, strategy)
 
 
 def test_motions_may_be_cut_anywhere_among_batches_and_take_no_notice_of_each_other(device):
-    parts = [explored("tube", "oc", seed, duration=1.5) for seed in range(3)]
+    parts = [explored("tube", "oc", seed) for seed in range(3)]
     whole = join_batches([batch for batch, _ in parts])
     pose, time = (np.concatenate([getattr(motion, name) for _, motion in parts]) for name in ("pose", "time"))
     start = np.cumsum([0, *[len(motion) for _, motion in parts]])
-    duration = np.full(3, 1.5)
+    duration = np.full(3, 1.2)
     cuts = [0, 1, 77, int(start[1]), 300, whole.pose_count]
     batches = [whole.select(a, b).to(device) for a, b in pairwise(cuts)]
     together = sample_motions(batches, pose, time, start, duration, SamplingStrategy())
     for k, (batch, motion) in enumerate(parts):
         alone = sample_motions(
-            batch, motion.pose, motion.time, [0, len(motion)], [1.5], SamplingStrategy(), device=device
+            batch, motion.pose, motion.time, [0, len(motion)], [1.2], SamplingStrategy(), device=device
         )
         assert (together.focus(k).position == alone.focus(0).position).all()
         assert (together.focus(k).intensity == alone.focus(0).intensity).all()
@@ -176,18 +177,16 @@ def test_motions_may_be_cut_anywhere_among_batches_and_take_no_notice_of_each_ot
     assert {str(batch.points.device) for batch in batches} == {str(together.position.device)}
 
 
-@pytest.mark.exhaustive(after=9)
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("line_most", [5, 6, 8, 12, 20, 31, 33, 50, 130])
-def test_routes_through_many_polylines_are_the_hosts(line_most, seed, device):
+@pytest.mark.exhaustive(after=2)
+@pytest.mark.parametrize("line_most", [5, 33, 31, 130])
+def test_routes_through_many_polylines_are_the_hosts(line_most, device):
     """Up to 4 places all orders are tried, up to 32 pieces the route is improved, and up to 128 it is searched for."""
-    rng = np.random.default_rng(seed)
-    batch = random_strokes(rng, 8, line_most=line_most)
     time, start, duration = np.arange(8) / 90, np.array([0, 8]), np.array([8 / 90])
-    order = Order("pendulum" if seed % 2 else "loop", margin=0.0)
-    strategy = SamplingStrategy(order=order, gap=Gap(("jump", "pendulum", "close", "return")[seed]))
-    samples = sample_motions(batch, still(8), time, start, duration, strategy, device=device)
-    assert_same(samples, batch, still(8), time, start, duration, strategy)
+    for seed, gap in enumerate(("jump", "pendulum", "close", "return")):
+        batch = random_strokes(np.random.default_rng(seed), 8, line_most=line_most)
+        strategy = SamplingStrategy(order=Order("pendulum" if seed % 2 else "loop", margin=0.0), gap=Gap(gap))
+        samples = sample_motions(batch, still(8), time, start, duration, strategy, device=device)
+        assert_same(samples, batch, still(8), time, start, duration, strategy)
 
 
 def test_poses_may_be_on_a_device(device):
@@ -199,64 +198,14 @@ def test_poses_may_be_on_a_device(device):
     assert there.counts == here.counts
 
 
-@pytest.mark.parametrize("place", [0, 1, 3])
-def test_a_polyline_without_points_is_drawn_as_none(place, device):
-    lines = [(square(0.04), True)] * 3
-    batch = batch_of([[*lines[:place], (np.zeros((0, 3)), False), *lines[place:]]] * 2 + [lines[:1]])
-    time, start, duration = np.arange(3) / 90, np.array([0, 3]), np.full(1, 3 / 90)
-    samples = sample_motions(batch, still(3), time, start, duration, SamplingStrategy(), device=device)
-    assert_same(samples, batch, still(3), time, start, duration, SamplingStrategy())
-
-
-def test_contours_that_are_no_finite_numbers_are_refused_by_name_and_place(device):
-    batch = batch_of([[(square(0.04), True)], [], [(square(0.04), True), (square(0.02), True)]])
-    batch.points[11, 1] = np.nan
-    with pytest.raises(StrategyError, match=r"points\[11\] must be finite, not .*nan.* \(pose 2, polyline 2\)"):
-        sample_motions(batch, still(3), np.arange(3) / 90, [0, 3], [3 / 90], SamplingStrategy(), device=device)
-
-
-@pytest.mark.parametrize("contours", ["cc", "oc"])
-@pytest.mark.parametrize("name", ["cube", "tube"])
-def test_explorations_in_sections_and_with_finished_polylines_are_what_the_host_draws(name, contours, device):
-    batch, motion = explored(name, contours)
-    start, duration = np.array([0, len(motion)]), np.array([motion.duration])
-    for strategy in (
-        preset("stp"),
-        preset("stp", continuity="finish", foci=2),
-        SamplingStrategy(continuity="finish"),
-        SamplingStrategy(speed=0.5, continuity="finish", dwell=Dwell(time=0.01), gap=Gap("return")),
-    ):
-        samples = sample_motions(batch, motion.pose, motion.time, start, duration, strategy, device=device)
-        assert_same(samples, batch, motion.pose, motion.time, start, duration, strategy)
-
-
-@pytest.mark.parametrize("update_rate", [1000.0, 10_000.0])
-@pytest.mark.parametrize("speed", [0.05, 0.2, 7.0])
-def test_a_polyline_is_finished_over_poses_of_many_blocks_fades_and_gaps(speed, update_rate, device):
-    loops = [(circle(0.03, count=64), True), (square(0.02, (0.05, 0, 0.2)), True)]
-    batch = batch_of([loops, loops[:1], loops[1:], loops, [], loops, [(circle(0.02), False)], loops[:1]])
-    time = np.array([0.0, 0.1, 0.112, 0.35, 0.6, 0.61, 0.72, 0.75])
-    strategy = SamplingStrategy(speed=speed, update_rate=update_rate, fade=0.02, continuity="finish", foci=2)
-    for hold in (0.02, 0.1, np.inf):
-        rows = time, [0, 8], [1.1], strategy, np.array([hold])
-        samples = sample_motions(batch, still(8), *rows[:4], hold=rows[4], device=device)
-        assert_same(samples, batch, still(8), *rows)
-
-
-@pytest.mark.parametrize("contours", ["cc", "oc"])
-@pytest.mark.parametrize("name", ["cube", "tube"])
-def test_explorations_with_pauses_are_what_the_host_draws(name, contours, device):
-    batch, motion = explored(name, contours)
-    start, duration = np.array([0, len(motion)]), np.array([motion.duration])
-    rng = np.random.default_rng(0)
-    for strategy, drawn in (
-        (preset("dtp"), batch),
-        (SamplingStrategy(dwell=Dwell(time=0.002)), batch),
-        (SamplingStrategy(), with_pauses(rng, batch)),
-        (preset("dtp", gap=Gap("pendulum")), with_pauses(rng, batch)),
-    ):
-        samples = sample_motions(drawn, motion.pose, motion.time, start, duration, strategy, device=device)
-        assert_same(samples, drawn, motion.pose, motion.time, start, duration, strategy)
+def test_a_polyline_without_points_is_drawn_as_none(device):
+    lines, rows = [(square(0.04), True)] * 3, (np.arange(3) / 90, [0, 3], [3 / 90], SamplingStrategy())
+    for place in (0, 1, 3):
+        batch = batch_of([[*lines[:place], (np.zeros((0, 3)), False), *lines[place:]]] * 2 + [lines[:1]])
+        without = batch_of([lines] * 2 + [lines[:1]])
+        one, other = (sample_motions(given, still(3), *rows, device=device) for given in (batch, without))
+        np.testing.assert_array_equal(one.focus(0).position, other.focus(0).position)
+        assert one.counts == other.counts
 
 
 def test_no_motion_no_pose_and_poses_without_contours_are_drawn_as_silence(device):
@@ -272,47 +221,24 @@ def test_no_motion_no_pose_and_poses_without_contours_are_drawn_as_silence(devic
     assert silent.focus(0).intensity.max() == 0
 
 
-def test_a_pose_of_many_blocks_is_drawn_and_faded_as_the_host_does(device):
-    batch = batch_of(
-        [[(circle(0.03, count=64), True), (square(0.02, (0.05, 0, 0.2)), False)], [], [(square(0.03), True)]]
-    )
-    time = np.array([0.0, 0.7, 0.71])
-    hold = np.array([0.3])
-    strategy = SamplingStrategy(fade=0.25)
-    samples = sample_motions(batch, still(3), time, [0, 3], [1.5], strategy, hold=hold, device=device)
-    assert samples.counts[0].held > 3000
-    assert_same(samples, batch, still(3), time, [0, 3], [1.5], strategy, hold)
+def test_contours_that_cannot_be_sampled_are_refused_by_name_and_place(device):
+    one = batch_of([[(square(0.04), True)]])
+    several = batch_of([[(square(0.04), True)], [], [(square(0.04), True), (square(0.02), True)]])
+    several.points[11, 1] = np.nan
+    uneven = replace(one, intensity=np.linspace(0, 1, one.point_count, dtype=np.float32))
+    for batch, poses, end, message in (
+        (several, 3, 0.1, r"points\[11\] must be finite, not .*nan.* \(pose 2, polyline 2\)"),
+        (uneven, 1, 0.1, "is closed"),
+        (one, 2, 2.0, "of the same poses, not 1, 2, 2, 2"),
+        (one, 1, 1e6, "too many for one call"),
+    ):
+        with pytest.raises(StrategyError, match=message):
+            sample_motions(
+                batch, still(poses), np.arange(poses) / 90, [0, poses], [end], SamplingStrategy(), device=device
+            )
 
 
-def test_a_loop_whose_ends_differ_in_intensity_is_refused(device):
-    plain = batch_of([[(square(0.04), True)]])
-    batch = replace(plain, intensity=np.linspace(0, 1, plain.point_count, dtype=np.float32))
-    with pytest.raises(StrategyError, match="is closed"):
-        sample_motions(batch, still(1), np.zeros(1), [0, 1], [0.1], SamplingStrategy(), device=device)
-
-
-def test_contours_of_other_poses_than_the_motions_are_refused():
-    batch = batch_of([[(square(0.04), True)]])
-    with pytest.raises(StrategyError, match="of the same poses, not 1, 2, 2, 2"):
-        sample_motions(batch, still(2), np.arange(2.0), [0, 2], [2.0], SamplingStrategy())
-
-
-def test_contours_of_type_contour_batch_are_taken_alone():
-    batch = batch_of([[(square(0.04), True)]])
-    assert isinstance(batch, ContourBatch)
-    one = sample_motions(batch, still(1), np.zeros(1), [0, 1], [0.1], SamplingStrategy())
-    listed = sample_motions([batch], still(1), np.zeros(1), [0, 1], [0.1], SamplingStrategy())
-    assert (one.focus(0).position == listed.focus(0).position).all()
-
-
-def test_more_samples_than_a_call_can_number_are_refused():
-    batch = batch_of([[(square(0.04), True)]])
-    with pytest.raises(StrategyError, match="too many for one call"):
-        sample_motions(batch, still(1), np.zeros(1), [0, 1], [1e6], SamplingStrategy())
-
-
-@pytest.mark.parametrize("on_device", [False, True])
-@pytest.mark.parametrize("bare", [0, 1, 2])
+@pytest.mark.parametrize(("bare", "on_device"), [(0, True), (1, False), (2, True)])
 def test_a_batch_without_intensity_among_others_that_have_it_has_all_of_it(bare, on_device, device):
     """Such as an empty one, which a stage of a user's leaves as it is."""
     whole = render("cube", "palm", exploration("cube", duration=0.3, rate=90.0), "cc")
@@ -329,10 +255,9 @@ def test_a_batch_without_intensity_among_others_that_have_it_has_all_of_it(bare,
     np.testing.assert_array_equal(joined.points, whole.select(0, 27).points)
 
 
-@pytest.mark.parametrize("name", ["tube", "dog"])
-def test_polylines_that_lie_on_each_other_are_recognised_as_the_host_does(name, device):
+def test_polylines_that_lie_on_each_other_are_recognised_as_the_host_does(device):
     """The whole outline on each of 15 patches in one plane: rounding must not decide which copy is which."""
-    mesh = MeshObject.load(name)
+    mesh = MeshObject.load("dog")
     motion = exploration(mesh.bounds, 2.0, rate=40.0, seed=3, model="around")
     batch, _ = Scene.of(mesh, flat_hand(), "whole").contours(motion.pose, 0, device)
     batch, start, duration = batch.numpy(), np.array([0, len(motion)]), np.array([2.0])

@@ -123,16 +123,6 @@ def test_capped_stays_in_its_band(length, rate, lowest, width):
     assert lowest * (1 - 1e-9) <= actual <= highest * (1 + 1e-9)
 
 
-def test_a_contour_just_faster_than_the_floor_of_60_hertz_is_not_drawn_at_59_88():
-    """7 m/s along 116.64 mm is 60.01 Hz, 166.6 samples at 10 kHz; 167 of them would be 59.88 Hz, 166 are 60.24."""
-    side = 0.11664 / 4
-    ring = side / 2 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) + [0, 0, 0.2]
-    sampler = Sampler(SamplingStrategy(pace=Pace(kind="capped", lowest=60.0, highest=200.0)))
-    position = sampler.draw(Path.of(batch_of([[(ring, True)]]), 0), still(1)[0], 500).position
-    assert position[166] == pytest.approx(position[0], abs=1e-7)
-    assert np.linalg.norm(position[165] - position[0]) > 5e-4
-
-
 def test_by_turns_too_the_band_is_kept():
     """At 12 kHz the floor of 60 Hz is 200 samples; one more in several cycles would be below it."""
     strategy = SamplingStrategy(update_rate=12_000.0, pace=Pace(kind="capped", lowest=60.0, highest=200.0))

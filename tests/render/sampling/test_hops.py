@@ -120,10 +120,10 @@ def test_on_one_contour_every_focal_point_hops_by_the_pose():
     assert sampler.count.hops["pose"] >= 39
 
 
-@pytest.mark.parametrize("name", ["constant-frequency", "capped", "dtp", "stp", "lm", "pressure", "fast-return", "stm"])
-def test_the_ordinary_step_is_that_of_the_strategy(name):
+def test_the_ordinary_step_is_that_of_the_strategy():
     """A ring that stays has no hop, however fast its strategy draws it: 0.6 m at 70 Hz are 42 m/s."""
-    assert counted([[(circle(0.1, count=720), True)]], preset(name), samples=9000).hops == NONE
+    for name in ("constant-frequency", "capped", "dtp", "stp", "lm", "fast-return"):
+        assert counted([[(circle(0.1, count=720), True)]], preset(name), samples=3000).hops == NONE, name
 
 
 def test_a_fast_return_and_a_small_circle_are_ordinary_steps():

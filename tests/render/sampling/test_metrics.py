@@ -7,11 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from palpate.render import MeshObject, Palm, closed_contour, render
 from palpate.render.errors import StrategyError
 from palpate.render.sampling.contour_sampling import (
     FocalPoints,
-    Gap,
     Order,
     Path,
     Sampler,
@@ -85,19 +83,6 @@ def test_map_of_exactly_the_palms_size_holds_the_palms_border(width, length, cel
     assert found.time[1:-1, 1:-1].sum() == 0.0
 
 
-@pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize("seed", range(5))
-def test_border_of_a_palm_inside_the_cube_is_dwelt_on_within_the_map(seed):
-    turn = Rotation.from_rotvec(np.random.default_rng(seed).uniform(-1, 1, 3) * [0.05, 0.05, 3.0])
-    pose = np.array([[3e-3, -2e-3, 0.21, *(turn * Rotation.from_quat(POSE[3:])).as_quat()]])
-    batch = render(MeshObject.load("cube"), Palm(0.085, 0.085), pose, closed_contour())
-    assert batch.length() == pytest.approx([4 * 0.085])  # the cube's sides are 130 mm long
-    blocks = sample_contours([batch], pose, np.zeros(1), 1.0, Sampler(SamplingStrategy()))
-    found = dwell_map(blocks, pose, sample_bounds(np.zeros(1), 1.0, 10_000.0), 10_000.0)
-    assert found.outside == pytest.approx(0.0, abs=1e-12)
-    assert found.time.sum() == pytest.approx(1.0)
-
-
 def test_border_between_cells_is_of_the_upper_cell_however_a_place_is_rounded():
     edge = np.repeat(np.arange(-3, 4), 100) * 1e-3
     noise = np.random.default_rng(1).uniform(-5e-7, 5e-7, (700, 2))
@@ -150,18 +135,6 @@ def test_lengths_of_jumps_are_summed_by_cause():
     assert count.jump_length == pytest.approx(steps[steps > 5e-3].sum(), abs=1e-5)
     assert sum(count.jumps.values()) == np.count_nonzero(steps > 5e-3)
     assert count.step_longest == pytest.approx(np.delete(steps, 2999).max(), abs=1e-6)
-
-
-def test_a_fast_return_is_no_jump_though_its_steps_are_longer_than_those_of_the_contour():
-    lines = [([[-0.04, 0, 0.2], [0.04, 0, 0.2]], False)]
-    counts = {}
-    for kind in ("return", "jump"):
-        sampler = Sampler(SamplingStrategy(gap=Gap(kind=kind, speed=60.0)))  # 6 mm a sample
-        sampler.draw(Path.of(batch_of([lines]), 0), still(1)[0], 1000)
-        counts[kind] = sampler.count.jumps["polyline"]
-        assert sampler.strategy.jump_threshold == pytest.approx(0.012 if kind == "return" else 5e-3)
-    assert counts["return"] == 0
-    assert counts["jump"] > 0
 
 
 def test_a_step_out_of_silence_is_no_jump():

@@ -41,6 +41,9 @@ def test_11_a_new_pose_does_not_restart_the_path():
     steps = np.linalg.norm(np.diff(position, axis=0), axis=1)
     assert steps.max() < 2 * 7e-4
     assert sum(count.jumps.values()) == 0
+    angle = np.unwrap(np.arctan2(position[:, 1], position[:, 0]))
+    assert (np.diff(angle) > 0).all()
+    assert angle[-1] - angle[0] == pytest.approx(7.0 / 0.03, rel=0.01)  # as one contour would be drawn
     restarted = np.array([np.linalg.norm(circle(0.03, turn=2.4 * i)[0] - position[111 * i - 1]) for i in range(1, 80)])
     assert np.median(restarted) > 0.02  # what restarting would have jumped
 
@@ -78,15 +81,6 @@ def test_12_a_loop_that_disappears_while_it_is_drawn_is_left_at_once_or_finished
         assert right.sum() == (0 if most == 0 else 130)
         assert right[: right.sum()].all()
         assert sampler.count.jumps["pose"] == 1
-
-
-def test_12_nothing_of_an_old_contour_is_drawn_once_there_is_none():
-    sampler = Sampler(SamplingStrategy(continuity="finish"))
-    batch = batch_of([[RING], [], [LEFT]])
-    parts = [sampler.draw(Path.of(batch, i), still(1)[0], 100) for i in range(3)]
-    assert not parts[1].intensity.any()
-    assert parts[2].intensity.all()
-    assert np.abs(np.linalg.norm(parts[2].position[:, :2] + [0.03, 0], axis=1) - 0.02).max() < 1e-4
 
 
 def jumps_of(lines, route, **kwargs):
@@ -133,6 +127,7 @@ def test_15_actual_revisit_rate_is_reported_beside_the_nominal_one():
     _, count = sampled([[LEFT], [RIGHT]] * 45)
     assert count.draw_frequency(10_000.0) == pytest.approx(7.0 / (2 * np.pi * 0.02), rel=0.01)
     assert count.revisit_rate < 0.95 * count.draw_frequency(10_000.0)
+    assert count.jumps["pose"] == 89
 
 
 @pytest.mark.parametrize(("radius", "lowest", "highest"), [(0.0016, 600, 700), (0.1, 11, 11.2)])
@@ -145,9 +140,8 @@ def test_16_short_contours_explode_the_draw_frequency_unless_it_is_capped(radius
     assert capped.revisit_rate is None or 60.0 <= capped.revisit_rate <= 200.0
 
 
-@pytest.mark.exhaustive
 @given(length=st.floats(0.02, 0.5))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=8, deadline=None)
 def test_17_seam_is_a_step_like_any_other_and_corners_are_cut_by_half_a_step_at_most(length):
     side = length / 4
     position, count = sampled([[(square(side), True)]], duration=0.5)
@@ -168,8 +162,10 @@ def test_18_poses_without_contour_have_no_draw_frequency_and_do_not_enter_its_me
     _, without = sampled([[RING]] * 20)
     assert with_gaps.draw_frequency(10_000.0) == pytest.approx(without.draw_frequency(10_000.0))
     assert with_gaps.drawn == with_gaps.samples - with_gaps.silent
-    _, nothing = sampled([[], []])
-    assert nothing.draw_frequency(10_000.0) is None
+    position, nothing = sampled([[], []])
+    assert np.isfinite(position).all()
+    assert nothing.samples == nothing.silent == len(position)
+    assert nothing.draw_frequency(10_000.0) is nothing.revisit_rate is None
 
 
 @pytest.mark.parametrize("update_rate", [40_000.0, 10_000.0])

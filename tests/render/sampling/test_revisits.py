@@ -13,10 +13,8 @@ from scipy.spatial.transform import Rotation
 from palpate.render.errors import StrategyError
 from palpate.render.sampling import revisits
 from palpate.render.sampling.contour_sampling import (
-    AmplitudeModulation,
     FocalPoints,
     Order,
-    Pace,
     Path,
     Sampler,
     SamplingCount,
@@ -145,60 +143,6 @@ def test_silent_side_takes_its_time_but_is_no_place():
 
 
 @pytest.mark.exhaustive
-def test_places_after_a_long_silence_wait_since_drawing_began_again(every_place):
-    lit = np.ones(30_000, bool)
-    lit[8_000:20_000] = False  # longer than the second that is looked back
-    begun_again = sum(k - REACH for k in range(REACH, 400 - REACH))  # until the visit begins, REACH before the place
-    assert counted(ring(30_000, 400), lit) == (
-        8_000 + 10_000 - 2 * 400 + 2 * FIRST_CYCLE[0],
-        (8_000 + 10_000 - 2 * 400) * 400 + 2 * FIRST_CYCLE[1] + begun_again,
-    )
-
-
-@pytest.mark.exhaustive
-def test_short_silence_is_part_of_the_wait(every_place):
-    lit = np.ones(8_000, bool)
-    lit[4_000:6_000] = False  # five cycles
-    assert counted(ring(8_000, 400), lit) == (
-        6_000 - 400 + FIRST_CYCLE[0],
-        (6_000 - 2 * 400) * 400 + 400 * 2_400 + FIRST_CYCLE[1],
-    )
-
-
-@pytest.mark.exhaustive
-def test_place_that_was_not_drawn_for_a_second_has_waited_in_vain(every_place):
-    points = np.concatenate([ring(20_000, 400), ring(1, 400) + np.tile([[0.1, 0, 0]], (10, 1))])
-    assert counted(points) == (19_600 + FIRST_CYCLE[0], 19_600 * 400 + FIRST_CYCLE[1] + 10 * 10_000)
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("tremor", [0.0, 1e-4])
-def test_a_point_that_stays_is_not_drawn_again_however_it_is_modulated(every_place, tremor):
-    points = POSE[:3] + tremor * np.random.default_rng(1).standard_normal((1_500, 3))
-    assert counted(points, rate=1_000.0) == (0, 0)
-    assert counted(points, np.arange(1_500) % 50 < 25, rate=1_000.0) == (0, 0)  # on and off at 20 Hz
-    strategy = SamplingStrategy(pace=Pace(kind="still"), am=AmplitudeModulation(wave="square"))
-    assert sampled([(square(0.04), True)], 1.0, strategy)[1].revisit_rate is None
-
-
-def test_modulation_leaves_the_rate_of_a_circle_alone():
-    lit = np.arange(40_000) % 50 < 25
-    visits, waited = counted(ring(40_000, 400), lit)
-    assert waited == visits * 400 > 0
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("tremor", [0.0, 1e-4])
-def test_pauses_are_part_of_a_visit(every_place, tremor):
-    corners = POSE[:3] + np.array([[0.02, 0, 0], [0, 0.02, 0], [-0.02, 0, 0]])
-    points = np.tile(np.repeat(corners, 1_000, axis=0), (4, 1))  # 0.1 s on each
-    points = points + tremor * np.random.default_rng(2).standard_normal(points.shape)
-    visits, waited = counted(points)
-    assert visits == 9_000
-    assert waited / visits == pytest.approx(3_000, rel=1e-9 if tremor == 0 else 0.01)
-
-
-@pytest.mark.exhaustive
 @given(
     seed=st.integers(0, 9_999),
     foci=st.integers(1, 3),
@@ -233,21 +177,6 @@ def test_how_samples_are_cut_into_blocks_changes_nothing(cuts, seed):
     whole = counted(points, lit)
     assert whole[0] > 10
     assert counted(points, lit, sorted(cuts)) == whole
-
-
-@pytest.mark.exhaustive(but="97")
-@pytest.mark.parametrize("block", [1, 97, 4_096])
-def test_block_size_changes_nothing_after_fades(block):
-    rings = [[(circle(0.03 + 1e-4 * i, count=90), True)] for i in range(12)]
-    time = np.array([0.0, 0.02, 0.04, 0.06, 0.4, 0.42, 0.44, 0.46, 0.8, 0.82, 0.84, 0.86])  # 0.34 s are missing twice
-    counts = []
-    for size in (1_024, block):
-        sampler = Sampler(SamplingStrategy())
-        blocks = list(sample_contours([batch_of(rings)], still(12), time, 1.0, sampler, block=size))
-        counts.append(sampler.count)
-        assert min(b.intensity.min() for b in blocks) == 0
-    assert (counts[1].revisits, counts[1].revisit_time) == (counts[0].revisits, counts[0].revisit_time)
-    assert counts[0].revisits > 10
 
 
 @pytest.mark.parametrize("seed", range(4))

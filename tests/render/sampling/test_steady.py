@@ -56,26 +56,14 @@ def noisy_circles(rng, noise, count=270, shift=None, extra=None):
         yield lines + ([] if extra is None else extra(i))
 
 
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("noise", [0.0, 1e-7, 1e-6, 1e-5])
-def test_six_circles_are_each_drawn_again_within_a_cycle_and_a_half_whatever_the_noise(rng, noise):
-    position, count = drawn(list(noisy_circles(rng, noise)))
+@pytest.mark.exhaustive(after=1)
+@pytest.mark.parametrize(("noise", "poses"), [(1e-7, 120), (0.0, 270), (1e-7, 270), (1e-6, 270), (1e-5, 270)])
+def test_six_circles_are_each_drawn_again_within_a_cycle_and_a_half_whatever_the_noise(rng, noise, poses):
+    position, count = drawn(list(noisy_circles(rng, noise, poses)))
     gap = longest_gap(nearest_of(position, np.array(CENTRES)[None]), 6)
     assert gap == pytest.approx(5 / 6 * CYCLE, abs=3e-4)  # the time of the five others
     assert gap < 1.5 * CYCLE
     assert count.absence_max == pytest.approx(gap, abs=1.1 / UPDATE)
-
-
-@pytest.mark.exhaustive
-def test_the_shortest_route_of_each_pose_alone_is_another_by_noise(rng):
-    """Why a route is kept: looked for anew at every pose, the order of the circles changes by a micrometre of noise."""
-    paths = [Path.of(batch_of([lines]), 0) for lines in noisy_circles(rng, 1e-6)]
-    orders = set()
-    for path in paths:
-        pieces = lay_track(path, SamplingStrategy()).route.pieces
-        order = nearest_of(np.array([p.points[0] for p in pieces]), np.array(CENTRES)[None]).tolist()
-        orders.add(tuple(np.roll(order, -order.index(0))))
-    assert len(orders) > 1
 
 
 @pytest.mark.exhaustive
@@ -126,18 +114,7 @@ def test_a_tube_under_a_trembling_hand_is_drawn_as_under_a_still_one(outside_dat
 
 
 @pytest.mark.exhaustive
-def test_contours_that_stay_are_drawn_on_while_others_come_and_go(rng):
-    other = circle(0.006, (0.0, 0.05, 0.2), 40)
-    flicker = rng.integers(0, 2, 270)
-    poses = list(noisy_circles(rng, 1e-6, extra=lambda i: [(other, True)] * int(flicker[i])))
-    position, _ = drawn(poses)
-    centres = np.concatenate([np.array(CENTRES), [[0.0, 0.05, 0.2]]])[None]
-    longest = CYCLE + 2 * np.pi * 0.006 / 7.0
-    assert longest_gap(nearest_of(position, centres), 6) < 1.5 * longest
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize(("stay_count", "flicker_count"), [(3, 4), (4, 6), (6, 8), (8, 10)])
+@pytest.mark.parametrize(("stay_count", "flicker_count"), [(3, 4), (8, 10)])
 def test_contours_that_stay_are_drawn_on_while_more_others_come_and_go(rng, stay_count, flicker_count):
     """Circles of 8 mm that stay, and more of 2 mm that are there at every second pose."""
     stay = [np.array([x, y, 0.2]) for x in (-0.045, -0.015, 0.015, 0.045) for y in (-0.015, 0.015)][:stay_count]
@@ -220,7 +197,7 @@ def test_silence_is_no_absence():
     assert count.absence_max == 0.0
 
 
-@pytest.mark.parametrize("block", [10, 1024, 3000, 5000])
+@pytest.mark.parametrize("block", [100, 3000])
 def test_what_is_absent_until_a_fade_ends_does_not_depend_on_blocks(block):
     """Four circles, 75.4 mm each, at 1.5 m/s: the three others take 0.1508 s, the fade ends at 0.32 s."""
     lines = [(circle(0.012, (x, 0, 0.2), 360), True) for x in np.linspace(-0.06, 0.06, 4)]

@@ -54,11 +54,11 @@ def test_json_gives_the_strategy_back(strategy):
     assert SamplingStrategy.from_json(strategy.to_json()) == strategy
 
 
-@pytest.mark.parametrize("name", PRESETS)
-def test_preset_goes_through_json_and_keeps_a_changed_update_rate(name):
-    strategy = preset(name, update_rate=40_000.0)
-    assert strategy.update_rate == 40_000.0
-    assert SamplingStrategy.from_json(strategy.to_json()) == strategy
+def test_presets_go_through_json_and_keep_a_changed_update_rate():
+    for name in PRESETS:
+        strategy = preset(name, update_rate=40_000.0)
+        assert strategy.update_rate == 40_000.0, name
+        assert SamplingStrategy.from_json(strategy.to_json()) == strategy, name
 
 
 def test_missing_fields_take_their_defaults():
@@ -107,6 +107,8 @@ def test_json_that_is_no_strategy_is_refused_in_words(text, told):
         (lambda: AmplitudeModulation(wave="saw"), "am.wave must be one of sine, square, not 'saw'"),
         (lambda: LateralModulation(radius=0.06), "lm.radius must lie in 0..0.05 m, not 0.06"),
         (lambda: Sections(count=1), "sections.count must lie in 2..1000, not 1"),
+        (lambda: SamplingStrategy(update_rate=1e6), "update_rate must lie in 1..40000 Hz, not 1000000.0"),
+        (lambda: SamplingStrategy(hold=-1), "hold must lie in 0..60 s, not -1"),
         (lambda: SamplingStrategy(foci=65), "foci must lie in 1..64, not 65"),
         (lambda: SamplingStrategy(continuity="far"), "continuity must be one of nearest, finish, jump, not 'far'"),
         (
@@ -157,9 +159,11 @@ def test_samples_a_cycle_are_as_the_pace_says(length, rate):
 def test_draw_frequency_follows_the_pace():
     length = np.array([0.0, 0.02, 0.1, 1.0])
     kinds = {
-        kind: SamplingStrategy(pace=Pace(kind=kind)).draw_frequency(length) for kind in ("frequency", "capped", "still")
+        kind: SamplingStrategy(pace=Pace(kind=kind)).draw_frequency(length)
+        for kind in ("speed", "frequency", "capped", "still")
     }
     assert all(np.isnan(found[0]) for found in kinds.values())
+    assert kinds["speed"][1:] == pytest.approx([350.0, 70.0, 7.0])
     assert kinds["frequency"][1:].tolist() == [70.0, 70.0, 70.0]
     assert kinds["capped"][1:] == pytest.approx([200.0, 70.0, 60.0])
     assert kinds["still"][1:].tolist() == [0.0, 0.0, 0.0]

@@ -14,19 +14,14 @@ from transform_cases import (
     flattened,
     random_regions,
     run_stage,
+    with_weights,
 )
 
 from palpate.kernels.section.row_walker import OBJECT
-from palpate.kernels.stages.simplify import simplify_polylines
 from palpate.render import (
     ContourBatch,
     HandPatch,
-    IntersectionStrategy,
-    MeshObject,
-    Palm,
     PlaneHand,
-    Stage,
-    render,
 )
 from palpate.render.stages.point_insertion import divide_batch
 
@@ -52,14 +47,6 @@ def one_loop(loop, rng=None, *, closed=True):
     pose = np.array([[0, 0, 0.2, np.sqrt(0.5), 0, 0, np.sqrt(0.5)]], np.float32)
     setting = a_setting(pose, thing=Block())
     return batch_of_loops([[loop]], setting.frames, rng, closed), setting
-
-
-def with_weights(batch, rng):
-    intensity = rng.random(batch.point_count).astype(np.float32)
-    dwell = np.where(rng.random(batch.point_count) < 0.1, 0.01, 0).astype(np.float32)
-    for a, b in zip(batch.polyline_start[:-1], batch.polyline_start[1:], strict=True):
-        intensity[b - 1], dwell[b - 1] = intensity[a], dwell[a]
-    return ContourBatch(**{**batch.by_name(), "intensity": intensity, "dwell": dwell})
 
 
 # Slow and obvious: which points Douglas and Peucker keep, by recursion.
@@ -106,21 +93,18 @@ def kept(p, kind, closed, tolerance, level=None, dwell=None):
 
 @pytest.mark.parametrize("weighted", [False, True])
 def test_simplified_contours_keep_the_vertices_that_the_oracle_keeps(weighted, device, rng):
-    batch, _, _ = random_regions(rng)
+    batch, setting, _ = random_regions(rng)
     batch = with_weights(batch, rng) if weighted else batch
-    there = batch.to(device)
-    index, start = simplify_polylines(
-        there.points, there.kind, there.polyline_start, there.polyline_closed, tolerance=0.0015, level=0.05,
-        intensity=there.intensity, dwell=there.dwell,
-    )  # fmt: skip
+    out = run_stage("simplify", batch, replace(setting, device=device), tolerance=0.0015)
     want = []
     for k, (a, b) in enumerate(zip(batch.polyline_start[:-1], batch.polyline_start[1:], strict=True)):
         level = None if batch.intensity is None else batch.intensity[a:b].astype(np.float64)
         dwell = None if batch.dwell is None else batch.dwell[a:b]
         p, closed = batch.points[a:b].astype(np.float64), batch.polyline_closed[k]
         want.append(a + np.flatnonzero(kept(p, batch.kind[a:b], closed, 0.0015, level, dwell)))
-    np.testing.assert_array_equal(index.numpy(), np.concatenate(want))
-    assert np.diff(start.numpy()).tolist() == [len(w) for w in want]
+    for name in ("points", "kind", "intensity", "dwell") if weighted else ("points", "kind"):
+        np.testing.assert_array_equal(getattr(out, name), getattr(batch, name)[np.concatenate(want)], err_msg=name)
+    assert np.diff(out.polyline_start).tolist() == [len(w) for w in want]
 
 
 @pytest.mark.parametrize("tolerance", [1e-5, 0.001, 0.02])
@@ -159,12 +143,6 @@ def test_simplifying_within_nothing_changes_nothing_and_needs_no_points(rng):
         "inset",
     ):
         assert_valid(run_stage(name, empty, a_setting(setting.pose[:1])), 1)
-
-
-def test_identity_is_identity(rng):
-    batch, setting, _ = random_regions(rng)
-    batch = with_weights(batch, rng)
-    assert_equal(run_stage("identity", batch, setting), batch)
 
 
 @pytest.mark.parametrize("options", [{"method": "chaikin"}, {"method": "laplace", "rounds": 5}])
@@ -321,17 +299,6 @@ def test_smoothing_leaves_no_segment_without_length(options):
     out = run_stage("smooth", batch, setting, **options)
     assert_valid(out, out.pose_count)
     assert 2 < out.point_count < 200 or options["method"] == "laplace"
-
-
-def test_depth_of_an_object_that_is_said_to_stay_is_that_of_one_that_stands_still():
-    cube = MeshObject.load("cube")
-    pose = np.array([[0, 0, 0.19, np.sqrt(0.5), 0, 0, np.sqrt(0.5)]], np.float32)
-    moved = np.array([[*cube.bounds.mean(axis=0), 0, 0, 0, 1]], np.float32)
-    for at in ("patch", "point"):
-        strategy = IntersectionStrategy(prune=("outside",), transform=("close", Stage("depth", {"at": at})))
-        still, said = (render(cube, Palm(), pose, strategy, object_pose=m).intensity for m in (None, moved))
-        assert said == pytest.approx(still, abs=1e-5)
-        assert at == "point" or still.min() > 0.35
 
 
 def test_a_small_loop_has_its_corners_although_the_window_is_longer_than_it():

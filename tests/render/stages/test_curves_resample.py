@@ -12,6 +12,7 @@ from transform_cases import (
     random_poses,
     random_regions,
     run_stage,
+    with_weights,
 )
 
 from palpate.kernels.offsets import PointLimitError
@@ -21,14 +22,6 @@ from palpate.render.intersection.batch_rendering import MEMORY_SMALLEST
 from palpate.render.stages.vertex_spacing import segment_lengths
 
 ROUNDING = 1e-7  # [m]; of the length of a part whose ends are float32, near the array
-
-
-def weighted(batch, rng):
-    """A batch with an intensity and a pause at each point, which agree at seams."""
-    intensity, dwell = rng.random((2, batch.point_count)).astype(np.float32)
-    for a, b in zip(batch.polyline_start[:-1], batch.polyline_start[1:], strict=True):
-        intensity[b - 1], dwell[b - 1] = intensity[a], dwell[a]
-    return replace(batch, intensity=intensity, dwell=dwell)
 
 
 def resampled(batch, spacing):
@@ -50,7 +43,7 @@ def resampled(batch, spacing):
 @pytest.mark.parametrize("spacing", [1e-4, 0.00137, 0.5])
 def test_segments_are_divided_as_the_oracle_divides_them_and_the_rest_stays(spacing, rng):
     batch, setting, _ = random_regions(rng)
-    batch = weighted(replace(batch, raw_error=1e-8), rng)
+    batch = with_weights(replace(batch, raw_error=1e-8), rng)
     out = run_stage("resample", batch, setting, spacing=spacing)
     assert_valid(out, batch.pose_count)
     for name in ("pose_start", "polyline_patch", "polyline_closed"):
@@ -67,7 +60,7 @@ def test_segments_are_divided_as_the_oracle_divides_them_and_the_rest_stays(spac
 
 def test_old_vertices_keep_their_bits_and_their_pauses(rng):
     batch, setting, _ = random_regions(rng)
-    batch = weighted(batch, rng)
+    batch = with_weights(batch, rng)
     out = run_stage("resample", batch, setting, spacing=0.001)
     place = {tuple(row): k for k, row in enumerate(out.points.tolist())}
     old = np.array([place[tuple(row)] for row in batch.points.tolist()])

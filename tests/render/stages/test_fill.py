@@ -63,13 +63,6 @@ def test_random_contours_have_the_hatch_of_the_oracle(spacing, angle, connect, d
     assert assert_hatched(tangled, a_setting(random_poses(rng, 30), hand=hand, device=device), **options) > 10
 
 
-@pytest.mark.parametrize("name", ["tube", "dog"])
-def test_rendered_contours_have_the_hatch_of_the_oracle(name, device, rng):
-    pose = random_poses(rng, 60)
-    batch = render(MeshObject.load(name), Palm(), pose, "cc", device=device).numpy()
-    assert assert_hatched(batch, a_setting(pose, device=device), spacing=0.007, angle=0.4) > 20
-
-
 def test_batches_of_nothing_have_no_hatch(device, rng):
     batch, setting, _ = random_regions(rng, 6)
     for first in (0, 3):  # pose 0 and pose 3 have no contours
@@ -89,13 +82,14 @@ def test_intensity_and_dwell_of_what_is_filled_are_left_out(device, rng):
     assert_equal(run_stage("hatch", replace(batch, intensity=0.5 * ones, dwell=ones), there), plain)
 
 
-def test_more_points_than_the_limit_are_refused(device, rng):
+@pytest.mark.parametrize(("name", "options"), [("hatch", {"spacing": 0.002}), ("inset", {"distance": 0.001})])
+def test_more_points_than_the_limit_are_refused(name, options, device, rng):
     batch, setting, _ = random_regions(rng, 6)
     there = a_setting(setting.pose, device=device)
-    count = run_stage("hatch", batch, there, spacing=0.002).point_count
-    run_stage("hatch", batch, replace(there, point_limit=count + 10), spacing=0.002)
+    count = run_stage(name, batch, there, **options).point_count
+    run_stage(name, batch, replace(there, point_limit=count + 10), **options)
     with pytest.raises(PointLimitError):
-        run_stage("hatch", batch, replace(there, point_limit=count - 10), spacing=0.002)
+        run_stage(name, batch, replace(there, point_limit=count // 2), **options)
 
 
 def inset_on_host(batch, setting, distance):
@@ -168,12 +162,3 @@ def test_batches_of_nothing_have_no_inset(device, rng):
         assert_valid(got, 6)
         assert (got.polyline_count > 0) == there
     assert run_stage("inset", batch.select(0, 1), a_setting(setting.pose[:1], device=device)).point_count == 0
-
-
-def test_more_points_of_an_inset_than_the_limit_are_refused(device, rng):
-    batch, setting, _ = random_regions(rng, 6)
-    there = a_setting(setting.pose, device=device)
-    count = run_stage("inset", batch, there, distance=0.001).point_count
-    run_stage("inset", batch, replace(there, point_limit=count + 10), distance=0.001)
-    with pytest.raises(PointLimitError):
-        run_stage("inset", batch, replace(there, point_limit=count // 2), distance=0.001)

@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import warp as wp
+from mesh_cases import generic_poses
 from scipy.spatial.transform import Rotation
 
 from palpate.kernels.stages.joint import divide_joints, side_pairs
@@ -17,13 +18,6 @@ from palpate.render.stages.registry import Setting
 
 STRATEGIES = {"oc": open_contour(), "cc": closed_contour()}
 ANGLE = np.radians(10.0)
-
-
-def random_poses(count, seed=0, spread=0.07):
-    rng = np.random.default_rng(seed)
-    quaternion = rng.normal(size=(count, 4))
-    quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
-    return np.hstack([rng.uniform(-spread, spread, (count, 3)) + np.array([0, 0, 0.2]), quaternion]).astype(np.float32)
 
 
 def raw_contours(thing, hand, pose, strategy, device):
@@ -76,7 +70,7 @@ def tiles(axis):
 @pytest.mark.parametrize("axis", [0, 1])
 @pytest.mark.parametrize("name", ["tube", "dog", "cube"])
 def test_two_patches_that_tile_a_palm_draw_its_contours(name, axis, strategy, device):
-    thing, (palm, hand), pose = MeshObject.load(name), tiles(axis), random_poses(150, axis)
+    thing, (palm, hand), pose = MeshObject.load(name), tiles(axis), generic_poses(150, axis)
     whole = raw_contours(thing, palm, pose, STRATEGIES[strategy], device).numpy()
     before, after, removed = joined_contours(thing, hand, pose, STRATEGIES[strategy], device)
     np.testing.assert_allclose(after.lengths(), whole.lengths(), atol=2e-6)
@@ -94,7 +88,7 @@ def test_two_patches_that_tile_a_palm_draw_its_contours(name, axis, strategy, de
 
 
 def test_what_is_left_is_a_batch_in_order(device):
-    hand, pose = flat_hand(), random_poses(200, 3, spread=0.04)
+    hand, pose = flat_hand(), generic_poses(200, 3, spread=0.04)
     before, after, _ = joined_contours(MeshObject.load("tube"), hand, pose, closed_contour(), device)
     start, line_pose = after.polyline_start, np.repeat(np.arange(200), np.diff(after.pose_start))
     assert start[0] == after.pose_start[0] == 0
@@ -116,7 +110,7 @@ def test_a_flat_hand_draws_the_outline_of_its_union_in_a_convex_solid(device):
     hand, thing = flat_hand(), MeshObject.load("sphere")
     patches = [k for k, patch in enumerate(hand.patches) if "thumb" not in patch.name]
     hand = PlaneHand(tuple(hand.patches[k] for k in patches), tuple(j for j in hand.joints if "thumb" not in j.patch))
-    pose = random_poses(60, 4, spread=0.05)
+    pose = generic_poses(60, 4, spread=0.05)
     frames, here = hand.frames(pose), np.array([[0, 0, 0, 0, 0, 0, 1.0]])
     union = shapely.union_all([shapely.Polygon(c[:, [0, 2]] * [1, -1]) for c in hand.corners(here)[0]], grid_size=1e-9)
     assert union.geom_type == "Polygon"
@@ -196,7 +190,7 @@ def test_patches_on_top_of_each_other_are_an_edge_and_not_one_plane(device):
 
 
 def test_a_joint_may_be_told_from_either_side(device):
-    pose, thing = random_poses(100, 5, spread=0.03), MeshObject.load("cube")
+    pose, thing = generic_poses(100, 5, spread=0.03), MeshObject.load("cube")
     hand = hinge(30)
     turned = PlaneHand(hand.patches, tuple(PatchJoint(j.other, j.other_side, j.patch, j.side) for j in hand.joints))
     one, two = (joined_contours(thing, h, pose, closed_contour(), device) for h in (hand, turned))
@@ -205,7 +199,7 @@ def test_a_joint_may_be_told_from_either_side(device):
 
 
 def test_other_hands_and_hands_without_joints_keep_everything(device):
-    pose, thing = random_poses(20, 6, spread=0.02), MeshObject.load("cube")
+    pose, thing = generic_poses(20, 6, spread=0.02), MeshObject.load("cube")
     for hand in (Palm(), PlaneHand(hinge(0).patches)):
         before, after, removed = joined_contours(thing, hand, pose, closed_contour(), device)
         assert not removed.any()
@@ -227,7 +221,7 @@ def test_intensity_goes_along(device):
 
 
 def test_a_contour_that_runs_the_other_way_loses_as_much(device):
-    hand, pose, thing = flat_hand(), random_poses(40, 11, spread=0.03), MeshObject.load("cube")
+    hand, pose, thing = flat_hand(), generic_poses(40, 11, spread=0.03), MeshObject.load("cube")
     raw = raw_contours(thing, hand, pose, closed_contour(), device).numpy()
     index = np.concatenate([np.arange(b - 1, a - 1, -1) for a, b in pairwise(raw.polyline_start)])
     kind = raw.kind[np.maximum(index - 1, 0)]  # of the segment that now starts here
@@ -291,7 +285,7 @@ def removed_slowly(batch, hand, pose, angle, gap):
 @pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("rigid", [True, False])
 def test_removed_lengths_are_those_of_the_oracle(rigid, device):
-    pose, thing, hand = random_poses(60, 8, spread=0.04), MeshObject.load("tube"), flat_hand()
+    pose, thing, hand = generic_poses(60, 8, spread=0.04), MeshObject.load("tube"), flat_hand()
     if not rigid:  # every phalanx shaken by up to 3 mm and some 10 degrees
         rng = np.random.default_rng(9)
         own = np.tile(np.array([patch.pose for patch in hand.patches]), (len(pose), 1, 1))
@@ -306,7 +300,7 @@ def test_removed_lengths_are_those_of_the_oracle(rigid, device):
 
 
 def test_the_kernels_refuse_poses_of_another_number(device):
-    hand, pose = hinge(0), random_poses(3)
+    hand, pose = hinge(0), generic_poses(3, 0)
     raw = raw_contours(MeshObject.load("cube"), hand, pose, closed_contour(), device)
     pairs = side_pairs([(0, 2, 1, 0)], device)
     for count, columns, said in ((2, 1, "of 3 poses, not of 2"), (3, 3, r"\[pose, 1\] or \[pose, 2\], not \[3, 3\]")):
@@ -321,7 +315,9 @@ def test_regions_that_are_filled_or_replaced_stay_whole(name):
     bare = PlaneHand(hand.patches)
     thing = MeshObject.load("sphere")
     strategy = IntersectionStrategy(prune=("outside",), transform=("close", name))
-    pose = np.array([[0, 0.02, 0.2, 0.7071068, 0, 0, 0.7071068]], np.float32)
+    pose = np.array([[0, -0.02, 0.2, 0.7071068, 0, 0, 0.7071068]], np.float32)
+    joined, apart = (render(thing, some, pose, "cc").length()[0] for some in (hand, bare))
+    assert joined < apart - 0.02  # sides by which patches touch are in the sphere
     one, other = (render(thing, some, pose, strategy) for some in (hand, bare))
     assert one.point_count > 10
     np.testing.assert_array_equal(one.points, other.points)

@@ -12,10 +12,9 @@ from thinning_oracle import SlowThinning
 
 from palpate.kernels.stages.cut import divide_segments
 from palpate.kernels.stages.prune_crowded import Beside, thin_contours
-from palpate.render import ContourBatch, IntersectionStrategy
+from palpate.render import ContourBatch
 from palpate.render.hands.hand import PatchFrames
 from palpate.render.stages.prune import facing_angle
-from palpate.render.stages.registry import known_stages
 
 STAGES = ["off-skin", "close-together", "small", "turned-away", "hidden"]
 OPTIONS = {"small": {"perimeter": 0.4, "length": 0.2}}  # random polylines are long
@@ -76,14 +75,6 @@ def test_poses_do_not_depend_on_each_other(name, device, rng):
             np.testing.assert_array_equal(value, whole.select(first, stop).by_name()[field])
 
 
-def test_every_stage_says_in_one_line_what_it_does_and_stores_numbers():
-    entries = known_stages("prune")
-    for name in STAGES:
-        assert entries[name].line.startswith("Remove ")
-        stored = IntersectionStrategy(prune=(name,)).resolved(FOCAL_WIDTH).described()["prune"][0]
-        assert all(isinstance(value, int | float | bool) for key, value in stored.items() if key != "stage")
-
-
 # ---- off-skin ------------------------------------------------------------------------------------------------------
 
 
@@ -114,6 +105,16 @@ def test_off_skin_keeps_what_dense_samples_find_near(device, rng):
         for line in out.polylines_of(pose):
             for a, b in zip(line[:-1].astype(float), line[1:].astype(float), strict=True):
                 assert skin_distance(a + share * (b - a), frames, pose).max() <= 0.012 + 2e-6
+
+
+def test_pauses_stay_at_the_vertices_that_stay_and_cuts_have_none(device, rng):
+    batch, frames = random_batch(rng, 15), random_frames(rng, 15)
+    batch = replace(batch, dwell=rng.uniform(0.01, 0.02, batch.point_count).astype(np.float32))
+    pause = {tuple(point): dwell for point, dwell in zip(batch.points.tolist(), batch.dwell, strict=True)}
+    out, _ = pruned(batch, a_setting(frames, device), "off-skin", radius=0.012)
+    expected = [pause.get(tuple(point), 0.0) for point in out.points.tolist()]
+    np.testing.assert_array_equal(out.dwell, np.array(expected, np.float32))
+    assert 10 < np.count_nonzero(out.dwell) < out.point_count - 10
 
 
 def test_off_skin_cuts_exactly_at_the_focal_radius(device):

@@ -174,6 +174,14 @@ def test_inset_parts_at_a_waist():
     assert inset_loops([bone], 0.011) == []
 
 
+def test_of_an_outline_that_crosses_itself_only_what_it_goes_around_counter_clockwise_is_inset():
+    """An eight goes around its left triangle counter-clockwise, and around the right one clockwise."""
+    eight = 0.01 * np.array([[-2, -1], [2, 1], [2, -1], [-2, 1.0]])
+    left = shapely.Polygon(0.01 * np.array([[0, 0], [-2, 1], [-2, -1.0]]))
+    (loop,) = inset_loops([eight], 0.001)
+    assert shapely.Polygon(loop).symmetric_difference(left.buffer(-0.001)).area < 1e-9
+
+
 @pytest.mark.parametrize("name", ["hatch", "inset"])
 def test_open_contours_are_left_out_with_a_warning(name, rng):
     setting = a_setting(random_poses(rng, 1))

@@ -192,14 +192,6 @@ def test_a_file_may_begin_with_a_byte_order_mark(tmp_path):
     assert load_strategy(str(path)) == closed_contour()
 
 
-@pytest.mark.parametrize("field", ["prune", "transform", "modules"])
-def test_a_text_is_no_list(field):
-    with pytest.raises(StrategyError, match=f"{field} must be a list, not 'outside'"):
-        IntersectionStrategy(**{field: "outside"})
-    with pytest.raises(StrategyError, match=f"{field} must be a list, not None"):
-        IntersectionStrategy(**{field: None})
-
-
 @pytest.mark.parametrize("options", [{"length": None}, {"length": None, "perimeter": None}])
 def test_a_stage_with_its_defaults_written_out_is_the_same_stage(options):
     with pytest.raises(StrategyError, match="listed twice with the same options"):

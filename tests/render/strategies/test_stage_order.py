@@ -11,7 +11,7 @@ from palpate.render import IntersectionStrategy
 from palpate.render.errors import StrategyError
 from palpate.render.hands.hand import PatchFrames
 from palpate.render.stages.registry import Stage, known_stages
-from palpate.render.strategies.intersection_strategy import PRESETS, load_strategy
+from palpate.render.strategies.intersection_strategy import PRESETS
 from palpate.render.strategies.presets import PRESET_LINES
 from palpate.render.strategies.stage_order import require_order
 
@@ -54,17 +54,6 @@ def test_orders_that_make_no_sense_are_refused(raw, prune, transform, message):
 )
 def test_orders_that_make_sense_are_taken(raw, prune, transform):
     require_order(raw, prune, transform)
-
-
-@pytest.mark.parametrize("name", PRESET_LINES)
-def test_presets_are_strategies_that_survive_json(name):
-    strategy = load_strategy(name)
-    assert IntersectionStrategy.from_json(strategy.to_json()) == strategy
-    full = strategy.resolved(0.01)
-    assert None not in [value for role in full.stages().values() for stage in role for value in stage.options.values()]
-    assert IntersectionStrategy.from_json(full.to_json()) == full
-    prune, transform = ([stage.name for stage in full.stages()[role]] for role in ("prune", "transform"))
-    require_order(strategy.raw_stage.name, prune, transform)
 
 
 def test_every_preset_has_a_line_of_its_own():

@@ -1,5 +1,6 @@
 """Implicit objects: expressions and Warp functions, placed, judged, refused."""
 
+import json
 import warnings
 from dataclasses import replace
 from itertools import pairwise
@@ -15,7 +16,7 @@ from palpate.render.errors import ImplicitError, PalpateWarning
 from palpate.render.hands.hand import Palm
 from palpate.render.intersection.batch_rendering import render
 from palpate.render.objects.functions.expression import box, half_space, sphere, torus
-from palpate.render.objects.functions.expression_json import expression_to_json
+from palpate.render.objects.functions.expression_json import expression_from, expression_to_json
 from palpate.render.objects.functions.implicit_object import ImplicitObject
 from palpate.render.objects.mesh.placement import Placement
 from palpate.render.objects.mesh.solid_mesh import MeshObject
@@ -57,9 +58,9 @@ def test_a_ball_is_a_ball_however_it_is_told(source, device, rng):
 @pytest.mark.parametrize(
     "placement",
     [
+        Placement(up="y", rotate=(10, 20, 30), at=(0, 0, 0.2)),
         UP,
         Placement(scale=0.5, at=(0.1, 0, 0.3)),
-        Placement(up="y", rotate=(10, 20, 30), at=(0, 0, 0.2)),
         Placement(up="-x", fit=0.13, rotate=(0, 0, 90), at=(0.01, 0.02, 0.2)),
         Placement(rotate=(90, 0, 0)),
     ],
@@ -239,10 +240,6 @@ def test_a_constant_that_a_function_reads_counts_to_its_identity(tmp_path):
 
 
 def test_described_is_json_that_an_expression_comes_back_from():
-    import json
-
-    from palpate.render.objects.functions.expression_json import expression_from
-
     thing = made(sphere(0.04) | box(0.1, 0.02, 0.02))
     described = json.loads(json.dumps(thing.described()))
     assert described["representation"] == "expression"

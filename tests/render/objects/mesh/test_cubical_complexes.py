@@ -4,7 +4,6 @@ import warnings
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 from voxel_complexes import (
     Complex,
     as_indexed,
@@ -53,7 +52,7 @@ def disguised(triangles, rng, turn, grid):
 @pytest.mark.parametrize("number", range(SETS))
 def test_random_complexes_load_as_their_union(number, kind):
     exact, disguises = 0, set()
-    for seed in range(70):
+    for seed in range(16):
         rng = np.random.default_rng([number, len(kind), seed])
         complex_ = random_complex(rng, 4 if seed % 8 == 0 else 3)
         if not complex_.is_exact():
@@ -66,8 +65,8 @@ def test_random_complexes_load_as_their_union(number, kind):
         assert (mended.report.crossings, mended.report.bodies_united, mended.report.open_edges) == (0, 0, 0), seed
         off = 1e-4 if "float32" in kind else 1e-9
         assert_is_solid(mended.vertices @ rotated, mended.faces, complex_.filled, off, (number, seed))
-    assert exact > 40
-    assert len(disguises) >= 6
+    assert exact > 8
+    assert len(disguises) >= 4
 
 
 @pytest.mark.exhaustive
@@ -193,30 +192,6 @@ def test_contours_of_random_complexes_are_those_of_their_layers(number, device):
             batch = render(thing, Palm(0.9, 0.9), poses, strategy, device=device)
             assert batch.length() == pytest.approx(want, abs=1e-5)
             assert batch.polyline_closed.all()
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("grid", [False, True], ids=["float64", "float32"])
-def test_contours_of_boxes_that_touch_stay_when_all_is_turned(grid, device):
-    """Boxes that overlap, touch and nest, and palms through their layers, turned together: no inner walls are drawn."""
-    middle = np.array([0.15, 0.15, 0.25])
-    for seed in range(12):
-        rng = np.random.default_rng(seed)
-        filled, triangles = random_boxes(rng)
-        turn = Rotation.from_quat(rng.normal(size=4))
-        turned = turn.apply((0.06 * triangles + [0, 0, 0.1] - middle).reshape(-1, 3)) + middle
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            kind = np.float32 if grid else np.float64
-            thing = MeshObject(turned.astype(kind), np.arange(len(turned)).reshape(-1, 3))
-        at = turn.apply([[0, 0, 0.06 * (layer - 2)] for layer in range(5)]) + middle
-        level = turn * Rotation.from_quat(level_pose(0)[0, 3:])
-        poses = np.column_stack([at, np.tile(level.as_quat(), (5, 1))]).astype(np.float32)
-        want = [0.06 * layer_outline(filled, 2, layer)[1] for layer in range(5)]
-        for strategy in (closed_contour(), open_contour()):
-            assert render(thing, Palm(0.9, 0.9), poses, strategy, device=device).length() == pytest.approx(
-                want, abs=2e-5
-            )
 
 
 def test_report_of_clean_cubes_says_nothing_was_done():

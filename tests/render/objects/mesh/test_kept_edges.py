@@ -8,7 +8,7 @@ import trimesh
 
 from palpate.kernels.section.half_edges import HalfEdges
 from palpate.render import MeshObject, render
-from palpate.render.objects.mesh import kept_arrays, kept_edges
+from palpate.render.objects.mesh import kept_edges
 
 PARTS = ("vertices", "faces", "order", "twin")
 
@@ -106,19 +106,3 @@ def test_an_entry_that_is_of_no_such_mesh_is_made_anew(folder, made, name, fault
     assert made == [320, 320]
     kept_edges.edges_of_mesh(*ball(), "a mesh")
     assert made == [320, 320]  # it was rewritten
-
-
-def test_small_meshes_and_a_full_disk_leave_nothing(tmp_path, folder, made, monkeypatch):
-    monkeypatch.setattr(kept_edges, "SECONDS_LEAST", 1e9)
-    kept_edges.edges_of_mesh(*ball(), "a mesh")
-    assert not folder.exists()
-    monkeypatch.setattr(kept_edges, "SECONDS_LEAST", 0.0)
-
-    def full(path, content):
-        path.write_bytes(content[:100])
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(kept_arrays, "write_temporary", full)
-    kept_edges.edges_of_mesh(*ball(), "a mesh")
-    assert list(folder.iterdir()) == []
-    assert made == [320, 320]

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from palpate.render import MeshObject
-from palpate.render.errors import MeshError
 from palpate.render.objects.mesh import kept_arrays, kept_repairs
 
 
@@ -85,7 +84,7 @@ def test_another_mesh_option_or_version_never_reads_it(folder, repairs, change, 
 
 
 @pytest.mark.filterwarnings("ignore::palpate.render.errors.PalpateWarning")
-@pytest.mark.parametrize("kept", [0.0, 0.3, 0.9, 0.999])
+@pytest.mark.parametrize("kept", [0.0, 0.9])
 def test_a_truncated_entry_is_repaired_anew_and_rewritten(folder, repairs, kept):
     first = MeshObject(*two_boxes())
     (entry,) = folder.iterdir()
@@ -173,14 +172,6 @@ def test_entries_used_least_lately_are_deleted_and_nothing_else(folder, monkeypa
     assert len(list(folder.glob("*.npz"))) == 3
 
 
-def test_what_is_no_mesh_is_refused_as_without_a_cache(folder):
-    with pytest.raises(MeshError, match="no triangles"):
-        MeshObject(np.zeros((3, 3)), np.zeros((0, 3), int))
-    with pytest.raises(MeshError, match="not finite"):
-        MeshObject(np.full((3, 3), np.nan), np.array([[0, 1, 2]]))
-    assert not folder.exists()
-
-
 @pytest.mark.exhaustive
 def test_ctrl_c_while_a_mesh_is_loading_leaves_nothing_behind(tmp_path):
     script = (
@@ -195,7 +186,7 @@ def test_ctrl_c_while_a_mesh_is_loading_leaves_nothing_behind(tmp_path):
         "    return MeshObject.load('rock', watch=watch) and 0\n"
         "sys.exit(console.run(command, as_json=False))\n"
     )
-    for stage in ("welding", "orientation", "bodies", "crossings", "nesting"):
+    for stage in ("welding", "nesting"):
         environment = {**os.environ, "PALPATE_CACHE": str(tmp_path / "meshes")}
         run = subprocess.run(
             [sys.executable, "-c", script, stage], capture_output=True, text=True, env=environment, timeout=120

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 import trimesh
+from box_meshes import box, inverted, joined
 from command_line import answer, refused, run
 
 from palpate.datasets import ContourFile
@@ -13,16 +14,6 @@ from palpate.render.errors import MeshError, PalpateWarning
 from palpate.render.objects.mesh import repair as mend
 
 LEVEL = np.array([[0, 0, 0.2, -np.sqrt(0.5), 0, 0, np.sqrt(0.5)]])  # a palm parallel to the array
-
-
-def box(size, at):
-    mesh = trimesh.creation.box([size] * 3)
-    return np.asarray(mesh.vertices) + at, np.asarray(mesh.faces)
-
-
-def joined(*parts):
-    offsets = np.cumsum([0, *(len(v) for v, _ in parts)])
-    return np.vstack([v for v, _ in parts]), np.vstack([f + o for (_, f), o in zip(parts, offsets, strict=False)])
 
 
 def without_top(body):
@@ -40,24 +31,20 @@ BALL = np.asarray(SPHERE.vertices) + np.array([0.0, 0.0, 0.2])
 TORN = np.delete(np.asarray(SPHERE.faces), SPHERE.triangles_center.argmax(axis=0), axis=0)  # 3 holes of 3 edges each
 
 
-def inside_out(body):
-    return body[0], body[1][:, ::-1]
-
-
 FAULTS = {
     "nothing": (CUBE, {"bodies": 1, "triangles": 12}),
     "repeats": ((CUBE[0], CUBE[1][[*range(12), 3, 7]]), {"faces_dropped": 2}),
     "corner twice": ((CUBE[0], np.vstack([CUBE[1], [[0, 0, 1], [2, 3, 2]]])), {"faces_dropped": 2}),
     "turned triangles": ((CUBE[0], np.where(np.isin(np.arange(12), [2, 9])[:, None], CUBE[1][:, ::-1], CUBE[1])),
                          {"faces_turned": 2}),
-    "inside out": (inside_out(CUBE), {"bodies_turned": 1}),
-    "cavity": (joined(CUBE, inside_out(box(0.04, (0, 0, 0.2)))), {"bodies": 2, "cavities": 1, "bodies_turned": 0}),
+    "inside out": (inverted(CUBE), {"bodies_turned": 1}),
+    "cavity": (joined(CUBE, inverted(box(0.04, (0, 0, 0.2)))), {"bodies": 2, "cavities": 1, "bodies_turned": 0}),
     "hidden": (joined(CUBE, box(0.04, (0, 0, 0.2))), {"bodies": 2, "bodies_hidden": 1}),
     "united": (joined(CUBE, box(0.08, (0.03, 0.02, 0.21))), {"bodies": 2, "bodies_united": 2, "crossings": 0}),
     "open box": (without_top(CUBE), {"open_edges": 4, "holes": 1, "closed_contours": "refused"}),
     "torn sphere": ((BALL, TORN), {"open_edges": 9, "holes": 3}),
     "flag": (joined(CUBE, FLAG), {"open_edges": 4, "holes": 1, "sheet_faces": 2, "closed_contours": "exact"}),
-    "flag with a back": (joined(CUBE, FLAG, inside_out(FLAG)), {"open_edges": 0, "faces_dropped": 4}),
+    "flag with a back": (joined(CUBE, FLAG, inverted(FLAG)), {"open_edges": 0, "faces_dropped": 4}),
     "flag with another back": (joined(CUBE, FLAG, (FLAG[0], np.array([[3, 1, 0], [3, 2, 1]]))), {"bodies_flat": 1}),
 }  # fmt: skip
 
@@ -104,10 +91,12 @@ def test_filling_holes_as_suggested_closes_them(tmp_path):
 
 def test_only_holes_up_to_the_length_are_filled(tmp_path):
     (vertices, faces), _ = FAULTS["torn sphere"]
-    edge = np.linalg.norm(vertices[faces[0, 0]] - vertices[faces[0, 1]])
+    corner = SPHERE.triangles[SPHERE.triangles_center.argmax(axis=0)]  # of the triangles that are missing
+    rims = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).sum(axis=1)
     trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / "torn.ply")
-    told = answer("info", tmp_path / "torn.ply", "--fill-holes", edge)
-    assert (told["open_edges"], told["holes_filled"]) == (9, 0)
+    for length, filled in ((0.999 * rims.min(), 0), (1.001 * rims.max(), 3)):
+        told = answer("info", tmp_path / "torn.ply", "--fill-holes", length)
+        assert (told["open_edges"], told["holes_filled"]) == (9 - 3 * filled, filled)
 
 
 def test_welding_as_suggested_closes_a_soup_whose_corners_are_apart(tmp_path, rng):

@@ -66,6 +66,18 @@ def test_a_binary_ball_is_within_a_voxel_and_a_half_and_smoothing_brings_it_clos
     assert np.std(surface_distances(smooth)) < 0.6 * np.std(surface_distances(plain))
 
 
+def test_smoothing_is_as_wide_in_metres_along_each_axis():
+    """A Gaussian of 6 mm, of which voxels of 4, 5 and 3 mm take samples, has that standard deviation."""
+    one = np.zeros((25, 25, 25), bool)
+    one[9:16, 9:16, 9:16] = True
+    weight = 0.5 - balled(one, kind=None, smooth=0.006).values.astype(np.float64)
+    for axis, size in enumerate((0.004, 0.005, 0.003)):
+        along = weight.sum(axis=tuple({0, 1, 2} - {axis}))
+        place = size * (np.arange(25) - 12)
+        variance = (along * place**2).sum() / along.sum() - size**2 * (7**2 - 1) / 12  # less that of the cube
+        assert np.sqrt(variance) == pytest.approx(0.006, rel=0.02)
+
+
 def test_smoothing_takes_what_is_beyond_the_border_for_outside():
     block = np.zeros((14, 13, 12), bool)
     block[5:, 4:9, :] = True
@@ -242,11 +254,9 @@ REFUSED = {
     "empty": (np.zeros((5, 0, 3)), {}, r"empty: shape \[5, 0, 3\]"),
     "complex": (np.zeros((3, 3, 3), complex), {}, "complex128"),
     "text": (np.full((3, 3, 3), "a"), {}, "bool, integer or float, not <U1"),
-    "objects": (np.full((3, 3, 3), None), {}, "not object"),
     "NaN": (with_bad_voxel(np.nan), {}, r"1 voxels are not finite, the first is voxel \[3, 4, 5\]: nan"),
     "infinite": (with_bad_voxel(-np.inf), {}, r"\[3, 4, 5\]: -inf"),
     "spacing 0": (None, {"spacing": (0.01, 0, 0.01)}, r"positive lengths in metres, not \(0.01, 0, 0.01\)"),
-    "negative spacing": (None, {"spacing": -0.01}, "not -0.01"),
     "spacing NaN": (None, {"spacing": np.nan}, "not nan"),
     "two spacings": (None, {"spacing": (0.01, 0.01)}, "one or three"),
     "origin": (None, {"origin": (0, np.inf, 0)}, "origin must be three finite"),
@@ -255,7 +265,6 @@ REFUSED = {
     "both": (None, {"affine": np.eye(4)}, "not both"),
     "singular affine": (None, {"spacing": None, "affine": np.diag([1, 1, 0, 1])}, "must not lie in a plane"),
     "projective affine": (None, {"spacing": None, "affine": np.ones((4, 4))}, "end in 0 0 0 1"),
-    "affine 3 x 4": (None, {"spacing": None, "affine": np.eye(4)[:3]}, r"\[4, 4\]"),
     "unknown kind": (None, {"kind": "sdf"}, "occupancy, distance, intensity, label, not 'sdf'"),
     "no kind": (None, {"kind": None}, "say kind='distance'"),
     "no level": (None, {"kind": "intensity"}, "need a level between -0.02"),
@@ -277,21 +286,16 @@ REFUSED = {
     "ragged values": ([[[1.0, 2.0]], [[1.0]]], {}, r"\[i, j, k\] of numbers"),
     "masked": (np.ma.masked_less(ball(), 0), {}, r"^\d+ voxels are masked: give them values"),
     "spacing of text": (None, {"spacing": "fine"}, "spacing must be one or three .* 'fine'"),
-    "ragged spacing": (None, {"spacing": [1, [2, 3]]}, "spacing must be one or three"),
     "spacing 1e-310": (None, {"spacing": 1e-310}, r"must be 1e-09..1e\+06 m apart"),
     "origin of text": (None, {"origin": "abc"}, "origin must be three finite coordinates in metres, not 'abc'"),
     "direction of text": (None, {"direction": "x"}, "direction must be"),
     "affine of text": (None, {"spacing": None, "affine": "x"}, "affine must be finite"),
-    "kind of a list": (None, {"kind": ["distance"]}, "kind must be one of"),
     "level of text": (None, {"level": "x"}, "level must be finite, not 'x'"),
     "level of 5,000 digits": (None, {"level": 10**5000}, "level must be finite, not a number that large"),
     "label of text": (ball() < 0, {"kind": None, "label": "liver"}, "label must be a whole number, .* 'liver'"),
     "label 1.9": (ball() < 0, {"kind": None, "label": 1.9}, "label must be a whole number, or several, not 1.9"),
-    "labels with None": (ball() < 0, {"kind": None, "label": [1, None]}, "label must be .* not None"),
     "no labels": (ball() < 0, {"kind": None, "label": []}, "not none at all"),
-    "label of 5,000 digits": (ball() < 0, {"kind": None, "label": 10**5000}, "not a number that large"),
     "smooth of text": (ball() < 0, {"kind": None, "smooth": "1"}, "smooth must be a length"),
-    "smooth None": (ball() < 0, {"kind": None, "smooth": None}, "smooth must be a length"),
     "huge smooth": (ball() < 0, {"kind": None, "smooth": 1e9}, "smooth of 1e[+]09 m is wider than the volume"),
     "too large": (np.full((3, 3, 3), 1e300), {"kind": None, "level": 0.0}, "too large for float32"),
 }

@@ -180,7 +180,7 @@ class ArrayModel:
         where = np.array(pose, np.float64)
         if where.shape != (7,):
             raise ValueError(f"pose has shape {where.shape}, but an array's is (7,): position and quaternion xyzw")
-        norm = float(np.linalg.norm(where[3:]))
+        norm = float(np.sqrt(np.square(where[3:]).sum()))
         if not (np.isfinite(where).all() and abs(norm - 1) <= 1e-3):
             raise ValueError(
                 f"pose {where.tolist()} must be finite, its quaternion's norm within 1e-3 of 1, not {norm:g}"
@@ -189,8 +189,8 @@ class ArrayModel:
         rotation = _rotation(where[3:])
         return replace(
             own,
-            position=frozen((own.position.astype(np.float64) @ rotation.T + where[:3]).astype(np.float32)),
-            normal=frozen((own.normal.astype(np.float64) @ rotation.T).astype(np.float32)),
+            position=frozen((_product(own.position.astype(np.float64), rotation.T) + where[:3]).astype(np.float32)),
+            normal=frozen(_product(own.normal.astype(np.float64), rotation.T).astype(np.float32)),
             pose=frozen(where),
             unplaced=own,
         )
@@ -199,7 +199,8 @@ class ArrayModel:
         """Which points [m] of the common frame, shape [point, 3], lie in this array's focal zone; NaN does not."""
         if self.unplaced is None:
             return self.focal_zone.contains(point)
-        own = (np.asarray(point, np.float64) - self.pose[:3]) @ _rotation(self.pose[3:])
+        with np.errstate(invalid="ignore"):  # infinite points
+            own = _product(np.asarray(point, np.float64) - self.pose[:3], _rotation(self.pose[3:]))
         return self.focal_zone.contains(own.astype(np.float32))  # as points are: 0.15 m is in reach of 0.15 m
 
     def update_rate(self, divider: int) -> float:
@@ -247,3 +248,9 @@ def _rotation(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
     )
+
+
+def _product(vector: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rows times a matrix, shape [..., 3]: summed in one order, where `@` rounds by shape and processor."""
+    x, y, z = (vector[..., axis, None] * matrix[axis] for axis in range(3))
+    return (x + y) + z

@@ -9,6 +9,8 @@ classify the same point differently.
 
 import warp as wp
 
+from .one_device import on_one_device
+
 EXACT = {"fuse_fp": False, "fast_math": False, "enable_backward": False, "default_grid_stride": False}
 
 # A patch's sides and corners, counter-clockwise seen from +n; corner k is where side k starts.
@@ -211,6 +213,7 @@ def corner(k: int, half: wp.vec2d):
     return wp.vec2d(x, y)
 
 
+@on_one_device
 def require_section_poses(pose: wp.array, patch: wp.array) -> None:
     """Raise ValueError unless poses have shape [pose, 1] (of the hand) or [pose, patch] (of each patch)."""
     if pose.ndim != 2 or pose.shape[1] not in (1, patch.shape[0]):

@@ -26,7 +26,7 @@ from .exploration_draws import (
     TURN,
     stroke_draws,
 )
-from .rotation_vectors import conjugate, cross, dot, exponential, from_axes, length_of, logarithm, norm, product
+from .rotation_vectors import conjugate, cross, dot, exponential, from_axes, length_of, logarithm, product
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -132,7 +132,7 @@ def _move(explorers: _Explorers, rows: Array) -> tuple[_Explorers, _Strokes]:
     goal = _facing(direction, rows)
     ways, marks, length = _ways(explorers, rows, around)
     rotation = logarithm(product(conjugate(explorers.turn), goal))
-    seconds = np.maximum(length / speed, norm(rotation)[:, 0] / TURN_SPEED)
+    seconds = np.maximum(length / speed, length_of(rotation)[:, 0] / TURN_SPEED)
     count = np.maximum(1, np.ceil(seconds / INTERVAL)).astype(np.int64)
     share = np.concatenate([_profile(number) for number in count.tolist()])
     owner = np.repeat(np.arange(len(count)), count)
@@ -181,9 +181,9 @@ def _profile(count: int) -> Array:
 def _ways_around(centre: Array, half: Array, here: Array, direction: Array) -> Array:
     """Polylines to the stand-off in a direction, on the great arc, keeping to grown boxes; [way, 33, 3] [m]."""
     out = here - centre
-    distance = norm(out)
+    distance = length_of(out)
     start = out / distance
-    level = distance / norm(_reach(half, start, STANDOFF))
+    level = distance / length_of(_reach(half, start, STANDOFF))
     angle = np.arccos(np.clip(dot(start, direction), -1.0, 1.0))[:, None]
     s = _ARC
     arc = np.sin((1.0 - s) * angle) * start[:, None] + np.sin(s * angle) * direction[:, None]
@@ -201,7 +201,7 @@ def _octant_direction(rows: Array) -> Array:
     """Unit directions, each uniform in an octant: bits 0, 1, 2 set make x, y, z negative."""
     direction = np.abs(rows[:, DIRECTION])
     octant = rows[:, OCTANT, None].astype(np.int64)
-    return direction / norm(direction) * np.where(octant >> _BITS & 1, -1.0, 1.0)
+    return direction / length_of(direction) * np.where(octant >> _BITS & 1, -1.0, 1.0)
 
 
 def _facing(direction: Array, rows: Array) -> Array:
@@ -209,7 +209,7 @@ def _facing(direction: Array, rows: Array) -> Array:
     is_flat = np.abs(direction[:, 1:2]) < 0.75
     ahead = np.where(is_flat, _Y, _Z)
     wrist = -(ahead - np.where(is_flat, direction[:, 1:2], direction[:, 2:]) * direction)
-    wrist /= norm(wrist)
+    wrist /= length_of(wrist)
     axes = np.stack([cross(direction, wrist), direction, wrist], axis=1)
     return product(from_axes(axes), exponential(TILT * rows[:, TURN]))
 

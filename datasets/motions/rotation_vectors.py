@@ -27,18 +27,13 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def dot(a: Array, b: Array) -> Array:
-    """Scalar products of vectors, [..., k] to [..., 1]: each has the bits of `a @ b`."""
-    return (a[..., None, :] @ b[..., :, None])[..., 0]
-
-
-def norm(x: Array) -> Array:
-    """Length of vectors, [..., k] to [..., 1]: each has the bits of np.linalg.norm of one vector."""
-    return np.sqrt(dot(x, x))
+    """Scalar products of vectors, [..., k] to [..., 1]: summed in order, where `a @ b` rounds by processor."""
+    return np.add.reduce(a * b, axis=-1, keepdims=True)
 
 
 def length_of(x: Array) -> Array:
-    """Length of vectors, [..., 3] to [..., 1]: the bits of np.linalg.norm along an axis, without its checks."""
-    return np.sqrt(np.add.reduce(x * x, axis=-1, keepdims=True))
+    """Length of vectors, [..., k] to [..., 1]: the bits of np.linalg.norm along an axis, without its checks."""
+    return np.sqrt(dot(x, x))
 
 
 def conjugate(q: Array) -> Array:
@@ -70,4 +65,4 @@ def from_axes(axes: Array) -> Array:
     one, other = axes.take(_ONE, axis=1), axes.take(_OTHER, axis=1)
     products = np.concatenate([square, one + other, one - other], axis=1)
     row = np.take_along_axis(products, _ROW[np.argmax(square, axis=1)], axis=1)
-    return row / norm(row)
+    return row / length_of(row)

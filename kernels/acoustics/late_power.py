@@ -4,6 +4,7 @@ import numpy as np
 import warp as wp
 
 from ..offsets import BLOCK
+from ..one_device import on_one_device
 from ..patch import EXACT
 
 wp.set_module_options(EXACT)
@@ -70,6 +71,7 @@ def split_lags(lag: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndar
     return whole.astype(np.int32), np.stack([weight * (1 - part), weight * part], axis=1).astype(np.float32)
 
 
+@on_one_device
 def sum_late_power(signal: wp.array, lag: wp.array, weight: wp.array, *, skip: int, out: wp.array) -> None:
     """Write sum_n weight_n |signal_n(t - lag_n)|^2, linear between periods, to `out`, for columns from `skip` on.
 

@@ -12,6 +12,7 @@ import warp as wp
 
 from ..driving.wave import WAVE, piston_polynomial
 from ..offsets import BLOCK
+from ..one_device import on_one_device
 from ..patch import EXACT
 
 wp.set_module_options(EXACT)
@@ -180,6 +181,7 @@ def pack_sources(
     return Sources(wp.array(table, device=device), count, 1 / wavelength, directivity)
 
 
+@on_one_device
 def sum_waves(points: wp.array, sources: Sources, *, out: wp.array) -> None:
     """Write the complex pressure of driven transducers at points to `out`, relative to that of one at 1 m.
 
@@ -197,6 +199,7 @@ def sum_waves(points: wp.array, sources: Sources, *, out: wp.array) -> None:
     )
 
 
+@on_one_device
 def write_waves(points: wp.array, sources: Sources, *, out: wp.array) -> None:
     """Write the complex pressure that each transducer of drive 1 makes at points to `out`, relative to that at 1 m.
 

@@ -3,6 +3,7 @@
 import numpy as np
 import warp as wp
 
+from ..one_device import on_one_device
 from ..patch import EXACT
 
 wp.set_module_options(EXACT)
@@ -37,6 +38,7 @@ def wave_rows(waves: np.ndarray) -> np.ndarray:
     return np.block([[waves.real, -waves.imag], [waves.imag, waves.real]]).astype(np.float32)
 
 
+@on_one_device
 def propagate_signals(matrix: wp.array, signal: wp.array, *, out: wp.array) -> None:
     """Write matrix @ signal to `out`: float32, shapes [row, signal], [signal, column], [row, column].
 

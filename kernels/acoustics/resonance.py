@@ -11,6 +11,7 @@ from typing import NamedTuple
 import warp as wp
 
 from ..offsets import BLOCK
+from ..one_device import on_one_device
 from ..patch import EXACT
 
 wp.set_module_options(EXACT)
@@ -130,6 +131,7 @@ def settling_periods(pole: complex) -> int:
     return ceil(SETTLED / -log(size))
 
 
+@on_one_device
 def emit_frames(
     frames: DeviceFrames, *, rate: float, pole: complex, begin: int, end: int, origin: int, out: wp.array
 ) -> None:

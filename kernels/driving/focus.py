@@ -6,6 +6,7 @@ import numpy as np
 import warp as wp
 
 from ..offsets import BLOCK
+from ..one_device import on_one_device
 from ..patch import EXACT
 
 wp.set_module_options(EXACT)
@@ -104,6 +105,7 @@ def _focus_phases(
     write_phases(points, row, scale, group, first, stride, out)
 
 
+@on_one_device
 def focus_phases(points: wp.array, table: FocusTable, *, out: wp.array | None = None) -> wp.array:
     """Delays [1/256 turn] that focus each frame at its point: round(-256 r / wavelength) mod 256, uint8.
 

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
+from ..one_device import on_one_device
 from ..patch import EXACT
 from .weigh import FocalBox, weigh_points
 
@@ -155,6 +156,7 @@ class PackedFrames(NamedTuple):
     """Focal points that are silenced."""
 
 
+@on_one_device
 def pack_pulses(point: wp.array, intensity: wp.array, board: PulseBoard, box: FocalBox) -> PackedFrames:
     """Frames that focus at points, vec3 [m], with intensities, float32; all on one device, shape [frame].
 
@@ -166,6 +168,7 @@ def pack_pulses(point: wp.array, intensity: wp.array, board: PulseBoard, box: Fo
     return PackedFrames(_packed(_pack_pulses, point, level, board), refused)
 
 
+@on_one_device
 def pack_delays(delay: wp.array, level: wp.array, board: PulseBoard) -> wp.array:
     """Frames, uint8, shape [frame, frame_bytes], of delays and amplitudes on one device.
 

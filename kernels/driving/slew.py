@@ -4,6 +4,7 @@ import numpy as np
 import warp as wp
 
 from ..offsets import BLOCK
+from ..one_device import on_one_device
 from ..patch import EXACT
 from .wave import LANES, conjugate, lane_sum, plus_product
 
@@ -54,6 +55,7 @@ def _turn_frames(
     delay[frame, n] = d - wp.floor(d)
 
 
+@on_one_device
 def lock_gauge(delay: wp.array, *, before: wp.array, turned: float) -> float:
     """Turn each frame as a whole so that it is in phase with the one before: sum |change|^2 is then least.
 
@@ -131,6 +133,7 @@ def _limit_slew(
         delay[frame, n] = now
 
 
+@on_one_device
 def limit_slew(target: wp.array, *, before: wp.array, step: float) -> wp.array:
     """Delays that follow their targets by at most `step` [turns] a frame, the short way round.
 

@@ -18,6 +18,7 @@ where it is the other way round, one thread keeps them in a table.
 import warp as wp
 
 from ..offsets import BLOCK
+from ..one_device import on_one_device
 from ..patch import EXACT
 from .wave import (
     LANES,
@@ -176,6 +177,7 @@ def _solver(size: int):
 SOLVERS = {size: _solver(size) for size in SIZES}
 
 
+@on_one_device
 def solve_points(points: wp.array, target: wp.array, transducers: Transducers, *, gs_pat: int, wgs: int) -> wp.array:
     """Delays of transducers for several points a frame [turns], 0..1, float32, shape [frame, transducer].
 

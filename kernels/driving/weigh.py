@@ -5,6 +5,7 @@ from typing import NamedTuple
 import warp as wp
 
 from ..offsets import BLOCK
+from ..one_device import on_one_device
 from ..patch import EXACT
 
 wp.set_module_options(EXACT)
@@ -161,6 +162,7 @@ class HeldFrames(NamedTuple):
     """Focal points that are silenced."""
 
 
+@on_one_device
 def weigh_points(point: wp.array, intensity: wp.array, box: FocalBox) -> tuple[wp.array, int]:
     """Amplitudes 0..1, float32, of focal points, vec3 [m], with intensities, float32; and how many are silenced.
 
@@ -176,6 +178,7 @@ def weigh_points(point: wp.array, intensity: wp.array, box: FocalBox) -> tuple[w
     return level, int(refused.numpy()[0])
 
 
+@on_one_device
 def hold_points(
     point: wp.array, intensity: wp.array, box: FocalBox, held: tuple[wp.array, ...], *, size: int
 ) -> HeldFrames:

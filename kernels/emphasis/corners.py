@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..offsets import BLOCK
+from ..one_device import on_one_device
 from ..patch import EXACT, to_float64
 from ..stages.arc_length import SHORTEST, MeasuredLines, is_loop, measure_lines, point_along
 from ..stages.simplify import move_offsets, number_kept
@@ -163,6 +164,7 @@ def _gather_arcs(
     arc[c] = lines.arc[point[c]]
 
 
+@on_one_device
 def find_corners(
     points: wp.array, polyline_start: wp.array, polyline_closed: wp.array, *, angle: float, window: float
 ) -> PolylineCorners:

@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 
 from ..offsets import last_of, offsets_of
+from ..one_device import on_one_device
 from ..patch import EXACT, to_float32, to_float64
 from ..solids.depth import distance_within, is_within
 from ..stages.cut import launch
@@ -307,6 +308,7 @@ def make_ramp(shallow: float, deep: float, lowest: float) -> Any:
     return ramp
 
 
+@on_one_device
 def find_deepest(
     polyline_patch: wp.array, pose_start: wp.array, body: Any, patches: Any, ramp: Any, *, grid: int, whole: bool
 ) -> wp.array:
@@ -327,6 +329,7 @@ def find_deepest(
     return depth
 
 
+@on_one_device
 def weigh_by_patch(
     polyline_start: wp.array,
     polyline_patch: wp.array,
@@ -348,6 +351,7 @@ def weigh_by_patch(
     return out
 
 
+@on_one_device
 def weigh_by_point(
     points: wp.array,
     polyline_start: wp.array,

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import warp as wp
 
 from ..offsets import BLOCK
+from ..one_device import on_one_device
 from ..patch import EXACT, to_float64
 from ..section.row_walker import HAND, MADE, OBJECT
 from ..stages.arc_length import SHORTEST
@@ -199,6 +200,7 @@ def _weigh_ramps(
         intensity[i] = wp.float32(wp.clamp(value, wp.float64(0.0), wp.float64(1.0)))
 
 
+@on_one_device
 def measure_runs(
     points: wp.array, kind: wp.array, polyline_start: wp.array, polyline_closed: wp.array, cosine: float
 ) -> wp.array:
@@ -213,6 +215,7 @@ def measure_runs(
     return run
 
 
+@on_one_device
 def level_by_kind(kind: wp.array, levels: KindLevels, run: wp.array | None = None, shortest: float = 0.0) -> wp.array:
     """Intensity of each segment, float64, shape [point].
 
@@ -226,6 +229,7 @@ def level_by_kind(kind: wp.array, levels: KindLevels, run: wp.array | None = Non
     return level
 
 
+@on_one_device
 def ramp_between_levels(
     points: wp.array,
     kind: wp.array,

@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from ..one_device import on_one_device
 from ..patch import EXACT
 from ..stages.cut import launch
 from ..stages.regions import Regions
@@ -66,6 +67,7 @@ def find_filled(regions: Regions) -> tuple[wp.array, int]:
     return filled, int(open_count.numpy()[0])
 
 
+@on_one_device
 def locate_lines(regions: Regions, line_region: wp.array) -> tuple[wp.array, wp.array]:
     """Pose and patch, int32, shape [line], of lines that fill regions; line_region: int32, which one each fills."""
     pose, patch = wp.empty_like(line_region), wp.empty_like(line_region)

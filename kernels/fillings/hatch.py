@@ -11,6 +11,7 @@ from typing import NamedTuple
 import warp as wp
 
 from ..offsets import PointLimitError, last_of, offsets_of
+from ..one_device import on_one_device
 from ..patch import EXACT
 from ..stages.cut import launch
 from .hatch_crossings import Outlines, RowCrossings, find_crossings, find_rows, row_height
@@ -229,6 +230,7 @@ def join_spans(o: Outlines, c: RowCrossings, *, connected: bool) -> SpanSequence
     return s
 
 
+@on_one_device
 def draw_hatch(
     points: wp.array,
     polyline_start: wp.array,

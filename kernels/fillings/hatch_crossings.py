@@ -10,6 +10,7 @@ import math
 import warp as wp
 
 from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
+from ..one_device import on_one_device
 from ..patch import EXACT
 from ..stages.cut import launch
 
@@ -227,6 +228,7 @@ def _sort_crossings(
         sift_down(c, base, int(0), count - 1 - k)
 
 
+@on_one_device
 def find_rows(
     points: wp.array,
     polyline_start: wp.array,

@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 
 from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
+from ..one_device import on_one_device
 from ..patch import EXACT
 from ..stages.cut import launch
 from .inset_edges import InsetEdges, cross_of, edges_of, find_edges, has_arc, left_of, offset_end
@@ -322,6 +323,7 @@ def link_pieces(edges: InsetEdges, pieces: OffsetPieces) -> PieceLinks:
     return links
 
 
+@on_one_device
 def draw_inset(
     points: wp.array,
     polyline_start: wp.array,

@@ -9,6 +9,7 @@ only, so that every device gives the same bits.
 import warp as wp
 
 from ..offsets import BLOCK, last_of, offsets_of
+from ..one_device import on_one_device
 from ..patch import EXACT
 from ..stages.cut import launch
 
@@ -255,6 +256,7 @@ def _find_crossed_regions(
         failed[region] = 1
 
 
+@on_one_device
 def find_edges(
     points: wp.array,
     polyline_start: wp.array,

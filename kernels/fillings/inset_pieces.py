@@ -7,6 +7,7 @@ where it crosses the boundary of any stadium, and the middle of each part decide
 import warp as wp
 
 from ..offsets import BLOCK, last_of, offsets_of
+from ..one_device import on_one_device
 from ..patch import EXACT
 from .inset_edges import InsetEdges, edges_of, has_arc, next_edge, offset_end, offset_point, reach_of, square_distance
 from .stadium import put_arc_crossings, stadium_interval
@@ -239,6 +240,7 @@ def _find_doubtful_regions(
             j = next_edge(edges, reach, j + 1, stop)
 
 
+@on_one_device
 def find_pieces(edges: InsetEdges, failed: wp.array) -> OffsetPieces:
     """Pieces of the offsets of all regions that have not failed; those of which a piece is in doubt fail, too."""
     device, offset_count, pieces = edges.origin.device, 2 * edges.origin.shape[0], OffsetPieces()

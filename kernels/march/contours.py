@@ -21,6 +21,7 @@ import warp as wp
 
 from ..fields.field import Field
 from ..offsets import PointLimitError, last_of
+from ..one_device import on_one_device
 from ..patch import ON
 from ..section.contour_writing import Contours
 from .follow import follow_tips, keep_slots
@@ -36,6 +37,7 @@ GRAIN_MOST = 0.25  # of a step: details of a coarser field cannot be distinguish
 SLOTS_MOST = 1 << 26  # cut edges of a chunk of several poses, 40 bytes each
 
 
+@on_one_device
 def march_patches(
     field: Field,
     pose: wp.array,

@@ -7,6 +7,7 @@ count; those that disappear do, as the focal point that draws them must continue
 import warp as wp
 
 from ..offsets import BLOCK
+from ..one_device import on_one_device
 from ..patch import EXACT, to_float64
 
 wp.set_module_options(EXACT)
@@ -115,6 +116,7 @@ def _find_shifts(
         i += wp.int64(1)
 
 
+@on_one_device
 def find_shifts(
     points: wp.array,
     polyline_start: wp.array,

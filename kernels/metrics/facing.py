@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import warp as wp
 
 from ..offsets import BLOCK
+from ..one_device import on_one_device
 from ..patch import EXACT, to_float64
 
 wp.set_module_options(EXACT)
@@ -40,6 +41,7 @@ def _count_facing(
     facing[row] = wp.float32(wp.where(along >= cosine * wp.length(position), 1.0, 0.0))
 
 
+@on_one_device
 def count_facing(pose: wp.array, drawn: wp.array, degrees: Sequence[float], out: wp.array) -> None:
     """Write a row for each angle: 1 where a palm that draws faces the array's centre within it, 0 beyond, else NaN.
 

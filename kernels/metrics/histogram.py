@@ -3,6 +3,7 @@
 import warp as wp
 
 from ..offsets import BLOCK
+from ..one_device import on_one_device
 from ..patch import EXACT
 
 wp.set_module_options(EXACT)
@@ -33,6 +34,7 @@ def _count_bins(
             wp.atomic_add(count, part, own, 1)
 
 
+@on_one_device
 def count_bins(
     value: wp.array,
     span_first: wp.array,

@@ -3,6 +3,7 @@
 import warp as wp
 
 from ..offsets import BLOCK
+from ..one_device import on_one_device
 from ..patch import EXACT
 
 wp.set_module_options(EXACT)
@@ -32,6 +33,7 @@ def _measure_contours(
         length[pose, k] = wp.float32(total[k])
 
 
+@on_one_device
 def measure_contours(points: wp.array, kind: wp.array, polyline_start: wp.array, pose_start: wp.array) -> wp.array:
     """Length of each pose's segments by kind [m], float32, shape [pose, 3]."""
     pose_count = pose_start.shape[0] - 1

@@ -10,6 +10,7 @@ from typing import Any
 import warp as wp
 
 from ..offsets import BLOCK
+from ..one_device import on_one_device
 from ..patch import EXACT, to_float32, to_float64
 
 wp.set_module_options(EXACT)
@@ -269,6 +270,7 @@ def _sum_parts(
     statistic[part, metric, which] = out
 
 
+@on_one_device
 def tally_contours(batch: Any, value: wp.array, length: wp.array, *, measures: bool, encloses: bool) -> None:
     """Measure each pose of a batch on the device of its arrays into rows METRICS of `value`, float32 [metric.., pose].
 
@@ -304,6 +306,7 @@ def measure_gaps(batch: Any) -> tuple[wp.array, wp.array, wp.array]:
     return open_length, chord, piece_count
 
 
+@on_one_device
 def pace_poses(
     pacing: Pacing, length: wp.array, gaps: tuple[wp.array, wp.array] | None, value: wp.array | None = None
 ) -> wp.array:
@@ -321,6 +324,7 @@ def pace_poses(
     return value
 
 
+@on_one_device
 def sum_parts(
     value: wp.array, span_first: wp.array, span_count: wp.array, part_start: wp.array, begun: wp.array | None = None
 ) -> wp.array:

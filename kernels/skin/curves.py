@@ -7,6 +7,7 @@ import warp as wp
 
 from ..fields.field import Field
 from ..offsets import BLOCK, last_of, offsets_of
+from ..one_device import on_one_device
 from ..patch import EXACT
 from ..section.contour_writing import Contours
 from .sign import Posed, place_points, sign_vertices
@@ -79,6 +80,7 @@ def _start_poses(
     pose_start[pose] = line_start[int(group_start[pose * group_count])]
 
 
+@on_one_device
 def skin_contours(
     field: Field,
     pose: wp.array,

@@ -3,6 +3,7 @@
 import warp as wp
 
 from ..offsets import BLOCK
+from ..one_device import on_one_device
 from ..patch import EXACT
 from .cut import point_at, segment_length
 
@@ -97,6 +98,7 @@ def point_along(lines: MeasuredLines, line: int, arc: wp.float64):
     return point_at(lines.points, i, part_at(lines, i, a))
 
 
+@on_one_device
 def measure_lines(points: wp.array, polyline_start: wp.array, polyline_closed: wp.array) -> MeasuredLines:
     """Polylines on a device with the arc lengths of their points."""
     device, count, line_count = points.device, points.shape[0], polyline_closed.shape[0]

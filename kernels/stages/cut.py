@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..offsets import BLOCK, last_of, offsets_of
+from ..one_device import on_one_device
 from ..patch import EXACT, to_float32, to_float64
 
 wp.set_module_options(EXACT)
@@ -275,6 +276,7 @@ def _measure_removed(
     removed[pose] = wp.float32(total)
 
 
+@on_one_device
 def divide_segments(points: wp.array, polyline_start: wp.array, longest: float = WHOLE) -> Parts:
     """Every segment in equal parts no longer than `longest` [m]; WHOLE: one part each."""
     count = wp.zeros(points.shape[0] + 1, dtype=wp.int64, device=points.device)
@@ -294,6 +296,7 @@ def parts_from(start: wp.array) -> Parts:
     return parts
 
 
+@on_one_device
 def spread_keep(parts: Parts, keep: wp.array) -> wp.array:
     """Keep or remove parts as their segments are: uint8 [point] -> uint8 [part]."""
     out = wp.empty(parts.segment.shape[0], dtype=wp.uint8, device=keep.device)
@@ -301,6 +304,7 @@ def spread_keep(parts: Parts, keep: wp.array) -> wp.array:
     return out
 
 
+@on_one_device
 def cut_contours(
     points: wp.array,
     kind: wp.array,
@@ -351,6 +355,7 @@ def cut_contours(
     return cut if intensity is None else cut._replace(intensity=gather_values(intensity, cut))
 
 
+@on_one_device
 def gather_values(values: wp.array, cut: Cut, *, between: bool = True) -> wp.array:
     """Values, float32, of the points that are left; interpolated within segments, or 0 there if not `between`."""
     out = wp.empty(cut.source.shape[0], dtype=wp.float32, device=values.device)
@@ -358,6 +363,7 @@ def gather_values(values: wp.array, cut: Cut, *, between: bool = True) -> wp.arr
     return out
 
 
+@on_one_device
 def measure_removed(
     points: wp.array, polyline_start: wp.array, pose_start: wp.array, parts: Parts, keep: wp.array
 ) -> wp.array:

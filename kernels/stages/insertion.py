@@ -9,6 +9,7 @@ from typing import NamedTuple
 import warp as wp
 
 from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
+from ..one_device import on_one_device
 from ..patch import EXACT, to_float32
 from .cut import point_at, segment_length
 from .simplify import move_offsets
@@ -182,6 +183,7 @@ def rows_from(count: wp.array, point_limit: int | None = None) -> tuple[wp.array
     return row_start, wp.empty(total, dtype=wp.float64, device=count.device)
 
 
+@on_one_device
 def divide_rows(
     points: wp.array, polyline_start: wp.array, longest: float, point_limit: int | None = None
 ) -> tuple[wp.array, wp.array]:
@@ -199,6 +201,7 @@ def divide_rows(
     return row_start, share
 
 
+@on_one_device
 def insert_points(
     points: wp.array,
     kind: wp.array,
@@ -228,6 +231,7 @@ def insert_points(
     return Inserted(written.points, written.kind, move_offsets(polyline_start, place), *weights, place)
 
 
+@on_one_device
 def vertices_of(points: wp.array, kind: wp.array, intensity: wp.array | None, dwell: wp.array | None) -> Vertices:
     """Arrays of points as kernels take them."""
     out = Vertices()

@@ -13,6 +13,7 @@ from typing import Any
 import warp as wp
 
 from ..offsets import BLOCK, offsets_of
+from ..one_device import on_one_device
 from ..patch import EXACT, Frame, Patch, corner, patch_coordinates, require_section_poses, section_frame
 from ..section.row_walker import HAND
 from ..section.segment_clipping import side_position
@@ -268,6 +269,7 @@ def side_pairs(pairs: list[tuple[int, int, int, int]], device: Any) -> wp.array:
     return wp.array(rows, dtype=SidePair, device=device)
 
 
+@on_one_device
 def divide_joints(
     contours: dict[str, Any], pose: wp.array, patch: wp.array, pair: wp.array, *, angle: float, gap: float
 ) -> tuple[Any, wp.array]:

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..offsets import PointLimitError, last_of, offsets_of
+from ..one_device import on_one_device
 from ..patch import EXACT, to_float32
 from .cut import launch
 from .prune import Patches
@@ -121,6 +122,7 @@ def _start_lifted_poses(
     pose_start[pose] = line_start[low]
 
 
+@on_one_device
 def lift_polylines(
     flat: wp.array,
     start: wp.array,

@@ -4,6 +4,7 @@ import numpy as np
 import warp as wp
 
 from ..offsets import BLOCK
+from ..one_device import on_one_device
 from ..patch import EXACT, rotate, to_float32, to_float64
 
 wp.set_module_options(EXACT)
@@ -30,6 +31,7 @@ def _move_contours(
         points[i] = to_float32(to + rotate(a, wp.float64(q[3]), to_float64(points[i]) - pivot))
 
 
+@on_one_device
 def move_contours(
     points: wp.array, polyline_start: wp.array, pose_start: wp.array, moved: wp.array, pivot: np.ndarray
 ) -> None:

@@ -4,6 +4,7 @@ from typing import Any
 
 import warp as wp
 
+from ..one_device import on_one_device
 from ..patch import EXACT, to_float64
 from .cut import launch
 from .prune import Patches
@@ -43,6 +44,7 @@ def _place_patches(
     placed.n[row, patch] = turn_by(a, w, rest.n[0, patch])
 
 
+@on_one_device
 def place_patches(pose: wp.array, rest: Any) -> Any:
     """Patches of a rigid hand at poses, `Patches`; rest: those of one pose, in the hand's frame, on the same device.
 

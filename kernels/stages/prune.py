@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from ..one_device import on_one_device
 from ..patch import EXACT
 from .cut import Parts, launch, offsets_of, parts_from, point_at, segment_length
 
@@ -246,6 +247,7 @@ def find_poses(pose_start: wp.array, line_count: int) -> wp.array:
     return line_pose
 
 
+@on_one_device
 def part_off_skin(
     points: wp.array, polyline_start: wp.array, pose_start: wp.array, patches: Patches, distance: float
 ) -> tuple[Parts, wp.array]:
@@ -267,6 +269,7 @@ def part_off_skin(
     return parts, keep
 
 
+@on_one_device
 def measure_lines(points: wp.array, polyline_start: wp.array) -> wp.array:
     """Length of each polyline [m], float64, shape [polyline]."""
     length = wp.empty(polyline_start.shape[0] - 1, dtype=wp.float64, device=points.device)
@@ -274,6 +277,7 @@ def measure_lines(points: wp.array, polyline_start: wp.array) -> wp.array:
     return length
 
 
+@on_one_device
 def keep_long(
     points: wp.array, polyline_start: wp.array, polyline_closed: wp.array, least_open: float, least_closed: float
 ) -> wp.array:
@@ -285,6 +289,7 @@ def keep_long(
     return keep
 
 
+@on_one_device
 def keep_patches(
     polyline_start: wp.array, polyline_patch: wp.array, pose_start: wp.array, patch_keep: wp.array, point_count: int
 ) -> wp.array:

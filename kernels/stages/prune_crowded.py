@@ -24,6 +24,7 @@ from typing import Any
 
 import warp as wp
 
+from ..one_device import on_one_device
 from ..patch import EXACT
 from .cut import Parts, launch, parts_of, point_at, segment_length, share_end
 
@@ -336,6 +337,7 @@ def _write_keep(
     keep[bits.part[i]] = bits.keep[i]
 
 
+@on_one_device
 def thin_contours(
     points: wp.array,
     polyline_start: wp.array,

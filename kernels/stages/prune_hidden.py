@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from ..one_device import on_one_device
 from ..patch import EXACT, to_float32
 from .cut import Parts, launch, parts_of, point_at, share_end
 from .prune import Patches, find_poses
@@ -142,6 +143,7 @@ def _see_past_mesh(
         before = after
 
 
+@on_one_device
 def see_past_patches(
     points: wp.array,
     polyline_start: wp.array,
@@ -163,6 +165,7 @@ def see_past_patches(
     return keep
 
 
+@on_one_device
 def see_past_mesh(
     points: wp.array,
     polyline_start: wp.array,

@@ -10,6 +10,7 @@ from typing import Any
 import warp as wp
 
 from ..offsets import last_of, offsets_of
+from ..one_device import on_one_device
 from ..patch import EXACT, to_float64
 from .cut import launch
 from .prune import Patches, find_poses
@@ -235,6 +236,7 @@ def _write_regions(
             at += wp.int64(1)
 
 
+@on_one_device
 def find_local_points(
     points: wp.array, polyline_start: wp.array, line_pose: wp.array, line_patch: wp.array, patches: Any
 ) -> wp.array:
@@ -245,6 +247,7 @@ def find_local_points(
     return local
 
 
+@on_one_device
 def measure_areas(local: wp.array, polyline_start: wp.array, polyline_closed: wp.array) -> wp.array:
     """Signed areas and moments of closed polylines, as `Regions.area`."""
     area = wp.zeros((polyline_closed.shape[0], 6), dtype=wp.float64, device=local.device)
@@ -252,6 +255,7 @@ def measure_areas(local: wp.array, polyline_start: wp.array, polyline_closed: wp
     return area
 
 
+@on_one_device
 def find_regions(
     points: wp.array,
     polyline_start: wp.array,

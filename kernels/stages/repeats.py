@@ -5,6 +5,7 @@ from typing import NamedTuple
 import warp as wp
 
 from ..offsets import BLOCK
+from ..one_device import on_one_device
 from ..patch import EXACT
 from .simplify import move_offsets, number_kept
 
@@ -89,6 +90,7 @@ def _match_ends(
                 dwell[last] = dwell[first]
 
 
+@on_one_device
 def find_distinct(points: wp.array, polyline_start: wp.array, pose_start: wp.array) -> Distinct:
     """Points that differ from the one before on their polyline, and the polylines that have two of them at least."""
     device, line_count = points.device, polyline_start.shape[0] - 1
@@ -105,6 +107,7 @@ def find_distinct(points: wp.array, polyline_start: wp.array, pose_start: wp.arr
     return Distinct(point, polyline, start, move_offsets(pose_start, polyline_place))
 
 
+@on_one_device
 def match_ends(
     polyline_start: wp.array,
     polyline_closed: wp.array,

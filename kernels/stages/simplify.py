@@ -5,6 +5,7 @@ from typing import Any
 import warp as wp
 
 from ..offsets import BLOCK, last_of, offsets_of
+from ..one_device import on_one_device
 from ..patch import EXACT, to_float64
 
 wp.set_module_options(EXACT)
@@ -159,6 +160,7 @@ for _row in (wp.vec3, wp.uint8, wp.int32, wp.float32):  # else the module would 
     wp.overload(_gather_rows, {"source": wp.array(dtype=_row), "out": wp.array(dtype=_row)})
 
 
+@on_one_device
 def gather_rows(source: wp.array, index: wp.array) -> wp.array:
     """Rows of a device array by number, int64."""
     out = wp.empty(index.shape[0], dtype=source.dtype, device=source.device)
@@ -178,6 +180,7 @@ def number_kept(keep: wp.array) -> tuple[wp.array, wp.array]:
     return index, place
 
 
+@on_one_device
 def move_offsets(start: wp.array, place: wp.array) -> wp.array:
     """Offsets into rows after each row has gone to its `place`, int64 [row + 1]."""
     moved = wp.empty_like(start)
@@ -186,6 +189,7 @@ def move_offsets(start: wp.array, place: wp.array) -> wp.array:
     return moved
 
 
+@on_one_device
 def simplify_polylines(
     points: wp.array,
     kind: wp.array,

@@ -3,6 +3,7 @@
 import warp as wp
 
 from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
+from ..one_device import on_one_device
 from ..patch import EXACT, to_float32, to_float64
 from .cut import point_at, segment_length
 from .insertion import Vertices, empty_vertices, vertices_of
@@ -123,6 +124,7 @@ def _relax_points(
             points[last] = points[first]
 
 
+@on_one_device
 def cut_offsets(polyline_start: wp.array, polyline_closed: wp.array, rounds: int) -> wp.array:
     """Offsets of polylines whose corners were cut in some rounds, int64 [polyline + 1]."""
     count, device = wp.zeros_like(polyline_start), polyline_start.device
@@ -132,6 +134,7 @@ def cut_offsets(polyline_start: wp.array, polyline_closed: wp.array, rounds: int
     return offsets_of(count)
 
 
+@on_one_device
 def cut_corners(
     points: wp.array,
     kind: wp.array,
@@ -167,6 +170,7 @@ def cut_corners(
     return old.points, old.kind, polyline_start, *weights
 
 
+@on_one_device
 def relax_points(
     points: wp.array, polyline_start: wp.array, polyline_closed: wp.array, *, strength: float, rounds: int
 ) -> wp.array:

@@ -10,6 +10,7 @@ from ..fields.field import Field
 from ..march.grid import TILE_HEIGHT, TILE_WIDTH, Grid, Grids, Lattice, lay_grids, place_grids
 from ..march.sample import bits_below, sample_nodes
 from ..offsets import BLOCK
+from ..one_device import on_one_device
 from ..patch import EXACT, to_float64
 
 wp.set_module_options(EXACT)
@@ -180,6 +181,7 @@ def _thin_nodes(
     count[pose] = kept
 
 
+@on_one_device
 def lay_nodes(pose: wp.array, patch: wp.array, step: float) -> tuple[Grids, wp.array]:
     """Grids of a hand's patches, and where they lie at each pose, see `place_grids`."""
     half = patch.numpy()["half"].astype(np.float64).reshape(-1, 2)
@@ -187,6 +189,7 @@ def lay_nodes(pose: wp.array, patch: wp.array, step: float) -> tuple[Grids, wp.a
     return grids, place_grids(pose, patch, grids, 0, pose.shape[0] * patch.shape[0], middle=None)
 
 
+@on_one_device
 def inside_nodes(field: Field, pose: wp.array, patch: wp.array, *, step: float, bounds: np.ndarray) -> Nodes:
     """Nodes of the patches' grids that are inside a field; arguments as `march_patches`.
 
@@ -196,6 +199,7 @@ def inside_nodes(field: Field, pose: wp.array, patch: wp.array, *, step: float, 
     return Nodes(grids, lattice, sample_nodes(field, lattice, grids, bounds))
 
 
+@on_one_device
 def outlined_nodes(outlines: Sequence[wp.array], pose: wp.array, patch: wp.array, *, step: float) -> Nodes:
     """Nodes of the patches' grids that lie within closed contours of these poses; raises as `inside_nodes`.
 

@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 
 from ..offsets import BLOCK, last_of, offsets_of
+from ..one_device import on_one_device
 from ..patch import EXACT, to_float64
 
 wp.set_module_options(EXACT)
@@ -87,6 +88,7 @@ class TooManyPointsError(ValueError):
         """Its points before they are thinned."""
 
 
+@on_one_device
 def thin_points(point: wp.array, start: wp.array, *, separation: float) -> tuple[wp.array, wp.array]:
     """Thin each pose's points until none is nearer to another than `separation` [m]; they keep their order.
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import warp as wp
 
 from ..offsets import BLOCK, last_of, offsets_of
+from ..one_device import on_one_device
 from ..patch import EXACT
 from ..section.contour_writing import Contours
 from ..section.row_walker import MADE
@@ -178,6 +179,7 @@ class Tours(NamedTuple):
     """Poses with a single point, which no path leads through: they are left empty."""
 
 
+@on_one_device
 def tour_points(point: wp.array, start: wp.array, *, closes: bool) -> Tours:
     """One polyline through each pose's points: short, though not always the shortest.
 

@@ -91,9 +91,11 @@ class PreparedContours:
         pose: x y z [m] and quaternion xyzw, hand frame -> array frame, shape [pose, 7], or wp.transform [pose] on the
         device, which is not checked: its numbers must be finite and its quaternions of length 1. The batch is on a GPU
         where the device is one, else on the host (NumPy).
-        Raises PoseError for another number of poses, and what `render` refuses.
+        Raises PoseError for another number of poses and poses on another device, and what `render` refuses.
         """
         rows = pose if isinstance(pose, wp.array) else check_poses(pose)
+        if isinstance(pose, wp.array) and pose.device != wp.get_device(self.device):
+            raise PoseError(f"pose is on {pose.device}, but these contours were prepared on {self.device}")
         if len(rows) != self.pose_count:
             raise PoseError(f"there must be {self.pose_count} poses, for which this was prepared, not {len(rows)}")
         return self.at_checked(rows)

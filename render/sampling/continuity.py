@@ -42,7 +42,7 @@ def place_on(track: Track, knot: float, point: np.ndarray, slack: float) -> Plac
     step = track.step[i]
     if i > 0 and not step.any():  # a pause: how it was reached
         step = track.step[i - 1]
-    length = float(np.sqrt(step @ step))
+    length = float(np.sqrt(np.einsum("i,i", step, step)))  # its order of sums is the device's; `@` has the processor's
     direction = step / length if length > 0 else None
     if track.pause is not None:
         if track.pause[i]:
@@ -77,7 +77,7 @@ def entered(track: Track, place: Place, slack: float, step: float) -> float:
         apart = np.linalg.norm(track.points[rest] - place.point, axis=1)
         if place.direction is not None:  # the pause that is reached by the same direction
             arrival = track.step[rest - 1]
-            cosine = (arrival @ place.direction) / np.maximum(np.linalg.norm(arrival, axis=1), 1e-30)
+            cosine = (arrival * place.direction).sum(axis=1) / np.maximum(np.linalg.norm(arrival, axis=1), 1e-30)
             apart = apart + slack * (1.0 - cosine) / 2
         nearest = int(np.argmin(apart))
         if apart[nearest] <= cost[best] + slack:

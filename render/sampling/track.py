@@ -108,7 +108,7 @@ class Track:
         cost = np.sqrt(np.einsum("ij,ij->i", off, off))
         cost[(self.knot[1:] <= self.knot[:-1]) | (square == 0)] = np.inf
         if direction is not None:
-            worse = self.step @ direction < -1e-9 * np.sqrt(square)
+            worse = (self.step * direction).sum(axis=1) < -1e-9 * np.sqrt(square)
             if self.pause is None and self.section is None and cost.min() <= NEAR_STEPS * step:
                 worse |= cost > NEAR_STEPS * step
             cost += slack * worse

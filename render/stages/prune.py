@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from ...kernels.one_device import require_one_device
 from ...kernels.stages.cut import cut_contours, divide_segments, gather_values, measure_removed, spread_keep
 from ...kernels.stages.joint import divide_joints, side_pairs
 from ...kernels.stages.prune import keep_long, keep_patches, part_off_skin
@@ -44,7 +45,7 @@ def cut_batch(batch: ContourBatch, keep: Any, *, parts: Any = None) -> tuple[Con
     keep: one value for the segment that starts at each point, bool or uint8, shape [point], on the host or device as
     the batch; the value at a polyline's last point is ignored. parts: for a batch on a device, `Parts` into which
     segments are divided; `keep` then has one value for each part. Rules of cutting: see `kernels.stages.cut`.
-    Raises StrategyError for a `keep` of another length.
+    Raises StrategyError for a `keep` of another length, MixedDevicesError for arrays on another device than the batch.
 
     >>> from palpate.render import cut_batch, render, static_pose
     >>> batch = render("cube", "palm", static_pose([0, 0, 0.2]))  # a square of 0.085 m, its middle at x = 0
@@ -53,7 +54,9 @@ def cut_batch(batch: ContourBatch, keep: Any, *, parts: Any = None) -> tuple[Con
     (array([0.17], dtype=float32), array([0.17], dtype=float32))
     """
     on_host = not batch.on_device
-    if on_host:
+    if not on_host:
+        require_one_device(batch=batch, keep=keep, parts=parts)
+    else:
         keep = np.ascontiguousarray(np.asarray(keep) != 0).astype(np.uint8)
         batch, keep = batch.to("cpu"), wp.array(keep, dtype=wp.uint8, device="cpu")
     wanted = batch.point_count if parts is None else parts.segment.shape[0]

@@ -11,6 +11,7 @@ import pytest
 from board_file_cases import GRID, board_lines, write
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from palpate.device.errors import CalibrationError, UnknownArrayError, UpdateRateError
 from palpate.device.registry import array_kinds, array_model, array_names, canonical_name
@@ -86,6 +87,22 @@ def test_placing_turns_by_the_right_hand() -> None:
     tilted = array_model("autd3").placed([0, 0, 0, np.sqrt(0.5), 0, 0, np.sqrt(0.5)])  # about x: z becomes -y
     assert np.allclose(tilted.normal[0], [0, -1, 0], atol=1e-7)
     assert tilted.in_reach(np.array([[0, -0.2, 0], [0, 0.2, 0]])).tolist() == [True, False]
+
+
+def test_whether_a_point_is_in_reach_depends_on_no_other_point() -> None:
+    model = array_model("pat16")
+    turn = np.array([1.0, 2, 3, 4]) / np.sqrt(30)
+    placed = model.placed([0.01, 0.02, 0.1, *turn])
+    bound = np.float32(model.focal_zone.lateral)
+    rng = np.random.default_rng(4)
+    own = np.column_stack([np.zeros(1000), rng.uniform(-0.1, 0.1, 1000), rng.uniform(0.15, 0.25, 1000)])
+    own[:, 0] = (float(bound) + float(np.nextafter(bound, np.float32(1)))) / 2  # float32 rounds the last bits in or out
+    points = Rotation.from_quat(turn).apply(own) + placed.pose[:3]
+    reached = placed.in_reach(points)
+    assert 100 < np.count_nonzero(reached) < 900
+    assert [bool(placed.in_reach(point[None])[0]) for point in points] == reached.tolist()
+    assert placed.in_reach(points[::-1].reshape(10, 100, 3)).ravel().tolist() == reached[::-1].tolist()
+    assert not placed.in_reach(np.array([[np.inf, 0, 0.2], [0, -np.inf, 0.2]])).any()
 
 
 @pytest.mark.parametrize("pose", [[0] * 7, [0, 0, 0, 0, 0, 0, 1.1], [np.nan, 0, 0, 0, 0, 0, 1], [0] * 6])

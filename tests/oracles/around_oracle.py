@@ -138,7 +138,7 @@ def _stroke(way: Array, turn: Array, goal: Array, speed: float) -> _Stroke:
     """
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
     rotation = _logarithm(_product(_conjugate(turn), goal))
-    seconds = max(length[-1] / speed, float(np.linalg.norm(rotation)) / TURN_SPEED)
+    seconds = max(length[-1] / speed, _length(rotation).item() / TURN_SPEED)
     count = max(1, int(np.ceil(seconds / INTERVAL)))
     s = np.arange(1, count + 1) / count
     s = s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
@@ -149,10 +149,10 @@ def _stroke(way: Array, turn: Array, goal: Array, speed: float) -> _Stroke:
 def _way_around(space: _Space, here: Array, direction: Array) -> Array:
     """Polyline from `here` to the stand-off in `direction`, on the great arc, keeping to grown boxes; [33, 3] [m]."""
     out = here - space.centre
-    distance = float(np.linalg.norm(out))
+    distance = _length(out).item()
     start = out / distance
-    level = distance / float(np.linalg.norm(_reach(space, start, STANDOFF)))
-    angle = float(np.arccos(np.clip(start @ direction, -1.0, 1.0)))
+    level = distance / _length(_reach(space, start, STANDOFF)).item()
+    angle = float(np.arccos(np.clip((start * direction).sum(), -1.0, 1.0)))
     s = np.linspace(0.0, 1.0, 33)[:, None]
     arc = (np.sin((1.0 - s) * angle) * start + np.sin(s * angle) * direction) / max(np.sin(angle), 1e-9)
     arc /= np.linalg.norm(arc, axis=1, keepdims=True)
@@ -167,7 +167,7 @@ def _reach(space: _Space, direction: Array, grown: float) -> Array:
 def _sideways(space: _Space, direction: Array, rng: np.random.Generator) -> Array:
     """Across the direction, up to most of the box [m], shape [3]."""
     across = rng.uniform(-0.7, 0.7, 3) * space.half
-    return across - (across @ direction) * direction
+    return across - (across * direction).sum() * direction
 
 
 def _speed(rng: np.random.Generator, median: float) -> float:
@@ -177,15 +177,15 @@ def _speed(rng: np.random.Generator, median: float) -> float:
 def _octant_direction(octant: int, rng: np.random.Generator) -> Array:
     """A unit direction, uniform in one octant: bits 0, 1, 2 set make x, y, z negative."""
     direction = np.abs(rng.normal(size=3))
-    return direction / np.linalg.norm(direction) * [-1.0 if octant >> axis & 1 else 1.0 for axis in range(3)]
+    return direction / _length(direction) * [-1.0 if octant >> axis & 1 else 1.0 for axis in range(3)]
 
 
 def _facing(direction: Array, rng: np.random.Generator) -> Array:
     """Quaternion of a hand on the `direction` side of the object, skin towards it, tilted a little; [4]."""
     ahead = np.array([0.0, 1.0, 0.0] if abs(direction[1]) < 0.75 else [0.0, 0.0, 1.0])
     back = direction
-    wrist = -(ahead - (ahead @ back) * back)
-    wrist /= np.linalg.norm(wrist)
+    wrist = -(ahead - (ahead * back).sum() * back)
+    wrist /= _length(wrist)
     level = _from_axes(np.stack([_cross(back, wrist), back, wrist], axis=1))
     return _product(level, _exponential(rng.normal(0.0, TILT, 3)))
 
@@ -203,7 +203,7 @@ def _from_axes(axes: Array) -> Array:
         ]
     )
     row = outer[int(np.argmax(np.diag(outer)))]
-    return row / np.linalg.norm(row)
+    return row / _length(row)
 
 
 def _spline(control: _Stroke, time: Array) -> Array:

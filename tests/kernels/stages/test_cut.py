@@ -176,9 +176,10 @@ def test_pauses_stay_at_the_points_they_were_at(rng):
     on = ContourBatch(**{**batch.by_name(), "dwell": dwell}).to("cpu")
     parts = divide_segments(on.points, on.polyline_start, 0.004)
     keep = (rng.uniform(size=parts.segment.shape[0]) < 0.7).astype(np.uint8)
-    cut, _ = cut_batch(on, wp.array(keep), parts=parts)
+    keep = wp.array(keep, device="cpu")  # where the batch is: by default it would be on a GPU
+    cut, _ = cut_batch(on, keep, parts=parts)
     lines = (on.points, on.kind, on.polyline_start, on.polyline_patch, on.polyline_closed, on.pose_start)
-    raw = cut_contours(*lines, None, wp.array(keep), parts)
+    raw = cut_contours(*lines, None, keep, parts)
     source, share = raw.source.numpy(), raw.share.numpy()
     np.testing.assert_array_equal(cut.dwell.numpy(), np.where(share == 0, dwell[source], 0))
     assert raw.intensity is None

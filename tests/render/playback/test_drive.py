@@ -114,15 +114,28 @@ def test_speed_of_sound_moves_the_phases_and_is_checked():
         drive_focus(focus_at((0, 0, 0.2)), array, sound_speed=34300.0)
 
 
-@pytest.mark.parametrize("transducers", [1, 249, 996])
-@pytest.mark.parametrize("frames", [1, 2, 3, 513, 700])
-def test_pieces_of_a_product_change_no_bit(transducers, frames, rng, monkeypatch):
+def one_delay(point, place, wavelength):
+    """The delay of one transducer, each operation rounded to float32."""
+    x, y, z = (np.float32(p - t) * np.float32(p - t) for p, t in zip(point, place, strict=True))
+    turns = np.sqrt(np.float32(np.float32(x + y) + z)) * np.float32(1 / wavelength)
+    return np.float32(np.ceil(turns) - turns)
+
+
+@pytest.mark.parametrize("level", [True, False])
+@pytest.mark.parametrize("transducers", [1, 2, 249, 996])
+def test_a_delay_depends_on_its_own_point_and_transducer_only(transducers, level, rng, monkeypatch):
     place = rng.uniform(-0.1, 0.1, (transducers, 3)).astype(np.float32)
-    point = rng.uniform(0.1, 0.2, (frames, 3)).astype(np.float32)
-    monkeypatch.setattr(drive_module, "PRODUCT_MOST", 1 << 40)
+    if level:
+        place[:, 2] = place[0, 2]
+    point = rng.uniform(0.1, 0.2, (700, 3)).astype(np.float32)
     whole = focus_delays(point, place, 0.0086)
-    for most in (1, 5000, 1 << 18):
-        monkeypatch.setattr(drive_module, "PRODUCT_MOST", most)
+    for frame, own in zip(rng.integers(0, 700, 100), rng.integers(0, transducers, 100), strict=True):
+        assert whole[frame, own] == one_delay(point[frame], place[own], 0.0086)
+    for frames in (1, 2, 3, 513):
+        np.testing.assert_array_equal(focus_delays(point[-frames:], place, 0.0086), whole[-frames:])
+    np.testing.assert_array_equal(focus_delays(point, place[::-1], 0.0086), whole[:, ::-1])
+    for most in (1, 5000):
+        monkeypatch.setattr(drive_module, "DISTANCES_AT_ONCE", most)
         np.testing.assert_array_equal(focus_delays(point, place, 0.0086), whole)
 
 

@@ -49,7 +49,8 @@ def batch(rng):
 
 
 def run(batch, *, prune=(), transform=(), device="cpu"):
-    return run_stages(batch, IntersectionStrategy(prune=prune, transform=transform), replace(SETTING, device=device))
+    setting = replace(SETTING, device=device, warned={})  # a rendering of its own, which has warned of nothing yet
+    return run_stages(batch, IntersectionStrategy(prune=prune, transform=transform), setting)
 
 
 def shifted(batch, setting, *, by):

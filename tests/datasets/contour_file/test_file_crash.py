@@ -29,7 +29,6 @@ from palpate.datasets.contour_file.writer import ContourWriter
 from palpate.datasets.errors import ContourFileError
 
 PROCESS = Path(__file__).parents[2] / "faults" / "contour_process.py"
-RANGES = [(0, 3), (3, 4), (4, 9)]
 
 
 def assert_whole(path, contours):
@@ -45,44 +44,6 @@ def assert_kept(path, contours, done):
         with ContourFile(path) as file:
             for first, stop in done:
                 assert_same(file.contours(first, stop), cut_contours(contours, first, stop))
-
-
-@pytest.fixture(params=[7, 8192], ids=["chunks", "tails"])
-def chunk_rows(request):
-    """Rows that are mostly in chunks, and rows that are all in logs."""
-    with small_chunks(request.param):
-        yield request.param
-
-
-@pytest.mark.exhaustive
-@pytest.mark.usefixtures("chunk_rows")
-def test_a_kill_at_any_step_loses_nothing_reported_done_and_resuming_completes(tmp_path):
-    contours, header = make_contours(9), make_header(9)
-    step, finished = 0, False
-    while not finished:
-        path, done = tmp_path / f"{step}.h5", []
-        try:
-            with killed_at(step):
-                writer = ContourWriter(path, header)
-                try:
-                    for poses in RANGES:
-                        write_ranges(writer, contours, [poses])
-                        done.append(poses)
-                    writer.seal()
-                finally:
-                    writer.close()  # as the end of a process does
-            finished = True
-        except Killed:
-            pass
-        assert_kept(path, contours, done)
-        with ContourWriter(path, header, mode="resume") as writer:
-            assert writer.repairs == ()
-            assert sum(stop - first for first, stop in writer.missing()) <= 9 - sum(b - a for a, b in done)
-            write_ranges(writer, contours, writer.missing())
-            writer.seal()
-        assert_whole(path, contours)
-        step += 1
-    assert step > 25
 
 
 def test_rows_are_on_the_disk_before_their_record_and_the_record_before_they_are_done(tmp_path, monkeypatch):
@@ -108,32 +69,6 @@ def test_rows_are_on_the_disk_before_their_record_and_the_record_before_they_are
     assert calls == ["pwritev.rows", "fsync.rows", "pwritev.log", "fsync.log"]
 
 
-@pytest.mark.exhaustive
-@pytest.mark.usefixtures("chunk_rows")
-def test_a_kill_at_any_step_of_overwriting_leaves_a_whole_file_and_resuming_completes(tmp_path):
-    contours, header = make_contours(9), make_header(9)
-    step, finished = 0, False
-    while not finished:
-        path = tmp_path / f"{step}.h5"
-        write_file(path, contours, chunk=9, created="2020")
-        try:
-            with killed_at(step), ContourWriter(path, header, mode="overwrite") as writer:
-                write_ranges(writer, contours, [(0, 9)])
-                writer.seal()
-            finished = True
-        except Killed:
-            pass
-        assert check_file(path) == []
-        with ContourFile(path) as file:
-            assert file.attributes["created"] in ("2020", header.created)
-        with ContourWriter(path, header, mode="resume") as writer:
-            write_ranges(writer, contours, writer.missing())
-            writer.seal()
-        assert_whole(path, contours)
-        step += 1
-    assert step > 20
-
-
 @pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("step", [0, 1, 2, 3])
 def test_what_an_interrupted_write_left_is_not_found_behind_a_shorter_one(tmp_path, step):
@@ -151,8 +86,8 @@ def test_what_an_interrupted_write_left_is_not_found_behind_a_shorter_one(tmp_pa
         assert_whole(path, contours)
 
 
-@pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize("delay", [0.0, 0.02, 0.06, 0.15])
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("delay", [0.0, 0.06])
 def test_kill_9_loses_nothing_reported_done_and_resuming_completes(tmp_path, delay):
     path, contours = tmp_path / "out.h5", make_contours(120)
     command = [sys.executable, PROCESS, "write", path]
@@ -228,6 +163,7 @@ def test_a_header_that_does_not_fit_leaves_no_folder_behind(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.exhaustive
 def test_a_full_disk_loses_nothing_reported_done(tmp_path):
     mount = 'mount -t tmpfs -o size=4m tmpfs "$1" && exec "$2" "$3" fill "$1"'
     command = ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c", mount, "sh"]

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from contour_cases import (
     assert_same,
-    content_digests,
     cut_contours,
     everything,
     make_contours,
@@ -134,34 +133,6 @@ def test_a_moving_object_and_a_hand_of_arrays_are_read_back_and_belong_to_the_re
         assert file.header().representation == {"representation": "voxels", "hash": "0"}
     assert set(header.recipe) - set(plain.recipe) == {"representation", "object motion"}
     assert check_file(folder / "b.h5") == []
-
-
-@pytest.mark.parametrize(
-    ("changes", "told"),
-    [
-        ({"moved": np.zeros((2, 7), np.float32)}, "moved must be 3 poses"),
-        ({"moved": np.full((3, 7), np.nan, np.float32)}, "moved row 0 is not finite"),
-        ({"moved": np.zeros((3, 6), np.float32)}, r"/object/moved has shape \[3, 6\]"),
-        ({"hand_arrays": {"bones": np.zeros(3)}}, "/hand has no field 'bones'"),
-        ({"hand_arrays": {"skin_faces": np.zeros((2, 3))}}, "/hand/skin_faces is float64, expected int32"),
-    ],
-)
-def test_a_header_that_a_file_cannot_hold_is_refused(folder, changes, told):
-    with pytest.raises(ContourFileError, match=told):
-        ContourWriter(folder / "a.h5", make_header(3, **changes))
-
-
-@pytest.mark.exhaustive
-def test_the_order_of_shards_changes_no_content(folder):
-    contours, ranges = make_contours(20, intensity=True, dwell=True), [(0, 3), (3, 4), (4, 12), (12, 20)]
-    for name, order in (("a.h5", ranges), ("b.h5", ranges[::-1])):
-        with ContourWriter(folder / name, make_header(20)) as writer:
-            write_ranges(writer, contours, order)
-            writer.seal()
-    assert content_digests(folder / "a.h5") == content_digests(folder / "b.h5")
-    with ContourFile(folder / "a.h5") as a, ContourFile(folder / "b.h5") as b:
-        assert_same(a.contours(), b.contours())
-        assert_same(a.metrics(), b.metrics())
 
 
 @pytest.mark.exhaustive

@@ -17,7 +17,6 @@ from fuzz_damage import damage
 from palpate.datasets.errors import MotionError
 
 FUZZ = Path(__file__).parent / "fuzz.py"
-CASES = 8
 SEED = 20261122
 LOADERS = 29
 
@@ -30,17 +29,19 @@ def raising(error):
 
 
 @pytest.mark.exhaustive
-def test_damaged_inputs_of_every_loader_are_read_or_refused_in_a_sentence(tmp_path):
+@pytest.mark.parametrize(("loaders", "cases"), [([], 8), (["contours", "partial"], 100)], ids=["all", "contours"])
+def test_damaged_inputs_are_read_or_refused_in_a_sentence(tmp_path, loaders, cases):
     report = tmp_path / "report.json"
-    options = ["--cases", str(CASES), "--seed", str(SEED), "--out", tmp_path / "failures", "--json", report]
+    options = ["--cases", str(cases), "--seed", str(SEED), "--out", tmp_path / "failures", "--json", report]
+    options += [word for name in loaders for word in ("--loader", name)]
     done = subprocess.run([sys.executable, FUZZ, *options], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert report.exists(), done.stderr
     counts, faults = (json.loads(report.read_text())[name] for name in ("counts", "faults"))
     assert faults == [], done.stdout
     assert done.returncode == 0
-    assert [sum(own.values()) for own in counts.values()] == [CASES] * LOADERS
+    assert [sum(own.values()) for own in counts.values()] == [cases] * (len(loaders) or LOADERS)
     refused = sum(own.get(CLEAR, 0) for own in counts.values())
-    assert CASES * LOADERS // 3 < refused < CASES * LOADERS
+    assert cases * len(counts) // 3 < refused < cases * len(counts)
 
 
 def test_outcomes_of_a_call_are_told_apart():

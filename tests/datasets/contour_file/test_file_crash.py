@@ -2,7 +2,6 @@
 
 import os
 import resource
-import shutil
 import signal
 import subprocess
 import sys
@@ -90,7 +89,7 @@ def test_what_an_interrupted_write_left_is_not_found_behind_a_shorter_one(tmp_pa
 @pytest.mark.parametrize("delay", [0.0, 0.06])
 def test_kill_9_loses_nothing_reported_done_and_resuming_completes(tmp_path, delay):
     path, contours = tmp_path / "out.h5", make_contours(120)
-    command = [sys.executable, PROCESS, "write", path]
+    command = [sys.executable, PROCESS, path]
     with subprocess.Popen([*command, "create", "120", "3"], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         lines = [process.stdout.readline()]
@@ -161,23 +160,3 @@ def test_a_header_that_does_not_fit_leaves_no_folder_behind(tmp_path):
     with file_size_limit(1000), pytest.raises(ContourFileError, match="cannot prepare: File too large"):
         ContourWriter(tmp_path / "out.h5", make_header(40))
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.exhaustive
-def test_a_full_disk_loses_nothing_reported_done(tmp_path):
-    mount = 'mount -t tmpfs -o size=4m tmpfs "$1" && exec "$2" "$3" fill "$1"'
-    command = ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c", mount, "sh"]
-    trial = [*command[:5], "-c", 'mount -t tmpfs tmpfs "$1"', "sh", str(tmp_path)]
-    if shutil.which("unshare") is None or subprocess.run(trial, capture_output=True, check=False).returncode:
-        pytest.skip("no small filesystem to fill: user namespaces are not allowed here")
-    result = subprocess.run([*command, tmp_path, sys.executable, PROCESS], capture_output=True, text=True, check=False)
-    assert result.returncode == 0, result.stderr
-    told = dict(line.split(" ", 1) for line in result.stdout.splitlines())
-    assert "No space left on device" in told["log:"]
-    assert "kept in" in told["log:"]
-    assert 'mode="resume"' in told["log:"]
-    assert 0 < int(told["done"]) < 400
-    assert told["resumed"] == f"{told['done']} 0"
-    assert "cannot seal: No space left on device" in told["seal:"]
-    assert told["missing"] == "[] ()"
-    assert told["check"] == "[]"

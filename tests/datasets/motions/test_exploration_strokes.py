@@ -18,7 +18,7 @@ def alone(box, seed, count):
 
 
 def test_control_points_have_the_bits_of_each_stroke_made_alone():
-    boxes, seeds, counts = [CUBE, LARGE, POINT, LOW, THIN] * 4, list(range(20)), [204, 1, 50, 700] * 5
+    boxes, seeds, counts = [CUBE, LARGE, POINT, LOW, THIN] * 2, list(range(10)), [204, 1, 50, 700, 30] * 2
     made = control_points(np.array(boxes), seeds, counts)
     for k, own in enumerate(zip(boxes, seeds, counts, strict=True)):
         wanted = alone(*own)
@@ -37,11 +37,11 @@ def test_poses_have_the_bits_of_the_model_as_it_was_first_written():
 
 def test_progress_is_told_now_and_then():
     told = []
-    control_points(np.array([CUBE]), [3], [10_000], lambda done, total: told.append((done, total)))
+    control_points(np.array([CUBE]), [3], [5_000], lambda done, total: told.append((done, total)))
     done, total = np.array(told).T
-    assert len(told) > 3
+    assert len(told) > 1
     assert (np.diff(done) > 0).all()
-    assert (total == 10_000).all()
+    assert (total == 5_000).all()
 
 
 def test_draws_are_of_visits_from_eight_octants_in_a_row():

@@ -108,35 +108,44 @@ def test_what_cannot_be_done_with_them_names_what_they_are(tmp_path):
     assert frame_format(tmp_path / "none.h5") is None
 
 
-@pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize(
-    ("change", "told"),
-    [
-        (lambda file: file["focus/position"].__setitem__(2000, np.nan), "/focus/position: not finite (1, first 2000)"),
+def unlike(file):
+    file["focus"].move("intensity", "x")
+    file["focus"].create_dataset("intensity", data=np.zeros(5, "f4"))
+
+
+def test_damage_is_found_and_named(tmp_path):
+    whole = focal_points(tmp_path / "whole.h5", count=50)[0].read_bytes()
+    path = tmp_path / "a.h5"
+    for change, message in (
+        (lambda file: file["focus/position"].__setitem__(20, np.nan), "/focus/position: not finite (1, first 20)"),
         (lambda file: file["focus/intensity"].__setitem__(3, 1.5), "/focus/intensity: not in 0..1 (1, first 3)"),
+        (lambda file: file["focus/intensity"].__setitem__(4, -0.5), "/focus/intensity: not in 0..1 (1, first 4)"),
         (lambda file: file["focus"].attrs.__setitem__("update_rate", 0.0), "update_rate of /focus must be positive"),
         (lambda file: file.attrs.__setitem__("recipe", "[1, 2]"), "attribute recipe of / is no JSON object"),
         (lambda file: file.attrs.__setitem__("recipe", "{"), "attribute recipe of / is no JSON object"),
         (lambda file: file["focus"].pop("position"), "/focus/position is missing"),
         (lambda file: file.attrs.__setitem__("version", np.array([2, 0])), "version 2, newer than this palpate reads"),
-        (
-            lambda file: (
-                file["focus"].move("intensity", "x")
-                or file["focus"].create_dataset("intensity", data=np.zeros(5, "f4"))
-            ),
-            "fit",
-        ),
-    ],
-)
-def test_damage_is_found_and_named(tmp_path, change, told):
-    path, _ = focal_points(tmp_path / "a.h5")
-    with h5py.File(path, "r+") as file:
-        change(file)
-    redigest(path)  # a writer that does such a thing gives digests of what it wrote
-    (problem,) = check_frames(path)
-    assert told in problem
+        (unlike, "do not fit"),
+    ):
+        path.write_bytes(whole)
+        with h5py.File(path, "r+") as file:
+            change(file)
+        redigest(path)  # a writer that does such a thing gives digests of what it wrote
+        (problem,) = check_frames(path)
+        assert message in problem
     result = run("check", path, "--json")
     assert (result.exit_code, json.loads(result.stdout)["whole"]) == (FAILED, False)
+
+
+def test_a_file_is_published_with_all_its_frames_or_not_at_all(tmp_path):
+    path, values = tmp_path / "a.h5", {"/focus/intensity": np.ones(3)}
+    with FrameFile(path, [FrameField("/focus/intensity", (), "1")], 5, attributes={"/": {"format": "x"}}) as file:
+        file.append(values)
+        with pytest.raises(ValueError, match="has 3 frames, 5 were announced"):
+            file.publish()
+        with pytest.raises(ValueError, match="frames up to 6 of .* do not fit 5"):
+            file.append(values)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("command", ["info", "check", "play"])

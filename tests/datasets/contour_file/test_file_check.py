@@ -21,9 +21,17 @@ def path(tmp_path):
     return tmp_path / "out.h5"
 
 
-@pytest.fixture
-def sealed(path):
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The bytes of a sealed file."""
+    path = tmp_path_factory.mktemp("whole") / "out.h5"
     write_file(path, make_contours(30, intensity=True, dwell=True), chunk=11, **everything(30))
+    return path.read_bytes()
+
+
+@pytest.fixture
+def sealed(path, whole):
+    path.write_bytes(whole)
     return path
 
 

@@ -33,10 +33,18 @@ def contours():
     return make_contours(30, intensity=True, dwell=True)
 
 
-@pytest.fixture
-def sealed(tmp_path, contours):
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The bytes of a sealed file."""
+    path = tmp_path_factory.mktemp("whole") / "out.h5"
     with small_chunks():
-        write_file(tmp_path / "out.h5", contours, chunk=11, **everything(30))
+        write_file(path, make_contours(30, intensity=True, dwell=True), chunk=11, **everything(30))
+    return path.read_bytes()
+
+
+@pytest.fixture
+def sealed(tmp_path, whole):
+    (tmp_path / "out.h5").write_bytes(whole)
     return tmp_path / "out.h5"
 
 

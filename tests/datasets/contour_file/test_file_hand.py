@@ -102,7 +102,11 @@ def test_checking_finds_arrays_that_are_not_those_described(hand, name, row, val
 
 def test_rows_of_one_pose_are_those_of_the_whole_arrays(tmp_path):
     path = tmp_path / "hand.h5"
-    for hand in (planes(), skin(), skin(POSES)):
+    small = hand_shape(detail=1)
+    rigid, posed = (
+        MeshHand(vertices, small.faces) for vertices in (small.vertices, np.stack([small.vertices] * POSES))
+    )
+    for hand in (planes(), rigid, posed):
         write_file(path, make_contours(POSES), mode="overwrite", **stored(hand), moved=MOVED)
         with ContourFile(path) as file:
             whole = file.hand_arrays()

@@ -143,7 +143,7 @@ def test_a_file_is_published_with_all_its_frames_or_not_at_all(tmp_path):
         file.append(values)
         with pytest.raises(ValueError, match="has 3 frames, 5 were announced"):
             file.publish()
-        with pytest.raises(ValueError, match="frames up to 6 of .* do not fit 5"):
+        with pytest.raises(ValueError, match=r"frames up to 6 of .* do not fit 5"):
             file.append(values)
     assert list(tmp_path.iterdir()) == []
 

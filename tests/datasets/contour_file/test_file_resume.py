@@ -255,7 +255,6 @@ def test_shards_of_an_older_palpate_are_dropped_and_reported(begun, contours):
     resume_and_seal(begun, contours)
 
 
-@pytest.mark.exhaustive
 def test_overlapping_parts_are_dropped_and_reported(path, begun, contours, tmp_path):
     with ContourWriter(tmp_path / "b.h5", make_header(10)) as writer:
         write_ranges(writer, contours, [(4, 7)])

@@ -87,6 +87,13 @@ def test_resuming_another_rendering_is_refused_naming_the_field(begun, contours,
     resume_and_seal(begun, contours)
 
 
+def test_resuming_without_the_motion_of_the_object_is_refused(path, contours):
+    with ContourWriter(path, make_header(10, moved=OTHER_POSE)) as writer:
+        write_ranges(writer, contours, [(0, 3)])
+    with pytest.raises(ContourFileError, match=r"another rendering: object motion was .* and is now absent"):
+        ContourWriter(path, make_header(10), mode="resume")
+
+
 def test_resuming_a_sealed_file_has_nothing_to_do_and_refuses_another_recipe(path):
     write_file(path, make_contours(4))
     before = path.read_bytes()
@@ -179,7 +186,7 @@ def resume_long(path, contours):
 
 
 @pytest.mark.exhaustive(but="1-")
-@pytest.mark.parametrize("where", ["first rows", "last rows", "record", "prefix"])
+@pytest.mark.parametrize("where", ["first rows", "last rows", "record", "tails", "prefix"])
 @pytest.mark.parametrize("commit", [0, 1, 2])
 def test_damage_drops_the_poses_from_there_on_reports_it_and_they_are_rendered_again(path, long, commit, where):
     log = part_logs(path.with_name("out.h5.partial"))[0]
@@ -188,6 +195,8 @@ def test_damage_drops_the_poses_from_there_on_reports_it_and_they_are_rendered_a
         flip(part.path, part.commits[commit].rows_end - 1)
     elif where == "first rows":
         flip(part.path, part.commits[commit - 1].rows_end if commit else part.rows.addresses[0][0])
+    elif where == "tails":
+        flip(log, part.commits[commit].log_end - 3)
     else:
         begin = part.commits[commit - 1].log_end if commit else part.begun_end
         flip(log, begin + (2 if where == "prefix" else 40))

@@ -100,29 +100,30 @@ def test_checking_finds_arrays_that_are_not_those_described(hand, name, row, val
     assert any(said in problem for problem in check_file(path)), check_file(path)
 
 
-def test_rows_of_one_pose_are_those_of_the_whole_arrays(tmp_path):
-    path = tmp_path / "hand.h5"
-    small = hand_shape(detail=1)
-    rigid, posed = (
-        MeshHand(vertices, small.faces) for vertices in (small.vertices, np.stack([small.vertices] * POSES))
-    )
-    for hand in (planes(), rigid, posed):
-        write_file(path, make_contours(POSES), mode="overwrite", **stored(hand), moved=MOVED)
-        with ContourFile(path) as file:
-            whole = file.hand_arrays()
-            for pose in range(POSES):
-                described, arrays = hand_at(file, pose)
-                assert (described["kind"], "sha256" in described) == (hand.described()["kind"], False)
-                assert set(arrays) == set(whole)
-                for name, rows in whole.items():
-                    is_posed = "poses" in described and name in ("patch_pose", "skin_vertices")
-                    np.testing.assert_array_equal(arrays[name], np.split(rows, POSES)[pose] if is_posed else rows)
-                np.testing.assert_array_equal(object_pose_at(file, pose), MOVED[pose])
-            for read, pose in ((hand_at, -1), (object_pose_at, POSES)):
-                with pytest.raises(ContourFileError, match=rf"pose must lie in 0\.\.2, not {pose}"):
-                    read(file, pose)
-    write_file(path, make_contours(POSES), mode="overwrite")
+@pytest.mark.parametrize("kind", ["planes", "rigid", "posed"])
+def test_rows_of_one_pose_are_those_of_the_whole_arrays(tmp_path, kind):
+    path, small = tmp_path / "hand.h5", hand_shape(detail=1)
+    vertices = np.stack([small.vertices] * POSES) if kind == "posed" else small.vertices
+    hand = planes() if kind == "planes" else MeshHand(vertices, small.faces)
+    write_file(path, make_contours(POSES), **stored(hand), moved=MOVED)
     with ContourFile(path) as file:
+        whole = file.hand_arrays()
+        for pose in range(POSES):
+            described, arrays = hand_at(file, pose)
+            assert (described["kind"], "sha256" in described) == (hand.described()["kind"], False)
+            assert set(arrays) == set(whole)
+            for name, rows in whole.items():
+                is_posed = "poses" in described and name in ("patch_pose", "skin_vertices")
+                np.testing.assert_array_equal(arrays[name], np.split(rows, POSES)[pose] if is_posed else rows)
+            np.testing.assert_array_equal(object_pose_at(file, pose), MOVED[pose])
+        for read, pose in ((hand_at, -1), (object_pose_at, POSES)):
+            with pytest.raises(ContourFileError, match=rf"pose must lie in 0\.\.2, not {pose}"):
+                read(file, pose)
+
+
+def test_an_object_at_rest_has_no_pose(tmp_path):
+    write_file(tmp_path / "hand.h5", make_contours(POSES))
+    with ContourFile(tmp_path / "hand.h5") as file:
         assert object_pose_at(file, 1) is None
 
 

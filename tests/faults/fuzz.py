@@ -1,199 +1,153 @@
-"""Damages inputs of every loader and command, and counts what comes of it.
+"""Damages inputs of every loader and command, reads them within bounds of time and memory, and counts the outcomes.
 
-    python tests/faults/fuzz.py --seconds 600 [--loader NAME] [--seed N]       # in turns, until the time is over
+    python tests/faults/fuzz.py --seconds 600 [--loader NAME] [--seed N]       # until the time is over
     python tests/faults/fuzz.py --cases 50                                     # so many of each loader
     python tests/faults/fuzz.py --loader NAME --seed N --case K                # one again, with its traceback
 
-The same seed makes the same cases. What fails is kept in `--out`, with how to repeat it; the exit code is then 1.
+The same seed makes the same cases; without `--seed` it is a new one, which is printed. Failing inputs are kept in
+`--out`, with the command that repeats each; the exit code is then 1.
 """
 
+# ruff: noqa: E402  # what tests share must be found first
+
 import argparse
-import contextlib
-import faulthandler
 import itertools
 import json
 import multiprocessing
 import os
+import random
 import shutil
 import sys
+import tempfile
 import time
+import warnings
 from collections import Counter
-from collections.abc import Iterator
-from multiprocessing import connection
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 SHARED = [str(Path(__file__).parents[1] / name) for name in ("cases", "cases/sweeps", "cases/arrays", "oracles")]
 sys.path += SHARED  # as pytest does; child processes read PYTHONPATH
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [*SHARED, os.environ.get("PYTHONPATH")]))
+os.environ |= {"CUDA_VISIBLE_DEVICES": "", "OMP_NUM_THREADS": "1", "PALPATE_CACHE": "off"}
 
-PRELOADED = [
-    "fuzz_child",
-    "palpate.render.cli.file_commands",
-    "palpate.render.cli.play_commands",
-    "palpate.render.sweeps.plan.loading",
-    "trimesh",
-]
-CASE_SECONDS, AGAIN_SECONDS = 5.0, 25.0
-"""How long a case may take; one that took longer is tried again, alone, before it is called a hang."""
-PREPARE_SECONDS = 600.0
-"""How long undamaged seeds may take, with kernels to compile."""
+import numpy as np
+import warp as wp
+from bounded import BAD, KINDS, Outcome, Wrong, outcome_in_child
+from fuzz_damage import ELSEWHERE, PIPE, damage
+from fuzz_readers import READERS, Reader
 
-
-class Child:
-    """A process that runs one case at a time; another takes its place where it ended or was killed."""
-
-    def __init__(self, context: Any, seeds: Path, folder: Path) -> None:
-        self._context, self._seeds, self._folder = context, seeds, folder
-        self._started = 0
-        self.case: Any = None
-        self.limit = CASE_SECONDS
-        self.start()
-
-    def start(self) -> None:
-        from fuzz_child import serve
-
-        self._started += 1
-        self.pipe, other = self._context.Pipe()
-        folder = self._folder / str(self._started)
-        self.process = self._context.Process(target=serve, args=(other, self._seeds, folder), daemon=True)
-        self.process.start()
-        other.close()
-
-    def give(self, case: Any, limit: float) -> None:
-        self.case, self.limit = case, limit
-        self.deadline = time.monotonic() + PREPARE_SECONDS
-        self.begun = False
-        self.pipe.send(case)
-
-    def taken(self) -> Any:
-        """The outcome of its case, if there is one by now."""
-        from fuzz_child import HANG, RAW, SIGNAL, Outcome
-
-        try:
-            while self.pipe.poll():
-                answer = self.pipe.recv()
-                if isinstance(answer, Exception):
-                    raise answer
-                if answer != "begun":
-                    return answer
-                self.begun = True
-                self.deadline = time.monotonic() + self.limit
-        except (EOFError, OSError):
-            self.process.join()
-            code = self.process.exitcode
-            self.start()
-            where = "" if self.begun else " before its case began"
-            return (
-                Outcome(SIGNAL, f"signal {-code}{where}") if code and code < 0 else Outcome(RAW, f"exit {code}{where}")
-            )
-        if time.monotonic() > self.deadline:
-            self.process.kill()
-            self.process.join()
-            self.start()
-            return Outcome(HANG, f"over {self.limit:g} s")
-        return None
-
-    def end(self) -> None:
-        self.process.kill()
-        self.process.join()
+READ_MB = "256"
+"""Budget of one file in cases [MB]: as `PALPATE_READ_MB`."""
+BY_NAME = {reader.name: reader for reader in READERS}
 
 
-def run_cases(cases: Iterator[Any], children: list[Child], ends: float) -> Iterator[tuple[Any, Any]]:
-    """Cases and what came of them, until there are no more, or the time is over."""
-    from fuzz_child import HANG
+class Case(NamedTuple):
+    """One damaged input: the same for the same loader, seed and number."""
 
-    again: list[Any] = []
-    while True:
-        for child in children:
-            if child.case is None:
-                if again:
-                    child.give(again.pop(), AGAIN_SECONDS)
-                elif time.monotonic() < ends and (case := next(cases, None)) is not None:
-                    child.give(case, CASE_SECONDS)
-        busy = [child for child in children if child.case is not None]
-        if not busy:
-            return
-        connection.wait([child.pipe for child in busy], timeout=0.5)
-        for child in busy:
-            outcome = child.taken()
-            if outcome is None:
-                continue
-            case, child.case = child.case, None
-            if outcome.kind == HANG and child.limit == CASE_SECONDS:
-                again.append(case)
-            else:
-                yield case, outcome
+    loader: str
+    seed: int
+    number: int
 
+    def make(self, seeds: Path, folder: Path) -> tuple[Path, str]:
+        """Put it into a folder; the path to read and how it was damaged."""
+        rng = random.Random(f"{self.seed} {self.loader} {self.number}")
+        whole = rng.choice(sorted((seeds / self.loader).iterdir()))
+        path = copied(whole, folder)
+        for place in {folder, path if path.is_dir() else folder}:
+            os.mkfifo(place / PIPE)
+        file = path
+        if path.is_dir():
+            patterns = BY_NAME[self.loader].damaged
+            found = {own for pattern in patterns for own in path.rglob(pattern.format(path.name)) if own.is_file()}
+            file = rng.choice(sorted(found))
+        return path, f"{whole.name}: {file.name} {damage(file, rng)}"
 
-def keep(case: Any, outcome: Any, seeds: Path, out: Path) -> None:
-    """Keep a failing input, with how to repeat it."""
-    folder = out / f"{case.form.replace(' ', '-')}-{case.seed}-{case.number}"
-    _, how = case.make(seeds, folder)
-    for pipe in folder.rglob("pipe"):
-        pipe.unlink()
-    command = f"python tests/faults/fuzz.py --loader '{case.form}' --seed {case.seed} --case {case.number}"
-    (folder / "outcome.txt").write_text(f"{command}\n{outcome.kind}: {outcome.place}\n{how}\n\n{outcome.text}\n")
+    @property
+    def command(self) -> str:
+        return f"python tests/faults/fuzz.py --loader '{self.loader}' --seed {self.seed} --case {self.number}"
 
 
-def repeat(case: Any, seeds: Path, folder: Path) -> int:
-    """Run one case in this process: a traceback says where it fails."""
-    from fuzz_child import BY_NAME
-
-    faulthandler.enable()
-    path, how = case.make(seeds, folder)
-    sys.stdout.write(f"{path}\n{how}\n")
-    sys.stdout.write(f"{BY_NAME[case.form].read(path)!r:.2000}\n")
-    return 0
+def copied(whole: Path, folder: Path) -> Path:
+    """A seed copied into an empty folder."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    path = folder / whole.name
+    shutil.copytree(whole, path) if whole.is_dir() else shutil.copyfile(whole, path)
+    return path
 
 
-class Tally:
-    """Outcomes by loader; failing inputs are kept, three of each fault."""
+def compare(reader: Reader, path: Path, how: str, whole: Any) -> None:
+    """Read a damaged input; raises Wrong for values that a checked format must not give back."""
+    found = reader.read(path)
+    if reader.is_checked and "structure" not in how and (where := difference(found, whole)):
+        raise Wrong(f"read without an error, but {where} differs")
+    if ELSEWHERE in how:
+        raise Wrong("an object that is linked, or lies in another file, is accepted")
 
-    def __init__(self, names: list[str], seeds: Path, out: Path) -> None:
-        self._seeds, self._out = seeds, out
-        self.counts: dict[str, Counter[str]] = {name: Counter() for name in names}
-        self.faults: dict[tuple[str, str, str], list[tuple[Any, Any]]] = {}
 
-    def add(self, case: Any, outcome: Any) -> None:
-        from fuzz_child import BAD
+def difference(a: Any, b: Any) -> str:
+    """The place where two values differ; empty if they do not."""
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        if (a.dtype, a.shape) != (b.dtype, b.shape):
+            return "an array's type or shape"
+        same = a.tolist() == b.tolist() if a.dtype.kind == "O" else a.tobytes() == b.tobytes()
+        return "" if same else "an array"
+    if isinstance(a, dict) and isinstance(b, dict):
+        names = "names" if sorted(map(str, a)) != sorted(map(str, b)) else ""
+        return names or next((f"{key}: {found}" for key in a if (found := difference(a[key], b[key]))), "")
+    if isinstance(a, list | tuple) and isinstance(b, list | tuple):
+        length = "a length" if len(a) != len(b) else ""
+        return length or next((found for pair in zip(a, b, strict=True) if (found := difference(*pair))), "")
+    return "" if repr(a) == repr(b) else "a value"
 
-        self.counts[case.form][outcome.kind] += 1
-        if outcome.kind in BAD:
-            alike = self.faults.setdefault((case.form, outcome.kind, outcome.place), [])
-            alike.append((case, outcome))
-            if len(alike) <= 3:
-                keep(case, outcome, self._seeds, self._out)
 
-    def __str__(self) -> str:
-        from fuzz_child import OUTCOMES
+class Fuzzer:
+    """Seeds of some loaders, and what each holds undamaged."""
 
-        lines = [["loader", "cases", *OUTCOMES]]
-        for name, own in [*self.counts.items(), ("all", sum(self.counts.values(), Counter()))]:
-            lines.append([name, str(own.total()), *(str(own[kind]) for kind in OUTCOMES)])
-        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-        rows = ["  ".join(cell.rjust(size) for cell, size in zip(line, widths, strict=True)) for line in lines]
-        for (form, kind, place), alike in sorted(self.faults.items()):
-            case, outcome = alike[0]
-            rows.append(
-                f"{form}: {kind}, {place}: {len(alike)} (case {case.number}: {outcome.how or 'see its folder'})"
-            )
-        return "\n".join([*rows, *([f"failing inputs are in {self._out}"] if self.faults else [])]) + "\n"
+    def __init__(self, names: list[str], scratch: Path) -> None:
+        self.seeds, self.scratch = scratch / "seeds", scratch
+        warnings.simplefilter("ignore")
+        np.seterr(all="ignore")
+        wp.config.log_level = wp.LOG_ERROR
+        self.wholes: dict[tuple[str, str], Any] = {}
+        for name in names:
+            (self.seeds / name).mkdir(parents=True)
+            BY_NAME[name].seeds(self.seeds / name)
+            for seed in sorted((self.seeds / name).iterdir()):  # a format that cannot read its seeds is a fault, too
+                self.wholes[name, seed.name] = BY_NAME[name].read(copied(seed, scratch / "whole"))
+        os.environ["PALPATE_READ_MB"] = READ_MB
 
-    def as_dict(self) -> dict[str, Any]:
-        faults = [
-            {"loader": form, "outcome": kind, "place": place, "cases": [case.number for case, _ in alike]}
-            for (form, kind, place), alike in sorted(self.faults.items())
-        ]
-        return {"counts": self.counts, "faults": faults}
+    def run(self, case: Case) -> tuple[Case, str, Outcome]:
+        """Make a case and read it in a child process."""
+        path, how = case.make(self.seeds, self.scratch / f"case-{os.getpid()}")
+        whole = self.wholes[case.loader, path.name]
+        return case, how, outcome_in_child(lambda: compare(BY_NAME[case.loader], path, how, whole))
+
+    def keep(self, case: Case, how: str, outcome: Outcome, out: Path) -> None:
+        """Keep a failing input, with the command that repeats it."""
+        folder = out / f"{case.loader.replace(' ', '-')}-{case.seed}-{case.number}"
+        case.make(self.seeds, folder)
+        for pipe in folder.rglob(PIPE):
+            pipe.unlink()
+        (folder / "outcome.txt").write_text(f"{case.command}\n{how}\n" + "\n".join(outcome) + "\n")
+
+
+FUZZER: Fuzzer
+"""Of the worker processes, which are forked from the one that made it."""
+
+
+def run_case(case: Case) -> tuple[Case, str, Outcome]:
+    """`Fuzzer.run` in a worker process."""
+    return FUZZER.run(case)
 
 
 def options_of(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, help="for how long; by default 60, or as --cases says")
     parser.add_argument("--cases", type=int, help="cases of each loader")
-    parser.add_argument("--loader", action="append", help="only this one; may be repeated")
-    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--loader", action="append", choices=BY_NAME, help="only this one; may be repeated")
+    parser.add_argument("--seed", type=int, default=random.randrange(10**6), help="by default a new one")
     parser.add_argument("--case", type=int, help="repeat this one case, in this process")
     parser.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)))
     parser.add_argument("--out", type=Path, default=Path("fuzz-failures"), help="folder of failing inputs")
@@ -201,48 +155,44 @@ def options_of(arguments: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def fuzz(options: argparse.Namespace, names: list[str], scratch: Path) -> Tally:
-    """Run cases of these loaders in turns; Ctrl-C ends it as the time does."""
-    from fuzz_child import Case
-
-    numbers = itertools.count() if options.cases is None else range(options.cases)
-    cases = (Case(name, options.seed, number) for number in numbers for name in names)
-    seconds = options.seconds or (60.0 if options.cases is None else float("inf"))
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(PRELOADED)
-    tally = Tally(names, scratch / "seeds", options.out)
-    children = [Child(context, scratch / "seeds", scratch / f"child{k}") for k in range(options.workers)]
-    with contextlib.suppress(KeyboardInterrupt):
-        for case, outcome in run_cases(cases, children, time.monotonic() + seconds):
-            tally.add(case, outcome)
-    for child in children:
-        child.end()
-    return tally
+def fuzz(options: argparse.Namespace, names: list[str]) -> list[tuple[Case, str, Outcome]]:
+    """Cases of these loaders in turns, with their outcomes."""
+    ends = time.monotonic() + (options.seconds or (60.0 if options.cases is None else float("inf")))
+    done: list[tuple[Case, str, Outcome]] = []
+    with ProcessPoolExecutor(options.workers, multiprocessing.get_context("fork")) as pool:
+        for number in itertools.count() if options.cases is None else range(options.cases):
+            if time.monotonic() > ends:
+                break
+            done += pool.map(run_case, [Case(name, options.seed, number) for name in names])
+    return done
 
 
 def main(arguments: list[str] | None = None) -> int:
+    global FUZZER
     options = options_of(arguments)
-    os.environ |= {"CUDA_VISIBLE_DEVICES": "", "OMP_NUM_THREADS": "1", "PALPATE_CACHE": "off", "PALPATE_READ_MB": "256"}
-    from fuzz_child import BY_NAME, Case, quieten, temporary_folder
-    from fuzz_formats import make_seeds
-
-    quieten()
     names = options.loader or list(BY_NAME)
-    if unknown := set(names) - set(BY_NAME):
-        sys.exit(f"unknown loader {sorted(unknown)[0]!r}; known: {', '.join(BY_NAME)}")
-    scratch = Path(temporary_folder())
-    try:
-        for name in names:
-            make_seeds(BY_NAME[name], scratch / "seeds" / name)
+    shared = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None  # in memory, if there is such a place
+    with tempfile.TemporaryDirectory(prefix="palpate-fuzz-", dir=shared) as scratch:
+        FUZZER = Fuzzer(names, Path(scratch))
         if options.case is not None:
-            return repeat(Case(names[0], options.seed, options.case), scratch / "seeds", scratch / "case")
-        tally = fuzz(options, names, scratch)
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
-    sys.stdout.write(str(tally))
+            path, how = Case(names[0], options.seed, options.case).make(FUZZER.seeds, Path(scratch, "case"))
+            sys.stdout.write(f"{path}\n{how}\n")
+            compare(BY_NAME[names[0]], path, how, FUZZER.wholes[names[0], path.name])
+            return 0
+        done = fuzz(options, names)
+        bad = [own for own in done if own[2].kind in BAD]
+        for case, how, outcome in bad[:100]:
+            FUZZER.keep(case, how, outcome, options.out)
+    counts = {name: Counter(outcome.kind for case, _, outcome in done if case.loader == name) for name in names}
+    faults = [f"{outcome.kind}: {outcome.text}\n  {how}\n  {case.command}" for case, how, outcome in bad]
+    for name, own in counts.items():
+        sys.stdout.write(f"{name:20} " + ", ".join(f"{own[kind]} {kind}" for kind in KINDS if own[kind]) + "\n")
+    sys.stdout.write("\n".join([*faults, f"seed {options.seed}: {len(done)} cases, {len(bad)} faults"]) + "\n")
+    if bad:
+        sys.stdout.write(f"failing inputs are in {options.out}\n")
     if options.json:
-        options.json.write_text(json.dumps(tally.as_dict(), indent=1))
-    return 1 if tally.faults else 0
+        options.json.write_text(json.dumps({"counts": counts, "faults": faults}))
+    return 1 if bad else 0
 
 
 if __name__ == "__main__":

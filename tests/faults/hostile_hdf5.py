@@ -1,7 +1,6 @@
-"""HDF5 files as an attacker or a broken disk would make them, each with what must come of it.
+"""HDF5 files as an attacker or a broken disk would make them, as data: how each is made, and what must refuse it.
 
-`CASES` has a function for each file, by name; it changes a sound file of one of palpate's formats (`SOUND`). A case
-says which operations have to refuse the file: all of `OPERATIONS[kind]`, or those that read what is wrong with it.
+`CASES` has each file by name; it changes a sound file of one of palpate's formats (`sound`).
 """
 
 import hashlib
@@ -11,14 +10,14 @@ import struct
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import h5py
 import numpy as np
 from contour_cases import everything, make_contours, write_file
-from h5py import h5d, h5p, h5s, h5t, h5z
+from h5py import ExternalLink, SoftLink, h5d, h5p, h5s, h5t, h5z
 
 from palpate.datasets.focus_files.frame_file import FrameField, FrameFile
 from palpate.datasets.motions.hand_motion import HandMotion
@@ -33,46 +32,45 @@ OPERATIONS = {
     "table": ("read",),
     "shard": ("read",),
 }
-
-
-CONTOUR_READERS = ("check", "read", "play")
+CONTOURS = ("check", "read", "play")
 """Those that read contours."""
+POSE = ("check", "read", "motion")
+"""Those that read poses."""
+TEXTS = ("check", "info", "read")
+"""Those that read descriptions."""
+NOT_PLAYED = ("check", "info", "read", "motion")
+HEADER = ("check", "read")
 
 
 @dataclass(frozen=True)
 class Case:
-    """A hostile file: how it is made of a sound one, and which operations must refuse it; the others may."""
+    """A hostile file."""
 
     kind: str
     make: Callable[[Path], None]
+    """Changes a sound file."""
     refusing: tuple[str, ...]
+    """Operations that must refuse it; the others may."""
+    message: str
+    """Part of the sentence with which `check` refuses it."""
 
 
 CASES: dict[str, Case] = {}
 
 
-def case(kind="contours", refusing=None):
-    """Add a function that changes a sound file, given its path."""
-
-    def add(make):
-        CASES[make.__name__.replace("_", " ")] = Case(kind, make, OPERATIONS[kind] if refusing is None else refusing)
-        return make
-
-    return add
+def case(name, make, refusing=None, message="", kind="contours"):
+    """Add a file that `make` changes, given its path."""
+    CASES[name] = Case(kind, make, OPERATIONS[kind] if refusing is None else refusing, message)
 
 
-def change(name, kind="contours", refusing=None):
-    """Add a function that changes a sound file, given it open in h5py."""
+def change(name, edit, refusing=None, message="", kind="contours"):
+    """Add a file that `edit` changes, given it open in h5py."""
 
-    def add(edit):
-        def make(path):
-            with h5py.File(path, "r+", libver=("v108", "latest")) as file:
-                edit(file)
+    def make(path):
+        with h5py.File(path, "r+", libver=("v108", "latest")) as file:
+            edit(file)
 
-        CASES[name] = Case(kind, make, OPERATIONS[kind] if refusing is None else refusing)
-        return edit
-
-    return add
+    case(name, make, refusing, message, kind)
 
 
 def write_case(name, path):
@@ -122,225 +120,254 @@ def _shard(path):
 SOUND = {"contours": _contours, "frames": _frames, "motion": _motion, "table": _table, "shard": _shard}
 
 
-# what an edit of a dataset needs
+# edits
 
 
-def replace(file, path, *, about=None, **options):
-    """Put another dataset in the place of one, with its attributes."""
+def replaced(file, path, **options):
+    """Another dataset in the place of one, with its attributes."""
     attributes = dict(file[path].attrs) if path in file else {}
     if path in file:
         del file[path]
     dataset = file.create_dataset(path, **options)
-    dataset.attrs.update(attributes | (about or {}))
+    dataset.attrs.update(attributes)
     return dataset
 
 
-def low_level(file, path, kind, shape, plist=None):
+def put(path, **options):
+    return partial(replaced, path=path, **options)
+
+
+def link(path, target):
+    """Something else in the place of an object: a link, an array, or what `target` finds in the file."""
+
+    def edit(file):
+        if path in file:
+            del file[path]
+        file[path] = target(file) if callable(target) else target
+
+    return edit
+
+
+def zeros(path, shape):
+    """A dataset of zeros of the right type and another shape."""
+
+    def edit(file):
+        options = {"fletcher32": True, "chunks": shape} if shape and 0 not in shape else {}
+        replaced(file, path, data=np.zeros(shape, file[path].dtype), **options)
+
+    return edit
+
+
+def unallocated(rows, *paths, **options):
+    """Datasets with so many rows that were never written."""
+
+    def edit(file):
+        for path in paths:
+            rest = file[path].shape[1:]
+            replaced(file, path, shape=(rows, *rest), dtype=file[path].dtype, **({"chunks": (8192, *rest)} | options))
+
+    return edit
+
+
+def virtual(path, source=None):
+    """A virtual dataset, on itself or on another file."""
+
+    def edit(file):
+        shape, dtype = (file[path].shape, file[path].dtype) if path in file else ((1000,), np.dtype("f4"))
+        if path in file:
+            del file[path]
+        layout = h5py.VirtualLayout(shape, dtype)
+        layout[...] = h5py.VirtualSource(source or file.filename, path, shape)
+        file.create_virtual_dataset(path, layout)
+
+    return edit
+
+
+def on_a_fifo(dataset, dtype, *row):
+    """A dataset whose bytes lie in a FIFO."""
+
+    def make(path):
+        fifo = path.with_name(f"{path.name}.fifo")
+        os.mkfifo(fifo)
+        with h5py.File(path, "r+") as file:
+            replaced(file, dataset, shape=(5, *row), dtype=dtype, external=[(str(fifo), 0, 140)])
+
+    return make
+
+
+def typed(path, kind):
     """A dataset of any HDF5 type, in the place of one."""
-    if path in file:
+
+    def edit(file):
+        shape, about = file[path].shape, dict(file[path].attrs)
         del file[path]
-    return h5d.create(file.id, path.encode(), kind, h5s.create_simple(shape), plist)
+        h5d.create(file.id, path.encode(), kind() if callable(kind) else kind, h5s.create_simple(shape))
+        file[path].attrs.update(about)
+
+    return edit
 
 
-def unallocated(file, path, rows, **options):
-    old = file[path]
-    shape = (rows, *old.shape[1:])
-    replace(file, path, shape=shape, dtype=old.dtype, **({"chunks": (8192, *old.shape[1:])} | options))
+def filtered(*filters, **options):
+    """Kinds of points with filters by name of a property, and the chunk that is written past them."""
+
+    def edit(file):
+        del file["/contours/kind"]
+        plist = h5p.create(h5p.DATASET_CREATE)
+        plist.set_chunk((8,))
+        for name, *values in filters:
+            getattr(plist, name)(*values)
+        h5d.create(file.id, b"/contours/kind", h5t.STD_U8LE, h5s.create_simple((8,)), plist)
+        if "chunk" in options:
+            file["/contours/kind"].id.write_direct_chunk((0,), options["chunk"]())
+
+    return edit
 
 
-def virtual_on_itself(file, path):
-    shape, dtype = (file[path].shape, file[path].dtype) if path in file else ((1000,), np.dtype("f4"))
-    if path in file:
-        del file[path]
-    layout = h5py.VirtualLayout(shape, dtype)
-    layout[...] = h5py.VirtualSource(file.filename, path, shape)
-    file.create_virtual_dataset(path, layout)
+def one_chunk(content, mask=0, rows=None, **options):
+    """Kinds of points in one chunk, whose bytes `content` makes of the rows."""
+
+    def edit(file):
+        count = rows or len(file["/contours/kind"])
+        new = replaced(file, "/contours/kind", shape=(count,), dtype="u1", chunks=(count,), **options)
+        new.id.write_direct_chunk((0,), content(count), mask)
+
+    return edit
+
+
+def inflating(count):
+    """A deflated stream of 3 GB."""
+    del count
+    deflater = zlib.compressobj(9)
+    zeros = bytes(1 << 24)
+    return b"".join([*(deflater.compress(zeros) for _ in range(192)), deflater.flush()])
+
+
+def attribute(path, key, value):
+    def edit(file):
+        file[path].attrs[key] = value(file) if callable(value) else value
+
+    return edit
+
+
+def rows(path, where, value):
+    def edit(file):
+        file[path][where] = value
+
+    return edit
+
+
+def written(content):
+    """Other bytes in place of a file: `content` makes them of the sound ones."""
+    return lambda path: path.write_bytes(content(path.read_bytes()))
+
+
+def in_place(make):
+    """Something else than a file, made where it was."""
+
+    def made(path):
+        path.unlink()
+        make(path)
+
+    return made
+
+
+def fixed(text):
+    raw = text.encode()
+    return np.array(raw, h5py.string_dtype("utf-8", max(1, len(raw))))
 
 
 # links
 
-
-@change("a soft link in place of a dataset")
-def _(file):
-    file.move("/contours/kind", "/kind")
-    file["/contours/kind"] = h5py.SoftLink("/kind")
-
-
-@change("a soft link on itself")
-def _(file):
-    file["/extra"] = h5py.SoftLink("/extra")
-
-
-@change("a link to another file in place of a group")
-def _(file):
-    del file["/object"]
-    file["/object"] = h5py.ExternalLink("/etc/hostname", "/object")
-
-
-@change("a link to another file beside the groups")
-def _(file):
-    file["/extra"] = h5py.ExternalLink("other.h5", "/x")
+change(
+    "a soft link in place of a dataset",
+    lambda f: (f.move("/contours/kind", "/kind"), link("/contours/kind", SoftLink("/kind"))(f)),
+    message="/contours/kind is a soft link",
+)
+change("a soft link on itself", link("/extra", SoftLink("/extra")))
+change(
+    "a link to another file in place of a group",
+    link("/object", ExternalLink("/etc/hostname", "/object")),
+    message="/object is a link to another file",
+)
+change("a link to another file beside the groups", link("/extra", ExternalLink("other.h5", "/x")))
+change("a group that holds the root", link("/contours/self", lambda f: f["/"]), message="self is / once more")
+change("a dataset with two names", link("/extra", lambda f: f["/contours/points"]), message="is /extra once more")
+change("groups a thousand deep", lambda f: f.create_group("/a" * 1000), message="9 groups deep, expected at most 8")
+change("names of control characters", link("/\x1b]0;x\x07", np.zeros(1)))
+change("names that are not UTF-8", lambda f: h5d.create(f.id, b"\xff\xfe", h5t.NATIVE_INT32, h5s.create_simple((1,))))
 
 
-@case()
-def a_link_to_a_sound_file_that_lies_beside_it(path):
-    other = path.with_name(f"{path.name}.other")
-    other.write_bytes(sound("contours"))
-    with h5py.File(path, "r+") as file:
-        del file["/motion"]
-        file["/motion"] = h5py.ExternalLink(str(other), "/motion")
-
-
-@change("a group that holds the root")
-def _(file):
-    file["/contours/self"] = file["/"]
-
-
-@change("two groups that hold each other")
-def _(file):
+def two_groups_that_hold_each_other(file):
     file["/a/b"] = np.zeros(1)
     file["/c/a"] = file["/a"]
     file["/a/c"] = file["/c"]
 
 
-@change("a dataset with two names")
-def _(file):
-    file["/extra"] = file["/contours/points"]
+def a_link_to_a_sound_file(path):
+    other = path.with_name(f"{path.name}.other")
+    other.write_bytes(sound("contours"))
+    with h5py.File(path, "r+") as file:
+        link("/motion", ExternalLink(str(other), "/motion"))(file)
 
 
-@change("groups a thousand deep")
-def _(file):
-    group = file
-    for _ in range(1000):
-        group = group.create_group("a")
-
-
-@change("names of control characters")
-def _(file):
-    file["/\x1b]0;x\x07"] = np.zeros(1)
-
-
-@change("names that are not UTF-8")
-def _(file):
-    h5d.create(file.id, b"\xff\xfe", h5t.NATIVE_INT32, h5s.create_simple((1,)))
-
+change("two groups that hold each other", two_groups_that_hold_each_other)
+case("a link to a sound file that lies beside it", a_link_to_a_sound_file)
 
 # data that lie elsewhere, or nowhere
 
-
-@change("a virtual dataset on itself")
-def _(file):
-    virtual_on_itself(file, "/contours/points")
-
-
-@change("a virtual dataset on itself beside the others")
-def _(file):
-    virtual_on_itself(file, "/extra")
-
-
-@change("a virtual dataset on a system file")
-def _(file):
-    layout = h5py.VirtualLayout((30,), "f4")
-    layout[...] = h5py.VirtualSource("/etc/hostname", "/x", (30,))
-    del file["/metrics/length"]
-    file.create_virtual_dataset("/metrics/length", layout)
-
-
-@case()
-def external_data_on_a_FIFO(path):
-    fifo = path.with_name(f"{path.name}.fifo")
-    os.mkfifo(fifo)
-    with h5py.File(path, "r+") as file:
-        rows = len(file["/contours/kind"])
-        replace(file, "/contours/kind", shape=(rows,), dtype="u1", external=[(str(fifo), 0, rows)])
-
-
-@change("external data of a system file")
-def _(file):
-    replace(file, "/object/vertices", shape=(4, 3), dtype="<f4", external=[("/etc/passwd", 0, 48)])
-
-
-@change("external data of a device beside the others")
-def _(file):
-    replace(file, "/extra", shape=(1 << 20,), dtype="u1", external=[("/dev/zero", 0, 1 << 20)])
-
-
-@change("points of 1e9 rows that were never written")
-def _(file):
-    unallocated(file, "/contours/points", 10**9)
-
-
-@change("lengths of 1e9 rows that were never written")
-def _(file):
-    unallocated(file, "/metrics/length", 10**9)
+FLETCHER = {"fletcher32": True}
+change("a virtual dataset on itself", virtual("/contours/points"), message="/contours/points is a virtual dataset")
+change("a virtual dataset on itself beside the others", virtual("/extra"))
+change("a virtual dataset on a system file", virtual("/metrics/length", "/etc/hostname"))
+case("external data on a FIFO", on_a_fifo("/contours/kind", "u1"), message="kind has its data in 1 external files")
+PASSWORDS, ENDLESS = [("/etc/passwd", 0, 48)], [("/dev/zero", 0, 1 << 20)]
+change(
+    "external data of a system file",
+    put("/object/vertices", shape=(4, 3), dtype="<f4", external=PASSWORDS),
+    message="/object/vertices has its data in 1 external files",
+)
+change("external data of a device beside the others", put("/extra", shape=(1 << 20,), dtype="u1", external=ENDLESS))
+change(
+    "points of 1e9 rows that were never written",
+    unallocated(10**9, "/contours/points"),
+    message="/contours/points declares 122071 chunks, which a file of",
+)
+change("lengths of 1e9 rows that were never written", unallocated(10**9, "/metrics/length"))
+change(
+    "points of 1e9 rows in one piece that were never written",
+    put("/contours/points", shape=(10**9, 3), dtype="<f4"),
+    message="declares 12000000000 bytes, 0 are stored",
+)
+POSE_FIELDS = [f"/metrics/length{part}" for part in ("", "_hand", "_made", "_object")] + ["/metrics/polylines"]
+POSE_FIELDS += ["/motion/pose", "/motion/time", "/object/moved", "/contours/pose_start"]
+change("2e8 poses that were never written", unallocated(2 * 10**8, *POSE_FIELDS, **FLETCHER))
+change("a chunk of 4 GB that was never written", unallocated(2**32 - 2, "/contours/kind", chunks=(2**32 - 2,)))
+change(
+    "offsets that were never written, filled with zeros",
+    put("/contours/polyline_start", shape=(5,), dtype="<i8", chunks=(5,), fillvalue=0, **FLETCHER),
+    CONTOURS,
+)
+change("chunks that skip their checksum", one_chunk(lambda n: bytes(n + 4), 0b1, **FLETCHER), CONTOURS)
+change("a chunk of which the index tells another length", one_chunk(lambda n: bytes(4), **FLETCHER), CONTOURS)
+change("a chunk that inflates to 3 GB", one_chunk(inflating, compression="gzip"), CONTOURS, "/contours/kind is damaged")
+change(
+    "a chunk of 30 MB that inflates to 3 GB",
+    one_chunk(inflating, rows=30_000_000, compression="gzip"),
+    CONTOURS,
+    "inflates to more than its 30000000 bytes",
+)
 
 
-@change("points of 1e9 rows in one piece that were never written")
-def _(file):
-    replace(file, "/contours/points", shape=(10**9, 3), dtype="<f4")
-
-
-@change("2e8 poses that were never written")
-def _(file):
-    for path in [f"/metrics/{name}" for name in file["metrics"]] + ["/motion/pose", "/motion/time", "/object/moved"]:
-        unallocated(file, path, 2 * 10**8, fletcher32=True)
-    unallocated(file, "/contours/pose_start", 2 * 10**8 + 1, fletcher32=True)
-
-
-@change("rows of which only the first chunk was written, filled with sound values", refusing=CONTOUR_READERS)
-def _(file):
+def only_the_first_chunk_written(file):
     kind = file["/contours/kind"][...]
-    new = replace(file, "/contours/kind", shape=kind.shape, dtype="u1", chunks=(8,), fletcher32=True, fillvalue=1)
+    new = replaced(file, "/contours/kind", shape=kind.shape, dtype="u1", chunks=(8,), fillvalue=1, **FLETCHER)
     new[:8] = kind[:8]
 
 
-@change("offsets that were never written, filled with zeros", refusing=CONTOUR_READERS)
-def _(file):
-    replace(file, "/contours/polyline_start", shape=(5,), dtype="<i8", chunks=(5,), fletcher32=True, fillvalue=0)
-
-
-@change("a chunk of 4 GB that was never written")
-def _(file):
-    unallocated(file, "/contours/kind", 2**32 - 2, chunks=(2**32 - 2,))
-
-
-@change("chunks that skip their checksum", refusing=CONTOUR_READERS)
-def _(file):
-    kind = np.zeros(len(file["/contours/kind"]), "u1")
-    new = replace(file, "/contours/kind", shape=kind.shape, dtype="u1", chunks=kind.shape, fletcher32=True)
-    new.id.write_direct_chunk((0,), kind.tobytes() + bytes(4), 0b1)
-
-
-@change("a chunk of which the index tells another length", refusing=CONTOUR_READERS)
-def _(file):
-    kind = np.zeros(len(file["/contours/kind"]), "u1")
-    new = replace(file, "/contours/kind", shape=kind.shape, dtype="u1", chunks=kind.shape, fletcher32=True)
-    new.id.write_direct_chunk((0,), bytes(4))
-
-
-@change("a chunk that inflates to 3 GB", refusing=CONTOUR_READERS)
-def _(file):
-    rows = len(file["/contours/kind"])
-    new = replace(file, "/contours/kind", shape=(rows,), dtype="u1", chunks=(rows,), compression="gzip")
-    deflater = zlib.compressobj(9)
-    zeros = bytes(1 << 24)
-    new.id.write_direct_chunk((0,), b"".join([*(deflater.compress(zeros) for _ in range(192)), deflater.flush()]))
-
-
-@change("a chunk of 30 MB that inflates to 3 GB", refusing=CONTOUR_READERS)
-def _(file):
-    rows = 30_000_000
-    new = replace(file, "/contours/kind", shape=(rows,), dtype="u1", chunks=(rows,), compression="gzip")
-    deflater = zlib.compressobj(9)
-    zeros = bytes(1 << 24)
-    new.id.write_direct_chunk((0,), b"".join([*(deflater.compress(zeros) for _ in range(192)), deflater.flush()]))
-
-
-@case(refusing=CONTOUR_READERS)
 def all_chunks_in_one_place(path):
     """A tree of chunks whose 64 entries point at the same bytes: 262 kB would be read as gigabytes."""
     with h5py.File(path, "r+", libver=("v108", "latest")) as file:
-        new = replace(file, "/contours/kind", shape=(64 << 13,), dtype="u1", chunks=(1 << 13,))
+        new = replaced(file, "/contours/kind", shape=(64 << 13,), dtype="u1", chunks=(1 << 13,))
         new[...] = 1
         offsets = [new.id.get_chunk_info(index).byte_offset for index in range(64)]
     content = path.read_bytes()
@@ -349,449 +376,230 @@ def all_chunks_in_one_place(path):
     path.write_bytes(content)
 
 
-@case(refusing=CONTOUR_READERS)
-def a_chunk_beyond_the_end(path):
-    with h5py.File(path) as file:
-        offset = file["/contours/points"].id.get_chunk_info(0).byte_offset
-    path.write_bytes(path.read_bytes().replace(struct.pack("<Q", offset), struct.pack("<Q", 1 << 40)))
+def chunk_moved(move):
+    """The index of chunks leads elsewhere."""
+
+    def make(path):
+        with h5py.File(path) as file:
+            at = file["/contours/points"].id.get_chunk_info(0).byte_offset
+        content = path.read_bytes()
+        assert struct.pack("<Q", at) in content
+        path.write_bytes(content.replace(struct.pack("<Q", at), struct.pack("<Q", move(at))))
+
+    return make
 
 
-@case(refusing=CONTOUR_READERS)
-def a_bit_in_the_place_of_a_chunk(path):
-    with h5py.File(path) as file:
-        chunk = file["/contours/points"].id.get_chunk_info(0)
-    key = struct.pack("<II", chunk.size, 0)
-    content = path.read_bytes()
-    places = [at for at in range(len(content)) if content.startswith(key, at)]
-    content = bytearray(content)
-    for at in places:
-        content[at + 8] ^= 0x20
-    path.write_bytes(content)
-
+change("only the first chunk written, filled with sound values", only_the_first_chunk_written, CONTOURS)
+case("all chunks in one place", all_chunks_in_one_place, CONTOURS, "/contours/kind is damaged: 1 of its 64 chunks")
+case("a chunk beyond the end", chunk_moved(lambda at: 1 << 40), CONTOURS)
+case("a bit in the place of a chunk", chunk_moved(lambda at: at ^ 0x20), CONTOURS)
 
 # types
 
 
-def of_type(name, path, kind, refusing=None):
-    @change(f"{name} in {path}", refusing=refusing)
-    def _(file):
-        shape = file[path].shape
-        about = dict(file[path].attrs)
-        low_level(file, path, kind() if callable(kind) else kind, shape)
-        file[path].attrs.update(about)
-
-
-def _enum():
+def enumeration():
     kind = h5t.enum_create(h5t.STD_U8LE)
     kind.enum_insert(b"a", 0)
     return kind
 
 
-def _wide_int():
+def integer_of_128_bits():
     kind = h5t.STD_I64LE.copy()
     kind.set_size(16)
     kind.set_precision(128)
     return kind
 
 
-of_type("a compound", "/contours/points", lambda: h5t.py_create(np.dtype([("x", "f4"), ("y", "f4")])))
-of_type("an opaque type", "/contours/kind", lambda: h5t.create(h5t.OPAQUE, 16))
-of_type("object references", "/contours/polyline_patch", h5t.STD_REF_OBJ)
-of_type("region references", "/contours/polyline_patch", h5t.STD_REF_DSETREG)
-of_type("lists of any length", "/contours/points", lambda: h5t.vlen_create(h5t.IEEE_F32LE))
-of_type("lists of lists", "/metrics/length", lambda: h5t.vlen_create(h5t.vlen_create(h5t.IEEE_F32LE)))
-of_type("an enumeration", "/contours/kind", _enum)
-of_type("true and false", "/contours/polyline_closed", lambda: h5t.py_create(np.dtype(bool), logical=True))
-of_type("complex numbers", "/metrics/length", lambda: h5t.py_create(np.dtype("c8"), logical=True))
-of_type("bit fields", "/contours/kind", h5t.STD_B8LE)
-of_type("times", "/motion/time", h5t.UNIX_D32LE)
-of_type("arrays", "/contours/points", lambda: h5t.array_create(h5t.IEEE_F32LE, (3,)))
-of_type("integers of 128 bits", "/contours/pose_start", _wide_int)
-of_type("float16", "/contours/points", h5t.IEEE_F16LE, CONTOUR_READERS)
-of_type("float64", "/contours/points", h5t.IEEE_F64LE, CONTOUR_READERS)
-of_type("big-endian numbers", "/contours/points", h5t.IEEE_F32BE, CONTOUR_READERS)
-of_type("floats", "/contours/pose_start", h5t.IEEE_F64LE, CONTOUR_READERS)
-of_type("text", "/contours/kind", lambda: h5t.py_create(h5py.string_dtype(), logical=True), CONTOUR_READERS)
-of_type("text", "/metrics/length", lambda: h5t.py_create(np.dtype("S8")), ("check", "info", "read"))
-of_type("text", "/motion/pose", lambda: h5t.py_create(np.dtype("S8")), ("check", "info", "read", "motion"))
-of_type("80-bit floats", "/metrics/length", lambda: h5t.py_create(np.dtype("longdouble")))
+def numpy_type(*words):
+    return lambda: h5t.py_create(np.dtype(*words), logical=True)
 
 
-@change("a type with a name of its own")
-def _(file):
-    file["/type"] = np.dtype("f4")
+PAIR = [("x", "f4"), ("y", "f4")]
+for name, path, kind, refusing, message in (
+    ("a compound", "/contours/points", numpy_type(PAIR), None, "/contours/points is of an HDF5 compound of 8 bytes"),
+    ("an opaque type", "/contours/kind", lambda: h5t.create(h5t.OPAQUE, 16), None, ""),
+    ("object references", "/contours/polyline_patch", h5t.STD_REF_OBJ, None, ""),
+    ("region references", "/contours/polyline_patch", h5t.STD_REF_DSETREG, None, ""),
+    ("lists of any length", "/contours/points", lambda: h5t.vlen_create(h5t.IEEE_F32LE), None, ""),
+    ("lists of lists", "/metrics/length", lambda: h5t.vlen_create(h5t.vlen_create(h5t.IEEE_F32LE)), None, ""),
+    ("an enumeration", "/contours/kind", enumeration, None, ""),
+    ("true and false", "/contours/polyline_closed", numpy_type(bool), None, ""),
+    ("complex numbers", "/metrics/length", numpy_type("c8"), None, ""),
+    ("bit fields", "/contours/kind", h5t.STD_B8LE, None, ""),
+    ("times", "/motion/time", h5t.UNIX_D32LE, None, ""),
+    ("arrays", "/contours/points", lambda: h5t.array_create(h5t.IEEE_F32LE, (3,)), None, ""),
+    ("integers of 128 bits", "/contours/pose_start", integer_of_128_bits, None, ""),
+    ("float16", "/contours/points", h5t.IEEE_F16LE, CONTOURS, ""),
+    ("float64", "/contours/points", h5t.IEEE_F64LE, CONTOURS, ""),
+    ("big-endian numbers", "/contours/points", h5t.IEEE_F32BE, CONTOURS, ""),
+    ("floats", "/contours/pose_start", h5t.IEEE_F64LE, CONTOURS, ""),
+    ("text", "/contours/kind", lambda: h5t.py_create(h5py.string_dtype(), logical=True), CONTOURS, ""),
+    ("text", "/metrics/length", numpy_type("S8"), TEXTS, ""),
+    ("text", "/motion/pose", numpy_type("S8"), NOT_PLAYED, ""),
+    ("80-bit floats", "/metrics/length", numpy_type("longdouble"), None, ""),
+):
+    change(f"{name} in {path}", typed(path, kind), refusing, message)
 
 
-@change("a dataset of a type with a name")
-def _(file):
+def named_type(file):
     file["/type"] = np.dtype("f4")
     shape = file["/contours/points"].shape
     del file["/contours/points"]
     file.create_dataset("/contours/points", shape, file["/type"])
 
 
-# ranks and counts
+change("a type with a name of its own", link("/type", np.dtype("f4")))
+change("a dataset of a type with a name", named_type)
 
+# ranks, counts, values
 
-def reshaped(name, path, shape, refusing, dtype=None):
-    @change(name, refusing=refusing)
-    def _(file):
-        old = file[path]
-        options = {"fletcher32": True, "chunks": shape} if shape and 0 not in shape else {}
-        data = np.zeros(shape, dtype or old.dtype)
-        replace(file, path, data=data, **options)
-
-
-reshaped("points of one dimension", "/contours/points", (100,), CONTOUR_READERS)
-reshaped("points of four coordinates", "/contours/points", (100, 4), CONTOUR_READERS)
-reshaped("points of no coordinates", "/contours/points", (100, 0), CONTOUR_READERS)
-reshaped("points of nine dimensions", "/contours/points", (2,) * 9, OPERATIONS["contours"])
-reshaped("offsets of two dimensions", "/contours/pose_start", (31, 2), CONTOUR_READERS)
-reshaped("no offsets", "/contours/pose_start", (0,), CONTOUR_READERS)
-reshaped("poses of three dimensions", "/motion/pose", (POSES, 7, 1), ("check", "read", "motion"))
-reshaped("no poses", "/motion/pose", (0, 7), ("check", "read", "motion"))
-reshaped("poses of 0 numbers", "/motion/pose", (POSES, 0), ("check", "read", "motion"))
-reshaped("a scalar in place of points", "/contours/points", (), CONTOUR_READERS)
-reshaped("a scalar in place of poses", "/motion/pose", (), ("check", "info", "read", "play", "motion"))
-reshaped("a scalar in place of times", "/motion/time", (), ("check", "info", "read", "play", "motion"))
-reshaped("lengths of fewer poses", "/metrics/length", (POSES - 1,), ("check", "read"))
-reshaped("lengths of two dimensions", "/metrics/length", (POSES, 2), ("check", "info", "read"))
-reshaped("times of fewer poses", "/motion/time", (POSES - 3,), ("check", "read", "motion"))
-reshaped("times of two dimensions", "/motion/time", (POSES, 1), ("check", "info", "read", "play", "motion"))
-reshaped("faces of two corners", "/object/faces", (4, 2), ("check", "read"))
-reshaped("timing of one dimension", "/timing/seconds", (3,), ("check", "read"))
-reshaped("kinds of fewer points", "/contours/kind", (5,), CONTOUR_READERS)
-
-
-@change("a dataset without values")
-def _(file):
-    replace(file, "/contours/kind", data=h5py.Empty("u1"))
-
-
-@change("a dataset in place of a group", refusing=("check", "info", "read", "play"))
-def _(file):
-    del file["/contours"]
-    file["/contours"] = np.zeros(3)
-
-
-@change("a group in place of a dataset", refusing=CONTOUR_READERS)
-def _(file):
-    del file["/contours/points"]
-    file.create_group("/contours/points")
-
-
-@change("offsets beyond all points", refusing=CONTOUR_READERS)
-def _(file):
-    file["/contours/polyline_start"][-1] = 1 << 62
-
-
-@change("offsets below zero", refusing=CONTOUR_READERS)
-def _(file):
-    file["/contours/pose_start"][3] = -(1 << 63)
-
-
-@change("faces of vertices that there are not", refusing=("check",))
-def _(file):
-    file["/object/faces"][0] = 1 << 30
-
+MOTION = ("check", "info", "read", "play", "motion")
+for name, path, shape, refusing in (
+    ("points of one dimension", "/contours/points", (100,), CONTOURS),
+    ("points of four coordinates", "/contours/points", (100, 4), CONTOURS),
+    ("points of no coordinates", "/contours/points", (100, 0), CONTOURS),
+    ("points of nine dimensions", "/contours/points", (2,) * 9, None),
+    ("offsets of two dimensions", "/contours/pose_start", (31, 2), CONTOURS),
+    ("no offsets", "/contours/pose_start", (0,), CONTOURS),
+    ("poses of three dimensions", "/motion/pose", (POSES, 7, 1), POSE),
+    ("no poses", "/motion/pose", (0, 7), POSE),
+    ("poses of 0 numbers", "/motion/pose", (POSES, 0), POSE),
+    ("a scalar in place of points", "/contours/points", (), CONTOURS),
+    ("a scalar in place of poses", "/motion/pose", (), MOTION),
+    ("a scalar in place of times", "/motion/time", (), MOTION),
+    ("lengths of fewer poses", "/metrics/length", (POSES - 1,), HEADER),
+    ("lengths of two dimensions", "/metrics/length", (POSES, 2), TEXTS),
+    ("times of fewer poses", "/motion/time", (POSES - 3,), POSE),
+    ("times of two dimensions", "/motion/time", (POSES, 1), MOTION),
+    ("faces of two corners", "/object/faces", (4, 2), HEADER),
+    ("timing of one dimension", "/timing/seconds", (3,), HEADER),
+    ("kinds of fewer points", "/contours/kind", (5,), CONTOURS),
+):
+    change(name, zeros(path, shape), refusing)
+change("a dataset without values", put("/contours/kind", data=h5py.Empty("u1")))
+change("a dataset in place of a group", link("/contours", np.zeros(3)), ("check", "info", "read", "play"))
+change("a group in place of a dataset", link("/contours/points", lambda f: f.create_group("/x")), CONTOURS)
+change("offsets beyond all points", rows("/contours/polyline_start", -1, 1 << 62), CONTOURS)
+change("offsets below zero", rows("/contours/pose_start", 3, -(1 << 63)), CONTOURS)
+change("faces of vertices that there are not", rows("/object/faces", 0, 1 << 30), ("check",))
 
 # filters
 
 
-@change("a filter that is a plug-in")
-def _(file):
-    plist = h5p.create(h5p.DATASET_CREATE)
-    plist.set_chunk((4,))
-    plist.set_filter(32015, h5z.FLAG_OPTIONAL, (3,))
-    low_level(file, "/contours/kind", h5t.STD_U8LE, (8,), plist)
+def deflated_three_times():
+    return zlib.compress(zlib.compress(zlib.compress(bytes(1 << 28), 9), 9), 9)
 
 
-@change("a filter of numbers of bits")
-def _(file):
-    kind = file["/contours/kind"][...]
-    replace(file, "/contours/kind", data=kind, scaleoffset=4, chunks=kind.shape)
-
-
-@change("deflated three times")
-def _(file):
-    plist = h5p.create(h5p.DATASET_CREATE)
-    rows = len(file["/contours/kind"])
-    plist.set_chunk((rows,))
-    for _ in range(3):
-        plist.set_deflate(9)
-    low_level(file, "/contours/kind", h5t.STD_U8LE, (rows,), plist)
-    content = zlib.compress(zlib.compress(zlib.compress(bytes(1 << 28), 9), 9), 9)
-    file["/contours/kind"].id.write_direct_chunk((0,), content)
-
+PLUG_IN = ("set_filter", 32015, h5z.FLAG_OPTIONAL, (3,))
+change("a filter that is a plug-in", filtered(PLUG_IN), message="/contours/kind has filter 32015")
+change("a filter of numbers of bits", put("/contours/kind", data=np.ones(99, "u1"), scaleoffset=4, chunks=(99,)))
+change("deflated three times", filtered(*[("set_deflate", 9)] * 3, chunk=deflated_three_times))
 
 # attributes
 
-
-def attribute(name, path, key, value, refusing=None, kind="contours"):
-    @change(name, kind, refusing)
-    def _(file):
-        file[path].attrs[key] = value
-
-
-def fixed(text):
-    raw = text.encode()
-    return np.array(raw, h5py.string_dtype("utf-8", max(1, len(raw))))
-
-
 DEEP = fixed("[" * 30_000 + "]" * 30_000)
-OF_HEADER = ("check", "read")
-attribute("a version below zero", "/", "version", np.array([-5, -7], np.int32), CONTOUR_READERS)
-attribute("a version of text", "/", "version", "1.1", CONTOUR_READERS)
-attribute("a version of one number", "/", "version", 1, CONTOUR_READERS)
-attribute("a version of fractions", "/", "version", np.array([1.0, 1.0]), CONTOUR_READERS)
-attribute("an unknown major version", "/", "version", np.array([2, 0], np.int32), CONTOUR_READERS)
-attribute("a version of 64 bits", "/", "version", np.array([1 << 40, 0]), CONTOUR_READERS)
-attribute("a format of another kind", "/", "format", "palpate secrets", CONTOUR_READERS)
-attribute("a format of numbers", "/", "format", np.arange(3), CONTOUR_READERS)
-attribute("a seed of text", "/", "seed", "seven", ("check", "info", "read", "motion"))
-attribute("a seed of a fraction", "/", "seed", 7.5, ("check", "info", "read", "motion"))
-attribute("a seed of a list", "/", "seed", np.arange(3), ("check", "info", "read", "motion"))
-attribute("an offset of text", "/motion", "offset", "soon", ("check", "read", "motion"))
-attribute("an offset of NaN", "/motion", "offset", np.nan, ("check", "motion"))
-attribute("an offset of a list", "/motion", "offset", np.arange(3.0), ("check", "read", "motion"))
-attribute("inserted poses of text", "/", "poses_inserted", "many", ("check", "info", "read"))
-attribute("an error of the raw intersection of text", "/", "raw_error", "small", ("check", "info", "read"))
-attribute("a strategy of numbers", "/", "strategy", 5, ("check", "info", "read"))
-attribute("a strategy that is no object", "/", "strategy", "[1]", ("check", "info", "read"))
-attribute("a strategy of unequal names", "/", "strategy", '{"raw": 1, "raw": 2}', ("check", "info", "read"))
-attribute("a strategy of no number", "/", "strategy", '{"raw": NaN}', ("check", "info", "read"))
-attribute("a strategy of half a character", "/", "strategy", r'{"raw": "\ud800"}', ("check", "info", "read"))
-attribute("a strategy of 30,000 lists", "/", "strategy", DEEP, ("check", "info", "read"))
-attribute("a hand of 30,000 lists", "/hand", "description", DEEP, ("check", "info", "read"))
-attribute("stages of 30,000 lists", "/timing", "stages", DEEP, ("check", "read"))
-attribute("stages that are no names", "/timing", "stages", '{"stages": [[1], {}]}', ("check", "read"))
-attribute("stages that are no list", "/timing", "stages", '{"stages": 5}', ("check", "read"))
-attribute("versions of numbers", "/", "versions", '{"palpate": 5}', ("check", "info", "read"))
-attribute("a recipe of numbers", "/", "recipe", '{"format": [1, 2]}', ("check",))
-attribute("a stages order of numbers", "/", "strategy", '{"transform": 5}', ())
-attribute("a name that is not UTF-8", "/object", "name", np.bytes_(b"\xff\xfe"), ("check", "info", "read"))
-attribute("an attribute of an enumeration", "/", "extra", np.array(True))
-attribute("an attribute of a compound", "/contours", "extra", np.zeros(4, [("a", "i4")]))
-attribute("an attribute of three dimensions", "/", "extra", np.zeros((2, 2, 2)))
-
-
-@change("an attribute of references")
-def _(file):
-    file.attrs.create("extra", np.array([file["/object"].ref] * 4, h5py.ref_dtype))
-
-
-attribute("a strategy of a million lists", "/", "strategy", "[" * 10**6, ("check", "info", "read"))
-
-
-@change("an attribute of 64 MB")
-def _(file):
-    file["/"].attrs.create("extra", np.zeros(1 << 23))
-
-
-@change("20,000 attributes")
-def _(file):
-    for number in range(20_000):
-        file["/object"].attrs[f"a{number}"] = number
-
-
-@change("an attribute without a value")
-def _(file):
-    file["/"].attrs["extra"] = h5py.Empty("f4")
-
+for name, path, key, value, refusing, message in (
+    ("a version below zero", "/", "version", np.array([-5, -7], np.int32), CONTOURS, "format version -5.-7"),
+    ("a version of text", "/", "version", "1.1", CONTOURS, ""),
+    ("a version of one number", "/", "version", 1, CONTOURS, ""),
+    ("a version of fractions", "/", "version", np.array([1.0, 1.0]), CONTOURS, ""),
+    ("an unknown major version", "/", "version", np.array([2, 0], np.int32), CONTOURS, ""),
+    ("a version of 64 bits", "/", "version", np.array([1 << 40, 0]), CONTOURS, ""),
+    ("a format of another kind", "/", "format", "palpate secrets", CONTOURS, ""),
+    ("a format of numbers", "/", "format", np.arange(3), CONTOURS, ""),
+    ("a seed of text", "/", "seed", "seven", NOT_PLAYED, ""),
+    ("a seed of a fraction", "/", "seed", 7.5, NOT_PLAYED, ""),
+    ("a seed of a list", "/", "seed", np.arange(3), NOT_PLAYED, ""),
+    ("an offset of text", "/motion", "offset", "soon", POSE, "offset of /motion is 'soon', expected a finite number"),
+    ("an offset of NaN", "/motion", "offset", np.nan, ("check", "motion"), ""),
+    ("an offset of a list", "/motion", "offset", np.arange(3.0), POSE, ""),
+    ("inserted poses of text", "/", "poses_inserted", "many", TEXTS, ""),
+    ("an error of the raw intersection of text", "/", "raw_error", "small", TEXTS, ""),
+    ("a strategy of numbers", "/", "strategy", 5, TEXTS, ""),
+    ("a strategy that is no object", "/", "strategy", "[1]", TEXTS, ""),
+    ("a strategy of unequal names", "/", "strategy", '{"raw": 1, "raw": 2}', TEXTS, ""),
+    ("a strategy of no number", "/", "strategy", '{"raw": NaN}', TEXTS, ""),
+    ("a strategy of half a character", "/", "strategy", r'{"raw": "\ud800"}', TEXTS, ""),
+    ("a strategy of 30,000 lists", "/", "strategy", DEEP, TEXTS, "lists or objects lie more than 256 deep"),
+    ("a strategy of a million lists", "/", "strategy", "[" * 10**6, TEXTS, ""),
+    ("a hand of 30,000 lists", "/hand", "description", DEEP, TEXTS, ""),
+    ("stages of 30,000 lists", "/timing", "stages", DEEP, HEADER, ""),
+    ("stages that are no names", "/timing", "stages", '{"stages": [[1], {}]}', HEADER, ""),
+    ("stages that are no list", "/timing", "stages", '{"stages": 5}', HEADER, ""),
+    ("versions of numbers", "/", "versions", '{"palpate": 5}', TEXTS, ""),
+    ("a recipe of numbers", "/", "recipe", '{"format": [1, 2]}', ("check",), ""),
+    ("a stages order of numbers", "/", "strategy", '{"transform": 5}', (), ""),
+    ("a name that is not UTF-8", "/object", "name", np.bytes_(b"\xff\xfe"), TEXTS, ""),
+    ("an attribute of an enumeration", "/", "extra", np.array(True), None, ""),
+    ("an attribute of a compound", "/contours", "extra", np.zeros(4, [("a", "i4")]), None, ""),
+    ("an attribute of three dimensions", "/", "extra", np.zeros((2, 2, 2)), None, "extra of / has shape [2, 2, 2]"),
+    ("an attribute of 64 MB", "/", "extra", np.zeros(1 << 23), None, "piece of the file's structure has 67"),
+    ("an attribute without a value", "/", "extra", h5py.Empty("f4"), None, ""),
+    ("an attribute of references", "/", "extra", lambda f: np.array([f["/object"].ref] * 4, h5py.ref_dtype), None, ""),
+):
+    change(name, attribute(path, key, value), refusing, message)
+change(
+    "20,000 attributes",
+    lambda f: [f["/object"].attrs.__setitem__(f"a{k}", k) for k in range(20_000)],
+    message="/object has more than 1024 attributes",
+)
 
 # what is no file
 
+LARGER = struct.pack("<Q", 1 << 60)
+case("a FIFO", in_place(os.mkfifo), message="is a pipe, a device or a socket")
+case("a link to a device", in_place(lambda path: path.symlink_to("/dev/zero")))
+case("a folder", in_place(Path.mkdir))
+case("an empty file", written(lambda content: b""))
+case("a signature alone", written(lambda content: content[:8]))
+case("half a file", written(lambda content: content[: len(content) // 2]))
+case("a superblock that says a larger file", written(lambda content: content[:28] + LARGER + content[36:]))
+case("a sound size of zeros", written(lambda content: bytes(len(content))))
+
+# frames, motions, tables
+
+ODD, NOT_UTF_8 = np.zeros(3, [("a", "i4")]), np.array([b"\xff\xfe"] * 3, object)
+POSITION, INTENSITY = "/focus/position", "/focus/intensity"
+for kind, name, edit in (
+    ("frames", "frames of version -1", attribute("/", "version", np.array([-1, 0], np.int32))),
+    ("frames", "frames of a rate of text", attribute("/focus", "update_rate", "fast")),
+    ("frames", "frames of an endless rate", attribute("/focus", "update_rate", np.inf)),
+    ("frames", "frames of 1e9 rows that were never written", unallocated(10**9, POSITION, INTENSITY)),
+    ("frames", "frames of 1e9 rows in one piece", put(POSITION, shape=(10**9, 3), dtype="<f4")),
+    ("frames", "frames on themselves", virtual(POSITION)),
+    ("frames", "frames of complex numbers", put(POSITION, data=np.zeros((50, 3), "c8"))),
+    ("frames", "frames of float64", put(POSITION, data=np.zeros((50, 3)))),
+    ("frames", "frames without focal points", put(POSITION, data=np.zeros((50, 0, 3), "f4"))),
+    ("motion", "a motion of 1e9 poses that were never written", unallocated(10**9, "/motion/pose")),
+    ("motion", "a motion of a compound", put("/motion/pose", data=np.zeros(5, [("x", "f4")]))),
+    ("motion", "a motion on itself", virtual("/motion/pose")),
+    ("motion", "a motion that is a link", link("/motion/pose", SoftLink("/motion/time"))),
+    ("motion", "a motion that is a dataset", link("/motion", np.zeros(3))),
+    ("motion", "a motion with a time of text", put("/motion/time", data=np.array([b"1.0"] * POSES))),
+    ("motion", "a motion whose time is one number", put("/motion/time", data=1.0)),
+    ("motion", "a motion of lists of any length", put("/motion/pose", shape=(30,), dtype=h5py.vlen_dtype("f4"))),
+    ("motion", "a motion with a seed of text", attribute("/motion", "seed", "x")),
+    ("motion", "a motion with a seed of truth", attribute("/motion", "seed", np.bool_(True))),
+    ("motion", "a motion with an offset of text", attribute("/motion", "offset", "3")),
+    ("motion", "a motion with an offset of a list", attribute("/motion", "offset", np.zeros(1))),
+    ("table", "a column of two dimensions", link("/wide", np.zeros((3, 2)))),
+    ("table", "columns of unequal lengths", link("/long", np.zeros(5))),
+    ("table", "a column of 1e9 rows that were never written", put("/x", shape=(10**9,), dtype="f8", chunks=(65536,))),
+    ("table", "a column of a compound", link("/odd", ODD)),
+    ("table", "a column of lists", put("/odd", shape=(3,), dtype=h5py.vlen_dtype("i4"))),
+    ("table", "a group among columns", link("/odd/inner", np.zeros(3))),
+    ("table", "a scalar among columns", link("/odd", 5.0)),
+    ("table", "text that is not UTF-8", put("/odd", data=NOT_UTF_8, dtype=h5py.string_dtype())),
+    ("table", "a table's version of text", attribute("/", "version", "one")),
+    ("table", "a table's version of a list", attribute("/", "version", np.arange(3))),
+    ("table", "a table's version below one", attribute("/", "version", -4)),
+    ("table", "a table's format of a list", attribute("/", "format", np.arange(3))),
+):
+    change(name, edit, kind=kind)
+change("frames of a recipe of 30,000 lists", attribute("/", "recipe", DEEP), TEXTS, kind="frames")
+case("a motion on a FIFO", on_a_fifo("/motion/pose", "<f4", 7), kind="motion")
 
-@case()
-def a_FIFO(path):
-    path.unlink()
-    os.mkfifo(path)
 
-
-@case()
-def a_link_to_a_device(path):
-    path.unlink()
-    path.symlink_to("/dev/zero")
-
-
-@case()
-def a_folder(path):
-    path.unlink()
-    path.mkdir()
-
-
-@case()
-def an_empty_file(path):
-    path.write_bytes(b"")
-
-
-@case()
-def a_signature_alone(path):
-    path.write_bytes(b"\x89HDF\r\n\x1a\n")
-
-
-@case()
-def half_a_file(path):
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-
-
-@case()
-def a_superblock_that_says_a_larger_file(path):
-    content = bytearray(path.read_bytes())
-    content[28:36] = struct.pack("<Q", 1 << 60)
-    path.write_bytes(content)
-
-
-@case()
-def a_sound_size_of_zeros(path):
-    path.write_bytes(bytes(path.stat().st_size))
-
-
-# files of frames
-
-attribute("frames of version -1", "/", "version", np.array([-1, 0], np.int32), None, "frames")
-attribute("frames of a rate of text", "/focus", "update_rate", "fast", None, "frames")
-attribute("frames of an endless rate", "/focus", "update_rate", np.inf, None, "frames")
-attribute("frames of a recipe of 30,000 lists", "/", "recipe", DEEP, ("check", "info", "read"), "frames")
-
-
-@change("frames of 1e9 rows that were never written", "frames")
-def _(file):
-    for path in ("/focus/position", "/focus/intensity"):
-        unallocated(file, path, 10**9)
-
-
-@change("frames of 1e9 rows in one piece that were never written", "frames")
-def _(file):
-    replace(file, "/focus/position", shape=(10**9, 3), dtype="<f4")
-    replace(file, "/focus/intensity", shape=(10**9,), dtype="<f4")
-
-
-@change("frames on themselves", "frames")
-def _(file):
-    virtual_on_itself(file, "/focus/position")
-
-
-@change("frames of complex numbers", "frames")
-def _(file):
-    replace(file, "/focus/position", data=np.zeros((50, 3), "c8"))
-
-
-@change("frames of float64", "frames")
-def _(file):
-    replace(file, "/focus/position", data=np.zeros((50, 3)))
-
-
-@change("frames without focal points", "frames")
-def _(file):
-    replace(file, "/focus/position", data=np.zeros((50, 0, 3), "f4"))
-    replace(file, "/focus/intensity", data=np.zeros((50, 0), "f4"))
-
-
-# motions
-
-
-@change("a motion of 1e9 poses that were never written", "motion")
-def _(file):
-    unallocated(file, "/motion/pose", 10**9)
-
-
-@change("a motion of a compound", "motion")
-def _(file):
-    replace(file, "/motion/pose", data=np.zeros(5, [("x", "f4")]))
-
-
-@change("a motion on itself", "motion")
-def _(file):
-    virtual_on_itself(file, "/motion/pose")
-
-
-@case("motion")
-def a_motion_on_a_FIFO(path):
-    fifo = path.with_name(f"{path.name}.fifo")
-    os.mkfifo(fifo)
-    with h5py.File(path, "r+") as file:
-        replace(file, "/motion/pose", shape=(5, 7), dtype="<f4", external=[(str(fifo), 0, 140)])
-
-
-@change("a motion that is a link", "motion")
-def _(file):
-    del file["/motion/pose"]
-    file["/motion/pose"] = h5py.SoftLink("/motion/time")
-
-
-@change("a motion that is a dataset", "motion")
-def _(file):
-    del file["/motion"]
-    file["/motion"] = np.zeros(3)
-
-
-@change("a motion with a time of text", "motion")
-def _(file):
-    replace(file, "/motion/time", data=np.array([b"1.0"] * POSES))
-
-
-@change("a motion whose time is one number", "motion")
-def _(file):
-    replace(file, "/motion/time", data=1.0)
-
-
-@change("a motion of lists of any length", "motion")
-def _(file):
-    replace(file, "/motion/pose", shape=(30,), dtype=h5py.vlen_dtype("f4"))
-
-
-attribute("a motion with a seed of text", "/motion", "seed", "x", None, "motion")
-attribute("a motion with an offset of text", "/motion", "offset", "3", None, "motion")
-attribute("a motion with an offset of a list", "/motion", "offset", np.zeros(1), None, "motion")
-attribute("a motion with a seed of truth", "/motion", "seed", np.bool_(True), None, "motion")
-
-
-# tables
-
-
-@change("a column of two dimensions", "table")
-def _(file):
-    file["/wide"] = np.zeros((3, 2))
-
-
-@change("columns of unequal lengths", "table")
-def _(file):
-    file["/long"] = np.zeros(5)
-
-
-@change("a column of 1e9 rows that were never written", "table")
-def _(file):
-    file.create_dataset("/long", (10**9,), "f8", chunks=(65536,))
-
-
-@change("a column of a compound", "table")
-def _(file):
-    file["/odd"] = np.zeros(3, [("a", "i4")])
-
-
-@change("a column of lists", "table")
-def _(file):
-    file.create_dataset("/odd", (3,), h5py.vlen_dtype("i4"))
-
-
-@change("a group among columns", "table")
-def _(file):
-    file["/odd/inner"] = np.zeros(3)
-
-
-@change("a scalar among columns", "table")
-def _(file):
-    file["/odd"] = 5.0
-
-
-@change("text that is not UTF-8", "table")
-def _(file):
-    dataset = file.create_dataset("/odd", (3,), h5py.string_dtype())
-    dataset[0] = b"\xff\xfe"
-
-
-@case("table")
 def a_million_texts_in_one_place(path):
     count = 1 << 17
     with h5py.File(path, "r+", libver=("v108", "latest")) as file:
@@ -808,50 +616,42 @@ def a_million_texts_in_one_place(path):
     path.write_bytes(content)
 
 
-attribute("a table's version of text", "/", "version", "one", None, "table")
-attribute("a table's version of a list", "/", "version", np.arange(3), None, "table")
-attribute("a table's version below one", "/", "version", -4, None, "table")
-attribute("a table's format of a list", "/", "format", np.arange(3), None, "table")
-
+case("a million texts in one place", a_million_texts_in_one_place, kind="table")
 
 # shards
 
 
-def resealed(path, edit):
-    """Change a shard's HDF5 file and give it a right checksum again."""
-    content = path.read_bytes()[:-56]
-    path.write_bytes(content)
-    with h5py.File(path, "r+", libver=("v108", "latest")) as file:
-        edit(file)
-    content = path.read_bytes()
-    digest = hashlib.blake2b(content, digest_size=32).digest()
-    path.write_bytes(content + struct.pack("<16sQ32s", b"palpate shard 1\n", len(content), digest))
+def resealed(edit):
+    """A shard's HDF5 file changed, with a right checksum."""
 
-
-def shard(name, rows=None, payloads=None, edit=None):
     def make(path):
-        def change_it(file):
-            for key, text in (("rows", rows), ("payloads", payloads)):
-                if text is not None:
-                    del file[key]
-                    file[key] = np.frombuffer(text.encode(), np.uint8)
-            if edit:
-                edit(file)
+        path.write_bytes(path.read_bytes()[:-56])
+        with h5py.File(path, "r+", libver=("v108", "latest")) as file:
+            edit(file)
+        content = path.read_bytes()
+        digest = hashlib.blake2b(content, digest_size=32).digest()
+        path.write_bytes(content + struct.pack("<16sQ32s", b"palpate shard 1\n", len(content), digest))
 
-        resealed(path, change_it)
-
-    CASES[name] = Case("shard", make, OPERATIONS["shard"])
+    return make
 
 
-shard("a shard's rows of 100,000 lists", rows="[" * 10**5 + "]" * 10**5)
-shard("a shard's rows that are no rows", rows='{"a": 1}')
-shard("a shard's rows of two", rows='[["a", "b"]]')
-shard("a shard's rows of numbers", rows="[[1, 2, 3]]")
-shard("a shard's rows that are not UTF-8", edit=lambda file: file["rows"].__setitem__(0, 255))
-shard("a shard's payload of 100,000 lists", payloads="[" * 10**5 + "]" * 10**5)
-shard("a shard's payload that is no object", payloads="[1]")
-shard("a shard's rows on themselves", edit=lambda file: virtual_on_itself(file, "/rows"))
-shard("a shard's rows of floats", edit=lambda file: replace(file, "/rows", data=np.zeros(9)))
-shard("a shard's column of a compound", edit=lambda f: replace(f, "/columns/0/length", data=np.zeros(5, [("a", "i4")])))
-shard("a shard's columns that are a dataset", edit=lambda f: replace(f, "/columns", data=np.zeros(5)))
-shard("a shard's column never written", edit=lambda f: replace(f, "/columns/0/length", shape=(10**9,), dtype="f8"))
+def text(path, content):
+    return link(path, np.frombuffer(content.encode(), np.uint8))
+
+
+LENGTH = "/columns/0/length"
+for name, edit in (
+    ("rows of 100,000 lists", text("rows", "[" * 10**5 + "]" * 10**5)),
+    ("rows that are no rows", text("rows", '{"a": 1}')),
+    ("rows of two", text("rows", '[["a", "b"]]')),
+    ("rows of numbers", text("rows", "[[1, 2, 3]]")),
+    ("rows that are not UTF-8", rows("rows", 0, 255)),
+    ("rows on themselves", virtual("/rows")),
+    ("rows of floats", put("/rows", data=np.zeros(9))),
+    ("payload of 100,000 lists", text("payloads", "[" * 10**5 + "]" * 10**5)),
+    ("payload that is no object", text("payloads", "[1]")),
+    ("column of a compound", put(LENGTH, data=np.zeros(5, [("a", "i4")]))),
+    ("columns that are a dataset", link("/columns", np.zeros(5))),
+    ("column never written", put(LENGTH, shape=(10**9,), dtype="f8")),
+):
+    case(f"a shard's {name}", resealed(edit), kind="shard")

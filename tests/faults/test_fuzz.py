@@ -1,81 +1,106 @@
 """Damaged inputs of every loader and command: read, or refused in a sentence, within bounds of time and memory.
 
-By hand for as long as one likes: `python tests/faults/fuzz.py --seconds 600`.
+By hand, with new seeds, for as long as one likes: `python tests/faults/fuzz.py --seconds 600`.
 """
 
 import json
+import random
 import subprocess
 import sys
 from pathlib import Path
 
-import fuzz_child
 import numpy as np
 import pytest
-from fuzz_child import ACCEPTED, CLEAR, MEMORY, RAW, WRONG, Case, judged
-from fuzz_format import Format, Refused, Wrong
-from fuzz_formats import FORMATS, make_seeds
+from bounded import ACCEPTED, CLEAR, HANG, MEMORY, RAW, SIGNAL, WRONG, Refused, Wrong, outcome_of
+from fuzz_damage import damage
 
 from palpate.datasets.errors import MotionError
 
 FUZZ = Path(__file__).parent / "fuzz.py"
-CASES = 8
 SEED = 20261122
+LOADERS = 29
 
 
 def raising(error):
-    def read(path):
+    def call():
         raise error
 
-    return read
+    return call
 
 
 @pytest.mark.exhaustive
-def test_damaged_inputs_of_every_loader_are_read_or_refused_in_a_sentence(tmp_path):
-    told = tmp_path / "told.json"
-    out = ["--cases", str(CASES), "--seed", str(SEED), "--out", tmp_path / "failures", "--json", told]
-    done = subprocess.run([sys.executable, FUZZ, *out], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert told.exists(), done.stderr
-    counts, faults = (json.loads(told.read_text())[name] for name in ("counts", "faults"))
+@pytest.mark.parametrize(("loaders", "cases"), [([], 8), (["contours", "partial"], 100)], ids=["all", "contours"])
+def test_damaged_inputs_are_read_or_refused_in_a_sentence(tmp_path, loaders, cases):
+    report = tmp_path / "report.json"
+    options = ["--cases", str(cases), "--seed", str(SEED), "--out", tmp_path / "failures", "--json", report]
+    options += [word for name in loaders for word in ("--loader", name)]
+    done = subprocess.run([sys.executable, FUZZ, *options], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert report.exists(), done.stderr
+    counts, faults = (json.loads(report.read_text())[name] for name in ("counts", "faults"))
     assert faults == [], done.stdout
     assert done.returncode == 0
-    assert {name: sum(own.values()) for name, own in counts.items()} == {form.name: CASES for form in FORMATS}
+    assert [sum(own.values()) for own in counts.values()] == [cases] * (len(loaders) or LOADERS)
     refused = sum(own.get(CLEAR, 0) for own in counts.values())
-    assert CASES * len(FORMATS) // 3 < refused < CASES * len(FORMATS)
+    assert cases * len(counts) // 3 < refused < cases * len(counts)
 
 
-@pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize(
-    ("read", "how", "kind"),
-    [
-        (lambda path: 1, "a: bytes", ACCEPTED),
-        (lambda path: 2, "a: bytes", WRONG),
-        (lambda path: 2, "a: structure", ACCEPTED),
-        (lambda path: 1, "a: structure:relinked", WRONG),
-        (raising(MotionError("no")), "a: bytes", CLEAR),
-        (raising(Refused("no")), "a: bytes", CLEAR),
-        (raising(Wrong("1e30 m")), "a: bytes", WRONG),
-        (raising(ValueError("no")), "a: bytes", RAW),
-        (raising(RecursionError()), "a: bytes", RAW),
-        (raising(SystemExit(1)), "a: bytes", RAW),
-        (raising(MemoryError()), "a: bytes", MEMORY),
-        (lambda path: np.ones(fuzz_child.RESIDENT_BYTES // 2, np.float32).sum(), "a: structure", MEMORY),
-    ],
-)
-def test_what_comes_of_a_case_is_told_apart(monkeypatch, read, how, kind):
-    monkeypatch.setattr(fuzz_child, "RESIDENT_BYTES", 1 << 26)
-    outcome = judged(Format("a", lambda folder: None, read, is_checked=True), Path("a"), how, 1)
-    assert (outcome.kind, outcome.how) == (kind, how)
+def test_outcomes_of_a_call_are_told_apart():
+    for call, kind in (
+        (lambda: 1, ACCEPTED),
+        (raising(MotionError("no")), CLEAR),
+        (raising(Refused("no")), CLEAR),
+        (raising(Wrong("1e30 m")), WRONG),
+        (raising(ValueError("no")), RAW),
+        (raising(RecursionError()), RAW),
+        (raising(SystemExit(1)), RAW),
+        (raising(MemoryError()), MEMORY),
+    ):
+        assert outcome_of(call).kind == kind
 
 
-@pytest.mark.exhaustive(but="mesh")
-@pytest.mark.parametrize("name", ["contours", "store", "mesh", "recording", "strategy"])
-def test_a_seed_makes_the_same_cases_again(tmp_path, name):
-    form = next(form for form in FORMATS if form.name == name)
-    make_seeds(form, tmp_path / "seeds" / name)
-    for number in range(6):
-        made = []
-        for again in range(2):
-            path, how = Case(name, SEED, number).make(tmp_path / "seeds", tmp_path / str(again))
-            files = [path] if path.is_file() else [own for own in sorted(path.rglob("*")) if own.is_file()]
-            made.append((how, [own.read_bytes() for own in files]))
-        assert made[0] == made[1]
+CHILDREN = """
+import os, signal, time, bounded
+takes, dies = (lambda: bytearray(300 << 20), lambda: bytearray(8 << 30)), lambda: os.kill(os.getpid(), signal.SIGSEGV)
+for call in (*takes, lambda: time.sleep(60), dies, lambda: 1):
+    print(bounded.outcome_in_child(call, seconds=3.0, resident=200 << 20).kind)
+"""
+
+
+@pytest.mark.exhaustive
+def test_a_child_that_takes_memory_or_time_or_dies_is_told_apart():
+    done = subprocess.run([sys.executable, "-c", CHILDREN], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == [MEMORY, MEMORY, HANG, SIGNAL, ACCEPTED]
+
+
+def test_a_seed_damages_a_file_in_the_same_way_again(tmp_path):
+    np.savez(tmp_path / "a.npz", t=np.arange(3))
+    (tmp_path / "a.json").write_text('{"a": [1, {"b": 2}]}')
+    for name in ("a.npz", "a.json"):
+        whole, damaged = (tmp_path / name).read_bytes(), set()
+        for seed in range(6):
+            made = []
+            for _ in range(2):
+                (tmp_path / name).write_bytes(whole)
+                damage(tmp_path / name, random.Random(seed))
+                made.append((tmp_path / name).read_bytes())
+            assert made[0] == made[1]
+            damaged.add(made[0])
+        assert len(damaged - {whole}) > 3
+
+
+SPOILED = """
+import fuzz
+reader = fuzz.Reader("a", None, lambda path: path)
+checked = fuzz.Reader("a", None, lambda path: path, True)
+def kind(*case): return fuzz.outcome_in_child(lambda: fuzz.compare(*case)).kind
+cases = [(checked, 1, "bytes", 1), (checked, 2, "bytes", 1), (checked, 2, "structure: x", 1)]
+for case in [*cases, (reader, 2, "bytes", 1), (reader, 1, "structure: elsewhere", 1)]:
+    print(kind(*case))
+"""
+
+
+@pytest.mark.exhaustive
+def test_other_values_and_objects_of_other_files_are_wrong():
+    command = [sys.executable, "-c", SPOILED]
+    done = subprocess.run(command, cwd=FUZZ.parent, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == [ACCEPTED, WRONG, ACCEPTED, ACCEPTED, WRONG]

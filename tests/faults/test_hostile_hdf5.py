@@ -27,49 +27,32 @@ GROUPS = 6  # each is a process, which takes seconds to start
 @pytest.mark.parametrize("group", range(GROUPS))
 def test_hostile_files_are_refused_with_a_clear_error(tmp_path, group):
     names = list(CASES)[group::GROUPS]
-    script = Path(__file__).with_name("hostile_process.py")
-    command = [sys.executable, script, tmp_path, *names]
-    told = subprocess.run(command, capture_output=True, text=True, timeout=600)
-    assert told.returncode == 0, told.stderr[-2000:]
-    outcomes = [json.loads(line) for line in told.stdout.splitlines()]
-    tried = [row for row in outcomes if row["case"] in names]
-    assert len(tried) == sum(len(OPERATIONS[CASES[name].kind]) for name in names)
-    assert [row for row in tried if row["short"]] == []
-    unharmed = {row["outcome"] for row in outcomes if row["case"].startswith("sound ")}
-    assert unharmed == {"done", "whole"}
+    command = [sys.executable, Path(__file__).with_name("hostile_process.py"), tmp_path, *names]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr[-2000:]
+    rows = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [row for row in rows if row["short"]] == []
+    assert len(rows) == sum(len(OPERATIONS[CASES[name].kind]) for name in names)
 
 
-@pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("a virtual dataset on itself", "/contours/points is a virtual dataset"),
-        ("external data on a FIFO", "/contours/kind has its data in 1 external files"),
-        ("a link to another file in place of a group", "/object is a link to another file"),
-        ("a soft link in place of a dataset", "/contours/kind is a soft link"),
-        ("a group that holds the root", "/contours/self is / once more"),
-        ("a dataset with two names", "/contours/points is /extra once more"),
-        ("groups a thousand deep", "9 groups deep, expected at most 8"),
-        ("points of 1e9 rows that were never written", "/contours/points declares 122071 chunks, which a file of"),
-        ("points of 1e9 rows in one piece that were never written", "declares 12000000000 bytes, 0 are stored"),
-        ("a chunk that inflates to 3 GB", "/contours/kind is damaged"),
-        ("a chunk of 30 MB that inflates to 3 GB", "inflates to more than its 30000000 bytes"),
-        ("all chunks in one place", "/contours/kind is damaged: 1 of its 64 chunks"),
-        ("a compound in /contours/points", "/contours/points is of an HDF5 compound of 8 bytes"),
-        ("a filter that is a plug-in", "/contours/kind has filter 32015"),
-        ("20,000 attributes", "/object has more than 1024 attributes"),
-        ("an attribute of 64 MB", "piece of the file's structure has 67"),
-        ("an attribute of three dimensions", "attribute extra of / has shape [2, 2, 2]"),
-        ("a version below zero", "format version -5.-7"),
-        ("an offset of text", "attribute offset of /motion is 'soon', expected a finite number"),
-        ("a strategy of 30,000 lists", "attribute strategy of / is not JSON: lists or objects lie more than 256 deep"),
-        ("a FIFO", "is a pipe, a device or a socket"),
-    ],
-)
-def test_a_refusal_names_the_path_inside_the_file_the_value_and_the_bound(tmp_path, name, message):
-    path = tmp_path / "hostile.h5"
-    write_case(name, path)
-    assert any(message in problem and str(path) in problem for problem in check_file(path)), check_file(path)
+def test_a_refusal_names_the_file_the_path_inside_the_value_and_the_bound(tmp_path):
+    """Of files that are quick to make and do not wait if they are read."""
+    for name in (
+        "a virtual dataset on itself",
+        "a link to another file in place of a group",
+        "a soft link in place of a dataset",
+        "a dataset with two names",
+        "external data of a system file",
+        "points of 1e9 rows in one piece that were never written",
+        "a compound in /contours/points",
+        "an attribute of three dimensions",
+        "a version below zero",
+        "an offset of text",
+    ):
+        path = tmp_path / "hostile.h5"
+        write_case(name, path)
+        problems = check_file(path)
+        assert any(CASES[name].message in problem and str(path) in problem for problem in problems), (name, problems)
 
 
 @pytest.mark.exhaustive(after=1)

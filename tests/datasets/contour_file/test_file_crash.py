@@ -2,7 +2,6 @@
 
 import os
 import resource
-import shutil
 import signal
 import subprocess
 import sys
@@ -29,7 +28,6 @@ from palpate.datasets.contour_file.writer import ContourWriter
 from palpate.datasets.errors import ContourFileError
 
 PROCESS = Path(__file__).parents[2] / "faults" / "contour_process.py"
-RANGES = [(0, 3), (3, 4), (4, 9)]
 
 
 def assert_whole(path, contours):
@@ -45,44 +43,6 @@ def assert_kept(path, contours, done):
         with ContourFile(path) as file:
             for first, stop in done:
                 assert_same(file.contours(first, stop), cut_contours(contours, first, stop))
-
-
-@pytest.fixture(params=[7, 8192], ids=["chunks", "tails"])
-def chunk_rows(request):
-    """Rows that are mostly in chunks, and rows that are all in logs."""
-    with small_chunks(request.param):
-        yield request.param
-
-
-@pytest.mark.exhaustive
-@pytest.mark.usefixtures("chunk_rows")
-def test_a_kill_at_any_step_loses_nothing_reported_done_and_resuming_completes(tmp_path):
-    contours, header = make_contours(9), make_header(9)
-    step, finished = 0, False
-    while not finished:
-        path, done = tmp_path / f"{step}.h5", []
-        try:
-            with killed_at(step):
-                writer = ContourWriter(path, header)
-                try:
-                    for poses in RANGES:
-                        write_ranges(writer, contours, [poses])
-                        done.append(poses)
-                    writer.seal()
-                finally:
-                    writer.close()  # as the end of a process does
-            finished = True
-        except Killed:
-            pass
-        assert_kept(path, contours, done)
-        with ContourWriter(path, header, mode="resume") as writer:
-            assert writer.repairs == ()
-            assert sum(stop - first for first, stop in writer.missing()) <= 9 - sum(b - a for a, b in done)
-            write_ranges(writer, contours, writer.missing())
-            writer.seal()
-        assert_whole(path, contours)
-        step += 1
-    assert step > 25
 
 
 def test_rows_are_on_the_disk_before_their_record_and_the_record_before_they_are_done(tmp_path, monkeypatch):
@@ -108,32 +68,6 @@ def test_rows_are_on_the_disk_before_their_record_and_the_record_before_they_are
     assert calls == ["pwritev.rows", "fsync.rows", "pwritev.log", "fsync.log"]
 
 
-@pytest.mark.exhaustive
-@pytest.mark.usefixtures("chunk_rows")
-def test_a_kill_at_any_step_of_overwriting_leaves_a_whole_file_and_resuming_completes(tmp_path):
-    contours, header = make_contours(9), make_header(9)
-    step, finished = 0, False
-    while not finished:
-        path = tmp_path / f"{step}.h5"
-        write_file(path, contours, chunk=9, created="2020")
-        try:
-            with killed_at(step), ContourWriter(path, header, mode="overwrite") as writer:
-                write_ranges(writer, contours, [(0, 9)])
-                writer.seal()
-            finished = True
-        except Killed:
-            pass
-        assert check_file(path) == []
-        with ContourFile(path) as file:
-            assert file.attributes["created"] in ("2020", header.created)
-        with ContourWriter(path, header, mode="resume") as writer:
-            write_ranges(writer, contours, writer.missing())
-            writer.seal()
-        assert_whole(path, contours)
-        step += 1
-    assert step > 20
-
-
 @pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("step", [0, 1, 2, 3])
 def test_what_an_interrupted_write_left_is_not_found_behind_a_shorter_one(tmp_path, step):
@@ -151,11 +85,11 @@ def test_what_an_interrupted_write_left_is_not_found_behind_a_shorter_one(tmp_pa
         assert_whole(path, contours)
 
 
-@pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize("delay", [0.0, 0.02, 0.06, 0.15])
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("delay", [0.0, 0.06])
 def test_kill_9_loses_nothing_reported_done_and_resuming_completes(tmp_path, delay):
     path, contours = tmp_path / "out.h5", make_contours(120)
-    command = [sys.executable, PROCESS, "write", path]
+    command = [sys.executable, PROCESS, path]
     with subprocess.Popen([*command, "create", "120", "3"], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         lines = [process.stdout.readline()]
@@ -226,22 +160,3 @@ def test_a_header_that_does_not_fit_leaves_no_folder_behind(tmp_path):
     with file_size_limit(1000), pytest.raises(ContourFileError, match="cannot prepare: File too large"):
         ContourWriter(tmp_path / "out.h5", make_header(40))
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_full_disk_loses_nothing_reported_done(tmp_path):
-    mount = 'mount -t tmpfs -o size=4m tmpfs "$1" && exec "$2" "$3" fill "$1"'
-    command = ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c", mount, "sh"]
-    trial = [*command[:5], "-c", 'mount -t tmpfs tmpfs "$1"', "sh", str(tmp_path)]
-    if shutil.which("unshare") is None or subprocess.run(trial, capture_output=True, check=False).returncode:
-        pytest.skip("no small filesystem to fill: user namespaces are not allowed here")
-    result = subprocess.run([*command, tmp_path, sys.executable, PROCESS], capture_output=True, text=True, check=False)
-    assert result.returncode == 0, result.stderr
-    told = dict(line.split(" ", 1) for line in result.stdout.splitlines())
-    assert "No space left on device" in told["log:"]
-    assert "kept in" in told["log:"]
-    assert 'mode="resume"' in told["log:"]
-    assert 0 < int(told["done"]) < 400
-    assert told["resumed"] == f"{told['done']} 0"
-    assert "cannot seal: No space left on device" in told["seal:"]
-    assert told["missing"] == "[] ()"
-    assert told["check"] == "[]"

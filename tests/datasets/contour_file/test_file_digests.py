@@ -2,8 +2,6 @@
 
 import json
 import struct
-import subprocess
-import sys
 import zlib
 
 import h5py
@@ -35,10 +33,18 @@ def contours():
     return make_contours(30, intensity=True, dwell=True)
 
 
-@pytest.fixture
-def sealed(tmp_path, contours):
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The bytes of a sealed file."""
+    path = tmp_path_factory.mktemp("whole") / "out.h5"
     with small_chunks():
-        write_file(tmp_path / "out.h5", contours, chunk=11, **everything(30))
+        write_file(path, make_contours(30, intensity=True, dwell=True), chunk=11, **everything(30))
+    return path.read_bytes()
+
+
+@pytest.fixture
+def sealed(tmp_path, whole):
+    (tmp_path / "out.h5").write_bytes(whole)
     return tmp_path / "out.h5"
 
 
@@ -70,13 +76,16 @@ def read_all(file):
 HAVE_ZEROS = [spec for spec in FIELDS if spec.name in ("polyline_start", "pose_start", "faces", "vertices")]
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive(after=2)
 @pytest.mark.parametrize(
     ("damage", "spec"),
-    [*(("zeros", spec) for spec in FIELDS), *(("other zeros", spec) for spec in HAVE_ZEROS)],
+    [
+        *((name, spec) for spec in FIELDS for name in ("zeros", "a bit")),
+        *(("other zeros", spec) for spec in HAVE_ZEROS),
+    ],
     ids=lambda value: getattr(value, "path", value),
 )
-def test_what_passes_fletcher_32_is_refused(sealed, contours, spec, damage):
+def test_damage_that_fletcher_32_finds_or_not_is_refused_by_the_name_of_the_dataset(sealed, contours, spec, damage):
     """A chunk of zeros has the checksum 0, and 0xFFFF counts as 0x0000."""
     with h5py.File(sealed) as file:
         chunk = file[spec.path].id.get_chunk_info(0)
@@ -84,6 +93,8 @@ def test_what_passes_fletcher_32_is_refused(sealed, contours, spec, damage):
     begin, end = chunk.byte_offset, chunk.byte_offset + chunk.size
     if damage == "zeros":
         content[begin:end] = bytes(end - begin)
+    elif damage == "a bit":
+        content[(begin + end) // 2] ^= 0x10
     else:
         words = np.frombuffer(bytes(content[begin : end - 4 - chunk.size % 2]), "<u2").copy()
         assert (words == 0).any()
@@ -92,16 +103,12 @@ def test_what_passes_fletcher_32_is_refused(sealed, contours, spec, damage):
     assert bytes(content) != sealed.read_bytes()
     sealed.write_bytes(content)
     problems = check_file(sealed)
-    assert any(spec.path in problem and "not what was written" in problem for problem in problems), problems
+    said = f"{spec.path} is damaged: the checksum" if damage == "a bit" else "not what was written"
+    assert any(spec.path in problem and said in problem for problem in problems), problems
     with ContourFile(sealed) as file, pytest.raises(ContourFileError, match=f"{spec.path} is damaged"):
         read_all(file)
     with pytest.raises(ContourFileError, match=f"{spec.path} is damaged"):
         ContourFile(sealed, verify=True)
-
-
-def test_verifying_a_whole_file_reads_it(sealed, contours):
-    with ContourFile(sealed, verify=True) as file:
-        assert_same(file.contours(), contours)
 
 
 @pytest.mark.exhaustive(after=1)
@@ -142,22 +149,18 @@ def test_a_file_without_digests_is_read_if_it_is_older_than_they(sealed, contour
             file.require_whole()
 
 
-_NONE = [
-    "[]",
-    "{",
-    '{"block_rows": 0, "datasets": {}, "attributes": {}}',
-    '{"block_rows": 1, "datasets": {}, "attributes": {"/": "x"}}',
-    "[" * 100_000,
-]
-
-
-@pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize("broken", _NONE)
-def test_digests_that_are_none_are_refused(sealed, broken):
-    with h5py.File(sealed, "r+") as file:
-        file.attrs["digests"] = np.array(broken.encode(), h5py.string_dtype("utf-8", len(broken)))
-    with pytest.raises(ContourFileError, match="digests of / is damaged"):
-        ContourFile(sealed)
+def test_digests_that_are_none_are_refused(sealed):
+    for broken in (
+        "[]",
+        "{",
+        '{"block_rows": 0, "datasets": {}, "attributes": {}}',
+        '{"block_rows": 1, "datasets": {}, "attributes": {"/": "x"}}',
+        "[" * 50_000,
+    ):
+        with h5py.File(sealed, "r+") as file:
+            file.attrs["digests"] = np.array(broken.encode(), h5py.string_dtype("utf-8", len(broken)))
+        with pytest.raises(ContourFileError, match="digests of / is damaged"):
+            ContourFile(sealed)
 
 
 def zero_a_chunk(path):
@@ -226,7 +229,7 @@ def without_digests(log):
 
 
 @pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize("size", [10_000, 41_000, 60_000, 66_000, 300_000, 3_000_000])
+@pytest.mark.parametrize("size", [10_000, 60_000, 3_000_000])
 def test_texts_of_any_length_are_sealed(tmp_path, contours, size):
     """Texts of 41 to 65 kB could never be sealed; longer ones HDF5 keeps elsewhere."""
     path = tmp_path / "out.h5"
@@ -250,47 +253,3 @@ def test_a_long_list_of_stages_is_sealed(tmp_path, contours):
     assert check_file(path) == []
     with ContourFile(path, verify=True) as file:
         assert file.timing().stages == list(stages)
-
-
-DAMAGE = """
-import sys
-from pathlib import Path
-import numpy as np
-from palpate.datasets.errors import ContourFileError
-from palpate.datasets.contour_file.reader import ContourFile
-
-def read(path):
-    with ContourFile(path) as file:
-        header = file.header()
-        arrays = file.contours() | file.metrics() | header.arrays()
-        return {name: rows.tobytes() for name, rows in arrays.items()} | {"recipe": header.recipe}
-
-whole, damaged = Path(sys.argv[1]).read_bytes(), Path(sys.argv[1] + "-damaged.h5")
-right, rng = read(sys.argv[1]), np.random.default_rng(int(sys.argv[2]))
-counts = {"right": 0, "refused": 0, "wrong": 0}
-for trial in range(int(sys.argv[3])):
-    content = bytearray(whole)
-    at = int(rng.integers(0, len(whole)))
-    if trial % 3 == 0:
-        content[at] ^= 1 << int(rng.integers(8))
-    else:
-        size = int(rng.choice([8, 64, 512, 4096]))
-        content[at : at + size] = (b"\\0" if trial % 3 == 1 else b"\\xff") * len(content[at : at + size])
-    damaged.write_bytes(content)
-    try:
-        counts["right" if read(damaged) == right else "wrong"] += 1
-    except ContourFileError:
-        counts["refused"] += 1
-print(counts)
-"""
-
-
-@pytest.mark.exhaustive
-def test_damage_anywhere_is_refused_or_changes_nothing(sealed):
-    """Bits and blocks all over the file, libhdf5's own structures among them; in a process that may crash."""
-    command = [sys.executable, "-P", "-c", DAMAGE, str(sealed), "1", "400"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
-    assert done.returncode == 0, done.stderr
-    counts = json.loads(done.stdout.replace("'", '"'))
-    assert counts["wrong"] == 0, counts
-    assert counts["refused"] > 100, counts

@@ -8,6 +8,7 @@ import pytest
 from contour_cases import make_contours, make_header, redigest, write_file
 
 from palpate.datasets.contour_file.check import check_file
+from palpate.datasets.contour_file.pose_rows import hand_at, object_pose_at
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.errors import ContourFileError
 from palpate.datasets.hand_model.shape import hand_shape
@@ -17,6 +18,7 @@ from palpate.render.hands.plane_hand import HandPatch, PlaneHand
 
 POSES = 3
 STILL = np.tile(np.array([0, 0, 0.2, 0, 0, 0, 1], np.float32), (POSES, 1))
+MOVED = STILL + np.arange(POSES, dtype=np.float32)[:, None] * np.float32([0.1, 0, 0, 0, 0, 0, 0])
 
 
 def skin(rows=None):
@@ -96,6 +98,33 @@ def test_checking_finds_arrays_that_are_not_those_described(hand, name, row, val
         file[f"/hand/{name}"][row] = value
     redigest(path)
     assert any(said in problem for problem in check_file(path)), check_file(path)
+
+
+@pytest.mark.parametrize("kind", ["planes", "rigid", "posed"])
+def test_rows_of_one_pose_are_those_of_the_whole_arrays(tmp_path, kind):
+    path, small = tmp_path / "hand.h5", hand_shape(detail=1)
+    vertices = np.stack([small.vertices] * POSES) if kind == "posed" else small.vertices
+    hand = planes() if kind == "planes" else MeshHand(vertices, small.faces)
+    write_file(path, make_contours(POSES), **stored(hand), moved=MOVED)
+    with ContourFile(path) as file:
+        whole = file.hand_arrays()
+        for pose in range(POSES):
+            described, arrays = hand_at(file, pose)
+            assert (described["kind"], "sha256" in described) == (hand.described()["kind"], False)
+            assert set(arrays) == set(whole)
+            for name, rows in whole.items():
+                is_posed = "poses" in described and name in ("patch_pose", "skin_vertices")
+                np.testing.assert_array_equal(arrays[name], np.split(rows, POSES)[pose] if is_posed else rows)
+            np.testing.assert_array_equal(object_pose_at(file, pose), MOVED[pose])
+        for read, pose in ((hand_at, -1), (object_pose_at, POSES)):
+            with pytest.raises(ContourFileError, match=rf"pose must lie in 0\.\.2, not {pose}"):
+                read(file, pose)
+
+
+def test_an_object_at_rest_has_no_pose(tmp_path):
+    write_file(tmp_path / "hand.h5", make_contours(POSES))
+    with ContourFile(tmp_path / "hand.h5") as file:
+        assert object_pose_at(file, 1) is None
 
 
 def test_a_file_of_version_1_0_is_read_and_whole(tmp_path):

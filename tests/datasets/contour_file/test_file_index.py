@@ -26,11 +26,11 @@ def libhdf5_fletcher(content):
         return int.from_bytes(dataset.id.read_direct_chunk((0,))[1][-4:], "little")
 
 
-@pytest.mark.parametrize("size", [1, 2, 3, 719, 720, 721, 4094, 4096, 4097, 65536, 98304, 98305, 229376])
-@pytest.mark.parametrize("fill", [None, 0, 255, 1])
-def test_fletcher32_is_that_of_libhdf5(rng, size, fill):
-    content = rng.integers(0, 256, size, np.uint8) if fill is None else np.full(size, fill, np.uint8)
-    assert fletcher32(content[None])[0] == libhdf5_fletcher(content)
+def test_fletcher32_is_that_of_libhdf5(rng):
+    for size in (1, 2, 3, 719, 720, 721, 4094, 4096, 4097, 65536, 98304, 98305, 229376):
+        contents = [np.full(size, fill, np.uint8) for fill in (0, 255, 1)]
+        for content in (*contents, rng.integers(0, 256, size, np.uint8)):
+            assert fletcher32(content[None])[0] == libhdf5_fletcher(content), (size, content[0])
 
 
 def test_fletcher32_of_several_contents_is_that_of_each(rng):

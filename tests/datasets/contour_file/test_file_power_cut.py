@@ -1,4 +1,4 @@
-"""A contour file whose machine loses power at any moment: what was reported done is there, and resuming completes it.
+"""A contour file whose machine loses power, or whose writer is killed, at any moment: what was reported done is there.
 
 `disk_faults.Disk` says what a file system may keep. `PALPATE_FAULTS=N` lays out N more remains at each moment.
 """
@@ -7,7 +7,7 @@ import os
 import random
 
 import pytest
-from contour_cases import assert_same, make_contours, make_header, small_chunks, write_file, write_ranges
+from contour_cases import assert_same, cut_contours, make_contours, make_header, small_chunks, write_file, write_ranges
 from disk_faults import Disk
 
 from palpate.datasets.contour_file.check import check_file
@@ -61,7 +61,7 @@ def remains(tmp_path, case, disk_type=Disk):
 
     def cut():
         nonlocal moments
-        for number, share in enumerate((0.0, 0.5, *[0.5] * MORE)):
+        for number, share in enumerate((0.0, 1.0, 0.5, *[0.5] * MORE)):  # of a kill, all is left
             folder = tmp_path / f"{moments}-{number}"
             folder.mkdir()
             disk.lay_out(folder, random.Random(f"{case} {moments} {number}"), share)
@@ -80,6 +80,11 @@ def remains(tmp_path, case, disk_type=Disk):
 def resumed(path, done, mode):
     """Go on after a power cut; which of the ranges that were done are missing."""
     again = "overwrite" if mode == "overwrite" and is_old(path) and not done else "resume"
+    ranges = [poses for poses in done if poses != "sealed"]
+    if not path.exists():
+        for first, stop in ranges:
+            with ContourFile(path) as file:
+                assert_same(file.contours(first, stop), cut_contours(CONTOURS, first, stop))
     with ContourWriter(path, HEADER, mode=again) as writer:
         missing = writer.missing()
         write_ranges(writer, CONTOURS, missing)
@@ -87,7 +92,7 @@ def resumed(path, done, mode):
     assert check_file(path) == []
     with ContourFile(path) as file:
         assert_same(file.contours(), CONTOURS)
-    return [poses for poses in done if poses != "sealed" and any(a < poses[1] and poses[0] < b for a, b in missing)]
+    return [poses for poses in ranges if any(a < poses[1] and poses[0] < b for a, b in missing)]
 
 
 @pytest.mark.exhaustive

@@ -10,7 +10,6 @@ import pytest
 from contour_cases import (
     Killed,
     assert_same,
-    content_digests,
     killed_at,
     make_contours,
     make_header,
@@ -66,15 +65,6 @@ def test_resuming_writes_what_is_missing_and_keeps_the_header_of_the_beginning(b
     assert attributes["created"] == make_header(10).created
 
 
-@pytest.mark.exhaustive
-def test_resuming_gives_the_content_of_an_undisturbed_run(begun, contours, tmp_path):
-    resume_and_seal(begun, contours)
-    with ContourWriter(tmp_path / "b.h5", make_header(10)) as writer:
-        write_ranges(writer, contours, [(0, 3), (3, 5), (5, 7), (7, 10)])
-        writer.seal()
-    assert content_digests(begun) == content_digests(tmp_path / "b.h5")
-
-
 @pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     ("field", "changes", "shown"),
@@ -97,6 +87,13 @@ def test_resuming_another_rendering_is_refused_naming_the_field(begun, contours,
     resume_and_seal(begun, contours)
 
 
+def test_resuming_without_the_motion_of_the_object_is_refused(path, contours):
+    with ContourWriter(path, make_header(10, moved=OTHER_POSE)) as writer:
+        write_ranges(writer, contours, [(0, 3)])
+    with pytest.raises(ContourFileError, match=r"another rendering: object motion was .* and is now absent"):
+        ContourWriter(path, make_header(10), mode="resume")
+
+
 def test_resuming_a_sealed_file_has_nothing_to_do_and_refuses_another_recipe(path):
     write_file(path, make_contours(4))
     before = path.read_bytes()
@@ -110,10 +107,6 @@ def test_resuming_a_sealed_file_has_nothing_to_do_and_refuses_another_recipe(pat
     with pytest.raises(ContourFileError, match="another rendering: strategy was"):
         ContourWriter(path, make_header(4, strategy={}), mode="resume")
     assert list(path.parent.iterdir()) == [path]
-
-
-def test_resuming_what_was_never_begun_begins(path, contours):
-    resume_and_seal(path, contours)
 
 
 @pytest.mark.exhaustive
@@ -146,19 +139,23 @@ def test_overwriting_an_unfinished_rendering_begins_anew(begun):
         assert part_logs(begun.with_name("out.h5.partial")) == []
 
 
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("mode", ["create", "resume", "overwrite"])
-def test_a_second_writer_is_refused_in_this_process_and_another(path, contours, mode):
+def test_a_second_writer_is_refused(path, contours):
     with ContourWriter(path, make_header(10)) as writer:
         write_ranges(writer, contours, [(0, 3)])
-        with pytest.raises(ContourFileError, match="is being written by another process"):
-            ContourWriter(path, make_header(10), mode=mode)
-        command = [sys.executable, PROCESS, "write", path, mode, "10", "5"]
-        other = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert "is being written by another process" in other.stderr
+        for mode in ("create", "resume", "overwrite"):
+            with pytest.raises(ContourFileError, match="is being written by another process"):
+                ContourWriter(path, make_header(10), mode=mode)
         write_ranges(writer, contours, writer.missing())
         writer.seal()
     assert check_file(path) == []
+
+
+@pytest.mark.exhaustive
+def test_a_second_writer_of_another_process_is_refused(begun):
+    with ContourWriter(begun, make_header(10), mode="resume"):
+        command = [sys.executable, PROCESS, begun, "overwrite", "10", "5"]
+        other = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert "is being written by another process" in other.stderr
 
 
 @pytest.fixture
@@ -188,14 +185,18 @@ def resume_long(path, contours):
     return missing, repairs
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive(but="1-")
+@pytest.mark.parametrize("where", ["first rows", "last rows", "record", "tails", "prefix"])
 @pytest.mark.parametrize("commit", [0, 1, 2])
-@pytest.mark.parametrize("where", ["rows", "record", "prefix"])
 def test_damage_drops_the_poses_from_there_on_reports_it_and_they_are_rendered_again(path, long, commit, where):
     log = part_logs(path.with_name("out.h5.partial"))[0]
     part = read_part(log)
-    if where == "rows":
+    if where == "last rows":
         flip(part.path, part.commits[commit].rows_end - 1)
+    elif where == "first rows":
+        flip(part.path, part.commits[commit - 1].rows_end if commit else part.rows.addresses[0][0])
+    elif where == "tails":
+        flip(log, part.commits[commit].log_end - 3)
     else:
         begin = part.commits[commit - 1].log_end if commit else part.begun_end
         flip(log, begin + (2 if where == "prefix" else 40))
@@ -203,6 +204,14 @@ def test_damage_drops_the_poses_from_there_on_reports_it_and_they_are_rendered_a
     assert missing == [(10 * commit, 40)]
     assert len(repairs) == 1
     assert f"{log.name} is truncated or damaged after pose {10 * commit}" in repairs[0]
+
+
+def test_motion_and_mesh_of_a_part_that_were_damaged_are_written_again(path, long):
+    log = part_logs(path.with_name("out.h5.partial"))[0]
+    with ContourFile(path) as file:
+        pose = file.motion()["pose"][:7].tobytes()  # a chunk
+    flip(log.with_suffix(".rows"), log.with_suffix(".rows").read_bytes().index(pose) + 100)
+    assert resume_long(path, long) == ([(30, 40)], ())
 
 
 def test_rows_cut_short_are_dropped_reported_and_rendered_again(path, long):
@@ -255,7 +264,6 @@ def test_shards_of_an_older_palpate_are_dropped_and_reported(begun, contours):
     resume_and_seal(begun, contours)
 
 
-@pytest.mark.exhaustive
 def test_overlapping_parts_are_dropped_and_reported(path, begun, contours, tmp_path):
     with ContourWriter(tmp_path / "b.h5", make_header(10)) as writer:
         write_ranges(writer, contours, [(4, 7)])
@@ -343,6 +351,11 @@ def test_arrays_that_do_not_fit_are_refused_and_nothing_is_written(path, poses, 
         ({"object_name": "a\0b"}, "NUL"),
         ({"object_name": "\udcff"}, "not valid Unicode"),
         ({"versions": {}}, "must name palpate"),
+        ({"moved": np.zeros((2, 7), np.float32)}, "moved must be 3 poses"),
+        ({"moved": np.full((3, 7), np.nan, np.float32)}, "moved row 0 is not finite"),
+        ({"moved": np.zeros((3, 6), np.float32)}, r"/object/moved has shape \[3, 6\]"),
+        ({"hand_arrays": {"bones": np.zeros(3)}}, "/hand has no field 'bones'"),
+        ({"hand_arrays": {"skin_faces": np.zeros((2, 3))}}, "/hand/skin_faces is float64, expected int32"),
     ],
 )
 def test_a_header_that_does_not_fit_is_refused_and_nothing_is_made(path, changes, message):

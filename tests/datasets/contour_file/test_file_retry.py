@@ -3,7 +3,7 @@
 import os
 
 import pytest
-from contour_cases import assert_same, cut_contours, make_contours, make_header, small_chunks, write_ranges
+from contour_cases import assert_same, make_contours, make_header, small_chunks, write_ranges
 
 from palpate.datasets.contour_file import writer as writer_module
 from palpate.datasets.contour_file.check import check_file
@@ -82,19 +82,3 @@ def rewritten(writer, contours):
     """The next range, and then all: what is short in the log alone shows when the file is sealed."""
     write_ranges(writer, contours, RANGES[2:])
     writer.seal()
-
-
-def test_resuming_after_rows_were_cut_off_makes_them_again(tmp_path, chunk_rows):
-    path, contours, header = tmp_path / "out.h5", make_contours(9), make_header(9)
-    with ContourWriter(path, header) as writer:
-        write_ranges(writer, contours, RANGES[:2])
-        rows = rows_of(path)
-    os.truncate(rows, max(rows.stat().st_size - 20, 0))
-    with ContourWriter(path, header, mode="resume") as writer:
-        for first, stop in writer.missing():
-            write_ranges(writer, contours, [(first, stop)])
-        writer.seal()
-    assert check_file(path) == []
-    with ContourFile(path) as file:
-        assert_same(file.contours(), contours)
-        assert_same(file.contours(2, 5), cut_contours(contours, 2, 5))

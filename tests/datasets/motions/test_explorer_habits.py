@@ -9,17 +9,17 @@ from palpate.datasets.motions.explorer_habits import SIDES
 
 
 def test_a_population_has_the_distributions_of_the_table():
-    people = [explorer_habits(number) for number in range(2000)]
+    people = [explorer_habits(number) for number in range(600)]
     width, pitch, roll, yaw, speed, pause = (
         np.array([getattr(person, name) for person in people])
         for name in ("palm_width", "pitch", "roll", "yaw", "speed", "pause_share")
     )
     assert width.mean() == pytest.approx(0.0849, abs=5e-4)
     assert 0.0718 <= width.min() < width.max() <= 0.0988
-    assert np.degrees([pitch.std(), roll.std(), yaw.std()]) == pytest.approx([5.8, 4.4, 19.4], rel=0.05)
-    assert np.abs(np.degrees([pitch.mean(), roll.mean(), yaw.mean()])).max() < 1.0
-    assert (speed.min(), speed.max()) == pytest.approx((0.07, 0.30), abs=1e-3)
-    assert (pause.min(), pause.max()) == pytest.approx((0.2, 0.6), abs=1e-3)
+    assert np.degrees([pitch.std(), roll.std(), yaw.std()]) == pytest.approx([5.8, 4.4, 19.4], rel=0.08)
+    assert np.abs(np.degrees([pitch.mean(), roll.mean(), yaw.mean()])).max() < 1.5
+    assert (speed.min(), speed.max()) == pytest.approx((0.07, 0.30), abs=2e-3)
+    assert (pause.min(), pause.max()) == pytest.approx((0.2, 0.6), abs=2e-3)
     assert all(0.2 < np.mean([person.side == side for person in people]) < 0.3 for side in SIDES)
 
 

@@ -39,7 +39,7 @@ def speeds(motion):
     return np.linalg.norm(np.diff(motion.pose[:, :3].astype(float), axis=0), axis=1) * motion.rate, turn * motion.rate
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(
     explorer=st.integers(0, 2**63 - 1),
     seed=st.integers(0, 2**63 - 1),
@@ -57,7 +57,7 @@ def test_every_pose_keeps_the_workspace_and_the_facing_limit(explorer, seed, fac
 
 
 def test_palms_move_and_turn_as_fast_as_people_and_no_faster():
-    linear, angular = zip(*(speeds(exploration(BOUNDS, 60.0, explorer=k)) for k in range(1, 13)), strict=True)
+    linear, angular = zip(*(speeds(exploration(BOUNDS, 60.0, explorer=k)) for k in range(1, 9)), strict=True)
     assert max(map(np.max, linear)) < 0.76
     assert max(map(np.max, angular)) < 4.0  # 3 of a stroke, and what the facing limit adds
     assert 0.05 < min(map(np.mean, linear)) < max(map(np.mean, linear)) < 0.3
@@ -82,9 +82,11 @@ def test_duration_and_rate_only_sample_the_path(duration, rate, every):
     assert np.array_equal(other.pose[::every][: len(short)], short.pose)
 
 
-def test_the_object_changes_nothing():
-    motions = [exploration(name, 5.0, seed=2).pose for name in shape_names()]
+def test_seed_and_explorer_change_the_motion_and_the_object_does_not():
+    motions = [exploration(name, 2.0, seed=2).pose for name in shape_names()]
     assert all(np.array_equal(pose, motions[0]) for pose in motions)
+    others = [exploration("cube", 2.0, seed=seed, explorer=explorer).pose for seed, explorer in ((1, 1), (2, 2))]
+    assert not any(np.array_equal(pose, motions[0]) for pose in others)
 
 
 def test_poses_are_what_they_were():
@@ -93,16 +95,10 @@ def test_poses_are_what_they_were():
     assert hashlib.sha256(np.rint(pose * 1e6).astype("<i8").tobytes()).hexdigest() == GOLDEN
 
 
-def test_explorers_and_trials_differ():
-    poses = [exploration(BOUNDS, 2.0, explorer=k, seed=n).pose.tobytes() for k in (1, 2) for n in (1, 2)]
-    assert len(set(poses)) == 4
-    assert exploration(BOUNDS, 2.0, explorer=1, seed=1).pose.tobytes() == poses[0]
-
-
 def test_a_stroke_is_made_without_those_before_it():
     space = np.array(WORKSPACE)
     trial = ExplorerTrial(4, 9, explorer_habits(4), space, FACING)
-    visit = np.arange(5)
+    visit = np.arange(3)
     numbers = [(v, s) for v, count in zip(visit, stroke_counts(trial, visit), strict=True) for s in range(count)]
     lasting = [make_strokes(trial, np.array([v]), np.array([s])) for v, s in numbers]
     begin = 0

@@ -1,11 +1,14 @@
 """Files that come whole or not at all, also where a writer stops in the middle."""
 
+import fcntl
 import os
+import random
 import time
 
 import pytest
+from disk_faults import Disk
 
-from palpate.datasets.storage.durable import ABANDONED_SECONDS, temporary_name, whole_file
+from palpate.datasets.storage.durable import ABANDONED_SECONDS, FolderLock, temporary_name, whole_file, write_file
 
 
 def test_a_whole_file_replaces_the_old_one_only_at_the_end(tmp_path):
@@ -47,3 +50,51 @@ def test_what_a_killed_writer_left_is_removed_once_it_is_old(tmp_path):
     with whole_file(path) as new:
         new.write_text("new")
     assert sorted(tmp_path.iterdir()) == sorted([path, young])
+
+
+def write_whole(path, content):
+    with whole_file(path) as new:
+        handle = os.open(new, os.O_WRONLY | os.O_CREAT)
+        os.write(handle, content)
+        os.close(handle)
+
+
+@pytest.mark.parametrize("write", [write_file, write_whole])
+def test_a_power_cut_leaves_the_old_file_or_the_new_one(tmp_path, write):
+    old, new, found = b"old" * 3000, b"new" * 4000, []
+    path = tmp_path / "disk" / "a.csv"
+    path.parent.mkdir()
+    path.write_bytes(old)
+
+    def cut():
+        for share in (0.0, 0.5, 0.5, 1.0):
+            folder = tmp_path / str(len(found))
+            folder.mkdir()
+            disk.lay_out(folder, random.Random(len(found)), share)
+            found.append((folder / "a.csv").read_bytes())
+
+    disk = Disk(path.parent, cut)
+    with disk.recording():
+        write(path, memoryview(new))
+    cut()
+    assert set(found) == {old, new}
+    assert set(found[-4:]) == {new}
+
+
+@pytest.mark.parametrize("is_made_anew", [False, True])
+def test_a_lock_on_a_file_that_its_last_holder_removed_is_none(tmp_path, monkeypatch, is_made_anew):
+    lock, real = tmp_path / FolderLock.NAME, fcntl.flock
+
+    def late(handle, how):
+        (tmp_path / "kept").hardlink_to(lock)  # so that the new file has another number
+        lock.unlink()
+        if is_made_anew:
+            lock.touch()
+        real(handle, how)
+
+    monkeypatch.setattr(fcntl, "flock", late)
+    with pytest.raises(BlockingIOError):
+        FolderLock(tmp_path)
+    monkeypatch.undo()
+    FolderLock(tmp_path).release()
+    assert not FolderLock.is_held(tmp_path)

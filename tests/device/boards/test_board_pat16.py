@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from board_field import FOCUS, brightest_point, focal_delay, turns_apart
+from board_field import turns_apart
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -429,15 +429,6 @@ def test_every_transducer_emits_the_delay_meant_for_it(wiring: Wiring) -> None:
     wanted = amplitude * wiring.factor[wiring.of_model]
     # half a step of duty, at its steepest pi / 128 in amplitude
     assert np.abs(strength - wanted).max() <= 0.5 * np.pi / 128 + 1e-6
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("amplitude", [1.0, 0.3])
-def test_the_field_peaks_at_the_focus_asked_for(wiring: Wiring, amplitude: float) -> None:
-    delay = focal_delay(wiring.model.position)
-    played = played_by_a_board(encode_frames(delay[None], np.array([amplitude]), array=wiring.model))
-    [emitted], [strength] = wiring.emitted(played)
-    assert np.linalg.norm(brightest_point(wiring.model.position, emitted, strength) - FOCUS) <= 1e-3
 
 
 def test_silence_is_silent(wiring: Wiring) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from board_field import FOCUS, brightest_point, focal_delay, turns_apart
+from board_field import turns_apart
 
 from palpate.device.boards.sonicsurface.model import BAUD, SonicBoard, decode_patterns, slot_position
 from palpate.device.clock import VirtualClock
@@ -164,13 +164,6 @@ def test_every_transducer_emits_the_delay_meant_for_it() -> None:
     assert np.array_equal(strength, amplitude)
     # A constant of a quarter of a turn is that of a half-period pulse's middle.
     assert turns_apart(got - 0.25, delay)[amplitude == 1].max() <= 0.5 / 32 + 1e-6
-
-
-@pytest.mark.exhaustive
-def test_the_field_peaks_at_the_focus_asked_for() -> None:
-    position = array_model("sonicsurface").position
-    [delay], [strength] = emitted(encode_frames(focal_delay(position)[None], np.ones(1), array="sonicsurface"))
-    assert np.linalg.norm(brightest_point(position, delay, strength) - FOCUS) <= 1e-3
 
 
 def test_silence_is_silent() -> None:

@@ -37,7 +37,6 @@ from palpate.device.registry import emulated_backend
 
 BOARDS = ("emulator", "pat16", "sonicsurface")
 USB_BOARDS = ("emulator", "pat16")
-SILENT = ("pat16", "sonicsurface")
 
 
 class Broken(Exception):
@@ -123,16 +122,10 @@ def test_content_played_is_content_sent_then_off(setup: Setup) -> None:
     assert report.off_sent
     assert report.frames_exact
     assert report.transport == ("serial" if setup.model.name == "sonicsurface" else "sync")
+    answers = setup.model.name == "emulator"  # the other boards never do, which is no error
+    assert (report.off_confirmed, report.board_underruns) == ((True, 0) if answers else (None, None))
+    assert report.elapsed >= report.duration  # for as long as the board can have played
     setup.assert_plays_again()
-
-
-@pytest.mark.parametrize("setup", SILENT, indirect=True)
-def test_a_board_that_never_answers_confirms_nothing_and_that_is_no_error(setup: Setup) -> None:
-    report = setup.play(content(setup.model, 50))
-    assert report.off_confirmed is None
-    assert (report.board_underruns, report.board_starved) == (None, None)
-    # the player has waited for as long as the board can have played
-    assert report.elapsed >= report.duration
 
 
 @pytest.mark.exhaustive(after=1)
@@ -162,8 +155,7 @@ def test_a_stop_ends_off_within_what_the_board_holds(setup: Setup) -> None:
     setup.assert_plays_again()
 
 
-@pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize("byte", [0, 1, 300, 11 * 512, 11 * 512 + 77])
+@pytest.mark.parametrize("byte", [0, 300, 11 * 512 + 77])
 @pytest.mark.parametrize(
     ("setup", "kind", "error"),
     [
@@ -187,6 +179,8 @@ def test_a_fault_ends_it_with_the_array_off(setup: Setup, kind: FaultKind, error
     # pyusb does not say how much of a write that failed was taken; only this board does, while it is there
     assert report.frames_exact == (setup.model.name == "emulator" and kind is FaultKind.STALL)
     assert (report.frames_cleared is not None) == report.frames_exact
+    assert report.bytes == byte if report.frames_exact else report.bytes <= byte
+    assert report.frames == report.bytes // setup.model.frame_bytes
     setup.assert_off()
     if kind is FaultKind.UNPLUG:
         setup.bus.replug()

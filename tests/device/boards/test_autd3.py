@@ -133,6 +133,7 @@ def test_a_link_plays_again_after_off_at_another_rate(recording):
     link.write(_wire(first), abandon=lambda: True)
     assert not link.drain(abandon=lambda: True)
     link.cancel()
+    channel.sleep_until_ns(channel.now_ns() + 60_000_000)  # in which the first would be played, had it not been dropped
     link.start(2)
     link.write(_wire(second))
     link.drain()

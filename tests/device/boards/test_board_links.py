@@ -44,11 +44,11 @@ def write(link, frames: np.ndarray) -> None:
     assert link.drain(abandon=lambda: False)
 
 
-def killed_player(bus: EmulatedBus | EmulatedPorts, name: str, frames: np.ndarray, torn: int) -> None:
-    """Leave the array emitting, with part of a frame in it and no word of goodbye."""
+def killed_player(bus: EmulatedBus | EmulatedPorts, name: str, frames: np.ndarray, torn: int, *, count: int) -> None:
+    """Play so many frames, then leave the array as it is, with part of a frame in it and no word of goodbye."""
     link = open_link(array_model(name), backend=bus)
     link.start(link.array.divider_default)
-    write(link, frames)
+    write(link, frames[:count])
     link.close()
     torn_frame = array("B", frames[0, :torn].tobytes())
     if isinstance(bus, EmulatedPorts):
@@ -66,13 +66,15 @@ def killed_player(bus: EmulatedBus | EmulatedPorts, name: str, frames: np.ndarra
     bus.clock.advance(0.1)
 
 
-@pytest.mark.parametrize("torn", [0, 1, 100, 255, 256, 257, 511])
+@pytest.mark.parametrize(
+    ("count", "torn"), [(0, 100), (5, 0), (5, 1), (5, 100), (5, 255), (5, 256), (5, 257), (5, 511)]
+)
 @pytest.mark.parametrize("name", NAMES)
-def test_whatever_a_killed_player_left_the_next_one_starts_silent_and_whole(name: str, torn: int) -> None:
+def test_whatever_a_killed_player_left_the_next_one_starts_silent_and_whole(name: str, count: int, torn: int) -> None:
     bus = bus_of(name)
     frames = wire(name, 5)
-    killed_player(bus, name, frames, torn % frames.shape[1])
-    assert bus.board().emitting
+    killed_player(bus, name, frames, torn % frames.shape[1], count=count)
+    assert bus.board().emitting == (count > 0)
     left = bus.board().bytes_received
     link = open_link(array_model(name), backend=bus)
     link.start(link.array.divider_default)

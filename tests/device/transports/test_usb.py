@@ -18,6 +18,7 @@ from palpate.device import (
     EmulatorBackend,
     Fault,
     FaultKind,
+    LinkError,
     UpdateRateError,
     UsbLink,
     VirtualClock,
@@ -57,6 +58,13 @@ def test_a_claim_refused_by_the_system_is_busy_and_leaves_nothing_open(bus: Emul
     with pytest.raises(DeviceBusyError):
         UsbLink.open(MODEL, backend=bus)
     UsbLink.open(MODEL, backend=bus).close()
+
+
+def test_an_open_that_fails_lets_the_array_go(bus: EmulatorBackend) -> None:
+    with pytest.raises(LinkError) as refused:  # an emulated bus has no libusb handle
+        UsbLink.open(MODEL, backend=bus, transport="queued")
+    UsbLink.open(MODEL, backend=bus).close()
+    assert "queued" in str(refused.value)
 
 
 @pytest.mark.parametrize("kind", [FaultKind.SHORT, FaultKind.TIMEOUT])

@@ -47,16 +47,12 @@ def test_a_swap_plays_what_came_since_the_start() -> None:
     assert (board.bytes_ignored, board.bytes_strange, board.bytes_garbled) == (0, 0, 0)
 
 
-def test_a_bare_swap_toggles_the_last_two() -> None:
-    board = board_of()
-    pour(board, command(pattern(1)) + command(pattern(2)) + bytes([SWAP, SWAP]))
-    assert board.played.tobytes() == pattern(1) + pattern(2) + pattern(1) + pattern(2)
-
-
-def test_nothing_is_heard_before_the_swap() -> None:
+def test_nothing_is_heard_before_the_swap_and_a_bare_one_toggles_the_last_two() -> None:
     board = board_of()
     pour(board, command(pattern(1))[:-1])
     assert (board.emitting, board.frames_played) == (False, 0)
+    pour(board, bytes([SWAP]) + command(pattern(2)) + bytes([SWAP, SWAP]))
+    assert board.played.tobytes() == pattern(1) + pattern(2) + pattern(1) + pattern(2)
 
 
 def test_a_pattern_takes_258_bytes_of_ten_bits() -> None:

@@ -400,16 +400,6 @@ def test_a_stop_while_the_link_is_started_counts_and_one_before_does_not(
     assert player.play(in_blocks(content(5), 5), update_rate=RATE).stopped_by == "end"
 
 
-def test_real_time_plays_the_same() -> None:
-    bus = EmulatorBackend(record=10_000)
-    wire = content(6000)
-    with UsbLink.open(MODEL, backend=bus) as link:
-        report = Player(link).play(in_blocks(wire, 512), update_rate=40e3)
-    assert report.clock == "monotonic"
-    assert np.array_equal(bus.board().played[:-1], wire)
-    assert not bus.board().playing.any()
-
-
 def test_a_block_that_comes_again_is_neither_copied_nor_looked_at_again(
     bus: EmulatorBackend, link: UsbLink, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -367,31 +367,20 @@ def test_a_swap_read_out_of_noise_brings_nothing_back(setup: Setup) -> None:
         setup.play(content(setup.model, 9))
 
 
-def test_playing_begins_when_80_ms_are_ready_however_many_blocks_fit() -> None:
-    bus = EmulatorBackend(clock=VirtualClock())
+def test_playing_begins_when_80_ms_are_ready_however_many_blocks_fit(monkeypatch: pytest.MonkeyPatch) -> None:
     model = array_model("emulator")
-    wire = content(model, 100)
     begun = threading.Event()
     seen: list[bool] = []
-
-    class Watching:
-        def __init__(self, link: Link) -> None:
-            self._link = link
-
-        def __getattr__(self, name: str) -> Any:
-            return getattr(self._link, name)
-
-        def write(self, data: Any, **options: Any) -> None:
-            begun.set()
-            self._link.write(data, **options)
 
     def blocks() -> Iterator[np.ndarray]:
         for _ in range(8):
             seen.append(begun.is_set())
-            yield wire
+            yield content(model, 100)
         seen.append(begun.wait(20))
-        yield wire
+        yield content(model, 100)
 
-    with open_link(model, backend=bus) as link:
-        Player(Watching(link), queue_blocks=1000).play(blocks(), update_rate=10e3)
+    with open_link(model, backend=EmulatorBackend(clock=VirtualClock())) as link:
+        write = link.write
+        monkeypatch.setattr(link, "write", lambda data, **options: begun.set() or write(data, **options))
+        Player(link, queue_blocks=1000).play(blocks(), update_rate=10e3)
     assert seen == [False] * 8 + [True]

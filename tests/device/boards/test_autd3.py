@@ -53,7 +53,7 @@ def _wire(frames: np.ndarray) -> array:
 
 @pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("uniform", [True, False])
-@pytest.mark.parametrize(("divider", "count"), [(7, 1201), (1, 2500), (4, 2500), (4, 1), (4, 2)])
+@pytest.mark.parametrize(("divider", "count"), [(1, 1500), (7, 1201), (4, 2500), (4, 1), (4, 2)])
 def test_each_frame_is_played_for_its_time_without_a_gap_between_banks(divider, count, uniform, recording):
     channel = recording()
     link = _link(channel)
@@ -97,7 +97,7 @@ def test_a_slow_network_starves_only_a_rate_that_it_cannot_carry(recording):
         channel = recording(datagram_ns=120_000)
         link = _link(channel)
         link.start(divider)
-        link.write(_wire(_random_frames(4 * BANK_FRAMES_MAX, uniform=False)))
+        link.write(_wire(_random_frames(3 * BANK_FRAMES_MAX, uniform=False)))
         link.drain()
         assert (link.underruns > 0) == starves
 

@@ -102,18 +102,15 @@ def test_a_system_that_knows_no_kernel_drivers_is_no_error(monkeypatch: pytest.M
     open_link(array_model("pat16"), backend=pat).close()
 
 
-@pytest.mark.parametrize(
-    ("code", "listed"), [(errno.ENODEV, []), (errno.EIO, ["cannot be opened: [Errno 5] Input/Output Error"])]
-)
-def test_a_device_that_cannot_be_asked_is_told_of_and_one_that_is_gone_is_not(
-    monkeypatch: pytest.MonkeyPatch, code: int, listed: list[str]
-) -> None:
-    def fail(*_: object) -> None:
-        raise usb.core.USBError("Input/Output Error", None, code)
+def test_a_device_that_cannot_be_asked_is_told_of_and_one_that_is_gone_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    for code, listed in ((errno.ENODEV, []), (errno.EIO, ["cannot be opened: [Errno 5] Input/Output Error"])):
 
-    bus = emulated_backend("emulator", clock=VirtualClock())
-    monkeypatch.setattr(type(bus), "open_device", fail)
-    assert [info.reason for info in find_arrays(bus)] == listed
+        def fail(*_: object, code: int = code) -> None:
+            raise usb.core.USBError("Input/Output Error", None, code)
+
+        bus = emulated_backend("emulator", clock=VirtualClock())
+        monkeypatch.setattr(type(bus), "open_device", fail)
+        assert [info.reason for info in find_arrays(bus)] == listed
 
 
 def test_without_libusb_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from palpate.device import (
@@ -82,7 +82,8 @@ def test_limits_that_are_none_are_refused_by_name(text: str, message: str) -> No
         Limits.from_json(text)
 
 
-@pytest.mark.exhaustive
+@settings(max_examples=20)
+@example([(LOUD, 3), (SILENT, 4), (LOUD, 2)], 1)
 @given(
     st.lists(st.tuples(st.sampled_from([SILENT, HALF, LOUD]), st.integers(1, 12)), min_size=1, max_size=25),
     st.integers(1, 7),
@@ -224,7 +225,8 @@ def test_a_held_frame_is_driven_at_its_duty_and_fills_no_more_than_the_window() 
     second = 1_000_000_000
     guard = Guard(Limits(on_time_max=None, duty_max=0.6, duty_window=20.0), MODEL)
     (half,) = guard.measure(HALF, 1)
-    guard.admit(half, 0, second)
+    (both,) = guard.measure(LOUD + HALF, 2)
+    guard.admit(both, 0, second)
     guard.hold(10_000 * second)  # the host was asleep
     assert guard._driven_ns / (20 * second) == pytest.approx(half.duty_last)
     guard = Guard(Limits(on_time_max=None, duty_max=0.5, duty_window=20.0), MODEL)

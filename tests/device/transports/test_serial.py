@@ -257,6 +257,7 @@ with open_link(model, serial=sys.argv[1]) as link, Watchdog(link):
 """
 
 
+@pytest.mark.exhaustive
 def test_after_a_kill_the_watchdog_switches_it_off(board: PtyBoard) -> None:
     command = [sys.executable, "-c", PLAYER, board.path]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as player:

@@ -196,11 +196,12 @@ def test_limits_of_the_player_stay_in_force(frames):
 
 def test_commands_write_show_and_check_them(contours, tmp_path):
     out = tmp_path / "frames.h5"
-    told = answer("prepare", contours, "-o", out, "--update-rate", 2000, "--array", "pat16", "--level-max", 0.8)
-    assert (told["frames"], told["arrays"], told["device"], told["warnings"]) == (2000, ["pat16"], "cpu", [])
+    options = ["--update-rate", 2000, "--array", "pat16", "--level-max", 0.8, "--duration", 0.1]
+    told = answer("prepare", contours, "-o", out, *options)
+    assert (told["frames"], told["arrays"], told["device"], told["warnings"]) == (200, ["pat16"], "cpu", [])
     assert told["bytes"] == out.stat().st_size
     shown = answer("info", out)
-    assert (shown["holds"], shown["frames"], shown["arrays"]) == ("wire frames", 2000, ["pat16"])
+    assert (shown["holds"], shown["frames"], shown["arrays"]) == ("wire frames", 200, ["pat16"])
     assert shown["identities"] == [array_model("pat16").wire_identity()]
     assert (shown["drive"]["level_max"], shown["sampling"]["update_rate"]) == (0.8, 2000)
     assert (shown["jumps"], shown["refused"], shown["switched"]) == (told["jumps"], 0, 0)
@@ -209,7 +210,7 @@ def test_commands_write_show_and_check_them(contours, tmp_path):
     refused(MISUSED, "exists; --overwrite replaces it", "prepare", contours, "-o", out)
     refused(MISUSED, "must end in .h5", "prepare", contours, "-o", tmp_path / "frames.bin")
     refused(MISUSED, "which its result never replaces", "prepare", contours, "-o", contours, "--overwrite")
-    assert answer("play", out, "--array", "pat16", "--emulate", "--clock", "virtual")["frames"] == 2000
+    assert answer("play", out, "--array", "pat16", "--emulate", "--clock", "virtual")["frames"] == 200
 
 
 def test_damage_is_found_before_its_block_is_played(frames):

@@ -119,9 +119,8 @@ def test_the_divider_sets_the_rate(bus: EmulatorBackend, board_usb: usb.core.Dev
     assert status(board_usb)[6] == divider
 
 
-@pytest.mark.parametrize("divider", [0, 256, 65535])
-def test_a_divider_out_of_range_and_an_unknown_request_stall(board_usb: usb.core.Device, divider: int) -> None:
-    for request in ((0x40, 0x01, divider), (0x40, 0x77, 0)):
+def test_a_divider_out_of_range_and_an_unknown_request_stall(board_usb: usb.core.Device) -> None:
+    for request in ((0x40, 0x01, 0), (0x40, 0x01, 256), (0x40, 0x01, 65535), (0x40, 0x77, 0)):
         with pytest.raises(usb.core.USBError) as error:
             board_usb.ctrl_transfer(*request)
         assert error.value.errno == errno.EPIPE
@@ -171,16 +170,6 @@ def test_content_played_is_content_sent_in_pieces_of_any_size(sizes: list[int], 
     bus.clock.advance(2049 * divider * 25e-6)
     assert bus.board().played.tobytes() == sent[: whole * FRAME].tobytes()
     assert status(device)[4] == sum(sizes) % FRAME
-    usb.util.dispose_resources(device)
-
-
-def test_record_keeps_the_last_frames_only() -> None:
-    bus = EmulatorBackend(clock=VirtualClock(), record=3)
-    device = opened(bus)
-    sent = frames(10)
-    device.write(0x01, sent)
-    tick(bus, 20)
-    assert bus.board().played.tobytes() == sent[-3 * FRAME :].tobytes()
     usb.util.dispose_resources(device)
 
 

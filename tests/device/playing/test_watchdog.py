@@ -11,7 +11,17 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from palpate.device import DeviceBusyError, UsbLink, VirtualClock, WatchdogError, array_model, encode_frames, open_link
+from palpate.device import (
+    DeviceBusyError,
+    Fault,
+    FaultKind,
+    UsbLink,
+    VirtualClock,
+    WatchdogError,
+    array_model,
+    encode_frames,
+    open_link,
+)
 from palpate.device.playing.watchdog import EXIT_FAILED, EXIT_GOODBYE, EXIT_OFF, Watchdog, keep_watch, switch_off
 from palpate.device.registry import emulated_backend
 
@@ -90,8 +100,10 @@ def test_silence_is_met_once_and_heartbeats_make_it_good() -> None:
     assert watched.code == EXIT_GOODBYE
 
 
-@pytest.mark.parametrize("name", ["emulator", "pat16", "sonicsurface"])
-def test_it_silences_what_a_dead_player_left(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "request_number"), [("emulator", None), ("emulator", 1), ("pat16", 9), ("sonicsurface", None)]
+)
+def test_it_silences_what_a_dead_player_left_although_a_request_fails(name: str, request_number: int | None) -> None:
     model = array_model(name)
     bus = emulated_backend(name, clock=VirtualClock())
     wire = encode_frames(np.zeros((9, 256)), np.ones(9), array=model)
@@ -100,6 +112,8 @@ def test_it_silences_what_a_dead_player_left(name: str) -> None:
         dead.write(array("B", wire.tobytes()[: 8 * model.frame_bytes + 200]))
     bus.clock.advance(20 / model.frame_clock * model.divider_default)
     assert bus.board().emitting
+    if request_number is not None:
+        bus.inject(Fault(FaultKind.STALL, request=request_number))
     switch_off(model, None, backend=bus)
     bus.clock.advance(1)
     assert not bus.board().emitting

@@ -59,12 +59,6 @@ def _focal_points(path, duration) -> FocalPoints:
     return FocalPoints(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
-def _vendor_positions() -> np.ndarray:
-    """The vendor's own [m], their origin moved to the middle of the face, which holds 18 x 14 at 10.16 mm."""
-    theirs = vendor.geometry.Geometry([vendor.geometry.Autd3()])[0].positions().astype(np.float64) * 1e-3
-    return theirs - recorder.ORIGIN
-
-
 def _blocks(frames: np.ndarray, size: int = 400):
     for start in range(0, len(frames), size):
         yield frames[start : start + size]
@@ -79,7 +73,7 @@ def test_a_contour_file_is_played_with_the_right_phase_in_every_period(tmp_path,
     report = Player(link).play(_blocks(frames), update_rate=RATE)
     recorded = channel.record()
     emitting = np.flatnonzero(recorder.is_emitting(recorded))
-    distance = np.linalg.norm(focus.position[:, None].astype(np.float64) - _vendor_positions(), axis=2)
+    distance = np.linalg.norm(focus.position[:, None].astype(np.float64) - MODEL.position, axis=2)
     expected = np.repeat(-distance / WAVELENGTH * 256, DIVIDER, axis=0)
     drawn = np.repeat(drives.amplitude > 0, DIVIDER)
     played = recorded[emitting[0] : emitting[0] + len(expected)]

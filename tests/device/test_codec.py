@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from drive_cases import turned
 from hypothesis import given
 from hypothesis import strategies as st
 from wire_decoders import DECODERS, Drive
@@ -32,10 +33,6 @@ def read(frame: np.ndarray, model: ArrayModel) -> tuple[np.ndarray, np.ndarray]:
     return np.array(delay), np.array(amplitude)
 
 
-def turns_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return np.abs((a - b + 0.5) % 1 - 0.5)
-
-
 def focus_delay(model: ArrayModel, focus: np.ndarray) -> np.ndarray:
     return np.mod(-np.linalg.norm(model.position - focus, axis=1) / WAVELENGTH, 1).astype(np.float32)
 
@@ -51,7 +48,7 @@ def test_rounded_drives_are_what_the_bytes_do(name: str) -> None:
         got_delay, got_amplitude = read(frame, model)
         assert got_amplitude == pytest.approx(level[row], abs=1e-6)
         if level[row] > 0:
-            assert turns_between(got_delay, phase[row] / 256).max() <= 1e-9
+            assert turned(got_delay - phase[row] / 256).max() <= 1e-9
     with pytest.raises(FrameError, match="amplitude"):
         round_drives(delay, amplitude + 1, array=model)
 
@@ -70,7 +67,7 @@ def test_each_transducer_gets_its_own_delay_and_amplitude_less_its_calibration(n
     for row, frame in enumerate(encode_frames(delay, amplitude, array=model)):
         on_wire, level = read(frame, model)
         emitted = on_wire + offset  # a transducer adds its own delay
-        assert (turns_between(emitted, delay[row])[level > 0] <= 0.5 / STEPS[name] + 1e-6).all()
+        assert (turned(emitted - delay[row])[level > 0] <= 0.5 / STEPS[name] + 1e-6).all()
         assert (np.abs(level - amplitude[row] * gain) <= AMPLITUDE_ERROR[name] + 1e-6).all()
 
 

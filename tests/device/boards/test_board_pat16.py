@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from board_field import turns_apart
+from drive_cases import turned
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from umockdev_session import write_pat_file
 
 from palpate.device.array import ArrayModel
-from palpate.device.boards.pat16.layout import with_divider
-from palpate.device.boards.pat16.model import PatBoard, decode_frames, pulses
+from palpate.device.boards.pat16.model import PatBoard, decode_frames
 from palpate.device.clock import VirtualClock
-from palpate.device.codec import encode_frames, off_frame
+from palpate.device.codec import encode_frames
 from palpate.device.registry import array_model
 
 FRAME = 512
@@ -93,7 +92,7 @@ def test_the_fundamental_told_is_that_of_the_pulse(board: PatBoard) -> None:
     for pin in range(0, 256, 5):
         middle_of_count = np.exp(-2j * np.pi * (np.arange(128) + 0.5) / 128)
         fundamental = (board.output(pin) * middle_of_count).sum() * np.sin(np.pi / 128)
-        assert turns_apart(-np.angle(fundamental) / (2 * np.pi), delay[pin]) < 1e-9
+        assert turned(-np.angle(fundamental) / (2 * np.pi) - delay[pin]) < 1e-9
         assert abs(fundamental) == pytest.approx(amplitude[pin], abs=1e-9)
 
 
@@ -382,29 +381,7 @@ def test_every_transducer_emits_the_delay_meant_for_it(wiring: tuple) -> None:
     advance(board.clock, SECOND)
     begun, strength = decode_frames(board.played)
     # A constant of a quarter of a turn is that of a full pulse's middle; where a duty is 0 there is no pulse.
-    apart = turns_apart(begun[:, pin] + own_delay - 0.25, delay)
+    apart = turned(begun[:, pin] + own_delay - 0.25 - delay)
     assert apart[strength[:, pin] > 0].max() <= 1 / 128
     # half a step of duty, at its steepest pi / 128 in amplitude
     assert np.abs(strength[:, pin] - amplitude * gain).max() <= 0.5 * np.pi / 128 + 1e-6
-
-
-def test_silence_is_silent() -> None:
-    silent = encode_frames(np.full((1, 256), 0.3), np.zeros(1), array="pat16")
-    for frames in (silent, off_frame(array="pat16")[None]):
-        board = PatBoard(VirtualClock(), record=10, on_for_ns=SWITCHED_ON)
-        send(board, np.concatenate([wire(1), frames]))
-        assert board.emitting
-        advance(board.clock, 4 * TICK)
-        assert (board.frames_played, board.emitting) == (2, False)
-        assert not any(board.output(pin).any() for pin in range(256))
-
-
-@pytest.mark.parametrize("divider", [1, 3, 28, 255])
-def test_the_codecs_divider_sets_the_rate_and_leaves_the_phases(divider: int) -> None:
-    frames = encode_frames(np.random.default_rng(4).random((6, 256), np.float32), np.ones(6), array="pat16")
-    board = PatBoard(VirtualClock(), record=10, on_for_ns=SWITCHED_ON)
-    send(board, with_divider(frames, divider))
-    advance(board.clock, 6 * 255 * TICK)
-    assert (np.diff(board.played_ns) == divider * TICK).all()
-    assert np.array_equal(pulses(board.played)[0], pulses(frames)[0])
-    assert np.array_equal(pulses(board.played)[1], pulses(frames)[1])

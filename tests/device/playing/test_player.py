@@ -165,18 +165,6 @@ def test_playing_begins_when_the_queue_is_full(bus: EmulatorBackend, link: UsbLi
     assert seen == [0] * 6  # 5 fill the queue, the 6th is made before the first is sent
 
 
-def test_progress_counts_up_to_all_frames_on_the_calling_thread(link: UsbLink) -> None:
-    seen: list[tuple[int, int]] = []
-    report = Player(link).play(
-        in_blocks(content(5000), 100),
-        update_rate=RATE,
-        progress=lambda frames: seen.append((frames, threading.get_ident())),
-    )
-    assert {thread for _, thread in seen} == {threading.get_ident()}
-    assert [frames for frames, _ in seen] == sorted(frames for frames, _ in seen)
-    assert seen[-1][0] == report.frames == 5000
-
-
 def test_late_blocks_are_counted_by_the_player_and_by_the_board(bus: EmulatorBackend, link: UsbLink) -> None:
     def blocks() -> Iterator[bytes]:
         yield content(10).tobytes()  # fills the queue of one
@@ -419,21 +407,29 @@ def test_a_block_that_comes_again_is_neither_copied_nor_looked_at_again(
     assert np.array_equal(bus.board().played[:-1], expected)
 
 
-def test_watch_is_told_live_statistics_ten_times_a_second_at_most_and_at_the_end(link: UsbLink) -> None:
+def test_progress_and_watch_are_called_on_the_calling_thread_and_watch_ten_times_a_second_at_most(
+    link: UsbLink,
+) -> None:
     seen: list[LiveStatistics] = []
+    taken: list[int] = []
     threads: set[int] = set()
 
     def watch(live: LiveStatistics) -> None:
         seen.append(live)
         threads.add(threading.get_ident())
 
+    def progress(frames: int) -> None:
+        taken.append(frames)
+        threads.add(threading.get_ident())
+
     began = time.monotonic()
-    report = Player(link).play(in_blocks(content(20_000), 10), update_rate=RATE, watch=watch)
+    report = Player(link).play(in_blocks(content(5000), 10), update_rate=RATE, watch=watch, progress=progress)
     assert len(seen) <= 2 + (time.monotonic() - began) * 10
     assert threads == {threading.get_ident()}
-    assert seen[-1].frames == report.frames == 20_000
+    assert seen[-1].frames == taken[-1] == report.frames == 5000
     assert (seen[-1].underruns, seen[-1].starved) == (report.underruns, report.starved)
     assert [live.frames for live in seen] == sorted(live.frames for live in seen)
+    assert taken == sorted(taken)
 
 
 def test_threads_take_turns_faster_while_playing_only() -> None:

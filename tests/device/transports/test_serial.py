@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 from pty_board import PtyBoard, pty_board
 
-from palpate.datasets.focus_files.ptlist import write_ptlist
 from palpate.device import (
     DeviceBusyError,
     DeviceLostError,
@@ -35,8 +34,6 @@ from palpate.device import (
     open_link,
 )
 from palpate.device.transports.serial_transport import SerialTransport
-from palpate.render import play_file
-from palpate.render.playback.placed_arrays import load_rig
 
 comports = pytest.importorskip("serial.tools.list_ports", reason="pyserial is a test extra")
 FAST = 1_462_857  # [Bd], of SonicSurface's firmware compiled with divisor 7
@@ -233,16 +230,6 @@ def test_one_of_several_adapters_must_be_named_and_the_only_one_is_taken(
     refused("sonicsurface X was not found: found instead: /dev/ttyUSB0, 0001", "X")
     for name, path in (("A50285BI", "/dev/ttyUSB2"), ("/dev/ttyUSB0",) * 2, ("/dev/ttyUSB4",) * 2):
         refused(f"sonicsurface at {path} was not found: there is no such port", name)  # chosen, and then not there
-
-
-def test_a_file_is_played_to_a_named_port(board: PtyBoard, tmp_path: Path) -> None:
-    rate = MODEL.frame_clock
-    write_ptlist(tmp_path / "p.ptlist", np.tile([0.01, 0.0, 0.2], (20, 1)), np.ones(20), rate)
-    playback = play_file(tmp_path / "p.ptlist", array=load_rig("Sonic-Surface", serial=board.path))
-    board.settle()
-    assert (playback.played.array, playback.played.frames) == ("sonicsurface", 20)
-    assert not board.board.emitting
-    assert len(board.board.played) >= 22
 
 
 PLAYER = """

@@ -99,28 +99,44 @@ def test_what_appears_and_disappears_takes_a_bounded_number_of_poses():
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize(("name", "seed"), [("dog", 1), ("dog", 4), ("tube", 1)])
+@pytest.mark.parametrize(("name", "seed"), [("dog", 1), ("dog", 4), ("tube", 2)])
 @pytest.mark.parametrize("strategy", [closed_contour, open_contour])
 @pytest.mark.parametrize(("update_rate", "steps"), [(10_000.0, 3), (10_000.0, 1), (40_000.0, 1)])
 def test_no_direction_is_worth_a_longer_step_at_a_new_pose(name, seed, strategy, update_rate, steps):
-    """Where contours part and merge, the nearest one may run the other way. By counters, and by subtraction."""
+    """Where contours part and merge, the nearest one may run the other way."""
     thing, ordinary = MeshObject.load(name), 7.0 / update_rate
     motion = exploration(thing.bounds, duration=10.0, rate=90.0, seed=seed, model="around")
     denser = insert_poses(thing, Palm(), motion, strategy(), distance=steps * ordinary)
-    count, position, drawn = counted(thing, denser, update_rate, strategy())
+    count = counted(thing, denser, update_rate, strategy())[0]
     assert count.jumps["pose"] == 0
     assert count.hops_longest["pose"] <= 1.01 * 4 * ordinary
     assert count.hops["pose"] == 0 or steps == 3
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(
+    ("update_rate", "steps", "hops"), [(10_000.0, 3, True), (10_000.0, 1, False), (40_000.0, 3, True)]
+)
+def test_no_step_at_a_new_pose_is_longer_than_twice_two_ordinary_ones(update_rate, steps, hops):
+    """The counters, and steps of the focal points at the times of poses, by subtraction."""
+    tube = MeshObject.load("tube")
+    motion = exploration(tube.bounds, duration=10.0, rate=90.0, seed=1, model="around")
+    ordinary = 7.0 / update_rate
+    before = counted(tube, motion, update_rate)[0]
+    assert before.hops["pose"] > 100
+    denser = insert_poses(tube, Palm(), motion, closed_contour(), distance=steps * ordinary)
+    count, position, drawn = counted(tube, denser, update_rate)
+    assert count.jumps["pose"] == 0
+    assert (count.hops["pose"] > 0) == hops
+    assert count.hops_longest["pose"] <= 4 * ordinary
     length = np.linalg.norm(np.diff(position, axis=0), axis=1)
     length[~(drawn[1:] & drawn[:-1])] = 0
-    far = np.count_nonzero(length > 1.01 * 4 * ordinary)
-    assert far <= count.jumps["polyline"] + count.jumps["order"]  # only the ways between polylines are left
-    if (name, strategy, update_rate) == ("tube", closed_contour, 10_000.0):
-        assert counted(thing, motion, update_rate, strategy())[0].hops["pose"] > 100  # without the inserted poses
+    far = np.count_nonzero(length > 4 * ordinary)
+    assert far == count.jumps["polyline"] + count.jumps["order"]  # only the ways between polylines are left
 
 
-def counted(thing, motion, update_rate, strategy):
-    batch = render(thing, Palm(), motion, strategy)
+def counted(thing, motion, update_rate, strategy=None):
+    batch = render(thing, Palm(), motion, strategy or closed_contour())
     sampler = Sampler(SamplingStrategy(update_rate=update_rate))
     blocks = list(sample_contours([batch], motion.pose, motion.time, motion.duration, sampler))
     position = np.concatenate([block.position for block in blocks]).astype(float)

@@ -10,12 +10,6 @@ FOCUS = np.array([0.030, -0.020, 0.200])
 """Asymmetric, so that a mirrored or turned array, or a wrong sign, shows [m]."""
 
 
-def focal_delay(position: np.ndarray, point: np.ndarray = FOCUS) -> np.ndarray:
-    """Delay [turns] of each transducer with which all arrive at a point together, shape [transducer]."""
-    distance = np.linalg.norm(position.astype(np.float64) - point, axis=1)
-    return (-distance * CARRIER / SPEED_OF_SOUND) % 1.0
-
-
 def brightest_point(position: np.ndarray, delay: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
     """The point [m] of a grid 20 mm wide about the focus (0.5 mm, 1 mm in z) at which most arrives in phase."""
     across, along = np.arange(-20, 21) * 0.5e-3, np.arange(-10, 11) * 1e-3
@@ -25,9 +19,3 @@ def brightest_point(position: np.ndarray, delay: np.ndarray, amplitude: np.ndarr
         flight = np.linalg.norm(grid - place, axis=1) * CARRIER / SPEED_OF_SOUND
         field += strength * np.exp(-2j * np.pi * (turns + flight))
     return grid[np.argmax(np.abs(field))]
-
-
-def turns_apart(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Distance between delays [turns], 0..1/2."""
-    apart = np.abs(np.asarray(a, np.float64) - b) % 1.0
-    return np.minimum(apart, 1.0 - apart)

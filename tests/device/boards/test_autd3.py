@@ -53,7 +53,7 @@ def _wire(frames: np.ndarray) -> array:
 
 @pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("uniform", [True, False])
-@pytest.mark.parametrize(("divider", "count"), [(1, 2500), (4, 2500), (4, 1), (4, 2), (7, 1201)])
+@pytest.mark.parametrize(("divider", "count"), [(1, 1500), (7, 1201), (4, 2500), (4, 1), (4, 2)])
 def test_each_frame_is_played_for_its_time_without_a_gap_between_banks(divider, count, uniform, recording):
     channel = recording()
     link = _link(channel)
@@ -97,7 +97,7 @@ def test_a_slow_network_starves_only_a_rate_that_it_cannot_carry(recording):
         channel = recording(datagram_ns=120_000)
         link = _link(channel)
         link.start(divider)
-        link.write(_wire(_random_frames(4 * BANK_FRAMES_MAX, uniform=False)))
+        link.write(_wire(_random_frames(3 * BANK_FRAMES_MAX, uniform=False)))
         link.drain()
         assert (link.underruns > 0) == starves
 
@@ -133,6 +133,7 @@ def test_a_link_plays_again_after_off_at_another_rate(recording):
     link.write(_wire(first), abandon=lambda: True)
     assert not link.drain(abandon=lambda: True)
     link.cancel()
+    channel.sleep_until_ns(channel.now_ns() + 60_000_000)  # in which the first would be played, had it not been dropped
     link.start(2)
     link.write(_wire(second))
     link.drain()
@@ -219,10 +220,6 @@ def test_what_cannot_be_played_is_refused(recording):
     with pytest.raises(FrameError, match="499 bytes"):
         link.write(array("B", bytes(499)))
     assert channel.sends == 0
-
-
-def test_off_frame_is_the_one_the_controller_sends():
-    np.testing.assert_array_equal(off_frame(array=MODEL), np.zeros(498, np.uint8))
 
 
 def test_the_package_takes_firmware_of_its_own_series_only():

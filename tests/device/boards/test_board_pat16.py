@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from board_field import FOCUS, brightest_point, focal_delay, turns_apart
+from drive_cases import turned
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from umockdev_session import write_pat_file
 
-from palpate.device.boards.pat16.layout import with_divider
-from palpate.device.boards.pat16.model import PatBoard, decode_frames, pulses
+from palpate.device.array import ArrayModel
+from palpate.device.boards.pat16.model import PatBoard, decode_frames
 from palpate.device.clock import VirtualClock
-from palpate.device.codec import encode_frames, off_frame
+from palpate.device.codec import encode_frames
 from palpate.device.registry import array_model
 
 FRAME = 512
@@ -93,29 +92,19 @@ def test_the_fundamental_told_is_that_of_the_pulse(board: PatBoard) -> None:
     for pin in range(0, 256, 5):
         middle_of_count = np.exp(-2j * np.pi * (np.arange(128) + 0.5) / 128)
         fundamental = (board.output(pin) * middle_of_count).sum() * np.sin(np.pi / 128)
-        assert turns_apart(-np.angle(fundamental) / (2 * np.pi), delay[pin]) < 1e-9
+        assert turned(-np.angle(fundamental) / (2 * np.pi) - delay[pin]) < 1e-9
         assert abs(fundamental) == pytest.approx(amplitude[pin], abs=1e-9)
 
 
-def test_flags_in_the_most_significant_bits_are_no_phase(board: PatBoard) -> None:
-    frames = wire(phase=77, divider=255, led=0xFFFFFF)
-    assert (pulses(frames)[0] == 77).all()
-
-
-@pytest.mark.parametrize("divider", [1, 3, 4, 157, 255])
-def test_the_divider_is_that_of_the_frame_that_loads_it(board: PatBoard, clock: VirtualClock, divider: int) -> None:
-    send(board, np.concatenate([wire(2), wire(1, divider=divider), wire(2)]))
+# FrameBufferController compares divcnt, of 8 bits, with divider - 1: 0 - 1 is 255, so 0 is 256.
+@pytest.mark.parametrize(("loaded", "divider"), [(1, 1), (4, 4), (157, 157), (255, 255), (0, 256)])
+def test_the_divider_is_that_of_the_frame_that_loads_it(
+    board: PatBoard, clock: VirtualClock, loaded: int, divider: int
+) -> None:
+    send(board, np.concatenate([wire(2), wire(1, divider=loaded), wire(2)]))
     advance(clock, 3 * 255 * 4 * TICK)
     assert np.diff(board.played_ns).tolist() == [4 * TICK, 4 * TICK, divider * TICK, divider * TICK]
     assert board.divider == divider
-
-
-def test_a_divider_of_0_is_256(board: PatBoard, clock: VirtualClock) -> None:
-    # FrameBufferController compares divcnt, of 8 bits, with divider - 1: 0 - 1 is 255
-    send(board, wire(3, divider=0))
-    advance(clock, 1000 * TICK)
-    assert board.divider == 256
-    assert np.diff(board.played_ns)[-1] == 256 * TICK
 
 
 def test_the_led_takes_24_bits_when_told(board: PatBoard, clock: VirtualClock) -> None:
@@ -371,93 +360,28 @@ def test_what_has_not_passed_the_chip_is_purged() -> None:
 # What the codec's bytes make this board emit. A board file of random wiring and calibration tells both sides.
 
 
-class Wiring:
-    """A board with random pins, offsets and amplitude factors, and the file that tells of them."""
-
-    def __init__(self, folder: Path) -> None:
-        random = np.random.default_rng(7)
-        steps = np.arange(16) * 10.5e-3 - 78.75e-3
-        self.position = np.array([(x, y, 0.0) for x in steps for y in steps[::-1]])
-        self.pin = random.permutation(256)
-        self.offset = random.integers(-180, 180, 256) / 360  # [turns] that a transducer lags by itself
-        self.factor = random.integers(50, 101, 256) / 100
-        self.path = folder / "board.pat"
-        lines = [
-            "TEST0001",
-            "256",
-            "128",
-            ",".join(f"({x:.5f}, {y:.5f}, {z:.1f})" for x, y, z in self.position),
-            ",".join(map(str, self.pin)),
-            ",".join(f"{360 * turns:.1f}" for turns in self.offset),
-            ",".join(f"{factor:.2f}" for factor in self.factor),
-        ]
-        self.path.write_text("\n".join(lines) + "\n")
-        self.model = array_model("pat16", calibration=self.path)
-        # transducer of the file that stands where each of the model's does
-        apart = np.linalg.norm(self.model.position[:, None].astype(np.float64) - self.position[None], axis=2)
-        self.of_model = apart.argmin(axis=1)
-        assert apart.min(axis=1).max() < 1e-6
-
-    def emitted(self, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Delay [turns] and amplitude of each transducer of the model, [frame, transducer]."""
-        delay, amplitude = decode_frames(frames)
-        pin = self.pin[self.of_model]
-        return (delay[:, pin] + self.offset[self.of_model]) % 1.0, amplitude[:, pin]
-
-
 @pytest.fixture(scope="module")
-def wiring(tmp_path_factory: pytest.TempPathFactory) -> Wiring:
-    return Wiring(tmp_path_factory.mktemp("pat"))
+def wiring(tmp_path_factory: pytest.TempPathFactory) -> tuple[ArrayModel, np.ndarray, np.ndarray, np.ndarray]:
+    """A board of random wiring; pin, own delay [turns] and amplitude factor of each of its transducers."""
+    path = tmp_path_factory.mktemp("pat") / "board.pat"
+    place, own_delay, gain = write_pat_file(path, serial="TEST0001", seed=7)
+    model = array_model("pat16", calibration=path)
+    apart = np.linalg.norm(model.position[:, None].astype(np.float64) - place, axis=2)
+    assert apart.min(axis=1).max() < 1e-6
+    pin = apart.argmin(axis=1)
+    return model, pin, own_delay[pin], gain[pin]
 
 
-def played_by_a_board(frames: np.ndarray) -> np.ndarray:
-    """Frames as a board takes them, poured as a bus would."""
-    board = PatBoard(VirtualClock(), record=100_000, on_for_ns=SWITCHED_ON)
-    pour(board, frames.tobytes())
-    advance(board.clock, SECOND)
-    return board.played
-
-
-def test_every_transducer_emits_the_delay_meant_for_it(wiring: Wiring) -> None:
+def test_every_transducer_emits_the_delay_meant_for_it(wiring: tuple) -> None:
+    model, pin, own_delay, gain = wiring
     random = np.random.default_rng(3)
-    delay = random.random((200, 256), np.float32)
-    amplitude = random.random((200, 256), np.float32)
-    emitted, strength = wiring.emitted(played_by_a_board(encode_frames(delay, amplitude, array=wiring.model)))
+    delay, amplitude = random.random((200, 256), np.float32), random.random((200, 256), np.float32)
+    board = PatBoard(VirtualClock(), record=200, on_for_ns=SWITCHED_ON)
+    pour(board, encode_frames(delay, amplitude, array=model).tobytes())
+    advance(board.clock, SECOND)
+    begun, strength = decode_frames(board.played)
     # A constant of a quarter of a turn is that of a full pulse's middle; where a duty is 0 there is no pulse.
-    apart = turns_apart(emitted - 0.25, delay)
-    assert apart[strength > 0].max() <= 1 / 128
-    wanted = amplitude * wiring.factor[wiring.of_model]
+    apart = turned(begun[:, pin] + own_delay - 0.25 - delay)
+    assert apart[strength[:, pin] > 0].max() <= 1 / 128
     # half a step of duty, at its steepest pi / 128 in amplitude
-    assert np.abs(strength - wanted).max() <= 0.5 * np.pi / 128 + 1e-6
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("amplitude", [1.0, 0.3])
-def test_the_field_peaks_at_the_focus_asked_for(wiring: Wiring, amplitude: float) -> None:
-    delay = focal_delay(wiring.model.position)
-    played = played_by_a_board(encode_frames(delay[None], np.array([amplitude]), array=wiring.model))
-    [emitted], [strength] = wiring.emitted(played)
-    assert np.linalg.norm(brightest_point(wiring.model.position, emitted, strength) - FOCUS) <= 1e-3
-
-
-def test_silence_is_silent(wiring: Wiring) -> None:
-    silent = encode_frames(np.full((1, 256), 0.3), np.zeros(1), array=wiring.model)
-    for frames in (silent, off_frame(array=wiring.model)[None]):
-        board = PatBoard(VirtualClock(), record=10, on_for_ns=SWITCHED_ON)
-        send(board, np.concatenate([wire(1), frames]))
-        assert board.emitting
-        advance(board.clock, 4 * TICK)
-        assert (board.frames_played, board.emitting) == (2, False)
-        assert not any(board.output(pin).any() for pin in range(256))
-
-
-@pytest.mark.parametrize("divider", [1, 3, 28, 255])
-def test_the_codecs_divider_sets_the_rate_and_leaves_the_phases(wiring: Wiring, divider: int) -> None:
-    delay = np.random.default_rng(4).random((6, 256), np.float32)
-    frames = encode_frames(delay, np.ones(6), array=wiring.model)
-    board = PatBoard(VirtualClock(), record=10, on_for_ns=SWITCHED_ON)
-    send(board, with_divider(frames, divider))
-    advance(board.clock, 6 * 255 * TICK)
-    assert (np.diff(board.played_ns) == divider * TICK).all()
-    assert np.array_equal(pulses(board.played)[0], pulses(frames)[0])
-    assert np.array_equal(pulses(board.played)[1], pulses(frames)[1])
+    assert np.abs(strength[:, pin] - amplitude * gain).max() <= 0.5 * np.pi / 128 + 1e-6

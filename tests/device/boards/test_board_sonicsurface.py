@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from board_field import FOCUS, brightest_point, focal_delay, turns_apart
+from drive_cases import turned
 
 from palpate.device.boards.sonicsurface.model import BAUD, SonicBoard, decode_patterns, slot_position
 from palpate.device.clock import VirtualClock
-from palpate.device.codec import encode_frames, off_frame
+from palpate.device.codec import encode_frames
 from palpate.device.registry import array_model
 
 START, SWAP, CLOCKS_OFF, CLOCKS_ON, PRIMARY, SECONDARY = 0xFE, 0xFD, 0x96, 0x97, 0xC0, 0xC1
@@ -47,16 +47,12 @@ def test_a_swap_plays_what_came_since_the_start() -> None:
     assert (board.bytes_ignored, board.bytes_strange, board.bytes_garbled) == (0, 0, 0)
 
 
-def test_a_bare_swap_toggles_the_last_two() -> None:
-    board = board_of()
-    pour(board, command(pattern(1)) + command(pattern(2)) + bytes([SWAP, SWAP]))
-    assert board.played.tobytes() == pattern(1) + pattern(2) + pattern(1) + pattern(2)
-
-
-def test_nothing_is_heard_before_the_swap() -> None:
+def test_nothing_is_heard_before_the_swap_and_a_bare_one_toggles_the_last_two() -> None:
     board = board_of()
     pour(board, command(pattern(1))[:-1])
     assert (board.emitting, board.frames_played) == (False, 0)
+    pour(board, bytes([SWAP]) + command(pattern(2)) + bytes([SWAP, SWAP]))
+    assert board.played.tobytes() == pattern(1) + pattern(2) + pattern(1) + pattern(2)
 
 
 def test_a_pattern_takes_258_bytes_of_ten_bits() -> None:
@@ -163,21 +159,4 @@ def test_every_transducer_emits_the_delay_meant_for_it() -> None:
     got, strength = emitted(encode_frames(delay, amplitude, array="sonicsurface"))
     assert np.array_equal(strength, amplitude)
     # A constant of a quarter of a turn is that of a half-period pulse's middle.
-    assert turns_apart(got - 0.25, delay)[amplitude == 1].max() <= 0.5 / 32 + 1e-6
-
-
-@pytest.mark.exhaustive
-def test_the_field_peaks_at_the_focus_asked_for() -> None:
-    position = array_model("sonicsurface").position
-    [delay], [strength] = emitted(encode_frames(focal_delay(position)[None], np.ones(1), array="sonicsurface"))
-    assert np.linalg.norm(brightest_point(position, delay, strength) - FOCUS) <= 1e-3
-
-
-def test_silence_is_silent() -> None:
-    silent = encode_frames(np.full((1, 256), 0.3), np.zeros(1), array="sonicsurface")
-    for frames in (silent, off_frame(array="sonicsurface")[None]):
-        board = board_of(sender=230_400)
-        pour(board, command(bytes(256)))
-        assert board.emitting
-        pour(board, frames.tobytes())
-        assert (board.emitting, board.frames_played) == (False, 2)
+    assert turned(got - 0.25 - delay)[amplitude == 1].max() <= 0.5 / 32 + 1e-6

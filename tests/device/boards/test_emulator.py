@@ -56,20 +56,6 @@ def tick(bus: EmulatorBackend, periods: float) -> None:
     bus.clock.advance(periods * PERIOD * 1e-9)
 
 
-def test_enumeration_gives_ids_strings_and_one_bulk_endpoint(bus: EmulatorBackend) -> None:
-    bus = EmulatorBackend(["one", "two"], clock=VirtualClock())
-    found = list(usb.core.find(find_all=True, backend=bus))
-    assert [(d.idVendor, d.idProduct, d.serial_number) for d in found] == [(0x1209, 1, "one"), (0x1209, 1, "two")]
-    assert (found[0].manufacturer, found[0].product) == ("palpate", "emulated 256-transducer array")
-    [configuration] = found[0].configurations()
-    [interface] = configuration.interfaces()
-    [endpoint] = interface.endpoints()
-    assert (endpoint.bEndpointAddress, endpoint.bmAttributes, endpoint.wMaxPacketSize) == (0x01, 0x02, 512)
-    assert usb.core.find(backend=bus, idProduct=2) is None
-    for each in found:
-        usb.util.dispose_resources(each)
-
-
 def test_writing_needs_a_configuration_and_the_claim(bus: EmulatorBackend) -> None:
     first = usb.core.find(backend=bus)
     with pytest.raises(usb.core.USBError, match="Configuration not set"):
@@ -133,9 +119,8 @@ def test_the_divider_sets_the_rate(bus: EmulatorBackend, board_usb: usb.core.Dev
     assert status(board_usb)[6] == divider
 
 
-@pytest.mark.parametrize("divider", [0, 256, 65535])
-def test_a_divider_out_of_range_and_an_unknown_request_stall(board_usb: usb.core.Device, divider: int) -> None:
-    for request in ((0x40, 0x01, divider), (0x40, 0x77, 0)):
+def test_a_divider_out_of_range_and_an_unknown_request_stall(board_usb: usb.core.Device) -> None:
+    for request in ((0x40, 0x01, 0), (0x40, 0x01, 256), (0x40, 0x01, 65535), (0x40, 0x77, 0)):
         with pytest.raises(usb.core.USBError) as error:
             board_usb.ctrl_transfer(*request)
         assert error.value.errno == errno.EPIPE
@@ -148,16 +133,6 @@ def test_a_full_fifo_blocks_until_the_clock_makes_room(bus: EmulatorBackend, boa
     assert board_usb.write(0x01, frames(10), timeout=1000) == 10 * FRAME
     assert bus.clock.now_ns() == 10 * PERIOD
     assert status(board_usb)[3] == 2048
-
-
-def test_a_write_blocked_at_its_timeout_is_short_and_without_any_byte_an_error(
-    bus: EmulatorBackend, board_usb: usb.core.Device
-) -> None:
-    board_usb.ctrl_transfer(0x40, 0x01, 255)  # 6.375 ms a frame
-    assert board_usb.write(0x01, frames(2048), timeout=1) == 2048 * FRAME
-    with pytest.raises(usb.core.USBTimeoutError):
-        board_usb.write(0x01, frames(1), timeout=3)
-    assert board_usb.write(0x01, frames(5), timeout=10) == 2 * FRAME
 
 
 def test_a_write_larger_than_the_fifo_does_not_starve_it(bus: EmulatorBackend, board_usb: usb.core.Device) -> None:
@@ -198,66 +173,6 @@ def test_content_played_is_content_sent_in_pieces_of_any_size(sizes: list[int], 
     usb.util.dispose_resources(device)
 
 
-def test_record_keeps_the_last_frames_only() -> None:
-    bus = EmulatorBackend(clock=VirtualClock(), record=3)
-    device = opened(bus)
-    sent = frames(10)
-    device.write(0x01, sent)
-    tick(bus, 20)
-    assert bus.board().played.tobytes() == sent[-3 * FRAME :].tobytes()
-    usb.util.dispose_resources(device)
-
-
-@pytest.mark.parametrize("offset", [0, 100, 700])
-@pytest.mark.parametrize(
-    ("kind", "code"),
-    [
-        (FaultKind.UNPLUG, errno.ENODEV),
-        (FaultKind.STALL, errno.EPIPE),
-        (FaultKind.TIMEOUT, errno.ETIMEDOUT),
-        (FaultKind.SHORT, 0),
-    ],
-)
-def test_a_fault_strikes_at_its_byte_and_the_board_has_those_before(
-    bus: EmulatorBackend, board_usb: usb.core.Device, offset: int, kind: FaultKind, code: int
-) -> None:
-    bus.inject(Fault(kind, byte=1024 + offset))
-    assert board_usb.write(0x01, frames(2)) == 1024
-    if kind is FaultKind.SHORT or (kind is FaultKind.TIMEOUT and offset):
-        assert board_usb.write(0x01, frames(2)) == offset
-    else:
-        with pytest.raises(usb.core.USBError) as error:
-            board_usb.write(0x01, frames(2))
-        assert error.value.errno == code
-    assert bus.board().bytes_received == 1024 + offset
-    if kind is FaultKind.STALL:
-        with pytest.raises(usb.core.USBError, match="Pipe"):
-            board_usb.write(0x01, frames(1))
-        board_usb.clear_halt(0x01)
-    if kind is FaultKind.UNPLUG:
-        with pytest.raises(usb.core.USBError, match="No such device"):
-            board_usb.ctrl_transfer(0xC0, 0x02, 0, 0, 32)
-        assert usb.core.find(backend=bus) is None
-        assert not bus.board().playing.any()
-    else:
-        assert board_usb.write(0x01, frames(2)) == 1024
-
-
-def test_opening_and_claiming_fail_when_told_to(bus: EmulatorBackend) -> None:
-    bus.inject(Fault(FaultKind.DENIED))
-    bus.inject(Fault(FaultKind.BUSY))
-    found = usb.core.find(backend=bus)
-    with pytest.raises(usb.core.USBError) as error:
-        found.set_configuration()
-    assert error.value.errno == errno.EACCES
-    found.set_configuration()
-    with pytest.raises(usb.core.USBError) as error:
-        usb.util.claim_interface(found, 0)
-    assert error.value.errno == errno.EBUSY
-    usb.util.claim_interface(found, 0)
-    usb.util.dispose_resources(found)
-
-
 def test_a_fault_without_its_place_is_refused() -> None:
     for kind, place in (
         (FaultKind.STALL, {}),
@@ -267,14 +182,3 @@ def test_a_fault_without_its_place_is_refused() -> None:
     ):
         with pytest.raises(ValueError, match="fault"):
             Fault(kind, **place)
-
-
-def test_after_replugging_a_board_is_as_from_power_up(bus: EmulatorBackend, board_usb: usb.core.Device) -> None:
-    board_usb.write(0x01, frames(5, level=3))
-    tick(bus, 2)
-    bus.unplug()
-    assert not bus.board().playing.any()
-    bus.replug()
-    again = opened(bus)
-    assert status(again) == (0, 0, 0, 0, 0, 0, 4)
-    usb.util.dispose_resources(again)

@@ -75,11 +75,8 @@ def test_however_a_list_is_wrapped_it_says_the_same(
     ("line", "width", "count", "message"),
     [
         (PINS, 300, 255, "the pins, which begin in line 5, hold 511 items (255 without line 6) where 256 belong"),
-        (PINS, 300, 257, "the pins, which begin in line 5, hold 257 items where 256 belong"),
         (PINS, 16, 255, "the pins, which begin in line 5, hold 511 items (255 without line 21) where 256 belong"),
         (PINS, 16, 257, "the phase offsets, which begin in line 21, hold 257 items (1 without line 22) where"),
-        (OFFSETS, 300, 255, "the phase offsets, which begin in line 6, hold 511 items (255 without line 7) where"),
-        (OFFSETS, 300, 257, "the phase offsets, which begin in line 6, hold 257 items where 256 belong"),
         (OFFSETS, 16, 255, "the phase offsets, which begin in line 6, hold 511 items (255 without line 22) where"),
         (OFFSETS, 16, 257, "the amplitude factors, which begin in line 22, hold 257 items (1 without line 23)"),
         (FACTORS, 300, 255, "ends where item 256 of 256 of the amplitude factors should be"),
@@ -98,15 +95,15 @@ def test_a_number_too_few_or_too_many_is_refused(
 
 
 @pytest.mark.parametrize("line", [PINS, OFFSETS, FACTORS])
-@pytest.mark.parametrize("word", ["x", "1e999", "nan", "", "1 2"])
-def test_letters_are_refused_with_list_and_word(tmp_path: Path, line: int, word: str) -> None:
-    lines = unwrapped()
-    numbers = lines[line - 1].split(",")
-    numbers[100] = word
-    lines[line - 1] = wrapped(",".join(numbers), 16)
-    message = f"{NAMES[line]}, which begin in line {line}, have {word!r} where a number belongs"
-    with pytest.raises(CalibrationError, match=re.escape(message)):
-        read_pat(write(tmp_path / "b.pat", lines))
+def test_letters_are_refused_with_list_and_word(tmp_path: Path, line: int) -> None:
+    for word in ("x", "1e999", "nan", "", "1 2"):
+        lines = unwrapped()
+        numbers = lines[line - 1].split(",")
+        numbers[100] = word
+        lines[line - 1] = wrapped(",".join(numbers), 16)
+        message = f"{NAMES[line]}, which begin in line {line}, have {word!r} where a number belongs"
+        with pytest.raises(CalibrationError, match=re.escape(message)):
+            read_pat(write(tmp_path / "b.pat", lines))
 
 
 @pytest.mark.parametrize(
@@ -138,23 +135,18 @@ def test_a_wrong_board_file_is_refused_with_what_is_wrong(
     assert isinstance(caught.value, DeviceError)
 
 
-@pytest.mark.parametrize(
-    ("line", "values", "message"),
-    [
+def test_values_out_of_range_are_refused_with_list_value_and_bound(tmp_path: Path) -> None:
+    for line, values, message in (
         (PINS, [0, *range(255)], "the pins, which begin in line 5, have pin 0 more than once"),
         (PINS, [256, *range(255)], "have a pin of 256, which is not a whole number in 0..255"),
         (PINS, [0.5, *range(255)], "have a pin of 0.5, which is not a whole number in 0..255"),
         (OFFSETS, [361] + [0] * 255, "have a phase offset of 361, which is not within 360 degrees"),
         (FACTORS, [1.01] + [1] * 255, "have an amplitude factor of 1.01, which is not in 0..1"),
-    ],
-)
-def test_values_out_of_range_are_refused_with_list_value_and_bound(
-    tmp_path: Path, line: int, values: list[float], message: str
-) -> None:
-    lines = unwrapped()
-    lines[line - 1] = wrapped(",".join(map(str, values)), 16)
-    with pytest.raises(CalibrationError, match=re.escape(message)):
-        read_pat(write(tmp_path / "board.pat", lines))
+    ):
+        lines = unwrapped()
+        lines[line - 1] = wrapped(",".join(map(str, values)), 16)
+        with pytest.raises(CalibrationError, match=re.escape(message)):
+            read_pat(write(tmp_path / "board.pat", lines))
 
 
 def test_what_is_no_board_file_is_refused(tmp_path: Path) -> None:

@@ -22,7 +22,6 @@ from palpate.device import (
     ArrayKind,
     ArrayKindError,
     ArrayModel,
-    CalibrationError,
     Descriptors,
     EmulatedBus,
     EmulationRequest,
@@ -32,7 +31,6 @@ from palpate.device import (
     Player,
     StreamLink,
     UnknownArrayError,
-    UpdateRateError,
     UsbIdentity,
     VirtualClock,
     WatchdogError,
@@ -184,13 +182,6 @@ def test_it_is_known_while_it_is_registered(toy: ArrayModel) -> None:
     register_array(TOY)
 
 
-def test_options_that_it_does_not_take_are_refused(toy: ArrayModel) -> None:
-    with pytest.raises(UpdateRateError, match="array toy has no UART"):
-        array_model("toy", baud=9600)
-    with pytest.raises(CalibrationError, match=r"array toy has no board file; b\.pat is one of a pat16"):
-        array_model("toy", calibration=Path("b.pat"))
-
-
 def test_its_frames_are_its_own(toy: ArrayModel) -> None:
     delay, amplitude = drives(5)
     frames = encode_frames(delay, amplitude, array="toy")
@@ -266,9 +257,9 @@ def test_no_watchdog_is_said_to_stand_that_could_not_switch_it_off(toy: ArrayMod
         Watchdog(link).__enter__()
 
 
-@pytest.mark.parametrize(
-    ("change", "told"),
-    [
+def test_a_kind_that_cannot_be_is_refused(toy: ArrayModel) -> None:
+    before = array_names()
+    changes: list[tuple[dict[str, Any], str]] = [
         ({"name": "PAT16"}, r"name of array 'PAT16' is 'PAT16', but it must be small letters"),
         ({"name": "pat-16"}, r"array pat-16 cannot be registered: 'pat-16' is a name of array pat16"),
         ({"name": "openmpd"}, r"'openmpd' is a name of array pat16"),
@@ -288,39 +279,30 @@ def test_no_watchdog_is_said_to_stand_that_could_not_switch_it_off(toy: ArrayMod
         ({"takes_baud": 9600}, r"takes_baud of array 'toy' is 9600, but it must be True or False"),
         ({"emulates_itself": None}, r"emulates_itself of array 'toy' is None, but it must be True or False"),
         ({"not_listed": 0}, r"not_listed of array 'toy' is 0, but it must be a sentence or None"),
-    ],
-)
-def test_a_kind_that_cannot_be_is_refused(change: dict[str, Any], told: str) -> None:
-    before = array_names()
-    with pytest.raises(ArrayKindError, match=told):
-        register_array(replace(TOY, **change))
-    assert array_names() == before
-
-
-def test_what_is_no_kind_is_refused() -> None:
+    ]
+    remove_array("toy")
+    for change, told in changes:
+        with pytest.raises(ArrayKindError, match=told):
+            register_array(replace(TOY, **change))
     with pytest.raises(ArrayKindError, match="registered as an ArrayKind, not as 'toy'"):
         register_array("toy")  # type: ignore[arg-type]
-
-
-def test_a_name_can_be_registered_once(toy: ArrayModel) -> None:
+    register_array(TOY)
+    assert array_names() == before
     with pytest.raises(ArrayKindError, match="array toy cannot be registered: 'toy' is a name of array toy"):
         register_array(TOY)
 
 
-@pytest.mark.parametrize(
-    ("build", "told"),
-    [
+def test_a_kind_that_builds_something_else_is_told_so() -> None:
+    for build, told in (
         (lambda: array_model("pat16"), "build of array toy gives a model named 'pat16'"),
         (lambda: None, "build of array toy gives None, but it must give an ArrayModel"),
-    ],
-)
-def test_a_kind_that_builds_something_else_is_told_so(build: Any, told: str) -> None:
-    register_array(replace(TOY, build=build))
-    try:
-        with pytest.raises(ArrayKindError, match=told):
-            array_model("toy")
-    finally:
-        remove_array("toy")
+    ):
+        register_array(replace(TOY, build=build))
+        try:
+            with pytest.raises(ArrayKindError, match=told):
+                array_model("toy")
+        finally:
+            remove_array("toy")
 
 
 def test_a_model_of_an_unknown_name_is_refused_everywhere() -> None:

@@ -108,22 +108,6 @@ def test_a_fault_strikes_at_its_byte(ports: SonicPorts, port: SerialPort, kind: 
     assert ports.board().played.tobytes() == patterns(bytes(sent))
 
 
-def test_a_line_at_another_rate_is_misread(ports: SonicPorts) -> None:
-    port = ports.open(ports.path(), baud=115_200)
-    write_all(ports, port, frames(2))
-    ports.clock.sleep_until_ns(10**9)
-    assert ports.board().bytes_garbled == 2 * 258
-
-
-def test_a_recompiled_board_takes_a_faster_line() -> None:
-    ports = SonicPorts(["one"], clock=VirtualClock(), record=1000, baud=10.24e6 / 7)
-    port = ports.open(ports.path(), baud=1_500_000)  # 2.5 % above
-    write_all(ports, port, frames(20))
-    ports.clock.sleep_until_ns(10**8)
-    assert ports.board().played.tobytes() == patterns(frames(20))
-    assert 1e9 / np.diff(ports.board().played_ns).max() == pytest.approx(1.5e6 / 2580, rel=1e-3)
-
-
 def test_a_port_has_one_user_and_must_be_there(ports: SonicPorts, port: SerialPort) -> None:
     raised(errno.EAGAIN, lambda: ports.open(ports.path(), baud=BAUD))
     raised(errno.ENOENT, lambda: ports.open("emulated:9", baud=BAUD))

@@ -37,7 +37,6 @@ from palpate.device.registry import emulated_backend
 
 BOARDS = ("emulator", "pat16", "sonicsurface")
 USB_BOARDS = ("emulator", "pat16")
-SILENT = ("pat16", "sonicsurface")
 
 
 class Broken(Exception):
@@ -123,16 +122,10 @@ def test_content_played_is_content_sent_then_off(setup: Setup) -> None:
     assert report.off_sent
     assert report.frames_exact
     assert report.transport == ("serial" if setup.model.name == "sonicsurface" else "sync")
+    answers = setup.model.name == "emulator"  # the other boards never do, which is no error
+    assert (report.off_confirmed, report.board_underruns) == ((True, 0) if answers else (None, None))
+    assert report.elapsed >= report.duration  # for as long as the board can have played
     setup.assert_plays_again()
-
-
-@pytest.mark.parametrize("setup", SILENT, indirect=True)
-def test_a_board_that_never_answers_confirms_nothing_and_that_is_no_error(setup: Setup) -> None:
-    report = setup.play(content(setup.model, 50))
-    assert report.off_confirmed is None
-    assert (report.board_underruns, report.board_starved) == (None, None)
-    # the player has waited for as long as the board can have played
-    assert report.elapsed >= report.duration
 
 
 @pytest.mark.exhaustive(after=1)
@@ -162,8 +155,7 @@ def test_a_stop_ends_off_within_what_the_board_holds(setup: Setup) -> None:
     setup.assert_plays_again()
 
 
-@pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize("byte", [0, 1, 300, 11 * 512, 11 * 512 + 77])
+@pytest.mark.parametrize("byte", [0, 300, 11 * 512 + 77])
 @pytest.mark.parametrize(
     ("setup", "kind", "error"),
     [
@@ -187,6 +179,8 @@ def test_a_fault_ends_it_with_the_array_off(setup: Setup, kind: FaultKind, error
     # pyusb does not say how much of a write that failed was taken; only this board does, while it is there
     assert report.frames_exact == (setup.model.name == "emulator" and kind is FaultKind.STALL)
     assert (report.frames_cleared is not None) == report.frames_exact
+    assert report.bytes == byte if report.frames_exact else report.bytes <= byte
+    assert report.frames == report.bytes // setup.model.frame_bytes
     setup.assert_off()
     if kind is FaultKind.UNPLUG:
         setup.bus.replug()
@@ -373,31 +367,20 @@ def test_a_swap_read_out_of_noise_brings_nothing_back(setup: Setup) -> None:
         setup.play(content(setup.model, 9))
 
 
-def test_playing_begins_when_80_ms_are_ready_however_many_blocks_fit() -> None:
-    bus = EmulatorBackend(clock=VirtualClock())
+def test_playing_begins_when_80_ms_are_ready_however_many_blocks_fit(monkeypatch: pytest.MonkeyPatch) -> None:
     model = array_model("emulator")
-    wire = content(model, 100)
     begun = threading.Event()
     seen: list[bool] = []
-
-    class Watching:
-        def __init__(self, link: Link) -> None:
-            self._link = link
-
-        def __getattr__(self, name: str) -> Any:
-            return getattr(self._link, name)
-
-        def write(self, data: Any, **options: Any) -> None:
-            begun.set()
-            self._link.write(data, **options)
 
     def blocks() -> Iterator[np.ndarray]:
         for _ in range(8):
             seen.append(begun.is_set())
-            yield wire
+            yield content(model, 100)
         seen.append(begun.wait(20))
-        yield wire
+        yield content(model, 100)
 
-    with open_link(model, backend=bus) as link:
-        Player(Watching(link), queue_blocks=1000).play(blocks(), update_rate=10e3)
+    with open_link(model, backend=EmulatorBackend(clock=VirtualClock())) as link:
+        write = link.write
+        monkeypatch.setattr(link, "write", lambda data, **options: begun.set() or write(data, **options))
+        Player(link, queue_blocks=1000).play(blocks(), update_rate=10e3)
     assert seen == [False] * 8 + [True]

@@ -10,7 +10,7 @@ import threading
 
 import pytest
 
-from palpate.device import EmulatorBackend, Player, UsbLink, VirtualClock, array_model
+from palpate.device import EmulatorBackend, Player, PlayInterrupted, UsbLink, VirtualClock, array_model
 from palpate.device.playing.signals import ending_on_signals
 
 PLAYS_FOREVER = """
@@ -99,6 +99,33 @@ def test_a_signal_switches_the_array_off_and_ends_the_script(signum: signal.Sign
     assert "PlayInterrupted: playback was stopped by" in err  # uncaught, it ends the script, as the signal asked
 
 
+@pytest.mark.parametrize("where", ["blocks", "progress"])
+@pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_the_first_of_two_signals_ends_the_playback_with_the_array_off(signum: signal.Signals, where: str) -> None:
+    def raise_two() -> None:
+        signal.raise_signal(signum)
+        signal.raise_signal(signal.SIGINT)
+
+    def blocks():
+        for number in range(40):
+            if number == 20 and where == "blocks":
+                raise_two()
+            yield bytes([200]) * 512 * 100
+
+    def progress(frames: int) -> None:
+        if frames and where == "progress":
+            raise_two()
+
+    before = [signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
+    bus = EmulatorBackend(clock=VirtualClock())
+    with UsbLink.open(array_model("emulator"), backend=bus) as link, pytest.raises(PlayInterrupted) as caught:
+        Player(link).play(blocks(), update_rate=10e3, progress=progress)
+    assert [signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
+    report = caught.value.report
+    assert (caught.value.signum, report.stopped_by, report.off_confirmed) == (signum, signum.name, True)
+    assert not bus.board().playing.any()
+
+
 def test_away_from_the_main_thread_no_handler_is_touched() -> None:
     seen = []
 
@@ -114,13 +141,6 @@ def test_away_from_the_main_thread_no_handler_is_touched() -> None:
     thread.start()
     thread.join()
     assert seen == [signal.getsignal(signal.SIGINT), "end"]
-
-
-def test_handlers_are_restored_after_a_playback_that_ends() -> None:
-    before = [signal.getsignal(signum) for signum in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
-    with UsbLink.open(array_model("emulator"), backend=EmulatorBackend(clock=VirtualClock())) as link:
-        Player(link).play([bytes(512)], update_rate=10e3)
-    assert before == [signal.getsignal(signum) for signum in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
 
 
 ENDS_WHILE_A_DAEMON_PLAYS = """

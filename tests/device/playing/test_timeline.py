@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from palpate.device.playing.timeline import Timeline
@@ -16,6 +16,7 @@ def submit(timeline: Timeline, now_ns: int, frames: int, queue_frames: int = 0) 
     timeline.submit(now_ns, frames, queue_bytes=512 * queue_frames, queue_frames=queue_frames)
 
 
+@example([(1, 8_000_000), (1, 8_000_000), (1, 0)])
 @given(st.lists(st.tuples(st.integers(1, 50), st.integers(0, 8_000_000)), min_size=1, max_size=60))
 def test_lateness_is_how_far_an_array_is_behind_the_timetable_of_its_start(
     chunks: list[tuple[int, int]],

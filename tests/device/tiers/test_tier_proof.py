@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from umockdev_session import Plug, missing, run, write_pat_file
+from umockdev_session import Plug, run, write_pat_file
 
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.motions.hand_motion import HandMotion, exploration
@@ -19,16 +19,13 @@ from palpate.render.intersection.file_recording import record
 from palpate.render.playback.focus_source import ContourSource
 from palpate.render.sampling.contour_sampling import Sampler, SamplingStrategy, sample_bounds
 
-pytestmark = pytest.mark.skipif(missing() is not None, reason=str(missing()))
+pytestmark = [pytest.mark.exhaustive, pytest.mark.usefixtures("umockdev")]
 
 PALPATE = str(Path(sys.executable).with_name("palpate"))
 SERIAL = "FT4TKZL8"
 RATE = 10e3
 WAVENUMBER = 2 * np.pi * 40e3 / 343.0
-WINDOWS = (  # [s] of the exploration: the hand comes to the tube, and moves on it
-    (2.0, 2.5),
-    pytest.param((2.0, 3.3), marks=pytest.mark.exhaustive),
-)
+BEGIN, END = 2.0, 3.3  # [s] of the exploration: the hand comes to the tube, and moves on it
 
 
 def segments_of(file: ContourFile, pose: int) -> tuple[np.ndarray, np.ndarray]:
@@ -96,24 +93,23 @@ def peaks_near(focus: np.ndarray, place: np.ndarray, emitted: np.ndarray) -> np.
     return focus + np.einsum("fa,fax->fx", peak, axes)
 
 
-@pytest.fixture(scope="module", params=WINDOWS)
-def played(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory):
-    """The file, what the board played, the board's wiring, and how long it took [s]."""
-    begin, end = request.param
+@pytest.fixture(scope="module")
+def played(umockdev: None, tmp_path_factory: pytest.TempPathFactory):
+    """The file, what the board played, and the board's wiring."""
     folder = tmp_path_factory.mktemp("proof")
     tube = MeshObject.load("tube")
     whole = exploration(tube.bounds, duration=6.0, rate=30.0, seed=1, model="around")
-    kept = (whole.time >= begin) & (whole.time < end)
+    kept = (whole.time >= BEGIN) & (whole.time < END)
     motion = HandMotion(whole.time[kept] - whole.time[kept][0], whole.pose[kept])
     record(folder / "tube.h5", tube, Palm(), motion, closed_contour(), devices=["cpu"])
     wiring = write_pat_file(folder / "board.pat", serial=SERIAL)
     command = [PALPATE, "play", str(folder / "tube.h5"), "--array", "pat16", "--calibration", str(folder / "board.pat")]
     plug = Plug("pat16", SERIAL, driver="ftdi_sio")
-    return folder / "tube.h5", run([*command, "--json"], folder, plugs=(plug,)), wiring, end - begin
+    return folder / "tube.h5", run([*command, "--json"], folder, plugs=(plug,)), wiring
 
 
 def test_the_focus_traces_the_contour_within_a_millimetre_at_every_frame(played) -> None:
-    path, outcome, (place, own_delay, _), duration = played
+    path, outcome, (place, own_delay, _) = played
     assert outcome.returncode == 0, outcome.err
     with ContourFile(path) as file:
         source = ContourSource(file, Sampler(SamplingStrategy(update_rate=RATE)))
@@ -124,7 +120,7 @@ def test_the_focus_traces_the_contour_within_a_millimetre_at_every_frame(played)
     frames = outcome.played()
     on = np.flatnonzero((frames[:, 256:] & 0x7F).any(axis=1))
     wanted = np.flatnonzero(intensity > 0)
-    assert len(on) == len(wanted) > 0.9 * duration * RATE
+    assert len(on) == len(wanted) > 0.9 * (END - BEGIN) * RATE
     assert (np.diff(on) == np.diff(wanted)).all()
     pose = np.searchsorted(bounds, wanted, side="right") - 1
     for first in range(0, len(on), 500):
@@ -137,11 +133,11 @@ def test_the_focus_traces_the_contour_within_a_millimetre_at_every_frame(played)
 
 
 def test_the_board_was_let_go_silent_and_its_driver_bound_again(played) -> None:
-    _, outcome, _, duration = played
+    _, outcome, _ = played
     board = outcome.devices[0]
     told = outcome.told
     assert (board["emitting"], board["claimed"]) == (False, False)
     assert board["bindings"] == ["-ftdi_sio", "+ftdi_sio"]
     assert (told["array"], told["transport"], told["stopped_by"]) == ("pat16", "queued", "end")
     assert (told["off_sent"], told["off_confirmed"], told["board_underruns"]) == (True, None, None)
-    assert (told["frames"], told["refused"]) == (round(duration * RATE), 0)
+    assert (told["frames"], told["refused"]) == (round((END - BEGIN) * RATE), 0)

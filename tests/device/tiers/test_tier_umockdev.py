@@ -1,4 +1,4 @@
-"""umockdev: pyusb and the real libusb against emulated devices: enumeration, content, stops and signals."""
+"""umockdev: pyusb and the real libusb against emulated devices: enumeration, content, stops, signals and deaths."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from umockdev_checks import FRAME, PALPATE, TRANSPORTS, assert_beginning_then_off, emitting, play, sent
-from umockdev_session import Plug, missing, run
+from umockdev_session import Plug, run, run_code
 
-pytestmark = pytest.mark.skipif(missing() is not None, reason=str(missing()))
+pytestmark = [pytest.mark.exhaustive, pytest.mark.usefixtures("umockdev")]
+EACH_TRANSPORT = pytest.mark.parametrize("transport", TRANSPORTS)
 
 
 def test_arrays_are_listed_by_the_command_line_with_their_serial_numbers(tmp_path: Path) -> None:
@@ -20,37 +21,27 @@ def test_arrays_are_listed_by_the_command_line_with_their_serial_numbers(tmp_pat
     assert "FT41TEIY" in outcome.out
 
 
-@pytest.mark.exhaustive(but="40000.0-")
-@pytest.mark.parametrize("transport", TRANSPORTS)
+@EACH_TRANSPORT
 @pytest.mark.parametrize("rate", [40e3, 10e3])
-def test_content_played_is_content_sent_then_off(tmp_path: Path, transport: str, rate: float) -> None:
-    outcome = play(tmp_path, transport=transport, rate=rate, frames=4000)
-    (report,) = outcome.told["plays"]
-    board = outcome.devices[0]
-    played = outcome.played()
-    assert np.array_equal(played[emitting(played)], sent(frames=4000))
+def test_content_played_is_content_sent_then_off_and_the_array_is_let_go(
+    tmp_path: Path, transport: str, rate: float
+) -> None:
+    outcome = play(tmp_path, transport=transport, rate=rate, frames=4000, plays=2)
+    board, played = outcome.devices[0], outcome.played()
+    assert np.array_equal(played[emitting(played)], np.tile(sent(4000), (2, 1)))
     assert not emitting(played[-1:])
-    assert (report["error"], report["stopped_by"], report["transport"]) == (None, "end", transport)
-    assert (report["frames"], report["bytes"], report["off_confirmed"]) == (4000, 4000 * FRAME, True)
-    assert board["faults_struck"] == 0
+    for report in outcome.told["plays"]:
+        assert (report["error"], report["stopped_by"], report["transport"]) == (None, "end", transport)
+        assert (report["frames"], report["bytes"], report["off_confirmed"]) == (4000, 4000 * FRAME, True)
+    assert (board["faults_struck"], board["claimed"], outcome.told["threads"]) == (0, False, 1)
     assert board["pending_max"] == 1 or transport == "queued"
 
 
-@pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize("transport", TRANSPORTS)
-def test_the_array_is_let_go_for_the_next_player(tmp_path: Path, transport: str) -> None:
-    outcome = play(tmp_path, transport=transport, frames=200, plays=3)
-    played = outcome.played()
-    assert np.array_equal(played[emitting(played)], np.tile(sent(frames=200), (3, 1)))
-    assert outcome.devices[0]["claimed"] is False
-    assert outcome.told["threads"] == 1
-
-
-@pytest.mark.parametrize("transport", TRANSPORTS)
+@EACH_TRANSPORT
 def test_a_stop_plays_a_beginning_and_then_off(tmp_path: Path, transport: str) -> None:
     outcome = play(tmp_path, transport=transport, rate=4e3, frames=5000, forever=True, stop_after=4000)
     (report,) = outcome.told["plays"]
-    count = assert_beginning_then_off(outcome.played(), np.tile(sent(frames=5000), (3, 1)))
+    count = assert_beginning_then_off(outcome.played(), np.tile(sent(5000), (3, 1)))
     board = outcome.devices[0]
     assert (report["error"], report["stopped_by"], report["off_confirmed"]) == (None, "stop", True)
     assert report["frames"] - report["frames_cleared"] == pytest.approx(count, abs=1)
@@ -59,65 +50,76 @@ def test_a_stop_plays_a_beginning_and_then_off(tmp_path: Path, transport: str) -
     assert board["discarded"] > 1 or transport == "sync"
 
 
-@pytest.mark.exhaustive(but="SIGTERM-")
-@pytest.mark.parametrize("transport", TRANSPORTS)
+@EACH_TRANSPORT
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])
 def test_a_signal_switches_the_array_off(tmp_path: Path, transport: str, name: str) -> None:
-    outcome = play(
-        tmp_path,
-        transport=transport,
-        rate=10e3,
-        frames=3000,
-        forever=True,
-        session={"signal": name, "signal_byte": 2500 * FRAME},
-    )
+    session = {"signal": name, "signal_byte": 2500 * FRAME}
+    outcome = play(tmp_path, transport=transport, rate=10e3, frames=3000, forever=True, session=session)
     (report,) = outcome.told["plays"]
     assert (report["error"], report["stopped_by"], report["off_confirmed"]) == ("PlayInterrupted", name, True)
-    assert_beginning_then_off(outcome.played(), np.tile(sent(frames=3000), (3, 1)))
+    assert_beginning_then_off(outcome.played(), np.tile(sent(3000), (3, 1)))
     assert outcome.devices[0]["emitting"] is False
 
 
-@pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize("transport", TRANSPORTS)
-def test_killed_without_a_watchdog_the_array_stays_on(tmp_path: Path, transport: str) -> None:
-    """The documented truth: nobody is left to switch it off."""
-    outcome = play(
-        tmp_path,
-        transport=transport,
-        rate=10e3,
-        frames=3000,
-        forever=True,
-        session={"signal": "SIGKILL", "signal_byte": 2500 * FRAME, "linger": 0.5},
-    )
+@pytest.mark.parametrize("watchdog", [False, True])
+@pytest.mark.parametrize(("array", "transport"), [("emulator", "sync"), ("emulator", "queued"), ("pat16", "queued")])
+def test_killed_the_array_stays_on_without_a_watchdog_and_goes_off_with_one(
+    tmp_path: Path, array: str, transport: str, watchdog: bool
+) -> None:
+    byte = 1000 * FRAME + 77 if array == "pat16" else 2500 * FRAME
+    session = {"signal": "SIGKILL", "signal_byte": byte, "linger": 20.0 if watchdog else 0.5}
+    options = {"rate": 10e3, "frames": 3000, "forever": True, "watchdog": watchdog}
+    outcome = play(tmp_path, array=array, transport=transport, session=session, **options)
     assert outcome.returncode == -9
-    assert outcome.devices[0]["emitting"] is True
-    wire = np.tile(sent(frames=3000), (3, 1))
-    played = outcome.played()
-    assert np.array_equal(played, wire[: len(played)])  # the frames that it had, and the last of them held
+    assert outcome.devices[0]["emitting"] is not watchdog  # without one nobody is left to switch it off
+    if array == "emulator":
+        played, wire = outcome.played(), np.tile(sent(3000), (3, 1))
+        if watchdog:
+            assert_beginning_then_off(played, wire)
+        else:
+            assert np.array_equal(played, wire[: len(played)])  # the frames that it had, and the last of them held
 
 
-@pytest.mark.parametrize("transport", TRANSPORTS)
-def test_killed_with_a_watchdog_the_array_goes_off(tmp_path: Path, transport: str) -> None:
-    outcome = play(
-        tmp_path,
-        transport=transport,
-        rate=10e3,
-        frames=3000,
-        forever=True,
-        watchdog=True,
-        session={"signal": "SIGKILL", "signal_byte": 2500 * FRAME, "linger": 20.0},
-    )
-    assert outcome.returncode == -9
-    assert outcome.devices[0]["emitting"] is False
-    assert_beginning_then_off(outcome.played(), np.tile(sent(frames=3000), (3, 1)))
-
-
-@pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize("transport", TRANSPORTS)
+@EACH_TRANSPORT
 def test_a_slow_source_is_counted_and_loses_nothing(tmp_path: Path, transport: str) -> None:
     outcome = play(tmp_path, transport=transport, frames=3000, pause_at=20, pause=0.3)
     (report,) = outcome.told["plays"]
     played = outcome.played()
-    assert np.array_equal(played[emitting(played)], sent(frames=3000))
+    assert np.array_equal(played[emitting(played)], sent(3000))
     assert report["underruns"] >= 1
     assert outcome.devices[0]["underruns"] >= 1
+
+
+IS_SUSPENDED = """
+import os, signal, subprocess, sys
+from pathlib import Path
+from palpate.device import Player, array_model, open_link
+from palpate.device.transports.pyusb import libusb_backend
+from palpate.device.playing.watchdog import Watchdog
+
+log = Path(sys.argv[1])
+waker = "import os, signal, sys, time; time.sleep(1.0); os.kill(int(sys.argv[1]), signal.SIGCONT); time.sleep(0.2)"
+
+def blocks():
+    yield bytes(512)
+    subprocess.Popen([sys.executable, "-c", waker, str(os.getpid())])
+    os.kill(os.getpid(), signal.SIGSTOP)
+    yield bytes(512)
+
+with open_link(array_model("emulator"), serial="U1", backend=libusb_backend()) as link:
+    with Watchdog(link, silence_max=0.3, log=log) as watchdog:
+        assert watchdog.process_id
+        print(Player(link).play(blocks(), update_rate=10e3).frames)
+        while "is back" not in log.read_text():
+            pass
+"""
+
+
+def test_a_player_that_is_suspended_keeps_the_array_and_the_watchdog_says_so(tmp_path: Path) -> None:
+    outcome = run_code(IS_SUSPENDED, tmp_path, str(tmp_path / "log"))
+    assert outcome.returncode == 0, outcome.err
+    assert outcome.out.strip() == "2"
+    silent, back = (tmp_path / "log").read_text().splitlines()
+    assert "palpate watchdog of array emulator U1: the player has given no sign of life for 0.3 s" in silent
+    assert "the array may be emitting: array emulator U1 is in use" in silent
+    assert back.endswith("the player is back")

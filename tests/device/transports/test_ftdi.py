@@ -15,11 +15,9 @@ from palpate.device.boards.pat16.ftdi import FtdiPort
 from palpate.device.boards.pat16.link import PatLink
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames, off_frame
-from palpate.device.errors import CalibrationError, DeviceBusyError, DeviceStallError, LinkError, UpdateRateError
+from palpate.device.errors import CalibrationError, DeviceStallError, LinkError, UpdateRateError
 from palpate.device.registry import array_model, emulated_backend
 from palpate.device.transports.pyusb import UsbError
-
-BOARDS = pytest.mark.parametrize("name", ["pat16", "sonicsurface"])
 
 
 class Recorder:
@@ -76,58 +74,6 @@ def test_a_kernel_driver_is_detached_and_gets_its_chip_back() -> None:
     assert port.driver
 
 
-@BOARDS
-def test_an_adapter_that_another_holds_is_busy(name: str) -> None:
-    bus = emulated_backend(name, clock=VirtualClock())
-    with open_link(array_model(name), backend=bus), pytest.raises(DeviceBusyError, match=f"array {name} .*in use"):
-        open_link(array_model(name), backend=bus)
-    open_link(array_model(name), backend=bus).close()
-
-
-@BOARDS
-@pytest.mark.parametrize("torn", [0, 1, 100, 257, 511])
-def test_start_finds_the_boundary_of_frames_and_silence(name: str, torn: int) -> None:
-    model = array_model(name)
-    bus = emulated_backend(name, clock=(clock := VirtualClock()), record=10_000)
-    rng = np.random.default_rng(torn)
-    content = encode_frames(rng.random((5, 256)), np.ones(5), array=model)
-    left = content[:3].tobytes() + content[3].tobytes()[: torn * model.frame_bytes // 512]
-    board = bus.board()
-    with open_link(model, backend=bus) as killed:
-        killed.start(model.divider_default)
-        killed.write(array("B", left))
-    clock.advance(0.1)
-    assert board.emitting
-    with open_link(model, backend=bus) as link:
-        link.start(model.divider_default)
-        assert not board.emitting
-        before = len(board.played)
-        link.write(array("B", content.tobytes()))
-        link.drain()
-        clock.advance(0.1)
-        assert len(board.played) == before + 5
-        assert board.emitting
-        link.send_off()
-        clock.advance(0.1)
-        assert not board.emitting
-
-
-def test_start_sets_the_divider_of_a_pat16() -> None:
-    bus = emulated_backend("pat16", clock=(clock := VirtualClock()), record=100)
-    model = array_model("pat16")
-    content = array("B", encode_frames(np.zeros((20, 256)), np.ones(20), array=model).tobytes())
-    for divider in (8, 3, 255):
-        with open_link(model, backend=bus) as link:
-            link.start(divider)
-            link.write(content)
-            link.drain()
-            clock.advance(0.2)
-            # the first is taken as it comes, and is followed at the end of a carrier period
-            assert set(np.diff(bus.board().played_ns[-19:])) == {divider * 25_000}
-            with pytest.raises(UpdateRateError, match=r"divider 256 is outside 1\.\.255"):
-                link.start(256)
-
-
 def test_a_torn_frame_is_completed_silent_when_switched_off() -> None:
     bus = emulated_backend("pat16", clock=(clock := VirtualClock()), record=100)
     model = array_model("pat16")
@@ -145,21 +91,6 @@ def test_a_torn_frame_is_completed_silent_when_switched_off() -> None:
     assert last[0].tobytes() == content[0].tobytes()
     assert last[1].tobytes() == content[1].tobytes()[:188] + bytes(324)
     assert last[2].tobytes() == last[3].tobytes() == off
-
-
-def test_both_buffers_of_a_sonicsurface_are_off_so_that_noise_cannot_switch_it_on() -> None:
-    bus = emulated_backend("sonicsurface", clock=(clock := VirtualClock()), record=100)
-    model = array_model("sonicsurface")
-    content = array("B", encode_frames(np.zeros((2, 256)), np.ones(2), array=model).tobytes())
-    with open_link(model, backend=bus) as link:
-        link.start(1)
-        link.write(content)
-        link.send_off()
-        clock.advance(0.1)
-        for _ in range(2):
-            bus.board().accept(memoryview(b"\xfd"))
-            clock.advance(0.01)
-            assert not bus.board().emitting
 
 
 def test_a_sonicsurface_whose_clocks_or_board_were_switched_off_plays() -> None:

@@ -87,16 +87,13 @@ def test_a_board_that_answers_is_asked_when_the_count_is_lost() -> None:
 
     wire = Wire()
     link = Answering(MODEL, wire, OFF)
+    assert link.torn_bytes is None  # before the start
     link.begin(4)
     wire.is_exact = False
     assert link.torn_bytes is None
     link.send_off()
     assert wire.taken == OFF[300:] + OFF
     assert link.torn_bytes == 0  # it is known again
-
-
-def test_before_the_start_nothing_is_known() -> None:
-    assert StreamLink(MODEL, Wire(), OFF).torn_bytes is None
 
 
 def test_a_piece_has_at_most_64_kib_and_a_tenth_of_a_second_and_else_goes_as_it_is() -> None:

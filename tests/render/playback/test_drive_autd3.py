@@ -83,7 +83,7 @@ def test_field_of_frames_played_by_their_emulator_has_our_shape(geometry, array,
     phase = record.phase().to_numpy()
     np.testing.assert_array_equal(phase[:, : divider * 5], np.repeat(frames.T, divider, axis=1))
     middle = points[0].astype(float) * 1e3
-    grid = Grid(*[(m - 15, m + 15) for m in middle[:2]], (middle[2] - 15, middle[2] + 15), 5.0, "xyz")
+    grid = Grid(*[(m - 10, m + 10) for m in middle[:2]], (middle[2] - 10, middle[2] + 10), 5.0, "xyz")
     recorded = record.sound_field(grid, RmsRecordOption(sound_speed=Velocity.from_m_s(SOUND_SPEED)))
     where = recorded.observe_points().to_numpy().astype(float) * 1e-3
     theirs = recorded.next(Duration.from_micros(25 * divider * 5)).to_numpy()[:, divider - 1 :: divider].T

@@ -127,8 +127,7 @@ def test_kept_focal_points_that_are_changed_are_an_error_too(tmp_path):
 
 
 def test_the_error_carries_what_was_played_until_then(recorded, tmp_path):
-    path = tmp_path / "own.h5"
-    shutil.copy(recorded, path)
+    path = shutil.copy(recorded, tmp_path / "own.h5")
     with pytest.raises(ContourFileError) as raised:
         play_file(path, connection=Connection(clock="virtual"), watch=lambda live, total: cut(path))
     report = raised.value.report

@@ -31,15 +31,14 @@ def sideways(steps, interval=1 / 90):
     return HandMotion(np.arange(len(x)) * interval, palm_at(points))
 
 
-@pytest.mark.parametrize(("step", "count"), [(0.9e-3, 0), (1.2e-3, 1), (1.9e-3, 1), (2.1e-3, 3), (7.9e-3, 7)])
-def test_a_contour_that_goes_with_the_palm_takes_the_next_power_of_two(step, count):
+def test_a_contour_that_goes_with_the_palm_takes_the_next_power_of_two():
     """The palm's own side is the contour that moves, as far as the palm: halved until it is no more than 1 mm.
 
     An eighth of that is left for what lies between the points that are looked at; steps are scaled to be clear of it.
     """
-    motion = sideways([step * 0.85])
-    denser = insert_poses(CUBE, Palm(), motion, closed_contour(), distance=1e-3)
-    assert len(denser) - 2 == denser.inserted == count
+    for step, count in ((0.9e-3, 0), (1.2e-3, 1), (1.9e-3, 1), (2.1e-3, 3), (7.9e-3, 7)):
+        denser = insert_poses(CUBE, Palm(), sideways([step * 0.85]), closed_contour(), distance=1e-3)
+        assert len(denser) - 2 == denser.inserted == count, step
 
 
 def test_inserted_poses_lie_on_the_way_evenly_and_turn_along_the_shorter_arc():
@@ -59,19 +58,6 @@ def test_inserted_poses_lie_on_the_way_evenly_and_turn_along_the_shorter_arc():
     apart = (between.inv() * Rotation.from_quat(denser.pose[:, 3:])).magnitude()
     assert apart.max() < 2e-6
     np.testing.assert_array_equal(denser.pose[[0, -1]], motion.pose)  # the tracker's own stay to the bit
-
-
-def test_contours_at_inserted_poses_are_those_of_the_object_there():
-    """A cube's face cuts the palm in a straight line: the contour at each pose, worked out by hand."""
-    motion = sideways([5e-3])
-    denser = insert_poses(CUBE, Palm(0.08, 0.08), motion, open_contour(), distance=1e-3)
-    batch = render(CUBE, Palm(0.08, 0.08), denser, open_contour())
-    side = CUBE.bounds[1, 1]  # the face at +y, within the palm's reach
-    for k in range(len(denser)):
-        points = batch.points[batch.polyline_start[k] : batch.polyline_start[k + 1]]
-        x = denser.pose[k, 0]
-        np.testing.assert_allclose([points[:, 0].min(), points[:, 0].max()], [x - 0.04, x + 0.04], atol=1e-6)
-        np.testing.assert_allclose(points[:, 1], side, atol=1e-6)
 
 
 def test_a_gap_in_tracking_stays_a_gap_and_shorter_intervals_are_filled():
@@ -163,35 +149,43 @@ def lines_at(scene, pose):
     return [batch.points[a:b] for a, b in itertools.pairwise(batch.polyline_start)]
 
 
-@pytest.mark.parametrize(("name", "strategy", "distance"), [("tube", "cc", 3e-3), ("dog", "oc", 2e-3)])
-def test_the_poses_are_those_of_each_interval_halved_alone(name, strategy, distance, device):
+@pytest.mark.parametrize(
+    ("name", "strategy", "distance", "kept"),
+    [
+        ("dog", "oc", 2e-3, slice(22, 27)),
+        pytest.param("tube", "cc", 3e-3, slice(None), marks=pytest.mark.exhaustive),
+        pytest.param("dog", "oc", 2e-3, slice(None), marks=pytest.mark.exhaustive),
+    ],
+)
+def test_the_poses_are_those_of_each_interval_halved_alone(name, strategy, distance, kept, device):
     thing = MeshObject.load(name)
     motion = exploration(thing.bounds, duration=1.5, rate=45.0, seed=2, model="around")
+    motion = HandMotion(motion.time[kept], motion.pose[kept])
     scene = Scene.of(thing, Palm(), strategy)
     time, pose = insertion_oracle.insert(lambda pose: lines_at(scene, pose), motion.time, motion.pose, distance)
     denser = insert_poses(thing, Palm(), motion, load_strategy(strategy), distance=distance, device=device)
-    assert denser.inserted > 20
+    assert denser.inserted > 10
     np.testing.assert_array_equal(denser.time, time)
     np.testing.assert_array_equal(denser.pose, pose)
 
 
 def test_motions_together_have_the_poses_of_each_alone(monkeypatch, device):
     """Also in small batches, and where the middle's rounding is doubtful: two poses half a turn apart."""
-    motions = [sideways(steps) for steps in ([2e-2, 1e-3], [], [1e-4], [1e-2] * 4)]
+    motions = [sideways(steps) for steps in ([4e-2, 2e-3], [], [2e-4], [2e-2] * 2)]
     pose = motions[3].pose.copy()
     pose[2, 3:] = [-pose[1, 6], pose[1, 5], -pose[1, 4], pose[1, 3]]
     motions[3] = HandMotion(motions[3].time, pose)
-    alone = [insert_poses(CUBE, Palm(), motion, closed_contour(), distance=8e-3) for motion in motions]
-    monkeypatch.setattr(pose_insertion, "POSES_AT_ONCE", 20)
-    monkeypatch.setattr(pose_insertion, "POSES_ON_GPU", 30)
-    shift_test = pose_insertion.ShiftTest(Scene.of(CUBE, Palm(), "cc"), 8e-3, device)
+    alone = [insert_poses(CUBE, Palm(), motion, closed_contour(), distance=2e-2) for motion in motions]
+    monkeypatch.setattr(pose_insertion, "POSES_AT_ONCE", 5)
+    monkeypatch.setattr(pose_insertion, "POSES_ON_GPU", 7)
+    shift_test = pose_insertion.ShiftTest(Scene.of(CUBE, Palm(), "cc"), 2e-2, device)
     start = np.cumsum([0, *map(len, motions)])
     given = [np.concatenate([getattr(motion, name) for motion in motions]) for name in ("time", "pose")]
     together = pose_insertion.insert_into_all(shift_test, *given, start)
     np.testing.assert_array_equal(np.diff(together.motion_start), [len(motion) for motion in alone])
     np.testing.assert_array_equal(together.time.numpy(), np.concatenate([motion.time for motion in alone]))
     np.testing.assert_array_equal(together.pose.numpy(), np.concatenate([motion.pose for motion in alone]))
-    oracle = insertion_oracle.insert(lambda pose: lines_at(shift_test.scene, pose), motions[3].time, pose, 8e-3)
+    oracle = insertion_oracle.insert(lambda pose: lines_at(shift_test.scene, pose), motions[3].time, pose, 2e-2)
     np.testing.assert_array_equal(alone[3].pose, oracle[1])
 
 

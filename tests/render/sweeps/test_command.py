@@ -1,6 +1,5 @@
 """`palpate sweep` from plan to table: what is made, what is made again, what is refused, and what a kill leaves."""
 
-import contextlib
 import json
 import os
 import re
@@ -303,61 +302,6 @@ def wait_for(truth, process, seconds=120):
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < until
         time.sleep(0.01)
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("workers", ["1", "2"])
-def test_a_killed_parent_loses_what_was_under_way_and_nothing_else(tmp_path, workers):
-    path, store = tmp_path / "large.toml", tmp_path / "large.sweep"
-    path.write_text(LARGE)
-    process = started(path, "--workers", workers)
-    wait_for(lambda: len(events(store, "task")) >= 3, process)
-    os.kill(process.pid, signal.SIGKILL)
-    process.communicate()
-    recorded = sum(event["poses"] for event in events(store, "task"))
-    told = sweep(path)
-    assert told["recipes_failed"] == 0
-    assert told["poses_rendered"] + recorded <= 400_000
-    assert load_table(told["table"])["complete"].all()
-    assert not list((store / "shards").glob("*.h5"))
-
-
-def children_of(pid):
-    found = []
-    for folder in Path("/proc").glob("[0-9]*"):
-        with contextlib.suppress(OSError):
-            command = (folder / "cmdline").read_bytes()
-            parent = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
-            if parent == pid and b"resource_tracker" not in command:
-                found.append(int(folder.name))
-    return found
-
-
-@pytest.mark.exhaustive
-def test_a_killed_worker_is_replaced_and_its_task_made_again(tmp_path):
-    path, store = tmp_path / "large.toml", tmp_path / "large.sweep"
-    path.write_text(LARGE)
-    process = started(path, "--workers", "2")
-    wait_for(lambda: len(events(store, "task")) >= 1, process)
-    os.kill(children_of(process.pid)[0], signal.SIGKILL)
-    out, err = process.communicate(timeout=300)
-    assert process.returncode == 0, err
-    told = json.loads(out)
-    assert (told["recipes"], told["recipes_failed"]) == (20, 0)
-    assert told["workers_lost"] <= 1  # 0 if it had nothing to do at that moment
-    assert "signal 9" in err or not told["workers_lost"]
-    assert load_table(told["table"])["complete"].all()
-
-
-@pytest.mark.exhaustive
-def test_two_parents_make_one_store_together(tmp_path):
-    path = tmp_path / "large.toml"
-    path.write_text(LARGE)
-    processes = [started(path, "--workers", "1") for _ in range(2)]
-    told = [json.loads(process.communicate(timeout=300)[0]) for process in processes]
-    assert [process.returncode for process in processes] == [0, 0]
-    assert all(one["recipes_failed"] == 0 for one in told)
-    assert rows(told[0]) == rows(sweep(path, "--store", tmp_path / "alone.sweep"))
 
 
 @pytest.mark.exhaustive

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.render import sweep
@@ -38,6 +38,7 @@ def plan(tmp_path):
     return path
 
 
+@settings(max_examples=25)
 @given(value=VALUES)
 def test_values_are_written_as_toml_reads_them(value):
     assert tomllib.loads(f"x = {toml_text('x', value)}")["x"] == value
@@ -123,6 +124,7 @@ def test_the_best_row_is_the_largest_or_the_smallest(plan):
         sweep(plan, {"strategy.source": "oc"}).best("r")
 
 
+@pytest.mark.exhaustive
 def test_recipes_that_fail_are_in_the_result(plan, tmp_path):
     (tmp_path / "mine.py").write_text("def f(contours):\n    return 'text'\n")
     result = sweep(plan, {"metrics": ["contours", "mine.py:f"], "object.source": "cube"}, allow_code=True)

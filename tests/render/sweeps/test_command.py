@@ -15,7 +15,6 @@ import pytest
 import trimesh
 from command_line import FAILED, MISUSED, PALPATE, answer, refused, run
 
-from palpate.datasets.sweeps.pose_files import load_pose_table
 from palpate.datasets.sweeps.table import load_table, table_attributes, write_table
 from palpate.render.cli import app as cli
 from palpate.render.sweeps.run import estimate as estimate_module
@@ -84,20 +83,6 @@ def test_a_sweep_is_made_once_and_grows(tmp_path):
     before, after = rows({"table": told["table"]}), rows(more)
     assert len(after) == 12
     assert before.items() <= after.items()
-
-
-@pytest.mark.exhaustive
-def test_rows_of_poses_and_kept_files(tmp_path):
-    path = plan(tmp_path / "a.toml", seeds=(1,), strategies=("oc", "hatch"))
-    path.write_text('per_pose = true\nkeep = ["contours"]\n' + path.read_text())
-    told = sweep(path)
-    poses, table = load_pose_table(told["poses_table"]), load_table(told["table"])
-    assert len(poses["recipe"]) == 2 * 180
-    for row, mean in enumerate(table["length_mean"]):
-        assert poses["length"][poses["recipe"] == row].mean(dtype=float) == pytest.approx(mean)
-    for kept in table["kept_contours"]:
-        assert run("check", tmp_path / "a.sweep" / kept).exit_code == 0
-    assert sweep(path)["poses_rendered"] == 0
 
 
 def test_a_change_is_caught_against_a_baseline(tmp_path):

@@ -144,17 +144,6 @@ def test_a_parent_that_is_killed_leaves_its_work_to_the_other(large):
     assert load_table(values["table"])["complete"].all()
 
 
-@pytest.mark.exhaustive
-def test_shards_of_a_plan_are_made_apart(large):
-    tables = []
-    for k in (1, 2, 3):
-        values, _ = finished(started(large, "--shard", f"{k}/3", "--store", large.parent / f"{k}.sweep"))
-        table = load_table(values["table"])
-        tables.append({h for h, complete in zip(table["recipe_hash"], table["complete"], strict=True) if complete})
-    assert sum(map(len, tables)) == len(set().union(*tables)) == 24
-    assert min(map(len, tables)) > 0
-
-
 MOMENTS = int(os.environ.get("PALPATE_KILL_MOMENTS", "5"))
 
 

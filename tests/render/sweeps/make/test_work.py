@@ -20,6 +20,7 @@ from palpate.datasets.recordings.sample import write_sample
 from palpate.datasets.sweeps.shard import read_shard
 from palpate.kernels.metrics.random_pose import random_poses
 from palpate.render import render
+from palpate.render.errors import StrategyError
 from palpate.render.intersection import batch_rendering as render_batch
 from palpate.render.intersection.named_inputs import load_hand, load_hand_and_motion, load_solid
 from palpate.render.objects.functions.expression import sphere
@@ -280,6 +281,24 @@ def test_a_stage_that_fails_on_one_motion_takes_no_other_with_it(tmp_path):
     assert {key for _, key, _ in rows_of(tmp_path, outcome)} == {
         recipes[k].key(group) for k in (0, 2) for group in ("contours", "frequency")
     }
+
+
+def test_a_rendering_that_fails_takes_none_of_its_batch_with_it(tmp_path, monkeypatch):
+    recipes = [recipe_of(motion=random_motion(count)) for count in (60, 50, 40)]
+    measure, counts = work_module.measure_batch, []
+
+    def measured(scene, pose, slices, **options):
+        counts.append([own.count for own in slices])
+        if 50 in counts[-1]:
+            raise StrategyError("fifty poses are too many")
+        return measure(scene, pose, slices, **options)
+
+    monkeypatch.setattr(work_module, "measure_batch", measured)
+    outcome = run_task(task_of(tmp_path, recipes, ("contours",)), "cpu", worker="here")
+    assert counts == [[60, 50, 40], [60], [50], [40]]
+    assert [failed.place for failed in outcome.failed] == [1]
+    assert "fifty poses" in outcome.error
+    assert {key for _, key, _ in rows_of(tmp_path, outcome)} == {recipes[k].key("contours") for k in (0, 2)}
 
 
 def test_what_is_kept_for_later_tasks_has_a_limit():

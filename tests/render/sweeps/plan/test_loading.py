@@ -165,6 +165,10 @@ CROSS = (
             '[[only]]\n"object.source" = "meshes/*"\n[[only]]\n"strategy.source" = "oc"\n[[exclude]]\nobject.fit = 0.2',
             lambda o, f, s: (o.endswith("stl") or s == "oc") and f != 0.2,
         ),
+        (
+            '[[exclude]]\n"object.source" = "tube"\n[[exclude]]\n"object.fit" = 0.1',
+            lambda o, f, s: o != "tube" and f != 0.1,
+        ),
         ('[[exclude]]\n"object.source" = ["*.stl", "cube"]', lambda o, f, s: o == "tube"),
         ('[[exclude]]\nhand.palm = [[0.085, 0.085], [1, 1]]\nstrategy.source = "cc"', lambda o, f, s: s != "cc"),
     ],

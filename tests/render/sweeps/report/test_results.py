@@ -128,7 +128,7 @@ def flip(path):
 LOSSES = {"deleted": Path.unlink, "emptied": lambda path: path.write_bytes(b""), "changed": flip}
 
 
-@pytest.mark.exhaustive(but="deleted-poses")
+@pytest.mark.exhaustive(but="emptied-poses")
 @pytest.mark.parametrize("name", [ROWS_FILE, "table.h5", "summary.png"])
 @pytest.mark.parametrize("loss", LOSSES)
 def test_what_a_store_has_lost_is_written_again(tmp_path, name, loss):

@@ -49,26 +49,34 @@ def metrics(told):
     return repr({name: table[name].tolist() for name in table if not name.startswith(("seconds", "maker"))})
 
 
-def test_results_before_a_change_are_kept_and_serve_a_plan_that_grows(tmp_path, monkeypatch):
-    path, made = tmp_path / "a.toml", code_version()
-    path.write_text(KEEPING)
-    before = metrics(sweep(path))
-    kept = {file: file.stat().st_mtime_ns for file in (tmp_path / "a.sweep/contours").iterdir()}
+def test_results_before_a_change_are_kept(path, monkeypatch):
+    made, store = code_version(), path.with_name("a.sweep")
+    before = metrics({"table": store / "table.h5"})
     change_code(monkeypatch)
     told = sweep(path, "--same-results")
     assert (told["poses_rendered"], told["also_results_of"]) == (0, [made])
     assert metrics(told) == before
-    assert {file: file.stat().st_mtime_ns for file in kept} == kept
     text = f"{OTHER}; also results of {made}"
     assert set(load_table(told["table"], constants=True)["maker"].tolist()) == {text}
     assert table_attributes(told["table"])["maker"] == text
-    lines = [json.loads(line) for line in (tmp_path / "a.sweep/log.jsonl").read_text().splitlines()]
+    lines = [json.loads(line) for line in (store / "log.jsonl").read_text().splitlines()]
     assert [(line["maker"], line["counted"]) for line in lines if line["event"] == "same-results"] == [(OTHER, [made])]
+
+
+@pytest.mark.exhaustive
+def test_a_plan_that_grows_reads_kept_contours_of_the_code_before(tmp_path, monkeypatch):
+    path, made = tmp_path / "a.toml", code_version()
+    path.write_text(KEEPING)
+    sweep(path)
+    kept = {file: file.stat().st_mtime_ns for file in (tmp_path / "a.sweep/contours").iterdir()}
+    change_code(monkeypatch)
+    assert sweep(path, "--same-results")["poses_rendered"] == 0
     path.write_text(KEEPING.replace('["contours"]\n[', '["contours", "sampling"]\n['))
     monkeypatch.setattr("palpate.render.intersection.scene.Scene.raw_contours", None)  # nothing is rendered
     again = sweep(path)
     assert (again["recipes_failed"], again["also_results_of"]) == (0, [made])
     assert load_table(again["table"])["complete"].all()
+    assert {file: file.stat().st_mtime_ns for file in kept} == kept
     assert run("check", tmp_path / "a.sweep").exit_code == 0
 
 

@@ -6,12 +6,11 @@ import os
 import subprocess
 import sys
 from functools import partial
-from types import MappingProxyType
 
 import numpy as np
 import pytest
 import warp as wp
-from sweep_recipes import explored, random_motion, recipe_of, task_of
+from sweep_recipes import random_motion, recipe_of, task_of
 
 from palpate.datasets.sweeps.shard import ShardRow, read_shard, write_shard
 from palpate.datasets.sweeps.store import SweepStore
@@ -147,41 +146,6 @@ def test_stages_of_ones_own_see_the_rows_of_their_motion_whoever_shares_the_task
     together = payloads(recipes, "both")
     assert len(together) == 4
     assert together == payloads(recipes[:1], "one") | payloads(recipes[1:], "two")
-
-
-KEEP = ("keep-contours", "keep-focal-points", "keep-drives")
-
-
-class KeptPlan:
-    """One short recipe, everything kept."""
-
-    name, recipe_count, groups, granted, user_metrics = "kept", 1, KEEP, frozenset(), MappingProxyType({})
-
-    def recipes(self):
-        yield recipe_of("cube", motion=explored(1.0))
-
-
-def cut(path):
-    os.truncate(path, path.stat().st_size // 2)
-
-
-@pytest.mark.exhaustive
-@pytest.mark.filterwarnings("ignore:.*is damaged:palpate.render.errors.PalpateWarning")
-@pytest.mark.parametrize("harm", [cut, os.unlink], ids=["truncated", "deleted"])
-def test_a_kept_file_that_is_cut_or_gone_is_made_again(tmp_path, harm):
-    def run():
-        report = run_sweep(KeptPlan(), tmp_path, InProcess("cpu"))
-        assert not report.failures
-        return report.rows
-
-    assert (run(), run()) == (3, 0)
-    files = sorted(tmp_path.glob("*/*.h5"))
-    sizes = [file.stat().st_size for file in files]
-    assert [file.parent.name for file in files] == ["contours", "drives", "focal-points"]
-    for file in files:
-        harm(file)
-        assert (run(), run()) == (1, 0)
-    assert [file.stat().st_size for file in files] == sizes
 
 
 def test_what_a_store_says_of_kept_files_goes_by_their_bytes(tmp_path):

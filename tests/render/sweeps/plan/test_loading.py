@@ -239,8 +239,6 @@ FAULTS = [
     (f"{SHORT}[motion]\nspeed = 3", "plan.toml:4: motion.speed: unknown key (it is a key of sampling); known"),
     (f"metric = []\n{SHORT}", "plan.toml:1: metric: unknown key (did you mean 'metrics'?)"),
     (f"{SHORT}[objects]\nfit = 0.1", "plan.toml:3: objects: unknown key (did you mean 'object'?)"),
-    (f"{SHORT}fit = []", "plan.toml:3: object.fit: must have at least one value, not []"),
-    ("[object]\nsource = []", "plan.toml:2: object.source: must have at least one value, not []"),
     ("object = []", "plan.toml:1: object: must have at least one table, not []"),
     ('[object]\nsource = "nothing/*.stl"', "plan.toml:2: object.source: no file matches 'nothing/*.stl' in"),
     ('[object]\nsource = [\n"cube",\n"tub",\n]', "plan.toml:4: object.source: 'tub' is no built-in object (cube, sph"),
@@ -251,17 +249,12 @@ FAULTS = [
         "plan.toml:3: object.fit: must lie in 0.001..5 m, not 80; lengths are in metres, 80 mm are 0.08",
     ),
     (f"{SHORT}[hand]\npalm = [85, 85]", "hand.palm: must lie in 0.0001..1 m, not 85; lengths are in metres, 85 mm are"),
-    (f"{SHORT}[hand]\npalm = 0.1", "plan.toml:4: hand.palm: must be a list of 2 numbers in 0.0001..1 m, not 0.1"),
     (
         f'{SHORT}[sampling]\nspeed = "7 mm/s"',
         "must be a number in 0.001..100 m/s, without quotes, not '7 mm/s': write 0.007",
     ),
-    (f'{SHORT}[motion]\nrate = "0.09 kHz"', "plan.toml:4: motion.rate: must be a number in 0.001..1e+06 Hz, without"),
-    (f'{SHORT}fit = "80 mm"', "not '80 mm': write 0.08"),
     (f"{SHORT}fit = nan", "plan.toml:3: object.fit: must lie in 0.001..5 m, not nan"),
     (f"{SHORT}fit = [\n0.1,\ntrue]", "plan.toml:5: object.fit: must be a number in 0.001..5 m, not True"),
-    (f"{SHORT}fit = 1979-05-27", "plan.toml:3: object.fit: must be a number in 0.001..5 m, not datetime.date"),
-    (f"{SHORT}rotate = [0, 0, inf]", "plan.toml:3: object.rotate: must lie in -360..360 degree, not inf"),
     (f'{SHORT}up = "w"', "plan.toml:3: object.up: must be one of x, y, z, -x, -y, -z, not 'w'"),
     (f"{SHORT}up = {{from = 1, to = 2, count = 2}}", "plan.toml:3: object.up: cannot be a range"),
     (
@@ -275,7 +268,6 @@ FAULTS = [
     (f"{SHORT}[sampling]\nspeed = {{from = 5, to = 9, count = 1}}", "count must be 2 or more from 5 to 9, not 1"),
     (f"{SHORT}[sampling]\nspeed = {{from = 5, to = 9, step = 0}}", "sampling.speed.step: must be above 0, not 0"),
     (f"{SHORT}fit = {{from = 0.1, to = 1.0, step = 1e-300}}", "object.fit.step: must be larger: more than 1e+06"),
-    (f"{SHORT}[sampling]\nspeed = {{from = 0, to = 9, count = 3}}", "sampling.speed.from: must lie in 0.001..100 m/s"),
     (
         f"{SHORT}[sampling]\nspeed = {{from = 5, to = 9, cout = 3}}",
         "sampling.speed.cout: unknown key 'cout' of a range",
@@ -285,8 +277,6 @@ FAULTS = [
         "a range is from, to and count, or from, to and step, or first",
     ),
     (f"{SHORT}[sampling]\nspeed = {{first = 5, count = 9}}", "first and count are of whole numbers"),
-    (f"{SHORT}[motion]\nseed = {{first = 1, count = 0}}", "plan.toml:4: motion.seed.count: must lie in 1.."),
-    (f"{SHORT}[motion]\nseed = {{first = -1, count = 3}}", "plan.toml:4: motion.seed.first: must lie in 0.."),
     (f"{SHORT}[motion]\nseed = {{from = 1, to = 4, count = 3}}", "3 whole numbers from 1 on cannot be 1.5 apart"),
     (f"{SHORT}[motion]\nseed = 1.5", "motion.seed: must be a whole number in 0.."),
     (
@@ -318,22 +308,17 @@ FAULTS = [
         "plan.toml:1: metrics: must be one of contours, frequency, sampling, noise, pressure, not",
     ),
     (f"metrics = []\n{SHORT}", "plan.toml:1: metrics: is empty, and there is nothing to keep either"),
-    (f"per_pose = 1\n{SHORT}", "plan.toml:1: per_pose: must be true or false, not 1"),
     (f'device = "gpu"\n{SHORT}', "plan.toml:1: device: must be auto, cpu, cuda, cuda:0 or a list of these, not 'gpu'"),
-    (f'device = ["cpu", "cpu"]\n{SHORT}', "plan.toml:1: device: must name each device once"),
     (f"workers = 0\n{SHORT}", "plan.toml:1: workers: must be auto, or a number of workers in 1..256, not 0"),
     (f"{SHORT}[[exclude]]", "plan.toml:3: exclude: must be a table of at least one axis.key = value"),
-    (f"exclude = 3\n{SHORT}", "plan.toml:1: exclude: must be tables, [[exclude]], not 3"),
     (
         f"{SHORT}[[only]]\n'strategy.sorce' = 'oc'",
         "plan.toml:4: only.strategy.sorce: unknown key 'strategy.sorce' (did",
     ),
     (f"{SHORT}[[only]]\n'object.fit' = {{least = 3}}", "plan.toml:4: only.object.fit: must have at_least, at_most or"),
-    (f"{SHORT}[[only]]\n'object.fit' = 80", "plan.toml:4: only.object.fit: must lie in 0.001..5 m, not 80"),
     (f"{SHORT}[[only]]\n'object.up' = {{at_least = 3}}", "plan.toml:4: only.object.up: must be a value or a list"),
     (f"{SHORT}[[exclude]]\n'object.source' = 'c*'", "plan.toml: its constraints leave no recipe"),
     ('[object]\nsource = "cube', "plan.toml:2: not TOML: "),
-    (f"{SHORT}[object]", "plan.toml:3: not TOML: "),
 ]
 
 

@@ -170,39 +170,12 @@ def test_an_error_that_names_nobody_is_found_by_trying_each_alone():
     assert schedule.missing.counts.done == 19
 
 
-def test_a_chunk_of_many_that_kills_costs_its_recipe_only():
-    memory = Memory()
-    wanted = [StandIn(poses=40 * CHUNK_POSES), StandIn(motion="2")]
-    schedule = schedule_of(wanted, memory, worker_count=1, kind="cuda")
-
-    def outcome_of(task):
-        places = tuple(k for k, chunk in enumerate(task.chunks) if chunk.number == 5)
-        return Outcome(task.number, "w", error="killed", is_lost=True, suspects=places) if places else good(task)
-
-    finish(schedule, memory, outcome_of)
-    assert [failure.name for failure in schedule.missing.failures] == [wanted[0].title]
-    assert schedule.missing.counts.done == 1
-
-
 def test_chunks_of_a_recipe_that_failed_are_not_made_any_more():
     memory, wanted = Memory(), [StandIn(poses=400 * CHUNK_POSES)]
     schedule = schedule_of(wanted, memory, worker_count=1)
     every = finish(schedule, memory, lambda task: good(task, error="open", failed=(FailedChunk(0, "open"),)))
     assert len(every) == 1
     assert schedule.missing.counts.failed == 1
-
-
-def test_recipes_that_wait_for_what_fails_fail_under_their_own_names():
-    wanted = [StandIn(sampling="a"), StandIn(sampling="b"), StandIn(thing="tube")]
-    memory = Memory()
-    schedule = schedule_of(wanted, memory, groups=("contours",))
-
-    def outcome_of(task):
-        failed = [k for k, chunk in enumerate(task.chunks) if StandIn.of(chunk).thing == "cube"]
-        return good(task, error="open" if failed else None, failed=tuple(FailedChunk(k, "open") for k in failed))
-
-    finish(schedule, memory, outcome_of)
-    assert {failure.name for failure in schedule.missing.failures} == {wanted[0].title, wanted[1].title}
 
 
 @pytest.mark.parametrize("order", [1, -1])

@@ -16,7 +16,7 @@ from palpate.render.errors import PalpateWarning, SweepError
 from palpate.render.sweeps.run.dask_engine import DaskEngine
 
 TESTS = Path(__file__).parent
-LIMIT = 40.0  # [s] nothing here takes nearly as long
+LIMIT = 120.0  # [s] nothing here takes nearly as long, unless the machine is busy
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -33,12 +33,12 @@ def tasks_of(store, *names):
     return [Task(number, CHUNKS, str(store), name) for number, name in enumerate(names)]
 
 
-def make(engine, tasks, longest=30.0):
+def make(engine, tasks, longest=90.0):
     """Outcomes of tasks by number, given to workers in order; fails unless all come, each once."""
     return gather(engine, len(tasks), longest, tasks)
 
 
-def gather(engine, count, longest=30.0, tasks=()):
+def gather(engine, count, longest=90.0, tasks=()):
     """Outcomes by number; fails unless so many come, each once."""
     outcomes, left, until = [], list(tasks), time.monotonic() + longest
     while len(outcomes) < count and time.monotonic() < until:
@@ -57,7 +57,7 @@ def said(store):
     return [tuple(map(int, line.split())) for line in path.read_text().splitlines()] if path.exists() else []
 
 
-def await_true(condition, longest=20.0, engine=None):
+def await_true(condition, longest=90.0, engine=None):
     until = time.monotonic() + longest
     while not condition():
         assert time.monotonic() < until
@@ -180,7 +180,7 @@ def test_every_engine_makes_the_same_results_to_the_bit(tmp_path, kind):
         engine.start(stores[1])
         engine.grow(2)
         tasks = [task_of(stores[1], [recipe], number=n, name=f"{n}") for n, recipe in enumerate(recipes)]
-        assert rows_of(stores[1], list(make(engine, tasks, longest=90.0).values())) == together
+        assert rows_of(stores[1], list(make(engine, tasks).values())) == together
     assert len(together) == 2 * len(recipes)
 
 
@@ -202,7 +202,7 @@ DEATHS = {
 @pytest.mark.parametrize("verb", DEATHS)
 def test_a_worker_that_dies_loses_its_task_and_no_other(engine, tmp_path, verb):
     before = engine.pids
-    outcomes = make(engine, tasks_of(tmp_path, verb, *["rest 0.05"] * 10, verb), longest=60.0)
+    outcomes = make(engine, tasks_of(tmp_path, verb, *["rest 0.05"] * 10, verb))
     lost = [o for o in outcomes.values() if o.is_lost]
     assert [(o.number, o.suspects) for o in lost] == [(0, (0,)), (11, (0,))]
     assert all(re.match(rf"worker \d \(pid \d+, cpu\) {DEATHS[verb]}", o.error) for o in lost)
@@ -213,10 +213,10 @@ def test_a_worker_that_dies_loses_its_task_and_no_other(engine, tmp_path, verb):
 @pytest.mark.exhaustive
 def test_a_workers_child_does_not_hide_that_it_died(engine, tmp_path):
     began = time.monotonic()
-    lost = make(engine, tasks_of(tmp_path, "leave-child 30"))[0]
+    lost = make(engine, tasks_of(tmp_path, "leave-child 120"))[0]
     assert lost.is_lost
     assert "ended with exit code 3" in lost.error
-    assert time.monotonic() - began < 20
+    assert time.monotonic() - began < 90
 
 
 def test_whatever_a_task_raises_is_a_sentence_that_can_be_stored(in_process, tmp_path):
@@ -285,7 +285,7 @@ def test_closing_ends_busy_workers_and_leaves_no_zombies(tmp_path):
     pids = engine.pids
     begun = time.monotonic()
     engine.close()
-    assert time.monotonic() - begun < 2.0
+    assert time.monotonic() - begun < 10.0
     for pid in pids:
         with pytest.raises(ProcessLookupError):  # a zombie would still be found
             os.kill(pid, 0)
@@ -316,7 +316,7 @@ time.sleep(1000)
         assert len(pids) == 2
         assert all(map(is_alive, pids))
         parent.send_signal(signal.SIGKILL)
-    await_true(lambda: not any(map(is_alive, pids)), longest=2.0)
+    await_true(lambda: not any(map(is_alive, pids)), longest=10.0)
 
 
 def test_words_choose_the_engine():
@@ -362,7 +362,7 @@ def test_each_gpu_works_in_a_process_of_its_own(tmp_path):
     try:
         outcomes = make(engine, tasks_of(tmp_path, *["tell"] * len(gpus)), longest=120.0)
         assert {o.shard for o in outcomes.values()} <= {f"1 {gpu} True" for gpu in gpus}
-        outcomes = make(engine, tasks_of(tmp_path, "fault", *["done"] * 6), longest=60.0)
+        outcomes = make(engine, tasks_of(tmp_path, "fault", *["done"] * 6))
         assert outcomes[0].is_lost
         assert "unusable" in outcomes[0].error
         assert not any(outcomes[k].is_lost or outcomes[k].error for k in range(1, 7))

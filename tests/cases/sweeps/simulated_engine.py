@@ -2,7 +2,7 @@
 
 | object | a chunk of it |
 |---|---|
-| fast, s30, s75, s300 | takes 0.05, 30, 75, 300 s of processor time without a sign of progress |
+| fast, s3, s8, s30 | takes 0.05, 3, 8, 30 s of processor time without a sign of progress |
 | raise | fails with an error |
 | crash | ends its worker after a second |
 | endless | computes for ever |
@@ -20,7 +20,7 @@ from palpate.render.sweeps.make.task import FailedChunk, Outcome, Running, Task
 from palpate.render.sweeps.run.worker_process import WAITING_FACTOR
 
 MAKER = "test"
-SECONDS = {"fast": 0.05, "s30": 30.0, "s75": 75.0, "s300": 300.0, "raise": 0.1, "crash": 1.0, "hog": 1e9}
+SECONDS = {"fast": 0.05, "s3": 3.0, "s8": 8.0, "s30": 30.0, "raise": 0.1, "crash": 1.0, "hog": 1e9}
 SECONDS |= {"endless": math.inf, "asleep": math.inf}
 
 

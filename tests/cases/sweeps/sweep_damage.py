@@ -1,16 +1,6 @@
-"""Damages a sweep's store and its tables, and counts what reading them gives: right, an error, or something wrong.
+"""Damages a sweep's store and its tables, and counts what reading them gives: right, an error, or something wrong."""
 
-By hand, for as long as one likes: `python tests/cases/sweeps/sweep_damage.py --count 1000 --seed 3 [--store FOLDER]`.
-"""
-
-import argparse
-import json
-import os
-import select
 import shutil
-import signal
-import sys
-import tempfile
 from collections import Counter
 from pathlib import Path
 
@@ -26,7 +16,6 @@ from palpate.datasets.sweeps.table import column_units, load_table, table_attrib
 
 BLOCKS = (16, 64, 512, 4096)
 RECIPE_SHARDS, LEFT_SHARDS = 18, 2
-OUTCOMES = "right", "error", "raw error", "crash", "hang", "WRONG"
 
 
 def damaged(content, chance):
@@ -155,24 +144,6 @@ def alike(a, b):
     return type(a) is type(b) and (a == b or a != a)
 
 
-def forked(read, expected, seconds=20):
-    """The same in a process of its own, which libhdf5 may end, or keep for ever: "crash" and "hang"."""
-    receiving, sending = os.pipe()
-    child = os.fork()
-    if child == 0:
-        os.write(sending, json.dumps(outcome_of(read, expected)).encode()[:4000])
-        os._exit(0)
-    os.close(sending)
-    if not select.select([receiving], [], [], seconds)[0]:
-        os.kill(child, signal.SIGKILL)
-    with os.fdopen(receiving, "rb") as stream:
-        text = stream.read()
-    _, status = os.waitpid(child, 0)
-    if text:
-        return tuple(json.loads(text))
-    return ("hang", "") if os.WTERMSIG(status) == signal.SIGKILL else ("crash", f"signal {os.WTERMSIG(status)}")
-
-
 def outcome_of(read, expected):
     """What came of a reading: "right", "error" (one that says what is wrong), "raw error" or "WRONG"."""
     try:
@@ -202,9 +173,8 @@ def files_of(folder):
 class Damages:
     """Damages of a store, one at a time, each in a copy of its own."""
 
-    def __init__(self, original, scratch, seed, *, judge=outcome_of):
+    def __init__(self, original, scratch, seed):
         self.original, self.scratch = Path(original), Path(scratch)
-        self.judge = judge
         self.chance = np.random.default_rng(seed)
         self.keys = keys_of(self.original)
         self.files = files_of(self.original)
@@ -222,7 +192,7 @@ class Damages:
         changed, how = damaged(content, self.chance)
         copy = self.copy() / path.relative_to(self.original)
         copy.write_bytes(changed)
-        outcome, what = self.judge(lambda: read_path(copy, self.keys), self.expected[path])
+        outcome, what = outcome_of(lambda: read_path(copy, self.keys), self.expected[path])
         self.counts[kind, outcome] += 1
         if outcome not in ("right", "error"):
             at = next((k for k, (a, b) in enumerate(zip(content, changed, strict=False)) if a != b), len(changed))
@@ -234,32 +204,3 @@ class Damages:
         target = self.scratch / "damaged"
         shutil.rmtree(target, ignore_errors=True)
         return Path(shutil.copytree(self.original, target))
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=700)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--store", type=Path, help="a store to damage copies of, instead of a made one")
-    options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as scratch:
-        original = Path(scratch) / "store"
-        if options.store:
-            shutil.copytree(options.store, original)
-        else:
-            make_store(original)
-        damages = Damages(original, scratch, options.seed, judge=forked)
-        for number in range(options.count):
-            damages.once(number)
-    for sentence in damages.told:
-        sys.stdout.write(sentence + "\n")
-    for kind in damages.kinds:
-        counts = {
-            outcome: damages.counts[kind, outcome]
-            for outcome in ("right", "error", "raw error", "crash", "hang", "WRONG")
-        }
-        sys.stdout.write(f"{kind:14} {counts}\n")
-
-
-if __name__ == "__main__":
-    main()

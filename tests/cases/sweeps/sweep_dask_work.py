@@ -56,15 +56,7 @@ def spoil(store, value):
     raise ValueError(value)
 
 
-def count(store, value):
-    """Be busy without ever sleeping."""
-    until = time.monotonic() + float(value)
-    while time.monotonic() < until:
-        pass
-
-
 VERBS = {
-    "count": count,
     "text": lambda store, value: None,
     "sleep": lambda store, value: time.sleep(float(value)),
     "write": lambda store, value: (store / value).write_text(str(os.getpid())),

@@ -96,13 +96,6 @@ def talk(task, device, worker, argument):
     return done(task, device, worker)
 
 
-def hog(task, device, worker, count):
-    """Hold so many MB for a while."""
-    held = bytearray(b"x" * (int(count) << 20))
-    time.sleep(60)
-    return done(task, device, worker, str(len(held)))
-
-
 def tell(task, device, worker, argument):
     """What a worker is: in the shard's place."""
     told = f"{os.environ['OMP_NUM_THREADS']} {wp.get_device()} {signal.getsignal(signal.SIGINT) == signal.SIG_IGN}"
@@ -130,7 +123,6 @@ ACTS = {
     "refuse": refuse,
     "warn": warn,
     "talk": talk,
-    "hog": hog,
     "tell": tell,
     "fault": fault,
 }

@@ -134,12 +134,10 @@ def test_a_place_that_cannot_be_is_refused(monkeypatch):
         SharedPlace("s3://x/y")
 
 
-@pytest.mark.parametrize(
-    "url", ["nonsense", "shared/study", "http://host/x", "https://host/x", "zip://x", "nothing://x"]
-)
-def test_a_place_where_nothing_can_be_created_is_refused(url):
-    with pytest.raises(SweepStoreError, match=url):
-        SharedPlace(url)
+def test_a_place_where_nothing_can_be_created_is_refused():
+    for url in ("nonsense", "shared/study", "http://host/x", "https://host/x", "zip://x", "nothing://x"):
+        with pytest.raises(SweepStoreError, match=url):
+            SharedPlace(url)
 
 
 @pytest.mark.parametrize(

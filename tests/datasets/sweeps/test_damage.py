@@ -1,7 +1,6 @@
 """Damage to a sweep's store and tables: what is read is right to the bit, or an error; a sweep makes it again."""
 
 import hashlib
-import json
 import os
 import shutil
 import sqlite3
@@ -15,10 +14,8 @@ import pytest
 from pyarrow import parquet
 from sweep_damage import RECIPE_SHARDS, Damages, damaged, make_store, read_path
 from sweep_store_rows import MAKER, payload, places_of, pose_columns, write_rows
-from typer.testing import CliRunner
 
 from palpate.datasets.errors import SweepStoreError
-from palpate.datasets.sweeps import manifest as manifest_module
 from palpate.datasets.sweeps.check import check_store
 from palpate.datasets.sweeps.shard import read_shard
 from palpate.datasets.sweeps.store import SweepStore
@@ -30,7 +27,6 @@ from palpate.datasets.sweeps.table import (
     write_parquet,
     write_table,
 )
-from palpate.render.cli.app import app
 
 TRAILER_BYTES = 56
 PLACES = [place for number in range(RECIPE_SHARDS) for place in places_of(1, number)]
@@ -164,20 +160,6 @@ def read_all_columns(store):
             store.columns(key, group=group)
 
 
-def test_files_of_columns_that_changed_names_are_found(folder):
-    first, second = sorted((folder / "columns").iterdir())[:2]
-    first.rename(folder / "aside")
-    second.rename(first)
-    (folder / "aside").rename(second)
-    found = check_store(folder).problems
-    assert [sum(path.name in text for text in found) for path in (first, second)] == [1, 1]
-    with SweepStore(folder, maker=MAKER) as store:
-        for _ in range(2):
-            with pytest.raises(SweepStoreError, match="not the one that names it; its 3 parts count as not done"):
-                read_all_columns(store)
-    assert record_missing(folder) == []
-
-
 def test_a_chunk_of_zeros_in_columns_is_found_though_its_checksum_is_right(folder):
     """Fletcher-32 of zeros is 0, so HDF5 alone reads them as they are."""
     path = next((folder / "columns").iterdir())
@@ -226,23 +208,6 @@ def test_a_store_of_version_1_is_read_as_it_is_and_proven_from_the_next_sweep_on
     assert check_store(folder).unproven == []
     in_manifest(folder, "UPDATE part SET payload = replace(payload, '1.5', '1.6') WHERE id = 7")
     assert "1 parts of contours do not have their digests" in record_missing(folder)[0]
-
-
-def test_a_damaged_payload_of_version_1_is_one_sentence(folder):
-    version_one(folder)
-    in_manifest(folder, "UPDATE part SET payload = substr(payload, 2) WHERE id = 7")
-    with (
-        SweepStore(folder, mode="read") as store,
-        pytest.raises(SweepStoreError, match=r"payload of part .* is damaged"),
-    ):
-        list(store.results(KEYS))
-
-
-def test_a_version_that_does_not_fit_the_tables_is_refused(folder):
-    in_manifest(folder, "PRAGMA user_version = 1")
-    for mode in ("read", "create"):
-        with pytest.raises(SweepStoreError, match="its tables are not those of version 1"):
-            SweepStore(folder, maker=MAKER, mode=mode)
 
 
 ENDLESS = "WITH RECURSIVE n(x) AS (VALUES (1) UNION ALL SELECT x + 1 FROM n) SELECT x AS id, x AS name FROM n"
@@ -430,13 +395,6 @@ def test_a_table_of_other_ranks_and_types_is_refused_by_path(tmp_path, name, val
         load_table(path)
 
 
-def test_a_version_that_is_no_number_is_refused(tmp_path):
-    with h5py.File(tmp_path / "t.h5", "w") as file:
-        file.attrs.update({"format": "palpate table", "version": "new"})
-    with pytest.raises(SweepStoreError, match="its attribute version is 'new', expected 1 or more"):
-        load_table(tmp_path / "t.h5")
-
-
 def test_check_names_every_damaged_file_of_a_store(folder):
     assert check_store(folder).problems == check_store(folder).unproven == []
     victims = [next((folder / "columns").iterdir()), next((folder / "shards").iterdir()), folder / "table.h5"]
@@ -450,25 +408,3 @@ def test_check_names_every_damaged_file_of_a_store(folder):
         assert sum(str(path) in text for text in problems) == 1
     assert any("part 99 of contours key1-0 is damaged" in text for text in problems)
     assert len(problems) == len(victims) + 1
-
-
-def test_the_command_checks_stores_and_tables(folder):
-    for path in (folder, folder / "table.h5", folder / "table.parquet"):
-        result = CliRunner().invoke(app, ["check", str(path), "--json"])
-        assert (result.exit_code, json.loads(result.stdout)["problems"]) == (0, [])
-    (folder / "store.sqlite").write_bytes(b"")
-    result = CliRunner().invoke(app, ["check", str(folder), "--json"])
-    assert result.exit_code == 1
-    assert "store.sqlite is empty, so damaged" in json.loads(result.stdout)["problems"][0]
-
-
-def test_the_schema_of_a_new_manifest_is_that_of_an_upgraded_one(folder, tmp_path):
-    def schema(where):
-        with closing(sqlite3.connect(where / "store.sqlite")) as connection:
-            return sorted(connection.execute("SELECT type, name, tbl_name FROM sqlite_master").fetchall())
-
-    version_one(folder)
-    SweepStore(folder, maker=MAKER).close()
-    SweepStore(tmp_path / "new", maker=MAKER).close()
-    assert schema(folder) == schema(tmp_path / "new")
-    assert manifest_module.NEW_VERSION == 2

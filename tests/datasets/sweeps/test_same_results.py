@@ -7,7 +7,7 @@ from contextlib import closing
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sweep_store_rows import MAKER, payload, pose_columns, write_rows
+from sweep_store_rows import payload, pose_columns, write_rows
 
 from palpate.datasets.errors import SweepStoreError
 from palpate.datasets.sweeps import manifest as manifest_module
@@ -165,24 +165,6 @@ def test_a_damaged_part_of_the_other_version_is_made_again(folder):
         assert store.done(KEYS)[KEYS[0]] == {0, 1}
 
 
-def test_parts_that_the_tally_misses_are_noticed_for_each_version(folder):
-    stated(folder).close()
-    sql(folder, "UPDATE tally SET parts = 3 WHERE key = 'k'")
-    with (
-        SweepStore(folder, maker=NEW, mode="read") as store,
-        pytest.raises(SweepStoreError, match="contours k has 2 parts, and 3 were recorded"),
-    ):
-        store.done(KEYS)
-
-
-def test_a_lost_file_of_columns_is_forgotten_for_both(folder):
-    with stated(folder) as store:
-        (path,) = (folder / "columns").iterdir()
-        path.unlink()
-        store.recover()
-        assert store.done(KEYS)[KEYS[1]] == set()
-
-
 def test_a_failure_is_forgotten_once_the_recipe_is_made(folder):
     with stated(folder) as store:
         store.record_failure("00ff", "cube: another reason")
@@ -216,14 +198,3 @@ def test_workers_find_what_counts_in_a_file_that_parents_renew(folder):
         assert OLD not in read_counted(folder, "newest")
     SweepStore(folder, maker=NEW).close()
     assert read_counted(folder, "newest") == (NEW, OLD)
-
-
-def test_a_store_of_one_version_has_no_other(tmp_path):
-    with SweepStore(tmp_path / "s", maker=MAKER) as store:
-        assert store.latest_other() is None
-        put(store, PLACES)
-        assert store.latest_other() is None
-    with SweepStore(tmp_path / "s", maker="nothing made") as store:
-        pass
-    with SweepStore(tmp_path / "s", maker=MAKER, mode="read") as store:
-        assert store.latest_other() is None

@@ -80,15 +80,6 @@ def test_a_changed_byte_anywhere_is_found(tmp_path, place, columns):
         read_shard(path)
 
 
-@pytest.mark.parametrize("left", [0, 10, 60, 2000, -56, -1])
-def test_a_shard_that_was_cut_off_is_refused(tmp_path, left):
-    path = tmp_path / "a.h5"
-    write_rows(path, [("poses", "k", 0)])
-    path.write_bytes(path.read_bytes()[:left])
-    with pytest.raises(SweepStoreError, match=r"a.h5 is damaged"):
-        read_shard(path)
-
-
 def test_a_newer_version_is_refused_by_name(tmp_path):
     path = tmp_path / "a.h5"
     write_rows(path, [("poses", "k", 0)])

@@ -1,7 +1,6 @@
 """A sweep's store: what is recorded is found, once, by its maker; what is no store, newer or damaged is refused."""
 
-import contextlib
-import json
+import errno
 import os
 import sqlite3
 import subprocess
@@ -13,12 +12,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sweep_store_rows import MAKER, file_size_limit, payload, pose_columns, row, write_rows
+from sweep_store_rows import MAKER, file_size_limit, payload, pose_columns, write_rows
 
 from palpate.datasets.errors import SweepStoreError
 from palpate.datasets.focus_files.frame_file import FrameField, FrameFile
-from palpate.datasets.sweeps.manifest import FORMAT_VERSION, Manifest
-from palpate.datasets.sweeps.shard import ShardRow, read_shard, write_shard
+from palpate.datasets.sweeps import record as record_module
+from palpate.datasets.sweeps.shard import ShardRow, write_shard
 from palpate.datasets.sweeps.store import SweepStore
 
 
@@ -86,19 +85,6 @@ def test_recording_twice_or_a_second_shard_of_the_same_parts_changes_nothing(sto
     assert store.record("shards/a.h5") == 0
     assert (list(store.results([(group, "k")])), names_in(store, "columns")) == before
     assert names_in(store, "shards") == []
-
-
-def test_a_late_shard_with_less_does_not_take_the_place_of_one_with_more(store):
-    put(store, "a", [("poses", "k", 0), ("poses", "k", 1)])
-    store.record("shards/a.h5")
-    put(store, "a", [("poses", "k", 0)])
-    store.record("shards/a.h5")
-    assert len(store.columns("k")["pose"]) == 20
-
-
-def test_a_shard_that_never_was_is_an_error(store):
-    with pytest.raises(SweepStoreError, match=r"shards/a.h5 does not exist"):
-        store.record("shards/a.h5")
 
 
 PLACES = st.tuples(st.sampled_from(["contours", "poses"]), st.sampled_from("abc"), st.integers(0, 5))
@@ -257,15 +243,6 @@ def test_another_programs_database_is_refused(tmp_path):
         SweepStore(tmp_path, maker=MAKER)
 
 
-def test_a_newer_version_is_refused_by_name(store):
-    connection = sqlite3.connect(store.folder / "store.sqlite")
-    connection.execute(f"PRAGMA user_version = {FORMAT_VERSION + 1}")
-    connection.close()
-    for mode in ("create", "read"):
-        with pytest.raises(SweepStoreError, match=r"store.sqlite has format version 4, this palpate reads up to 3"):
-            SweepStore(store.folder, maker=MAKER, mode=mode)
-
-
 @pytest.mark.parametrize("left", [0, 1000, 4096, 12288])
 def test_a_truncated_manifest_is_one_sentence_with_the_way_out(store, left):
     put(store, "a", [("contours", f"k{n}", 0) for n in range(100)])
@@ -337,76 +314,6 @@ def test_a_full_disk_loses_nothing_that_was_recorded(store):
     assert store.record(path) == len(many)
 
 
-@pytest.mark.exhaustive
-def test_a_disk_without_room_is_one_sentence(tmp_path):
-    tiny = tmp_path / "tiny"
-    tiny.mkdir()
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=300k", "none", tiny], capture_output=True, text=True)
-    if mounted.returncode:
-        pytest.skip(f"no tmpfs of our own: {mounted.stderr.strip()}")
-    try:
-        with SweepStore(tiny / "s", maker=MAKER) as store:
-            recorded = fill_until_refused(store)
-            assert recorded
-            assert set(store.done([("contours", f"{n}") for n in recorded])) == {("contours", f"{n}") for n in recorded}
-            assert all(store.done([("contours", f"{n}") for n in recorded]).values())
-            assert not list(store.folder.rglob("*.tmp"))
-        with SweepStore(tiny / "s", mode="read") as store:
-            assert store.makers()[MAKER] == 20 * len(recorded)
-    finally:
-        subprocess.run(["umount", tiny], check=True)
-
-
-def fill_until_refused(store):
-    """Numbers of the shards that were recorded before the disk was full."""
-    recorded = []
-    for number in range(1000):
-        try:
-            put(store, str(number), [("contours", f"{number}", part) for part in range(20)])
-            store.record(f"shards/{number}.h5")
-        except OSError as error:
-            assert "No space left" in str(error)  # noqa: PT017 - either may come first
-            return recorded
-        except SweepStoreError as error:
-            assert "is safe" in str(error)  # noqa: PT017 - either may come first
-            return recorded
-        recorded.append(number)
-    return pytest.fail("the disk never was full")
-
-
-def test_threads_may_share_a_manifest(store):
-    def work(number):
-        put(store, str(number), [("contours", f"k{number}", part) for part in range(5)])
-        return store.record(f"shards/{number}.h5")
-
-    with ThreadPoolExecutor(4) as pool:
-        assert sum(pool.map(work, range(24))) == 120
-    assert sum(map(len, store.done([("contours", f"k{n}") for n in range(24)]).values())) == 120
-
-
-def test_an_error_within_a_transaction_leaves_no_trace(store):
-    manifest = Manifest(store.folder, "create")
-    with contextlib.suppress(RuntimeError), manifest.transaction():
-        manifest.run("INSERT INTO shard (name) VALUES ('x')")
-        raise RuntimeError
-    assert manifest.run("SELECT count(*) FROM shard") == [(0,)]
-    manifest.close()
-
-
-def test_the_manifest_reads_as_documented(store):
-    put(store, "a", [("contours", "k", 0), ("poses", "k", 0)])
-    store.record("shards/a.h5")
-    with sqlite3.connect(store.folder / "store.sqlite") as connection:
-        rows = connection.execute(
-            'SELECT maker, "group", key, part, payload, file, "row" FROM parts ORDER BY "group"'
-        ).fetchall()
-    connection.close()
-    assert rows[0][:4] == (MAKER, "contours", "k", 0)
-    assert json.loads(rows[0][4]) == payload("contours", "k", 0)
-    assert rows[0][5:] == (None, None)
-    assert read_shard(store.folder / rows[1][5]).rows[rows[1][6]] == row("poses", "k", 0)
-
-
 def test_the_document_tells_the_tables_that_there_are(store):
     text = (Path(__file__).parents[3] / "docs/formats/sweep-store.md").read_text()
     with sqlite3.connect(store.folder / "store.sqlite") as connection:
@@ -419,3 +326,55 @@ def test_the_document_tells_the_tables_that_there_are(store):
             assert name == "part" or all(f"`{column}`" in line for column in columns), line
     connection.close()
     assert len(names) == 7
+
+
+def test_threads_may_share_a_manifest(store):
+    def work(number):
+        put(store, str(number), [("contours", f"k{number}", part) for part in range(5)])
+        return store.record(f"shards/{number}.h5")
+
+    with ThreadPoolExecutor(4) as pool:
+        assert sum(pool.map(work, range(24))) == 120
+    assert sum(map(len, store.done([("contours", f"k{n}") for n in range(24)]).values())) == 120
+
+
+def no_room(path):
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_shards_are_recorded_together_or_not_at_all(store, monkeypatch):
+    paths = [put(store, name, [("contours", name, 0), ("poses", name, 0)]) for name in "abc"]
+    checked = [store.check(path) for path in paths]
+    assert store.done([("contours", "a")]) == {("contours", "a"): set()}
+    with file_size_limit(4096), pytest.raises(SweepStoreError, match="what was recorded before is safe"):
+        store.record_all(checked)
+    monkeypatch.setattr(record_module, "sync", no_room)  # it is called after files of columns were moved
+    with pytest.raises(SweepStoreError, match="No space left on device"):
+        store.record_all(checked)
+    monkeypatch.undo()
+    assert all(path.exists() for path in paths)
+    assert names_in(store, "columns") == []
+    assert store.record_all(checked) == 6
+    assert [store.check(path) for path in paths] == [None, None, None]
+    assert store.record_all([]) == 0
+    assert store.recover() == 0
+    assert len(names_in(store, "columns")) == 3
+
+
+def test_what_another_parent_takes_over_while_it_is_held_counts_once(store):
+    checked = [store.check(put(store, name, [("poses", name, 0), ("contours", name, 0)])) for name in "ab"]
+    with SweepStore(store.folder, maker=MAKER) as other:
+        assert other.record("shards/a.h5") == 2
+    assert store.record_all(checked) == 2
+    assert [len(parts) for parts in store.done([("poses", "a"), ("poses", "b")]).values()] == [1, 1]
+    assert store.recover() == 0
+    assert (len(store.columns("a")["pose"]), store.damaged) == (10, [])
+
+
+def test_columns_are_on_the_disk_before_the_manifest_names_them(store, monkeypatch):
+    put(store, "a", [("poses", "k", 0)])
+    synced = []
+    monkeypatch.setattr(record_module, "sync", synced.append)
+    store.record("shards/a.h5")
+    folder = store.folder / "columns"
+    assert synced == [folder / names_in(store, "columns")[0], folder]

@@ -5,10 +5,7 @@ import json
 
 import h5py
 import numpy as np
-import pandas as pd
-import polars as pl
 import pytest
-import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from old_pose_table import write_old_table
@@ -63,6 +60,9 @@ def test_types_units_and_attributes_come_back(path):
 
 
 def test_pandas_and_polars_read_it_in_one_line(path):
+    import pandas as pd
+    import polars as pl
+
     assert_frame(pd.DataFrame(load_table(path)).to_dict("records"))
     assert_frame(pl.DataFrame(load_table(path)).to_dicts())
     if path.suffix == ".parquet":
@@ -72,6 +72,7 @@ def test_pandas_and_polars_read_it_in_one_line(path):
 
 @pytest.mark.exhaustive
 def test_xarray_reads_it_in_one_line(tmp_path):
+    xr = pytest.importorskip("xarray")
     write_table(tmp_path / "t.h5", COLUMNS, ATTRIBUTES, units=UNITS)
     with xr.open_dataset(tmp_path / "t.h5", engine="h5netcdf") as data:
         assert dict(data.sizes) == {"row": 3}
@@ -130,17 +131,6 @@ def test_a_column_is_the_same_in_both_formats(tmp_path_factory, values):
         np.testing.assert_equal(own, type(own)(expected))
 
 
-@pytest.mark.exhaustive
-def test_a_million_rows_work(tmp_path):
-    count = 10**6
-    columns = {"name": ["tube", "dog"] * (count // 2), "length": np.arange(count) / 7, "seed": np.arange(count)}
-    for suffix, write in WRITERS.items():
-        write(tmp_path / f"t{suffix}", columns, {})
-        loaded = load_table(tmp_path / f"t{suffix}")
-        np.testing.assert_array_equal(loaded["length"], columns["length"])
-        assert (loaded["name"][-1], loaded["seed"][-1]) == ("dog", count - 1)
-
-
 def test_what_is_no_table_is_refused_by_name(tmp_path):
     with pytest.raises(SweepStoreError, match=r"no.h5 does not exist"):
         load_table(tmp_path / "no.h5")
@@ -154,6 +144,7 @@ def test_what_is_no_table_is_refused_by_name(tmp_path):
         file["x"] = [1]
     with pytest.raises(SweepStoreError, match=r"other.h5 is not a palpate table"):
         load_table(tmp_path / "other.h5")
+    pd = pytest.importorskip("pandas")
     pd.DataFrame({"a": [1]}).to_parquet(tmp_path / "other.parquet")
     with pytest.raises(SweepStoreError, match=r"other.parquet is not a palpate table"):
         load_table(tmp_path / "other.parquet")
@@ -167,15 +158,6 @@ def test_a_newer_version_is_refused_by_name(tmp_path, monkeypatch):
     for suffix in WRITERS:
         with pytest.raises(SweepStoreError, match=rf"t{suffix} has format version 2, this palpate reads up to 1"):
             load_table(tmp_path / f"t{suffix}")
-
-
-def test_a_damaged_column_is_refused(tmp_path):
-    path = tmp_path / "t.h5"
-    write_table(path, {"a": np.arange(1000) / 7}, {})
-    content = path.read_bytes()
-    path.write_bytes(content.replace((np.arange(1000) / 7)[500:502].tobytes(), bytes(16)))
-    with pytest.raises(SweepStoreError, match=r"t.h5 is damaged: its checksum does not match"):
-        load_table(path)
 
 
 def test_without_pyarrow_parquet_says_what_to_install(tmp_path, monkeypatch):

@@ -1,11 +1,9 @@
 """`palpate sweep` from plan to table: what is made, what is made again, what is refused, and what a kill leaves."""
 
-import contextlib
 import json
 import os
 import re
 import signal
-import sqlite3
 import subprocess
 import sys
 import time
@@ -16,10 +14,7 @@ import numpy as np
 import pytest
 import trimesh
 from command_line import FAILED, MISUSED, PALPATE, answer, refused, run
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from palpate.datasets.sweeps.pose_files import load_pose_table
 from palpate.datasets.sweeps.table import load_table, table_attributes, write_table
 from palpate.render.cli import app as cli
 from palpate.render.sweeps.run import estimate as estimate_module
@@ -91,43 +86,11 @@ def test_a_sweep_is_made_once_and_grows(tmp_path):
 
 
 @pytest.mark.exhaustive
-@settings(max_examples=4)
-@given(st.data())
-def test_the_table_of_a_union_of_plans_is_the_union_of_their_tables(tmp_path_factory, data):
-    folder = tmp_path_factory.mktemp("union")
-    some = st.lists(st.sampled_from([1, 2, 3]), min_size=1, unique=True)
-    paths = [
-        plan(
-            folder / f"{name}.toml",
-            seeds=data.draw(some),
-            strategies=data.draw(st.lists(st.sampled_from(["oc", "cc"]), min_size=1, unique=True)),
-        )
-        for name in "ab"
-    ]
-    alone = [rows(sweep(path)) for path in paths]
-    both = rows(sweep(*paths, "--store", folder / "both.sweep"))
-    assert both == alone[0] | alone[1]
-
-
-@pytest.mark.exhaustive
-def test_rows_of_poses_and_kept_files(tmp_path):
-    path = plan(tmp_path / "a.toml", seeds=(1,), strategies=("oc", "hatch"))
-    path.write_text('per_pose = true\nkeep = ["contours"]\n' + path.read_text())
-    told = sweep(path)
-    poses, table = load_pose_table(told["poses_table"]), load_table(told["table"])
-    assert len(poses["recipe"]) == 2 * 180
-    for row, mean in enumerate(table["length_mean"]):
-        assert poses["length"][poses["recipe"] == row].mean(dtype=float) == pytest.approx(mean)
-    for kept in table["kept_contours"]:
-        assert run("check", tmp_path / "a.sweep" / kept).exit_code == 0
-    assert sweep(path)["poses_rendered"] == 0
-
-
 def test_a_change_is_caught_against_a_baseline(tmp_path):
     path = plan(tmp_path / "a.toml")
     (tmp_path / "old.h5").write_bytes(b"of an earlier sweep")
-    sweep(path, "--overwrite", "--table", tmp_path / "old.h5", "--table", tmp_path / "old.parquet")
-    for old in ("old.h5", "old.parquet", "a.sweep"):
+    sweep(path, "--overwrite", "--table", tmp_path / "old.h5")
+    for old in ("old.h5", "a.sweep"):
         told = sweep(path, "--store", tmp_path / "b.sweep", "--baseline", tmp_path / old)
         assert told["comparison"]["kept"] is True
         assert told["comparison"]["value_count"] > 20
@@ -138,17 +101,18 @@ def test_a_change_is_caught_against_a_baseline(tmp_path):
     assert result.exit_code == FAILED
     assert "length_mean" in result.stderr
     assert run("sweep", path, "--baseline", tmp_path / "old.h5", "--tolerance", "length_mean=0.01").exit_code == 0
+    plan(path, seeds=(5,))
+    told = sweep(path, "--baseline", tmp_path / "old.h5", "--update-baseline")
+    assert told["comparison"]["recipe_count"] == 0  # of another plan, and therefore replaced
+    assert len(load_table(tmp_path / "old.h5")["recipe_hash"]) == 2
 
 
 def test_an_updated_baseline_is_kept_from_then_on(tmp_path):
-    path, old = plan(tmp_path / "a.toml", seeds=(1,)), tmp_path / "old.csv"
+    path, old = plan(tmp_path / "a.toml", seeds=(1,), strategies=("cc",)), tmp_path / "old.csv"
     update = (path, "--baseline", old, "--update-baseline")
     told = sweep(*update)
     assert (told["baseline"], told["comparison"]) == (str(old), None)
     written = old.read_text()
-    assert sweep(path, "--baseline", old)["comparison"]["kept"]
-    assert sweep(*update)["comparison"]["kept"]
-    assert old.read_text() == written
     old.write_text(re.sub(r"0\.(\d{6,}),0\.", r"0.9\1,0.", written, count=1))
     result = run("sweep", path, "--device", "cpu", "--baseline", old)
     assert result.exit_code == FAILED
@@ -157,9 +121,6 @@ def test_an_updated_baseline_is_kept_from_then_on(tmp_path):
     assert "what moved" in result.stderr
     assert "#### What moved" in (tmp_path / "page.md").read_text()
     assert old.read_text() == written
-    plan(path, seeds=(5,))
-    assert sweep(*update)["comparison"]["recipe_count"] == 0  # of another plan, and therefore replaced
-    assert len(load_table(old)["recipe_hash"]) == 2
 
 
 def test_recipes_that_cannot_be_made_are_named_and_the_rest_is_made(tmp_path):
@@ -177,34 +138,33 @@ def test_recipes_that_cannot_be_made_are_named_and_the_rest_is_made(tmp_path):
     assert "cc" in failure["name"]
     assert "open edges" in failure["sentence"]
     assert load_table(told["table"])["complete"].tolist() == [True] * 5 + [False, True, False]
-    shown = run("sweep", path, "--device", "cpu", "--workers", "1", "--no-figure")
-    assert "2 recipes could not be made" in shown.stderr
-    assert shown.stderr.count("open edges") == 1
-    assert "Traceback" not in shown.output
-    summary = ("--summary", tmp_path / "page.md")
+    summary = ("--summary", tmp_path / "page.md", "--no-figure")
     kept = run("sweep", path, "--device", "cpu", "--baseline", tmp_path / "b.csv", "--update-baseline", *summary)
     assert (tmp_path / "page.md").read_text().count("open edges") == 1
     assert kept.exit_code == FAILED
+    assert "2 recipes could not be made" in kept.stderr
+    assert kept.stderr.count("open edges") == 1
+    assert "Traceback" not in kept.output
     assert "is not written, because 2 recipes could not be made" in " ".join(kept.stderr.split())
     assert not (tmp_path / "b.csv").exists()
 
 
 def test_a_dry_run_tells_what_to_expect_and_makes_nothing(tmp_path):
-    path = plan(tmp_path / "a.toml", objects=("cube", "tube"), speeds=(5.0, 7.0))
+    path = plan(tmp_path / "a.toml", speeds=(5.0, 7.0))
     told = answer("sweep", path, "--dry-run", "--device", "cpu", "--set", "motion.seed={first=1,count=5}")
-    assert (told["recipes"], told["is_exact"], told["renderings"], told["poses"]) == (40, True, 20, 40 * 180)
-    assert (told["is_bound"], told["bytes_table"]) == (False, 40 * estimate_module.TABLE_BYTES)
+    assert (told["recipes"], told["is_exact"], told["renderings"], told["poses"]) == (20, True, 10, 20 * 180)
+    assert (told["is_bound"], told["bytes_table"]) == (False, 20 * estimate_module.TABLE_BYTES)
     large = estimate_module.Estimate(10**5, False, True, 0, 1, 1, 1, 1, 1, 900_000_000).sentences()
     assert large[0].startswith("at most 100,000 recipes, about 1 poses")
     assert "memory: about 900 MB while the table is written" in large
-    assert told["poses_to_render"] == 20 * 180
-    assert (told["families"], told["problems"]) == (4, [])
-    assert 0 < told["families_sampled"] <= 4
+    assert told["poses_to_render"] == 10 * 180
+    assert (told["families"], told["problems"]) == (2, [])
+    assert 0 < told["families_sampled"] <= 2
     assert 0 < told["seconds"] < 60
     assert 0 < told["bytes"] < 1e6
     assert not (tmp_path / "a.sweep").exists()
     shown = run("sweep", path, "--dry-run", "--device", "cpu").stdout
-    assert "16 recipes" in shown
+    assert "8 recipes" in shown
     assert "estimate" in shown
 
 
@@ -253,37 +213,6 @@ def test_a_plan_of_a_billion_recipes_asks(tmp_path):
     assert " TB" in told
 
 
-@pytest.mark.exhaustive
-def test_mistakes_get_one_sentence(tmp_path):
-    path = plan(tmp_path / "a.toml")
-    refused(MISUSED, "a.toml:2: objekt", "sweep", _with(tmp_path, "\nobjekt.source = 'cube'\n"))
-    for count in ("many", "0", "257"):
-        refused(MISUSED, "--workers must be a number in 1..256 or auto", "sweep", path, "--workers", count)
-    for option in ("--baseline", "--table", "--scheduler"):
-        refused(MISUSED, f"{option} does not go with --dry-run", "sweep", path, "--dry-run", option, tmp_path / "t.h5")
-    refused(MISUSED, "does not exist", "sweep", path, "--baseline", tmp_path / "none.h5")
-    refused(MISUSED, "--tolerance", "sweep", path, "--tolerance", "1e-6")
-    refused(MISUSED, "a table must end in", "sweep", path, "--table", tmp_path / "t.csv")
-    refused(MISUSED, "no device", "sweep", path, "--device", "cuda:7")
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other" / "thesis.tex").write_text("")
-    refused(MISUSED, "not a sweep's store", "sweep", path, "--store", tmp_path / "other")
-    sweep(path)
-    refused(MISUSED, "no device", "sweep", path, "--device", "cuda:7")  # though nothing is missing
-    refused(MISUSED, "--workers must be", "sweep", path, "--workers", "0")
-    with sqlite3.connect(tmp_path / "a.sweep" / "store.sqlite") as manifest:
-        manifest.execute("PRAGMA user_version = 99")
-    manifest.close()
-    refused(FAILED, "newer", "sweep", path)
-
-
-def _with(folder, text):
-    path = folder / "bad" / "a.toml"
-    path.parent.mkdir()
-    path.write_text(text)
-    return path
-
-
 def started(path, *arguments):
     command = [*PALPATE, "sweep", str(path), "--device", "cpu", "--no-figure", "--json", *map(str, arguments)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -303,61 +232,6 @@ def wait_for(truth, process, seconds=120):
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < until
         time.sleep(0.01)
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("workers", ["1", "2"])
-def test_a_killed_parent_loses_what_was_under_way_and_nothing_else(tmp_path, workers):
-    path, store = tmp_path / "large.toml", tmp_path / "large.sweep"
-    path.write_text(LARGE)
-    process = started(path, "--workers", workers)
-    wait_for(lambda: len(events(store, "task")) >= 3, process)
-    os.kill(process.pid, signal.SIGKILL)
-    process.communicate()
-    recorded = sum(event["poses"] for event in events(store, "task"))
-    told = sweep(path)
-    assert told["recipes_failed"] == 0
-    assert told["poses_rendered"] + recorded <= 400_000
-    assert load_table(told["table"])["complete"].all()
-    assert not list((store / "shards").glob("*.h5"))
-
-
-def children_of(pid):
-    found = []
-    for folder in Path("/proc").glob("[0-9]*"):
-        with contextlib.suppress(OSError):
-            command = (folder / "cmdline").read_bytes()
-            parent = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
-            if parent == pid and b"resource_tracker" not in command:
-                found.append(int(folder.name))
-    return found
-
-
-@pytest.mark.exhaustive
-def test_a_killed_worker_is_replaced_and_its_task_made_again(tmp_path):
-    path, store = tmp_path / "large.toml", tmp_path / "large.sweep"
-    path.write_text(LARGE)
-    process = started(path, "--workers", "2")
-    wait_for(lambda: len(events(store, "task")) >= 1, process)
-    os.kill(children_of(process.pid)[0], signal.SIGKILL)
-    out, err = process.communicate(timeout=300)
-    assert process.returncode == 0, err
-    told = json.loads(out)
-    assert (told["recipes"], told["recipes_failed"]) == (20, 0)
-    assert told["workers_lost"] <= 1  # 0 if it had nothing to do at that moment
-    assert "signal 9" in err or not told["workers_lost"]
-    assert load_table(told["table"])["complete"].all()
-
-
-@pytest.mark.exhaustive
-def test_two_parents_make_one_store_together(tmp_path):
-    path = tmp_path / "large.toml"
-    path.write_text(LARGE)
-    processes = [started(path, "--workers", "1") for _ in range(2)]
-    told = [json.loads(process.communicate(timeout=300)[0]) for process in processes]
-    assert [process.returncode for process in processes] == [0, 0]
-    assert all(one["recipes_failed"] == 0 for one in told)
-    assert rows(told[0]) == rows(sweep(path, "--store", tmp_path / "alone.sweep"))
 
 
 @pytest.mark.exhaustive
@@ -405,6 +279,7 @@ def test_a_finished_sweep_imports_no_more_than_it_needs(tmp_path):
     assert out.stdout.splitlines()[-1] == "0 set()"
 
 
+@pytest.mark.exhaustive
 def test_json_is_one_object_whatever_device_the_plan_leaves_open(tmp_path):
     """In a process of its own, where Warp has not been started: it would print a greeting to standard output."""
     path = plan(tmp_path / "a.toml", seeds=(1,), strategies=("oc",))
@@ -414,15 +289,9 @@ def test_json_is_one_object_whatever_device_the_plan_leaves_open(tmp_path):
     assert "Warp" not in done.stderr
 
 
-@pytest.mark.parametrize("value", ["nan", "-1"])
-def test_a_time_limit_that_is_none_is_refused(tmp_path, value):
-    path = plan(tmp_path / "a.toml")
-    refused(MISUSED, "--task-timeout must be at least 0 s", "sweep", path, "--task-timeout", value)
-
-
-@pytest.mark.parametrize("url", ["nonsense", "http://host/x", "zip://x"])
-def test_a_place_that_cannot_be_shared_is_refused_before_anything_is_made(tmp_path, monkeypatch, url):
+def test_a_place_that_cannot_be_shared_is_refused_before_anything_is_made(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path = plan(tmp_path / "a.toml")
-    refused(MISUSED, f"--share {url}", "sweep", path, "--share", url)
+    for url in ("nonsense", "zip://x"):
+        refused(MISUSED, f"--share {url}", "sweep", path, "--share", url)
     assert sorted(own.name for own in tmp_path.iterdir()) == ["a.toml"]

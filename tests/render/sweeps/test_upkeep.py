@@ -9,15 +9,16 @@ import pytest
 from command_line import FAILED, MISUSED, answer, refused, run
 
 from palpate.datasets.sweeps.table import load_table
+from palpate.render import InProcess, load_plans, run_sweep
 from palpate.render.sweeps.plan.code_version import code_version
 
 PLAN = """
 metrics = ["contours", "frequency"]
 [object]
-source = ["cube", "tube", "dog"]
+source = "cube"
 [motion]
-duration = 0.5
-seed = {first = 1, count = 4}
+duration = 0.2
+seed = {first = 1, count = 3}
 """
 OPEN = """
 metrics = ["contours"]
@@ -31,9 +32,21 @@ duration = 0.5
 OLDER = "palpate code of an earlier day"
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A folder with the plan, its finished store `a.sweep`, and stores of single seeds: `1.sweep`, `2.sweep`."""
+    folder = tmp_path_factory.mktemp("made")
+    (folder / "a.toml").write_text(PLAN)
+    sweep(folder / "a.toml")
+    for seed in (1, 2):
+        run_sweep(load_plans([folder / "a.toml"], [f"motion.seed={seed}"]), folder / f"{seed}.sweep", InProcess("cpu"))
+    return folder
+
+
 @pytest.fixture
-def path(tmp_path):
-    (tmp_path / "a.toml").write_text(PLAN)
+def path(made, tmp_path):
+    """The plan, with copies of these stores beside it."""
+    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
     return tmp_path / "a.toml"
 
 
@@ -62,14 +75,16 @@ def rename_maker(store, text=OLDER):
             connection.execute("UPDATE failure SET digest = ? WHERE recipe = ?", values)
 
 
-def test_shards_of_three_machines_merge_to_the_table_of_one(path, tmp_path):
-    whole = sweep(path, "--store", tmp_path / "whole")
-    parts = [tmp_path / f"part{number}" for number in (1, 2, 3)]
-    rendered = [sweep(path, "--store", own, "--shard", f"{number}/3") for number, own in enumerate(parts, 1)]
-    assert sum(own["poses_rendered"] for own in rendered) == whole["poses_rendered"]
+@pytest.mark.exhaustive
+def test_shards_of_machines_merge_to_the_table_of_one(path, tmp_path):
+    path.write_text(PLAN.replace('"cube"', '["cube", "tube"]'))
+    whole = sweep(path)
+    parts = [tmp_path / f"part{number}" for number in (1, 2)]
+    rendered = [sweep(path, "--store", own, "--shard", f"{number}/2") for number, own in enumerate(parts, 1)]
+    assert sum(own["poses_rendered"] for own in rendered) == 6 * 18
     merged = answer("sweep", "merge", tmp_path / "all", *parts)
-    assert merged["parts_merged"] == 12 * 2
-    assert [own["parts"] > 0 for own in merged["sources"]] == [True] * 3
+    assert merged["parts_merged"] == 6 * 2
+    assert [own["parts"] > 0 for own in merged["sources"]] == [True] * 2
     told = sweep(path, "--store", tmp_path / "all")
     assert (told["poses_rendered"], told["recipes_failed"]) == (0, 0)
     assert table(told) == table(whole)
@@ -78,54 +93,52 @@ def test_shards_of_three_machines_merge_to_the_table_of_one(path, tmp_path):
 
 
 def test_stores_of_two_code_versions_are_merged_only_if_asked(path, tmp_path):
-    for name in ("mine", "theirs"):
-        sweep(path, "--store", tmp_path / name, "--set", f"motion.seed={len(name)}")
-    rename_maker(tmp_path / "theirs")
-    sources = [tmp_path / "mine", tmp_path / "theirs"]
-    for order in (sources, sources[::-1]):
-        refused(
-            MISUSED, f"results of different code versions: {order[0]} has", "sweep", "merge", tmp_path / "all", *order
-        )
-    refused(MISUSED, OLDER, "sweep", "merge", tmp_path / "mine", tmp_path / "theirs")
+    sources = [tmp_path / "1.sweep", tmp_path / "2.sweep"]
+    rename_maker(sources[1])
+    for message, words in ((f"code versions: {sources[1]} has", [tmp_path / "all", *sources[::-1]]), (OLDER, sources)):
+        refused(MISUSED, message, "sweep", "merge", *words)
     assert not (tmp_path / "all").exists()
     told = answer("sweep", "merge", tmp_path / "all", *sources, "--other-code")
-    assert (told["parts_merged"], told["code_version"]) == (12, code_version())
+    assert (told["parts_merged"], told["code_version"]) == (4, code_version())
     makers = {own["maker"]: own["is_this_code"] for own in answer("sweep", "status", tmp_path / "all")["makers"]}
     assert list(makers.items()) == [(OLDER, False), (code_version(), True)]
-    assert sweep(path, "--store", tmp_path / "all", "--set", "motion.seed=4")["poses_rendered"] == 0
-    assert sweep(path, "--store", tmp_path / "all", "--set", "motion.seed=6", "--same-results")["poses_rendered"] == 0
+    assert answer("sweep", "failures", tmp_path / "all")["maker"] == code_version()
+    assert answer("sweep", "failures", sources[1])["maker"] == OLDER
+    given = ["--store", tmp_path / "all", "--set", "motion.seed=2"]
+    assert sweep(path, *given, "--same-results")["poses_rendered"] == 0
 
 
 def test_a_source_with_older_results_too_gives_only_those_of_this_code(path, tmp_path):
-    sweep(path, "--store", tmp_path / "one", "--set", "motion.seed=1")
-    rename_maker(tmp_path / "one")
-    sweep(path, "--store", tmp_path / "one", "--set", "motion.seed=2")
-    result = run("sweep", "merge", tmp_path / "all", tmp_path / "one", "--json")
+    rename_maker(tmp_path / "1.sweep")
+    sweep(path, "--store", tmp_path / "1.sweep", "--set", "motion.seed=2")
+    result = run("sweep", "merge", tmp_path / "all", tmp_path / "1.sweep", "--json")
     assert result.exit_code == 0
-    assert json.loads(result.stdout)["parts_merged"] == 6
+    assert json.loads(result.stdout)["parts_merged"] == 2
     assert "results of 1 other code versions were left out" in " ".join(result.stderr.split())
 
 
 def test_merging_cannot_begin_with_what_is_no_store(path, tmp_path):
-    told = sweep(path, "--store", tmp_path / "one")
-    (tmp_path / "mixed").mkdir()
-    (tmp_path / "mixed/thesis.txt").write_text("mine")
-    refused(MISUSED, "cannot be merged into itself", "sweep", "merge", tmp_path / "one", tmp_path / "mixed/../one")
-    refused(MISUSED, "is not a sweep's store", "sweep", "merge", tmp_path / "all", tmp_path / "mixed")
-    refused(MISUSED, "is not a sweep's store", "sweep", "merge", tmp_path / "mixed", told["store"])
-    refused(MISUSED, "is not a sweep's store", "sweep", "merge", tmp_path / "all", tmp_path / "missing")
-    assert sorted(own.name for own in (tmp_path / "mixed").iterdir()) == ["thesis.txt"]
-    assert not (tmp_path / "all").exists()
+    one, mixed, target = tmp_path / "1.sweep", tmp_path / "mixed", tmp_path / "all"
+    mixed.mkdir()
+    (mixed / "thesis.txt").write_text("mine")
+    refused(MISUSED, "cannot be merged into itself", "sweep", "merge", one, mixed / "../1.sweep")
+    for words in ((target, mixed), (mixed, one), (target, tmp_path / "missing"), (path, one)):
+        refused(MISUSED, "is not a sweep's store", "sweep", "merge", *words)
+    assert sorted(own.name for own in mixed.iterdir()) == ["thesis.txt"]
+    assert not target.exists()
 
 
 def test_damage_in_a_source_is_told_and_fails(path, tmp_path):
-    sweep(path, "--store", tmp_path / "one")
-    with closing(sqlite3.connect(tmp_path / "one/store.sqlite")) as connection, connection:
-        connection.execute("UPDATE part SET payload = '{}' WHERE id = 3")
-    result = run("sweep", "merge", tmp_path / "all", tmp_path / "one", "--json")
+    with closing(sqlite3.connect(tmp_path / "1.sweep/store.sqlite")) as connection, connection:
+        connection.execute("UPDATE part SET payload = '{}' WHERE id = 1")
+    result = run("sweep", "merge", tmp_path / "all", tmp_path / "1.sweep", "--json")
     assert result.exit_code == FAILED
-    assert json.loads(result.stdout)["parts_merged"] == 23
+    assert json.loads(result.stdout)["parts_merged"] == 1
     assert "these parts were left out" in result.stderr
+    checked = run("check", tmp_path / "1.sweep", "--json")
+    assert (checked.exit_code, len(json.loads(checked.stdout)["problems"])) == (FAILED, 1)
+    for whole in (tmp_path / "2.sweep", tmp_path / "a.sweep/table.h5"):
+        assert answer("check", whole)["problems"] == []
 
 
 def test_failures_are_shown_by_reason_with_their_names(tmp_path, monkeypatch):
@@ -154,66 +167,46 @@ def test_failures_are_shown_by_reason_with_their_names(tmp_path, monkeypatch):
 
 
 def test_status_of_a_store_that_ended(path, tmp_path):
-    told = sweep(path)
-    status = answer("sweep", "status", told["store"])
+    store = tmp_path / "a.sweep"
+    status = answer("sweep", "status", store)
     assert (status["last_run"]["state"], status["last_run"]["plan"]) == ("ended", "a")
     assert (status["parents"], status["shards_waiting"], status["code_version"]) == ([], 0, code_version())
     (maker,) = status["makers"]
     counts = {own["group"]: (own["results"], own["parts"]) for own in maker["groups"]}
-    assert counts == {"contours": (12, 12), "frequency": (12, 12)}
+    assert counts == {"contours": (3, 3), "frequency": (3, 3)}
     assert status["bytes"]["store.sqlite"] > 10_000
-    shown = run("sweep", "status", told["store"]).stdout
+    shown = run("sweep", "status", store).stdout
     assert "(this code)" in shown
     assert "ended" in shown
-    with (tmp_path / "a.sweep/log.jsonl").open("a") as log:
-        log.write('{"time": "2026-01-01", "run": "x", "event": "start", "plan": "b"}\n{"event": \n[1]\n')
+    with (store / "log.jsonl").open("a") as log:
+        log.write('{"time": "2026-01-01", "run": "x", "event": "start", "plan": "b"}\n')
         log.write('{"time": "2026-01-02", "run": "x", "event": "stopped", "sentence": "interrupted"}\n')
-    assert answer("sweep", "status", told["store"])["last_run"]["state"] == "stopped: interrupted"
+    assert answer("sweep", "status", store)["last_run"]["state"] == "stopped: interrupted"
     refused(MISUSED, "is not a sweep's store", "sweep", "status", tmp_path)
 
 
-def test_pruning_keeps_this_code_alone(path, tmp_path):
-    sweep(path, "--set", "motion.seed=1")
-    store = tmp_path / "a.sweep"
+def test_pruning_keeps_this_code_alone_and_waits_for_no_sweep(path, tmp_path):
+    store = tmp_path / "1.sweep"
     assert answer("sweep", "prune", store)["parts_removed"] == 0
     rename_maker(store)
     refused(MISUSED, "so nothing would stay", "sweep", "prune", store)
-    sweep(path, "--set", "motion.seed=2")
+    sweep(path, "--store", store, "--set", "motion.seed=2")
     before = (store / "store.sqlite").read_bytes()
     dry = answer("sweep", "prune", store, "--dry-run")
-    assert (dry["parts_removed"], dry["parts_kept"], dry["code_versions_removed"]) == (6, 6, [OLDER])
+    assert (dry["parts_removed"], dry["parts_kept"], dry["code_versions_removed"]) == (2, 2, [OLDER])
+    (store / "parents").mkdir()
+    (store / "parents/another-host-7-00").write_text("1")
+    refused(FAILED, "a sweep runs in it (another-host-7-00)", "sweep", "prune", store)
     assert (store / "store.sqlite").read_bytes() == before
-    told = answer("sweep", "prune", store)
-    assert told == dry | {"is_dry_run": False}
+    (store / "parents/another-host-7-00").unlink()
+    assert answer("sweep", "prune", store) == dry | {"is_dry_run": False}
     assert [own["maker"] for own in answer("sweep", "status", store)["makers"]] == [code_version()]
-    assert sweep(path, "--set", "motion.seed=2")["poses_rendered"] == 0
-
-
-def test_pruning_waits_for_no_sweep(path, tmp_path):
-    told = sweep(path)
-    parents = tmp_path / "a.sweep/parents"
-    parents.mkdir()
-    (parents / "another-host-7-00").write_text("1")
-    refused(FAILED, "a sweep runs in it (another-host-7-00)", "sweep", "prune", told["store"])
-
-
-def test_after_merging_other_code_failures_are_still_those_of_this_code(path, tmp_path):
-    sweep(path, "--store", tmp_path / "mine", "--set", "motion.seed=1")
-    sweep(path, "--store", tmp_path / "theirs", "--set", "motion.seed=2")
-    rename_maker(tmp_path / "theirs")
-    answer("sweep", "merge", tmp_path / "mine", tmp_path / "theirs", "--other-code")
-    assert answer("sweep", "failures", tmp_path / "mine")["maker"] == code_version()
-    assert answer("sweep", "failures", tmp_path / "theirs")["maker"] == OLDER
-
-
-def test_a_target_that_is_a_file_is_refused(path, tmp_path):
-    sweep(path, "--store", tmp_path / "one", "--set", "motion.seed=1")
-    refused(MISUSED, "is not a sweep's store", "sweep", "merge", path, tmp_path / "one")
+    assert sweep(path, "--store", store, "--set", "motion.seed=2")["poses_rendered"] == 0
 
 
 def test_a_plan_may_have_a_commands_name_behind_a_dot(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copy(path, "status")
-    assert sweep("./status", "--set", "motion.seed=1", "--dry-run")["recipes"] == 3
+    assert sweep("./status", "--set", "motion.seed=1", "--dry-run")["recipes"] == 1
     result = run("sweep", "run", "a.toml", "--dry-run", "--json")
-    assert json.loads(result.stdout)["recipes"] == 12
+    assert json.loads(result.stdout)["recipes"] == 3

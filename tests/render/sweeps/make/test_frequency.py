@@ -79,7 +79,7 @@ def test_draw_frequencies_are_those_of_the_tracks(name, poses, device):
         assert np.isfinite(actual).any()
 
 
-@pytest.mark.parametrize("name", ["stm", "capped", "fast-return", "constant-frequency", "am"])
+@pytest.mark.parametrize("name", ["fast-return", "constant-frequency", "am"])
 def test_pauses_of_the_contours_count(name, poses, device):
     paused = load_strategy("corner-pauses")
     batch = batch_of(MeshObject.load("cube"), paused, poses[:15], device)

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 import warp as wp
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.kernels.metrics.histogram import count_bins
@@ -32,6 +32,7 @@ def assert_close(got, want, greatest):
         assert got == pytest.approx(want, rel=ERROR, abs=2.0 ** (LOWEST - 1))
 
 
+@settings(max_examples=25)
 @given(values=LENGTHS)
 def test_a_quantile_is_that_of_the_sorted_values(values):
     count = merge([json.loads(json.dumps(*describe(counted(values)[None])))])
@@ -51,6 +52,7 @@ def test_many_lengths_have_numpys_quantiles(rng):
     assert max(abs(a / b - 1) for a, b in zip(got[3:], want[3:], strict=True)) > 1e-5  # the error is real
 
 
+@settings(max_examples=25)
 @given(values=LENGTHS, order=st.permutations(range(4)))
 def test_parts_merge_in_any_order(values, order):
     parts = describe(np.stack([counted(part) for part in np.array_split(values, 4)]))

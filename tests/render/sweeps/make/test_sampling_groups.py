@@ -48,7 +48,8 @@ def touching(*seeds):
     return [{**explored(1.0, seed=seed), "model": "over-array", "explorer": seed + 1} for seed in seeds]
 
 
-@pytest.mark.parametrize("groups_asked", [("sampling",), ("keep-focal-points",), BOTH])
+@pytest.mark.exhaustive(after=1)
+@pytest.mark.parametrize("groups_asked", [BOTH, ("sampling",), ("keep-focal-points",)])
 @pytest.mark.parametrize("strategy", ["cc", "corners"])
 def test_motions_that_are_sampled_together_are_the_same_as_alone(tmp_path, monkeypatch, device, strategy, groups_asked):
     recipes = sampled(*touching(5, 7, 4), strategy=strategy)
@@ -73,14 +74,21 @@ def test_motions_that_are_sampled_together_are_the_same_as_alone(tmp_path, monke
         assert files_of(tmp_path) == files_of(tmp_path / "alone")
 
 
-@pytest.mark.parametrize("name", ["lm", "am-multi-focus", "step"])
-def test_kept_focal_points_are_the_same_on_every_device(tmp_path, device, name):
+@pytest.mark.exhaustive(after=1)
+@pytest.mark.parametrize("name", ["am-multi-focus", "lm", "step"])
+def test_kept_focal_points_are_the_same_on_every_device_and_written_in_any_blocks(tmp_path, monkeypatch, device, name):
     recipes = [recipe_of("tube", motion=own, sampling=name) for own in touching(5, 7)]
-    stores = [tmp_path / "cpu", tmp_path / "other"]
-    for store, where in zip(stores, ("cpu", device), strict=True):
+    stores = [tmp_path / place for place in ("at once", "streamed", "other device")]
+    for store in stores:
         store.mkdir()
-        made(store, recipes, BOTH[1:], where)
-    assert files_of(stores[0]) == files_of(stores[1])
+    made(stores[0], recipes, BOTH[1:])
+    if device != "cpu":
+        made(stores[2], recipes, BOTH[1:], device)
+        assert files_of(stores[2]) == files_of(stores[0])
+    monkeypatch.setattr(keep_module, "POINTS_A_WRITE", 1500)
+    monkeypatch.setattr(sampling_groups, "_is_grouped", lambda *_: False)
+    made(stores[1], recipes, BOTH[1:])
+    assert files_of(stores[1]) == files_of(stores[0])
 
 
 def test_chunks_of_one_motion_share_what_each_asks_for(tmp_path):
@@ -111,17 +119,6 @@ def test_a_file_that_cannot_be_written_fails_alone(tmp_path, monkeypatch):
     groups = [row.group for row in read_shard(tmp_path / outcome.shard).rows]
     assert (groups.count("sampling"), groups.count("keep-focal-points")) == (3, 2)
     assert len(files_of(tmp_path)) == 2
-
-
-@pytest.mark.parametrize("at_once", [1, 1500, 1 << 20])
-def test_how_many_focal_points_are_written_at_once_changes_no_bit(tmp_path, monkeypatch, at_once):
-    recipe = recipe_of("tube", motion=touching(5)[0])
-    made(tmp_path, [recipe], BOTH[1:])
-    (tmp_path / "streamed").mkdir()
-    monkeypatch.setattr(keep_module, "POINTS_A_WRITE", at_once)
-    monkeypatch.setattr(sampling_groups, "_is_grouped", lambda *_: False)
-    made(tmp_path / "streamed", [recipe], BOTH[1:])
-    assert files_of(tmp_path / "streamed") == files_of(tmp_path)
 
 
 def test_a_motion_that_fails_fails_alone(tmp_path, monkeypatch):

@@ -20,6 +20,7 @@ from palpate.datasets.recordings.sample import write_sample
 from palpate.datasets.sweeps.shard import read_shard
 from palpate.kernels.metrics.random_pose import random_poses
 from palpate.render import render
+from palpate.render.errors import StrategyError
 from palpate.render.intersection import batch_rendering as render_batch
 from palpate.render.intersection.named_inputs import load_hand, load_hand_and_motion, load_solid
 from palpate.render.objects.functions.expression import sphere
@@ -127,32 +128,25 @@ def alone(tmp_path_factory):
     return out
 
 
+BATCHES = {  # how batches are made otherwise: of everything, of two spans, and too large ones halved
+    "together": {},
+    "small": {"batch_capacity": lambda *_: 2 * SPAN},
+    "halved": {"point_limit": lambda _: 12_000, "_batches_known": {}},  # some 600 poses of the tube
+}
+
+
 @pytest.mark.exhaustive
-def test_recipes_that_share_batches_and_devices_are_the_same_to_the_bit(tmp_path, alone, device):
+@pytest.mark.parametrize("batches", BATCHES)
+def test_recipes_in_any_batches_and_on_every_device_are_the_same_to_the_bit(
+    tmp_path, alone, monkeypatch, device, batches
+):
+    counts, measure = [], work_module.measure_batch
+    monkeypatch.setattr(work_module, "measure_batch", lambda *a, **o: counts.append(len(a[1])) or measure(*a, **o))
+    for name, value in BATCHES[batches].items():
+        monkeypatch.setattr(work_module, name, value)
     assert made(tmp_path, mixed(), GROUPS, device) == alone
-
-
-@pytest.mark.exhaustive
-def test_recipes_in_small_batches_are_the_same_to_the_bit(tmp_path, alone, monkeypatch, device):
-    monkeypatch.setattr(work_module, "batch_capacity", lambda *_: 2 * SPAN)
-    assert made(tmp_path, mixed(), GROUPS, device) == alone
-
-
-@pytest.mark.exhaustive
-def test_batches_with_too_many_points_are_halved(tmp_path, alone, monkeypatch):
-    tried = []
-    measure = work_module.measure_batch
-
-    def measured(scene, pose, *rest, **options):
-        tried.append(len(pose))
-        return measure(scene, pose, *rest, **options)
-
-    monkeypatch.setattr(work_module, "measure_batch", measured)
-    monkeypatch.setattr(work_module, "point_limit", lambda _: 12_000)  # some 600 poses of the tube
-    monkeypatch.setattr(work_module, "_batches_known", {})
-    assert made(tmp_path, mixed(), GROUPS) == alone
-    assert max(tried) > 2 * SPAN
-    assert min(tried[1:6]) < max(tried)
+    assert (max(counts) > 2 * SPAN) == (batches != "small")
+    assert batches != "halved" or min(counts[1:6]) < max(counts)
 
 
 def test_parts_are_counted_from_the_first_pose_and_made_where_asked(tmp_path):
@@ -176,6 +170,8 @@ def test_several_sampling_strategies_share_a_rendering(tmp_path, monkeypatch):
     rows = made(tmp_path, recipes, ("contours", "frequency"))
     assert rendered == [180]
     assert [group for group, _, _ in rows] == ["contours", *["frequency"] * 3]
+    timed = [row.payload["seconds"] for row in read_shard(tmp_path / "shards/shard-0.h5").rows]
+    assert [{"find", "join"} <= own.keys() for own in timed] == [True, False, False, False]  # counted once
     for recipe in recipes:
         alone = made(tmp_path, [recipe], ("frequency",), name=f"alone-{recipe.sampling['name']}")
         assert alone["frequency", recipe.key("frequency"), 0] == rows["frequency", recipe.key("frequency"), 0]
@@ -287,6 +283,24 @@ def test_a_stage_that_fails_on_one_motion_takes_no_other_with_it(tmp_path):
     }
 
 
+def test_a_rendering_that_fails_takes_none_of_its_batch_with_it(tmp_path, monkeypatch):
+    recipes = [recipe_of(motion=random_motion(count)) for count in (60, 50, 40)]
+    measure, counts = work_module.measure_batch, []
+
+    def measured(scene, pose, slices, **options):
+        counts.append([own.count for own in slices])
+        if 50 in counts[-1]:
+            raise StrategyError("fifty poses are too many")
+        return measure(scene, pose, slices, **options)
+
+    monkeypatch.setattr(work_module, "measure_batch", measured)
+    outcome = run_task(task_of(tmp_path, recipes, ("contours",)), "cpu", worker="here")
+    assert counts == [[60, 50, 40], [60], [50], [40]]
+    assert [failed.place for failed in outcome.failed] == [1]
+    assert "fifty poses" in outcome.error
+    assert {key for _, key, _ in rows_of(tmp_path, outcome)} == {recipes[k].key("contours") for k in (0, 2)}
+
+
 def test_what_is_kept_for_later_tasks_has_a_limit():
     kept, made_of = CostCache(10, len), []
 
@@ -296,14 +310,11 @@ def test_what_is_kept_for_later_tasks_has_a_limit():
     for text in ("aaaa", "bbbb", "a", "cccc", "b", "dddddddddddd", "d", "c"):
         value(text)
     assert made_of == ["aaaa", "bbbb", "cccc", "b", "dddddddddddd", "c"]
-
-
-def test_what_each_thing_costs_is_asked_once():
     asked = []
-    kept = CostCache(10**6, lambda value: asked.append(value) or 1)
+    other = CostCache(10**6, lambda value: asked.append(value) or 1)
     for k in range(100):
-        kept.get(str(k), lambda k=k: k)
-    assert asked == list(range(100))
+        other.get(str(k), lambda k=k: k)
+    assert asked == list(range(100))  # what a thing costs is asked once
 
 
 def test_a_task_that_cannot_be_read_is_told(tmp_path):

@@ -6,12 +6,11 @@ import os
 import subprocess
 import sys
 from functools import partial
-from types import MappingProxyType
 
 import numpy as np
 import pytest
 import warp as wp
-from sweep_recipes import explored, random_motion, recipe_of, task_of
+from sweep_recipes import random_motion, recipe_of, task_of
 
 from palpate.datasets.sweeps.shard import ShardRow, read_shard, write_shard
 from palpate.datasets.sweeps.store import SweepStore
@@ -19,7 +18,6 @@ from palpate.render.errors import ImplicitError
 from palpate.render.objects.functions.user_function import load_function
 from palpate.render.stages import registry as stages
 from palpate.render.stages.user_code_digest import digest_of
-from palpate.render.strategies.intersection_strategy import load_strategy
 from palpate.render.sweeps.make.work import run_task
 from palpate.render.sweeps.plan.code_version import code_version
 from palpate.render.sweeps.plan.loading import load_plans
@@ -137,33 +135,6 @@ def closure(level):
     return lambda batch, setting: (batch, level)
 
 
-def test_a_stage_is_known_by_its_file_and_by_what_is_bound_to_it():
-    large = np.zeros(100_000)
-    other = large.copy()
-    other[50_000] = 1.0
-    of = [
-        bound,
-        closure,
-        *(partial(bound, value) for value in (1, large, other, [large], {"a": large})),
-        *(partial(bound, 1, second=value) for value in (2, 3, {"a": 1}, {"a": 2})),
-        closure(1),
-        closure(2),
-        partial(np.add, 1),
-    ]
-    assert len({digest_of(function) for function in of}) == len(of)
-    assert digest_of(partial(bound, second=object())) == digest_of(partial(bound, second=object()))
-    assert digest_of(partial(bound, large)) == digest_of(partial(bound, np.zeros(100_000)))
-
-
-def test_another_constant_in_a_stages_file_is_another_digest(tmp_path, own):
-    load_strategy(str(tmp_path / "own.json"), allow_code=True)
-    function = stages.find_stage("transform", own.stem).function
-    before, noted = digest_of(function), stages.find_stage("transform", own.stem).digest
-    edit(own, "1.0", "2.0")
-    assert digest_of(function) != before
-    assert stages.find_stage("transform", own.stem).digest == noted  # what was imported is what runs
-
-
 def test_stages_of_ones_own_see_the_rows_of_their_motion_whoever_shares_the_task(tmp_path, own):
     recipes = [recipe_of("tube", motion=random_motion(60, seed=s), strategy=tmp_path / "own.json") for s in (1, 2)]
 
@@ -175,41 +146,6 @@ def test_stages_of_ones_own_see_the_rows_of_their_motion_whoever_shares_the_task
     together = payloads(recipes, "both")
     assert len(together) == 4
     assert together == payloads(recipes[:1], "one") | payloads(recipes[1:], "two")
-
-
-KEEP = ("keep-contours", "keep-focal-points", "keep-drives")
-
-
-class KeptPlan:
-    """One short recipe, everything kept."""
-
-    name, recipe_count, groups, granted, user_metrics = "kept", 1, KEEP, frozenset(), MappingProxyType({})
-
-    def recipes(self):
-        yield recipe_of("cube", motion=explored(1.0))
-
-
-def cut(path):
-    os.truncate(path, path.stat().st_size // 2)
-
-
-@pytest.mark.exhaustive
-@pytest.mark.filterwarnings("ignore:.*is damaged:palpate.render.errors.PalpateWarning")
-@pytest.mark.parametrize("harm", [cut, os.unlink], ids=["truncated", "deleted"])
-def test_a_kept_file_that_is_cut_or_gone_is_made_again(tmp_path, harm):
-    def run():
-        report = run_sweep(KeptPlan(), tmp_path, InProcess("cpu"))
-        assert not report.failures
-        return report.rows
-
-    assert (run(), run()) == (3, 0)
-    files = sorted(tmp_path.glob("*/*.h5"))
-    sizes = [file.stat().st_size for file in files]
-    assert [file.parent.name for file in files] == ["contours", "drives", "focal-points"]
-    for file in files:
-        harm(file)
-        assert (run(), run()) == (1, 0)
-    assert [file.stat().st_size for file in files] == sizes
 
 
 def test_what_a_store_says_of_kept_files_goes_by_their_bytes(tmp_path):
@@ -255,11 +191,16 @@ def test_what_is_bound_counts_by_what_it_holds():
         (partial(bound, np.array(["a", None], object)), partial(bound, np.array(["b", None], object))),
         (Slotted(1), Slotted(2)),
         (partial(bound, closure, bound, closure), partial(bound, closure, bound, bound)),
+        (bound, closure),
+        (closure(1), closure(2)),
+        (partial(bound, 1, second={"a": 1}), partial(bound, 1, second={"a": 2})),
+        (partial(bound, np.zeros(100_000)), partial(bound, np.eye(1, 100_000, 50_000)[0])),
     ]
     for one, other in pairs:
         assert digest_of(one) != digest_of(other), one
         assert digest_of(one) == digest_of(one)
-    assert digest_of(partial(bound, Settings(0.1))) == digest_of(partial(bound, Settings(0.1)))
+    for make in (lambda: Settings(0.1), object, lambda: np.zeros(100_000)):
+        assert digest_of(partial(bound, second=make())) == digest_of(partial(bound, second=make()))
 
 
 @pytest.mark.exhaustive

@@ -38,30 +38,29 @@ k = true
 '''
 
 
-@pytest.mark.parametrize(
-    ("place", "line"),
-    [
-        (("metrics",), 1),
-        (("metrics", 1), 3),
-        (("name",), 5),
-        (("odd",), 9),
-        (("d.ot",), 11),
-        (("object",), 12),
-        (("object", "source", 2), 13),
-        (("object", "fit", "to", 1), 14),
-        (("object", "fit", "c.d"), 14),
-        (("exclude", 0, "strategy.source"), 16),
-        (("exclude", 0, "a", "b"), 17),
-        (("exclude", 1), 18),
-        (("exclude", 1, "at", 0, 2), 19),  # an element within an element has the line of the outer one
-        (("exclude", 1, "at", 1), 21),
-        (("exclude", 1, "sub", "k"), 23),
-        (("exclude", 1, "tables", 1, "deep"), 26),
-    ],
-)
-def test_every_place_is_found_on_its_line(place, line):
-    assert line_of(TEXT, place) == line
-    assert line_of(TEXT.replace("\n", "\r\n"), place) == line
+PLACES = [
+    (("metrics",), 1),
+    (("metrics", 1), 3),
+    (("name",), 5),
+    (("odd",), 9),
+    (("d.ot",), 11),
+    (("object",), 12),
+    (("object", "source", 2), 13),
+    (("object", "fit", "to", 1), 14),
+    (("object", "fit", "c.d"), 14),
+    (("exclude", 0, "strategy.source"), 16),
+    (("exclude", 0, "a", "b"), 17),
+    (("exclude", 1), 18),
+    (("exclude", 1, "at", 0, 2), 19),  # an element within an element has the line of the outer one
+    (("exclude", 1, "at", 1), 21),
+    (("exclude", 1, "sub", "k"), 23),
+    (("exclude", 1, "tables", 1, "deep"), 26),
+]
+
+
+def test_every_place_is_found_on_its_line():
+    for place, line in PLACES:
+        assert line_of(TEXT, place) == line_of(TEXT.replace("\n", "\r\n"), place) == line
 
 
 def test_text_within_strings_and_comments_is_no_key():
@@ -93,12 +92,12 @@ def test_an_element_has_its_own_line_unless_that_is_in_doubt(text, line):
 
 
 def test_a_long_array_takes_no_long_time():
-    text = "a = [\n" + "[1, 2],\n" * 20_000 + "]\nb = 3\n"
-    began = time.perf_counter()
-    assert line_of(text, ("b",)) == 20_003
-    assert line_of(text, ("a", 19_999)) == 20_001
-    assert line_of('a = """\n' + "b = [\n" * 20_000 + '"""\nb = 3\n', ("b",)) is None  # in doubt
-    assert time.perf_counter() - began < 10
+    text = "a = [\n" + "[1, 2],\n" * 4000 + "]\nb = 3\n"
+    began = time.process_time()
+    assert line_of(text, ("b",)) == 4003
+    assert line_of(text, ("a", 3999)) == 4001
+    assert line_of('a = """\n' + "b = [\n" * 4000 + '"""\nb = 3\n', ("b",)) is None  # in doubt
+    assert time.process_time() - began < 2.0
 
 
 NAMES = st.text("abc-_", min_size=1, max_size=4)

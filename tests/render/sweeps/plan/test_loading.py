@@ -17,7 +17,6 @@ from palpate.render.errors import PalpateWarning, PlanError
 from palpate.render.sweeps.plan import product
 from palpate.render.sweeps.plan.axes import KEYS
 from palpate.render.sweeps.plan.loading import load_plans
-from palpate.render.sweeps.plan.product import LISTED_MOST
 
 DOCUMENT = Path(__file__).parents[4] / "docs/guide/sweep-plan.md"
 SHORT = '[object]\nsource = "cube"\n'
@@ -88,12 +87,6 @@ def test_patterns_are_sorted_and_paths_start_from_the_plan(folder):
     assert next(plan.recipes()).strategy["described"]["transform"] == ["close", "smooth"]
 
 
-def test_files_that_are_called_alike_are_shown_with_their_folders(folder):
-    (folder / "other").mkdir()
-    (folder / "other" / "a.stl").write_text("solid other")
-    assert column(load(folder, '[object]\nsource = "**/*.stl"'), "object") == ["meshes/a.stl", "b.stl", "other/a.stl"]
-
-
 def test_files_of_two_plans_that_are_called_alike_are_shown_with_their_folders(folder):
     paths = []
     for name in "xy":
@@ -109,19 +102,19 @@ def test_files_of_two_plans_that_are_called_alike_are_shown_with_their_folders(f
     assert [recipe.hash for recipe in alone] == [recipe.hash for recipe in together.recipes()]
 
 
-@pytest.mark.parametrize(
-    ("value", "numbers"),
-    [
-        ("7", [7.0]),
-        ("{from = 5.0, to = 9, count = 5}", [5, 6, 7, 8, 9]),
-        ("{from = 0.1, to = 0.7, count = 7}", [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7]),
-        ("{from = 5.0, to = 5.35, step = 0.1}", [5.0, 5.1, 5.2, 5.3]),
-        ("{from = 0.01, to = 100, count = 5, log = true}", [0.01, 0.1, 1, 10, 100]),
-        ("{from = 3, to = 3, count = 1}", [3.0]),
-    ],
-)
-def test_ranges_are_the_numbers_as_they_would_be_written(folder, value, numbers):
-    assert column(load(folder, f"{SHORT}[sampling]\nspeed = {value}"), "speed") == numbers
+RANGES = [
+    ("7", [7.0]),
+    ("{from = 5.0, to = 9, count = 5}", [5, 6, 7, 8, 9]),
+    ("{from = 0.1, to = 0.7, count = 7}", [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7]),
+    ("{from = 5.0, to = 5.35, step = 0.1}", [5.0, 5.1, 5.2, 5.3]),
+    ("{from = 0.01, to = 100, count = 5, log = true}", [0.01, 0.1, 1, 10, 100]),
+    ("{from = 3, to = 3, count = 1}", [3.0]),
+]
+
+
+def test_ranges_are_the_numbers_as_they_would_be_written(folder):
+    for value, numbers in RANGES:
+        assert column(load(folder, f"{SHORT}[sampling]\nspeed = {value}"), "speed") == numbers
 
 
 def test_whole_numbers_stay_whole_in_ranges(folder):
@@ -153,19 +146,6 @@ def test_what_is_asked_for_becomes_groups(folder):
     assert load(folder, asked + SHORT).groups == ("poses", "sampling", "keep-contours", "keep-drives")
 
 
-@pytest.mark.parametrize(
-    ("text", "devices", "workers"),
-    [
-        ("", "auto", None),
-        ('device = ["cuda:0", "cuda:3"]\nworkers = 2\n', "cuda:0,cuda:3", 2),
-        ('device = "cuda:0, cpu"\nworkers = "auto"\n', "cuda:0,cpu", None),
-    ],
-)
-def test_devices_are_told_as_the_command_line_has_them(folder, text, devices, workers):
-    plan = load(folder, text + SHORT)
-    assert (plan.device, plan.workers) == (devices, workers)
-
-
 # Constraints
 
 CROSS = (
@@ -184,6 +164,10 @@ CROSS = (
         (
             '[[only]]\n"object.source" = "meshes/*"\n[[only]]\n"strategy.source" = "oc"\n[[exclude]]\nobject.fit = 0.2',
             lambda o, f, s: (o.endswith("stl") or s == "oc") and f != 0.2,
+        ),
+        (
+            '[[exclude]]\n"object.source" = "tube"\n[[exclude]]\n"object.fit" = 0.1',
+            lambda o, f, s: o != "tube" and f != 0.1,
         ),
         ('[[exclude]]\n"object.source" = ["*.stl", "cube"]', lambda o, f, s: o == "tube"),
         ('[[exclude]]\nhand.palm = [[0.085, 0.085], [1, 1]]\nstrategy.source = "cc"', lambda o, f, s: s != "cc"),
@@ -255,8 +239,6 @@ FAULTS = [
     (f"{SHORT}[motion]\nspeed = 3", "plan.toml:4: motion.speed: unknown key (it is a key of sampling); known"),
     (f"metric = []\n{SHORT}", "plan.toml:1: metric: unknown key (did you mean 'metrics'?)"),
     (f"{SHORT}[objects]\nfit = 0.1", "plan.toml:3: objects: unknown key (did you mean 'object'?)"),
-    (f"{SHORT}fit = []", "plan.toml:3: object.fit: must have at least one value, not []"),
-    ("[object]\nsource = []", "plan.toml:2: object.source: must have at least one value, not []"),
     ("object = []", "plan.toml:1: object: must have at least one table, not []"),
     ('[object]\nsource = "nothing/*.stl"', "plan.toml:2: object.source: no file matches 'nothing/*.stl' in"),
     ('[object]\nsource = [\n"cube",\n"tub",\n]', "plan.toml:4: object.source: 'tub' is no built-in object (cube, sph"),
@@ -267,17 +249,12 @@ FAULTS = [
         "plan.toml:3: object.fit: must lie in 0.001..5 m, not 80; lengths are in metres, 80 mm are 0.08",
     ),
     (f"{SHORT}[hand]\npalm = [85, 85]", "hand.palm: must lie in 0.0001..1 m, not 85; lengths are in metres, 85 mm are"),
-    (f"{SHORT}[hand]\npalm = 0.1", "plan.toml:4: hand.palm: must be a list of 2 numbers in 0.0001..1 m, not 0.1"),
     (
         f'{SHORT}[sampling]\nspeed = "7 mm/s"',
         "must be a number in 0.001..100 m/s, without quotes, not '7 mm/s': write 0.007",
     ),
-    (f'{SHORT}[motion]\nrate = "0.09 kHz"', "plan.toml:4: motion.rate: must be a number in 0.001..1e+06 Hz, without"),
-    (f'{SHORT}fit = "80 mm"', "not '80 mm': write 0.08"),
     (f"{SHORT}fit = nan", "plan.toml:3: object.fit: must lie in 0.001..5 m, not nan"),
     (f"{SHORT}fit = [\n0.1,\ntrue]", "plan.toml:5: object.fit: must be a number in 0.001..5 m, not True"),
-    (f"{SHORT}fit = 1979-05-27", "plan.toml:3: object.fit: must be a number in 0.001..5 m, not datetime.date"),
-    (f"{SHORT}rotate = [0, 0, inf]", "plan.toml:3: object.rotate: must lie in -360..360 degree, not inf"),
     (f'{SHORT}up = "w"', "plan.toml:3: object.up: must be one of x, y, z, -x, -y, -z, not 'w'"),
     (f"{SHORT}up = {{from = 1, to = 2, count = 2}}", "plan.toml:3: object.up: cannot be a range"),
     (
@@ -291,7 +268,6 @@ FAULTS = [
     (f"{SHORT}[sampling]\nspeed = {{from = 5, to = 9, count = 1}}", "count must be 2 or more from 5 to 9, not 1"),
     (f"{SHORT}[sampling]\nspeed = {{from = 5, to = 9, step = 0}}", "sampling.speed.step: must be above 0, not 0"),
     (f"{SHORT}fit = {{from = 0.1, to = 1.0, step = 1e-300}}", "object.fit.step: must be larger: more than 1e+06"),
-    (f"{SHORT}[sampling]\nspeed = {{from = 0, to = 9, count = 3}}", "sampling.speed.from: must lie in 0.001..100 m/s"),
     (
         f"{SHORT}[sampling]\nspeed = {{from = 5, to = 9, cout = 3}}",
         "sampling.speed.cout: unknown key 'cout' of a range",
@@ -301,8 +277,6 @@ FAULTS = [
         "a range is from, to and count, or from, to and step, or first",
     ),
     (f"{SHORT}[sampling]\nspeed = {{first = 5, count = 9}}", "first and count are of whole numbers"),
-    (f"{SHORT}[motion]\nseed = {{first = 1, count = 0}}", "plan.toml:4: motion.seed.count: must lie in 1.."),
-    (f"{SHORT}[motion]\nseed = {{first = -1, count = 3}}", "plan.toml:4: motion.seed.first: must lie in 0.."),
     (f"{SHORT}[motion]\nseed = {{from = 1, to = 4, count = 3}}", "3 whole numbers from 1 on cannot be 1.5 apart"),
     (f"{SHORT}[motion]\nseed = 1.5", "motion.seed: must be a whole number in 0.."),
     (
@@ -334,31 +308,27 @@ FAULTS = [
         "plan.toml:1: metrics: must be one of contours, frequency, sampling, noise, pressure, not",
     ),
     (f"metrics = []\n{SHORT}", "plan.toml:1: metrics: is empty, and there is nothing to keep either"),
-    (f"per_pose = 1\n{SHORT}", "plan.toml:1: per_pose: must be true or false, not 1"),
     (f'device = "gpu"\n{SHORT}', "plan.toml:1: device: must be auto, cpu, cuda, cuda:0 or a list of these, not 'gpu'"),
-    (f'device = ["cpu", "cpu"]\n{SHORT}', "plan.toml:1: device: must name each device once"),
     (f"workers = 0\n{SHORT}", "plan.toml:1: workers: must be auto, or a number of workers in 1..256, not 0"),
     (f"{SHORT}[[exclude]]", "plan.toml:3: exclude: must be a table of at least one axis.key = value"),
-    (f"exclude = 3\n{SHORT}", "plan.toml:1: exclude: must be tables, [[exclude]], not 3"),
     (
         f"{SHORT}[[only]]\n'strategy.sorce' = 'oc'",
         "plan.toml:4: only.strategy.sorce: unknown key 'strategy.sorce' (did",
     ),
     (f"{SHORT}[[only]]\n'object.fit' = {{least = 3}}", "plan.toml:4: only.object.fit: must have at_least, at_most or"),
-    (f"{SHORT}[[only]]\n'object.fit' = 80", "plan.toml:4: only.object.fit: must lie in 0.001..5 m, not 80"),
     (f"{SHORT}[[only]]\n'object.up' = {{at_least = 3}}", "plan.toml:4: only.object.up: must be a value or a list"),
     (f"{SHORT}[[exclude]]\n'object.source' = 'c*'", "plan.toml: its constraints leave no recipe"),
     ('[object]\nsource = "cube', "plan.toml:2: not TOML: "),
-    (f"{SHORT}[object]", "plan.toml:3: not TOML: "),
 ]
 
 
-@pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize(("text", "said"), FAULTS, ids=[said[:60] for _, said in FAULTS])
-def test_what_cannot_be_is_refused_with_file_line_key_value_and_bound(folder, text, said):
-    told = refusal(folder, text)
-    assert said in told
-    assert "\n" not in told
+@pytest.mark.exhaustive(after=3)
+@pytest.mark.parametrize("first", range(0, len(FAULTS), 10))
+def test_what_cannot_be_is_refused_with_file_line_key_value_and_bound(folder, first):
+    for text, said in FAULTS[first : first + 10]:
+        told = refusal(folder, text)
+        assert said in told
+        assert "\n" not in told
 
 
 def test_all_faults_are_told_at_once(folder):
@@ -482,18 +452,6 @@ def test_a_plan_of_a_billion_recipes_is_counted_and_begun_without_going_through_
     tracemalloc.stop()
     assert len(set(first)) == 3000
     assert plan.described()["recipe_count"] == 10**9
-
-
-@pytest.mark.exhaustive
-def test_long_axes_have_the_same_recipes_as_short_ones_once_each(folder):
-    tables = "[[motion]]\nseed = {{first = 1, count = {}}}\n[[motion]]\nseed = {{first = 3, count = 3}}\n"
-    with pytest.warns(PalpateWarning, match="3 of 103 values are the same"):
-        short = load(folder, SHORT + tables.format(100))
-    with warnings.catch_warnings(action="error"):
-        long = load(folder, SHORT + tables.format(LISTED_MOST))
-    assert (short.is_exact, long.is_exact, long.recipe_count) == (True, False, LISTED_MOST + 3)
-    assert [r.hash for r in itertools.islice(long.recipes(), 100)] == [r.hash for r in short.recipes()]
-    assert sum(1 for _ in long.recipes()) == LISTED_MOST
 
 
 @pytest.mark.exhaustive(after=1)

@@ -10,7 +10,6 @@ import pytest
 from palpate.render.errors import PlanError
 from palpate.render.playback.drive import DriveStrategy
 from palpate.render.sampling.strategy import SamplingStrategy
-from palpate.render.stages.registry import find_stage
 from palpate.render.sweeps.plan import recipe as recipe_module
 from palpate.render.sweeps.plan.axes import KEYS
 from palpate.render.sweeps.plan.loading import load_plans
@@ -151,15 +150,6 @@ def test_files_are_known_by_what_is_in_them(folder):
     assert after.hash == before.hash
     (moved / "renamed.stl").write_text("solid changed")
     assert one(moved, text.replace("thing", "renamed").replace("mine", "yours")).hash != before.hash
-
-
-def test_options_of_stages_that_are_the_default_do_not_count(folder):
-    defaults = find_stage("transform", "smooth").defaults()
-    for name, stage in (("short", "smooth"), ("long", {"stage": "smooth", **defaults})):
-        (folder / f"{name}.json").write_text(json.dumps({"prune": ["outside"], "transform": ["close", stage]}))
-    short, long = (one(folder, f'{PLAIN}[strategy]\nsource = "{name}.json"') for name in ("short", "long"))
-    assert defaults
-    assert short.hash == long.hash
 
 
 def changed(recipe, part, name, value):

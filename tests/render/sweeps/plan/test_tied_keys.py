@@ -1,6 +1,5 @@
 """Keys that go together row by row: zip is the diagonal of a product, [sample] a design over its ranges."""
 
-import itertools
 import math
 
 import numpy as np
@@ -242,19 +241,3 @@ def test_a_sample_goes_with_constraints_zip_tables_and_overrides(tmp_path):
 )  # fmt: skip
 def test_a_sample_that_cannot_be_is_refused(tmp_path, text, said):
     assert said in refusal(tmp_path, text)
-
-
-def test_a_fault_of_a_sample_is_reported_once(tmp_path):
-    for text in (SAMPLE.format("sobol", 9, 1) + RANGES, SAMPLE.format("random", 8, 1) + RANGES.replace("= 2,", "= 0,")):
-        assert "\n" not in refusal(tmp_path, text).replace("must be at most", "")
-
-
-def test_keys_that_vary_alone_are_a_product_with_those_that_do_not(tmp_path):
-    plan = load(tmp_path, 'zip = [["object.source", "object.fit"]]\n' + CROSS)
-    told = rows(plan, "object", "object_fit", "seed", "duration", "speed")
-    pairs = [("cube", 0.08), ("tube", 0.1), ("dog", 0.12)]
-    expected = [
-        (*pair, seed, duration, speed)
-        for pair, duration, seed, speed in itertools.product(pairs, [1.0, 2.0], [1, 2, 3], [5.0, 6.0, 7.0])
-    ]
-    assert told == expected

@@ -156,14 +156,6 @@ def test_trust_in_the_plan_permits_it_until_it_is_edited(folder):
     assert (folder / "ran").exists()
 
 
-def test_a_dry_run_lists_it_and_runs_nothing(folder):
-    options = ["--dry-run", "--json", "--device", "cpu", "--set", 'metrics=["mine.py:longest"]']
-    done = CliRunner().invoke(app, ["sweep", str(folder / "plan.toml"), *options])
-    assert done.exit_code == 0, done.output
-    assert "mine.py:longest" in json.loads(done.stdout)["code"][0]
-    assert not (folder / "ran").exists()
-
-
 def test_chunks_that_call_it_are_made_in_processes(folder):
     plan = load_plans([folder / "plan.toml"], allow_code=True)
     text = next(plan.recipes()).to_json()

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from sweep_rows import table
 
@@ -24,6 +24,7 @@ def written(path, columns, **options):
 
 
 @pytest.mark.parametrize("suffix", [".csv", *(pytest.param(s, marks=pytest.mark.exhaustive) for s in SUFFIXES[1:])])
+@settings(max_examples=15)
 @given(order=st.permutations(range(len(ROWS))))
 def test_equal_results_give_equal_bytes_whatever_the_order_time_or_maker(tmp_path_factory, suffix, order):
     path = tmp_path_factory.mktemp("baseline") / f"b{suffix}"
@@ -63,6 +64,7 @@ def test_rows_are_sorted_by_what_recipes_are_called_and_numbers_as_numbers():
     assert {"hand", "strategy", "r", "recipe_hash"} < set(columns)  # these stay, though they do not vary
 
 
+@settings(max_examples=15)
 @given(st.lists(st.floats(-3e-6, 3e-6), min_size=len(ROWS), max_size=len(ROWS)))
 def test_values_within_the_tolerance_stay_the_old_ones_and_others_do_not(tmp_path_factory, changes):
     path = tmp_path_factory.mktemp("baseline") / "b.csv"

@@ -121,10 +121,6 @@ def test_infinity_is_near_itself_only(old, new):
     assert against(table({"length_max": old}), table({"length_max": old})).is_kept
 
 
-def test_nothing_is_as_nothing_was():
-    assert against(table({"r": math.nan}), table({"r": None})).is_kept
-
-
 def test_time_makers_and_names_are_not_compared():
     old = table({"maker": "a", "seconds": 1.0, "hand": "palm"})
     found = against(old, table({"maker": "b", "seconds": 9.0, "hand": "my palm"}))
@@ -234,10 +230,10 @@ def test_recipes_are_named_by_what_tells_them_apart():
     assert row_names(table({})) == ["0" * 12]
 
 
-@pytest.mark.parametrize("word", ["", "x", "-1", "nan", "inf", "r=", "=1", "r=1mm", "r=1abss"])
-def test_what_is_no_tolerance_is_refused(word):
-    with pytest.raises(SweepError, match="must be"):
-        Tolerance.parse(word)
+def test_what_is_no_tolerance_is_refused():
+    for word in ("", "x", "-1", "nan", "inf", "r=", "=1", "r=1mm", "r=1abss"):
+        with pytest.raises(SweepError, match="must be"):
+            Tolerance.parse(word)
 
 
 def test_a_tolerance_for_an_unknown_metric_is_refused_with_the_known_ones():

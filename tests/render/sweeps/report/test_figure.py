@@ -122,21 +122,6 @@ def test_metrics_that_never_differ_make_room_and_lacking_ones_are_no_hindrance()
     assert shown_metrics(both)["jumps"][0] == 4
 
 
-@pytest.mark.exhaustive
-def test_recipes_without_whole_results_are_left_out_and_told():
-    rows = table({"seed": 1}, {"seed": 2, "complete": False, "length_mean": None}, {"seed": 3})
-    figure = sweep_figure(rows, name="x")
-    assert any("1 recipe without whole results left out." in text for text in texts(figure))
-    with pytest.raises(SweepError, match="no recipe has its results"):
-        sweep_figure(table({"complete": False}), name="x")
-
-
-def test_a_long_caption_is_wrapped():
-    rows = swept(object=MESHES, strategy=["oc", "cc"], seed=range(2))
-    views = choose_views(rows, shown_metrics(rows))
-    assert caption(views, 0, 30) == ["Means over seed (2), object", "(40); spread: one standard", "deviation."]
-
-
 def rendered(**axes):
     """A table as `swept`, whose lengths do not depend on the sampling, as a sweep's do not."""
     rows = swept(**axes)
@@ -190,12 +175,6 @@ def test_an_axis_that_nothing_depends_on_has_no_place():
         assert view.layout.places == ("speed", "strategy", "", "")
         assert len(view.layout.x.code) == 6
         assert caption([view], 0, 80) == ["The same for every array."]
-
-
-def test_the_picture_says_over_which_poses_its_means_are():
-    (under,) = [text for text in texts(sweep_figure(swept(strategy=TWO, speed=SPEEDS), name="x")) if "recipes" in text]
-    assert "Length: mean over all poses; one without contact counts as 0." in under
-    assert "few short contours can dominate it" in under
 
 
 ODD = ["a$^$b", "$", r"\$x$", "two\nlines", "$" * 7, "long " * 30]

@@ -120,32 +120,32 @@ def test_a_stage_of_ones_own_may_have_its_words_changed_and_tells_what_it_remove
     assert load_pose_table(told[1]["poses_table"])["removed_other"].mean(dtype=float) == pytest.approx(removed[0])
 
 
-@pytest.mark.exhaustive
+def flip(path):
+    content = path.read_bytes()
+    path.write_bytes(content[:-20] + bytes([content[-20] ^ 1]) + content[-19:])
+
+
+LOSSES = {"deleted": Path.unlink, "emptied": lambda path: path.write_bytes(b""), "changed": flip}
+
+
+@pytest.mark.exhaustive(but="emptied-poses")
 @pytest.mark.parametrize("name", [ROWS_FILE, "table.h5", "summary.png"])
-@pytest.mark.parametrize("how", ["deleted", "emptied"])
-def test_what_a_store_has_lost_is_written_again(tmp_path, name, how):
-    path = plan(tmp_path, "oc")
-    told = sweep(path)
+@pytest.mark.parametrize("loss", LOSSES)
+def test_what_a_store_has_lost_is_written_again(tmp_path, name, loss):
+    if (loss, name) in (("changed", "summary.png"), ("changed", ROWS_FILE)):
+        pytest.skip("only tables are proven")
+    path, figure = plan(tmp_path, "oc"), [] if name == ROWS_FILE else ["--figure"]
+    told = sweep(path, *(figure or ["--no-figure"]))
     lost = Path(told["store"]) / name
     before = lost.read_bytes()
-    lost.unlink() if how == "deleted" else lost.write_bytes(b"")
-    again = sweep(path)
-    assert again["poses_rendered"] == 0
-    assert all(Path(again[key]).stat().st_size for key in ("table", "poses_table", "figure"))
+    LOSSES[loss](lost)
+    again = run("sweep", "--device", "cpu", "--workers", "1", *(figure or ["--no-figure"]), path, "--json")
+    told = json.loads(again.stdout)
+    assert (again.exit_code, told["poses_rendered"]) == (0, 0)
+    assert all(Path(told[key]).stat().st_size for key in ("table", "poses_table", *(["figure"] if figure else [])))
     assert name == "summary.png" or lost.read_bytes() == before
-
-
-@pytest.mark.exhaustive
-def test_a_damaged_table_of_the_same_length_is_written_again_which_is_said(tmp_path):
-    path = plan(tmp_path, "oc")
-    table = Path(sweep(path)["table"])
-    before = table.read_bytes()
-    for at in (len(before) // 2, len(before) - 20):
-        table.write_bytes(before[:at] + bytes([before[at] ^ 1]) + before[at + 1 :])
-        again = run("sweep", path, "--device", "cpu", "--workers", "1", "--no-figure")
-        assert again.exit_code == 0, again.output
-        assert "table.h5 is damaged: its checksum does not match; it is written again" in " ".join(again.stderr.split())
-        assert table.read_bytes() == before
+    said = " ".join(again.stderr.split())
+    assert ("table.h5 is damaged: its checksum does not match; it is written again" in said) == (loss == "changed")
 
 
 def test_a_picture_that_fails_is_told_and_costs_nothing_else(tmp_path, monkeypatch):
@@ -159,10 +159,3 @@ def test_a_picture_that_fails_is_told_and_costs_nothing_else(tmp_path, monkeypat
     assert done.exit_code == 0, done.output
     assert "warning: no figure: ValueError: no such glyph" in " ".join(done.stderr.split())
     assert not list((tmp_path / "plan.sweep").glob("summary*"))
-
-
-@pytest.mark.exhaustive
-def test_names_with_dollars_have_a_picture(tmp_path):
-    (tmp_path / "a$^$b.json").write_text(json.dumps({"prune": ["outside", "small"]}))
-    told = sweep(plan(tmp_path, "oc", "a$^$b.json"))
-    assert Path(told["figure"]).stat().st_size > 1000

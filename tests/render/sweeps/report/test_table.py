@@ -14,7 +14,6 @@ from palpate.datasets.sweeps.pose_files import load_pose_table, write_pose_files
 from palpate.datasets.sweeps.shard import ShardRow, write_shard
 from palpate.datasets.sweeps.store import SweepStore
 from palpate.datasets.sweeps.table import load_table, write_table
-from palpate.render.motions.numbers import NUMBERS
 from palpate.render.sweeps.make.task import CHUNK_POSES
 from palpate.render.sweeps.report.table import (
     CONTOUR_METRICS,
@@ -119,10 +118,6 @@ def test_kept_files_are_named():
     columns = tidy_columns([one], HandMadeStore(results(one, keep_contours=[kept])), ["keep-contours"])
     assert columns["kept_contours"] == ["contours/1.h5"]
     assert columns["complete"] == [True]
-
-
-def test_every_number_that_sampling_makes_is_a_column():
-    assert set(NUMBERS) <= set(SAMPLING_METRICS)
 
 
 def test_each_column_is_of_the_recipe_or_a_metric_or_neither():

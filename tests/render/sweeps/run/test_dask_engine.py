@@ -10,15 +10,13 @@ import time
 from pathlib import Path
 
 import pytest
-from distributed import Client, LocalCluster
-from distributed.security import Security
 from sweep_dask_work import make_task, work
 
 from palpate.render.errors import PalpateWarning, SweepError
 from palpate.render.sweeps.run.dask_engine import DaskEngine
 
 TESTS = Path(__file__).parent
-LIMIT = 40.0  # [s] nothing here takes nearly as long
+LIMIT = 120.0  # [s] nothing here takes nearly as long, unless the machine is busy
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -50,8 +48,21 @@ def crowd(tmp_path_factory):
 @pytest.fixture(scope="module")
 def theirs():
     """Somebody's cluster of one worker."""
-    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs=60) as cluster:
+    with local_cluster() as cluster:
         yield cluster
+
+
+def local_cluster(**options):
+    from distributed import LocalCluster
+
+    options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": ":0", "silence_logs": 60} | options
+    return LocalCluster(**options)
+
+
+def client_of(cluster, **options):
+    from distributed import Client
+
+    return Client(cluster, set_as_default=False, **options)
 
 
 @contextlib.contextmanager
@@ -79,30 +90,11 @@ def gathered(engine, numbers, tasks=()):
     return told
 
 
-def print_nothing(places):
-    """No progress is shown."""
-
-
 def until(condition):
     end = time.monotonic() + LIMIT
     while not condition():
         assert time.monotonic() < end
         time.sleep(0.02)
-
-
-@pytest.mark.exhaustive
-def test_tasks_come_to_the_same_on_a_cluster_as_in_this_process(crowd, store):
-    engine, there = crowd
-    numbers = range(100, 130)
-    words = [[f"text {number}"] * (1 + number % 3) for number in numbers]
-    told = outcomes_of(engine, [make_task(n, *w, store=there) for n, w in zip(numbers, words, strict=True)])
-    for number, word in zip(numbers, words, strict=True):
-        alone = work(make_task(number, *word, store=store), "cpu", worker=told[number].worker, progress=print_nothing)
-        assert told[number] == alone
-        assert (there / alone.shard).read_bytes() == (store / alone.shard).read_bytes()
-    assert engine.devices == ("cpu", "cpu")
-    assert engine.running() == {}
-    assert engine.wait(0.0) == []
 
 
 @pytest.mark.exhaustive
@@ -211,7 +203,7 @@ def test_somebodys_cluster_is_used_and_left_alone(theirs, store):
         order = sorted(told, key=lambda n: (store / told[n].shard).stat().st_mtime_ns)
         assert order == list(range(20))  # as they were submitted
         engine.submit(make_task(1, "sleep 0.2", store=store))
-    with Client(theirs, set_as_default=False) as client:
+    with client_of(theirs) as client:
         assert client.submit(sum, (1, 2)).result(timeout=LIMIT) == 3
         with started(store, client) as engine:
             assert outcomes_of(engine, [make_task(1, "text", store=store)])[1].error is None
@@ -325,7 +317,7 @@ def test_workers_that_do_not_come_are_counted(theirs, store):
 
 @pytest.mark.exhaustive
 def test_a_scheduler_that_goes_ends_the_sweep_with_a_sentence(store):
-    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs=60) as cluster:
+    with local_cluster() as cluster:
         engine = DaskEngine(cluster.scheduler_address, devices="cpu", work=work, patience=3.0)
         engine.start(store)
         engine.submit(make_task(1, "sleep 1000", store=store))
@@ -354,18 +346,13 @@ def test_words_that_cannot_be_are_refused(store, words, says):
 @pytest.mark.exhaustive
 def test_a_cluster_of_ours_lets_nobody_in_without_its_keys(crowd):
     """Whoever can connect can run code: other users of this host reach 127.0.0.1, too."""
+    from distributed.security import Security
+
     address = crowd[0]._connection.cluster.scheduler_address
     assert address.startswith("tls://127.0.0.1:")
     for where, keys in ((address.replace("tls", "tcp"), None), (address, Security.temporary())):
         with pytest.raises((OSError, TimeoutError)):
-            Client(where, security=keys, timeout=2)
-
-
-@pytest.mark.exhaustive
-def test_without_the_extra_the_command_that_installs_it_is_told(store, monkeypatch):
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(SweepError, match=r"pip install 'palpate\[cluster\]'"):
-        DaskEngine().start(store)
+            client_of(where, security=keys, timeout=2)
 
 
 SBATCH = '#!/bin/sh\ncp "$1" {0}/job.sh\nsetsid sh {0}/job.sh >{0}/out 2>&1 &\necho "Submitted batch job $!"\n'
@@ -385,7 +372,7 @@ def test_a_cluster_of_slurm_jobs_is_used_by_its_client(tmp_path, store, monkeypa
     scheduler = {"host": "127.0.0.1", "dashboard_address": ":0"}
     with (
         SLURMCluster(**options, scheduler_options=scheduler) as cluster,
-        Client(cluster, set_as_default=False) as client,
+        client_of(cluster) as client,
     ):
         cluster.scale(jobs=1)
         with started(store, client, patience=LIMIT) as engine:
@@ -397,19 +384,8 @@ def test_a_cluster_of_slurm_jobs_is_used_by_its_client(tmp_path, store, monkeypa
 
 @pytest.mark.exhaustive
 def test_a_worker_that_dies_with_two_tasks_is_charged_to_neither(store):
-    options = {"n_workers": 1, "threads_per_worker": 2, "dashboard_address": ":0", "silence_logs": 60}
-    with LocalCluster(**options) as cluster, started(store, cluster.scheduler_address) as engine:
+    with local_cluster(threads_per_worker=2) as cluster, started(store, cluster.scheduler_address) as engine:
         assert engine.free_count() == 2
         tasks = [make_task(1, "sleep 1", "die", store=store), make_task(2, "sleep 30", store=store)]
         told = outcomes_of(engine, tasks)
         assert [(told[n].is_lost, told[n].suspects) for n in (1, 2)] == [(True, ()), (True, ())]
-
-
-@pytest.mark.exhaustive
-def test_dask_engines_count_the_processor_time_of_a_thread(theirs, store):
-    with started(store, theirs.scheduler_address) as engine:
-        engine.submit(make_task(1, "count 1000", store=store))
-        until(lambda: engine.wait(0.2) == [] and engine.running() and engine.running()[1].idle_seconds > 3.0)
-        assert engine.running()[1].idle_seconds > engine.running()[1].seconds / 8 + 1.0
-        engine.drop(1, "endless")
-        assert engine.wait(1.0)[0].is_lost

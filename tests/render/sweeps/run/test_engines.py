@@ -1,5 +1,6 @@
 """Engines of one host: every task comes back once, whatever becomes of workers; no worker outlives its parent."""
 
+import contextlib
 import os
 import re
 import signal
@@ -18,11 +19,12 @@ from palpate.render.errors import PalpateWarning, StrategyError, SweepError
 from palpate.render.stages import registry
 from palpate.render.stages.registry import known_stages
 from palpate.render.sweeps.make.task import Chunk, Task
+from palpate.render.sweeps.make.work import run_task
 from palpate.render.sweeps.run import worker_process as worker_process_module
+from palpate.render.sweeps.run.dask_engine import DaskEngine
 from palpate.render.sweeps.run.engine import InProcess, LocalEngine, _is_python, choose_engine
 from palpate.render.sweeps.run.messages import Frames, frame
 from palpate.render.sweeps.run.processes import DEATHS_MOST, Processes
-from palpate.render.sweeps.run.worker import attempt
 
 CHUNKS = (Chunk("{}", ("contours",)),)
 
@@ -31,12 +33,12 @@ def tasks_of(store, *names):
     return [Task(number, CHUNKS, str(store), name) for number, name in enumerate(names)]
 
 
-def make(engine, tasks, longest=30.0):
+def make(engine, tasks, longest=90.0):
     """Outcomes of tasks by number, given to workers in order; fails unless all come, each once."""
     return gather(engine, len(tasks), longest, tasks)
 
 
-def gather(engine, count, longest=30.0, tasks=()):
+def gather(engine, count, longest=90.0, tasks=()):
     """Outcomes by number; fails unless so many come, each once."""
     outcomes, left, until = [], list(tasks), time.monotonic() + longest
     while len(outcomes) < count and time.monotonic() < until:
@@ -55,7 +57,7 @@ def said(store):
     return [tuple(map(int, line.split())) for line in path.read_text().splitlines()] if path.exists() else []
 
 
-def await_true(condition, longest=20.0, engine=None):
+def await_true(condition, longest=90.0, engine=None):
     until = time.monotonic() + longest
     while not condition():
         assert time.monotonic() < until
@@ -141,14 +143,6 @@ def test_this_process_names_a_device_that_is_missing(tmp_path):
         InProcess("cuda:77", work=sweep_works.do).start(tmp_path)
 
 
-def test_an_engine_that_was_not_started_says_so(tmp_path):
-    with pytest.raises(SweepError, match="not started"):
-        InProcess("cpu", work=sweep_works.do).wait(0.0)
-    with pytest.raises(SweepError, match="not started"):
-        Processes(["cpu"], work=sweep_works.do).wait(0.0)
-    Processes(["cpu"], work=sweep_works.do).close()
-
-
 def test_workers_must_find_the_work_by_name():
     with pytest.raises(SweepError, match="cannot import"):
         Processes(["cpu"], work=lambda task, device, *, worker, progress: None)
@@ -156,55 +150,38 @@ def test_workers_must_find_the_work_by_name():
         Processes([])
 
 
-@pytest.mark.exhaustive
-def test_both_kinds_of_engine_give_the_same_outcomes(engine, in_process, tmp_path):
-    tasks = tasks_of(tmp_path, *["done", "refuse told", "exit 2"] * 4)
-    outcomes = [make(one, tasks) for one in (engine, in_process)]
-    for number in range(len(tasks)):
-        ours, theirs = outcomes[0][number], outcomes[1][number]
-        assert (ours.shard, ours.row_count, ours.pose_count) == (theirs.shard, theirs.row_count, theirs.pose_count)
-        assert re.sub(r"worker.*\)", "", ours.error or "") == re.sub(r"worker.*\)", "", theirs.error or "")
+ENGINES = {
+    "in this process": lambda: InProcess("cpu"),
+    "processes": lambda: Processes(["cpu", "cpu"]),
+    "local": lambda: LocalEngine(2),
+    "cluster": lambda: DaskEngine("local", devices="cpu", workers=2),
+}
 
 
-@pytest.mark.exhaustive
-def test_all_kinds_of_engine_make_the_same_results_to_the_bit(tmp_path):
+def rows_of(store, outcomes):
+    """Payloads by group, key and part, without times."""
+    assert [outcome.error for outcome in outcomes] == [None] * len(outcomes)
+    rows = [row for outcome in outcomes for row in read_shard(store / outcome.shard).rows]
+    return {(row.group, row.key, row.part): dict(row.payload, seconds=None) for row in rows}
+
+
+@pytest.mark.exhaustive(after=1)
+@pytest.mark.parametrize("kind", ENGINES)
+def test_every_engine_makes_the_same_results_to_the_bit(tmp_path, kind):
+    """One task of all recipes in this process is what a task for each by any engine must equal."""
     recipes = [
         recipe_of(strategy=name, motion=random_motion(600, seed=seed)) for name in ("cc", "hatch") for seed in (1, 2)
     ]
-    results = []
-    for one in (InProcess("cpu"), Processes(["cpu", "cpu"]), LocalEngine(2)):
-        (store := tmp_path / str(len(results))).mkdir()
-        one.start(store)
-        tasks = [task_of(store, [recipe], number=n, name=f"{n}") for n, recipe in enumerate(recipes)]
-        shards = [read_shard(store / outcome.shard) for outcome in make(one, tasks).values()]
-        one.close()
-        rows = {(row.group, row.key, row.part): row.payload for shard in shards for row in shard.rows}
-        results.append({place: dict(payload, seconds=None) for place, payload in rows.items()})
-    assert len(results[0]) == 2 * len(recipes)
-    assert results[0] == results[1] == results[2]
-
-
-@pytest.mark.exhaustive
-def test_many_tasks_are_made_by_all_workers_in_order(engine, tmp_path):
-    tasks = tasks_of(tmp_path, *["done"] * 300)
-    outcomes = make(engine, tasks)
-    begun = said(tmp_path)
-    assert sorted(number for number, _ in begun) == list(range(len(tasks)))
-    assert {pid for _, pid in begun} == set(engine.pids)
-    for pid in engine.pids:
-        own = [number for number, who in begun if who == pid]
-        assert own == sorted(own)
-    assert {o.worker for o in outcomes.values()} == {
-        f"worker {k} (pid {pid}, cpu)" for k, pid in enumerate(engine.pids)
-    }
-    assert engine.wait(0.0) == []
-
-
-@pytest.mark.exhaustive
-def test_large_tasks_pass(engine, tmp_path):
-    chunks = tuple(Chunk("x" * 1000, ("contours",), number) for number in range(3000))
-    tasks = [Task(number, chunks, str(tmp_path), "done") for number in range(6)]
-    assert {o.row_count for o in make(engine, tasks).values()} == {3000}
+    stores = [tmp_path / name for name in ("together", "apart")]
+    for store in stores:
+        (store / "shards").mkdir(parents=True)
+    together = rows_of(stores[0], [run_task(task_of(stores[0], recipes), "cpu")])
+    with contextlib.closing(ENGINES[kind]()) as engine:
+        engine.start(stores[1])
+        engine.grow(2)
+        tasks = [task_of(stores[1], [recipe], number=n, name=f"{n}") for n, recipe in enumerate(recipes)]
+        assert rows_of(stores[1], list(make(engine, tasks).values())) == together
+    assert len(together) == 2 * len(recipes)
 
 
 @pytest.mark.exhaustive
@@ -214,63 +191,40 @@ def test_a_worker_has_its_device_one_thread_and_ignores_ctrl_c(engine, tmp_path)
     make(engine, tasks_of(tmp_path, "done", "done"))
 
 
-def test_a_task_for_which_no_worker_is_free_is_refused(tmp_path):
-    engine = Processes(["cpu"], work=sweep_works.do)
-    engine.start(tmp_path)
-    try:
-        with pytest.raises(SweepError, match="task 0: no worker is free"):
-            engine.submit(tasks_of(tmp_path, "done")[0])
-    finally:
-        engine.close()
+DEATHS = {
+    "die SIGKILL": r"was killed by signal 9\b",
+    "die SIGSEGV": r"was killed by signal 11\b",
+    "leave 3": "ended with exit code 3; its last output: the reason",
+}
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("verb", ["die SIGKILL", "die SIGSEGV"])
+@pytest.mark.parametrize("verb", DEATHS)
 def test_a_worker_that_dies_loses_its_task_and_no_other(engine, tmp_path, verb):
     before = engine.pids
-    outcomes = make(engine, tasks_of(tmp_path, verb, *["rest 0.05"] * 10))
+    outcomes = make(engine, tasks_of(tmp_path, verb, *["rest 0.05"] * 10, verb))
     lost = [o for o in outcomes.values() if o.is_lost]
-    assert [(o.number, o.suspects) for o in lost] == [(0, (0,))]
-    number = int(getattr(signal, verb.split()[1]))
-    assert re.match(rf"worker \d \(pid \d+, cpu\) was killed by signal {number}\b", lost[0].error)
+    assert [(o.number, o.suspects) for o in lost] == [(0, (0,)), (11, (0,))]
+    assert all(re.match(rf"worker \d \(pid \d+, cpu\) {DEATHS[verb]}", o.error) for o in lost)
     assert [number for number, _ in said(tmp_path)].count(0) == 1
-    assert len(set(before) & set(engine.pids)) == 1
+    assert len(set(engine.pids) - set(before)) in (1, 2)  # others in their places
 
 
 @pytest.mark.exhaustive
-def test_a_worker_killed_from_outside_is_replaced(engine, tmp_path):
-    engine.submit(tasks_of(tmp_path, "rest 60")[0])
-    await_true(lambda: 0 in engine.running() and 0 in dict(said(tmp_path)))  # given, and begun
-    victim = dict(said(tmp_path))[0]
-    os.kill(victim, signal.SIGKILL)
-    outcomes = gather(engine, 1)
-    assert outcomes[0].is_lost
-    assert f"(pid {victim}, cpu) was killed by signal 9" in outcomes[0].error
-    assert victim not in engine.pids
-    assert not is_alive(victim)
-    assert not any(o.is_lost for o in make(engine, tasks_of(tmp_path, *["rest 0.02"] * 6)).values())
-
-
-@pytest.mark.exhaustive
-def test_a_task_that_kills_every_worker_costs_no_other_task(engine, tmp_path):
-    tasks = tasks_of(tmp_path, "leave 3", "done", "leave 4", "leave 5", "done")
-    outcomes = make(engine, tasks, longest=60.0)
-    assert {n for n, o in outcomes.items() if o.is_lost} == {0, 2, 3}
-    assert re.fullmatch(
-        r"worker \d \(pid \d+, cpu\) ended with exit code 3; its last output: the reason", outcomes[0].error
-    )
-
-
 def test_a_workers_child_does_not_hide_that_it_died(engine, tmp_path):
     began = time.monotonic()
-    lost = make(engine, tasks_of(tmp_path, "leave-child 30"))[0]
+    lost = make(engine, tasks_of(tmp_path, "leave-child 120"))[0]
     assert lost.is_lost
     assert "ended with exit code 3" in lost.error
-    assert time.monotonic() - began < 20
+    assert time.monotonic() - began < 90
 
 
-def test_whatever_a_task_raises_is_a_sentence_that_can_be_stored(engine, tmp_path):
-    outcomes = make(engine, tasks_of(tmp_path, "raise-strange own", "raise-strange interrupt", "raise-strange bytes"))
+def test_whatever_a_task_raises_is_a_sentence_that_can_be_stored(in_process, tmp_path):
+    """Where Ctrl-C is ignored, as in a worker: there a KeyboardInterrupt is the task's own."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    outcomes = make(
+        in_process, tasks_of(tmp_path, "raise-strange own", "raise-strange interrupt", "raise-strange bytes")
+    )
     assert not any(o.is_lost for o in outcomes.values())
     assert "OwnError: its message cannot be shown (ValueError)" in outcomes[0].error
     assert "KeyboardInterrupt: bad" in outcomes[1].error
@@ -285,36 +239,6 @@ def test_a_worker_that_dies_while_it_waits_is_replaced_and_the_user_warned(engin
     with pytest.warns(PalpateWarning, match=r"was killed by signal 9; another takes its place"):
         await_true(lambda: engine.wait(0.1) == [] and engine.pids != before)
     assert not any(o.is_lost for o in make(engine, tasks_of(tmp_path, "done", "done")).values())
-
-
-@pytest.mark.exhaustive
-def test_time_is_counted_by_the_processor_and_by_the_wall_for_a_worker_that_waits(engine, tmp_path):
-    waiting, busy = tasks_of(tmp_path, "rest 1000", "count 1000")
-    engine.submit(waiting)
-    engine.submit(busy)
-    await_true(lambda: {0, 1} <= dict(said(tmp_path)).keys())  # both have begun,
-    engine.wait(0.2)  # and their signs of progress have come
-    time.sleep(3.0)
-    running = engine.running()
-    assert running[0].seconds > 3.0
-    assert 3.0 / 8 <= running[0].idle_seconds < 1.5
-    assert running[1].idle_seconds > running[0].idle_seconds
-    assert all(10**7 < own.memory < 2 * 10**9 for own in running.values())
-    for number in running:
-        engine.drop(number, "it took too long")
-    outcomes = gather(engine, 2)
-    for outcome in outcomes.values():
-        assert outcome.is_lost
-        assert re.fullmatch(r"worker \d \(pid \d+, cpu\) was ended: it took too long", outcome.error)
-    engine.drop(99, "it is unknown")
-
-
-@pytest.mark.exhaustive
-def test_the_memory_of_a_worker_is_seen(engine, tmp_path):
-    engine.submit(tasks_of(tmp_path, "hog 500")[0])
-    await_true(lambda: engine.running()[0].memory > 500e6)
-    engine.drop(0, "too much memory")
-    assert gather(engine, 1)[0].is_lost
 
 
 @pytest.mark.exhaustive
@@ -342,16 +266,6 @@ def test_output_of_a_worker_stays_there_and_does_not_pile_up(engine, tmp_path, c
     await_true(lambda: all(os.fstat(w.output.fileno()).st_size < 2 * 10**6 for w in engine._workers))
 
 
-@pytest.mark.exhaustive
-def test_a_missing_device_is_named_at_the_start(tmp_path):
-    engine = Processes(["cuda:77"], work=sweep_works.do)
-    engine.start(tmp_path)
-    with pytest.raises(SweepError, match=r"worker 0 \(pid \d+, cuda:77\): no device 'cuda:77'.*there is: "):
-        gather(engine, 1)
-    engine.close()
-    assert engine.pids == ()
-
-
 def test_workers_that_die_at_the_start_are_given_up_with_their_last_output(tmp_path, monkeypatch):
     monkeypatch.setattr(worker_process_module, "BOOT", "import os; os.write(2, b'no room here\\n'); os._exit(9)")
     engine = Processes(["cpu"], work=sweep_works.do)
@@ -371,7 +285,7 @@ def test_closing_ends_busy_workers_and_leaves_no_zombies(tmp_path):
     pids = engine.pids
     begun = time.monotonic()
     engine.close()
-    assert time.monotonic() - begun < 2.0
+    assert time.monotonic() - begun < 10.0
     for pid in pids:
         with pytest.raises(ProcessLookupError):  # a zombie would still be found
             os.kill(pid, 0)
@@ -402,7 +316,7 @@ time.sleep(1000)
         assert len(pids) == 2
         assert all(map(is_alive, pids))
         parent.send_signal(signal.SIGKILL)
-    await_true(lambda: not any(map(is_alive, pids)), longest=2.0)
+    await_true(lambda: not any(map(is_alive, pids)), longest=10.0)
 
 
 def test_words_choose_the_engine():
@@ -448,16 +362,9 @@ def test_each_gpu_works_in_a_process_of_its_own(tmp_path):
     try:
         outcomes = make(engine, tasks_of(tmp_path, *["tell"] * len(gpus)), longest=120.0)
         assert {o.shard for o in outcomes.values()} <= {f"1 {gpu} True" for gpu in gpus}
-        outcomes = make(engine, tasks_of(tmp_path, "fault", *["done"] * 6), longest=60.0)
+        outcomes = make(engine, tasks_of(tmp_path, "fault", *["done"] * 6))
         assert outcomes[0].is_lost
         assert "unusable" in outcomes[0].error
         assert not any(outcomes[k].is_lost or outcomes[k].error for k in range(1, 7))
     finally:
         engine.close()
-
-
-def test_an_attempt_reports_how_long_it_took(tmp_path):
-    task = tasks_of(tmp_path, "refuse told")[0]
-    outcome = attempt(sweep_works.do, task, "cpu", "someone", lambda places: None)
-    assert outcome.error == "someone: this cannot be made"
-    assert outcome.seconds > 0

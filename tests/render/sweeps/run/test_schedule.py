@@ -8,7 +8,7 @@ from sweep_stand_ins import Memory, StandIn, count_poses, good, rows_of, rows_wa
 from palpate.render.errors import SweepError
 from palpate.render.sweeps.make.task import CHUNK_POSES, FailedChunk, Outcome, Running
 from palpate.render.sweeps.run.missing import Missing
-from palpate.render.sweeps.run.schedule import TRIES, WRITES_FAILED, Schedule, device_kind
+from palpate.render.sweeps.run.schedule import TRIES, WRITES_FAILED, Schedule
 
 GROUPS = ("contours", "frequency", "sampling", "keep-contours", "keep-drives")
 DISK = "shards/a.h5: No space left on device"
@@ -62,8 +62,7 @@ recipes = st.lists(
 )
 
 
-@pytest.mark.exhaustive
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.data())
 def test_every_missing_row_is_made_once_whatever_comes_in_whatever_order(data):
     wanted, groups = data.draw(recipes), data.draw(st.lists(st.sampled_from(GROUPS), min_size=1, unique=True))
@@ -106,17 +105,6 @@ def test_every_missing_row_is_made_once_whatever_comes_in_whatever_order(data):
         else:  # it, or one that makes the same
             assert any(row not in memory.rows for group in groups for row in rows_wanted(recipe, group))
     assert bool(failures) <= bool(bad)
-
-
-@pytest.mark.exhaustive
-def test_what_is_there_is_not_asked_for_again():
-    wanted, memory = [StandIn(motion=str(k)) for k in range(10_000)], Memory()
-    finish(schedule_of(wanted, memory), memory)
-    schedule = schedule_of(wanted, memory)
-    assert schedule.next_task(0.0) is None
-    assert schedule.is_done
-    assert schedule.missing.counts.done == 10_000
-    assert schedule.missing.counts.poses_missing == 0
 
 
 def test_a_rendering_that_two_samplings_share_is_rendered_once_in_one_task():
@@ -164,25 +152,8 @@ def test_a_chunk_that_kills_is_reported_by_name_and_the_rest_is_finished(suspect
     assert failure.name == wanted[7].title
     assert failure.recipe_hash == wanted[7].hash
     assert "signal 9" in failure.sentence
-    assert deaths <= TRIES + 4
+    assert deaths == TRIES + {None: 1, "own": 0, "wrong": 3}[suspects]
     assert schedule.missing.counts.done == 19
-
-
-def test_an_error_that_is_named_is_not_tried_again():
-    wanted, memory, tries = [StandIn(motion=str(k)) for k in range(20)], Memory(), []
-    schedule = schedule_of(wanted, memory)
-
-    def outcome_of(task):
-        failed = [k for k, chunk in enumerate(task.chunks) if StandIn.of(chunk).motion in ("3", "7")]
-        tries.extend(failed)
-        memory.record(row for k, chunk in enumerate(task.chunks) if k not in failed for row in rows_of(chunk))
-        named = tuple(FailedChunk(k, "it is open") for k in failed)
-        return good(task, error="it is open", failed=named) if failed else good(task)
-
-    finish(schedule, memory, outcome_of)
-    assert {failure.name for failure in schedule.missing.failures} == {wanted[3].title, wanted[7].title}
-    assert len(tries) == 2
-    assert schedule.retried == 0
 
 
 def test_an_error_that_names_nobody_is_found_by_trying_each_alone():
@@ -199,39 +170,12 @@ def test_an_error_that_names_nobody_is_found_by_trying_each_alone():
     assert schedule.missing.counts.done == 19
 
 
-def test_a_chunk_of_many_that_kills_costs_its_recipe_only():
-    memory = Memory()
-    wanted = [StandIn(poses=40 * CHUNK_POSES), StandIn(motion="2")]
-    schedule = schedule_of(wanted, memory, worker_count=1, kind="cuda")
-
-    def outcome_of(task):
-        places = tuple(k for k, chunk in enumerate(task.chunks) if chunk.number == 5)
-        return Outcome(task.number, "w", error="killed", is_lost=True, suspects=places) if places else good(task)
-
-    finish(schedule, memory, outcome_of)
-    assert [failure.name for failure in schedule.missing.failures] == [wanted[0].title]
-    assert schedule.missing.counts.done == 1
-
-
 def test_chunks_of_a_recipe_that_failed_are_not_made_any_more():
     memory, wanted = Memory(), [StandIn(poses=400 * CHUNK_POSES)]
     schedule = schedule_of(wanted, memory, worker_count=1)
     every = finish(schedule, memory, lambda task: good(task, error="open", failed=(FailedChunk(0, "open"),)))
     assert len(every) == 1
     assert schedule.missing.counts.failed == 1
-
-
-def test_recipes_that_wait_for_what_fails_fail_under_their_own_names():
-    wanted = [StandIn(sampling="a"), StandIn(sampling="b"), StandIn(thing="tube")]
-    memory = Memory()
-    schedule = schedule_of(wanted, memory, groups=("contours",))
-
-    def outcome_of(task):
-        failed = [k for k, chunk in enumerate(task.chunks) if StandIn.of(chunk).thing == "cube"]
-        return good(task, error="open" if failed else None, failed=tuple(FailedChunk(k, "open") for k in failed))
-
-    finish(schedule, memory, outcome_of)
-    assert {failure.name for failure in schedule.missing.failures} == {wanted[0].title, wanted[1].title}
 
 
 @pytest.mark.parametrize("order", [1, -1])
@@ -297,22 +241,13 @@ def test_a_worker_that_cannot_write_is_given_time_but_not_for_ever():
 
 
 def test_tasks_grow_to_the_length_that_is_meant():
-    schedule = schedule_of([StandIn(poses=1 << 40)], Memory(), kind="cuda")
-    rate = 1e8
-    for _ in range(20):
+    schedule = schedule_of([StandIn(poses=1 << 31)], Memory(), kind="cuda")
+    rate = 1e7
+    for _ in range(12):
         task = schedule.next_task(0.0)
         poses = len(task.chunks) * CHUNK_POSES
         schedule.settle(Outcome(task.number, "w", seconds=poses / rate), 0.0)
     assert poses / rate == pytest.approx(3.0, rel=0.05)
-
-
-def test_chunks_that_a_worker_returns_are_given_out_again():
-    wanted, memory = [StandIn(motion=str(k), poses=10_000) for k in range(6)], Memory()
-    schedule = schedule_of(wanted, memory, worker_count=1)
-    every = finish(schedule, memory, lambda task: good(task, left=tuple(range(1, len(task.chunks)))))
-    assert len(every) >= 6
-    assert set(memory.rows.values()) == {1}
-    assert schedule.missing.counts.done == 6
 
 
 def test_the_end_is_shared_among_workers():
@@ -340,12 +275,6 @@ def test_a_worker_is_ended_by_its_own_time_and_memory_and_by_name():
     other = schedule_of([StandIn()], Memory(), timeout=100.0, memory=10**9)
     (reason,) = other.overdue({other.next_task(0.0).number: Running(1.0, 1.0, 2 * 10**9)}).values()
     assert "2 GB of memory, more than the limit of 1 GB for a worker" in reason
-
-
-def test_without_limits_no_worker_is_ended():
-    schedule = schedule_of([StandIn()], Memory())
-    task = schedule.next_task(0.0)
-    assert schedule.overdue({task.number: Running(1e9, 1e9, 10**15)}) == {}
 
 
 def test_chunks_that_another_parent_claims_are_waited_for_and_taken_over():
@@ -392,13 +321,8 @@ def test_shards_of_a_plan_are_disjoint_and_together_all():
         schedule = schedule_of(wanted, memory, shard=(k, 3))
         finish(schedule, memory)
         counts = schedule.missing.counts
+        assert counts.done == len({key for _, key, _ in memory.rows}) // 2  # a key for each of two groups
         assert counts.done + counts.left == 50
         assert counts.failed == 0
         rows += list(memory.rows)
     assert len(rows) == len(set(rows)) == 100
-
-
-def test_tasks_are_cut_for_the_slowest_kind_of_device():
-    assert device_kind(["cuda:0", "cuda:1"]) == "cuda"
-    assert device_kind(["cuda:0", "cpu"]) == "cpu"
-    assert device_kind([]) == "cpu"

@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("viser")
 
 from palpate.render import render, static_pose  # after the skip
-from palpate.render.view.live.scene_nodes import box_edges, contour_segments
+from palpate.render.view.live.scene_nodes import contour_segments
 
 COLOURS = {"object": [0xB1, 0x12, 0x1F], "hand": [0x3D, 0x9B, 0xE0]}  # what docs/guide/view.md calls red and blue
 
@@ -31,11 +31,3 @@ def test_weak_segments_are_pale():
     brightness = colours.sum(axis=2)
     assert brightness[0, 0] == brightness.max()
     np.testing.assert_array_equal(colours[-1, 1], COLOURS["object"])
-
-
-def test_a_box_has_twelve_edges_and_eight_corners():
-    edges = box_edges(0.15, 0.05, 0.5)
-    assert edges.shape == (12, 2, 3)
-    corners = {tuple(corner) for edge in edges.round(9).tolist() for corner in edge}
-    assert len(corners) == 8
-    assert all(sum(corner in map(tuple, edge) for edge in edges.round(9).tolist()) == 3 for corner in corners)

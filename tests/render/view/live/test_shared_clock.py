@@ -30,14 +30,6 @@ def test_both_files_show_the_same_time(scenes):
         assert second == int(pose / 90 * 60 + 1e-9)
 
 
-def test_numbers_beyond_the_file_are_its_ends(scenes):
-    clock = SharedClock(scenes[:1])
-    clock.seek(-5)
-    assert clock.poses() == [0]
-    clock.seek(10**9)
-    assert clock.poses() == [89]
-
-
 def test_time_passes_as_fast_as_it_is_asked_and_begins_again_at_the_end(scenes):
     clock = SharedClock(scenes[:1])
     clock.advance(0.5)

@@ -1,5 +1,6 @@
 """What people type wrong at first, and the way out that the answer names; nothing is written."""
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -8,6 +9,7 @@ from palpate.render.cli.app import app
 
 POSES = "time,x,y,z,qx,qy,qz,qw\n0,0,0,0.2,0.7071068,0,0,0.7071068\n0.1,0,0,0.21,0.7071068,0,0,0.7071068\n"
 RENDER = "render cube m.csv -o new.h5 "
+VOLUME = "render block.npz m.csv -o new.h5 "
 MISTAKES = {
     "rendr cube m.csv -o new.h5": "Did you mean 'render'?",
     "rendr --json": "Did you mean 'render'?",
@@ -88,6 +90,17 @@ MISTAKES = {
     "sweep cube": "a plan is a TOML file",
     "sweep status nosuch.sweep": "is not a sweep's store",
     "trust nosuch.json": "nosuch.json",
+    "voxelise dog -o new.npz --spacing 0": "--spacing must be a positive length in metres, not 0",
+    "voxelise dog -o new.npz --spacing nan": "--spacing must be a positive length in metres, not nan",
+    "voxelise dog -o new.npz --spacing 0.01 --kind x": "--kind must be one of distance, occupancy, not 'x'",
+    "voxelise dog -o new.npz --spacing 0.01 --sign x": "--sign must be one of auto, crossings, parity, winding",
+    RENDER + "--simplify -1": "--simplify must be a length in metres of 0 or more, not -1",
+    RENDER + "--simplify nan": "--simplify must be a length in metres of 0 or more, not nan",
+    VOLUME + "--kind x": "--kind must be one of occupancy, distance, intensity, label, not 'x'",
+    VOLUME + "--unit inch": "--unit must be one of m, cm, mm, um, not 'inch'",
+    VOLUME + "--inside x": "--inside must be one of below, above, not 'x'",
+    VOLUME + "--spacing 0.01 0 0.01": "--spacing must be positive lengths in metres",
+    VOLUME + "--level nan": "--level must be finite, not nan",
     "bench --objects cub": "did you mean 'cube'?",
 }
 FAILURES = [f"render cube {words}" for words in ("headless.csv -o new.h5", "bare.csv -o new.h5", "m.csv -o cube.h5")]
@@ -102,6 +115,7 @@ def desk(tmp_path_factory):
     (folder / "headless.csv").write_text("t,x,y,z\n0,0,0,0.2\n")
     (folder / "bare.csv").write_text("1,0,0,0.2,1,0,0,0\n")
     write_sample("leap", folder / "grab.npz")
+    np.savez(folder / "block.npz", values=np.ones((2, 2, 2), bool), affine=np.diag([0.005, 0.005, 0.005, 1.0]))
     (folder / "plan.toml").write_text("[object]\nsource = 'cube'\n")
     done = CliRunner().invoke(app, ["render", "cube", str(folder / "m.csv"), "-o", str(folder / "cube.h5"), "-q"])
     assert done.exit_code == 0, done.output

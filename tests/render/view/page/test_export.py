@@ -27,7 +27,7 @@ from palpate.render.view.page import export as module
 
 @pytest.fixture(scope="module")
 def tube(tmp_path_factory):
-    motion = exploration("tube", duration=0.8, rate=50.0, seed=3)  # 40 poses
+    motion = exploration("tube", duration=0.6, rate=50.0, seed=3)  # 30 poses
     return render("tube", "palm", motion, "cc").save(tmp_path_factory.mktemp("page") / "tube.h5")
 
 
@@ -67,8 +67,8 @@ def test_what_would_fit_does_fit(tube, tmp_path):
     every = int(re.search(r"every=(\d+)", message)[1])
     poses = re.search(r'poses="([\d:]+)"', message)[1]
     assert 2 <= every <= 3
-    assert export_page(tube, page, every=every, limit=limit / 1e6, overwrite=True)["poses"][0] == -(-40 // every)
-    assert export_page(tube, page, poses=poses, limit=limit / 1e6, overwrite=True)["poses"][0] >= 15
+    assert export_page(tube, page, every=every, limit=limit / 1e6, overwrite=True)["poses"][0] == -(-30 // every)
+    assert export_page(tube, page, poses=poses, limit=limit / 1e6, overwrite=True)["poses"][0] >= 10
 
 
 def test_a_page_far_over_the_limit_is_refused_after_a_few_poses(tube, tmp_path, monkeypatch):
@@ -98,7 +98,7 @@ def test_a_limit_below_the_script_itself_says_so(tube, tmp_path):
 def test_two_files_of_one_object_hold_it_once(tube, tmp_path):
     single = export_page(tube, tmp_path / "one.html")["bytes"]
     facts = export_page([tube, tube], tmp_path / "two.html")
-    assert facts["poses"] == [40, 40]
+    assert facts["poses"] == [30, 30]
     assert facts["bytes"] < single + 8_000  # descriptions and names, and no array
     page = read_page((tmp_path / "two.html").read_text())
     assert page["title"] == "tube, cc"

@@ -124,6 +124,7 @@ def test_other_pictures_and_many_files_are_refused(file, tmp_path):
     assert (tmp_path / "a.gif").read_bytes() == b"kept"
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("view", ["palm", "top"])
 def test_the_white_around_scenes_is_white_and_two_files_stand_side_by_side(file, tmp_path, view):
     draw_animation({"left": file, "right": file}, tmp_path / "a.gif", start=1.5, stop=1.8, width=400, view=view)
@@ -136,8 +137,9 @@ def test_the_white_around_scenes_is_white_and_two_files_stand_side_by_side(file,
     assert right.sum() > 500
 
 
-def test_contours_keep_their_colours_though_a_gif_has_few(file, tmp_path):
-    draw_animation([file], tmp_path / "a.gif", start=1.5, stop=1.7)
+def test_contours_keep_their_colours_though_a_gif_has_few_and_it_plays_in_real_time(file, tmp_path):
+    draw_animation([file], tmp_path / "a.gif", start=1.5, stop=1.6, width=360)
     with Image.open(tmp_path / "a.gif") as gif:
+        assert gif.info["duration"] == 80  # [ms]
         pixels = np.asarray(gif.convert("RGB")).astype(int)
     assert (pixels[20 : int(0.6 * len(pixels))] == RED).all(axis=2).sum() > 50

@@ -139,8 +139,11 @@ def test_the_report_is_whole_after_each_step(hour, path):
         assert [p.name for p in path.parent.iterdir()] == [path.name]
 
     answers = answers_of("pat16")
-    hour(answers, look=look)
+    done = hour(answers, look=look)
     assert seen == [answers[:count] for count in range(len(answers))]
+    stopped = done.step("stopping")["played"][0]
+    assert stopped["report"]["stopped_by"] == "stop"
+    assert stopped["stopped_within"] < 0.1
 
 
 def test_a_report_that_exists_is_refused_unless_it_may_be_overwritten(hour, path):

@@ -36,6 +36,7 @@ RATE = 40_000.0
 LIGHT = NoiseModel(sources=20)
 """Few sources: seconds less to compute."""
 FACE = (0.00525, 0.00525, 0.0)  # a transducer's
+X9 = np.ones(9)
 
 
 def frames_of_level(level: np.ndarray, transducers: int = 256) -> PlayedFrames:
@@ -129,10 +130,11 @@ def test_arrays_whose_transducers_fill_no_tile_are_heard(is_late, device):
     assert listener.listen(frames).samples[50:300] == pytest.approx(expected[50:], rel=1e-4)
 
 
+@pytest.mark.exhaustive
 def test_a_restart_is_louder_than_a_circle_and_the_pole_tells_how_much():
     levels = {}
     for pole in (300.0, 1000.0):
-        listener = NoiseListener("emulator", NoiseModel(sources=100, resonance=Resonance(pole=pole)))
+        listener = NoiseListener("emulator", NoiseModel(resonance=Resonance(pole=pole)))
         for jump in (False, True):
             levels[pole, jump] = NoiseSpectrum.of(listener.listen(moving_focus(0.02, jump=jump))).band(300, 10_000)
     assert levels[1000.0, True] > levels[1000.0, False] + 10
@@ -202,7 +204,7 @@ def test_slew_limits_quieten_jumps(files):
 
 
 def test_waves_share_one_gain(files, tmp_path):
-    heard = {tmp_path / f"{n}.wav": predict_noise(path, model=LIGHT, duration=0.2) for n, path in files.items()}
+    heard = {tmp_path / f"{n}.wav": predict_noise(path, model=LIGHT, duration=0.5) for n, path in files.items()}
     write_wave_files(heard)
     peak = {}
     for path, signal in heard.items():
@@ -230,7 +232,7 @@ def test_waves_share_one_gain(files, tmp_path):
         (lambda: Resonance(pole=0), "pole must lie in 10..40000 Hz, not 0"),
         (lambda: NoiseListener("emulator", NoiseModel(kind="transducers", microphone=FACE)), "from a source"),
         (lambda: NoiseListener("emulator", LIGHT).listen(frames_of_level(np.ones(100))), "0.0025 s are too"),
-        (lambda: NoiseListener("autd3", LIGHT).listen(frames_of_level(np.ones(8000))), "256 transducers, the arrays have 249"),
+        (lambda: NoiseListener("autd3", LIGHT).listen(frames_of_level(np.ones(8000))), "the arrays have 249"),
         (lambda: NoiseListener([]), "arrays must be at least one"),
         (lambda: NoiseModel(seed=-1), "seed must"),
         (lambda: NoiseModel(box=5), "box must be two corners"),
@@ -238,8 +240,8 @@ def test_waves_share_one_gain(files, tmp_path):
         (lambda: NoiseModel(microphone=(0.1, 0.2)), "microphone must be three numbers"),
         (lambda: NoiseModel(microphone=(1e5, 0, 0)), "up to 30"),
         (lambda: NoiseListener("emulator", replace(LIGHT, box=((-0.01, -0.01, -1e-3), (0.01,) * 3))), "no room"),
-        (lambda: NoiseListener("emulator", LIGHT).listen(frames_of_level(np.full(8000, np.nan))), "one finite level each"),
-        (lambda: NoiseListener("pat16", LIGHT).listen(replace(frames_of_level(np.ones(99)), level=np.ones(9))), "9 levels"),
+        (lambda: NoiseListener("emulator", LIGHT).listen(frames_of_level(np.full(8000, np.nan))), "one finite level"),
+        (lambda: NoiseListener("pat16", LIGHT).listen(replace(frames_of_level(np.ones(99)), level=X9)), "9 levels"),
     ],
 )  # fmt: skip
 def test_bad_input_is_named(call, message):

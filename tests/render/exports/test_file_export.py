@@ -148,7 +148,8 @@ def test_a_full_disk_leaves_the_old_file_and_no_part_of_the_new_one(name, here):
 def test_a_damaged_file_is_a_failure_and_leaves_nothing(here):
     content = bytearray((here / "tube.h5").read_bytes())
     with ContourFile("tube.h5") as file:
-        points = np.ascontiguousarray(file.contours(400, 401)["points"][:20]).tobytes()
+        pose = 360 + int(file.metrics(360, 450)["length"].argmax())  # from 4 to 5 s
+        points = np.ascontiguousarray(file.contours(pose, pose + 1)["points"]).tobytes()
     place = content.index(points)
     content[place] ^= 0x10
     (here / "new.h5").write_bytes(content)

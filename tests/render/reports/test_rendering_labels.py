@@ -1,5 +1,6 @@
 """Names in legends: presets by name from the numbers that files hold, and no more than distinguishes files."""
 
+import shutil
 from contextlib import ExitStack
 
 import pytest
@@ -39,8 +40,7 @@ def test_labels_say_what_differs_and_nothing_else(tmp_path):
     wide = saved(tmp_path / "wide.h5", load_strategy("cc"), Palm(0.1, 0.1))
     hatch, fine = (saved(tmp_path / f"{k}.h5", s) for k, s in enumerate((load_strategy("hatch"), narrow)))
     (tmp_path / "again").mkdir()
-    twin = saved(tmp_path / "again" / "cc.h5", load_strategy("cc"))
-    assert labels(oc, cc) == ["oc", "cc"]
+    twin = shutil.copy(cc, tmp_path / "again")
     assert labels(oc, cc, wide) == ["oc", "cc, palm 85 x 85 mm", "cc, palm 100 x 100 mm"]
     first, second = labels(hatch, fine)
     assert first.startswith("hatch, spacing 0.01")

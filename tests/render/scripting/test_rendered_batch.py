@@ -247,7 +247,9 @@ def test_moved_and_articulated_parts(tube):
     moved[:, 0] = (0.0, 0.02, 0.5)
     batch = render(tube, Palm(), poses, "cc", object_pose=moved)
     assert batch.length()[2] == 0
-    assert same(batch[1:2], render(tube, Palm(), poses[1:2], "cc", object_pose=moved[1:2]))
+    part = batch[1:2]
+    assert same(part, render(tube, Palm(), poses[1:2], "cc", object_pose=moved[1:2]))
+    assert same(part, render(tube, Palm(), part.motion, "cc", object_pose=part.scene.object_pose))
     assert render("tube", flat_hand(), poses, "oc")[0]
 
 

@@ -135,25 +135,6 @@ def test_a_wrong_peer_is_reported_and_not_timed(faults, state):
         assert peer.note
 
 
-def test_polylines_that_are_split_are_noticed():
-    trial = _trial("oc")
-    peer = _mirror()
-    peer.setup(trial.mesh, trial.hand)
-    whole = peer.contours
-
-    def split(pose, strategy):
-        found = whole(pose, strategy)
-        middle = np.insert(found.start, 1, 2)  # the first polyline of the first pose, cut after one segment
-        points = np.insert(found.points, 2, found.points[1], axis=0)
-        middle[2:] += 1
-        return Polylines(points, middle, np.insert(found.pose, 0, found.pose[0]))
-
-    peer.contours = split
-    agreement = check_peer(peer, trial.mesh, trial.hand, trial.pose[:50], trial.stages)
-    assert (agreement.apart, agreement.lines_apart) == (0, 1)
-    assert not agreement.agrees
-
-
 def test_a_peer_that_is_not_installed_is_no_error(monkeypatch):
     monkeypatch.setitem(sys.modules, "vtkmodules.vtkFiltersCore", None)
     found, absent = find_peers("vtk")

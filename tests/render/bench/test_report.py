@@ -1,7 +1,6 @@
 """`palpate bench`: its objects, its clocks, its curves, and what the command says."""
 
 import json
-import os
 
 import numpy as np
 import pytest
@@ -9,21 +8,13 @@ import trimesh
 from typer.testing import CliRunner
 
 from palpate.render.bench import clocks as bench_measure
-from palpate.render.bench import curves as bench_curve
-from palpate.render.bench.cases import bench_object, blob, random_poses
+from palpate.render.bench.cases import bench_object, blob
 from palpate.render.bench.clocks import (
-    OwnTurn,
     Yield,
-    interleaved,
 )
-from palpate.render.bench.curves import pose_curve, triangle_curve
-from palpate.render.bench.peers import one_core
-from palpate.render.bench.turns import BenchOptions
 from palpate.render.cli.app import app
 from palpate.render.contour_batch import ContourBatch
 from palpate.render.errors import StrategyError
-from palpate.render.hands.hand import Palm
-from palpate.render.strategies.intersection_strategy import closed_contour
 
 
 @pytest.fixture(autouse=True)
@@ -56,14 +47,6 @@ def test_unknown_objects_are_refused(name):
 # Clocks and counts
 
 
-@pytest.mark.exhaustive
-def test_calls_take_turns_and_none_is_always_first():
-    seen = []
-    clocks = interleaved([lambda name=name: seen.append(name) for name in "abc"], 3)
-    assert seen == list("abcbcacab")
-    assert [clock.repeats for clock in clocks] == [3, 3, 3]
-
-
 def test_distinct_vertices_leave_out_repeated_ones_and_the_floor_counts_each_byte_once():
     batch = ContourBatch(
         points=np.zeros((6, 3), np.float32),
@@ -79,49 +62,7 @@ def test_distinct_vertices_leave_out_repeated_ones_and_the_floor_counts_each_byt
     assert found.bytes == sum(array.nbytes for array in batch.arrays().values())
 
 
-def test_chunks_change_nothing(device, monkeypatch):
-    thing, pose = bench_object("tube"), random_poses(100)
-    whole = Yield.of(OwnTurn(thing, Palm(), pose, closed_contour(), device)())
-    monkeypatch.setattr(bench_measure, "CHUNK_POSES", {True: 7, False: 7})
-    parts = OwnTurn(thing, Palm(), pose, closed_contour(), device)()
-    assert len(parts) == 15
-    assert Yield.of(parts).points == whole.points
-
-
-@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="this system cannot keep a process to one core")
-def test_one_core_is_put_back_whatever_happens():
-    allowed, threads = os.sched_getaffinity(0), os.environ.get("OMP_NUM_THREADS")
-    seen = []
-
-    def fail():
-        with one_core(True) as core:
-            seen.extend([core, *os.sched_getaffinity(0), os.environ["OMP_NUM_THREADS"]])
-            raise KeyError
-
-    with pytest.raises(KeyError):
-        fail()
-    assert seen == [seen[0], seen[0], "1"]
-    assert os.sched_getaffinity(0) == allowed
-    assert os.environ.get("OMP_NUM_THREADS") == threads
-    with one_core(False) as core:
-        assert core is None
-
-
 # Curves, first use, the command
-
-
-@pytest.mark.exhaustive
-def test_curves_have_a_point_a_size(monkeypatch):
-    options = BenchOptions(poses=20, repeats=1)
-    curve = triangle_curve(options, frequencies=(2, 4, 8))
-    assert [point.triangles for point in curve.points] == [80, 320, 1280]
-    first, last = curve.points[0], curve.points[-1]
-    assert curve.slope_theory == pytest.approx(np.log(last.theory / first.theory) / np.log(16), abs=0.3)
-    poses = pose_curve(options, counts=(10, 40))
-    assert [point.poses for point in poses.points] == [10, 40]
-    assert poses.slope_theory == pytest.approx(1.0)
-    monkeypatch.setattr(bench_curve, "SECONDS_MOST", 0.0)
-    assert pose_curve(options, counts=(10,)).left_out == ("256 triangles, 10 poses",)
 
 
 def _run(*arguments):

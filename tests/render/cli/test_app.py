@@ -191,38 +191,6 @@ def test_existing_file_is_refused_overwritten_or_resumed(rendered, motion, tmp_p
     refused(MISUSED, "exclude each other", "render", "cube", motion, "-o", path, "--overwrite", "--resume")
 
 
-@pytest.mark.exhaustive
-def test_bad_objects_motions_and_options_are_refused(motion, tmp_path):
-    out = tmp_path / "out.h5"
-    refused(MISUSED, "no such file; built-in objects are", "render", "nothing.stl", motion, "-o", out)
-    refused(MISUSED, "unknown strategy 'xx'", "render", "cube", motion, "-o", out, "--strategy", "xx")
-    refused(MISUSED, "no device 'cuda:7'", "render", "cube", motion, "-o", out, "--device", "cuda:7")
-    refused(MISUSED, "palm width", "render", "cube", motion, "-o", out, "--palm", "0", "0.1")
-    refused(MISUSED, "fit must be", "render", "cube", motion, "-o", out, "--fit", "-1")
-    refused(MISUSED, "must end in .h5", "render", "cube", motion, "-o", tmp_path / "out.txt")
-    refused(MISUSED, "--seed is for a synthetic exploration", "render", "cube", motion, "-o", out, "--seed", "3")
-    refused(MISUSED, "duration must be", "render", "cube", "exploration", "-o", out, "--duration", "-1")
-    refused(MISUSED, "no folder", "render", "cube", motion, "-o", tmp_path / "none" / "out.h5")
-    bad = tmp_path / "bad.csv"
-    for rows, message in (
-        ("0,0,0,0.2,0,0,0,1\n0,0,0,0.2,0,0,0,1\n", "line 3"),
-        ("1,0,0,0.2,0,0,0,1\n0,0,0,0.2,0,0,0,1\n", "line 3"),
-        ("0,0,0,0.2,0,0,0,0\n", "zero quaternion"),
-        ("0,0,0,0.2,0,0,0,2\n", "norm 2"),
-        ("0,0,0,nan,0,0,0,1\n", "line 2"),
-        ("", "no"),
-    ):
-        bad.write_text("time,x,y,z,qx,qy,qz,qw\n" + rows)
-        refused(FAILED, message, "render", "cube", bad, "-o", out)
-    refused(MISUSED, "must end in", "render", "cube", motion, "-o", "/")
-    refused(MISUSED, "seed", "render", "cube", "exploration", "-o", out, "--seed", "9" * 30)
-    refused(MISUSED, "poses", "render", "cube", "exploration", "-o", out, "--rate", "1e300")
-    refused(MISUSED, "bounds", "render", "cube", "exploration", "-o", out, "--scale", "1e30")
-    refused(MISUSED, "not a contour file", "info", "/")
-    assert not out.exists()
-    assert not list(tmp_path.glob("*.partial"))
-
-
 def test_faults_of_its_own_are_one_sentence_too(rendered, monkeypatch):
     def broken(path):
         raise KeyError("planted")

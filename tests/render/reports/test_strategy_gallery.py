@@ -1,9 +1,6 @@
 """The list of strategies, and the picture of them."""
 
-import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -58,24 +55,3 @@ def test_the_docs_list_every_preset_and_transform_stage_with_every_option():
     for name, entry in known_stages("transform").items():
         if entry.own:
             assert set(entry.options) <= told[name], name
-
-
-@pytest.mark.exhaustive
-def test_the_examples_of_the_docs_run(tmp_path):
-    text = DOCS.read_text()
-    rendered, far, stages = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    first, flush, second = re.findall(r"```json\n(.*?)```", text, re.DOTALL)
-    (tmp_path / "my_stages.py").write_text(stages)
-    (tmp_path / "mine.json").write_text(second)
-    json.loads(first)
-    script = rendered + (
-        "from palpate.render.strategies.intersection_strategy import load_strategy\n"
-        f"assert IntersectionStrategy.from_json({first!r}).needs_closed\n"
-        "assert batch.polyline_count > 0 and set(batch.kind.tolist()) == {2}\n"
-        "striped = render(tube, Palm(), motion, load_strategy('mine.json', allow_code=True))\n"
-        f"assert IntersectionStrategy.from_json({flush!r}).flush == 1e-6\n"
-        f"{far}assert points.shape == batch.points.shape and abs(points.mean(axis=0)[2] - 0.2) < 0.1\n"
-        "assert 0 <= striped.intensity.min() < 0.2 < 0.8 < striped.intensity.max() <= 1\n"
-    )
-    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr

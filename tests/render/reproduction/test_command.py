@@ -80,20 +80,6 @@ def test_the_command_makes_a_page_that_loads_nothing_and_the_numbers_beside(tmp_
     assert "noise" not in values  # nothing is said of what is not predicted
 
 
-@pytest.mark.parametrize(
-    ("code", "message", "arguments"),
-    [
-        (MISUSED, "explorers must lie in 1..1000, not 0", ("--explorers", "0")),
-        (MISUSED, "repetitions must lie in 1..1000, not 5000", ("--repetitions", "5000")),
-        (MISUSED, "85", ("--palm", "85", "85")),
-        (MISUSED, "nan", ("--palm", "nan", "0.1")),
-    ],
-)
-def test_numbers_out_of_bounds_are_refused_before_anything_is_made(code, message, arguments, tmp_path):
-    refused(code, message, "reproduce", "-o", tmp_path / "report", *arguments)
-    assert not (tmp_path / "report").exists()
-
-
 def test_a_folder_that_cannot_be_made_or_written_is_refused(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     refused(FAILED, "file: cannot be made (File exists)", "reproduce", "-o", tmp_path / "file")

@@ -2,7 +2,6 @@
 
 import pickle
 import re
-import warnings
 from base64 import b64encode
 from copy import copy
 
@@ -89,20 +88,6 @@ def test_speed_and_rate_are_changed_by_the_way(batch):
     faster = batch.sample("stm", speed=3.5, update_rate=20_000.0)
     assert (faster.sampling.speed, faster.update_rate) == (3.5, 20_000.0)
     assert len(faster) == pytest.approx(2 * len(batch.sample("stm")), abs=2)
-
-
-def test_parts_of_an_articulated_hand_are_sampled_and_become_tables(tmp_path):
-    path = write_sample("openxr", tmp_path / "hand.json")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        found = render(MeshObject.load("tube", at=(0, 0.2, 0)), "planes", path)
-    part = found[5:15]
-    assert same(part, ContourBatch.select(found, 5, 15))
-    assert len(part.to_pandas()) == len(part.motion) == 10
-    assert len(part.sample()) == pytest.approx(10 / 30 * 10_000, abs=2)
-    assert "<td>10" in part._repr_html_()
-    with pytest.raises(StrategyError, match="a part of a batch of an articulated hand"):
-        part.save(tmp_path / "part.h5")
 
 
 def test_what_copies_and_pickles_look_for_is_no_guess(batch):

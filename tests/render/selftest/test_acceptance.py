@@ -110,13 +110,6 @@ def test_the_end_of_input_ends_it_with_a_clear_message(hour):
     assert f"Answers in the report: {count} (" in done.shown
 
 
-def test_a_scripts_line_that_is_no_answer_is_misuse_lest_those_behind_it_answer_other_questions(hour):
-    done = hour([*answers_of("pat16")[:4], "clockwise", "none"])
-    assert (done.code, done.report["ended_by"]) == (MISUSED, "misuse")
-    assert "'clockwise' answers nothing in step 'focus'; it takes right-near, " in done.result["error"]
-    assert [entry["answer"] for entry in done.report["steps"]] == [*answers_of("pat16")[:4], None]
-
-
 def test_a_person_is_asked_again_and_waited_for_before_each_step_that_plays(hour):
     answers = answers_of("pat16")
     lines = [answers[0]]  # step silent plays nothing

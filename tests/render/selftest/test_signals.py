@@ -1,10 +1,7 @@
 """Signals while the first hour is under way: the array is off, the report is kept."""
 
-import json
 import os
 import signal
-import subprocess
-import sys
 
 import pytest
 from acceptance_script import Emulated, answers_of, shorten, spend_hour, steps_of
@@ -12,7 +9,6 @@ from acceptance_script import Emulated, answers_of, shorten, spend_hour, steps_o
 from palpate.render.selftest.frames import Stimulus
 
 FAILED = 1
-COMMAND = [sys.executable, "-P", "-c", "from palpate.render.cli.app import main; main()", "selftest", "--emulate"]
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 
 
@@ -78,30 +74,3 @@ def test_a_signal_while_an_answer_is_awaited(capsys, monkeypatch, tmp_path, emul
     assert done.step("turn")["played"][0]["report"]["off_sent"]
     emulated.bus.clock.advance(10.0)
     assert not emulated.bus.board().emitting
-
-
-@pytest.mark.exhaustive
-def test_a_signal_to_the_command_in_real_time(tmp_path):
-    """A process of its own, its input a pipe that stays open; it ends with one sentence."""
-    path = tmp_path / "r.json"
-    child = subprocess.Popen(
-        [*COMMAND, "--acceptance", str(path), "--array", "pat16"],
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    try:
-        child.stdin.write("silent\n")
-        child.stdin.flush()
-        lines = iter(child.stderr.readline, "")
-        assert any(line.startswith("It plays (1).") for line in lines)
-        child.send_signal(signal.SIGINT)
-        rest = child.communicate(timeout=60)[1]
-    finally:
-        child.kill()
-        child.wait()
-    assert child.returncode == FAILED, rest
-    assert "Traceback" not in rest
-    report = json.loads(path.read_text())
-    assert report["ended_by"] == "SIGINT"
-    assert [entry["answer"] for entry in report["steps"]] == ["silent", None]
-    played = report["steps"][1]["played"][0]["report"]
-    assert played is None or played["off_sent"]  # None: the signal came before the player had begun

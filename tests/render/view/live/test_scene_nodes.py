@@ -20,14 +20,3 @@ def test_segments_have_the_length_and_the_kinds_of_the_contours():
         of_kind = (colours[:, 0] == COLOURS[kind]).all(axis=1)
         assert length[of_kind].sum() == pytest.approx(batch.length(kind)[0], rel=1e-6)
         assert of_kind.any()
-
-
-def test_weak_segments_are_pale():
-    from dataclasses import replace
-
-    batch = render("cube", "palm", static_pose([0, 0.06, 0.2]), "oc")
-    weak = replace(batch, intensity=np.linspace(0, 1, batch.point_count).astype(np.float32))
-    _, colours = contour_segments(weak)
-    brightness = colours.sum(axis=2)
-    assert brightness[0, 0] == brightness.max()
-    np.testing.assert_array_equal(colours[-1, 1], COLOURS["object"])

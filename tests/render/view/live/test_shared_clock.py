@@ -61,12 +61,3 @@ def test_a_static_pose_is_shown_for_a_twentieth_of_a_second_again_and_again(scen
         assert clock.poses() == [0]
         shares.append(clock.share_of(0))
     np.testing.assert_allclose(shares, [0.2, 0.4, 0.6, 0.8, 0.0] * 2, atol=1e-6)
-
-
-def test_a_file_without_times_beside_one_with_them_is_paired_by_number(scenes):
-    for pair in ([scenes[0], scenes[2]], [scenes[2], scenes[0]]):
-        clock = SharedClock(pair)
-        clock.is_playing = True
-        clock.advance(0.01)
-        assert clock.poses()[1] == min(clock.poses()[0], pair[1].pose_count - 1)
-        assert clock.share_of(1) == clock.share_of(0)

@@ -78,10 +78,16 @@ def test_info_tells_who_explored_and_what_share_faced_the_array(tmp_path):
     }  # fmt: skip
     assert 0.5 < told["facing_share_30"] <= told["facing_share_60"] == 1.0
     assert "facing share 30" in run("info", own).output
+
+
+def test_an_exploration_around_the_object_faces_the_array_less(tmp_path):
     around = tmp_path / "around.h5"
-    answer("render", "cube", "exploration", "-o", around, "--model", "around", "--rate", "30")
+    answer("render", "cube", "exploration", "-o", around, "--model", "around", "--rate", "15")
     told = answer("info", around)
     assert told["facing_share_30"] < 0.3 < 0.6 > told["facing_share_60"]
+
+
+def test_explorers_and_facing_are_refused_where_they_mean_nothing(tmp_path):
     words = ("render", "cube", "exploration", "-o", tmp_path / "out.h5")
     refused(MISUSED, "explorer is of the model over-array", *words, "--model", "around", "--explorer", "2")
     refused(MISUSED, "60 degrees are 1.047 rad", *words, "--facing", "60")

@@ -159,10 +159,10 @@ def test_planes_and_the_hand_around_them_stand_where_the_hand_is(tmp_path):
 
 
 def test_a_moving_object_has_its_poses_and_one_at_rest_its_place(tmp_path):
-    time = np.arange(20) / 60
-    turned = np.zeros((20, 7))
+    time = np.arange(8) / 60
+    turned = np.zeros((8, 7))
     turned[:, 0], turned[:, 2], turned[:, 5], turned[:, 6] = 0.05 * time, 0.2, np.sin(time), np.cos(time)
-    motion = HandMotion(time, np.repeat(static_pose([0, 0, 0.2]).pose, 20, axis=0))
+    motion = HandMotion(time, np.repeat(static_pose([0, 0, 0.2]).pose, 8, axis=0))
     path = render("cube", "palm", motion, "cc", object_pose=HandMotion(time, turned)).save(tmp_path / "moving.h5")
     solid = page_of(path)["solid"]
     np.testing.assert_allclose(solid["pose"], turned, atol=1e-6)

@@ -1,9 +1,11 @@
 """Every block of code of the documents runs as it stands: commands, then Python; data are loaded as what they show."""
 
+import ast
 import json
 import re
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -13,7 +15,7 @@ from typer.main import get_command
 
 from palpate.datasets import load_recording, read_ptlist
 from palpate.datasets.errors import RecordingError
-from palpate.render import load_plans, load_rig, load_strategy
+from palpate.render import RenderedBatch, load_plans, load_rig, load_strategy
 from palpate.render.cli.app import app
 from palpate.render.sampling.presets import load_sampling
 
@@ -81,16 +83,39 @@ def test_commands_and_python_of_a_page_run(page, tmp_path):
     run_page(page, tmp_path, here)
 
 
-def test_the_readmes_python_is_a_page_that_a_newcomer_can_guess_and_runs(tmp_path):
-    """At most twelve lines, names of one module, and nothing of Warp."""
+def test_the_readmes_python_is_a_page_that_a_newcomer_can_guess_and_runs(tmp_path, monkeypatch, capsys):
+    """At most twelve lines, names of one module, and nothing of Warp. A shorter motion is rendered and not drawn."""
     (code,) = [block.text for block in blocks_of(README) if block.language == "python"]
     assert len(code.splitlines()) <= 12
     assert re.findall(r"^(?:from|import) .*", code, re.MULTILINE) == [code.splitlines()[0]]
     assert code.startswith("from palpate.render import ")
-    said, warned = run_page(README, tmp_path, lambda line, folder: None)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(RenderedBatch, "figure", lambda batch, path, **options: Path(path).touch())
+    exec(code.replace("duration=3.0", "duration=1.0"), {})
+    said = capsys.readouterr().out
     assert [line.split("(")[0] for line in said.splitlines()] == ["RenderedBatch", "SampledContours", "Playback"]
+    assert {"tube.h5", "tube.png"} == {path.name for path in tmp_path.iterdir()}
+
+
+@pytest.mark.exhaustive
+def test_the_readmes_python_warns_of_nothing(tmp_path):
+    _, warned = run_page(README, tmp_path, lambda line, folder: None)
     assert warned == ""
     assert {"tube.h5", "tube.png"} <= {path.name for path in tmp_path.iterdir()}
+
+
+def test_pages_import_names_that_there_are():
+    """What their Python does with these names is seen when it runs (`test_commands_and_python_of_a_page_run`)."""
+    count = 0
+    for block in (block for page in PAGES for block in blocks_of(page)):
+        if block.language != "python" or "no-run" in block.marks:
+            continue
+        for node in ast.walk(ast.parse(block.text)):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("palpate."):
+                module = import_module(node.module)
+                assert [name.name for name in node.names if not hasattr(module, name.name)] == [], block.place
+                count += len(node.names)
+    assert count > 30
 
 
 def test_blocks_that_do_not_run_are_those_that_are_argued():

@@ -73,5 +73,3 @@ def test_a_picture_that_carries_nothing_is_told(tmp_path, monkeypatch):
     assert pictures.problems("a.png") == ["a.png does not carry what was drawn"]
     pictures.write("a.png")
     assert pictures.problems("a.png") == []
-    monkeypatch.setitem(pictures.PICTURES, "a.png", lambda: figure(at=0.9))
-    assert len(pictures.problems("a.png")) == 1

@@ -1,8 +1,8 @@
-"""What scripts see: help that ends with an example that runs, names that type checkers know, objects in one line."""
+"""Public names: help that ends with an example that runs, names that type checkers know, objects in one line."""
 
 import ast
+import builtins
 import doctest
-import gc
 from importlib import import_module
 from pathlib import Path
 
@@ -11,6 +11,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("palpate.render", "palpate.datasets", "palpate.device")
 OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+SLOW = {"ImplicitObject", "overlap_points", "isosurface", "draw_animation", "draw_figure", "simplify", "predict_noise"}
+"""Names whose examples take over 0.2 s."""
 
 
 def public_names():
@@ -25,51 +27,91 @@ def public_names():
     return list(found.values())
 
 
-CLASSES = {name: value for name, value in public_names() if isinstance(value, type)}
 SHORT = 280
 EXPRESSIONS = {
     "palpate.render.ContourFile": 'ContourFile(render("cube", "palm", static_pose([0, 0, 0.2])).save("own.h5"))',
     "palpate.render.DriveStrategy": "DriveStrategy(solver='wgs')",
     "palpate.render.Driver": 'Driver("emulator")',
+    "palpate.render.FocalPoints": 'render("cube", "palm", static_pose([0, 0, 0.2])).sample(duration=0.1).focus',
     "palpate.render.Hand": "Palm()",
     "palpate.render.InProcess": "InProcess()",
     "palpate.render.PatchJoint": "PatchJoint(0, 3, 1, 1)",
+    "palpate.render.SamplingStrategy": "SamplingStrategy()",
     "palpate.render.SweepResult": "sweep('study.toml', {'motion.source': 'still.csv'})",
     "palpate.datasets.ContourWriter": None,
     "palpate.device.Clock": "VirtualClock()",
     "palpate.device.EmulationRequest": "EmulationRequest(serials=('A',), clock=None, record=0, baud=None)",
     "palpate.device.Fault": "Fault(FaultKind.TIMEOUT, byte=100)",
+    "palpate.device.FaultKind": "FaultKind.TIMEOUT",
+    "palpate.device.Limits": "Limits()",
     "palpate.device.Player": "Player(open_link(array_model('emulator'), clock=VirtualClock()))",
     "palpate.device.LinkRequest": "LinkRequest(serial='A')",
     "palpate.device.Link": "open_link(array_model('emulator'), clock=VirtualClock())",
+    "palpate.device.Underrun": "Underrun(0.05, 256, 0.024, 50_000_000, None)",
 }
-"""Objects of classes that no example leaves behind."""
+"""Objects of classes that no example leaves behind; None: none can be made outside a `with`."""
 
 
-@pytest.mark.parametrize(("name", "value"), [pytest.param(*case, id=case[0]) for case in public_names()])
-def test_help_starts_with_a_purpose_and_ends_with_an_example_that_runs(name, value, tmp_path, monkeypatch):
+def run_example(name, value):
+    """Run the example of a docstring; its parts, its variables and the failures that it reported."""
+    example = doctest.DocTestParser().get_doctest(value.__doc__, {}, name, None, 0)
+    failures = []
+    builtins._ = None
+    doctest.DocTestRunner(optionflags=OPTIONS).run(example, out=failures.append, clear_globs=False)
+    return example.examples, [*example.globs.values(), builtins._], failures
+
+
+def objects_of(kind, name, variables):
+    """Objects of a class: from its expression, or variables of its example and their attributes."""
+    if EXPRESSIONS.get(name):
+        package = import_module(name.rpartition(".")[0])
+        return [eval(EXPRESSIONS[name], {n: getattr(package, n) for n in package.__all__})]
+    listed = [part for one in variables for part in (one if isinstance(one, list | tuple) else (one,))]
+    inner = [part for one in listed if type(one).__module__.startswith("palpate.") for part in attributes_of(one)]
+    return [one for one in (*listed, *inner) if isinstance(one, kind)]
+
+
+def attributes_of(one):
+    return list(getattr(one, "__dict__", {}).values())
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        pytest.param(*case, id=case[0], marks=pytest.mark.exhaustive if case[0].rpartition(".")[2] in SLOW else ())
+        for case in public_names()
+    ],
+)
+def test_help_ends_with_an_example_that_runs_and_its_objects_are_printed_in_one_line(
+    name, value, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     purpose = value.__doc__.split("\n\n")[0]
     assert purpose.strip().endswith((".", ":")), purpose
-    examples = doctest.DocTestParser().get_doctest(value.__doc__, {}, name, None, 0)
-    assert examples.examples, f"{name} has no example"
-    assert examples.examples[-1].want, f"{name}: the example ends without showing anything"
-    told = []
-    result = doctest.DocTestRunner(optionflags=OPTIONS).run(examples, out=told.append)
-    assert result.failed == 0, "".join(told)
+    examples, variables, failures = run_example(name, value)
+    assert examples, f"{name} has no example"
+    assert examples[-1].want, f"{name}: the example ends without showing anything"
+    assert not failures, "".join(failures)
     last = value.__doc__.rstrip().splitlines()[-1].strip()
-    shown = [line.strip() for line in examples.examples[-1].want.splitlines()]
+    shown = [line.strip() for line in examples[-1].want.splitlines()]
     assert last in shown, f"{name}: text follows the example: {last}"
+    if not isinstance(value, type) or EXPRESSIONS.get(name, "") is None:
+        return
+    found = objects_of(value, name, variables)
+    assert found, f"{name}: no object to look at"
+    for text in {repr(one) for one in found}:
+        assert "\n" not in text, text
+        assert " at 0x" not in text, text
+        assert "array(" not in text, text
+        assert len(text) <= SHORT, text
 
 
-@pytest.mark.exhaustive  # each by itself runs always
+@pytest.mark.exhaustive
 def test_examples_run_one_after_the_other_in_one_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    told = []
     for name, value in public_names():
-        examples = doctest.DocTestParser().get_doctest(value.__doc__, {}, name, None, 0)
-        doctest.DocTestRunner(optionflags=OPTIONS).run(examples, out=told.append)
-    assert not told, "".join(told)
+        failures = run_example(name, value)[2]
+        assert not failures, "".join(failures)
 
 
 @pytest.mark.parametrize("package", ["render", "datasets", "device"])
@@ -81,25 +123,3 @@ def test_type_checkers_know_every_public_name_and_no_other(package):
     assert seen == set(import_module(f"palpate.{package}").__all__)
     assert not [node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == "__getattr__"]
     assert (ROOT / package / "py.typed").exists()
-
-
-@pytest.mark.parametrize("name", CLASSES)
-def test_an_object_prints_itself_as_one_line_of_facts(name, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    example = doctest.DocTestParser().get_doctest(CLASSES[name].__doc__, {}, name, None, 0)
-    doctest.DocTestRunner(optionflags=OPTIONS).run(example, out=lambda text: None, clear_globs=False)
-    if EXPRESSIONS.get(name):
-        package = import_module(name.rpartition(".")[0])
-        made = eval(EXPRESSIONS[name], {n: getattr(package, n) for n in package.__all__})
-        found = [made]
-    else:
-        gc.unfreeze()  # what conftest.py froze is not listed
-        found = [thing for thing in gc.get_objects() if issubclass(type(thing), CLASSES[name])]
-        gc.freeze()
-    if EXPRESSIONS.get(name, "") is not None:
-        assert found, f"{name}: no object to look at"
-    for text in {repr(thing) for thing in found}:
-        assert "\n" not in text, text
-        assert " at 0x" not in text, text
-        assert "array(" not in text, text
-        assert len(text) <= SHORT, text

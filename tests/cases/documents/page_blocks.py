@@ -1,6 +1,7 @@
 """Blocks of code of the documents, found as Markdown has them."""
 
 import re
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -36,6 +37,7 @@ class Block(NamedTuple):
         return f"{self.page.relative_to(ROOT)}:{self.line}"
 
 
+@cache
 def blocks_of(page: Path) -> list[Block]:
     """All blocks of a page, also those within lists and quotations."""
     found = []

@@ -1,7 +1,5 @@
 """Prints on skin and metrics of files: forces by hand, places, refusals."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,6 @@ from palpate.datasets.contour_file.reader import ContourFile
 from palpate.render import (
     FocalPoints,
     HandMotion,
-    MeshHand,
     Palm,
     PlaneHand,
     Resonance,
@@ -19,6 +16,7 @@ from palpate.render import (
     flat_hand,
     focal_width,
     load_rig,
+    pressure_at,
     pressure_metrics,
     radiation_pressure,
     render,
@@ -26,7 +24,7 @@ from palpate.render import (
 )
 from palpate.render.acoustics.averaged_frames import frames_of_average
 from palpate.render.acoustics.drawn_frames import cycle_of, drawn_pose, longest_pose, pose_at
-from palpate.render.acoustics.field_metrics import planes_of, sampling_for
+from palpate.render.acoustics.field_metrics import sampling_for
 from palpate.render.acoustics.pressure import PressureSum, complex_drives
 from palpate.render.acoustics.radiation import mean_square
 from palpate.render.acoustics.sampled_places import sample_patches, sample_plane, sample_volume
@@ -81,6 +79,15 @@ def test_force_on_a_plane_is_what_passes_through_it():
         plane = sample_plane(np.array([0, 0, height]), X, Y, (0.5, 0.5), 2e-3)
         force.append(print_on([plane], PressureSum(transducers), drive, pressure_at_1m=3.4).force)
     assert force[0] == pytest.approx(force[1], rel=0.02)
+
+
+def test_a_print_has_the_radiation_pressure_of_its_field():
+    plane = sample_plane(np.array([0, 0, 0.2]), X, Y, (0.04, 0.04), 5e-3)
+    drive = drive_focus(FocalPoints(np.float32([[0, 0, 0.2]]), np.ones(1, np.float32)), "emulator")
+    transducers = TransducerSet("emulator")
+    printed = print_on([plane], PressureSum(transducers), complex_drives(drive, transducers), pressure_at_1m=3.4)
+    pressure = pressure_at(plane.points, drive, pressure_at_1m=3.4)[0]
+    assert printed.radiation[0].ravel() == pytest.approx(radiation_pressure(pressure), rel=1e-3)
 
 
 def test_a_print_is_the_same_on_one_plane_and_on_its_halves():
@@ -166,11 +173,13 @@ def test_metrics_of_a_still_pose_are_those_of_its_foci(still):
 
 
 def test_metrics_are_of_a_seeded_sample_of_poses_with_contours(tmp_path):
-    path = render("tube", Palm(), exploration("tube", duration=4.0, rate=10.0), "oc").save(tmp_path / "tube.h5")
-    found, again, other = (pressure_metrics(path, poses=2, seed=seed) for seed in (1, 1, 2))
+    path = render("tube", Palm(0.05, 0.05), exploration("tube", duration=4.0, rate=10.0), "oc").save(
+        tmp_path / "tube.h5"
+    )
+    found, again, other = (pressure_metrics(path, poses=1, seed=seed) for seed in (1, 1, 2))
     assert found == again
-    assert found != other
-    assert found.poses == 2
+    assert found.force != other.force
+    assert found.poses == 1
     far = render("cube", Palm(), static_pose([0.3, 0, 0.2]), "oc").save(tmp_path / "empty.h5")
     none = pressure_metrics(far)
     assert (none.poses, none.force, none.focus_pressure) == (0, None, None)
@@ -180,10 +189,3 @@ def test_metrics_are_of_a_seeded_sample_of_poses_with_contours(tmp_path):
 
 def test_several_focal_points_have_less_pressure_each(still):
     assert pressure_metrics(still, sampling="multi-focus").focus_pressure < 0.8 * pressure_metrics(still).focus_pressure
-
-
-def test_a_hand_mesh_is_refused(still):
-    with ContourFile(still) as file:
-        drawn = drawn_pose(file, 0)
-    with pytest.raises(StrategyError, match="needs a hand of planes"):
-        planes_of(replace(drawn, hand=MeshHand(SQUARE, np.array([[0, 2, 1]]), step=0.01)), 1e-3)

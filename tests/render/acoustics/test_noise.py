@@ -16,6 +16,7 @@ from palpate.render import (
     MeshObject,
     NoiseListener,
     NoiseModel,
+    NoiseSignal,
     NoiseSpectrum,
     Palm,
     PlacedArray,
@@ -33,7 +34,10 @@ from palpate.render.acoustics.spectrum import a_weight
 from palpate.render.acoustics.transducers import TransducerSet
 
 RATE = 40_000.0
+LIGHT = NoiseModel(sources=20)
+"""Few sources: seconds less to compute."""
 FACE = (0.00525, 0.00525, 0.0)  # a transducer's
+X9 = np.ones(9)
 
 
 def frames_of_level(level: np.ndarray, transducers: int = 256) -> PlayedFrames:
@@ -103,7 +107,7 @@ def test_many_sources_are_the_same_as_each_by_itself(device):
     assert combined[:400] == pytest.approx(np.array(power), rel=1e-4)
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("is_late", [False, True])
 def test_arrays_whose_transducers_fill_no_tile_are_heard(is_late, device):
     """249 transducers and 40 places are no multiples of a tile's: sums by NumPy, period by period."""
@@ -127,6 +131,7 @@ def test_arrays_whose_transducers_fill_no_tile_are_heard(is_late, device):
     assert listener.listen(frames).samples[50:300] == pytest.approx(expected[50:], rel=1e-4)
 
 
+@pytest.mark.exhaustive
 def test_a_restart_is_louder_than_a_circle_and_the_pole_tells_how_much():
     levels = {}
     for pole in (300.0, 1000.0):
@@ -169,15 +174,15 @@ def test_a_weights_are_those_of_the_standard():
 
 def test_the_spectrum_holds_all_power_and_its_bins_are_the_papers():
     rng = np.random.default_rng(5)
-    spectrum = NoiseSpectrum.of_samples(rng.normal(size=441_000), 44_100.0)
+    spectrum = NoiseSpectrum.of_samples(rng.normal(size=150_000), 44_100.0)
     assert spectrum.frequency[1] == pytest.approx(44_100 / 1024)
-    assert spectrum.band(0, 23_000) == pytest.approx(0.0, abs=0.05)  # variance 1
-    twice = NoiseSpectrum.of_samples(2 * rng.normal(size=441_000), 44_100.0)
+    assert spectrum.band(0, 23_000) == pytest.approx(0.0, abs=0.06)  # variance 1
+    twice = NoiseSpectrum.of_samples(2 * rng.normal(size=150_000), 44_100.0)
     assert level_differences(twice, spectrum)["rms"] == pytest.approx(20 * math.log10(2), abs=0.1)
     assert spectrum.with_floor(0.0).level.min() > 0
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("kind", ["beam", "transducers"])
 def test_open_contours_are_louder_where_ears_are_sensitive(kind, files):
     """The founding paper's order (4.3.2): 300 Hz to 10 kHz louder, RMS about the same; with any source of noise."""
@@ -189,39 +194,19 @@ def test_open_contours_are_louder_where_ears_are_sensitive(kind, files):
     assert abs(found["rms"]) < found["db_300_10k"]
 
 
-def test_contours_that_nothing_cuts_sound_alike_open_and_closed(tmp_path):
-    """A section that lies inside the palm has no end to jump from: OC and CC are the same."""
-    ball = MeshObject.load("sphere", fit=0.06)
-    heard = [
-        predict_noise(render(ball, Palm(), static_pose([0, 0, 0.2]), name).save(tmp_path / f"{name}.h5"), duration=0.3)
-        for name in ("oc", "cc")
-    ]
-    assert np.array_equal(heard[0].samples, heard[1].samples)
-
-
-def test_update_rates_from_4_khz_on_sound_alike_and_1_khz_is_worse(files):
-    """As simulated before for a circle of 40 mm (references: update rate 40 to 4 kHz no change, 1 kHz +6 dB)."""
-    frames = moving_focus(0.04)
-    listener = NoiseListener("emulator")
-    level = {}
-    for held in (1, 4, 10, 40):
-        slower = PlayedFrames(frames.delay[::held], frames.level[::held], RATE / held)
-        level[held] = NoiseSpectrum.of(listener.listen(slower)).band(300, 3500)
-    assert level[4] == pytest.approx(level[1], abs=1)
-    assert level[10] == pytest.approx(level[1], abs=3)
-    assert level[40] > level[1] + 5
-
-
 def test_slew_limits_quieten_jumps(files):
     loud, quiet = (
-        NoiseSpectrum.of(predict_noise(files["oc"], drive=DriveStrategy(slew=slew), duration=0.5)).band(1000, 10_000)
+        NoiseSpectrum.of(predict_noise(files["oc"], drive=DriveStrategy(slew=slew), model=LIGHT, duration=0.4)).band(
+            1000, 10_000
+        )
         for slew in (None, 4 / 256)
     )
     assert quiet < loud - 3
 
 
-def test_waves_share_one_gain(files, tmp_path):
-    heard = {tmp_path / f"{name}.wav": predict_noise(path, duration=0.5) for name, path in files.items()}
+def test_waves_share_one_gain(tmp_path):
+    tone = np.sin(2 * np.pi * 1000 * np.arange(20_000) / RATE)
+    heard = {tmp_path / f"{gain}.wav": NoiseSignal(gain * tone, RATE) for gain in (1, 2)}
     write_wave_files(heard)
     peak = {}
     for path, signal in heard.items():
@@ -229,13 +214,13 @@ def test_waves_share_one_gain(files, tmp_path):
         assert (rate, samples.dtype) == (44_100, np.int16)
         assert len(samples) == pytest.approx(signal.duration * 44_100, abs=2)
         peak[path] = np.abs(samples.astype(int)).max()
-    assert max(peak.values()) == pytest.approx(0.9 * 32767, abs=1)
+    assert list(peak.values()) == pytest.approx([0.45 * 32767, 0.9 * 32767], abs=20)
     with pytest.raises(StrategyError, match="exists"):
         write_wave_files(heard)
     with pytest.raises(StrategyError, match=r"must end in \.wav"):
         write_wave_files({tmp_path / "a.mp3": next(iter(heard.values()))})
     with pytest.raises(StrategyError, match="nothing to hear"):
-        write_wave_files({tmp_path / "b.wav": NoiseListener("emulator").listen(frames_of_level(np.zeros(8000)))})
+        write_wave_files({tmp_path / "b.wav": NoiseListener("emulator", LIGHT).listen(frames_of_level(np.zeros(8000)))})
     assert not (tmp_path / "b.wav").exists()
 
 
@@ -248,17 +233,17 @@ def test_waves_share_one_gain(files, tmp_path):
         (lambda: NoiseModel(microphone=(0, math.nan, 0)), "microphone must be three numbers"),
         (lambda: Resonance(pole=0), "pole must lie in 10..40000 Hz, not 0"),
         (lambda: NoiseListener("emulator", NoiseModel(kind="transducers", microphone=FACE)), "from a source"),
-        (lambda: NoiseListener("emulator").listen(frames_of_level(np.ones(100))), "0.0025 s are too"),
-        (lambda: NoiseListener("autd3").listen(frames_of_level(np.ones(8000))), "256 transducers, the arrays have 249"),
+        (lambda: NoiseListener("emulator", LIGHT).listen(frames_of_level(np.ones(100))), "0.0025 s are too"),
+        (lambda: NoiseListener("autd3", LIGHT).listen(frames_of_level(np.ones(8000))), "the arrays have 249"),
         (lambda: NoiseListener([]), "arrays must be at least one"),
         (lambda: NoiseModel(seed=-1), "seed must"),
         (lambda: NoiseModel(box=5), "box must be two corners"),
         (lambda: NoiseListener(replace(array_model("emulator"), position=np.zeros((0, 3)))), "has no transducers"),
         (lambda: NoiseModel(microphone=(0.1, 0.2)), "microphone must be three numbers"),
         (lambda: NoiseModel(microphone=(1e5, 0, 0)), "up to 30"),
-        (lambda: NoiseListener("emulator", NoiseModel(box=((-0.01, -0.01, -0.001), (0.01, 0.01, 0.001)))), "no room"),
-        (lambda: NoiseListener("emulator").listen(frames_of_level(np.full(8000, np.nan))), "one finite level each"),
-        (lambda: NoiseListener("pat16").listen(replace(frames_of_level(np.ones(8000)), level=np.ones(9))), "9 levels"),
+        (lambda: NoiseListener("emulator", replace(LIGHT, box=((-0.01, -0.01, -1e-3), (0.01,) * 3))), "no room"),
+        (lambda: NoiseListener("emulator", LIGHT).listen(frames_of_level(np.full(8000, np.nan))), "one finite level"),
+        (lambda: NoiseListener("pat16", LIGHT).listen(replace(frames_of_level(np.ones(99)), level=X9)), "9 levels"),
     ],
 )  # fmt: skip
 def test_bad_input_is_named(call, message):
@@ -266,6 +251,7 @@ def test_bad_input_is_named(call, message):
         call()
 
 
+@pytest.mark.exhaustive
 def test_the_command_compares_with_the_first_file_and_writes_what_is_asked(files, tmp_path):
     picture = tmp_path / "noise.png"
     arguments = ("noise", files["cc"], files["oc"], "--sources", "100", "--wav", "-o", picture)
@@ -280,11 +266,12 @@ def test_the_command_compares_with_the_first_file_and_writes_what_is_asked(files
     refused(2, "source must be", "noise", files["cc"], "--source", "wall")
     refused(2, "does not exist", "noise", tmp_path / "no.h5")
     refused(2, "named twice", "noise", files["cc"], files["cc"])
-    refused(2, "holds one static pose", "noise", _static(tmp_path))
+    still = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save(tmp_path / "static.h5")
+    refused(2, "holds one static pose", "noise", still)
 
 
 def test_the_prediction_moves_with_the_array_and_forgets_how_it_began():
-    frames, model = moving_focus(0.02, jump=True), NoiseModel(sources=100)
+    frames, model = moving_focus(0.02, jump=True), LIGHT
     still = frames_of_level(np.ones(8000))
     here = NoiseListener("emulator", model).listen(frames).spectrum()
     turned = array_model("emulator").placed([0.3, -0.2, 1.0, 1, 0, 0, 0])
@@ -309,13 +296,8 @@ def test_dead_transducers_are_silent_and_arrays_of_other_steps_are_refused(files
 def test_silence_is_said_and_has_no_level(tmp_path):
     far = exploration(MeshObject.load("cube"), duration=0.3, seed=3)
     path = render(MeshObject.load("cube", at=(0.5, 0, 0.2)), Palm(), far, "cc").save(tmp_path / "far.h5")
-    result = run("noise", path, "--json")
+    result = run("noise", path, "--sources", "20", "--json")
     assert "there is nothing to hear" in result.stderr
     (row,) = json.loads(result.stdout)["files"]
     assert row["dba"] is None
     assert row["difference"]["dba"] is None
-    refused(2, "nothing to hear", "noise", path, "--wav")
-
-
-def _static(folder: Path) -> Path:
-    return render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save(folder / "static.h5")

@@ -12,7 +12,7 @@ from palpate.device.array import ArrayModel
 from palpate.device.codec import encode_frames
 from palpate.kernels.acoustics.resonance import DeviceFrames, emit_frames
 from palpate.render import Driver, FocalPoints, PlayedFrames, Resonance, StrategyError, drive_focus, pressure_at
-from palpate.render.acoustics.pressure import PressureSum, complex_drives, follow_drives, require_places
+from palpate.render.acoustics.pressure import complex_drives, follow_drives, require_places
 from palpate.render.acoustics.transducers import TransducerSet
 
 FOCUS = np.array([0.03, -0.02, 0.2])
@@ -103,11 +103,6 @@ def test_a_faster_focus_is_weaker_as_found_with_another_program(speed, factor):
     assert moving(speed, 40e3) == pytest.approx(factor, abs=0.025)
 
 
-def test_an_update_rate_of_4_khz_makes_no_difference_at_a_frames_end_and_1_khz_does():
-    assert moving(7, 4e3) == pytest.approx(moving(7, 40e3), abs=0.03)
-    assert moving(7, 1e3) > moving(7, 40e3)  # held for longer, it is reached; between frames it jumps by 7 mm
-
-
 def test_the_vendors_emulator_of_an_autd3_has_the_same_pressures():
     """RMS field of autd3-emulator 0.12.0: monopoles of 275.574 Pa at 0.2 m over 4 pi, all in float32."""
     pytest.importorskip("autd3", reason="the vendor's package autd3 is not installed")
@@ -169,11 +164,6 @@ def test_drives_that_do_not_fit_are_refused():
         pressure_at(FOCUS, np.ones(256, np.complex64), quantised=True)
     with pytest.raises(StrategyError, match=r"update_rate in 0\.\.40000 Hz, not None"):
         pressure_at(FOCUS, focused(), resonance=Resonance())
-
-
-def test_a_field_without_frames_has_no_blocks():
-    field = PressureSum(TransducerSet("emulator"))
-    assert list(field.blocks(places(), np.zeros((0, 256), np.complex64))) == []
 
 
 def test_transducers_of_gain_0_emit_nothing():

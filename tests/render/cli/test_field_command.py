@@ -22,11 +22,15 @@ def moving(tmp_path_factory):
     return batch.save(tmp_path_factory.mktemp("field") / "moving.h5")
 
 
-def test_field_reports_draws_and_writes(moving, tmp_path):
-    for where, suffix in (("palm", "png"), ("plane", "svg"), ("volume", "png"), ("palm", "npz"), ("volume", "npz")):
+@pytest.mark.exhaustive(after=1)
+@pytest.mark.parametrize(
+    "asked", [(("palm", "npz"), ("volume", "npz")), (("palm", "png"), ("plane", "svg"), ("volume", "png"))], ids=str
+)
+def test_field_reports_draws_and_writes(asked, moving, tmp_path):
+    for where, suffix in asked:
         out = tmp_path / f"{where}.{suffix}"
         average = "instant" if suffix == "npz" else "cycle"
-        places = ("--at", 0.05, "--where", where, "--average", average, "--spacing", 0.004)
+        places = ("--at", 0.05, "--where", where, "--average", average, "--spacing", 0.006)
         values = answer("field", moving, *places, "-o", out)
         assert out.stat().st_size > 1000
         assert 2500 < values["pressure_peak"] < 6000
@@ -34,12 +38,14 @@ def test_field_reports_draws_and_writes(moving, tmp_path):
         if where != "volume":
             assert values["share_on_contour"] is None or values["share_on_contour"] > 0.5
             assert values["force"] > 0
+    if asked[0][1] != "npz":
+        return
     with np.load(tmp_path / "palm.npz") as file:
         kept = dict(file)
     assert kept["points"].shape == (len(kept["radiation"]), 3)
     assert radiation_pressure(kept["pressure"]) == pytest.approx(kept["radiation"], rel=1e-3, abs=1e-3)
     with np.load(tmp_path / "volume.npz") as file:
-        assert file["radiation"].shape == (30, 30, 30)
+        assert file["radiation"].shape == (20, 20, 20)
 
 
 @pytest.mark.parametrize(

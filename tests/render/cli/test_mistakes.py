@@ -1,5 +1,6 @@
 """What people type wrong at first, and the way out that the answer names; nothing is written."""
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -8,17 +9,14 @@ from palpate.render.cli.app import app
 
 POSES = "time,x,y,z,qx,qy,qz,qw\n0,0,0,0.2,0.7071068,0,0,0.7071068\n0.1,0,0,0.21,0.7071068,0,0,0.7071068\n"
 RENDER = "render cube m.csv -o new.h5 "
+VOLUME = "render block.npz m.csv -o new.h5 "
 MISTAKES = {
     "rendr cube m.csv -o new.h5": "Did you mean 'render'?",
-    "rendr --json": "Did you mean 'render'?",
     "Figure cube.h5": "'-o' / '--out'",
     "info tueb": "did you mean 'tube'?",
     "info .": "is a folder",
     "info m.csv": "palpate render OBJECT m.csv -o OUT.h5 makes one",
     "info grab.npz": "palpate render OBJECT grab.npz -o OUT.h5 makes one",
-    "check grab.npz": "palpate render OBJECT grab.npz -o OUT.h5 makes one",
-    "play grab.npz": "palpate render OBJECT grab.npz -o OUT.h5 makes one",
-    "figure grab.npz -o new.png": "palpate render OBJECT grab.npz -o OUT.h5 makes one",
     "render grab.npz tube -o new.h5": "it is a motion, after the object",
     "render tube grab.npz -o new.h5 --side lft": "did you mean 'left'?",
     "render palm exploration -o new.h5": "--hand palm is where it belongs",
@@ -30,19 +28,11 @@ MISTAKES = {
     "sampling cc": "is the strategy that render takes",
     "play cube.h5 --array pat16 --calibration nosuch.pat": "nosuch.pat: cannot be read",
     "figure cube.h5 -o nosuch/new.png": "cannot be written",
-    "export cube.h5 -o nosuch/new.ptlist --duration 0.1": "cannot be written",
     "sweep statuss nosuch": "did you mean 'status'?",
-    "plot cube.h5": "Did you mean 'figure'?",
-    "ls": "Did you mean 'strategies'?",
-    "render cube m.csv --output new.h5": "Possible options: --out",
     "render cube m.csv -o cube.h5 --force": "Possible options: --overwrite",
-    "play cube.h5 --loop": "Possible options: --repeats",
     "render": "'OBJECT'. It is: Mesh (STL, OBJ",
     "render cube": "'MOTION'. It is: CSV or HDF5 of poses",
-    "render cube m.csv": "'-o' / '--out'. It is: Contour file to write",
     "render cube m.csv new.h5 -o new.h5": "(new.h5): this command takes OBJECT MOTION",
-    "render m.csv cube -o new.h5": "it may be a motion, which comes after the object",
-    "render cubee m.csv -o new.h5": "did you mean 'cube'?",
     "render mug.stl m.csv -o new.h5": "built-in objects are cube, sphere",
     "render cube explore -o new.h5": "give the word exploration for a synthetic one",
     "render cube mm.csv -o new.h5": "did you mean 'm.csv'?",
@@ -55,13 +45,11 @@ MISTAKES = {
     RENDER + "--stratgy cc": "Possible options: --rate, --strategy",
     RENDER + "--palm 85": "--palm takes 2 values, WIDTH LENGTH, with blanks between",
     RENDER + "--palm 85 85": "85 mm are 0.085",
-    RENDER + "--at 0,0,0.2": "--at takes 3 values, X Y Z, with blanks between",
     RENDER + "--hand left": "--side left chooses among a recording's hands",
     RENDER + "--device gpu": "GPUs are cuda:0",
     RENDER + "--duration 5": "--duration is for a synthetic exploration",
     RENDER + "--gzip 30": "must be at most 9, not 30",
     "render cube exploration -o new.h5 --rate 90Hz": "'90Hz' is no number. Poses a second",
-    "render cube exploration -o new.h5 --seed 1.5": "'1.5' is no whole number. Seed of an exploration",
     "render cube m.csv -o new.h5 --strategy cube.h5": "not JSON, which is text",
     "play": "'FILE'. It is: Contour file",
     "play tube": "palpate render tube exploration -o tube.h5 makes one",
@@ -71,24 +59,34 @@ MISTAKES = {
     "play cube.h5 --speed 7000": "7000 mm/s are 7",
     "play cube.h5 --update-rate 10": "10 kHz are 10000",
     "play cube.h5 --update-rate 9999": "nearest are 8000 and 10000 Hz",
-    "play cube.h5 --sampling smt": "did you mean 'stm'?",
     "play cube.h5 --clock fast": "must be one of monotonic, virtual",
     "export cube.h5 -o new.txt": "must end in one of .vtkhdf, .csv, .npz, .ptlist, .py",
     "export cube.h5 -o new.csv --range 3:5": "No such option: --range (Possible options: --poses)",
     "figure cube.h5 -o new.gif": "one of .png, .svg, .pdf",
     "info nosuch.h5": "does not exist",
-    "check tube": "palpate render tube exploration -o tube.h5 makes one",
-    "voxelise dog -o new.npz": "'--spacing'",
     "voxelise dog -o new.npz --spacing 1": "1 mm are 0.001",
     "voxelise dog -o new.stl --spacing 0.001": "written to .npz",
     "sampling smt": "did you mean 'stm'?",
-    "strategies hacth": "did you mean 'hatch'?",
     "sweep": "Try 'palpate sweep --help' for help.",
     "sweep plam.toml": "did you mean 'plan.toml'?",
     "sweep cube": "a plan is a TOML file",
     "sweep status nosuch.sweep": "is not a sweep's store",
     "trust nosuch.json": "nosuch.json",
-    "bench --objects cub": "did you mean 'cube'?",
+    "voxelise dog -o new.npz --spacing 0": "--spacing must be a positive length in metres, not 0",
+    "voxelise dog -o new.npz --spacing nan": "--spacing must be a positive length in metres, not nan",
+    "voxelise dog -o new.npz --spacing 0.01 --kind x": "--kind must be one of distance, occupancy, not 'x'",
+    "voxelise dog -o new.npz --spacing 0.01 --sign x": "--sign must be one of auto, crossings, parity, winding",
+    "render cube m.csv -o /": "must end in .h5",
+    "render cube exploration -o new.h5 --rate 1e300": "poses",
+    "render cube exploration -o new.h5 --scale 1e30": "bounds",
+    RENDER + "--fit -1": "fit must be",
+    RENDER + "--simplify -1": "--simplify must be a length in metres of 0 or more, not -1",
+    RENDER + "--simplify nan": "--simplify must be a length in metres of 0 or more, not nan",
+    VOLUME + "--kind x": "--kind must be one of occupancy, distance, intensity, label, not 'x'",
+    VOLUME + "--unit inch": "--unit must be one of m, cm, mm, um, not 'inch'",
+    VOLUME + "--inside x": "--inside must be one of below, above, not 'x'",
+    VOLUME + "--spacing 0.01 0 0.01": "--spacing must be positive lengths in metres",
+    VOLUME + "--level nan": "--level must be finite, not nan",
 }
 FAILURES = [f"render cube {words}" for words in ("headless.csv -o new.h5", "bare.csv -o new.h5", "m.csv -o cube.h5")]
 """Lines whose files are at fault; others are misuse."""
@@ -102,6 +100,7 @@ def desk(tmp_path_factory):
     (folder / "headless.csv").write_text("t,x,y,z\n0,0,0,0.2\n")
     (folder / "bare.csv").write_text("1,0,0,0.2,1,0,0,0\n")
     write_sample("leap", folder / "grab.npz")
+    np.savez(folder / "block.npz", values=np.ones((2, 2, 2), bool), affine=np.diag([0.005, 0.005, 0.005, 1.0]))
     (folder / "plan.toml").write_text("[object]\nsource = 'cube'\n")
     done = CliRunner().invoke(app, ["render", "cube", str(folder / "m.csv"), "-o", str(folder / "cube.h5"), "-q"])
     assert done.exit_code == 0, done.output

@@ -5,35 +5,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import FAILED, MISUSED, answer, refused, run
 
 from palpate.datasets import ContourFile, HandMotion, check_file, load_recording, static_pose
 from palpate.datasets.recordings.sample import write_sample
 from palpate.render import play_file
-from palpate.render.cli.app import app
 from palpate.render.objects.functions.expression import box, sphere
 from palpate.render.objects.functions.expression_json import expression_to_json
 from palpate.render.playback.file_playback import Connection
 
-FAILED, MISUSED = 1, 2
 DOWN = static_pose([0, 0, 0.2]).pose[0, 3:]
 SOLID = (box(0.08, 0.08, 0.08) - sphere(0.03)).moved(0, 0, 0.2)
-
-
-def run(*arguments):
-    return CliRunner().invoke(app, [str(a) for a in arguments], catch_exceptions=False)
-
-
-def answer(*arguments):
-    result = run(*arguments, "--json")
-    assert result.exit_code == 0, result.output
-    return json.loads(result.stdout)
-
-
-def refused(message, *arguments):
-    result = run(*arguments)
-    assert result.exit_code in (FAILED, MISUSED), result.output
-    assert message in " ".join(result.stderr.split())
 
 
 @pytest.fixture(scope="module")
@@ -68,8 +50,9 @@ OBJECTS["function"] = ["ball.py:ball", "--allow-code", "--bounds", -0.05, -0.05,
 
 
 @pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize("hand", ["palm", "planes", "skin"])
-@pytest.mark.parametrize("thing", OBJECTS)
+@pytest.mark.parametrize(
+    ("thing", "hand"), [("mesh", "palm"), ("voxels", "planes"), ("expression", "skin"), ("function", "palm")]
+)
 def test_every_object_is_rendered_on_every_hand_and_played(thing, hand, folder, tmp_path, monkeypatch):
     monkeypatch.chdir(folder)
     out = tmp_path / "out.h5"
@@ -100,8 +83,7 @@ def test_a_picture_shows_voxels_on_a_skin_and_an_object_that_moves(folder, tmp_p
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("form", ["leap", "openxr", "mediapipe"])
-@pytest.mark.parametrize("hand", ["palm", "planes", "skin"])
+@pytest.mark.parametrize(("form", "hand"), [("leap", "palm"), ("openxr", "planes"), ("mediapipe", "skin")])
 def test_every_recording_moves_every_hand(form, hand, folder, tmp_path, monkeypatch):
     monkeypatch.chdir(folder)
     out = tmp_path / "out.h5"
@@ -120,32 +102,38 @@ def test_an_open_mesh_is_refused_with_the_way_out_that_works(tmp_path, monkeypat
     (tmp_path / "bowl.off").write_text(
         "OFF\n4 3 0\n0 0 0.18\n0.05 0 0.23\n-0.03 0.05 0.23\n-0.03 -0.05 0.23\n3 0 1 2\n3 0 2 3\n3 0 3 1\n"
     )
-    refused("palpate voxelise", "render", tmp_path / "bowl.off", "sink.csv", "-o", tmp_path / "a.h5")
+    refused(FAILED, "palpate voxelise", "render", tmp_path / "bowl.off", "sink.csv", "-o", tmp_path / "a.h5")
     volume = tmp_path / "bowl.npz"
     words = ("voxelise", tmp_path / "bowl.off", "-o", volume, "--spacing", "0.002", "--device", "cpu")
     volume.write_bytes(b"precious")
-    refused("bowl.npz: exists; --overwrite", *words)
+    refused(MISUSED, "bowl.npz: exists; --overwrite", *words)
     assert volume.read_bytes() == b"precious"
     answer(*words, "--overwrite")
     assert answer("render", volume, "sink.csv", "-o", tmp_path / "b.h5")["poses_drawn"] > 5
 
 
-def test_options_of_another_kind_of_thing_are_refused(folder, tmp_path, monkeypatch):
+KINDS = (
+    ("--level is of a volume, which tube is not", "tube", "sink.csv", "--level", 3),
+    ("--bounds is of a function", "cube.npz", "sink.csv", "--bounds", 0, 0, 0, 1, 1, 1),
+    ("--side is of a recording", "tube", "sink.csv", "--side", "left"),
+    ("--duration is of a synthetic exploration", "tube", "leap.json", "--duration", 3),
+    ("--simplify is of a mesh", "cube.npz", "sink.csv", "--simplify", 0),
+    ("a function needs bounds", "ball.py:ball", "sink.csv"),
+    ("--palm is the size of --hand palm", "tube", "sink.csv", "--hand", "skin", "--palm", 0.1, 0.1),
+    ("is no motion: give the word exploration", "tube", "cube.npz.glb"),
+    ("hand must be palm, planes, skin, or a file", "tube", "sink.csv", "--hand", "paw"),
+    ("step", "cube.npz", "sink.csv", "--step", -1),
+    ("a mesh, cut exactly by palm", "tube", "sink.csv", "--step", 0.001),
+)
+
+
+@pytest.mark.parametrize("case", KINDS, ids=lambda case: case[0])
+def test_options_of_another_kind_of_thing_are_refused(case, folder, tmp_path, monkeypatch):
     monkeypatch.chdir(folder)
-    out = ["-o", tmp_path / "out.h5"]
-    refused("--level is of a volume, which tube is not", "render", "tube", "sink.csv", *out, "--level", 3)
-    refused("--bounds is of a function", "render", "cube.npz", "sink.csv", *out, "--bounds", 0, 0, 0, 1, 1, 1)
-    refused("--side is of a recording", "render", "tube", "sink.csv", *out, "--side", "left")
-    refused("--duration is of a synthetic exploration", "render", "tube", "leap.json", *out, "--duration", 3)
-    refused("--simplify is of a mesh", "render", "cube.npz", "sink.csv", *out, "--simplify", 0)
-    refused("a function needs bounds", "render", "ball.py:ball", "sink.csv", *out)
-    refused(
-        "--palm is the size of --hand palm", "render", "tube", "sink.csv", *out, "--hand", "skin", "--palm", 0.1, 0.1
-    )
-    refused("is no motion: give the word exploration", "render", "tube", "cube.npz.glb", *out)
-    refused("hand must be palm, planes, skin, or a file", "render", "tube", "sink.csv", *out, "--hand", "paw")
-    refused("step", "render", "cube.npz", "sink.csv", *out, "--step", -1)
-    refused("a mesh, cut exactly by palm", "render", "tube", "sink.csv", *out, "--step", 0.001)
+    message, source, motion, *options = case
+    result = run("render", source, motion, "-o", tmp_path / "out.h5", *options)
+    assert result.exit_code != 0
+    assert message in " ".join(result.stderr.split())
     assert not list(tmp_path.iterdir())
 
 
@@ -159,24 +147,6 @@ def test_contours_that_stages_removed_are_told_from_poses_that_meet_nothing(fold
         result = run("render", "cube", motion, "-o", tmp_path / f"{motion.stem}.h5", "--strategy", strategy)
         assert result.exit_code == 0, result.stderr
         assert message in " ".join(result.stderr.split())
-
-
-@pytest.mark.exhaustive
-def test_strategies_are_listed_and_drawn_and_each_can_be_rendered(folder, tmp_path, monkeypatch):
-    monkeypatch.chdir(folder)
-    (tmp_path / "all.png").write_bytes(b"precious")
-    refused("all.png: exists; --overwrite", "strategies", "-o", tmp_path / "all.png")
-    told = answer("strategies", "-o", tmp_path / "all.png", "--overwrite")
-    assert (tmp_path / "all.png").stat().st_size > 50_000
-    assert set(told["stages"]) == {"raw", "prune", "transform"}
-    for name in told["strategies"]:
-        if name != "overlap":  # which needs a hand with an inside
-            out = tmp_path / f"{name}.h5"
-            assert answer("render", "dog-detailed", "sink.csv", "-o", out, "--strategy", name)["poses"] == 20
-            assert check_file(out) == []
-    with ContourFile(tmp_path / "hatch.h5") as file:
-        hatch = next(stage for stage in file.strategy["transform"] if isinstance(stage, dict))
-    assert all(value is not None for value in hatch.values())  # every threshold is stored, in metres
 
 
 def test_what_pruning_removed_is_in_the_file(folder, tmp_path, monkeypatch):

@@ -26,10 +26,12 @@ def imported(*words):
     return set(done.stderr.split())
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("words", [["--help"], ["sweep", "--help"], ["sweep", "status", "--help"]])
 def test_help_imports_nothing_that_computes(words):
     assert imported(*words) & HEAVY == set()
 
 
+@pytest.mark.exhaustive
 def test_the_check_sees_what_is_imported():
     assert "numpy" in imported("sampling", "--json")

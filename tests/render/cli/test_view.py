@@ -87,20 +87,6 @@ def test_damaged_files_and_newer_ones_are_refused_before_a_page_is_made(file, tm
     assert "newer" in result.output
 
 
-def test_a_machine_without_a_browser_is_told_the_address(file, monkeypatch):
-    import webbrowser
-
-    from palpate.render.view.live.session import open_browser
-
-    def none_here(address):
-        raise webbrowser.Error("could not locate runnable browser")
-
-    monkeypatch.setattr(webbrowser, "open", none_here)
-    assert open_browser("http://127.0.0.1:8080") is False
-    monkeypatch.setattr(webbrowser, "open", lambda address: False)
-    assert open_browser("http://127.0.0.1:8080") is False
-
-
 def test_it_says_what_is_missing_without_viser(file, monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
     for name in [name for name in sys.modules if name.startswith("palpate.render.view.live.")]:

@@ -105,6 +105,7 @@ def test_points_that_the_array_cannot_reach_are_silent_and_counted(tmp_path, ven
     assert (width.reshape(10, -1).max(axis=1) == 0).nonzero()[0].tolist() == [0, 3, 4]  # 0 has intensity 0
 
 
+@pytest.mark.exhaustive
 def test_the_array_takes_as_many_focal_points_as_the_script_may_hold(tmp_path, vendor):
     assert AUTD3.count_most + 1 == CAPACITY
     autd3, emulator = vendor

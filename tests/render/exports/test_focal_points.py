@@ -8,7 +8,6 @@ from palpate.datasets.focus_files.frame_file import FrameField, FrameFile
 from palpate.render import HandMotion, MeshObject, Palm, exploration, load_contours, record, render
 from palpate.render.errors import StrategyError
 from palpate.render.exports.focal_points import (
-    ChosenRows,
     FocusFormat,
     SamplingFields,
     holds_focus,
@@ -53,18 +52,6 @@ def test_a_range_gives_what_its_poses_alone_give(poses, every, tube):
     got = sampled(tube, poses=poses, every=every)
     np.testing.assert_allclose(got.focus.position, wanted.position, atol=1e-6)
     np.testing.assert_array_equal(got.focus.intensity, wanted.intensity)
-
-
-def test_rows_are_numbered_and_timed_from_the_first(tube):
-    with ContourFile(tube) as file:
-        rows = ChosenRows(file, range(10, 101, 7))
-        assert rows.pose_count == 13
-        assert rows.motion(0, 1)["time"].tolist() == [0.0]
-        np.testing.assert_array_equal(rows.motion()["pose"], file.motion(10, 101)["pose"][::7])
-        blocks = list(rows.blocks(point_limit=64))
-        assert [first for first, _ in blocks] == [0, *(stop for _, stop in blocks[:-1])]
-        assert blocks[-1][1] == 13
-        assert len(rows.contours(3, 13)["pose_start"]) == 11
 
 
 @pytest.mark.parametrize("choice", [{}, {"poses": "33:"}, {"seconds": "1.2345:"}, {"every": 5}])

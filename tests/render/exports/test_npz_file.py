@@ -9,6 +9,7 @@ import pytest
 from export_cases import export_case, polylines_of, quiet
 
 from palpate.datasets.errors import ContourFileError
+from palpate.render.exports import pose_choice
 from palpate.render.exports.npz_file import write_npz
 from palpate.render.exports.pose_choice import choose_poses
 
@@ -32,7 +33,9 @@ def test_a_whole_file_has_the_bits_of_its_hdf5(gzip, tmp_path):
 
 
 @pytest.mark.parametrize(("poses", "every"), [("40:201", 7), ("30:", 90), ("5:6", 1), ("0:1", 1)])
-def test_a_range_has_the_polylines_of_its_poses(poses, every, tmp_path):
+def test_a_range_has_the_polylines_of_its_poses(poses, every, tmp_path, monkeypatch):
+    """It is read in several blocks."""
+    monkeypatch.setattr(pose_choice, "POINTS_A_BLOCK", 100)
     with export_case(tmp_path / "a.h5") as file:
         chosen = choose_poses(file, poses, every=every)
         write_npz(file, chosen, tmp_path / "a.npz", watch=quiet)

@@ -217,10 +217,3 @@ def test_the_documents_lines_for_pyvista_show_a_step(tmp_path, monkeypatch, caps
             if scene:
                 assert shown["contours"]["hand"].n_cells == 1
             (tmp_path / "tube.vtkhdf").unlink()
-
-
-def test_equal_contours_make_equal_bytes(tmp_path):
-    with export_case(tmp_path / "a.h5") as file:
-        for name in ("1", "2"):
-            write_vtkhdf(file, choose_poses(file), tmp_path / name, scene=True, watch=quiet)
-    assert (tmp_path / "1").read_bytes() == (tmp_path / "2").read_bytes()

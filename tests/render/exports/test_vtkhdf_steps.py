@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
-from palpate.render.exports.vtkhdf_steps import PolyDataSteps, StepCells, same_cells
+from palpate.render.exports.vtkhdf_steps import PolyDataSteps, StepCells
 
 vtk = pytest.importorskip("vtk", reason="vtk is not installed: nothing to read VTKHDF with")
 from vtk.util.numpy_support import vtk_to_numpy  # noqa: E402
@@ -48,21 +48,3 @@ def test_steps_after_empty_ones_are_read_right(lines, tmp_path):
             assert (points == step).all()
             if count:
                 assert offsets.tolist() == list(range(0, 2 * count + 1, 2))
-
-
-@pytest.mark.exhaustive
-def test_a_million_steps_are_read_right_at_random(tmp_path, rng):
-    lines = rng.integers(0, 3, 10**6) * (rng.random(10**6) < 0.5)
-    blocks = (numbered(first, lines[first : first + 10**5]) for first in range(0, 10**6, 10**5))
-    reader = written(tmp_path / "a.vtkhdf", blocks, 10**6)
-    for step in [*rng.integers(0, 10**6, 200), *range(10**6 - 50, 10**6)]:
-        points, _ = read(reader, step)
-        assert points.shape == (2 * lines[step], 3)
-        assert (points == step).all()  # float32 holds a million exactly
-
-
-def test_polygons_of_equal_shape_are_counted_by_steps():
-    cells = same_cells(np.zeros((4, 5, 3, 3)), 3, 4)
-    assert cells.points.shape == (60, 3)
-    assert cells.cell_start.tolist() == list(range(0, 61, 3))
-    assert cells.step_start.tolist() == [0, 5, 10, 15, 20]

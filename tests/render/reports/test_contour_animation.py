@@ -1,5 +1,8 @@
 """Animated pictures, read back by Pillow: when frames are, how long they last, and what would fit."""
 
+import io
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -8,7 +11,7 @@ from palpate.datasets import HandMotion, static_pose
 from palpate.render import Palm, StrategyError, draw_animation, load_strategy, record
 from palpate.render.objects.mesh.solid_mesh import MeshObject
 from palpate.render.reports import contour_animation
-from palpate.render.reports.contour_animation import FRAMES_MOST, frames_of
+from palpate.render.reports.contour_animation import FRAMES_MOST, AnimationFrames, frames_of
 from palpate.render.reports.shown_moments import MotionMoments
 
 RED = np.array([177, 18, 31])  # an object's contour
@@ -124,6 +127,7 @@ def test_other_pictures_and_many_files_are_refused(file, tmp_path):
     assert (tmp_path / "a.gif").read_bytes() == b"kept"
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("view", ["palm", "top"])
 def test_the_white_around_scenes_is_white_and_two_files_stand_side_by_side(file, tmp_path, view):
     draw_animation({"left": file, "right": file}, tmp_path / "a.gif", start=1.5, stop=1.8, width=400, view=view)
@@ -136,6 +140,28 @@ def test_the_white_around_scenes_is_white_and_two_files_stand_side_by_side(file,
     assert right.sum() > 500
 
 
+class Stage:
+    """Frames of many greys, with a contour's red in a corner."""
+
+    renderings = SimpleNamespace(lengths=[np.ones(4)])
+
+    def pixels(self, index):
+        pixels = np.random.default_rng(index).integers(0, 240, (60, 60, 1)).repeat(3, axis=2).astype(np.uint8)
+        pixels[:5, :5] = RED
+        return pixels
+
+
+def test_a_gif_plays_in_real_time_and_has_contours_colours_though_its_own_are_few():
+    content = contour_animation._gif(Stage(), AnimationFrames(np.arange(4), 8), None)
+    with Image.open(io.BytesIO(content)) as gif:
+        assert (gif.n_frames, gif.info["duration"]) == (4, 80)  # [ms]
+        gif.seek(2)
+        pixels = np.asarray(gif.convert("RGB"))
+    assert (pixels[:5, :5] == RED).all()
+    assert np.abs(pixels.astype(int) - Stage().pixels(2)).max() < 20
+
+
+@pytest.mark.exhaustive
 def test_contours_keep_their_colours_though_a_gif_has_few(file, tmp_path):
     draw_animation([file], tmp_path / "a.gif", start=1.5, stop=1.7)
     with Image.open(tmp_path / "a.gif") as gif:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
-from matplotlib.colors import to_hex, to_rgb
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from palpate.render import Palm, load_strategy, render, static_pose
@@ -53,14 +53,3 @@ def test_pauses_are_dots_where_the_batch_pauses():
     batch, _, artists = drawn("corner-pauses")
     dots = artists[-1].get_xydata()
     np.testing.assert_allclose(dots, 1e3 * batch.points[batch.dwell > 0][:, :2])
-
-
-def lightness(colour):
-    """CIE L* of a colour, 0 to 100."""
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(colour)]
-    y = 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-    return 116 * np.cbrt(y) - 16
-
-
-def test_object_and_hand_differ_in_grey_too():
-    assert lightness(COLOURS["hand"]) - lightness(COLOURS["object"]) > 20

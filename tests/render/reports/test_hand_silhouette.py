@@ -29,6 +29,14 @@ def test_a_ball_is_seen_as_a_disc_and_a_box_as_its_shadow():
     assert area(silhouette(box.vertices, box.faces, BASIS).outline) == pytest.approx(shadow, rel=1e-6)
 
 
+def test_folds_are_the_edges_between_seen_and_unseen_triangles():
+    box = trimesh.creation.box([0.02, 0.03, 0.05])
+    folds = silhouette(box.vertices, box.faces, BASIS).folds
+    assert len(folds) == 6  # of a box's twelve edges: its outline, a hexagon
+    sides = np.linalg.norm(1e3 * np.diag([0.02, 0.03, 0.05]) @ BASIS[:2].T, axis=1)
+    assert np.linalg.norm(folds[:, 1] - folds[:, 0], axis=1).sum() == pytest.approx(2 * sides.sum())
+
+
 def test_a_ring_has_a_hole():
     ring = trimesh.creation.torus(0.04, 0.01)
     seen = silhouette(ring.vertices, ring.faces, SceneView.of("top").basis())

@@ -37,12 +37,6 @@ def test_the_palms_own_view_shows_its_rectangle_upright_and_in_true_size():
         assert fingers.shape == (7,)
 
 
-def test_a_view_edge_on_shows_nothing_and_a_view_from_the_front_all():
-    top = SceneView.of("top")
-    np.testing.assert_allclose(top.facing(AXES), [0, 0, 1], atol=1e-12)
-    assert SceneView.of("palm").facing(AXES).tolist() == [1, 1, 1]
-
-
 @pytest.mark.parametrize(
     ("view", "message"),
     [

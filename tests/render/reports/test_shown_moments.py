@@ -43,16 +43,6 @@ def test_the_same_pose_with_another_contour_is_another_moment():
     assert len(both) == 2
 
 
-def test_chosen_poses_are_in_order_worth_something_and_the_same_each_time():
-    rng = np.random.default_rng(5)
-    motion = moments(np.cumsum(rng.normal(size=2000)) * 0.01)
-    worth = np.maximum(rng.normal(size=2000), 0)
-    first, again = (distinct_poses(worth, motion, carried(motion), 5) for _ in range(2))
-    assert first.tolist() == again.tolist() == sorted(set(first.tolist()))
-    assert len(first) == 5
-    assert (worth[first] > 0).all()
-
-
 def test_without_any_contour_the_first_pose_is_shown():
     motion = moments(np.zeros(10))
     assert distinct_poses(np.zeros(10), motion, carried(motion), 3).tolist() == [0]

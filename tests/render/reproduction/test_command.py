@@ -4,14 +4,10 @@ import json
 import re
 from html.parser import HTMLParser
 
-import numpy as np
 import pytest
 from command_line import FAILED, MISUSED, answer, refused, run
 
-from palpate.render import NoiseSpectrum, StrategyError
 from palpate.render.reproduction import command, evaluation
-from palpate.render.reproduction.explorations import StudySettings
-from palpate.render.reproduction.noise_section import NAMES
 
 SMALL = ("--explorers", "2", "--repetitions", "1", "--recording", "2")
 VOID = {"meta", "img", "br"}
@@ -84,48 +80,9 @@ def test_the_command_makes_a_page_that_loads_nothing_and_the_numbers_beside(tmp_
     assert "noise" not in values  # nothing is said of what is not predicted
 
 
-@pytest.mark.exhaustive
-def test_recordings_of_noise_become_a_section_and_values(brief):
-    def source(settings, watch):
-        frequency = 44100 / 1024 * np.arange(1, 513)
-        steady = [NoiseSpectrum(frequency, np.full(512, 10 ** (k / 10)), 1.0) for k in range(3)]
-        louder = [NoiseSpectrum(frequency, one.power * 10**0.2, 2.0) for one in steady]
-        return evaluation.NoiseRecordings(
-            louder, steady, "Made by hand.", dict.fromkeys((*NAMES, "above", "shape"), "known")
-        )
-
-    seen = []
-    found = evaluation.evaluate(StudySettings(1, 1), source, lambda stage, done, total: seen.append(stage))
-    assert [section.title for section in found.sections][2] == "Section 4.3.2 and figure 4: audible noise"
-    assert found.values["noise"]["db_300_10k"] == pytest.approx(2.0)
-    assert found.values["noise"]["rms"] == pytest.approx(2.0)
-    assert found.values["noise"]["peak"] == pytest.approx(20 * np.log10(2))
-    assert list(dict.fromkeys(seen)) == ["time of stages", "explorations", "pictures"]
-
-
-@pytest.mark.parametrize(
-    ("code", "message", "arguments"),
-    [
-        (MISUSED, "explorers must lie in 1..1000, not 0", ("--explorers", "0")),
-        (MISUSED, "repetitions must lie in 1..1000, not 5000", ("--repetitions", "5000")),
-        (MISUSED, "85", ("--palm", "85", "85")),
-        (MISUSED, "nan", ("--palm", "nan", "0.1")),
-    ],
-)
-def test_numbers_out_of_bounds_are_refused_before_anything_is_made(code, message, arguments, tmp_path):
-    refused(code, message, "reproduce", "-o", tmp_path / "report", *arguments)
-    assert not (tmp_path / "report").exists()
-
-
 def test_a_folder_that_cannot_be_made_or_written_is_refused(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     refused(FAILED, "file: cannot be made (File exists)", "reproduce", "-o", tmp_path / "file")
     refused(MISUSED, "report: cannot be made (Not a directory)", "reproduce", "-o", tmp_path / "file" / "report")
     monkeypatch.setattr(command, "access", lambda path, mode: False)
     refused(FAILED, "no file can be written there (permission denied)", "reproduce", "-o", tmp_path)
-
-
-def test_a_folder_with_the_name_of_a_file_is_not_replaced(tmp_path):
-    (tmp_path / "paper.md").mkdir()
-    with pytest.raises(StrategyError, match=r"paper\.md: is a folder"):
-        command.run_reproduce(tmp_path, 1, 1, None, 0.0, True, as_json=True)

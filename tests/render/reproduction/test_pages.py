@@ -4,7 +4,6 @@ import base64
 import re
 
 from palpate.render.reproduction.html_page import html_page
-from palpate.render.reproduction.markdown_page import markdown_page
 from palpate.render.reproduction.pictures import drawing, picture_uri
 from palpate.render.reproduction.sections import ReportPicture, ReportRow, ReportSection, ReportTable
 
@@ -21,16 +20,6 @@ def test_texts_are_escaped_in_html():
     assert "<td>3 &lt; 4</td>" in page
     assert '<img alt="a &quot;plot&quot;" src="data:image/png;base64,AAAA">' in page
     assert page.count("<table") == page.count("</table>") == 2
-
-
-def test_markdown_has_the_same_tables_with_bars_escaped():
-    page = markdown_page("Title", "word " * 60, [SECTION], "footer")
-    assert "| r \\| cube | 2.54 | 3 < 4 | unknown & assumed |" in page
-    assert "| cube | 1.5 |" in page
-    assert "base64" not in page
-    assert max(len(line) for line in page.splitlines()) <= 120
-    assert page.startswith("# Title\n\nword")
-    assert page.endswith("\n\nfooter\n")
 
 
 def test_pictures_are_the_same_every_time_and_name_no_page_to_load():

@@ -3,15 +3,12 @@
 import numpy as np
 import pytest
 
-from palpate.render import MeshObject
 from palpate.render.reproduction.construction_section import PALM, construction_section, section_solid
 from palpate.render.reproduction.explorations import FeltLengths, StudySettings
 from palpate.render.reproduction.frequency_section import frequency_section
 from palpate.render.reproduction.length_ratios import BlockRatios
-from palpate.render.reproduction.objects_section import objects_section
-from palpate.render.reproduction.paper_numbers import OBJECTS, RATIOS, RAW_SECONDS
+from palpate.render.reproduction.paper_numbers import RATIOS
 from palpate.render.reproduction.ratio_section import ratio_section
-from palpate.render.reproduction.stage_times import STEPS, StepTimes, measure_steps, time_section
 
 
 def ratios(explorers):
@@ -34,14 +31,6 @@ def test_construction_has_the_cases_of_the_papers_figure():
     # Raw: four loops; OC: one loop, one arc, two sides of the bar; CC: three loops.
     assert [row.ours.split(" ")[0] for row in section.rows[:3]] == ["4", "4", "3"]
     assert PALM.length / PALM.width == pytest.approx(1.28)
-
-
-def test_objects_are_the_papers_five():
-    section, values = objects_section()
-    assert [row.what for row in section.rows] == list(values["objects"]) == list(OBJECTS)
-    assert values["objects"]["cube"]["volume"] == pytest.approx(0.13**3, rel=1e-5)
-    assert values["objects"]["tube"]["triangles"] == 256
-    assert section.pictures[0].uri.startswith("data:image/png;base64,")
 
 
 def test_draw_frequencies_are_of_poses_with_contours():
@@ -77,25 +66,3 @@ def test_ratios_of_one_block_or_none_are_shown_without_tests():
     assert values["r_open"]["dog"]["mean"] is None
     assert section.rows[2].ours == "r = none; r_open = none"
     assert section.rows[-1].ours == "cube: no test; tube: no test; dog: no test"
-
-
-def test_stages_are_timed_one_by_one_and_in_one_go():
-    tube = MeshObject.load("tube")
-    found = measure_steps(tube, PALM, live_poses=3, batch_poses=10, repeats=2)
-    assert found.faces == 256
-    for taken in (found.live, found.batch):
-        assert list(taken) == list(STEPS)
-        assert all(seconds.shape == (2,) and (seconds > 0.0).all() for seconds in taken.values())
-
-
-def test_times_are_given_per_100_faces_and_stages_as_differences():
-    live = {"raw": np.full(3, 256e-6), "raw_prune": np.full(3, 512e-6), "raw_prune_close": np.full(3, 502e-6)}
-    found = StepTimes(256, live, {step: 0.1 * seconds for step, seconds in live.items()})
-    section, values = time_section({"tube": found}, "a processor")
-    raw, prune, close = (row.ours for row in section.rows)
-    assert raw == "0.1 ms one by one; 0.01 ms in one go"
-    assert prune == "0.1 to 0.1 ms one by one; 0.01 to 0.01 ms in one go"
-    assert close == "-0.01 to -0.01 ms one by one; -0.001 to -0.001 ms in one go"  # of one pose, in all
-    assert section.rows[0].paper == f"{1e3 * RAW_SECONDS:g} ms per 100 faces"
-    assert values["stage_seconds"]["tube"]["live"]["raw"] == pytest.approx(256e-6)
-    assert "a processor" in section.text

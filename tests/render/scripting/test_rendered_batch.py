@@ -2,14 +2,12 @@
 
 import pickle
 import re
-import warnings
 from base64 import b64encode
 from copy import copy
 
 import numpy as np
 import pandas as pd
 import pytest
-import trimesh
 import xarray as xr
 
 from palpate.datasets import ContourFile, check_file, load_recording, read_ptlist, static_pose, write_sample
@@ -31,7 +29,7 @@ from palpate.render import (
     summarise,
     voxelise,
 )
-from palpate.render.errors import MeshError, StrategyError
+from palpate.render.errors import StrategyError
 from palpate.render.intersection.batch_rendering import render as render_plainly
 
 
@@ -42,7 +40,7 @@ def tube():
 
 @pytest.fixture(scope="module")
 def motion(tube):
-    return exploration(tube, duration=4.0, seed=1)
+    return exploration(tube, duration=2.0, seed=1)
 
 
 @pytest.fixture(scope="module")
@@ -80,10 +78,8 @@ def test_a_recording_is_taken_as_the_command_line_takes_it(tmp_path):
 def test_a_file_is_read_as_a_batch(batch, tmp_path):
     found = load_contours(batch.save(tmp_path / "tube.h5"))
     assert same(found, batch)
-    assert found.play(clock="virtual").as_dict() == batch.play(clock="virtual").as_dict()
+    assert found.play(clock="virtual", duration=0.5).as_dict() == batch.play(clock="virtual", duration=0.5).as_dict()
     assert found.to_pandas().equals(batch.to_pandas())
-    assert found._repr_png_().startswith(b"\x89PNG")
-    assert "<td>tube" in found._repr_html_()
     with pytest.raises(StrategyError, match="copy that file"):
         found.save(tmp_path / "again.h5")
 
@@ -94,29 +90,19 @@ def test_speed_and_rate_are_changed_by_the_way(batch):
     assert len(faster) == pytest.approx(2 * len(batch.sample("stm")), abs=2)
 
 
-def test_parts_of_an_articulated_hand_are_sampled_and_become_tables(tmp_path):
-    path = write_sample("openxr", tmp_path / "hand.json")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        found = render(MeshObject.load("tube", at=(0, 0.2, 0)), "planes", path)
-    part = found[5:15]
-    assert same(part, ContourBatch.select(found, 5, 15))
-    assert len(part.to_pandas()) == len(part.motion) == 10
-    assert len(part.sample()) == pytest.approx(10 / 30 * 10_000, abs=2)
-    assert "<td>10" in part._repr_html_()
-    with pytest.raises(StrategyError, match="a part of a batch of an articulated hand"):
-        part.save(tmp_path / "part.h5")
-
-
 def test_what_copies_and_pickles_look_for_is_no_guess(batch):
     assert same(copy(batch), batch)
     assert same(pickle.loads(pickle.dumps(batch)), batch)
+    assert not hasattr(batch, "plot")
+
+
+@pytest.mark.exhaustive
+def test_scenes_of_every_kind_can_be_pickled(batch):
     ball = ImplicitObject(sphere(0.06), at=(0, 0, 0.2))
     for solid, hand in (("dog", "skin"), (voxelise("tube", spacing=0.01), "planes"), (ball, "palm")):
         found = render(solid, hand, batch.motion[20:22])
         again = pickle.loads(pickle.dumps(found))
         assert same(render(again.scene.solid, again.scene.hand, again.motion), found)
-    assert not hasattr(batch, "plot")
 
 
 def test_a_batch_is_a_sequence_of_poses(batch):
@@ -142,7 +128,7 @@ def test_a_part_of_a_batch_is_what_the_part_of_the_motion_gives(tube, motion, ba
 
 
 def test_saved_is_what_recording_writes_but_for_its_own_times(tube, motion, batch, tmp_path):
-    for strategy in ("cc", "inset"):
+    for strategy in ("cc",):
         found = render(tube, Palm(), motion, strategy)
         saved = found.save(tmp_path / f"{strategy}-saved.h5")
         record(tmp_path / f"{strategy}.h5", tube, Palm(), motion, strategy)
@@ -160,9 +146,10 @@ def test_saved_is_what_recording_writes_but_for_its_own_times(tube, motion, batc
 
 def test_played_and_sampled_from_memory_is_what_the_file_gives(batch, tmp_path):
     path = batch.save(tmp_path / "batch.h5")
-    in_memory, from_file = batch.play(clock="virtual"), play_file(path, sampling="stm", clock="virtual")
+    options = {"clock": "virtual", "duration": 1.0}
+    in_memory, from_file = batch.play(**options), play_file(path, sampling="stm", **options)
     assert in_memory.as_dict() == from_file.as_dict()
-    focus = batch.sample("stm")
+    focus = batch.sample("stm", duration=1.0)
     assert focus.count == from_file.count
     assert focus.draw_frequency == in_memory.as_dict()["draw_frequency"]
     points = read_ptlist(focus.save(tmp_path / "batch.ptlist"))
@@ -192,10 +179,14 @@ def test_tables_of_pandas_and_xarray(batch, motion):
     assert dataset["length"].attrs == {"units": "m"}
     assert points.groupby("pose").size().reindex(range(len(batch)), fill_value=0).tolist() == poses["points"].tolist()
     assert set(points["kind"]) == {"object", "hand"}
+    assert batch.facts()["length_mean"] == pytest.approx(batch.length().mean(), rel=1e-6)
+    foci = batch.sample("multi-focus", duration=0.1)
+    assert foci.to_pandas()["time"].tolist() == np.repeat(foci.time, 2).tolist()
     with pytest.raises(StrategyError, match="of must be poses or points, not 'lines'"):
         batch.to_pandas("lines")
 
 
+@pytest.mark.exhaustive
 def test_a_notebook_shows_picture_and_facts(batch):
     picture = batch._repr_png_()
     assert picture.startswith(b"\x89PNG")
@@ -241,7 +232,9 @@ def test_moved_and_articulated_parts(tube):
     moved[:, 0] = (0.0, 0.02, 0.5)
     batch = render(tube, Palm(), poses, "cc", object_pose=moved)
     assert batch.length()[2] == 0
-    assert same(batch[1:2], render(tube, Palm(), poses[1:2], "cc", object_pose=moved[1:2]))
+    part = batch[1:2]
+    assert same(part, render(tube, Palm(), poses[1:2], "cc", object_pose=moved[1:2]))
+    assert same(part, render(tube, Palm(), part.motion, "cc", object_pose=part.scene.object_pose))
     assert render("tube", flat_hand(), poses, "oc")[0]
 
 
@@ -252,9 +245,3 @@ def test_a_batch_that_does_not_know_its_motion_says_so(batch):
         render("cube", Palm(), static_pose([0, 0, 0.2])).sample()
     with pytest.raises(StrategyError, match="does not know its hand's motion"):
         type(batch)(**{name: getattr(batch, name) for name in batch.by_name()}).sample()
-
-
-@pytest.mark.parametrize("given", [5, None, "nosuch.stl", object(), trimesh.Trimesh()])
-def test_what_is_no_object_is_refused(given):
-    with pytest.raises(MeshError):
-        render(given, Palm(), static_pose([0, 0, 0.2]), "cc")

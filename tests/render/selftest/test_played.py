@@ -1,11 +1,8 @@
 """What the steps of the first hour play, from the bytes that emulated boards played: decoded by `wire_decoders`, which
 was written from the documents, and put into a field by `board_field`, in float64. No answer is looked at here.
-
-So is what the page says a faulty board would make a person answer: the fault is made in the decoded frames.
 """
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -14,6 +11,10 @@ from board_field import CARRIER, FOCUS, SPEED_OF_SOUND, brightest_point
 from wire_decoders import DECODERS, GRID
 
 from palpate.device.playing.player import Player
+from palpate.device.registry import array_model
+from palpate.render import SamplingStrategy
+from palpate.render.selftest.frames import Stimulus
+from palpate.render.selftest.stimuli import stimulus
 
 MOST = 12_000  # frames of a stimulus: 1.2 s at 10 kHz, more than a turn
 QUARTER = 42.0  # [mm]: mean of 5.25, 15.75, ... 78.75
@@ -90,6 +91,27 @@ def plane(height, half=0.06, step=2e-3):
     return np.stack([x.ravel(), y.ravel(), np.full(x.size, height)], axis=1)
 
 
+def test_a_stimulus_has_its_corner_its_turn_and_its_tone():
+    model = array_model("pat16")
+    corner = Stimulus(1.0, corner=NEAR_LEFT)
+    assert (model.position[corner.emitting(model), :2] < 0).all()
+    assert corner.emitting(model).sum() == 64
+    assert corner.position(model, np.zeros(1))[0] * 1e3 == pytest.approx([-QUARTER, -QUARTER, 80.0], abs=1e-3)
+    turn = Stimulus(1.0, centre=(0.0, 0.0, 0.2), radius=0.02)
+    quarters = turn.position(model, np.array([0.0, 0.25, 0.5]))[:, :2]
+    assert quarters == pytest.approx(np.array([[0.02, 0.0], [0.0, 0.02], [-0.02, 0.0]]), abs=1e-6)  # anticlockwise
+    frame = np.arange(2000)
+    level = Stimulus(0.2, modulation=440.0).level(model, frame)
+    assert tone(level, frame * 100_000) == pytest.approx(440, abs=5)  # frames at 10 kHz
+
+
+def test_the_circle_that_is_felt_has_2_cm_and_is_drawn_at_the_samplers_speed():
+    place = stimulus("circle", 0.2, 0.1, SamplingStrategy()).position.astype(np.float64)
+    assert np.hypot(place[:, 0], place[:, 1]) == pytest.approx(np.full(len(place), 0.02), abs=1e-6)
+    assert np.linalg.norm(np.diff(place, axis=0), axis=1) == pytest.approx(np.full(len(place) - 1, 7e-4), rel=1e-3)
+    assert np.cross(place[0], place[1])[2] > 0
+
+
 @pytest.mark.exhaustive
 @pytest.mark.parametrize(("step", "side"), [("corner", NEAR_LEFT), ("corner-x", NEAR_RIGHT), ("corner-y", FAR_LEFT)])
 def test_a_corner_is_one_quarter_and_focuses_above_its_middle(step, side, played):
@@ -141,95 +163,6 @@ def loud_moments(array, frames, time_ns):
     return [(number, decoded(array, frames[number])) for number in chosen[:5]]
 
 
-def stretches(level, time_ns):
-    """What was played in one go: parts of a series between silences of more than half a second [(level, time)]."""
-    on = np.flatnonzero(level)
-    edges = [0, *(np.flatnonzero(np.diff(time_ns[on]) > 500_000_000) + 1), len(on)]
-    parts = [on[first:stop] for first, stop in pairwise(edges)]
-    return [(level[part[0] : part[-1] + 1], time_ns[part[0] : part[-1] + 1]) for part in parts]
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("array", ["emulator", "pat16"])
-@pytest.mark.parametrize("step", ["ending", "pitch", "minute"])
-def test_tones_are_a_by_the_boards_own_clock(array, step, hours, capsys):
-    frames, time_ns = hours(array, capsys)[0][step]
-    ((level, when),) = stretches(amplitudes(array, frames), time_ns)
-    assert np.median(np.diff(when)) == 100_000  # 10 kHz
-    assert tone(level, when) == pytest.approx(440, abs=1)
-
-
-@pytest.mark.exhaustive
-def test_the_fast_tone_is_the_same_at_13_kHz(hours, capsys):
-    frames, time_ns = hours("pat16", capsys)[0]["fast"]
-    ((level, when),) = stretches(amplitudes("pat16", frames), time_ns)
-    assert np.median(np.diff(when)) == 75_000
-    assert tone(level, when) == pytest.approx(440, abs=1.5)
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("array", ["emulator", "pat16"])
-def test_both_tones_of_the_divider_have_one_pitch(array, hours, capsys):
-    """444.4 Hz is 18 cents from 440 Hz, a fifth of a semitone."""
-    frames, time_ns = hours(array, capsys)[0]["divider"]
-    first, second = stretches(amplitudes(array, frames), time_ns)
-    assert tone(*first) == pytest.approx(440, abs=1)
-    assert np.median(np.diff(second[1])) == 45 * 25_000
-    assert tone(*second) == pytest.approx(40_000 / 45 / 2, abs=1)
-
-
-def test_a_board_that_does_not_take_the_divider_plays_the_second_tone_much_higher(hours, capsys):
-    frames, time_ns = hours("pat16", capsys)[0]["divider"]
-    level, when = stretches(amplitudes("pat16", frames), time_ns)[1]
-    at_the_old_rate = when[0] + np.arange(len(level)) * 100_000
-    assert tone(level, at_the_old_rate) == pytest.approx(5000, abs=5)  # answer `higher`
-
-
-def test_a_board_that_loses_every_second_frame_plays_the_first_tone_only(hours, capsys):
-    """What the published gateware made of frames that straddle two of its blocks."""
-    frames, time_ns = hours("pat16", capsys)[0]["divider"]
-    first, second = stretches(amplitudes("pat16", frames), time_ns)
-    assert tone(first[0][::2], first[1][::2]) == pytest.approx(440, abs=1)
-    for lost in (0, 1):
-        assert tone(second[0][lost::2], second[1][lost::2]) == 0.0  # answer `first-only`
-
-
-@pytest.mark.exhaustive
-def test_a_mirrored_board_gives_the_wrong_answers_that_the_page_names(hours, capsys):
-    """Its y runs the other way; a person turns it so that the first corner is near on the left: by a quarter turn."""
-    steps = hours("pat16", capsys)[0]
-    at = {}
-    for step in ("corner", "corner-x", "corner-y"):
-        x, y, _ = peak(loudest("pat16", steps[step][0]), mirrored=True, window=plane(0.08))
-        at[step] = x, y
-    assert np.sign(at["corner"]).tolist() == [-1, 1]
-
-    def as_it_stands(x, y):
-        return -y, x  # anticlockwise: far left comes to near left
-
-    assert np.sign(as_it_stands(*at["corner"])).tolist() == list(NEAR_LEFT)
-    assert np.sign(as_it_stands(*at["corner-x"])).tolist() == list(FAR_LEFT)  # answer `far-left`
-    assert np.sign(as_it_stands(*at["corner-y"])).tolist() == list(NEAR_RIGHT)  # answer `near-right`
-    focus = peak(loudest("pat16", steps["focus"][0]), mirrored=True, window=plane(0.2))
-    assert as_it_stands(*focus[:2]) == pytest.approx((-0.02, 0.03), abs=2.5e-3)  # answer `left-far`
-    assert turning("pat16", *steps["turn"], mirrored=True) == pytest.approx(-1.0, abs=0.1)  # answer `clockwise`
-
-
-def test_offsets_of_half_a_turn_make_a_focus_weak(hours, capsys, rng):
-    """A board whose transducers are soldered either way round, played to without its board file."""
-    drive = loudest("pat16", hours("pat16", capsys)[0]["focus"][0])
-    turned = {place: (delay + 0.5 * rng.integers(2), level) for place, (delay, level) in drive.items()}
-    assert pressure(turned) < 0.3 * pressure(drive)  # answer `weak`
-
-
-def pressure(drive):
-    """At the focal point, of all transducers alike."""
-    place = np.array([[x, y, 0.0] for x, y in drive]) * 1e-3
-    delay, level = np.array(list(drive.values())).T
-    flight = np.linalg.norm(place - FOCUS, axis=1) * CARRIER / SPEED_OF_SOUND
-    return abs(np.sum(level * np.exp(-2j * np.pi * (delay + flight))))
-
-
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("array", ["emulator", "pat16", "sonicsurface"])
 def test_the_array_is_off_after_each_step_and_within_a_tenth_of_a_second_of_a_stop(array, hours, capsys):
@@ -242,11 +175,3 @@ def test_the_array_is_off_after_each_step_and_within_a_tenth_of_a_second_of_a_st
     frames, time_ns = steps["stopping"]
     off_ns = time_ns[np.flatnonzero(amplitudes(array, frames))[-1] + 1]
     assert -200_000_000 < off_ns - stop_ns <= 100_000_000  # it was stopped while it played, or hardly later
-
-
-@pytest.mark.exhaustive(after=1)
-def test_an_unplugged_board_was_playing_until_then(played):
-    array, steps = played
-    frames, time_ns = steps["unplug"]
-    assert len(loud(array, frames[-40:]))
-    assert np.diff(time_ns)[-1] <= 1e9 / RATES[array] * 2

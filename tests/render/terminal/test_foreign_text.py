@@ -1,6 +1,5 @@
 """Foreign text is shown, never obeyed: control characters as escapes, brackets and colons as they are."""
 
-import ast
 import io
 import json
 import sys
@@ -149,16 +148,3 @@ def test_bars_show_names_and_do_not_obey_them(name, monkeypatch):
     for piece in (TITLE, CLIPBOARD, "\x1b]8;", "\x9b", "\x7f", "\u202e", "\u2028", "\udcff", "\nOK"):
         assert piece not in told
     assert told.count(terminal.visible(name)) >= 2
-
-
-def test_only_one_module_prints_and_nothing_reads_markup():
-    """Others print what `plain` gives, or a table of it."""
-    for path in sorted((ROOT / "render").glob("*.py")):
-        tree = ast.parse(path.read_text())
-        modules = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-        assert "rich.markup" not in modules, path.name
-        if path.name in ("terminal.py", "bench.py", "bench_tables.py", "acceptance_answers.py"):
-            continue
-        calls = [node.func for node in ast.walk(tree) if isinstance(node, ast.Call)]
-        printing = [f for f in calls if getattr(f, "attr", getattr(f, "id", "")) in ("print", "echo", "Console")]
-        assert not printing or path.name == "cli.py", path.name

@@ -36,11 +36,3 @@ def test_where_a_plan_has_the_key_it_is_one():
 
 def test_resuming_is_of_another_command_for_one_that_plays():
     assert Wording([], ["resume"])('mode="resume" finishes it') == "palpate render --resume finishes it"
-
-
-def test_the_keys_are_those_of_a_plan():
-    from palpate.render.sweeps.plan.axes import KEYS
-
-    known = {key for keys in KEYS.values() for key in keys}
-    assert set(PLAN_KEYS) - known == {"interpolate"} - known
-    assert known - set(PLAN_KEYS) == {"count", "size", "gs_pat_iterations", "wgs_iterations", "piston_radius"}

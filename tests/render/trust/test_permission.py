@@ -15,7 +15,7 @@ from sweep_recipes import recipe_of, strategy_of, task_of, thing_of
 from typer.testing import CliRunner
 
 from palpate.datasets import HandMotion, static_pose
-from palpate.render import ImplicitObject, MeshObject, load_strategy
+from palpate.render import ImplicitObject, load_strategy
 from palpate.render.cli.app import app
 from palpate.render.errors import ImplicitError, PlanError, StrategyError, TrustStoreError, UntrustedCodeError
 from palpate.render.strategies.intersection_strategy import IntersectionStrategy, draft_strategy
@@ -23,6 +23,7 @@ from palpate.render.sweeps.make.work import run_task
 from palpate.render.sweeps.plan.loading import draft_plans, load_plans
 from palpate.render.terminal.console import DONE, FAILED, MISUSED
 from palpate.render.trust.accepted_code import Accepted, accept, accepted, entries, store_folder
+from palpate.render.trust.permission import Code, Namer, require_permission
 
 STAGE = """
 with open({marker!r}, "a") as mark:
@@ -218,6 +219,21 @@ def test_a_worker_refuses_code_that_has_changed_since(folder):
     assert "it has changed since, so it is not run" in run_task(task, "cpu").error
     ball = thing_of(f"{folder / 'ball.py'}:ball", bounds=[float(x) for x in BOX])
     assert "is not the code that was permitted" in run_task(task_of(folder, [recipe_of(ball)]), "cpu").error
+
+
+def test_a_worker_refuses_a_package_of_which_one_file_has_changed():
+    package = Code("package.shapes", (("package/__init__.py", "1" * 64), ("package/shapes.py", "2" * 64)))
+    require_permission([package], frozenset({"1" * 64, "2" * 64}))
+    with pytest.raises(UntrustedCodeError, match="has changed since"):
+        require_permission([package], frozenset({"1" * 64, "3" * 64}))
+
+
+def test_accepted_code_is_not_accepted_where_other_data_name_it():
+    digests = {
+        Code(name, (("ball.py", "1" * 64),), Namer("plan", text)).digest
+        for name, text in (("ball.py:f", ""), ("ball.py:f", "a" * 64), ("ball.py:f", "b" * 64), ("ball.py:g", "b" * 64))
+    }
+    assert len(digests) == 4
 
 
 # What runs, runs alone
@@ -478,7 +494,3 @@ def test_code_given_as_an_object_needs_no_permission(folder):
     done = subprocess.run([sys.executable, "script.py"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert (folder / "ran").read_text() == "x"
-
-
-def test_an_object_of_a_mesh_needs_none():
-    assert MeshObject.load("cube").name == "cube"

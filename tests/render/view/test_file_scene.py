@@ -57,16 +57,17 @@ class StopError(Exception):
     """Ends a rendering half way."""
 
 
+def stop(done, total):
+    if done:
+        raise StopError
+
+
 def test_an_unfinished_file_shows_what_is_done_and_goes_on(tmp_path):
     motion = exploration("tube", duration=3.0, seed=1)
     path = tmp_path / "a.h5"
 
-    def stop_half_way(done, _):
-        if done:
-            raise StopError
-
     with pytest.raises(StopError):
-        record(path, "tube", "palm", motion, "cc", memory=5_000_000, progress=stop_half_way)
+        record(path, "tube", "palm", motion, "cc", memory=5_000_000, progress=stop)
     with FileScene(path) as scene:
         assert not scene.is_sealed
         assert 0 <= scene.done_count <= scene.pose_count
@@ -97,38 +98,27 @@ def test_files_that_cannot_be_read_are_refused_by_name(tmp_path, path):
         FileScene(broken)
 
 
-def test_a_moving_object_is_where_the_file_says(tmp_path):
+def test_a_moving_object_is_where_the_file_says_and_the_box_holds_all_its_places(tmp_path):
     motion = exploration("cube", duration=0.1, seed=1)
-    moved = HandMotion(motion.time, motion.pose[::-1].copy())
+    far = motion.pose[::-1].copy()
+    far[:, 0] += 2.0
+    moved = HandMotion(motion.time, far)
     record(tmp_path / "a.h5", "cube", "palm", motion, "oc", object_pose=moved)
     with FileScene(tmp_path / "a.h5") as scene:
         np.testing.assert_array_equal(scene.moment(2).object_pose, moved.pose[2])
         low, high = scene.bounds()
         assert (low <= motion.pose[:, :3].min(axis=0) + 1e-6).all()
         assert (high >= motion.pose[:, :3].max(axis=0) - 1e-6).all()
+        assert high[0] >= far[:, 0].max() + 0.05  # half a cube beyond the farthest middle
 
 
 def test_another_rendering_at_the_same_place_is_told(tmp_path):
     """Its object and hand would be shown with the other's contours."""
-
-    def stop_at_once(done, _):
-        if done:
-            raise StopError
-
     path = tmp_path / "a.h5"
     motions = [exploration("tube", duration=3.0, seed=seed) for seed in (1, 2)]
     with pytest.raises(StopError):
-        record(path, "tube", "palm", motions[0], "cc", memory=5_000_000, progress=stop_at_once)
+        record(path, "tube", "palm", motions[0], "cc", memory=5_000_000, progress=stop)
     with FileScene(path) as scene:
         record(path, "tube", "palm", motions[1], "cc", mode="overwrite")
         with pytest.raises(ContourFileError, match="is another rendering now"):
             scene.refresh()
-
-
-def test_the_box_holds_every_place_of_a_moving_object(tmp_path):
-    motion = exploration("cube", duration=0.5, seed=1)
-    far = motion.pose.copy()
-    far[:, 0] += 2.0
-    record(tmp_path / "a.h5", "cube", "palm", motion, "oc", object_pose=HandMotion(motion.time, far))
-    with FileScene(tmp_path / "a.h5") as scene:
-        assert scene.bounds()[1, 0] >= far[:, 0].max() + 0.05  # half a cube beyond the farthest middle

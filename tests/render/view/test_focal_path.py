@@ -53,10 +53,3 @@ def test_steps_by_length_and_silence():
     assert hop.tolist() == [False, False, True, False, False]
     sounds[3] = 0.0
     assert not steps_of(place, sounds, strategy)[0].any()
-
-
-def test_a_pose_that_is_not_rendered_has_no_path(tmp_path, monkeypatch):
-    with scene_of(tmp_path, "cc", exploration("tube", duration=0.2, seed=1)) as scene:
-        monkeypatch.setattr(FileScene, "is_done", lambda self, index: index < 3)
-        assert focal_path(scene, 5) is None
-        assert focal_path(scene, 2) is not None

@@ -32,15 +32,6 @@ def test_pressure_lies_along_the_contour(tmp_path):
     assert force == pytest.approx(pressure_metrics(tmp_path / "a.h5").force, rel=0.05)  # on a grid of 3 mm, all frames
 
 
-def test_a_plane_through_the_palm_has_the_pressure_of_the_palm_that_lies_in_it(tmp_path):
-    moment, _ = moment_of(tmp_path)
-    skin, plane = (printer().compute(moment, where) for where in ("skin", "plane"))
-    assert plane.planes[0].extent == (0.2, 0.2)
-    assert plane.peak == pytest.approx(skin.peak, rel=0.1)  # other points of the same pattern
-    force = [(part.sum() * each.cell_area) for each, part in ((plane.planes[0], plane.on_planes[0]),)]
-    assert force[0] > 0.0
-
-
 def test_the_print_of_a_hand_mesh_is_at_its_vertices(tmp_path):
     moment, looks = moment_of(tmp_path, hand="skin")
     printed = printer().compute(moment, "skin")

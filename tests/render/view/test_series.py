@@ -65,14 +65,6 @@ def test_windows_of_poses_without_times_have_no_steps(tmp_path):
         assert steps_in(one, window).jump.size == 0
 
 
-def test_places_are_times_or_numbers(scene):
-    window, overview = window_around(scene, 200, 0.5), overview_of(scene, bins=50)
-    np.testing.assert_array_equal(window.places(by_time=True), window.time)
-    assert window.places(by_time=False)[0] == window.first
-    assert len(window.places(by_time=False)) == len(window.time)
-    np.testing.assert_array_equal(scene.times(0, 360)[overview.places(by_time=False).astype(int)], overview.time)
-
-
 @pytest.mark.parametrize("bins", [1, 7, 50, 1000])
 def test_the_longest_pose_is_that_of_the_whole_file(scene, bins):
     with ContourFile(scene.path) as file:

@@ -30,20 +30,12 @@ def status_of(port, headers):
     return status
 
 
-@pytest.mark.parametrize(
-    ("host", "status"),
-    [
-        ("127.0.0.1:{}", 200),
-        ("localhost:{}", 200),
-        ("example.org", 403),
-        ("example.org:{}", 403),
-        ("127.0.0.1", 403),
-        ("127.0.0.1:{}.example.org", 403),
-        ("127.0.0.1:80", 403),
-    ],
-)
-def test_pages_are_for_the_servers_own_names(server, host, status):
-    assert status_of(server.get_port(), {"Host": host.format(server.get_port())}) == status
+def test_pages_are_for_the_servers_own_names(server):
+    port = server.get_port()
+    for host in (f"127.0.0.1:{port}", f"localhost:{port}"):
+        assert status_of(port, {"Host": host}) == 200
+    for host in ("example.org", f"example.org:{port}", "127.0.0.1", f"127.0.0.1:{port}.example.org", "127.0.0.1:80"):
+        assert status_of(port, {"Host": host}) == 403, host
 
 
 @pytest.mark.parametrize(
@@ -92,10 +84,10 @@ def test_a_port_that_is_taken_is_refused_and_no_other_is_taken(server):
         start_server("test", server.get_port())
 
 
-@pytest.mark.parametrize("port", [0, -1, 65536])
-def test_a_port_out_of_range_is_refused(port):
-    with pytest.raises(StrategyError, match=f"port must be 1 to 65535, not {port}"):
-        start_server("test", port)
+def test_a_port_out_of_range_is_refused():
+    for port in (0, -1, 65536):
+        with pytest.raises(StrategyError, match=f"port must be 1 to 65535, not {port}"):
+            start_server("test", port)
 
 
 def test_a_viser_that_lets_foreign_pages_pass_is_not_started(monkeypatch):

@@ -49,10 +49,3 @@ def test_the_numbers_of_a_pose(scene):
     assert f"{7e3 / length:.1f} Hz" in page.words
     assert "54 of 0..89" in page.words
     assert "0.600 s" in page.words
-
-
-def test_a_file_is_named_by_object_hand_and_strategy(scene):
-    words = Tags(facts_html([scene], ["a"])).words
-    assert "tube" in words
-    assert "85 x 85 mm" in words
-    assert "strategy cc" in words

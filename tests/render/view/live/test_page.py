@@ -16,7 +16,6 @@ from palpate.render.view.live.session import view_files
 
 pytestmark = pytest.mark.exhaustive  # a browser that draws in software takes seconds to start
 ALLOWED = ("THREE.Clock: This module has been deprecated", "GPU stall due to ReadPixels", "Software WebGL")
-SLIDER = "document.querySelectorAll('[role=slider]')[0]"
 
 
 @contextmanager
@@ -124,49 +123,24 @@ def test_a_file_is_shown_and_scrubbed(tmp_path, files):
     assert len(np.unique(pixels[54].reshape(-1, 3), axis=0)) > 500  # shaded: object, hand, array
 
 
-def test_two_files_with_one_clock(tmp_path, files):
-    with ContourFile(files[0]) as a, ContourFile(files[1]) as b:
-        expected = [1e3 * float(file.metrics()["length"][54]) for file in (a, b)]
-    with opened(tmp_path, *files) as browser:
-        go_to(browser, 54)
-        assert shown_length(browser) == [pytest.approx(value, abs=0.051) for value in expected]
-        assert expected[0] > expected[1]
-
-
-def test_arrow_keys_step_and_playing_goes_on(tmp_path, files):
-    with opened(tmp_path, files[0]) as browser:
-        go_to(browser, 0)
-        browser.run(f"{SLIDER}.focus()")
-        for pose in (1, 2, 3):
-            browser.press("ArrowRight")
-            browser.wait(f"document.body.innerText.includes('{pose} of 0..89')")
-        browser.run("[...document.querySelectorAll('button')].find((b) => b.innerText === 'play').click()")
-        browser.wait("Number(document.body.innerText.match(/(\\d+) of 0\\.\\.89/)[1]) > 20")
-        browser.run("[...document.querySelectorAll('button')].find((b) => b.innerText === 'pause').click()")
-        browser.wait("[...document.querySelectorAll('button')].some((b) => b.innerText === 'play')")
-
-
 class StopError(Exception):
     """Ends a rendering half way."""
 
 
-@pytest.mark.parametrize("is_all_done", [False, True])  # True: the last pose is written, the file not yet sealed
-def test_a_file_that_is_still_being_written(tmp_path, is_all_done):
+def test_a_file_that_is_still_being_written(tmp_path):
     motion = exploration("tube", duration=60.0, seed=1)
     path = tmp_path / "growing.h5"
 
     def stop_early(done, total):
-        if done == total or (done and not is_all_done):
+        if done:
             raise StopError
 
     with pytest.raises(StopError):
         record(path, "tube", "palm", motion, "cc", memory=5_000_000, progress=stop_early)
     with opened(tmp_path, path) as browser:
         browser.wait("document.body.innerText.includes('still being written')")
-        assert browser.run("document.body.innerText.includes('5,400 of them done')") == is_all_done
         go_to(browser, 5399)
-        if not is_all_done:
-            browser.wait("document.body.innerText.includes('not rendered yet')")
+        browser.wait("document.body.innerText.includes('not rendered yet')")
         record(path, "tube", "palm", motion, "cc", mode="resume")
         browser.wait("!document.body.innerText.includes('still being written')", timeout=30)
         browser.wait("!document.body.innerText.includes('not rendered yet')")

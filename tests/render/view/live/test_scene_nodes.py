@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("viser")
 
 from palpate.render import render, static_pose  # after the skip
-from palpate.render.view.live.scene_nodes import box_edges, contour_segments
+from palpate.render.view.live.scene_nodes import contour_segments
 
 COLOURS = {"object": [0xB1, 0x12, 0x1F], "hand": [0x3D, 0x9B, 0xE0]}  # what docs/guide/view.md calls red and blue
 
@@ -20,22 +20,3 @@ def test_segments_have_the_length_and_the_kinds_of_the_contours():
         of_kind = (colours[:, 0] == COLOURS[kind]).all(axis=1)
         assert length[of_kind].sum() == pytest.approx(batch.length(kind)[0], rel=1e-6)
         assert of_kind.any()
-
-
-def test_weak_segments_are_pale():
-    from dataclasses import replace
-
-    batch = render("cube", "palm", static_pose([0, 0.06, 0.2]), "oc")
-    weak = replace(batch, intensity=np.linspace(0, 1, batch.point_count).astype(np.float32))
-    _, colours = contour_segments(weak)
-    brightness = colours.sum(axis=2)
-    assert brightness[0, 0] == brightness.max()
-    np.testing.assert_array_equal(colours[-1, 1], COLOURS["object"])
-
-
-def test_a_box_has_twelve_edges_and_eight_corners():
-    edges = box_edges(0.15, 0.05, 0.5)
-    assert edges.shape == (12, 2, 3)
-    corners = {tuple(corner) for edge in edges.round(9).tolist() for corner in edge}
-    assert len(corners) == 8
-    assert all(sum(corner in map(tuple, edge) for edge in edges.round(9).tolist()) == 3 for corner in corners)

@@ -30,14 +30,6 @@ def test_both_files_show_the_same_time(scenes):
         assert second == int(pose / 90 * 60 + 1e-9)
 
 
-def test_numbers_beyond_the_file_are_its_ends(scenes):
-    clock = SharedClock(scenes[:1])
-    clock.seek(-5)
-    assert clock.poses() == [0]
-    clock.seek(10**9)
-    assert clock.poses() == [89]
-
-
 def test_time_passes_as_fast_as_it_is_asked_and_begins_again_at_the_end(scenes):
     clock = SharedClock(scenes[:1])
     clock.advance(0.5)
@@ -69,12 +61,3 @@ def test_a_static_pose_is_shown_for_a_twentieth_of_a_second_again_and_again(scen
         assert clock.poses() == [0]
         shares.append(clock.share_of(0))
     np.testing.assert_allclose(shares, [0.2, 0.4, 0.6, 0.8, 0.0] * 2, atol=1e-6)
-
-
-def test_a_file_without_times_beside_one_with_them_is_paired_by_number(scenes):
-    for pair in ([scenes[0], scenes[2]], [scenes[2], scenes[0]]):
-        clock = SharedClock(pair)
-        clock.is_playing = True
-        clock.advance(0.01)
-        assert clock.poses()[1] == min(clock.poses()[0], pair[1].pose_count - 1)
-        assert clock.share_of(1) == clock.share_of(0)

@@ -56,7 +56,7 @@ def assert_inset(loops, region, distance):
 @pytest.mark.parametrize("seed", range(10))
 @pytest.mark.parametrize("distance", [0.0005, 0.002, 0.005, 0.012, 0.03])
 def test_random_sections_have_the_inset_of_shapely_and_manifold(distance, seed, device):
-    regions = random_stars(np.random.default_rng(seed), 100)
+    regions = random_stars(np.random.default_rng(seed), 40)
     far = 0
     for loops, region in zip(inset_of(regions, device, distance), regions, strict=True):
         if not shapely.Polygon(region[0], region[1:]).is_valid:
@@ -69,7 +69,7 @@ def test_random_sections_have_the_inset_of_shapely_and_manifold(distance, seed, 
             far += got.is_empty != want.is_empty
         else:
             far += shapely.hausdorff_distance(got.boundary, want.boundary) > 1e-4  # a hundredth of the focal width
-    assert far <= 4  # where a waist, or what is left, is thinner than the error of both
+    assert far <= 2  # where a waist, or what is left, is thinner than the error of both
 
 
 def test_smooth_outlines_of_many_points_have_their_inset(device):
@@ -77,8 +77,8 @@ def test_smooth_outlines_of_many_points_have_their_inset(device):
         angle = 2 * np.pi * np.arange(count) / count
         return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
-    regions = [[ring(0.02, n)] for n in range(3, 200, 4)]
-    regions += [[ring(0.02, n), ring(0.008, m)[::-1]] for n in range(5, 60, 6) for m in range(3, 60, 8)]
+    regions = [[ring(0.02, n)] for n in range(3, 200, 12)]
+    regions += [[ring(0.02, n), ring(0.008, m)[::-1]] for n in range(5, 60, 6) for m in range(3, 60, 16)]
     regions += [[ring(0.02, n), ring(0.011, n)[::-1]] for n in range(6, 60, 4)]  # too thin in between
     for loops, region in zip(inset_of(regions, device, 0.005), regions, strict=True):
         assert_inset(loops, region, 0.005)
@@ -97,7 +97,7 @@ def random_cells(rng, count):
 @pytest.mark.parametrize("distance", [0.002, 0.00499, 0.005, 0.0050001, 0.0075, 0.01])
 def test_outlines_on_a_grid_have_their_inset_or_are_known_to_have_failed(distance, device, rng):
     """At 0.005 and 0.01 m what is left of corridors has no width: such regions fail, and may do nothing else."""
-    regions = list(random_cells(rng, 60))
+    regions = list(random_cells(rng, 20))
     for turn in (np.eye(2), TURNED):
         turned = [[loop @ turn for loop in region] for region in regions]
         found = inset_of(turned, device, distance)

@@ -20,12 +20,13 @@ def real_contours():
 
 
 def stage_batches(rng):
-    """Random, degenerate and real polylines, with intensities and pauses or without, and no polyline at all."""
+    """Random, degenerate and real polylines, with intensities and pauses or without; and none, of no pose or some."""
     yield weighted_batch(rng, 30)
     yield bare(random_batch(rng, 30))
     yield degenerate_batch(rng, 100)
     yield degenerate_batch(rng, 100, weighted=False)
     yield random_batch(rng, 0)
+    yield random_batch(rng, 3, line_most=0)
     yield real_contours()
 
 

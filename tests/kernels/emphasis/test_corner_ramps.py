@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from contour_random import random_batch
+from contour_shapes import batch_of
 from emphasis_oracle import emphasise_corners
 from stage_cases import assert_limited, stage_batches, stage_result
 from transform_cases import assert_equal
@@ -10,7 +11,6 @@ from transform_cases import assert_equal
 from palpate.kernels.emphasis.corner_ramps import pause_at_corners, ramp_rows, weigh_corners
 from palpate.kernels.emphasis.corners import find_corners
 from palpate.kernels.stages.insertion import insert_points
-from palpate.render import ContourBatch
 
 OPTIONS = [
     {},
@@ -29,11 +29,7 @@ def test_corners_are_emphasised_as_the_oracle_does(options, device, rng):
 
 def test_an_open_corner_has_its_ramps_and_its_pause(device):
     """A right angle with sides of 20 mm: full intensity for 5 mm from the corner, then 5 mm of ramp."""
-    batch = ContourBatch(
-        np.array([[0.02, 0, 0], [0, 0, 0], [0, 0.02, 0]], np.float32), np.zeros(3, np.uint8), np.array([0, 3]),
-        np.zeros(1, np.int32), np.zeros(1, np.uint8), np.array([0, 1]),
-    )  # fmt: skip
-    there = batch.to(device)
+    there = batch_of([[([[0.02, 0, 0], [0, 0, 0], [0, 0.02, 0]], False)]]).to(device)
     lines = (there.polyline_start, there.polyline_closed)
     corners = find_corners(there.points, *lines, angle=1.0, window=0.005)
     rows = ramp_rows(corners, 0.01)

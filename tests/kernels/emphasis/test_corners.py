@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from contour_random import random_batch
+from contour_shapes import batch_of
 from emphasis_oracle import find_corners as slow_find_corners
 from polyline_oracle import Lines
 from stage_cases import stage_batches
 
 from palpate.kernels.emphasis.corners import find_corners
-from palpate.render import ContourBatch
 
 RULES = [
     {"angle": np.pi / 6, "window": 0.005},
@@ -34,15 +34,6 @@ def assert_same_corners(batch, device, **rule):
     return len(at)
 
 
-def one_line(points, closed):
-    """A batch of one polyline."""
-    points = np.vstack([points, points[:1]]) if closed else points
-    return ContourBatch(
-        points.astype(np.float32), np.zeros(len(points), np.uint8), np.array([0, len(points)]), np.zeros(1, np.int32),
-        np.array([closed], np.uint8), np.array([0, 1]),
-    )  # fmt: skip
-
-
 @pytest.mark.parametrize("rule", RULES)
 def test_corners_are_those_of_the_oracle(rule, device, rng):
     batches = [*stage_batches(rng), random_batch(rng, 30, point_most=100, spread=0.005)]
@@ -52,14 +43,14 @@ def test_corners_are_those_of_the_oracle(rule, device, rng):
 
 def test_corners_of_a_jagged_line_of_many_points_are_those_of_the_oracle(device, rng):
     points = np.cumsum(rng.normal(size=(800, 3)) * 0.001, axis=0)
-    for closed in (0, 1):
-        assert assert_same_corners(one_line(points, closed), device, angle=0.5, window=0.004) > 60
+    for closed in (False, True):
+        assert assert_same_corners(batch_of([[(points, closed)]]), device, angle=0.5, window=0.004) > 60
 
 
 def test_of_equally_sharp_points_the_first_is_a_corner(device):
     """A zigzag turns by as much at every point within the window; its ends see less."""
     x = 0.001 * np.arange(41)
-    batch = one_line(np.stack([x, 0.001 * (np.arange(41) % 2), 0 * x], axis=1), 0)
+    batch = batch_of([[(np.stack([x, 0.001 * (np.arange(41) % 2), 0 * x], axis=1), False)]])
     step = np.sqrt(2) * 0.001
     got = found(batch, device, angle=0.5, window=0.9 * step)
     assert got.point.numpy().tolist() == list(range(1, 40))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import warp as wp
 from contour_random import degenerate_batch, random_batch
-from emphasis_oracle import RAMP, STRAIGHT, emphasise_edges, straight_runs
-from polyline_oracle import Lines, levelled
-from stage_cases import assert_limited, real_contours, stage_batches, stage_result
+from emphasis_oracle import RAMP, STRAIGHT, emphasise_edges
+from polyline_oracle import levelled
+from stage_cases import assert_limited, stage_batches, stage_result
 from transform_cases import assert_equal
 
 from palpate.kernels.emphasis.edges import KindLevels, level_by_kind, measure_runs, ramp_between_levels
@@ -32,13 +32,6 @@ def runs_of(batch, device):
 def test_edges_are_emphasised_as_the_oracle_does(options, device, rng):
     for batch in stage_batches(rng):
         assert_equal(stage_result("edges", batch, device, **options), emphasise_edges(batch, **options))
-
-
-def test_straight_runs_are_as_long_as_the_oracle_measures_them(device, rng):
-    for batch in (degenerate_batch(rng, 200), real_contours()):
-        want = straight_runs(Lines.of(batch))
-        np.testing.assert_array_equal(runs_of(batch, device), want)
-        assert len(np.unique(want)) > 10
 
 
 def test_a_run_goes_on_over_points_across_the_seam_and_ends_where_the_kind_changes(device):

@@ -5,17 +5,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import warp as wp
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from march_cases import (
     CENTER,
     FLAT,
-    Shape,
     area_of,
     assert_sound,
     ball_of,
     ball_value,
-    box_of,
     box_value,
     lines_of,
     marched,
@@ -25,7 +21,6 @@ from march_cases import (
     shape_field,
     sheet_value,
     squares,
-    step_value,
 )
 from section_oracle import in_palm, rotation
 
@@ -34,6 +29,8 @@ from palpate.kernels.offsets import PointLimitError
 from palpate.kernels.patch import EXACT, Patch
 from palpate.render.contour_batch import object_part
 from palpate.render.hands.hand import Palm
+from palpate.render.objects.functions.expression import box
+from palpate.render.objects.functions.implicit_object import ImplicitObject
 
 wp.set_module_options(EXACT)
 
@@ -175,28 +172,6 @@ def test_a_ball_gives_the_circle(device):
 
 
 @pytest.mark.exhaustive
-def test_a_ring_has_a_hole_of_opposite_orientation(device):
-    pose = [*CENTER, np.sin(-np.pi / 4), 0, 0, np.cos(-np.pi / 4)]  # the palm's plane is z = 0.2
-    batch = marched(shape_field(ring_value, CENTER, (0.025, 0.01, 0)), [pose], device, step=0.001)
-    areas = sorted(area_of(line[0], np.float32(pose)) for line in lines_of(batch)[0])
-    assert areas == pytest.approx([-np.pi * 0.015**2, np.pi * 0.035**2], rel=0.01)
-
-
-@pytest.mark.exhaustive
-def test_a_box_is_within_a_step_of_its_corners(device):
-    step, size = 0.002, np.array([0.02, 0.03, 0.025])
-    batch = marched(
-        shape_field(box_value, CENTER, size), random_poses(40, spread=0.01), device, step=step, closes=False
-    )
-    points = batch.points.astype(np.float64)
-    assert np.abs(box_of(points, CENTER, size)).max() < 1e-6
-    middle = 0.5 * (points[1:] + points[:-1])
-    inside = np.ones(len(middle), bool)
-    inside[batch.polyline_start[1:-1] - 1] = False
-    assert np.abs(box_of(middle, CENTER, size))[inside].max() < step
-
-
-@pytest.mark.exhaustive
 def test_a_palm_all_inside_or_outside(device):
     pose = random_poses(5, spread=0.001)
     large = shape_field(ball_value, CENTER, (0.2, 0, 0))
@@ -304,7 +279,7 @@ def test_a_face_flush_with_the_palm_counts_as_above(pose, count, device):
 
 @pytest.mark.parametrize(("center", "opened", "closed"), [(0.0, 0, 1), (0.0425 + 0.0425, 0, 0)])
 def test_a_side_that_ends_with_the_palm_is_the_hands(center, opened, closed, device):
-    field = shape_field(box_value, [center, 0.0, 0.2], (0.0425, 0.1, 0.1))
+    field = ImplicitObject(box(0.085, 0.2, 0.2).moved(center, 0.0, 0.2)).field_on(device)
     flat = [0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0]
     assert marched(field, [flat], device, closes=False).polyline_count == opened
     batch = marched(field, [flat], device)
@@ -332,50 +307,6 @@ def test_the_middle_of_an_ambiguous_cell_decides(level, device):
     batch = marched(field, [pose], device, hand=Palm(0.03, 0.03), step=0.01)
     assert batch.polyline_count == (1 if level > 0 else 2)
     assert sum(area_of(line[0], np.float32(pose)) for line in lines_of(batch)[0]) == pytest.approx(0.00045, rel=0.1)
-
-
-@pytest.mark.exhaustive
-def test_a_jump_is_met_as_exactly_as_a_root(device):
-    size = (0.02, 0.03, 0.025)
-    field = shape_field(step_value, CENTER, size, skips=False)
-    batch = marched(field, random_poses(10, spread=0.01), device, closes=False)
-    assert np.abs(box_of(batch.points.astype(np.float64), CENTER, np.array(size))).max() < 1e-6
-
-
-@pytest.mark.exhaustive
-@settings(max_examples=25)
-@given(st.integers(0, 10**6), st.floats(-1.5, 1.5), st.booleans())
-def test_contours_of_any_waves_are_sound_and_fit_each_other(seed, level, bounded):
-    case, poses = random_waves(seed, level=level), random_poses(3, seed)
-    field = case.field("cpu")
-    opened, closed = (marched(field, poses, "cpu", step=0.006, closes=closes) for closes in (False, True))
-    assert_sound(opened)
-    assert_sound(closed)
-    np.testing.assert_allclose(opened.length("object"), closed.length("object"), rtol=1e-5, atol=1e-7)
-    areas = [sum(area_of(line[0], pose) for line in lines) for pose, lines in zip(poses, lines_of(closed), strict=True)]
-    assert min(areas) >= -1e-9
-    assert max(areas) <= 0.085**2 + 1e-9
-
-
-@pytest.mark.exhaustive
-@settings(max_examples=15)
-@given(st.integers(0, 10**6))
-def test_a_union_of_disjoint_solids_has_both_their_contours(seed):
-    aside = np.array([0.03, 0, 0])
-    left, right = CENTER - aside, CENTER + aside
-    poses = random_poses(8, seed)
-    both = Shape()
-    both.center, both.size = wp.vec3d(*CENTER), wp.vec3d(0.022, 0.0, 0.0)
-    parts = [marched(shape_field(ball_value, c, (0.022, 0, 0)), poses, "cpu", closes=False) for c in (left, right)]
-    union = marched(shape_field(pair_value, CENTER, (0.022, 0, 0), skips=False), poses, "cpu", closes=False)
-    for lines, *apart in zip(lines_of(union), *map(lines_of, parts), strict=True):
-        assert line_set(lines) == line_set(apart[0] + apart[1])
-
-
-@wp.func
-def pair_value(d: Shape, x: wp.vec3d):
-    aside = wp.vec3d(wp.float64(0.03), wp.float64(0.0), wp.float64(0.0))
-    return wp.min(wp.length(x - (d.center - aside)), wp.length(x - (d.center + aside))) - d.size[0]
 
 
 @pytest.mark.exhaustive

@@ -19,7 +19,6 @@ from march_cases import (
 
 from palpate.kernels.fields.dense_grid import dense_field, pad_outside
 from palpate.kernels.fields.field import Field
-from palpate.kernels.march import contours as march
 from palpate.kernels.patch import EXACT
 from palpate.render import ImplicitObject
 from palpate.render.contour_batch import object_part
@@ -147,15 +146,10 @@ def test_a_wedge_that_leaves_the_palm_is_cut_at_its_side(angle, device):
         exact = region.boundary.intersection(WITHIN).length
         assert opened.length()[0] == pytest.approx(exact, abs=2.0 * STEP)
         one, two = (
-            sorted(map(repr, (line[0].tolist() for line in lines_of(b)[0]))) for b in (opened, opened_of(closed))
+            sorted(map(repr, (line[0].tolist() for line in lines_of(b)[0]))) for b in (opened, object_part(closed))
         )
         assert one == two
     assert left > 15
-
-
-def opened_of(closed):
-    """OC out of CC."""
-    return object_part(closed)
 
 
 @pytest.mark.exhaustive
@@ -207,18 +201,6 @@ def test_smooth_contours_are_the_same_to_the_bit_whether_tips_are_looked_for_or_
                     np.linalg.norm(a[0].max(axis=0) - a[0].min(axis=0)) < 0.008
                 )  # smaller than 8 steps: round tips
                 assert turning or np.array_equal(a[0], b[0])
-
-
-@pytest.mark.exhaustive
-def test_tips_do_not_depend_on_what_is_rendered_with_them(device, monkeypatch):
-    poses = np.array([[*place, 0, 0, 0, 1] for place in np.random.default_rng(4).uniform(-0.01, 0.01, (24, 3))])
-    field, _ = wedge_of(wedge_value, 15, 0.7, np.array([0.001, 0.002]))
-    together = marched(field, poses, device, step=STEP)
-    monkeypatch.setattr(march, "CPU_TILES", 200)
-    monkeypatch.setattr(march, "GPU_TILES", 200)
-    apart = marched(field, poses, device, step=STEP)
-    for name, array in together.arrays().items():
-        np.testing.assert_array_equal(array, apart.arrays()[name], err_msg=name)
 
 
 @pytest.mark.exhaustive

@@ -5,8 +5,6 @@ import pytest
 import warp as wp
 from degenerate_cases import degenerate_poses
 from drawing import METHODS, STRATEGIES, exact_poses, patch_array, surface_on
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from mesh_cases import CLOSED, MESHES, generic_poses
 from tally_outputs import assert_same_numbers, empty
 
@@ -51,7 +49,10 @@ def test_bits_are_those_of_drawing(name, halves, device):
     mesh = MESHES[name]()
     for method in METHODS:
         for strategy in STRATEGIES if name in CLOSED else ("raw", "oc"):
-            drawn, walked, _ = both_ways(mesh, exact_poses(300, 3), halves, strategy, method, device)
+            rows = exact_poses(300, 3)
+            if halves is SEVERAL:  # each patch has poses of its own
+                rows = np.stack([exact_poses(150, 3 + k) for k in range(len(halves))], axis=1)
+            drawn, walked, _ = both_ways(mesh, rows, halves, strategy, method, device)
             assert_same_numbers(drawn, walked)
             assert drawn[1].numpy().max() > 0
 
@@ -64,16 +65,6 @@ def test_bits_are_those_of_drawing_at_degenerate_poses(name, device):
     for strategy in STRATEGIES:
         for halves in (PALM, SEVERAL):
             assert_same_numbers(*both_ways(mesh, poses, halves, strategy, None, device)[:2])
-
-
-@pytest.mark.exhaustive
-@given(seed=st.integers(0, 2**31), halves=st.lists(st.tuples(*(st.floats(1e-3, 0.2),) * 2), min_size=1, max_size=4))
-@settings(max_examples=25, deadline=None)
-def test_bits_are_those_of_drawing_for_any_patches(seed, halves):
-    poses = np.stack([exact_poses(12, seed + k) for k in range(len(halves))], axis=1)  # each patch has its own
-    for name in ("tube", "shell"):
-        for strategy in ("oc", "cc"):
-            assert_same_numbers(*both_ways(CLOSED[name](), poses, halves, strategy, None, "cpu")[:2])
 
 
 def test_patches_that_have_no_room_at_first_keep_their_place(device):

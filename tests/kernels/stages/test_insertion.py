@@ -39,21 +39,6 @@ def test_segments_are_divided_as_the_oracle_divides_them(longest, device, rng):
         assert_equal(divide_batch(batch, longest), divided(batch, longest))
 
 
-@pytest.mark.parametrize("pose_count", [0, 1, 3])
-def test_batches_without_polylines_or_without_points_stay_as_they_are(pose_count, device):
-    none = ContourBatch(
-        np.zeros((0, 3), np.float32), np.zeros(0, np.uint8), np.zeros(1, np.int64), np.zeros(0, np.int32),
-        np.zeros(0, np.uint8), np.zeros(pose_count + 1, np.int64),
-    )  # fmt: skip
-    assert_equal(divide_batch(none.to(device), 0.001).numpy(), none)
-    pointless = ContourBatch(
-        none.points, none.kind, np.zeros(3, np.int64), np.zeros(2, np.int32), np.array([0, 1], np.uint8),
-        np.array([0, *[2] * pose_count]),
-    )  # fmt: skip
-    if pose_count:
-        assert_equal(divide_batch(pointless.to(device), 0.001).numpy(), pointless)
-
-
 def test_points_put_in_split_segments_as_the_oracle_splits_them_and_leave_the_rest(device, rng):
     for batch in (weighted_batch(rng, 30), degenerate_batch(rng, 60), bare(degenerate_batch(rng, 60))):
         segment = rng.integers(0, batch.point_count, 400)

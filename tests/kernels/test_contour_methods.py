@@ -56,6 +56,8 @@ def test_all_methods_give_the_same_bits(name, times, device, monkeypatch):
             first, *others = drawn_in_all_ways(surface, rows, patch, strategy, monkeypatch)
             for other in others:
                 assert_same_bits(first, other)
+            last = first.polyline_start[1:] - 1  # no segment starts there, so it has the kind of the point before
+            np.testing.assert_array_equal(first.kind[last], first.kind[last - 1])
             assert k or len(first.polyline_closed) > 5 * times
 
 

@@ -4,6 +4,8 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from palpate.kernels.section.edge_pairing import OPEN, twins_of
 
@@ -124,6 +126,21 @@ def test_bodies_with_a_common_edge_stay_apart_however_they_cross():
         body = np.array(owner)[row]
         assert (twin != OPEN).all()
         assert (body[twin // 3] == np.repeat(body, 3)).all()
+
+
+def test_bodies_in_one_place_stay_apart():
+    """Each edge has four triangles or more, two and two of which coincide; every body has each wall once."""
+    rng = np.random.default_rng(6)
+    vertices, faces = prism(ROUND[::2])
+    for count in (2, 3):
+        own = np.tile(faces, (count, 1))[rng.permutation(count * len(faces))]
+        twin = twins_of(own, vertices, 1e-9)
+        assert (twin != OPEN).all()
+        joined = coo_matrix((np.ones(len(twin)), (np.arange(len(twin)) // 3, twin // 3)), shape=(len(own), len(own)))
+        bodies, body = connected_components(joined)
+        assert bodies == count
+        for k in range(count):
+            assert sorted(map(tuple, own[body == k])) == sorted(map(tuple, faces))
 
 
 def test_edges_of_two_need_no_angles():

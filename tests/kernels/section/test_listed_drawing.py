@@ -12,7 +12,7 @@ from palpate.kernels.pieces.finding import find_pieces
 from palpate.kernels.section import step_lists
 from palpate.kernels.section.clip_events import room_for_events
 from palpate.kernels.section.joining import WALKED, join_pieces
-from palpate.kernels.section.pieces import FIRST_STEP, LIST, LOCATION, NO_WRAP, SLOTS, UNLISTED
+from palpate.kernels.section.pieces import SLOTS
 from palpate.kernels.warps import threads_for
 from palpate.render.bench.cases import random_poses
 
@@ -57,20 +57,6 @@ def test_rows_with_steps_of_zero_length_at_sides_are_walked(device):
     surface, patch = surface_on(mesh, device), patch_array([0.0425, 0.0425], device)
     poses = np.array(list(degenerate_poses(mesh, 20, seed=4).values()))
     assert 0 < walked_share(surface, poses, patch, "cc") < 1
-
-
-def test_pieces_go_on_at_the_beginning_of_their_loops_list(device):
-    surface, patch = surface_on(MESHES["tube"](), device), patch_array(HALF, device)
-    pieces, _ = joined_rows(surface, random_poses(400), patch, "cc")
-    count, stored = pieces.count.numpy(), np.arange(SLOTS)[:, None]
-    side, steps = (getattr(pieces, field).numpy().reshape(SLOTS, -1) for field in ("side", "steps"))
-    location = side >> int(LOCATION)
-    first = location >> int(LIST) & int(NO_WRAP)
-    length = location >> int(LIST + FIRST_STEP)
-    wraps = (stored < count) & (first + steps // 2 > length)
-    assert np.count_nonzero(wraps) > 60
-    assert np.count_nonzero(wraps & (first > 0) & (first < length)) > 30  # steps before and after the end
-    assert np.count_nonzero(location[stored < count] & int(UNLISTED) != 0) > 30  # loops after the first
 
 
 def test_rows_with_more_steps_than_their_list_has_room_for_are_walked(device, monkeypatch):

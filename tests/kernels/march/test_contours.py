@@ -10,7 +10,6 @@ from march_cases import (
     FLAT,
     area_of,
     assert_sound,
-    ball_of,
     ball_value,
     box_value,
     lines_of,
@@ -146,29 +145,6 @@ def ringed_loops(found, pose, cells):
 def is_rim(edge, cells):
     i, j, axis = edge
     return (j in (0, cells[1])) if axis == 0 else (i in (0, cells[0]))
-
-
-@pytest.mark.exhaustive
-def test_a_ball_gives_the_circle(device):
-    step, radius = 0.085 / 40, 0.035
-    poses = random_poses(60, spread=0.012)
-    size = (radius, 0, 0)
-    batch = marched(shape_field(ball_value, CENTER, size), poses, device, step=step, closes=True)
-    assert_sound(batch)
-    on_object = batch.kind == 0
-    assert np.abs(ball_of(batch.points.astype(np.float64)[on_object], CENTER, size)).max() < 1e-6
-    whole = 0
-    for pose, lines in zip(poses, lines_of(batch), strict=True):
-        local = in_palm(CENTER[None], pose)[0]
-        circle = np.sqrt(radius**2 - local[2] ** 2)
-        if (np.abs(local[:2]) + circle < 0.0425).all():
-            whole += 1
-            (line,) = lines
-            assert line[2] == 1
-            assert area_of(line[0], pose) == pytest.approx(np.pi * circle**2, rel=0.01)
-            sagitta = np.linalg.norm(0.5 * (line[0][1:] + line[0][:-1]) - CENTER, axis=1)
-            assert np.abs(sagitta - radius).max() < 0.5 * step
-    assert whole > 10
 
 
 @pytest.mark.exhaustive

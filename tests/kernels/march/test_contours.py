@@ -286,12 +286,15 @@ def test_the_middle_of_an_ambiguous_cell_decides(level, device):
 
 
 @pytest.mark.exhaustive
-def test_too_many_points_and_wrong_arguments_are_refused(device):
+def test_too_many_points_and_wrong_arguments_are_refused(device, monkeypatch):
     field, poses = shape_field(ball_value, CENTER, (0.03, 0, 0)), random_poses(10)
     count = marched(field, poses, device).point_count
     assert marched(field, poses, device, limit=count).point_count == count
-    with pytest.raises(PointLimitError, match=f"exceed the limit of {count - 1}"):
-        marched(field, poses, device, limit=count - 1)
+    for tiles in (march.CPU_TILES, 100):  # in one chunk of poses, and in several
+        for name in ("CPU_TILES", "GPU_TILES"):
+            monkeypatch.setattr(march, name, tiles)
+        with pytest.raises(PointLimitError, match=f"exceed the limit of {count - 1}"):
+            marched(field, poses, device, limit=count - 1)
     for step in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(ValueError, match="step must be a positive length"):
             marched(field, poses, device, step=step)

@@ -226,7 +226,7 @@ def test_what_a_field_settles_for_whole_tiles_changes_nothing(device):
 
 @pytest.mark.exhaustive
 def test_a_whole_plane_gives_the_patch_nothing_cuts(device):
-    poses = random_poses(20, spread=0.02)
+    poses = random_poses(40, spread=0.08)
     field, bounds = shape_field(ball_value, CENTER, (0.03, 0, 0)), np.array([CENTER - 0.03, CENTER + 0.03])
     batch = marched(field, poses, device, step=0.001, bounded=False, closes=False, bounds=bounds, hand=Palm(0.01, 0.02))
     assert_sound(batch)

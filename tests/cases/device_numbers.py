@@ -78,7 +78,7 @@ def numbers_of_many(mesh, count):
 
 def make_numbers(path, *, small=False):
     """Write the .npz; small: seconds of work, few objects and poses."""
-    out = numbers_of_many(MESHES["tube"](), 20_000 if small else 1_000_000)
+    out = numbers_of_many(MESHES["tube"](), 5_000 if small else 1_000_000)
     for name, mesh in objects(small).items():
         poses = exact_poses(20 if small else 300, 1)
         poses[1:KEPT:2, :3] = mesh[0][7 * np.arange(KEPT // 2) % len(mesh[0])]  # planes through vertices

@@ -7,9 +7,6 @@ import warp as wp
 
 from palpate.kernels.metrics.measure import measure_contours
 from palpate.kernels.patch import ON, Patch
-from palpate.kernels.patterns.loop_table import upload_loop_table
-from palpate.kernels.patterns.section_cutting import cut_sections
-from palpate.kernels.patterns.section_drawing import draw_sections
 from palpate.kernels.pieces.finding import find_pieces
 from palpate.kernels.section.contour_writing import draw_contours
 from palpate.kernels.section.half_edges import HalfEdges, upload_surface
@@ -112,14 +109,6 @@ def draw(surface, poses, patch, strategy, method, *, limit=None):
     joined = join_pieces(surface, found, pose, patch, closes=closes, limit=limit)
     contours = draw_contours(surface, pose, patch, joined, bounded=bounded, closes=closes)
     return drawn_of(contours)
-
-
-def draw_by_table(mesh, poses, patch, strategy, *, limit=None, split=None):
-    """The same for vertices and faces of a small closed solid, from its table of loops; split: as `cut_sections`."""
-    bounded, closes = STRATEGIES[strategy]
-    table, pose = upload_loop_table(HalfEdges(*mesh), patch.device), pose_array(poses, patch.device)
-    cut = cut_sections(table, pose, patch, bounded=bounded, closes=closes, split=split)
-    return drawn_of(draw_sections(table, pose, patch, cut, bounded=bounded, closes=closes, limit=limit))
 
 
 def pose_array(poses, device):

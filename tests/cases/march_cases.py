@@ -98,10 +98,6 @@ class WavesCase:
         return np.sin(x @ self.vector.T + self.phase).sum(axis=-1) - self.level
 
 
-def ball_of(x, center, size):
-    return np.linalg.norm(x - center, axis=-1) - size[0]
-
-
 def box_of(x, center, size):
     return (np.abs(x - center) - size).max(axis=-1)
 

@@ -4,6 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 import warp as wp
+from depth_oracle import windings
 from mesh_cases import MESHES
 from section_oracle import rotation, walk
 
@@ -45,18 +46,9 @@ def grid_skin(count=7, size=0.085, bump=0.01):
     return vertices.astype(np.float32), np.concatenate([one, two])
 
 
-def winding_of(vertices, faces, points):
-    """Winding number of a closed mesh around points, by solid angles, shape [point]."""
-    a, b, c = (vertices[faces[:, k]].astype(np.float64)[None] - np.asarray(points)[:, None] for k in range(3))
-    la, lb, lc = (np.linalg.norm(x, axis=-1) for x in (a, b, c))
-    up = np.einsum("ijk,ijk->ij", a, np.cross(b, c))
-    down = la * lb * lc + (a * b).sum(-1) * lc + (b * c).sum(-1) * la + (c * a).sum(-1) * lb
-    return np.arctan2(up, down).sum(axis=1) / (2 * np.pi)
-
-
 def crossing_between(vertices, faces, one, two):
     """Where the way between two points leaves a simple solid, from the end that is inside; every face is asked."""
-    inner, outer = (one, two) if winding_of(vertices, faces, [one])[0] > 0.5 else (two, one)
+    inner, outer = (one, two) if windings(vertices, faces, [one])[0] > 0.5 else (two, one)
     d = outer - inner
     a, b, c = (vertices[faces[:, k]].astype(np.float64) - inner for k in range(3))
     normal = np.cross(b - a, c - a)
@@ -72,7 +64,7 @@ def oracle_lines(place, faces, solid, *, closes):
 
     place: vertices in the array's frame, shape [vertex, 3]; faces: the region's; solid: (vertices, faces), closed.
     """
-    inside = winding_of(*solid, place) > 0.5
+    inside = windings(*solid, place) > 0.5
     after, kind, start = {}, {}, {}
 
     def add(node, following, its_kind):

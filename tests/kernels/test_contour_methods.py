@@ -3,18 +3,21 @@
 import numpy as np
 import pytest
 import warp as wp
+from degenerate_cases import degenerate_poses
 from drawing import METHODS, STRATEGIES, assert_same_bits, draw, patch_array, steps_of, surface_on
 from mesh_cases import CLOSED, MESHES, MIDDLE, comb, egg_box, generic_poses, moved, soup, unwelded_cubes
 from scipy.spatial.transform import Rotation
 from section_oracle import cut_mesh, is_degenerate, rotation, soup_length
+from stage_cases import assert_limited
 
 from palpate.kernels.metrics.measure import measure_contours
-from palpate.kernels.offsets import PointLimitError
+from palpate.kernels.pieces import finding
 from palpate.kernels.pieces.finding import find_pieces, method_for
 from palpate.kernels.section.half_edges import MASK_WORDS, SCAN_FACES_MOST
 from palpate.kernels.section.pieces import SLOTS
 
-HALF = np.array([0.0425, 0.03])
+HALF, SQUARE = np.array([0.0425, 0.03]), [0.0425, 0.0425]
+SEVERAL = [[0.04, 0.03], [0.3, 0.3], [0.004, 0.003], [0.05, 0.01]]
 TOLERANCE = 1e-5  # [m]
 FOUR_AROUND_AN_EDGE = "cubes sharing an edge"
 WATERTIGHT = [*CLOSED, FOUR_AROUND_AN_EDGE]
@@ -29,28 +32,42 @@ def poses_for(mesh, count, seed):
     return poses
 
 
-@pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize("strategy", STRATEGIES)
+def drawn_in_all_ways(surface, poses, patch, strategy, monkeypatch):
+    """By every method of search, and traced with listed steps, as on GPUs."""
+    yield from (draw(surface, poses, patch, strategy, method) for method in (*METHODS, "flat"))
+    with monkeypatch.context() as there:
+        there.setattr(finding, "lists_steps", lambda device: True)
+        yield draw(surface, poses, patch, strategy, "trace")
+
+
+@pytest.mark.exhaustive(but="few")
+@pytest.mark.parametrize("times", [1, 5], ids=["few", "many"])
 @pytest.mark.parametrize("name", MESHES)
-def test_both_methods_give_the_same_bits(name, strategy, device):
-    if strategy == "cc" and name not in WATERTIGHT:
-        return  # closed contours are not defined
+def test_all_methods_give_the_same_bits(name, times, device, monkeypatch):
+    """Through vertices, at degenerate poses, with several patches, and with patches that have poses of their own."""
     mesh = MESHES[name]()
-    surface, patch = surface_on(mesh, device), patch_array(HALF, device)
-    poses = poses_for(mesh, 240, seed=1)
-    traced, sought = (draw(surface, poses, patch, strategy, method) for method in METHODS)
-    assert_same_bits(traced, sought)
-    assert len(traced.polyline_closed) > 30
+    surface, half, several = surface_on(mesh, device), patch_array(HALF, device), patch_array(SEVERAL, device)
+    own = np.stack([generic_poses(8 * times, seed) for seed in range(len(SEVERAL))], axis=1)
+    degenerate = np.array(list(degenerate_poses(mesh, times, seed=4).values()))
+    poses = poses_for(mesh, 36 * times, seed=1)
+    cases = [(poses, half), (degenerate, patch_array(SQUARE, device)), (poses[: 10 * times], several), (own, several)]
+    for strategy in STRATEGIES if name in WATERTIGHT else ("raw", "oc"):  # closed contours need a closed mesh
+        for k, (rows, patch) in enumerate(cases):
+            first, *others = drawn_in_all_ways(surface, rows, patch, strategy, monkeypatch)
+            for other in others:
+                assert_same_bits(first, other)
+            last = first.polyline_start[1:] - 1  # no segment starts there, so it has the kind of the point before
+            np.testing.assert_array_equal(first.kind[last], first.kind[last - 1])
+            assert k or len(first.polyline_closed) > 5 * times
 
 
-@pytest.mark.exhaustive(after=1)
-@every_method
+@pytest.mark.exhaustive(but="cube")
 @pytest.mark.parametrize("name", CLOSED)
-def test_closed_meshes_agree_with_the_oracle(name, method, device):
+def test_closed_meshes_agree_with_the_oracle(name, device):
     mesh = CLOSED[name]()
     surface, patch = surface_on(mesh, device), patch_array(HALF, device)
     poses = generic_poses(25, 2)
-    raw, oc, cc = (draw(surface, poses, patch, strategy, method) for strategy in STRATEGIES)
+    raw, oc, cc = (draw(surface, poses, patch, strategy, "trace") for strategy in STRATEGIES)
     compared = 0
     for i, pose in enumerate(poses):
         if is_degenerate(*mesh, pose, HALF):
@@ -67,14 +84,13 @@ def test_closed_meshes_agree_with_the_oracle(name, method, device):
     assert compared >= 20
 
 
-@pytest.mark.exhaustive(after=1)
-@every_method
+@pytest.mark.exhaustive(but="fan")
 @pytest.mark.parametrize("name", sorted(set(MESHES) - set(CLOSED)))
-def test_open_and_odd_meshes_give_every_triangles_part(name, method, device):
+def test_open_and_odd_meshes_give_every_triangles_part(name, device):
     mesh = MESHES[name]()
     surface, patch = surface_on(mesh, device), patch_array(HALF, device)
     poses = generic_poses(60, 3)
-    raw, oc = (draw(surface, poses, patch, strategy, method) for strategy in ("raw", "oc"))
+    raw, oc = (draw(surface, poses, patch, strategy, "trace") for strategy in ("raw", "oc"))
     for i, pose in enumerate(poses):
         assert oc.length[i].sum() == pytest.approx(soup_length(*mesh, pose, HALF), abs=2 * TOLERANCE)
         assert raw.length[i].sum() == pytest.approx(soup_length(*mesh, pose, (9.0, 9.0)), abs=2 * TOLERANCE)
@@ -197,10 +213,7 @@ def test_a_batch_is_its_poses_one_by_one_in_any_order(method, device):
 @every_method
 def test_more_points_than_the_limit_are_refused_and_as_many_are_not(method, device):
     surface, patch, poses = surface_on(MESHES["tube"](), device), patch_array(HALF, device), generic_poses(50, 10)
-    total = len(draw(surface, poses, patch, "cc", method).points)
-    assert len(draw(surface, poses, patch, "cc", method, limit=total).points) == total
-    with pytest.raises(PointLimitError, match=f"{total} points.*limit of {total - 1}"):
-        draw(surface, poses, patch, "cc", method, limit=total - 1)
+    assert_limited(lambda limit: len(draw(surface, poses, patch, "cc", method, limit=limit).points))
 
 
 @every_method

@@ -1,6 +1,7 @@
 """The table object {mesh, voxels, function} x hand {palm, patches, skin}: the same contour for the same solid."""
 
 from functools import cache, partial
+from itertools import product
 
 import numpy as np
 import pytest
@@ -25,7 +26,6 @@ from palpate.render import IntersectionStrategy, closed_contour, render
 from palpate.render.hands.mesh_hand import MeshHand
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand
 
-POSE_COUNT = 60
 EXCLUDED_MOST = 0.1
 OTHER_LOOPS_MOST = 0.15  # of voxels of 0 and 1, thin and grazing sections included; elsewhere checked pose by pose
 TOLERANCE = 6e-5  # [m]; of the fine mesh that stands for the exact solid
@@ -58,17 +58,17 @@ HANDS = {"palm": palm, "planes": lambda: FINGERS, "skin": flat_skin}
 
 
 @cache
-def poses_of(name):
-    poses = generic_poses(POSE_COUNT, SOLIDS.index(name) + 11, spread=0.035)
+def poses_of(name, count):
+    poses = generic_poses(count, SOLIDS.index(name) + 11, spread=0.035)
     poses[:, :3] += np.array(MIDDLE, np.float32) - poses[:, :3].mean(axis=0)
     return poses
 
 
 @cache
-def exact_regions(hand_name, name):
+def exact_regions(hand_name, name, count):
     """Per pose and patch: the exact region, its rings' area, and the pose of the patch."""
     hand = HANDS["palm"]() if hand_name == "skin" else HANDS[hand_name]()
-    poses = poses_of(name)
+    poses = poses_of(name, count)
     batch = render(mesh_of(name), hand, poses, closed_contour())
     return [
         [(*region_of(batch, pose, row, patch), pose) for patch, pose in enumerate(patch_poses(hand, row_pose))]
@@ -108,19 +108,20 @@ def judged(found, exact, *, feature, limit_smooth, limit_corner, voxel=0.0, left
     return True
 
 
+CASES = [("mesh", "palm", "cube", 6), *product(("mesh", "voxels", "implicit", "binary"), HANDS, SOLIDS, [60])]
+
+
 @pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize("name", SOLIDS)
-@pytest.mark.parametrize("hand_name", HANDS)
-@pytest.mark.parametrize("representation", ["mesh", "voxels", "implicit", "binary"])
-def test_every_cell_gives_the_contour_of_the_solid(representation, hand_name, name):
-    hand, poses = HANDS[hand_name](), poses_of(name)
+@pytest.mark.parametrize(("representation", "hand_name", "name", "count"), CASES)
+def test_every_cell_gives_the_contour_of_the_solid(representation, hand_name, name, count):
+    hand, poses = HANDS[hand_name](), poses_of(name, count)
     batch = render(solid_of(representation, name), hand, poses, MARCHED)
     limits = {"feature": STEP, "limit_smooth": 0.5 * STEP, "limit_corner": STEP}
     if representation == "binary":
         limits = {"feature": SPACING_BINARY} | dict.fromkeys(("limit_smooth", "limit_corner"), 1.5 * SPACING_BINARY)
         limits["voxel"] = SPACING_BINARY
     counted = excluded = other_loops = 0
-    for row, patches in enumerate(exact_regions(hand_name, name)):
+    for row, patches in enumerate(exact_regions(hand_name, name, count)):
         for patch, exact in enumerate(patches):
             if representation == "binary":  # the surface is within a voxel, but where it grazes the plane that is far
                 limits["left_out"] = partial(grazing, pose=exact[3], name=name, degrees=GRAZING)
@@ -128,6 +129,6 @@ def test_every_cell_gives_the_contour_of_the_solid(representation, hand_name, na
             excluded += not judged(found, exact, **limits)
             counted += 1
             other_loops += len(found[1]) != len(exact[1])
-    assert counted >= POSE_COUNT
+    assert counted >= count
     assert excluded <= EXCLUDED_MOST * counted
     assert other_loops <= OTHER_LOOPS_MOST * counted

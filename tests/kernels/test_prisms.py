@@ -86,7 +86,7 @@ def check_region(loops, capped, device, *, counts):
         assert closed_count == sum(1 + len(g.interiors) for g in solid if g.length > 1e-5)
 
 
-@once_a_device
+@settings(once_a_device, max_examples=15)
 @given(loops=regions(grid), capped=st.booleans())
 @example(loops=[np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], np.float32)], capped=True)
 @example(loops=[np.array([[-2, 0], [0, -2], [2, 0], [0, 2]], np.float32)], capped=True)
@@ -97,7 +97,7 @@ def test_regions_on_the_patchs_own_lines_are_clipped_and_closed_as_defined(loops
 
 @pytest.mark.exhaustive
 @once_a_device
-@given(loops=regions(fine), capped=st.booleans())
+@given(loops=regions(fine) | regions(grid), capped=st.booleans())
 def test_regions_anywhere_are_clipped_and_closed_as_shapely_does(loops, capped, device):
     points = np.concatenate(loops)
     near = np.abs(np.abs(points) - 1).min() < 1e-5

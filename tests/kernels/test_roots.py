@@ -21,36 +21,15 @@ def bent_value(d: Shape, x: wp.vec3d):
 
 
 @wp.func
-def cubed_value(d: Shape, x: wp.vec3d):
-    t = ball_value(d, x)
-    return t * t * t
-
-
-@wp.func
 def fifth_value(d: Shape, x: wp.vec3d):
     t = ball_value(d, x)
     return t * t * t * t * t
 
 
 @wp.func
-def half_flat_value(d: Shape, x: wp.vec3d):
-    """Straight inside, flat outside."""
-    t = ball_value(d, x)
-    if t < wp.float64(0.0):
-        return t
-    return t * t * t
-
-
-@wp.func
 def no_slope_value(d: Shape, x: wp.vec3d):
     """0 all outside."""
     return wp.min(ball_value(d, x), wp.float64(0.0))
-
-
-@wp.func
-def steep_value(d: Shape, x: wp.vec3d):
-    t = ball_value(d, x)
-    return wp.sign(t) * wp.sqrt(wp.abs(t))
 
 
 @wp.func
@@ -61,11 +40,8 @@ def rising_value(d: Shape, x: wp.vec3d):
 BALLS = (
     ball_value,
     bent_value,
-    cubed_value,
     fifth_value,
-    half_flat_value,
     no_slope_value,
-    steep_value,
     rising_value,
 )
 ROOTS = {value: root_of(value) for value in (*BALLS, box_value, step_value)}

@@ -11,7 +11,7 @@ BLOCK = 500  # points at a time
 
 def windings(vertices, faces, points):
     """Winding number of a mesh around each point: its faces' solid angles (Van Oosterom, Strackee 1983), [point]."""
-    corner = vertices.astype(np.float64)[faces][None] - points[:, None, None]
+    corner = np.asarray(vertices, np.float64)[faces][None] - np.asarray(points, np.float64)[:, None, None]
     a, b, c = corner[:, :, 0], corner[:, :, 1], corner[:, :, 2]
     la, lb, lc = (np.linalg.norm(x, axis=-1) for x in (a, b, c))
     top = np.einsum("pfk,pfk->pf", a, np.cross(b, c))

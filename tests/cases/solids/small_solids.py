@@ -1,8 +1,13 @@
 """Closed solids of at most 12 vertices, of every kind that has a table of loops."""
 
+from functools import cache
+
 import numpy as np
 from mesh_cases import MIDDLE, built_in, flipped, merged, moved, placed
 from scipy.spatial import ConvexHull
+
+from palpate.kernels.patterns.loop_table import upload_loop_table
+from palpate.kernels.section.half_edges import HalfEdges
 
 SIZE = 0.09  # [m], about
 
@@ -102,3 +107,9 @@ SOLIDS = {
     "leaf": leaf,
     "round": lambda: hull(12, 3, round_=True),
 } | {f"hull of {count}": lambda count=count: hull(count, count) for count in range(4, 13)}
+
+
+@cache
+def table_on(name, device):
+    """The LoopTable of a solid on a device."""
+    return upload_loop_table(HalfEdges(*SOLIDS[name]()), device)

@@ -167,7 +167,8 @@ def test_slew_is_limited_in_chunks_as_frame_by_frame(device, rng, monkeypatch):
 
 
 def test_slew_goes_the_short_way_over_the_wrap(device):
-    target = wp.array(np.float32([[0.98], [0.02], [0.02]]), device=device)
-    before = wp.array(np.float32([0.96]), device=device)
-    delay = slew.limit_slew(target, before=before, step=0.03).numpy()[:, 0]
-    assert delay == pytest.approx([0.98, 0.01, 0.02], abs=1e-6)
+    """Forwards, and backwards."""
+    target = wp.array(np.float32([[0.98, 0.02], [0.02, 0.98], [0.02, 0.98]]), device=device)
+    before = wp.array(np.float32([0.96, 0.04]), device=device)
+    delay = slew.limit_slew(target, before=before, step=0.03).numpy()
+    np.testing.assert_allclose(delay, [[0.98, 0.02], [0.01, 0.99], [0.02, 0.98]], atol=1e-6)

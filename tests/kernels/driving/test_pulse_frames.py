@@ -44,6 +44,7 @@ def test_starts_and_widths_are_the_nearest(calibrated, force, device, rng):
     bytes_ = frame.numpy().astype(int)
     assert (bytes_[:, 0] & MARK).all()
     bytes_[:, 0] &= 0x7F
+    assert bytes_[:, :32].max() == 127  # a start is less than a turn
     level = 0.8 * (np.sqrt(intensity.astype(float)) if force else intensity)[:, None] * values["gain"]
     exact = np.arcsin(level) * 128 / np.pi
     assert np.abs(bytes_[:, 32:] - exact).max() < 0.5 + 1e-4

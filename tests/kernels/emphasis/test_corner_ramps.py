@@ -1,18 +1,16 @@
 """Ramps of intensity at corners and pauses there, against the NumPy way."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from contour_random import bare, degenerate_batch, random_batch, weighted_batch
+from contour_random import random_batch
+from contour_shapes import batch_of
 from emphasis_oracle import emphasise_corners
-from transform_cases import a_setting, assert_equal, random_poses, run_stage
+from stage_cases import assert_limited, stage_batches, stage_result
+from transform_cases import assert_equal
 
 from palpate.kernels.emphasis.corner_ramps import pause_at_corners, ramp_rows, weigh_corners
 from palpate.kernels.emphasis.corners import find_corners
-from palpate.kernels.offsets import PointLimitError
 from palpate.kernels.stages.insertion import insert_points
-from palpate.render import ContourBatch, MeshObject, Palm, exploration, render
 
 OPTIONS = [
     {},
@@ -23,45 +21,15 @@ OPTIONS = [
 ]
 
 
-def emphasised(batch, device, **options):
-    setting = a_setting(random_poses(np.random.default_rng(0), batch.pose_count), device=device)
-    return run_stage("corners", batch, setting, **options)
-
-
 @pytest.mark.parametrize("options", OPTIONS)
 def test_corners_are_emphasised_as_the_oracle_does(options, device, rng):
-    for batch in (weighted_batch(rng, 40), bare(random_batch(rng, 40)), random_batch(rng, 0)):
-        assert_equal(emphasised(batch, device, **options), emphasise_corners(batch, **options))
-
-
-@pytest.mark.parametrize("options", OPTIONS)
-def test_corners_of_degenerate_polylines_are_emphasised_as_the_oracle_does(options, device, rng):
-    for weighted in (True, False):
-        batch = degenerate_batch(rng, 150, weighted=weighted)
-        assert_equal(emphasised(batch, device, **options), emphasise_corners(batch, **options))
-
-
-@pytest.mark.parametrize("options", OPTIONS)
-def test_corners_of_real_contours_are_emphasised_as_the_oracle_does(options, device):
-    tube = MeshObject.load("tube")
-    batch = render(tube, Palm(), exploration(tube, duration=5.0, rate=50.0, seed=2), "cc")
-    assert_equal(emphasised(batch, device, **options), emphasise_corners(batch, **options))
-
-
-def test_corners_are_emphasised_alike_wherever_a_batch_is_split(device, rng):
-    batch = degenerate_batch(rng, 40)
-    whole = emphasised(batch, device, **OPTIONS[1])
-    for first, stop in ((0, 13), (13, 14), (14, 40)):
-        assert_equal(emphasised(batch.select(first, stop), device, **OPTIONS[1]), whole.select(first, stop))
+    for batch in stage_batches(rng):
+        assert_equal(stage_result("corners", batch, device, **options), emphasise_corners(batch, **options))
 
 
 def test_an_open_corner_has_its_ramps_and_its_pause(device):
     """A right angle with sides of 20 mm: full intensity for 5 mm from the corner, then 5 mm of ramp."""
-    batch = ContourBatch(
-        np.array([[0.02, 0, 0], [0, 0, 0], [0, 0.02, 0]], np.float32), np.zeros(3, np.uint8), np.array([0, 3]),
-        np.zeros(1, np.int32), np.zeros(1, np.uint8), np.array([0, 1]),
-    )  # fmt: skip
-    there = batch.to(device)
+    there = batch_of([[([[0.02, 0, 0], [0, 0, 0], [0, 0.02, 0]], False)]]).to(device)
     lines = (there.polyline_start, there.polyline_closed)
     corners = find_corners(there.points, *lines, angle=1.0, window=0.005)
     rows = ramp_rows(corners, 0.01)
@@ -74,12 +42,6 @@ def test_an_open_corner_has_its_ramps_and_its_pause(device):
 
 
 def test_more_points_than_the_limit_are_refused(device, rng):
-    batch = bare(random_batch(rng, 10))
-    setting = a_setting(random_poses(rng, 10), device=device)
-    count = run_stage("corners", batch, setting).point_count
-    assert count > batch.point_count
-    enough = replace(setting, point_limit=count)
-    assert run_stage("corners", batch, enough).point_count == count
-    with pytest.raises(PointLimitError) as refused:
-        run_stage("corners", batch, replace(setting, point_limit=count - 1))
-    assert refused.value.count == count
+    batch = random_batch(rng, 10)
+    assert stage_result("corners", batch, device).point_count > batch.point_count
+    assert_limited(lambda limit: stage_result("corners", batch, device, limit=limit).point_count)

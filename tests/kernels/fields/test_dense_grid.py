@@ -113,6 +113,7 @@ def test_a_stretch_of_zeros_is_outside_to_its_inner_end(device):
     values[0] = -1.0
     affine = affine_with(GRIDS["even"])
     field = dense_field(pad_outside(values), affine, device)
+    assert (values_at(field, placed(affine, [[x, 0.5, 0.5] for x in (1, 4, 7)]), device) > 0).all()
     root = roots_between(field, placed(affine, [[0, 0.5, 0.5]]), placed(affine, [[7, 0.5, 0.5]]), device)
     np.testing.assert_allclose(root, placed(affine, [[1, 0.5, 0.5]]), atol=1e-6)
 

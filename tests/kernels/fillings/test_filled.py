@@ -13,8 +13,8 @@ from palpate.render.contour_batch import join_batches
 from palpate.render.stages.patch_regions import regions_of
 
 
-def regions_on(batch, setting, device):
-    return regions_of(batch.to(device), a_setting(setting.pose, hand=setting.hand, device=device), "region")
+def regions_on(batch, setting, device, per="region"):
+    return regions_of(batch.to(device), a_setting(setting.pose, hand=setting.hand, device=device), per)
 
 
 def test_regions_of_closed_polylines_with_an_area_are_filled(device, rng):
@@ -23,12 +23,13 @@ def test_regions_of_closed_polylines_with_an_area_are_filled(device, rng):
     lone = batch_of_loops([[star(rng, np.zeros(2), 0.01)[::-1]]] * 20, setting.frames)  # holes without a loop
     batch = join_batches([replace(tangled, intensity=None), lone])
     flat = FlatLines(batch, setting)
-    filled, open_count = find_filled(regions_on(batch, setting, device))
-    groups = flat.groups("region")
-    want = [flat.closed[group].all() and flat.areas[group, 0].sum() > 0 for group in groups]
-    np.testing.assert_array_equal(filled.numpy(), np.array(want, np.uint8))
-    assert 0 < sum(want) < len(want) - 20
-    assert open_count == np.count_nonzero(batch.polyline_closed == 0) > 0
+    for per in ("region", "patch"):  # of a patch, loops may be together with open polylines
+        filled, open_count = find_filled(regions_on(batch, setting, device, per))
+        groups = flat.groups(per)
+        want = [flat.closed[group].all() and flat.areas[group, 0].sum() > 0 for group in groups]
+        np.testing.assert_array_equal(filled.numpy(), np.array(want, np.uint8))
+        assert 0 < sum(want) < len(want) - 20
+        assert open_count == np.count_nonzero(batch.polyline_closed == 0) > 0
 
 
 def test_a_line_belongs_to_pose_and_patch_of_its_region(device, rng):

@@ -3,11 +3,10 @@
 from itertools import pairwise
 
 import numpy as np
-import pytest
+from stage_cases import assert_limited
 from transform_cases import plane_arrays, random_stars
 
 from palpate.kernels.fillings.hatch_crossings import find_crossings, find_rows
-from palpate.kernels.offsets import PointLimitError
 
 
 def test_crossings_are_sorted_within_their_region(device, rng):
@@ -36,8 +35,4 @@ def test_crossings_run_along_their_outline(device, rng):
 
 def test_more_crossings_than_the_limit_are_refused_with_their_number(device, rng):
     o = find_rows(*plane_arrays(random_stars(rng, 10), device), spacing=0.002, angle=0.0)
-    count = find_crossings(o).x.shape[0]
-    assert find_crossings(o, count).x.shape[0] == count
-    with pytest.raises(PointLimitError) as caught:
-        find_crossings(o, count - 1)
-    assert caught.value.count == count
+    assert_limited(lambda limit: find_crossings(o, limit).x.shape[0])

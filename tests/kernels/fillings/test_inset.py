@@ -7,10 +7,10 @@ holds the exact inset at a distance that is larger by so much, and lies in that 
 import numpy as np
 import pytest
 import shapely
+from stage_cases import assert_limited
 from transform_cases import plane_arrays, random_stars
 
 from palpate.kernels.fillings.inset import draw_inset
-from palpate.kernels.offsets import PointLimitError
 from palpate.render.stages.fill import inset_loops, signed_area
 
 SAGITTA = 1.0 - np.cos(np.pi / 64)  # of the distance, between an arc and its polygon
@@ -56,20 +56,14 @@ def assert_inset(loops, region, distance):
 @pytest.mark.parametrize("seed", range(10))
 @pytest.mark.parametrize("distance", [0.0005, 0.002, 0.005, 0.012, 0.03])
 def test_random_sections_have_the_inset_of_shapely_and_manifold(distance, seed, device):
-    regions = random_stars(np.random.default_rng(seed), 100)
-    far = 0
+    regions = random_stars(np.random.default_rng(seed), 40)
     for loops, region in zip(inset_of(regions, device, distance), regions, strict=True):
         if not shapely.Polygon(region[0], region[1:]).is_valid:
             continue  # a hole that crosses its loop
         assert loops is not None
         assert_inset(loops, region, distance)
-        got, want = enclosed(loops), enclosed(inset_loops(region, distance))
-        assert got.symmetric_difference(want).area <= 1e-4 * shapely.Polygon(region[0]).area
-        if got.is_empty or want.is_empty:
-            far += got.is_empty != want.is_empty
-        else:
-            far += shapely.hausdorff_distance(got.boundary, want.boundary) > 1e-4  # a hundredth of the focal width
-    assert far <= 4  # where a waist, or what is left, is thinner than the error of both
+        want = enclosed(inset_loops(region, distance))
+        assert enclosed(loops).symmetric_difference(want).area <= 1e-4 * shapely.Polygon(region[0]).area
 
 
 def test_smooth_outlines_of_many_points_have_their_inset(device):
@@ -77,8 +71,8 @@ def test_smooth_outlines_of_many_points_have_their_inset(device):
         angle = 2 * np.pi * np.arange(count) / count
         return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
-    regions = [[ring(0.02, n)] for n in range(3, 200, 4)]
-    regions += [[ring(0.02, n), ring(0.008, m)[::-1]] for n in range(5, 60, 6) for m in range(3, 60, 8)]
+    regions = [[ring(0.02, n)] for n in range(3, 200, 12)]
+    regions += [[ring(0.02, n), ring(0.008, m)[::-1]] for n in range(5, 60, 6) for m in range(3, 60, 16)]
     regions += [[ring(0.02, n), ring(0.011, n)[::-1]] for n in range(6, 60, 4)]  # too thin in between
     for loops, region in zip(inset_of(regions, device, 0.005), regions, strict=True):
         assert_inset(loops, region, 0.005)
@@ -97,7 +91,7 @@ def random_cells(rng, count):
 @pytest.mark.parametrize("distance", [0.002, 0.00499, 0.005, 0.0050001, 0.0075, 0.01])
 def test_outlines_on_a_grid_have_their_inset_or_are_known_to_have_failed(distance, device, rng):
     """At 0.005 and 0.01 m what is left of corridors has no width: such regions fail, and may do nothing else."""
-    regions = list(random_cells(rng, 60))
+    regions = list(random_cells(rng, 20))
     for turn in (np.eye(2), TURNED):
         turned = [[loop @ turn for loop in region] for region in regions]
         found = inset_of(turned, device, distance)
@@ -165,8 +159,8 @@ def test_batches_of_nothing_and_regions_that_are_left_out_have_no_loops(device):
 
 def test_more_points_than_the_limit_are_refused_with_their_number(device, rng):
     regions = random_stars(rng, 6)
-    count = sum(len(loop) for loops in inset_of(regions, device, 0.002) for loop in loops)
-    inset_of(regions, device, 0.002, point_limit=count)
-    with pytest.raises(PointLimitError) as caught:
-        inset_of(regions, device, 0.002, point_limit=count - 1)
-    assert caught.value.count == count
+
+    def points_within(limit):
+        return sum(len(loop) for loops in inset_of(regions, device, 0.002, point_limit=limit) for loop in loops)
+
+    assert_limited(points_within)

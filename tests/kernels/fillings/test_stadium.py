@@ -25,20 +25,20 @@ def _find_intervals(
 
 def test_a_moved_edge_is_in_a_stadium_for_one_interval(device, rng):
     """Of a tangle of edges in all directions, some of which run along others."""
-    distance, points = 0.006, rng.uniform(-0.02, 0.02, (60, 2))
+    distance, points = 0.006, rng.uniform(-0.02, 0.02, (30, 2))
     points[1::3] = points[::3] + 0.5 * (points[2::3] - points[::3])  # edges that go on straight
     edges, _ = find_edges(*plane_arrays([[points]], device), distance)
-    interval = wp.empty((60, 60), dtype=wp.vec2d, device=device)
-    square = wp.empty((60, 60), dtype=wp.float64, device=device)
-    wp.launch(_find_intervals, (60, 60), inputs=[edges], outputs=[interval, square], device=device)
+    interval = wp.empty((30, 30), dtype=wp.vec2d, device=device)
+    square = wp.empty((30, 30), dtype=wp.float64, device=device)
+    wp.launch(_find_intervals, (30, 30), inputs=[edges], outputs=[interval, square], device=device)
     following, inside = np.roll(points, -1, axis=0), 0
-    for e in range(60):
+    for e in range(30):
         way = following[e] - points[e]
         length = np.linalg.norm(way)
         normal = np.array([-way[1], way[0]]) / length
         t = np.linspace(0, length, 50)
         moved = shapely.points(points[e] + distance * normal + t[:, None] * way / length)
-        for j in range(60):
+        for j in range(30):
             edge = shapely.LineString([points[j], following[j]])
             np.testing.assert_allclose(square.numpy()[e, j], edge.distance(shapely.Point(points[e])) ** 2, atol=1e-15)
             away = shapely.distance(moved, edge)
@@ -49,4 +49,4 @@ def test_a_moved_edge_is_in_a_stadium_for_one_interval(device, rng):
                 (away < distance)[clear & (t > 0) & (t < length)],
             )
             inside += (away < distance).sum()
-    assert 0.2 < inside / (60 * 60 * 50) < 0.8
+    assert 0.2 < inside / (30 * 30 * 50) < 0.8

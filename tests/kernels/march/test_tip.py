@@ -19,11 +19,10 @@ from march_cases import (
 
 from palpate.kernels.fields.dense_grid import dense_field, pad_outside
 from palpate.kernels.fields.field import Field
-from palpate.kernels.march import contours as march
 from palpate.kernels.patch import EXACT
 from palpate.render import ImplicitObject
 from palpate.render.contour_batch import object_part
-from palpate.render.objects.functions.expression import box, sphere
+from palpate.render.objects.functions.expression import sphere
 
 wp.set_module_options(EXACT)
 
@@ -147,15 +146,10 @@ def test_a_wedge_that_leaves_the_palm_is_cut_at_its_side(angle, device):
         exact = region.boundary.intersection(WITHIN).length
         assert opened.length()[0] == pytest.approx(exact, abs=2.0 * STEP)
         one, two = (
-            sorted(map(repr, (line[0].tolist() for line in lines_of(b)[0]))) for b in (opened, opened_of(closed))
+            sorted(map(repr, (line[0].tolist() for line in lines_of(b)[0]))) for b in (opened, object_part(closed))
         )
         assert one == two
     assert left > 15
-
-
-def opened_of(closed):
-    """OC out of CC."""
-    return object_part(closed)
 
 
 @pytest.mark.exhaustive
@@ -182,19 +176,6 @@ def test_horns_of_a_sphere_less_a_sphere_are_those_of_two_circles(device, rng):
 
 
 @pytest.mark.exhaustive
-def test_corners_of_a_box_are_met(device, rng):
-    for _ in range(20):
-        size, turn = rng.uniform(0.01, 0.045, 2), rng.uniform(0, 2 * np.pi)
-        thing = ImplicitObject(box(size[0], 0.03, size[1]).turned(0, float(np.degrees(turn)), 0), hand=True)
-        batch = marched(thing.field_on(device), [FLAT], device, step=STEP)
-        points = in_plane(batch.points)
-        for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
-            corner = a * size[0] / 2 * ray(turn) + b * size[1] / 2 * ray(turn + np.pi / 2)
-            assert np.linalg.norm(points - corner, axis=1).min() < 0.15 * STEP
-        assert batch.length()[0] == pytest.approx(2 * size.sum(), abs=0.3 * STEP)
-
-
-@pytest.mark.exhaustive
 def test_smooth_contours_are_the_same_to_the_bit_whether_tips_are_looked_for_or_not(device):
     for value, size in ((ball_value, (0.03, 0, 0)), (ring_value, (0.03, 0.012, 0))):
         field, poses = shape_field(value, CENTER, size), random_poses(60, 5)
@@ -207,18 +188,6 @@ def test_smooth_contours_are_the_same_to_the_bit_whether_tips_are_looked_for_or_
                     np.linalg.norm(a[0].max(axis=0) - a[0].min(axis=0)) < 0.008
                 )  # smaller than 8 steps: round tips
                 assert turning or np.array_equal(a[0], b[0])
-
-
-@pytest.mark.exhaustive
-def test_tips_do_not_depend_on_what_is_rendered_with_them(device, monkeypatch):
-    poses = np.array([[*place, 0, 0, 0, 1] for place in np.random.default_rng(4).uniform(-0.01, 0.01, (24, 3))])
-    field, _ = wedge_of(wedge_value, 15, 0.7, np.array([0.001, 0.002]))
-    together = marched(field, poses, device, step=STEP)
-    monkeypatch.setattr(march, "CPU_TILES", 200)
-    monkeypatch.setattr(march, "GPU_TILES", 200)
-    apart = marched(field, poses, device, step=STEP)
-    for name, array in together.arrays().items():
-        np.testing.assert_array_equal(array, apart.arrays()[name], err_msg=name)
 
 
 @pytest.mark.exhaustive

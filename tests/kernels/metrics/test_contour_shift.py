@@ -37,14 +37,14 @@ def contours(rng, shift):
 def test_every_point_is_looked_at(distance, device):
     rng = np.random.default_rng(3)
     poses = []
-    for _ in range(60):
+    for _ in range(10 if distance < 1e-3 else 60):
         these = contours(rng, 0.01)
         aside = rng.normal(0, 0.6 * distance, 3).astype(np.float32)
         order = [line[::-1] if rng.random() < 0.3 else line for line in (line + aside for line in these)]
         poses += [these, [order[k] for k in rng.permutation(len(order))]]
     wanted = [moves_far(a, b, distance) for a, b in itertools.pairwise(poses)]
     far = found(poses, np.ones(len(poses)), distance, device)
-    assert 10 < sum(wanted) < 110
+    assert len(wanted) / 12 < sum(wanted) < len(wanted) - 5
     np.testing.assert_array_equal(far, [*wanted, False])
     np.testing.assert_array_equal(found(poses, np.zeros(len(poses)), distance, device), False)
 

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 import warp as wp
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy import stats
 
 from palpate.datasets.rigid import rotate
@@ -45,20 +43,12 @@ def made(first, stop, seed, device, **options):
 
 @pytest.mark.parametrize(("seed", "first"), [(0, 0), (1, 5), (2**63 - 1, 2**40), (7, 2**63 - 60)])
 def test_every_bit_is_that_of_the_oracle(seed, first, device):
-    got = made(first, first + 50, seed, device).numpy()
-    np.testing.assert_array_equal(got, [pose_of(seed, first + k) for k in range(50)])
-
-
-@pytest.mark.exhaustive
-@given(first=st.integers(0, 2**62), counts=st.lists(st.integers(1, 40), min_size=1, max_size=4), seed=st.integers(0, 9))
-def test_a_pose_does_not_depend_on_those_made_with_it(first, counts, seed):
-    whole = made(first, first + sum(counts), seed, "cpu").numpy()
-    room = wp.empty(sum(counts), dtype=wp.transform, device="cpu")
-    at = 0
-    for count in counts:
-        made(first + at, first + at + count, seed, "cpu", out=room[at : at + count])
-        at += count
-    np.testing.assert_array_equal(room.numpy(), whole)
+    wanted = [pose_of(seed, first + k) for k in range(50)]
+    np.testing.assert_array_equal(made(first, first + 50, seed, device).numpy(), wanted)
+    room = wp.empty(50, dtype=wp.transform, device=device)
+    for a, b in ((20, 50), (0, 20)):  # in parts, in another order
+        made(first + a, first + b, seed, device, out=room[a:b])
+    np.testing.assert_array_equal(room.numpy(), wanted)
 
 
 def test_poses_are_uniform_in_the_cube_and_in_orientation(device):
@@ -76,12 +66,6 @@ def test_poses_are_uniform_in_the_cube_and_in_orientation(device):
     many = np.concatenate([many[:-1], many[1:]], axis=1)  # with the next pose
     off = np.corrcoef(many.T) - np.eye(14)
     assert np.abs(off).max() < 5 / np.sqrt(len(many))
-
-
-def test_seeds_give_other_poses():
-    one, two = (made(0, 1000, seed, "cpu").numpy() for seed in (0, 1))
-    assert np.abs(np.corrcoef(one[:, 0], two[:, 0])[0, 1]) < 0.15
-    assert not (one == two).any()
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ def model(control, motion, rate, first, count):
 
 
 def test_bits_are_those_of_the_model_but_where_they_are_doubtful(device):
-    rate, first, count = np.array([90.0, 90.0, 7.3, 4e4]), np.array([0, 500, 3, 100]), [60_000, 2200, 150, 30_000]
+    rate, first, count = np.array([90.0, 90.0, 7.3, 4e4]), np.array([0, 500, 3, 100]), [15_000, 2200, 150, 8_000]
     ends = (first + count) / rate
     control = control_points(np.repeat(BOX[None], 4, axis=0), [1, 2, 3, 4], [control_count(end) for end in ends])
     pose, doubtful = placed(control, rate, first, count, device)

@@ -44,18 +44,6 @@ def test_every_bit_of_a_million_poses(device):
     np.testing.assert_array_equal(poses_of(trials, device), np.concatenate([explored(one) for one in trials]))
 
 
-def test_a_pose_does_not_depend_on_those_made_with_it(device):
-    whole = poses_of([trial(stop=3000)], device)
-    parts = [
-        trial(2, 9),
-        trial(first=0, stop=7),
-        trial(first=7, stop=7),
-        trial(first=7, stop=2999),
-        trial(first=2999, stop=3000),
-    ]
-    np.testing.assert_array_equal(poses_of(parts, device)[900:], whole)
-
-
 def test_no_motion_and_no_pose_are_none(device):
     assert poses_of([], device).shape == (0, 7)
     assert poses_of([trial(stop=0), trial(stop=0)], device).shape == (0, 7)

@@ -4,37 +4,40 @@ import numpy as np
 import pytest
 from degenerate_cases import degenerate_poses
 from drawing import STRATEGIES, exact_poses, patch_array, pose_array
-from small_solids import SOLIDS
+from small_solids import SOLIDS, table_on
 
 from palpate.kernels.patterns.cut_loops import EXACT_SHIFT
-from palpate.kernels.patterns.loop_table import upload_loop_table
 from palpate.kernels.patterns.section_cutting import cut_sections
-from palpate.kernels.section.half_edges import HalfEdges
 
 SEVERAL = [[0.04, 0.03], [0.3, 0.3], [0.004, 0.003], [0.05, 0.01]]
 
 
+@pytest.mark.exhaustive(but="few")
+@pytest.mark.parametrize("count", [40, 400], ids=["few", "many"])
 @pytest.mark.parametrize("strategy", STRATEGIES)
-@pytest.mark.parametrize("name", SOLIDS)
-def test_clear_sections_are_cut_as_exactly(name, strategy, device):
-    mesh, patch = SOLIDS[name](), patch_array(SEVERAL, device)
-    table, (bounded, closes) = upload_loop_table(HalfEdges(*mesh), device), STRATEGIES[strategy]
-    degenerate = list(degenerate_poses(mesh, 4, seed=5).values())
-    pose = pose_array(np.concatenate([exact_poses(400, 3), degenerate]), device)
-    one, two = (
-        cut_sections(table, pose, patch, bounded=bounded, closes=closes, split=split) for split in (False, True)
-    )
-    exactly = two.word.numpy()[3] >> np.uint64(int(EXACT_SHIFT)) != 0
-    assert sorted(two.rest.numpy()[: two.rest_count.numpy()[0]]) == np.flatnonzero(exactly).tolist()
-    np.testing.assert_array_equal(two.polylines.numpy(), one.polylines.numpy())
-    np.testing.assert_array_equal(two.points.numpy(), one.points.numpy())
+def test_clear_sections_are_cut_as_exactly(strategy, count, device):
+    patch, (bounded, closes) = patch_array(SEVERAL, device), STRATEGIES[strategy]
     bits = np.uint64(2 ** int(EXACT_SHIFT) - 1)
-    np.testing.assert_array_equal(two.word.numpy() & bits, one.word.numpy() & bits)
-    assert exactly[: 400 * len(SEVERAL)].mean() < (0.1 if closes else 0.01)
+    for name, make in SOLIDS.items():
+        mesh = make()
+        table, degenerate = (
+            table_on(name, device),
+            degenerate_poses(mesh, 1 + count // 100, seed=5),
+        )
+        pose = pose_array(np.concatenate([exact_poses(count, 3), list(degenerate.values())]), device)
+        one, two = (
+            cut_sections(table, pose, patch, bounded=bounded, closes=closes, split=split) for split in (False, True)
+        )
+        exactly = two.word.numpy()[3] >> np.uint64(int(EXACT_SHIFT)) != 0
+        assert sorted(two.rest.numpy()[: two.rest_count.numpy()[0]]) == np.flatnonzero(exactly).tolist()
+        np.testing.assert_array_equal(two.polylines.numpy(), one.polylines.numpy(), err_msg=name)
+        np.testing.assert_array_equal(two.points.numpy(), one.points.numpy(), err_msg=name)
+        np.testing.assert_array_equal(two.word.numpy() & bits, one.word.numpy() & bits, err_msg=name)
+        assert exactly[: count * len(SEVERAL)].mean() < (0.1 if closes else 0.01)
 
 
 def test_nothing_is_cut_exactly_of_a_cube_at_random_poses(device):
     """Nearly nothing: so a GPU's threads have no long branches."""
-    table, patch = upload_loop_table(HalfEdges(*SOLIDS["cube"]()), device), patch_array([0.0425, 0.0425], device)
+    table, patch = table_on("cube", device), patch_array([0.0425, 0.0425], device)
     cut = cut_sections(table, pose_array(exact_poses(4000, 1), device), patch, bounded=True, closes=True, split=True)
     assert cut.rest_count.numpy()[0] < 20

@@ -5,7 +5,6 @@ from functools import partial
 import numpy as np
 import pytest
 import warp as wp
-from degenerate_cases import degenerate_poses
 from drawing import STRATEGIES, Drawn, assert_same_bits, draw, drawn_of, patch_array, surface_on
 from mesh_cases import CLOSED, MESHES, comb, generic_poses
 from tally_outputs import empty
@@ -39,40 +38,12 @@ def assert_same(surface, poses, patch, strategy):
     return flat
 
 
-@pytest.mark.parametrize("name", MESHES)
-def test_bits_are_those_of_walking(name, device):
-    mesh = MESHES[name]()
-    surface = surface_on(mesh, device)
-    poses = generic_poses(150, 1)
-    poses[:50, :3] = mesh[0][np.random.default_rng(1).integers(0, len(mesh[0]), 50)]  # planes through vertices
-    for strategy in strategies_for(name):
-        drawn = assert_same(surface, poses, patch_array(HALF, device), strategy)
-        assert len(drawn.polyline_closed) > 30
-        assert_same(surface, poses[:40], patch_array(SEVERAL, device), strategy)
-
-
-@pytest.mark.parametrize("name", sorted(MESHES))
-def test_bits_are_those_of_walking_at_degenerate_poses(name, device):
-    mesh = MESHES[name]()
-    surface, patch = surface_on(mesh, device), patch_array([0.0425, 0.0425], device)
-    poses = np.array(list(degenerate_poses(mesh, 6, seed=4).values()))
-    for strategy in strategies_for(name):
-        assert_same(surface, poses, patch, strategy)
-
-
-@pytest.mark.parametrize("frequency", [16, 40])
-def test_bits_of_large_surfaces_are_those_of_walking(frequency, device):
-    surface, patch = surface_on(blob(frequency), device), patch_array([0.0425, 0.0425], device)
-    for strategy in STRATEGIES:
-        drawn = assert_same(surface, random_poses(300), patch, strategy)
-        assert len(drawn.points) > 300 * frequency
-
-
-def test_patches_with_poses_of_their_own(device):
-    surface, patch = surface_on(blob(16), device), patch_array(SEVERAL, device)
-    poses = np.stack([random_poses(40, seed) for seed in range(len(SEVERAL))], axis=1)
-    for strategy in STRATEGIES:
-        assert_same(surface, poses, patch, strategy)
+def test_bits_of_large_surfaces_are_those_of_walking(device):
+    for frequency, count in ((16, 150), (40, 60)):
+        surface, patch = surface_on(blob(frequency), device), patch_array([0.0425, 0.0425], device)
+        for strategy in STRATEGIES:
+            drawn = assert_same(surface, random_poses(count), patch, strategy)
+            assert len(drawn.points) > count * frequency
 
 
 def test_no_poses_and_poses_that_meet_nothing(device):
@@ -106,15 +77,16 @@ def assert_found(surface, poses, patch, strategy, size):
     return blocks, again
 
 
-@pytest.mark.parametrize("listed", [400.0, 600.0], ids=["few lanes", "many lanes"])
-def test_each_row_takes_as_many_slots_as_it_has_pieces(listed, device):
+def test_each_row_takes_as_many_slots_as_it_has_pieces(device):
     surface, patch = surface_on(comb(), device), patch_array([0.0425, 0.0425], device)
-    (pieces,), again = assert_found(surface, generic_poses(200, 8), patch, "oc", FlatSize(4000, listed, 2**20, 20.0))
-    count, start = pieces.count.numpy(), pieces.start.numpy()
-    assert not again
-    assert count.max() > SLOTS
-    taken = np.concatenate([np.arange(first, first + own) for first, own in zip(start, count, strict=True) if own])
-    np.testing.assert_array_equal(np.sort(taken), np.arange(count.sum()))
+    for listed in (400.0, 600.0):  # few lanes, and many
+        size = FlatSize(4000, listed, 2**20, 20.0)
+        (pieces,), again = assert_found(surface, generic_poses(100, 8), patch, "oc", size)
+        count, start = pieces.count.numpy(), pieces.start.numpy()
+        assert not again
+        assert count.max() > SLOTS
+        taken = np.concatenate([np.arange(first, first + own) for first, own in zip(start, count, strict=True) if own])
+        np.testing.assert_array_equal(np.sort(taken), np.arange(count.sum()))
 
 
 @pytest.mark.parametrize(
@@ -199,16 +171,14 @@ def test_sections_drawn_in_several_turns_of_few_groups(device, monkeypatch):
 @pytest.mark.parametrize("hand", [Palm(), flat_hand()], ids=["palm", "hand"])
 def test_meshes_and_hands_are_intersected_alike(hand, strategy, device):
     """Relative points and a flush, too, which the objects and hands bring."""
-    pose = wp.array(random_poses(60), dtype=wp.transform, device=device)
-    for mesh in (MeshObject(*blob(16)), MeshObject.load("dog")):
-        for relative in (False, True):
-            batches = [
-                intersect(mesh, hand, pose, strategy, method=method, relative=relative)[0].numpy()
-                for method in ("seek", "flat")
-            ]
-            for field in ("points", "kind", "polyline_start", "polyline_patch", "polyline_closed", "pose_start"):
-                one, two = (getattr(batch, field) for batch in batches)
-                assert one.tobytes() == two.tobytes(), field
+    pose, mesh = wp.array(random_poses(40), dtype=wp.transform, device=device), MeshObject(*blob(12))
+    for relative in (False, True):
+        one, two = (
+            intersect(mesh, hand, pose, strategy, method=method, relative=relative)[0].numpy()
+            for method in ("seek", "flat")
+        )
+        for field in ("points", "kind", "polyline_start", "polyline_patch", "polyline_closed", "pose_start"):
+            assert getattr(one, field).tobytes() == getattr(two, field).tobytes(), field
 
 
 def test_slots_may_come_in_any_order(device):

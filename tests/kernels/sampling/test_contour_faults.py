@@ -28,6 +28,9 @@ def changed(values, index, value):
         (replace(PLAIN, intensity=changed(LEVEL, 4, 0.5)), {"open_seam"}),
         (replace(PLAIN, intensity=changed(LEVEL, 8, 0.5)), set()),  # of an open polyline
         (replace(PLAIN, intensity=changed(LEVEL, 7, np.nan)), {"not_finite"}),
+        (replace(PLAIN, dwell=LEVEL), set()),
+        (replace(PLAIN, dwell=changed(LEVEL, 4, 0.5)), {"open_seam"}),
+        (replace(PLAIN, dwell=changed(LEVEL, 7, np.inf)), {"not_finite"}),
         (replace(PLAIN, points=changed(PLAIN.points, (8, 2), np.inf)), {"not_finite"}),
         (batch_of([[(np.zeros((0, 3)), False), (square(0.04), True)]]), {"empty"}),
     ],

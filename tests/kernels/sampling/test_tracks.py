@@ -1,4 +1,4 @@
-"""Tracks, routes and entries of random motions are the host's to the bit."""
+"""Tracks, routes, sections and entries of random motions are the host's to the bit."""
 
 import numpy as np
 import pytest
@@ -7,13 +7,21 @@ from contour_random import random_strokes
 from contour_shapes import still
 from sampling_oracle import entered_by_host
 
-from palpate.kernels.sampling import course, cursor, doors, pieces, route, search
+from palpate.kernels.sampling import course, cursor, doors, entry, pieces, route, search, sections
 from palpate.kernels.sampling.entry import enter_poses
-from palpate.render.sampling import contour_matching, drawing_turns
+from palpate.render.sampling import continuity, contour_matching, drawing_turns
 from palpate.render.sampling import route as host_route
 from palpate.render.sampling import track as host_track
 from palpate.render.sampling.batch_sampling import MotionSchedule
-from palpate.render.sampling.contour_sampling import Gap, Order, Pace, SamplingStrategy, sample_contours
+from palpate.render.sampling.contour_sampling import (
+    Gap,
+    Order,
+    Pace,
+    SamplingStrategy,
+    Sections,
+    preset,
+    sample_contours,
+)
 from palpate.render.sampling.kernel_plan import contours_of, plan_of
 
 STRATEGIES = {
@@ -24,33 +32,58 @@ STRATEGIES = {
     "close": SamplingStrategy(gap=Gap("close")),
     "there-and-back": SamplingStrategy(gap=Gap("pendulum"), order=Order("pendulum")),
     "capped": SamplingStrategy(pace=Pace("capped")),
+    "stp": preset("stp"),
+    "stp-return": preset("stp", gap=Gap("return")),
+    "stp-there-and-back": preset("stp", gap=Gap("pendulum"), sections=Sections(5, 20.0)),
+    "stp-close": preset("stp", gap=Gap("close"), sections=Sections(2)),
 }
 
 
 @pytest.mark.parametrize("name", STRATEGIES)
-@pytest.mark.parametrize("seed", range(8))
-def test_tracks_and_entries_are_the_hosts_to_the_bit(seed, name, device, monkeypatch):
-    rng, strategy = np.random.default_rng(seed), STRATEGIES[name]
-    batch = random_strokes(rng, 40, line_most=int(rng.integers(1, 8)), with_intensity=seed % 2 == 1)
-    time, duration = np.arange(40) / 90, 40 / 90
-    schedule = MotionSchedule.of(time, [0, 40], [duration], strategy, None)
-    pose = wp.array(still(40), dtype=wp.transformd, device=device)
-    drawn = enter_poses(contours_of(batch.to(device)), plan_of(strategy), schedule.on(device, strategy), pose)
-    tracks, entries, nodes = drawn.tracks.numpy(), drawn.entries.numpy(), drawn.nodes
-    expected = entered_by_host(batch, time, duration, strategy, monkeypatch)
-    entered = np.flatnonzero(entries["drawn"])
-    assert len(entered) == len(expected) > 5
-    for pose, (track, knot, index, _) in zip(entered.tolist(), expected, strict=True):
-        rows = slice(int(tracks[pose]["first"]), int(tracks[pose]["first"] + tracks[pose]["count"]))
-        assert (nodes.knot.numpy()[rows] == track.knot).all()
-        assert (nodes.point.numpy()[rows] == track.points).all()
-        if track.intensity is not None:
-            assert (nodes.intensity.numpy()[rows] == track.intensity).all()
-        assert (tracks[pose]["one_sample"], tracks[pose]["repeat"]) == (track.one_sample, track.repeat_count)
-        assert (entries[pose]["anchor"], entries[pose]["index"]) == (knot, index)
-        first = int(batch.pose_start[pose])
-        routes = drawn.routes.numpy()[first : first + tracks[pose]["pieces"]]
-        assert routes["earlier"].tolist() == track.route.earlier.tolist()
+def test_tracks_and_entries_are_the_hosts_to_the_bit(name, device, monkeypatch):
+    strategy, count = STRATEGIES[name], 30
+    time, duration = np.arange(count) / 90, count / 90
+    schedule = MotionSchedule.of(time, [0, count], [duration], strategy, None)
+    still_pose = wp.array(still(count), dtype=wp.transformd, device=device)
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        batch = random_strokes(rng, count, line_most=int(rng.integers(1, 8)), with_intensity=seed % 2 == 1)
+        on = contours_of(batch.to(device))
+        drawn = enter_poses(on, plan_of(strategy), schedule.on(device, strategy), still_pose)
+        tracks, entries = drawn.tracks.numpy(), drawn.entries.numpy()
+        with monkeypatch.context() as there:
+            expected = entered_by_host(batch, time, duration, strategy, there)
+        entered = np.flatnonzero(entries["drawn"])
+        assert len(entered) == len(expected) > 1
+        for pose, (track, knot, index, _) in zip(entered.tolist(), expected, strict=True):
+            own = tracks[pose]
+            assert (own["one_sample"], own["repeat"]) == (track.one_sample, track.repeat_count)
+            assert (entries[pose]["anchor"], entries[pose]["index"]) == (knot, index)
+            first = int(batch.pose_start[pose])
+            routes = drawn.routes.numpy()[first : first + own["pieces"]]
+            assert routes["earlier"].tolist() == track.route.earlier.tolist()
+            check = assert_same_sections if name.startswith("stp") else assert_same_nodes
+            check(drawn.nodes, own, track)
+
+
+def assert_same_nodes(nodes, own, track):
+    """A track has the host's nodes."""
+    rows = slice(int(own["first"]), int(own["first"] + own["count"]))
+    assert (nodes.knot.numpy()[rows] == track.knot).all()
+    assert (nodes.point.numpy()[rows] == track.points).all()
+    if track.intensity is not None:
+        assert (nodes.intensity.numpy()[rows] == track.intensity).all()
+
+
+def assert_same_sections(nodes, own, track):
+    """Sections begin, end and last as the host's, which writes the nodes of every pass."""
+    first, count = int(own["section"]), int(own["sections"])
+    rows = nodes.section.numpy()[first : first + count]
+    assert [*rows["begin"], own["period"]] == track.section.tolist()
+    assert ((rows["stop"] - rows["start"]) * rows["passes"]).sum() + count - 1 == len(track.step)
+    at = np.searchsorted(track.knot, track.section[:-1], side="right") - 1
+    assert (nodes.point.numpy()[own["first"] + rows["start"]] == track.points[at]).all()
+    assert own["ordinary"] == pytest.approx(track.step_ordinary, rel=1e-12)
 
 
 def test_numbers_of_the_kernels_are_the_hosts():
@@ -63,3 +96,6 @@ def test_numbers_of_the_kernels_are_the_hosts():
     assert float(course.SHARE_LEAST) == drawing_turns.SHARE_LEAST
     assert float(course.NOISE_SHARE) == host_track.NOISE_SHARE
     assert int(cursor.BLOCK_SAMPLES) == sample_contours.__kwdefaults__["block"]
+    assert float(sections.NEAR_CUT) == host_track.NEAR_CUT
+    assert int(sections.PASSES_MOST) == host_track.PASSES_MOST
+    assert float(entry.WHOLE_SECTION) == continuity.WHOLE_SECTION

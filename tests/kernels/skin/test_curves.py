@@ -5,8 +5,8 @@ import pytest
 import warp as wp
 from mesh_cases import CLOSED, MIDDLE, generic_poses
 from skin_cases import drawn, grid_skin, lines_of, oracle_lines, placed_by, solid_on, summary_of
+from stage_cases import assert_limited
 
-from palpate.kernels.offsets import PointLimitError
 from palpate.kernels.section.edge_pairing import OPEN, twins_of
 from palpate.kernels.skin.edges import SkinEdges, upload_skin
 from palpate.kernels.skin.refine import refine_faces
@@ -179,11 +179,7 @@ def test_articulated_vertices_are_those_of_their_own_pose(device):
 
 def test_limit_is_raised_with_the_count_and_only_beyond_it(device):
     hand, poses = arched(), generic_poses(20, 7)
-    count = drawn(hand, "tube", poses, device, closes=True).point_count
-    assert drawn(hand, "tube", poses, device, closes=True, limit=count).point_count == count
-    with pytest.raises(PointLimitError) as caught:
-        drawn(hand, "tube", poses, device, closes=True, limit=count - 1)
-    assert caught.value.count == count
+    assert_limited(lambda limit: drawn(hand, "tube", poses, device, closes=True, limit=limit).point_count)
 
 
 def test_vertices_on_the_surface_make_no_spikes(device):

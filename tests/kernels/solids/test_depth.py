@@ -53,10 +53,10 @@ def shells():
 def test_depth_is_that_of_every_triangle(name, device, rng):
     vertices, faces = shells() if name == "shells" else MeshObject.load(name).outline_mesh()
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    points = rng.uniform(low - 0.01, high + 0.01, (2000, 3)).astype(np.float32)
+    points = rng.uniform(low - 0.01, high + 0.01, (250, 3)).astype(np.float32)
     distance, within = measured(vertices, faces, points, device)
     sure = distance > 1e-6
-    assert 100 < within.sum() < 1900
+    assert 5 < within.sum() < 245
     np.testing.assert_array_equal(within[sure], windings(vertices, faces, points.astype(np.float64))[sure] > 0.5)
     want = depths((vertices, faces), points)
     np.testing.assert_allclose(np.where(within, distance, 0.0), want, atol=1e-6)

@@ -10,7 +10,6 @@ from palpate.kernels.fields.expression_tree import tree_field
 from palpate.render.errors import MeshError
 from palpate.render.objects.functions.expression import box, sphere, torus, union
 from palpate.render.objects.functions.expression_compiler import compile_expression, expression_bounds
-from palpate.render.objects.functions.implicit_object import ImplicitObject
 from palpate.render.objects.isosurface import MARGIN, isosurface
 from palpate.render.objects.mesh.repair import repair_mesh
 
@@ -91,14 +90,6 @@ def test_what_leaves_the_bounds_is_closed_beyond_them():
     vertices, faces = meshed(sphere(0.05), 0.005, bounds=[[-0.02, -0.1, -0.1], [0.1, 0.1, 0.1]])
     assert_closed(faces)
     assert -0.025 - 1e-6 <= vertices[:, 0].min() <= -0.02
-
-
-def test_an_object_and_its_field_give_the_same_mesh():
-    thing = ImplicitObject(sphere(0.05).moved(0, 0, 0.2))
-    one = isosurface(thing, thing.bounds, 0.005)
-    other = isosurface(thing.field_on("cpu"), thing.bounds, 0.005)
-    assert (one[0] == other[0]).all()
-    assert (one[1] == other[1]).all()
 
 
 @pytest.mark.parametrize(

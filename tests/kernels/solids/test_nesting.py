@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from depth_oracle import windings
 from mesh_cases import CLOSED, built_in, flipped, merged
 
 from palpate.kernels.solids import nesting as nesting_module
@@ -96,17 +97,6 @@ def test_points_on_other_bodies_are_inside_what_their_inequalities_say(device):
         assert (got[:, 0] == want[off, k]).all()
 
 
-def solid_angle(vertices, faces, points):
-    """Winding numbers by the angle of each triangle seen from a point, with tangents of half angles."""
-    out = np.zeros(len(points))
-    for a, b, c in vertices[faces]:
-        sides = [(x - points) / np.linalg.norm(x - points, axis=1)[:, None] for x in (a, b, c)]
-        top = np.einsum("ij,ij->i", sides[0], np.cross(sides[1], sides[2]))
-        pairs = ((0, 1), (1, 2), (2, 0))
-        out += 2 * np.arctan2(top, 1 + sum(np.einsum("ij,ij->i", sides[i], sides[k]) for i, k in pairs))
-    return out / (4 * np.pi)
-
-
 @pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", [name for name in CLOSED if name not in ("egg box", "comb")])
 def test_winding_numbers_are_solid_angles(name, device):
@@ -119,7 +109,7 @@ def test_winding_numbers_are_solid_angles(name, device):
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     above = np.array([0, 0, 1e-4])
     points = np.concatenate([near - above, near + above, rng.uniform(low, high, (200, 3))])
-    angle = solid_angle(vertices, faces, points)
+    angle = windings(vertices, faces, points)
     assert np.abs(angle - np.round(angle)).max() < 1e-6  # no point lies on the surface
     got = wound(vertices, faces, np.zeros(len(faces), int), points, device)
     assert (got[:, 0] == np.round(angle)).all()

@@ -116,17 +116,6 @@ def test_sides_are_those_of_the_exact_determinant(family, size, device):
     assert len(np.unique(want)) >= 2  # a family that has one answer only would prove little
 
 
-@pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize("size", [3, 2], ids=["plane", "line"])
-def test_swapping_two_points_changes_the_sign_and_nothing_else(size, device):
-    points = near_plane(np.random.default_rng(4), size)
-    one = asked(points, device)
-    for a, b in ((0, 1), (0, size), (size - 1, size)):
-        swapped = points.copy()
-        swapped[:, [a, b]] = points[:, [b, a]]
-        assert (asked(swapped, device) == -one).all()
-
-
 def test_float64_alone_would_be_wrong(device):
     """The family of points near a plane asks for more than the filter: else the test above proves nothing."""
     points = near_plane(np.random.default_rng([3, len("near_plane")]), 3)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 from contour_random import degenerate_batch, random_batch, weighted_batch
+from contour_shapes import batch_of, square
 from polyline_oracle import Lines
 
 from palpate.kernels.patch import EXACT, to_float32
@@ -57,10 +58,5 @@ def test_points_at_arcs_are_those_of_the_oracle(device, rng):
 
 @pytest.mark.parametrize("arc", [-0.01, 0.15, 0.31])
 def test_arcs_of_a_closed_polyline_go_round(arc, device):
-    square = 0.02 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0], [-1, -1, 0]])
-    batch = random_batch(np.random.default_rng(0), 0)
-    batch = type(batch)(
-        square.astype(np.float32), np.zeros(5, np.uint8), np.array([0, 5]), np.zeros(1, np.int32),
-        np.ones(1, np.uint8), np.array([0, 1]),
-    )  # fmt: skip
+    batch = batch_of([[(square(0.04, (0, 0, 0)), True)]])
     np.testing.assert_allclose(points_at(batch, [0], [arc], device), [[-0.02, -0.01, 0]], atol=1e-8)

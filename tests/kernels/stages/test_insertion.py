@@ -5,11 +5,12 @@ import pytest
 import warp as wp
 from contour_random import bare, degenerate_batch, random_batch, weighted_batch
 from polyline_oracle import Lines, divided, with_points
+from stage_cases import assert_limited, stage_batches
 from transform_cases import assert_equal, assert_valid
 
 from palpate.kernels.offsets import PointLimitError
 from palpate.kernels.stages.insertion import divide_rows, insert_points
-from palpate.render import ContourBatch, MeshObject, Palm, exploration, render
+from palpate.render import ContourBatch
 from palpate.render.stages.point_insertion import divide_batch
 
 
@@ -31,32 +32,11 @@ def inserted(batch, segment, part, device="cpu"):
     return out.numpy(), new.place.numpy()
 
 
-@pytest.mark.parametrize("longest", [1e-4, 0.00137, 0.005, 0.5])
+@pytest.mark.parametrize("longest", [5e-4, 0.00137, 0.005, 0.5])
 def test_segments_are_divided_as_the_oracle_divides_them(longest, device, rng):
-    for batch in (weighted_batch(rng, 20), degenerate_batch(rng, 100), bare(random_batch(rng, 20))):
+    for batch in stage_batches(rng):
         assert_equal(divide_batch(batch.to(device), longest).numpy(), divided(batch, longest))
         assert_equal(divide_batch(batch, longest), divided(batch, longest))
-
-
-def test_real_contours_are_divided_as_the_oracle_divides_them(device):
-    dog = MeshObject.load("dog")
-    batch = render(dog, Palm(), exploration(dog, duration=2.0, rate=50.0, seed=1), "cc")
-    assert_equal(divide_batch(batch.to(device), 0.002).numpy(), divided(batch, 0.002))
-
-
-@pytest.mark.parametrize("pose_count", [0, 1, 3])
-def test_batches_without_polylines_or_without_points_stay_as_they_are(pose_count, device):
-    none = ContourBatch(
-        np.zeros((0, 3), np.float32), np.zeros(0, np.uint8), np.zeros(1, np.int64), np.zeros(0, np.int32),
-        np.zeros(0, np.uint8), np.zeros(pose_count + 1, np.int64),
-    )  # fmt: skip
-    assert_equal(divide_batch(none.to(device), 0.001).numpy(), none)
-    pointless = ContourBatch(
-        none.points, none.kind, np.zeros(3, np.int64), np.zeros(2, np.int32), np.array([0, 1], np.uint8),
-        np.array([0, *[2] * pose_count]),
-    )  # fmt: skip
-    if pose_count:
-        assert_equal(divide_batch(pointless.to(device), 0.001).numpy(), pointless)
 
 
 def test_points_put_in_split_segments_as_the_oracle_splits_them_and_leave_the_rest(device, rng):
@@ -89,19 +69,8 @@ def test_points_put_in_leave_no_segment_without_length(device, rng):
     assert out.point_count > batch.point_count
 
 
-def test_points_are_put_in_alike_wherever_a_batch_is_split(device, rng):
-    batch = degenerate_batch(rng, 40)
-    whole = divide_batch(batch.to(device), 0.0007).numpy()
-    for first, stop in ((0, 13), (13, 14), (14, 40)):
-        part = divide_batch(batch.select(first, stop).to(device), 0.0007).numpy()
-        assert_equal(part, whole.select(first, stop))
-
-
 def test_points_beyond_the_limit_are_refused_before_there_is_memory_for_them(device, rng):
     batch = bare(random_batch(rng, 5)).to(device)
-    count = divide_batch(batch, 0.001).point_count
-    assert divide_batch(batch, 0.001, count).point_count == count
-    with pytest.raises(PointLimitError, match=f"{count} points exceed the limit of {count - 1}"):
-        divide_batch(batch, 0.001, count - 1)
+    assert_limited(lambda limit: divide_batch(batch, 0.001, limit).point_count)
     with pytest.raises(PointLimitError):  # more than an array of Warp's can have, and than memory holds
         divide_rows(batch.points, batch.polyline_start, 1e-12, 10**6)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import warp as wp
 from regions_oracle import FlatLines, Stroke, batch_of_strokes
+from stage_cases import assert_limited
 from transform_cases import a_setting, assert_equal, random_poses
 
-from palpate.kernels.offsets import PointLimitError
 from palpate.kernels.stages.lift import lift_polylines
 from palpate.render.hands.flat_hand import flat_hand
 from palpate.render.stages.patch_regions import batch_of_lifted
@@ -62,8 +62,4 @@ def test_lifted_polylines_are_the_batch_of_the_oracle(count, flat_only, device, 
 def test_more_points_than_the_limit_are_refused(device, rng):
     setting = a_setting(random_poses(rng, 9), hand=HAND, device=device)
     rows = random_strokes(rng, 9)
-    count = lifted(rows, setting).points.shape[0]
-    assert lifted(rows, setting, point_limit=count).points.shape[0] == count
-    with pytest.raises(PointLimitError) as refused:
-        lifted(rows, setting, point_limit=count - 1)
-    assert refused.value.count == count
+    assert_limited(lambda limit: lifted(rows, setting, point_limit=limit).points.shape[0])

@@ -7,6 +7,7 @@ import pytest
 from regions_oracle import FlatLines, holds
 from transform_cases import a_setting, batch_of_loops, random_poses, random_regions, region_batches, star
 
+from palpate.kernels.stages.region_moments import sum_moments
 from palpate.kernels.stages.regions import find_local_points, measure_areas
 from palpate.render import Palm
 from palpate.render.contour_batch import join_batches
@@ -30,7 +31,7 @@ def test_regions_are_those_of_the_oracle(per, device, rng):
         np.testing.assert_array_equal(regions.line_pose.numpy(), flat.pose)
 
 
-def test_local_points_and_areas_have_the_bits_of_the_oracle(device, rng):
+def test_local_points_areas_and_moments_have_the_bits_of_the_oracle(device, rng):
     for batch, setting in region_batches(rng, device):
         flat, regions = FlatLines(batch, setting), found(batch, setting)
         np.testing.assert_array_equal(regions.local.numpy().reshape(-1, 3), flat.local)
@@ -40,6 +41,10 @@ def test_local_points_and_areas_have_the_bits_of_the_oracle(device, rng):
         local = find_local_points(there.points, *lines, setting.patches)
         area = measure_areas(local, there.polyline_start, there.polyline_closed)
         np.testing.assert_array_equal(area.numpy(), regions.area.numpy())
+        sums = sum_moments(regions)
+        stroke = sums.stroke.numpy().reshape(-1, 7)
+        np.testing.assert_array_equal(stroke, np.column_stack([flat.strokes, flat.heights]).reshape(-1, 7))
+        assert sums.area.ptr == regions.area.ptr
 
 
 def test_polylines_of_one_point_or_none_are_regions_without_area(device, rng):

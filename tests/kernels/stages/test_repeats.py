@@ -1,10 +1,9 @@
 """Points that repeat the one before, and polylines without length, are left out."""
 
 import numpy as np
-import pytest
 import warp as wp
-from contour_random import bare, degenerate_batch, random_batch
 from polyline_oracle import without_repeats
+from stage_cases import stage_batches
 from transform_cases import assert_equal, assert_valid
 
 from palpate.kernels.stages.repeats import find_distinct, match_ends
@@ -12,23 +11,11 @@ from palpate.render import ContourBatch
 from palpate.render.stages.curves import drop_repeats
 
 
-@pytest.mark.parametrize("weighted", [True, False])
-def test_repeats_are_left_out_as_the_oracle_leaves_them_out(weighted, device, rng):
-    batch = degenerate_batch(rng, 200, weighted=weighted)
-    got = drop_repeats(batch.to(device)).numpy()
-    assert_equal(got, without_repeats(batch))
-    assert_valid(got, batch.pose_count)
-    assert 0 < got.polyline_count < batch.polyline_count
-
-
-def test_a_batch_without_repeats_stays_as_it_is(device, rng):
-    for batch in (
-        random_batch(rng, 30),
-        bare(random_batch(rng, 30)),
-        random_batch(rng, 0),
-        random_batch(rng, 3).select(1, 1),
-    ):
-        assert_equal(drop_repeats(batch.to(device)).numpy(), batch)
+def test_repeats_are_left_out_as_the_oracle_leaves_them_out(device, rng):
+    for batch in stage_batches(rng):
+        got, want = drop_repeats(batch.to(device)).numpy(), without_repeats(batch)
+        assert_equal(got, want)
+        assert_valid(got, batch.pose_count)
 
 
 def test_the_numbers_of_what_is_left_are_those_of_what_there_was(device):

@@ -34,13 +34,13 @@ def sampled(skin, pose):
 @pytest.mark.parametrize("hand", [Palm(), flat_hand()], ids=["palm", "planes"])
 @pytest.mark.parametrize("name", ["cube", "tube", "dog"])
 def test_nodes_within_contours_are_those_inside_the_object(name, hand, device):
-    pose = np.asarray(random_poses(150), np.float32)
+    pose = np.asarray(random_poses(50), np.float32)
     skin = contact._Skin(MeshObject.load(name), hand, device, 0.0025)
     apart = total = 0
     for found, known in zip(points_of(skin.nodes(pose, 0)), points_of(sampled(skin, pose)), strict=True):
         apart += len({x.tobytes() for x in found} ^ {x.tobytes() for x in known})
         total += len(known)
-    assert total > 1000
+    assert total > 400
     assert apart <= 3 + 1e-4 * total  # nodes on a patch's boundary, where the surface passes within 2.5 um
 
 
@@ -59,7 +59,7 @@ def test_nodes_of_two_bodies_follow_the_rule_of_what_is_inside(solid, device):
     small = 0.5 * (cube.vertices - [0, 0, 0.2]) + [0, 0, 0.2]
     moved = cube.vertices + np.array([0.01, 0.013, 0.017])
     bodies = [(small, cube.faces), (small, cube.faces[:, ::-1]), (moved, cube.faces)]
-    pose = np.asarray(random_poses(30), np.float32)
+    pose = np.asarray(random_poses(20), np.float32)
     for second, faces in bodies:
         thing = two_cubes(second, faces, solid)
         assert contact.is_outlined(thing) == (solid == "winding" or second is small)
@@ -70,7 +70,7 @@ def test_nodes_of_two_bodies_follow_the_rule_of_what_is_inside(solid, device):
 
 @pytest.mark.parametrize("separation", [0.004, 0.0083, 0.0217, 0.3])
 def test_nodes_are_thinned_one_after_the_other(separation, device):
-    pose = np.asarray(random_poses(20), np.float32)
+    pose = np.asarray(random_poses(4), np.float32)
     skin = contact._Skin(MeshObject.load("sphere"), Palm(), device, 0.0031)
     nodes = skin.nodes(pose, 0)
     kept, count = thin_nodes(nodes, separation=separation)

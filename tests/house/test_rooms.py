@@ -11,7 +11,7 @@ from importlib import import_module
 from importlib.metadata import files, version
 
 import pytest
-from rooms import BY_TEXT, PACKAGES, ROOT, SOURCES, folder_of, imports_of, is_init
+from rooms import BY_TEXT, PACKAGES, ROOT, SOURCES, folder_of, imports_of, is_init, tree_of
 
 ALLOWED = {"kernels": set(), "datasets": set(), "device": set(), "render": {"kernels", "datasets", "device"}}
 MODULES_MOST = 20
@@ -84,7 +84,7 @@ def test_no_module_repeats_its_folder_and_none_is_for_odds_and_ends():
 def test_a_class_name_stands_once():
     places = defaultdict(list)
     for path in SOURCES:
-        for node in ast.parse(path.read_text()).body:
+        for node in tree_of(path).body:
             if isinstance(node, ast.ClassDef):
                 places[node.name].append(folder_of(path))
     assert {name for name, folders in places.items() if len(folders) > 1} == SHARED
@@ -133,7 +133,7 @@ def test_files_and_kernels_stay_small(package):
     for path in (path for path in SOURCES if path.relative_to(ROOT).parts[0] == package):
         text = path.read_text()
         assert text.count("\n") <= 400, path
-        for node in ast.walk(ast.parse(text)) if "wp.kernel" in text else ():
+        for node in ast.walk(tree_of(path)) if "wp.kernel" in text else ():
             if isinstance(node, ast.FunctionDef) and any("wp.kernel" in ast.unparse(d) for d in node.decorator_list):
                 require_small_kernel(node, text)
 

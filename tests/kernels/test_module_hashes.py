@@ -71,6 +71,7 @@ def launches_without_block(source):
                 yield node.lineno
 
 
+@pytest.mark.exhaustive
 def test_every_launch_names_its_block():
     """Warp compiles a module for a GPU once for each size of blocks: with one left open, twice, for minutes."""
     texts = {path.name: path.read_text() for path in FOLDER.rglob("*.py")}

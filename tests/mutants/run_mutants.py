@@ -35,7 +35,7 @@ from reach import changed_rooms, proved_digests, reaches_all  # noqa: E402 - the
 from rooms import digests, folder_of  # noqa: E402
 
 PACKAGES = ("kernels", "render", "device", "datasets")
-TIMEOUT = 600.0
+TIMEOUT = 120.0
 """Seconds that the tests of one mutant may take: a fault that makes them hang is found, too."""
 
 
@@ -94,7 +94,8 @@ def judge(mutant: Mutant, folder: Path) -> tuple[str, str]:
     source = folder / "source"
     if refusal := apply(mutant, source):
         return "does not apply", refusal
-    environment = os.environ | {"PYTHONPATH": str(folder / "names")}
+    own = [str(folder / "names"), os.environ.get("PYTHONPATH")]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, own))}
     words = [
         sys.executable,
         "-P",

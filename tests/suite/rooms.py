@@ -52,11 +52,17 @@ def is_init(path: Path) -> bool:
 
 
 @cache
+def tree_of(path: Path) -> ast.Module:
+    """The syntax tree of a file of the source, parsed once."""
+    return ast.parse(path.read_text())
+
+
+@cache
 def imports_of(path: Path) -> tuple[set[Path], set[str]]:
     """Files of the house, and names of other packages, that a file imports; lazily or for type checkers, too."""
     own: set[Path] = set()
     other: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.Import):
             other.update(name.name.split(".")[0] for name in node.names)
         elif isinstance(node, ast.ImportFrom) and node.level == 0:

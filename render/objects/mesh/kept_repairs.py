@@ -20,6 +20,7 @@ SOURCES = (  # of palpate, that decide how a mesh is repaired
     "kernels/solids/nesting.py",
     "kernels/solids/orientation.py",
     "kernels/offsets.py",
+    "kernels/one_device.py",
     "kernels/patch.py",
     "render/errors.py",
     "render/runtime/loading_progress.py",

@@ -20,6 +20,7 @@ def files(tmp_path_factory):
     return [render(cube, "palm", motion, name).save(folder / f"{name}.h5") for name in ("oc", "cc", "hatch")]
 
 
+@pytest.mark.exhaustive
 def test_a_picture_has_the_times_views_labels_and_array_asked_for(files, tmp_path):
     out = tmp_path / "a.svg"
     options = (

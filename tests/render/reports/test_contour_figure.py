@@ -39,6 +39,7 @@ def texts(figure):
     return [text.get_text() for text in figure.findobj(lambda own: hasattr(own, "get_text")) if text.get_text()]
 
 
+@pytest.mark.exhaustive
 def test_each_file_has_a_row_at_the_times_asked_for_at_one_scale(files):
     figure = contour_figure(files, times=[0.5, 1.5])
     shown = scenes(figure)

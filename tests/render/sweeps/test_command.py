@@ -107,6 +107,7 @@ def test_a_change_is_caught_against_a_baseline(tmp_path):
     assert len(load_table(tmp_path / "old.h5")["recipe_hash"]) == 2
 
 
+@pytest.mark.exhaustive
 def test_an_updated_baseline_is_kept_from_then_on(tmp_path):
     path, old = plan(tmp_path / "a.toml", seeds=(1,), strategies=("cc",)), tmp_path / "old.csv"
     update = (path, "--baseline", old, "--update-baseline")

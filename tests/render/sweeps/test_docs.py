@@ -116,7 +116,7 @@ def test_the_plan_of_palpates_own_ci_is_wide_and_large():
     rendered = {one.key("contours"): pose_count(one) for one in recipes}
     assert sum(rendered.values()) >= 100_000
     assert (
-        f"{len(recipes)} recipes, {sum(rendered.values()):,} poses rendered"
+        f"{len(recipes)} recipes, {len(rendered)} renderings of {sum(rendered.values()):,} poses"
         in (ROOT / ".ci" / "sweep.toml").read_text()
     )
     assert {one.thing["source"] for one in recipes} == set(shape_names())

@@ -53,7 +53,7 @@ def rendered(tmp_path, monkeypatch):
     return tmp_path / "a.h5"
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", [*HOSTILE, *MARKUP], ids=ascii)
 def test_a_files_name_is_shown_and_not_obeyed(rendered, name):
     file = rendered.with_name(f"{name.replace('/', '_')}.h5")
@@ -70,7 +70,6 @@ def test_a_files_name_is_shown_and_not_obeyed(rendered, name):
         ["check", file],
         ["info", file],
         ["play", file, "--clock", "virtual"],
-        ["figure", file, "-o", "b.png"],
     ):
         done = run(*words)
         assert done.exit_code == FAILED

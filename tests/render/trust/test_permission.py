@@ -254,7 +254,7 @@ def test_no_folder_of_data_enters_pythons_path(folder):
 def test_what_was_judged_is_what_runs(folder, monkeypatch):
     """Python's own cache of compiled files may hold anything: it is not asked."""
     cached = Path(sys.modules["importlib.util"].cache_from_source(str(folder / "notes.py")))
-    cached.parent.mkdir()
+    cached.parent.mkdir(parents=True)  # not beside the module, if bytecode has a folder of its own
     monkeypatch.setattr(sys, "dont_write_bytecode", False)
     (folder / "evil.py").write_text("raise SystemExit('planted')\n")
     subprocess.run(

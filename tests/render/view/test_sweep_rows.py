@@ -57,6 +57,7 @@ def test_a_row_rendered_again_has_its_lengths(store, tmp_path):
         assert file.object()["name"] == rows.columns["object"][5]
 
 
+@pytest.mark.exhaustive
 def test_a_kept_contour_file_is_opened_where_it_lies(tmp_path):
     store = make_store(tmp_path, 'keep = ["contours"]\nobject.source = "cube"\nmotion.duration = 0.1\n')
     file = SweepRows(store).file_of(0, tmp_path / "unused")

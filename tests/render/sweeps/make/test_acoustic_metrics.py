@@ -81,13 +81,14 @@ def test_silence_has_no_level():
     assert got == dict.fromkeys(METRICS["noise"])
 
 
-def circles(count=1200):
+def circles(count=1050):
     """Focal points that draw a circle and switch off now and then."""
     time = np.arange(count) / count
     position = np.column_stack([0.04 * np.cos(180 * time), 0.04 * np.sin(180 * time), 0.2 + 0.02 * np.sin(9 * time)])
     return FocalPoints(position.astype(np.float32), (np.sin(70 * time) > -0.7).astype(np.float32))
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("array", ["emulator", "pat16"])
 def test_noise_on_a_device_and_of_packed_frames_is_that_of_the_cpu(array, device, monkeypatch):
     """Packed: frames made where they are listened to, as on a GPU."""
@@ -123,9 +124,10 @@ def test_pressure_on_a_device_is_that_of_the_cpu(device):
             assert found[1][name] == (None if value is None else pytest.approx(value, rel=1e-3))
 
 
+@pytest.mark.exhaustive
 def test_predictions_are_timed_and_show_progress(tmp_path):
     ticks = []
-    recipe = recipe_of("cube", motion=explored(0.12, seed=3))
+    recipe = recipe_of("cube", motion=explored(0.09, seed=3))
     got = payloads(tmp_path, recipe)
     assert {stage for payload in got.values() for stage in payload["seconds"]} >= {"noise", "pressure", "sampling"}
     strategy = sampling_strategy(recipe.sampling)

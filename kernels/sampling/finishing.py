@@ -7,7 +7,7 @@ is under way, and their route on those entered before. So one thread a motion la
 import warp as wp
 
 from ..offsets import BLOCK
-from ..patch import EXACT
+from ..patch import SELDOM
 from .cursor import (
     DrawnTracks,
     PoseEntry,
@@ -35,7 +35,7 @@ from .layout import (
 )
 from .tracks import RUNS_MOST, PosePieces, lay_single_tracks, lay_track, make_search_room
 
-wp.set_module_options(EXACT)
+wp.set_module_options(SELDOM)
 
 BEHIND = wp.constant(wp.float64(1e-12))  # knots by which an end must lie behind a sample
 ROUNDING = wp.constant(wp.float64(1e-9))  # share of a sample

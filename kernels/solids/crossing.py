@@ -18,10 +18,10 @@ import numpy as np
 import warp as wp
 
 from ..offsets import BLOCK
-from ..patch import EXACT
+from ..patch import SELDOM
 from .orientation import line_side, plane_side
 
-wp.set_module_options(EXACT)
+wp.set_module_options(SELDOM)
 
 CHUNK = 2**17  # faces a launch: a second or so, then Ctrl-C is heard
 ROOM_LARGEST = 2**22  # pairs a launch; fewer faces are taken where there are more

@@ -8,11 +8,11 @@ import numpy as np
 import warp as wp
 
 from ..offsets import BLOCK
-from ..patch import EXACT
+from ..patch import SELDOM
 from .crossing import Triangles, corner_of, corners_of, project_along, upload_triangles
 from .orientation import line_side, plane_side
 
-wp.set_module_options(EXACT)
+wp.set_module_options(SELDOM)
 
 FAR = wp.constant(4.0)  # above every box: scaled, they lie within 1
 POINTS = 2**16  # a launch

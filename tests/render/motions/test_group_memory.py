@@ -56,7 +56,7 @@ def estimated(group):
     return motion_bytes(group.scene, poses, counts, group.sampling, group.points_a_pose, pauses=has_pauses).sum()
 
 
-@pytest.mark.exhaustive(after=3)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("hand", ["palm", "planes"])
 @pytest.mark.parametrize(("strategy", "sampling"), CASES)
 def test_arrays_take_what_is_estimated_or_less(taken, strategy, sampling, hand):
@@ -67,7 +67,7 @@ def test_arrays_take_what_is_estimated_or_less(taken, strategy, sampling, hand):
     assert 0.25 * estimated(group) < taken.most < estimated(group)
 
 
-@pytest.mark.exhaustive(after=2)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("strategy", "sampling"), DENSE)
 def test_groups_keep_to_their_budget_whatever_their_contours(taken, strategy, sampling):
     memory, sizes = 40_000_000, []

@@ -123,6 +123,12 @@ def test_files_that_documents_name_are_there():
         assert [name for name in named.findall(page.read_text()) if not (ROOT / name).exists()] == [], page
 
 
+@pytest.mark.parametrize("script", ["lowest", "wheel"])
+def test_tests_that_ci_names_are_there(script):
+    (named,) = re.findall(r"^tests=\((.*?)\)", (ROOT / ".ci" / script).read_text(), re.MULTILINE | re.DOTALL)
+    assert [name for name in named.split() if not (ROOT / "tests" / f"{name}.py").exists()] == []
+
+
 def test_every_folder_is_packed():
     packed = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"])
     assert packed == {"palpate." + folder_of(path).replace("/", ".") for path in SOURCES}
@@ -154,7 +160,7 @@ OWN_KERNEL = re.compile(r"@wp\.kernel(\(launch_bounds=.*\))?\n")  # of its file'
 def test_kernel_modules_are_compiled_exactly():
     for path in (ROOT / "kernels").rglob("*.py"):
         text = path.read_text()
-        assert not OWN_KERNEL.search(text) or ("wp.set_module_options(EXACT)" in text), path
+        assert not OWN_KERNEL.search(text) or re.search(r"wp.set_module_options\((EXACT|SELDOM)\)", text), path
         decorators = {line.strip() for line in text.splitlines() if line.strip().startswith("@wp.kernel")}
         assert all(OWN_KERNEL.match(line + "\n") or line == "@wp.kernel(**MODULE)" for line in decorators), path
 

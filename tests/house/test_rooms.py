@@ -125,8 +125,10 @@ def test_files_that_documents_name_are_there():
 
 @pytest.mark.parametrize("script", ["lowest", "wheel"])
 def test_tests_that_ci_names_are_there(script):
-    (named,) = re.findall(r"^tests=\((.*?)\)", (ROOT / ".ci" / script).read_text(), re.MULTILINE | re.DOTALL)
-    assert [name for name in named.split() if not (ROOT / "tests" / f"{name}.py").exists()] == []
+    text = (ROOT / ".ci" / script).read_text()
+    named = re.findall(r"^tests=\((.*?)\)", text, re.MULTILINE | re.DOTALL)[0].split()
+    assert len(named) > 3
+    assert [name for name in named if not (ROOT / "tests" / f"{name}.py").exists()] == []
 
 
 def test_every_folder_is_packed():

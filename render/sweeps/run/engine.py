@@ -99,6 +99,12 @@ class InProcess:
     def drop(self, number: int, reason: str) -> None:
         """Nothing: no task is running."""
 
+    def take_back(self) -> list[Task]:
+        """Tasks that wait and were not begun; they are no longer this engine's."""
+        tasks = list(self._queue)
+        self._queue.clear()
+        return tasks
+
     def close(self) -> None:
         """Forget what waits."""
         self._queue.clear()
@@ -157,6 +163,7 @@ class LocalEngine:
         if not self._has_processes:
             self._has_processes = True
             self._processes.start(self._store)
+            self._kept.extend(self._here.take_back())  # this process makes none any more
 
     def free_count(self) -> int:
         """Workers without a task; none while one waits for a process."""

@@ -26,6 +26,7 @@ from .sharing import Sharing
 
 FOREIGN = -1  # number of a task of another parent
 WAIT = 0.5  # [s] for an outcome, before what takes too long is looked at, and Ctrl-C
+STRAY_LONGEST = 10.0  # [s] for which all workers may be free although tasks are given: outcomes under way
 
 
 @dataclass(frozen=True)
@@ -147,6 +148,7 @@ class _Run:
         self._is_read_only = store.mode == "read"
         self._devices: tuple[str, ...] = ()
         self._looked_at = 0.0  # when other parents' results were last looked for
+        self._held_at = self._begun  # when workers last had all tasks that were given
 
     def run(
         self,
@@ -267,6 +269,7 @@ class _Run:
         self._recording.require_store()
         for outcome in outcomes:
             self._take(outcome, schedule)
+        self._require_held(schedule, engine, is_moving=bool(outcomes))
         self._give(schedule, engine)
         self._recording.record_old(self._clock())
         self._record_failures(schedule.missing)
@@ -280,6 +283,18 @@ class _Run:
         """Give tasks to free workers."""
         while engine.free_count() and (task := schedule.next_task(self._clock())) is not None:
             engine.submit(task)
+
+    def _require_held(self, schedule: Schedule, engine: Engine, *, is_moving: bool) -> None:
+        """Raise SweepError if all workers are free for `STRAY_LONGEST` although tasks were given: none will end."""
+        workers = len(engine.devices)
+        if is_moving or not schedule.given_numbers or not workers or engine.free_count() < workers:
+            self._held_at = self._clock()
+        elif self._clock() - self._held_at > STRAY_LONGEST:
+            numbers = ", ".join(map(str, schedule.given_numbers))
+            raise SweepError(
+                f"no worker has task {numbers}, which was given to {engine.name}: a fault of palpate. What was made is "
+                "kept; `--workers 1` makes the rest in one process"
+            )
 
     def _note_workers(self, schedule: Schedule, engine: Engine) -> None:
         """See who is there, and have more workers started if seconds of work are left for each."""

@@ -149,6 +149,11 @@ class Schedule:
         return bool(self._given or self._elsewhere)
 
     @property
+    def given_numbers(self) -> tuple[int, ...]:
+        """Tasks that were given to workers and of which no outcome has come."""
+        return tuple(self._given)
+
+    @property
     def has_work(self) -> bool:
         """Whether any chunk waits."""
         return bool(self._waiting or self._alone)

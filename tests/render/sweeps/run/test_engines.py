@@ -20,6 +20,7 @@ from palpate.render.stages import registry
 from palpate.render.stages.registry import known_stages
 from palpate.render.sweeps.make.task import Chunk, Task
 from palpate.render.sweeps.make.work import run_task
+from palpate.render.sweeps.run import engine as engine_module
 from palpate.render.sweeps.run import worker_process as worker_process_module
 from palpate.render.sweeps.run.dask_engine import DaskEngine
 from palpate.render.sweeps.run.engine import InProcess, LocalEngine, _is_python, choose_engine
@@ -334,6 +335,46 @@ def test_words_choose_the_engine():
     for words in (("cuda:77",), ("cpu", 0), ("cpu,cpu",)):
         with pytest.raises(StrategyError):
             choose_engine(*words)
+
+
+def test_a_task_that_this_process_has_not_begun_goes_to_the_processes_that_take_over(tmp_path, monkeypatch):
+    """Otherwise nobody makes it, and the sweep waits for ever."""
+
+    class Taken:
+        worker_most, devices, name = 2, ("cpu",), "stand-in"
+
+        def __init__(self, devices):
+            self.tasks = []
+
+        def start(self, store):
+            pass
+
+        def grow(self, worker_count):
+            pass
+
+        def free_count(self):
+            return 1 - len(self.tasks)
+
+        def submit(self, task):
+            self.tasks.append(task)
+
+        def wait(self, timeout):
+            return []
+
+        def close(self):
+            pass
+
+    monkeypatch.setattr(engine_module, "Processes", Taken)
+    monkeypatch.setattr(engine_module, "runs_python", lambda chunk: False)
+    engine = LocalEngine(2)
+    engine.start(tmp_path)
+    (task,) = tasks_of(tmp_path, "waits")
+    engine.submit(task)
+    engine.grow(2)  # more than one worker is worth it: processes take over
+    assert engine.free_count() == 0
+    engine.wait(0.0)
+    assert engine._processes.tasks == [task]
+    engine.close()
 
 
 @pytest.mark.exhaustive

@@ -4,6 +4,7 @@ import json
 import resource
 import shutil
 from dataclasses import replace
+from itertools import count
 
 import pytest
 from simulated_engine import MAKER, StandInPlan
@@ -130,6 +131,21 @@ def test_tasks_that_come_within_a_time_are_recorded_together(tmp_path, monkeypat
     recordings = [count for count in counts if count]
     assert len(recordings) == min(most, report.tasks)
     assert sum(recordings) == report.tasks > 1
+
+
+def test_a_task_that_no_worker_has_is_an_error_and_what_was_made_is_kept(tmp_path):
+    class Forgetful(StandInEngine):
+        def submit(self, task):
+            if len(self.tasks) < 2:
+                super().submit(task)
+
+    wanted, clock = [StandIn(motion=str(number)) for number in range(40)], count(0.0, 0.5)
+    with pytest.raises(SweepError, match=r"no worker has task 3, .*given to stand-in"):
+        go(tmp_path, wanted, Forgetful(), clock=lambda: next(clock))
+    assert next(clock) < 100.0  # [s]
+    engine = StandInEngine()
+    assert go(tmp_path, wanted, engine).recipes_done == len(wanted)
+    assert is_whole(tmp_path, wanted)
 
 
 def test_an_interrupt_keeps_what_is_made(tmp_path):

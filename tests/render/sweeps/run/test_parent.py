@@ -141,10 +141,12 @@ def test_a_task_that_no_worker_has_is_an_error_and_what_was_made_is_kept(tmp_pat
 
     wanted, clock = [StandIn(motion=str(number)) for number in range(40)], count(0.0, 0.5)
     with pytest.raises(SweepError, match=r"no worker has task 3, .*given to stand-in"):
-        go(tmp_path, wanted, Forgetful(), clock=lambda: next(clock))
+        go(tmp_path, wanted, forgetful := Forgetful(), clock=lambda: next(clock))
     assert next(clock) < 100.0  # [s]
-    engine = StandInEngine()
-    assert go(tmp_path, wanted, engine).recipes_done == len(wanted)
+    go(tmp_path, wanted, engine := StandInEngine())
+    made = [chunk for task in (*forgetful.tasks, *engine.tasks) for chunk in task.chunks]
+    assert len(forgetful.tasks) == 2
+    assert len(set(made)) == len(made)  # none is made again
     assert is_whole(tmp_path, wanted)
 
 

@@ -176,7 +176,7 @@ def test_a_dry_run_counts_a_pose_once_where_it_is_rendered_again_to_be_sampled(t
     for metrics in ('["contours"]', '["contours", "sampling"]'):
         words = ("--dry-run", "--device", "cpu", "--set", "motion.duration=1.0", "--set", f"metrics={metrics}")
         told = answer("sweep", path, *words, "--store", tmp_path / "none")
-        assert (told["renderings"], told["poses_to_render"]) == (2, 2 * 90)
+        assert (told["renderings"], told["poses_to_render"]) == (1, 90)
 
 
 def test_a_dry_run_tells_every_recipe_that_will_fail(tmp_path, monkeypatch):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib.util
 import os
 import signal
@@ -323,3 +324,19 @@ def test_what_the_line_cannot_have_carried_yet_is_under_way_where_the_driver_say
     assert clock.now_ns() == pytest.approx(258 * 10 * 10 / 230_400 * 1e9, abs=3e6)  # all but the last window
     transport.drain()
     assert (transport.bytes_under_way, transport.bytes_taken) == (0, 258 * 11)
+
+
+def test_what_was_under_way_when_the_adapter_was_pulled_never_counts_as_taken() -> None:
+    def pulled(data: memoryview) -> int:
+        raise OSError(errno.EIO, "the adapter was pulled")
+
+    clock = VirtualClock()
+    port = SimpleNamespace(write=len, waiting=lambda: 0, close=lambda: None)
+    transport = SerialTransport(port, 230_400, clock=clock)
+    transport.submit(array("B", bytes(258)))
+    clock.advance(100 * 10 / 230_400)
+    port.write = pulled
+    with pytest.raises(DeviceLostError):
+        transport.submit(array("B", bytes(10)))
+    clock.advance(1.0)  # in which the line would have carried the rest
+    assert (transport.bytes_under_way, transport.bytes_taken, transport.is_exact) == (0, 100, False)

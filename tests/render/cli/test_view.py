@@ -4,6 +4,7 @@ import json
 import signal
 import subprocess
 import sys
+import threading
 import urllib.request
 
 import pytest
@@ -13,7 +14,9 @@ pytest.importorskip("viser")
 from typer.testing import CliRunner
 
 from palpate.render import exploration, render  # after the skip
+from palpate.render.cli import view_command
 from palpate.render.cli.app import app
+from palpate.render.view.live.session import view_files
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +68,12 @@ def test_it_serves_until_ctrl_c(file):
     ],
 )
 def test_what_cannot_be_shown_is_refused(file, tmp_path, monkeypatch, arguments, code, sentence):
+    def view_and_end(files, **options):
+        ended = threading.Event()
+        ended.set()
+        view_files(files, stop=ended, **options)
+
+    monkeypatch.setattr(view_command, "view_files", view_and_end)  # what is shown by mistake is not served for ever
     monkeypatch.chdir(tmp_path)
     given = [str(file) if argument == "FILE" else argument for argument in arguments]
     result = CliRunner().invoke(app, ["view", "--no-browser", *given])

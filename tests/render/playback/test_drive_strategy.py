@@ -158,6 +158,18 @@ def test_silent_frames_hold_the_phases_before_them():
     assert (delay[3] != delay[0]).any()
 
 
+def test_silent_frames_hold_the_phases_of_the_block_before_them():
+    driver = Driver(EMULATOR)
+    last = driver.drive(foci([[0, 0, 0.2], [0.02, 0, 0.2]])).delay[-1]
+    np.testing.assert_array_equal(driver.drive(foci([[np.nan] * 3])).delay[0], last)
+
+
+def test_points_out_of_reach_that_are_meant_to_be_silent_do_not_count_as_refused():
+    drives = Driver(EMULATOR).drive(foci([[9, 9, 9], [9, 9, 9], [np.nan] * 3], [1, 0, 0]))
+    assert drives.refused == 1
+    assert drives.amplitude.tolist() == [0] * 3
+
+
 def test_gauge_keeps_several_moving_points_from_turning_the_array(device):
     focus = four_on_circle(400)
     focus.intensity[200:250] = 0  # silent frames are solved for equal points

@@ -11,7 +11,7 @@ from palpate.datasets.focus_files.ptlist import write_ptlist
 from palpate.device.boards.emulator.usb_side import Fault, FaultKind
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames
-from palpate.device.errors import DeviceLostError, UpdateRateError
+from palpate.device.errors import DeviceBusyError, DeviceLostError, UpdateRateError
 from palpate.device.registry import array_model, emulated_backend
 from palpate.render import MeshObject, Palm, closed_contour, record, render
 from palpate.render.errors import PoseError, StrategyError
@@ -160,13 +160,37 @@ def test_repeats_of_what_does_not_fit_are_read_again(moving, monkeypatch):
 
 
 def test_a_slew_limit_reaches_across_blocks_and_repeats():
-    far = FocalPoints(np.array([[-0.05, 0, 0.2], [0.05, 0, 0.2]] * 3000, np.float32), np.ones(6000, np.float32))
+    there_and_back = np.array([[-0.05, 0, 0.2], [0.05, 0, 0.2]] * 1500, np.float32)
+    ends_elsewhere = np.concatenate([there_and_back, np.repeat(there_and_back[:2], 1500, axis=0)])
+    far = FocalPoints(ends_elsewhere, np.ones(6000, np.float32))
     driver = Driver(array_model("emulator"), DriveStrategy(slew=1e-3), update_rate=10_000.0)
     blocks = list(FrameSource(PointSource(far), driver, repeats=2))
     wire = np.concatenate([np.frombuffer(block[0], np.uint8).reshape(-1, 512) for block in blocks])
     step = np.abs((np.diff(wire[:, 0::2].astype(int), axis=0) + 128) % 256 - 128)
     assert len(wire) == 12_000
     assert 1 <= step.max() <= 2  # 4 periods of 1e-3 turns are 1.02 of 256
+
+
+def test_refused_points_and_switched_frames_are_counted_the_first_time_only_though_all_are_made_anew(monkeypatch):
+    monkeypatch.setattr("palpate.render.playback.frame_source.KEPT_BYTES_MOST", 0)
+    position = np.array([[0, 0, 0.2], [9, 9, 9], [np.nan] * 3, [0, 0, 0.2], [0, 0, 0.2]], np.float32)
+    source = PointSource(FocalPoints(position, np.float32([0.7, 1, 1, 0.7, 0.7])))
+    frames = FrameSource(source, Driver(array_model("sonicsurface")), repeats=3)
+    assert len(list(frames)) == 3
+    assert (frames.refused, frames.switched) == (2, 3)
+
+
+def test_arrays_are_let_go_of_when_playing_ends_and_when_another_cannot_be_opened():
+    connection = Connection(backend=emulated_backend("emulator", clock=VirtualClock()))
+    arrays = load_rig("emulator")
+    kept = []  # so that no link is closed because nothing refers to it any more
+    with connection.all_of(arrays) as links:
+        kept += links
+    with pytest.raises(DeviceBusyError) as refused, connection.all_of([*arrays, *arrays]):
+        pytest.fail("the same array was opened twice")
+    kept.append(refused.value)
+    with connection.all_of(arrays) as links:
+        assert links[0].status().level == 0
 
 
 def test_a_point_list_is_played_at_its_own_rate(tmp_path):
@@ -292,6 +316,7 @@ def test_poses_far_apart_are_held_until_the_next_one(static, tube, tmp_path):
     focus, sampler = focus_of(path, SamplingStrategy(hold=0.1, update_rate=1000.0))
     assert sampler.count.held == 0
     assert (focus.intensity == 1).all()
+    assert len(focus.intensity) == 1200  # the last pose lasts as long as those before it
 
 
 @pytest.mark.exhaustive

@@ -170,11 +170,20 @@ def test_the_clock_may_start_anywhere_and_the_next_pose_is_expected_after_an_int
     aheads=st.lists(st.floats(0.0, 0.03), min_size=8, max_size=8),
 )
 def test_no_sample_is_lost_or_drawn_twice_whenever_poses_come(gaps, aheads):
+    assert_each_sample_is_drawn_once(gaps, aheads)
+
+
+def test_what_was_not_drawn_before_a_pose_is_drawn_from_the_one_before_it():
+    assert_each_sample_is_drawn_once([0.02, 0.005, 0.01], [0.0, 0.01, 0.0, 0.01])
+
+
+def assert_each_sample_is_drawn_once(gaps, aheads):
+    """Poses come `gaps` [s] apart, each is drawn for `aheads` [s], and what is left then is drawn from it as well."""
     time = np.concatenate([[0.0], np.cumsum(gaps)])
     late, own = (Instant(thing_of("tube"), PALM, open_contour()) for _ in range(2))
     count = 0
     for i, now in enumerate(time):
-        pose, until = motion_on("tube").pose[5 + i], now + aheads[i % 8]
+        pose, until = motion_on("tube").pose[5 + i], now + aheads[i % len(aheads)]
         focus = late.draw(pose, now, until=until)
         count = max(count, sample_bounds(np.array([0.0]), until, 10_000.0)[1])
         before = [own.go_on(now)] if i else []

@@ -52,7 +52,7 @@ def pytest_configure(config):
     os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [*shared, os.environ.get("PYTHONPATH")]))
     for line in (
         "stress: many poses on large meshes; seconds each",
-        "exhaustive(after=0, but=''): runs only with -m '' or -m exhaustive ; the first `after` examples "
+        "exhaustive(after=0, but=''): runs only with -m '' or -m exhaustive; the first `after` examples "
         "of a test, and those whose id has `but`, run always",
     ):
         config.addinivalue_line("markers", line)

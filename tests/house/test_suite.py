@@ -27,7 +27,8 @@ def write_test(folder, text):
 
 def test_a_public_name_belongs_to_the_room_that_defines_it():
     assert public_homes()["render"]["closed_contour"] == "render/strategies"
-    assert public_homes()["datasets"]["HandMotion"] == "datasets/motions"
+    assert public_homes()["render"]["HandMotion"] == public_homes()["datasets"]["HandMotion"] == "datasets/motions"
+    assert {room for homes in public_homes().values() for room in homes.values()} <= digests().keys()
 
 
 def test_arrows_are_turned_round():
@@ -56,6 +57,10 @@ def test_a_test_file_uses_the_rooms_that_it_imports_or_names(tmp_path):
         ({"tests/oracles"}, "tests/kernels/test_geometry.py", 2),
         ({"benchmarks"}, "tests/house/test_benchmarks.py", 2),
         ({"docs/guide"}, "tests/house/test_docs.py", 2),
+        ({".ci"}, "tests/render/sweeps/test_docs.py", 2),
+        ({"README.md"}, "tests/house/test_rooms.py", 2),
+        ({"datasets/motions"}, "tests/render/sampling/test_hops.py", 2),
+        ({"datasets/contour_file"}, "tests/faults/test_fuzz.py", 2),  # by what it shares with others
         ({"device/playing"}, "tests/kernels/test_geometry.py", None),
         ({"docs/guide"}, "tests/kernels/test_geometry.py", None),
         (set(), "tests/render/sampling/test_orders.py", None),
@@ -65,7 +70,7 @@ def test_a_change_reaches_its_room_those_that_import_it_and_tests_that_name_it(c
     assert reach.rank_of(ROOT / file, changed) == rank
 
 
-@pytest.mark.parametrize("room", [".", "tests", "tests/suite"])
+@pytest.mark.parametrize("room", ["pyproject.toml", "tests", "tests/suite"])
 def test_what_every_test_runs_with_reaches_every_test(room):
     assert reach.reaches_all({room, "docs"})
     assert not reach.reaches_all({"render/cli", "docs"})
@@ -75,6 +80,7 @@ def test_a_digest_changes_with_a_files_content_and_name(tmp_path, monkeypatch):
     monkeypatch.setattr("rooms.ROOT", tmp_path)
     (tmp_path / "kernels" / "__pycache__").mkdir(parents=True)
     (tmp_path / ".ci").mkdir()
+    (tmp_path / ".gitignore").write_text("site/\n")
     seen = []
     for name, content in [("a.py", "x"), ("a.py", "y"), ("b.py", "y"), ("__pycache__/b.pyc", "z")]:
         (tmp_path / "kernels" / name).write_text(content)
@@ -82,13 +88,16 @@ def test_a_digest_changes_with_a_files_content_and_name(tmp_path, monkeypatch):
         seen.append(digests.__wrapped__().get("kernels"))
     assert len(set(seen)) == 3  # bytecode does not count
     assert seen[2] == seen[3]
-    assert ".ci" not in digests.__wrapped__()  # nor does the file of the digests
+    (tmp_path / "kernels" / "site").mkdir()
+    for stray in ("dog.h5", "kernels/site/page.html", ".ci/proved"):
+        (tmp_path / stray).write_text("x")
+    assert digests.__wrapped__().keys() == {"kernels"}  # nor do what git ignores, what lies at the root, and .ci/proved
 
 
 def test_what_was_proved_is_read_back_and_a_wrong_file_proves_nothing(tmp_path):
     file = tmp_path / "proved"
     assert reach.proved_digests(file) == {}
-    reach.write_proved(file)
+    file.write_text(reach.proved_text())
     assert reach.proved_digests(file) == digests()
     assert reach.changed_rooms(reach.proved_digests(file), digests()) == set()
     file.write_bytes(b"\xff\xfe nothing\n")

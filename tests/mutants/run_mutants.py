@@ -10,8 +10,9 @@ A patch `tests/mutants/ROOM/NAME.patch` begins with these lines, then a diff as 
     Tests: tests/device/playing/test_player.py tests/device/playing/test_signals.py
     Marks: exhaustive                                            # only if quick tests alone do not find it
 
-A mutant dies if at least one of these tests fails. Exit code 1: one lives, no longer applies (rewrite it, for the code
-that does its work now), or breaks the import or the collection, which proves nothing about tests.
+A mutant dies if at least one of these tests fails; without the patch they pass, as the suite shows. Exit code 1: one
+lives, no longer applies (rewrite it, for the code that does its work now), or breaks import or collection, which proves
+nothing about tests.
 """
 
 import argparse
@@ -31,7 +32,7 @@ ROOT = Path(__file__).parents[2]
 FOLDER = Path(__file__).parent
 sys.path.insert(0, str(ROOT / "tests" / "suite"))
 
-from reach import changed_rooms, proved_digests, reaches_all  # noqa: E402 - the path to it stands above
+from reach import changed_rooms, proved_digests, reaches_all, used_rooms  # noqa: E402 - the path to it stands above
 from rooms import digests, folder_of  # noqa: E402
 
 PACKAGES = ("kernels", "render", "device", "datasets")
@@ -54,9 +55,11 @@ class Mutant:
 
     @property
     def rooms(self) -> set[str]:
-        """Folders of the source that it changes, and of its tests."""
-        files = [*re.findall(r"^\+\+\+ b/(.+)$", self.path.read_text(), re.MULTILINE), *self.tests]
-        return {folder_of(ROOT / file.partition("::")[0]) for file in files}
+        """Its own folder, those of the source that it changes and of its tests, and those of what its tests share."""
+        tests = [ROOT / test.partition("::")[0] for test in self.tests]
+        files = [ROOT / name for name in re.findall(r"^\+\+\+ b/(.+)$", self.path.read_text(), re.MULTILINE)]
+        shared = {room for test in tests if test.is_file() for room in used_rooms(test) if room.startswith("tests/")}
+        return {folder_of(file) for file in (self.path, *files, *tests)} | shared
 
 
 def read_mutant(path: Path) -> Mutant:

@@ -1,11 +1,13 @@
 """CPU seconds of tests: the slowest are printed; with `--cpu-most` and `--cpu-sum` (in `.ci/run`), bounds.
 
-CPU seconds of the test's process and of the child processes that it waits for, not wall time, so a busy machine changes
-little. What is left is scaled: a calibration takes longer on a slower processor, and the bounds grow as it does.
+They are CPU seconds of the test's process and of the child processes that it waits for. Wall time would depend on what
+else the machine does. On a slower processor a calibration takes longer, and the bounds grow by the same factor. What
+several tests share does not count: fixtures, and what only the first run of a test computes, as imports and caches are.
 """
 
 import resource
 import time
+from statistics import median
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from _pytest.runner import runtestprotocol  # what pytest-rerunfailures uses, to
 
 CALIBRATION = 0.0147
 """CPU seconds of `calibrate` on the processor on which the bounds were set: an EPYC at 2.6 GHz (AMD, family 25)."""
+SCALE_MOST = 3.0
 SHOWN = 10
 ROWS_MOST = 200
 
@@ -35,6 +38,11 @@ def calibrate():
     return min(work() for _ in range(5))
 
 
+def measured_scale():
+    """How many times longer than on the processor of the bounds the calibration takes, within 1 and `SCALE_MOST`."""
+    return min(SCALE_MOST, max(1.0, calibrate() / CALIBRATION))
+
+
 def pytest_addoption(parser):
     group = parser.getgroup("cpu", "CPU seconds of tests")
     group.addoption("--cpu-most", type=float, help="a test that uses more CPU seconds fails, unless it is exhaustive")
@@ -46,18 +54,20 @@ class CpuTime:
 
     def __init__(self, most):
         self.most = most
-        self.scale = max(1.0, calibrate() / CALIBRATION) if most else 1.0
+        self.scale = measured_scale() if most else 1.0
         self.rows = {}
         self.wider = 0.0  # of fixtures that several tests share
+        self.is_in_wider = False
 
     @pytest.hookimpl(wrapper=True)
     def pytest_fixture_setup(self, fixturedef):
-        begin = cpu_seconds()
+        if fixturedef.scope == "function" or self.is_in_wider:  # what a shared fixture asks for is counted with it
+            return (yield)
+        begin, self.is_in_wider = cpu_seconds(), True
         try:
             return (yield)
         finally:
-            if fixturedef.scope != "function":
-                self.wider += cpu_seconds() - begin
+            self.wider, self.is_in_wider = self.wider + cpu_seconds() - begin, False
 
     def run(self, item, nextitem):
         """Reports of a test, and CPU seconds: its own, and all."""
@@ -76,9 +86,9 @@ class CpuTime:
         if bounded and own > self.most * self.scale and all(report.passed for report in reports):
             item._initrequest()
             reports, again, _ = self.run(item, nextitem)
-            self.scale = max(self.scale, calibrate() / CALIBRATION)
-            if min(own, again) > self.most * self.scale:
-                call = next(report for report in reports if report.when == "call")
+            self.scale = max(self.scale, measured_scale())
+            call = next((report for report in reports if report.when == "call"), None)
+            if call is not None and min(own, again) > self.most * self.scale:
                 call.outcome = "failed"
                 call.longrepr = (
                     f"used {min(own, again):.2f} s of CPU, but a quick test may use {self.most * self.scale:.2f} s "
@@ -111,7 +121,7 @@ class CpuSummary:
 
     @property
     def scale(self):
-        return max((part["scale"] for part in self.parts), default=1.0)
+        return median(part["scale"] for part in self.parts) if self.parts else 1.0
 
     @property
     def seconds(self):

@@ -18,7 +18,7 @@ import pytest
 import warp as wp
 
 READY = "PALPATE_TEST_KERNELS"
-"""Environment variable: the file that appears when kernels are compiled; what went wrong is its content."""
+"""Environment variable: the file that appears when kernels are compiled, or cannot be."""
 COMPILE = """
 import sys
 import warp
@@ -49,6 +49,7 @@ class Controller:
         self.bytecode = keep_bytecode()
         self.folder = tempfile.TemporaryDirectory(prefix="palpate-kernels-")
         self.ready = Path(self.folder.name, "ready")
+        self.failure = ""
         os.environ[READY] = str(self.ready)
         words = [sys.executable, "-c", COMPILE, *devices]
         self.process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
@@ -57,9 +58,18 @@ class Controller:
 
     def wait(self):
         printed, _ = self.process.communicate()
-        written = self.ready.with_suffix(".new")
-        written.write_text(printed if self.process.returncode else "")
-        written.rename(self.ready)
+        self.failure = printed if self.process.returncode else ""
+        self.ready.touch()
+
+    def pytest_sessionfinish(self, session):
+        """A run whose kernels do not compile fails, even if no test needs the one that is wrong."""
+        if self.failure and session.exitstatus == pytest.ExitCode.OK:
+            session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+    def pytest_terminal_summary(self, terminalreporter):
+        if self.failure:
+            terminalreporter.section("kernels that were to be compiled before the tests")
+            terminalreporter.line(self.failure)
 
     def pytest_unconfigure(self):
         if self.process.poll() is None:
@@ -87,14 +97,14 @@ class Worker:
         """All workers must have the same order; within a file it is the same already."""
         items.sort(key=lambda item: str(item.path))
 
-    @pytest.hookimpl(tryfirst=True)
+    @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item):
+        """If kernels could not be compiled, the tests that need them compile them, and show what is wrong."""
         if self.ready and not set(WITHOUT_KERNELS) & set(item.path.relative_to(item.config.rootpath).parts):
             while not self.ready.exists():
                 time.sleep(0.02)
-            if wrong := self.ready.read_text():
-                pytest.exit(f"kernels do not compile:\n{wrong}", returncode=1)
             self.ready = None
+        return (yield)
 
 
 @pytest.hookimpl(wrapper=True)
@@ -115,6 +125,6 @@ def pytest_configure(config):
     elif config.getoption("numprocesses", None):
         devices = config.getoption("--device") or [str(device) for device in wp.get_devices()]
         if config.getoption("--lanes"):  # its kernels are others, which each worker compiles
-            keep_bytecode()
+            config.bytecode = keep_bytecode()
         else:
             config.pluginmanager.register(Controller(devices))

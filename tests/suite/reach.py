@@ -4,7 +4,7 @@
 changed. A change reaches a test
 - if it is in the test's folder, in the room that this folder mirrors, or in a room that this one imports;
 - if the test imports or names the changed room, or imports shared modules of a changed folder of tests;
-- if it is in a folder of documents, benchmarks or CI whose name stands in the test.
+- if it is in a folder of documents, benchmarks or CI, or a file of the root, whose name stands in the test.
 A change of `pyproject.toml`, `tests/conftest.py` or `tests/suite` reaches every test.
 """
 
@@ -12,15 +12,13 @@ import re
 import time
 from collections import Counter
 from functools import cache
-from pathlib import Path
 
 import pytest
-from rooms import ROOT, digests, folder_of, imported_rooms, importers
+from rooms import ROOT, ROOT_FILES, digests, folder_of, imported_rooms, importers
 
 PROVED = ROOT / ".ci" / "proved"
-READ = ("docs", "benchmarks", ".ci")
+READ = ("docs", "benchmarks", ".ci", *ROOT_FILES)
 SHARED = ("tests/cases", "tests/oracles", "tests/faults", "tests/device/tiers", "tests/suite")
-LEFT_OUT = pytest.StashKey[list[str]]()
 
 
 def pytest_addoption(parser):
@@ -44,7 +42,7 @@ def changed_rooms(proved, now):
 
 
 def reaches_all(changed):
-    return bool(changed & {".", "tests", "tests/suite"})
+    return bool(changed & {"pyproject.toml", "tests", "tests/suite"})
 
 
 def mirrored(folder):
@@ -58,15 +56,15 @@ def shared_files():
 
 
 @cache
-def shared_rooms(path):
-    """Folders of the shared modules that a file of the tests imports, directly or by another of them."""
+def used_rooms(path):
+    """Rooms that a file of the tests imports or names, by itself and by shared modules; and the folders of these."""
     found, waiting = set(), [path]
     while waiting:
         for name in re.findall(r"^\s*(?:from|import) (\w+)", waiting.pop().read_text(), re.MULTILINE):
             if (file := shared_files().get(name)) and file not in found:
                 found.add(file)
                 waiting.append(file)
-    return frozenset(folder_of(file) for file in found)
+    return frozenset().union(*map(imported_rooms, found | {path}), (folder_of(file) for file in found))
 
 
 def rank_of(path, changed):
@@ -77,10 +75,10 @@ def rank_of(path, changed):
         return 0
     if any(room in importers()[other] for other in changed & importers().keys()):
         return 1
-    if (imported_rooms(path) | shared_rooms(path)) & changed:
+    if used_rooms(path) & changed:
         return 2
     text, tops = path.read_text(), {room.split("/")[0] for room in changed}
-    return 2 if any(top in tops and re.search(rf"\b{re.escape(top)}\b", text) for top in READ) else None
+    return 2 if any(top in tops and re.search(rf"(?<!\w){re.escape(top)}(?!\w)", text) for top in READ) else None
 
 
 @pytest.hookimpl(trylast=True)
@@ -89,25 +87,25 @@ def pytest_collection_modifyitems(config, items):
     if not config.getoption("--reach"):
         return
     changed = changed_rooms(proved_digests(), digests())
-    everything = reaches_all(changed)
-    ranks = {path: 0 if everything else rank_of(path, changed) for path in {item.path for item in items}}
+    ranks = {path: rank_of(path, changed) for path in {item.path for item in items}}
+    if reaches_all(changed):
+        ranks = {path: 3 if rank is None else rank for path, rank in ranks.items()}
     reached = [item for item in items if ranks[item.path] is not None]
     config.hook.pytest_deselected(items=[item for item in items if ranks[item.path] is None])
     count = Counter()
     places = []
     for item in reached:
         test = item.nodeid.partition("[")[0]
-        places.append((count[test], ranks[item.path]))
+        places.append((ranks[item.path], count[test]))
         count[test] += 1
     items[:] = [reached[k] for k in sorted(range(len(reached)), key=places.__getitem__)]
-    config.stash[LEFT_OUT] = []
-    if not hasattr(config, "workerinput"):
-        shown = "everything" if everything else ", ".join(sorted(changed)) or "nothing"
-        config.reach_line = f"changed since .ci/proved: {shown}; {len(reached)} of {len(ranks)} tests are reached"
 
 
-def pytest_report_collectionfinish(config):
-    return getattr(config, "reach_line", None)
+def pytest_terminal_summary(terminalreporter, config):
+    if config.getoption("--reach"):
+        changed = changed_rooms(proved_digests(), digests())
+        shown = ", ".join(sorted(changed)) or "nothing"
+        terminalreporter.line(f"changed since .ci/proved: {shown}{' (reaches all)' if reaches_all(changed) else ''}")
 
 
 class Budget:
@@ -153,14 +151,13 @@ def pytest_configure(config):
         config.pluginmanager.register(LeftOut())
 
 
-def write_proved(path=PROVED):
-    """Note that every test passed for the tree as it is now."""
+def proved_text():
+    """What .ci/proved holds if every test passed for the tree as it is now."""
     lines = [
         "# Written by .ci/release: the content of each folder (SHA-256, 128 bits of it) for which every test passed."
     ]
-    lines += [f"{digest} {room}" for room, digest in sorted(digests().items())]
-    Path(path).write_text("\n".join(lines) + "\n")
+    return "\n".join([*lines, *(f"{digest} {room}" for room, digest in sorted(digests().items())), ""])
 
 
 if __name__ == "__main__":
-    write_proved()
+    print(proved_text(), end="")

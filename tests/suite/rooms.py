@@ -103,8 +103,8 @@ def public_homes() -> dict[str, dict[str, str]]:
 
 
 def module_file(package: str, module: str) -> Path:
-    """The file of a module of a package."""
-    base = ROOT.joinpath(package, *module.split("."))
+    """The file of a module, by its name within a package, or with a leading dot within the house."""
+    base = ROOT.joinpath(*([] if module.startswith(".") else [package]), *module.strip(".").split("."))
     return base / "__init__.py" if base.is_dir() else base.with_suffix(".py")
 
 
@@ -127,17 +127,32 @@ def imported_rooms(path: Path) -> frozenset[str]:
 
 
 SKIPPED = {"__pycache__", "node_modules", "proved"}
+ROOT_FILES = (
+    "pyproject.toml",
+    "README.md",
+    "CONTRIBUTING.md",
+    "CHANGELOG.md",
+    "CITATION.cff",
+    "MANIFEST.in",
+    "mkdocs.yml",
+)
+"""Files of the root, each a room of its own; others that lie there are nobody's."""
 
 
 @cache
 def digests() -> dict[str, str]:
-    """A digest of the content of each folder, its subfolders apart; hidden ones do not count, but for .ci."""
+    """A digest of the content of each folder, its subfolders apart, and of files of the root.
+
+    Hidden folders do not count, but for .ci; nor do those that .gitignore names.
+    """
+    ignored = SKIPPED | {line.strip("/*") for line in (ROOT / ".gitignore").read_text().split()}
     rooms: dict[str, hashlib._Hash] = {}
     for path in sorted(ROOT.rglob("*")):
         parts = path.relative_to(ROOT).parts
         hidden = any(part.startswith(".") and part != ".ci" for part in parts)
-        if hidden or SKIPPED & set(parts) or any(part.endswith(".egg-info") for part in parts) or not path.is_file():
+        stray = len(parts) == 1 and path.name not in ROOT_FILES
+        if hidden or stray or ignored & set(parts) or ".egg-info" in parts[0] or not path.is_file():
             continue
         content = hashlib.sha256(path.read_bytes()).digest()
-        rooms.setdefault(folder_of(path), hashlib.sha256()).update(path.name.encode() + b"\0" + content)
-    return {room or ".": digest.hexdigest()[:32] for room, digest in rooms.items()}
+        rooms.setdefault(folder_of(path) or path.name, hashlib.sha256()).update(path.name.encode() + b"\0" + content)
+    return {room: digest.hexdigest()[:32] for room, digest in rooms.items()}

@@ -23,10 +23,10 @@ from .missing import Counts, Failure, Missing, ResultKey
 from .recording import ShardRecording
 from .schedule import START_SECONDS, Schedule, device_kind
 from .sharing import Sharing
+from .stray_tasks import StrayTasks
 
 FOREIGN = -1  # number of a task of another parent
 WAIT = 0.5  # [s] for an outcome, before what takes too long is looked at, and Ctrl-C
-STRAY_LONGEST = 10.0  # [s] for which all workers may be free although tasks are given: outcomes under way
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ class _Run:
         self._is_read_only = store.mode == "read"
         self._devices: tuple[str, ...] = ()
         self._looked_at = 0.0  # when other parents' results were last looked for
-        self._held_at = self._begun  # when workers last had all tasks that were given
+        self._stray = StrayTasks(clock)
 
     def run(
         self,
@@ -247,7 +247,7 @@ class _Run:
                 while not schedule.is_done:
                     self._turn(schedule, engine)
                     raise_if_interrupted()
-            self._note_devices(engine)  # with those that came later
+            self._devices = max(engine.devices, self._devices, key=len)  # with those that came later
             self._recording.record()
         except KeyboardInterrupt:
             self._log.write("stopped", sentence="interrupted")
@@ -269,7 +269,7 @@ class _Run:
         self._recording.require_store()
         for outcome in outcomes:
             self._take(outcome, schedule)
-        self._require_held(schedule, engine, is_moving=bool(outcomes))
+        self._stray.look(schedule.given_numbers, engine, is_moving=bool(outcomes))
         self._give(schedule, engine)
         self._recording.record_old(self._clock())
         self._record_failures(schedule.missing)
@@ -284,18 +284,6 @@ class _Run:
         while engine.free_count() and (task := schedule.next_task(self._clock())) is not None:
             engine.submit(task)
 
-    def _require_held(self, schedule: Schedule, engine: Engine, *, is_moving: bool) -> None:
-        """Raise SweepError if all workers are free for `STRAY_LONGEST` although tasks were given: none will end."""
-        workers = len(engine.devices)
-        if is_moving or not schedule.given_numbers or not workers or engine.free_count() < workers:
-            self._held_at = self._clock()
-        elif self._clock() - self._held_at > STRAY_LONGEST:
-            numbers = ", ".join(map(str, schedule.given_numbers))
-            raise SweepError(
-                f"no worker has task {numbers}, which was given to {engine.name}: a fault of palpate. What was made is "
-                "kept; `--workers 1` makes the rest in one process"
-            )
-
     def _note_workers(self, schedule: Schedule, engine: Engine) -> None:
         """See who is there, and have more workers started if seconds of work are left for each."""
         devices = engine.devices
@@ -303,7 +291,7 @@ class _Run:
             self._ready = self._clock()
         if devices:
             schedule.set_kind(device_kind(devices))
-            self._note_devices(engine)
+            self._devices = max(devices, self._devices, key=len)
         schedule.worker_count = max(1, len(devices))
         if len(devices) < engine.worker_most and not (schedule.missing.is_exhausted and not schedule.has_work):
             engine.grow(min(engine.worker_most, math.ceil(schedule.seconds_waiting() / START_SECONDS)))
@@ -326,9 +314,6 @@ class _Run:
             self._checked(Outcome(FOREIGN, "another parent", shard))
         while self._sharing.problems:
             self._note(self._sharing.problems.pop(0))
-
-    def _note_devices(self, engine: Engine) -> None:
-        self._devices = max(engine.devices, self._devices, key=len)
 
     def _take(self, outcome: Outcome, schedule: Schedule) -> None:
         """Hold what a task left, to be recorded, then let the schedule know."""

@@ -1,5 +1,6 @@
 """How tests are run: those that a change reaches, a budget, CPU seconds, workers that collect from both ends."""
 
+import re
 import subprocess
 import sys
 import textwrap
@@ -192,6 +193,25 @@ def test_a_run_over_the_sum_fails_and_says_so(tmp_path, workers):
     assert "4 passed" in text
     code, text = run_tests(tmp_path, "--cpu-sum", "100", "-n", workers)
     assert code == 0
+
+
+def blocks_before(patch):
+    """Each file that a patch changes, and the lines that it expects there, block by block."""
+    for part in patch.split("\ndiff --git ")[1:]:
+        name = re.search(r"^\+\+\+ b/(.+)$", part, re.MULTILINE)[1]
+        for block in re.split(r"^@@ .* @@.*\n", part, flags=re.MULTILINE)[1:]:
+            yield name, "".join(line[1:] + "\n" for line in block.splitlines() if line[:1] in " -")
+
+
+def test_every_mutant_fits_the_source_and_names_tests_that_are_there():
+    patches = sorted((ROOT / "tests" / "mutants").rglob("*.patch"))
+    assert len(patches) > 400
+    for path in patches:
+        text = path.read_text()
+        for name, before in blocks_before(text):
+            assert before in (ROOT / name).read_text(), path
+        (tests,) = re.findall(r"^Tests: (.+)$", text, re.MULTILINE)
+        assert all((ROOT / test.partition("::")[0]).exists() for test in tests.split()), path
 
 
 def test_a_calibration_takes_cpu_time():

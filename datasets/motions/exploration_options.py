@@ -27,7 +27,7 @@ OPTION_DEFAULTS: Mapping[str, Any] = {"explorer": EXPLORER, "facing": float(FACI
 FACING_LEAST, FACING_MOST = math.radians(5.0), math.radians(90.0)
 WORKSPACE_THINNEST, WORKSPACE_FARTHEST = 0.02, 2.0  # [m]
 POSE_BYTES = {OVER_ARRAY: 100, AROUND: 100}
-SECOND_BYTES = {OVER_ARRAY: 600, AROUND: 1600}
+SECOND_BYTES = {OVER_ARRAY: 600, AROUND: 2_100}
 """Peak memory of making an exploration [byte], per pose and per second of its path; measured."""
 
 

@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PAGES = ["add-a-stage", "add-an-object", "add-a-hand"]
-SHARED = ["tests/conftest.py", "tests/cases", "tests/oracles", "pyproject.toml"]
+SHARED = ["tests/conftest.py", "tests/suite", "tests/cases", "tests/oracles", "pyproject.toml"]
 PACKAGES = ["kernels", "render", "device", "datasets"]
 LINES_MOST = 95
 

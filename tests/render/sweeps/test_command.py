@@ -170,7 +170,6 @@ def test_a_dry_run_tells_what_to_expect_and_makes_nothing(tmp_path):
 
 
 @pytest.mark.exhaustive
-@pytest.mark.exhaustive
 def test_a_dry_run_counts_a_pose_once_where_it_is_rendered_again_to_be_sampled(tmp_path):
     path = plan(tmp_path / "a.toml", seeds=(1,), strategies=("cc",))
     for metrics in ('["contours"]', '["contours", "sampling"]'):
@@ -179,6 +178,7 @@ def test_a_dry_run_counts_a_pose_once_where_it_is_rendered_again_to_be_sampled(t
         assert (told["renderings"], told["poses_to_render"]) == (1, 90)
 
 
+@pytest.mark.exhaustive
 def test_a_dry_run_tells_every_recipe_that_will_fail(tmp_path, monkeypatch):
     """18 of 120: an open sheet has no closed contours, and each of these strategies needs them."""
     monkeypatch.chdir(tmp_path)

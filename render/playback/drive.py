@@ -301,7 +301,7 @@ def focus_delays(position: np.ndarray, transducer: np.ndarray, wavelength: float
     """Delays frac(-r / wavelength) [turns] that focus each frame at its point, float32, shape [frame, transducer].
 
     position and transducer [m], float32, shape [frame, 3] and [transducer, 3]; wavelength [m]. Within 1e-4 turns up to
-    1 m. In NumPy: 0.29 us a frame of 256, 1.2 % of a core at 40 kHz; a Warp kernel takes 0.07 us, but 2 s to compile
+    1 m. In NumPy: 0.55 us a frame of 256, 2.2 % of a core at 40 kHz; a Warp kernel takes 0.07 us, but 2 s to compile
     before the first frame can be played.
     """
     # Each ufunc does one operation, which IEEE 754 rounds. So a delay depends on its own point and transducer only. A

@@ -111,10 +111,11 @@ class Running:
     seconds: float
     """Since it began."""
     idle_seconds: float
-    """Processor time that it has used since its last sign of progress; of one that only waits, an eighth of the wall
-    time."""
+    """Processor time that it has used since its last sign of progress."""
     memory: int = 0
     """Of its process [byte]; 0 if that is not known."""
+    waiting_seconds: float = 0.0
+    """Time on the wall since its last sign of progress; suspensions of the machine are left out."""
 
 
 class Engine(Protocol):

@@ -37,7 +37,7 @@ from .dask_connection import (
     is_seen,
     remove_token,
 )
-from .worker_process import WAITING_FACTOR
+from .limits import AwakeClock
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -53,9 +53,9 @@ class SentTask:
 
     task: Task
     address: str
-    sent: float  # [s, `time.monotonic`], as are the others
+    sent: float  # [s, `time.monotonic`]
     future: Future | None = None
-    progressed: float | None = None  # when it last showed progress; None: it has not begun
+    progressed: float | None = None  # when it last showed progress [s, the engine's AwakeClock]; None: not begun
     used: float = 0.0  # processor time that its thread has used since then [s]
     places: tuple[int, ...] = ()  # chunks that it is making
     ending: str | None = None  # why its worker ends
@@ -95,6 +95,7 @@ class DaskEngine:
         self._sent_count = 0
         self._outcomes: list[Outcome] = []
         self._there_at = self._fit_at = 0.0
+        self._awake = AwakeClock()
         self._stack = contextlib.ExitStack()
         self._connection: DaskConnection | None = None
 
@@ -231,9 +232,9 @@ class DaskEngine:
 
     def running(self) -> dict[int, Running]:
         """Tasks that a worker has begun, by number."""
-        now = time.monotonic()
+        now, awake = time.monotonic(), self._awake()
         return {
-            number: Running(now - sent.sent, max(sent.used, (now - sent.progressed) / WAITING_FACTOR))
+            number: Running(now - sent.sent, sent.used, waiting_seconds=awake - sent.progressed)
             for number, sent in self._sent.items()
             if sent.progressed is not None
         }
@@ -331,7 +332,7 @@ class DaskEngine:
         sent.ending = event.get("ending", sent.ending)
         sent.used = event.get("used", 0.0)
         if "used" not in event:
-            sent.progressed = time.monotonic()
+            sent.progressed = self._awake()
         if event.get("places") is not None:
             sent.places = tuple(event["places"])
 

@@ -12,8 +12,9 @@
 | the worker was ended: late, too much memory | the same, but a suspect that was alone is given up at once             |
 
 Suspects are the chunks that the worker was making, or all of the task if that is not known. A task is ended when its
-worker has used `timeout` seconds of processor time since its last sign of progress, or more than `memory` bytes. Time
-on the wall does not count, so a busy machine loses nothing.
+worker has used `timeout` seconds of processor time since its last sign of progress, or more than `memory` bytes. A
+worker that sleeps or waits uses none: it is ended after WAITING_FACTOR times as long on the wall. So a busy machine
+loses nothing.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from dataclasses import dataclass
 
 from ...errors import SweepError
 from ..make.task import FailedChunk, Outcome, Running, Task
+from .limits import WAITING_FACTOR
 from .missing import Missing, PendingChunk, ResultKey
 
 SECONDS = {"cpu": 2.0, "cuda": 3.0}  # of a task: long beside handing it over, short beside what a kill may lose
@@ -376,6 +378,12 @@ class Schedule:
                 given.reason = (
                     f"its worker showed no progress in {own.idle_seconds:.0f} s of processor time, more than the limit "
                     f"of {self._timeout:.0f} s for a task"
+                )
+            elif self._timeout and own.waiting_seconds > WAITING_FACTOR * self._timeout:
+                given.reason = (
+                    f"its worker showed no progress in {own.waiting_seconds:.0f} s on the wall, more than "
+                    f"{WAITING_FACTOR:.0f} times the limit of {self._timeout:.0f} s for a task: it sleeps, or waits "
+                    "for a lock, a file or a network"
                 )
             if given.reason is not None:
                 out[number] = given.reason

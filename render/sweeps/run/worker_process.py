@@ -17,12 +17,12 @@ from typing import IO, Any, Self
 
 from ...errors import SweepError
 from ..make.task import Running, Task
+from .limits import AwakeClock
 from .messages import Assignment, Frames, frame, worker_name
 
 END_LONGEST = 0.5  # [s] for a worker to end by itself, which takes it milliseconds
 KILL_LONGEST = 5.0  # [s] for the system to end what was killed; a GPU's memory is given back then
 OUTPUT_SHOWN = 4096  # [byte] of what a worker printed last
-WAITING_FACTOR = 8.0  # time on the wall that counts as much as processor time: for a worker that only waits
 SINGLE = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
@@ -54,8 +54,9 @@ class WorkerProcess:
     task: Task | None = None
     begun: float = 0.0
     """When it was given the task [s, `time.monotonic`]."""
+    clock: AwakeClock = field(default_factory=AwakeClock)
     progressed: float = 0.0
-    """When it last showed progress [s, `time.monotonic`]."""
+    """When it last showed progress [s, `clock`]."""
     progressed_cpu: float = 0.0
     """Processor time that it had used then [s]."""
     places: tuple[int, ...] = ()
@@ -110,16 +111,15 @@ class WorkerProcess:
 
     def note_progress(self, places: tuple[int, ...] | None) -> None:
         """Take note of a sign of progress."""
-        self.progressed, self.progressed_cpu = time.monotonic(), cpu_seconds(self.process.pid)
+        self.progressed, self.progressed_cpu = self.clock(), cpu_seconds(self.process.pid)
         if places is not None:
             self.places = places
 
     def running(self) -> Running:
         """How far it is with its task."""
-        now = time.monotonic()
-        used = cpu_seconds(self.process.pid) - self.progressed_cpu
-        idle = max(used, (now - self.progressed) / WAITING_FACTOR)
-        return Running(now - self.begun, idle, memory_bytes(self.process.pid))
+        pid = self.process.pid
+        used, waited = cpu_seconds(pid) - self.progressed_cpu, self.clock() - self.progressed
+        return Running(time.monotonic() - self.begun, used, memory_bytes(pid), waited)
 
     def send(self, message: object) -> None:
         """Send it a message, as far as it listens; `flush` sends the rest."""

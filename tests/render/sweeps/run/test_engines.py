@@ -254,6 +254,18 @@ def test_a_stopped_worker_stops_no_other(engine, tmp_path):
 
 
 @pytest.mark.exhaustive
+def test_a_worker_that_sleeps_uses_no_processor_time_but_time_on_the_wall(engine, tmp_path):
+    (task,) = tasks_of(tmp_path, "rest 2.0")
+    engine.submit(task)
+    latest = []
+    while not (outcomes := engine.wait(0.1)):
+        latest = list(engine.running().values()) or latest
+    assert not outcomes[0].is_lost
+    assert latest[0].waiting_seconds > 1.0
+    assert latest[0].idle_seconds < 0.5
+
+
+@pytest.mark.exhaustive
 def test_warnings_of_workers_reach_the_user_once(engine, tmp_path):
     with pytest.warns(PalpateWarning) as shown:
         make(engine, tasks_of(tmp_path, *["warn faces were turned"] * 6))

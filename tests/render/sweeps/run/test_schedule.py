@@ -264,7 +264,7 @@ def test_the_end_is_shared_among_workers():
 def test_a_worker_is_ended_by_its_own_time_and_memory_and_by_name():
     schedule = schedule_of([StandIn()], Memory(), timeout=100.0, memory=10**9)
     task = schedule.next_task(0.0)
-    assert schedule.overdue({task.number: Running(1e6, 99.0, 10**9)}) == {}
+    assert schedule.overdue({task.number: Running(1e6, 99.0, 10**9, waiting_seconds=799.0)}) == {}
     (reason,) = schedule.overdue({task.number: Running(5.0, 101.0, 0)}).values()
     assert "101 s of processor time" in reason
     assert "limit of 100 s for a task" in reason
@@ -275,6 +275,14 @@ def test_a_worker_is_ended_by_its_own_time_and_memory_and_by_name():
     other = schedule_of([StandIn()], Memory(), timeout=100.0, memory=10**9)
     (reason,) = other.overdue({other.next_task(0.0).number: Running(1.0, 1.0, 2 * 10**9)}).values()
     assert "2 GB of memory, more than the limit of 1 GB for a worker" in reason
+    third = schedule_of([StandIn()], Memory(), timeout=100.0)
+    number = third.next_task(0.0).number
+    assert third.overdue({number: Running(1e6, 0.0, waiting_seconds=800.0)}) == {}
+    (reason,) = third.overdue({number: Running(801.0, 0.0, waiting_seconds=801.0)}).values()
+    assert "801 s on the wall" in reason
+    assert "it sleeps, or waits for a lock" in reason
+    endless = schedule_of([StandIn()], Memory(), timeout=0.0)
+    assert endless.overdue({endless.next_task(0.0).number: Running(1e9, 1e9, waiting_seconds=1e9)}) == {}
 
 
 def test_chunks_that_another_parent_claims_are_waited_for_and_taken_over():

@@ -1,15 +1,22 @@
-"""A viser server that only this machine's browser can use: loopback, checked Host and Origin, no tunnel, exact port."""
+"""A viser server that only this machine's browser can use: loopback, checked Host and Origin, no tunnel, exact port.
 
+What a visitor sends is checked, too: the server passes it on to all others. What goes wrong with one connection is
+logged by LOGGER, which prints nothing unless a program gives it a handler.
+"""
+
+import asyncio
 import contextlib
 import http.client
 import io
+import logging
 import socket
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from http import HTTPStatus
 from typing import Any
 
 import viser
 import websockets.asyncio.server
+from viser._messages import GuiUpdateMessage
 
 from ...errors import StrategyError, ViewError
 
@@ -19,8 +26,26 @@ NAMES = (HOST, "localhost")
 """What a browser on this machine calls this server; any other name came from another site's DNS."""
 
 
+TEXT_MOST = 1000  # characters of a text that a visitor enters
+LOGGER = logging.getLogger("palpate.view")
+LOGGER.addHandler(logging.NullHandler())
+LOGGER.propagate = False
+
+
 class GuardedServer(viser.ViserServer):
-    """A viser server whose share tunnel is off; make it by `start_server`."""
+    """A viser server whose share tunnel is off, and which ignores impossible values; make it by `start_server`."""
+
+    def check_values(self) -> None:
+        """Have values of visitors checked before viser stores them and passes them on; it has no option for it."""
+        interface, take = self.gui._websock_interface, self.gui._handle_gui_updates
+
+        async def take_checked(client: Any, message: GuiUpdateMessage) -> None:
+            handle = self.gui._gui_input_handle_from_uuid.get(message.uuid)
+            if handle is not None and is_possible(handle, message.updates):
+                await take(client, message)
+
+        interface.unregister_handler(GuiUpdateMessage, take)
+        interface.register_handler(GuiUpdateMessage, take_checked)
 
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Refuse: a tunnel would show the files on an outside server."""
@@ -47,6 +72,7 @@ def start_server(label: str, port: int | None = None) -> GuardedServer:
         if port is not None and server.get_port() != port:
             raise ViewError(f"port {port} was taken while the viewer started; choose another one")
         _require_guard(server.get_port())
+        server.check_values()
         server.gui.configure_theme(show_share_button=False, show_logo=False)
     except BaseException:
         server.stop()
@@ -61,6 +87,23 @@ def refusal(host: str | None, origin: str | None, port: int) -> str | None:
     if origin is not None and origin not in {f"http://{name}:{port}" for name in NAMES}:
         return "This viewer answers to its own page only."
     return None
+
+
+def is_possible(handle: Any, updates: Mapping[str, Any]) -> bool:
+    """Whether an input of the page could have such a value: nothing but a value, of its type, and in its bounds."""
+    if updates.keys() != {"value"}:
+        return False
+    value = updates["value"]
+    match handle:
+        case viser.GuiSliderHandle():
+            is_number = isinstance(value, int | float) and not isinstance(value, bool)
+            return is_number and handle.min <= value <= handle.max  # not NaN
+        case viser.GuiDropdownHandle() | viser.GuiButtonGroupHandle():
+            return value in handle.options
+        case viser.GuiTextHandle():
+            return isinstance(value, str) and len(value) <= TEXT_MOST
+        case _:  # a checkbox, a button
+            return isinstance(value, bool)
 
 
 def _require_free(port: int) -> None:
@@ -96,13 +139,20 @@ def _guarded_serving() -> Iterator[None]:
                 return connection.respond(HTTPStatus.FORBIDDEN, sentence + "\n")
             return None if process_request is None else process_request(connection, request)
 
-        return serve(*arguments, process_request=check, **options)
+        asyncio.get_running_loop().set_exception_handler(_log_error)
+        return serve(*arguments, process_request=check, logger=LOGGER, **options)
 
     websockets.asyncio.server.serve = guarded  # pyright: ignore[reportAttributeAccessIssue]  # viser looks it up here
     try:
         yield
     finally:
         websockets.asyncio.server.serve = serve  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _log_error(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """An error that one message of a visitor caused is no news for the terminal."""
+    del loop
+    LOGGER.error(context["message"], exc_info=context.get("exception"))
 
 
 def _require_guard(port: int) -> None:

@@ -7,7 +7,8 @@ import pytest
 
 viser = pytest.importorskip("viser")
 
-from websockets.exceptions import InvalidStatus  # noqa: E402
+import msgspec  # noqa: E402  # viser's own encoder
+from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
 from websockets.sync.client import connect  # noqa: E402
 
 from palpate.render.errors import StrategyError, ViewError  # noqa: E402  # after the skip
@@ -60,6 +61,73 @@ def test_connections_are_for_the_servers_own_page(server, origin, is_let_in):
     else:
         with pytest.raises(InvalidStatus, match="403"):
             connect(f"ws://{HOST}:{port}", subprotocols=protocol, **asked)
+
+
+def test_closed_sockets_and_malformed_messages_print_nothing(server, capfd):
+    port = server.get_port()
+    beginnings = (
+        b"",
+        b"GET / HTT",
+        b"\x16\x03\x01 no HTTP\r\n\r\n",
+        f"GET / HTTP/1.1\r\nHost: {HOST}:{port}\r\n".encode(),
+    )
+    for sent in beginnings:
+        with socket.create_connection((HOST, port)) as visitor:
+            visitor.sendall(sent)
+    with visit(port) as connection:
+        connection.send(b"\xff\xff\xff")
+        with pytest.raises(ConnectionClosed):
+            consume(connection)
+    assert status_of(port, {"Host": f"{HOST}:{port}"}) == 200  # it still serves, and has seen all that came before
+    assert capfd.readouterr() == ("", "")
+
+
+def test_values_that_an_input_cannot_have_reach_no_other_visitor(server, capfd):
+    gui, port = server.gui, server.get_port()
+    slider, text = gui.add_slider("pose", 0, 99, 1, 0), gui.add_text("rows", "")
+    dropdown, box = gui.add_dropdown("speed", ("1", "2"), initial_value="1"), gui.add_checkbox("layer", True)
+    bad = [
+        *((slider, {"value": value}) for value in (1e300, -5, 100, "x", [1], True, float("nan"))),
+        *((slider, updates) for updates in ({"max": 1e300}, {"nothing": 3}, {}, {"value": 7, "label": "other"})),
+        *((dropdown, {"value": value}) for value in ("3", 1, ["1"], None)),
+        *((text, {"value": value}) for value in (3, "x" * 1001, None)),
+        *((box, {"value": value}) for value in (0.5, "yes", None)),
+    ]
+    with visit(port) as other, visit(port) as connection:
+        for handle, updates in bad:
+            connection.send(update(handle, updates))
+        for value in (0, 99, 41):
+            connection.send(update(slider, {"value": value}))  # after the others, and messages are taken in order
+        consume(other, until=b"\xa5value)")  # msgpack's {"value": 41}
+    assert (slider.value, slider.max, slider.label, dropdown.value, text.value, box.value) == (
+        41,
+        99,
+        "pose",
+        "1",
+        "",
+        True,
+    )
+    with visit(port) as connection:
+        assert connection.recv(timeout=10)
+    assert capfd.readouterr() == ("", "")
+
+
+def visit(port):
+    """A connection as the page makes it."""
+    return connect(f"ws://{HOST}:{port}", subprotocols=[f"viser-v{viser.__version__}"], open_timeout=10)
+
+
+def consume(connection, until=None):
+    """Read messages until one holds these bytes, or for ever."""
+    while True:
+        message = connection.recv(timeout=10)
+        if until is not None and until in message:
+            return
+
+
+def update(handle, updates):
+    """The message by which the page reports what a visitor entered."""
+    return msgspec.msgpack.encode({"type": "GuiUpdateMessage", "uuid": handle._impl.uuid, "updates": updates})
 
 
 def test_two_hosts_or_origins_pass_for_none():

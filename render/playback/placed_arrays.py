@@ -11,6 +11,7 @@ from ...device.registry import array_model
 from ..errors import StrategyError
 
 FIELDS = ("array", "serial", "calibration", "baud", "pose")
+ARRAYS_MOST = 127  # devices that a USB bus can have
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,8 @@ def load_rig(
         raise StrategyError(
             f"{path}: must be a list of at least one array, not {'empty' if entries == [] else entries!r}"
         )
+    if len(entries) > ARRAYS_MOST:
+        raise StrategyError(f"{path}: lists {len(entries):,} arrays, more than the {ARRAYS_MOST} devices of a USB bus")
     if serial or calibration or baud:
         raise StrategyError(f"{path}: names its arrays' serial numbers, board files and baud rates itself")
     return tuple(_placed(entry, path, index) for index, entry in enumerate(entries))

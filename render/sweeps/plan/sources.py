@@ -11,7 +11,6 @@
 Modules that only some sources need are imported where these are read, so that a finished sweep is recognised at once.
 """
 
-import glob
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -43,13 +42,13 @@ from ...strategies.intersection_strategy import (
 from ...strategies.user_stage_sources import require_unedited, stage_sources
 from ...trust.permission import UNNAMED, AllowCode, Code, Namer
 from ...validation import value_text
+from .path_patterns import has_jokers, match_files
 from .recipe import digest_source
 from .values import Values, checked_items, refuse, unique
 
 HANDS = ("palm", "planes", "skin")
 MOTIONS = ("exploration", "random")
 MOTION_SUFFIXES = (".csv", ".h5", ".hdf5", ".json", ".npz")
-JOKERS = "*?["
 
 
 @dataclass(frozen=True)
@@ -143,9 +142,8 @@ def _found(axis: str, item: object, index: SourceIndex) -> list[PlanSource]:
     if not isinstance(item, str) or not item:
         refuse(f"must be a name, a path or a pattern of paths, not {value_text(item)}")
     texts = [item]
-    if any(joker in item for joker in JOKERS) and not index.file(item).is_file():
-        texts = sorted(glob.glob(item, root_dir=index.folder, recursive=True))
-        texts = [text for text in texts if index.file(text).is_file()]
+    if has_jokers(item) and not index.file(item).is_file():
+        texts = match_files(item, index.folder)
         if not texts:
             refuse(f"no file matches {item!r} in {index.folder}")
     for text in texts:

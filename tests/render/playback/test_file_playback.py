@@ -271,6 +271,7 @@ def test_a_rig_that_is_none_is_refused_by_field(tmp_path):
         ('[{"array": "emulator", "pose": [0, 0]}]', "shape"),
         ('[{"array": "emulator", "pose": [0, 0, 0, 0, 0, 0, 2]}]', "norm"),
         ('[{"array": "emulator", "baud": "fast"}]', "baud must be a int"),
+        (json.dumps([{"array": "emulator"}] * 5000), "lists 5,000 arrays, more than the 127 devices of a USB bus"),
     ):
         (tmp_path / "rig.json").write_text(text)
         with pytest.raises(StrategyError, match=message):

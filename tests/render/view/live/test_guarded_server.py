@@ -63,7 +63,7 @@ def test_connections_are_for_the_servers_own_page(server, origin, is_let_in):
             connect(f"ws://{HOST}:{port}", subprotocols=protocol, **asked)
 
 
-def test_closed_sockets_and_malformed_messages_print_nothing(server, capfd):
+def test_closed_sockets_and_malformed_messages_print_nothing(server, capfd, caplog):
     port = server.get_port()
     beginnings = (
         b"",
@@ -80,9 +80,10 @@ def test_closed_sockets_and_malformed_messages_print_nothing(server, capfd):
             consume(connection)
     assert status_of(port, {"Host": f"{HOST}:{port}"}) == 200  # it still serves, and has seen all that came before
     assert capfd.readouterr() == ("", "")
+    assert {record.name for record in caplog.records} <= {"palpate.view"}  # other loggers would print
 
 
-def test_values_that_an_input_cannot_have_reach_no_other_visitor(server, capfd):
+def test_values_that_an_input_cannot_have_reach_no_other_visitor(server, capfd, caplog):
     gui, port = server.gui, server.get_port()
     slider, text = gui.add_slider("pose", 0, 99, 1, 0), gui.add_text("rows", "")
     dropdown, box = gui.add_dropdown("speed", ("1", "2"), initial_value="1"), gui.add_checkbox("layer", True)
@@ -110,6 +111,7 @@ def test_values_that_an_input_cannot_have_reach_no_other_visitor(server, capfd):
     with visit(port) as connection:
         assert connection.recv(timeout=10)
     assert capfd.readouterr() == ("", "")
+    assert {record.name for record in caplog.records} <= {"palpate.view"}  # other loggers would print
 
 
 def visit(port):

@@ -8,6 +8,7 @@ import io
 import json
 import math
 import reprlib
+from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -16,10 +17,13 @@ import numpy as np
 from .. import bounded_file
 from ..bounded_file import read_content, require_parsable
 from ..errors import RecordingError
+from ..motions.table_cells import COMMA, number_in, separator_of
 from ..rigid import Numbers
 
 LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+COLUMNS_MOST = 4096
+"""Most columns of a CSV; those of two hands with everything that LeapC gives are 400."""
 _AXES = "xyzw"
 _BEYOND = 1e30  # no length, angle or time of a recording in any unit
 
@@ -123,6 +127,7 @@ class Table(NamedTuple):
     rows: list[list[str]]
     lines: list[int]
     """Of each row, counted from 1."""
+    separator: str = COMMA
 
     def numbers(self, names: list[str]) -> Numbers:
         """Columns as numbers, shape [row, name]; an empty cell is NaN. Raises RecordingError with line and column."""
@@ -132,7 +137,7 @@ class Table(NamedTuple):
             for target, place in enumerate(places):
                 cell = row[place].strip()
                 try:
-                    out[index, target] = _measure(float(cell)) if cell else math.nan
+                    out[index, target] = _measure(number_in(cell, self.separator)) if cell else math.nan
                 except ValueError:
                     where = f"line {self.lines[index]}"
                     raise RecordingError(f"{where}: {cell!r} in column {names[target]} is not a number") from None
@@ -170,16 +175,15 @@ def read_table(path: Path) -> Table:
         content = read_content(path)
         require_parsable(content)
         with io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file)
+            separator = separator_of(next((line for line in file if line.strip()), ""))
+            file.seek(0)
+            reader = csv.reader(file, delimiter=separator)
             for row in reader:
                 if not any(cell.strip() for cell in row):
                     continue
                 if not columns:
                     columns = [cell.strip() for cell in row]
-                    twice = [name for index, name in enumerate(columns) if name and name in columns[:index]]
-                    if twice:
-                        where = f"line {reader.line_num}: column {twice[0]} is there twice"
-                        raise RecordingError(f"{where}: a header must be there, and name each column once")
+                    _require_columns(columns, f"line {reader.line_num}")
                     continue
                 if len(row) != len(columns):
                     problem = f"line {reader.line_num}: {len(row)} columns, the header has {len(columns)}"
@@ -192,7 +196,16 @@ def read_table(path: Path) -> Table:
         raise RecordingError(f"not a CSV file: {error}") from None
     if not rows:
         raise RecordingError("no row below the header" if columns else "empty file")
-    return Table(columns, rows, lines)
+    return Table(columns, rows, lines, separator)
+
+
+def _require_columns(columns: list[str], place: str) -> None:
+    if len(columns) > COLUMNS_MOST:
+        raise RecordingError(f"{place}: {len(columns)} columns, at most {COLUMNS_MOST} can be")
+    twice = next((name for name, count in Counter(columns).items() if name and count > 1), None)
+    if twice is not None:
+        problem = f"column {twice} is there twice: a header must be there, and name each column once"
+        raise RecordingError(f"{place}: {problem}")
 
 
 def _measure(value: float) -> float:

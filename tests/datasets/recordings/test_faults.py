@@ -158,6 +158,22 @@ def test_a_table_that_contradicts_itself_is_refused_by_its_line(tmp_path, form, 
         load_recording(path)
 
 
+def test_a_european_spreadsheet_s_table_is_the_recording_it_was(tmp_path):
+    path = write_sample("openxr", tmp_path / "hand.csv", frame_count=2)
+    plain = load_recording(path)
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b",", b";").replace(b".", b","))
+    again = load_recording(path)
+    assert np.array_equal(again.joint_pose, plain.joint_pose)
+    assert np.array_equal(again.time, plain.time)
+
+
+def test_a_header_of_too_many_names_is_refused(tmp_path):
+    path = tmp_path / "hand.csv"
+    path.write_text(",".join(map(str, range(10_000))) + "\n")
+    with pytest.raises(RecordingError, match=r"hand\.csv: line 1: 10000 columns, at most 4096 can be"):
+        load_recording(path)
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

@@ -22,7 +22,7 @@ def likely_time_unit(interval: float, pose_count: int) -> str | None:
     """The unit in which times with this median interval [s] probably are, and what they would be; None for seconds."""
     for name, short, second, least, most, fewest in _TIME_UNITS:
         if least <= interval <= most and pose_count >= fewest:
-            return f"looks like {name}; times are in seconds, {interval:g} {short} are {interval * second:g}"
+            return f"{name}; times are in seconds, {interval:g} {short} are {interval * second:g}"
     return None
 
 
@@ -36,7 +36,7 @@ def suspicious_units(pose: NDArray[np.float32], interval: float | None) -> Itera
         yield f"positions reach {reach:g} m; lengths are in metres, {reach:g} mm are {reach / 1e3:g}"
     unit = None if interval is None else likely_time_unit(interval, len(pose))
     if unit is not None:
-        yield f"times are {interval:g} s apart, which {unit}"
+        yield f"times are {interval:g} s apart, which looks like {unit}"
 
 
 def suspicious_directions(pose: NDArray[np.float32]) -> Iterator[str]:

@@ -22,6 +22,7 @@ from ..shapes.built_in import shape
 from ..user_warnings import warn_user
 from .exploration_options import EXPLORATION_MODELS, POSE_BYTES, SECOND_BYTES, ExplorationOptions, check_options
 from .exploration_strokes import Progress, unheard
+from .last_pose import end_of_motion, usual_interval
 from .motion_file import MotionRows, read_rows, row_place, write_rows
 from .suspicious_values import suspicious_units
 
@@ -113,9 +114,11 @@ class HandMotion:
 
     @property
     def duration(self) -> float | None:
-        """Duration of the motion [s]; the last pose lasts one median interval. None without times or with one pose."""
-        interval = self._interval()
-        return None if self.time is None or interval is None else float(self.time[-1]) + interval
+        """Duration of the motion [s]; the last pose lasts one median interval, at most 0.1 s (`end_of_motion`).
+
+        None without times or with one pose.
+        """
+        return None if self.time is None or len(self) < 2 else end_of_motion(self.time)
 
     @property
     def rate(self) -> float | None:
@@ -126,7 +129,7 @@ class HandMotion:
     def _interval(self) -> float | None:
         if self.time is None or len(self) < 2:
             return None
-        return float(np.median(np.diff(self.time), overwrite_input=True))
+        return usual_interval(self.time)
 
     def _warn_of_units(self) -> None:
         if self.provenance is None:  # not made here

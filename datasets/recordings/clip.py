@@ -15,9 +15,10 @@ import numpy as np
 
 from ..errors import RecordingError, name_nothing
 from ..hand_model.frames import complete_joints, side_from_axes, side_from_bends
-from ..hand_model.joints import JOINT_COUNT, JOINT_NAMES, Joint
+from ..hand_model.joints import JOINT_COUNT, JOINT_NAMES
 from ..known_names import likely_name
 from ..rigid import Numbers, is_finite
+from .conventions import mirrored, palm_quaternion, require_agreement
 from .recording import HandRecording
 
 SIDES = ("left", "right")
@@ -76,8 +77,11 @@ def name_place(names: list[str]) -> Callable[[int], str]:
     return place
 
 
-def recording_of(clip: Clip, hand: str | int | None) -> HandRecording:
-    """One hand of a clip as a recording. Raises RecordingError; the table above describes the choice of the hand."""
+def recording_of(clip: Clip, hand: str | int | None, *, is_left_handed: bool = False) -> HandRecording:
+    """One hand of a clip as a recording. Raises RecordingError; the table above describes the choice of the hand.
+
+    is_left_handed: whether the file's frame is left-handed; the recording is then in the frame that has z reversed.
+    """
     seen = _choose(clip.sightings, None if hand is None else str(hand))
     time = _validate_time(clip)
     first, count = seen[0].frame, seen[-1].frame - seen[0].frame + 1
@@ -90,6 +94,9 @@ def recording_of(clip: Clip, hand: str | int | None) -> HandRecording:
     for array in (position, quaternion, radius):
         array[~np.isfinite(array)] = np.nan
     _check_norms(quaternion, clip.place, first)
+    if is_left_handed:
+        position, quaternion = mirrored(position, quaternion)
+    require_agreement(position, quaternion, seen[0].side, is_mirrored=is_left_handed)
     side = _side(seen, position, quaternion)
     whole = complete_joints(position, quaternion, radius, is_left=side == "left")
     pose = np.concatenate([whole.position, whole.quaternion], axis=2)
@@ -155,17 +162,22 @@ def _check_norms(quaternion: Numbers, place: Callable[[int], str], first: int) -
 def _side(seen: list[Sighting], position: Numbers, quaternion: Numbers) -> str:
     """The side that the file states, otherwise the side of the joints; refused if bent fingers contradict the file."""
     stated = seen[0].side
-    palm = quaternion[:, Joint.PALM]
-    if not is_finite(palm).any():
-        palm = quaternion[:, Joint.MIDDLE_METACARPAL]
+    palm = palm_quaternion(quaternion)
     turned = is_finite(palm).any()
     found = side_from_axes(position, palm) if turned else side_from_bends(position)
     if stated is None and found is None:
         raise RecordingError("the file does not say whether the hand is left or right, and its joints do not tell")
+    if turned and stated != found and side_from_bends(position) == stated:
+        raise RecordingError(
+            f"said to be a {stated} hand, as which its fingers bend, but the palm's X axis runs the other way;"
+            " likely cause: the joints' axes are turned by 180 degrees about Z: multiply each orientation by"
+            " (0, 0, 1, 0) on the right"
+        )
     if stated is not None and found not in (None, stated):
         raise RecordingError(
             f"said to be a {stated} hand, but its joints are those of a {found} one"
-            + ("" if turned else ": its fingers bend to the back") + "; wrong handedness or mirrored positions"
+            + ("" if turned else ": its fingers bend to the back") + "; wrong handedness or mirrored positions, as in"
+            " Unity's left-handed frame (alignment=unity)"
         )  # fmt: skip
     return stated or found or "right"
 

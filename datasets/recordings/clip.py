@@ -54,6 +54,13 @@ def unknown_joints() -> tuple[Numbers, Numbers, Numbers]:
     return np.full((JOINT_COUNT, 3), np.nan), np.full((JOINT_COUNT, 4), np.nan), np.full(JOINT_COUNT, np.nan)
 
 
+def side_named(name: object) -> str | None:
+    """`left` or `right` by a file's word for it, enumerations of libraries included; None for any other word."""
+    word = str(name).strip().lower().rpartition(".")[2]  # "HandType.Right" is how Python writes a member
+    word = word.removeprefix("eleaphandtype_").removeprefix("xr_hand_").removesuffix("_ext")
+    return word if word in SIDES else None
+
+
 def frame_place(frame: int) -> str:
     """Name a frame of a list, counted from 0."""
     return f"frame {frame}"
@@ -82,6 +89,7 @@ def recording_of(clip: Clip, hand: str | int | None, *, is_left_handed: bool = F
 
     is_left_handed: whether the file's frame is left-handed; the recording is then in the frame that has z reversed.
     """
+    clip, repeated = _without_repeats(clip)
     seen = _choose(clip.sightings, None if hand is None else str(hand))
     time = _validate_time(clip)
     first, count = seen[0].frame, seen[-1].frame - seen[0].frame + 1
@@ -111,7 +119,48 @@ def recording_of(clip: Clip, hand: str | int | None, *, is_left_handed: bool = F
         side == "left",
         hand_id=", ".join(dict.fromkeys(one.hand_id for one in seen)),
         derived=tuple(JOINT_NAMES[joint] for joint in np.flatnonzero(whole.derived & known.any(axis=0))),
-        counts={"absent_frames": count - len(frames), "missing_joints": int(missing.sum())},
+        counts={"absent_frames": count - len(frames), "missing_joints": int(missing.sum())}
+        | ({"repeated_frames": repeated} if repeated else {}),
+    )
+
+
+def _without_repeats(clip: Clip) -> tuple[Clip, int]:
+    """A clip without what a program that asks faster than the tracker answers wrote again, and how many frames or rows.
+
+    The same hands at the same time are the same frame; other hands at the same time are a contradiction, and stay.
+    """
+    if clip.time is None:
+        return clip, 0
+    hands: list[list[Sighting]] = [[] for _ in clip.time]
+    repeated = 0
+    for one in clip.sightings:
+        again = any(_is_same(one, other) for other in hands[one.frame])
+        repeated += again
+        if not again:
+            hands[one.frame].append(one)
+    kept: list[int] = []
+    for frame, time in enumerate(clip.time):
+        if kept and time == clip.time[kept[-1]] and _are_same(hands[frame], hands[kept[-1]]):
+            repeated += 1
+        else:
+            kept.append(frame)
+    if not repeated:
+        return clip, 0
+    sightings = [one._replace(frame=index) for index, frame in enumerate(kept) for one in hands[frame]]
+
+    def place(frame: int) -> str:
+        return clip.place(kept[frame])
+
+    return Clip([clip.time[frame] for frame in kept], sightings, place), repeated
+
+
+def _are_same(hands: list[Sighting], others: list[Sighting]) -> bool:
+    return len(hands) == len(others) and all(map(_is_same, hands, others))
+
+
+def _is_same(one: Sighting, other: Sighting) -> bool:
+    return (one.hand_id, one.side) == (other.hand_id, other.side) and all(
+        np.array_equal(a, b, equal_nan=True) for a, b in zip(one[3:], other[3:], strict=True)
     )
 
 
@@ -145,7 +194,8 @@ def _validate_time(clip: Clip) -> Numbers | None:
     if bad.size:
         frame = int(bad[0])
         before = f" {float(time[frame - 1])!r} s of the frame before" if frame else " a clock's start"
-        raise RecordingError(f"{clip.place(frame)}: time {float(time[frame])!r} s is not after{before}")
+        same = ", and its hands are others" if frame and time[frame] == time[frame - 1] else ""
+        raise RecordingError(f"{clip.place(frame)}: time {float(time[frame])!r} s is not after{before}{same}")
     return time
 
 

@@ -15,15 +15,18 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from .. import bounded_file
-from ..bounded_file import read_content, require_parsable
+from ..bounded_file import parse_json, read_content, require_parsable
 from ..errors import RecordingError
 from ..motions.table_cells import COMMA, number_in, separator_of
 from ..rigid import Numbers
+from .lz_string import decompress_base64
 
 LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 COLUMNS_MOST = 4096
 """Most columns of a CSV; those of two hands with everything that LeapC gives are 400."""
+LINE_SUFFIXES = (".jsonl", ".ndjson")
+"""Suffixes of JSON Lines."""
 _AXES = "xyzw"
 _BEYOND = 1e30  # no length, angle or time of a recording in any unit
 
@@ -31,15 +34,47 @@ Json = Any
 
 
 def read_json(path: Path) -> Json:
-    """The content of a JSON file. Raises RecordingError naming line and column where it breaks off."""
+    """The content of a JSON file, or of JSON Lines, one frame a line: {"frames": [...]} with what the first line has.
+
+    A file that ends with .lz is decompressed. Raises RecordingError naming line and column where JSON breaks off.
+    """
     try:
-        return bounded_file.read_json(path)
+        if path.suffix.lower() == ".lz":
+            return parse_json(decompress_base64(read_content(path)))
+        text = bounded_file.read_text(path)
+        return _json_lines(text) if path.suffix.lower() in LINE_SUFFIXES else _parse(text)
     except UnicodeDecodeError as error:
         raise RecordingError(f"byte {error.start} is not UTF-8 text") from None
     except json.JSONDecodeError as error:
         raise RecordingError(f"line {error.lineno} column {error.colno}: not JSON: {error.msg}") from None
     except ValueError as error:  # an integer of thousands of digits; nested too deeply
         raise RecordingError(f"not JSON that can be read: {error}") from None
+
+
+def _parse(text: str) -> Json:
+    try:
+        return parse_json(text)
+    except json.JSONDecodeError as error:
+        if error.msg != "Extra data":
+            raise
+        return _json_lines(text)
+
+
+def _json_lines(text: str) -> Json:
+    """Frames of JSON Lines; a first line without hands is the file's head."""
+    require_parsable(text)
+    values: list[Json] = []
+    for number, line in enumerate(io.StringIO(text), start=1):
+        if not line.strip():
+            continue
+        try:
+            values.append(parse_json(line))
+        except json.JSONDecodeError as error:
+            raise RecordingError(
+                f"line {number} column {error.colno}: neither JSON nor JSON Lines, one value a line: {error.msg}"
+            ) from None
+    head = cast("dict[str, Json]", values[0]) if values and isinstance(values[0], dict) else {"hands": None}
+    return {"frames": values} if "hands" in head else {**head, "frames": values[1:]}
 
 
 def entry(node: Json, name: str, place: str) -> Json:
@@ -99,10 +134,12 @@ def flags(node: Json, place: str) -> int:
 
 
 def vector(node: Json, size: int, place: str) -> Numbers:
-    """A vector of 3 or 4, or the 16 of a matrix: a list, or an object with x, y, z, w; null is all NaN."""
+    """A vector of 3 or 4, or the 16 of a matrix: a list, or an object with x, y, z, w or 0, 1, 2; null is all NaN."""
     if node is None:
         return np.full(size, np.nan)
-    if isinstance(node, dict) and size <= len(_AXES):
+    if isinstance(node, dict) and "0" in node:  # JSON of a typed array, as Float32Array
+        node = [entry(node, str(index), place) for index in range(len(cast("dict[str, Json]", node)))]
+    elif isinstance(node, dict) and size <= len(_AXES):
         node = [entry(node, axis, place) for axis in _AXES[:size]]
     values = items(node, place)
     if len(values) != size:

@@ -16,7 +16,7 @@ from ..errors import RecordingError
 from ..hand_model.frames import PALM_RADIUS_SHARE, axes_from
 from ..hand_model.joints import DIGITS, ENDS_JOINTS, LEAP_BONES, LEAP_DIGITS, Joint, leap_starts
 from ..rigid import Numbers, quaternion_of, rotate
-from .clip import SIDES, Clip, Sighting, frame_place, line_place, unknown_joints
+from .clip import SIDES, Clip, Sighting, frame_place, line_place, side_named, unknown_joints
 from .json_fields import LENGTH_UNITS, TIME_UNITS, Json, Table, entry, items, number, optional, unit_factor, vector
 
 _PALM_VECTORS = ("position", "normal", "direction")
@@ -26,7 +26,7 @@ TIP_RADIUS_SHARE = 0.85
 PALM_BACK = 0.3
 """A palm without bones: OpenXR's PALM lies behind Leap's palm position by this share of the palm's width."""
 
-_SIDE_OF = {name: side for side in SIDES for name in (side, f"eleaphandtype_{side}")} | {"0": "left", "1": "right"}
+_SIDE_OF = dict(zip("01", SIDES, strict=True))  # eLeapHandType
 
 
 class Bone(NamedTuple):
@@ -83,7 +83,7 @@ def leap_table(table: Table, *, is_left_handed: bool = False) -> Clip:
             joints[0][Joint.WRIST] = arm[row] * 1e-3
         side = _side(sides[row], f"line {table.lines[row]}")
         position, normal, direction = (palm[name][row] for name in _PALM_VECTORS)
-        _set_palm(joints, position, normal, direction, width[row], 1e-3, boned=boned, is_left_handed=is_left_handed)
+        set_palm(joints, position, normal, direction, width[row], 1e-3, boned=boned, is_left_handed=is_left_handed)
         seen.append(Sighting(len(time) - 1, ids[row], side, *joints))
     return Clip(time, seen, line_place(lines))
 
@@ -119,7 +119,7 @@ def leap_arrays(path: Path, *, is_left_handed: bool = False) -> Clip:
                 joints[0][joint] = values["joints"][index, digit, place] * length
                 joints[2][joint] = half * (TIP_RADIUS_SHARE if place == 3 else 1.0)
         position, normal, direction = (values[f"palm_{name}"][index] for name in _PALM_VECTORS)
-        _set_palm(joints, position, normal, direction, math.nan, length, boned=True, is_left_handed=is_left_handed)
+        set_palm(joints, position, normal, direction, math.nan, length, boned=True, is_left_handed=is_left_handed)
         side = SIDES[0] if is_left[index] else SIDES[1]
         seen.append(Sighting(index, str(found["hand_id"][index]), side, *joints))
     return Clip(values["t"].tolist(), seen, frame_place)
@@ -153,7 +153,7 @@ def _hand(hand: Json, frame: int, length: float, *, is_left_handed: bool) -> Sig
     position = vector(entry(palm, "position", place), 3, f"{place}, palm position")
     width = number(optional(palm, "width", place), f"{place}, palm width") * length
     normal, direction = _palm_directions(palm, place, is_left_handed=is_left_handed)
-    _set_palm(joints, position, normal, direction, width, length, boned=boned, is_left_handed=is_left_handed)
+    set_palm(joints, position, normal, direction, width, length, boned=boned, is_left_handed=is_left_handed)
     return Sighting(frame, str(entry(hand, "id", place)), _side(str(entry(hand, "type", place)), place), *joints)
 
 
@@ -204,7 +204,7 @@ def _set_digit(joints: tuple[Numbers, Numbers, Numbers], digit: int, bones: list
     radius[tip] = TIP_RADIUS_SHARE * last.width * length / 2.0
 
 
-def _set_palm(
+def set_palm(
     joints: tuple[Numbers, Numbers, Numbers],
     position: Numbers,
     normal: Numbers,
@@ -232,7 +232,7 @@ def _tips_sign(is_left_handed: bool) -> float:
 
 
 def _side(name: str, place: str) -> str:
-    side = _SIDE_OF.get(name.strip().lower())
+    side = _SIDE_OF.get(name.strip()) or side_named(name)
     if side is None:
         raise RecordingError(f"{place}: type {name!r} is neither left nor right")
     return side

@@ -30,7 +30,7 @@ from ...datasets.known_names import find_name, likely_file, likely_name
 from ...datasets.motions.hand_motion import EXPLORATION_DEFAULTS, EXPLORATION_OPTIONS, HandMotion, exploration
 from ...datasets.motions.motion_file import is_pose_header
 from ...datasets.motions.suspicious_values import suspicious_directions
-from ...datasets.recordings.files import load_recording
+from ...datasets.recordings.files import JOINT_SUFFIXES, load_recording
 from ...datasets.recordings.recording import HandRecording
 from ...datasets.user_warnings import warn_user
 from ..errors import StrategyError
@@ -197,7 +197,7 @@ def is_leap_archive(source: str) -> bool:
 def is_recording(source: str) -> bool:
     """Whether a file holds recorded joints of a hand rather than poses of a palm."""
     path = Path(source)
-    if path.suffix.lower() in (".json", ".npz"):
+    if path.suffix.lower() in JOINT_SUFFIXES:
         return True
     if path.suffix.lower() != ".csv" or not path.is_file():
         return False
@@ -225,7 +225,7 @@ def load_motion(source: str, solid: Solid, options: dict[str, Any], watch: Watch
         meant = likely_name(source, (EXPLORATION,)) or ("" if Path(source).exists() else likely_file(source))
         raise StrategyError(
             f"{source}: is no motion{meant}: give the word {EXPLORATION} for a synthetic one, a file of poses (.csv, "
-            ".h5, .hdf5), or a recording of a hand (.json, .csv, .npz)"
+            ".h5, .hdf5), or a recording of a hand (.json, .jsonl, .json.lz, .csv, .npz)"
         )
     motion = HandMotion.load(source)
     if motion.provenance is None:  # not made by palpate

@@ -408,7 +408,11 @@ def test_a_bad_file_is_refused_with_its_place(tmp_path, form, change, said):
     [
         ("a.json", '{"frames": [{"time": 1,', r"a\.json: line 1 column 24: not JSON"),
         ("a.json", '{"frames": [{"hands": []}]}', "looks like no known recording; say its format: leap"),
-        ("a.bvh", "HIERARCHY", r"unknown suffix '.bvh' for a recording; known: .json, .csv, .npz"),
+        (
+            "a.bvh",
+            "HIERARCHY",
+            r"unknown suffix '.bvh' for a recording; known: .json, .jsonl, .ndjson, .lz, .npz, .csv",
+        ),
         ("a.csv", "time_s,x,y\n1,2,3\n", "header is of no known recording: time_s, x, y"),
         ("a.csv", "", "empty file"),
         ("a.csv", "time_s,hand,joint\n1,left\n", "line 2: 2 columns, the header has 3"),

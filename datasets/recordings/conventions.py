@@ -100,21 +100,25 @@ def require_agreement(position: Numbers, quaternion: Numbers, side: str | None, 
     found = agreement_of(position, quaternion)
     if found.is_enough and not found.misfit > _MISFIT_MOST:
         return
-    causes = _causes(position, quaternion, side, found, is_mirrored=is_mirrored)
+    bones_alone = not found.palm < PALM_LEAST and found.bones < BONES_LEAST
+    if bones_alone:  # the palm's axes may be vectors, which have no order of quaternions
+        quaternion = quaternion.copy()
+        quaternion[:, Joint.PALM] = np.nan
+    causes = _causes(position, quaternion, side, agreement_of(position, quaternion), is_mirrored=is_mirrored)
     if found.is_enough and not causes:
         return
-    at, value, least = "the palm", found.palm, PALM_LEAST
+    at, value, least = "of the palm", found.palm, PALM_LEAST
     along = "the way from wrist to middle knuckle"
-    if not found.palm < PALM_LEAST and found.bones < BONES_LEAST:
-        at, value, least, along = "the fingers' joints", found.bones, BONES_LEAST, "their bones"
+    if bones_alone:
+        at, value, least, along = "of fingers' joints", found.bones, BONES_LEAST, "their bones"
     likely = "; likely cause: " + ", or ".join(causes[:2]) if causes else "; no convention known to palpate explains it"
     if found.is_enough:
         raise RecordingError(
-            f"orientations and positions of joints differ by a mean cosine of {1.0 - found.misfit:.2f} and agree"
-            f" otherwise{likely}"
+            f"orientations contradict positions: the joints' -Z axes and their bones have the mean cosine"
+            f" {1.0 - found.misfit:.2f}, and a higher one by another convention{likely}"
         )
     raise RecordingError(
-        f"orientations contradict positions: the -Z axis of {at} has the cosine {value:.2f} (median) with {along}, at"
+        f"orientations contradict positions: the -Z axis {at} has the cosine {value:.2f} (median) with {along}, at"
         f" least {least:g} is needed{likely}"
     )
 

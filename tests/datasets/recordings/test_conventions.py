@@ -101,10 +101,25 @@ def test_conjugates_of_a_nearly_level_hand_are_found_by_its_fingers(tmp_path):
     position, turn = tilted(8.0)
     quaternion = turn.inv().as_quat().reshape(4, 26, 4)
     assert agreement_of(position, quaternion).palm > 0.9
-    with pytest.raises(
-        RecordingError, match="-Z axis of the fingers' joints has .* likely cause: quaternions are inverse"
-    ):
+    with pytest.raises(RecordingError, match=r"the mean cosine 0\.\d\d, .* likely cause: quaternions are inverse"):
         require_agreement(position, quaternion, "right")
+
+
+def test_a_leap_recording_s_rotations_count_although_its_palm_has_none(tmp_path):
+    """The palm's axes are its normal and direction; rotations of bones with w first contradict the bones."""
+    content = content_of(tmp_path, "leap")
+    for bone in bones_of(content):
+        bone["rotation"] = [bone["rotation"][3], *bone["rotation"][:3]]
+    with pytest.raises(
+        RecordingError, match=r"-Z axis of fingers' joints has .* likely cause: quaternions are w x y z"
+    ):
+        load_recording(written(tmp_path, content))
+
+
+def bones_of(node):
+    below = node.values() if isinstance(node, dict) else node if isinstance(node, list) else []
+    own = [node] if isinstance(node, dict) and "rotation" in node else []
+    return own + [bone for value in below for bone in bones_of(value)]
 
 
 def test_a_recording_made_by_a_script_is_checked_too():

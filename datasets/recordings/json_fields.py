@@ -47,6 +47,8 @@ def read_json(path: Path) -> Json:
         raise RecordingError(f"byte {error.start} is not UTF-8 text") from None
     except json.JSONDecodeError as error:
         raise RecordingError(f"line {error.lineno} column {error.colno}: not JSON: {error.msg}") from None
+    except RecordingError:
+        raise
     except ValueError as error:  # an integer of thousands of digits; nested too deeply
         raise RecordingError(f"not JSON that can be read: {error}") from None
 

@@ -49,7 +49,7 @@ class Convention(NamedTuple):
     """Positions and quaternions -> those of palpate."""
 
 
-class Agreement(NamedTuple):
+class AxesAgreement(NamedTuple):
     """How well orientations agree with positions; NaN is not known."""
 
     palm: float
@@ -81,13 +81,13 @@ def palm_agreement(position: Numbers, quaternion: Numbers) -> float:
     return _median(_palm_cosines(position, quaternion))
 
 
-def agreement_of(position: Numbers, quaternion: Numbers) -> Agreement:
-    """Agreement of positions [frame, 26, 3] and quaternions [frame, 26, 4], NaN where unknown, of one hand."""
+def agreement_of(position: Numbers, quaternion: Numbers) -> AxesAgreement:
+    """AxesAgreement of positions [frame, 26, 3] and quaternions [frame, 26, 4], NaN where unknown, of one hand."""
     palm = _palm_cosines(position, quaternion)
     start, end = (list(joints) for joints in zip(*_FINGER_BONES, strict=True))
     bones = _cosines(quaternion[:, start], position[:, end] - position[:, start])
     both = np.concatenate([palm, bones])
-    return Agreement(_median(palm), _median(bones), float(np.mean(1.0 - both)) if both.size else float("nan"))
+    return AxesAgreement(_median(palm), _median(bones), float(np.mean(1.0 - both)) if both.size else float("nan"))
 
 
 def require_agreement(position: Numbers, quaternion: Numbers, side: str | None, *, is_mirrored: bool = False) -> None:
@@ -124,7 +124,7 @@ def require_agreement(position: Numbers, quaternion: Numbers, side: str | None, 
 
 
 def _causes(
-    position: Numbers, quaternion: Numbers, side: str | None, found: Agreement, *, is_mirrored: bool
+    position: Numbers, quaternion: Numbers, side: str | None, found: AxesAgreement, *, is_mirrored: bool
 ) -> list[str]:
     """Conventions under which a recording agrees far better than as it is; other axes only where none else does."""
     changed = [(one.cause, one.change(position, quaternion)) for one in _conventions(is_mirrored=is_mirrored)]
@@ -173,7 +173,7 @@ def _orientations_mirrored(position: Numbers, quaternion: Numbers) -> tuple[Numb
     return position, quaternion * _MIRRORED_TURN
 
 
-def _explains(changed: tuple[Numbers, Numbers], side: str | None, found: Agreement) -> bool:
+def _explains(changed: tuple[Numbers, Numbers], side: str | None, found: AxesAgreement) -> bool:
     """Whether a hand agrees far better after a change, its side included."""
     position, quaternion = changed
     now = agreement_of(position, quaternion)

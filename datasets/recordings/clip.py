@@ -132,12 +132,15 @@ def _without_repeats(clip: Clip) -> tuple[Clip, int]:
     if clip.time is None:
         return clip, 0
     hands: list[list[Sighting]] = [[] for _ in clip.time]
+    last: dict[tuple[int, str], Sighting] = {}
     repeated = 0
     for one in clip.sightings:
-        again = any(_is_same(one, other) for other in hands[one.frame])
-        repeated += again
-        if not again:
-            hands[one.frame].append(one)
+        before = last.get((one.frame, one.hand_id))
+        if before is not None and _is_same(one, before):
+            repeated += 1
+            continue
+        last[one.frame, one.hand_id] = one
+        hands[one.frame].append(one)
     kept: list[int] = []
     for frame, time in enumerate(clip.time):
         if kept and time == clip.time[kept[-1]] and _are_same(hands[frame], hands[kept[-1]]):

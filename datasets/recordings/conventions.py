@@ -32,6 +32,7 @@ MIRRORED = np.array([1.0, 1.0, -1.0])
 """Of a position, mirrored in z."""
 _MIRRORED_TURN = np.array([-1.0, -1.0, 1.0, 1.0])  # of a quaternion, whose rotation is then that of mirrored vectors
 _HALF_TURN = np.array([1.0, 0.0, 0.0, 0.0])  # about X
+_FRAMES_MOST = 10_000  # so many frames, evenly chosen, decide
 _MISFIT_MOST = 0.02  # mean of 1 - cosine from which on another convention may explain a recording better ...
 _FAR_BETTER = 4.0  # ... by a misfit that is so many times smaller
 
@@ -82,7 +83,7 @@ def palm_agreement(position: Numbers, quaternion: Numbers) -> float:
 
 
 def agreement_of(position: Numbers, quaternion: Numbers) -> AxesAgreement:
-    """AxesAgreement of positions [frame, 26, 3] and quaternions [frame, 26, 4], NaN where unknown, of one hand."""
+    """Agreement of positions [frame, 26, 3] and quaternions [frame, 26, 4], NaN where unknown, of one hand."""
     palm = _palm_cosines(position, quaternion)
     start, end = (list(joints) for joints in zip(*_FINGER_BONES, strict=True))
     bones = _cosines(quaternion[:, start], position[:, end] - position[:, start])
@@ -97,6 +98,8 @@ def require_agreement(position: Numbers, quaternion: Numbers, side: str | None, 
     position, quaternion: as the file gives them, NaN where unknown. side: `left` or `right` as the file states it.
     is_mirrored: whether an alignment mirrored them before.
     """
+    step = -(-len(position) // _FRAMES_MOST)
+    position, quaternion = position[::step], quaternion[::step]
     found = agreement_of(position, quaternion)
     if found.is_enough and not found.misfit > _MISFIT_MOST:
         return
@@ -132,7 +135,7 @@ def _causes(
     if likely:
         most = 2.0 * min(likely.values()) + 1e-3
         return [cause for cause, misfit in likely.items() if misfit <= most]
-    turned = [(turn, quaternion_product(quaternion, turn)) for turn in _turns()]
+    turned = ((turn, quaternion_product(quaternion, turn)) for turn in _turns())
     explaining = [(_lies_across(position, q), turn) for turn, q in turned if _explains((position, q), side, found)]
     return [_axes_cause(max(explaining, key=lambda one: one[0])[1])] if explaining else []
 

@@ -44,7 +44,10 @@ def leapjs_frames(content: Json, *, is_left_handed: bool = False) -> Clip:
         if "hands" not in mapping(frame, place) and ("event" in frame or "version" in frame):
             continue  # what a service says about itself and its devices
         time.append(number(entry(frame, "timestamp", place), f"{place}, timestamp") * _SECOND)
-        fingers = items(optional(frame, "pointables", place) or [], f"{place}, pointables")
+        fingers: dict[str, list[Json]] = {}
+        for finger in items(optional(frame, "pointables", place) or [], f"{place}, pointables"):
+            if not optional(finger, "tool", place):
+                fingers.setdefault(str(optional(finger, "handId", place)), []).append(finger)
         for hand in items(entry(frame, "hands", place), f"{place}, hands"):
             seen.append(_sighting(hand, fingers, index, is_left_handed=is_left_handed))
     return Clip(time, seen, frame_place)
@@ -82,15 +85,11 @@ def _named(structure: Json, row: Json, place: str, depth: int) -> Json:
     return found
 
 
-def _sighting(hand: Json, fingers: list[Json], frame: int, *, is_left_handed: bool) -> Sighting:
+def _sighting(hand: Json, fingers: dict[str, list[Json]], frame: int, *, is_left_handed: bool) -> Sighting:
     name = entry(hand, "id", frame_place(frame))
     place = f"{frame_place(frame)}, hand {name}"
     joints = unknown_joints()
-    own = [
-        finger
-        for finger in fingers
-        if optional(finger, "handId", place) == name and not optional(finger, "tool", place)
-    ]
+    own = fingers.get(str(name), [])
     for order, finger in enumerate(own):
         digit = optional(finger, "type", place)
         digit = order if digit is None else digit  # version 0.2.0 left out the type; fingers stand in order

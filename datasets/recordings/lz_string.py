@@ -14,6 +14,7 @@ another entry: the text before and its own first character.
 
 import base64
 import binascii
+import codecs
 
 from ..bounded_file import require_bytes
 
@@ -45,7 +46,7 @@ class _Bits:
 
 def decompress_base64(text: bytes) -> str:
     """The text that was packed; raises ValueError where none was, FileBoundError beyond the budget of a file."""
-    plain = b"".join(text.split()).rstrip(b"=")
+    plain = b"".join(text.removeprefix(codecs.BOM_UTF8).split()).rstrip(b"=")
     try:
         bits = _Bits(base64.b64decode(plain + b"A" * (-len(plain) % 4), validate=True))
     except binascii.Error as error:

@@ -374,7 +374,7 @@ FIRST = ("frames", 1, "hands", 0)
         ("openxr", put([[0.0] * 3] * 9, *FIRST, "joints"), r"must have 26 joints \(OpenXR\) or 25 \(WebXR\), got 9"),
         ("openxr", put([0, 0, 0, 2], *FIRST, "joints", "palm", "orientation"), "frame 1: palm has quaternion norm 2"),
         ("openxr", put("x", *FIRST, "joints", "palm", "radius"), "palm, radius: must be a number, got 'x'"),
-        ("openxr", put("svg", "format"), "unknown format 'svg'; known: leap, openxr"),
+        ("openxr", put("svg", "format"), "unknown format 'svg'; known: leap, leapjs, openxr"),
         ("openxr", put([], "frames"), "looks like no known recording|no hand in any frame"),
         (
             "webxr",

@@ -20,6 +20,7 @@ from palpate.datasets.recordings.lz_string import decompress_base64
         ("IZA=", "a"),
         ("IZ\nA", "a"),  # as some versions leave the padding out
         ("QAA=", ""),
+        ("\ufeffIZA=", "a"),  # with a byte order mark
     ],
 )
 def test_a_packed_text_is_what_lz_string_was_given(packed, text):

@@ -29,7 +29,7 @@ from ..storage.durable import write_file
 from ..storage.hdf5 import FAILURES
 from ..storage.hdf5_opening import StrictFile, open_hdf5
 from ..storage.hdf5_structure import h5py
-from .table_cells import number_in, separator_of
+from .table_cells import number_in, separator_of, wrong_count
 
 POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 TIME_COLUMN = "time"
@@ -164,7 +164,7 @@ def _columns(number: int, line: str, separator: str) -> tuple[str, ...]:
 def _row_numbers(number: int, line: str, columns: tuple[str, ...], separator: str) -> list[float]:
     cells = line.split(separator)
     if len(cells) != len(columns):
-        raise MotionError(f"line {number}: {len(cells)} columns, the header has {len(columns)}")
+        raise MotionError(f"line {number}: {wrong_count(len(cells), len(columns), separator)}")
     values: list[float] = []
     for name, cell in zip(columns, cells, strict=True):
         try:

@@ -8,6 +8,12 @@ def separator_of(header: str) -> str:
     return next((mark for mark in ";\t" if mark in header), COMMA)
 
 
+def wrong_count(found: int, wanted: int, separator: str) -> str:
+    """The sentence on a row that has not as many cells as the header; decimal commas make more."""
+    decimal = separator == COMMA and wanted < found <= 2 * wanted
+    return f"{found} columns, the header has {wanted}" + ("; decimal commas need semicolons between cells" * decimal)
+
+
 def number_in(cell: str, separator: str) -> float:
     """The number in a cell; where commas do not separate cells, one is a decimal comma.
 

@@ -17,7 +17,7 @@ import numpy as np
 from .. import bounded_file
 from ..bounded_file import parse_json, read_content, require_parsable
 from ..errors import RecordingError
-from ..motions.table_cells import COMMA, number_in, separator_of
+from ..motions.table_cells import COMMA, number_in, separator_of, wrong_count
 from ..rigid import Numbers
 from .lz_string import decompress_base64
 
@@ -225,8 +225,8 @@ def read_table(path: Path) -> Table:
                     _require_columns(columns, f"line {reader.line_num}")
                     continue
                 if len(row) != len(columns):
-                    problem = f"line {reader.line_num}: {len(row)} columns, the header has {len(columns)}"
-                    raise RecordingError(problem)
+                    problem = wrong_count(len(row), len(columns), separator)
+                    raise RecordingError(f"line {reader.line_num}: {problem}")
                 rows.append(row)
                 lines.append(reader.line_num)
     except UnicodeDecodeError as error:

@@ -206,3 +206,21 @@ def test_real_hands_agree(outside_data, name):
     along = found.joint_pose[:, Joint.MIDDLE_PROXIMAL, :3] - found.joint_pose[:, Joint.WRIST, :3]
     assert (np.sum(palm * along, axis=1) / np.linalg.norm(along, axis=1)).min() > 0.99
     assert agreement_of(found.joint_pose[..., :3], found.joint_pose[..., 3:]).is_enough
+
+
+@pytest.mark.parametrize("name", ["leap/grab.npz", "hands/webxr_poses.json"])
+def test_conventions_of_real_hands_are_told_apart_and_noise_is_none(outside_data, name):
+    """Real hands, written in three other conventions, and with 20 degrees of noise (rms) at each joint."""
+    found = load_recording(outside_data / name)
+    position, quaternion = found.joint_pose[:40, :, :3].copy(), found.joint_pose[:40, :, 3:].copy()
+    side, turn = "left" if found.is_left else "right", Rotation.from_quat(quaternion.reshape(-1, 4))
+    noise = Rotation.from_rotvec(np.random.default_rng(1).normal(size=(len(turn), 3)) * np.radians(20) / np.sqrt(3))
+    require_agreement(position, (turn * noise).as_quat().reshape(quaternion.shape), side)
+    mirrored, turned = unity(position, turn)
+    for places, turns, cause in (
+        (position, turn.inv().as_quat(), "quaternions are inverse"),
+        (position, np.roll(turn.as_quat(), 1, axis=1), "quaternions are w x y z"),
+        (mirrored, turned.as_quat(), "the frame is left-handed"),
+    ):
+        with pytest.raises(RecordingError, match=f"likely cause: {cause}"):
+            require_agreement(places, turns.reshape(quaternion.shape), side)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from typing import Any, cast
 
 TEXT_MOST = 1 << 24
@@ -35,8 +36,7 @@ def parse_json(text: str | bytes, *, allow_nan: bool = False, text_most: int = T
 def _object_of(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     values = dict(pairs)
     if len(values) != len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
+        twice = next(name for name, count in Counter(name for name, _ in pairs).items() if count > 1)
         raise ValueError(f"an object has the key {twice[:80]!r} more than once")
     return values
 

@@ -22,7 +22,9 @@ from ..shapes.built_in import shape
 from ..user_warnings import warn_user
 from .exploration_options import EXPLORATION_MODELS, POSE_BYTES, SECOND_BYTES, ExplorationOptions, check_options
 from .exploration_strokes import Progress, unheard
+from .last_pose import end_of_motion, usual_interval
 from .motion_file import MotionRows, read_rows, row_place, write_rows
+from .suspicious_values import suspicious_units
 
 PALM_DOWN = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
 """Quaternion xyzw of a hand above the array: palm down, fingers pointing away from the user (+y of the array)."""
@@ -41,9 +43,6 @@ RANDOM_SIZE, RANDOM_AT = 0.13, (0.0, 0.0, 0.2)
 SEED_MOST = 2**63 - 1
 """Largest seed: HDF5 stores it as a signed 64-bit integer."""
 
-_REACH_LIKELY = 5.0  # [m]; farther positions, up to a thousand times this, look like millimetres
-_INTERVAL_LIKELY = 1.0  # [s]; longer median intervals, up to a hundred times this, look like milliseconds ...
-_POSES_REGULAR = 10  # ... in motions of so many poses
 _ROWS_AT_ONCE = 65536  # rows are checked in float64 block by block; all at once would take twice the memory
 _NORM_ROUNDING = 1e-7  # float32 rounding of a norm; within it quaternions stay, so that rereading a file changes no bit
 
@@ -115,9 +114,11 @@ class HandMotion:
 
     @property
     def duration(self) -> float | None:
-        """Duration of the motion [s]; the last pose lasts one median interval. None without times or with one pose."""
-        interval = self._interval()
-        return None if self.time is None or interval is None else float(self.time[-1]) + interval
+        """Duration of the motion [s]; the last pose lasts one median interval of 1 s at most (`end_of_motion`).
+
+        None without times or with one pose.
+        """
+        return None if self.time is None or len(self) < 2 else end_of_motion(self.time)
 
     @property
     def rate(self) -> float | None:
@@ -128,32 +129,19 @@ class HandMotion:
     def _interval(self) -> float | None:
         if self.time is None or len(self) < 2:
             return None
-        return float(np.median(np.diff(self.time), overwrite_input=True))
+        return usual_interval(self.time)
 
-    def _warn_of_units(self, name: str = "motion") -> None:
-        """Warn (RecordingWarning) of positions that look like millimetres, and of times that look like milliseconds."""
-        if self.provenance is not None:  # made here
-            return
-        reach = max(float(self.pose[:, :3].max()), -float(self.pose[:, :3].min()))
-        if _REACH_LIKELY < reach <= 1e3 * _REACH_LIKELY:
-            warn_user(
-                f"{name}: positions reach {reach:g} m; lengths are in metres, {reach:g} mm are {reach / 1e3:g}",
-                RecordingWarning,
-            )
-        interval = self._interval() or 0.0
-        if len(self) >= _POSES_REGULAR and _INTERVAL_LIKELY <= interval <= 100 * _INTERVAL_LIKELY:
-            warn_user(
-                f"{name}: times are {interval:g} s apart, which looks like milliseconds; times are in seconds, "
-                f"{interval:g} ms are {interval / 1e3:g}",
-                RecordingWarning,
-            )
+    def _warn_of_units(self) -> None:
+        if self.provenance is None:  # not made here
+            for sentence in suspicious_units(self.pose, self._interval()):
+                warn_user(f"motion: {sentence}", RecordingWarning)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> "HandMotion":
         """Read a motion from CSV (header `time,x,y,z,qx,qy,qz,qw`, time optional) or HDF5 (/motion, also of contour
         files). The suffix .csv, .h5 or .hdf5 selects the format.
 
-        Raises MotionError, which names the path and, for a CSV, the line.
+        Raises MotionError, which names the path and, for a CSV, the line. Warns (RecordingWarning) of other units.
         """
         rows = read_rows(Path(path))
         motion = object.__new__(cls)  # skips __post_init__, which would check and copy everything again
@@ -165,7 +153,9 @@ class HandMotion:
         values |= {"provenance": rows.provenance}
         for name, value in values.items():
             object.__setattr__(motion, name, value)
-        motion._warn_of_units(str(path))
+        if rows.provenance is None:  # not made by palpate
+            for sentence in suspicious_units(pose, motion._interval()):
+                warn_user(f"{path}: {sentence}", RecordingWarning)
         return motion
 
     def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> Path:

@@ -1,13 +1,14 @@
 """Motion files, CSV and HDF5: named arrays in, named arrays out, each row with its place in the file.
 
-| CSV                                  | what happens                                                      |
-|--------------------------------------|-------------------------------------------------------------------|
-| header `time,x,y,z,qx,qy,qz,qw`      | read; blanks around names allowed                                 |
-| header `x,y,z,qx,qy,qz,qw`           | read as poses without time                                        |
-| any other header, none, empty file   | refused, showing what was found                                   |
-| byte order mark, CRLF, blank lines   | read; blank lines are skipped but counted as lines                |
-| missing or extra column, no number   | refused with the line in the file (from 1) and the column         |
-| not UTF-8                            | refused                                                           |
+| CSV                                  | what happens                                                       |
+|--------------------------------------|--------------------------------------------------------------------|
+| header `time,x,y,z,qx,qy,qz,qw`      | read; the names in any order, blanks around them allowed           |
+| header `x,y,z,qx,qy,qz,qw`           | read as poses without time                                         |
+| any other header, none, empty file   | refused, showing what was found                                    |
+| `;` or tabs between cells            | read; a comma is then a decimal comma, as in European spreadsheets |
+| byte order mark, CRLF, blank lines   | read; blank lines are skipped but counted as lines                 |
+| missing or extra column, no number   | refused with the line in the file (from 1) and the column          |
+| not UTF-8                            | refused                                                            |
 """
 
 import io
@@ -28,6 +29,7 @@ from ..storage.durable import write_file
 from ..storage.hdf5 import FAILURES
 from ..storage.hdf5_opening import StrictFile, open_hdf5
 from ..storage.hdf5_structure import h5py
+from .table_cells import number_in, separator_of, wrong_count
 
 POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 TIME_COLUMN = "time"
@@ -97,6 +99,7 @@ def _form(path: Path) -> str:
 
 def _rows_from_csv(path: Path) -> MotionRows:
     columns: tuple[str, ...] = ()
+    separator = ""
     numbers, line_number = array("d"), array("q")
     with open_regular(path) as stream:
         try:
@@ -105,9 +108,10 @@ def _rows_from_csv(path: Path) -> MotionRows:
                 if not line.strip():
                     continue
                 if not columns:
-                    columns = _columns(number, line)
+                    separator = separator_of(line)
+                    columns = _columns(number, line, separator)
                     continue
-                numbers.extend(_row_numbers(number, line, columns))
+                numbers.extend(_row_numbers(number, line, columns, separator))
                 line_number.append(number)
                 if len(line_number) % _ROWS_AT_ONCE == 0:
                     require_bytes(8 * (len(numbers) + len(line_number)), "the table in it")
@@ -120,12 +124,16 @@ def _rows_from_csv(path: Path) -> MotionRows:
     if not columns:
         raise MotionError("empty file")
     table = np.frombuffer(numbers, dtype=np.float64).reshape(-1, len(columns))
-    timed = columns[0] == TIME_COLUMN
+    timed = TIME_COLUMN in columns
+    order = [columns.index(name) for name in POSE_COLUMNS]
+    first = order[0]
+    in_order = order == list(range(first, first + len(POSE_COLUMNS)))
+    pose = table[:, first : first + len(POSE_COLUMNS)] if in_order else table[:, order]
 
     def place(row: int) -> str:
         return f"line {line_number[row]}"
 
-    return MotionRows(table[:, 0] if timed else None, table[:, 1:] if timed else table, 0.0, None, place)
+    return MotionRows(table[:, columns.index(TIME_COLUMN)] if timed else None, pose, 0.0, None, place)
 
 
 def _not_text(path: Path) -> int:
@@ -137,26 +145,30 @@ def _not_text(path: Path) -> int:
     return 0
 
 
-def _columns(number: int, line: str) -> tuple[str, ...]:
-    found = tuple(name.strip() for name in line.split(","))
+def is_pose_header(line: str) -> bool:
+    """Whether a CSV's header names places without naming whose: of a palm's poses. A recording's names joints, too."""
+    names = {name.strip() for name in line.split(separator_of(line))}
+    return names.issuperset("xyz") and not names & {"joint", "landmark"}
+
+
+def _columns(number: int, line: str, separator: str) -> tuple[str, ...]:
+    found = tuple(name.strip() for name in line.split(separator))
     for known in ((TIME_COLUMN, *POSE_COLUMNS), POSE_COLUMNS):
-        if found == known:
-            return known
+        if len(found) == len(known) and set(found) == set(known):
+            return found
     wanted = ",".join((TIME_COLUMN, *POSE_COLUMNS))
     shown = line.strip() if len(line) < 80 else f"{line.strip()[:80]}..."
-    raise MotionError(f"line {number}: header {shown!r} is not {wanted!r} (time may be left out)")
+    raise MotionError(f"line {number}: header {shown!r} is not {wanted!r} (in any order; time may be left out)")
 
 
-def _row_numbers(number: int, line: str, columns: tuple[str, ...]) -> list[float]:
-    cells = line.split(",")
+def _row_numbers(number: int, line: str, columns: tuple[str, ...], separator: str) -> list[float]:
+    cells = line.split(separator)
     if len(cells) != len(columns):
-        raise MotionError(f"line {number}: {len(cells)} columns, the header has {len(columns)}")
+        raise MotionError(f"line {number}: {wrong_count(len(cells), len(columns), separator)}")
     values: list[float] = []
     for name, cell in zip(columns, cells, strict=True):
         try:
-            if "_" in cell:  # Python's own digit separator, never a file's
-                raise ValueError
-            values.append(float(cell))
+            values.append(number_in(cell, separator))
         except ValueError:
             raise MotionError(f"line {number}: {cell.strip()!r} in column {name} is not a number") from None
     return values

@@ -1,4 +1,4 @@
-"""From a tracker's frame to the array's: one rigid transform, given outright or by a JSON file.
+"""From a tracker's frame to the array's: one rigid transform, given outright or by a JSON file; it may mirror.
 
 ```json
 {"position": [0.0, 0.12, 0.0], "orientation": [0.70710678, 0.0, 0.0, 0.70710678]}
@@ -6,22 +6,25 @@
 ```
 
 `position` [m] is the tracker's origin in the array's frame, `orientation` xyzw turns the tracker's axes into the
-array's; `matrix` is the same, row by row. A scale or a mirror is no alignment and is refused: units are the reader's.
+array's; `matrix` is the same, row by row. A matrix of determinant -1 is of a tracker whose frame is left-handed, as
+Unity's; it mirrors positions and orientations, and only `load_recording` takes it. A scale is no alignment and is
+refused: units are the reader's.
 """
 
 import json
 import math
 from os import PathLike
 from pathlib import Path
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import RecordingError
 from ..known_names import find_name
-from ..rigid import POSITION_FARTHEST, Numbers, quaternion_of
+from ..rigid import POSITION_FARTHEST, Numbers, matrix_of, quaternion_of
 from ..storage.durable import write_file
+from .conventions import MIRRORED
 from .json_fields import Json, items, number, read_json
 
 Y_UP = (0.0, 0.0, 0.0, math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
@@ -30,9 +33,21 @@ Y_UP = (0.0, 0.0, 0.0, math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
 NAMES = ("y-up", "yup")
 """Words for it."""
 
+UNITY = "unity"
+"""The word for a tracker at the array's centre in Unity's left-handed frame: x right, y up, z away from the user."""
+
 TOLERANCE = 1e-3  # of a quaternion's norm, and of a matrix's columns
 
 Alignment = str | PathLike[str] | ArrayLike
+
+
+class SplitAlignment(NamedTuple):
+    """An alignment as a rigid transform, after a mirror where the tracker's frame is left-handed."""
+
+    pose: Numbers
+    """x y z [m] qx qy qz qw, shape [7]."""
+    mirrors: bool = False
+    """Whether the tracker's z is reversed before."""
 
 
 def alignment_pose(alignment: Alignment) -> Numbers:
@@ -41,10 +56,21 @@ def alignment_pose(alignment: Alignment) -> Numbers:
     alignment: x y z [m] qx qy qz qw; a 4 x 4 matrix (by rows); "y-up" for Y_UP; or the path of a JSON file. Raises
     RecordingError for anything that is not a rigid transform, naming the file.
     """
+    found = split_alignment(alignment)
+    if found.mirrors:
+        raise RecordingError(
+            f"alignment: {alignment!r:.60} mirrors (determinant -1), a rigid transform does not; load_recording takes"
+            " it, for a tracker's frame that is left-handed"
+        )
+    return found.pose
+
+
+def split_alignment(alignment: Alignment) -> SplitAlignment:
+    """An alignment, "unity" and matrices that mirror included; raises RecordingError as `alignment_pose`."""
     if not isinstance(alignment, (str, PathLike)):
         return _pose(alignment, "alignment")
-    if find_name(str(alignment), NAMES) is not None:
-        return np.array(Y_UP)
+    if find_name(str(alignment), (*NAMES, UNITY)) is not None:
+        return SplitAlignment(np.array(Y_UP), find_name(str(alignment), (UNITY,)) is not None)
     path = Path(alignment)
     content = _content(path)
     name = f"{path}: alignment"
@@ -64,10 +90,16 @@ def write_alignment(path: str | PathLike[str], alignment: Alignment, *, overwrit
 
     Raises RecordingError where it is none, where the file is there unless `overwrite`, or cannot be written.
     """
-    pose = alignment_pose(alignment).tolist()
+    found = split_alignment(alignment)
+    pose = found.pose.tolist()
     if Path(path).exists() and not overwrite:
         raise RecordingError(f"{path}: exists already; overwrite=True replaces it")
-    text = json.dumps({"position": pose[:3], "orientation": pose[3:]}) + "\n"
+    content: Json = {"position": pose[:3], "orientation": pose[3:]}
+    if found.mirrors:
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = matrix_of(found.pose[3:]) * MIRRORED, found.pose[:3]
+        content = {"matrix": matrix.tolist()}
+    text = json.dumps(content) + "\n"
     try:
         write_file(Path(path), memoryview(text.encode()))
     except OSError as error:
@@ -79,7 +111,8 @@ def _content(path: Path) -> dict[str, Json]:
         content = read_json(path)
     except OSError as error:
         raise RecordingError(
-            f"{path}: cannot be read as an alignment: {error.strerror or error}; y-up is that of one lying flat"
+            f"{path}: cannot be read as an alignment: {error.strerror or error}; y-up is that of one lying flat, unity"
+            " that of Unity"
         ) from None
     except RecordingError as error:
         raise RecordingError(f"{path}: not an alignment: {error}") from None
@@ -92,7 +125,7 @@ def _numbers(node: Json, name: str) -> list[float]:
     return [number(value, name) for value in items(node, name)]
 
 
-def _pose(value: ArrayLike, name: str, shapes: tuple[tuple[int, ...], ...] = ((7,), (4, 4))) -> Numbers:
+def _pose(value: ArrayLike, name: str, shapes: tuple[tuple[int, ...], ...] = ((7,), (4, 4))) -> SplitAlignment:
     try:
         given = np.asarray(value)
     except (TypeError, ValueError):  # rows of different lengths
@@ -111,14 +144,14 @@ def _pose(value: ArrayLike, name: str, shapes: tuple[tuple[int, ...], ...] = ((7
     return _from_matrix(numbers, name) if numbers.shape == (4, 4) else _from_pose(numbers, name)
 
 
-def _from_pose(pose: Numbers, name: str) -> Numbers:
+def _from_pose(pose: Numbers, name: str) -> SplitAlignment:
     norm = float(np.linalg.norm(pose[3:]))
     if abs(norm - 1.0) > TOLERANCE:
         raise RecordingError(f"{name}: quaternion norm {norm:.6g}; it must be 1 within {TOLERANCE:g}")
-    return np.concatenate([pose[:3], pose[3:] / norm])
+    return SplitAlignment(np.concatenate([pose[:3], pose[3:] / norm]))
 
 
-def _from_matrix(matrix: Numbers, name: str) -> Numbers:
+def _from_matrix(matrix: Numbers, name: str) -> SplitAlignment:
     if np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-9:
         raise RecordingError(f"{name}: last row {matrix[3].tolist()} must be 0 0 0 1 (matrices are written by rows)")
     turn = matrix[:3, :3]
@@ -128,6 +161,6 @@ def _from_matrix(matrix: Numbers, name: str) -> Numbers:
         raise RecordingError(f"{name}: scales by {scale.round(4).tolist()}; a rigid transform scales by 1")
     if np.abs(turn.T @ turn - np.eye(3)).max() > 2.0 * TOLERANCE:
         raise RecordingError(f"{name}: its axes are not at right angles")
-    if np.linalg.det(turn) < 0.0:
-        raise RecordingError(f"{name}: mirrors (determinant -1); a rigid transform does not")
-    return np.concatenate([matrix[:3, 3], quaternion_of(turn)])
+    mirrors = bool(np.linalg.det(turn) < 0.0)
+    turn = turn * MIRRORED if mirrors else turn
+    return SplitAlignment(np.concatenate([matrix[:3, 3], quaternion_of(turn)]), mirrors)

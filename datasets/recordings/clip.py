@@ -15,9 +15,10 @@ import numpy as np
 
 from ..errors import RecordingError, name_nothing
 from ..hand_model.frames import complete_joints, side_from_axes, side_from_bends
-from ..hand_model.joints import JOINT_COUNT, JOINT_NAMES, Joint
+from ..hand_model.joints import JOINT_COUNT, JOINT_NAMES
 from ..known_names import likely_name
 from ..rigid import Numbers, is_finite
+from .conventions import mirrored, palm_quaternion, require_agreement
 from .recording import HandRecording
 
 SIDES = ("left", "right")
@@ -53,6 +54,13 @@ def unknown_joints() -> tuple[Numbers, Numbers, Numbers]:
     return np.full((JOINT_COUNT, 3), np.nan), np.full((JOINT_COUNT, 4), np.nan), np.full(JOINT_COUNT, np.nan)
 
 
+def side_named(name: object) -> str | None:
+    """`left` or `right` by a file's word for it, enumerations of libraries included; None for any other word."""
+    word = str(name).strip().lower().rpartition(".")[2]  # "HandType.Right" is how Python writes a member
+    word = word.removeprefix("eleaphandtype_").removeprefix("xr_hand_").removesuffix("_ext")
+    return word if word in SIDES else None
+
+
 def frame_place(frame: int) -> str:
     """Name a frame of a list, counted from 0."""
     return f"frame {frame}"
@@ -76,8 +84,12 @@ def name_place(names: list[str]) -> Callable[[int], str]:
     return place
 
 
-def recording_of(clip: Clip, hand: str | int | None) -> HandRecording:
-    """One hand of a clip as a recording. Raises RecordingError; the table above describes the choice of the hand."""
+def recording_of(clip: Clip, hand: str | int | None, *, is_left_handed: bool = False) -> HandRecording:
+    """One hand of a clip as a recording. Raises RecordingError; the table above describes the choice of the hand.
+
+    is_left_handed: whether the file's frame is left-handed; the recording is then in the frame that has z reversed.
+    """
+    clip, repeated = _without_repeats(clip)
     seen = _choose(clip.sightings, None if hand is None else str(hand))
     time = _validate_time(clip)
     first, count = seen[0].frame, seen[-1].frame - seen[0].frame + 1
@@ -90,6 +102,9 @@ def recording_of(clip: Clip, hand: str | int | None) -> HandRecording:
     for array in (position, quaternion, radius):
         array[~np.isfinite(array)] = np.nan
     _check_norms(quaternion, clip.place, first)
+    if is_left_handed:
+        position, quaternion = mirrored(position, quaternion)
+    require_agreement(position, quaternion, seen[0].side, is_mirrored=is_left_handed)
     side = _side(seen, position, quaternion)
     whole = complete_joints(position, quaternion, radius, is_left=side == "left")
     pose = np.concatenate([whole.position, whole.quaternion], axis=2)
@@ -104,7 +119,51 @@ def recording_of(clip: Clip, hand: str | int | None) -> HandRecording:
         side == "left",
         hand_id=", ".join(dict.fromkeys(one.hand_id for one in seen)),
         derived=tuple(JOINT_NAMES[joint] for joint in np.flatnonzero(whole.derived & known.any(axis=0))),
-        counts={"absent_frames": count - len(frames), "missing_joints": int(missing.sum())},
+        counts={"absent_frames": count - len(frames), "missing_joints": int(missing.sum())}
+        | ({"repeated_frames": repeated} if repeated else {}),
+    )
+
+
+def _without_repeats(clip: Clip) -> tuple[Clip, int]:
+    """A clip without what a program that asks faster than the tracker answers wrote again, and how many frames or rows.
+
+    The same hands at the same time are the same frame; other hands at the same time are a contradiction, and stay.
+    """
+    if clip.time is None:
+        return clip, 0
+    hands: list[list[Sighting]] = [[] for _ in clip.time]
+    last: dict[tuple[int, str], Sighting] = {}
+    repeated = 0
+    for one in clip.sightings:
+        before = last.get((one.frame, one.hand_id))
+        if before is not None and _is_same(one, before):
+            repeated += 1
+            continue
+        last[one.frame, one.hand_id] = one
+        hands[one.frame].append(one)
+    kept: list[int] = []
+    for frame, time in enumerate(clip.time):
+        if kept and time == clip.time[kept[-1]] and _are_same(hands[frame], hands[kept[-1]]):
+            repeated += 1
+        else:
+            kept.append(frame)
+    if not repeated:
+        return clip, 0
+    sightings = [one._replace(frame=index) for index, frame in enumerate(kept) for one in hands[frame]]
+
+    def place(frame: int) -> str:
+        return clip.place(kept[frame])
+
+    return Clip([clip.time[frame] for frame in kept], sightings, place), repeated
+
+
+def _are_same(hands: list[Sighting], others: list[Sighting]) -> bool:
+    return len(hands) == len(others) and all(map(_is_same, hands, others))
+
+
+def _is_same(one: Sighting, other: Sighting) -> bool:
+    return (one.hand_id, one.side) == (other.hand_id, other.side) and all(
+        np.array_equal(a, b, equal_nan=True) for a, b in zip(one[3:], other[3:], strict=True)
     )
 
 
@@ -138,7 +197,8 @@ def _validate_time(clip: Clip) -> Numbers | None:
     if bad.size:
         frame = int(bad[0])
         before = f" {float(time[frame - 1])!r} s of the frame before" if frame else " a clock's start"
-        raise RecordingError(f"{clip.place(frame)}: time {float(time[frame])!r} s is not after{before}")
+        same = ", and its hands are others" if frame and time[frame] == time[frame - 1] else ""
+        raise RecordingError(f"{clip.place(frame)}: time {float(time[frame])!r} s is not after{before}{same}")
     return time
 
 
@@ -155,17 +215,22 @@ def _check_norms(quaternion: Numbers, place: Callable[[int], str], first: int) -
 def _side(seen: list[Sighting], position: Numbers, quaternion: Numbers) -> str:
     """The side that the file states, otherwise the side of the joints; refused if bent fingers contradict the file."""
     stated = seen[0].side
-    palm = quaternion[:, Joint.PALM]
-    if not is_finite(palm).any():
-        palm = quaternion[:, Joint.MIDDLE_METACARPAL]
+    palm = palm_quaternion(quaternion)
     turned = is_finite(palm).any()
     found = side_from_axes(position, palm) if turned else side_from_bends(position)
     if stated is None and found is None:
         raise RecordingError("the file does not say whether the hand is left or right, and its joints do not tell")
+    if turned and stated != found and side_from_bends(position) == stated:
+        raise RecordingError(
+            f"said to be a {stated} hand, as which its fingers bend, but the palm's X axis runs the other way;"
+            " likely cause: the joints' axes are turned by 180 degrees about Z: multiply each orientation by"
+            " (0, 0, 1, 0) on the right"
+        )
     if stated is not None and found not in (None, stated):
         raise RecordingError(
             f"said to be a {stated} hand, but its joints are those of a {found} one"
-            + ("" if turned else ": its fingers bend to the back") + "; wrong handedness or mirrored positions"
+            + ("" if turned else ": its fingers bend to the back") + "; wrong handedness or mirrored positions, as in"
+            " Unity's left-handed frame (alignment=unity)"
         )  # fmt: skip
     return stated or found or "right"
 

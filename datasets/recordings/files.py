@@ -3,10 +3,13 @@
 | format         | file                                          | known by                                        |
 |----------------|-----------------------------------------------|-------------------------------------------------|
 | `leap`         | .json (LeapC's fields), .csv, .npz (leapjs)   | `palm` of a hand; palm_normal_x; the suffix     |
+| `leapjs`       | .json, .json.lz of leapjs-playback            | `palmPosition` of a hand; packed frames         |
 | `openxr`       | .json, .csv: 26 joints                        | `joints` of a hand; column joint                |
 | `webxr`        | the same with 25                              | the same                                        |
 | `mediapipe`    | .json, .csv: 21 world landmarks and the wrist | `world_landmarks` of a hand; column landmark    |
 | `webxr-static` | .json: named poses without time               | an object of objects of WebXR's joints          |
+
+What is read as .json may be JSON Lines, too (.jsonl, .ndjson): one frame a line.
 """
 
 from os import PathLike
@@ -15,18 +18,22 @@ from typing import cast
 
 from ..errors import RecordingError, name_nothing
 from ..known_names import likely_file
-from .alignment import Alignment
+from .alignment import Alignment, split_alignment
 from .clip import Clip, recording_of
-from .json_fields import Json, Table, read_json, read_table
+from .json_fields import LINE_SUFFIXES, Json, Table, read_json, read_table
 from .leap import leap_arrays, leap_json, leap_table
+from .leapjs import is_leapjs, leapjs_frames
 from .mediapipe import landmarks_json, landmarks_table
 from .openxr import joints_json, joints_table, static_poses
 from .recording import HandRecording
 
-FORMATS = ("leap", "openxr", "webxr", "mediapipe", "webxr-static")
+FORMATS = ("leap", "leapjs", "openxr", "webxr", "mediapipe", "webxr-static")
 """Formats that `load_recording` reads."""
 
-_SUFFIXES = (".json", ".csv", ".npz")
+JOINT_SUFFIXES = (".json", *LINE_SUFFIXES, ".lz", ".npz")
+"""Suffixes of files that are recordings, whatever they hold; a .csv may be one."""
+
+_SUFFIXES = (*JOINT_SUFFIXES, ".csv")
 
 
 def load_recording(
@@ -39,10 +46,10 @@ def load_recording(
 ) -> HandRecording:
     """Read one hand of a recording; docs/formats/recordings.md describes the formats.
 
-    format: leap, openxr, webxr, mediapipe or webxr-static; None: as the file states or looks like. hand: `left`,
-    `right` or an id; needed only where the file has several. alignment: tracker frame -> array frame (see
-    `HandRecording.transformed`); None leaves the tracker's. image_mirrored: MediaPipe only; whether it was shown a
-    mirrored image, None: as the file states.
+    format: leap, leapjs, openxr, webxr, mediapipe or webxr-static; None: as the file states or looks like. hand:
+    `left`, `right` or an id; needed only where the file has several. alignment: tracker frame -> array frame (see
+    `HandRecording.transformed`), also one that mirrors, as "unity" does; None leaves the tracker's. image_mirrored:
+    MediaPipe only; whether it was shown a mirrored image, None: as the file states.
 
     Raises RecordingError naming the file and, where it can, the frame, line and joint.
 
@@ -54,8 +61,10 @@ def load_recording(
     """
     source = Path(path)
     try:
-        clip = _clip(source, format, image_mirrored)
-        recording = recording_of(clip, hand)
+        frame = None if alignment is None else split_alignment(alignment)
+        is_left_handed = frame is not None and frame.mirrors
+        clip = _clip(source, format, image_mirrored, is_left_handed=is_left_handed)
+        recording = recording_of(clip, hand, is_left_handed=is_left_handed)
     except RecordingError as error:
         refused = RecordingError(f"{source}: {error}")
         raise (name_nothing(refused) if error.names_nothing else refused) from None
@@ -67,10 +76,10 @@ def load_recording(
         raise RecordingError(f"{source}: cannot be read: it takes more memory than there is") from None
     except RecursionError:
         raise RecordingError(f"{source}: cannot be read: nested too deeply") from None
-    return recording if alignment is None else recording.transformed(alignment)
+    return recording if frame is None else recording.transformed(frame.pose)
 
 
-def _clip(path: Path, name: str | None, image_mirrored: bool | None) -> Clip:
+def _clip(path: Path, name: str | None, image_mirrored: bool | None, *, is_left_handed: bool) -> Clip:
     if name is not None and name not in FORMATS:
         raise RecordingError(f"unknown format {name!r}; known: {', '.join(FORMATS)}")
     suffix = path.suffix.lower()
@@ -80,19 +89,21 @@ def _clip(path: Path, name: str | None, image_mirrored: bool | None) -> Clip:
         found, read = "leap", leap_arrays
         if name not in (None, found):
             raise RecordingError(f"a .npz file is read as leap, not as {name}")
-        return read(path)
+        return read(path, is_left_handed=is_left_handed)
     if suffix == ".csv":
         table = read_table(path)
         form = name or _table_format(table)
         if form == "leap":
-            return leap_table(table)
-        if form == "webxr-static":
-            raise RecordingError("webxr-static is a JSON format")
+            return leap_table(table, is_left_handed=is_left_handed)
+        if form in ("leapjs", "webxr-static"):
+            raise RecordingError(f"{form} is a JSON format")
         return landmarks_table(table, image_mirrored) if form == "mediapipe" else joints_table(table)
     content = read_json(path)
     form = name or _json_format(content)
     if form == "leap":
-        return leap_json(content)
+        return leap_json(content, is_left_handed=is_left_handed)
+    if form == "leapjs":
+        return leapjs_frames(content, is_left_handed=is_left_handed)
     if form == "mediapipe":
         return landmarks_json(content, image_mirrored)
     return static_poses(content) if form == "webxr-static" else joints_json(content)
@@ -113,6 +124,8 @@ def _json_format(content: Json) -> str:
         if name not in FORMATS:
             raise RecordingError(f"unknown format {name!r}; known: {', '.join(FORMATS)}")
         return str(name)
+    if is_leapjs(content):
+        return "leapjs"
     for key, form in (("palm", "leap"), ("world_landmarks", "mediapipe"), ("joints", "openxr")):
         if any(isinstance(hand, dict) and key in hand for hand in _hands(content)):
             return form

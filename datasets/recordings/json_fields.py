@@ -8,18 +8,25 @@ import io
 import json
 import math
 import reprlib
+from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from .. import bounded_file
-from ..bounded_file import read_content, require_parsable
+from ..bounded_file import parse_json, read_content, require_parsable
 from ..errors import RecordingError
+from ..motions.table_cells import COMMA, number_in, separator_of, wrong_count
 from ..rigid import Numbers
+from .lz_string import decompress_base64
 
 LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+COLUMNS_MOST = 4096
+"""Most columns of a CSV; those of two hands with everything that LeapC gives are 400."""
+LINE_SUFFIXES = (".jsonl", ".ndjson")
+"""Suffixes of JSON Lines."""
 _AXES = "xyzw"
 _BEYOND = 1e30  # no length, angle or time of a recording in any unit
 
@@ -27,15 +34,49 @@ Json = Any
 
 
 def read_json(path: Path) -> Json:
-    """The content of a JSON file. Raises RecordingError naming line and column where it breaks off."""
+    """The content of a JSON file, or of JSON Lines, one frame a line: {"frames": [...]} with what the first line has.
+
+    A file that ends with .lz is decompressed. Raises RecordingError naming line and column where JSON breaks off.
+    """
     try:
-        return bounded_file.read_json(path)
+        if path.suffix.lower() == ".lz":
+            return parse_json(decompress_base64(read_content(path)))
+        text = bounded_file.read_text(path)
+        return _json_lines(text) if path.suffix.lower() in LINE_SUFFIXES else _parse(text)
     except UnicodeDecodeError as error:
         raise RecordingError(f"byte {error.start} is not UTF-8 text") from None
     except json.JSONDecodeError as error:
         raise RecordingError(f"line {error.lineno} column {error.colno}: not JSON: {error.msg}") from None
+    except RecordingError:
+        raise
     except ValueError as error:  # an integer of thousands of digits; nested too deeply
         raise RecordingError(f"not JSON that can be read: {error}") from None
+
+
+def _parse(text: str) -> Json:
+    try:
+        return parse_json(text)
+    except json.JSONDecodeError as error:
+        if error.msg != "Extra data":
+            raise
+        return _json_lines(text)
+
+
+def _json_lines(text: str) -> Json:
+    """Frames of JSON Lines; a first line without hands is the file's head."""
+    require_parsable(text)
+    values: list[Json] = []
+    for number, line in enumerate(io.StringIO(text), start=1):
+        if not line.strip():
+            continue
+        try:
+            values.append(parse_json(line))
+        except json.JSONDecodeError as error:
+            raise RecordingError(
+                f"line {number} column {error.colno}: neither JSON nor JSON Lines, one value a line: {error.msg}"
+            ) from None
+    head = cast("dict[str, Json]", values[0]) if values and isinstance(values[0], dict) else {"hands": None}
+    return {"frames": values} if "hands" in head else {**head, "frames": values[1:]}
 
 
 def entry(node: Json, name: str, place: str) -> Json:
@@ -95,10 +136,12 @@ def flags(node: Json, place: str) -> int:
 
 
 def vector(node: Json, size: int, place: str) -> Numbers:
-    """A vector of 3 or 4, or the 16 of a matrix: a list, or an object with x, y, z, w; null is all NaN."""
+    """A vector of 3 or 4, or the 16 of a matrix: a list, or an object with x, y, z, w or 0, 1, 2; null is all NaN."""
     if node is None:
         return np.full(size, np.nan)
-    if isinstance(node, dict) and size <= len(_AXES):
+    if isinstance(node, dict) and "0" in node:  # JSON of a typed array, as Float32Array
+        node = [entry(node, str(index), place) for index in range(len(cast("dict[str, Json]", node)))]
+    elif isinstance(node, dict) and size <= len(_AXES):
         node = [entry(node, axis, place) for axis in _AXES[:size]]
     values = items(node, place)
     if len(values) != size:
@@ -123,6 +166,7 @@ class Table(NamedTuple):
     rows: list[list[str]]
     lines: list[int]
     """Of each row, counted from 1."""
+    separator: str = COMMA
 
     def numbers(self, names: list[str]) -> Numbers:
         """Columns as numbers, shape [row, name]; an empty cell is NaN. Raises RecordingError with line and column."""
@@ -132,7 +176,7 @@ class Table(NamedTuple):
             for target, place in enumerate(places):
                 cell = row[place].strip()
                 try:
-                    out[index, target] = _measure(float(cell)) if cell else math.nan
+                    out[index, target] = _measure(number_in(cell, self.separator)) if cell else math.nan
                 except ValueError:
                     where = f"line {self.lines[index]}"
                     raise RecordingError(f"{where}: {cell!r} in column {names[target]} is not a number") from None
@@ -170,20 +214,19 @@ def read_table(path: Path) -> Table:
         content = read_content(path)
         require_parsable(content)
         with io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file)
+            separator = separator_of(next((line for line in file if line.strip()), ""))
+            file.seek(0)
+            reader = csv.reader(file, delimiter=separator)
             for row in reader:
                 if not any(cell.strip() for cell in row):
                     continue
                 if not columns:
                     columns = [cell.strip() for cell in row]
-                    twice = [name for index, name in enumerate(columns) if name and name in columns[:index]]
-                    if twice:
-                        where = f"line {reader.line_num}: column {twice[0]} is there twice"
-                        raise RecordingError(f"{where}: a header must be there, and name each column once")
+                    _require_columns(columns, f"line {reader.line_num}")
                     continue
                 if len(row) != len(columns):
-                    problem = f"line {reader.line_num}: {len(row)} columns, the header has {len(columns)}"
-                    raise RecordingError(problem)
+                    problem = wrong_count(len(row), len(columns), separator)
+                    raise RecordingError(f"line {reader.line_num}: {problem}")
                 rows.append(row)
                 lines.append(reader.line_num)
     except UnicodeDecodeError as error:
@@ -192,7 +235,16 @@ def read_table(path: Path) -> Table:
         raise RecordingError(f"not a CSV file: {error}") from None
     if not rows:
         raise RecordingError("no row below the header" if columns else "empty file")
-    return Table(columns, rows, lines)
+    return Table(columns, rows, lines, separator)
+
+
+def _require_columns(columns: list[str], place: str) -> None:
+    if len(columns) > COLUMNS_MOST:
+        raise RecordingError(f"{place}: {len(columns)} columns, at most {COLUMNS_MOST} can be")
+    twice = next((name for name, count in Counter(columns).items() if name and count > 1), None)
+    if twice is not None:
+        problem = f"column {twice} is there twice: a header must be there, and name each column once"
+        raise RecordingError(f"{place}: {problem}")
 
 
 def _measure(value: float) -> float:

@@ -16,7 +16,7 @@ from ..errors import RecordingError
 from ..hand_model.frames import PALM_RADIUS_SHARE, axes_from
 from ..hand_model.joints import DIGITS, ENDS_JOINTS, LEAP_BONES, LEAP_DIGITS, Joint, leap_starts
 from ..rigid import Numbers, quaternion_of, rotate
-from .clip import SIDES, Clip, Sighting, frame_place, line_place, unknown_joints
+from .clip import SIDES, Clip, Sighting, frame_place, line_place, side_named, unknown_joints
 from .json_fields import LENGTH_UNITS, TIME_UNITS, Json, Table, entry, items, number, optional, unit_factor, vector
 
 _PALM_VECTORS = ("position", "normal", "direction")
@@ -26,7 +26,7 @@ TIP_RADIUS_SHARE = 0.85
 PALM_BACK = 0.3
 """A palm without bones: OpenXR's PALM lies behind Leap's palm position by this share of the palm's width."""
 
-_SIDE_OF = {name: side for side in SIDES for name in (side, f"eleaphandtype_{side}")} | {"0": "left", "1": "right"}
+_SIDE_OF = dict(zip("01", SIDES, strict=True))  # eLeapHandType
 
 
 class Bone(NamedTuple):
@@ -38,8 +38,11 @@ class Bone(NamedTuple):
     rotation: Numbers
 
 
-def leap_json(content: Json) -> Clip:
-    """All hands of a LeapC recording as JSON; docs/formats/recordings.md describes its structure."""
+def leap_json(content: Json, *, is_left_handed: bool = False) -> Clip:
+    """All hands of a LeapC recording as JSON; docs/formats/recordings.md describes its structure.
+
+    is_left_handed: whether the frame is, as Unity's; the same for the other readers.
+    """
     head: Json = {} if isinstance(content, list) else content
     frames = items(content if isinstance(content, list) else entry(content, "frames", "file"), "frames")
     length = unit_factor(head, "length_unit", LENGTH_UNITS, "mm")
@@ -52,11 +55,11 @@ def leap_json(content: Json) -> Clip:
         stamp = entry(entry(frame, "info", place), "timestamp", place) if stamp is None else stamp
         time.append(number(stamp, f"{place}, timestamp") * second)
         for hand in items(entry(frame, "hands", place), f"{place}, hands"):
-            seen.append(_hand(hand, index, length))
+            seen.append(_hand(hand, index, length, is_left_handed=is_left_handed))
     return Clip(time, seen, frame_place)
 
 
-def leap_table(table: Table) -> Clip:
+def leap_table(table: Table, *, is_left_handed: bool = False) -> Clip:
     """All hands of a Leap CSV: a row for each hand in each frame; docs/formats/recordings.md describes the columns."""
     clock = table.numbers(["timestamp"])[:, 0] * TIME_UNITS["us"]
     ids, sides = table.texts("hand_id"), table.texts("type")
@@ -80,12 +83,12 @@ def leap_table(table: Table) -> Clip:
             joints[0][Joint.WRIST] = arm[row] * 1e-3
         side = _side(sides[row], f"line {table.lines[row]}")
         position, normal, direction = (palm[name][row] for name in _PALM_VECTORS)
-        _set_palm(joints, position, normal, direction, width[row], 1e-3, boned=boned)
+        set_palm(joints, position, normal, direction, width[row], 1e-3, boned=boned, is_left_handed=is_left_handed)
         seen.append(Sighting(len(time) - 1, ids[row], side, *joints))
     return Clip(time, seen, line_place(lines))
 
 
-def leap_arrays(path: Path) -> Clip:
+def leap_arrays(path: Path, *, is_left_handed: bool = False) -> Clip:
     """Hands of a decoded leapjs recording (.npz): one hand a frame, lengths in `length_unit` (m by default)."""
     found = _read_archive(path)
     count = len(found["t"]) if "t" in found and found["t"].ndim == 1 else 0
@@ -116,7 +119,7 @@ def leap_arrays(path: Path) -> Clip:
                 joints[0][joint] = values["joints"][index, digit, place] * length
                 joints[2][joint] = half * (TIP_RADIUS_SHARE if place == 3 else 1.0)
         position, normal, direction = (values[f"palm_{name}"][index] for name in _PALM_VECTORS)
-        _set_palm(joints, position, normal, direction, math.nan, length, boned=True)
+        set_palm(joints, position, normal, direction, math.nan, length, boned=True, is_left_handed=is_left_handed)
         side = SIDES[0] if is_left[index] else SIDES[1]
         seen.append(Sighting(index, str(found["hand_id"][index]), side, *joints))
     return Clip(values["t"].tolist(), seen, frame_place)
@@ -133,7 +136,7 @@ def _read_archive(path: Path) -> dict[str, NDArray[Any]]:
     return found
 
 
-def _hand(hand: Json, frame: int, length: float) -> Sighting:
+def _hand(hand: Json, frame: int, length: float, *, is_left_handed: bool) -> Sighting:
     place = f"{frame_place(frame)}, hand {optional(hand, 'id', frame_place(frame))}"
     palm = entry(hand, "palm", place)
     joints = unknown_joints()
@@ -149,15 +152,15 @@ def _hand(hand: Json, frame: int, length: float) -> Sighting:
         joints[0][Joint.WRIST] = vector(entry(arm, "next_joint", place), 3, f"{place}, arm") * length
     position = vector(entry(palm, "position", place), 3, f"{place}, palm position")
     width = number(optional(palm, "width", place), f"{place}, palm width") * length
-    normal, direction = _palm_directions(palm, place)
-    _set_palm(joints, position, normal, direction, width, length, boned=boned)
+    normal, direction = _palm_directions(palm, place, is_left_handed=is_left_handed)
+    set_palm(joints, position, normal, direction, width, length, boned=boned, is_left_handed=is_left_handed)
     return Sighting(frame, str(entry(hand, "id", place)), _side(str(entry(hand, "type", place)), place), *joints)
 
 
-def _palm_directions(palm: Json, place: str) -> tuple[Numbers, Numbers]:
+def _palm_directions(palm: Json, place: str, *, is_left_handed: bool) -> tuple[Numbers, Numbers]:
     if optional(palm, "normal", place) is None and optional(palm, "orientation", place) is not None:
         turn = vector(entry(palm, "orientation", place), 4, f"{place}, palm orientation")
-        return rotate(turn, np.array([0.0, -1.0, 0.0])), rotate(turn, np.array([0.0, 0.0, -1.0]))
+        return rotate(turn, np.array([0.0, -1.0, 0.0])), rotate(turn, np.array([0.0, 0.0, _tips_sign(is_left_handed)]))
     normal = vector(entry(palm, "normal", place), 3, f"{place}, palm normal")
     return normal, vector(entry(palm, "direction", place), 3, f"{place}, palm direction")
 
@@ -201,7 +204,7 @@ def _set_digit(joints: tuple[Numbers, Numbers, Numbers], digit: int, bones: list
     radius[tip] = TIP_RADIUS_SHARE * last.width * length / 2.0
 
 
-def _set_palm(
+def set_palm(
     joints: tuple[Numbers, Numbers, Numbers],
     position: Numbers,
     normal: Numbers,
@@ -210,19 +213,26 @@ def _set_palm(
     length: float,
     *,
     boned: bool,
+    is_left_handed: bool,
 ) -> None:
     """PALM and WRIST: with bones the palm's place follows from these, without from Leap's palm position."""
-    axes = axes_from(-direction, np.cross(normal, direction))
+    back = _tips_sign(is_left_handed) * direction
+    axes = axes_from(back, np.cross(back, normal))
     joints[1][Joint.PALM] = joints[1][Joint.WRIST] = quaternion_of(axes)
     if np.isfinite(width):
         joints[2][Joint.PALM] = PALM_RADIUS_SHARE * width
     if not boned:
-        joints[0][Joint.PALM] = position * length + axes[:, 2] * PALM_BACK * (0.085 if np.isnan(width) else width)
+        joints[0][Joint.PALM] = position * length - direction * PALM_BACK * (0.085 if np.isnan(width) else width)
         joints[2][Joint.PALM] = PALM_RADIUS_SHARE * (0.085 if np.isnan(width) else width)
 
 
+def _tips_sign(is_left_handed: bool) -> float:
+    """Which end of the palm's Z axis points to the tips; a left-handed frame has its Z axis reversed, as Unity."""
+    return 1.0 if is_left_handed else -1.0
+
+
 def _side(name: str, place: str) -> str:
-    side = _SIDE_OF.get(name.strip().lower())
+    side = _SIDE_OF.get(name.strip()) or side_named(name)
     if side is None:
         raise RecordingError(f"{place}: type {name!r} is neither left nor right")
     return side

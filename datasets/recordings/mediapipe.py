@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import RecordingError
 from ..hand_model.joints import MEDIAPIPE_JOINTS, MEDIAPIPE_NAMES
 from ..rigid import Numbers
-from .clip import SIDES, Clip, Sighting, frame_place, line_place, unknown_joints
+from .clip import SIDES, Clip, Sighting, frame_place, line_place, side_named, unknown_joints
 from .json_fields import (
     LENGTH_UNITS,
     TIME_UNITS,
@@ -84,6 +84,8 @@ def landmarks_table(table: Table, image_mirrored: bool | None) -> Clip:
             before, now = group[2].tolist(), wrist[row].tolist()
             raise RecordingError(f"{place}: the wrist is at {now}, and at {before} in a row before of this time")
         index = _landmark(names[row], place)
+        if len(group[1]) == _COUNT and np.array_equal(group[1][index], values[row], equal_nan=True):
+            continue  # a program that asks faster than the tracker answers wrote the frame again
         if index in group[1]:
             raise RecordingError(f"{place}: landmark {names[row]} is listed twice at this time")
         group[1][index] = values[row]
@@ -129,7 +131,7 @@ def _landmark(name: str, place: str) -> int:
 
 
 def _side(name: Json, place: str) -> str:
-    side = str(name).strip().lower()
-    if side not in SIDES:
+    side = side_named(name)
+    if side is None:
         raise RecordingError(f"{place}: handedness {name!r} is neither {' nor '.join(SIDES)}")
     return side

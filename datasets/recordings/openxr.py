@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import RecordingError
 from ..hand_model.joints import JOINT_COUNT, JOINT_NAMES, Joint, joint_from, webxr_name
 from ..rigid import Flags, Numbers, quaternion_of
-from .clip import SIDES, Clip, Sighting, frame_place, line_place, name_place, unknown_joints
+from .clip import SIDES, Clip, Sighting, frame_place, line_place, name_place, side_named, unknown_joints
 from .json_fields import (
     LENGTH_UNITS,
     TIME_UNITS,
@@ -28,7 +28,6 @@ from .json_fields import (
 )
 
 _BOTH_VALID = 2 | 1  # XrSpaceLocationFlags: position and orientation
-_SIDE_OF = {"left": "left", "right": "right", "xr_hand_left_ext": "left", "xr_hand_right_ext": "right"}
 _STATIC_MATRIX, _STATIC_RADIUS = "m", "r"
 
 
@@ -73,6 +72,7 @@ def joints_table(table: Table) -> Clip:
     if strange.size:
         row = int(strange[0])
         raise RecordingError(f"line {table.lines[row]}: valid must be 0 or 1, got {float(valid[row]):g}")
+    values[~(valid > 0.0), :7] = math.nan
     sides, names = table.texts("hand"), table.texts("joint")
     ids = table.texts("id") if table.has("id") else sides
     time: list[float] = []
@@ -91,15 +91,25 @@ def joints_table(table: Table) -> Clip:
         joint, one = _joint(names[row], place), groups[key]
         if _side(sides[row], place) != one.side:
             raise RecordingError(f"{place}: hand {ids[row]!r} is said to be left and right at this time")
+        if listed[key][joint] and listed[key][Joint.WRIST :].all() and _is_again(one, joint, values[row]):
+            continue  # a program that asks faster than the tracker answers wrote the frame again
         if listed[key][joint]:
             raise RecordingError(f"{place}: {names[row]} is listed twice at this time")
         listed[key][joint] = True
-        one.radius[joint] = values[row, 7]
-        if valid[row] > 0.0:
-            one.position[joint], one.quaternion[joint] = values[row, :3], values[row, 3:7]
+        one.position[joint], one.quaternion[joint], one.radius[joint] = (
+            values[row, :3],
+            values[row, 3:7],
+            values[row, 7],
+        )
     for key, joints in listed.items():
         _require_all_joints(joints, f"the frame at line {lines[key[0]]}")
     return Clip(time, list(groups.values()), line_place(lines))
+
+
+def _is_again(one: Sighting, joint: Joint, row: Numbers) -> bool:
+    """Whether a row of position, quaternion and radius repeats a joint."""
+    known = np.concatenate([one.position[joint], one.quaternion[joint], one.radius[joint : joint + 1]])
+    return np.array_equal(known, row, equal_nan=True)
 
 
 def _joints(node: Json, place: str, length: float) -> tuple[Numbers, Numbers, Numbers]:
@@ -168,7 +178,7 @@ def _joint(name: str, place: str) -> Joint:
 
 
 def _side(name: Json, place: str) -> str:
-    side = _SIDE_OF.get(str(name).strip().lower())
+    side = side_named(name)
     if side is None:
         raise RecordingError(f"{place}: handedness {name!r} is neither {' nor '.join(SIDES)}")
     return side

@@ -15,6 +15,7 @@ from ..hand_model.joints import JOINT_COUNT, JOINT_NAMES, Joint
 from ..motions.hand_motion import HandMotion
 from ..rigid import NORM_TOLERANCE, POSITION_FARTHEST, Numbers, is_finite, pose_inverse, pose_product, rotate
 from .alignment import Alignment, alignment_pose
+from .conventions import PALM_LEAST, palm_agreement, require_agreement
 from .gaps import hold_joints, resample_joints
 
 GAP_MOST = 0.1
@@ -36,7 +37,8 @@ class HandRecording:
 
     Checked and copied when made; the arrays are read-only. Frames count from 0. Raises RecordingError for arrays of
     another shape, times that do not increase, quaternions whose norm is not 1 within 1e-3, a hand whose breadth is not
-    4 to 14 cm (other units), a left hand with the joints of a right one or the reverse, and a palm that is never seen.
+    4 to 14 cm (other units), orientations that contradict positions, a left hand with the joints of a right one or the
+    reverse, and a palm that is never seen.
 
     >>> from palpate.datasets import Y_UP, load_recording, write_sample
     >>> recording = load_recording(write_sample("leap", "hand.json")).transformed(Y_UP)
@@ -78,7 +80,10 @@ class HandRecording:
         for name, value in values.items():
             object.__setattr__(self, name, value)
         _check_size(pose)
-        _check_side(pose, self.is_left)
+        side = "left" if self.is_left else "right"
+        if palm_agreement(pose[..., :3], pose[..., 3:]) < PALM_LEAST:
+            require_agreement(pose[..., :3], pose[..., 3:], side)
+        _check_side(pose, side)
 
     def __repr__(self) -> str:
         """One line."""
@@ -284,9 +289,8 @@ def _check_size(pose: Numbers) -> None:
         )
 
 
-def _check_side(pose: Numbers, is_left: bool) -> None:
+def _check_side(pose: Numbers, claimed: str) -> None:
     side = side_from_axes(pose[..., :3], pose[:, Joint.PALM, 3:])
-    claimed = "left" if is_left else "right"
     if side not in (None, claimed):
         raise RecordingError(
             f"said to be a {claimed} hand, but its joints are those of a {side} one"

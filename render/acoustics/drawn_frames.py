@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from ...datasets.contour_file.reader import ContourFile
+from ...datasets.motions.last_pose import end_of_motion
 from ..contour_batch import ContourBatch
 from ..errors import StrategyError
 from ..focal_spot import NEAREST
@@ -64,7 +65,7 @@ def pose_at(file: ContourFile, seconds: float) -> int:
             return 0
         raise StrategyError(f"{file.path}: its poses have no times: give the number of one with pose")
     time = motion["time"]
-    end = float(time[-1]) + (float(np.median(np.diff(time))) if len(time) > 1 else 0.0)
+    end = end_of_motion(time)
     if not time[0] <= seconds <= end:
         raise StrategyError(f"at must lie in {time[0]:g}..{end:g} s, when {file.path} moves, not {seconds:g}")
     return int(np.searchsorted(time, seconds, side="right")) - 1

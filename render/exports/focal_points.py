@@ -175,7 +175,7 @@ def _fitting(file: ContourFile, chosen: range, duration: float, rate: float, tar
     if len(chosen) > 1:
         time = file.motion(chosen.start, chosen[-1] + 1)["time"]
         less = 1.5 * max(duration - float(time[-1] - time[0]), 0.0)  # how long the last pose lasts, and a reserve
-        if less < length:
+        if time[chosen.step] - time[0] < length - less - 2e-3:  # two poses at least: one alone would be a static pose
             return _span(float(time[0]) * rate, rate, target, less)
     return f"duration={_rounded_down(length)}"
 

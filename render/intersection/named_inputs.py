@@ -23,13 +23,16 @@ from typing import Any
 import numpy as np
 
 from ...datasets.bounded_file import open_regular
-from ...datasets.errors import MotionError
+from ...datasets.errors import MotionError, RecordingWarning
 from ...datasets.hand_model.shape import hand_shape
 from ...datasets.hand_model.skinning import posed_vertices
 from ...datasets.known_names import find_name, likely_file, likely_name
 from ...datasets.motions.hand_motion import EXPLORATION_DEFAULTS, EXPLORATION_OPTIONS, HandMotion, exploration
-from ...datasets.recordings.files import load_recording
+from ...datasets.motions.motion_file import is_pose_header
+from ...datasets.motions.suspicious_values import suspicious_directions
+from ...datasets.recordings.files import JOINT_SUFFIXES, load_recording
 from ...datasets.recordings.recording import HandRecording
+from ...datasets.user_warnings import warn_user
 from ..errors import StrategyError
 from ..hands.flat_hand import flat_hand
 from ..hands.hand import Hand, Palm
@@ -54,7 +57,6 @@ HANDS = ("palm", "planes", "skin")
 ORDER = "object, hand, motion, strategy"
 HEADER_BYTES = 65536  # first bytes of a CSV, in which its header is searched
 SOLID_HAND_STEP = 0.002  # [m]; grid step of the mesh of a hand given as a solid; smaller than any focus
-POSE_HEADERS = ("time,x,y,z", "x,y,z")  # first columns of a CSV of poses; a CSV recording has others
 
 
 def solid_of(given: Any) -> Solid:
@@ -195,14 +197,14 @@ def is_leap_archive(source: str) -> bool:
 def is_recording(source: str) -> bool:
     """Whether a file holds recorded joints of a hand rather than poses of a palm."""
     path = Path(source)
-    if path.suffix.lower() in (".json", ".npz"):
+    if path.suffix.lower() in JOINT_SUFFIXES:
         return True
     if path.suffix.lower() != ".csv" or not path.is_file():
         return False
     with open_regular(path) as file:
-        lines = file.read(HEADER_BYTES).decode(errors="replace").splitlines()
+        lines = file.read(HEADER_BYTES).decode("utf-8-sig", errors="replace").splitlines()
     first = next((line for line in lines if line.strip() and not line.startswith("#")), "")
-    return not first.replace(" ", "").startswith(POSE_HEADERS)
+    return not is_pose_header(first)
 
 
 def load_motion(source: str, solid: Solid, options: dict[str, Any], watch: Watch = unwatched) -> HandMotion:
@@ -223,9 +225,13 @@ def load_motion(source: str, solid: Solid, options: dict[str, Any], watch: Watch
         meant = likely_name(source, (EXPLORATION,)) or ("" if Path(source).exists() else likely_file(source))
         raise StrategyError(
             f"{source}: is no motion{meant}: give the word {EXPLORATION} for a synthetic one, a file of poses (.csv, "
-            ".h5, .hdf5), or a recording of a hand (.json, .csv, .npz)"
+            ".h5, .hdf5), or a recording of a hand (.json, .jsonl, .json.lz, .csv, .npz)"
         )
-    return HandMotion.load(source)
+    motion = HandMotion.load(source)
+    if motion.provenance is None:  # not made by palpate
+        for sentence in suspicious_directions(motion.pose):
+            warn_user(f"{source}: {sentence}", RecordingWarning)
+    return motion
 
 
 def load_hand(kind: str, palm: tuple[float, float] | None, recording: HandRecording | None = None) -> Hand:

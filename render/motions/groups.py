@@ -18,6 +18,7 @@ import numpy as np
 import warp as wp
 
 from ...datasets.motions.hand_motion import HandMotion
+from ...datasets.motions.last_pose import end_of_motion, usual_interval
 from ...kernels.driving.pulse_frames import PackedFrames
 from ...kernels.offsets import PointLimitError
 from ..contour_batch import ContourBatch
@@ -28,7 +29,7 @@ from ..intersection.named_inputs import hand_of, solid_of
 from ..intersection.scene import Scene
 from ..objects.solid import Solid
 from ..playback.device_frames import PulsePacker
-from ..playback.focus_source import INTERVALS_LOOKED_AT, require_increasing
+from ..playback.focus_source import require_increasing
 from ..playback.pose_insertion import require_insertion
 from ..runtime.span_workers import warp_device
 from ..sampling.batch_dwell import dwell_maps
@@ -289,9 +290,8 @@ def sample_counts(motions: Sequence[TimedPoses], sampling: SamplingStrategy) -> 
 
 
 def end_of(time: np.ndarray) -> tuple[float, float]:
-    """When a motion ends, and the interval that its last pose lasts: the median, as `palpate play` has it [s]."""
-    interval = float(np.median(np.diff(time[: INTERVALS_LOOKED_AT + 1])))
-    return float(time[-1]) + interval, interval
+    """When a motion ends, as `palpate play` has it, and the usual interval between its poses [s]."""
+    return end_of_motion(time), usual_interval(time)
 
 
 def timed_poses(given: HandMotion | ExploredPoses, number: int) -> TimedPoses:

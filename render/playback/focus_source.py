@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from ...datasets.focus_files.frame_reader import FrameReader
+from ...datasets.motions.last_pose import INTERVALS_LOOKED_AT, end_of_motion, usual_interval
 from ..contour_batch import ContourBatch
 from ..errors import PoseError, StrategyError
 from ..sampling.contour_sampling import FocalPoints, Sampler, SamplingCount, sample_contours
@@ -20,7 +21,6 @@ FRAMES_MOST = 1e12  # a year at 40 kHz
 BLOCK = 1024  # frames; 0.1 s at 10 kHz, 26 ms at 40 kHz: what Python needs a few milliseconds for
 POINTS_A_READ = 1 << 16  # of contours; a few milliseconds to read, whatever the size of the file
 COUNTED = 5.0  # [s] of a static pose, after what comes before it
-INTERVALS_LOOKED_AT = 4096  # of a motion's poses, for their median
 
 
 class FocusSource(Protocol):
@@ -102,8 +102,8 @@ class ContourSource:
     Args:
         file: the opened file, sealed, or another source of contours.
         sampler: draws its poses; keeps the counts.
-        duration: when to stop [s]; a motion ends by itself, a static pose does not. None is the motion's end: its
-            last pose lasts as long as the median of the intervals before (of the first INTERVALS_LOOKED_AT).
+        duration: when to stop [s]; a motion ends by itself, a static pose does not. None is the motion's end
+            (`end_of_motion`).
 
     Raises:
         StrategyError: a duration that is none, one static pose without one, or not one frame.
@@ -165,8 +165,8 @@ class ContourSource:
                 raise StrategyError(f"{path}: holds one static pose: say how long to play it with duration=SECONDS")
             return asked
         require_increasing(head["time"], path)
-        self._interval = float(np.median(np.diff(head["time"])))
-        end = float(self._file.motion(count - 1, count)["time"][0]) + self._interval
+        self._interval = usual_interval(head["time"])
+        end = end_of_motion(head["time"], float(self._file.motion(count - 1, count)["time"][0]))
         if not np.isfinite(end):
             raise PoseError(f"{path}: the last of /motion/time is not finite; palpate check tells where")
         return end if asked is None else min(end, asked)

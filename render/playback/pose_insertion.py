@@ -20,6 +20,7 @@ import numpy as np
 import warp as wp
 
 from ...datasets.motions.hand_motion import HandMotion
+from ...datasets.motions.suspicious_values import likely_time_unit
 from ...kernels.metrics.contour_shift import find_shifts
 from ...kernels.motions.halving import HalvedIntervals, given_rows, halve_intervals, ordered_rows
 from ...kernels.offsets import PointLimitError
@@ -37,6 +38,7 @@ from ..validation import require_number
 INTERVAL_LEAST = 25e-6  # [s] a period of 40 kHz: no array is updated more often
 HOLD = SamplingStrategy().hold  # [s]
 SPACINGS = 4  # points that are judged within the distance along a contour
+POSES_MOST = 4_000_000  # of a motion, inserted ones included; they take about 0.5 GB
 POSES_AT_ONCE = 3 * 1024  # on a CPU, and where a user's stage sees them
 POSES_ON_GPU = 1 << 16
 
@@ -73,7 +75,7 @@ def insert_poses(
     object_pose: motion of an object that moves. hold: an interval longer than this [s] and than twice the median one is
     a gap.
     Raises StrategyError for a hand with poses of its own and a distance below 10 um or above 0.1 m, PoseError for poses
-    without times, and what `render` raises.
+    without times and for more than POSES_MOST poses, and what `render` raises.
     """
     require_insertion(hand, distance)
     if motion.time is None:
@@ -170,8 +172,10 @@ def insert_into_all(
     one pose in a million, leaves the device, unless the object moves.
     """
     compared = _compared(time, motion_start, hold)
+    for first, stop in itertools.pairwise(motion_start.tolist()):
+        _require_few(time[first:stop], compared[first:stop], shift_test.distance)
     rows = given_rows(time, pose, compared, shift_test.device)
-    parts = [rows]
+    parts, count = [rows], len(time)
     for level in itertools.count():
         far = shift_test.far(rows)
         halved = halve_intervals(rows, far, level, hold=HOLD, least=INTERVAL_LEAST)
@@ -179,8 +183,30 @@ def insert_into_all(
             break
         _decide_rounding(halved)
         parts.append(halved.middle)
+        count += len(halved.middle.time)
+        if count > POSES_MOST * (len(motion_start) - 1):
+            reason = "contours move far between poses; a larger distance makes fewer"
+            raise PoseError(_too_many(shift_test.distance, count, reason))
         rows = halved.rows
     return InsertedPoses(*ordered_rows(parts, motion_start))
+
+
+def _require_few(time: np.ndarray, compared: np.ndarray, distance: float) -> None:
+    """Raise PoseError for a motion whose intervals, halved until none is longer than HOLD, make too many poses."""
+    if len(time) < 2:
+        return
+    lasting = np.diff(time)
+    with np.errstate(over="ignore"):
+        halvings = np.ceil(np.log2(np.maximum(np.where(compared[:-1], lasting, 0.0) / HOLD, 1.0)))
+        count = 1.0 + float(np.exp2(halvings).sum())
+    if count > POSES_MOST:
+        unit = likely_time_unit(float(np.median(lasting)), len(time))
+        found = "; its times are like a file in " + unit if unit else ""
+        raise PoseError(_too_many(distance, count, f"it lasts {time[-1] - time[0]:g} s{found}"))
+
+
+def _too_many(distance: float, count: float, reason: str) -> str:
+    return f"interpolate={distance:g} makes {count:.4g} poses of a motion, at most {POSES_MOST} can be: {reason}"
 
 
 def _compared(time: np.ndarray, motion_start: np.ndarray, hold: float) -> np.ndarray:

@@ -7,6 +7,7 @@ import numpy as np
 from ...datasets.contour_file.reader import ContourFile
 from ...datasets.focus_files.frame_reader import DRIVES, WIRE_FRAMES, FrameReader
 from ...datasets.motions.facing import SHARE_ANGLES, facing_angles
+from ...datasets.motions.last_pose import INTERVALS_LOOKED_AT, end_of_motion
 from ...datasets.storage.schema import PRUNED_NAMES
 from ..sampling.contour_sampling import SamplingStrategy
 from ..sampling.strategy import SEAM
@@ -70,7 +71,6 @@ def summarise(path: str | Path) -> dict:
                 faced += _count_facing(file, a, metrics["length"] > 0)
         drawn = sum(map(len, lengths))
         mean = totals / max(done, 1)
-        time = _times(file)
         solid = file.object()
         out = {
             "path": str(path),
@@ -80,9 +80,7 @@ def summarise(path: str | Path) -> dict:
             "poses_drawn": drawn,
             "polylines": file.polyline_count,
             "points": file.point_count,
-            "duration": None
-            if time is None or len(time) < 2
-            else float(time[-1] + np.median(np.diff(time), overwrite_input=True)),
+            "duration": _duration(file),
             "length_mean": mean[0],
             "length_mean_drawn": totals[0] / drawn if drawn else None,
             "length_longest": max((float(part.max(initial=0.0)) for part in lengths), default=0.0),
@@ -124,15 +122,12 @@ def _count_facing(file: ContourFile, first: int, drawn: np.ndarray) -> np.ndarra
     return np.array([np.count_nonzero(angle <= np.radians(degrees)) for degrees in SHARE_ANGLES])
 
 
-def _times(file: ContourFile) -> np.ndarray | None:
-    """Times of all poses [s], shape [pose], without the poses, which take more memory; None for poses without time."""
-    spans = [(a, min(file.pose_count, a + POSES_AT_ONCE)) for a in range(0, file.pose_count, POSES_AT_ONCE)]
-    if "time" not in file.motion(*spans[0]):
+def _duration(file: ContourFile) -> float | None:
+    """Duration of a file's motion [s]; None for poses without time, and for one pose."""
+    head, count = file.motion(0, INTERVALS_LOOKED_AT + 1), file.pose_count
+    if "time" not in head or count < 2:
         return None
-    time = np.empty(file.pose_count)
-    for first, stop in spans:
-        time[first:stop] = file.motion(first, stop)["time"]
-    return time
+    return end_of_motion(head["time"], float(file.motion(count - 1, count)["time"][0]))
 
 
 def summarise_frames(path: str | Path) -> dict:

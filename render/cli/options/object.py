@@ -33,7 +33,8 @@ Bounds = Annotated[
     Six | None, typer.Option(metavar="X Y Z X Y Z", help="Of a function: lowest and highest coordinates [m].")
 ]
 Alignment = Annotated[
-    Path | None, typer.Option(metavar="FILE|y-up", help="Of a recording: from the tracker's frame to the array's.")
+    Path | None,
+    typer.Option(metavar="FILE|y-up|unity", help="Of a recording: from the tracker's frame to the array's."),
 ]
 Model = Annotated[
     str | None,

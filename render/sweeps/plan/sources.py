@@ -21,7 +21,8 @@ from pydantic import ValidationInfo
 
 from ....datasets.errors import DatasetError
 from ....datasets.known_names import find_name, likely_file, likely_name
-from ....datasets.recordings.alignment import alignment_pose
+from ....datasets.recordings.alignment import split_alignment
+from ....datasets.recordings.files import JOINT_SUFFIXES
 from ....datasets.shapes.built_in import shape_names
 from ....device.errors import DeviceError, UnknownArrayError
 from ....device.registry import array_names, canonical_name
@@ -48,7 +49,7 @@ from .values import Values, checked_items, refuse, unique
 
 HANDS = ("palm", "planes", "skin")
 MOTIONS = ("exploration", "random")
-MOTION_SUFFIXES = (".csv", ".h5", ".hdf5", ".json", ".npz")
+MOTION_SUFFIXES = (".csv", ".h5", ".hdf5", *JOINT_SUFFIXES)
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,7 @@ def _alignment(item: object, index: SourceIndex) -> list[dict[str, str]]:
     path = index.file(item)
     _require_utf8(str(path))
     try:
-        alignment_pose(path)
+        split_alignment(path)
         return [{"source": str(path), "name": path.name, "sha256": index.digest(str(path))}]
     except (DatasetError, RenderError) as error:
         refuse(str(error))

@@ -231,6 +231,23 @@ def test_csv_in_its_spellings_is_read(tmp_path, text):
 
 
 @pytest.mark.parametrize(
+    "text",
+    [
+        "qz,x,qw,y,time,z,qx,qy\n0.0,0.1,0.8,-0.2,5,0.3,0.6,0.0\n0.0,0.1,0.8,-0.2,6,0.3,0.6,0.0\n",
+        "time,x,y,z,qw,qx,qy,qz\n5,0.1,-0.2,0.3,0.8,0.6,0.0,0.0\n6,0.1,-0.2,0.3,0.8,0.6,0.0,0.0\n",
+        "time;x;y;z;qw;qx;qy;qz\n5;0,1;-0,2;0,3;0,8;0,6;0,0;0\n6;0,1;-0,2;0,3;0,8;0,6;0,0;0\n",
+        "\ufefftime\tx\ty\tz\tqx\tqy\tqz\tqw\n5\t0,1\t-0.2\t0,3\t0,6\t0\t0\t0,8\n6\t0,1\t-0,2\t0,3\t0,6\t0\t0\t0,8\n",
+    ],
+    ids=["any order", "w first", "European spreadsheet", "tabs"],
+)
+def test_csv_columns_are_taken_by_their_names_and_decimal_commas_are_read(tmp_path, text):
+    """Right values: written here by hand, quaternion (0.6, 0, 0, 0.8) as x y z w."""
+    motion = HandMotion.load(written(tmp_path / "m.csv", text))
+    assert (motion.offset, motion.time.tolist()) == (5.0, [0.0, 1.0])
+    assert motion.pose.tolist() == np.float32([[0.1, -0.2, 0.3, 0.6, 0.0, 0.0, 0.8]] * 2).tolist()
+
+
+@pytest.mark.parametrize(
     ("text", "said"),
     [
         ("", r"empty file"),
@@ -238,9 +255,12 @@ def test_csv_in_its_spellings_is_read(tmp_path, text):
         (HEADER, r"a motion needs at least one pose"),
         ("0,1," + ROW, r"line 1: header '0,1,0,0,0,0,0,1' is not 'time,x,y,z,qx,qy,qz,qw'"),
         ("t,x,y,z,qw,qx,qy,qz\n", r"line 1: header"),
-        (HEADER.replace(",", ";"), r"line 1: header 'time;x"),
+        (HEADER.replace(",", "|"), r"line 1: header 'time\|x"),
+        (HEADER.replace("qx", "x"), r"line 1: header 'time,x,y,z,x,qy,qz,qw' is not .*in any order"),
+        (HEADER.replace(",", ";") + "0;1.000,5;0;0;0;0;0;1\n", r"line 2: '1\.000,5' in column x is not a number"),
         (HEADER + "0,1," + ROW + "1,1,0,0,0,0,1\n", r"line 3: 7 columns, the header has 8"),
-        (HEADER + "0,1,2," + ROW, r"line 2: 9 columns"),
+        (HEADER + "0,1,2," + ROW, r"line 2: 9 columns, the header has 8; decimal commas need semicolons between cells"),
+        (HEADER + "0;1;0;0;0;0;0;1\n", r"line 2: 1 columns, the header has 8$"),
         (HEADER + "0,1," + ROW + "\n1,oops," + ROW, r"line 4: 'oops' in column x is not a number"),
         (HEADER + "0,1_0," + ROW, r"line 2: '1_0' in column x is not a number"),
         (HEADER + "0,," + ROW, r"line 2: '' in column x is not a number"),

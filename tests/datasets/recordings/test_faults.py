@@ -158,6 +158,100 @@ def test_a_table_that_contradicts_itself_is_refused_by_its_line(tmp_path, form, 
         load_recording(path)
 
 
+def typed(node):
+    """Lists of numbers as JSON.stringify writes a Float32Array: an object of its indices."""
+    if isinstance(node, list) and node and all(isinstance(value, float) for value in node):
+        return {str(index): value for index, value in enumerate(node)}
+    if isinstance(node, list):
+        return [typed(value) for value in node]
+    return {name: typed(value) for name, value in node.items()} if isinstance(node, dict) else node
+
+
+def test_typed_arrays_as_browsers_write_them_are_vectors_and_matrices(tmp_path):
+    content = content_of(tmp_path, "webxr")
+    plain = load_recording(written(tmp_path, content))
+    assert np.array_equal(load_recording(written(tmp_path, typed(content))).joint_pose, plain.joint_pose)
+    content["frames"][0]["hands"][0]["joints"]["wrist"]["matrix"] = {"0": 1.0, "2": 0.0}
+    with pytest.raises(RecordingError, match="frame 0, right hand, wrist, matrix: '1' is missing"):
+        load_recording(written(tmp_path, content))
+
+
+@pytest.mark.parametrize(
+    ("form", "key", "word"),
+    [("leap", "type", "HandType.Right"), ("leap", "type", "1"), ("openxr", "handedness", "HandEXT.RIGHT")],
+)
+def test_members_of_libraries_enumerations_name_sides(tmp_path, form, key, word):
+    """As Python writes the members of leapc-python-bindings and pyopenxr."""
+    content = content_of(tmp_path, form)
+    for frame in content["frames"]:
+        frame["hands"][0][key] = word
+    assert not load_recording(written(tmp_path, content)).is_left
+
+
+@pytest.mark.parametrize(("form", "clock"), [("leap", "timestamp"), ("openxr", "time"), ("mediapipe", "time")])
+def test_frames_that_a_poller_wrote_again_are_one_frame(tmp_path, form, clock):
+    content = content_of(tmp_path, form)
+    plain = load_recording(written(tmp_path, content))
+    frames = content["frames"]
+    content["frames"] = [frame for k, frame in enumerate(frames) for _ in range(1 + k % 3)]
+    found = load_recording(written(tmp_path, content))
+    assert np.array_equal(found.joint_pose, plain.joint_pose)
+    assert np.array_equal(found.time, plain.time)
+    assert found.counts == plain.counts | {"repeated_frames": 6}
+    content["frames"] = [frames[0], {**frames[1], clock: frames[0][clock]}]
+    with pytest.raises(RecordingError, match=r"frame 1: time .* is not after .*, and its hands are others"):
+        load_recording(written(tmp_path, content))
+
+
+@pytest.mark.parametrize(("form", "rows"), [("leap", 1), ("openxr", 26), ("webxr", 25), ("mediapipe", 21)])
+def test_rows_that_a_poller_wrote_again_are_one_frame(tmp_path, form, rows):
+    path = write_sample(form, tmp_path / "hand.csv", frame_count=3)
+    plain = load_recording(path)
+    head, *lines = path.read_text().splitlines()
+    path.write_text("\n".join([head, *lines[:rows], *lines[:rows], *lines[rows:]]))
+    found = load_recording(path)
+    assert np.array_equal(found.joint_pose, plain.joint_pose)
+    assert np.array_equal(found.time, plain.time)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('{"time_unit": "ns"}\n{"time": 1, "hands": [}\n', r"line 2 column 23: neither JSON nor JSON Lines"),
+        ('{"time": 1, "hands": []}\n{"time": 2, "hands": []}', "looks like no known recording"),
+    ],
+)
+def test_json_lines_that_break_off_or_lack_hands_are_refused(tmp_path, text, said):
+    with pytest.raises(RecordingError, match=said):
+        load_recording(written(tmp_path, text))
+
+
+def test_json_lines_are_frames_below_what_the_file_says_of_all(tmp_path):
+    content = content_of(tmp_path, "openxr")
+    plain = load_recording(written(tmp_path, content))
+    frames = content.pop("frames")
+    lines = "\n\n".join(json.dumps(value) for value in [content, *frames])
+    assert np.array_equal(load_recording(written(tmp_path, lines)).joint_pose, plain.joint_pose)
+    with pytest.raises(RecordingError, match="'time_unit' is missing"):
+        load_recording(written(tmp_path, "\n".join(map(json.dumps, frames)), "hand.jsonl"))
+
+
+def test_a_european_spreadsheet_s_table_is_the_recording_it_was(tmp_path):
+    path = write_sample("openxr", tmp_path / "hand.csv", frame_count=2)
+    plain = load_recording(path)
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b",", b";").replace(b".", b","))
+    again = load_recording(path)
+    assert np.array_equal(again.joint_pose, plain.joint_pose)
+    assert np.array_equal(again.time, plain.time)
+
+
+def test_a_header_of_too_many_names_is_refused(tmp_path):
+    path = tmp_path / "hand.csv"
+    path.write_text(",".join(map(str, range(10_000))) + "\n")
+    with pytest.raises(RecordingError, match=r"hand\.csv: line 1: 10000 columns, at most 4096 can be"):
+        load_recording(path)
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

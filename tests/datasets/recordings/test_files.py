@@ -374,7 +374,7 @@ FIRST = ("frames", 1, "hands", 0)
         ("openxr", put([[0.0] * 3] * 9, *FIRST, "joints"), r"must have 26 joints \(OpenXR\) or 25 \(WebXR\), got 9"),
         ("openxr", put([0, 0, 0, 2], *FIRST, "joints", "palm", "orientation"), "frame 1: palm has quaternion norm 2"),
         ("openxr", put("x", *FIRST, "joints", "palm", "radius"), "palm, radius: must be a number, got 'x'"),
-        ("openxr", put("svg", "format"), "unknown format 'svg'; known: leap, openxr"),
+        ("openxr", put("svg", "format"), "unknown format 'svg'; known: leap, leapjs, openxr"),
         ("openxr", put([], "frames"), "looks like no known recording|no hand in any frame"),
         (
             "webxr",
@@ -408,7 +408,11 @@ def test_a_bad_file_is_refused_with_its_place(tmp_path, form, change, said):
     [
         ("a.json", '{"frames": [{"time": 1,', r"a\.json: line 1 column 24: not JSON"),
         ("a.json", '{"frames": [{"hands": []}]}', "looks like no known recording; say its format: leap"),
-        ("a.bvh", "HIERARCHY", r"unknown suffix '.bvh' for a recording; known: .json, .csv, .npz"),
+        (
+            "a.bvh",
+            "HIERARCHY",
+            r"unknown suffix '.bvh' for a recording; known: .json, .jsonl, .ndjson, .lz, .npz, .csv",
+        ),
         ("a.csv", "time_s,x,y\n1,2,3\n", "header is of no known recording: time_s, x, y"),
         ("a.csv", "", "empty file"),
         ("a.csv", "time_s,hand,joint\n1,left\n", "line 2: 2 columns, the header has 3"),

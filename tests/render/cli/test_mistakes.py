@@ -37,7 +37,7 @@ MISTAKES = {
     "render cube explore -o new.h5": "give the word exploration for a synthetic one",
     "render cube mm.csv -o new.h5": "did you mean 'm.csv'?",
     "render cube bare.csv -o new.h5": "a header must be there",
-    "render cube headless.csv -o new.h5": "poses need time,x,y,z,qx,qy,qz,qw",
+    "render cube headless.csv -o new.h5": "header 't,x,y,z' is not 'time,x,y,z,qx,qy,qz,qw'",
     "render cube m.csv -o cube.h5": "--overwrite replaces it",
     "render cube m.csv -o nosuch/new.h5": "there is no folder",
     "render cube m.csv -o new.txt": "must end in .h5 or .hdf5",

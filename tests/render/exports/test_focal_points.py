@@ -5,6 +5,7 @@ import pytest
 
 from palpate.datasets import ContourFile, write_ptlist
 from palpate.datasets.focus_files.frame_file import FrameField, FrameFile
+from palpate.datasets.motions.hand_motion import PALM_DOWN
 from palpate.render import HandMotion, MeshObject, Palm, exploration, load_contours, record, render
 from palpate.render.errors import StrategyError
 from palpate.render.exports.focal_points import (
@@ -15,6 +16,7 @@ from palpate.render.exports.focal_points import (
     sample_focus,
 )
 from palpate.render.exports.pose_choice import choose_poses
+from palpate.render.reports.file_summary import summarise
 
 ANY = FocusFormat("anything", 10**7, lambda rate: None)
 PLAIN = SamplingFields()
@@ -67,6 +69,20 @@ def test_the_range_that_a_refusal_names_fits(choice, most, tube):
         assert fewer.start == chosen.start
         found = sample_focus(file, fewer, PLAIN, small, lambda done, total: None)
         assert most - 3 * 10e3 / 90 * choice.get("every", 1) <= len(found.focus.intensity) <= most
+
+
+def test_where_a_range_would_hold_one_pose_the_refusal_names_a_duration_that_fits(tmp_path):
+    """Poses at 0 and 4 s are a motion of 4 s and 0.1 s; a range of 3.5 s holds the first alone, which is static."""
+    small = FocusFormat("a small one", 35_000, lambda rate: None)
+    pose = np.tile([0, 0, 0.2, *PALM_DOWN], (2, 1))
+    path = render("cube", Palm(), HandMotion([0.0, 4.0], pose), "cc").save(tmp_path / "still.h5")
+    with ContourFile(path) as file:
+        with pytest.raises(StrategyError, match=r"41000 focal points \(4\.1 s .* holds 35000: duration=3\.5 fits"):
+            sample_focus(file, choose_poses(file), PLAIN, small, lambda done, total: None)
+        found = sample_focus(file, choose_poses(file), SamplingFields(duration=3.5), small, lambda done, total: None)
+    assert len(found.focus.intensity) == 35_000
+    assert (found.focus.intensity > 0).all()
+    assert summarise(path)["duration"] == 4.0
 
 
 def test_the_duration_that_a_refusal_names_fits(tube):

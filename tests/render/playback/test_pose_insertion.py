@@ -233,6 +233,29 @@ def test_what_has_no_poses_in_between_is_refused():
         insert_poses(CUBE, Palm(), motion, closed_contour(), object_pose=HandMotion(None, motion.pose), **rest)
 
 
+@pytest.mark.parametrize(
+    ("times", "count", "said"),
+    [
+        # Intervals of 11,111,111 s are halved 27 times until they are no longer than 0.1 s: 5 x 2^27 + 1 poses.
+        (11111111.0 * np.arange(6), "6.711e\\+08", "times are like a file in nanoseconds; .*ns are 0.0111"),
+        ([0.0, 1e300], "1.072e\\+301", "it lasts 1e\\+300 s"),  # 2^1000 + 1
+        ([0.0, 1.7e308], "inf", "it lasts 1.7e\\+308 s"),
+    ],
+)
+def test_times_that_would_take_too_many_poses_are_refused_before_any_is_made(times, count, said):
+    """Counts by exact arithmetic, no pose is made: ten gigabytes would be."""
+    motion = HandMotion(None, palm_at([[0, 0.05, 0.2]] * len(times)))
+    object.__setattr__(motion, "time", np.array(times))  # without the warning of times in nanoseconds
+    with pytest.raises(PoseError, match=f"interpolate=0.001 makes {count} poses of a motion, at most 4000000 .*{said}"):
+        insert_poses(CUBE, Palm(), motion, closed_contour(), distance=1e-3)
+
+
+def test_contours_that_move_far_are_refused_once_there_are_too_many_poses(monkeypatch):
+    monkeypatch.setattr(pose_insertion, "POSES_MOST", 5)
+    with pytest.raises(PoseError, match=r"interpolate=0\.001 makes 9 poses .* at most 5 .* a larger distance"):
+        insert_poses(CUBE, Palm(), sideways([7.9e-3 * 0.85]), closed_contour(), distance=1e-3)
+
+
 @pytest.mark.parametrize("point_limit", [1, 40, 150])
 def test_no_more_contours_are_rendered_at_once_than_fit(point_limit, monkeypatch, device):
     motion = exploration("tube", duration=0.4, seed=3)

@@ -58,7 +58,7 @@ def payloads(store, recipe, name="a"):
 
 
 def test_a_recipe_has_no_values_for_the_reason_that_its_payload_names(tmp_path):
-    pose = np.array([[0, 0, 0.2, 0, 0, 0, 1.0]])
+    pose = np.array([[0, 0, 0.2, 2**-0.5, 0, 0, 2**-0.5]])
     HandMotion(np.zeros(1), pose).save(tmp_path / "one.csv")
     for motion, reason in (
         (random_motion(9), "the poses have no times"),

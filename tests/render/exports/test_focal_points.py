@@ -72,12 +72,12 @@ def test_the_range_that_a_refusal_names_fits(choice, most, tube):
 
 
 def test_where_a_range_would_hold_one_pose_the_refusal_names_a_duration_that_fits(tmp_path):
-    """Poses at 0 and 4 s are a motion of 4 s and 0.1 s; a range of 3.5 s holds the first alone, which is static."""
+    """Poses at 0 and 4 s are a motion of 4 s; a range of 3.5 s holds the first alone, which is static."""
     small = FocusFormat("a small one", 35_000, lambda rate: None)
     pose = np.tile([0, 0, 0.2, *PALM_DOWN], (2, 1))
     path = render("cube", Palm(), HandMotion([0.0, 4.0], pose), "cc").save(tmp_path / "still.h5")
     with ContourFile(path) as file:
-        with pytest.raises(StrategyError, match=r"41000 focal points \(4\.1 s .* holds 35000: duration=3\.5 fits"):
+        with pytest.raises(StrategyError, match=r"40000 focal points \(4 s .* holds 35000: duration=3\.5 fits"):
             sample_focus(file, choose_poses(file), PLAIN, small, lambda done, total: None)
         found = sample_focus(file, choose_poses(file), SamplingFields(duration=3.5), small, lambda done, total: None)
     assert len(found.focus.intensity) == 35_000

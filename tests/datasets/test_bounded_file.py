@@ -47,7 +47,7 @@ from palpate.render.errors import ImplicitError, MeshError, PlanError, StrategyE
 from palpate.render.hands.mesh_hand_file import read_hand, region_of
 from palpate.render.intersection.named_inputs import is_recording
 from palpate.render.objects.functions.expression_json import load_expression
-from palpate.render.objects.mesh.files import load_scene
+from palpate.render.objects.mesh.files import load_mesh
 from palpate.render.objects.mesh.solid_mesh import read_mesh
 from palpate.render.objects.voxels.files import read_volume
 from palpate.render.playback.placed_arrays import load_rig
@@ -514,7 +514,7 @@ def test_a_mesh_with_letters_of_another_encoding_is_read(tmp_path):
     mesh = "# Gr\xf6\xdfe\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
     (tmp_path / "a.obj").write_text(mesh, encoding="latin-1")
     (tmp_path / "b.obj").write_text(mesh, encoding="utf-8")
-    found = [load_scene(tmp_path / name).to_geometry() for name in ("a.obj", "b.obj")]
+    found = [load_mesh(tmp_path / name) for name in ("a.obj", "b.obj")]
     for key in ("vertices", "faces"):
         np.testing.assert_array_equal(getattr(found[0], key), getattr(found[1], key))
 

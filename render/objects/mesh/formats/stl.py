@@ -11,9 +11,8 @@ from .polygons import FileMesh
 
 _BEGIN = 84  # bytes before the first triangle of the binary form: a header, and the count of triangles
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-_NAME = re.compile(rb"\b(?:end)?solid\b[^\n]*?(?=\bfacet\s+normal\b|$)", re.MULTILINE | re.IGNORECASE)
-_VERTEX = re.compile(rb"\bvertex\s+(\S+\s+\S+\s+\S+)", re.IGNORECASE)
-_WORDS = {word: re.compile(rb"\b%b\b" % word, re.IGNORECASE) for word in (b"facet", b"endfacet", b"vertex")}
+_NAME = re.compile(rb"solid\b[^\n]*?(?=facet\s+normal\b|$)", re.MULTILINE)
+_VERTEX = re.compile(rb"vertex\s+(\S+\s+\S+\s+\S+)")
 
 
 def is_binary_stl(content: bytes) -> bool:
@@ -43,13 +42,14 @@ def _text_vertices(content: bytes) -> np.ndarray:
             f"is neither text nor the {size} bytes of the {(size - _BEGIN) // 50} triangles that its header gives, "
             f"but {len(content)} bytes: it may be cut off"
         )
-    text = plain_text(content)
+    text = plain_text(content).lower()
     body = _NAME.sub(b"", text)
-    count, ends, corners = (len(word.findall(body)) for word in _WORDS.values())
-    if not count == ends or corners != 3 * count:
+    ends, corners = body.count(b"endfacet"), body.count(b"vertex")
+    count = body.count(b"facet") - ends
+    if count != ends or corners != 3 * count:
         raise MeshError(
             f"has {count} facets, of which {ends} end, and {corners} vertices, not three for each: it may be cut off"
         )
-    if count and b"endsolid" not in text.lower():
+    if count and b"endsolid" not in text:
         raise MeshError("ends without endsolid: it may be cut off")
     return numbers_of(_VERTEX.findall(body)).reshape(-1, 3)

@@ -58,3 +58,25 @@ class GltfFile:
         chunks = struct.pack("<I4s", len(text), b"JSON") + text
         chunks += struct.pack("<I4s", len(self.content), b"BIN\0") + self.content
         return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
+def full_file():
+    """A cube that uses what there is: a skin of two joints, morph targets, sparse and normalised arrays, a strip."""
+    nodes = [{"mesh": 0, "skin": 0}, {"name": "wrist", "children": [2]}, {"name": "b", "translation": [1, 0, 0]}]
+    file = GltfFile(nodes=nodes, scenes=[{"nodes": [0, 1]}])
+    inverse = np.stack([np.eye(4), np.eye(4)]).reshape(2, 16)
+    file.tree["skins"] = [{"joints": [1, 2], "inverseBindMatrices": file.array(inverse, "f4")}]
+    changes = {
+        "count": 2,
+        "indices": {"bufferView": file.view(np.array([1, 3], "u1").tobytes()), "componentType": 5121},
+        "values": {"bufferView": file.view(CUBE[:2].astype("f4").tobytes())},
+    }
+    target = file.array(CUBE, "f4", sparse=changes)
+    attributes = {
+        "JOINTS_0": file.array([[0, 1, 0, 0]] * 8, "u1"),
+        "WEIGHTS_0": file.array([[51, 204, 0, 0]] * 8, "u1", normalized=True),
+    }
+    mesh = file.mesh(CUBE * 0.1, attributes=attributes, targets=[{"POSITION": target}])
+    mesh["weights"] = [0.1]
+    mesh["primitives"].append({**mesh["primitives"][0], "mode": 5})
+    return file

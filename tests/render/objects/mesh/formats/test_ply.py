@@ -1,58 +1,24 @@
 """PLY by Greg Turk's description of 1994: files that this test writes value by value, in every type and byte order."""
 
-import struct
-
 import numpy as np
 import pytest
 from file_meshes import CUBE, QUADS, corners_of, enclosed, moved, triangles_of
+from ply_files import FORMS, INTEGERS, MIXED, face_element, ply_file, vertex_element
 
 from palpate.render.errors import MeshError
 from palpate.render.objects.mesh.formats.ply import read_ply
-
-INTEGERS = {"char": "b", "uchar": "B", "short": "h", "ushort": "H", "int": "i", "uint": "I", "uint8": "B", "int32": "i"}
-REALS = {"float": "f", "double": "d", "float32": "f", "float64": "d"}
-FORMS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-MIXED = [*QUADS[:5], [3, 0, 4], [3, 4, 7]]
-
-
-def written(form, elements, newline="\n"):
-    """A PLY file. elements: (name, properties, rows); a property is (name, type) or (name, type of count, type)."""
-    order, head, body = FORMS[form], ["ply", f"format {form} 1.0", "comment of a test"], []
-    codes = INTEGERS | REALS
-    for name, properties, rows in elements:
-        head.append(f"element {name} {len(rows)}")
-        head += [f"property {'list ' * (len(own) == 3)}{' '.join(own[1:])} {own[0]}" for own in properties]
-        for row in rows:
-            values = []
-            for own, value in zip(properties, row, strict=True):
-                if len(own) == 3:
-                    values.append((codes[own[1]], len(value)))
-                values += [(codes[own[-1]], one) for one in (value if len(own) == 3 else [value])]
-            if order:
-                body.append(b"".join(struct.pack(order + code, value) for code, value in values))
-            else:
-                body.append((" ".join(repr(value) for _, value in values) + newline).encode())
-    return (newline.join([*head, "end_header"]) + newline).encode() + b"".join(body)
-
-
-def vertex_element(vertices=CUBE, kind="float"):
-    return "vertex", [(axis, kind) for axis in "xyz"], [[float(x) for x in row] for row in vertices]
-
-
-def face_element(polygons, count="uchar", kind="int", name="vertex_indices"):
-    return "face", [(name, count, kind)], [[own] for own in polygons]
 
 
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("polygons", [QUADS, MIXED], ids=["quads", "mixed"])
 @pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
 def test_a_cube_of_quads_and_triangles_is_read_in_every_form(form, polygons, newline):
-    content = written(form, [vertex_element(), face_element(polygons)], newline)
+    content = ply_file(form, [vertex_element(), face_element(polygons)], newline)
     assert enclosed(read_ply(content)) == (12, [1, 1, 1], 1)
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_random_tables_are_read_as_they_were_written(seed):
+def test_random_tables_are_read_as_they_were_ply_file(seed):
     rng = np.random.default_rng(seed)
     form, count, kind = (str(rng.choice(list(names))) for names in (FORMS, INTEGERS, INTEGERS))
     points = rng.integers(-9, 9, (20, 3)).astype(float)
@@ -66,7 +32,7 @@ def test_random_tables_are_read_as_they_were_written(seed):
     edge = ("edge", [("a", "int"), ("b", "int")], [[0, 1], [2, 3]])
     elements = [vertex, ("face", own, lists), edge]
     elements = [elements[k] for k in rng.permutation(3)]
-    found = read_ply(written(form, elements))
+    found = read_ply(ply_file(form, elements))
     np.testing.assert_array_equal(corners_of(found), triangles_of(points, polygons))
 
 
@@ -76,7 +42,7 @@ def test_strips_of_stanford_are_read(form):
     corners = CUBE[[0, 1, 3, 4]]
     strips = [[2, 1, 0, 3, 2, 1], [6, 5, 4, -1, 4, 5, 7, -1, 5, 6, 7, -1, 4, 7, 6]]
     element = ("tristrips", [("vertex_indices", "int", "int")], [[own] for own in strips])
-    content = written(form, [vertex_element([*corners, *moved(corners, 2)]), element])
+    content = ply_file(form, [vertex_element([*corners, *moved(corners, 2)]), element])
     count, size, volume = enclosed(read_ply(content))
     assert (count, size) == (8, [3, 1, 1])
     assert abs(volume) == pytest.approx(1 / 3)
@@ -85,7 +51,7 @@ def test_strips_of_stanford_are_read(form):
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("polygons", [QUADS, MIXED], ids=["quads", "mixed"])
 def test_a_file_cut_off_anywhere_is_refused(form, polygons):
-    whole = written(form, [vertex_element(), face_element(polygons)])
+    whole = ply_file(form, [vertex_element(), face_element(polygons)])
     begin = whole.index(b"end_header")
     for length in [*range(begin, len(whole) - 2, 3), len(whole) - 2]:
         with pytest.raises(MeshError):
@@ -101,20 +67,29 @@ def test_a_file_cut_off_anywhere_is_refused(form, polygons):
         (b"ply\nformat ascii 1.0\nproperty float x\nend_header\n", "'property float x' of its header"),
         (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty half x\nend_header\n", "'property half x'"),
         (b"ply\nformat binary_little_endian 1.0\nelement f 1\nproperty list float int i\nend_header\n", "in fractions"),
-        (written("ascii", [("range_grid", [("a", "uchar", "int")], [[[0]]])]), "no element vertex .* but range_grid"),
-        (written("ascii", [vertex_element(), face_element([[0, 1, 8]])]), "faces name vertices 0 to 8"),
-        (written("binary_big_endian", [vertex_element(), face_element([[0, 1, -1]])]), "faces name vertices -1 to 1"),
         (
-            written(
+            ply_file("ascii", [("range_grid", [("a", "uchar", "int")], [[[0]]])]),
+            "no element vertex .* but range_grid",
+        ),
+        (ply_file("ascii", [vertex_element(), face_element([[0, 1, 8]])]), "faces name vertices 0 to 8"),
+        (
+            ply_file("binary_big_endian", [vertex_element(), face_element([[0, 1, -1]])]),
+            "faces name vertices -1 to 1",
+        ),
+        (
+            ply_file(
                 "ascii", [vertex_element(), ("face", [("a", "uchar", "int"), ("b", "uchar", "int")], [[[0], [1]]])]
             ),
             "has no list vertex_indices or vertex_index, but a, b",
         ),
-        (written("ascii", [vertex_element()]).replace(b"1.0 0.0 0.0", b"1,0 0,0 0,0"), "decimal points, not commas"),
-        (written("binary_little_endian", [vertex_element()]) + b"\x01", "1 bytes more than its header names"),
+        (
+            ply_file("ascii", [vertex_element()]).replace(b"1.0 0.0 0.0", b"1,0 0,0 0,0"),
+            "decimal points, not commas",
+        ),
+        (ply_file("binary_little_endian", [vertex_element()]) + b"\x01", "1 bytes more than its header names"),
         (b"ply\nformat ascii 1.0\nelement vertex 999999999999\nproperty float x\nend_header\n1\n", "ends before"),
         (
-            written("ascii", [vertex_element(), face_element([[0, 1, 2]])]).replace(b"3 0 1 2", b"-1 0 1 2"),
+            ply_file("ascii", [vertex_element(), face_element([[0, 1, 2]])]).replace(b"3 0 1 2", b"-1 0 1 2"),
             "has -1.0 values",
         ),
     ],

@@ -148,18 +148,29 @@ def gunzip(content: bytes, declared: int | None = None) -> bytes:
     return _decompress(gzip.open(io.BytesIO(content)), declared)
 
 
+def gunzip_begin(content: bytes, count: int) -> bytes:
+    """The first `count` bytes of what gzip packed, or all that there are; raises ValueError if they are damaged."""
+    try:
+        with gzip.open(io.BytesIO(content)) as stream:
+            return stream.read(count)
+    except (*_BROKEN, OSError) as error:
+        raise ValueError(f"damaged where it is packed ({error})") from error
+
+
 def bunzip(content: bytes, declared: int | None = None) -> bytes:
     """Decompress bzip2; raises as `gunzip`."""
     return _decompress(bz2.open(io.BytesIO(content)), declared)
 
 
-def inflate(content: bytes) -> bytes:
+def inflate(content: bytes, declared: int | None = None) -> bytes:
     """Decompress zlib; raises as `gunzip`."""
-    limit = byte_limit()
+    limit = byte_limit() if declared is None else min(byte_limit(), declared)
     try:
         unpacked = zlib.decompressobj().decompress(content, limit + 1)
     except zlib.error as error:
         raise ValueError(f"damaged where it is packed ({error})") from error
+    if declared is not None and declared < len(unpacked):
+        raise FileBoundError(f"what is packed in it takes more than the {declared} bytes that are declared")
     require_bytes(len(unpacked), "what is packed in it")
     return unpacked
 

@@ -248,7 +248,7 @@ def test_volumes_that_are_packed_are_judged_too(tmp_path):
     head = (tmp_path / "a.nrrd").read_bytes().partition(b"\n\n")[0] + b"\n\n"
     (tmp_path / "a.nrrd").write_bytes(head + gzip.compress(BOMB))
     for name, bound in (
-        ("a.nii.gz", f"{len(BOMB)}|{LIMIT}"),
+        ("a.nii.gz", f"more than the {352 + 8 * 9**3} bytes that are declared"),
         ("a.nrrd", f"more than the {8 * 9**3} bytes that are declared"),
     ):
         with pytest.raises(VoxelError, match=f"what is packed in it takes.*({bound})"):
@@ -275,8 +275,12 @@ def test_a_packed_grid_of_nanovdb_is_judged(tmp_path):
     front = struct.pack("<QIHH", 0x324244566F6E614E, 32 << 21, 1, 1) + bytes(176)
     packed = zlib.compress(BOMB)
     (tmp_path / "a.nvdb").write_bytes(front + struct.pack("<Q", len(packed)) + packed)
-    with pytest.raises(VoxelError, match="what is packed in it takes"):
+    with pytest.raises(VoxelError, match="what is packed in it takes more than the 0 bytes that are declared"):
         read_volume(tmp_path / "a.nvdb")
+    front = front[:16] + struct.pack("<Q", 1 << 62) + front[24:]
+    (tmp_path / "b.nvdb").write_bytes(front + struct.pack("<Q", len(packed)) + packed)
+    with pytest.raises(VoxelError, match=f"what is packed in it takes {LIMIT + 1} bytes"):
+        read_volume(tmp_path / "b.nvdb")
 
 
 @pytest.mark.exhaustive

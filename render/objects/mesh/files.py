@@ -24,6 +24,7 @@ from ....datasets.bounded_file import (
     unzip,
 )
 from ...errors import MeshError
+from ...file_kinds import MESH_SUFFIXES, NOT_READ
 from .formats.gltf import read_gltf
 from .formats.gltf_arrays import glb_chunks
 from .formats.obj import read_obj
@@ -32,17 +33,7 @@ from .formats.ply import read_ply
 from .formats.polygons import FileMesh, united
 from .formats.stl import is_binary_stl, read_stl
 
-SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".zip")
 WORD_BYTES = 64  # most that parsing takes for a word of text
-OF_BLENDER = "Blender, for one, opens it and exports STL, PLY or glTF"
-NOT_READ = {
-    ".3mf": "a 3MF file, whose millimetres and parts are not read: save it as STL in the program that made it",
-    **dict.fromkeys((".step", ".stp", ".iges", ".igs"), "a CAD file without triangles: export STL from a CAD program"),
-    **dict.fromkeys((".fbx", ".dae", ".blend", ".3ds", ".x3d", ".wrl"), f"a scene of a format not read: {OF_BLENDER}"),
-    **dict.fromkeys((".usd", ".usda", ".usdc", ".usdz"), f"a scene of a format not read: {OF_BLENDER}"),
-    **dict.fromkeys((".vtk", ".vtp", ".vtu"), "a file of VTK: MeshObject(pyvista.read(path)) takes it in Python"),
-}
-"""Files of triangles that are not read, and the way out, by the end of their name."""
 Read = Callable[[str], bytes]
 
 
@@ -64,11 +55,15 @@ def load_mesh(path: Path) -> FileMesh:
     """All triangles of a mesh file, a scene flattened with its transforms.
 
     Raises MeshError, which names the file, for one that is missing or cannot be read, for a format that is none of
-    SUFFIXES, and for one without triangles.
+    MESH_SUFFIXES, and for one without triangles.
     """
     suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        what = f"is {NOT_READ[suffix]}" if suffix in NOT_READ else f"its name must end in one of {', '.join(SUFFIXES)}"
+    if suffix not in MESH_SUFFIXES:
+        what = (
+            f"is {NOT_READ[suffix]}"
+            if suffix in NOT_READ
+            else f"its name must end in one of {', '.join(MESH_SUFFIXES)}"
+        )
         raise MeshError(f"{path}: cannot be read as a mesh: {what}")
     try:
         content = read_content(path)
@@ -96,14 +91,14 @@ def archived(content: bytes) -> FileMesh:
     suffixes = {name: Path(name).suffix.lower() for name in members}
     meshes = []
     for name, suffix in suffixes.items():
-        if suffix not in SUFFIXES or suffix == ".zip":
+        if suffix not in MESH_SUFFIXES or suffix == ".zip":
             continue
         try:
             meshes.append(parsed(members[name], suffix, NamedFiles(member)))
         except MeshError as error:
             raise MeshError(f"its member {name[:200]!r} {error}") from error
     if not meshes:
-        raise MeshError(f"has no member whose name ends in one of {', '.join(SUFFIXES[:-1])}")
+        raise MeshError(f"has no member whose name ends in one of {', '.join(MESH_SUFFIXES[:-1])}")
     return united(meshes)
 
 

@@ -30,6 +30,7 @@ from ....datasets.known_names import likely_file
 from ....datasets.storage.durable import write_temporary
 from ....kernels.solids.voxelise import gather_volume
 from ...errors import VoxelError
+from ...file_kinds import VOLUME_SUFFIXES
 from ...user_warnings import warn_user
 from ...validation import value_text
 from .grid import affine_of
@@ -40,7 +41,6 @@ from .volume_file import UNIT_NAMES, UNITS, VolumeFile, scaled, without_ones
 if TYPE_CHECKING:
     from .voxel_object import VoxelObject
 
-SUFFIXES = (".npy", ".npz", ".nrrd", ".nhdr", ".nii", ".nii.gz", ".nvdb")
 GRID_CLASS = 632  # byte of a NanoVDB grid that says what it holds
 TREE = 672  # byte where its tree starts: offsets of leaves, lower and upper nodes and root, which starts with its box
 LEVEL_SET, FOG = 1, 2
@@ -54,7 +54,7 @@ CLASS_KINDS = {LEVEL_SET: ("distance", 0.0), FOG: ("intensity", 0.5)}
 
 def is_volume(path: str | Path) -> bool:
     """Whether a file's name ends as that of a volume."""
-    return str(path).lower().endswith(SUFFIXES)
+    return str(path).lower().endswith(VOLUME_SUFFIXES)
 
 
 def grid_of(arrays: Any, unit: str) -> np.ndarray | None:
@@ -208,7 +208,7 @@ def read_volume(path: str | Path, unit: str | None = None) -> VolumeFile:
     reader = next((read for end, read in READERS.items() if path.name.lower().endswith(end)), None)
     if reader is None:
         way = " (OpenVDB's nanovdb_convert makes .nvdb of .vdb)" if path.suffix == ".vdb" else ""
-        raise VoxelError(f"{path}: is no volume by its name, which should end in {', '.join(SUFFIXES)}{way}")
+        raise VoxelError(f"{path}: is no volume by its name, which should end in {', '.join(VOLUME_SUFFIXES)}{way}")
     if not path.exists():
         raise name_nothing(VoxelError(f"{path}: no such file{likely_file(path)}"))
     try:

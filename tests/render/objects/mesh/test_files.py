@@ -11,7 +11,8 @@ from gltf_files import GltfFile
 
 from palpate.render import MeshHand, MeshObject
 from palpate.render.errors import MeshError
-from palpate.render.objects.mesh.files import NOT_READ, is_of_macos, load_mesh
+from palpate.render.file_kinds import NOT_READ
+from palpate.render.objects.mesh.files import is_of_macos, load_mesh
 from palpate.render.objects.mesh.formats.polygons import FileMesh
 
 STRAY = """ply

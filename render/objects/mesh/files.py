@@ -22,6 +22,7 @@ from ....datasets.bounded_file import (
     read_content,
     require_bytes,
     unzip,
+    zip_names,
 )
 from ...errors import MeshError
 from ...file_kinds import MESH_SUFFIXES, NOT_READ
@@ -68,7 +69,8 @@ def load_mesh(path: Path) -> FileMesh:
     try:
         content = read_content(path)
         files = NamedFiles(lambda name: read_content(file_beside(path, name)))
-        mesh = archived(content) if suffix == ".zip" else parsed(content, suffix, files)
+        with np.errstate(all="ignore"):  # what is not finite is refused once it is placed
+            mesh = archived(content) if suffix == ".zip" else parsed(content, suffix, files)
     except FileBoundError as error:
         raise MeshError(f"{path}: {error}") from error
     except Exception as error:  # ValueErrors, MeshErrors too, say what is wrong
@@ -81,7 +83,9 @@ def load_mesh(path: Path) -> FileMesh:
 
 def archived(content: bytes) -> FileMesh:
     """All meshes in a zip file; raises MeshError, which names the member that cannot be read."""
-    members = {name: own for name, own in unzip(content).items() if not is_of_macos(name)}
+    names = [name for name in zip_names(content) if not is_of_macos(name)]
+    is_whole = any(name.lower().endswith(".gltf") for name in names)  # a .gltf may name any other member
+    members = unzip(content, [name for name in names if is_whole or Path(name).suffix.lower() in MESH_SUFFIXES])
 
     def member(name: str) -> bytes:
         if name not in members:

@@ -163,7 +163,10 @@ class GltfScene:
             vertices = self.arrays.accessor(attributes["POSITION"], "VEC3").astype(np.float64)
             corners = np.arange(len(vertices))
             if "indices" in primitive:
-                corners = self.arrays.accessor(primitive["indices"], "SCALAR")[:, 0].astype(np.int64)
+                corners = self.arrays.accessor(primitive["indices"], "SCALAR")[:, 0]
+                if corners.dtype.kind != "u":
+                    raise MeshError(f"the indices of a primitive must be unsigned integers, not {corners.dtype}")
+                corners = corners.astype(np.int64)
         except MeshError as error:
             names = ", ".join(primitive.get("extensions", {}))
             raise MeshError(f"{error} (the primitive has the extension {names})" if names else str(error)) from error

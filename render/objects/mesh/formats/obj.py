@@ -13,6 +13,7 @@ from .plain_text import numbers_of, plain_text, shown, wrong_line
 from .polygons import FileMesh, fan_triangles
 
 _CONTINUED = re.compile(rb"\\[ \t]*\n")
+_CONTINUED_LINES = re.compile(rb"^[ \t]*(?:v|fo?)[ \t](?:[^\n]*\\[ \t]*\n)+", re.MULTILINE)  # no name that ends in \
 _COMMENT = re.compile(rb"#[^\n]*")
 _VERTEX = re.compile(rb"^[ \t]*v[ \t]+([^ \t\n]+)[ \t]+([^ \t\n]+)[ \t]+([^ \t\n]+)", re.MULTILINE)
 _VERTEX_LINE = re.compile(rb"^[ \t]*v(?:[ \t][^\n]*)?$", re.MULTILINE)
@@ -24,7 +25,8 @@ _REASONS = {b"surf": "a free-form surface", b"call": "another file", b"scmp": "a
 
 def read_obj(content: bytes) -> FileMesh:
     """The triangles of an OBJ file; raises MeshError for what it holds beside polygons, and for a wrong index."""
-    text = _COMMENT.sub(b"", _CONTINUED.sub(b" ", plain_text(content)))
+    text = _COMMENT.sub(b"", plain_text(content))
+    text = _CONTINUED_LINES.sub(lambda found: _CONTINUED.sub(b" ", found[0]), text)
     if found := _NOT_READ.search(text):
         raise MeshError(
             f"the line {shown(found[0])} names {_REASONS[found[1]]}, which is not read: export polygons into one file"

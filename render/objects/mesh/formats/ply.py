@@ -39,6 +39,8 @@ _CODES = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "i8"
 _ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _END = re.compile(rb"(?:^|[\r\n])end_header[ \t]*(\r\n|\n|\r)")
 CORNER_NAMES = ("vertex_indices", "vertex_index")
+HEADER_MOST = 1 << 20  # bytes of a header
+EXACT_MOST = 2.0**53  # below it, float64 holds every whole number
 POSITION_NAMES = ("x", "y", "z")
 
 
@@ -81,6 +83,8 @@ def read_ply(content: bytes) -> FileMesh:
     found: dict[str, dict[str, Column]] = {}
     at = 0
     for element in elements:
+        if element.name in found:
+            raise MeshError(f"has two elements {element.name}")
         found[element.name], at = _columns_of(data, at, element)
     if at < len(data) and (order == "=" or data[at:].strip()):
         raise MeshError(f"holds {len(data) - at} bytes more than its header names: its header may be wrong")
@@ -89,7 +93,7 @@ def read_ply(content: bytes) -> FileMesh:
 
 def _header_of(content: bytes) -> tuple[list[Element], str, int]:
     """Elements, byte order (as NumPy writes it), and where the data begin."""
-    end = _END.search(content)
+    end = _END.search(content, 0, HEADER_MOST)
     if not re.match(rb"ply\s*[\r\n]", content) or end is None:
         raise MeshError("is no PLY file: it must begin with a line ply, and its header end with a line end_header")
     begin = end.end()
@@ -225,6 +229,7 @@ def _corners_of(columns: dict[str, Column], element: str) -> ListColumn:
     name = next((name for name in CORNER_NAMES if name in lists), next(iter(lists), "") if len(lists) == 1 else "")
     if not name:
         raise MeshError(f"its element {element} has no list {' or '.join(CORNER_NAMES)}, but {', '.join(columns)}")
-    if lists[name].values.dtype.kind == "f" and (lists[name].values % 1 != 0).any():
-        raise MeshError(f"its element {element} names vertices by fractions")
-    return ListColumn(lists[name].values.astype(np.int64), lists[name].counts)
+    values = lists[name].values
+    if values.dtype.kind == "f" and not ((np.abs(values) < EXACT_MOST) & (values == np.floor(values))).all():
+        raise MeshError(f"its element {element} names vertices by other numbers than whole ones")
+    return ListColumn(values.astype(np.int64), lists[name].counts)

@@ -1,6 +1,7 @@
 """Mesh files of every format as the object reads them: archives, stray vertices, and what is said of files not read."""
 
 import json
+import warnings
 import zipfile
 
 import numpy as np
@@ -9,6 +10,7 @@ import trimesh
 from file_meshes import CUBE, QUADS, enclosed
 from gltf_files import GltfFile
 
+from palpate.datasets.bounded_file import LIMIT_VARIABLE
 from palpate.render import MeshHand, MeshObject
 from palpate.render.errors import MeshError
 from palpate.render.file_kinds import NOT_READ
@@ -50,7 +52,7 @@ def test_a_vertex_that_is_no_number_counts_only_where_it_is_used(tmp_path):
 
 
 def archive(path, members):
-    with zipfile.ZipFile(path, "w") as own:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as own:
         for name, content in members.items():
             own.writestr(name, content)
     return path
@@ -69,6 +71,26 @@ def test_a_member_of_an_archive_that_cannot_be_read_is_named(tmp_path):
         load_mesh(archive(tmp_path / "a.zip", members))
     with pytest.raises(MeshError, match=r"b\.zip: .*no member whose name ends in one of \.stl"):
         load_mesh(archive(tmp_path / "b.zip", {"a.txt": "x", "c.zip": "x"}))
+
+
+def test_members_of_an_archive_that_no_mesh_names_are_not_unpacked(tmp_path, monkeypatch):
+    """10 MB of zeros beside a mesh, within 1 MB for all that is unpacked."""
+    monkeypatch.setenv(LIMIT_VARIABLE, "1")
+    members = {"a.obj": OBJ, "photo.raw": bytes(10**7)}
+    assert enclosed(load_mesh(archive(tmp_path / "a.zip", members))) == (12, [1, 1, 1], 1)
+    with pytest.raises(MeshError, match="what is packed in it takes"):
+        load_mesh(archive(tmp_path / "b.zip", {"a.gltf": "{}", **members}))
+
+
+def test_numbers_that_are_too_large_are_refused_without_a_line_of_numpys(tmp_path, capfd):
+    file = GltfFile(nodes=[{"mesh": 0, "scale": [1e300] * 3, "children": [1]}, {"mesh": 0, "scale": [1e300] * 3}])
+    file.mesh(np.where(CUBE > 0, 1e38, CUBE))
+    (tmp_path / "a.glb").write_bytes(file.glb())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(MeshError, match="finite"):
+            MeshObject.load(tmp_path / "a.glb")
+    assert capfd.readouterr() == ("", "")
 
 
 def test_meshes_of_an_archive_are_one(tmp_path):

@@ -204,6 +204,13 @@ def test_a_primitive_that_is_not_read_is_named(primitive, said):
         read(file)
 
 
+def test_indices_that_are_no_unsigned_integers_are_named():
+    file = cube_file()
+    file.tree["meshes"][0]["primitives"][0]["indices"] = file.array([0, 1, 2], "f4")
+    with pytest.raises(MeshError, match="must be unsigned integers, not float32"):
+        read(file)
+
+
 @pytest.mark.parametrize("triangles", [[0, 1], [0, 1, 8]])
 def test_indices_that_are_no_triangles_are_named(triangles):
     file = GltfFile()

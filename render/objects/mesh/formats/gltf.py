@@ -16,12 +16,19 @@ import numpy as np
 from .....datasets.bounded_file import require_bytes
 from ....errors import MeshError
 from .gltf_arrays import GltfArrays, accessor_bytes, item, whole
-from .polygons import FileMesh, fan_triangles, require_corners, strip_triangles, united
+from .polygons import (
+    FACE_BYTES,
+    VERTEX_BYTES,
+    FileMesh,
+    fan_triangles,
+    require_corners,
+    strip_triangles,
+    united,
+)
 
 OF_LOOKS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "KHR_xmp", "EXT_texture_", "EXT_lights_", "MSFT_texture_")
 NOT_OF_SHAPE = ("KHR_mesh_quantization", "KHR_node_visibility", "KHR_animation_pointer", "EXT_mesh_manifold")
 """Extensions that a file may require: they change no shape, or what they say is applied."""
-VERTEX_BYTES = FACE_BYTES = 24  # float64 and int64, which all becomes
 STRIP, FAN, TRIANGLES = 5, 6, 4
 AFFINE_ROUNDING = 1e-5  # of matrices in float32, in whose inverses are rounded: those that differ less are equal
 

@@ -4,7 +4,6 @@ Indices begin at 1, and -1 is the last vertex above (Wavefront's Advanced Visual
 """
 
 import re
-from itertools import chain
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from .polygons import FileMesh, fan_triangles
 _CONTINUED = re.compile(rb"\\[ \t]*\n")
 _CONTINUED_LINES = re.compile(rb"^[ \t]*(?:v|fo?)[ \t](?:[^\n]*\\[ \t]*\n)+", re.MULTILINE)  # no name that ends in \
 _COMMENT = re.compile(rb"#[^\n]*")
-_VERTEX = re.compile(rb"^[ \t]*v[ \t]+([^ \t\n]+)[ \t]+([^ \t\n]+)[ \t]+([^ \t\n]+)", re.MULTILINE)
+_VERTEX = re.compile(rb"^[ \t]*v[ \t]+([^ \t\n]+[ \t]+[^ \t\n]+[ \t]+[^ \t\n]+)", re.MULTILINE)
 _VERTEX_LINE = re.compile(rb"^[ \t]*v(?:[ \t][^\n]*)?$", re.MULTILINE)
 _FACE_LINE = re.compile(rb"^[ \t]*fo?[ \t]+([^\n]*)$", re.MULTILINE)  # `fo` is the face of older versions
 _NOT_READ = re.compile(rb"^[ \t]*(surf|call|scmp)\b[^\n]*", re.MULTILINE)
@@ -53,13 +52,7 @@ def read_obj(content: bytes) -> FileMesh:
 def _vertices_of(text: bytes) -> np.ndarray:
     """Positions, float64 [vertex, 3]; a weight or a colour behind them is left out."""
     rows = _VERTEX.findall(text)
-    lines = _VERTEX_LINE.findall(text)
-    if len(rows) != len(lines):
-        wrong = next(line for line in lines if not _VERTEX.match(line))
-        raise wrong_line(wrong, "three numbers after v")
-    try:
-        return numbers_of(list(chain.from_iterable(rows))).reshape(-1, 3)
-    except MeshError:
-        for line in lines:
-            numbers_of([b" ".join(line.split()[1:4])])
-        raise
+    if len(rows) != sum(1 for _ in _VERTEX_LINE.finditer(text)):
+        lines = (found[0] for found in _VERTEX_LINE.finditer(text))
+        raise wrong_line(next(line for line in lines if not _VERTEX.match(line)), "three numbers after v")
+    return numbers_of(rows).reshape(-1, 3)

@@ -31,16 +31,20 @@ def read_off(content: bytes) -> FileMesh:
             f"names {vertex_count} vertices and {face_count} faces, but {len(lines) - 1} lines follow, "
             "not one for each: it may be cut off"
         )
-    rows = [line.split() for line in lines[1:]]
-    points, faces = rows[:vertex_count], rows[vertex_count:]
-    for row in points:
-        if len(row) < 3:
-            raise wrong_line(b" ".join(row), "three numbers")
-    vertices = numbers_of([b" ".join(row[:3]) for row in points]).reshape(-1, 3)
-    sides = numbers_of([row[0] for row in faces], np.int64)
-    for row, count in zip(faces, sides, strict=True):
-        if not 0 <= count < len(row):
-            raise wrong_line(b" ".join(row), "a count and as many vertices")
-    corners = numbers_of([b" ".join(row[1 : count + 1]) for row, count in zip(faces, sides, strict=True)], np.int64)
+    points, faces = lines[1 : 1 + vertex_count], lines[1 + vertex_count :]
+    vertices = numbers_of([b" ".join(line.split(None, 3)[:3]) for line in points])
+    if len(vertices) != 3 * vertex_count:
+        raise wrong_line(next(line for line in points if len(line.split()) < 3), "three numbers")
+    counts = numbers_of([line.split(None, 1)[0] for line in faces], np.int64)
+    rows = [_corners_of(line, count) for line, count in zip(faces, counts.tolist(), strict=True)]
+    corners = numbers_of(rows, np.int64)
     require_corners(corners, vertex_count)
-    return FileMesh(vertices, fan_triangles(corners, sides))
+    return FileMesh(vertices.reshape(-1, 3), fan_triangles(corners, counts))
+
+
+def _corners_of(line: bytes, count: int) -> bytes:
+    """The vertices of a face, which begins with their count; a colour behind them is left out."""
+    words = line.split(None, count + 1)[1 : count + 1] if 0 <= count < len(line) else []
+    if len(words) != count:
+        raise wrong_line(line, "a count and as many vertices")
+    return b" ".join(words)

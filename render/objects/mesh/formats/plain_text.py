@@ -48,6 +48,8 @@ def wrong_line(line: bytes, wanted: str) -> MeshError:
 
 
 def _parsed(text: bytes, kind: type) -> np.ndarray:
+    if not text or text.isspace():  # NumPy reads a number of nothing but blanks
+        return np.empty(0, kind)
     with warnings.catch_warnings():
         warnings.simplefilter("error", DeprecationWarning)
         return np.fromstring(text, kind, sep=" ")

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .....datasets.bounded_file import require_bytes
 from ....errors import MeshError
 from .plain_text import numbers_of, plain_text, shown
 from .polygons import FileMesh, fan_triangles, require_corners, strip_triangles
@@ -40,6 +41,7 @@ _ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _END = re.compile(rb"(?:^|[\r\n])end_header[ \t]*(\r\n|\n|\r)")
 CORNER_NAMES = ("vertex_indices", "vertex_index")
 HEADER_MOST = 1 << 20  # bytes of a header
+ROW_BYTES = 48  # that the place of a list takes
 EXACT_MOST = 2.0**53  # below it, float64 holds every whole number
 POSITION_NAMES = ("x", "y", "z")
 
@@ -181,6 +183,7 @@ def _walked(data: bytes, at: int, element: Element) -> tuple[dict[str, Column], 
     """The columns of rows of unequal width, row by row, and where they end."""
     if element.row_count > len(data):
         raise _cut_off(element)
+    require_bytes(ROW_BYTES * len(element.properties) * element.row_count, "what its rows need")
     begins = [array("q") for _ in element.properties]
     counts = [array("q") for _ in element.properties]
     for _ in range(element.row_count):

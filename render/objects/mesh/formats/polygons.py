@@ -5,7 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .....datasets.bounded_file import require_bytes
 from ....errors import MeshError
+
+VERTEX_BYTES = FACE_BYTES = 24  # of the arrays that every format becomes: float64 and int64
 
 
 class FileMesh(NamedTuple):
@@ -36,14 +39,19 @@ def fan_triangles(corners: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """Triangles of polygons, each a fan around its first corner; int64, shape [triangle, 3].
 
     corners: vertices of all polygons, one polygon after the other; counts: corners of each, shape [polygon]. A polygon
-    of one or two corners has no area, and gives no triangle.
+    of one or two corners has no area, and gives no triangle. Raises FileBoundError beyond the budget of a file.
     """
-    counts = np.asarray(counts, np.int64)
+    counts, corners = np.asarray(counts, np.int64), np.asarray(corners, np.int64)
     triangles = np.maximum(counts - 2, 0)
+    require_bytes(FACE_BYTES * int(triangles.sum()), "what its polygons become")
+    if (counts == 3).all():
+        return corners.reshape(-1, 3)
     polygon = np.repeat(np.arange(len(counts)), triangles)
-    first = (np.cumsum(counts) - counts)[polygon]
-    second = first + 1 + np.arange(len(polygon)) - (np.cumsum(triangles) - triangles)[polygon]
-    return np.asarray(corners, np.int64)[np.stack([first, second, second + 1], axis=1)]
+    second = 1 + np.arange(len(polygon)) + (np.cumsum(counts) - counts - np.cumsum(triangles) + triangles)[polygon]
+    out = np.empty((len(polygon), 3), np.int64)
+    out[:, 0] = corners[(np.cumsum(counts) - counts)[polygon]]
+    out[:, 1], out[:, 2] = corners[second], corners[second + 1]
+    return out
 
 
 def strip_triangles(corners: np.ndarray) -> np.ndarray:

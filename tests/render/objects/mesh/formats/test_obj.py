@@ -96,6 +96,7 @@ def test_a_cube_is_a_cube_however_it_is_written(text):
         (cube_text() + "f 1 2 9\n", r"'f 1 2 9' \(number 7\)"),
         ("v 0 0 0\nv 1 0 0\nf -1 -2 -3\nv 0 1 0\n", "back to the first vertex above it"),
         (cube_text().replace("v 1.0 0.0 0.0", "v 1,0 0,0 0,0"), r"'v 1,0 0,0 0,0'|with decimal points, not commas"),
+        ("v 0 0 x\nv 1 2 3\n", "the line '0 0 x' must hold numbers"),
         (cube_text() + "v 0 0\n", "'v 0 0' must hold three numbers after v"),
         (cube_text(face="f {}.0 {} {} {}\n"), "whole numbers"),
         ("v 0 0 0\ncstype bezier\nsurf 0 1 0 1 1 1 1\n", "names a free-form surface, which is not read"),

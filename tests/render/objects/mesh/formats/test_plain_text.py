@@ -15,6 +15,7 @@ def test_lines_end_alike(end):
 def test_numbers_are_read_as_python_reads_them(rng):
     texts = [repr(float(x)) for x in rng.normal(size=200) * 10.0 ** rng.integers(-300, 300, 200)] + ["+1", "1.", ".5"]
     found = numbers_of([" ".join(texts[:100]).encode(), "\t".join(texts[100:]).encode()])
+    assert numbers_of([b"", b" \t"]).tolist() == []
     assert found.tolist() == [float(text) for text in texts]
 
 

@@ -5,6 +5,7 @@ import pytest
 from file_meshes import CUBE, QUADS, corners_of, enclosed, moved, triangles_of
 from ply_files import FORMS, INTEGERS, MIXED, face_element, ply_file, vertex_element
 
+from palpate.datasets.bounded_file import LIMIT_VARIABLE, FileBoundError
 from palpate.render.errors import MeshError
 from palpate.render.objects.mesh.formats.ply import read_ply
 
@@ -34,6 +35,15 @@ def test_random_tables_are_read_as_they_were_ply_file(seed):
     elements = [elements[k] for k in rng.permutation(3)]
     found = read_ply(ply_file(form, elements))
     np.testing.assert_array_equal(corners_of(found), triangles_of(points, polygons))
+
+
+def test_rows_of_unequal_width_are_walked_within_the_budget(monkeypatch):
+    """48 bytes for the place of each of 30,000 lists of 1 to 5 bytes: more than 1 MB."""
+    monkeypatch.setenv(LIMIT_VARIABLE, "1")
+    lists = b"\x04\0\0\0\0" + b"\0" * 29_999
+    head = "element face 30000\nproperty list uchar uchar vertex_indices\nend_header\n"
+    with pytest.raises(FileBoundError, match="what its rows need takes 1440000 bytes"):
+        read_ply(f"ply\nformat binary_little_endian 1.0\n{head}".encode() + lists)
 
 
 @pytest.mark.parametrize("form", FORMS)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from palpate.datasets.bounded_file import LIMIT_VARIABLE, FileBoundError
 from palpate.render.errors import MeshError
 from palpate.render.objects.mesh.formats.polygons import (
     FileMesh,
@@ -21,6 +22,14 @@ def test_polygons_of_any_number_of_corners_are_fans(rng):
         expected += [[own[0], own[k], own[k + 1]] for k in range(1, len(own) - 1)]
     np.testing.assert_array_equal(fan_triangles(corners, counts), expected)
     assert fan_triangles(np.empty(0), np.empty(0)).shape == (0, 3)
+
+
+def test_polygons_become_no_more_than_the_budget_of_a_file(monkeypatch):
+    """24 bytes a triangle: 41,000 are within 1 MB, 42,000 are not."""
+    monkeypatch.setenv(LIMIT_VARIABLE, "1")
+    assert fan_triangles(np.zeros(41_002), np.array([41_002])).shape == (41_000, 3)
+    with pytest.raises(FileBoundError, match="what its polygons become takes 1008000 bytes"):
+        fan_triangles(np.zeros(42_002), np.array([42_002]))
 
 
 def test_every_second_triangle_of_a_strip_is_turned():

@@ -9,7 +9,7 @@ import numpy as np
 
 from ....errors import MeshError
 from .plain_text import numbers_of, plain_text, shown, wrong_line
-from .polygons import FileMesh, fan_triangles
+from .polygons import FileMesh, polygon_triangles
 
 _CONTINUED = re.compile(rb"\\[ \t]*\n")
 _CONTINUED_LINES = re.compile(rb"^[ \t]*(?:v|fo?)[ \t](?:[^\n]*\\[ \t]*\n)+", re.MULTILINE)  # no name that ends in \
@@ -46,7 +46,7 @@ def read_obj(content: bytes) -> FileMesh:
             f"the face {shown(found[0])} (number {face + 1}) must name vertices from 1 to {len(vertices)}, "
             "or from -1 back to the first vertex above it"
         )
-    return FileMesh(vertices, fan_triangles(corners - 1, counts))
+    return FileMesh(vertices, polygon_triangles(corners - 1, counts, vertices))
 
 
 def _vertices_of(text: bytes) -> np.ndarray:

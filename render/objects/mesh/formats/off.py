@@ -6,7 +6,7 @@ import numpy as np
 
 from ....errors import MeshError
 from .plain_text import numbers_of, plain_text, wrong_line
-from .polygons import FileMesh, fan_triangles, require_corners
+from .polygons import FileMesh, polygon_triangles, require_corners
 
 _HEADER = re.compile(rb"\s*(ST)?C?N?(4?n?)OFF\b[ \t]*(BINARY\b)?")
 
@@ -37,9 +37,9 @@ def read_off(content: bytes) -> FileMesh:
         raise wrong_line(next(line for line in points if len(line.split()) < 3), "three numbers")
     counts = numbers_of([line.split(None, 1)[0] for line in faces], np.int64)
     rows = [_corners_of(line, count) for line, count in zip(faces, counts.tolist(), strict=True)]
-    corners = numbers_of(rows, np.int64)
+    corners, vertices = numbers_of(rows, np.int64), vertices.reshape(-1, 3)
     require_corners(corners, vertex_count)
-    return FileMesh(vertices.reshape(-1, 3), fan_triangles(corners, counts))
+    return FileMesh(vertices, polygon_triangles(corners, counts, vertices))
 
 
 def _corners_of(line: bytes, count: int) -> bytes:

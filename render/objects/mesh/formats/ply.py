@@ -13,7 +13,7 @@ import numpy as np
 from .....datasets.bounded_file import require_bytes
 from ....errors import MeshError
 from .plain_text import numbers_of, plain_text, shown
-from .polygons import FileMesh, fan_triangles, require_corners, strip_triangles
+from .polygons import FileMesh, polygon_triangles, require_corners, strip_triangles
 
 _TYPES = {
     "char": "i1",
@@ -218,7 +218,7 @@ def _mesh_of(found: dict[str, dict[str, Column]]) -> FileMesh:
     if "face" in found:
         corners, counts = _corners_of(found["face"], "face")
         require_corners(corners, len(vertices))
-        faces.append(fan_triangles(corners, counts))
+        faces.append(polygon_triangles(corners, counts, vertices))
     if "tristrips" in found:
         corners, counts = _corners_of(found["tristrips"], "tristrips")
         require_corners(corners[corners != -1], len(vertices), "strips")

@@ -7,6 +7,7 @@ import numpy as np
 
 from .....datasets.bounded_file import require_bytes
 from ....errors import MeshError
+from .concave import unfolded
 
 VERTEX_BYTES = FACE_BYTES = 24  # of the arrays that every format becomes: float64 and int64
 
@@ -33,6 +34,13 @@ def united(meshes: Sequence[FileMesh]) -> FileMesh:
         np.concatenate([np.empty((0, 3), np.int64), *(mesh.faces + k for mesh, k in zip(meshes, first, strict=False))]),
         nodes,
     )
+
+
+def polygon_triangles(corners: np.ndarray, counts: np.ndarray, vertices: np.ndarray) -> np.ndarray:
+    """Triangles of polygons, which may have corners that point inwards; as `fan_triangles` but for those."""
+    faces = fan_triangles(corners, counts)
+    counts = np.asarray(counts, np.int64)
+    return faces if (counts <= 3).all() else unfolded(faces, np.asarray(corners, np.int64), counts, vertices)
 
 
 def fan_triangles(corners: np.ndarray, counts: np.ndarray) -> np.ndarray:

@@ -43,12 +43,14 @@ def test_random_files_are_read_as_the_specification_counts(seed):
     lines, count = ["# random", "mtllib none.mtl"], 0
     for _ in range(60):
         if count < 3 or rng.random() < 0.6:
-            numbers = rng.normal(size=rng.choice([3, 4, 6, 7])).round(3)
+            at = [count, count**2, 3 * count]  # on a curve in a plane, so that polygons are convex
+            numbers = [*at, *rng.normal(size=rng.choice([0, 1, 3, 4])).round(3)]
             lines.append(" ".join(["v", *map(str, numbers)]))
             count += 1
         else:
             form = rng.choice(["{}", "{}/7", "{}//8", "{}/7/8", "{}/-1/-2"])
-            own = rng.integers(1, count + 1, rng.integers(3, 6)) - (count + 1) * rng.integers(0, 2)
+            own = np.sort(rng.choice(count, min(count, rng.integers(3, 6)), replace=False)) + 1
+            own -= (count + 1) * rng.integers(0, 2)
             lines.append("\t".join(["f", *(form.format(k) for k in own)]))
         lines.append(str(rng.choice(["", "g a b", "usemtl f 1 2 3", "s 1", "vt 0 1", "vn 0 0 1", "o f"])))
     text = "\n".join(lines)

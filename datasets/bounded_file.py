@@ -20,7 +20,7 @@ import sys
 import tomllib
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import IO, Any, BinaryIO
 
@@ -148,18 +148,29 @@ def gunzip(content: bytes, declared: int | None = None) -> bytes:
     return _decompress(gzip.open(io.BytesIO(content)), declared)
 
 
+def gunzip_begin(content: bytes, count: int) -> bytes:
+    """The first `count` bytes of what gzip packed, or all that there are; raises ValueError if they are damaged."""
+    try:
+        with gzip.open(io.BytesIO(content)) as stream:
+            return stream.read(count)
+    except (*_BROKEN, OSError) as error:
+        raise ValueError(f"damaged where it is packed ({error})") from error
+
+
 def bunzip(content: bytes, declared: int | None = None) -> bytes:
     """Decompress bzip2; raises as `gunzip`."""
     return _decompress(bz2.open(io.BytesIO(content)), declared)
 
 
-def inflate(content: bytes) -> bytes:
+def inflate(content: bytes, declared: int | None = None) -> bytes:
     """Decompress zlib; raises as `gunzip`."""
-    limit = byte_limit()
+    limit = byte_limit() if declared is None else min(byte_limit(), declared)
     try:
         unpacked = zlib.decompressobj().decompress(content, limit + 1)
     except zlib.error as error:
         raise ValueError(f"damaged where it is packed ({error})") from error
+    if declared is not None and declared < len(unpacked):
+        raise FileBoundError(f"what is packed in it takes more than the {declared} bytes that are declared")
     require_bytes(len(unpacked), "what is packed in it")
     return unpacked
 
@@ -174,8 +185,8 @@ def _decompress(stream: gzip.GzipFile | bz2.BZ2File, declared: int | None) -> by
         raise ValueError(f"damaged where it is packed ({error})") from error
 
 
-def unzip(content: bytes) -> dict[str, bytes]:
-    """The members of a zip file by name; the budget holds for their total decompressed size.
+def unzip(content: bytes, names: Collection[str] | None = None) -> dict[str, bytes]:
+    """Members of a zip file by name, None for all; the budget holds for their total decompressed size.
 
     Raises FileBoundError beyond the budget, ValueError for a damaged file.
     """
@@ -183,8 +194,9 @@ def unzip(content: bytes) -> dict[str, bytes]:
     taken = 0
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            require_bytes(sum(member.file_size for member in archive.infolist()), "what is packed in it")
-            for member in archive.infolist():
+            wanted = [member for member in archive.infolist() if names is None or member.filename in names]
+            require_bytes(sum(member.file_size for member in wanted), "what is packed in it")
+            for member in wanted:
                 with archive.open(member) as stream:
                     members[member.filename] = read_limited(stream, "what is packed in it")
                 taken += len(members[member.filename])
@@ -194,6 +206,15 @@ def unzip(content: bytes) -> dict[str, bytes]:
     except _BROKEN as error:
         raise ValueError(f"damaged zip file: {error}") from error
     return members
+
+
+def zip_names(content: bytes) -> list[str]:
+    """Names of the members of a zip file; raises ValueError for a damaged file."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            return archive.namelist()
+    except _BROKEN as error:
+        raise ValueError(f"damaged zip file: {error}") from error
 
 
 def file_beside(path: Path, name: str) -> Path:

@@ -10,6 +10,7 @@ from ..datasets.bounded_file import FileBoundError, parse_json, read_text
 from ..datasets.known_names import find_name, likely_file, likely_name, unknown_name
 from ..datasets.shapes.built_in import shape_name
 from .errors import StrategyError
+from .file_kinds import described_file
 
 T = TypeVar("T")
 OTHER_UNITS = {
@@ -144,12 +145,9 @@ def require_path(path: object, what: str) -> Path:
 
 
 def refuse_object(path: Path) -> None:
-    """Raise StrategyError for an object, or a motion, where a file of contours is wanted."""
-    if path.suffix.lower() in (".csv", ".json", ".npz") and path.is_file():
-        raise StrategyError(
-            f"{path} is no contour file: palpate render OBJECT {path} -o OUT.h5 makes one of a motion or a recording, "
-            f"palpate render {path} MOTION -o OUT.h5 of voxels or an expression"
-        )
+    """Raise StrategyError, with what a file is and what takes it, where a file of contours is wanted."""
+    if path.is_file() and (what := described_file(path)) is not None:
+        raise StrategyError(f"{path} is no contour file but {what}")
     if not path.exists() and shape_name(str(path)) is not None:
         raise StrategyError(
             f"{path} is an object, not a file: palpate render {path} exploration -o {path}.h5 makes one"

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 INTERVALS_LOOKED_AT = 4096
 """First intervals of a motion of which the median is taken, so that a file's other times need not be read."""
 INTERVAL_MOST = 1.0
-"""Longest interval that a last pose lasts, too [s]: poses farther apart are moments that a person chose, no tracker's."""
+"""Longest interval that a last pose lasts, too [s]: poses farther apart were chosen by a person, not by a tracker."""
 
 
 def usual_interval(time: NDArray[np.float64]) -> float:

@@ -11,7 +11,7 @@ from ...datasets.bounded_file import read_text
 from ...datasets.errors import name_nothing
 from ...datasets.known_names import likely_file
 from ..errors import MeshError, PlacementError
-from ..objects.mesh.files import load_scene, mesh_arrays
+from ..objects.mesh.files import load_mesh
 
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 WRIST = "wrist"  # a WebXR hand's root joint: its axes are the hand's
@@ -37,22 +37,10 @@ def read_hand(path: Path) -> ReadHand:
 
     Raises MeshError for a missing file, one that cannot be read, and one without triangles.
     """
-    import trimesh  # half a second that other hands need not wait for
-
     if not path.exists():
         raise name_nothing(MeshError(f"{path}: no such file{likely_file(path)}"))
-    scene = load_scene(path)
-    try:
-        mesh = scene.to_mesh() if scene.geometry else trimesh.Trimesh()
-        vertices, faces = mesh_arrays(mesh)
-        nodes = {str(name): np.asarray(scene.graph[name][0], np.float64) for name in scene.graph.nodes}
-        if not all(turn.shape == (4, 4) and np.isfinite(turn).all() for turn in nodes.values()):
-            raise ValueError("the transform of a node is not finite")
-    except Exception as error:  # readers of many formats, each with errors of its own
-        raise MeshError(f"{path}: cannot be read as a mesh ({type(error).__name__}: {error})") from error
-    if len(faces) == 0:
-        raise MeshError(f"{path}: has no triangles ({path.stat().st_size} bytes)")
-    return ReadHand(vertices, faces, nodes)
+    mesh = load_mesh(path)
+    return ReadHand(mesh.vertices, mesh.faces, mesh.nodes)
 
 
 def axes_of(read: ReadHand, back: str | None, fingers: str | None) -> np.ndarray:

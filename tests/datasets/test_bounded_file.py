@@ -47,7 +47,7 @@ from palpate.render.errors import ImplicitError, MeshError, PlanError, StrategyE
 from palpate.render.hands.mesh_hand_file import read_hand, region_of
 from palpate.render.intersection.named_inputs import is_recording
 from palpate.render.objects.functions.expression_json import load_expression
-from palpate.render.objects.mesh.files import load_scene
+from palpate.render.objects.mesh.files import load_mesh
 from palpate.render.objects.mesh.solid_mesh import read_mesh
 from palpate.render.objects.voxels.files import read_volume
 from palpate.render.playback.placed_arrays import load_rig
@@ -248,7 +248,7 @@ def test_volumes_that_are_packed_are_judged_too(tmp_path):
     head = (tmp_path / "a.nrrd").read_bytes().partition(b"\n\n")[0] + b"\n\n"
     (tmp_path / "a.nrrd").write_bytes(head + gzip.compress(BOMB))
     for name, bound in (
-        ("a.nii.gz", f"{len(BOMB)}|{LIMIT}"),
+        ("a.nii.gz", f"more than the {352 + 8 * 9**3} bytes that are declared"),
         ("a.nrrd", f"more than the {8 * 9**3} bytes that are declared"),
     ):
         with pytest.raises(VoxelError, match=f"what is packed in it takes.*({bound})"):
@@ -275,8 +275,12 @@ def test_a_packed_grid_of_nanovdb_is_judged(tmp_path):
     front = struct.pack("<QIHH", 0x324244566F6E614E, 32 << 21, 1, 1) + bytes(176)
     packed = zlib.compress(BOMB)
     (tmp_path / "a.nvdb").write_bytes(front + struct.pack("<Q", len(packed)) + packed)
-    with pytest.raises(VoxelError, match="what is packed in it takes"):
+    with pytest.raises(VoxelError, match="what is packed in it takes more than the 0 bytes that are declared"):
         read_volume(tmp_path / "a.nvdb")
+    front = front[:16] + struct.pack("<Q", 1 << 62) + front[24:]
+    (tmp_path / "b.nvdb").write_bytes(front + struct.pack("<Q", len(packed)) + packed)
+    with pytest.raises(VoxelError, match=f"what is packed in it takes {LIMIT + 1} bytes"):
+        read_volume(tmp_path / "b.nvdb")
 
 
 @pytest.mark.exhaustive
@@ -514,7 +518,7 @@ def test_a_mesh_with_letters_of_another_encoding_is_read(tmp_path):
     mesh = "# Gr\xf6\xdfe\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
     (tmp_path / "a.obj").write_text(mesh, encoding="latin-1")
     (tmp_path / "b.obj").write_text(mesh, encoding="utf-8")
-    found = [load_scene(tmp_path / name).to_geometry() for name in ("a.obj", "b.obj")]
+    found = [load_mesh(tmp_path / name) for name in ("a.obj", "b.obj")]
     for key in ("vertices", "faces"):
         np.testing.assert_array_equal(getattr(found[0], key), getattr(found[1], key))
 

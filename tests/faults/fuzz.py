@@ -26,7 +26,10 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
-SHARED = [str(Path(__file__).parents[1] / name) for name in ("cases", "cases/sweeps", "cases/arrays", "oracles")]
+SHARED = [
+    str(Path(__file__).parents[1] / name)
+    for name in ("cases", "cases/solids", "cases/sweeps", "cases/arrays", "oracles")
+]
 sys.path += SHARED  # as pytest does; child processes read PYTHONPATH
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [*SHARED, os.environ.get("PYTHONPATH")]))
 os.environ |= {"CUDA_VISIBLE_DEVICES": "", "OMP_NUM_THREADS": "1", "PALPATE_CACHE": "off"}

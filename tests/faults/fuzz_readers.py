@@ -6,7 +6,6 @@ import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,9 @@ import trimesh
 from board_file_cases import board_lines
 from bounded import Refused, Wrong
 from contour_cases import everything, make_contours, make_header, small_chunks, write_file, write_ranges
+from gltf_files import full_file
 from old_pose_table import write_old_table
+from ply_files import MIXED, face_element, ply_file, vertex_element
 from sweep_rows import recipe
 from typer.testing import CliRunner
 from voxel_cases import ball, balled
@@ -292,13 +293,16 @@ def read_frames(path: Path) -> Any:
 # objects and hands
 
 
+RELATIVE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3/1 -1/2 -2/3\nv 0 0 1\nf 1//1 2//2 -1//4 \\\n\nf 2 3 4 # one\nf 3 1 4\n"
+
+
 def box() -> Any:
     return trimesh.creation.box((0.08, 0.06, 0.05))
 
 
 def mesh_seeds(folder: Path) -> None:
     mesh = box()
-    for suffix in ("stl", "obj", "ply", "glb", "off", *(["3mf"] if find_spec("lxml") else [])):
+    for suffix in ("stl", "obj", "ply", "glb", "off"):
         mesh.export(folder / f"box.{suffix}")
     (folder / "gltf").mkdir()
     for name, content in trimesh.exchange.gltf.export_gltf(trimesh.Scene(mesh)).items():
@@ -307,6 +311,11 @@ def mesh_seeds(folder: Path) -> None:
         archive.writestr("box.stl", mesh.export(file_type="stl"))
     mesh.export(folder / "ascii.stl", file_type="stl_ascii")
     mesh.export(folder / "ascii.ply", encoding="ascii")
+    (folder / "full.gltf").write_bytes(full_file().text())
+    (folder / "full.glb").write_bytes(full_file().glb())
+    (folder / "relative.obj").write_text(RELATIVE)
+    for kind in ("ascii", "binary_big_endian"):
+        (folder / f"mixed_{kind}.ply").write_bytes(ply_file(kind, [vertex_element(), face_element(MIXED)]))
     for path in (Path(DATA) / "meshes").glob("*.stl") if DATA else ():
         (folder / path.name).write_bytes(path.read_bytes())
 

@@ -1,4 +1,4 @@
-"""Mesh files, read by trimesh, within the budget of one file: what would unpack or multiply beyond it is refused.
+"""Mesh files within the budget of one file: what would unpack or multiply beyond it is refused.
 
 | in a file                                         | may be                                                       |
 |---------------------------------------------------|--------------------------------------------------------------|
@@ -9,12 +9,8 @@
 | another file that a .gltf names                   | in its folder or below; in a .zip, one of its members        |
 """
 
-import io
-import math
-import struct
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any
+from pathlib import Path, PurePosixPath
 from urllib.parse import unquote
 
 import numpy as np
@@ -26,22 +22,26 @@ from ....datasets.bounded_file import (
     read_content,
     require_bytes,
     unzip,
+    zip_names,
 )
 from ...errors import MeshError
+from ...file_kinds import MESH_SUFFIXES, NOT_READ
+from .formats.gltf import read_gltf
+from .formats.gltf_arrays import glb_chunks
+from .formats.obj import read_obj
+from .formats.off import read_off
+from .formats.ply import read_ply
+from .formats.polygons import FileMesh, united
+from .formats.stl import is_binary_stl, read_stl
 
-SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".zip")
-WORD_BYTES = 64  # that trimesh takes to parse a word of text: 24 to 115, measured
-COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}  # of glTF's number types
-COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-VERTEX_BYTES = FACE_BYTES = 24  # float64 and int64, which all becomes
+WORD_BYTES = 64  # that parsing takes for a word of text: 30 to 75, measured
 Read = Callable[[str], bytes]
 
 
 class NamedFiles:
-    """The files that a mesh may name, as trimesh asks for them; all together within the budget."""
+    """The files that a mesh names; all together within the budget."""
 
-    def __init__(self, read: Read, file_name: str) -> None:
-        self.file_name = file_name
+    def __init__(self, read: Read) -> None:
         self._read, self._taken = read, 0
 
     def get(self, name: str) -> bytes:
@@ -51,41 +51,41 @@ class NamedFiles:
         require_bytes(self._taken, "what it names")
         return content
 
-    __getitem__ = get
 
+def load_mesh(path: Path) -> FileMesh:
+    """All triangles of a mesh file, a scene flattened with its transforms.
 
-def load_scene(path: Path) -> Any:
-    """The scene of a mesh file.
-
-    Raises MeshError, which names the file, for one that is missing or cannot be read, and for a format that is none of
-    SUFFIXES.
+    Raises MeshError, which names the file, for one that is missing or cannot be read, for a format that is none of
+    MESH_SUFFIXES, and for one without triangles.
     """
     suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise MeshError(f"{path}: cannot be read as a mesh: its name must end in one of {', '.join(SUFFIXES)}")
+    if suffix not in MESH_SUFFIXES:
+        what = (
+            f"is {NOT_READ[suffix]}"
+            if suffix in NOT_READ
+            else f"its name must end in one of {', '.join(MESH_SUFFIXES)}"
+        )
+        raise MeshError(f"{path}: cannot be read as a mesh: {what}")
     try:
         content = read_content(path)
-        scene = archived(content) if suffix == ".zip" else parsed(content, suffix, named_beside(path))
-        placed = [scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry]
-        size = sum(VERTEX_BYTES * len(one.vertices) + FACE_BYTES * len(getattr(one, "faces", ())) for one in placed)
-        require_bytes(size, "its scene, with all copies of its meshes,")
+        files = NamedFiles(lambda name: read_content(file_beside(path, name)))
+        with np.errstate(all="ignore"):  # what is not finite is refused once it is placed
+            mesh = archived(content) if suffix == ".zip" else parsed(content, suffix, files)
     except FileBoundError as error:
         raise MeshError(f"{path}: {error}") from error
-    except Exception as error:  # readers of many formats, each with errors of its own
-        raise MeshError(f"{path}: cannot be read as a mesh ({type(error).__name__}: {str(error)[:300]})") from error
-    return scene
+    except Exception as error:  # ValueErrors, MeshErrors too, say what is wrong
+        what = str(error)[:400] if isinstance(error, ValueError) else f"{type(error).__name__}: {str(error)[:300]}"
+        raise MeshError(f"{path}: cannot be read as a mesh: {what}") from error
+    if len(mesh.faces) == 0:
+        raise MeshError(f"{path}: has no triangles ({len(content)} bytes)")
+    return without_stray(mesh)
 
 
-def named_beside(path: Path) -> NamedFiles:
-    """Files in the folder of a mesh."""
-    return NamedFiles(lambda name: read_content(file_beside(path, name)), path.name)
-
-
-def archived(content: bytes) -> Any:
-    """The scene of all meshes in a zip file."""
-    from trimesh.scene.scene import append_scenes
-
-    members = unzip(content)
+def archived(content: bytes) -> FileMesh:
+    """All meshes in a zip file; raises MeshError, which names the member that cannot be read."""
+    names = [name for name in zip_names(content) if not is_of_macos(name)]
+    is_whole = any(name.lower().endswith(".gltf") for name in names)  # a .gltf may name any other member
+    members = unzip(content, [name for name in names if is_whole or Path(name).suffix.lower() in MESH_SUFFIXES])
 
     def member(name: str) -> bytes:
         if name not in members:
@@ -93,93 +93,52 @@ def archived(content: bytes) -> Any:
         return members[name]
 
     suffixes = {name: Path(name).suffix.lower() for name in members}
-    meshes = [name for name, suffix in suffixes.items() if suffix in SUFFIXES and suffix != ".zip"]
-    return append_scenes([parsed(members[name], suffixes[name], NamedFiles(member, name)) for name in meshes])
+    meshes = []
+    for name, suffix in suffixes.items():
+        if suffix not in MESH_SUFFIXES or suffix == ".zip":
+            continue
+        try:
+            meshes.append(parsed(members[name], suffix, NamedFiles(member)))
+        except MeshError as error:
+            raise MeshError(f"its member {name[:200]!r} {error}") from error
+    if not meshes:
+        raise MeshError(f"has no member whose name ends in one of {', '.join(MESH_SUFFIXES[:-1])}")
+    return united(meshes)
 
 
-def parsed(content: bytes, suffix: str, files: NamedFiles) -> Any:
-    """The scene that bytes of a format hold."""
-    import trimesh  # half a second that built-in objects need not wait for
+def is_of_macos(name: str) -> bool:
+    """Whether a member of an archive holds what macOS keeps about a file, not the file."""
+    parts = PurePosixPath(name).parts
+    return "__MACOSX" in parts or name.rpartition("/")[2].startswith("._")
 
+
+def parsed(content: bytes, suffix: str, files: NamedFiles) -> FileMesh:
+    """The triangles that bytes of a format hold; raises MeshError."""
     if suffix in (".glb", ".gltf"):
-        require_gltf(parse_json(gltf_text(content) if suffix == ".glb" else content.decode("utf-8-sig")))
-    elif is_text(content, suffix):
-        require_bytes(WORD_BYTES * (content.count(b" ") + content.count(b"\n")), "what its text holds")
-        content = content if suffix == ".ply" else utf8_of(content, suffix)
-    return trimesh.load_scene(
-        io.BytesIO(content), file_type=suffix[1:], resolver=files, process=False, skip_materials=True
-    )
+        text, binary = glb_chunks(content) if suffix == ".glb" else (content, None)
+        try:
+            tree = parse_json(text.decode("utf-8-sig"))
+        except ValueError as error:
+            raise MeshError(f"has JSON that cannot be read ({str(error)[:200]})") from error
+        return read_gltf(tree, files.get, binary)
+    if is_text(content, suffix):
+        require_bytes(WORD_BYTES * sum(content.count(mark) for mark in b" \t\r\n"), "what its text holds")
+    read = {".stl": read_stl, ".obj": read_obj, ".ply": read_ply, ".off": read_off}
+    return read[suffix](content)
 
 
 def is_text(content: bytes, suffix: str) -> bool:
-    """Whether trimesh reads a file as text."""
+    """Whether a file is in text."""
     if suffix == ".stl":
-        return len(content) < 84 or len(content) != 84 + 50 * struct.unpack_from("<I", content, 80)[0]
+        return not is_binary_stl(content)
     return suffix != ".ply" or b"format ascii" in content[: content.find(b"end_header")]
 
 
-def utf8_of(content: bytes, suffix: str) -> bytes:
-    """The text of an OBJ, OFF or ASCII STL file in UTF-8, as trimesh reads others with charset_normalizer alone.
-
-    Another encoding is read as Latin-1: only comments and names have letters beyond ASCII. Raises ValueError for what
-    is no text.
-    """
-    try:
-        content.decode()
-    except UnicodeDecodeError:
-        if suffix == ".stl" and len(content) >= 84:
-            count = struct.unpack_from("<I", content, 80)[0]
-            told = f"is neither text nor the {84 + 50 * count} bytes of the {count} triangles that its header tells"
-            raise ValueError(f"{told}, but {len(content)} bytes") from None
-        if b"\0" in content:
-            raise ValueError("is no text: it holds NUL bytes") from None
-        return content.decode("latin-1").encode()
-    return content
-
-
-def gltf_text(content: bytes) -> str:
-    """The JSON of a GLB file, its first chunk; raises ValueError where there is none."""
-    if len(content) < 20 or content[:4] != b"glTF" or content[16:20] != b"JSON":
-        raise ValueError("no GLB file of glTF 2")
-    return content[20 : 20 + struct.unpack_from("<I", content, 12)[0]].decode("utf-8")
-
-
-def require_gltf(tree: Any) -> None:
-    """Refuse a glTF whose JSON declares more than the budget: buffers cut into views, arrays, and uses of them.
-
-    Views may overlap, arrays need no bytes at all, and any number of primitives may use one array. Raises
-    FileBoundError; ValueError, KeyError or TypeError for JSON that is no glTF.
-    """
-    sizes, counts = [], []
-    for accessor in tree.get("accessors", []):
-        counts.append(whole(accessor["count"]))
-        sizes.append(counts[-1] * COMPONENT_BYTES[accessor["componentType"]] * COMPONENTS[accessor["type"]])
-    views = sum(whole(view["byteLength"]) for view in tree.get("bufferViews", []))
-    uses = 0
-    for mesh in tree.get("meshes", []):
-        for primitive in mesh["primitives"]:
-            uses += VERTEX_BYTES * counts[primitive["attributes"]["POSITION"]]
-            uses += FACE_BYTES * counts[primitive["indices"]] if "indices" in primitive else 0
-    require_bytes(views + sum(sizes) + uses, "what its arrays hold")
-
-
-def whole(value: Any) -> int:
-    """A number of JSON that counts something; raises ValueError for another."""
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, int | float)
-        or not 0 <= value < math.inf
-        or value != int(value)
-    ):
-        raise ValueError(f"a count must be a whole number of 0 or more, not {str(value)[:40]}")
-    return int(value)
-
-
-def mesh_arrays(mesh: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices, float64 [vertex, 3], and faces, int64 [face, 3]; raises ValueError for what cannot be them."""
-    vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
-    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
-        raise ValueError(f"vertices and faces must be rows of three, not {list(vertices.shape)}, {list(faces.shape)}")
-    if faces.size and not (faces.min() >= 0 and faces.max() < len(vertices)):
-        raise ValueError(f"faces name vertices {faces.min()} to {faces.max()} of {len(vertices)}")
-    return vertices, faces
+def without_stray(mesh: FileMesh) -> FileMesh:
+    """The mesh without vertices that no triangle uses, if some of those are not finite."""
+    is_stray = np.ones(len(mesh.vertices), bool)
+    is_stray[mesh.faces] = False
+    if np.isfinite(mesh.vertices[is_stray]).all():
+        return mesh
+    number = np.cumsum(~is_stray) - 1
+    return FileMesh(mesh.vertices[~is_stray], number[mesh.faces], mesh.nodes)

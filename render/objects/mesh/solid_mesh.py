@@ -20,10 +20,10 @@ from ....kernels.patterns.loop_table import upload_loop_table
 from ....kernels.section.half_edges import HalfEdges, upload_surface
 from ...device_copies import KeepsDeviceCopies
 from ...errors import MeshError, RepairError
-from ...runtime.interrupt import interrupt_between
 from ...runtime.loading_progress import Watch, unwatched
 from ...user_warnings import warn_user
 from ...validation import unit_hint
+from .files import load_mesh
 from .foreign_meshes import foreign_arrays, pyvista_mesh, trimesh_mesh
 from .kept_arrays import kept_folder
 from .kept_edges import edges_of_mesh
@@ -64,32 +64,15 @@ def repeats_at_most(points: np.ndarray) -> int:
 
 
 def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """All triangles of a file that trimesh reads, a scene flattened with its transforms.
+    """All triangles of a mesh file, a scene flattened with its transforms: vertices and faces, see `FileMesh`.
 
     Raises MeshError for a missing file, one that cannot be read, and one without triangles.
     """
-    with interrupt_between() as interrupted:
-        import trimesh  # takes half a second, which built-in objects save; it swallows Ctrl-C meanwhile
-
-        from .files import load_scene, mesh_arrays
-
-        interrupted()
     if not path.exists():
         meant = likely_name(str(path), shape_names()) or likely_file(path)
         raise name_nothing(MeshError(f"{path}: no such file{meant}; built-in objects are {', '.join(shape_names())}"))
-    scene = load_scene(path)
-    try:
-        nodes = scene.graph.nodes_geometry
-        transform, name = scene.graph[nodes[0]] if len(nodes) == 1 else (None, None)
-        mesh = scene.geometry.get(name)
-        if not isinstance(mesh, trimesh.Trimesh) or not np.array_equal(transform, np.eye(4)):
-            mesh = scene.to_mesh() if scene.geometry else trimesh.Trimesh()  # slow: hashes all ten times
-        vertices, faces = mesh_arrays(mesh)
-    except Exception as error:  # each format's reader raises its own errors
-        raise MeshError(f"{path}: cannot be read as a mesh ({type(error).__name__}: {error})") from error
-    if len(faces) == 0:
-        raise MeshError(f"{path}: has no triangles ({path.stat().st_size} bytes)")
-    return vertices, faces
+    mesh = load_mesh(path)
+    return mesh.vertices, mesh.faces
 
 
 class MeshObject(KeepsDeviceCopies):
@@ -169,7 +152,7 @@ class MeshObject(KeepsDeviceCopies):
         watch: Watch = unwatched,
         **place: Unpack[PlacementFields],
     ) -> "MeshObject":
-        """Load a built-in object by name, any mesh file that trimesh reads (STL, OBJ, PLY, GLB, ...), or such a mesh.
+        """Load a built-in object by name, a mesh file (STL, OBJ, PLY, OFF, GLB, glTF), or a library's mesh.
 
         Other arguments and errors as for the class.
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from ....datasets.shapes.built_in import shape_name
 from ...errors import PalpateWarning
+from ...file_kinds import MESH_SUFFIXES
 from ...runtime.loading_progress import Watch, unwatched
-from .files import SUFFIXES
 from .placement import SIZE_LARGEST, Placement
 from .solid_mesh import MeshObject
 
@@ -19,7 +19,7 @@ ROOM = 1.06  # lengths are suggested with two digits, which may take a twentieth
 
 def is_mesh_name(source: str) -> bool:
     """Whether a file's name, or a built-in one, is that of a mesh."""
-    return shape_name(source) is not None or Path(source).suffix.lower() in SUFFIXES
+    return shape_name(source) is not None or Path(source).suffix.lower() in MESH_SUFFIXES
 
 
 def mesh_facts(source: str, options: dict[str, Any], watch: Watch = unwatched) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, NamedTuple
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
@@ -17,9 +17,8 @@ import warp as wp
 from ....datasets.array_file import ONLY, array_shape, read_arrays
 from ....datasets.bounded_file import (
     FileBoundError,
-    bunzip,
-    file_beside,
     gunzip,
+    gunzip_begin,
     inflate,
     open_regular,
     read_content,
@@ -31,72 +30,31 @@ from ....datasets.known_names import likely_file
 from ....datasets.storage.durable import write_temporary
 from ....kernels.solids.voxelise import gather_volume
 from ...errors import VoxelError
+from ...file_kinds import VOLUME_SUFFIXES
 from ...user_warnings import warn_user
 from ...validation import value_text
 from .grid import affine_of
+from .nrrd_files import nrrd_volume
 from .values import require_room
+from .volume_file import UNIT_NAMES, UNITS, VolumeFile, scaled, without_ones
 
 if TYPE_CHECKING:
     from .voxel_object import VoxelObject
 
-UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}  # [m]
-UNIT_SPELLINGS = {
-    "m": ("m", "meter", "metre"),
-    "cm": ("cm", "centimeter", "centimetre"),
-    "mm": ("mm", "millimeter", "millimetre"),
-    "um": ("um", "µm", "micron", "micrometer", "micrometre"),
-}
-UNIT_NAMES = {name: unit for unit, names in UNIT_SPELLINGS.items() for name in names}
-RIGHT_SIGNS = {  # of a NRRD space's axes, to those of NIfTI: right, front, head
-    "right-anterior-superior": (1.0, 1.0, 1.0),
-    "ras": (1.0, 1.0, 1.0),
-    "left-anterior-superior": (-1.0, 1.0, 1.0),
-    "las": (-1.0, 1.0, 1.0),
-    "left-posterior-superior": (-1.0, -1.0, 1.0),
-    "lps": (-1.0, -1.0, 1.0),
-}
-SUFFIXES = (".npy", ".npz", ".nrrd", ".nhdr", ".nii", ".nii.gz", ".nvdb")
 GRID_CLASS = 632  # byte of a NanoVDB grid that says what it holds
 TREE = 672  # byte where its tree starts: offsets of leaves, lower and upper nodes and root, which starts with its box
 LEVEL_SET, FOG = 1, 2
+GRID_BYTES = 16  # byte where the first grid's metadata give its size, unpacked
 ZIPPED = b"\x01\x00"  # NanoVDB's codec for zlib
-UNPACKED = {"gzip": gunzip, "gz": gunzip, "bzip2": bunzip, "bz2": bunzip}  # of NRRD's encodings
-NRRD_BYTES_MOST = 8  # of one value: float64, and integers of 64 bits
 NIFTI2 = (struct.pack("<i", 540), struct.pack(">i", 540))  # how files of NIfTI-2 begin
+NIFTI_BEGIN = 540  # bytes of the longest header
 SCALED_BYTES = 8  # of a value that a NIfTI file has a factor for: it becomes float64
 CLASS_KINDS = {LEVEL_SET: ("distance", 0.0), FOG: ("intensity", 0.5)}
 
 
-class VolumeFile(NamedTuple):
-    """What a file says about a volume."""
-
-    values: np.ndarray
-    """Of any type, shape [i, j, k]."""
-    affine: np.ndarray | None
-    """Indices to coordinates [m], shape [4, 4]; None if the file has none."""
-    kind: str | None = None
-    """What the values mean, if the file says so."""
-    level: float | None = None
-    """Value on the surface, likewise."""
-
-
 def is_volume(path: str | Path) -> bool:
     """Whether a file's name ends as that of a volume."""
-    return str(path).lower().endswith(SUFFIXES)
-
-
-def scaled(affine: np.ndarray, unit: str) -> np.ndarray:
-    """An affine map in metres."""
-    out = np.array(affine, np.float64)
-    out[:3] *= UNITS[unit]
-    return out
-
-
-def without_ones(values: np.ndarray) -> np.ndarray:
-    """Without axes of length 1 beyond the third, which some writers add."""
-    while values.ndim > 3 and values.shape[-1] == 1:
-        values = values[..., 0]
-    return values
+    return str(path).lower().endswith(VOLUME_SUFFIXES)
 
 
 def grid_of(arrays: Any, unit: str) -> np.ndarray | None:
@@ -123,82 +81,21 @@ def read_numpy(path: Path, unit: str | None) -> VolumeFile:
     )
 
 
-def nrrd_units(header: Any, field: str, unit: str | None) -> np.ndarray:
-    """Metres in the units that a NRRD header gives for the first three axes, mm where it gives none; shape [3]."""
-    said = [str(x).strip('" ').lower() for x in header.get(field) or []][:3]
-    said = [x for x in said if x not in ("", "none", "nan", "???")] and said
-    if unit is None and not set(said) <= UNIT_NAMES.keys():
-        names = ", ".join(dict.fromkeys(said))
-        raise VoxelError(f"{field} {names} are not known: give unit, one of {', '.join(UNITS)}")
-    names = [unit] * 3 if unit else [UNIT_NAMES[x] for x in said] or ["mm"] * 3
-    if len(names) != 3:
-        raise VoxelError(f"{field} {', '.join(said)} must be three: give unit, one of {', '.join(UNITS)}")
-    return np.array([UNITS[name] for name in names])
-
-
-def nrrd_affine(header: Any, unit: str | None) -> np.ndarray | None:
-    """The affine map of a NRRD header; the axes of an anatomical space turned to right, front, head, as NIfTI's."""
-    axes = header.get("space directions")
-    if axes is None:
-        if (spacings := header.get("spacings")) is None:
-            return None
-        return affine_of(np.asarray(spacings, np.float64)[:3] * nrrd_units(header, "units", unit), None, None, None)
-    rows = [np.asarray(row, np.float64) for row in axes if row is not None and np.isfinite(row).all()]
-    if len(rows) != 3 or any(row.shape != (3,) for row in rows):
-        raise VoxelError(f"space directions must be three vectors of three, not {axes}")
-    out = np.eye(4)
-    out[:3, :3] = np.stack(rows, axis=1)
-    out[:3, 3] = np.asarray(header.get("space origin", np.zeros(3)), np.float64)
-    out[:3] *= np.array(RIGHT_SIGNS.get(str(header.get("space", "")).lower(), (1.0, 1.0, 1.0)))[:, None]
-    out[:3] *= nrrd_units(header, "space units", unit)[:, None]
-    return out
-
-
 def read_nrrd(path: Path, unit: str | None) -> VolumeFile:
-    """A NRRD file, attached or detached header; its data within the budget, and in its own folder."""
-    nrrd = imported("nrrd", "pynrrd")
-    with open_regular(path) as file:
-        header = nrrd.read_header(file)
-        require_room(tuple(header["sizes"]))
-        name = header.pop("data file", header.pop("datafile", None))
-        data = read_limited(file, "its data") if name is None else read_content(file_beside(path, str(name)))
-    content, header = nrrd_content(data, header)
-    values = nrrd.read_data(header, content)
-    if content.read(1):
-        raise VoxelError(f"holds more data than its sizes {list(header['sizes'])} say")
-    return VolumeFile(without_ones(values), nrrd_affine(header, unit))
-
-
-def nrrd_content(data: bytes, header: Any) -> tuple[io.BytesIO, Any]:
-    """Data without the lines to skip, then unpacked; and the header without that. Bytes are left for pynrrd to skip."""
-    data = after_lines(data, int(header.get("line skip", header.get("lineskip", 0))))
-    kept = {key: value for key, value in header.items() if key not in ("line skip", "lineskip")}
-    unpack = UNPACKED.get(str(header.get("encoding", "")).lower())
-    if unpack is None:
-        return io.BytesIO(data), kept
-    skip = int(header.get("byte skip", header.get("byteskip", 0)))  # -1: whatever is before the last bytes
-    declared = None if skip < 0 else skip + NRRD_BYTES_MOST * math.prod(int(size) for size in header["sizes"])
-    return io.BytesIO(unpack(data, declared)), {**kept, "encoding": "raw"}
-
-
-def after_lines(data: bytes, count: int) -> bytes:
-    """Data without their first lines."""
-    most = data.count(b"\n")
-    if not 0 <= count <= most:
-        raise VoxelError(f"line skip must be 0 to {most}, as many lines as the data have, not {count}")
-    content = io.BytesIO(data)
-    for _ in range(count):
-        content.readline()
-    return content.read()
+    """A NRRD file, see `nrrd_volume`."""
+    return nrrd_volume(imported("nrrd", "pynrrd"), path, unit)
 
 
 def read_nifti(path: Path, unit: str | None) -> VolumeFile:
-    """A NIfTI file, as its sform or qform says."""
+    """A NIfTI file, as its sform or qform says; without both, by method 1 of NIfTI-1: indices times spacings.
+
+    nibabel would then turn x over and put the centre at 0, as files of Analyze 7.5 are often meant.
+    """
     nibabel = imported("nibabel", "nibabel")
     with open_regular(path) as file, silenced(nibabel.imageglobals.logger):
         content: IO[bytes] = file
         if path.name.lower().endswith(".gz"):
-            content = io.BytesIO(gunzip(read_limited(file, "it")))
+            content = io.BytesIO(unpacked_nifti(nibabel, read_limited(file, "it")))
         kind = nibabel.Nifti2Image if content.read(4) in NIFTI2 else nibabel.Nifti1Image
         content.seek(0)
         image = kind.from_file_map({"image": nibabel.FileHolder(fileobj=content)})
@@ -209,8 +106,23 @@ def read_nifti(path: Path, unit: str | None) -> VolumeFile:
         values = np.asanyarray(image.dataobj)
         if isinstance(values, np.memmap):  # a file that is cut off while it is mapped kills the process
             values = np.array(values)
+    affine = image.affine
+    if not (int(image.header["sform_code"]) or int(image.header["qform_code"])):
+        affine = np.diag([*np.abs(np.asarray(image.header["pixdim"], np.float64)[1:4]), 1.0])
     said = image.header.get_xyzt_units()[0]
-    return VolumeFile(without_ones(values), scaled(image.affine, unit or UNIT_NAMES.get(said, "mm")))
+    return VolumeFile(without_ones(values), scaled(affine, unit or UNIT_NAMES.get(said, "mm")))
+
+
+def unpacked_nifti(nibabel: Any, content: bytes) -> bytes:
+    """A NIfTI file unpacked by gzip, no longer than its header says; raises FileBoundError for one that goes on."""
+    begin = gunzip_begin(content, NIFTI_BEGIN)
+    kind = nibabel.Nifti2Header if begin[:4] in NIFTI2 else nibabel.Nifti1Header
+    size = kind.sizeof_hdr
+    if len(begin) < size:
+        raise VoxelError(f"has {len(begin)} bytes, less than its header of {size}")
+    header = kind(begin[:size], check=False)
+    values = math.prod(int(count) for count in header.get_data_shape()) * header.get_data_dtype().itemsize
+    return gunzip(content, max(int(header.get_data_offset()), size + 4) + values)
 
 
 @contextmanager
@@ -235,7 +147,8 @@ def nanovdb_content(content: bytes) -> bytes:
     begin = 192 + struct.unpack_from("<I", content, 152)[0]
     if begin + 8 > len(content):
         raise VoxelError("ends before its grid")
-    unpacked = inflate(content[begin + 8 : begin + 8 + struct.unpack_from("<Q", content, begin)[0]])
+    packed = content[begin + 8 : begin + 8 + struct.unpack_from("<Q", content, begin)[0]]
+    unpacked = inflate(packed, struct.unpack_from("<Q", content, GRID_BYTES)[0])
     front = bytearray(content[:begin])
     struct.pack_into("<H", front, 14, 0)
     struct.pack_into("<Q", front, 24, len(unpacked))
@@ -295,7 +208,7 @@ def read_volume(path: str | Path, unit: str | None = None) -> VolumeFile:
     reader = next((read for end, read in READERS.items() if path.name.lower().endswith(end)), None)
     if reader is None:
         way = " (OpenVDB's nanovdb_convert makes .nvdb of .vdb)" if path.suffix == ".vdb" else ""
-        raise VoxelError(f"{path}: is no volume by its name, which should end in {', '.join(SUFFIXES)}{way}")
+        raise VoxelError(f"{path}: is no volume by its name, which should end in {', '.join(VOLUME_SUFFIXES)}{way}")
     if not path.exists():
         raise name_nothing(VoxelError(f"{path}: no such file{likely_file(path)}"))
     try:

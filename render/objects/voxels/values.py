@@ -134,7 +134,8 @@ def require_room(shape: Sequence[int]) -> None:
 def check_values(values: np.ndarray) -> None:
     """Refuse what is not a volume of finite numbers, naming what is wrong."""
     if values.ndim != 3:
-        ways = {2: ": a single slice is values[:, :, None]", 4: ": of a time series or of channels, choose one"}
+        choose = ": of a time series or of channels, choose one: VoxelObject(values[..., 0], spacing=METRES)"
+        ways = {2: ": a single slice is values[:, :, None]", 4: choose}
         raise VoxelError(f"values must be [i, j, k], not {list(values.shape)}{ways.get(values.ndim, '')}")
     if values.size == 0:
         raise VoxelError(f"values are empty: shape {list(values.shape)}")

@@ -12,8 +12,10 @@ import warp as wp
 from field_points import values_at
 from voxel_cases import PLACE, TURNED, ball, balled, skipped_unless
 
+from palpate.datasets.bounded_file import gunzip
 from palpate.render import Placement
 from palpate.render.errors import PalpateWarning, VoxelError
+from palpate.render.objects.voxels import files
 from palpate.render.objects.voxels.files import is_volume, read_volume, save_voxels
 from palpate.render.objects.voxels.voxel_object import VoxelObject
 
@@ -198,6 +200,35 @@ def test_nifti_of_four_axes_or_other_units(tmp_path):
     nibabel.save(nibabel.Nifti1Image(np.stack([values] * 3, axis=-1), affine), tmp_path / "b.nii")
     with pytest.raises(VoxelError, match=r"not \[22, 20, 24, 3\]: of a time series"):
         VoxelObject.load(tmp_path / "b.nii")
+
+
+def test_nifti_without_a_place_is_read_by_method_1_of_the_standard(tmp_path):
+    """NIfTI-1 (nifti1.h, METHOD 1): x, y and z are the indices times pixdim, x to the right; nibabel turns x over."""
+    nibabel = pytest.importorskip("nibabel")
+    values = np.arange(24, dtype=np.uint8).reshape(2, 3, 4)
+    for kind, name in ((nibabel.Nifti1Image, "a.nii"), (nibabel.Nifti2Image, "b.nii.gz")):
+        image = kind(values, None)
+        image.header.set_zooms((2.0, 3.0, 4.0))
+        image.header.set_xyzt_units("mm")
+        nibabel.save(image, tmp_path / name)
+        assert nibabel.load(tmp_path / name).affine[0, 0] == -2
+        volume = read_volume(tmp_path / name)
+        np.testing.assert_array_equal(volume.values, values)
+        np.testing.assert_allclose(volume.affine, np.diag([0.002, 0.003, 0.004, 1.0]), rtol=1e-12)
+
+
+def test_a_packed_nifti_is_read_no_further_than_its_header_says(tmp_path, monkeypatch):
+    """1 GiB of zeros behind the data of 24 bytes: refused when the first of them is unpacked."""
+    nibabel = pytest.importorskip("nibabel")
+    read = []
+    whole = nibabel.Nifti1Image(np.arange(24, dtype=np.uint8).reshape(2, 3, 4), np.eye(4)).to_bytes()
+    monkeypatch.setattr(files, "gunzip", lambda content, declared: read.append(declared) or gunzip(content, declared))
+    (tmp_path / "a.nii.gz").write_bytes(gzip.compress(whole))
+    assert read_volume(tmp_path / "a.nii.gz").values.ravel().tolist() == list(range(24))
+    (tmp_path / "b.nii.gz").write_bytes(gzip.compress(whole + bytes(1 << 20)))
+    with pytest.raises(VoxelError, match="takes more than the 376 bytes that are declared"):
+        read_volume(tmp_path / "b.nii.gz")
+    assert read == [352 + 24] * 2
 
 
 def test_nanovdb_of_another_type_or_too_large_is_refused(tmp_path, monkeypatch):

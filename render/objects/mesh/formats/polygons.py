@@ -1,0 +1,83 @@
+"""Polygons, strips and fans of a mesh file as triangles, and the arrays that every format becomes."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from .....datasets.bounded_file import require_bytes
+from ....errors import MeshError
+from .concave import unfolded
+
+VERTEX_BYTES = FACE_BYTES = 24  # of the arrays that every format becomes: float64 and int64
+
+
+class FileMesh(NamedTuple):
+    """What a mesh file holds, in the file's units and axes."""
+
+    vertices: np.ndarray
+    """float64, shape [vertex, 3]."""
+    faces: np.ndarray
+    """int64, shape [face, 3]."""
+    nodes: dict[str, np.ndarray] = {}  # noqa: RUF012 - never changed
+    """Node -> file, by the name of the node: matrices [4, 4]; only glTF has nodes."""
+
+
+def united(meshes: Sequence[FileMesh]) -> FileMesh:
+    """All triangles of several meshes; of two nodes with one name the first counts."""
+    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    nodes: dict[str, np.ndarray] = {}
+    for mesh in reversed(meshes):
+        nodes |= mesh.nodes
+    return FileMesh(
+        np.concatenate([np.empty((0, 3)), *(mesh.vertices for mesh in meshes)]),
+        np.concatenate([np.empty((0, 3), np.int64), *(mesh.faces + k for mesh, k in zip(meshes, first, strict=False))]),
+        nodes,
+    )
+
+
+def polygon_triangles(corners: np.ndarray, counts: np.ndarray, vertices: np.ndarray) -> np.ndarray:
+    """Triangles of polygons, which may have corners that point inwards; as `fan_triangles` but for those."""
+    faces = fan_triangles(corners, counts)
+    counts = np.asarray(counts, np.int64)
+    return faces if (counts <= 3).all() else unfolded(faces, np.asarray(corners, np.int64), counts, vertices)
+
+
+def fan_triangles(corners: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Triangles of polygons, each a fan around its first corner; int64, shape [triangle, 3].
+
+    corners: vertices of all polygons, one polygon after the other; counts: corners of each, shape [polygon]. A polygon
+    of one or two corners has no area, and gives no triangle. Raises FileBoundError beyond the budget of a file.
+    """
+    counts, corners = np.asarray(counts, np.int64), np.asarray(corners, np.int64)
+    triangles = np.maximum(counts - 2, 0)
+    require_bytes(FACE_BYTES * int(triangles.sum()), "what its polygons become")
+    if (counts == 3).all():
+        return corners.reshape(-1, 3)
+    polygon = np.repeat(np.arange(len(counts)), triangles)
+    second = 1 + np.arange(len(polygon)) + (np.cumsum(counts) - counts - np.cumsum(triangles) + triangles)[polygon]
+    out = np.empty((len(polygon), 3), np.int64)
+    out[:, 0] = corners[(np.cumsum(counts) - counts)[polygon]]
+    out[:, 1], out[:, 2] = corners[second], corners[second + 1]
+    return out
+
+
+def strip_triangles(corners: np.ndarray) -> np.ndarray:
+    """Triangles of a strip, every second one turned; -1 ends a strip and begins the next; int64, shape [triangle, 3].
+
+    Triangles with a corner twice, by which writers join strips, are left out.
+    """
+    corners = np.concatenate([[-1], np.asarray(corners, np.int64)])
+    place = np.arange(len(corners))
+    begin = np.maximum.accumulate(np.where(corners < 0, place, 0)) + 1
+    triangles = np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)
+    is_odd = (place - begin)[:-2] % 2 == 1
+    triangles[is_odd] = triangles[is_odd][:, [1, 0, 2]]
+    a, b, c = triangles.T
+    return triangles[(triangles >= 0).all(axis=1) & (a != b) & (b != c) & (c != a)]
+
+
+def require_corners(faces: np.ndarray, vertex_count: int, what: str = "faces") -> None:
+    """Raise MeshError for corners that are none of the vertices 0 to vertex_count - 1."""
+    if faces.size and not (faces.min() >= 0 and faces.max() < vertex_count):
+        raise MeshError(f"{what} name vertices {faces.min()} to {faces.max()}, but there are {vertex_count}, from 0 on")

@@ -1,0 +1,55 @@
+"""Polygons, strips and fans as triangles, compared with the definitions of OpenGL, corner by corner."""
+
+import numpy as np
+import pytest
+
+from palpate.datasets.bounded_file import LIMIT_VARIABLE, FileBoundError
+from palpate.render.errors import MeshError
+from palpate.render.objects.mesh.formats.polygons import (
+    FileMesh,
+    fan_triangles,
+    require_corners,
+    strip_triangles,
+    united,
+)
+
+
+def test_polygons_of_any_number_of_corners_are_fans(rng):
+    counts = rng.integers(1, 8, 50)
+    corners = rng.integers(0, 99, counts.sum())
+    expected = []
+    for own in np.split(corners, np.cumsum(counts)[:-1]):
+        expected += [[own[0], own[k], own[k + 1]] for k in range(1, len(own) - 1)]
+    np.testing.assert_array_equal(fan_triangles(corners, counts), expected)
+    assert fan_triangles(np.empty(0), np.empty(0)).shape == (0, 3)
+
+
+def test_polygons_become_no_more_than_the_budget_of_a_file(monkeypatch):
+    """24 bytes a triangle: 41,000 are within 1 MB, 42,000 are not."""
+    monkeypatch.setenv(LIMIT_VARIABLE, "1")
+    assert fan_triangles(np.zeros(41_002), np.array([41_002])).shape == (41_000, 3)
+    with pytest.raises(FileBoundError, match="what its polygons become takes 1008000 bytes"):
+        fan_triangles(np.zeros(42_002), np.array([42_002]))
+
+
+def test_every_second_triangle_of_a_strip_is_turned():
+    """OpenGL 4.6, section 10.1.8: triangle i has the corners i, i + 1, i + 2, and an odd one i + 1, i, i + 2."""
+    strip = [4, 5, 6, 7, 8, -1, 1, 2, 3, -1, -1, 9, 0]
+    assert strip_triangles(np.array(strip)).tolist() == [[4, 5, 6], [6, 5, 7], [6, 7, 8], [1, 2, 3]]
+    joined = [0, 1, 2, 2, 3, 3, 4, 5]  # two strips joined by corners that repeat
+    assert strip_triangles(np.array(joined)).tolist() == [[0, 1, 2], [4, 3, 5]]
+
+
+def test_meshes_are_united_with_their_own_vertices():
+    one = FileMesh(np.eye(3), np.array([[0, 1, 2]]), {"a": np.eye(4)})
+    two = FileMesh(2 * np.eye(3), np.array([[2, 1, 0]]), {"a": np.zeros((4, 4))})
+    found = united([one, two])
+    assert found.vertices[found.faces].tolist() == [np.eye(3).tolist(), (2 * np.eye(3))[::-1].tolist()]
+    assert found.nodes["a"].max() == 1
+
+
+@pytest.mark.parametrize("corner", [-1, 3])
+def test_a_corner_that_is_no_vertex_is_named(corner):
+    require_corners(np.array([0, 2]), 3)
+    with pytest.raises(MeshError, match=r"faces name vertices -?\d to \d, but there are 3"):
+        require_corners(np.array([0, corner, 1]), 3)

@@ -1,0 +1,158 @@
+"""Mesh files of every format as the object reads them: archives, stray vertices, and what is said of files not read."""
+
+import json
+import warnings
+import zipfile
+
+import numpy as np
+import pytest
+import trimesh
+from file_meshes import CUBE, QUADS, enclosed
+from gltf_files import GltfFile
+
+from palpate.datasets.bounded_file import LIMIT_VARIABLE
+from palpate.render import MeshHand, MeshObject
+from palpate.render.errors import MeshError
+from palpate.render.file_kinds import NOT_READ
+from palpate.render.objects.mesh.files import is_of_macos, load_mesh
+from palpate.render.objects.mesh.formats.polygons import FileMesh
+
+STRAY = """ply
+format ascii 1.0
+element vertex 5
+property float x
+property float y
+property float z
+element face 4
+property list uchar int vertex_indices
+end_header
+nan nan nan
+0 0 0
+1 0 0
+0 1 0
+0 0 1
+3 1 3 2
+3 1 2 4
+3 2 3 4
+3 1 4 3
+"""
+OBJ = "".join(f"v {x} {y} {z}\n" for x, y, z in CUBE) + "".join("f {} {} {} {}\n".format(*np.add(q, 1)) for q in QUADS)
+APPLE_DOUBLE = b"\x00\x05\x16\x07\x00\x02\x00\x00Mac OS X        "  # how the files begin that macOS adds
+
+
+def test_a_vertex_that_is_no_number_counts_only_where_it_is_used(tmp_path):
+    """The tetrahedron of 1/6 m^3 whose first vertex, NaN, no face has; then one face has it."""
+    path = tmp_path / "a.ply"
+    path.write_text(STRAY)
+    assert enclosed(load_mesh(path)) == (4, [1, 1, 1], round(1 / 6, 9))
+    assert MeshObject.load(path).report.closed
+    path.write_text(STRAY.replace("3 1 4 3", "3 0 4 3"))
+    with pytest.raises(MeshError, match="not finite"):
+        MeshObject.load(path)
+
+
+def archive(path, members):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as own:
+        for name, content in members.items():
+            own.writestr(name, content)
+    return path
+
+
+def test_an_archive_made_on_macos_holds_its_mesh_only(tmp_path):
+    members = {"m.obj": OBJ, "__MACOSX/._m.obj": APPLE_DOUBLE, "below/._m.obj": APPLE_DOUBLE, "below/": ""}
+    assert enclosed(load_mesh(archive(tmp_path / "a.zip", members))) == (12, [1, 1, 1], 1)
+    assert is_of_macos("__MACOSX/below/._m.obj")
+    assert not is_of_macos("below/m._.obj")
+
+
+def test_a_member_of_an_archive_that_cannot_be_read_is_named(tmp_path):
+    members = {"good.obj": OBJ, "below/bad.ply": APPLE_DOUBLE}
+    with pytest.raises(MeshError, match=r"a\.zip: .*its member 'below/bad\.ply' is no PLY file"):
+        load_mesh(archive(tmp_path / "a.zip", members))
+    with pytest.raises(MeshError, match=r"b\.zip: .*no member whose name ends in one of \.stl"):
+        load_mesh(archive(tmp_path / "b.zip", {"a.txt": "x", "c.zip": "x"}))
+
+
+def test_members_of_an_archive_that_no_mesh_names_are_not_unpacked(tmp_path, monkeypatch):
+    """10 MB of zeros beside a mesh, within 1 MB for all that is unpacked."""
+    monkeypatch.setenv(LIMIT_VARIABLE, "1")
+    members = {"a.obj": OBJ, "photo.raw": bytes(10**7)}
+    assert enclosed(load_mesh(archive(tmp_path / "a.zip", members))) == (12, [1, 1, 1], 1)
+    with pytest.raises(MeshError, match="what is packed in it takes"):
+        load_mesh(archive(tmp_path / "b.zip", {"a.gltf": "{}", **members}))
+
+
+def test_numbers_that_are_too_large_are_refused_without_a_line_of_numpys(tmp_path, capfd):
+    file = GltfFile(nodes=[{"mesh": 0, "scale": [1e300] * 3, "children": [1]}, {"mesh": 0, "scale": [1e300] * 3}])
+    file.mesh(np.where(CUBE > 0, 1e38, CUBE))
+    (tmp_path / "a.glb").write_bytes(file.glb())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(MeshError, match="finite"):
+            MeshObject.load(tmp_path / "a.glb")
+    assert capfd.readouterr() == ("", "")
+
+
+def test_meshes_of_an_archive_are_one(tmp_path):
+    file = GltfFile(nodes=[{"mesh": 0, "translation": [2, 0, 0], "name": "n"}])
+    file.mesh()
+    found = load_mesh(archive(tmp_path / "a.zip", {"a.obj": OBJ, "b.glb": file.glb()}))
+    assert enclosed(found) == (24, [3, 1, 1], 2)
+    assert found.nodes["n"][0, 3] == 2
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply", ".off", ".glb"])
+def test_what_trimesh_writes_is_read_as_it_was(suffix, tmp_path):
+    mesh = trimesh.creation.icosphere(2)
+    mesh.export(tmp_path / f"a{suffix}")
+    found = load_mesh(tmp_path / f"a{suffix}")
+    assert isinstance(found, FileMesh)
+    count, size, volume = enclosed(found)
+    assert (count, size) == (320, pytest.approx(mesh.extents.tolist(), abs=1e-6))
+    assert volume == pytest.approx(mesh.volume, abs=1e-6)
+
+
+@pytest.mark.parametrize("suffix", NOT_READ)
+def test_a_format_that_is_not_read_is_named_with_the_way_out(suffix, tmp_path):
+    path = tmp_path / f"a{suffix.upper()}"
+    path.write_bytes(b"x")
+    with pytest.raises(MeshError, match=rf"a{suffix.upper()}: cannot be read as a mesh: is a .*(export|save|takes)"):
+        load_mesh(path)
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".zip"])
+@pytest.mark.parametrize(
+    "content", [b"", b"\0" * 100, b"\xff" * 90, b"{}", b"x y z\n"], ids=["empty", "zeros", "ones", "JSON", "words"]
+)
+def test_what_is_no_mesh_is_refused_in_one_line_that_names_no_code(suffix, content, tmp_path, capfd):
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(content)
+    with pytest.raises(MeshError, match=rf"a\{suffix}: (cannot be read as a mesh: |has no triangles)") as caught:
+        load_mesh(path)
+    assert "Error" not in str(caught.value).partition("a mesh")[2]
+    assert "\n" not in str(caught.value)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_skinned_hand_is_where_its_joints_are(tmp_path):
+    """A skin bound to a wrist that lies 0.3 m along z: the mesh's own node, 7 m away, does not count."""
+    nodes = [{"mesh": 0, "skin": 0, "translation": [7, 7, 7]}, {"name": "wrist", "translation": [0, 0, 0.3]}]
+    file = GltfFile(nodes=nodes, scenes=[{"nodes": [0, 1]}], skins=[{"joints": [1]}])
+    file.mesh(CUBE * 0.1)
+    (tmp_path / "a.glb").write_bytes(file.glb())
+    (tmp_path / "a.gltf").write_bytes(file.text())
+    for name in ("a.glb", "a.gltf"):
+        hand = MeshHand.load(tmp_path / name)
+        np.testing.assert_allclose(hand.vertices.reshape(-1, 3).min(axis=0), [0, 0, 0.3], atol=1e-7)
+
+
+def test_a_file_beside_a_gltf_is_read(tmp_path):
+    file = GltfFile()
+    file.mesh()
+    (tmp_path / "a b.bin").write_bytes(file.content)
+    buffers = [{"uri": "a%20b.bin", "byteLength": len(file.content)}]
+    (tmp_path / "a.gltf").write_text(json.dumps(file.tree | {"buffers": buffers}))
+    assert enclosed(load_mesh(tmp_path / "a.gltf")) == (12, [1, 1, 1], 1)
+    (tmp_path / "a b.bin").write_bytes(file.content[:50])
+    with pytest.raises(MeshError, match=r"bufferView 0 has 96 and the buffer 50: it may be cut off"):
+        load_mesh(tmp_path / "a.gltf")

@@ -97,7 +97,7 @@ class MeshHand(KeepsDeviceCopies):
         step: float | None = None,
         name: str | None = None,
     ) -> "MeshHand":
-        """A rigid hand from any mesh file that trimesh reads (GLB, OBJ, PLY, STL, ...), in its rest pose.
+        """A rigid hand from any mesh file (GLB, glTF, OBJ, OFF, PLY, STL), in its rest pose.
 
         glabrous: "palm" (faces whose normal makes less than `palm_angle` [degree] with the palm's, -Y), "all", a mask
         [face] of the file's faces in its order, a file of one (.npy, or text of 0 and 1), or a function of the faces'

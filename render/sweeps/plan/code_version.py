@@ -33,7 +33,7 @@ COMPUTING = (
 )
 """Modules from which all that computes results is reached; paths or patterns, from `HOUSE` on."""
 LIBRARIES = ("numpy", "scipy", "trimesh", "manifold3d", "warp-lang")
-"""Those that decide numbers: arrays; nearest points, components, filters; meshes as read; solids united, outlines
+"""Those that decide numbers: arrays; nearest points, components, filters; meshes of scripts; solids united, outlines
 offset; kernels. h5py and xxhash only store, nibabel and pynrrd return the values that a file has."""
 _IMPORT = re.compile(r"from (\.+)([\w.]*) import (\([^)]*\)|[^\n]*)")
 _FOR_TYPE_CHECKERS = re.compile(r"\nif TYPE_CHECKING:(?:\n .*)+")

@@ -1,8 +1,8 @@
 """Model of a SonicSurface board: UART bytes in, half-period pulses on 256 transducers.
 
 Written from the board's published VHDL (docs/formats/emulator.md lists it), with which
-tests/device/boards/test_sonic_gateware.py compares it. It shares no code with codec or the array model, so that a mistake
-in one of them shows.
+tests/device/boards/test_sonic_gateware.py compares it. It shares no code with codec or the array model, so that a
+mistake in one of them shows.
 """
 
 from __future__ import annotations

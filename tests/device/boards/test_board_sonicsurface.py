@@ -135,7 +135,9 @@ def test_of_two_boards_on_a_line_the_selected_one_takes_data_and_both_swap(secon
         (10.24e6 / 7, 1.5e6, True),
     ],
 )
-def test_a_sender_beyond_4_5_percent_slow_or_3_4_percent_fast_is_misread(own: float, sender: float, readable: bool) -> None:
+def test_a_sender_4_5_percent_slow_or_3_4_percent_fast_is_the_last_that_is_read(
+    own: float, sender: float, readable: bool
+) -> None:
     board = board_of(baud=own, sender=sender)
     data = command(pattern(1)) * 3
     pour(board, data)

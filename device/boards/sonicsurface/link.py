@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Self
 
 from ...array import ArrayModel
@@ -45,11 +46,12 @@ class SonicLink(StreamLink):
     def off_bytes(self) -> bytes:
         """Off for both buffers of both boards of a line; the primary board is selected afterwards.
 
-        Both boards are off after the first swap of the two, the primary first selected as a board alone would be.
+        The primary board is off after the first swap, and has off in both buffers before the second one, since each
+        swap is for both boards.
         """
-        off, swap = self._off[:-1], self._off[-1:]
-        primary, secondary = bytes([_PRIMARY_BOARD]) + off, bytes([_SECONDARY_BOARD]) + off
-        return primary + secondary + swap + off + primary + swap
+        off_twice = self._off + self._off[:-1]
+        primary, secondary = bytes([_PRIMARY_BOARD]), bytes([_SECONDARY_BOARD])
+        return primary + off_twice + secondary + off_twice + primary
 
     @property
     def hold_ns(self) -> int:
@@ -66,7 +68,7 @@ class SonicLink(StreamLink):
         ports: SerialPorts | None = None,
         clock: Clock | None = None,
     ) -> Self:
-        """Open the serial port of a board, which no other program can open until `close`.
+        """Open the serial port of a board, which no other program can open until `close`, and switch the board off.
 
         Args:
             model: the array, with the baud rate that its firmware was compiled for.
@@ -86,11 +88,8 @@ class SonicLink(StreamLink):
         clock = clock or ports.clock
         transport = SerialTransport(port, baud, who=f"{model.name} at {info.path}", clock=clock)
         link = cls(model, transport, serial=info.serial or info.path, clock=clock)
-        try:
-            link._transport.submit(array("B", link.off_bytes))  # a board that was just switched on emits
-        except LinkError:
-            link.close()
-            raise
+        with suppress(LinkError):  # `start` meets it again
+            link.send_off()  # a board that was just switched on emits
         return link
 
     def start(self, divider: int) -> None:

@@ -36,8 +36,8 @@ class SwapTransport:
 
     With `slot_bytes` bytes of the line for each frame, frames come at the line's byte rate / `slot_bytes`. The board's
     buffers must both be off when `slot_bytes` is set. The first frame that emits is then sent whole, which takes 257
-    bytes of the line more; every later one must be the same, or off. Bytes that are no whole number of frames go out
-    as they are. All counts of bytes are of frames.
+    bytes of the line more; every later one must be the same, or off. Bytes that are no whole number of frames hide
+    the pattern, then go out as they are. All counts of bytes are of frames.
 
     Args:
         line: the transport that carries the bytes.
@@ -95,7 +95,7 @@ class SwapTransport:
 
         Raises `UpdateRateError` for a frame that emits another pattern than the first one that did.
         """
-        wire = data if self._is_sent_as_it_is(data) else self._swaps(data)
+        wire = self._as_it_is(data) if self._is_sent_as_it_is(data) else self._swaps(data)
         window = self.window_bytes
         self._line.window_bytes = None if window is None else window // self._frame_bytes * self._slot_bytes
         start = self._line.bytes_taken + self._line.bytes_under_way
@@ -123,6 +123,11 @@ class SwapTransport:
 
     def _is_sent_as_it_is(self, data: array[int]) -> bool:
         return self._slot_bytes == self._frame_bytes or len(data) % self._frame_bytes != 0
+
+    def _as_it_is(self, data: array[int]) -> array[int]:
+        """The bytes themselves, after a swap that hides a pattern which is shown: they take longer than it."""
+        hides, self._shown = self._shown, False
+        return array("B", [_SWAP]) + data if hides else data
 
     def _frame_byte(self, line_byte: int) -> int:
         """How many bytes of frames stand before a byte of the line."""

@@ -361,7 +361,6 @@ def test_whatever_it_raises_says_that_the_array_may_still_be_emitting(
 
 @pytest.mark.parametrize("setup", ["sonicsurface"], indirect=True)
 def test_a_swap_read_out_of_noise_brings_nothing_back(setup: Setup) -> None:
-    setup.bus.clock.advance(0.1)  # so that the off of the opening has arrived
     for _ in range(3):  # after the opening, and after a content
         assert setup.board.accept(memoryview(b"\xfd")) == 1
         setup.assert_off()

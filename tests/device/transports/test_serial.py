@@ -42,7 +42,8 @@ MODEL = array_model("sonicsurface")
 RATE = MODEL.update_rate(MODEL.divider_default)  # [Hz]
 # Distribute.vhd: 0xC0 and 0xC1 select a board, 0xFE begins its data, 0xFD swaps the buffers of both boards.
 OFF_DATA = b"\xfe" + b"\x20" * 256
-OFF_BYTES = b"\xc0" + OFF_DATA + b"\xc1" + OFF_DATA + b"\xfd" + OFF_DATA + b"\xc0" + OFF_DATA + b"\xfd"
+OFF_TWICE = OFF_DATA + b"\xfd" + OFF_DATA
+OFF_BYTES = b"\xc0" + OFF_TWICE + b"\xc1" + OFF_TWICE + b"\xc0"
 
 
 def content(count: int, *, seed: int = 0) -> np.ndarray:

@@ -77,8 +77,8 @@ class SwapTransport:
     @property
     def bytes_under_way(self) -> int:
         """Bytes of frames submitted whose bytes of the line have not left; raises nothing."""
-        under_way = self._line.bytes_under_way
-        return self._frame_byte(self._line.bytes_taken + under_way) - self._frame_byte(self._line.bytes_taken)
+        taken = self._line.bytes_taken  # first: the line's own count of what is under way shrinks between two looks
+        return self._frame_byte(self._line.bytes_written) - self._frame_byte(taken)
 
     @property
     def short_writes(self) -> int:
@@ -98,7 +98,7 @@ class SwapTransport:
         wire = self._as_it_is(data) if self._is_sent_as_it_is(data) else self._swaps(data)
         window = self.window_bytes
         self._line.window_bytes = None if window is None else window // self._frame_bytes * self._slot_bytes
-        start = self._line.bytes_taken + self._line.bytes_under_way
+        start = self._line.bytes_written
         self._spans.append(_Span(start, len(wire), self._frame_byte(start), len(data)))
         self._line.submit(wire, abandon=abandon)
 

@@ -156,6 +156,22 @@ def test_bytes_are_counted_as_those_of_whole_frames(line: Line) -> None:
     assert len(line.sent) == 257 + 300
 
 
+def test_no_byte_is_lost_count_of_while_time_goes_on_between_two_looks(line: Line) -> None:
+    class Running(VirtualClock):
+        def now_ns(self) -> int:
+            self.advance(30e-6)
+            return super().now_ns()
+
+    port = line.ports.open(line.ports.path(), baud=230_400)
+    transport = SwapTransport(SerialTransport(port, 230_400, clock=Running()), 258)
+    transport.slot_bytes = 4
+    for _ in range(20):
+        transport.submit(array("B", frames([True, False]).tobytes()))
+        assert 0 <= transport.bytes_under_way <= 40 * 258
+    assert transport.drain()
+    assert (transport.bytes_taken, transport.bytes_under_way) == (40 * 258, 0)
+
+
 @pytest.mark.parametrize("divider", [258, 10])
 def test_a_secondary_board_on_the_line_is_silent_throughout_a_playback_and_after_it(line: Line, divider: int) -> None:
     wire = frames(on_and_off(200, 2304, 0.05))

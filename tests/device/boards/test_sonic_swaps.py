@@ -159,7 +159,7 @@ def test_bytes_are_counted_as_those_of_whole_frames(line: Line) -> None:
 def test_no_byte_is_lost_count_of_while_time_goes_on_between_two_looks(line: Line) -> None:
     class Running(VirtualClock):
         def now_ns(self) -> int:
-            self.advance(30e-6)
+            self.advance(100e-6)
             return super().now_ns()
 
     port = line.ports.open(line.ports.path(), baud=230_400)

@@ -140,19 +140,30 @@ def test_the_uart_reads_senders_4_4_percent_slow_to_3_3_percent_fast(board: tupl
     assert [percent for percent, rows in read.items() if rows == [[value] for value in values]] == [-4.4, 0.0, 3.3]
 
 
+def test_single_swaps_show_and_hide_one_pattern_on_the_primary_board_and_nothing_on_the_secondary(
+    board: tuple[str, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent = sent_bytes(monkeypatch)
+    model = array_model("sonicsurface")
+    on = [False, True, True, False, True, False, False]
+    delay = np.random.default_rng(6).random(256)
+    wire = encode_frames(np.tile(delay, (len(on), 1)), np.array(on, float), array=model)
+    with open_link(model, backend=emulated_backend("sonicsurface", clock=VirtualClock())) as link:
+        Player(link).play([wire], update_rate=model.update_rate(5))
+    start = index_of(sent, wire[1, :-1].tolist()) + 257
+    slots = [sent[start + 5 * place : start + 5 * place + 5] for place in range(len(on))]
+    emitted = by_gateware(board[1], [*sent[:start], *(value for slot in slots for value in (*slot, LOOK))])
+    pattern = [(16, (int(phase) + 1) % 32) for phase in wire[1, 1:-1]]  # a step behind the delay, as all places are
+    expected = [pattern if shown and board[0] == "primary" else [None] * 256 for shown in on]
+    assert emitted == expected
+
+
 @pytest.mark.parametrize("left", [[], [SECONDARY, CLOCKS_OFF, START, *range(100)]])
 def test_both_boards_are_silent_after_a_playback_even_if_a_swap_is_read_out_of_noise(
     left: list[int], board: tuple[str, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sent: list[int] = list(left)
-    accept = SonicBoard.accept
-
-    def note(board: SonicBoard, data: memoryview) -> int:
-        count = accept(board, data)
-        sent.extend(data[:count])
-        return count
-
-    monkeypatch.setattr(SonicBoard, "accept", note)
+    sent = sent_bytes(monkeypatch)
+    sent += left
     model = array_model("sonicsurface")
     random = np.random.default_rng(5)
     wire = encode_frames(random.random((3, 256)), np.ones(3), array=model)
@@ -162,6 +173,20 @@ def test_both_boards_are_silent_after_a_playback_even_if_a_swap_is_read_out_of_n
     start = index_of(sent, wire[0].tolist())
     emitted = by_gateware(board[1], [*sent[:start], LOOK, *sent[start:], LOOK, SWAP, LOOK])
     assert emitted == [[None] * 256] * 3
+
+
+def sent_bytes(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """A list that gets every byte that emulated boards take from here on."""
+    sent: list[int] = []
+    accept = SonicBoard.accept
+
+    def note(board: SonicBoard, data: memoryview) -> int:
+        count = accept(board, data)
+        sent.extend(data[:count])
+        return count
+
+    monkeypatch.setattr(SonicBoard, "accept", note)
+    return sent
 
 
 def index_of(values: list[int], part: list[int]) -> int:

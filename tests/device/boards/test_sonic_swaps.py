@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -103,6 +103,27 @@ def test_the_end_hides_a_pattern_at_once_and_not_after_the_11_ms_of_an_off_frame
     on = np.flatnonzero((line.board.played < 32).any(axis=1))[-1]
     assert (line.board.played_ns[on + 1] - line.board.played_ns[on]) * 1e-9 == pytest.approx(500 * BYTE, abs=1e-6)
     assert not line.board.emitting
+
+
+def test_a_stop_amid_a_modulation_leaves_both_buffers_off(line: Line) -> None:
+    block = frames(on_and_off(200, 23_040, 0.05))
+    with open_link(MODEL, backend=line.ports) as link:
+        player = Player(link)
+
+        def blocks() -> Iterator[np.ndarray]:
+            for number in range(1000):
+                if number == 30:
+                    player.stop()
+                yield block
+
+        report = player.play(blocks(), update_rate=23_040)
+    assert (report.stopped_by, report.off_sent) == ("stop", True)
+    assert report.off_after is not None
+    assert report.off_after < 0.15  # 50 ms under way, 45 ms of off bytes, and looks in between
+    for swap in (b"", b"\xfd"):
+        line.board.accept(memoryview(swap))
+        line.ports.clock.advance(0.01)
+        assert not line.board.emitting
 
 
 def test_at_a_rate_of_its_line_a_board_gets_whole_frames(line: Line) -> None:

@@ -107,6 +107,8 @@ class ArrayModel:
     """Smallest divider that can be kept up: below it only bursts of `burst_frames` can be played."""
     burst_frames: int
     """Most frames of a burst below `divider_sustained`; 0 where there is no such limit."""
+    alternates: bool = False
+    """Whether it plays any number of frames below `divider_sustained` if they are one pattern and off, in turns."""
     fifo_frames: int
     """Frames that board and USB chip may hold beyond what the host sees as sent."""
     frame_bytes: int
@@ -228,6 +230,7 @@ class ArrayModel:
             raise UpdateRateError(
                 f"update rate {update_rate:g} Hz is not {self.frame_clock:g} Hz / n, as array {self.name} needs; "
                 f"nearest are {self.frame_clock / (above + 1):.9g} and {self.frame_clock / above:.9g} Hz"
+                + (f"; {self.frame_clock_reason}" if self.alternates else "")
             )
         return divider
 

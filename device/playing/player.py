@@ -6,7 +6,7 @@ import contextlib
 import threading
 import time
 from array import array
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from typing import TypeAlias
 
 import numpy as np
@@ -20,7 +20,6 @@ from ..errors import (
     LinkError,
     PlayInterrupted,
     SafetyLimitError,
-    UpdateRateError,
 )
 from ..link import Link
 from ..report import LiveStatistics, PlayReport
@@ -28,6 +27,7 @@ from ..silence import is_switched_off
 from .limits import Guard, Limits
 from .signals import StopSignals
 from .switching import PROMPT_THREADS
+from .unsustained import within_reach
 from .writer import Writer
 
 Block: TypeAlias = "array[int] | bytes | bytearray | memoryview | NDArray[np.uint8]"
@@ -105,8 +105,9 @@ class Player:
             PlayInterrupted: a signal came; it carries the statistics.
             LinkError: the array failed; `report` holds the statistics. `DeviceLostError` if it is gone.
             SafetyLimitError: a limit was reached; `report` holds the statistics.
-            UpdateRateError, FrameError: the array lacks the rate, or keeps it up for a burst only, and the blocks are
-                longer; a block is no whole number of frames.
+            UpdateRateError, FrameError: the array lacks the rate, or keeps it up only for a burst, or for one pattern
+                switched on and off, and the blocks are longer, or of several patterns; a block is no whole number of
+                frames.
             DeviceBusyError: this player is playing already.
 
         Whatever else `blocks`, `progress` or `watch` raises passes through, after the array is off; it then carries the
@@ -118,13 +119,13 @@ class Player:
             self.report = self._stop_reason = None
             divider = self._link.array.divider(update_rate)
             with StopSignals(self, enabled=self._handle_signals) as signals, PROMPT_THREADS:
+                frames = (whole_frames(block, self._link.array.frame_bytes) for block in signals.iterate(blocks))
+                playable = within_reach(frames, self._link.array, divider)  # refused before anything is sent
                 self._begin(divider)
                 self._writer = writer = Writer(self._link, divider, self._guard, queue_blocks=self._queue_blocks)
                 if self._stop_reason is not None:  # while the link was started
                     writer.request_stop(self._stop_reason)
-                if divider < self._link.array.divider_sustained:
-                    blocks = self._burst(blocks, divider)
-                self._feed(blocks, writer, signals, _Ticker(writer, progress, watch))
+                self._feed(playable, writer, _Ticker(writer, progress, watch))
             return self._conclude(writer, signals)
         finally:
             self._writer = None
@@ -149,27 +150,11 @@ class Player:
         if writer := self._writer:
             writer.request_stop(reason)
 
-    def _burst(self, blocks: Iterable[Block], divider: int) -> Iterator[Block]:
-        """All blocks as one, which is sent in one piece; `UpdateRateError` if they are too long for a burst."""
-        model = self._link.array
-        gathered = array("B")
-        for block in blocks:
-            gathered += whole_frames(block, model.frame_bytes)
-            frames = len(gathered) // model.frame_bytes
-            if frames > model.burst_frames:
-                raise UpdateRateError(
-                    f"array {model.name} cannot keep up {model.update_rate(divider):g} Hz (divider {divider}): beyond "
-                    f"{model.burst_frames} frames it needs divider {model.divider_sustained} or more, which is "
-                    f"{model.update_rate(model.divider_sustained):.6g} Hz at most"
-                )
-        if gathered:
-            yield gathered
-
-    def _feed(self, blocks: Iterable[Block], writer: Writer, signals: StopSignals, ticker: _Ticker) -> None:
+    def _feed(self, blocks: Iterable[array[int]], writer: Writer, ticker: _Ticker) -> None:
         """Hand over all blocks and see the writer to its end, whatever happens here."""
         try:
-            for block in signals.iterate(blocks):
-                if not writer.put(whole_frames(block, self._link.array.frame_bytes), tick=ticker.tick):
+            for block in blocks:
+                if not writer.put(block, tick=ticker.tick):
                     break
                 ticker.tick()
             else:

@@ -52,6 +52,11 @@ class SerialTransport:
         return min(self._ahead(), self._written)
 
     @property
+    def bytes_written(self) -> int:
+        """Bytes written, those under way too; without those that were lost with the port."""
+        return self._written
+
+    @property
     def bytes_taken(self) -> int:
         """Bytes written that are not under way."""
         return self._written - self.bytes_under_way

@@ -17,6 +17,7 @@ from ...device.registry import array_kinds, array_model, array_names
 from ..errors import StrategyError
 from ..playback.drive import AMPLITUDES, SOLVERS, DriveStrategy
 from ..playback.file_playback import CLOCKS, Connection, Playback, play_file
+from ..playback.opened_source import usual_rate
 from ..playback.placed_arrays import PlacedArray, load_rig
 from ..playback.prepared_frames import Making, prepare_frames
 from ..runtime.warp_start import start_warp
@@ -170,8 +171,7 @@ def sampling_of(options: dict, arrays: tuple[PlacedArray, ...], file: Path) -> S
     source = "stm" if options["sampling"] is None else options["sampling"]
     sampling = load_sampling(source)
     if "update_rate" not in changes and not sets_rate(source):
-        model = arrays[0].model
-        changes["update_rate"] = model.update_rate(model.divider_default)
+        changes["update_rate"] = usual_rate(arrays[0].model, sampling)
     if "speed" in changes and sampling.pace.kind in ("frequency", "still"):
         raise StrategyError(f"speed changes nothing in sampling {source!r}: its pace.kind is {sampling.pace.kind!r}")
     return replace(sampling, **changes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations  # array("B") takes no index at run time
 
+import math
 from array import array
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ import numpy as np
 from ...datasets.contour_file.reader import ContourFile
 from ...datasets.focus_files.frame_reader import FOCAL_POINTS, FrameReader, frame_format
 from ...datasets.focus_files.ptlist import read_ptlist
+from ...device.array import ArrayModel
 from ...kernels.driving.solve import POINTS_MOST
 from ..errors import StrategyError
 from ..sampling.contour_sampling import FocalPoints, Sampler, SamplingStrategy
@@ -81,13 +83,25 @@ def sampled(
 ) -> Opened:
     """Focal points of contours; sampling: None and names take the first array's rate."""
     if sampling is None or (isinstance(sampling, str) and not sets_rate(sampling)):
-        model = arrays[0].model
-        rate = model.update_rate(model.divider_default)
-        sampling = replace(sampling_of(sampling or "stm"), update_rate=rate)
+        strategy = sampling_of(sampling or "stm")
+        sampling = replace(strategy, update_rate=usual_rate(arrays[0].model, strategy))
     strategy = sampling_of(sampling)
     _require_solvable(strategy.foci)
     sampler = Sampler(strategy)
     return Opened(ContourSource(contours, sampler, duration), sampler, strategy.update_rate)
+
+
+def usual_rate(model: ArrayModel, strategy: SamplingStrategy) -> float:
+    """Update rate [Hz] where none is asked for: the array's default.
+
+    Amplitude modulation of a focal point at rest, which is one pattern and off in turns, gets the fastest rate of an
+    array that plays any number of those, where the default is too slow for it.
+    """
+    rate = model.update_rate(model.divider_default)
+    is_one_pattern = strategy.pace.kind == "still" and strategy.lm is None
+    if model.alternates and is_one_pattern and strategy.am is not None and strategy.am.frequency > rate / 2:
+        return model.update_rate(max(model.divider_min, math.ceil(model.frame_clock / model.carrier)))
+    return rate
 
 
 def unchanged(frames: Iterable[tuple[array[int], ...]], file: ContourFile | FrameReader) -> Iterator[Block]:

@@ -157,14 +157,18 @@ def test_an_update_rate_that_the_board_does_not_have_is_refused_with_its_neighbo
 
 
 def test_a_sonicsurface_refuses_rates_above_its_link_with_the_figure() -> None:
-    message = "10000 Hz is outside 89.3023 Hz of array sonicsurface: its UART carries 89.3 frames a second at 230400 Bd"
+    reason = "its UART carries 89.3 frames a second at 230400 Bd, or one pattern switched on and off at up to 23040 Hz"
+    message = f"10000 Hz is not 23040 Hz / n, as array sonicsurface needs; nearest are 7680 and 11520 Hz; {reason}"
     with pytest.raises(UpdateRateError, match=re.escape(message)):
         array_model("sonicsurface").divider(10e3)
+    message = f"50 Hz is outside 89.3023..23040 Hz of array sonicsurface: {reason}"
+    with pytest.raises(UpdateRateError, match=re.escape(message)):
+        array_model("sonicsurface").divider(50.0)
     model = array_model("sonicsurface")
-    assert model.divider(model.update_rate(model.divider_default)) == 1
-    assert model.update_rate(1) == pytest.approx(230400 / 10 / 258)
+    assert model.divider(model.update_rate(model.divider_default)) == model.divider_sustained == 258
+    assert model.update_rate(258) == pytest.approx(230400 / 10 / 258)
     recompiled = array_model("sonicsurface", baud=1462857)
-    assert recompiled.update_rate(1) == pytest.approx(1462857 / 2580)
+    assert recompiled.update_rate(258) == pytest.approx(1462857 / 2580)
     for baud in (0, -5, 1199, 12_000_001):
         with pytest.raises(UpdateRateError, match=rf"{baud} Bd is outside 1200\.\.12000000 Bd"):
             array_model("sonicsurface", baud=baud)

@@ -55,7 +55,7 @@ def _sonicsurface(frame: bytes) -> Drive:
         for column in range(16):
             quad = ((0, 7, 1, 2), (4, 3, 6, 5))[row % 2][column % 4]
             value = front[64 * (column // 4) + 8 * (row // 2) + quad]
-            drive[GRID[column], GRID[row]] = (value % 32 / 32, float(value < 32))
+            drive[GRID[column], GRID[row]] = (value % 32 / 32, float(value != 32))
     return drive
 
 

@@ -39,6 +39,8 @@ STALE_NS = 1_000_000_000
 """Time with fewer than 512 bytes in the FIFO after which it is cleared [ns], again after each further one."""
 
 _OFF = bytes(FRAME_BYTES)
+_POWER_UP = bytes(PIN_COUNT) + bytes((COUNTS // 2,)) * PIN_COUNT
+"""What plays until the off frame is loaded: the published amplituderam.mif has 64 for every pin, the phases are 0."""
 _SILENT = bytes(PIN_COUNT)
 
 T = TypeVar("T")
@@ -53,6 +55,9 @@ class PatBoard:
     A block is taken when its 512 bytes are in the FIFO, and not before `divider` carrier periods have passed since the
     one before it; the last frame plays on until then. The FIFO is cleared once it has held fewer than 512 bytes for a
     second. So blocks are counted from the last clear, and a frame must fill one exactly.
+
+    From power-up until the off frame is loaded, all pins emit in phase at full drive, as the published initial content
+    of the amplitudes' memory has it.
 
     Times are those of the gateware to within READ_NS, in which it reads a block; here a block is read at once.
 
@@ -234,12 +239,12 @@ class PatBoard:
     @property
     def emitting(self) -> bool:
         """Whether any pin has pulses now."""
-        return self._look(lambda: self._emitting)
+        return self._look(lambda: self._emitting or self._is_starting())
 
     @property
     def playing(self) -> NDArray[np.uint8]:
         """The frame that is playing now, shape [512]."""
-        return self._look(lambda: np.frombuffer(self._playing, np.uint8))
+        return self._look(lambda: np.frombuffer(_POWER_UP if self._is_starting() else self._playing, np.uint8))
 
     @property
     def played(self) -> NDArray[np.uint8]:
@@ -267,6 +272,10 @@ class PatBoard:
         with self._lock:
             self._play_until(self.clock.now_ns())
             return what()
+
+    def _is_starting(self) -> bool:
+        """Whether the off frame of the power-up is still to be loaded."""
+        return self._powered and self.clock.now_ns() < self._power_up_ns + POWER_UP_NS + READ_NS
 
     def _next_period_ns(self, time_ns: int) -> int:
         """The first start of a carrier period at or after a time [ns]."""

@@ -26,7 +26,8 @@ def _at_rate(baud: int) -> ArrayModel:
     frame_bytes = 258
     if not _BAUD_LEAST <= baud <= _BAUD_MOST:
         raise UpdateRateError(f"{baud} Bd is outside {_BAUD_LEAST}..{_BAUD_MOST} Bd, which serial adapters have")
-    rate = baud / _BITS_PER_BYTE / frame_bytes
+    byte_rate = baud / _BITS_PER_BYTE
+    rate = byte_rate / frame_bytes
     # the board's layout repeats every 4 columns and 2 rows
     row, column = np.divmod(np.arange(256), 16)
     corner = np.array([[0, 7, 1, 2], [4, 3, 6, 5]])
@@ -35,10 +36,13 @@ def _at_rate(baud: int) -> ArrayModel:
         "sonicsurface",
         flat_grid(16, 16, 10.5e-3),
         np.argsort(slot),
-        frame_clock=rate,
-        frame_clock_reason=f"its UART carries {rate:.1f} frames a second at {baud} Bd",
-        divider_max=1,
-        divider_default=1,
+        frame_clock=byte_rate,
+        frame_clock_reason=f"its UART carries {rate:.1f} frames a second at {baud} Bd, or one pattern switched on and "
+        f"off at up to {byte_rate:.6g} Hz",
+        divider_max=frame_bytes,  # bytes of the line for each frame
+        divider_default=frame_bytes,
+        divider_sustained=frame_bytes,
+        alternates=True,
         fifo_frames=3,  # adapters hold up to 640 bytes
         frame_bytes=frame_bytes,
         baud=baud,

@@ -3,34 +3,61 @@
 from __future__ import annotations
 
 from array import array
+from collections.abc import Callable
+from contextlib import suppress
 from typing import Self
 
 from ...array import ArrayModel
 from ...clock import Clock
 from ...codec import off_frame
+from ...errors import LinkError
+from ...link import never
 from ...transports.pyserial import SystemPorts
 from ...transports.serial_line import SerialPorts
 from ...transports.serial_lookup import choose_port, open_port
 from ...transports.serial_transport import SerialTransport
 from ...transports.stream import StreamLink
 from .geometry import BAUD_PUBLISHED
+from .swaps import SwapTransport
 
-_PRIMARY_BOARD, _CLOCKS_ON = 0xC0, 0x97
+_PRIMARY_BOARD, _SECONDARY_BOARD, _CLOCKS_ON = 0xC0, 0xC1, 0x97
 
 
 class SonicLink(StreamLink):
     """An opened SonicSurface; a context manager that closes it. Made by `SonicLink.open`.
 
-    Its UART is the clock: frames are played as they arrive, one after the other, at one rate only. The board has two
-    buffers, and a swap that it reads out of noise on the line shows the other one: a content ends with two off frames.
+    Its UART is the clock: frames are played as they arrive, one after the other, at one rate; one pattern and off, in
+    turns, at any rate that `SwapTransport` makes of it. The board has two buffers, and a swap that it reads out of
+    noise on the line shows the other one, so off is sent for both. It is sent to both boards of a line, too: a
+    secondary board that is not selected takes no data, but emits from its power-up on, and swaps with the primary.
     """
 
-    off_frames = 2
+    off_frames = 4
+    _transport: SwapTransport
 
     def __init__(
         self, model: ArrayModel, transport: SerialTransport, *, serial: str | None, clock: Clock | None = None
     ) -> None:
-        super().__init__(model, transport, off_frame(array=model).tobytes(), serial=serial, clock=clock)
+        frames = SwapTransport(transport, model.frame_bytes)
+        super().__init__(model, frames, off_frame(array=model).tobytes(), serial=serial, clock=clock)
+        self._byte_ns = 1e9 / model.frame_clock
+
+    @property
+    def off_bytes(self) -> bytes:
+        """Off for both buffers of both boards of a line; the primary board is selected afterwards.
+
+        The primary board is off after the first swap, and has off in both buffers before the second one, since each
+        swap is for both boards.
+        """
+        off_twice = self._off + self._off[:-1]
+        primary, secondary = bytes([_PRIMARY_BOARD]), bytes([_SECONDARY_BOARD])
+        return primary + off_twice + secondary + off_twice + primary
+
+    @property
+    def hold_ns(self) -> int:
+        """How long the board takes to load the pattern that it then shows and hides [ns]; 0 for whole frames."""
+        is_loaded = self._transport.slot_bytes < self.array.frame_bytes
+        return round((self.array.frame_bytes - 1) * self._byte_ns) if is_loaded else 0
 
     @classmethod
     def open(
@@ -41,7 +68,7 @@ class SonicLink(StreamLink):
         ports: SerialPorts | None = None,
         clock: Clock | None = None,
     ) -> Self:
-        """Open the serial port of a board, which no other program can open until `close`.
+        """Open the serial port of a board, which no other program can open until `close`, and switch the board off.
 
         Args:
             model: the array, with the baud rate that its firmware was compiled for.
@@ -60,21 +87,39 @@ class SonicLink(StreamLink):
         port = open_port(model, info, ports, baud=baud)
         clock = clock or ports.clock
         transport = SerialTransport(port, baud, who=f"{model.name} at {info.path}", clock=clock)
-        return cls(model, transport, serial=info.serial or info.path, clock=clock)
+        link = cls(model, transport, serial=info.serial or info.path, clock=clock)
+        with suppress(LinkError):  # `start` meets it again
+            link.send_off()  # a board that was just switched on emits
+        return link
 
     def start(self, divider: int) -> None:
-        """Resynchronise, and silence what a killed player left; no frame is torn afterwards.
+        """Resynchronise, and silence what a killed player or the power-up left; no frame is torn afterwards.
 
-        Raises `UpdateRateError` for another divider than 1.
+        The clocks, which another program may have switched off, run only once both boards are off. Raises
+        `UpdateRateError` for a divider that the array lacks.
         """
+        self._transport.slot_bytes = self.array.frame_bytes
+        self.array.update_rate(divider)
+        self.begin(self.array.divider_default)
+        self.send_off()
+        self._transport.submit(array("B", [_CLOCKS_ON]))
+        self._transport.drain()
+        self.clock.sleep_until_ns(
+            self.clock.now_ns() + round(self.array.fifo_frames * self.array.frame_bytes * self._byte_ns)
+        )
+        self._transport.slot_bytes = divider
         self.begin(divider)
-        self._transport.submit(array("B", [_PRIMARY_BOARD, _CLOCKS_ON]))
+
+    def write(self, data: array[int], *, abandon: Callable[[], bool] = never) -> None:
+        """As `StreamLink.write`; the bytes of `off_bytes` go out in one piece."""
+        if len(data) % self.array.frame_bytes:
+            self._transport.submit(data, abandon=abandon)
+        else:
+            super().write(data, abandon=abandon)
+
+    def send_off(self) -> None:
+        """Off now, as soon as what is under way has left: a start byte ends a torn frame, which is never shown."""
+        self._transport.cancel()
+        self._transport.submit(array("B", self.off_bytes))
         self._transport.drain()
         self.note_boundary()
-        self.send_off()
-        period_ns = round(1e9 / self.array.update_rate(divider))
-        self.clock.sleep_until_ns(self.clock.now_ns() + (self.array.fifo_frames + self.off_frames) * period_ns)
-
-    def rest_unknown(self) -> bytes:
-        """Nothing: the first byte of a frame makes the board start anew, wherever it was."""
-        return b""

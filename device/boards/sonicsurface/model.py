@@ -1,7 +1,8 @@
 """Model of a SonicSurface board: UART bytes in, half-period pulses on 256 transducers.
 
-Written from what is published about that board (docs/formats/emulator.md lists it); it shares no code with codec or the
-array model, so that a mistake in one of them shows.
+Written from the board's published VHDL (docs/formats/emulator.md lists it), with which
+tests/device/boards/test_sonic_gateware.py compares it. It shares no code with codec or the array model, so that a
+mistake in one of them shows.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from ...clock import Clock
 TRANSDUCER_COUNT = 256
 BAUD = 10.24e6 / 45
 """Bits a second that the board samples at, as its firmware is published [Bd]."""
-BAUD_TOLERANCE = 0.03
-"""How far the sender's bits may be off, relative."""
+BAUD_SLOWEST, BAUD_FASTEST = 0.967, 1.047
+"""Slowest and fastest sender that is read without error, relative to `BAUD`: -4.5 and +3.4 % of 230400 Bd."""
 COUNTS = 32
 """Steps of a carrier period: unit of delay; this value itself is off."""
 
@@ -37,16 +38,20 @@ T = TypeVar("T")
 class SonicBoard:
     """The board and the UART line to it: a double buffer, swapped on command. It never answers.
 
-    Nothing runs in the background: every call first does what is due by the clock. Calls may come from several threads.
+    At power-up both buffers hold delay 0, so all transducers emit in phase until two off frames have come. Nothing runs
+    in the background: every call first does what is due by the clock. Calls may come from several threads.
 
     Args:
         clock: what the bits are timed by.
         record: how many of the last played patterns to keep, for tests.
         baud: bits a second that the board samples at [Bd].
         chip_bytes: bytes that what sends them on the line holds: adapter and driver.
+        secondary: whether it has the firmware of the secondary board of two on one line, which 0xC1 selects.
     """
 
-    def __init__(self, clock: Clock, *, record: int = 0, baud: float = BAUD, chip_bytes: int = 128) -> None:
+    def __init__(
+        self, clock: Clock, *, record: int = 0, baud: float = BAUD, chip_bytes: int = 128, secondary: bool = False
+    ) -> None:
         self.clock = clock
         self.baud = baud
         self._lock = threading.Lock()
@@ -61,13 +66,16 @@ class SonicBoard:
         self._run_bytes = 0
         self._noise = random.Random(0)
         # the board
-        self._front = bytearray(_OFF)
-        self._back = bytearray(_OFF)
-        self._place = TRANSDUCER_COUNT  # where the next datum goes; at the end: nowhere
-        self._selected = True
+        self._own = _SECONDARY if secondary else _PRIMARY
+        self._front = bytearray(TRANSDUCER_COUNT)
+        self._back = bytearray(TRANSDUCER_COUNT)
+        self._count = 0  # data since the last start or swap: the next one's place
+        self._started = False  # whether a start came since the last swap
+        self._selected = True  # of two boards on a line both, until a byte selects one
         self._clocks_on = True
         self._swaps = 0
         self._bytes_ignored = 0
+        self._bytes_stray = 0
         self._bytes_strange = 0
         self._bytes_garbled = 0
         self._record: deque[tuple[bytes, int]] = deque(maxlen=record)
@@ -77,7 +85,7 @@ class SonicBoard:
         with self._lock:
             self._run_until(self.clock.now_ns())
             self._byte_ns = _BITS_PER_BYTE * 1e9 / baud
-            self._readable = abs(baud / self.baud - 1) <= BAUD_TOLERANCE
+            self._readable = BAUD_SLOWEST <= baud / self.baud <= BAUD_FASTEST
             self._begin_run(self.clock.now_ns())
 
     def accept(self, data: memoryview) -> int:
@@ -121,12 +129,17 @@ class SonicBoard:
 
     @property
     def bytes_ignored(self) -> int:
-        """Data bytes that came before a start, after the 256th, or for the secondary board."""
+        """Starts and data that came while the other board of the line was selected."""
         return self._look(lambda: self._bytes_ignored)
 
     @property
+    def bytes_stray(self) -> int:
+        """Data bytes that no start preceded, or after the 256th: they overwrite places from place 0 on."""
+        return self._look(lambda: self._bytes_stray)
+
+    @property
     def bytes_strange(self) -> int:
-        """Data bytes above 32: here they are off; what the board makes of them is not known."""
+        """Data bytes above 32, each of which is played as its value modulo 32."""
         return self._look(lambda: self._bytes_strange)
 
     @property
@@ -187,27 +200,28 @@ class SonicBoard:
         if not self._readable:
             byte = self._noise.randrange(256)
             self._bytes_garbled += 1
-        if byte == _START:
-            self._place = 0
-        elif byte == _SWAP:
+        if byte == _START and self._selected:
+            self._count, self._started = 0, True
+        elif byte == _SWAP:  # whichever board is selected
+            self._count, self._started = 0, False
             self._front, self._back = self._back, self._front
             self._swaps += 1
             self._record.append((bytes(self._front), time_ns))
         elif byte in (_CLOCKS_OFF, _CLOCKS_ON):
             self._clocks_on = byte == _CLOCKS_ON
         elif byte in (_PRIMARY, _SECONDARY):
-            self._selected = byte == _PRIMARY
-        else:
+            self._selected = byte == self._own
+        elif self._selected:
             self._put(byte)
+        else:
+            self._bytes_ignored += 1
 
     def _put(self, datum: int) -> None:
         """One transducer's value into the buffer that is not playing."""
-        if self._place == TRANSDUCER_COUNT or not self._selected:
-            self._bytes_ignored += 1
-            return
+        self._bytes_stray += not self._started or self._count >= TRANSDUCER_COUNT
         self._bytes_strange += datum > COUNTS
-        self._back[self._place] = datum
-        self._place += 1
+        self._back[self._count % TRANSDUCER_COUNT] = datum if datum == COUNTS else datum % COUNTS
+        self._count += 1
 
 
 def slot_position() -> NDArray[np.float64]:

@@ -36,6 +36,16 @@ def recording() -> Iterator[Callable[..., recorder.RecordingChannel]]:
         channel.dispose()
 
 
+def test_from_power_up_the_vendors_emulated_device_is_silent_until_it_is_sent_something(
+    recording: Callable[..., recorder.RecordingChannel],
+) -> None:
+    channel = recording()
+    channel.sleep_until_ns(80 * PERIOD_NS)
+    recorded = channel.record()
+    assert len(recorded) == 80
+    assert not is_emitting(recorded).any()
+
+
 def _link(channel: recorder.RecordingChannel) -> Autd3Link:
     return Autd3Link(MODEL, client.Controller(channel, who="autd3"))
 

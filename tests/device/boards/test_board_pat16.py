@@ -276,10 +276,29 @@ def test_after_power_up_frames_wait_for_a_second_and_the_off_frame(clock: Virtua
     board = PatBoard(clock, record=10)
     assert send(board, wire(40)) == 28 * FRAME
     advance(clock, SECOND)
-    assert (board.frames_played, board.emitting) == (0, False)
+    assert board.frames_played == 0
     advance(clock, FRAME * 20)  # the off frame is read, a byte a clock of 50 MHz
     assert board.frames_played == 1
     assert board.played_ns.tolist() == [SECOND + FRAME * 20]
+
+
+def test_from_power_up_until_the_off_frame_all_pins_emit_in_phase_at_full_drive(clock: VirtualClock) -> None:
+    # amplituderam.mif of OpenMPD_Hardware at d3b4e57: 16 words of 32 values of 7 bits, 0x81020408... = 64 each.
+    word = int("81020408102040" * 4, 16)
+    values = [word >> 7 * place & 0x7F for place in range(32)]
+    assert set(values) == {64}
+    board = PatBoard(clock)
+    assert board.emitting
+    delay, amplitude = decode_frames(board.playing[None])
+    assert (amplitude == 1).all()
+    assert np.ptp(delay) == 0
+    assert board.output(0).sum() == 64
+    advance(clock, SECOND + FRAME * 20 - 1)
+    assert board.emitting
+    advance(clock, 1)
+    assert not board.emitting
+    assert not board.playing.any()
+    assert board.underruns == 0
 
 
 def test_without_power_it_is_silent_and_takes_nothing(board: PatBoard, clock: VirtualClock) -> None:

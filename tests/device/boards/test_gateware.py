@@ -36,6 +36,8 @@ OPTIONS = ("--std=93c", "-fsynopsys", "-fexplicit")
 END_NS = 5 * SECOND_NS
 POWER_NS = 1_010_000_000  # when the playbacks begin: the board is deaf for a second
 
+MIF = Path(SOURCE) / "FPGA_3.4.2" / "amplituderam.mif"  # commit d3b4e57 has it, later ones do not
+
 Burst = tuple[int, bytes]  # when it is on the bus [ns], and what it is
 
 
@@ -124,6 +126,15 @@ def stream(seed: int) -> list[Burst]:
         pause_ns = random.choice([0, 100_000, 500_000, 19 * SECOND_NS // 20, 21 * SECOND_NS // 20])
         time_ns += int(pause_ns + random.integers(0, 100_000)) // CLOCK_NS * CLOCK_NS
     return bursts
+
+
+@pytest.mark.skipif(not MIF.is_file(), reason="not run: the checkout has no amplituderam.mif, as commit d3b4e57 has")
+def test_the_memory_of_amplitudes_begins_as_the_model_emits_at_power_up() -> None:
+    words = re.findall(r"^\s*\d+ : ([0-9A-F]{56});", MIF.read_text(), re.MULTILINE)
+    assert len(words) == 16  # two buffers of eight words of 32 values of 7 bits
+    values = [int(word, 16) >> 7 * place & 0x7F for word in words for place in range(32)]
+    duty = PatBoard(VirtualClock()).playing[256:].tolist()
+    assert values == duty + duty
 
 
 @pytest.mark.parametrize("seed", range(40))

@@ -253,7 +253,8 @@ def test_after_replugging_a_board_is_as_from_power_up(bus: EmulatedBus, name: st
     bus.unplug()
     assert not bus.board().emitting
     bus.replug()
-    assert (bus.board().emitting, bus.board().frames_played, bus.board().bytes_received) == (False, 0, 0)
+    emits_at_first = name == "pat16"  # for a second, until its gateware loads an off frame
+    assert (bus.board().emitting, bus.board().frames_played, bus.board().bytes_received) == (emits_at_first, 0, 0)
     again = opened(bus, name)
     again.write(ENDPOINT[name], frames(5), timeout=1000)
     bus.clock.advance(0.5)

@@ -124,6 +124,6 @@ def test_after_replugging_a_board_is_as_from_power_up(ports: SonicPorts, port: S
     raised(errno.ENOENT, lambda: ports.open(ports.path(), baud=BAUD))
     ports.replug()
     board = ports.board()
-    assert (board.emitting, board.frames_played, board.bytes_received) == (False, 0, 0)
+    assert (board.emitting, board.frames_played, board.bytes_received) == (True, 0, 0)
     raised(errno.EIO, port.waiting)  # that one was of the adapter before
     ports.open(ports.path(), baud=BAUD).write(memoryview(frames(2)))

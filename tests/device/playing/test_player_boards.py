@@ -148,7 +148,8 @@ def test_a_stop_ends_off_within_what_the_board_holds(setup: Setup) -> None:
     end = len(played)
     while end and np.array_equal(played[end - 1], played[-1]):  # before the off frame, of which a SonicSurface gets two
         end -= 1
-    end -= report.bytes % setup.model.frame_bytes > 0  # and before a torn frame
+    is_completed = setup.model.name != "sonicsurface"  # whose next start byte ends a torn frame, which is never shown
+    end -= is_completed and report.bytes % setup.model.frame_bytes > 0  # and before a torn frame
     assert np.array_equal(
         played[end - whole : end], np.resize(as_played(setup.model, wire), (whole, *played.shape[1:]))
     )
@@ -361,7 +362,7 @@ def test_whatever_it_raises_says_that_the_array_may_still_be_emitting(
 
 @pytest.mark.parametrize("setup", ["sonicsurface"], indirect=True)
 def test_a_swap_read_out_of_noise_brings_nothing_back(setup: Setup) -> None:
-    for _ in range(3):  # after the start, and after a content
+    for _ in range(3):  # after the opening, and after a content
         assert setup.board.accept(memoryview(b"\xfd")) == 1
         setup.assert_off()
         setup.play(content(setup.model, 9))

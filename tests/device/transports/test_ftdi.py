@@ -97,17 +97,17 @@ def test_a_sonicsurface_whose_clocks_or_board_were_switched_off_plays() -> None:
     bus = emulated_backend("sonicsurface", clock=(clock := VirtualClock()), record=100)
     model = array_model("sonicsurface")
     with open_link(model, backend=bus) as stranger:
-        stranger.start(1)
+        stranger.start(model.divider_default)
         stranger.write(array("B", b"\x96\xc1"))
         stranger.drain()
     clock.advance(0.1)
     with open_link(model, backend=bus) as link:
-        link.start(1)
+        link.start(model.divider_default)
         link.write(array("B", encode_frames(np.zeros((1, 256)), [1], array=model).tobytes()))
         clock.advance(0.1)
         assert bus.board().emitting
-        with pytest.raises(UpdateRateError, match=r"divider 2 is outside 1\.\.1 of array sonicsurface"):
-            link.start(2)
+        with pytest.raises(UpdateRateError, match=r"divider 259 is outside 1\.\.258 of array sonicsurface"):
+            link.start(259)
 
 
 def test_a_board_that_never_answers_says_nothing() -> None:

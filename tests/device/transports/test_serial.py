@@ -39,6 +39,11 @@ from palpate.device.transports.serial_transport import SerialTransport
 comports = pytest.importorskip("serial.tools.list_ports", reason="pyserial is a test extra")
 FAST = 1_462_857  # [Bd], of SonicSurface's firmware compiled with divisor 7
 MODEL = array_model("sonicsurface")
+RATE = MODEL.update_rate(MODEL.divider_default)  # [Hz]
+# Distribute.vhd: 0xC0 and 0xC1 select a board, 0xFE begins its data, 0xFD swaps the buffers of both boards.
+OFF_DATA = b"\xfe" + b"\x20" * 256
+OFF_TWICE = OFF_DATA + b"\xfd" + OFF_DATA
+OFF_BYTES = b"\xc0" + OFF_TWICE + b"\xc1" + OFF_TWICE + b"\xc0"
 
 
 def content(count: int, *, seed: int = 0) -> np.ndarray:
@@ -57,15 +62,16 @@ def test_content_played_is_content_sent_then_off_in_both_buffers(board: PtyBoard
     wire = content(40)
     assert {0x03, 0x0A, 0x0D, 0x11, 0x13, 0x1A} < set(wire.ravel().tolist())
     with open_link(MODEL, serial=board.path) as link:
-        report = Player(link).play([wire[:25], wire[25:]], update_rate=MODEL.frame_clock)
+        report = Player(link).play([wire[:25], wire[25:]], update_rate=RATE)
         assert (report.transport, report.serial, report.frames, report.frames_exact) == ("serial", board.path, 40, True)
         assert (report.off_sent, report.off_confirmed, report.stopped_by) == (True, None, "end")
         board.settle()
         assert link.bytes_sent == len(board.received)
     assert wire.tobytes() in bytes(board.received)
     assert np.array_equal(board.board.played[-42:-2], wire[:, 1:-1])
+    assert bytes(board.received).endswith(wire.tobytes() + OFF_BYTES)
     assert not board.board.emitting
-    assert (board.board.bytes_garbled, board.board.bytes_ignored, board.board.bytes_strange) == (0, 0, 0)
+    assert (board.board.bytes_garbled, board.board.bytes_stray, board.board.bytes_strange) == (0, 0, 0)
     board.board.accept(memoryview(b"\xfd"))
     board.settle()
     assert not board.board.emitting
@@ -81,14 +87,13 @@ def test_a_stop_sends_no_more_than_the_window_and_ends_off(board: PtyBoard) -> N
                     player.stop()
                 yield content(20, seed=number % 2)
 
-        report = player.play(endless(), update_rate=MODEL.frame_clock)
+        report = player.play(endless(), update_rate=RATE)
         board.settle()
         sent = len(board.received)
     assert (report.stopped_by, report.off_sent) == ("stop", True)
     assert not board.board.emitting
-    assert (
-        sent <= report.bytes + 2 + 6 * MODEL.frame_bytes
-    )  # what comes before: two commands, two off frames; behind: 2
+    # Off at opening, at the start with a byte for the clocks, and at the end.
+    assert sent <= report.bytes + 3 * len(OFF_BYTES) + 1
     assert report.frames < 60
 
 
@@ -100,7 +105,7 @@ def test_a_port_that_vanishes_while_playing_is_lost_and_the_array_perhaps_on(boa
 
     with open_link(MODEL, serial=board.path) as link:
         with pytest.raises(DeviceLostError, match=f"sonicsurface at {board.path} is gone") as caught:
-            Player(link).play(blocks(), update_rate=MODEL.frame_clock)
+            Player(link).play(blocks(), update_rate=RATE)
         assert "may still be emitting" in str(caught.value)
         assert caught.value.report is not None
         assert (caught.value.report.off_sent, caught.value.report.frames_exact) == (False, False)
@@ -112,7 +117,7 @@ def test_a_reader_that_stalls_is_a_time_out_and_the_array_perhaps_on() -> None:
     with pty_board() as board, open_link(model, serial=board.path) as link:
         board.is_stalled = True
         with pytest.raises(DeviceTimeoutError, match="did not answer in time") as caught:
-            Player(link).play([content(2000)], update_rate=model.frame_clock)
+            Player(link).play([content(2000)], update_rate=model.update_rate(model.divider_default))
         assert "may still be emitting" in str(caught.value)
         before = time.monotonic()
     assert time.monotonic() - before < 5  # closing does not wait for what nobody reads
@@ -132,7 +137,7 @@ def test_a_reader_of_a_recompiled_board_that_stalls_for_a_moment_loses_nothing()
             board.is_stalled = False
             yield wire[200:]
 
-        assert Player(link).play(blocks(), update_rate=model.frame_clock).frames == 300
+        assert Player(link).play(blocks(), update_rate=model.update_rate(model.divider_default)).frames == 300
         board.settle()
         assert np.array_equal(board.board.played[-302:-2], wire[:, 1:-1])
 
@@ -152,8 +157,8 @@ def test_a_path_that_is_no_port_is_refused_by_name(tmp_path: Path, board: PtyBoa
     (tmp_path / "file").write_bytes(b"")
     with pytest.raises(LinkError, match=f"sonicsurface at {tmp_path / 'file'} failed: .*Inappropriate ioctl"):
         open_link(MODEL, serial=str(tmp_path / "file"))
-    with pytest.raises(UpdateRateError, match=r"divider 2 is outside 1\.\.1 of array sonicsurface"):
-        open_link(MODEL, serial=board.path).start(2)
+    with pytest.raises(UpdateRateError, match=r"divider 259 is outside 1\.\.258 of array sonicsurface"):
+        open_link(MODEL, serial=board.path).start(259)
 
 
 def test_without_permission_the_group_is_told(board: PtyBoard, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -241,7 +246,7 @@ model = array_model("sonicsurface")
 wire = encode_frames(np.zeros((50, 256)), np.ones(50), array=model)
 with open_link(model, serial=sys.argv[1]) as link, Watchdog(link):
     print("playing", flush=True)
-    Player(link).play((wire for _ in range(1000)), update_rate=model.frame_clock)
+    Player(link).play((wire for _ in range(1000)), update_rate=model.update_rate(model.divider_default))
 """
 
 

@@ -94,6 +94,37 @@ def test_strict_is_content_with_a_playback_that_nothing_is_warned_of(moving):
     assert json.loads(done.stdout)["warnings"] == []
 
 
+def test_a_rate_that_a_pat16_cannot_keep_up_is_refused_as_misuse_before_anything_is_played(still):
+    options = ("--array", "pat16", "--emulate", "--clock", "virtual", "--duration", "0.1", "--update-rate", "20000")
+    done = play(still, *options)
+    assert done.exit_code != 0
+    (line,) = [line for line in done.stderr.splitlines() if "playing" not in line]
+    assert line.startswith("error: array pat16 cannot keep up 20000 Hz (divider 2): beyond 28 frames")
+    assert "played until then" not in done.stderr
+    refused = json.loads(play(still, *options, "--json").stdout)
+    assert "report" not in refused
+
+
+def test_am_at_200_hz_plays_on_a_sonicsurface(still):
+    done = play(
+        still,
+        "--array",
+        "sonicsurface",
+        "--emulate",
+        "--clock",
+        "virtual",
+        "--duration",
+        "0.1",
+        "--sampling",
+        "am",
+        "--json",
+    )
+    assert done.exit_code == 0
+    values = json.loads(done.stdout)
+    assert (values["update_rate"], values["frames"], values["off_sent"]) == (23_040, 2304, True)
+    assert values["duty"] == pytest.approx(0.5, abs=0.05)
+
+
 @pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(("array", "known"), [("emulator", True), ("pat16", False), ("sonicsurface", False)])
 def test_what_a_board_cannot_say_is_not_known_and_null(array, known, moving):

@@ -1,6 +1,7 @@
 """From a file to the bytes that an array takes: sources, repeats, several arrays, point lists."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,12 +21,14 @@ from palpate.render.playback.drive import Driver, DriveStrategy
 from palpate.render.playback.file_playback import Connection, play_file
 from palpate.render.playback.focus_source import ContourSource, PointSource
 from palpate.render.playback.frame_source import FrameSource
+from palpate.render.playback.opened_source import usual_rate
 from palpate.render.playback.placed_arrays import PlacedArray, load_rig
 from palpate.render.sampling.contour_sampling import (
     AmplitudeModulation,
     FocalPoints,
     Gap,
     LateralModulation,
+    Pace,
     Sampler,
     SamplingStrategy,
     joined,
@@ -303,10 +306,51 @@ def test_a_point_list_can_be_cut_short_and_not_to_nothing(tmp_path):
 
 @pytest.mark.parametrize(("intensity", "switched"), [(1.0, 0), (0.7, 20)])
 def test_frames_that_can_only_be_switched_are_counted(intensity, switched, tmp_path):
-    rate = array_model("sonicsurface").update_rate(1)
+    rate = array_model("sonicsurface").update_rate(258)
     path = points_file(tmp_path, count=20, rate=rate, intensity=intensity)
     playback = play_file(path, array="sonicsurface", connection=Connection(clock="virtual", emulate=True), repeats=2)
     assert playback.switched == playback.as_dict()["switched"] == switched
+
+
+@pytest.mark.parametrize("frequency", [200.0, 300.0])
+def test_am_of_a_focal_point_at_rest_reaches_a_sonicsurface_at_its_frequency(frequency, static):
+    # The makers' TestBeamStearingWithAudibleMod.py modulates at 300 Hz by swaps of focus and off, a byte each.
+    ports = emulated_backend("sonicsurface", clock=VirtualClock(), record=10_000)
+    am = SamplingStrategy(pace=Pace(kind="still"), am=AmplitudeModulation(frequency=frequency, wave="square"))
+    asked = SamplingStrategy.from_json(json.dumps({"pace": {"kind": "still"}, "am": am.described()["am"]}))
+    rate = usual_rate(array_model("sonicsurface"), asked)
+    assert rate == 23_040  # bytes a second at 230400 Bd
+    playback = play_file(
+        static,
+        array="sonicsurface",
+        sampling=replace(asked, update_rate=rate),
+        duration=0.2,
+        connection=Connection(backend=ports),
+    )
+    board = ports.board()
+    on = np.flatnonzero((board.played < 32).any(axis=1))
+    assert len(np.unique(board.played[on], axis=0)) == 1
+    assert len(on) == pytest.approx(0.2 * frequency, abs=1)
+    rises = board.played_ns[on]
+    assert np.abs(np.diff(rises) * 1e-9 - 1 / frequency).max() <= 1.5 / 23_040
+    falls = board.played_ns[on + 1]
+    assert np.abs((falls - rises) * 1e-9 - 0.5 / frequency).max() <= 1.5 / 23_040
+    assert not board.emitting
+    assert (playback.switched, playback.underruns) == (0, 0)
+
+
+def test_am_that_whole_frames_reach_and_other_contents_keep_the_rate_of_whole_frames(moving):
+    model = array_model("sonicsurface")
+    slow = SamplingStrategy(pace=Pace(kind="still"), am=AmplitudeModulation(frequency=22.0))
+    circling = SamplingStrategy(pace=Pace(kind="still"), am=AmplitudeModulation(), lm=LateralModulation())
+    for strategy in (preset("stm"), preset("lm"), preset("dtp"), slow, circling):
+        assert usual_rate(model, strategy) == pytest.approx(230_400 / 10 / 258)
+    assert usual_rate(array_model("sonicsurface", baud=1_462_857), preset("am-multi-focus")) == 1_462_857 / 2580
+    swift = SamplingStrategy(pace=Pace(kind="still"), am=AmplitudeModulation(frequency=300.0))
+    assert usual_rate(array_model("sonicsurface", baud=1_462_857), swift) == 1_462_857 / 10 / 4  # below 40 kHz
+    assert usual_rate(array_model("pat16"), preset("am")) == 10_000
+    with pytest.raises(UpdateRateError, match=r"only as one pattern switched on and off.* has another pattern"):
+        play_file(moving, array="sonicsurface", sampling="am", emulate=True, clock="virtual")
 
 
 def test_poses_far_apart_are_held_until_the_next_one(static, tube, tmp_path):

@@ -291,16 +291,12 @@ class SweepSamples:
         if few is None or many is None:
             return
         recipes = [Recipe.from_json(chunk.chunk.recipe) for chunk in chunks]
-        first, last = (
-            sum(pose_count(shortened(recipe, count)) for recipe in recipes) for count in (self._few, most)
-        )
+        first, last = (sum(pose_count(shortened(recipe, count)) for recipe in recipes) for count in (self._few, most))
         slope = max(0.0, many - few) / (last - first) if last > first else 0.0
         slope = slope or many / last
         self.costs[family] = Cost(max(0.0, few - slope * first) / len(chunks), slope)
 
-    def _make(
-        self, chunks: Sequence[PendingChunk], poses: int, groups: tuple[str, ...] | None = None
-    ) -> float | None:
+    def _make(self, chunks: Sequence[PendingChunk], poses: int, groups: tuple[str, ...] | None = None) -> float | None:
         """Seconds of making chunks with motions of so many poses, where these can be shortened; None if it fails.
 
         groups: instead of the chunks' own.

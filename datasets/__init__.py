@@ -90,3 +90,8 @@ if not TYPE_CHECKING:  # hidden from type checkers, which would take every name 
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name, obj=sys.modules[__name__])
         found = globals()[name] = getattr(import_module(f".{_HOMES[name]}", __name__), name)
         return found
+
+
+def __dir__() -> list[str]:
+    """The public names, as `dir` and completion show them."""
+    return [*__all__, "__version__"]

@@ -29,11 +29,23 @@ def warn_of_spacing(name: str, bounds: np.ndarray, *poses: np.ndarray | None, wa
 
 
 def apart_text(bounds: np.ndarray, pose: np.ndarray) -> str:
-    """Sentence on poses none of which has a contour, with what is needed to see why; arguments as `warn_of_spacing`."""
-    low, high = pose[:, :3].min(axis=0), pose[:, :3].max(axis=0)
+    """Sentence on poses none of which has a contour: how far object and hand are apart, and where both are.
+
+    Arguments as for `warn_of_spacing`. The distance is from the palms' centres to the object's bounding box.
+    """
+    centre = pose[:, :3].astype(np.float64)
+    low, high = centre.min(axis=0), centre.max(axis=0)
     hint = unit_hint(float(max(-low.min(), high.max())), 0.0, 1.0, "m") if np.abs(bounds).max() < 1.0 else ""
     places = [" ".join(f"{value:.6g}" for value in place) for place in (*bounds, low, high)]
+    apart = float(np.linalg.norm(np.maximum(0.0, np.maximum(bounds[0] - centre, centre - bounds[1])), axis=1).min())
+    far = f"{apart:.3g} m from it at the nearest" if apart > 0.0 else "within that box"
     return (
         f"no pose has a contour: the object reaches from {places[0]} to {places[1]} m, the palms' centres from "
-        f"{places[2]} to {places[3]} m (a palm whole inside has contours by cc, none by oc){hint}"
+        f"{places[2]} to {places[3]} m, {far} (a palm whole inside has contours by cc, none by oc){hint}"
     )
+
+
+def joining_place(pose: np.ndarray) -> str:
+    """The middle of the palms' centres [m], as `--at` takes it."""
+    middle = (pose[:, :3].min(axis=0) + pose[:, :3].max(axis=0)) / 2.0
+    return " ".join(f"{value:.3g}" for value in middle.tolist())

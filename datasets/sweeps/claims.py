@@ -127,7 +127,8 @@ class SharedPlace:
         try:
             fsspec: Any = importlib.import_module("fsspec")
         except ImportError as error:
-            raise SweepStoreError(f"{url}: shared places need fsspec: pip install 'palpate[share]'") from error
+            install = "pip install -e '.[share]' in palpate's folder"
+            raise SweepStoreError(f"{url}: shared places need fsspec: {install}") from error
         try:
             found = fsspec.core.url_to_fs(self.url)
             self._system: Any = found[0]

@@ -106,7 +106,7 @@ def write_parquet(
     Attributes are the schema's metadata, units the fields'.
 
     Raises:
-        SweepStoreError: As `write_table`; or PyArrow is missing, which the extra `palpate[parquet]` installs.
+        SweepStoreError: As `write_table`; or PyArrow is missing, which the extra `parquet` installs.
 
     >>> from palpate.datasets import load_table, write_parquet
     >>> write_parquet("own.parquet", {"length": [0.34, None], "polylines": [1, 0]}, {"hand": "palm"})
@@ -305,7 +305,7 @@ def _pyarrow(name: str) -> Any:
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        raise SweepStoreError("Parquet needs PyArrow: pip install 'palpate[parquet]'") from error
+        raise SweepStoreError("Parquet needs PyArrow: pip install -e '.[parquet]' in palpate's folder") from error
 
 
 def _parquet_table(path: Path) -> Any:

@@ -12,7 +12,7 @@ from .serial_line import PortInfo, SerialPort, SerialPorts
 if TYPE_CHECKING:
     import serial
 
-MISSING = "pyserial is not installed, so no serial port can be reached: pip install 'palpate[serial]'"
+MISSING = "pyserial is not installed, so no serial port can be reached: pip install -e '.[serial]' in palpate's folder"
 
 
 def require_pyserial() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...datasets.contour_file.reader import ContourFile
+from ..contour_input import takes_batches
 from ..errors import StrategyError
 from ..focal_spot import focal_width
 from ..hands.hand import Hand, hand_from
@@ -74,6 +75,7 @@ class PressureMetrics:
         return asdict(self)
 
 
+@takes_batches
 def pressure_metrics(
     path: str | Path,
     *,

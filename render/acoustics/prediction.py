@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
 
+from ..contour_input import takes_batches
 from ..playback.drive import Driver, DriveStrategy
 from ..playback.focus_source import ContourRows
 from ..playback.opened_source import opened, sampled
@@ -13,6 +14,7 @@ from .emission import PlayedFrames, played_frames, require_room
 from .noise import NoiseListener, NoiseModel, NoiseSignal, Progress
 
 
+@takes_batches
 def predict_noise(
     contours: str | Path | ContourRows,
     *,

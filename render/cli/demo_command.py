@@ -47,7 +47,7 @@ def run_demo(folder: Path, clock: str, overwrite: bool, *, as_json: bool) -> Non
     draw_figure(files, picture, overwrite=True)
     with bars.playback_line("playing CC; Ctrl-C stops it", quiet=as_json) as line:
         playback = play_file(files["CC"], connection=connection, watch=line).as_dict()
-    summary = summarise(files["CC"])
+    summary, opened = (summarise(files[label]) for label in ("CC", "OC"))
     names = ("frames", "update_rate", "duration", "bytes", "underruns", "board_underruns", "jumps", "array", "clock")
     values = {
         "motion": str(folder / "motion.csv"),
@@ -66,4 +66,10 @@ def run_demo(folder: Path, clock: str, overwrite: bool, *, as_json: bool) -> Non
     }
     console.show_values(
         values, as_json=as_json, title="palpate demo: a tube explored by a palm, closed contours played"
+    )
+    console.conclude(
+        f"Closed contours (CC) are {summary['r']:.2f} times as long as open ones (OC): at the same speed they are "
+        f"drawn {summary['draw_frequency']:.0f} instead of {opened['draw_frequency']:.0f} times a second, on average "
+        f"while something is drawn. palpate noise {files['CC']} {files['OC']} compares their noise.",
+        as_json=as_json,
     )

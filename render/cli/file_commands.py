@@ -13,7 +13,7 @@ from ...datasets.known_names import likely_file, likely_name
 from ...datasets.motions.hand_motion import HandMotion
 from ...datasets.shapes.built_in import shape_names
 from ...datasets.sweeps.check import check_store, is_sweep_data
-from ..coordinate_spacing import apart_text
+from ..coordinate_spacing import apart_text, joining_place
 from ..errors import StrategyError
 from ..intersection.file_recording import record
 from ..intersection.named_inputs import is_recording, load_hand_and_motion, load_solid, refuse_options, simplified
@@ -158,16 +158,16 @@ def run_render(options: dict, *, as_json: bool) -> int:
     if detail is not None:
         summary |= {"detail": asdict(detail)}
     is_empty = not summary["poses_drawn"]
-    if is_empty:
-        tracked = is_recording(job.motion) and job.alignment is None
-        way = "--alignment: the recording is in its tracker's frame" if tracked else "--at and --scale"
-        if any(summary.get("removed_mean", {}).values()):  # they met
-            warn_removed(summary["removed_mean"])
-        elif object_pose is None:
-            console.warn(f"{apart_text(solid.bounds, motion.pose)}; see {way}")
-        else:
-            console.warn(f"no pose has a contour of the object, which {job.object_motion} moves; see --object-motion")
     console.show_values(summary, as_json=as_json, title=str(job.out), shown_names=SHOWN_OF_RENDERING)
+    if is_empty and any(summary.get("removed_mean", {}).values()):  # they met
+        warn_removed(summary["removed_mean"])
+    elif is_empty and object_pose is not None:
+        console.warn(f"no pose has a contour of the object, which {job.object_motion} moves; see --object-motion")
+    elif is_empty:
+        tracked = is_recording(job.motion) and job.alignment is None
+        moving = f"--at {joining_place(motion.pose)} moves the object into the middle of the motion, --scale its size"
+        way = "see --alignment: the recording is in its tracker's frame" if tracked else moving
+        console.warn(f"{apart_text(solid.bounds, motion.pose)}; {way}. The same command replaces this empty file")
     return console.FAILED if is_empty and job.strict else console.DONE
 
 

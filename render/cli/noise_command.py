@@ -66,9 +66,28 @@ def run_noise(files: list[Path], options: dict, *, as_json: bool) -> None:
         console.show_values({"files": rows, **written, "options": chosen}, as_json=True, title="")
         return
     for row in rows:
-        difference = row["difference"] if row is not rows[0] else None
+        found = {console.words_of(name).removeprefix("noise, "): value for name, value in row["difference"].items()}
+        difference = {name: f"{value:+.2f}" for name, value in found.items()} if row is not rows[0] else None
         console.show_values(row | {"path": None, "difference": difference}, as_json=False, title=row["path"])
-    console.show_values(written, as_json=False, title="written")
+    if any(value is not None for value in written.values()):
+        console.show_values(written, as_json=False, title="written")
+    console.conclude(meaning_of(rows), as_json=False)
+
+
+def meaning_of(rows: list[dict]) -> str:
+    """What levels of files say, in a sentence; rows: of each file its path and differences from the first [dB]."""
+    first, others = rows[0]["path"], rows[1:]
+    if not others:
+        return "Levels have no absolute scale: name a second file, and the difference between both means something."
+    found = []
+    for row in others:
+        more = row["difference"]["dba"]
+        if not np.isfinite(more):
+            return "A file without sound has no level that could be compared."
+        word = "louder" if more > 0 else "quieter"
+        low = row["difference"]["db_40_300"]
+        found.append(f"{row['path']} is {abs(more):.1f} dB {word} to the ear (40 to 300 Hz: {low:+.1f} dB)")
+    return f"Beside {first}, {', '.join(found)}."
 
 
 def _signals(files: list[Path], options: dict, *, as_json: bool) -> dict[Path, NoiseSignal]:

@@ -7,6 +7,7 @@ from typing import cast, get_args
 
 import warp as wp
 
+from ...datasets.counted import counted
 from ...datasets.focus_files.frame_reader import FOCAL_POINTS, WIRE_FRAMES, FrameReader, frame_format
 from ...device.boards.discovery import find_arrays, find_serial_arrays, udev_rule
 from ...device.errors import NoBackendError
@@ -86,7 +87,21 @@ def run_play(file: Path, options: dict, *, as_json: bool) -> int:
         print_message(console.worded(sentence), "note")
     for sentence in warnings:
         console.warn(sentence)
+    console.conclude(meaning_of(playback), as_json=as_json)
     return console.FAILED if warnings and options["strict"] else console.DONE
+
+
+def meaning_of(playback: Playback) -> str:
+    """What a playback's numbers say, in a sentence."""
+    played = playback.played
+    late = "none of them late" if not playback.underruns else f"with {counted(playback.underruns, 'underrun')}"
+    text = f"{counted(played.frames, 'frame')} in {played.duration:.3g} s, {late}"
+    if playback.count is not None and playback.sampling is not None:
+        count = playback.count
+        if frequency := count.draw_frequency(playback.sampling.update_rate):
+            text += f"; each contour was drawn {frequency:.0f} times a second on average"
+        text += f"; the focal point jumped {counted(sum(count.jumps.values()), 'time')}"
+    return f"{text}; afterwards {console.off_state(played)}."
 
 
 def run_prepare(file: Path, out: Path, options: dict, *, as_json: bool) -> None:

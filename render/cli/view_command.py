@@ -1,24 +1,76 @@
 """What `palpate view` does: a page that is served until Ctrl-C, or one that is written."""
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from ...datasets.sweeps.check import is_sweep_data
-from ..errors import StrategyError
+from ..coordinate_spacing import apart_text, joining_place
+from ..errors import MeshError, StrategyError
+from ..intersection.file_recording import polylines_in, record
+from ..intersection.named_inputs import EXPLORATION, load_hand_and_motion, load_solid
+from ..objects.mesh.placement import Placement
 from ..playback.placed_arrays import load_rig
 from ..runtime.warp_start import start_warp
+from ..strategies.intersection_strategy import closed_contour, open_contour
 from ..terminal import bars, console
 from ..terminal.foreign_text import print_message, write_output
 from ..validation import refuse_object
 from ..view.live.session import open_browser, view_files
 from ..view.page.export import LIMIT, export_page
 
+POSES_PREVIEWED = 10_000
+MOTION_SUFFIXES = (".csv", ".json", ".npz")
+NO_PLACEMENT = {"scale": 1.0, "up": "z", "fit": None, "rotate": (0.0, 0.0, 0.0), "at": None}
 OF_A_PAGE = ("poses", "every", "limit", "overwrite")
 OF_A_SERVER = ("port", "no_browser", "allow_code")
 
 
 def run_view(files: list[Path], options: dict[str, Any], *, as_json: bool) -> None:
-    """Serve until Ctrl-C, or export."""
+    """Serve until Ctrl-C, or export; an object and a motion are rendered first, into a file that is then removed."""
+    placement, alignment = options.pop("placement"), options.pop("alignment")
+    if is_preview(files):
+        with TemporaryDirectory(prefix="palpate-preview-") as folder:
+            made = preview(str(files[0]), str(files[1]), placement, alignment, Path(folder), as_json=as_json)
+            _view([made], options, as_json=as_json)
+        return
+    if placement != NO_PLACEMENT or alignment is not None:
+        raise StrategyError("--scale, --up, --fit, --rotate, --at and --alignment are of a preview: OBJECT MOTION")
+    _view(files, options, as_json=as_json)
+
+
+def is_preview(files: list[Path]) -> bool:
+    """Whether an object and a motion are given, not files of contours."""
+    return len(files) == 2 and (str(files[1]) == EXPLORATION or files[1].suffix.lower() in MOTION_SUFFIXES)
+
+
+def preview(
+    source: str, motion: str, placement: dict[str, Any], alignment: Path | None, folder: Path, *, as_json: bool
+) -> Path:
+    """Render an object's closed contours on a palm, for POSES_PREVIEWED poses at most; the file's path.
+
+    Raises what `palpate render` does of an object and a motion; an open mesh is shown with open contours.
+    """
+    start_warp()
+    with bars.loading_bar(source, quiet=as_json) as watch:
+        solid = load_solid(source, Placement(**placement), volume={}, mesh={}, bounds=None, watch=watch)
+    options: dict[str, Any] = dict.fromkeys(("duration", "rate", "seed"))
+    hand, moved = load_hand_and_motion("palm", None, motion, solid, exploration_options=options, alignment=alignment)
+    out = folder / f"{Path(source).stem}.h5"
+    try:
+        solid.require_closed()
+        strategy = closed_contour()
+    except MeshError as error:
+        console.warn(f"shown with open contours (OC): {error}")
+        strategy = open_contour()
+    with bars.progress_bar("poses", quiet=as_json) as bar:
+        record(out, solid, hand, moved[:POSES_PREVIEWED], strategy, progress=bar)
+    if polylines_in(out) == 0:
+        console.warn(f"{apart_text(solid.bounds, moved.pose)}; --at {joining_place(moved.pose)} joins them")
+    return out
+
+
+def _view(files: list[Path], options: dict[str, Any], *, as_json: bool) -> None:
     for file in files:
         if not is_sweep_data(file):
             refuse_object(file)

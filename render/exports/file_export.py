@@ -8,6 +8,7 @@ from ...datasets.contour_file.reader import ContourFile
 from ...datasets.errors import ContourFileError
 from ...datasets.focus_files.ptlist import write_ptlist
 from ...datasets.storage.durable import whole_file
+from ..contour_input import takes_batches
 from ..errors import StrategyError
 from ..output_file import require_output
 from ..sampling.contour_sampling import SamplingStrategy
@@ -36,6 +37,7 @@ class ContourFields(NamedTuple):
     gzip: int
 
 
+@takes_batches
 def export_file(
     path: str | Path,
     out: str | Path,

@@ -10,12 +10,15 @@ from typing import Literal
 import numpy as np
 
 from ...datasets.contour_file.header import FileHeader
+from ...datasets.contour_file.parts import work_folder
+from ...datasets.contour_file.reader import ContourFile
 from ...datasets.contour_file.writer import ContourWriter
-from ...datasets.errors import ContourFileError
+from ...datasets.errors import ContourFileError, DatasetError
 from ...datasets.motions.hand_motion import HandMotion
+from ...datasets.storage.durable import discard_tree
 from ...datasets.storage.schema import removed_name
 from ..contour_batch import KINDS
-from ..coordinate_spacing import warn_of_spacing
+from ..coordinate_spacing import apart_text, warn_of_spacing
 from ..deprecated_names import accept_old_keywords, explain_keywords
 from ..hands.hand import Hand
 from ..objects.mesh.solid_mesh import MeshObject
@@ -109,8 +112,9 @@ def record(
     """Render a motion into a contour file; what was reported done survives a kill and a full disk.
 
     solid, hand, motion, strategy: objects, or names and files, as for `render`.
-    mode: "create" refuses an existing file; "resume" goes on with an unfinished one of the same object, hand, motion,
-    strategy and version; "overwrite" replaces it when the new one is complete. object_pose: motion or poses of an
+    mode: "create" refuses an existing file, unless it holds no contour; "resume" goes on with an unfinished one of the
+    same object, hand, motion, strategy and version; "overwrite" replaces it when the new one is complete, but for a
+    file with contours by a rendering without any. object_pose: motion or poses of an
     object that moves, see `object_poses`. devices: one worker on each of these Warp devices, by default one on
     `device`; the file is the same. memory: budget of all chunks, computed or written [byte], by default `memory_for`
     the workers; the motion itself (36 bytes a pose) and the object come on top.
@@ -132,10 +136,13 @@ def record(
     names = named_devices(device, devices)
     memory = checked_memory(memory, names, smallest=4 * MEMORY_SMALLEST)
     header = file_header(scene, motion, ",".join(dict.fromkeys(names)))
+    if mode == "create" and polylines_in(path) == 0:
+        mode = "overwrite"
     with ContourWriter(path, header, mode=mode) as writer:
         missing = writer.missing()
         rendered = sum(stop - first for first, stop in missing)
         done = len(motion) - rendered
+        drawn = done  # poses that an earlier run rendered may have contours
         if progress is not None:
             progress(done, len(motion))
         chunks = rendered_chunks(scene, motion.pose, devices=names, memory=memory, ranges=missing)
@@ -144,21 +151,40 @@ def record(
             for chunk in chunks:
                 writer.write(chunk.first, chunk.stop, chunk.contours.arrays(), metrics_of(chunk), chunk.timing)
                 done += chunk.stop - chunk.first
+                drawn += chunk.contours.polyline_count
                 if progress is not None:
                     progress(done, len(motion))
                 raise_if_interrupted()
+        if not drawn and (kept := polylines_in(path)):
+            writer.close()
+            discard_tree(work_folder(Path(path)))
+            raise ContourFileError(
+                f"{path}: stays as it is, with its {kept:,} polylines, as the new rendering has none: "
+                f"{apart_text(solid.bounds, motion.pose)}"
+            )
         writer.seal(gzip=gzip)
         return Recording(Path(path), len(motion), rendered, writer.repairs)
+
+
+def polylines_in(path: str | Path) -> int | None:
+    """How many polylines a finished contour file holds; None where there is none, or another file."""
+    try:
+        with ContourFile(path) as file:
+            return file.polyline_count if file.sealed else None
+    except DatasetError:
+        return None
 
 
 def save_contours(path: str | Path, found: Collected, motion: HandMotion, *, overwrite: bool = False) -> None:
     """Write contours that are in memory into a contour file, whole or not at all.
 
-    Raises ContourFileError for a file that is there, unless `overwrite`, one that cannot be written, another suffix.
+    Raises ContourFileError for a file that is there, unless `overwrite` or without a contour, one that cannot be
+    written, another suffix.
     """
     path = Path(path)
     if path.suffix.lower() not in (".h5", ".hdf5"):
         raise ContourFileError(f"{path}: a contour file must end in .h5 or .hdf5")
+    overwrite = overwrite or polylines_in(path) == 0
     if (path.exists() or path.is_symlink()) and not overwrite:
         raise ContourFileError(f"{path} exists already: overwrite=True replaces it once the new one is whole")
     batch = found.contours.numpy()

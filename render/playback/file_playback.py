@@ -22,6 +22,7 @@ from ...device.registry import emulated_backend, kind_of
 from ...device.report import LiveStatistics, PlayReport
 from ...device.transports.pyusb import Backend
 from ...device.transports.serial_line import SerialPorts
+from ..contour_input import takes_batches
 from ..errors import StrategyError
 from ..sampling.contour_sampling import SamplingCount, SamplingStrategy
 from ..validation import choose
@@ -179,6 +180,7 @@ class ConnectionFields(TypedDict, total=False):
     watchdog: bool
 
 
+@takes_batches
 def play_file(
     path: str | Path,
     *,

@@ -17,6 +17,7 @@ from ...datasets.errors import ContourFileError
 from ...datasets.focus_files.frame_file import FrameField, FrameFile
 from ...datasets.focus_files.frame_reader import WIRE_FRAMES, FrameReader
 from ...datasets.storage.hdf5_opening import Attribute
+from ..contour_input import takes_batches
 from ..errors import StrategyError
 from ..output_file import require_output
 from ..sampling.contour_sampling import SamplingCount, SamplingStrategy
@@ -89,6 +90,7 @@ class Preparation:
         return values | {"drive": asdict(made.drive)}
 
 
+@takes_batches
 def prepare_frames(
     path: str | Path,
     out: str | Path,

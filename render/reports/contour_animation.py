@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ..contour_input import takes_batches
 from ..errors import StrategyError
 from ..validation import require_number, require_path
 from .contour_figure import shown_rows
@@ -51,6 +52,7 @@ class AnimationFrames:
         return 100.0 / self.delay
 
 
+@takes_batches
 def draw_animation(
     paths: Mapping[str, str | Path] | Sequence[str | Path],
     picture: str | Path,

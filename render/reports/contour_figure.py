@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...device.array import ArrayModel
+from ..contour_input import takes_batches
 from ..playback.placed_arrays import load_rig
 from ..sampling.contour_sampling import SamplingStrategy
 from ..validation import require_path
@@ -39,6 +40,7 @@ FOOT = 0.09  # of a scene's height, below it, for the scale bar
 DPI = 150
 
 
+@takes_batches
 def draw_figure(
     paths: Mapping[str, str | Path] | Sequence[str | Path],
     picture: str | Path,
@@ -73,6 +75,7 @@ def draw_figure(
     write_picture(picture_bytes(figure, picture.suffix.lower().removeprefix("."), dpi=DPI), picture)
 
 
+@takes_batches
 def contour_figure(
     paths: Mapping[str, str | Path] | Sequence[str | Path],
     *,

@@ -9,6 +9,7 @@ from ...datasets.focus_files.frame_reader import DRIVES, WIRE_FRAMES, FrameReade
 from ...datasets.motions.facing import SHARE_ANGLES, facing_angles
 from ...datasets.motions.last_pose import INTERVALS_LOOKED_AT, end_of_motion
 from ...datasets.storage.schema import PRUNED_NAMES
+from ..contour_input import takes_batches
 from ..sampling.contour_sampling import SamplingStrategy
 from ..sampling.strategy import SEAM
 from ..validation import require_path
@@ -44,6 +45,7 @@ def draw_frequencies(length: np.ndarray) -> dict[str, float | None]:
     return dict(zip(DRAW_FREQUENCIES, [float(frequency.mean()), low, median, high, of_mean], strict=True))
 
 
+@takes_batches
 def summarise(path: str | Path) -> dict:
     """Counts, lengths [m], the strategy and who made it; `r` where the file holds closed contours.
 
@@ -54,7 +56,7 @@ def summarise(path: str | Path) -> dict:
     >>> facts["object"]["name"], facts["poses"], round(float(facts["length_mean"]), 3)  # round a palm of 85 mm [m]
     ('cube', 1, 0.34)
     """
-    require_path(path, "the contour file (a batch has facts())")
+    require_path(path, "the contour file")
     with ContourFile(path) as file:
         done = sum(stop - first for first, stop in file.done)
         totals, faced, removed = np.zeros(4), np.zeros(len(SHARE_ANGLES), np.int64), dict.fromkeys(PRUNED_NAMES, 0.0)

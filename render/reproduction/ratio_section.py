@@ -21,13 +21,16 @@ TEXT = (
     "length of CC over the mean length of OC, of all poses of the block. {explorers} explorers with two blocks an "
     "object make {dots} dots an object. The paper says that CC closes open contours, and a palm wholly inside the "
     "object has none. So r is given in two readings of CC: such a palm counts as its whole boundary (r), or as nothing "
-    "(r_open). The palm is {width:.0f} x {length:.0f} mm. Nothing is fitted."
+    "(r_open). The palm is {width:.0f} x {length:.0f} mm. Nothing is fitted; "
+    "other workspaces, palms and models of explorers give the ranges in the rows."
 )
 
 WHY = (
     "{verdict}. The paper gives neither the palm's size nor the hands' paths: the palm is an assumption, the paths are "
     "synthetic explorations."
 )
+ALTERNATIVES = {"cube": "2.39 to 3.06", "tube": "1.48 to 1.66", "dog": "1.13 to 1.29"}
+"""r over all explorers of docs/measured/explorers.md: workspaces, palms, tilted hands, another model."""
 WHY_MESH = {
     "cube": " CC and OC differ most where a palm is wholly inside: the two readings show how much rests on that.",
     "tube": " The paper gives the triangles (256); its inner radius was read off figure 5B.",
@@ -71,7 +74,9 @@ def _object_row(name: str, whole: dict, opened: dict) -> ReportRow:
         off = whole["mean"] / RATIOS[name] - 1.0, opened["mean"] / RATIOS[name] - 1.0
         near = "r is within" if abs(off[0]) <= AIM else "r is not within"
         verdict = f"{near} {100 * AIM:.0f} % of the paper ({100 * off[0]:+.0f} %; r_open {100 * off[1]:+.0f} %)"
-    return ReportRow(f"r, {name}", f"{RATIOS[name]:.2f}", ours, WHY.format(verdict=verdict) + WHY_MESH[name])
+    why = WHY.format(verdict=verdict) + WHY_MESH[name]
+    why += f" Over the alternatives of docs/measured/explorers.md r is {ALTERNATIVES[name]}."
+    return ReportRow(f"r, {name}", f"{RATIOS[name]:.2f}", ours, why)
 
 
 def _test_row(tests: dict[str, dict[str, float | None]]) -> ReportRow:

@@ -18,7 +18,7 @@ class LikelyMembers:
 
 
 PICTURES = dict.fromkeys(
-    ("plot", "show", "draw", "view", "render"), "figure(path) draws it, and a notebook shows a batch that ends a cell"
+    ("plot", "draw", "render"), "figure(path) draws it, and a notebook shows a batch that ends a cell"
 )
 OF_BATCHES = {
     **PICTURES,

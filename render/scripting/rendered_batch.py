@@ -37,6 +37,10 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
+    from ..acoustics.field_metrics import PressureMetrics
+    from ..acoustics.noise import NoiseSignal
+
+POSES_MEASURED = 20  # of a batch, for pressure
 SHOWN_MOST = 200_000  # poses of a batch that a notebook draws by itself: more take seconds
 
 
@@ -129,8 +133,7 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         Raises StrategyError for another kind of picture, and for one that is there unless `overwrite`.
         """
         require_path(path, "the picture")
-        with self._file() as file:
-            draw_figure([file], path, times=times, view=view, array=array, overwrite=overwrite)
+        draw_figure([self], path, times=times, view=view, array=array, overwrite=overwrite)
         return Path(path)
 
     def show(
@@ -163,13 +166,18 @@ class RenderedBatch(LikelyMembers, ContourBatch):
     ) -> Path:
         """Draw contours on object and hand over time into a GIF, as `draw_animation` does; returns its path."""
         require_path(path, "the picture")
-        with self._file() as file:
-            draw_animation([file], path, start=start, stop=stop, frame_rate=frame_rate, view=view, overwrite=overwrite)
+        draw_animation([self], path, start=start, stop=stop, frame_rate=frame_rate, view=view, overwrite=overwrite)
         return Path(path)
 
     @contextmanager
-    def _file(self) -> Iterator[Path]:
-        """The file that the batch was read from, or one that is removed afterwards."""
+    def as_file(self) -> Iterator[Path]:
+        """The contour file that the batch was read from, or one that is removed afterwards.
+
+        >>> from palpate.render import ContourFile, render, static_pose
+        >>> with render("cube", "palm", static_pose([0, 0, 0.2]), "cc").as_file() as path, ContourFile(path) as file:
+        ...     file.pose_count
+        1
+        """
         if self.source is not None:
             yield self.source
             return
@@ -237,6 +245,32 @@ class RenderedBatch(LikelyMembers, ContourBatch):
             connection=Connection(emulate=emulate, clock=clock, uncalibrated=uncalibrated, watchdog=watchdog),
             watch=watch,
         )
+
+    def view(self, *, port: int | None = None, array: str = "emulator") -> None:
+        """Show the contours in the browser until Ctrl-C; port, array, and errors as for `view_files`."""
+        from ..view.live.session import open_browser, view_files  # a server, which few scripts start
+
+        view_files([self], port=port, array=array, ready=open_browser)
+
+    def noise(
+        self,
+        *,
+        array: str = "emulator",
+        sampling: SamplingStrategy | str | None = None,
+        duration: float | None = None,
+    ) -> "NoiseSignal":
+        """The audible signal at a microphone while the contours are played; arguments as for `predict_noise`."""
+        from ..acoustics.prediction import predict_noise  # kernels of waves, which few scripts launch
+
+        return predict_noise(self.rows(), array=array, sampling=sampling, duration=duration)
+
+    def field(
+        self, *, array: str = "emulator", sampling: SamplingStrategy | str | None = None, poses: int = POSES_MEASURED
+    ) -> "PressureMetrics":
+        """Pressure on the palm, mean over a sample of the poses; arguments and errors as for `pressure_metrics`."""
+        from ..acoustics.field_metrics import pressure_metrics  # kernels of waves, which few scripts launch
+
+        return pressure_metrics(self, array=array, sampling=sampling, poses=poses)
 
     def to_pandas(self, of: str = "poses") -> "pd.DataFrame":
         """A table with one row for each pose, or each point if `of` is "points"; lengths in metres, times in seconds.

@@ -85,7 +85,7 @@ def _require_pyarrow(option: str, path: Path) -> None:
 
 def _require_module(what: str) -> None:
     if importlib.util.find_spec("pyarrow") is None:
-        raise PlanError(f"{what}: Parquet needs PyArrow: pip install 'palpate[parquet]'")
+        raise PlanError(f"{what}: Parquet needs PyArrow: pip install -e '.[parquet]' in palpate's folder")
 
 
 def refuse_baseline(

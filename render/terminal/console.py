@@ -96,8 +96,32 @@ UNITS = {
     "focal_width": "m",
     "focus_pressure": "Pa, amplitude",
     "focus_pressure_least": "Pa, amplitude",
+    **dict.fromkeys(("db_40_300", "db_300_10k", "rms", "peak"), "dB"),
+    "dba": "dB(A)",
+    **dict.fromkeys(("samples", "silent", "held"), "focal points"),
+    "duty": "of the time",
 }
 """Units shown after values in tables; for --json, docs/guide/command-line.md gives them."""
+
+WORDS = {
+    "r": "r = |CC| / |OC|",
+    "db_40_300": "noise, 40 to 300 Hz",
+    "db_300_10k": "noise, 300 Hz to 10 kHz",
+    "dba": "noise, as an ear weighs it",
+    "rms": "noise, whole",
+    "peak": "noise, peak",
+    "difference": "louder than the first by [dB]",
+    "starved": "without a new frame",
+    "board_starved": "without a new frame, by the board",
+    "held": "held where nothing is drawn",
+    "silent": "with intensity 0",
+    "samples": "sampled",
+    "on_time": "longest emission",
+    "refused": "silenced, out of reach",
+    "absence_max": "longest absence from a place",
+    "duty": "emitting",
+}
+"""What tables call values whose name alone says too little; --json has the names."""
 
 
 def show_values(
@@ -121,10 +145,21 @@ def show_values(
             continue
         if value is not None:
             unit = f" {UNITS[name]}" if name in UNITS else ""
-            rows.append((name.replace("_", " "), shown(value) + unit))
+            rows.append((words_of(name), shown(value) + unit))
         elif name in unknown:
-            rows.append((name.replace("_", " "), "not known"))
+            rows.append((words_of(name), "not known"))
     show_table(title, rows)
+
+
+def words_of(name: str) -> str:
+    """What a table calls a value."""
+    return WORDS.get(name, name.replace("_", " "))
+
+
+def conclude(sentence: str, *, as_json: bool) -> None:
+    """End a command's table with a sentence on what its numbers mean; with --json nothing is printed."""
+    if not as_json:
+        write_output(f"{visible(worded(sentence))}\n")
 
 
 def json_line(values: object) -> str:

@@ -123,3 +123,4 @@ def test_type_checkers_know_every_public_name_and_no_other(package):
     assert seen == set(import_module(f"palpate.{package}").__all__)
     assert not [node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == "__getattr__"]
     assert (ROOT / package / "py.typed").exists()
+    assert dir(import_module(f"palpate.{package}")) == sorted([*seen, "__version__"])  # what completion offers

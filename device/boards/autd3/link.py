@@ -366,7 +366,8 @@ def open_autd3(model: ArrayModel, *, address: str | None = None, emulated: bool 
         if (error.name or "").partition("_")[0] != "autd3":
             raise
         raise NoBackendError(
-            f"array {model.name} needs the vendor's package, which is not installed: pip install 'palpate[autd3]'"
+            f"array {model.name} needs the vendor's package, which is not installed: "
+            "pip install -e '.[autd3]' in palpate's folder"
         ) from None
     where = "emulated" if emulated else address
     who = f"{model.name} at {where}" if where else model.name

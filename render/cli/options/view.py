@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from . import object as objects
 from .array import Array, Calibration
 from .output import Json, Overwrite, Quiet, run_job
 from .trust import AllowCode
@@ -13,7 +14,9 @@ from .trust import AllowCode
 def view(
     files: Annotated[
         list[Path],
-        typer.Argument(metavar="FILE", help="A contour file, two to compare, or the store of a sweep."),
+        typer.Argument(
+            metavar="FILE", help="A contour file, two to compare, the store of a sweep; or OBJECT MOTION, a preview."
+        ),
     ],
     port: Annotated[
         int | None, typer.Option(metavar="N", help="Port of 127.0.0.1; by default the first free one from 8080 on.")
@@ -32,13 +35,25 @@ def view(
     limit: Annotated[
         float | None, typer.Option(metavar="MB", help="Largest page that is written, by default 20.")
     ] = None,
+    scale: objects.Scale = 1.0,
+    up: objects.Up = "z",
+    fit: objects.Fit = None,
+    rotate: objects.Rotate = (0.0, 0.0, 0.0),
+    at: objects.At = None,
+    alignment: objects.Alignment = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
     """Show renderings in the browser: object, hand, array, contours and the focal point in slow motion.
 
-    The page is served to this machine only, until Ctrl-C.
+    The page is served to this machine only, until Ctrl-C. OBJECT MOTION, as `render` takes them, is a preview: whether
+    the hand meets the object, with closed contours, before anything is rendered into a file.
     """
-    options = {name: value for name, value in locals().items() if name not in ("files", "quiet", "json")}
+    placement = {"scale": scale, "up": up, "fit": fit, "rotate": rotate, "at": at}
+    options = {
+        "port": port, "no_browser": no_browser, "array": array, "calibration": calibration, "allow_code": allow_code,
+        "export": export, "poses": poses, "every": every, "limit": limit, "overwrite": overwrite,
+        "placement": placement, "alignment": alignment,
+    }  # fmt: skip
     run_job(".view_command", "run_view", files, options, json=json, quiet=quiet)

@@ -20,7 +20,7 @@ COLUMNS_MOST = 6
 DASHES_MOST = 4
 TICKS_MOST = 24  # words along an axis
 NUMBERS_FEW = 3  # values from which a number makes a curve
-REPLICATES = "seed"
+REPLICATES = ("seed", "explorer")  # how often a person, and another person, explores: a point is their mean
 HUE_FIRST = ("strategy", "hand", "sampling", "array", "step")
 COLUMN_FIRST = ("object", "motion", "hand", "sampling")
 
@@ -117,7 +117,7 @@ def choose_layout(table: Mapping[str, Sequence[Any]]) -> FigureLayout:
     | colours | the strategy, else hand, sampling, array, other words, numbers | 10; the strategy 20 |
     | columns | the object, else motion, hand, sampling, others | 6 |
     | dashes | what is left, words before numbers, the fewest values first | 4 |
-    | averaged over | seeds, and the rest | |
+    | averaged over | seeds and explorers, and the rest | |
 
     An axis that follows from one that has a place (the scale of each object, say) needs none.
     """
@@ -150,7 +150,7 @@ def choose_views(table: Mapping[str, Sequence[Any]], metrics: Mapping[str, np.nd
     shown = {axis.name for axis in varying_axes(used)}
     names_of: dict[tuple[str, ...], list[str]] = {}
     for metric in metrics:
-        parts = GROUPS[METRIC_GROUPS[metric]]
+        parts = GROUPS[METRIC_GROUPS.get(metric, "contours")]  # which a user's own metric is computed of
         names_of.setdefault(tuple(name for name in varying if part_of(name) not in parts), []).append(metric)
     views: list[View] = []
     for omitted, names in names_of.items():

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from ...terminal.foreign_text import errors, print_message, shows_progress
 from ..run.log import SweepProgress, clock_time
 
-LINE_SECONDS = 10.0
+LINE_SECONDS = 30.0
 """Least time between two lines; a sweep that takes less prints none."""
 
 Watch = Callable[[SweepProgress], None]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import json
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +33,7 @@ REMOVED = tuple(map(removed_name, PRUNED_NAMES))
 FREQUENCIES = ("draw_frequency_nominal", "draw_frequency_actual")
 POSE_UNITS = dict.fromkeys((*LENGTHS, *REMOVED), "m") | dict.fromkeys(FREQUENCIES, "Hz") | {"area": "m2"}
 WRITING = ("render/sweeps/report/results.py",)  # and what it imports: code that decides tables and pictures
+NAMED_MOST = 3  # recipes without contact that a warning names
 LOCK_SECONDS = 60.0  # for another parent that writes the same store's table
 
 
@@ -92,6 +93,8 @@ class Results:
     def _write_store_table(self) -> None:
         discard(self._folder / STAMP)
         _write_table(self._folder / TABLE, self.columns, self._attributes)
+        if (text := contactless_text(self.columns)) is not None:
+            console.warn(text)
         self._write_poses()
         if self._is_complete:
             _write_stamp(self._folder, self._stamp | self._sizes())
@@ -112,6 +115,19 @@ class Results:
         """Of its tables [byte]: one that was deleted or cut is written again."""
         poses = sorted((self._folder / POSES).glob("*"))
         return {"bytes": {path.name: _size(path) for path in (self._folder / TABLE, *poses)}}
+
+
+def contactless_text(columns: Mapping[str, Sequence[Any]]) -> str | None:
+    """A sentence on recipes whose hand never meets the object, as ratios and frequencies of these are NaN; or None."""
+    lengths, names = columns.get("length_mean", ()), columns["recipe"]
+    empty = [name for name, length in zip(names, lengths, strict=False) if length == 0]
+    if not empty:
+        return None
+    listed = "; ".join(empty[:NAMED_MOST]) + (f"; and {len(empty) - NAMED_MOST:,} more" * (len(empty) > NAMED_MOST))
+    return (
+        f"in {len(empty):,} of {len(names):,} recipes the hand never meets the object, so their length is 0, and "
+        f"r, draw frequencies and predictions are empty (NaN): {listed}"
+    )
 
 
 @contextlib.contextmanager

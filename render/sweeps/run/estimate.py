@@ -34,6 +34,7 @@ FAMILIES_SAMPLED = 20
 SECONDS_SAMPLED = 5.0
 LOAD_LONGEST = 60.0  # [s] for loading every combination of object, hand and strategy
 CHUNKS_SAMPLED = 4  # of a family, in one task
+SLOW = ("noise", "pressure")  # groups that take seconds of few poses: one chunk of each is a sample
 SAMPLE_FEW = {"cpu": 64, "cuda": 1024}
 SAMPLE_MANY = {"cpu": 512, "cuda": 1 << 20}
 START_MOST = (
@@ -256,13 +257,20 @@ class SweepSamples:
         self.problems: list[str] = []
 
     def run(self, families: Mapping[str, Sequence[PendingChunk]]) -> SweepSamples:
-        """Make something of each family, until LOAD_LONGEST; time families evenly, for SECONDS_SAMPLED."""
+        """Make something of each family, until LOAD_LONGEST; time families evenly, for SECONDS_SAMPLED.
+
+        Of slow groups the first family shows whether they can be made; of the others contours do.
+        """
         until = time.perf_counter() + LOAD_LONGEST
-        loaded = []
+        loaded: list[str] = []
+        slow_made: set[tuple[str, ...]] = set()
         for name, chunks in families.items():
             if time.perf_counter() > until:
                 break
-            seconds = self._make(chunks[:1], self._few)
+            groups = chunks[0].chunk.groups
+            is_again = groups in slow_made
+            slow_made |= {groups} if is_slow(groups) else set()
+            seconds = self._make(chunks[:1], self._few, ("contours",) if is_again else None)
             if seconds is not None:
                 self.load_seconds += seconds
                 loaded.append(name)
@@ -276,26 +284,30 @@ class SweepSamples:
 
     def _time(self, family: str, chunks: Sequence[PendingChunk]) -> None:
         """Time few and many poses of chunks; a line through both gives the cost of a chunk and of a pose."""
-        few, many = self._make(chunks, self._few), self._make(chunks, self._many)
+        most = self._many
+        if is_slow(chunks[0].chunk.groups):
+            chunks, most = chunks[:1], 2 * self._few
+        few, many = self._make(chunks, self._few), self._make(chunks, most)
         if few is None or many is None:
             return
         recipes = [Recipe.from_json(chunk.chunk.recipe) for chunk in chunks]
-        first, last = (
-            sum(pose_count(shortened(recipe, count)) for recipe in recipes) for count in (self._few, self._many)
-        )
+        first, last = (sum(pose_count(shortened(recipe, count)) for recipe in recipes) for count in (self._few, most))
         slope = max(0.0, many - few) / (last - first) if last > first else 0.0
         slope = slope or many / last
         self.costs[family] = Cost(max(0.0, few - slope * first) / len(chunks), slope)
 
-    def _make(self, chunks: Sequence[PendingChunk], poses: int) -> float | None:
-        """Seconds of making chunks with motions of so many poses, where these can be shortened; None if it fails."""
+    def _make(self, chunks: Sequence[PendingChunk], poses: int, groups: tuple[str, ...] | None = None) -> float | None:
+        """Seconds of making chunks with motions of so many poses, where these can be shortened; None if it fails.
+
+        groups: instead of the chunks' own.
+        """
         from ..make.work import run_task  # what renders
 
         recipes = [Recipe.from_json(own.chunk.recipe) for own in chunks]
         if any(map(names_code, recipes)):
             return None  # an estimate runs none
         wire = tuple(
-            Chunk(shortened(recipe, poses).to_json(), _timed_groups(own.chunk.groups))
+            Chunk(shortened(recipe, poses).to_json(), groups or _timed_groups(own.chunk.groups))
             for recipe, own in zip(recipes, chunks, strict=True)
         )
         folder = Path(tempfile.mkdtemp(prefix="palpate-sample-"))
@@ -328,6 +340,11 @@ class SweepSamples:
         workers = max(1, min(worker_count, round((self.load_seconds + total) / START_SECONDS)))
         starts = 1.0 + (workers > 1) + STARTS_TABLE  # the command itself, its workers at once, and pictures
         return starts * self._start + self.load_seconds + total / workers + SECONDS_ROW * recipe_count
+
+
+def is_slow(groups: Sequence[str]) -> bool:
+    """Whether making groups takes seconds, however few the poses."""
+    return any(group in SLOW for group in groups)
 
 
 def _timed_groups(groups: Sequence[str]) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ....datasets.sweeps.check import is_sweep_data
+from ...contour_input import takes_batches
 from ...errors import StrategyError, ViewError
 from ...playback.placed_arrays import load_rig
 from ...reports.rendering_labels import labels_of
@@ -17,6 +18,7 @@ from ..sweep_rows import SweepRows
 FILES_MOST = 2
 
 
+@takes_batches
 def view_files(
     paths: Sequence[str | Path],
     *,
@@ -48,7 +50,7 @@ def view_files(
         from .sweep_page import SweepPage
         from .viewer import Viewer
     except ImportError as error:
-        raise ViewError(f"the viewer needs viser ({error}): pip install 'palpate[view]'") from error
+        raise ViewError(f"the viewer needs viser ({error}): pip install -e '.[view]' in palpate's folder") from error
     arrays = load_rig(array, calibration=calibration)
     with contextlib.ExitStack() as stack:
         scenes = [] if is_store else [stack.enter_context(FileScene(path)) for path in files]

@@ -12,6 +12,7 @@ import numpy as np
 from ....datasets.rigid import rotate
 from ....datasets.storage.durable import write_file
 from ....device.array import ArrayModel
+from ...contour_input import takes_batches
 from ...errors import StrategyError, ViewError
 from ...exports.pose_choice import Ends, choose_poses
 from ...output_file import require_output
@@ -35,6 +36,7 @@ MARGIN = 0.85  # of what an estimate promises to fit
 _SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 
 
+@takes_batches
 def export_page(
     files: str | Path | Sequence[str | Path],
     out: str | Path,

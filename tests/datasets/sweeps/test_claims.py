@@ -130,7 +130,7 @@ def test_a_place_that_cannot_be_is_refused(monkeypatch):
     with pytest.raises(SweepStoreError, match="nosuch://x: no file system for it is installed"):
         SharedPlace("nosuch://x")
     monkeypatch.setitem(sys.modules, "fsspec", None)
-    with pytest.raises(SweepStoreError, match=r"pip install 'palpate\[share\]'"):
+    with pytest.raises(SweepStoreError, match=r"pip install -e '.\[share\]'"):
         SharedPlace("s3://x/y")
 
 

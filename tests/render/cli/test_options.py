@@ -76,6 +76,6 @@ def test_quiet_leaves_out_warnings_and_keeps_results_and_errors(tmp_path):
     assert "warning: no pose has a contour" in told.stderr
     assert quiet.stderr == ""
     assert quiet.stdout.count("\n") == told.stdout.count("\n")
-    failed = run("render", "cube", far, "-o", tmp_path / "b.h5", "-q")
+    failed = run("render", "cube", far, "-o", tmp_path / "b.txt", "-q")
     assert failed.exit_code != 0
-    assert "exists" in failed.stderr
+    assert "must end in .h5" in failed.stderr

@@ -130,11 +130,14 @@ def test_am_at_200_hz_plays_on_a_sonicsurface(still):
 def test_what_a_board_cannot_say_is_not_known_and_null(array, known, moving):
     options = ("--array", array, "--emulate", "--clock", "virtual")
     table = play(moving, *options)
-    rows = dict(re.split(r"\s{2,}", line.strip(), maxsplit=1) for line in table.stdout.splitlines()[1:])
+    *lines, meaning = table.stdout.splitlines()[1:]
+    rows = dict(re.split(r"\s{2,}", line.strip(), maxsplit=1) for line in lines)
     told = json.loads(play(moving, *options, "--json").stdout)
     for name in ("off_confirmed", "may_emit", "board_underruns"):
         assert (rows[name.replace("_", " ")] == "not known") != known
         assert (told[name] is None) != known
+    assert f"{told['frames']} frames in {told['duration']:.3g} s, none of them late" in meaning
+    assert f"each contour was drawn {told['draw_frequency']:.0f} times a second on average" in meaning
     assert told["off_sent"] is True
     assert (told["off_doubt"] is None) == known
     assert known or "never answers: it is off if no byte was lost" in rows["off doubt"]

@@ -102,4 +102,4 @@ def test_it_says_what_is_missing_without_viser(file, monkeypatch):
         monkeypatch.delitem(sys.modules, name)
     result = CliRunner().invoke(app, ["view", "--no-browser", str(file)])
     assert result.exit_code == 1
-    assert "pip install 'palpate[view]'" in result.output
+    assert "pip install -e '.[view]'" in result.output

@@ -197,5 +197,5 @@ def test_what_is_not_there_is_named():
 def test_without_the_package_the_command_that_installs_it_is_named(monkeypatch):
     monkeypatch.delitem(sys.modules, "palpate.device.boards.autd3.vendor_client", raising=False)
     monkeypatch.setitem(sys.modules, "autd3", None)
-    with pytest.raises(NoBackendError, match=re.escape("pip install 'palpate[autd3]'")):
+    with pytest.raises(NoBackendError, match=re.escape("pip install -e '.[autd3]'")):
         open_autd3(MODEL)

@@ -112,7 +112,7 @@ OF_A_BATCH = {
     "a sampling to play": (lambda b: b.play(sampling="smt"), "did you mean 'stm'?"),
     "a rate to play at": (lambda b: b.play(update_rate=1e4), "sampling=preset('stm', update_rate="),
     "no function to watch": (lambda b: b.play(watch=3), "watch must be a function"),
-    "a batch to summarise": (lambda b: summarise(b), "a batch has facts()"),
+    "a part of a batch to summarise": (lambda b: summarise(b[5:5]), "this batch has no poses"),
     "chosen poses": (lambda b: b[[1, 2]], "[batch[i] for i in numbers]"),
     "every other pose": (lambda b: b[::2], "[batch[i] for i in numbers]"),
     "an empty part to save": (lambda b: b[5:5].save("none.h5"), "this batch has no poses"),

@@ -90,9 +90,9 @@ def test_extras_that_are_not_installed(path, tmp_path, monkeypatch):
     store = tmp_path / "a.sweep"
     for name in ("pyarrow", "distributed"):
         monkeypatch.setitem(sys.modules, name, None)
-    refused_before(store, "pip install 'palpate[parquet]'", path, "--table", tmp_path / "t.parquet")
+    refused_before(store, "pip install -e '.[parquet]'", path, "--table", tmp_path / "t.parquet")
     refused_before(store, "per_pose = true: Parquet needs PyArrow", path, "--set", "per_pose=true")
-    refused_before(store, "pip install 'palpate[cluster]'", path, "--scheduler", "local")
+    refused_before(store, "pip install -e '.[cluster]'", path, "--scheduler", "local")
 
 
 @pytest.mark.exhaustive

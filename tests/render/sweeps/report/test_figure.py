@@ -31,6 +31,7 @@ PLACES = [  # axes; x, colours, columns, dashes; averaged over
     ({"seed": range(9)}, "strategy - - -", ["seed"]),
     ({"strategy": TWO, "object": OBJECTS}, "object strategy - -", []),
     ({"strategy": MANY, "object": OBJECTS}, "strategy object - -", []),
+    ({"strategy": TWO, "explorer": range(1, 11), "object": OBJECTS}, "object strategy - -", ["explorer"]),
     ({"strategy": TWO, "object": OBJECTS, "speed": SPEEDS}, "speed strategy object -", []),
     ({"strategy": TWO, "speed": SPEEDS, "seed": range(3)}, "speed strategy - -", ["seed"]),
     (FIVE | {"seed": range(2)}, "speed strategy object hand", ["seed", "object_fit"]),
@@ -118,6 +119,9 @@ def test_metrics_that_never_differ_make_room_and_lacking_ones_are_no_hindrance()
     assert list(shown_metrics(rows)) == ["length_mean"]
     assert list(shown_metrics(table({}))) == ["length_mean", "r", "draw_frequency_actual", "jumps", "area_mean"]
     assert len(shown_metrics(table({}))) <= ROWS
+    asked = {"noise_db_300_10k": 40.0, "pressure_focus_pressure": 3000.0, "metric_share_mean": 0.5}
+    chosen = shown_metrics(table(*({"seed": k} | {name: k * v for name, v in asked.items()} for k in (1, 2))))
+    assert list(chosen) == list(asked)  # what a plan asks for is shown; contours are in every table
     both = table({"jumps_pose": 1}, {"jumps_pose": 2}) | {"jumps_order": [3, None]}
     assert shown_metrics(both)["jumps"][0] == 4
 

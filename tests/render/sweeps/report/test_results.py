@@ -10,6 +10,7 @@ from command_line import FAILED, PALPATE, answer, run
 
 from palpate.datasets.sweeps.pose_files import load_pose_table
 from palpate.datasets.sweeps.table import load_table
+from palpate.render.sweeps.report.results import contactless_text
 
 PLAN = """
 metrics = ["contours", "frequency"]
@@ -159,3 +160,13 @@ def test_a_picture_that_fails_is_told_and_costs_nothing_else(tmp_path, monkeypat
     assert done.exit_code == 0, done.output
     assert "warning: no figure: ValueError: no such glyph" in " ".join(done.stderr.split())
     assert not list((tmp_path / "plan.sweep").glob("summary*"))
+
+
+def test_recipes_without_contact_are_named_because_their_ratios_are_empty():
+    lengths = [0.1, 0.0, 0.2, 0.0, None, 0.0, 0.0]
+    columns = {"recipe": [f"recipe {k}" for k in range(7)], "length_mean": lengths}
+    text = contactless_text(columns)
+    assert "in 4 of 7 recipes the hand never meets the object" in text
+    assert text.endswith("recipe 1; recipe 3; recipe 5; and 1 more")
+    assert contactless_text({"recipe": ["a"], "length_mean": [0.1]}) is None
+    assert contactless_text({"recipe": ["a"]}) is None  # no lengths were asked for

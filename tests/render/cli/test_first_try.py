@@ -1,0 +1,78 @@
+"""A first try without placement: what its empty file costs, what the command says, and a preview that shows it."""
+
+import re
+
+import numpy as np
+import pytest
+from command_line import run
+
+from palpate.datasets.motions.hand_motion import HandMotion
+from palpate.render import ContourFile, render, static_pose
+from palpate.render.coordinate_spacing import apart_text, joining_place
+
+POSE = [0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0]
+
+
+@pytest.fixture
+def motion(tmp_path):
+    pose = np.tile(np.array(POSE, np.float32), (3, 1))
+    path = tmp_path / "still.csv"
+    HandMotion(np.array([0.0, 0.1, 0.2]), pose).save(path)
+    return path
+
+
+def test_an_empty_file_is_replaced_and_one_with_contours_never_by_an_empty_result(tmp_path, motion):
+    out = tmp_path / "cube.h5"
+    first = run("render", "cube", motion, "-o", out, "--at", 1, 0, 0.2)
+    assert first.exit_code == 0
+    warning = " ".join(first.stderr.split())
+    assert re.search(r"0\.935 m from it at the nearest", warning), warning  # 1 m to the middle less half of 130 mm
+    assert "--at 0 0 0.2 moves the object into the middle of the motion" in warning
+    assert warning.endswith("The same command replaces this empty file")
+    second = run("render", "cube", motion, "-o", out, "--at", 0, 0, 0.2)
+    assert (second.exit_code, second.stderr) == (0, "")
+    with ContourFile(out) as file:
+        drawn = file.polyline_count
+    assert drawn == 3
+    third = run("render", "cube", motion, "-o", out, "--at", 1, 0, 0.2)
+    assert third.exit_code != 0
+    assert "exists already" in third.stderr
+    fourth = run("render", "cube", motion, "-o", out, "--at", 1, 0, 0.2, "--overwrite")
+    assert fourth.exit_code == 1
+    assert "stays as it is, with its 3 polylines" in " ".join(fourth.stderr.split())
+    with ContourFile(out) as file:
+        assert file.polyline_count == 3
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cube.h5", "still.csv"]
+
+
+def test_other_files_are_not_taken_for_empty_ones(tmp_path, motion):
+    out = tmp_path / "notes.h5"
+    out.write_bytes(b"my notes")
+    assert run("render", "cube", motion, "-o", out).exit_code != 0
+    assert out.read_bytes() == b"my notes"
+    empty = render("cube", "palm", static_pose([1.0, 0, 0.2]), "oc")
+    empty.save(tmp_path / "batch.h5")
+    empty.save(tmp_path / "batch.h5")  # nothing is lost
+
+
+def test_the_distance_is_that_of_the_nearest_palm_to_the_box():
+    bounds = np.array([[-0.1, -0.1, 0.1], [0.1, 0.1, 0.3]])
+    pose = np.array([[0.4, 0.5, 0.2, 0, 0, 0, 1], [0.1, 0.1, 0.9, 0, 0, 0, 1]], np.float32)
+    assert "0.5 m from it at the nearest" in apart_text(bounds, pose)  # 0.3 and 0.4 m beside it
+    assert joining_place(pose) == "0.25 0.3 0.55"
+    assert "within that box" in apart_text(bounds, pose * np.float32(0.2))
+
+
+@pytest.mark.exhaustive
+def test_a_preview_renders_an_object_and_a_motion_into_a_page(tmp_path, motion):
+    shown = run("view", "cube", motion, "--export", tmp_path / "page.html", "--json")
+    assert '"poses": [3]' in shown.stdout
+    away = run("view", "cube", motion, "--at", 1, 0, 0.2, "--export", tmp_path / "away.html")
+    assert "--at 0 0 0.2 joins them" in " ".join(away.stderr.split())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["away.html", "page.html", "still.csv"]
+
+
+def test_placement_belongs_to_a_preview(tmp_path):
+    refused = run("view", tmp_path / "a.h5", "--at", 0, 0, 0.2)
+    assert refused.exit_code == 2
+    assert "are of a preview: OBJECT MOTION" in " ".join(refused.stderr.split())

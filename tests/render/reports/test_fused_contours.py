@@ -1,0 +1,59 @@
+"""Contours that a hand feels as one: known shapes, whose share follows from their distances."""
+
+import numpy as np
+import pytest
+
+from palpate.render import ContourFile, render, static_pose
+from palpate.render.focal_spot import focal_width
+from palpate.render.reports.fused_contours import fused_places, fused_share
+
+WIDTH = 0.010  # [m]
+
+
+def share(*polylines):
+    points = np.concatenate([np.asarray(own, np.float32) for own in polylines])
+    start = np.concatenate([[0], np.cumsum([len(own) for own in polylines])])
+    return float(np.mean(fused_places(points, start, WIDTH)))
+
+
+def line(length, y, z=0.2):
+    return [(0.0, y, z), (length, y, z)]
+
+
+def circle(radius, count=200):
+    angle = np.linspace(0.0, 2 * np.pi, count + 1)
+    around = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(count + 1, 0.2)], axis=1)
+    around[-1] = around[0]
+    return around
+
+
+def test_two_lines_fuse_where_they_are_nearer_than_the_width():
+    assert share(line(0.1, 0.0), line(0.1, 0.009)) == 1.0
+    assert share(line(0.1, 0.0), line(0.1, 0.011)) == 0.0
+    slanted = [(0.0, 0.0, 0.2), (0.1, 0.02, 0.2)]  # from its foot to 20 mm away: half is within 10 mm
+    assert share(line(0.1, 0.0), slanted) == pytest.approx(0.5, abs=0.03)
+    assert share(line(0.1, 0.0), line(0.1, 0.0, 0.215)) == 0.0  # above it
+
+
+def test_a_contour_fuses_with_itself_where_it_is_thin_and_not_where_it_bends():
+    wall = [(0.0, 0.0, 0.2), (0.1, 0.0, 0.2), (0.1, 0.004, 0.2), (0.0, 0.004, 0.2), (0.0, 0.0, 0.2)]
+    assert share(wall) > 0.75  # but for its ends, where the way around is short
+    assert share(circle(0.03)) == 0.0
+    assert share([(0.0, 0.0, 0.2), (0.05, 0.0, 0.2), (0.05, 0.05, 0.2)]) == 0.0  # a corner
+    assert share(line(0.1, 0.0)) == 0.0
+
+
+def test_walls_of_4_mm_are_one_band_and_those_of_25_mm_are_two(tmp_path):
+    width = focal_width(0.2).width
+    assert 0.009 < width < 0.011
+    for wall, expected in ((0.004, 1.0), (0.025, 0.0)):
+        assert share(circle(0.03), circle(0.03 + wall)) == expected
+    sphere = render("sphere", "palm", static_pose([0, 0, 0.24]), "cc").save(tmp_path / "sphere.h5")  # one loop
+    with ContourFile(sphere) as file:
+        assert fused_share(file) == 0.0
+    tube = render("tube", "palm", static_pose([0, 0, 0.2]), "cc").save(tmp_path / "tube.h5")
+    with ContourFile(tube) as file:  # the inner wall of 40 mm runs 2.5 mm inside the palm's sides of 42.5 mm
+        assert 0.5 < fused_share(file) < 0.9
+    empty = render("tube", "palm", static_pose([1.0, 0, 0.2]), "cc").save(tmp_path / "empty.h5")
+    with ContourFile(empty) as file:
+        assert fused_share(file) is None

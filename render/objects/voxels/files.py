@@ -1,5 +1,6 @@
 """Volumes from files and into files: NumPy, NRRD, NIfTI, NanoVDB."""
 
+import gzip
 import io
 import logging
 import math
@@ -342,7 +343,8 @@ def write_nifti(voxels: "VoxelObject", path: Path) -> None:
     affine[:3] *= 1e3
     image = nibabel.Nifti1Image(signed_or_occupied(voxels)[0], affine)
     image.header.set_xyzt_units("mm")
-    nibabel.save(image, path)
+    content = image.to_bytes()  # nibabel leaves a file open that it cannot write
+    path.write_bytes(gzip.compress(content, 1, mtime=0) if path.suffix == ".gz" else content)
 
 
 def write_nanovdb(voxels: "VoxelObject", path: Path) -> None:

@@ -4,7 +4,7 @@ import contextlib
 import http.client
 import io
 import socket
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from http import HTTPStatus
 from typing import Any
 from weakref import WeakSet
@@ -23,7 +23,7 @@ NAMES = (HOST, "localhost")
 class GuardedServer(viser.ViserServer):
     """A viser server whose share tunnel is off; make it by `start_server`."""
 
-    connections: Collection[Any] = ()
+    connections: WeakSet[Any] | tuple[()] = ()
     """Those of websockets, each with its loop and transport."""
 
     def request_share_url(self, verbose: bool = True) -> str | None:
@@ -86,7 +86,7 @@ def _require_free(port: int) -> None:
 
 
 @contextlib.contextmanager
-def _guarded_serving() -> Iterator[Collection[Any]]:
+def _guarded_serving() -> Iterator[WeakSet[Any]]:
     """Have the server that is started meanwhile check requests first, and note its connections, which this gives.
 
     viser has no option for either.

@@ -395,7 +395,6 @@ def save_voxels(voxels: "VoxelObject", path: str | Path, *, overwrite: bool = Fa
     except VoxelError as error:
         raise VoxelError(f"{path}: {error}") from error
     except OSError as error:
-        cause = error.strerror or f"the disk may be full: {error}"  # of NumPy, which counts what it has written
-        raise VoxelError(f"{path}: cannot be written ({cause})") from error
+        raise VoxelError(f"{path}: cannot be written ({error.strerror or f'the disk may be full: {error}'})") from error
     if end == ".npy":
         warn_user(f"{path}: an .npy file holds no spacing, origin or kind; .npz does")

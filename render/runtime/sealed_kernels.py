@@ -13,7 +13,7 @@ import time
 from contextlib import suppress
 from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ...datasets.storage.durable import discard_tree, sync, write_file
 from ..errors import KernelCacheError
@@ -41,37 +41,57 @@ def guard_kernels() -> None:
     import warp as wp
 
     compile_module, load = wp.Module._compile, wp.Module.load
-    names = list(inspect.signature(compile_module).parameters)
-    if hasattr(compile_module, "__wrapped__") or names[1:4] != ["device", "output_dir", "output_name"]:
-        return  # guarded already, or a Warp that compiles in another way
+    if hasattr(compile_module, "__wrapped__"):  # guarded already
+        return
+    if list(inspect.signature(compile_module).parameters)[1:4] != ["device", "output_dir", "output_name"]:
+        return  # a Warp that compiles in another way
 
     @wraps(compile_module)
-    def compile_sealed(
+    def compile_guarded(
         self: Any, device: Any = None, output_dir: Any = None, output_name: Any = None, *rest: Any, **options: Any
     ) -> bool:
+        _loading.unproven = None
         if output_name is None or not is_in_cache(output_dir):  # ahead of time, for a folder of the caller's
             return compile_module(self, device, output_dir, output_name, *rest, **options)
-        folder = Path(output_dir)
-        is_proven = _prove(folder, output_name)
+        is_proven = _prove(Path(output_dir), output_name)
         with abandonable():
             compiled = compile_module(self, device, output_dir, output_name, *rest, **options)
-        if compiled:
-            _seal(folder, output_name)
-        _loading.unproven = None if is_proven else (self, folder)
+        if not is_proven:
+            _loading.unproven = _Unproven(self, Path(output_dir), output_name, compiled)
         return compiled
 
     @wraps(load)
-    def load_proven(self: Any, *rest: Any, **options: Any) -> Any:
+    def load_guarded(self: Any, *rest: Any, **options: Any) -> Any:
         try:
-            return load(self, *rest, **options)
+            loaded = load(self, *rest, **options)
         except Exception:
-            module, folder = getattr(_loading, "unproven", None) or (None, None)
-            if module is not self or folder is None:
+            if (unproven := _take_unproven(self)) is None:
                 raise
-            _remove(folder)
-        return load(self, *rest, **options)
+            _remove(unproven.folder)
+            loaded = load(self, *rest, **options)
+        if (unproven := _take_unproven(self)) is not None and unproven.is_new:
+            _seal(unproven.folder, unproven.output_name)
+        return loaded
 
-    wp.Module._compile, wp.Module.load = compile_sealed, load_proven
+    wp.Module._compile, wp.Module.load = compile_guarded, load_guarded
+
+
+class _Unproven(NamedTuple):
+    """A module that this thread is loading."""
+
+    module: Any
+    folder: Path
+    output_name: str
+    is_new: bool
+    """Whether it was compiled just now: it is sealed once it could be loaded, as a full disk may have cut it off."""
+
+
+def _take_unproven(module: Any) -> _Unproven | None:
+    found: _Unproven | None = getattr(_loading, "unproven", None)
+    if found is None:
+        return None
+    _loading.unproven = None
+    return found if found.module is module else None
 
 
 def _prove(folder: Path, output_name: str) -> bool:

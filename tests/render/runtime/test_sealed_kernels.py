@@ -155,6 +155,25 @@ def test_a_damaged_module_that_cannot_be_removed_is_named_with_the_way_out(cache
         run()
 
 
+@pytest.mark.exhaustive
+@pytest.mark.filterwarnings("ignore::palpate.render.errors.PalpateWarning")
+def test_an_object_that_a_full_disk_cuts_off_is_never_sealed(cache, monkeypatch):
+    build = wp._src.build.build_cpu
+
+    def build_on_a_full_disk(path, *rest, **options):
+        build(path, *rest, **options)
+        os.truncate(path, 700)
+
+    shutil.rmtree(files(cache)[0].parent)
+    with monkeypatch.context() as patch:
+        patch.setattr(wp._src.build, "build_cpu", build_on_a_full_disk)
+        with pytest.raises(Exception, match="Failed to load CPU module"):
+            run()
+    assert not list(cache.rglob("*.sha256"))
+    run()
+    assert files(cache)[2].is_file()
+
+
 def test_warp_has_what_is_guarded():
     guard_kernels()
     assert [wp.Module._compile.__name__, wp.Module.load.__name__] == ["_compile", "load"]

@@ -8,6 +8,7 @@ import hashlib
 import inspect
 import json
 import os
+import struct
 import threading
 import time
 from contextlib import suppress
@@ -27,6 +28,8 @@ SEAL_SUFFIX = ".sha256"
 _BLOCK_BYTES = 512  # the smallest block of a file system, which it may not have written yet
 
 _END_BYTES = 32  # an object ends with its table of sections, which holds no more zeros than these
+
+_ELF_HEAD_BYTES = 64
 
 _loading = threading.local()
 
@@ -112,8 +115,10 @@ def _prove(folder: Path, output_name: str) -> bool:
 
 def _is_usable(folder: Path, output_name: str) -> bool:
     """Whether Warp can load from a folder without a seal, or compile into it, where it keeps the metadata it finds."""
-    if (folder / output_name).exists() or not os.path.lexists(folder):
-        return True  # loading an object shows whether it is whole
+    if (folder / output_name).exists():
+        return not _is_cut_off(folder / output_name)
+    if not os.path.lexists(folder):
+        return True
     try:
         json.loads((folder / f"{folder.name}.meta").read_bytes())
     except FileNotFoundError:
@@ -121,6 +126,19 @@ def _is_usable(folder: Path, output_name: str) -> bool:
     except (OSError, ValueError):
         return False
     return True
+
+
+def _is_cut_off(path: Path) -> bool:
+    """Whether an object cannot be read, or ends before its table of sections: the loader prints a line about that."""
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return True
+    if not content.startswith(b"\x7fELF"):
+        return path.suffix == ".o"
+    head = content[:_ELF_HEAD_BYTES].ljust(_ELF_HEAD_BYTES, b"\0")
+    (table,), (row_bytes, row_count) = struct.unpack_from("<Q", head, 0x28), struct.unpack_from("<HH", head, 0x3A)
+    return table + row_bytes * row_count > len(content)
 
 
 def _digests(folder: Path, output_name: str) -> str:

@@ -1,6 +1,7 @@
 """Names that people type: found in any case, and the likely one suggested where none is meant."""
 
 import difflib
+import errno
 import os
 from collections.abc import Collection
 from itertools import islice
@@ -42,9 +43,14 @@ def _spelling(name: str) -> str:
 
 
 def likely_file(path: str | PathLike[str]) -> str:
-    """The file of the same folder that is probably meant by a path where none is, as part of a sentence, or nothing."""
+    """The file of the same folder that is probably meant by a path where none is, as part of a sentence, or nothing.
+
+    Of a symbolic link that leads nowhere, why.
+    """
     missing = Path(path)
     try:
+        if missing.is_symlink():
+            return f" (it is a symbolic link {_link_fault(missing)})"
         with os.scandir(missing.parent) as entries:
             names = [entry.name for entry in islice(entries, _FILES_MOST)]
     except (OSError, ValueError):
@@ -54,6 +60,17 @@ def likely_file(path: str | PathLike[str]) -> str:
         name for name in names if difflib.SequenceMatcher(None, stem, _spelling(Path(name).stem)).ratio() > LIKENESS
     )
     return likely_name(missing.name, [name for name in alike if not name.startswith(".")])
+
+
+def _link_fault(link: Path) -> str:
+    """Why a symbolic link leads nowhere; raises OSError if it is gone."""
+    target = os.readlink(link)
+    try:
+        os.stat(link)
+    except OSError as error:
+        if error.errno == errno.ELOOP:
+            return f"to {target!r}, which leads back to it"
+    return f"to {target!r}, which is not there"
 
 
 def unknown_name(what: str, name: object, known: Collection[str]) -> str:

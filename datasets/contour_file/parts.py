@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from ..bounded_file import ANY_SIZE, open_regular
 from ..errors import ContourFileError, name_nothing
-from ..storage.durable import append_at, write_file
+from ..storage.durable import append_at, fitting_name, write_file
 from ..storage.schema import CHUNK_ROWS
 from .part_log import counts_of, number, record, records, timing_of
 from .rows import Growth, Rows, chunk_bytes, decode_chunk, row_fields, row_shape
@@ -129,7 +129,7 @@ def work_folder(path: Path) -> Path:
     """Folder of a file's parts until it is sealed; raises ContourFileError for a path without a name."""
     if not path.name:  # "/", "."
         raise name_nothing(ContourFileError(f"{path} is a folder, not a contour file"))
-    return path.with_name(path.name + ".partial")
+    return fitting_name(path, ".partial")
 
 
 def part_logs(folder: Path) -> list[Path]:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..storage.digests import ATTRIBUTE, BlockDigester, Digests, block_digests, digests_text
-from ..storage.durable import TEMPORARY_SUFFIX, discard, publish, sync, temporary_name, write_temporary
+from ..storage.durable import discard, publish, sync, temporary_files, temporary_name, unfinished, write_temporary
 from ..storage.hdf5_columns import image_of
 from ..storage.hdf5_image import fixed_text
 from ..storage.hdf5_opening import Attribute
@@ -72,6 +72,8 @@ class FrameFile:
         self.frame_count = frame_count
         # a name of its own: two workers may write the same file at once, when one of them was taken for dead
         self._temporary = temporary_name(path)
+        self._unfinished = contextlib.ExitStack()
+        self._unfinished.enter_context(unfinished(self._temporary))
         self._at = 0
         self._lock = -1
         self._file: Any = None
@@ -144,6 +146,7 @@ class FrameFile:
         """Remove what was written, unless it is published; once more does nothing."""
         self._close()
         discard(self._temporary)
+        self._unfinished.close()
         self._release()
 
     def _close(self) -> None:
@@ -190,7 +193,7 @@ def _lock_file(path: Path) -> int:
 
 def _remove_abandoned(path: Path) -> None:
     """Remove temporary files of this name that no process writes any more."""
-    for left in path.parent.glob(f"{path.name}.*{TEMPORARY_SUFFIX}"):
+    for left in temporary_files(path):
         with contextlib.suppress(OSError):  # another process has removed it
             if (handle := _lock_file(left)) >= 0:
                 discard(left)

@@ -5,6 +5,7 @@ What tests read and users look at to see a format; nothing in them is recorded.
 
 import json
 import math
+from io import BytesIO
 from itertools import pairwise
 from os import PathLike
 from pathlib import Path
@@ -28,6 +29,7 @@ from ..hand_model.joints import (
 from ..hand_model.shape import hand_shape
 from ..motions.hand_motion import PALM_DOWN
 from ..rigid import Numbers, matrix_of, pose_inverse, pose_product, rotate
+from ..storage.durable import write_file
 from .alignment import Y_UP
 from .leap import TIP_RADIUS_SHARE
 from .recording import HandRecording
@@ -85,7 +87,7 @@ def write_sample(format: str, path: str | PathLike[str], *, frame_count: int = 3
             known = ", ".join(f"{name} {suffix}" for name, suffix in (*writers, ("leap", ".npz")))
             raise RecordingError(f"{target}: no sample of {format!r} as {target.suffix!r}; there are {known}")
         else:
-            target.write_text(write(recording), encoding="utf-8")
+            write_file(target, memoryview(write(recording).encode()))
     except OSError as error:
         raise RecordingError(f"{target}: cannot be written: {error}") from error
     return target
@@ -195,8 +197,9 @@ def _write_arrays(path: Path, recording: HandRecording) -> None:
     palm = [_leap_palm(recording, pose) for pose in recording.joint_pose]
     joints = np.stack([recording.joint_pose[:, list(ends), :3] for ends in ENDS_JOINTS], axis=1)
     tips = recording.joint_radius[[digit[-1] for digit in DIGITS]] / TIP_RADIUS_SHARE
+    content = BytesIO()
     np.savez_compressed(
-        path,
+        content,
         t=np.array(_clock(recording, 1e-6)) * 1e-6,
         hand_id=np.ones(count, dtype=np.int64),
         is_left=np.full(count, recording.is_left),
@@ -207,6 +210,7 @@ def _write_arrays(path: Path, recording: HandRecording) -> None:
         finger_width=np.tile(2.0 * tips, (count, 1)),
         length_unit=np.array("m"),
     )
+    write_file(path, content.getbuffer())
 
 
 def _openxr_json(recording: HandRecording) -> str:

@@ -6,6 +6,7 @@ import contextlib
 import errno
 import fcntl
 import glob
+import hashlib
 import os
 import secrets
 import shutil
@@ -28,6 +29,11 @@ TEMPORARY_SUFFIX = ".tmp"
 ABANDONED_SECONDS = 3600.0
 """Age of the last write [s] from which a temporary file counts as left by a killed process."""
 
+_NAME_BYTES = 255  # NAME_MAX of Linux
+_DIGEST_DIGITS = 12
+
+_unfinished: set[Path] = set()
+
 _NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC  # never an existing file or a link
 
 
@@ -37,45 +43,87 @@ def write_file(path: Path, content: memoryview) -> None:
     Raises:
         OSError: From the system (ENOSPC, EFBIG, EDQUOT, ...); no temporary file stays.
     """
-    remove_abandoned(path)
-    temporary = temporary_name(path)
-    try:
+    with _temporary_file(path) as temporary:
         write_temporary(temporary, content)
         publish(temporary, path)
-    except OSError:
-        discard(temporary)
-        raise
 
 
 @contextlib.contextmanager
-def whole_file(path: Path) -> Generator[Path, None, None]:
+def whole_file(path: Path, suffix: str = "") -> Generator[Path, None, None]:
     """A temporary path to write a file under; it gets its name, durably, when the block ends, and goes if it raises.
+
+    suffix: how the temporary name ends, for writers that choose a format by it.
 
     Raises:
         OSError: From the system (ENOSPC, EFBIG, EDQUOT, ...); no temporary file stays.
     """
-    remove_abandoned(path)
-    temporary = temporary_name(path)
-    try:
+    with _temporary_file(path, suffix) as temporary:
         yield temporary
         sync(temporary)
         publish(temporary, path)
-    except BaseException:
+
+
+@contextlib.contextmanager
+def _temporary_file(path: Path, suffix: str = "") -> Generator[Path, None, None]:
+    """A temporary path, removed if the block raises or `discard_unfinished` is called."""
+    remove_abandoned(path, suffix)
+    temporary = temporary_name(path, suffix)
+    with unfinished(temporary):
+        try:
+            yield temporary
+        except BaseException:
+            discard(temporary)
+            raise
+
+
+@contextlib.contextmanager
+def unfinished(temporary: Path) -> Generator[None, None, None]:
+    """Have `discard_unfinished` remove a file, until the block ends."""
+    _unfinished.add(temporary)
+    try:
+        yield
+    finally:
+        _unfinished.discard(temporary)
+
+
+def discard_unfinished() -> None:
+    """Remove all files that are half written, before this process ends in the middle of its work."""
+    for temporary in tuple(_unfinished):
         discard(temporary)
-        raise
 
 
-def temporary_name(path: Path) -> Path:
-    """A random name in the file's folder to write it under, so that no other user can plant a link there."""
-    return path.with_name(f"{path.name}.{secrets.token_hex(6)}{TEMPORARY_SUFFIX}")
+def temporary_name(path: Path, suffix: str = "") -> Path:
+    """A random name in the file's folder to write it under, so that no other user can plant a link there.
+
+    suffix: how it ends, for writers that choose a format by the name.
+    """
+    return fitting_name(path, f".{secrets.token_hex(6)}{TEMPORARY_SUFFIX}{suffix}")
 
 
-def remove_abandoned(path: Path) -> None:
+def fitting_name(path: Path, ending: str) -> Path:
+    """A path with an ASCII ending behind its name; of a name that is too long then, its front and a digest."""
+    most = _NAME_BYTES - len(ending)
+    if len(os.fsencode(path.name)) <= most:
+        return path.with_name(path.name + ending)
+    digest, front = hashlib.sha256(os.fsencode(path.name)).hexdigest()[:_DIGEST_DIGITS], path.name
+    while len(os.fsencode(front)) > most - 1 - _DIGEST_DIGITS:
+        front = front[:-1]  # whole characters, as some file systems take no other bytes
+    return path.with_name(f"{front}~{digest}{ending}")
+
+
+def temporary_files(path: Path, suffix: str = "") -> list[Path]:
+    """Temporary files of `path` that are there (`temporary_name`), of whichever process."""
+    ending = f".{'0' * 12}{TEMPORARY_SUFFIX}{suffix}"
+    front = glob.escape(str(fitting_name(path, ending)).removesuffix(ending))
+    return [Path(name) for name in glob.glob(f"{front}.{'[0-9a-f]' * 12}{TEMPORARY_SUFFIX}{suffix}")]
+
+
+def remove_abandoned(path: Path, suffix: str = "") -> None:
     """Remove temporary files of `path` (`temporary_name`) that killed processes have left."""
-    for name in glob.glob(f"{glob.escape(str(path))}.{'[0-9a-f]' * 12}{TEMPORARY_SUFFIX}"):
+    for left in temporary_files(path, suffix):
         with contextlib.suppress(OSError):  # another process has removed it
-            if time.time() - os.lstat(name).st_mtime >= ABANDONED_SECONDS:
-                os.unlink(name)
+            if time.time() - os.lstat(left).st_mtime >= ABANDONED_SECONDS:
+                os.unlink(left)
 
 
 def write_temporary(path: Path, content: memoryview) -> None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..errors import Hdf5Error, SweepStoreError, name_nothing
 from .chunk_index import with_checksum
-from .durable import Buffer, append_at, discard, publish, temporary_name
+from .durable import Buffer, append_at, discard, temporary_name, whole_file
 from .hdf5 import FAILURES, reason_of
 from .hdf5_opening import StrictFile, open_hdf5
 from .hdf5_structure import h5py
@@ -182,10 +182,14 @@ def write_whole(path: Path, *buffers: Buffer, durable: bool = True) -> None:
     Raises:
         OSError: From the system (ENOSPC, EFBIG, ...); nothing is left behind.
     """
+    if durable:
+        with whole_file(path) as temporary:
+            append_at(temporary, 0, buffers, durable=False, fresh=True)
+        return
     temporary = temporary_name(path)
     try:
-        append_at(temporary, 0, buffers, durable=durable, fresh=True)
-        (publish if durable else os.replace)(temporary, path)
+        append_at(temporary, 0, buffers, durable=False, fresh=True)
+        os.replace(temporary, path)
     except OSError:
         discard(temporary)
         raise

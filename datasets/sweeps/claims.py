@@ -5,6 +5,8 @@
 | `claims/BUCKET.N` | its owner | exclusively; N + 1 takes a dead owner's claim N over | by its owner at its end |
 | `parents/OWNER` | a number that grows | when the parent begins; written again all the time | by it at its end |
 
+A parent that ends also removes those of parents that were killed on its host.
+
 A parent is dead if its file is missing, if it was a process of this host that is no more, or if its file was not
 written for the time of the lease, measured by the clock of the one who looks: clocks of hosts need not agree. A parent
 that was believed dead and goes on does no harm: what both make counts once.
@@ -255,11 +257,16 @@ class Claims:
         return self._clock() - seen[1] < self._lease
 
     def release(self) -> None:
-        """Remove what this parent has created; what cannot be removed dies with the lease."""
+        """Remove what this parent has created, and what killed ones of this host have; the rest dies with the lease."""
         with contextlib.suppress(OSError):
             for name in self._own.values():
                 self._place.remove(name)
             self._place.remove(f"{PARENTS}/{self.owner}")
+            for owner in filter(is_dead_process, self._place.names(PARENTS)):
+                self._place.remove(f"{PARENTS}/{owner}")
+            for name in self._place.names(CLAIMS):
+                if is_dead_process(self._place.read(f"{CLAIMS}/{name}") or ""):
+                    self._place.remove(f"{CLAIMS}/{name}")
         self._own.clear()
 
 

@@ -29,6 +29,8 @@ _HEAD = f"# {_FORMAT} {_VERSION}: each line below of the form '# name = value' h
 # As Python writes numbers. A hash of 32 digits is none, though all may be decimal ones.
 _NUMBER = re.compile(r"-?(?:[0-9]{1,20}(?:\.[0-9]{1,25})?(?:e[+-]?[0-9]{1,3})?|inf)")
 _WHOLE = re.compile(r"-?[0-9]{1,18}")
+_FORMULA = re.compile(r"'*[=+\-@\t\r]")
+_GUARDED = re.compile(r"'+[=+\-@\t\r]")
 _EXACT = 1 << 53  # below it float64 holds every whole number
 
 
@@ -37,8 +39,9 @@ def write_csv(
 ) -> None:
     """Write a table as text, whole or not at all, replacing an earlier one.
 
-    Numbers are the shortest text that gives the same float64 again; what is missing is empty. Of the attributes only
-    CONSTANTS is kept, a mapping. units: not kept; here so that all writers of tables are called alike.
+    Numbers are the shortest text that gives the same float64 again; what is missing is empty; text that a spreadsheet
+    would compute, such as a name that begins with `=`, gets a `'` in front, which reading takes away again. Of the
+    attributes only CONSTANTS is kept, a mapping. units: not kept; here so that all writers of tables are called alike.
 
     Raises:
         SweepStoreError: Columns are impossible, or the file cannot be written; nothing is left behind.
@@ -47,7 +50,7 @@ def write_csv(
     arrays = column_arrays(columns)
     lines = [_HEAD, *(f"# {name} = {_json(value)}" for name, value in attributes.get(CONSTANTS, {}).items())]
     lines.append(",".join(map(_quoted, arrays)))
-    cells = [[_quoted(cell_text(value)) for value in array.tolist()] for array in arrays.values()]
+    cells = [[_quoted(_guarded(cell_text(value))) for value in array.tolist()] for array in arrays.values()]
     lines += [",".join(row) for row in zip(*cells, strict=True)]
     try:
         write_whole(Path(path), "".join(f"{line}\n" for line in lines).encode())
@@ -138,7 +141,7 @@ def _columns(path: Path, text: str, first: int) -> Columns:
 
 def _values(cells: tuple[str, ...]) -> list[Any]:
     if not all(not cell or _NUMBER.fullmatch(cell) for cell in cells):
-        return list(cells)
+        return [cell[1:] if _GUARDED.match(cell) else cell for cell in cells]
     return [None if not cell else int(cell) if _WHOLE.fullmatch(cell) else float(cell) for cell in cells]
 
 
@@ -154,6 +157,11 @@ def _quoted(text: str) -> str:
     The csv module of Python 3.11 leaves a lone carriage return without quotes, which its reader takes for a line's end.
     """
     return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',"#\r\n') else text
+
+
+def _guarded(text: str) -> str:
+    """A cell with a `'` in front of what begins a formula in spreadsheets; OWASP, "CSV Injection", lists the signs."""
+    return f"'{text}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else text
 
 
 def _json(value: Constant) -> str:

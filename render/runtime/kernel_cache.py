@@ -1,19 +1,24 @@
 """The folder of compiled kernels: it holds machine code that is run, so nobody else may write it."""
 
 import atexit
+import contextlib
 import grp
 import os
 import pwd
+import re
 import shutil
 import stat
 import sys
 import tempfile
+import time
 from pathlib import Path
 
+from ...datasets.storage.durable import discard_tree
 from ..errors import KernelCacheError
 
 ROOM_LEAST = 64 * 2**20  # [byte] on the cache's disk: all of palpate's kernels take 40 MB
-_REMEDY = "set WARP_CACHE_PATH to a folder that only you can write, such as one in your home folder"
+_BUILD_SECONDS = 600.0  # one module is compiled in less, so an older folder is of no process on another machine
+REMEDY = "set WARP_CACHE_PATH to a folder that only you can write, such as one in your home folder"
 
 
 def require_private_cache() -> None:
@@ -30,7 +35,7 @@ def require_private_cache() -> None:
     outside = [] if folder.is_relative_to(home) else [path for path in folder.parents if home.is_relative_to(path)]
     for path in (folder, *inside, *outside):
         if fault := _fault(path, is_cache=path == folder):
-            raise KernelCacheError(f"{path} {fault}, so the compiled kernels in {folder} may be anybody's: {_REMEDY}")
+            raise KernelCacheError(f"{path} {fault}, so the compiled kernels in {folder} may be anybody's: {REMEDY}")
 
 
 def why_unwritable() -> str | None:
@@ -71,7 +76,36 @@ def kernels_lost() -> str | None:
     count = sum(not module.is_symlink() for folder in _TEMPORARY for module in folder.iterdir())
     if not count:
         return None
-    return f"kernels were compiled for this run only ({count} files), since their cache cannot be written: {_REMEDY}"
+    return f"kernels were compiled for this run only ({count} files), since their cache cannot be written: {REMEDY}"
+
+
+def remove_abandoned_builds() -> None:
+    """Remove the folders that killed processes compiled in, from Warp's cache."""
+    for folder in _builds(r"\d+"):
+        with contextlib.suppress(OSError):  # another process has removed it
+            process = int(folder.name.rpartition("_p")[2].partition("_t")[0])
+            age = time.time() - folder.stat().st_mtime
+            if age >= _BUILD_SECONDS and not Path("/proc", str(process)).exists():
+                discard_tree(folder)
+
+
+def remove_own_builds() -> None:
+    """Remove what this process keeps for compiling, before it ends in the middle of that."""
+    runtime = getattr(sys.modules.get("warp._src.context"), "runtime", None)
+    headers = [Path(folder.name) for folder in getattr(runtime, "_pch_dirs", {}).values()]  # Warp's own, precompiled
+    for folder in (*_builds(str(os.getpid())), *headers, *(folder.parent for folder in _TEMPORARY)):
+        discard_tree(folder)
+
+
+def _builds(process: str) -> list[Path]:
+    """Folders in Warp's cache that processes compile in; process: a regular expression of their numbers."""
+    import warp as wp
+
+    cache = Path(wp.config.kernel_cache_dir or "")
+    named = re.compile(rf"wp_.*_p{process}_t\d+")
+    with contextlib.suppress(OSError):
+        return [cache / name for name in os.listdir(cache) if named.fullmatch(name)]
+    return []
 
 
 def is_in_cache(path: object) -> bool:
@@ -91,7 +125,7 @@ def _remove(folder: Path, owner: int) -> None:
 
 def unusable_cache(error: OSError) -> KernelCacheError:
     """What to raise where compiled kernels cannot be written."""
-    return KernelCacheError(f"{error.filename}: compiled kernels cannot be kept there ({error.strerror}): {_REMEDY}")
+    return KernelCacheError(f"{error.filename}: compiled kernels cannot be kept there ({error.strerror}): {REMEDY}")
 
 
 def _fault(path: Path, *, is_cache: bool) -> str | None:

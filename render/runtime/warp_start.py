@@ -6,7 +6,14 @@ import tempfile
 from collections.abc import Generator
 from contextlib import contextmanager
 
-from .kernel_cache import require_private_cache, unusable_cache, use_temporary_cache, why_unwritable
+from .kernel_cache import (
+    remove_abandoned_builds,
+    require_private_cache,
+    unusable_cache,
+    use_temporary_cache,
+    why_unwritable,
+)
+from .sealed_kernels import guard_kernels
 
 _NO_DRIVER = "find or load the NVIDIA CUDA driver"
 
@@ -15,12 +22,16 @@ def start_warp() -> None:
     """Start Warp for a command, whose kernel cache must be private.
 
     The cache is created for this user alone; where it cannot be written, a temporary one serves this process and its
-    children. Raises KernelCacheError for one that other users can write.
+    children. What killed processes left in it is removed, and what is loaded from it is proven. Raises KernelCacheError
+    for one that other users can write.
     """
     _start()
     require_private_cache()
     if why_unwritable():
         use_temporary_cache()
+    else:
+        remove_abandoned_builds()
+    guard_kernels()
 
 
 def start_quietly() -> None:
@@ -31,6 +42,7 @@ def start_quietly() -> None:
         _start()
         if why_unwritable():
             use_temporary_cache()
+    guard_kernels()
 
 
 def _start() -> None:

@@ -1,6 +1,7 @@
 """Output of the command line: progress and warnings on standard error, results on standard output, exit codes."""
 
 import contextlib
+import errno
 import json
 import math
 import os
@@ -9,9 +10,11 @@ import traceback
 import warnings
 from collections.abc import Callable, Collection, Sequence
 from numbers import Integral
+from pathlib import Path
 from typing import Any
 
 from ...datasets.errors import DatasetError, NotStoreError, RecordingWarning
+from ...datasets.storage.durable import discard_unfinished
 from ...device.errors import DeviceError, PlayInterrupted, UnknownArrayError, UpdateRateError
 from ...device.report import PlayReport
 from ..errors import (
@@ -23,8 +26,18 @@ from ..errors import (
     StrategyError,
     UntrustedCodeError,
 )
-from ..runtime.kernel_cache import is_in_cache, kernels_lost, unusable_cache
-from .foreign_text import OutputError, discard_output, print_message, set_quiet, show_table, visible, write_output
+from ..runtime.interrupt import ended_promptly
+from ..runtime.kernel_cache import is_in_cache, kernels_lost, remove_own_builds, unusable_cache
+from .foreign_text import (
+    OutputError,
+    discard_output,
+    errors,
+    print_message,
+    set_quiet,
+    show_table,
+    visible,
+    write_output,
+)
 from .wording import Wording
 
 SHOWN_WARNINGS = (PalpateWarning, RecordingWarning)
@@ -236,12 +249,25 @@ def run(command: Callable[[], object], *, as_json: bool, quiet: bool = False) ->
     """Run a command; errors become one sentence and an exit code, without a traceback. quiet: see `set_quiet`."""
     set_quiet(quiet)
     try:
-        code = _run(command, as_json=as_json)
+        with ended_promptly(lambda: _end_at_once(as_json)):
+            code = _run(command, as_json=as_json)
         if (lost := kernels_lost()) is not None:
             warn(lost)
     except OutputError as error:
         return _unwritten(error)
     return code
+
+
+def _end_at_once(as_json: bool) -> int:
+    """Say that a command was interrupted and remove what it has half written; its exit code."""
+    try:
+        with contextlib.suppress(OutputError):
+            errors.show_cursor()
+            return fail("interrupted", FAILED, as_json)
+        return FAILED
+    finally:
+        discard_unfinished()
+        remove_own_builds()
 
 
 def _unwritten(error: OutputError) -> int:
@@ -291,6 +317,10 @@ def _run(command: Callable[[], object], *, as_json: bool) -> int:
                 raise
             if isinstance(error, OSError) and is_in_cache(error.filename):
                 return fail(str(unusable_cache(error)), FAILED, as_json)
+            if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+                longest = max(Path(str(error.filename)).parts, key=lambda part: len(os.fsencode(part)))
+                sentence = f"a name of {len(os.fsencode(longest))} bytes is more than this file system takes"
+                return fail(f"{error.filename}: {sentence} (most take 255)", MISUSED, as_json)
             name = f"{type(error).__name__}: {error}"
             return fail(f"{name} (unexpected; with PALPATE_TRACEBACK=1 it tells where)", FAILED, as_json)
     return code if isinstance(code, int) else DONE

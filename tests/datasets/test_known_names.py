@@ -34,6 +34,13 @@ def test_a_file_of_the_folder_is_suggested(tmp_path):
     assert likely_file(tmp_path / "none" / "tub.h5") == likely_file("\0") == ""
 
 
+def test_a_symbolic_link_that_leads_nowhere_is_not_suggested_for_itself(tmp_path):
+    (tmp_path / "tube.h5").symlink_to("tube.h5")
+    (tmp_path / "tubes.h5").symlink_to("elsewhere.h5")
+    assert likely_file(tmp_path / "tube.h5") == " (it is a symbolic link to 'tube.h5', which leads back to it)"
+    assert likely_file(tmp_path / "tubes.h5") == " (it is a symbolic link to 'elsewhere.h5', which is not there)"
+
+
 def test_an_unknown_shape_is_marked_as_a_name_that_stands_for_nothing():
     with pytest.raises(ShapeError, match=r"unknown shape 'tubes' \(did you mean 'tube'\?\)") as refusal:
         shape("tubes")

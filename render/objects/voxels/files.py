@@ -1,9 +1,9 @@
 """Volumes from files and into files: NumPy, NRRD, NIfTI, NanoVDB."""
 
+import gzip
 import io
 import logging
 import math
-import secrets
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -27,7 +27,7 @@ from ....datasets.bounded_file import (
 )
 from ....datasets.errors import name_nothing
 from ....datasets.known_names import likely_file
-from ....datasets.storage.durable import write_temporary
+from ....datasets.storage.durable import whole_file
 from ....kernels.solids.voxelise import gather_volume
 from ...errors import VoxelError
 from ...file_kinds import VOLUME_SUFFIXES
@@ -235,7 +235,6 @@ def write_npz(voxels: "VoxelObject", path: Path) -> None:
 def write_npy(voxels: "VoxelObject", path: Path) -> None:
     """Values alone."""
     np.save(path, signed_or_occupied(voxels)[0])
-    warn_user(f"{path}: an .npy file holds no spacing, origin or kind; .npz does")
 
 
 def write_nrrd(voxels: "VoxelObject", path: Path) -> None:
@@ -257,14 +256,15 @@ def write_nifti(voxels: "VoxelObject", path: Path) -> None:
     affine[:3] *= 1e3
     image = nibabel.Nifti1Image(signed_or_occupied(voxels)[0], affine)
     image.header.set_xyzt_units("mm")
-    nibabel.save(image, path)
+    content = image.to_bytes()  # nibabel leaves a file open that it cannot write
+    path.write_bytes(gzip.compress(content, 1, mtime=0) if path.suffix == ".gz" else content)
 
 
 def write_nanovdb(voxels: "VoxelObject", path: Path) -> None:
     """Signed values as a level set of float; Warp writes grids along the axes only."""
     step = np.diag(voxels.affine)[:3]
     if not (step > 0).all() or not np.allclose(voxels.affine[:3, :3], np.diag(step), rtol=0, atol=1e-9 * step.max()):
-        raise VoxelError(f"{path}: a turned or mirrored grid cannot be written as .nvdb; .npz, .nrrd and .nii can")
+        raise VoxelError("a turned or mirrored grid cannot be written as .nvdb; .npz, .nrrd and .nii can")
     values = np.array(voxels.values)
     volume = wp.Volume.load_from_numpy(
         values, tuple(voxels.affine[:3, 3]), tuple(step), float(np.abs(values).max()), device="cpu"
@@ -302,12 +302,12 @@ def save_voxels(voxels: "VoxelObject", path: str | Path, *, overwrite: bool = Fa
         raise VoxelError(f"{path}: voxels are written to {', '.join(WRITERS)}")
     if path.exists() and not overwrite:
         raise VoxelError(f"{path}: exists; overwrite=True replaces it")
-    new = path.with_name(f".{path.name[: -len(end)]}.{secrets.token_hex(6)}{end}")
     try:
-        write_temporary(new, memoryview(b""))
-        WRITERS[end](voxels, new)
-        new.replace(path)
+        with whole_file(path, end) as new:
+            WRITERS[end](voxels, new)
+    except VoxelError as error:
+        raise VoxelError(f"{path}: {error}") from error
     except OSError as error:
-        raise VoxelError(f"{path}: cannot be written ({error.strerror or error})") from error
-    finally:
-        new.unlink(missing_ok=True)
+        raise VoxelError(f"{path}: cannot be written ({error.strerror or f'the disk may be full: {error}'})") from error
+    if end == ".npy":
+        warn_user(f"{path}: an .npy file holds no spacing, origin or kind; .npz does")

@@ -13,6 +13,7 @@ import socket
 from collections.abc import Iterator, Mapping
 from http import HTTPStatus
 from typing import Any
+from weakref import WeakSet
 
 import viser
 import websockets.asyncio.server
@@ -47,12 +48,18 @@ class GuardedServer(viser.ViserServer):
         interface.unregister_handler(GuiUpdateMessage, take)
         interface.register_handler(GuiUpdateMessage, take_checked)
 
+    connections: WeakSet[Any] | tuple[()] = ()
+    """Those of websockets, each with its loop and transport."""
+
     def request_share_url(self, verbose: bool = True) -> str | None:
         """Refuse: a tunnel would show the files on an outside server."""
         return None
 
     def stop(self) -> None:
-        """Stop serving, in silence."""
+        """Stop serving, in silence, and at once: visitors that do not read are cut off, others see the same."""
+        for connection in tuple(self.connections):
+            with contextlib.suppress(RuntimeError):  # its loop has ended
+                connection.loop.call_soon_threadsafe(connection.transport.abort)
         with contextlib.redirect_stdout(io.StringIO()):
             super().stop()
 
@@ -66,8 +73,9 @@ def start_server(label: str, port: int | None = None) -> GuardedServer:
     """
     if port is not None:
         _require_free(port)
-    with _guarded_serving(), contextlib.redirect_stdout(io.StringIO()):  # viser prints a panel
+    with _guarded_serving() as connections, contextlib.redirect_stdout(io.StringIO()):  # viser prints a panel
         server = GuardedServer(host=HOST, port=FIRST_PORT if port is None else port, label=label, verbose=False)
+    server.connections = connections
     try:
         if port is not None and server.get_port() != port:
             raise ViewError(f"port {port} was taken while the viewer started; choose another one")
@@ -121,11 +129,23 @@ def _require_free(port: int) -> None:
 
 
 @contextlib.contextmanager
-def _guarded_serving() -> Iterator[None]:
-    """Have the servers that are started meanwhile check requests first: viser has no option for it."""
+def _guarded_serving() -> Iterator[WeakSet[Any]]:
+    """Have the server that is started meanwhile check requests first, and note its connections, which this gives.
+
+    viser has no option for either.
+    """
+    connections: WeakSet[Any] = WeakSet()
+
+    class Noted(websockets.asyncio.server.ServerConnection):
+        def connection_made(self, transport: Any) -> None:
+            super().connection_made(transport)
+            connections.add(self)
+
     serve = websockets.asyncio.server.serve
 
     def guarded(*arguments: Any, process_request: Any = None, **options: Any) -> Any:
+        options["create_connection"] = Noted
+
         def check(connection: Any, request: Any) -> Any:
             port = connection.local_address[1]
             origins = request.headers.get_all("Origin")
@@ -144,7 +164,7 @@ def _guarded_serving() -> Iterator[None]:
 
     websockets.asyncio.server.serve = guarded  # pyright: ignore[reportAttributeAccessIssue]  # viser looks it up here
     try:
-        yield
+        yield connections
     finally:
         websockets.asyncio.server.serve = serve  # pyright: ignore[reportAttributeAccessIssue]
 

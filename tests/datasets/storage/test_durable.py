@@ -8,7 +8,14 @@ import time
 import pytest
 from disk_faults import Disk
 
-from palpate.datasets.storage.durable import ABANDONED_SECONDS, FolderLock, temporary_name, whole_file, write_file
+from palpate.datasets.storage.durable import (
+    ABANDONED_SECONDS,
+    FolderLock,
+    discard_unfinished,
+    temporary_name,
+    whole_file,
+    write_file,
+)
 
 
 def test_a_whole_file_replaces_the_old_one_only_at_the_end(tmp_path):
@@ -50,6 +57,35 @@ def test_what_a_killed_writer_left_is_removed_once_it_is_old(tmp_path):
     with whole_file(path) as new:
         new.write_text("new")
     assert sorted(tmp_path.iterdir()) == sorted([path, young])
+
+
+@pytest.mark.parametrize("name", ["n" * 255, "n" * 239, "é" * 127, "[n]" * 85, "日" * 85], ids=range(5))
+def test_a_name_as_long_as_the_file_system_takes_is_written_and_its_leftovers_are_found(name, tmp_path):
+    path = tmp_path / name
+    left, others = temporary_name(path), temporary_name(path.with_name(name[:-1] + "x"))
+    then = time.time() - ABANDONED_SECONDS - 10
+    for temporary in (left, others):
+        temporary.write_text("half")
+        os.utime(temporary, (then, then))
+    write_file(path, memoryview(b"new"))
+    with whole_file(path) as new:
+        new.write_text("newer")
+    assert sorted(tmp_path.iterdir()) == sorted([path, others])
+    assert path.read_text() == "newer"
+
+
+def test_what_is_half_written_is_removed_before_a_process_ends_in_the_middle(tmp_path):
+    done = tmp_path / "done.csv"
+    write_file(done, memoryview(b"done"))
+
+    def write():
+        with whole_file(tmp_path / "a.csv") as new:
+            new.write_text("half")
+            discard_unfinished()
+
+    with pytest.raises(FileNotFoundError):
+        write()
+    assert list(tmp_path.iterdir()) == [done]
 
 
 def write_whole(path, content):

@@ -1,6 +1,7 @@
 """Claims of work: one parent has a bucket, whoever else asks; a dead parent's are taken over; on S3 as on a disk."""
 
 import os
+import platform
 import subprocess
 import sys
 
@@ -93,6 +94,21 @@ def test_a_claim_whose_owner_died_on_this_host_is_taken_over_at_once(tmp_path):
     (name,) = LocalPlace(tmp_path).names("parents")
     assert is_dead_process(name)
     assert Claims(LocalPlace(tmp_path)).take("a")
+
+
+def test_what_a_parent_killed_on_this_host_left_goes_with_the_next_one_that_ends(tmp_path):
+    place = LocalPlace(tmp_path)
+    ended = subprocess.run(["sh", "-c", "echo $$"], capture_output=True, text=True).stdout.strip()
+    killed = f"{platform.node()}-{ended}-0a"
+    for owner, claim in ((killed, "a.1"), ("elsewhere-7-0b", "b.1"), ("", "c.1")):
+        place.create(f"claims/{claim}", owner)
+        if owner:
+            place.write(f"parents/{owner}", "1")
+    parent = Claims(place)
+    assert parent.take("d")
+    parent.release()
+    assert place.names("parents") == ["elsewhere-7-0b"]
+    assert sorted(place.names("claims")) == ["b.1", "c.1"]
 
 
 MANY = """

@@ -1,5 +1,7 @@
 """Tables as text: what they hold after reading, what a diff of two shows, and texts that are no tables."""
 
+import csv
+import io
 import json
 import math
 
@@ -36,6 +38,23 @@ def test_what_is_read_is_what_was_written(tmp_path_factory, rows, constants):
     whole = load_table(path, constants=True)
     assert set(whole) == {"name", "number", *constants}
     assert all(same(whole[name][-1], value) for name, value in constants.items())
+
+
+FORMULAS = ["=1+1", '=HYPERLINK("http://a")', "+1 m", "-cube", "@SUM(A1)", "\t=1", "\r=1", "'=1", "''@a"]
+"""Names of files that spreadsheets take for formulas, by the signs of OWASP's "CSV Injection"; and such in quotes."""
+
+
+@pytest.mark.parametrize("names", [FORMULAS, ["a=b", "'quoted'", "-5", "cube"]])
+def test_no_cell_is_a_formula_and_names_come_back(tmp_path, names):
+    path = tmp_path / "t.csv"
+    write_csv(path, {"object": names, "r": [-1.5] * len(names)}, {})
+    assert load_table(path)["object"].tolist() == names
+    rows = list(csv.reader(io.StringIO(path.read_bytes().decode(), newline="")))[2:]
+    cells = [name for name, number in rows if number == "-1.5"]
+    assert len(cells) == len(names)
+    assert not [cell for cell in cells if cell[0] in "=+-@\t\r" and cell != "-5"]
+    if names is not FORMULAS:
+        assert cells == names
 
 
 @pytest.mark.parametrize("suffix", WRITERS)

@@ -2,7 +2,9 @@
 
 import http.client
 import socket
+import time
 
+import numpy as np
 import pytest
 
 viser = pytest.importorskip("viser")
@@ -164,3 +166,35 @@ def test_a_viser_that_lets_foreign_pages_pass_is_not_started(monkeypatch):
     monkeypatch.setattr(guarded_server, "refusal", lambda *_: None)
     with pytest.raises(ViewError, match="let a request of a foreign page pass"):
         start_server("test")
+
+
+ASKED = {
+    "a browser that connects in advance": "",
+    "half a request": "GET / HT",
+    "a page that is not read": "GET / HTTP/1.1\r\nHost: {0}\r\n\r\n",
+    "a visitor that does not read": (
+        "GET / HTTP/1.1\r\nHost: {0}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
+        "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Protocol: viser-v{1}\r\n\r\n"
+    ),
+}
+
+
+@pytest.mark.exhaustive(after=1)
+@pytest.mark.parametrize("asked", ASKED.values(), ids=ASKED)
+def test_it_stops_at_once_whatever_visitors_do_not_read(asked):
+    server = start_server("test")
+    address = (HOST, server.get_port())
+    with socket.socket() as visitor:
+        visitor.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        visitor.connect(address)
+        visitor.sendall(asked.format(f"{HOST}:{address[1]}", viser.__version__).encode())
+        server.scene.add_point_cloud("/points", points=np.zeros((10**6, 3), np.float32), colors=(1, 2, 3))
+        deadline = time.monotonic() + 5
+        while not server.connections:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        begun = time.monotonic()
+        server.stop()
+        assert time.monotonic() - begun < 3  # before 6 s: viser's own time for visitors
+    with pytest.raises(OSError, match="refused"), socket.create_connection(address, timeout=5):
+        pass

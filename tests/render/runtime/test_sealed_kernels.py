@@ -1,0 +1,183 @@
+"""Damaged files in the cache of compiled kernels: found before they are loaded, removed, and compiled anew.
+
+The truths are Warp's own compiler and loader, which kernels go through here, and `sha256sum`, which reads the seals.
+"""
+
+import os
+import random
+import shutil
+import subprocess
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import warp as wp
+
+from palpate.render.errors import KernelCacheError, PalpateWarning
+from palpate.render.runtime.sealed_kernels import guard_kernels
+
+
+@wp.kernel(module="palpate_test_sealed_kernels", enable_backward=False)
+def double(values: wp.array(dtype=float)):
+    place = wp.tid()
+    values[place] = 2.0 * values[place]
+
+
+DAMAGES = {  # object and metadata are written anew, as a power cut may leave them
+    "an object cut off": lambda o, m: o.write_bytes(o.read_bytes()[:700]),
+    "an empty object": lambda o, m: o.write_bytes(b""),
+    "an object of zeros": lambda o, m: o.write_bytes(bytes(o.stat().st_size)),
+    "the end of an object as zeros": lambda o, m: o.write_bytes(o.read_bytes()[:-152] + bytes(152)),
+    "garbage of an object's size": lambda o, m: o.write_bytes(random.Random(1).randbytes(o.stat().st_size)),
+    "a folder for an object": lambda o, m: (o.unlink(), o.mkdir()),
+    "no object and empty metadata": lambda o, m: (o.unlink(), m.write_bytes(b"")),
+    "empty metadata": lambda o, m: m.write_bytes(b""),
+    "metadata that are no text": lambda o, m: m.write_bytes(b"\xff\xfe\x80"),
+    "a folder for metadata": lambda o, m: (m.unlink(), m.mkdir()),
+    "a file for the module's folder": lambda o, m: (shutil.rmtree(o.parent), o.parent.write_bytes(b"")),
+}
+SEALED_DAMAGES = {  # these Warp loads without a word, and may crash in
+    "zeros within an object": lambda o, m: o.write_bytes(o.read_bytes()[:512] + bytes(256) + o.read_bytes()[768:]),
+    "metadata of another kernel": lambda o, m: m.write_bytes(b"{}"),
+    "no object": lambda o, m: o.unlink(),
+    "no metadata": lambda o, m: m.unlink(),
+}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A cache with one module, compiled and sealed."""
+    wp.init()
+    folder, before = tmp_path_factory.mktemp("whole"), wp.config.kernel_cache_dir
+    guard_kernels()
+    wp.config.kernel_cache_dir = str(folder)
+    try:
+        run()
+    finally:
+        wp.config.kernel_cache_dir = before
+    return folder
+
+
+@pytest.fixture
+def cache(whole, tmp_path, monkeypatch):
+    """A copy of that cache, which Warp has now."""
+    shutil.copytree(whole, tmp_path / "cache")
+    monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def run():
+    """Load the kernel from the cache, and launch it."""
+    double.module.unload()
+    values = wp.array([1.0, -3.0], dtype=float, device="cpu")
+    wp.launch(double, 2, inputs=[values], device="cpu")
+    assert np.array_equal(values.numpy(), [2.0, -6.0])
+
+
+def files(cache):
+    """The object, the metadata and the seal of the one module in a cache."""
+    return next(cache.rglob("*.o")), next(cache.rglob("*.meta")), next(cache.rglob("*.o.sha256"))
+
+
+def test_a_seal_is_what_sha256sum_reads(cache):
+    seal = files(cache)[2]
+    check = ["sha256sum", "--check", "--strict", seal.name]
+    assert subprocess.run(check, cwd=seal.parent, capture_output=True).returncode == 0
+    assert len(seal.read_text().splitlines()) == 2
+
+
+def test_whole_modules_are_loaded_and_stay(cache):
+    before = {path: path.stat().st_mtime_ns for path in files(cache)}
+    run()
+    assert {path: path.stat().st_mtime_ns for path in files(cache)} == before
+
+
+@pytest.mark.exhaustive(after=1)
+@pytest.mark.parametrize("damage", {**DAMAGES, **SEALED_DAMAGES}.values(), ids={**DAMAGES, **SEALED_DAMAGES})
+def test_a_damaged_module_is_removed_with_one_warning_and_compiled_anew(cache, whole, damage):
+    damage(*files(cache)[:2])
+    with pytest.warns(PalpateWarning, match=rf"^{cache}: compiled kernels were damaged .* compiled anew$") as told:
+        run()
+    assert len(told) == 1
+    assert {path.name for path in cache.rglob("*")} == {path.name for path in whole.rglob("*")}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run()
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("damage", DAMAGES.values(), ids=DAMAGES)
+def test_modules_of_other_programs_have_no_seal_and_are_compiled_anew_if_damaged(cache, damage, capfd):
+    found, meta, seal = files(cache)
+    seal.unlink()
+    damage(found, meta)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PalpateWarning)
+        run()
+    assert files(cache)[2].is_file()
+    assert "object file" not in capfd.readouterr().err  # as LLVM begins its own line
+
+
+def test_a_module_without_a_seal_is_used_unless_the_power_may_have_failed_since(cache):
+    found, _, seal = files(cache)
+    seal.unlink()
+    before = found.stat().st_mtime_ns
+    run()
+    assert found.stat().st_mtime_ns == before
+    assert not seal.exists()
+    then = time.time() - time.clock_gettime(time.CLOCK_BOOTTIME) - 10
+    os.utime(found, (then, then))
+    run()
+    assert files(cache)[0].stat().st_mtime > then + 10
+    assert seal.exists()
+
+
+def test_a_damaged_module_of_a_cache_for_reading_is_replaced_where_it_is_linked(cache, tmp_path, monkeypatch):
+    module, links = files(cache)[0].parent, tmp_path / "links"
+    links.mkdir()
+    (links / module.name).symlink_to(module)
+    files(cache)[0].write_bytes(b"")
+    monkeypatch.setattr(wp.config, "kernel_cache_dir", str(links))
+    with pytest.warns(PalpateWarning, match="compiled anew"):
+        run()
+    assert files(cache)[0].stat().st_size == 0
+    assert not (links / module.name).is_symlink()
+
+
+def test_a_damaged_module_that_cannot_be_removed_is_named_with_the_way_out(cache, monkeypatch):
+    def refuse(*paths):
+        raise PermissionError(13, "Permission denied", *paths)
+
+    files(cache)[0].write_bytes(b"")
+    monkeypatch.setattr(os, "rename", refuse)
+    with pytest.raises(KernelCacheError, match=r"wp_palpate_test\S+: .*damaged.*Permission denied.*WARP_CACHE_PATH"):
+        run()
+
+
+@pytest.mark.exhaustive
+@pytest.mark.filterwarnings("ignore::palpate.render.errors.PalpateWarning")
+def test_an_object_that_a_full_disk_cuts_off_is_never_sealed(cache, monkeypatch):
+    build = wp._src.build.build_cpu
+
+    def build_on_a_full_disk(path, *rest, **options):
+        build(path, *rest, **options)
+        os.truncate(path, 700)
+
+    shutil.rmtree(files(cache)[0].parent)
+    with monkeypatch.context() as patch:
+        patch.setattr(wp._src.build, "build_cpu", build_on_a_full_disk)
+        with pytest.raises(Exception, match="Failed to load CPU module"):
+            run()
+    assert not list(cache.rglob("*.sha256"))
+    run()
+    assert files(cache)[2].is_file()
+
+
+def test_warp_has_what_is_guarded():
+    guard_kernels()
+    assert [wp.Module._compile.__name__, wp.Module.load.__name__] == ["_compile", "load"]
+    assert hasattr(wp.Module._compile, "__wrapped__")
+    assert not hasattr(wp.Module._compile.__wrapped__, "__wrapped__")
+    assert Path(wp.Module._compile.__code__.co_filename).name == "sealed_kernels.py"

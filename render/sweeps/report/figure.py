@@ -12,34 +12,13 @@ import numpy as np
 from ...errors import SweepError
 from ...reports.picture_style import SUFFIXES, save_picture
 from .layout import Axis, FigureLayout, View, choose_views
-from .table import AXIS_UNITS, USER_COLUMN, is_missing, is_user_column
+from .shown_metrics import SHOWN_UNITS, TITLES, numbers, shown_metrics, titled
+from .table import AXIS_UNITS
 
 COLOURS = ("#2b2d42", "#c1121f", "#1d6fa5", "#2a9d8f", "#f4a261", "#9b5de5", "#bc6c25", "#e56b9f", "#8d99ae", "#606c38")
 MARKERS = "osD^vPX<>*"
 DASHES = ("-", "--", ":", "-.")
-ROWS, ACROSS = 5, 3  # of panels: rows at most; in a row where no axis takes the columns
-SHOWN_UNITS = {
-    "m": ("mm", 1e3),
-    "m2": ("cm²", 1e4),
-    "Hz": ("Hz", 1.0),
-    "dB": ("dB", 1.0),
-    "Pa": ("Pa", 1.0),
-    "1": ("", 1.0),
-}
-TITLES: dict[str, tuple[str, str]] = {
-    "length_mean": ("length", "m"),
-    "r": ("r = |CC| / |OC|", "1"),
-    "noise_db_300_10k": ("noise, 300 Hz to 10 kHz", "dB"),
-    "pressure_focus_pressure": ("pressure at the focal point", "Pa"),
-    "draw_frequency_actual": ("draw frequency", "Hz"),
-    "jumps": ("jumps, all causes", "1"),
-    "area_mean": ("area of contact", "m2"),
-    "polylines_mean": ("polylines a pose", "1"),
-    "revisit_rate": ("revisit rate", "Hz"),
-    "dwell_spread": ("spread of dwell", "1"),
-}
-"""Metrics shown, the first that there are: title and unit. A user's own metrics come before the last of them."""
-
+ACROSS = 3  # panels in a row where no axis takes the columns
 REMARKS = {
     "length_mean": "Length: mean over all poses; one without contact counts as 0.",
     "draw_frequency_actual": "Draw frequency: mean over poses with contours; few short contours can dominate it.",
@@ -161,36 +140,6 @@ def _draw_block(area: Any, block: _Block) -> None:
             text.set_fontweight("normal" if text.get_text().startswith(" ") else "bold")
 
 
-def shown_metrics(table: Mapping[str, Sequence[Any]]) -> dict[str, np.ndarray]:
-    """Metrics that have values, at most ROWS, in shown units; what never differs comes only if nothing else does."""
-    jumps = [_numbers(table[key]) for key in table if key.startswith("jumps_")]
-    names = _ordered(table)
-    source: dict[str, np.ndarray] = {key: _numbers(table[key]) for key in names if key in table}
-    if jumps:
-        source["jumps"] = np.sum(jumps, axis=0)
-    there = {key: source[key] for key in names if key in source and np.isfinite(source[key]).any()}
-    telling = {key: values for key, values in there.items() if np.nanmax(values) > np.nanmin(values)} or there
-    return {key: SHOWN_UNITS[_titled(key)[1]][1] * values for key, values in list(telling.items())[:ROWS]}
-
-
-def _ordered(table: Mapping[str, Sequence[Any]]) -> list[str]:
-    """Metrics that may be shown: what was asked for beyond contours and draw frequency first, but for the length."""
-    own = [name for name in table if is_user_column(name) and name.endswith("_mean")]
-    names = list(TITLES)
-    place = names.index("draw_frequency_actual")
-    return [*names[:place], *own, *names[place:]]
-
-
-def _titled(metric: str) -> tuple[str, str]:
-    """Title and unit; a user's own metric has the name of its function, and no unit."""
-    return TITLES.get(metric) or (_words(metric.removeprefix(USER_COLUMN).removesuffix("_mean")), "1")
-
-
-def _numbers(values: Sequence[Any]) -> np.ndarray:
-    """float64, NaN for what is missing."""
-    return np.array([math.nan if is_missing(value) else value for value in values], np.float64)
-
-
 def _grid(metric_count: int, layout: FigureLayout) -> tuple[int, int]:
     if layout.column is not None:
         return metric_count, len(layout.column.values)
@@ -225,7 +174,7 @@ def _draw_panels(
             if i == 0 and column:
                 title = f"{_words(column.name)} {column.word(k)}" if column.is_numeric else _value(column, k)
                 panel.set_title(title, fontsize=9, fontweight="bold")
-        title, unit = _titled(metric)
+        title, unit = titled(metric)
         shown = SHOWN_UNITS[unit][0]
         (panels[0].set_ylabel if column else panels[0].set_title)(f"{title} [{shown}]" if shown else title, fontsize=8)
         _scale(panels[0].set_xscale if _lies(layout) else panels[0].set_yscale, values)
@@ -352,7 +301,7 @@ def _colour(hues: Axis | None, k: int) -> Any:
 
 def _label(figure: Any, views: Sequence[View], table: Mapping[str, Sequence[Any]], name: str, total: int) -> None:
     """Title and caption; total: recipes, with those that are left out."""
-    poses = np.nansum(_numbers(table["poses"])) if "poses" in table else None
+    poses = np.nansum(numbers(table["poses"])) if "poses" in table else None
     parts = [f"{total:,} recipe{'s' * (total != 1)}", *([f"{poses:,.0f} poses"] if poses else [])]
     parts += sorted({str(maker).partition(COMMA)[0] for maker in table.get("maker", ())})[:2]
     figure.suptitle(shown_name(name, TITLE_MOST), x=0.01, ha="left", fontsize=11, fontweight="bold")
@@ -388,7 +337,7 @@ def _described(view: View, *, is_alone: bool) -> str:
     clauses = [f"the same for every {COMMA.join(map(_words, view.omitted))}"] if view.omitted else []
     clauses += [f"means over {over}", "spread: one standard deviation"] if over else []
     text = "; ".join(clauses)
-    titles = COMMA.join(_titled(metric)[0].partition(COMMA)[0] for metric in view.metrics)
+    titles = COMMA.join(titled(metric)[0].partition(COMMA)[0] for metric in view.metrics)
     return f"{text[0].upper() + text[1:] if is_alone else f'{titles}: {text}'}." if text else ""
 
 

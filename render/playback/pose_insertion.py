@@ -10,7 +10,7 @@ played backwards gets other poses.
 
 | intervals | what is done |
 |---|---|
-| a point has none of the next contours within the distance | a pose in the middle, and both halves are looked at again |
+| a point has none of the next contours within the distance | a pose in the middle, and both halves are tested again |
 | longer than HOLD, so that a player would take the next pose for missing | the same |
 | longer than `hold`: a gap in tracking | left as they are: nobody knows where the hand was |
 | shorter than twice INTERVAL_LEAST | left as they are: contours appear or disappear there, which is no motion |

@@ -182,7 +182,7 @@ def test_old_contours_are_near_the_new_ones_and_a_part_that_appears_may_be_farth
         for (a, b), lasting in zip(itertools.pairwise(lines), np.diff(denser.time), strict=True)
         if a and b and lasting >= 50e-6
     ]
-    assert len(pairs) > 30
+    assert len(pairs) > 10
     assert not any(insertion_oracle.moves_far(a, b, 1.001 * distance + distance / 8) for a, b in pairs)
     assert any(insertion_oracle.moves_far(b, a, 2 * distance) for a, b in pairs)
     back = insert_poses(tube, Palm(), HandMotion(motion.time, motion.pose[::-1]), closed_contour(), distance=distance)

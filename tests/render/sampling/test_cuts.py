@@ -11,7 +11,17 @@ import pytest
 from contour_shapes import batch_of, circle, square, still
 
 from palpate.render.sampling.batch_sampling import sample_motions
-from palpate.render.sampling.contour_sampling import PRESETS, Sampler, SamplingStrategy, joined, preset, sample_contours
+from palpate.render.sampling.contour_sampling import (
+    PRESETS,
+    FocalPoints,
+    Sampler,
+    SamplingStrategy,
+    dwell_map,
+    joined,
+    preset,
+    sample_bounds,
+    sample_contours,
+)
 
 TIME = np.array([0.0, 0.0137, 0.0211, 0.0412, 0.1537, 0.1612, 0.1701])  # the fourth lasts for more than a block
 DURATION = 0.1853
@@ -43,6 +53,22 @@ def sampled(batches, pose, time, strategy, block=1024):
     return joined(
         list(sample_contours(batches, pose, time, DURATION, sampler, block=block, hold=0.0301))
     ), sampler.count
+
+
+@pytest.mark.parametrize("foci", [1, 3])
+def test_dwell_maps_of_any_blocks_have_the_same_bits(foci):
+    """At 10,001 Hz, of which no sample's time is a binary fraction; times are whole numbers of samples."""
+    batch, pose, time = motion_of(scene())
+    focus, _ = sampled([batch], pose, time, SamplingStrategy(foci=foci, update_rate=10_001.0))
+    bounds = sample_bounds(time, DURATION, 10_001.0)
+    expected = dwell_map([focus], pose, bounds, 10_001.0)
+    assert (np.rint(expected.time * foci * 10_001) / (foci * 10_001.0) == expected.time).all()
+    for block in (7, 100):
+        cuts = range(block, len(focus.intensity), block)
+        parts = zip(np.split(focus.position, cuts), np.split(focus.intensity, cuts), strict=True)
+        found = dwell_map([FocalPoints(*part) for part in parts], pose, bounds, 10_001.0)
+        assert (found.time == expected.time).all()
+        assert (found.spread, found.outside, found.silent) == (expected.spread, expected.outside, expected.silent)
 
 
 def assert_same(found, expected):

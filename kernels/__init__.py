@@ -21,6 +21,7 @@ RENDER_STAGES = (
     "section.joining",
     "section.contour_writing",
     "section.listed_drawing",
+    "pieces.near_corners",
     "pieces.plane_loops",
     "patterns.section_cutting",
     "patterns.section_drawing",

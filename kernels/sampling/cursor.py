@@ -7,7 +7,7 @@ import warp as wp
 
 from .layout import ONE, STILL, ZERO, DrawnPiece, DrawnSection, PoseTrack, SamplingPlan, TrackNodes
 
-BLOCK_SAMPLES = wp.constant(wp.int64(1024))  # a pose that lasts longer is drawn in blocks, whose ages begin anew
+TICKS = wp.constant(wp.float64(1 << 20))  # of a sample: ages are counted in them, as in render/sampling/fading.py
 TURN_SLACK = wp.constant(wp.float64(1e-9))  # of a turn
 
 
@@ -20,8 +20,8 @@ class PoseSchedule:
     number: wp.array[wp.int64]  # the same, counted from the first one drawn
     count: wp.array[wp.int64]  # of samples
     row: wp.array[wp.int64]  # of a pose's first sample among those of all motions, shape [pose]
-    time: wp.array[wp.float64]  # of poses [s]
-    hold: wp.array[wp.float64]  # age at which a pose starts to fade [s], shape [motion]
+    time: wp.array[wp.float64]  # of poses [ticks]
+    hold: wp.array[wp.float64]  # age at which a pose starts to fade [ticks], shape [motion]
     shown: wp.array[wp.int64]  # place in a cycle of the points in the order in which they are shown
 
 
@@ -288,17 +288,14 @@ def shown_knot(plan: SamplingPlan, shown: wp.array[wp.int64], track: PoseTrack, 
 
 
 @wp.func
-def age_of(plan: SamplingPlan, schedule: PoseSchedule, pose: int, sample: wp.int64):
-    """Age of a pose at one of its samples, and whether its block of samples ends after `hold` [s]."""
-    begin = sample / BLOCK_SAMPLES * BLOCK_SAMPLES
-    count = wp.min(schedule.count[pose] - begin, BLOCK_SAMPLES)
-    age = wp.float64(schedule.first[pose] + begin) / plan.rate - schedule.time[pose]
-    return age + wp.float64(sample - begin) / plan.rate, age + wp.float64(count) / plan.rate
+def age_of(schedule: PoseSchedule, pose: int, sample: wp.int64):
+    """Age of a pose at one of its samples [ticks]."""
+    return wp.float64(schedule.first[pose] + sample) * TICKS - schedule.time[pose]
 
 
 @wp.func
-def gain_of(plan: SamplingPlan, age: wp.float64, block_end: wp.float64, hold: wp.float64):
-    """What a fade leaves of the intensity."""
-    if block_end <= hold:
+def gain_of(plan: SamplingPlan, age: wp.float64, hold: wp.float64):
+    """What a fade leaves of the intensity; age, hold: [ticks]."""
+    if age <= hold:
         return ONE
     return wp.min(wp.max(ONE - (age - hold) / plan.fade, ZERO), ONE)

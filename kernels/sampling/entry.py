@@ -178,8 +178,7 @@ def is_silent_at(
     hold: wp.float64,
 ):
     """Whether a sample of a pose, at this knot of a track, is of intensity 0."""
-    age, block_end = age_of(plan, schedule, pose, sample)
-    if gain_of(plan, age, block_end, hold) <= ZERO:
+    if gain_of(plan, age_of(schedule, pose, sample), hold) <= ZERO:
         return int(1)
     if nodes.intensity.shape[0] == 0:
         return int(0)

@@ -119,11 +119,11 @@ def shown_before(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pos
 @wp.func
 def gain_at(plan: SamplingPlan, schedule: PoseSchedule, pose: int, sample: wp.int64, hold: wp.float64):
     """What a fade leaves of a sample's intensity, and whether the pose is older than `hold` then, 0 or 1."""
-    age, block_end = age_of(plan, schedule, pose, sample)
+    age = age_of(schedule, pose, sample)
     held = wp.int64(0)
-    if block_end > hold and age > hold:
+    if age > hold:
         held = wp.int64(1)
-    return gain_of(plan, age, block_end, hold), held
+    return gain_of(plan, age, hold), held
 
 
 @wp.func
@@ -149,7 +149,7 @@ def is_drawn(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: i
 
 @wp.func
 def held_of(plan: SamplingPlan, schedule: PoseSchedule, pose: int, hold: wp.float64):
-    """Samples of a pose at which it is older than `hold` [s]."""
+    """Samples of a pose at which it is older than `hold` [ticks]."""
     count = wp.int64(0)
     sample = wp.int64(0)
     while sample < schedule.count[pose]:

@@ -36,7 +36,7 @@ class SamplingPlan:
     wave: wp.int32  # amplitude modulation: 0 none, 1 sine, 2 square
     wave_turns: wp.float64  # a sample
     wave_depth: wp.float64
-    fade: wp.float64  # [s]
+    fade: wp.float64  # how long one takes [ticks]
     restarts: wp.int32  # continuity "jump"
     finishes: wp.int32  # continuity "finish"
     plain: wp.int32  # a cycle's duration depends on arc length alone

@@ -6,7 +6,6 @@ As `Sampler._count_jumps` in render/sampling.
 import warp as wp
 
 from .cursor import (
-    BLOCK_SAMPLES,
     DrawnTracks,
     PoseSchedule,
     contours_at,
@@ -17,6 +16,7 @@ from .cursor import (
 )
 from .layout import INFINITE, TWO, ZERO, SamplingPlan, distance
 
+LENGTH_UNIT = wp.constant(wp.float64(2.0**-32))  # [m]: lengths are summed in whole ones, as by the host
 POLYLINE, ORDER, POSE, RE_ENTRY = (wp.constant(k) for k in range(4))  # causes of jumps, in the order of CAUSES
 
 
@@ -28,7 +28,6 @@ class StepCount:
     held: wp.int64
     jumps: wp.vec4l
     jump_lengths: wp.vec4d  # [m]
-    jump_first: wp.float64  # of jumps of the first sample between polylines or out of order, not in `jump_lengths` [m]
     hops: wp.vec4l
     hops_longest: wp.vec4d  # [m]
     step_longest: wp.float64  # [m]
@@ -41,13 +40,6 @@ class StepCount:
 def below(x: wp.float64):
     """The greatest number below a positive one."""
     return wp.cast(wp.cast(x, wp.int64) - wp.int64(1), wp.float64)
-
-
-@wp.func
-def ordinary_of(schedule: PoseSchedule, d: DrawnTracks, pose: int, sample: wp.int64):
-    """Ordinary step of the contours on which the block of samples ends that begins with a sample of a pose [m]."""
-    stop = wp.min(sample + BLOCK_SAMPLES, schedule.count[pose])
-    return d.tracks[contours_at(d, wp.int64(pose), stop - wp.int64(1))].ordinary
 
 
 @wp.func
@@ -82,7 +74,7 @@ def add_step(plan: SamplingPlan, count: StepCount, cause: int, length: wp.float6
     out = count
     if length > plan.threshold:
         out.jumps[cause] += wp.int64(1)
-        out.jump_lengths[cause] += length
+        out.jump_lengths[cause] += wp.rint(length / LENGTH_UNIT) * LENGTH_UNIT
     elif length > TWO * ordinary:
         out.hops[cause] += wp.int64(1)
         out.hops_longest[cause] = wp.max(out.hops_longest[cause], length)
@@ -112,10 +104,6 @@ def count_step(
     if sample == d.entries[pose].start:
         if TWO * moved_by(plan, d, schedule, pose, focus) >= length:  # else it is the way between two that is long
             cause = POSE
-        elif length > plan.threshold:  # the host adds the first step by itself
-            out.jumps[cause] += wp.int64(1)
-            out.jump_first += length
-            return out
     return add_step(plan, out, cause, length, ordinary)
 
 
@@ -133,11 +121,11 @@ def count_move(
 ):
     """Count the way of a focal point to a sample that is drawn [m].
 
-    drawn_before: whether the sample before is. After one that is not, the first of a block is a re-entry.
+    drawn_before: whether the sample before is. After one that is not, the step is a re-entry.
     """
     if drawn_before:
         return count_step(plan, schedule, d, count, pose, sample, focus, length)
-    again = d.entries[pose].before >= wp.int64(0) or sample > wp.int64(0)
-    if again and sample % BLOCK_SAMPLES == wp.int64(0):
-        return add_step(plan, count, RE_ENTRY, length, ordinary_of(schedule, d, pose, sample))
+    if d.entries[pose].before >= wp.int64(0) or sample > wp.int64(0):  # at the very first sample nothing comes back
+        ordinary = d.tracks[contours_at(d, wp.int64(pose), sample)].ordinary
+        return add_step(plan, count, RE_ENTRY, length, ordinary)
     return count

@@ -4,10 +4,10 @@ import warp as wp
 
 from ..offsets import BLOCK
 from ..patch import EXACT
-from .cursor import BLOCK_SAMPLES, DrawnTracks, PoseSchedule, contours_at
+from .cursor import DrawnTracks, PoseSchedule
 from .focus import PiecePassages
-from .layout import STILL, PoseTrack, SamplingPlan
-from .steps import ORDER, POLYLINE, StepCount
+from .layout import STILL, ZERO, SamplingPlan
+from .steps import StepCount
 
 wp.set_module_options(EXACT)
 
@@ -24,34 +24,21 @@ class MotionCount:
 
 
 @wp.func
-def cycles_within(track: PoseTrack, begin: wp.int64, stop: wp.int64):
-    """Cycles that samples begin..stop on a track are."""
-    return wp.float64(wp.int64(track.turns) * (stop - begin)) / wp.float64(track.repeat)
+def cycles_within(plan: SamplingPlan, d: DrawnTracks, own: wp.int64, samples: wp.int64):
+    """Cycles that samples on the track of a pose are; none of no pose, -1, and of a focal point that stands still."""
+    if own < wp.int64(0) or plan.pace == STILL:
+        return ZERO
+    track = d.tracks[own]
+    return wp.float64(wp.int64(track.turns) * samples) / wp.float64(track.repeat)
 
 
 @wp.func
-def cycles_of(d: DrawnTracks, pose: wp.int64, samples: wp.int64, before: wp.float64):
-    """Cycles up to the end of a pose's samples, added block by block; a change of contours ends a block, too."""
-    cycles = before
-    start = d.entries[pose].start
-    begin = wp.int64(0)
-    while begin < samples:
-        stop = wp.min((begin / BLOCK_SAMPLES + wp.int64(1)) * BLOCK_SAMPLES, samples)
-        if begin < start:
-            stop = wp.min(stop, start)
-        cycles += cycles_within(d.tracks[contours_at(d, pose, begin)], begin, stop)
-        begin = stop
-    return cycles
-
-
-@wp.func
-def add_counts(a: StepCount, b: StepCount, cause: int):
-    """The sum of two counts, and the longest of both; cause: of jumps within a pose."""
+def add_counts(a: StepCount, b: StepCount):
+    """The sum of two counts, and the longest of both."""
     out = a
     out.silent += b.silent
     out.held += b.held
     out.jumps += b.jumps
-    out.jump_lengths[cause] += b.jump_first
     out.jump_lengths += b.jump_lengths
     out.hops += b.hops
     out.hops_longest = wp.max(a.hops_longest, b.hops_longest)
@@ -99,19 +86,23 @@ def _sum_counts(
 ):
     """Sum the counts of a motion's poses."""
     motion = wp.tid()
-    cause = wp.where(plan.points > wp.int64(0), ORDER, POLYLINE)
     out = MotionCount()
+    cycles_before = wp.float64(0.0)  # on tracks before the one under way
+    on_track = wp.int64(0)  # samples on that one
+    own = wp.int64(-1)  # its pose
     lost = bool(True)  # a dynamic variable for Warp
     pose = schedule.motion_start[motion]
     while pose < schedule.motion_start[motion + 1]:
         samples = schedule.count[pose]
-        out.steps = add_counts(out.steps, counts[pose], cause)
+        out.steps = add_counts(out.steps, counts[pose])
         if d.entries[pose].drawn == 1:
             out.drawn += samples
-            if plan.pace != STILL:
-                out.cycles = cycles_of(d, pose, samples, out.cycles)
             start = d.entries[pose].start
+            on_track += start
             if start < samples:
+                cycles_before += cycles_within(plan, d, own, on_track)
+                on_track = samples - start
+                own = pose
                 waited = wait_for_pieces(d, passages, pose, out.samples + start, lost, counts[pose].felt)
                 out.absence = wp.max(out.absence, wp.max(counts[pose].absence, waited))
                 lost = counts[pose].lost == 1
@@ -119,6 +110,7 @@ def _sum_counts(
             lost = bool(True)
         out.samples += samples
         pose += wp.int64(1)
+    out.cycles = cycles_before + cycles_within(plan, d, own, on_track)
     sums[motion] = out
 
 

@@ -55,7 +55,9 @@ MOTION_HELP = (
     "synthetic one."
 )
 HAND_HELP = "palm: one rectangle; planes: palm and phalanges; skin: palpate's own hand; or a file of a hand's mesh."
-INTERPOLATE_HELP = "Insert poses until contours move by no more than this; speed / update rate (0.0007) leaves no hops."
+INTERPOLATE_HELP = (
+    "Insert poses until every contour point has one of the next pose within this; 0.0007 (speed / rate) leaves no hops."
+)
 FLUSH_HELP = (
     "What is so near to a patch's plane or side lies on it; the default (float32's rounding) fits nearly always."
 )

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
+from ...kernels.pieces.near_corners import have_near_corners
 from ...kernels.pieces.plane_loops import PlaneLoops
 from ...kernels.section.row_walker import HAND, OBJECT
 from ..contour_batch import ContourBatch, join_batches, object_part
@@ -27,6 +28,8 @@ UNIT = 2.0**-27  # of its unit: what `CrossSection` rounds to (measured), 8 deci
 MITRE = 100.0  # in offsets: corners that stand out farther, those of less than a degree, are cut off there
 ON_SIDE = 2.0  # steps; what is this near to a side of the patch lies on it
 JITTER = 8  # bits of the steps that corners are moved by, either way: 2^-32 m (0.2e-9 m)
+SLIT = 2.0 ** (JITTER + 2)  # steps: gaps and walls of up to twice this, 1.9e-9 m, come from moved corners
+SLIT_LENGTH = 1e-6  # [m] of gaps and walls of hardly any width that matter
 SLIVER = 8.0  # steps of the lattice; which way a polygon that is narrower in the mean goes around is rounding's to say
 BLOCK_POINTS = 2**18  # points of loops that are worked on at a time, which takes some 100 bytes each
 
@@ -164,20 +167,64 @@ def _regularised(loops: Loops, planes: Planes, rule: str, gap: float) -> Loops:
 
     sides, points = planes.sides, loops.points * UNIT
     first = np.flatnonzero(np.diff(loops.section, prepend=-1, append=-1))
-    polygons: list[np.ndarray] = []
-    section: list[int] = []
+    regions: list[Any] = []
     for one, two in pairwise(first.tolist()):
-        own, start = int(loops.section[one]), loops.start[one : two + 1].tolist()
-        region = CrossSection([points[a:b] for a, b in pairwise(start)], FillRule[rule])
-        if gap:
-            region = _healed(region, np.rint(gap / STEP), None if sides is None else sides[own])
-        if sides is not None and (np.abs(points[start[0] : start[-1]]) >= sides[own] * UNIT).any():
-            region ^= CrossSection.square(2 * UNIT * sides[own], center=True)
-        polygons += region.to_polygons()
-        section += [own] * (len(polygons) - len(section))
-    start = np.concatenate([[0], np.cumsum([len(polygon) for polygon in polygons])]).astype(np.int64)
-    every = np.concatenate(polygons) / UNIT if polygons else np.zeros((0, 2))
-    return Loops(every, start, np.array(section, np.int64))
+        start = loops.start[one : two + 1].tolist()
+        regions.append(CrossSection([points[a:b] for a, b in pairwise(start)], FillRule[rule]))
+    section = loops.section[first[:-1]]
+    doubtful = np.zeros(len(regions), bool) if gap else _have_near_corners(regions)
+    for k, (one, two) in enumerate(pairwise(first.tolist())):
+        end = None if sides is None else sides[section[k]]
+        width = np.rint(gap / STEP) or (SLIT if doubtful[k] and _has_slits(regions[k]) else 0.0)
+        if width:
+            regions[k] = _healed(regions[k], width, end)
+        if end is not None and (np.abs(points[loops.start[one] : loops.start[two]]) >= end * UNIT).any():
+            regions[k] ^= CrossSection.square(2 * UNIT * end, center=True)
+    return _as_loops(regions, section)
+
+
+def _as_loops(regions: list[Any], section: np.ndarray) -> Loops:
+    """The polygons of `CrossSection`s in steps of the lattice; section: number of each one's section."""
+    polygons = [region.to_polygons() for region in regions]
+    every = [polygon for own in polygons for polygon in own]
+    start = np.concatenate([[0], np.cumsum([len(polygon) for polygon in every])]).astype(np.int64)
+    points = np.concatenate(every) / UNIT if every else np.zeros((0, 2))
+    return Loops(points, start, np.repeat(section, [len(own) for own in polygons]))
+
+
+def _have_near_corners(regions: list[Any]) -> np.ndarray:
+    """Whether each `CrossSection` may have slits: a corner that all but lies on another edge, or a narrow polygon."""
+    loops = _as_loops(regions, np.arange(len(regions)))
+    if len(loops.section) == 0:
+        return np.zeros(len(regions), bool)
+    after = loops.following()
+    near = have_near_corners(loops.points, after, loops.section[loops.of_points()], len(regions), limit=2 * SLIT)
+    p = loops.points - np.repeat(loops.points[loops.start[:-1]], np.diff(loops.start), axis=0)
+    q = p[after]
+    double_area = np.add.reduceat(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0], loops.start[:-1])
+    length = np.add.reduceat(np.hypot(*(q - p).T), loops.start[:-1])
+    near[loops.section[np.abs(double_area) <= 2 * SLIT * length]] = True
+    return near
+
+
+def _has_slits(region: Any) -> bool:
+    """Whether a `CrossSection` has gaps or walls of hardly any width, which moved corners have made of what touches.
+
+    Its boundary is shorter then, by twice their length, once it has grown or shrunk by more than the corners moved.
+    """
+    from manifold3d import JoinType
+
+    polygons = region.to_polygons()
+    if any(_mean_width(polygon) <= SLIVER * UNIT for polygon in polygons):
+        return True
+    least = _boundary(polygons) - SLIT_LENGTH / STEP * UNIT
+    grown = (region.offset(by * UNIT, JoinType.Miter, MITRE).to_polygons() for by in (SLIT, -SLIT))
+    return any(_boundary(other) < least for other in grown)
+
+
+def _boundary(polygons: list[np.ndarray]) -> float:
+    """Length of the boundary of polygons."""
+    return sum(float(np.hypot(*(p - np.roll(p, -1, axis=0)).T).sum()) for p in polygons)
 
 
 def _healed(region: Any, gap: float, sides: np.ndarray | None) -> Any:

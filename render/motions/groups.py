@@ -167,10 +167,10 @@ def render_motions(
     motions: with times, of two poses at least; explorations are made on the device. memory: of a group,
     what is made of it included, about [byte]; by default 512 MB on a CPU, a quarter of a GPU's. A motion is never
     divided: where one alone takes more, it has a group of its own, and so has each motion with a stage of your own,
-    which may look at its batch. interpolate: insert poses where contours would move by more than this from pose to pose
-    [m], as `palpate render --interpolate` does. Results do not depend on how motions are grouped. Contours, inserted
-    poses, focal points and wire bytes stay on the device; times and counts do not. A GPU is busy with hundreds of
-    motions at once, and takes as long for one.
+    which may look at its batch. interpolate: insert poses until every contour point has one of the next pose's
+    within this [m], as `palpate render --interpolate` does. Results do not depend on how motions are grouped. Contours,
+    inserted poses, focal points and wire bytes stay on the device; times and counts do not. A GPU is busy with hundreds
+    of motions at once, and takes as long for one.
     Raises StrategyError for a hand of many shapes, an unknown device and too small a budget; PoseError, with the number
     of the motion, for one without times; and what rendering and sampling raise.
 

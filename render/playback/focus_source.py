@@ -190,16 +190,17 @@ def _count_cycles(sampler: Sampler, path: ContourPath, pose: np.ndarray, count: 
     sampler.draw(path, pose, run_in)
     before = deepcopy(sampler.count)
     sampler.draw(path, pose, part)
+    after = deepcopy(sampler.count)
     again, rest = divmod(frame_count - run_in - part, part)
+    sampler.draw(path, pose, rest)
     for f in fields(SamplingCount):
-        then, now = getattr(before, f.name), getattr(sampler.count, f.name)
+        then, once, now = (getattr(count, f.name) for count in (before, after, sampler.count))
         if f.name in ("step_longest", "hops_longest", "absence_max"):  # the longest, not sums
             continue
         if isinstance(now, dict):
-            setattr(sampler.count, f.name, {key: now[key] + again * (now[key] - then[key]) for key in now})
+            setattr(sampler.count, f.name, {key: now[key] + again * (once[key] - then[key]) for key in now})
         else:
-            setattr(sampler.count, f.name, now + again * (now - then))
-    sampler.draw(path, pose, rest)
+            setattr(sampler.count, f.name, now + again * (once - then))
 
 
 def require_duration(duration: float | None) -> None:

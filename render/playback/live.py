@@ -16,6 +16,7 @@ from ..intersection.batch_rendering import check_poses
 from ..intersection.prepared_contours import PreparedContours
 from ..objects.solid import Solid
 from ..sampling.contour_sampling import FocalPoints, Path, Sampler, SamplingStrategy, joined, paths_of
+from ..sampling.fading import age_at
 from ..sampling.presets import sampling_of
 from ..strategies.intersection_strategy import IntersectionStrategy
 
@@ -133,7 +134,7 @@ class Instant:
         blocks = []
         while self._drawn < stop or not blocks:
             count = min(max(stop - self._drawn, 0), DRAWN_AT_ONCE)
-            age = self._drawn / self._rate - self._came
+            age = age_at(self._drawn, self._came, self._rate)
             blocks.append(self.sampler.draw(self._path, self._pose, count, age=age, hold=self._hold))
             self._drawn += count
         return blocks

@@ -1,12 +1,16 @@
-"""Poses inserted between those of a tracker, until contours move by no more than a distance from pose to pose.
+"""Poses inserted between those of a tracker, until contours lie within a distance of the next pose's.
 
 A tracker gives a pose every 11 ms; a hand at 0.3 m/s has gone 3 mm by then, and a contour on a slope more. At each new
 pose the focal point goes over to where the contour is now, in one step: a hop. Between two poses the hand is taken to
 move evenly (positions linear, rotations along the shorter arc), and what is rendered there is the object's own contour.
 
+Every point of a pose's contours then has one of the next pose's within the distance, for that is where the focal point
+goes on. Nothing is promised the other way: a part that appears may be farther from the contours before, and a motion
+played backwards gets other poses.
+
 | intervals | what is done |
 |---|---|
-| contours move by more than the distance | a pose in the middle, and both halves are looked at again |
+| a point has none of the next contours within the distance | a pose in the middle, and both halves are tested again |
 | longer than HOLD, so that a player would take the next pose for missing | the same |
 | longer than `hold`: a gap in tracking | left as they are: nobody knows where the hand was |
 | shorter than twice INTERVAL_LEAST | left as they are: contours appear or disappear there, which is no motion |
@@ -67,6 +71,8 @@ def insert_poses(
     device: str = "cpu",
 ) -> HandMotion:
     """The motion with poses inserted where contours would move by more than `distance` [m]; no pose is changed.
+
+    Contours move by more where a point of them has none of the next pose's within it; not where parts appear.
 
     solid, hand, strategy: as in `render`; the hand must be rigid. Where a pose changes, one focal point that follows
     contours without pauses or sections steps by about 4 v / f_s at most if `distance` is 3 v / f_s (measured: 4.03);

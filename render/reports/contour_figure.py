@@ -14,6 +14,7 @@ from ...device.array import ArrayModel
 from ..contour_input import takes_batches
 from ..playback.placed_arrays import load_rig
 from ..sampling.contour_sampling import SamplingStrategy
+from ..sampling.draw_frequency import file_frequencies
 from ..validation import require_path
 from .array_overview import draw_overview, is_near, letter
 from .contour_lines import WIDTH as WIDTH_OF_LINES
@@ -223,13 +224,14 @@ def _draw_plots(plots: list[Any], renderings: Renderings, poses: np.ndarray, sam
     """Length and draw frequency over time, with the moments that are shown."""
     length_axes, frequency_axes = plots
     across = renderings.across
-    for k, (label, length) in enumerate(zip(renderings.labels, renderings.lengths, strict=True)):
+    drawn = zip(renderings.labels, renderings.lengths, renderings.sources, strict=True)
+    for k, (label, length, source) in enumerate(drawn):
         look = {"lw": 0.9, "color": LINES[k % len(LINES)], "ls": DASHES[(k // len(LINES) + k) % len(DASHES)]}
         if len(length) < 3:
             look |= {"marker": "o", "ms": 3.5}
         rows = shown_rows(length)
         length_axes.plot(across[rows], 1e3 * length[rows], label=label, **look)
-        frequency_axes.plot(across[rows], sampling.draw_frequency(length[rows]), **look)
+        frequency_axes.plot(across[rows], file_frequencies(source.file, rows, sampling), **look)
     frequency_axes.set_yscale("log")
     low, high = frequency_axes.get_ylim()
     frequency_axes.set_ylim(min(low, 10.0), min(max(high, 100.0), FREQUENCY_SHOWN))

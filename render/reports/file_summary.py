@@ -10,8 +10,8 @@ from ...datasets.motions.facing import SHARE_ANGLES, facing_angles
 from ...datasets.motions.last_pose import INTERVALS_LOOKED_AT, end_of_motion
 from ...datasets.storage.schema import PRUNED_NAMES
 from ..contour_input import takes_batches
-from ..sampling.contour_sampling import SamplingStrategy
-from ..sampling.strategy import SEAM
+from ..sampling.draw_frequency import file_pauses, frequencies_by_time
+from ..sampling.strategy import DEFAULT
 from ..validation import require_path
 
 PARTS = {"thing": "object", "hand": "hand", "motion": "motion", "strategy": "strategy", "sampling": "sampling"}
@@ -30,18 +30,17 @@ def length_ratio(length: float, length_object: float) -> float | None:
     return length / length_object if length_object > 0 else None
 
 
-def draw_frequencies(length: np.ndarray) -> dict[str, float | None]:
-    """Draw frequencies [Hz] of the default sampling strategy over poses with contours of these lengths [m].
+def draw_frequencies(length: np.ndarray, pause: np.ndarray | float = 0.0) -> dict[str, float | None]:
+    """Draw frequencies [Hz] of the default sampling strategy over poses with contours.
 
-    docs/guide/sampling.md has the definitions; None where there is no pose.
+    length: of each pose's contours [m]. pause: what they pause in a cycle [s]. docs/guide/sampling.md has the
+    definitions; None where there is no pose.
     """
     if len(length) == 0:
         return dict.fromkeys(DRAW_FREQUENCIES)
-    strategy = SamplingStrategy()
-    samples = np.ceil(length.astype(np.float64) * (strategy.update_rate / strategy.speed) - SEAM)  # of a cycle
-    frequency = strategy.update_rate / np.maximum(samples, 1.0)
+    frequency = frequencies_by_time(length, pause)
     low, median, high = np.quantile(frequency, [0.05, 0.5, 0.95]).tolist()
-    of_mean = strategy.speed / float(length.mean(dtype=np.float64))
+    of_mean = 1.0 / float(np.mean(length.astype(np.float64) / DEFAULT.speed + pause))
     return dict(zip(DRAW_FREQUENCIES, [float(frequency.mean()), low, median, high, of_mean], strict=True))
 
 
@@ -61,6 +60,7 @@ def summarise(path: str | Path) -> dict:
         done = sum(stop - first for first, stop in file.done)
         totals, faced, removed = np.zeros(4), np.zeros(len(SHARE_ANGLES), np.int64), dict.fromkeys(PRUNED_NAMES, 0.0)
         lengths: list[np.ndarray] = []  # of poses with contours
+        pauses = [np.zeros(0)]
         for first, stop in file.done:
             for a in range(first, stop, POSES_AT_ONCE):
                 metrics = file.metrics(a, min(stop, a + POSES_AT_ONCE))
@@ -70,6 +70,7 @@ def summarise(path: str | Path) -> dict:
                     if f"removed_{stage}" in metrics:
                         removed[stage] += metrics[f"removed_{stage}"].sum(dtype=np.float64)
                 lengths.append(metrics["length"][metrics["length"] > 0])
+                pauses.append(file_pauses(file, a + np.flatnonzero(metrics["length"] > 0)))
                 faced += _count_facing(file, a, metrics["length"] > 0)
         drawn = sum(map(len, lengths))
         mean = totals / max(done, 1)
@@ -92,7 +93,7 @@ def summarise(path: str | Path) -> dict:
                 f"facing_share_{degrees}": int(count) / drawn if drawn else None
                 for degrees, count in zip(SHARE_ANGLES, faced, strict=True)
             },
-            **draw_frequencies(np.concatenate([*lengths, np.zeros(0, np.float32)])),
+            **draw_frequencies(np.concatenate([*lengths, np.zeros(0, np.float32)]), np.concatenate(pauses)),
             "strategy": file.strategy,
             "hand": file.hand,
             "object": {

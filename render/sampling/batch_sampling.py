@@ -35,6 +35,7 @@ from ..contour_batch import (
     without_empty_polylines,
 )
 from ..errors import StrategyError
+from .fading import ticks_of
 from .kernel_plan import contours_of, plan_of
 from .metrics import CAUSES, FocalPoints, SamplingCount
 from .revisits import PICK_INTERVAL, REVISIT_LIMIT
@@ -240,8 +241,10 @@ class MotionSchedule:
         }
         for name, value in values.items():
             setattr(out, name, wp.array(np.ascontiguousarray(value), dtype=wp.int64, device=device))
-        out.time = wp.array(self.time, dtype=wp.float64, device=device)
-        out.hold = wp.array(self.hold, dtype=wp.float64, device=device)
+        out.time, out.hold = (
+            wp.array(ticks_of(seconds, strategy.update_rate), dtype=wp.float64, device=device)
+            for seconds in (self.time, self.hold)
+        )
         return out
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..contour_batch import ContourBatch
 from ..errors import StrategyError
+from .fading import age_at
 from .metrics import CAUSES, DwellMap, FocalPoints, SamplingCount, dwell_map
 from .path import Path, paths_of
 from .presets import PRESETS, load_sampling, preset, sets_rate
@@ -102,7 +103,8 @@ def sample_contours(
             first, stop = bounds[index], bounds[index + 1]
             while first < stop:  # a pose that lasts long is divided into blocks
                 count = min(stop - first, block)
-                waiting.append(sampler.draw(path, pose[index], count, age=first / rate - time[index], hold=hold))
+                age = age_at(first, time[index], rate)
+                waiting.append(sampler.draw(path, pose[index], count, age=age, hold=hold))
                 first += count
                 ready += count
                 if ready >= block:

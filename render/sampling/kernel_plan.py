@@ -7,6 +7,7 @@ import warp as wp
 
 from ...kernels.sampling.layout import MotionContours, SamplingPlan
 from ..contour_batch import ContourBatch
+from .fading import fade_ticks
 from .strategy import SamplingStrategy
 
 PACES = ("speed", "frequency", "capped", "still")
@@ -33,7 +34,7 @@ def plan_of(strategy: SamplingStrategy, *, pauses: bool = False) -> Any:
         "threshold": strategy.jump_threshold,
         "ordinary": strategy.step_ordinary,
         "circle_step": strategy.circle_step,
-        "fade": max(strategy.fade, 1e-9),
+        "fade": fade_ticks(strategy.fade, strategy.update_rate),
         "restarts": strategy.continuity == "jump",
         "finishes": strategy.continuity == "finish",
         "plain": strategy.plain,

@@ -158,7 +158,7 @@ def dwell_map(
         raise StrategyError(f"cell must lie between 0 and the grid's {width:g} x {length:g} m, not {cell}")
     across, along = (cell_edges(extent, cell) for extent in (width, length))
     shape = len(across) - 1, len(along) - 1
-    time, drawn_count, silent = np.zeros(shape), 0.0, 0.0
+    cells, drawn_count, samples, foci = np.zeros(shape, np.int64), 0, 0, 1  # whole numbers: blocks change no bit
     for block, index in poses_of_samples(blocks, bounds):
         count, foci = len(block.intensity), int(np.prod(block.intensity.shape[1:]))
         position = block.position.reshape(count, foci, 3).astype(np.float64)
@@ -168,10 +168,12 @@ def dwell_map(
         u, v = cells_of(skin[..., 0][drawn], across), cells_of(-skin[..., 2][drawn], along)
         inside = (u >= 0) & (v >= 0)
         flat = u[inside] * shape[1] + v[inside]
-        time += np.bincount(flat, minlength=time.size).reshape(shape) / (foci * update_rate)
-        drawn_count += len(u) / foci
-        silent += (count - len(u) / foci) / update_rate
-    return DwellMap(time, across, along, max(drawn_count / update_rate - float(time.sum()), 0.0), silent)
+        cells += np.bincount(flat, minlength=cells.size).reshape(shape)
+        drawn_count += len(u)
+        samples += count
+    shared = foci * update_rate
+    outside = float(drawn_count - int(cells.sum())) / shared
+    return DwellMap(cells / shared, across, along, outside, samples / update_rate - float(drawn_count) / shared)
 
 
 def poses_of_samples(blocks: Iterable[FocalPoints], bounds: np.ndarray) -> Iterator[tuple[FocalPoints, np.ndarray]]:

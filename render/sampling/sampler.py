@@ -14,6 +14,7 @@ import numpy as np
 from ...datasets.rigid import rotate
 from .continuity import Place, entered, place_on
 from .contour_absence import AbsenceWatch
+from .fading import TICKS, fade_ticks, ticks_of
 from .metrics import FocalPoints, SamplingCount
 from .path import Path
 from .presets import sampling_of
@@ -23,6 +24,7 @@ from .strategy import Order, SamplingStrategy
 from .track import Track, lay_track
 
 REST = (0.0, 0.0, 0.2)  # [m] where a focal point of intensity 0 is before there was any
+LENGTH_UNIT = 2.0**-32  # [m], 0.2 nm: sums of whole ones are exact in any order, up to 2,000 km
 CYCLE_LIMIT = 16_384  # samples, 1.6 s at 10 kHz: longer cycles are made as they are played
 
 
@@ -111,6 +113,8 @@ class Sampler:
         self._route: Route | None = None  # of the contours that were entered last
         self._last = self._shown  # where they were on their track, shape [focus, 3]: see `_place`
         self._entry: tuple[Track, float, np.ndarray] | None = None  # the knot, and where the focal points were [m]
+        self._on_track = 0  # samples on the track under way
+        self._cycles_before = 0.0  # on tracks before it
         self._ordinary = strategy.step_ordinary  # longest step along them [m]
         self._ordinary_before = self._ordinary  # along the contours before
 
@@ -124,7 +128,8 @@ class Sampler:
         """The next samples, of one pose.
 
         path: contours of the pose, None if there are none. pose: x y z [m] and quaternion, shape [7].
-        age: how old the pose is at the first of these samples [s]; hold: at what age it starts to fade [s].
+        age: how old the pose is at the first of these samples [s], `age_at` of it if they are drawn block by block;
+        hold: at what age it starts to fade [s].
         """
         focus = self._next(path, pose, sample_count, age, hold)
         self._revisits.take(focus, pose)
@@ -163,11 +168,13 @@ class Sampler:
 
     def _gain(self, sample_count: int, age: float, hold: float) -> np.ndarray | None:
         """What fading leaves of the intensity, None for all of it."""
-        if age + sample_count / self.strategy.update_rate <= hold:
+        rate = self.strategy.update_rate
+        first = ticks_of(age, rate) - ticks_of(hold, rate)  # by how much the pose is older than `hold`
+        if first + TICKS * (sample_count - 1) <= 0:
             return None
-        ages = age + np.arange(sample_count) / self.strategy.update_rate
-        self.count.held += int(np.count_nonzero(ages > hold))
-        return np.clip(1.0 - (ages - hold) / max(self.strategy.fade, 1e-9), 0.0, 1.0)
+        over = first + TICKS * np.arange(sample_count)
+        self.count.held += int(np.count_nonzero(over > 0))
+        return np.clip(1.0 - over / fade_ticks(self.strategy.fade, rate), 0.0, 1.0)
 
     def _run(
         self, path: Path, sample_count: int, gain: np.ndarray | None
@@ -217,8 +224,9 @@ class Sampler:
         self._last = track.at(self._spread(track, last)) if held else position[-1].copy()
         self._place = place_on(track, last, self._last[0], self.strategy.jump_threshold)
         self.count.drawn += count
+        self._on_track += count
         if self.strategy.pace.kind != "still":
-            self.count.cycles += track.turns * count / track.repeat_count
+            self.count.cycles = self._cycles_before + track.turns * self._on_track / track.repeat_count
         return position, intensity
 
     def _plan_finish(self, path: Path) -> None:
@@ -232,6 +240,7 @@ class Sampler:
         """Where drawing goes on along the contours of a new pose; `silent`: the sample before is."""
         strategy, track = self.strategy, lay_track(path, self.strategy, self._route)
         before, self._before = self._before if self._drawn else None, path
+        self._cycles_before, self._on_track = self.count.cycles, 0
         if track.route is not None:
             self._absences.enter(track.route)
             self._route = track.route
@@ -263,20 +272,24 @@ class Sampler:
         step[0] = position[0] - self._shown
         np.subtract(position[1:], position[:-1], out=step[1:])
         length = np.sqrt(np.einsum("ijk,ijk->ij", step, step))
-        reentry = self._silent and self._drawn and (drawn is None or bool(drawn[0]))
-        first = length[0].copy()
-        if self._silent:
-            length[0] = 0.0
-        if drawn is not None:
-            length[~drawn] = 0.0
-            length[1:][~drawn[:-1]] = 0.0
+        if self._silent or drawn is not None:
+            now = np.ones(len(length), bool) if drawn is None else drawn
+            before = np.append(not self._silent, now[:-1])  # whether the sample before is drawn
+            again = now & ~before
+            again[0] &= self._drawn  # at the very first sample nothing comes back
+            self._count_reentries(np.where(again[:, None], length, 0.0), new)
+            length[~(now & before)] = 0.0
         self.count.step_longest = max(self.count.step_longest, float(length.max()))
-        self._count_far(length, first if reentry else None, new)
+        self._count_far(length, new)
 
-    def _count_far(self, length: np.ndarray, reentry: np.ndarray | None, new: int | None) -> None:
-        """Count jumps and hops among steps [m], shape [sample, focus]; reentry: the first step after a silence."""
-        if reentry is not None:
-            self._add("re-entry", reentry, self._ordinary)
+    def _count_reentries(self, length: np.ndarray, new: int | None) -> None:
+        """Count steps to a sample that is drawn after one that is silent [m], shape [sample, focus], 0 at others."""
+        entered = 0 if new is None else new
+        self._add("re-entry", length[:entered], self._ordinary_before)
+        self._add("re-entry", length[entered:], self._ordinary)
+
+    def _count_far(self, length: np.ndarray, new: int | None) -> None:
+        """Count jumps and hops among steps [m], shape [sample, focus]; new: the first of a new pose's contours."""
         least = min(self._ordinary, self._ordinary_before)
         if float(length.max()) <= min(2 * least, self.strategy.jump_threshold):
             return
@@ -310,7 +323,7 @@ class Sampler:
         jump = length[length > self.strategy.jump_threshold]
         hop = length[(length > 2 * ordinary) & (length <= self.strategy.jump_threshold)]
         self.count.jumps[cause] += len(jump)
-        self.count.jump_lengths[cause] += float(jump.sum())
+        self.count.jump_lengths[cause] += float(np.rint(jump / LENGTH_UNIT).sum()) * LENGTH_UNIT
         self.count.hops[cause] += len(hop)
         self.count.hops_longest[cause] = max(self.count.hops_longest[cause], float(hop.max(initial=0.0)))
 

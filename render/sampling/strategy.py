@@ -346,21 +346,23 @@ class SamplingStrategy:
             return np.clip(by_speed, self.pace.lowest, self.pace.highest)
         return np.where(length > 0, self.pace.frequency if self.pace.kind == "frequency" else 0.0, np.nan)
 
+    @property
+    def samples_bounds(self) -> tuple[float, float]:
+        """Fewest and most samples of a cycle, whatever it takes."""
+        pace, low, high = self.pace, 1.0, math.inf
+        if pace.kind == "still":
+            high = 1.0
+        elif pace.kind == "frequency":
+            low = high = float(max(round(self.update_rate / pace.frequency), 1))
+        elif pace.kind == "capped":
+            low, high = map(float, pace.samples_within(self.update_rate))
+        points = float(pace.points or 1) if self.order.kind in ("step", "random") else 1.0
+        return max(low, points), max(high, points)
+
     def samples_of(self, seconds: float) -> int:
         """Number of samples of a cycle that takes `seconds` at the nominal speeds; see `Pace`."""
-        pace, rate = self.pace, self.update_rate
-        if pace.kind == "still":
-            count = 1
-        elif pace.kind == "frequency":
-            count = round(rate / pace.frequency)
-        else:
-            count = math.ceil(seconds * rate - SEAM)
-            if pace.kind == "capped":
-                fewest, most = pace.samples_within(rate)
-                count = min(max(count, fewest), most)
-        if self.order.kind in ("step", "random"):
-            count = max(count, self.pace.points or 1)
-        return max(count, 1)
+        low, high = self.samples_bounds
+        return int(min(max(math.ceil(seconds * self.update_rate - SEAM), low), high))
 
     def samples_a_cycle(self, length: float) -> int:
         """Samples per cycle for a length of contours [m], no pauses or returns: ceil(f_s L / v) at constant speed."""

@@ -26,6 +26,7 @@ from ..reports.contour_animation import draw_animation
 from ..reports.contour_figure import draw_figure
 from ..reports.file_summary import draw_frequencies
 from ..sampling.contour_sampling import Sampler, SamplingStrategy, joined
+from ..sampling.draw_frequency import pauses_of
 from ..sampling.presets import sampling_of
 from ..validation import require_path
 from .batch_tables import point_frame, pose_dataset, pose_frame
@@ -290,11 +291,11 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         return pose_dataset(self, self._moved())
 
     def facts(self) -> dict[str, object]:
-        """What the batch is of, and its numbers: lengths [m], draw frequency [Hz] at 7 m/s."""
+        """What the batch is of, and its numbers: lengths [m], draw frequency [Hz] at 7 m/s, pauses included."""
         motion, scene = self._moved(), self.scene
         length = self.length()
         drawn = length[length > 0]
-        frequency = draw_frequencies(drawn)
+        frequency = draw_frequencies(drawn, pauses_of(self.numpy())[length > 0])
         return {
             "object": self.name,
             "hand": self.names.get("hand") if scene is None else scene.hand.described()["kind"],

@@ -76,8 +76,9 @@ def draw_centroids(batch: ContourBatch, setting: Setting, *, per: str, radius: f
     """A point at the centroid of each patch's contact, drawn as a small circle.
 
     The circle has the radius of lateral modulation, 3 mm by default, since a focal point needs somewhere to go; 1e-5 m
-    is as good as still. The centroid is that of the area, of what encloses nothing that of the contours; it may lie in
-    a hole. per: "patch", or "region".
+    is as good as still. It is a polygon of 32 corners with the circle's area, so corners lie 0.3 % outside the radius
+    and the middles of sides 0.2 % inside. The centroid is that of the area, of what encloses nothing that of the
+    contours; it may lie in a hole. per: "patch", or "region".
     """
     ovals = find_centroids(regions_of(batch, setting, per), radius)
     return _drawn(batch, setting, ovals, CENTROID_CORNERS)

@@ -9,6 +9,7 @@ from ...datasets.motions.hand_motion import HandMotion
 from ..contour_batch import ContourBatch
 from ..playback.focus_source import ContourSource
 from ..sampling.contour_sampling import Sampler, SamplingStrategy
+from ..sampling.draw_frequency import file_frequencies
 from ..scripting.rendered_batch import BatchRows
 from .file_scene import FileScene, tilts_of
 from .focal_path import steps_of
@@ -113,9 +114,7 @@ def window_around(scene: FileScene, index: int, seconds: float, poses_most: int 
         low, high = max(begin, first), min(end, stop)
         if low < high:
             length[low - first : high - first] = scene.file.metrics(low, high)["length"]
-    frequency = np.full(len(length), np.nan)
-    drawn = length > 0
-    frequency[drawn] = scene.sampling.draw_frequency(length[drawn])
+    frequency = file_frequencies(scene.file, np.arange(first, stop), scene.sampling)
     return PoseWindow(first, time, length, frequency, tilts_of(scene.file.motion(first, stop)["pose"]))
 
 

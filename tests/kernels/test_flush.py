@@ -215,3 +215,21 @@ def test_a_palm_on_the_face_of_a_function_gives_one_outcome(device):
         cube, Palm(0.04, 0.04), carried(turns, places, [0, 0, 0.065]), strategy, object_pose=moved, device=device
     )
     assert lengths.length() == pytest.approx(0.16, abs=1e-4)
+
+
+@pytest.mark.parametrize("upper", [True, False])
+def test_a_convex_edge_touched_from_outside_is_drawn_there_and_back_or_not_at_all(upper):
+    """A square beam on its edge; a palm of 85 mm at its highest or lowest line, turned both ways.
+
+    Drawn is what a plane moved inwards by less than `flush` cuts: a strip of no width, 85 mm there and 85 mm back.
+    """
+    vertices, faces = shape("cube")
+    vertices = vertices - vertices.mean(axis=0)
+    turned = Rotation.from_euler("x", np.pi / 4).apply(vertices * [2.0, 1.0, 1.0])
+    beam = MeshObject(turned, faces)
+    height = beam.vertices[:, 2].max() if upper else beam.vertices[:, 2].min()
+    poses = np.array([[0, 0, height, *turn.as_quat()] for turn in (N_UP, N_DOWN)], np.float32)
+    batch = render(beam, Palm(), poses, closed_contour())
+    assert batch.length() == pytest.approx([0.17, 0.0] if upper else [0.0, 0.17], abs=1e-6)
+    points = batch.points.astype(float)
+    assert np.ptp(points[:, 1:], axis=0).max() < 1e-6  # on one line: no area

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+ROOM = 1.06  # lengths are suggested with two digits, which may take a twentieth away
+
 
 @dataclass(frozen=True)
 class MeshReport:
@@ -73,6 +75,15 @@ class MeshReport:
             f"{self.bodies_united} bodies that cross or touch united": self.bodies_united,
         }
         return [phrase for phrase, count in phrases.items() if count]
+
+    def closing(self, scale: float) -> list[str]:
+        """Options of loading that leave no edge open, one phrase each; scale: as for `faults`."""
+        out = []
+        if self.weld_closes:
+            out.append(f"weld={ROOM * scale * self.weld_closes:.2g} merges vertices until no edge is open")
+        if self.fill_closes:
+            out.append(f"fill_holes={ROOM * scale * self.fill_closes:.2g} closes every hole")
+        return out
 
     def faults(self, scale: float = 1.0) -> list[str]:
         """What is left that a user should know, one phrase each; scale: metres of the object as placed a unit."""

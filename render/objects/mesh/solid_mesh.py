@@ -250,10 +250,10 @@ class MeshObject(KeepsDeviceCopies):
             fault = f"it has one side only ({report.crossed_edges} edges where no orientation agrees)"
         else:
             fault = f"it has {report.open_edges} open edges ({report.bodies} bodies)"
+        ways = [*report.closing(self._scale), f"palpate voxelise {self.name} makes a closed solid of it"]
         raise MeshError(
             f"{self.name}: closed contours (CC), hand meshes and contact need a closed surface, but {fault}. "
-            f'Ways out: palpate voxelise {self.name} makes a closed solid of it, strategy="oc" accepts any mesh on '
-            "palms, or close the mesh in a mesh editor"
+            f'Ways out: {", ".join(ways)}, strategy="oc" accepts any mesh on palms, or close the mesh in a mesh editor'
         )
 
     @cached_property

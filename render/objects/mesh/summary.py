@@ -14,8 +14,6 @@ from ...runtime.loading_progress import Watch, unwatched
 from .placement import SIZE_LARGEST, Placement
 from .solid_mesh import MeshObject
 
-ROOM = 1.06  # lengths are suggested with two digits, which may take a twentieth away
-
 
 def is_mesh_name(source: str) -> bool:
     """Whether a file's name, or a built-in one, is that of a mesh."""
@@ -64,10 +62,7 @@ def ways_out(mesh: MeshObject, scale: float) -> list[str]:
     report, out = mesh.report, []
     if scale == 1.0 and np.ptp(mesh.bounds, axis=0).max() > SIZE_LARGEST:
         out.append("scale=0.001 takes the file as one in millimetres")
-    if report.weld_closes:
-        out.append(f"weld={ROOM * scale * report.weld_closes:.2g} merges vertices until no edge is open")
-    if report.fill_closes:
-        out.append(f"fill_holes={ROOM * scale * report.fill_closes:.2g} closes every hole")
+    out += report.closing(scale)
     if not report.closed:
         out.append(f"palpate voxelise {mesh.name} makes a closed solid of it")
     return out

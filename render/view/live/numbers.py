@@ -5,6 +5,7 @@ from html import escape
 from math import degrees
 
 from ...reports.rendering_labels import hand_text, strategy_name_of
+from ...sampling.draw_frequency import pose_frequencies
 from ...terminal.foreign_text import visible
 from ..file_scene import FileScene, Moment
 
@@ -45,7 +46,7 @@ def moment_html(moments: Sequence[Moment], scenes: Sequence[FileScene], labels: 
 
 def _column(moment: Moment, scene: FileScene) -> dict[str, str]:
     length = moment.length
-    frequency = float(scene.sampling.draw_frequency(length)) if length > 0 else None
+    frequency = float(pose_frequencies(moment.contours, scene.sampling)[0]) if length > 0 else None
     return {
         "pose": f"{moment.index} of 0..{scene.pose_count - 1}",
         "time": "none" if moment.time is None else f"{moment.time:.3f} s",

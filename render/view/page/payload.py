@@ -9,6 +9,7 @@ from ...contour_batch import ContourBatch
 from ...errors import StrategyError
 from ...reports.rendering_labels import hand_text, strategy_name_of
 from ...sampling.contour_sampling import PRESETS, SamplingStrategy
+from ...sampling.draw_frequency import pose_frequencies
 from ...terminal.foreign_text import visible
 from ..file_scene import FileScene, Moment
 from ..focal_path import FocalPath, focal_path
@@ -55,13 +56,14 @@ def _pack_poses(
     scene: FileScene, moments: list[Moment], pose: np.ndarray, strategy: SamplingStrategy, packer: Packer
 ) -> dict[str, Any]:
     length = np.array([_length(scene, moment) for moment in moments])
+    frequency = np.concatenate([pose_frequencies(moment.contours, strategy) for moment in moments])
     time = [moment.index if moment.time is None else moment.time for moment in moments]
     return {
         "index": packer.numbers(np.array([moment.index for moment in moments]), "u4"),
         "time": packer.numbers(np.array(time, np.float64), "f8"),
         "hand_pose": packer.numbers(pose, "f4"),
         "length": packer.numbers(length, "f4"),
-        "draw_frequency": packer.numbers(strategy.draw_frequency(np.nan_to_num(length)), "f4"),
+        "draw_frequency": packer.numbers(frequency, "f4"),
         "tilt": packer.numbers(np.degrees([moment.tilt for moment in moments]), "f4"),
     }
 

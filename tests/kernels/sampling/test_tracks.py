@@ -7,9 +7,9 @@ from contour_random import random_strokes
 from contour_shapes import still
 from sampling_oracle import entered_by_host
 
-from palpate.kernels.sampling import course, cursor, doors, entry, pieces, route, search, sections
+from palpate.kernels.sampling import course, cursor, doors, entry, pieces, route, search, sections, steps
 from palpate.kernels.sampling.entry import enter_poses
-from palpate.render.sampling import continuity, contour_matching, drawing_turns
+from palpate.render.sampling import continuity, contour_matching, drawing_turns, fading, sampler
 from palpate.render.sampling import route as host_route
 from palpate.render.sampling import track as host_track
 from palpate.render.sampling.batch_sampling import MotionSchedule
@@ -20,7 +20,6 @@ from palpate.render.sampling.contour_sampling import (
     SamplingStrategy,
     Sections,
     preset,
-    sample_contours,
 )
 from palpate.render.sampling.kernel_plan import contours_of, plan_of
 
@@ -95,7 +94,8 @@ def test_numbers_of_the_kernels_are_the_hosts():
     assert float(route.JUMP_SLACK) == host_route.JUMP_SLACK
     assert float(course.SHARE_LEAST) == drawing_turns.SHARE_LEAST
     assert float(course.NOISE_SHARE) == host_track.NOISE_SHARE
-    assert int(cursor.BLOCK_SAMPLES) == sample_contours.__kwdefaults__["block"]
+    assert float(cursor.TICKS) == fading.TICKS
+    assert float(steps.LENGTH_UNIT) == sampler.LENGTH_UNIT
     assert float(sections.NEAR_CUT) == host_track.NEAR_CUT
     assert int(sections.PASSES_MOST) == host_track.PASSES_MOST
     assert float(entry.WHOLE_SECTION) == continuity.WHOLE_SECTION

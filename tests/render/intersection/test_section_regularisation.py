@@ -17,6 +17,7 @@ from crossing_cases import (
     overlapping_blocks,
     pentagram,
     prism,
+    region_of,
     region_within,
     section_region,
     segments_of,
@@ -28,6 +29,7 @@ from section_oracle import in_palm
 from palpate.render import IntersectionStrategy, MeshObject, Palm, closed_contour, open_contour, render
 from palpate.render.contour_batch import HAND, OBJECT
 from palpate.render.hands.plane_hand import HandPatch, PatchJoint, PlaneHand
+from palpate.render.intersection import section_regularisation as regularisation
 from palpate.render.objects.mesh.coincident_faces import gap_of
 from palpate.render.objects.mesh.placement import Placement
 
@@ -223,6 +225,69 @@ def test_where_a_solid_touches_itself_there_is_no_wall_and_no_gap(name, turned):
         batch = render(crossing(there), Palm(0.2, 0.2), pose.astype(np.float32), CC)
         assert batch.polyline_count == 1
         assert batch.length()[0] == pytest.approx(length, abs=ROUNDING)
+
+
+def outline_of(loops, solid="winding"):
+    """Length of the boundary [m] and area [m^2] of what is inside of loops in one plane, [point, 2] each."""
+    start = np.cumsum([0, *map(len, loops)])
+    given = regularisation.Loops(np.concatenate(loops), start, np.zeros(len(loops), np.int64))
+    rule, planes = regularisation.FILL_RULES[solid], regularisation.Planes(np.zeros((1, 3, 3)), None)
+    out = regularisation._regularised(regularisation._on_lattice(given, None), planes, rule, 0.0)
+    rings = [ring * regularisation.STEP for ring in np.split(out.points, out.start[1:-1])]
+    length = sum(np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1).sum() for ring in rings)
+    return length, sum(map(signed_area, rings))
+
+
+@pytest.mark.parametrize("overlap", [0.0, 0.05e-9, 0.3e-9, 0.45e-9])
+def test_an_overlap_that_is_narrower_than_corners_move_is_no_gap(overlap):
+    """Rectangles of 30 x 40 and 30 x 30 mm that share a strip of a fraction of 1 nm: an outline of 200 mm."""
+    for angle in np.linspace(0.05, 3.0, 25):
+        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        half = overlap / 2
+        one = np.array([[-0.03, -0.02], [half, -0.02], [half, 0.02], [-0.03, 0.02]]) @ turn
+        two = np.array([[-half, -0.015], [0.03, -0.015], [0.03, 0.015], [-half, 0.015]]) @ turn
+        assert outline_of([one, two]) == pytest.approx((0.2, 0.0021), abs=1e-8)
+
+
+@pytest.mark.parametrize("seed", [*range(3), *(pytest.param(k, marks=pytest.mark.exhaustive) for k in range(3, 200))])
+def test_lines_on_a_turned_grid_that_meet_and_coincide_leave_no_slit_and_fill_no_hole(seed):
+    """Up to 120 lines between corners of a grid of 10 mm, against what GEOS makes of them before they are turned."""
+    rng = np.random.default_rng(seed)
+    n, angle = int(rng.integers(4, 9)), rng.uniform(0, np.pi)
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    loops = [rng.integers(0, n, (int(rng.integers(3, 16)), 2)) * 0.01 for _ in range(int(rng.integers(2, 9)))]
+    solid = ("winding", "even-odd")[seed % 2]
+    region = region_of(loops, solid)
+    length, area = outline_of([loop @ turn for loop in loops], solid)
+    assert length == pytest.approx(region.length, abs=1e-6)
+    assert area == pytest.approx(region.area, abs=1e-8)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(("name", "most"), [("pentagram", 2), ("limacon", 0)])
+def test_a_plane_through_an_edge_gives_no_more_than_planes_beside_it(name, most):
+    """Poses whose plane holds an edge of the mesh, and those moved along the normal by 0.1 to 1 um either way.
+
+    A contour through an edge is as long as one just beside it, or lies between: no gap without width adds to it. In 2
+    of 600 poses `flush` moves vertices onto the plane such that a wedge of some 5 nm remains, which is no such gap.
+    """
+    mesh, rng = crossing(PRISMS[name]()), np.random.default_rng(5)
+    corners = np.asarray(mesh.vertices, float)[np.asarray(mesh.faces)[rng.integers(len(mesh.faces), size=600)]]
+    begin, end = corners[:, 0], corners[:, 1]
+    along = (end - begin) / np.linalg.norm(end - begin, axis=1)[:, None]
+    normal = np.cross(along, rng.normal(size=along.shape))
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    turned = Rotation.from_matrix(np.stack([along, normal, np.cross(along, normal)], axis=2)).as_quat()
+    place = begin + rng.uniform(size=(600, 1)) * (end - begin)
+
+    def lengths(shift):
+        poses = np.concatenate([place + shift * normal, turned], axis=1).astype(np.float32)
+        return np.stack([render(mesh, Palm(0.02, 0.04), poses, strategy).length() for strategy in (OC, CC)])
+
+    through = np.stack([lengths(shift) for shift in (-1e-9, 0.0, 1e-9)])
+    beside = np.stack([lengths(shift) for shift in (-1e-6, -1e-7, 1e-7, 1e-6)])
+    outside = np.maximum(through - beside.max(axis=0), beside.min(axis=0) - through).max(axis=(0, 1)) > 1e-5
+    assert np.count_nonzero(outside) <= most
 
 
 def test_only_faces_that_look_at_each_other_in_one_plane_may_touch():

@@ -169,6 +169,26 @@ def test_the_poses_are_those_of_each_interval_halved_alone(name, strategy, dista
     np.testing.assert_array_equal(denser.pose, pose)
 
 
+@pytest.mark.exhaustive
+def test_old_contours_are_near_the_new_ones_and_a_part_that_appears_may_be_farther_from_the_old():
+    """One direction is bounded, as the docs say: points every 0.5 mm or closer against segments, both ways."""
+    tube, distance = MeshObject.load("tube"), 2e-3
+    motion = exploration("tube", duration=1.0, rate=90.0, seed=1, model="around")
+    denser = insert_poses(tube, Palm(), motion, closed_contour(), distance=distance)
+    scene = Scene.of(tube, Palm(), closed_contour())
+    lines = [lines_at(scene, pose) for pose in denser.pose]
+    pairs = [
+        (a, b)
+        for (a, b), lasting in zip(itertools.pairwise(lines), np.diff(denser.time), strict=True)
+        if a and b and lasting >= 50e-6
+    ]
+    assert len(pairs) > 10
+    assert not any(insertion_oracle.moves_far(a, b, 1.001 * distance + distance / 8) for a, b in pairs)
+    assert any(insertion_oracle.moves_far(b, a, 2 * distance) for a, b in pairs)
+    back = insert_poses(tube, Palm(), HandMotion(motion.time, motion.pose[::-1]), closed_contour(), distance=distance)
+    assert len(back) != len(denser)
+
+
 def test_motions_together_have_the_poses_of_each_alone(monkeypatch, device):
     """Also in small batches, and where the middle's rounding is doubtful: two poses half a turn apart."""
     motions = [sideways(steps) for steps in ([4e-2, 2e-3], [], [2e-4], [2e-2] * 2)]

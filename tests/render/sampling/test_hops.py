@@ -5,7 +5,7 @@ import pytest
 from contour_shapes import batch_of, circle, still
 
 from palpate.datasets import exploration
-from palpate.render import MeshObject, Palm, closed_contour, render
+from palpate.render import IntersectionStrategy, MeshObject, Palm, Stage, closed_contour, render
 from palpate.render.sampling.contour_sampling import (
     Gap,
     LateralModulation,
@@ -14,6 +14,7 @@ from palpate.render.sampling.contour_sampling import (
     Path,
     Sampler,
     SamplingStrategy,
+    joined,
     preset,
     sample_contours,
 )
@@ -142,6 +143,26 @@ def test_held_points_hop_from_one_to_the_next_by_the_order():
     count = counted([ring], strategy, samples=1000)
     assert count.hops == NONE | {"order": 39}
     assert count.hop_longest == pytest.approx(2e-3, rel=2e-3)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("block", [7, 1024])
+@pytest.mark.parametrize("name", ["stm", "step", "random"])
+def test_re_entries_to_contours_with_dark_hand_edges_are_the_steps_from_dark_to_bright(name, block):
+    """A recount from the focal points alone: all steps to one that is drawn from one that is silent."""
+    motion = exploration("tube", duration=4.0, rate=90.0, seed=1)
+    dark = IntersectionStrategy(prune=("outside",), transform=("close", Stage("edges", {"on_hand": 0.0})))
+    sampler = Sampler(preset(name))
+    blocks = sample_contours(
+        [render("tube", "palm", motion, dark)], motion.pose, motion.time, 4.0, sampler, block=block
+    )
+    focus = joined(list(blocks))
+    drawn = focus.intensity > 0
+    first = np.flatnonzero((focus.position != np.float32([0, 0, 0.2])).any(axis=1))[0]  # before it nothing is there
+    step = np.linalg.norm(np.diff(focus.position.astype(float), axis=0), axis=1)[first:]
+    step = step[drawn[first + 1 :] & ~drawn[first:-1]]
+    assert sampler.count.hops["re-entry"] == np.count_nonzero((step > 2 * STEP) & (step <= 5e-3)) > 1
+    assert sampler.count.jumps["re-entry"] == np.count_nonzero(step > 5e-3) > 0
 
 
 @pytest.mark.exhaustive(after=1)

@@ -119,6 +119,7 @@ def test_centroid_is_a_small_circle_around_it(rng):
         for loop in loops_of(out, setting, k):
             middle = shapely.union_all(regions).centroid.coords[0]
             assert np.linalg.norm(loop - middle, axis=1) == pytest.approx(0.002, rel=0.01)
+            assert shapely.Polygon(loop).area == pytest.approx(np.pi * 0.002**2, rel=1e-4)  # area, not circumradius
 
 
 @pytest.mark.parametrize("connect", ["boundary", "jump"])

@@ -76,6 +76,25 @@ def suggested(told, option):
     return words[words.index(option) + 1]
 
 
+def test_a_t_junction_is_refused_by_the_length_of_rim_that_closes_it():
+    """A cube of 100 mm, given in millimetres, one of whose edges has a vertex in the middle for one triangle only."""
+    vertices, faces = box(100.0, (0, 0, 200))
+    a, b, c = faces[0]
+    middle = 0.5 * (vertices[a] + vertices[b])
+    split = np.vstack([faces[1:], [[a, len(vertices), c], [len(vertices), b, c]]])
+    arrays = np.vstack([vertices, middle]), split
+    rim = 2 * np.linalg.norm(vertices[a] - vertices[b]) / 1000
+    with pytest.warns(PalpateWarning, match="3 open edges"):
+        cracked = MeshObject(*arrays, scale=0.001)
+    with pytest.raises(MeshError, match="fill_holes=") as refusal:
+        cracked.require_closed()
+    length = float(str(refusal.value).partition("fill_holes=")[2].split()[0])
+    assert rim <= length <= 1.1 * rim
+    with pytest.warns(PalpateWarning, match="1 holes filled"):
+        whole = MeshObject(*arrays, scale=0.001, fill_holes=length)
+    assert render(whole, Palm(), LEVEL, closed_contour()).length() == pytest.approx([4 * 0.085], abs=1e-6)  # all inside
+
+
 def test_filling_holes_as_suggested_closes_them(tmp_path):
     (vertices, faces), _ = FAULTS["torn sphere"]
     path = tmp_path / "torn.ply"

@@ -50,6 +50,13 @@ def page(depth):
     return page_of(depth)
 
 
+def test_the_draw_frequency_of_contours_with_pauses_includes_these(tmp_path):
+    """340 mm at 7 m/s and four pauses of 20 ms at the palm's corners: 1286 samples of 0.1 ms."""
+    batch = render("cube", "palm", static_pose([0, 0, 0.2]), "corner-pauses")
+    page = page_of(batch.save(tmp_path / "paused.h5"))
+    assert page["poses"]["draw_frequency"] == pytest.approx([10_000 / 1286])
+
+
 def test_numbers_and_contours_are_those_of_the_file(depth, page):
     with ContourFile(depth) as file:
         motion, length, arrays = file.motion(), file.metrics()["length"], file.contours()
@@ -60,7 +67,8 @@ def test_numbers_and_contours_are_those_of_the_file(depth, page):
     assert poses["length"].tolist() == length.tolist()
     drawn = length > 0
     assert 0 < drawn.sum() < len(drawn)
-    np.testing.assert_allclose(poses["draw_frequency"][drawn], 7.0 / length[drawn].astype(float), rtol=1e-6)
+    samples = np.ceil(length[drawn].astype(float) / 7.0 * 10_000 - 1e-3)
+    np.testing.assert_allclose(poses["draw_frequency"][drawn], 10_000 / samples, rtol=1e-6)
     assert np.isnan(poses["draw_frequency"][~drawn]).all()
     normal = rotate(motion["pose"][:, 3:].astype(float), np.array([0.0, 1.0, 0.0]))
     cosine = normal[:, 2] / np.linalg.norm(normal, axis=1)

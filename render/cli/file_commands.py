@@ -30,6 +30,7 @@ from ..terminal.foreign_text import print_message
 from ..validation import refuse_object
 
 SUFFIXES = (".h5", ".hdf5")
+FUSED_MOST = 0.2  # share of contours nearer than a focal width to another, from which a rendering is warned of
 VOXELISED_KINDS = ("distance", "occupancy")
 SHOWN_OF_RENDERING = ("poses", "poses_drawn", "polylines", "length_mean", "r", "bytes", "poses_rendered", "seconds")
 
@@ -168,6 +169,12 @@ def run_render(options: dict, *, as_json: bool) -> int:
         moving = f"--at {joining_place(motion.pose)} moves the object into the middle of the motion, --scale its size"
         way = "see --alignment: the recording is in its tracker's frame" if tracked else moving
         console.warn(f"{apart_text(solid.bounds, motion.pose)}; {way}. The same command replaces this empty file")
+    elif (share := summary["fused_share"] or 0.0) > FUSED_MOST:
+        console.warn(
+            f"{100 * share:.0f} % of the contours' length is nearer than a focal width (10 mm at a height of 0.2 m) to "
+            "another contour, and a hand feels both as one band. Thicker walls, scale=FACTOR or the prune stage "
+            "close-together make them distinct"
+        )
     return console.FAILED if is_empty and job.strict else console.DONE
 
 

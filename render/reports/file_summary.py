@@ -13,6 +13,7 @@ from ..contour_input import takes_batches
 from ..sampling.draw_frequency import file_pauses, frequencies_by_time
 from ..sampling.strategy import DEFAULT
 from ..validation import require_path
+from .fused_contours import fused_share
 
 PARTS = {"thing": "object", "hand": "hand", "motion": "motion", "strategy": "strategy", "sampling": "sampling"}
 """What of a sweep's recipe a file of frames is of."""
@@ -112,6 +113,7 @@ def summarise(path: str | Path) -> dict:
         transform = file.strategy.get("transform")
         if isinstance(transform, list) and "close" in transform:
             out["r"] = length_ratio(totals[0], totals[1])
+        out["fused_share"] = fused_share(file)
         if file.sealed:
             out["bytes"] = Path(path).stat().st_size
             out["bytes_per_pose"] = out["bytes"] / max(file.pose_count, 1)

@@ -36,7 +36,7 @@ def fused_places(points: np.ndarray, polyline_start: np.ndarray, width: float) -
     points: [m], shape [point, 3]; polyline_start: shape [polyline + 1]. Places are evenly spaced along the contours,
     STEPS_A_WIDTH in a width. Two places of one contour count if they are farther than ALONG_WIDTHS along it.
     """
-    from scipy.spatial import cKDTree  # a tenth of a second that only this needs
+    from scipy.spatial import KDTree  # a tenth of a second that only this needs
 
     places, along, loop, polyline = [], [], [], []
     for k, (first, stop) in enumerate(zip(polyline_start[:-1].tolist(), polyline_start[1:].tolist(), strict=True)):
@@ -52,7 +52,7 @@ def fused_places(points: np.ndarray, polyline_start: np.ndarray, width: float) -
     near = np.zeros(sum(map(len, places)), bool)
     if not len(near):
         return near
-    pairs = cKDTree(np.concatenate(places)).query_pairs(width, output_type="ndarray")
+    pairs = KDTree(np.concatenate(places)).query_pairs(width, output_type="ndarray")
     one, other = pairs.T
     way, total, of = np.concatenate(along), np.concatenate(loop), np.concatenate(polyline)
     apart = np.abs(way[one] - way[other])

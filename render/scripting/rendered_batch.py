@@ -12,6 +12,7 @@ import numpy as np
 
 from ...datasets.motions.hand_motion import HandMotion
 from ...device.report import LiveStatistics
+from ..batch_rows import BatchRows
 from ..contour_batch import ContourBatch
 from ..deprecated_names import explain_keywords
 from ..errors import StrategyError
@@ -351,42 +352,7 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         if self.scene is not None and self.scene.points != "array":
             raise StrategyError(f'this needs points="array", but the batch has points="{self.scene.points}"')
 
-    def rows(self) -> "BatchRows":
+    def rows(self) -> BatchRows:
         """What samplers read: contours and poses, range by range."""
         self._require_array_frame()
         return BatchRows(self.numpy(), self._moved(), Path(self.name))
-
-
-@dataclass(frozen=True, eq=False)
-class BatchRows:
-    """A batch read as a contour file is, pose range by pose range."""
-
-    batch: ContourBatch
-    motion_of_batch: HandMotion
-    path: Path
-    """The object's name, for messages."""
-
-    @property
-    def pose_count(self) -> int:
-        """Number of poses."""
-        return len(self.batch)
-
-    def motion(self, first: int = 0, stop: int | None = None) -> dict[str, np.ndarray]:
-        """Poses first..stop, and their times if there are any."""
-        motion = self.motion_of_batch
-        poses = {"pose": motion.pose[first:stop]}
-        return poses if motion.time is None else poses | {"time": motion.time[first:stop]}
-
-    def blocks(self, *, point_limit: int) -> Iterator[tuple[int, int]]:
-        """Pose ranges in order, of up to about so many points."""
-        point = self.batch.polyline_start[self.batch.pose_start]
-        first = 0
-        while first < self.pose_count:
-            stop = int(np.searchsorted(point, point[first] + point_limit, side="right")) - 1
-            stop = min(max(stop, first + 1), first + point_limit, self.pose_count)
-            yield first, stop
-            first = stop
-
-    def contours(self, first: int, stop: int) -> dict[str, np.ndarray]:
-        """Contours of a range."""
-        return ContourBatch.select(self.batch, first, stop).arrays()

@@ -82,6 +82,7 @@ UNITS = {
     "draw_frequency_median": "Hz",
     "draw_frequency_p95": "Hz",
     "draw_frequency_of_mean_length": "Hz",
+    "fused_share": "of the length, in a sample of poses",
     "facing_share_30": "of poses with contours",
     "facing_share_60": "of poses with contours",
     "update_rate": "Hz",
@@ -118,6 +119,7 @@ UNITS = {
 
 WORDS = {
     "r": "r = |CC| / |OC|",
+    "fused_share": "nearer than a focal width",
     "db_40_300": "noise, 40 to 300 Hz",
     "db_300_10k": "noise, 300 Hz to 10 kHz",
     "dba": "noise, as an ear weighs it",

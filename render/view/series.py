@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 
 from ...datasets.motions.hand_motion import HandMotion
+from ..batch_rows import BatchRows
 from ..contour_batch import ContourBatch
 from ..playback.focus_source import ContourSource
 from ..sampling.contour_sampling import Sampler, SamplingStrategy
 from ..sampling.draw_frequency import file_frequencies
-from ..scripting.rendered_batch import BatchRows
 from .file_scene import FileScene, tilts_of
 from .focal_path import steps_of
 

@@ -10,12 +10,10 @@ from palpate.datasets.motions.hand_motion import HandMotion
 from palpate.render import ContourFile, render, static_pose
 from palpate.render.coordinate_spacing import apart_text, joining_place
 
-POSE = [0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0]
-
 
 @pytest.fixture
 def motion(tmp_path):
-    pose = np.tile(np.array(POSE, np.float32), (3, 1))
+    pose = np.tile(static_pose([0.0, 0.0, 0.2]).pose, (3, 1))
     path = tmp_path / "still.csv"
     HandMotion(np.array([0.0, 0.1, 0.2]), pose).save(path)
     return path

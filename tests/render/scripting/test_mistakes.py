@@ -44,6 +44,11 @@ def batch():
     return render(TUBE, "palm", exploration(TUBE, duration=0.2), "cc")
 
 
+def still():
+    """A batch with a contour: a file without any may be replaced."""
+    return render(TUBE, "palm", STILL, "cc")
+
+
 ALONE = {
     "an unknown name": (lambda: palpate.render.rendr, "has no attribute 'rendr'"),
     "an object's name": (lambda: render("tubee", "palm", STILL), "did you mean 'tube'?"),
@@ -125,7 +130,7 @@ OF_A_BATCH = {
     "a missing folder": (lambda b: b.save("no/tube.h5"), "there is no folder"),
     "a picture": (lambda b: b.figure("a.gif"), "one of .png, .svg, .pdf"),
     "a table": (lambda b: b.to_pandas("lines"), "of must be poses or points"),
-    "a file that is there": (lambda b: b.save(b.save("a.h5")), "overwrite=True replaces it"),
+    "a file that is there": (lambda b: b.save(still().save("a.h5")), "overwrite=True replaces it"),
 }
 
 

@@ -17,7 +17,6 @@ from sweep_stand_ins import StandIn, rows_of
 
 from palpate.datasets.sweeps.shard import ShardRow, write_shard
 from palpate.render.sweeps.make.task import FailedChunk, Outcome, Running, Task
-from palpate.render.sweeps.run.worker_process import WAITING_FACTOR
 
 MAKER = "test"
 SECONDS = {"fast": 0.05, "s3": 3.0, "s8": 8.0, "s30": 30.0, "raise": 0.1, "crash": 1.0, "hog": 1e9}
@@ -172,7 +171,7 @@ class SimulatedEngine:
                 thing = StandIn.of(worker.task.chunks[worker.place]).thing
                 used = 0.0 if thing == "asleep" else wall * self.share
                 memory = int(wall * self.share * 1e9) if thing == "hog" else 10**8
-                out[worker.task.number] = Running(self.now - worker.began, max(used, wall / WAITING_FACTOR), memory)
+                out[worker.task.number] = Running(self.now - worker.began, used, memory, waiting_seconds=wall)
         return out
 
     def drop(self, number, reason):

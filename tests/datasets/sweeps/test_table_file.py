@@ -169,7 +169,7 @@ def test_without_pyarrow_parquet_says_what_to_install(tmp_path, monkeypatch):
         return real(name)
 
     monkeypatch.setattr(importlib, "import_module", absent)
-    with pytest.raises(SweepStoreError, match=r"pip install 'palpate\[parquet\]'"):
+    with pytest.raises(SweepStoreError, match=r"pip install -e '.\[parquet\]'"):
         write_parquet(tmp_path / "t.parquet", COLUMNS, {})
 
 

@@ -175,7 +175,7 @@ def test_without_permission_the_group_is_told(board: PtyBoard, monkeypatch: pyte
 def test_without_pyserial_it_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     for use in (find_serial_arrays, lambda: open_link(MODEL), lambda: open_link(MODEL, serial="/dev/ttyUSB0")):
-        with pytest.raises(NoBackendError, match=r"pyserial is not installed.*pip install 'palpate\[serial\]'"):
+        with pytest.raises(NoBackendError, match=r"pyserial is not installed.*pip install -e '.\[serial\]'"):
             use()
 
 

@@ -55,11 +55,16 @@ def likely_file(path: str | PathLike[str]) -> str:
             names = [entry.name for entry in islice(entries, _FILES_MOST)]
     except (OSError, ValueError):
         return ""
-    stem = _spelling(missing.stem)
-    alike = (
-        name for name in names if difflib.SequenceMatcher(None, stem, _spelling(Path(name).stem)).ratio() > LIKENESS
-    )
-    return likely_name(missing.name, [name for name in alike if not name.startswith(".")])
+    alike = [name for name in names if not name.startswith(".") and _is_alike(missing, Path(name))]
+    return likely_name(missing.name, alike)
+
+
+def _is_alike(missing: Path, other: Path) -> bool:
+    """Whether a file may be meant: its stem is alike and its suffix the same, or its stem is the same."""
+    stem, own = _spelling(missing.stem), _spelling(other.stem)
+    if missing.suffix.lower() != other.suffix.lower():
+        return stem == own
+    return difflib.SequenceMatcher(None, stem, own).ratio() > LIKENESS
 
 
 def _link_fault(link: Path) -> str:

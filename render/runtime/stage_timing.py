@@ -4,7 +4,7 @@ import warp as wp
 
 
 class QueuedTimes(dict[str, float]):
-    """Seconds of stages of a GPU that is not waited for after each: there once `settle` has been called."""
+    """Seconds of stages of a GPU that is not waited for after each: there once `resolve` has been called."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -22,7 +22,7 @@ class QueuedTimes(dict[str, float]):
 
 
 def stage_times(device: str) -> dict[str, float]:
-    """What takes the seconds of stages on a device without waiting for them; see `settled`."""
+    """What takes the seconds of stages on a device without waiting for them; see `resolved_times`."""
     return QueuedTimes() if wp.get_device(device).is_cuda else {}
 
 

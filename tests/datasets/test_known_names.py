@@ -32,6 +32,9 @@ def test_a_file_of_the_folder_is_suggested(tmp_path):
     (tmp_path / ".tube2.h5").touch()
     assert likely_file(tmp_path / "tub.h5") == " (did you mean 'tube.h5'?)"
     assert likely_file(tmp_path / "none" / "tub.h5") == likely_file("\0") == ""
+    (tmp_path / "mug.ptlist").touch()
+    assert likely_file(tmp_path / "mugg.stl") == ""  # a file of another kind is not meant by a name that is only alike
+    assert likely_file(tmp_path / "mug.stl") == " (did you mean 'mug.ptlist'?)"
 
 
 def test_a_symbolic_link_that_leads_nowhere_is_not_suggested_for_itself(tmp_path):

@@ -40,6 +40,7 @@ _EDGES: WeakValueDictionary[str, HalfEdges] = WeakValueDictionary()  # by `MeshO
 POOL_KEPT = 0.5  # share of a GPU's memory kept for the next batch, because freeing it at every wait takes milliseconds
 TRIANGLES_ANNOUNCED = 2_000_000  # a warning gives the expected time before repairing at least as many
 REPAIR_SECONDS, REPAIR_GIGABYTES = 8.0, 0.6  # for a million triangles; measured, docs/measured/performance.md
+VOXELS_ACROSS = 100  # of a mesh, in the command that an error suggests
 SOLID_RULES = ("winding", "even-odd")
 
 
@@ -250,11 +251,18 @@ class MeshObject(KeepsDeviceCopies):
             fault = f"it has one side only ({report.crossed_edges} edges where no orientation agrees)"
         else:
             fault = f"it has {report.open_edges} open edges ({report.bodies} bodies)"
-        ways = [*report.closing(self._scale), f"palpate voxelise {self.name} makes a closed solid of it"]
+        ways = [*report.closing(self._scale), self.voxelising()]
         raise MeshError(
             f"{self.name}: closed contours (CC), hand meshes and contact need a closed surface, but {fault}. "
             f'Ways out: {", ".join(ways)}, strategy="oc" accepts any mesh on palms, or close the mesh in a mesh editor'
         )
+
+    def voxelising(self) -> str:
+        """The command that makes a closed solid of the mesh, with voxels of a hundredth of its longest side."""
+        spacing = float(np.ptp(self.bounds, axis=0).max()) / VOXELS_ACROSS
+        scale = "" if self._scale == 1.0 else f" --scale {self._scale:.4g}"
+        out = f"{Path(self.name).stem}.npz"
+        return f"palpate voxelise {self.name}{scale} --spacing {spacing:.2g} -o {out} makes a closed solid of it"
 
     @cached_property
     def solid_part(self) -> "MeshObject":

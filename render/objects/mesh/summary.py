@@ -64,5 +64,5 @@ def ways_out(mesh: MeshObject, scale: float) -> list[str]:
         out.append("scale=0.001 takes the file as one in millimetres")
     out += report.closing(scale)
     if not report.closed:
-        out.append(f"palpate voxelise {mesh.name} makes a closed solid of it")
+        out.append(mesh.voxelising())
     return out

@@ -233,3 +233,17 @@ def test_a_union_that_lost_a_body_is_not_believed(monkeypatch, device):
     assert not thing.is_simple
     length = render(thing, Palm(0.4, 0.4), LEVEL, closed_contour(), device=device).length()
     assert length == pytest.approx([4 * 0.08 + 2 * 0.01], abs=1e-6)
+
+
+@pytest.mark.exhaustive
+def test_the_command_that_an_open_mesh_is_answered_with_makes_a_closed_solid(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    vertices, faces = without_top(box(80.0))
+    trimesh.Trimesh(vertices, faces, process=False).export("box.stl")  # in millimetres
+    with pytest.warns(PalpateWarning):
+        mesh = MeshObject.load("box.stl", scale=0.001)
+    words = mesh.voxelising().removeprefix("palpate ").removesuffix(" makes a closed solid of it").split()
+    assert words[0] == "voxelise"
+    answer(*words, "--device", "cpu")
+    told = answer("render", "box.npz", "exploration", "--duration", 0.1, "--at", 0, 0, 0.2, "-o", "box.h5")
+    assert told["poses"] == 9

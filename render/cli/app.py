@@ -341,11 +341,16 @@ app.command(short_help="Time contours beside other libraries.")(bench)
 app.command(short_help="Make the founding paper's evaluation again.")(reproduce)
 
 
-def main() -> None:
-    """Entry point of the console script."""
+def exit_code() -> int:
+    """Run the command that the process was started with; its exit code."""
     if sys.stdout is not None and not sys.stdout.isatty():
         os.environ.setdefault("COLUMNS", "120")  # tables and help in pipes and logs
     try:
-        sys.exit(console.parsed(app))
+        return console.parsed(app)
     except KeyboardInterrupt:  # before a command runs, or after: it tells of its own
-        sys.exit(console.fail("interrupted", console.FAILED, False))
+        return console.fail("interrupted", console.FAILED, False)
+
+
+def main() -> None:
+    """Entry point of the console script; it does not return."""
+    console.end_process(exit_code())

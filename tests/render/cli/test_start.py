@@ -8,12 +8,9 @@ import pytest
 HEAVY = {"numpy", "scipy", "warp", "h5py", "trimesh", "matplotlib", "pydantic", "usb", "rich.progress"}
 SCRIPT = """
 import sys
-from palpate.render.cli.app import main
+from palpate.render.cli.app import exit_code
 sys.argv[1:] = {words!r}
-try:
-    main()
-except SystemExit as end:
-    code = end.code
+exit_code()
 print(*sys.modules, file=sys.stderr)
 """
 

@@ -271,9 +271,7 @@ def test_ctrl_c_before_the_command_runs_is_told_without_a_traceback(tmp_path, mo
         raise KeyboardInterrupt
 
     monkeypatch.setattr(cli, "app", interrupted)
-    with pytest.raises(SystemExit) as end:
-        cli.main()
-    assert (end.value.code, "interrupted" in capsys.readouterr().err) == (FAILED, True)
+    assert (cli.exit_code(), "interrupted" in capsys.readouterr().err) == (FAILED, True)
 
 
 @pytest.mark.exhaustive
@@ -281,9 +279,9 @@ def test_a_finished_sweep_imports_no_more_than_it_needs(tmp_path):
     path = plan(tmp_path / "a.toml")
     sweep(path)
     code = (
-        "import sys; from palpate.render.cli.app import main; sys.argv[1:] = ['sweep', sys.argv[1], '--no-figure']\n"
-        "try: main()\n"
-        "except SystemExit as end: print(end.code, {'matplotlib', 'trimesh', 'scipy', 'pyarrow'} & set(sys.modules))"
+        "import sys; from palpate.render.cli.app import exit_code\n"
+        "sys.argv[1:] = ['sweep', sys.argv[1], '--no-figure']\n"
+        "print(exit_code(), {'matplotlib', 'trimesh', 'scipy', 'pyarrow'} & set(sys.modules))"
     )
     out = subprocess.run([sys.executable, "-P", "-c", code, str(path)], capture_output=True, text=True, check=True)
     assert out.stdout.splitlines()[-1] == "0 set()"

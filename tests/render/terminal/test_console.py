@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import subprocess
+import sys
 import time
 
 import pytest
@@ -28,6 +29,22 @@ def test_a_name_that_the_file_system_does_not_take_is_refused_with_its_length(tm
     path = tmp_path / ("é" * 140)
     assert console.run(path.stat, as_json=True) == 2
     assert "a name of 280 bytes is more than" in json.loads(capsys.readouterr().out)["error"]
+
+
+ENDING = """
+import atexit, os, signal, sys, threading
+from palpate.render.terminal.console import end_process
+atexit.register(print, "switched off")
+threading.Thread(target=threading.Event().wait).start()  # which the interpreter's teardown would join for ever
+atexit.register(os.kill, os.getpid(), signal.SIGTERM)  # a signal while it ends
+sys.stdout.write("result, ")
+end_process(3)
+"""
+
+
+def test_a_process_ends_with_its_exit_code_after_what_was_registered_whatever_its_threads_do():
+    done = subprocess.run([sys.executable, "-c", ENDING], capture_output=True, text=True, timeout=30)
+    assert (done.returncode, done.stdout, done.stderr) == (3, "result, switched off\n", "")
 
 
 @pytest.mark.exhaustive

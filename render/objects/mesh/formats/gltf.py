@@ -30,6 +30,7 @@ OF_LOOKS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "KHR_xmp", "EXT_tex
 NOT_OF_SHAPE = ("KHR_mesh_quantization", "KHR_node_visibility", "KHR_animation_pointer", "EXT_mesh_manifold")
 """Extensions that a file may require: they change no shape, or what they say is applied."""
 STRIP, FAN, TRIANGLES = 5, 6, 4
+SKIN_BYTES = 384  # of a vertex: its matrix of float64, and two that are added to it
 AFFINE_ROUNDING = 1e-5  # of matrices in float32, in whose inverses are rounded: those that differ less are equal
 
 
@@ -202,6 +203,7 @@ class GltfScene:
         if np.abs(joints - joints[0]).max() <= AFFINE_ROUNDING * np.abs(joints).max():
             is_identity = np.abs(joints[0] - np.eye(4)).max() <= AFFINE_ROUNDING
             return np.eye(4) if is_identity else joints[0]
+        require_bytes(SKIN_BYTES * vertex_count, "what its skin needs")
         place = np.zeros((vertex_count, 4, 4))
         sets = [name.removeprefix("JOINTS_") for name in primitive["attributes"] if name.startswith("JOINTS_")]
         for number in sets:

@@ -7,6 +7,7 @@ import pytest
 from file_meshes import CUBE, enclosed
 from gltf_files import GltfFile
 
+from palpate.datasets.bounded_file import LIMIT_VARIABLE, FileBoundError
 from palpate.render.errors import MeshError
 from palpate.render.objects.mesh.formats.gltf import read_gltf
 
@@ -93,14 +94,15 @@ def test_morph_targets_are_added_by_their_weights(of_mesh, of_node, length):
     assert enclosed(read(file)) == (12, [length, 1, 1], length)
 
 
-def skinned_file(joints, weights, moved, **skin):
+def skinned_file(joints, weights, moved, vertices=CUBE, **skin):
     """A cube on two joints, of which the second is moved by `moved`; its own node lies 7 m away."""
     nodes = [{"mesh": 0, "skin": 0, "translation": [7, 7, 7]}, {"name": "a"}, {"name": "b", "translation": moved}]
     file = GltfFile(nodes=nodes, scenes=[{"nodes": [0, 1, 2]}])
     inverse = np.stack([np.eye(4), np.eye(4)])
     inverse[1, 3, :3] = [-3, 0, 0]  # b was at x = 3 when the skin was bound; by columns
     file.tree["skins"] = [{"joints": [1, 2], "inverseBindMatrices": file.array(inverse.reshape(2, 16), "f4")} | skin]
-    file.mesh(attributes={"JOINTS_0": file.array(joints, "u1"), "WEIGHTS_0": file.array(weights, "f4")})
+    attributes = {"JOINTS_0": file.array(joints, "u1"), "WEIGHTS_0": file.array(weights, "f4")}
+    file.mesh(vertices, attributes=attributes)
     return file
 
 
@@ -118,6 +120,16 @@ def test_a_skin_moves_its_mesh_and_the_place_of_its_node_does_not():
     moved = skinned_file(first, one, [5, 0, 0])
     moved.tree["nodes"][1]["translation"] = [2, 0, 0]  # both joints by the same
     assert low(read(moved)) == [2, 0, 0]
+
+
+def test_a_skin_stays_within_the_budget_by_what_its_vertices_need(monkeypatch):
+    """Arrays of 3,000 vertices take 0.2 MB, matrices of them 16 times 8 bytes each, three at a time."""
+    monkeypatch.setenv(LIMIT_VARIABLE, "1")
+    vertices = np.zeros((3000, 3))
+    vertices[:8] = CUBE
+    file = skinned_file([[0, 1, 0, 0]] * 3000, [[0.5, 0.5, 0, 0]] * 3000, [4, 0, 0], vertices)
+    with pytest.raises(FileBoundError, match="what its skin needs takes 1152000 bytes"):
+        read(file)
 
 
 def test_strips_fans_and_corners_in_order_are_triangles():

@@ -179,6 +179,9 @@ INSTANCES = {"extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLAT
         ({"nodes": [{"mesh": -1}]}, "names entry -1 of meshes, which has 1"),
         ({"nodes": [{"mesh": 0, "rotation": [0, 0, 0, 0]}]}, "the rotation of node 0 must be four numbers of length 1"),
         ({"nodes": [{"mesh": 0, "translation": [float("nan"), 0, 0]}]}, "the place of node 0 must be finite"),
+        ({"nodes": [{"mesh": 0, "scale": 2}]}, "the scale of node 0 must be 3 numbers, not 2"),
+        ({"nodes": [{"mesh": 0, "scale": [[2, 2, 2]] * 3}]}, "the scale of node 0 must be 3 numbers"),
+        ({"nodes": [{"mesh": 0, "matrix": None}]}, "the matrix of node 0 must be 16 numbers, not None"),
         ({"scenes": None}, "is no valid glTF"),
         ({"scene": 1}, "names entry 1 of scenes"),
         ({"accessors": 3}, "is no valid glTF"),
@@ -191,6 +194,26 @@ def test_what_is_not_read_is_named(tree, said):
     assert enclosed(read(file)) == (12, [1, 1, 1], 1)
     file.tree |= tree
     with pytest.raises(MeshError, match=said):
+        read(file)
+
+
+def test_arrays_of_one_row_are_not_repeated_for_every_vertex():
+    """Section 3.7.2.2 and 3.7.3.3: targets, joints and weights have as many rows as the positions."""
+    file = GltfFile()
+    file.mesh(targets=[{"POSITION": file.array(CUBE[:1], "f4")}])["weights"] = [1]
+    with pytest.raises(MeshError, match="a morph target of a primitive has 1 rows, but the primitive 8 vertices"):
+        read(file)
+    for joints, weights in ((1, 8), (8, 1)):
+        with pytest.raises(MeshError, match="a skin of a primitive has 1 rows, but the primitive 8 vertices"):
+            read(skinned_file([[0, 1, 0, 0]] * joints, [[0.5, 0.5, 0, 0]] * weights, [4, 0, 0]))
+
+
+@pytest.mark.parametrize("stride", [0, 4])
+def test_rows_that_overlap_are_named(stride):
+    """ACCESSOR_SMALL_BYTESTRIDE of Khronos' glTF-Validator."""
+    file = cube_file()
+    file.tree["bufferViews"][0]["byteStride"] = stride
+    with pytest.raises(MeshError, match=f"bufferView 0 has a byteStride of {stride}, less than the 12 bytes of a row"):
         read(file)
 
 

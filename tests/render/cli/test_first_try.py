@@ -7,8 +7,9 @@ import pytest
 from command_line import run
 
 from palpate.datasets.motions.hand_motion import HandMotion
-from palpate.render import ContourFile, render, static_pose
+from palpate.render import ContourFile, ContourFileError, record, render, static_pose
 from palpate.render.coordinate_spacing import apart_text, joining_place
+from palpate.render.intersection.file_recording import polylines_in
 
 
 @pytest.fixture
@@ -41,6 +42,32 @@ def test_an_empty_file_is_replaced_and_one_with_contours_never_by_an_empty_resul
     with ContourFile(out) as file:
         assert file.polyline_count == 3
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cube.h5", "still.csv"]
+
+
+class StoppedError(Exception):
+    pass
+
+
+def test_an_empty_rendering_replaces_no_contours_when_it_is_resumed_or_saved(tmp_path):
+    """The first run is stopped after its first poses, all of which are empty, too."""
+    pose = np.tile(static_pose([0.0, 0.0, 0.9]).pose, (40_000, 1))
+    away = HandMotion(np.arange(len(pose)) / 100, pose)
+    out = render("cube", "palm", static_pose([0.0, 0.0, 0.2])).save(tmp_path / "cube.h5")
+
+    def stop(done, total):
+        if 0 < done < total:
+            raise StoppedError
+
+    with pytest.raises(StoppedError):
+        record(out, "cube", "palm", away, mode="overwrite", memory=64 << 20, progress=stop)
+    assert (tmp_path / "cube.h5.partial").is_dir()
+    with pytest.raises(ContourFileError, match=r"stays as it is, with its 1 polylines, .* 0\.635 m from it"):
+        record(out, "cube", "palm", away, mode="resume")
+    with pytest.raises(ContourFileError, match="stays as it is, with its 1 polylines"):
+        render("cube", "palm", away[:2]).save(out, overwrite=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["cube.h5"]
+    assert polylines_in(out) == 1
+    assert record(out, "cube", "palm", static_pose([0.0, 0.0, 0.2]), mode="resume").rendered == 0  # complete
 
 
 def test_other_files_are_not_taken_for_empty_ones(tmp_path, motion):

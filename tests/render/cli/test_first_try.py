@@ -1,6 +1,7 @@
 """A first try without placement: what its empty file costs, what the command says, and a preview that shows it."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from command_line import run
 
 from palpate.datasets.motions.hand_motion import HandMotion
 from palpate.render import ContourFile, ContourFileError, record, render, static_pose
+from palpate.render.cli.view_command import is_preview
 from palpate.render.coordinate_spacing import apart_text, joining_place
 from palpate.render.intersection.file_recording import polylines_in
 
@@ -101,3 +103,10 @@ def test_placement_belongs_to_a_preview(tmp_path):
     refused = run("view", tmp_path / "a.h5", "--at", 0, 0, 0.2)
     assert refused.exit_code == 2
     assert "are of a preview: OBJECT MOTION" in " ".join(refused.stderr.split())
+
+
+def test_all_motions_that_render_takes_are_of_a_preview():
+    """The suffixes that recordings have by docs/formats/recordings.md, a CSV of poses, and the word."""
+    for motion in ("a.csv", "a.json", "a.npz", "a.jsonl", "a.ndjson", "a.json.lz", "exploration"):
+        assert is_preview([Path("cube"), Path(motion)]), motion
+    assert not is_preview([Path("a.h5"), Path("b.h5")])

@@ -27,6 +27,7 @@ _KINDS = {
     "motion": f"a motion or a recording of a hand: {_MOTION}",
     "strategy": "a strategy: palpate render OBJECT MOTION --strategy {0} -o OUT.h5 takes it",
     "alignment": "an alignment: palpate render OBJECT RECORDING --alignment {0} -o OUT.h5 takes it",
+    "export": "contours as palpate export writes them and palpate does not read them: give their contour file",
     "plan": "a plan of a sweep: palpate sweep {0} makes it",
     "function": "Python source: palpate render {0}:FUNCTION MOTION --bounds ... -o OUT.h5 takes a function of it",
 }
@@ -41,15 +42,22 @@ def described_file(path: Path) -> str | None:
 def _kind_of(path: Path) -> str:
     """One of _KINDS, or nothing."""
     suffix = path.suffix.lower()
-    if suffix == ".npz":
-        return "volume" if b"values.npy" in _ends_of(path) else "motion"
+    if suffix in (".npz", ".csv"):
+        return _kind_of_arrays(_ends_of(path))
     if suffix == ".json":
         return _kind_of_json(_ends_of(path))
     if suffix in MESH_SUFFIXES:
         return "mesh"
     if str(path).lower().endswith(VOLUME_SUFFIXES):
         return "volume"
-    return {".csv": "motion", ".toml": "plan", ".py": "function"}.get(suffix, "")
+    return {".toml": "plan", ".py": "function"}.get(suffix, "")
+
+
+def _kind_of_arrays(content: bytes) -> str:
+    """What the members of an NPZ file are, or the columns of a CSV."""
+    if b"polyline_start.npy" in content or re.match(rb"[^\r\n]*\bpolyline,", content):
+        return "export"
+    return "volume" if b"values.npy" in content else "motion"
 
 
 def _kind_of_json(content: bytes) -> str:

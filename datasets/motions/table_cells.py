@@ -4,8 +4,11 @@ COMMA = ","
 
 
 def separator_of(header: str) -> str:
-    """The separator of a CSV by its header's line: a semicolon or a tab where one is there, otherwise the comma."""
-    return next((mark for mark in ";\t" if mark in header), COMMA)
+    """The separator of a CSV by its header's line: comma, semicolon or tab, whichever is there most often.
+
+    Of as many the comma, after which some writers set a tab.
+    """
+    return max(f"{COMMA};\t", key=header.count)
 
 
 def wrong_count(found: int, wanted: int, separator: str) -> str:

@@ -4,6 +4,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from ...datasets.recordings.files import JOINT_SUFFIXES
 from ...datasets.sweeps.check import is_sweep_data
 from ..coordinate_spacing import apart_text, joining_place
 from ..errors import MeshError, StrategyError
@@ -20,7 +21,7 @@ from ..view.live.session import open_browser, view_files
 from ..view.page.export import LIMIT, export_page
 
 POSES_PREVIEWED = 10_000
-MOTION_SUFFIXES = (".csv", ".json", ".npz")
+MOTION_SUFFIXES = (".csv", *JOINT_SUFFIXES)
 NO_PLACEMENT = {"scale": 1.0, "up": "z", "fit": None, "rotate": (0.0, 0.0, 0.0), "at": None}
 OF_A_PAGE = ("poses", "every", "limit", "overwrite")
 OF_A_SERVER = ("port", "no_browser", "allow_code")

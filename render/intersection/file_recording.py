@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from ...datasets.contour_file.header import FileHeader
-from ...datasets.contour_file.parts import work_folder
+from ...datasets.contour_file.parts import readable_parts, work_folder
 from ...datasets.contour_file.reader import ContourFile
 from ...datasets.contour_file.writer import ContourWriter
 from ...datasets.errors import ContourFileError, DatasetError
@@ -142,7 +142,10 @@ def record(
         missing = writer.missing()
         rendered = sum(stop - first for first, stop in missing)
         done = len(motion) - rendered
-        drawn = done  # poses that an earlier run rendered may have contours
+        folder = work_folder(Path(path))  # none where the file is complete
+        earlier = readable_parts(folder)[0] if folder.is_dir() else []
+        drawn = sum(part.rows.count("polyline") for part in earlier)
+        removed_any = False
         if progress is not None:
             progress(done, len(motion))
         chunks = rendered_chunks(scene, motion.pose, devices=names, memory=memory, ranges=missing)
@@ -152,16 +155,14 @@ def record(
                 writer.write(chunk.first, chunk.stop, chunk.contours.arrays(), metrics_of(chunk), chunk.timing)
                 done += chunk.stop - chunk.first
                 drawn += chunk.contours.polyline_count
+                removed_any |= any(length.any() for length in chunk.removed.values())
                 if progress is not None:
                     progress(done, len(motion))
                 raise_if_interrupted()
-        if not drawn and (kept := polylines_in(path)):
+        if (rendered or earlier) and not drawn and (kept := polylines_in(path)):
             writer.close()
-            discard_tree(work_folder(Path(path)))
-            raise ContourFileError(
-                f"{path}: stays as it is, with its {kept:,} polylines, as the new rendering has none: "
-                f"{apart_text(solid.bounds, motion.pose)}"
-            )
+            discard_tree(folder)
+            raise ContourFileError(kept_text(path, kept, scene, motion, removed_any=removed_any))
         writer.seal(gzip=gzip)
         return Recording(Path(path), len(motion), rendered, writer.repairs)
 
@@ -175,19 +176,37 @@ def polylines_in(path: str | Path) -> int | None:
         return None
 
 
+def kept_text(path: str | Path, kept: int, scene: Scene, motion: HandMotion, *, removed_any: bool) -> str:
+    """The sentence on a file with contours that an empty rendering does not replace, with the likely cause.
+
+    kept: polylines of the file; removed_any: whether prune stages removed contours.
+    """
+    cause = (
+        "the prune stages removed every contour"
+        if removed_any
+        else "no pose has a contour of the object, which moves"
+        if scene.object_pose is not None
+        else apart_text(scene.solid.bounds, motion.pose)
+    )
+    return f"{path}: stays as it is, with its {kept:,} polylines, as the new rendering has none: {cause}"
+
+
 def save_contours(path: str | Path, found: Collected, motion: HandMotion, *, overwrite: bool = False) -> None:
     """Write contours that are in memory into a contour file, whole or not at all.
 
-    Raises ContourFileError for a file that is there, unless `overwrite` or without a contour, one that cannot be
-    written, another suffix.
+    Raises ContourFileError for a file that is there, unless `overwrite` or without a contour, for one with contours
+    where there are none to write, one that cannot be written, another suffix.
     """
     path = Path(path)
     if path.suffix.lower() not in (".h5", ".hdf5"):
         raise ContourFileError(f"{path}: a contour file must end in .h5 or .hdf5")
-    overwrite = overwrite or polylines_in(path) == 0
+    kept = polylines_in(path)
+    overwrite = overwrite or kept == 0
     if (path.exists() or path.is_symlink()) and not overwrite:
         raise ContourFileError(f"{path} exists already: overwrite=True replaces it once the new one is whole")
     batch = found.contours.numpy()
+    if kept and not batch.polyline_count:
+        raise ContourFileError(kept_text(path, kept, found.scene, motion, removed_any=found.removed_any))
     header = file_header(found.scene, motion, "cpu")
     with ContourWriter(path, header, mode="overwrite" if overwrite else "create") as writer:
         for first in range(0, len(batch), POSES_AT_ONCE):

@@ -167,13 +167,18 @@ def _is_doubtful(path: Path) -> bool:
 
 
 def _remove(folder: Path, *, is_damaged: bool = True) -> None:
-    """Remove a module from the cache, at once for all who look; raises KernelCacheError if that cannot be done."""
+    """Remove a module from the cache, at once for all who look; raises KernelCacheError if that cannot be done.
+
+    is_damaged: whether it is known to be; one that only may be stays if it cannot be removed, and is loaded as it is.
+    """
     aside = folder.with_name(f"{folder.name}_damaged_p{os.getpid()}_t{threading.get_ident()}")
     try:
         os.rename(folder, aside)
     except FileNotFoundError:  # another process was faster
         return
     except OSError as error:
+        if not is_damaged:
+            return
         raise KernelCacheError(
             f"{folder}: compiled kernels are damaged and cannot be removed ({error.strerror}): "
             f"remove that folder, or {REMEDY}"

@@ -16,6 +16,7 @@ import numpy as np
 import warp as wp
 
 from ...datasets.counted import counted
+from ...datasets.motions.last_pose import usual_interval
 from ...kernels.motions.widening import widen_poses
 from ...kernels.sampling.concatenation import concatenate_offsets, concatenate_rows
 from ...kernels.sampling.contour_faults import find_faults
@@ -250,7 +251,7 @@ class MotionSchedule:
 
 def _hold_of(time: np.ndarray, strategy: SamplingStrategy) -> float:
     """Age at which the poses of a motion start to fade [s]."""
-    return max(strategy.hold, 2.0 * float(np.median(np.diff(time)))) if len(time) > 1 else np.inf
+    return max(strategy.hold, 2.0 * usual_interval(time)) if len(time) > 1 else np.inf
 
 
 def require_motions(

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
+from ...datasets.motions.last_pose import usual_interval
 from ..contour_batch import ContourBatch
 from ..errors import StrategyError
 from .fading import age_at
@@ -82,7 +83,7 @@ def sample_contours(
 
     batches: contours of consecutive poses on the host. pose: shape [pose, 7]. time: of the poses, from 0 [s], shape
     [pose]. duration: when the last pose ends [s]. hold: age at which a pose starts to fade [s]; None: the
-    strategy's value, or twice the median interval of these poses if that is longer.
+    strategy's value, or twice their usual interval if that is longer.
 
     >>> import numpy as np
     >>> from palpate.render import Sampler, render, sample_contours, static_pose
@@ -94,7 +95,7 @@ def sample_contours(
     rate = sampler.strategy.update_rate
     bounds = sample_bounds(time, duration, rate).tolist()
     if hold is None:  # after a single pose no next one is missing
-        hold = max(sampler.strategy.hold, 2.0 * float(np.median(np.diff(time)))) if len(time) > 1 else np.inf
+        hold = max(sampler.strategy.hold, 2.0 * usual_interval(time)) if len(time) > 1 else np.inf
     pose = np.asarray(pose, np.float64)
     waiting: list[FocalPoints] = []
     ready, index = 0, 0

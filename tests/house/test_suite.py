@@ -60,7 +60,7 @@ def test_a_test_file_uses_the_rooms_that_it_imports_or_names(tmp_path):
         ({"docs/guide"}, "tests/house/test_docs.py", 2),
         ({".ci"}, "tests/render/sweeps/test_docs.py", 2),
         ({"README.md"}, "tests/house/test_rooms.py", 2),
-        ({"datasets/motions"}, "tests/render/sampling/test_hops.py", 2),
+        ({"datasets/motions"}, "tests/render/sampling/test_hops.py", 1),
         ({"datasets/contour_file"}, "tests/faults/test_fuzz.py", 2),  # by what it shares with others
         ({"device/playing"}, "tests/kernels/test_geometry.py", None),
         ({"docs/guide"}, "tests/kernels/test_geometry.py", None),

@@ -13,6 +13,7 @@ from palpate.datasets.recordings.alignment import write_alignment
 from palpate.datasets.recordings.sample import write_sample
 from palpate.render import VoxelObject, save_voxels
 from palpate.render.cli.app import app
+from palpate.render.exports import csv_file
 from palpate.render.file_kinds import NOT_READ, described_file
 from palpate.render.validation import refuse_object
 
@@ -23,6 +24,8 @@ WORDS = {
     "a.npz": "a volume of voxels",
     "hand.npz": "a motion or a recording of a hand: palpate render OBJECT .*hand.npz",
     "poses.csv": "a motion or a recording of a hand: palpate render OBJECT .*poses.csv",
+    "exported.csv": "contours as palpate export writes them .*: give their contour file",
+    "exported.npz": "contours as palpate export writes them",
     "hand.json": "a motion or a recording of a hand",
     "expression.json": "an expression, which is an object: palpate render .*expression.json MOTION",
     "strategy.json": "a strategy: palpate render OBJECT MOTION --strategy .*strategy.json",
@@ -43,6 +46,8 @@ def files(tmp_path_factory):
     exploration(np.array([[0, 0, 0.1], [0.1, 0.1, 0.2]]), duration=0.5, rate=10.0).save(folder / "poses.csv")
     write_sample("openxr", folder / "hand.json", frame_count=2)
     write_sample("leap", folder / "hand.npz", frame_count=2)
+    np.savez(folder / "exported.npz", polyline_start=np.zeros(1, np.int64), points=np.zeros((0, 3)))
+    (folder / "exported.csv").write_text(f"{csv_file.HEADER}\n0,0.0,0,-0.04,-0.04,0.2,hand,1.0\n")
     write_alignment(folder / "place.json", "y-up")
     shape = {"op": "union", "of": [{"op": "sphere", "radius": 0.05}]}
     (folder / "expression.json").write_text(json.dumps(shape, indent=1))

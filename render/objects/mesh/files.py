@@ -122,7 +122,7 @@ def parsed(content: bytes, suffix: str, files: NamedFiles) -> FileMesh:
             raise MeshError(f"has JSON that cannot be read ({str(error)[:200]})") from error
         return read_gltf(tree, files.get, binary)
     if is_text(content, suffix):
-        require_bytes(WORD_BYTES * sum(content.count(mark) for mark in b" \t\r\n"), "what its text holds")
+        require_bytes(WORD_BYTES * sum(content.count(mark) for mark in b" \t\r\n\v\f"), "what its text holds")
     read = {".stl": read_stl, ".obj": read_obj, ".ply": read_ply, ".off": read_off}
     return read[suffix](content)
 

@@ -6,7 +6,8 @@ from palpate.datasets.motions.table_cells import number_in, separator_of
 
 
 @pytest.mark.parametrize(
-    ("header", "separator"), [("time,x", ","), ("time;x;y", ";"), ("time\tx", "\t"), ("x", ","), ("", ",")]
+    ("header", "separator"),
+    [("time,x", ","), ("time;x;y", ";"), ("time\tx", "\t"), ("time,\tx,\ty", ","), ("x", ","), ("", ",")],
 )
 def test_the_header_shows_what_separates_cells(header, separator):
     assert separator_of(header) == separator

@@ -43,6 +43,24 @@ def test_a_contour_fuses_with_itself_where_it_is_thin_and_not_where_it_bends():
     assert share(line(0.1, 0.0)) == 0.0
 
 
+def test_a_filled_contact_is_found_as_pair_by_pair():
+    """Lines 1 mm apart, each place with 150 within the width: the same places as by a table of all distances."""
+    rows = [
+        np.array([[0.0, y, 0.2], [0.03, y, 0.2]])[:: 1 if k % 2 else -1] for k, y in enumerate(np.arange(0, 0.03, 1e-3))
+    ]
+    apart = np.array([[0.0, 0.06, 0.2], [0.03, 0.06, 0.2]])
+    zigzag = np.concatenate(rows)
+    points = np.concatenate([zigzag, apart])
+    found = fused_places(points, np.array([0, len(zigzag), len(points)]), WIDTH)
+    step = np.linalg.norm(np.diff(zigzag, axis=0), axis=1)
+    way = (np.arange(round(6 * step.sum() / WIDTH)) + 0.5) * step.sum() / round(6 * step.sum() / WIDTH)
+    at = np.stack([np.interp(way, np.concatenate([[0], step.cumsum()]), zigzag[:, k]) for k in range(3)], axis=1)
+    is_near = np.linalg.norm(at[:, None] - at, axis=2) <= WIDTH
+    expected = (is_near & (np.abs(way[:, None] - way) > 2 * WIDTH)).any(axis=1)
+    np.testing.assert_array_equal(found, np.concatenate([expected, np.zeros(18, bool)]))
+    assert 0.5 < found.mean() < 1.0
+
+
 def test_walls_of_4_mm_are_one_band_and_those_of_25_mm_are_two(tmp_path):
     width = focal_width(0.2).width
     assert 0.009 < width < 0.011

@@ -3,6 +3,7 @@
 The truths are Warp's own compiler and loader, which kernels go through here, and `sha256sum`, which reads the seals.
 """
 
+import errno
 import os
 import random
 import shutil
@@ -154,6 +155,22 @@ def test_a_damaged_module_that_cannot_be_removed_is_named_with_the_way_out(cache
     monkeypatch.setattr(os, "rename", refuse)
     with pytest.raises(KernelCacheError, match=r"wp_palpate_test\S+: .*damaged.*Permission denied.*WARP_CACHE_PATH"):
         run()
+
+
+def test_an_old_module_that_cannot_be_removed_is_loaded_as_it_is(cache, monkeypatch):
+    """Of a script, whose cache may be another user's; overlayfs renames no folder of an image's layer, either."""
+
+    def refuse(*paths):
+        raise OSError(errno.EXDEV, "Invalid cross-device link", *paths)
+
+    found, _, seal = files(cache)
+    seal.unlink()
+    os.utime(found, (1e9, 1e9))  # in 2001, before this machine started
+    monkeypatch.setattr(os, "rename", refuse)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run()
+    assert found.stat().st_mtime == 1e9
 
 
 @pytest.mark.exhaustive

@@ -5,7 +5,11 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from contour_shapes import batch_of, square, still
 
+from palpate.datasets.motions import last_pose
+from palpate.render import Sampler, SamplingStrategy, sample_contours
+from palpate.render.sampling import batch_sampling
 from palpate.render.sampling.fading import TICKS, age_at, fade_ticks, ticks_of
 
 
@@ -35,3 +39,15 @@ def test_ages_of_two_samples_differ_by_the_samples_between_them_however_late_it_
 def test_a_fade_of_no_time_takes_one_tick_at_least():
     assert fade_ticks(0.0, 1.0) == 1.0
     assert fade_ticks(0.02, 10_000.0) == 200 * TICKS
+
+
+def test_a_pose_fades_by_the_first_intervals_as_when_a_file_is_played(monkeypatch):
+    """The file's reader knows the first intervals alone, here three of 0.1 s: 0.8 s of each later second are held."""
+    monkeypatch.setattr(last_pose, "INTERVALS_LOOKED_AT", 3)
+    time = np.array([0.0, 0.1, 0.2, 0.3, 1.3, 2.3, 3.3])
+    strategy = SamplingStrategy(update_rate=1000.0, hold=0.05)
+    sampler = Sampler(strategy)
+    contours = batch_of([[(square(0.04), True)]] * len(time))
+    list(sample_contours([contours], still(len(time)), time, 3.3, sampler))
+    assert sampler.count.held == 3 * 799  # at 0.2 s itself a pose is not older than that
+    assert batch_sampling._hold_of(time, strategy) == pytest.approx(0.2)

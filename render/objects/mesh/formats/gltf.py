@@ -30,6 +30,8 @@ OF_LOOKS = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "KHR_xmp", "EXT_tex
 NOT_OF_SHAPE = ("KHR_mesh_quantization", "KHR_node_visibility", "KHR_animation_pointer", "EXT_mesh_manifold")
 """Extensions that a file may require: they change no shape, or what they say is applied."""
 STRIP, FAN, TRIANGLES = 5, 6, 4
+NODE_NUMBERS = {"translation": 3, "rotation": 4, "scale": 3, "matrix": 16}
+SKIN_BYTES = 384  # of a vertex: its matrix of float64, and two that are added to it
 AFFINE_ROUNDING = 1e-5  # of matrices in float32, in whose inverses are rounded: those that differ less are equal
 
 
@@ -180,7 +182,8 @@ class GltfScene:
         require_corners(corners, len(vertices), "the indices of a primitive")
         for weight, target in zip(weights, primitive.get("targets", []), strict=False):
             if weight and "POSITION" in target:
-                vertices += float(weight) * self.arrays.accessor(target["POSITION"], "VEC3")
+                moved = self.arrays.accessor(target["POSITION"], "VEC3")
+                vertices += float(weight) * of_each_vertex(moved, len(vertices), "a morph target")
         if mode == STRIP:
             return FileMesh(vertices, strip_triangles(corners))
         if mode == FAN:
@@ -202,11 +205,13 @@ class GltfScene:
         if np.abs(joints - joints[0]).max() <= AFFINE_ROUNDING * np.abs(joints).max():
             is_identity = np.abs(joints[0] - np.eye(4)).max() <= AFFINE_ROUNDING
             return np.eye(4) if is_identity else joints[0]
+        require_bytes(SKIN_BYTES * vertex_count, "what its skin needs")
         place = np.zeros((vertex_count, 4, 4))
         sets = [name.removeprefix("JOINTS_") for name in primitive["attributes"] if name.startswith("JOINTS_")]
         for number in sets:
             named = self.arrays.accessor(primitive["attributes"][f"JOINTS_{number}"], "VEC4")
             weights = self.arrays.accessor(primitive["attributes"][f"WEIGHTS_{number}"], "VEC4")
+            named, weights = (of_each_vertex(own, vertex_count, "a skin") for own in (named, weights))
             require_corners(named, len(joints), "joints")
             for column in range(4):
                 place += weights[:, column, None, None] * joints[named[:, column]]
@@ -215,8 +220,18 @@ class GltfScene:
         return place
 
 
+def of_each_vertex(rows: np.ndarray, vertex_count: int, what: str) -> np.ndarray:
+    """An array with a row for each vertex; raises MeshError for another, which NumPy might repeat."""
+    if len(rows) != vertex_count:
+        raise MeshError(f"{what} of a primitive has {len(rows)} rows, but the primitive {vertex_count} vertices")
+    return rows
+
+
 def local_place(node: dict[str, Any], index: int) -> np.ndarray:
     """Node -> its parent, a matrix [4, 4]."""
+    for name, count in NODE_NUMBERS.items():
+        if name in node and np.shape(node[name]) != (count,):
+            raise MeshError(f"the {name} of node {index} must be {count} numbers, not {str(node[name])[:80]}")
     moves = [name for name in ("translation", "rotation", "scale") if name in node]
     out = np.eye(4)
     if "matrix" in node:
@@ -241,6 +256,6 @@ def unit_quaternion(values: list[float], index: int) -> np.ndarray:
     """x, y, z, w, made exactly of length 1."""
     out = np.asarray(values, np.float64)
     length = np.sqrt((out * out).sum())
-    if out.shape != (4,) or not 0.5 < length < 2:
+    if not 0.5 < length < 2:
         raise MeshError(f"the rotation of node {index} must be four numbers of length 1, not {str(values)[:80]}")
     return out / length

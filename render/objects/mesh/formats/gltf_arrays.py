@@ -115,6 +115,8 @@ class GltfArrays:
         start, size = whole(view.get("byteOffset", 0)), whole(view["byteLength"])
         row = dtype.itemsize * columns
         stride = whole(view.get("byteStride", row))
+        if stride < row:
+            raise MeshError(f"bufferView {view_index} has a byteStride of {stride}, less than the {row} bytes of a row")
         content = self._buffer(view["buffer"])
         needed = begin + (stride * (count - 1) + row if count else 0)
         if needed > size or start + size > len(content):

@@ -27,9 +27,10 @@ def read_off(content: bytes) -> FileMesh:
         raise wrong_line(lines[0] if lines else b"", "the counts of vertices, faces and edges")
     vertex_count, face_count = (int(count) for count in counts[:2])
     if len(lines) != 1 + vertex_count + face_count:
+        cause = "it may be cut off" if len(lines) <= vertex_count + face_count else "the counts may be wrong"
         raise MeshError(
             f"names {vertex_count} vertices and {face_count} faces, but {len(lines) - 1} lines follow, "
-            "not one for each: it may be cut off"
+            f"not one for each: {cause}"
         )
     points, faces = lines[1 : 1 + vertex_count], lines[1 + vertex_count :]
     vertices = numbers_of([b" ".join(line.split(None, 3)[:3]) for line in points])

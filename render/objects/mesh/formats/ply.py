@@ -42,6 +42,8 @@ _END = re.compile(rb"(?:^|[\r\n])end_header[ \t]*(\r\n|\n|\r)")
 CORNER_NAMES = ("vertex_indices", "vertex_index")
 HEADER_MOST = 1 << 20  # bytes of a header
 ROW_BYTES = 48  # that the place of a list takes
+CORNER_BYTES = 8  # that a value of a list becomes, int64
+FOUND_BYTES = 24  # that finding a value takes among rows of unequal width
 EXACT_MOST = 2.0**53  # below it, float64 holds every whole number
 POSITION_NAMES = ("x", "y", "z")
 
@@ -197,6 +199,7 @@ def _walked(data: bytes, at: int, element: Element) -> tuple[dict[str, Column], 
     columns: dict[str, Column] = {}
     for prop, own_begins, own_counts in zip(element.properties, begins, counts, strict=True):
         count, begin = np.frombuffer(own_counts, np.int64), np.frombuffer(own_begins, np.int64)
+        require_bytes(FOUND_BYTES * int(count.sum()), "what its rows need")
         item = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
         from_each_byte = np.ndarray((max(len(data) - prop.kind.itemsize + 1, 0),), prop.kind, data, 0, (1,))
         values = from_each_byte[np.repeat(begin, count) + prop.kind.itemsize * item]
@@ -233,6 +236,7 @@ def _corners_of(columns: dict[str, Column], element: str) -> ListColumn:
     if not name:
         raise MeshError(f"its element {element} has no list {' or '.join(CORNER_NAMES)}, but {', '.join(columns)}")
     values = lists[name].values
+    require_bytes(CORNER_BYTES * len(values), "what its polygons become")
     if values.dtype.kind == "f" and not ((np.abs(values) < EXACT_MOST) & (values == np.floor(values))).all():
         raise MeshError(f"its element {element} names vertices by other numbers than whole ones")
     return ListColumn(values.astype(np.int64), lists[name].counts)

@@ -38,9 +38,10 @@ def _text_vertices(content: bytes) -> np.ndarray:
     """Corners of the triangles of an STL file in text, float64 [3 * triangle, 3]."""
     if len(content) >= _BEGIN and (b"\0" in content or not content.isascii()) and b"facet" not in content.lower():
         size = binary_size(content)
+        cause = "it may be cut off" if len(content) < size else "the count may be wrong, or other data follow"
         raise MeshError(
             f"is neither text nor the {size} bytes of the {(size - _BEGIN) // 50} triangles that its header gives, "
-            f"but {len(content)} bytes: it may be cut off"
+            f"but {len(content)} bytes: {cause}"
         )
     text = plain_text(content).lower()
     body = _NAME.sub(b"", text)

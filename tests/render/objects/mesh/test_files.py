@@ -82,6 +82,15 @@ def test_members_of_an_archive_that_no_mesh_names_are_not_unpacked(tmp_path, mon
         load_mesh(archive(tmp_path / "b.zip", {"a.gltf": "{}", **members}))
 
 
+@pytest.mark.parametrize("blank", [" ", "\v", "\f"])
+def test_words_between_any_blanks_stay_within_the_budget(tmp_path, monkeypatch, blank):
+    """20,000 corners of a face: bytes.split() parts words at each of these, and 64 bytes count for each word."""
+    monkeypatch.setenv(LIMIT_VARIABLE, "1")
+    (tmp_path / "a.obj").write_text(OBJ + "f " + f"1{blank}" * 20_000 + "\n")
+    with pytest.raises(MeshError, match="what its text holds takes 1"):
+        load_mesh(tmp_path / "a.obj")
+
+
 def test_numbers_that_are_too_large_are_refused_without_a_line_of_numpys(tmp_path, capfd):
     file = GltfFile(nodes=[{"mesh": 0, "scale": [1e300] * 3, "children": [1]}, {"mesh": 0, "scale": [1e300] * 3}])
     file.mesh(np.where(CUBE > 0, 1e38, CUBE))

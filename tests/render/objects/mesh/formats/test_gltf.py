@@ -7,6 +7,7 @@ import pytest
 from file_meshes import CUBE, enclosed
 from gltf_files import GltfFile
 
+from palpate.datasets.bounded_file import LIMIT_VARIABLE, FileBoundError
 from palpate.render.errors import MeshError
 from palpate.render.objects.mesh.formats.gltf import read_gltf
 
@@ -93,14 +94,15 @@ def test_morph_targets_are_added_by_their_weights(of_mesh, of_node, length):
     assert enclosed(read(file)) == (12, [length, 1, 1], length)
 
 
-def skinned_file(joints, weights, moved, **skin):
+def skinned_file(joints, weights, moved, vertices=CUBE, **skin):
     """A cube on two joints, of which the second is moved by `moved`; its own node lies 7 m away."""
     nodes = [{"mesh": 0, "skin": 0, "translation": [7, 7, 7]}, {"name": "a"}, {"name": "b", "translation": moved}]
     file = GltfFile(nodes=nodes, scenes=[{"nodes": [0, 1, 2]}])
     inverse = np.stack([np.eye(4), np.eye(4)])
     inverse[1, 3, :3] = [-3, 0, 0]  # b was at x = 3 when the skin was bound; by columns
     file.tree["skins"] = [{"joints": [1, 2], "inverseBindMatrices": file.array(inverse.reshape(2, 16), "f4")} | skin]
-    file.mesh(attributes={"JOINTS_0": file.array(joints, "u1"), "WEIGHTS_0": file.array(weights, "f4")})
+    attributes = {"JOINTS_0": file.array(joints, "u1"), "WEIGHTS_0": file.array(weights, "f4")}
+    file.mesh(vertices, attributes=attributes)
     return file
 
 
@@ -118,6 +120,16 @@ def test_a_skin_moves_its_mesh_and_the_place_of_its_node_does_not():
     moved = skinned_file(first, one, [5, 0, 0])
     moved.tree["nodes"][1]["translation"] = [2, 0, 0]  # both joints by the same
     assert low(read(moved)) == [2, 0, 0]
+
+
+def test_a_skin_stays_within_the_budget_by_what_its_vertices_need(monkeypatch):
+    """Arrays of 3,000 vertices take 0.2 MB, matrices of them 16 times 8 bytes each, three at a time."""
+    monkeypatch.setenv(LIMIT_VARIABLE, "1")
+    vertices = np.zeros((3000, 3))
+    vertices[:8] = CUBE
+    file = skinned_file([[0, 1, 0, 0]] * 3000, [[0.5, 0.5, 0, 0]] * 3000, [4, 0, 0], vertices)
+    with pytest.raises(FileBoundError, match="what its skin needs takes 1152000 bytes"):
+        read(file)
 
 
 def test_strips_fans_and_corners_in_order_are_triangles():
@@ -167,6 +179,9 @@ INSTANCES = {"extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLAT
         ({"nodes": [{"mesh": -1}]}, "names entry -1 of meshes, which has 1"),
         ({"nodes": [{"mesh": 0, "rotation": [0, 0, 0, 0]}]}, "the rotation of node 0 must be four numbers of length 1"),
         ({"nodes": [{"mesh": 0, "translation": [float("nan"), 0, 0]}]}, "the place of node 0 must be finite"),
+        ({"nodes": [{"mesh": 0, "scale": 2}]}, "the scale of node 0 must be 3 numbers, not 2"),
+        ({"nodes": [{"mesh": 0, "scale": [[2, 2, 2]] * 3}]}, "the scale of node 0 must be 3 numbers"),
+        ({"nodes": [{"mesh": 0, "matrix": None}]}, "the matrix of node 0 must be 16 numbers, not None"),
         ({"scenes": None}, "is no valid glTF"),
         ({"scene": 1}, "names entry 1 of scenes"),
         ({"accessors": 3}, "is no valid glTF"),
@@ -179,6 +194,26 @@ def test_what_is_not_read_is_named(tree, said):
     assert enclosed(read(file)) == (12, [1, 1, 1], 1)
     file.tree |= tree
     with pytest.raises(MeshError, match=said):
+        read(file)
+
+
+def test_arrays_of_one_row_are_not_repeated_for_every_vertex():
+    """Section 3.7.2.2 and 3.7.3.3: targets, joints and weights have as many rows as the positions."""
+    file = GltfFile()
+    file.mesh(targets=[{"POSITION": file.array(CUBE[:1], "f4")}])["weights"] = [1]
+    with pytest.raises(MeshError, match="a morph target of a primitive has 1 rows, but the primitive 8 vertices"):
+        read(file)
+    for joints, weights in ((1, 8), (8, 1)):
+        with pytest.raises(MeshError, match="a skin of a primitive has 1 rows, but the primitive 8 vertices"):
+            read(skinned_file([[0, 1, 0, 0]] * joints, [[0.5, 0.5, 0, 0]] * weights, [4, 0, 0]))
+
+
+@pytest.mark.parametrize("stride", [0, 4])
+def test_rows_that_overlap_are_named(stride):
+    """ACCESSOR_SMALL_BYTESTRIDE of Khronos' glTF-Validator."""
+    file = cube_file()
+    file.tree["bufferViews"][0]["byteStride"] = stride
+    with pytest.raises(MeshError, match=f"bufferView 0 has a byteStride of {stride}, less than the 12 bytes of a row"):
         read(file)
 
 

@@ -40,8 +40,8 @@ def test_a_cube_is_a_cube_however_it_is_written(text):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (cube_text()[:-15], "names 8 vertices and 6 faces, but 13 lines follow"),
-        (cube_text() + "3 0 1 2\n", "but 15 lines follow"),
+        (cube_text()[:-15], "names 8 vertices and 6 faces, but 13 lines follow, .* cut off"),
+        (cube_text() + "3 0 1 2\n", "but 15 lines follow, .* the counts may be wrong"),
         (cube_text().replace("3 2 1 0", "3 2 1 8"), "faces name vertices 0 to 8, but there are 8"),
         (cube_text("4OFF\n8 6 0\n", "{} {} {} 2\n"), "begins with 4OFF"),
         ("OFF BINARY\n\0\0\0\x08", "is a binary OFF file"),

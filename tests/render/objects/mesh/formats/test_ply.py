@@ -121,3 +121,13 @@ ONE_FACE = ply_file("ascii", [vertex_element(), face_element([[0, 1, 2]])])
 def test_what_is_not_read_is_named(content, said):
     with pytest.raises(MeshError, match=said):
         read_ply(content)
+
+
+@pytest.mark.parametrize("faces", [[200_000], [3, 200_000]], ids=["alike", "of unequal width"])
+def test_lists_of_single_bytes_stay_within_the_budget_as_what_they_become(monkeypatch, faces):
+    """A polygon of 200,000 corners of a byte each, which a zip holds in 200 bytes: 8 bytes for each corner."""
+    monkeypatch.setenv(LIMIT_VARIABLE, "1")
+    lists = [("vertex_indices", "uint", "uchar")]
+    content = ply_file("binary_little_endian", [vertex_element(), ("face", lists, [[[0] * n] for n in faces])])
+    with pytest.raises(FileBoundError, match=r"what its (polygons|rows) (become|need) takes (1600000|4800072) bytes"):
+        read_ply(content)

@@ -119,14 +119,19 @@ class Results:
 
 def contactless_text(columns: Mapping[str, Sequence[Any]]) -> str | None:
     """A sentence on recipes whose hand never meets the object, as ratios and frequencies of these are NaN; or None."""
-    lengths, names = columns.get("length_mean", ()), columns["recipe"]
-    empty = [name for name, length in zip(names, lengths, strict=False) if length == 0]
+    from .compare import row_names
+
+    lengths = columns.get("length_mean", ())
+    empty = [row for row, length in enumerate(lengths) if length == 0]
     if not empty:
         return None
-    listed = "; ".join(empty[:NAMED_MOST]) + (f"; and {len(empty) - NAMED_MOST:,} more" * (len(empty) > NAMED_MOST))
+    names = row_names(columns)
+    listed = "; ".join(names[row] for row in empty[:NAMED_MOST])
+    listed += f"; and {len(empty) - NAMED_MOST:,} more" if len(empty) > NAMED_MOST else ""
     return (
-        f"in {len(empty):,} of {len(names):,} recipes the hand never meets the object, so their length is 0, and "
-        f"r, draw frequencies and predictions are empty (NaN): {listed}"
+        f"in {len(empty):,} of {len(lengths):,} recipes the hand never meets the object, so their length is 0, and "
+        f"r, draw frequencies and predictions are empty (NaN): {listed}. object.at moves an object to the hand, "
+        "motion.alignment a recording from its tracker's frame to the array's"
     )
 
 

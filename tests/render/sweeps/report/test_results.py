@@ -164,9 +164,9 @@ def test_a_picture_that_fails_is_told_and_costs_nothing_else(tmp_path, monkeypat
 
 def test_recipes_without_contact_are_named_because_their_ratios_are_empty():
     lengths = [0.1, 0.0, 0.2, 0.0, None, 0.0, 0.0]
-    columns = {"recipe": [f"recipe {k}" for k in range(7)], "length_mean": lengths}
+    columns = {"object": [*"abcdefg"], "speed": [7.0] * 7, "recipe_hash": [*"1234567"], "length_mean": lengths}
     text = contactless_text(columns)
     assert "in 4 of 7 recipes the hand never meets the object" in text
-    assert text.endswith("recipe 1; recipe 3; recipe 5; and 1 more")
-    assert contactless_text({"recipe": ["a"], "length_mean": [0.1]}) is None
-    assert contactless_text({"recipe": ["a"]}) is None  # no lengths were asked for
+    assert "(NaN): b; d; f; and 1 more. object.at moves" in text
+    assert contactless_text(columns | {"length_mean": [0.1] * 7}) is None
+    assert contactless_text({"recipe_hash": ["1"]}) is None  # no lengths were asked for

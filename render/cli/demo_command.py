@@ -69,7 +69,7 @@ def run_demo(folder: Path, clock: str, overwrite: bool, *, as_json: bool) -> Non
     )
     console.conclude(
         f"Closed contours (CC) are {summary['r']:.2f} times as long as open ones (OC): at the same speed they are "
-        f"drawn {summary['draw_frequency']:.0f} instead of {opened['draw_frequency']:.0f} times a second, on average "
-        f"while something is drawn. palpate noise {files['CC']} {files['OC']} compares their noise.",
+        f"drawn {summary['draw_frequency_median']:.0f} instead of {opened['draw_frequency_median']:.0f} times a second "
+        f"(medians of the poses with contours). palpate noise {files['CC']} {files['OC']} compares their noise.",
         as_json=as_json,
     )

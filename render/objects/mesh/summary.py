@@ -14,6 +14,8 @@ from ...runtime.loading_progress import Watch, unwatched
 from .placement import SIZE_LARGEST, Placement
 from .solid_mesh import MeshObject
 
+GLTF_SUFFIXES = (".gltf", ".glb")
+
 
 def is_mesh_name(source: str) -> bool:
     """Whether a file's name, or a built-in one, is that of a mesh."""
@@ -62,6 +64,8 @@ def ways_out(mesh: MeshObject, scale: float) -> list[str]:
     report, out = mesh.report, []
     if scale == 1.0 and np.ptp(mesh.bounds, axis=0).max() > SIZE_LARGEST:
         out.append("scale=0.001 takes the file as one in millimetres")
+    if Path(mesh.name).suffix.lower() in GLTF_SUFFIXES and mesh.placement.up == "z":
+        out.append('up="y" raises what the file has upright: +Y is up in glTF')
     out += report.closing(scale)
     if not report.closed:
         out.append(mesh.voxelising())

@@ -12,6 +12,7 @@ from palpate.datasets import ContourFile
 from palpate.render import MeshObject, Palm, closed_contour, open_contour, render
 from palpate.render.errors import MeshError, PalpateWarning
 from palpate.render.objects.mesh import repair as mend
+from palpate.render.objects.mesh.summary import ways_out
 
 LEVEL = np.array([[0, 0, 0.2, -np.sqrt(0.5), 0, 0, np.sqrt(0.5)]])  # a palm parallel to the array
 
@@ -247,3 +248,12 @@ def test_the_command_that_an_open_mesh_is_answered_with_makes_a_closed_solid(tmp
     answer(*words, "--device", "cpu")
     told = answer("render", "box.npz", "exploration", "--duration", 0.1, "--at", 0, 0, 0.2, "-o", "box.h5")
     assert told["poses"] == 9
+
+
+def test_a_gltf_file_is_answered_with_its_axis_that_points_up(tmp_path):
+    vertices, faces = box(0.05, (0.0, 0.0, 0.2))
+    trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / "box.glb")
+    assert any(way.startswith('up="y"') for way in ways_out(MeshObject.load(tmp_path / "box.glb"), 1.0))
+    assert ways_out(MeshObject.load(tmp_path / "box.glb", up="y", at=(0, 0, 0.2)), 1.0) == []
+    trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / "box.stl")
+    assert ways_out(MeshObject.load(tmp_path / "box.stl"), 1.0) == []

@@ -18,6 +18,7 @@ from ..playback.placed_arrays import load_rig
 from ..reports.noise_figure import draw_noise
 from ..reports.picture_style import require_picture
 from ..terminal import bars, console
+from ..terminal.value_words import words_of
 from ..validation import choose, refuse_object
 from .play_commands import require_device, sampling_of
 
@@ -66,7 +67,7 @@ def run_noise(files: list[Path], options: dict, *, as_json: bool) -> None:
         console.show_values({"files": rows, **written, "options": chosen}, as_json=True, title="")
         return
     for row in rows:
-        found = {console.words_of(name).removeprefix("noise, "): value for name, value in row["difference"].items()}
+        found = {words_of(name).removeprefix("noise, "): value for name, value in row["difference"].items()}
         difference = {name: f"{value:+.2f}" for name, value in found.items()} if row is not rows[0] else None
         console.show_values(row | {"path": None, "difference": difference}, as_json=False, title=row["path"])
     if any(value is not None for value in written.values()):

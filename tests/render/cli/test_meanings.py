@@ -7,7 +7,6 @@ from command_line import run
 
 from palpate.render import render, static_pose
 from palpate.render.cli.noise_command import meaning_of
-from palpate.render.terminal.console import UNITS, WORDS, words_of
 
 
 def row(path, dba, low=0.0):
@@ -21,13 +20,6 @@ def test_levels_of_two_files_are_compared_and_one_alone_is_no_level():
     )
     assert "name a second file" in meaning_of([row("a.h5", 0.0)])
     assert "without sound" in meaning_of([row("a.h5", 0.0), row("b.h5", float("nan"))])
-
-
-def test_levels_have_words_and_units_in_tables():
-    assert words_of("db_40_300") == "noise, 40 to 300 Hz"
-    assert words_of("jump_length") == "jump length"
-    assert [UNITS[name] for name in ("db_40_300", "dba", "held")] == ["dB", "dB(A)", "focal points"]
-    assert len(set(WORDS.values())) == len(WORDS)  # two values never have the same words
 
 
 @pytest.mark.exhaustive

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from palpate.datasets import HandMotion, static_pose
 from palpate.device.report import LiveStatistics
-from palpate.render.cli.app import app, main
+from palpate.render.cli.app import app, exit_code
 from palpate.render.errors import PalpateWarning, PlanError
 from palpate.render.terminal import bars, console
 from palpate.render.terminal import foreign_text as terminal
@@ -88,10 +88,9 @@ def test_what_is_wrong_with_options_is_shown_and_not_obeyed(name, monkeypatch, c
         ["render", "cube", "m.csv", "-o", "a.h5", "--seed", name],
     ):
         monkeypatch.setattr(sys, "argv", ["palpate", *words])
-        with pytest.raises(SystemExit) as end:
-            main()
+        code = exit_code()
         told = capsys.readouterr()
-        assert end.value.code in (FAILED, MISUSED)
+        assert code in (FAILED, MISUSED)
         assert is_harmless(told.err + told.out)
         if words[0] == f"x{name}":  # others are told without the value, or as a path
             assert f"x{terminal.visible(name)}" in told.err
@@ -106,10 +105,9 @@ def test_a_traceback_is_shown_and_not_obeyed(monkeypatch, capsys, rendered):
     monkeypatch.setattr(job, "summarise", broken)
     monkeypatch.setenv("PALPATE_TRACEBACK", "1")
     monkeypatch.setattr(sys, "argv", ["palpate", "info", str(rendered)])
-    with pytest.raises(SystemExit) as end:
-        main()
+    code = exit_code()
     told = capsys.readouterr().err
-    assert end.value.code == FAILED
+    assert code == FAILED
     assert "in broken" in told
     assert is_harmless(told)
 

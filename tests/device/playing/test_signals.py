@@ -11,7 +11,7 @@ import threading
 import pytest
 
 from palpate.device import EmulatorBackend, Player, PlayInterrupted, UsbLink, VirtualClock, array_model
-from palpate.device.playing.signals import ending_on_signals
+from palpate.device.playing.signals import end_process, ending_on_signals
 
 PLAYS_FOREVER = """
 import json, signal, sys, threading, time
@@ -125,6 +125,18 @@ def test_the_first_of_two_signals_ends_the_playback_with_the_array_off(signum: s
     report = caught.value.report
     assert (caught.value.signum, report.stopped_by, report.off_confirmed) == (signum, signum.name, True)
     assert not bus.board().playing.any()
+
+
+def test_a_signal_whose_exception_a_destructor_swallowed_keeps_the_next_playback_from_beginning() -> None:
+    bus = EmulatorBackend(clock=VirtualClock())
+    with ending_on_signals():
+        with pytest.raises(KeyboardInterrupt):  # stands for the destructor, out of which Python raises nothing
+            end_process(signal.SIGTERM, None)
+        with UsbLink.open(array_model("emulator"), backend=bus) as link, pytest.raises(KeyboardInterrupt):
+            Player(link).play([bytes([200]) * 512 * 100], update_rate=10e3)
+    assert bus.board().frames_played == 0
+    with UsbLink.open(array_model("emulator"), backend=bus) as link:  # a program that goes on may play again
+        assert Player(link).play([bytes([200]) * 512 * 100], update_rate=10e3).frames == 100
 
 
 def test_away_from_the_main_thread_no_handler_is_touched() -> None:

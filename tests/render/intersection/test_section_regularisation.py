@@ -338,5 +338,7 @@ def test_a_dog_skull_that_crosses_itself_has_the_contours_that_geos_finds(outsid
         [render(thing, Palm(), poses, s).length() for s in (OC, CC)] for thing in (skull, as_if_simple(skull))
     )
     expected = np.array([lengths_in(region_within(segments_of(mesh, pose)), HALF)[:2] for pose in poses]).T
-    np.testing.assert_allclose(own, expected, atol=3e-7)
+    np.testing.assert_allclose(own, expected, atol=5e-6)
+    off = np.abs(own - expected) > 3e-7 + 1e-7 * expected
+    assert off.any(axis=0).sum() <= 1  # GEOS keeps a gap of 1.1 um by less than 1.9 nm, which is closed here
     assert (np.abs(plain[1] - expected[1]) > 1e-4).sum() > 10

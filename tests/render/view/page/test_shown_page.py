@@ -1,5 +1,7 @@
 """The exported page in a real browser, opened from disk: numbers, pictures, keys; nothing leaves the machine."""
 
+import math
+
 import numpy as np
 import pytest
 import trimesh
@@ -77,7 +79,8 @@ def numbers_text(file, pose):
     """What the page must say of a pose, from the file's own numbers."""
     length = float(file.metrics(pose, pose + 1)["length"][0])
     time = file.motion(pose, pose + 1)["time"][0]
-    drawn = f"{1e3 * length:.1f} mm · {7.0 / length:.1f} Hz" if length > 0 else "no contour"
+    samples = math.ceil(10_000 * length / 7.0)  # of a cycle at 10 kHz and 7 m/s
+    drawn = f"{1e3 * length:.1f} mm · {10_000 / samples:.1f} Hz" if length > 0 else "no contour"
     return f"pose {pose} of 0..{file.pose_count - 1} · {time:.3f} s", drawn
 
 

@@ -173,7 +173,9 @@ def _require_all_joints(listed: Flags, place: str) -> None:
 def _joint(name: str, place: str) -> Joint:
     joint = joint_from(name)
     if joint is None:
-        raise RecordingError(f"{place}: unknown joint {name!r}; known: {', '.join(JOINT_NAMES)}, and WebXR's names")
+        raise RecordingError(
+            f"{place}: unknown joint {name!r}; known: {', '.join(JOINT_NAMES)}, and the names of WebXR and Unity"
+        )
     return joint
 
 

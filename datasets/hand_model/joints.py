@@ -55,6 +55,8 @@ JOINT_COUNT = len(Joint)
 JOINT_NAMES: tuple[str, ...] = tuple(joint.name.lower() for joint in Joint)
 """OpenXR's names without prefix and suffix, in lower case: `palm`, `wrist`, `thumb_metacarpal` ... `little_tip`."""
 
+_UNSEPARATED_NAMES = tuple(name.replace("_", "") for name in JOINT_NAMES)
+
 DIGITS: tuple[tuple[Joint, ...], ...] = tuple(
     tuple(joint for joint in Joint if joint.name.startswith(name))
     for name in ("THUMB", "INDEX", "MIDDLE", "RING", "LITTLE")
@@ -103,15 +105,15 @@ WEBXR_NAMES: tuple[str, ...] = tuple(webxr_name(joint) for joint in Joint)
 
 
 def joint_from(name: str) -> Joint | None:
-    """The joint of a name from OpenXR, WebXR or JOINT_NAMES, in upper or lower case; None for any other name.
+    """The joint of a name from OpenXR, Unity, WebXR or JOINT_NAMES, in upper or lower case; None for any other name.
 
-    `XR_HAND_JOINT_INDEX_TIP_EXT`, `index_tip` and `index-finger-tip` are the same joint.
+    `XR_HAND_JOINT_INDEX_TIP_EXT`, `index_tip`, `IndexTip` (Unity's XRHandJointID) and `index-finger-tip` are the same.
     """
     plain = name.strip().lower()
     if plain in WEBXR_NAMES:
         return Joint(WEBXR_NAMES.index(plain))
-    plain = plain.removeprefix("xr_hand_joint_").removesuffix("_ext")
-    return Joint(JOINT_NAMES.index(plain)) if plain in JOINT_NAMES else None
+    plain = plain.removeprefix("xr_hand_joint_").removesuffix("_ext").replace("_", "")
+    return Joint(_UNSEPARATED_NAMES.index(plain)) if plain in _UNSEPARATED_NAMES else None
 
 
 _MEDIAPIPE_FINGERS = ("INDEX_FINGER", "MIDDLE_FINGER", "RING_FINGER", "PINKY")

@@ -24,7 +24,7 @@ from .exploration_options import EXPLORATION_MODELS, POSE_BYTES, SECOND_BYTES, E
 from .exploration_strokes import Progress, unheard
 from .last_pose import end_of_motion, usual_interval
 from .motion_file import MotionRows, read_rows, row_place, write_rows
-from .suspicious_values import suspicious_units
+from .suspicious_values import rounding, suspicious_units
 
 PALM_DOWN = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
 """Quaternion xyzw of a hand above the array: palm down, fingers pointing away from the user (+y of the array)."""
@@ -133,7 +133,7 @@ class HandMotion:
 
     def _warn_of_units(self) -> None:
         if self.provenance is None:  # not made here
-            for sentence in suspicious_units(self.pose, self._interval()):
+            for sentence in suspicious_units(self.pose, self.time):
                 warn_user(f"motion: {sentence}", RecordingWarning)
 
     @classmethod
@@ -154,7 +154,7 @@ class HandMotion:
         for name, value in values.items():
             object.__setattr__(motion, name, value)
         if rows.provenance is None:  # not made by palpate
-            for sentence in suspicious_units(pose, motion._interval()):
+            for sentence in suspicious_units(pose, time):
                 warn_user(f"{path}: {sentence}", RecordingWarning)
         return motion
 
@@ -342,7 +342,7 @@ def _normalise(rows: NDArray[np.float64], place: Callable[[int], str]) -> None:
     bad = _first(np.abs(norm - 1.0) > NORM_TOLERANCE)
     if bad is not None:
         name = "zero quaternion, which is no rotation" if norm[bad] == 0.0 else f"quaternion norm {norm[bad]:.6g}"
-        raise MotionError(f"{place(bad)}: {name}; it must be 1 within {NORM_TOLERANCE:g}")
+        raise MotionError(f"{place(bad)}: {name}; it must be 1 within {NORM_TOLERANCE:g}{rounding(rows[bad, 3:])}")
     loose = np.abs(norm - 1.0) > _NORM_ROUNDING
     rows[loose, 3:] /= norm[loose, None]
 

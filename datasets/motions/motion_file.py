@@ -2,19 +2,22 @@
 
 | CSV                                  | what happens                                                       |
 |--------------------------------------|--------------------------------------------------------------------|
-| header `time,x,y,z,qx,qy,qz,qw`      | read; the names in any order, blanks around them allowed           |
+| header `time,x,y,z,qx,qy,qz,qw`      | read; any order and case, also `time [s]` and `x [m]`              |
+| the same with more columns           | read with a warning that names the columns that are left out       |
 | header `x,y,z,qx,qy,qz,qw`           | read as poses without time                                         |
 | any other header, none, empty file   | refused, showing what was found                                    |
 | `;` or tabs between cells            | read; a comma is then a decimal comma, as in European spreadsheets |
 | byte order mark, CRLF, blank lines   | read; blank lines are skipped but counted as lines                 |
+| quotes, comments, empty cells        | read as `table_cells` describes                                    |
 | missing or extra column, no number   | refused with the line in the file (from 1) and the column          |
 | not UTF-8                            | refused                                                            |
 """
 
 import io
 import json
+import re
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -22,20 +25,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bounded_file import open_regular, read_content, require_bytes, text_lines
-from ..errors import Hdf5Error, MotionError, name_nothing
+from ..errors import Hdf5Error, MotionError, RecordingWarning, name_nothing
 from ..json_text import parse_json
 from ..known_names import likely_file
 from ..storage.durable import write_file
 from ..storage.hdf5 import FAILURES
 from ..storage.hdf5_opening import StrictFile, open_hdf5
 from ..storage.hdf5_structure import h5py
-from .table_cells import number_in, separator_of, wrong_count
+from ..user_warnings import warn_user
+from .table_cells import Header, cells_of, header_of, not_a_number, not_utf8, number_in, without_empty_end, wrong_count
 
 POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 TIME_COLUMN = "time"
+_KNOWN = (TIME_COLUMN, *POSE_COLUMNS)
+_OTHERS_SHOWN = 4  # of columns that are left out, in a warning
 _ROWS_AT_ONCE = 65536  # of a CSV, after which what they take is counted
 _SUFFIX_CSV = (".csv",)
 _SUFFIX_HDF5 = (".h5", ".hdf5")
+_COLUMN_IN_SI = re.compile(r"(time)(?:_s| *[\[(]s[\])])|([xyz])(?:_m| *[\[(]m[\])])")
+_COLUMN_IN_MS = re.compile(r"time[ _]*[\[(]?ms[\])]?")
 
 
 class MotionRows(NamedTuple):
@@ -98,31 +106,31 @@ def _form(path: Path) -> str:
 
 
 def _rows_from_csv(path: Path) -> MotionRows:
-    columns: tuple[str, ...] = ()
-    separator = ""
     numbers, line_number = array("d"), array("q")
     with open_regular(path) as stream:
         try:
-            # Not splitlines: form feeds and Unicode separators end no line in an editor.
-            for number, line in enumerate(text_lines(stream), start=1):
-                if not line.strip():
+            lines = text_lines(stream)  # not splitlines: form feeds and Unicode separators end no line in an editor
+            header = header_of(lines)
+            names = _names(header)
+            taken = {name: index for index, name in enumerate(names) if name in _KNOWN}
+            blank = f'{header.separator} \t"'
+            for number, line in enumerate(lines, start=header.number + 1):
+                if not line.strip().strip(blank):
                     continue
-                if not columns:
-                    separator = separator_of(line)
-                    columns = _columns(number, line, separator)
-                    continue
-                numbers.extend(_row_numbers(number, line, columns, separator))
+                numbers.extend(_row_numbers(number, line, header.separator, taken, len(names)))
                 line_number.append(number)
                 if len(line_number) % _ROWS_AT_ONCE == 0:
                     require_bytes(8 * (len(numbers) + len(line_number)), "the table in it")
         except UnicodeDecodeError:
-            raise MotionError(f"byte {_not_text(path)} is not UTF-8 text") from None
+            raise MotionError(not_utf8(read_content(path))) from None
         except MotionError:
             raise
         except ValueError as error:
             raise MotionError(str(error)) from None
-    if not columns:
-        raise MotionError("empty file")
+    if others := [name for name in names if name and name not in taken]:
+        shown = f"{', '.join(others[:_OTHERS_SHOWN])}{', ...' if len(others) > _OTHERS_SHOWN else ''}"
+        warn_user(f"{path}: left out what is no column of a motion: {shown:.200}", RecordingWarning)
+    columns = tuple(taken)
     table = np.frombuffer(numbers, dtype=np.float64).reshape(-1, len(columns))
     timed = TIME_COLUMN in columns
     order = [columns.index(name) for name in POSE_COLUMNS]
@@ -136,41 +144,55 @@ def _rows_from_csv(path: Path) -> MotionRows:
     return MotionRows(table[:, columns.index(TIME_COLUMN)] if timed else None, pose, 0.0, None, place)
 
 
-def _not_text(path: Path) -> int:
-    """The first byte of a file that is not UTF-8; reading by lines gives its position only within a block."""
-    try:
-        read_content(path).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        return error.start
-    return 0
-
-
-def is_pose_header(line: str) -> bool:
+def is_pose_table(lines: Iterable[str]) -> bool:
     """Whether a CSV's header names places without naming whose: of a palm's poses. A recording's names joints, too."""
-    names = {name.strip() for name in line.split(separator_of(line))}
+    header = header_of(lines)
+    try:
+        names = {_column_name(cell) for cell in cells_of(header.line, header.separator)}
+    except ValueError:
+        return False
     return names.issuperset("xyz") and not names & {"joint", "landmark"}
 
 
-def _columns(number: int, line: str, separator: str) -> tuple[str, ...]:
-    found = tuple(name.strip() for name in line.split(separator))
-    for known in ((TIME_COLUMN, *POSE_COLUMNS), POSE_COLUMNS):
-        if len(found) == len(known) and set(found) == set(known):
-            return found
-    wanted = ",".join((TIME_COLUMN, *POSE_COLUMNS))
+def _column_name(cell: str) -> str:
+    """A column's name in lower case, without a unit that palpate reads it in."""
+    name = cell.strip().lower()
+    found = _COLUMN_IN_SI.fullmatch(name)
+    return name if found is None else found[1] or found[2]
+
+
+def _names(header: Header) -> list[str]:
+    """Names of columns; refused unless each of a pose is there once, and others only beside all of these and time."""
+    if not header.number:
+        raise MotionError("empty file")
+    number, line, separator = header.number, header.line, header.separator
+    names = [_column_name(cell) for cell in without_empty_end(cells_of(line, separator))]
+    known = sorted(name for name in names if name in _KNOWN)
+    if known == sorted(_KNOWN) or sorted(names) == sorted(POSE_COLUMNS):
+        return names
     shown = line.strip() if len(line) < 80 else f"{line.strip()[:80]}..."
-    raise MotionError(f"line {number}: header {shown!r} is not {wanted!r} (in any order; time may be left out)")
+    way = ""
+    if any(_COLUMN_IN_MS.fullmatch(name) for name in names):
+        way = f"; times are in seconds: divide them by 1000, and name the column {TIME_COLUMN}"
+    wanted = ",".join(_KNOWN)
+    raise MotionError(f"line {number}: header {shown!r} is not {wanted!r} (in any order; time may be left out){way}")
 
 
-def _row_numbers(number: int, line: str, columns: tuple[str, ...], separator: str) -> list[float]:
-    cells = line.split(separator)
-    if len(cells) != len(columns):
-        raise MotionError(f"line {number}: {wrong_count(len(cells), len(columns), separator)}")
+def _row_numbers(number: int, line: str, separator: str, taken: Mapping[str, int], count: int) -> list[float]:
+    """The numbers of a row of `count` cells in the columns of the indices `taken`."""
+    try:
+        cells = cells_of(line, separator)
+    except ValueError as error:
+        raise MotionError(f"line {number}: {error}") from None
+    cells = without_empty_end(cells, count) if len(cells) > count else cells
+    if len(cells) != count:
+        raise MotionError(f"line {number}: {wrong_count(len(cells), count, separator)}")
     values: list[float] = []
-    for name, cell in zip(columns, cells, strict=True):
+    for name, index in taken.items():
         try:
-            values.append(number_in(cell, separator))
+            values.append(number_in(cells[index], separator))
         except ValueError:
-            raise MotionError(f"line {number}: {cell.strip()!r} in column {name} is not a number") from None
+            raise MotionError(f"line {number}: {not_a_number(cells[index], name)}") from None
     return values
 
 

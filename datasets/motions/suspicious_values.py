@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .facing import SHARE_ANGLES, facing_angles
+from .last_pose import usual_interval
 
 _REACH_LIKELY = 5.0  # [m]; farther positions, up to a thousand times this, look like millimetres
 _POSES_AT_ONCE = 4096
@@ -16,6 +17,8 @@ _TIME_UNITS = (
     ("microseconds", "us", 1e-6, 1e3, 1e6, 3),
     ("milliseconds", "ms", 1e-3, 1.0, 100.0, 10),
 )
+_TRACKER_RATES = (30.0, 60.0, 72.0, 90.0, 120.0)  # [Hz]; 1000 divided by each is no whole number
+_FRAMES_FEWEST = 4
 
 
 def likely_time_unit(interval: float, pose_count: int) -> str | None:
@@ -26,17 +29,45 @@ def likely_time_unit(interval: float, pose_count: int) -> str | None:
     return None
 
 
-def suspicious_units(pose: NDArray[np.float32], interval: float | None) -> Iterator[str]:
+def are_frames_in_ms(time: NDArray[np.float64]) -> bool:
+    """Whether times are whole numbers from 0, and those of a tracker's frames in ms, rounded up or down.
+
+    Tells 0, 11, 22, 33 (90 Hz) from what a person chooses, as 0, 10, 20, 30 s. Fewer than 4 times never are.
+    """
+    frame = np.arange(len(time))
+    exact = (1e3 * frame / rate for rate in _TRACKER_RATES)
+    return len(time) >= _FRAMES_FEWEST and any(
+        bool(((time == np.floor(times)) | (time == np.ceil(times))).all()) for times in exact
+    )
+
+
+def suspicious_units(pose: NDArray[np.float32], time: NDArray[np.float64] | None) -> Iterator[str]:
     """A sentence for positions that look like millimetres, and for times that look like smaller units than seconds.
 
-    pose: shape [pose, 7]; interval: median one of their times [s], None without times.
+    pose: shape [pose, 7]; time: theirs from 0 [s], None without times.
     """
     reach = max(float(pose[:, :3].max()), -float(pose[:, :3].min()))
     if _REACH_LIKELY < reach <= 1e3 * _REACH_LIKELY:
         yield f"positions reach {reach:g} m; lengths are in metres, {reach:g} mm are {reach / 1e3:g}"
-    unit = None if interval is None else likely_time_unit(interval, len(pose))
+    if time is None or len(time) < 2:
+        return
+    interval, fewest = usual_interval(time), _TIME_UNITS[-1][-1]
+    is_short = len(time) < fewest and are_frames_in_ms(time)
+    unit = likely_time_unit(interval, fewest if is_short else len(time))
     if unit is not None:
         yield f"times are {interval:g} s apart, which looks like {unit}"
+
+
+def rounding(quaternion: NDArray[np.float64]) -> str:
+    """Part of a sentence on a quaternion, shape [4], whose norm is not 1: that rounding it to few decimals explains it.
+
+    Half a unit of the last decimal in each of four numbers moves the norm by one unit at most.
+    """
+    off = abs(float(np.linalg.norm(quaternion)) - 1.0)
+    for decimals in (1, 2, 3):
+        if np.abs(quaternion - quaternion.round(decimals)).max() < 1e-6:
+            return f"; likely cause: rounded to {decimals} decimals: write six" if off <= 0.1**decimals else ""
+    return ""
 
 
 def suspicious_directions(pose: NDArray[np.float32]) -> Iterator[str]:

@@ -173,7 +173,7 @@ def _choose(sightings: list[Sighting], hand: str | None) -> list[Sighting]:
     seen = [s for s in sightings if hand is None or (s.side == hand if hand in SIDES else s.hand_id == hand)]
     if not seen:
         known = list(dict.fromkeys(name for s in sightings for name in (s.side, s.hand_id) if name))
-        meant = likely_name(hand, [*SIDES, *known])
+        meant = "" if hand in SIDES else likely_name(hand, [*SIDES, *known])
         raise name_nothing(RecordingError(f"no hand {hand!r}{meant}; there is {_list_hands(sightings)}"))
     frames = [s.frame for s in seen]
     if len({s.side for s in seen}) > 1 or len(set(frames)) < len(frames):

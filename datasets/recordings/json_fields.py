@@ -17,7 +17,7 @@ import numpy as np
 from .. import bounded_file
 from ..bounded_file import parse_json, read_content, require_parsable
 from ..errors import RecordingError
-from ..motions.table_cells import COMMA, number_in, separator_of, wrong_count
+from ..motions.table_cells import COMMA, header_of, not_a_number, not_utf8, number_in, without_empty_end, wrong_count
 from ..rigid import Numbers
 from .lz_string import decompress_base64
 
@@ -44,7 +44,7 @@ def read_json(path: Path) -> Json:
         text = bounded_file.read_text(path)
         return _json_lines(text) if path.suffix.lower() in LINE_SUFFIXES else _parse(text)
     except UnicodeDecodeError as error:
-        raise RecordingError(f"byte {error.start} is not UTF-8 text") from None
+        raise RecordingError(not_utf8(error.object)) from None
     except json.JSONDecodeError as error:
         raise RecordingError(f"line {error.lineno} column {error.colno}: not JSON: {error.msg}") from None
     except RecordingError:
@@ -178,8 +178,8 @@ class Table(NamedTuple):
                 try:
                     out[index, target] = _measure(number_in(cell, self.separator)) if cell else math.nan
                 except ValueError:
-                    where = f"line {self.lines[index]}"
-                    raise RecordingError(f"{where}: {cell!r} in column {names[target]} is not a number") from None
+                    problem = not_a_number(cell, names[target])
+                    raise RecordingError(f"line {self.lines[index]}: {problem}") from None
         return out
 
     def texts(self, name: str) -> list[str]:
@@ -207,35 +207,33 @@ class Table(NamedTuple):
 
 def read_table(path: Path) -> Table:
     """Read a CSV file with a header; blank lines are skipped. Raises RecordingError with the line."""
-    columns: list[str] = []
     rows: list[list[str]] = []
     lines: list[int] = []
+    content = read_content(path)
+    require_parsable(content)
     try:
-        content = read_content(path)
-        require_parsable(content)
         with io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig", newline="") as file:
-            separator = separator_of(next((line for line in file if line.strip()), ""))
-            file.seek(0)
-            reader = csv.reader(file, delimiter=separator)
+            header = header_of(file)
+            named = next(csv.reader([header.line], delimiter=header.separator), list[str]())
+            columns = without_empty_end([cell.strip() for cell in named])
+            _require_columns(columns, f"line {header.number}")
+            reader = csv.reader(file, delimiter=header.separator)
             for row in reader:
                 if not any(cell.strip() for cell in row):
                     continue
-                if not columns:
-                    columns = [cell.strip() for cell in row]
-                    _require_columns(columns, f"line {reader.line_num}")
-                    continue
-                if len(row) != len(columns):
-                    problem = wrong_count(len(row), len(columns), separator)
-                    raise RecordingError(f"line {reader.line_num}: {problem}")
-                rows.append(row)
-                lines.append(reader.line_num)
-    except UnicodeDecodeError as error:
-        raise RecordingError(f"byte {error.start} is not UTF-8 text") from None
+                line = header.number + reader.line_num
+                cells = without_empty_end(row, len(columns))
+                if len(cells) != len(columns):
+                    raise RecordingError(f"line {line}: {wrong_count(len(cells), len(columns), header.separator)}")
+                rows.append(cells)
+                lines.append(line)
+    except UnicodeDecodeError:
+        raise RecordingError(not_utf8(content)) from None
     except csv.Error as error:
         raise RecordingError(f"not a CSV file: {error}") from None
     if not rows:
         raise RecordingError("no row below the header" if columns else "empty file")
-    return Table(columns, rows, lines, separator)
+    return Table(columns, rows, lines, header.separator)
 
 
 def _require_columns(columns: list[str], place: str) -> None:

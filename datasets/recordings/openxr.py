@@ -129,7 +129,19 @@ def _joints(node: Json, place: str, length: float) -> tuple[Numbers, Numbers, Nu
             position[joint] = math.nan
         radius[joint] = number(optional(values, "radius", where), f"{where}, radius") * length
     _require_all_joints(listed, place)
+    if isinstance(node, list):
+        _require_palm_first(position, place)
     return position, quaternion, radius
+
+
+def _require_palm_first(position: Numbers, place: str) -> None:
+    """Refuse a list without names whose first joint is the wrist: the palm lies between wrist and middle knuckle."""
+    palm, wrist, knuckle = position[[Joint.PALM, Joint.WRIST, Joint.MIDDLE_PROXIMAL]]
+    if math.dist(palm, knuckle) > math.dist(wrist, knuckle):  # false where one is not known
+        raise RecordingError(
+            f"{place}, joints: the second is nearer to the middle knuckle than the first: the list seems to begin with"
+            " the wrist, as Unity's XRHandJointID does, not with the palm, as OpenXR's; give each joint its name"
+        )
 
 
 def _joint_list(node: Json, place: str) -> list[tuple[Joint, Json]]:
@@ -149,7 +161,8 @@ def _joint_pose(values: Json, where: str) -> tuple[Numbers, Numbers]:
     matrix = optional(values, "matrix", where)
     if matrix is None:
         position = vector(entry(values, "position", where), 3, f"{where}, position")
-        return position, vector(optional(values, "orientation", where), 4, f"{where}, orientation")
+        name = "orientation" if optional(values, "rotation", where) is None else "rotation"  # Unity's Pose has rotation
+        return position, vector(optional(values, name, where), 4, f"{where}, {name}")
     columns = vector(matrix, 16, f"{where}, matrix").reshape(4, 4)
     turn = columns[:3, :3].T
     if np.isfinite(columns).all():
@@ -173,7 +186,9 @@ def _require_all_joints(listed: Flags, place: str) -> None:
 def _joint(name: str, place: str) -> Joint:
     joint = joint_from(name)
     if joint is None:
-        raise RecordingError(f"{place}: unknown joint {name!r}; known: {', '.join(JOINT_NAMES)}, and WebXR's names")
+        raise RecordingError(
+            f"{place}: unknown joint {name!r}; known: {', '.join(JOINT_NAMES)}, and the names of WebXR and Unity"
+        )
     return joint
 
 

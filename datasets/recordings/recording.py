@@ -136,7 +136,8 @@ class HandRecording:
         if not _is_in_front(pose).any():
             middle = np.median(pose[:, :3], axis=0).round(3).tolist()
             warnings.warn(
-                f"the hand is nowhere in front of the array (its palm is at {middle} m): is an alignment missing?",
+                f"the hand is nowhere in front of the array (its palm is at {middle} m): an alignment is missing,"
+                " or the one given is not of this tracker",
                 RecordingWarning,
                 stacklevel=2,
             )

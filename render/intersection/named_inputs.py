@@ -28,7 +28,7 @@ from ...datasets.hand_model.shape import hand_shape
 from ...datasets.hand_model.skinning import posed_vertices
 from ...datasets.known_names import find_name, likely_file, likely_name
 from ...datasets.motions.hand_motion import EXPLORATION_DEFAULTS, EXPLORATION_OPTIONS, HandMotion, exploration
-from ...datasets.motions.motion_file import is_pose_header
+from ...datasets.motions.motion_file import is_pose_table
 from ...datasets.motions.suspicious_values import suspicious_directions
 from ...datasets.recordings.files import JOINT_SUFFIXES, load_recording
 from ...datasets.recordings.recording import HandRecording
@@ -203,8 +203,7 @@ def is_recording(source: str) -> bool:
         return False
     with open_regular(path) as file:
         lines = file.read(HEADER_BYTES).decode("utf-8-sig", errors="replace").splitlines()
-    first = next((line for line in lines if line.strip() and not line.startswith("#")), "")
-    return not is_pose_header(first)
+    return not is_pose_table(lines)
 
 
 def load_motion(source: str, solid: Solid, options: dict[str, Any], watch: Watch = unwatched) -> HandMotion:

@@ -21,7 +21,8 @@ from pydantic import ValidationInfo
 
 from ....datasets.errors import DatasetError
 from ....datasets.known_names import find_name, likely_file, likely_name
-from ....datasets.recordings.alignment import split_alignment
+from ....datasets.recordings.alignment import NAMES as ALIGNMENT_NAMES
+from ....datasets.recordings.alignment import UNITY, split_alignment
 from ....datasets.recordings.files import JOINT_SUFFIXES
 from ....datasets.shapes.built_in import shape_names
 from ....device.errors import DeviceError, UnknownArrayError
@@ -123,8 +124,12 @@ def _reader(
 
 
 def _alignment(item: object, index: SourceIndex) -> list[dict[str, str]]:
+    """A word, by which alone its digest differs from others, or a file, whose content does so."""
     if not isinstance(item, str):
-        refuse(f"must be the path of a JSON file, not {value_text(item)}")
+        refuse(f"must be {ALIGNMENT_NAMES[0]}, {UNITY} or the path of a JSON file, not {value_text(item)}")
+    if find_name(item, (*ALIGNMENT_NAMES, UNITY)):
+        word = find_name(item, (UNITY,)) or ALIGNMENT_NAMES[0]
+        return [{"source": word, "name": word}]
     path = index.file(item)
     _require_utf8(str(path))
     try:
@@ -135,7 +140,7 @@ def _alignment(item: object, index: SourceIndex) -> list[dict[str, str]]:
 
 
 alignments = _reader(_alignment, lambda found: found["source"])
-"""The reader of a recording's `alignment`: JSON files."""
+"""The reader of a recording's `alignment`: words and JSON files."""
 
 
 def _found(axis: str, item: object, index: SourceIndex) -> list[PlanSource]:

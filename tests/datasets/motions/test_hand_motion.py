@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from palpate.datasets.errors import MotionError
+from palpate.datasets.errors import MotionError, RecordingWarning
 from palpate.datasets.motions.hand_motion import PALM_DOWN, HandMotion, exploration, static_pose
 
 BOUNDS = np.array([[-0.065, -0.065, 0.135], [0.065, 0.065, 0.265]])
@@ -211,6 +211,13 @@ def test_csv_that_cannot_tell_two_times_apart_is_not_written(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_columns_beside_a_motion_s_are_left_out_with_a_warning(tmp_path):
+    text = 'frame,time,x,y,z,qx,qy,qz,qw,note,\n7,5,1,0,0,0,0,0,1,"start, here",\n8,6,2,0,0,0,0,0,1,,\n'
+    with pytest.warns(RecordingWarning, match=r"m\.csv: left out what is no column of a motion: frame, note$"):
+        motion = HandMotion.load(written(tmp_path / "m.csv", text))
+    assert (motion.offset, motion.time.tolist(), motion.pose[:, 0].tolist()) == (5.0, [0.0, 1.0], [1.0, 2.0])
+
+
 ROW = "0,0,0,0,0,1\n"
 
 
@@ -237,8 +244,12 @@ def test_csv_in_its_spellings_is_read(tmp_path, text):
         "time,x,y,z,qw,qx,qy,qz\n5,0.1,-0.2,0.3,0.8,0.6,0.0,0.0\n6,0.1,-0.2,0.3,0.8,0.6,0.0,0.0\n",
         "time;x;y;z;qw;qx;qy;qz\n5;0,1;-0,2;0,3;0,8;0,6;0,0;0\n6;0,1;-0,2;0,3;0,8;0,6;0,0;0\n",
         "\ufefftime\tx\ty\tz\tqx\tqy\tqz\tqw\n5\t0,1\t-0.2\t0,3\t0,6\t0\t0\t0,8\n6\t0,1\t-0,2\t0,3\t0,6\t0\t0\t0,8\n",
+        "sep=;\r\nTIME;X;Y;Z;QX;QY;QZ;QW\r\n5;0,1;-0,2;0,3;0,6;0;0;0,8\r\n6;0,1;-0,2;0,3;0,6;0;0;0,8\r\n",
+        '"time","x",y,z,qx,qy,qz,qw\n5,"0,1","-0,2","0,3","0,6",0,0,"0,8"\n6,0.1,-0.2,0.3,0.6,0,0,0.8\n',
+        "time,x,y,z,qx,qy,qz,qw,,\n5,0.1,-0.2,0.3,0.6,0,0,0.8,,\n,,,,,,,,,\n6,0.1,-0.2,0.3,0.6,0,0,0.8\n,,,,,,,\n",
+        "# made by hand\ntime [s],x [m],y (m),z_m,qx,qy,qz,qw\n5,.1,-.2,.3,.6,0,0,.8\n6,.1,-.2,.3,.6,0,0,.8\n",
     ],
-    ids=["any order", "w first", "European spreadsheet", "tabs"],
+    ids=["any order", "w first", "European spreadsheet", "tabs", "sep=", "quotes", "empty cells", "comments, units"],
 )
 def test_csv_columns_are_taken_by_their_names_and_decimal_commas_are_read(tmp_path, text):
     """Right values: written here by hand, quaternion (0.6, 0, 0, 0.8) as x y z w."""
@@ -269,7 +280,18 @@ def test_csv_columns_are_taken_by_their_names_and_decimal_commas_are_read(tmp_pa
         (HEADER + "\n0,1," + ROW + "\n\n0.5,1,0,0,0,0,0,2\n", r"line 6: quaternion norm 2"),
         (HEADER + "0,1," + ROW + "\n0,1," + ROW, r"line 4: time 0\.0 s repeats 0\.0 s of line 2"),
         (HEADER + "2,1," + ROW + "1,1," + ROW, r"line 3: time 1\.0 s is not after 2\.0 s of line 2"),
-        (b"\xff\xfe" + HEADER.encode("utf-16-le"), r"byte 0 is not UTF-8"),
+        (b"\xff\xfe" + HEADER.encode("utf-16-le"), r"byte 0 is not UTF-8 text, but UTF-16: save it as .*CSV UTF-8"),
+        (
+            HEADER.replace("time", "time_ms"),
+            r"line 1: .*in seconds: divide them by 1000, and name the column time$",
+        ),
+        (HEADER.replace("time", "time [ms]"), r"line 1: .*divide them by 1000"),
+        (HEADER.replace("x,y", "x [mm],y", 1), r"line 1: header 'time,x \[mm\],y,.* is not 'time,x,y,z,qx,qy,qz,qw'"),
+        ("note," + HEADER.replace("time,", ""), r"line 1: header 'note,x.*' is not"),
+        ("x," + HEADER, r"line 1: header 'x,time,x.*' is not"),
+        (HEADER + '0,"1,000",' + ROW, r"line 2: '1,000' in column x .*one of thousands: write decimal points"),
+        (HEADER + '0,"1,' + ROW, r"line 2: its quotes are not closed"),
+        (HEADER + "0,1,0,0,0.71,0,0,0.71\n", r"line 2: quaternion norm 1.00409; .*rounded to 2 decimals: write six"),
     ],
 )
 def test_bad_csv_is_refused_with_path_and_line(tmp_path, text, said):

@@ -245,6 +245,27 @@ def test_a_european_spreadsheet_s_table_is_the_recording_it_was(tmp_path):
     assert np.array_equal(again.time, plain.time)
 
 
+def test_a_spreadsheet_s_empty_cells_comments_and_separator_line_leave_a_table_as_it_was(tmp_path):
+    """Lines are counted with those above the header: the last one is 2 below the sample's own last."""
+    path = write_sample("openxr", tmp_path / "hand.csv", frame_count=2)
+    plain = load_recording(path)
+    lines = path.read_text().splitlines()
+    text = "\n".join(["sep=,", "# made by hand", *(f"{line},," for line in lines), "," * 20, ""])
+    path.write_text(text)
+    assert np.array_equal(load_recording(path).joint_pose, plain.joint_pose)
+    path.write_text(text.replace(f"{lines[-1]},,", f"{lines[-1]},,7"))
+    with pytest.raises(RecordingError, match=rf"hand\.csv: line {len(lines) + 2}: \d+ columns, the header has"):
+        load_recording(path)
+
+
+@pytest.mark.parametrize("name", ["hand.csv", "hand.json"])
+def test_utf_16_is_named_with_what_a_spreadsheet_calls_utf8(tmp_path, name):
+    path = write_sample("openxr", tmp_path / name, frame_count=2)
+    path.write_bytes(path.read_text().encode("utf-16"))
+    with pytest.raises(RecordingError, match=rf"{name}: byte 0 is not UTF-8 text, but UTF-16: .*CSV UTF-8"):
+        load_recording(path)
+
+
 def test_a_header_of_too_many_names_is_refused(tmp_path):
     path = tmp_path / "hand.csv"
     path.write_text(",".join(map(str, range(10_000))) + "\n")

@@ -71,6 +71,8 @@ def test_joints_have_the_names_of_all_who_name_them():
     for joint in Joint:
         for name in (JOINT_NAMES[joint], WEBXR_NAMES[joint], f"XR_HAND_JOINT_{joint.name}_EXT"):
             assert joint_from(name) is joint
+    unity = ("Wrist", "Palm", "ThumbMetacarpal", "IndexProximal", "RingIntermediate", "LittleTip")  # of XRHandJointID
+    assert [joint_from(name) for name in unity] == [1, 0, 2, 7, 18, 25]
     assert joint_from("index-toe") is None
     assert [joint_parent(j) for j in (1, 0, 2, 3, 6, 10, 25)] == [-1, 1, 1, 2, 1, 9, 24]
     named = dict(zip(MEDIAPIPE_NAMES, MEDIAPIPE_JOINTS, strict=True))
@@ -181,6 +183,34 @@ def test_of_several_hands_one_is_chosen_by_side_or_id(tmp_path):
         load_recording(path)
     with pytest.raises(RecordingError, match=r"no hand '7'; there is right hand 'right'"):
         load_recording(path, hand=7)
+    with pytest.raises(RecordingError, match=r"no hand 'lefd' \(did you mean 'left'\?\); there is right hand 'right'"):
+        load_recording(path, hand="lefd")
+    with pytest.raises(RecordingError, match=r"no hand 'left'; there is right hand 'right' \(6 frames\)$"):
+        load_recording(written(tmp_path, content_of(tmp_path, "openxr")), hand="left")
+
+
+def test_a_list_in_unity_s_order_is_refused_unless_its_joints_have_names(tmp_path):
+    """XRHandJointID of Unity's XR Hands counts Wrist, Palm, ThumbMetacarpal ...; OpenXR's XrHandJointEXT Palm, Wrist.
+
+    Unity's Pose has the fields position and rotation.
+    """
+    content = content_of(tmp_path, "openxr")
+    plain = load_recording(written(tmp_path, content))
+    hands = [frame["hands"][0] for frame in content["frames"]]
+    named = [list(hand["joints"].values()) for hand in hands]
+    for hand, joints in zip(hands, named, strict=True):
+        hand["joints"] = joints
+    assert np.array_equal(load_recording(written(tmp_path, content)).joint_pose, plain.joint_pose)
+    for hand, joints in zip(hands, named, strict=True):
+        hand["joints"] = [joints[1], joints[0], *joints[2:]]
+    with pytest.raises(RecordingError, match=r"frame 0, right hand, joints: .*begin with the wrist, as Unity's"):
+        load_recording(written(tmp_path, content))
+    names = ["Wrist", "Palm", *("".join(map(str.capitalize, name.split("_"))) for name in JOINT_NAMES[2:])]
+    for hand in hands:
+        hand["joints"] = dict(zip(names, hand["joints"], strict=True))
+        for joint in hand["joints"].values():
+            joint["rotation"] = joint.pop("orientation")
+    assert np.array_equal(load_recording(written(tmp_path, content)).joint_pose, plain.joint_pose)
 
 
 def test_two_hands_of_one_side_at_once_are_told_apart_by_id_only(tmp_path):

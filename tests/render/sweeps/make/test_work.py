@@ -217,6 +217,14 @@ def test_poses_are_counted_without_making_them(tmp_path, recording):
         assert pose_count(recipe) == work_module.recipe_cache("cpu").rendering(recipe).poses.count > 20
 
 
+def test_a_word_for_an_alignment_turns_a_recording_as_its_transform_does(tmp_path):
+    path = write_sample("openxr", tmp_path / "hand.json", frame_count=4)
+    recipe = recipe_of(motion=recorded(path) | {"alignment": {"source": "y-up", "name": "y-up"}})
+    poses = work_module.recipe_cache("cpu").rendering(recipe).poses
+    assert pose_count(recipe) == poses.count == 4
+    np.testing.assert_array_equal(poses.rows(0, 4, "cpu"), load_recording(path, alignment=Y_UP).motion().pose)
+
+
 OWN = """
 from palpate.render import register_transform
 

@@ -294,6 +294,20 @@ def test_recipes_read_back_from_their_json(folder):
             Recipe.from_json(text)
 
 
+def test_words_for_alignments_have_digests_of_their_own(folder):
+    """A word's spellings have one digest; a file, whatever its name and transform, has another."""
+    plan = PLAIN + '[motion]\nsource = "hand.csv"\nalignment = '
+    (folder / "y-up.json").write_text((folder / "still.json").read_text())
+    known = {
+        word: one(folder, f"{plan}{word!r}") for word in ("unity", "y-up", "yup", "Y_UP", "y-up.json", "still.json")
+    }
+    assert known["y-up"].hash == known["yup"].hash == known["Y_UP"].hash
+    assert known["y-up.json"].hash == known["still.json"].hash
+    assert len({recipe.hash for recipe in known.values()}) == 3
+    assert [known[word].columns()["alignment"] for word in ("unity", "yup")] == ["unity", "y-up"]
+    assert Recipe.from_json(known["unity"].to_json()) == known["unity"]
+
+
 def test_every_recipe_has_the_same_columns_of_plain_values(folder):
     texts = [
         PLAIN,

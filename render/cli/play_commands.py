@@ -1,6 +1,7 @@
 """What `play`, `prepare`, `sampling` and `devices` do."""
 
 import json
+import math
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import cast, get_args
@@ -151,16 +152,34 @@ def content_warnings(playback: Playback | Making, arrays: tuple[PlacedArray, ...
         )
     strategy = playback.sampling
     if strategy is not None and strategy.pace.kind in ("speed", "capped") and strategy.step > JUMP_LENGTH:
-        sentences.append(
-            f"the focal point moves by {strategy.step * 1e3:.0f} mm from frame to frame, which draws no contour: "
-            f"--speed {JUMP_LENGTH * strategy.update_rate:.2g} or less would"
-        )
+        sentences.append(_too_fast(strategy))
     if playback.switched:
         sentences.append(
             f"{playback.switched} frames had intensities between 0 and 1, but the array can only switch: they were "
             "played as 0 or 1"
         )
     return sentences
+
+
+def _too_fast(strategy: SamplingStrategy) -> str:
+    """Sentence on steps that draw no contour: the speed that draws one, how often it does, and what else there is."""
+    speed = rounded_down(JUMP_LENGTH * strategy.update_rate)
+    return (
+        f"the focal point moves by {strategy.step * 1e3:.0f} mm from frame to frame, which draws no contour: "
+        f"--speed {speed:g} or less would, and draws a contour of 0.1 m {speed / 0.1:.2g} times a second. If that is "
+        "too seldom to feel, play to an array with a higher update rate, or --sampling am at a single pose"
+    )
+
+
+def rounded_down(value: float) -> float:
+    """A number of two digits that is at most a positive value, and near it: a limit that is kept by following it.
+
+    >>> from palpate.render.cli.play_commands import rounded_down
+    >>> rounded_down(0.4465), rounded_down(7.0)
+    (0.44, 7.0)
+    """
+    digit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return float(f"{math.floor(value / digit) * digit:.2g}")
 
 
 def require_device(device: str) -> None:

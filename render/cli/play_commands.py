@@ -17,6 +17,7 @@ from ...device.playing.limits import Limits
 from ...device.playing.signals import ending_on_signals
 from ...device.registry import array_kinds, array_model, array_names
 from ..errors import StrategyError
+from ..file_kinds import is_point_list
 from ..playback.drive import AMPLITUDES, SOLVERS, DriveStrategy
 from ..playback.file_playback import CLOCKS, Connection, Playback, play_file
 from ..playback.opened_source import usual_rate
@@ -51,7 +52,8 @@ ONLY_THE_BOARD_KNOWS = ("board_underruns", "off_confirmed", "may_emit")
 
 def run_play(file: Path, options: dict, *, as_json: bool) -> int:
     """Play and report; the exit code is 1 if anything was warned of, and `strict` asked for."""
-    refuse_object(file)
+    if not is_point_list(file):
+        refuse_object(file)
     arrays = load_rig(
         options["array"], serial=options["serial"], calibration=options["calibration"], baud=options["baud"]
     )
@@ -107,7 +109,8 @@ def meaning_of(playback: Playback) -> str:
 
 def run_prepare(file: Path, out: Path, options: dict, *, as_json: bool) -> None:
     """Write frames, and report what was counted and what a hand would miss."""
-    refuse_object(file)
+    if not is_point_list(file):
+        refuse_object(file)
     arrays = load_rig(options["array"], calibration=options["calibration"], baud=options["baud"])
     require_device(options["device"])
     with bars.progress_bar(f"preparing {file}", quiet=as_json) as watch:
@@ -197,7 +200,7 @@ def sampling_of(options: dict, arrays: tuple[PlacedArray, ...], file: Path) -> S
     changes = {name: options[name] for name in ("speed", "update_rate") if options[name] is not None}
     if (kind := frame_format(file)) == WIRE_FRAMES:
         return _sampling_of_frames(options, changes, file)
-    if file.suffix.lower() == ".ptlist" or kind == FOCAL_POINTS:
+    if is_point_list(file) or kind == FOCAL_POINTS:
         if changes or options["sampling"] is not None:
             asked = _sampling_names(options, changes)
             raise StrategyError(f"{file}: holds focal points at a rate of its own, so {asked} cannot be asked for")

@@ -18,6 +18,7 @@ from ...datasets.focus_files.ptlist import read_ptlist
 from ...device.array import ArrayModel
 from ...kernels.driving.solve import POINTS_MOST
 from ..errors import StrategyError
+from ..file_kinds import is_point_list
 from ..sampling.contour_sampling import FocalPoints, Sampler, SamplingStrategy
 from ..sampling.presets import sampling_of, sets_rate
 from .focus_source import (
@@ -53,7 +54,7 @@ def opened(
     path: Path, sampling: SamplingStrategy | str | None, duration: float | None, arrays: Sequence[PlacedArray]
 ) -> Iterator[Opened]:
     """Open a file; by default the update rate is the first array's."""
-    if path.suffix.lower() == ".ptlist":
+    if is_point_list(path):
         if sampling is not None:
             raise StrategyError(f"{path}: holds focal points, which no sampling strategy changes")
         points = read_ptlist(path)

@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 
 from palpate.datasets import HandMotion, exploration
 from palpate.datasets.contour_file.reader import ContourFile
+from palpate.datasets.focus_files.ptlist import write_ptlist
 from palpate.render import MeshObject, Palm, closed_contour, record, render
 from palpate.render.cli.app import app
 from palpate.render.cli.play_commands import _too_fast
@@ -127,6 +128,16 @@ def test_am_at_200_hz_plays_on_a_sonicsurface(still):
     values = json.loads(done.stdout)
     assert (values["update_rate"], values["frames"], values["off_sent"]) == (23_040, 2304, True)
     assert values["duty"] == pytest.approx(0.5, abs=0.05)
+
+
+def test_a_point_list_is_played_and_prepared(tmp_path):
+    """Files of DOLPHIN, which no other command takes for contours."""
+    path = tmp_path / "two.PTLIST"
+    write_ptlist(path, [[0, 0, 0.2], [0.01, 0, 0.2]], [1, 0.5], update_rate=10_000)
+    played = play(path, "--clock", "virtual", "--json")
+    assert json.loads(played.stdout)["frames"] == 2
+    prepared = CliRunner().invoke(app, ["prepare", str(path), "-o", str(tmp_path / "frames.h5"), "--json"])
+    assert json.loads(prepared.stdout)["frames"] == 2
 
 
 @pytest.mark.parametrize("rate", [230_400 / 10 / 258, 145_000 / 10 / 258, 1399.0, 2.0])

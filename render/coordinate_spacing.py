@@ -15,6 +15,7 @@ def warn_of_spacing(name: str, bounds: np.ndarray, *poses: np.ndarray | None, wa
     way: another way out, for the message's end. For functions that scripts call.
     """
     largest = float(np.abs(bounds).max(initial=0.0, where=np.isfinite(bounds)))
+    moved = "; at=(0, 0, 0.2) moves the object there" if float(np.spacing(np.float32(largest))) > SPACING_MOST else ""
     for pose in poses:
         if pose is not None and len(pose):  # finite, and without copies: there may be 1e8 of them
             largest = max(largest, float(pose[:, :3].max()), -float(pose[:, :3].min()))
@@ -24,7 +25,7 @@ def warn_of_spacing(name: str, bounds: np.ndarray, *poses: np.ndarray | None, wa
         warn_user(
             f"{name}: coordinates reach {largest:.4g} m{millimetres}. There float32 steps by {spacing:.2g} m: poses "
             f"and points are no more exact than that, not {SPACING_MOST:g} m. Move the object and the hand near the "
-            f"array's origin{way}"
+            f"array's origin{moved}{way}"
         )
 
 

@@ -28,6 +28,8 @@ _KINDS = {
     "strategy": "a strategy: palpate render OBJECT MOTION --strategy {0} -o OUT.h5 takes it",
     "alignment": "an alignment: palpate render OBJECT RECORDING --alignment {0} -o OUT.h5 takes it",
     "export": "contours as palpate export writes them and palpate does not read them: give their contour file",
+    "scene": "an export to VTKHDF, which ParaView reads and palpate does not: give the contour file of it",
+    "points": "a point list: palpate play {0} takes it",
     "plan": "a plan of a sweep: palpate sweep {0} makes it",
     "function": "Python source: palpate render {0}:FUNCTION MOTION --bounds ... -o OUT.h5 takes a function of it",
 }
@@ -37,6 +39,11 @@ def described_file(path: Path) -> str | None:
     """What a file is, and what takes it, for a message; None if it may be a contour file, or is not known."""
     kind = NOT_READ.get(path.suffix.lower())
     return kind or _KINDS.get(_kind_of(path), "").format(path) or None
+
+
+def is_point_list(path: Path) -> bool:
+    """Whether a file is a list of focal points, by its name: what plays takes it, though it is no contour file."""
+    return _kind_of(path) == "points"
 
 
 def _kind_of(path: Path) -> str:
@@ -50,7 +57,7 @@ def _kind_of(path: Path) -> str:
         return "mesh"
     if str(path).lower().endswith(VOLUME_SUFFIXES):
         return "volume"
-    return {".toml": "plan", ".py": "function"}.get(suffix, "")
+    return {".toml": "plan", ".py": "function", ".vtkhdf": "scene", ".ptlist": "points"}.get(suffix, "")
 
 
 def _kind_of_arrays(content: bytes) -> str:

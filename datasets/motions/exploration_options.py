@@ -55,11 +55,12 @@ class ExplorationOptions:
             if box[1, 2] + MARGIN <= FLOOR:
                 raise MotionError(
                     f"the object's top at z = {box[1, 2]:g} m leaves a hand no room {FLOOR:g} m above the array"
+                    + way_over_array(box)
                 )
         elif (box[0] > self.workspace[1]).any() or (box[1] < self.workspace[0]).any():
             raise MotionError(
                 f"bounds: the object's box {_box_text(box)} does not meet the workspace {_box_text(self.workspace)}, "
-                "in which the palm's centre stays: place the object over the array, or give another workspace"
+                f"in which the palm's centre stays{way_over_array(box)}{_way_around(box)}"
             )
 
     def path(self, box: NDArray[np.float64], time: NDArray[np.float64], seed: int, progress: Progress) -> Any:
@@ -120,6 +121,23 @@ def check_workspace(workspace: ArrayLike) -> NDArray[np.float64]:
     if box[0, 2] < FLOOR:
         raise MotionError(f"workspace must begin at z = {FLOOR:g} m above the array or higher, got {box[0, 2]:g} m")
     return box
+
+
+def way_over_array(box: NDArray[np.float64]) -> str:
+    """The end of a message on an object that no hand reaches, by its box [m]: what places it; empty for no box."""
+    is_box = bool(np.isfinite(box).all() and (box[0] <= box[1]).all())
+    return "; at=(0, 0, 0.2) puts its middle over the array" if is_box else ""
+
+
+def _way_around(box: NDArray[np.float64]) -> str:
+    """The end of a message: the workspace around an object where it is; empty where none may be."""
+    around = np.round([box[0] - MARGIN, box[1] + MARGIN], 3) + 0.0  # without -0
+    around[0, 2] = max(around[0, 2], FLOOR)
+    try:
+        check_workspace(around)
+    except MotionError:
+        return ""
+    return f", workspace=({', '.join(f'{value:g}' for value in around.ravel())}) the hand around it"
 
 
 def _box_text(box: NDArray[np.float64]) -> str:

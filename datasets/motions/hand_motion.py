@@ -20,7 +20,14 @@ from ..errors import MotionError, RecordingWarning
 from ..rigid import NORM_TOLERANCE, POSITION_FARTHEST
 from ..shapes.built_in import shape
 from ..user_warnings import warn_user
-from .exploration_options import EXPLORATION_MODELS, POSE_BYTES, SECOND_BYTES, ExplorationOptions, check_options
+from .exploration_options import (
+    EXPLORATION_MODELS,
+    POSE_BYTES,
+    SECOND_BYTES,
+    ExplorationOptions,
+    check_options,
+    way_over_array,
+)
 from .exploration_strokes import Progress, unheard
 from .last_pose import end_of_motion, usual_interval
 from .motion_file import MotionRows, read_rows, row_place, write_rows
@@ -248,6 +255,7 @@ def check_exploration(
     if not (np.abs(box) <= BOUNDS_FARTHEST).all() or (box[0] > box[1]).any():
         raise MotionError(
             f"bounds must be finite, minimum before maximum and within {BOUNDS_FARTHEST:g} m, got {box.tolist()}"
+            + way_over_array(box)
         )
     options = check_options(model, explorer, facing, workspace)
     options.require_reachable(box)

@@ -1,6 +1,7 @@
 """What `play`, `prepare`, `sampling` and `devices` do."""
 
 import json
+import math
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import cast, get_args
@@ -16,6 +17,7 @@ from ...device.playing.limits import Limits
 from ...device.playing.signals import ending_on_signals
 from ...device.registry import array_kinds, array_model, array_names
 from ..errors import StrategyError
+from ..file_kinds import is_point_list
 from ..playback.drive import AMPLITUDES, SOLVERS, DriveStrategy
 from ..playback.file_playback import CLOCKS, Connection, Playback, play_file
 from ..playback.opened_source import usual_rate
@@ -50,7 +52,8 @@ ONLY_THE_BOARD_KNOWS = ("board_underruns", "off_confirmed", "may_emit")
 
 def run_play(file: Path, options: dict, *, as_json: bool) -> int:
     """Play and report; the exit code is 1 if anything was warned of, and `strict` asked for."""
-    refuse_object(file)
+    if not is_point_list(file):
+        refuse_object(file)
     arrays = load_rig(
         options["array"], serial=options["serial"], calibration=options["calibration"], baud=options["baud"]
     )
@@ -106,7 +109,8 @@ def meaning_of(playback: Playback) -> str:
 
 def run_prepare(file: Path, out: Path, options: dict, *, as_json: bool) -> None:
     """Write frames, and report what was counted and what a hand would miss."""
-    refuse_object(file)
+    if not is_point_list(file):
+        refuse_object(file)
     arrays = load_rig(options["array"], calibration=options["calibration"], baud=options["baud"])
     require_device(options["device"])
     with bars.progress_bar(f"preparing {file}", quiet=as_json) as watch:
@@ -151,16 +155,34 @@ def content_warnings(playback: Playback | Making, arrays: tuple[PlacedArray, ...
         )
     strategy = playback.sampling
     if strategy is not None and strategy.pace.kind in ("speed", "capped") and strategy.step > JUMP_LENGTH:
-        sentences.append(
-            f"the focal point moves by {strategy.step * 1e3:.0f} mm from frame to frame, which draws no contour: "
-            f"--speed {JUMP_LENGTH * strategy.update_rate:.2g} or less would"
-        )
+        sentences.append(_too_fast(strategy))
     if playback.switched:
         sentences.append(
             f"{playback.switched} frames had intensities between 0 and 1, but the array can only switch: they were "
             "played as 0 or 1"
         )
     return sentences
+
+
+def _too_fast(strategy: SamplingStrategy) -> str:
+    """Sentence on steps that draw no contour: the speed that draws one, how often it does, and what else there is."""
+    speed = rounded_down(JUMP_LENGTH * strategy.update_rate)
+    return (
+        f"the focal point moves by {strategy.step * 1e3:.0f} mm from frame to frame, which draws no contour: "
+        f"--speed {speed:g} or less would, and draws a contour of 0.1 m {speed / 0.1:.2g} times a second. If that is "
+        "too seldom to feel, play to an array with a higher update rate, or --sampling am at a single pose"
+    )
+
+
+def rounded_down(value: float) -> float:
+    """A number of two digits that is at most a positive value, and near it: a limit that is kept by following it.
+
+    >>> from palpate.render.cli.play_commands import rounded_down
+    >>> rounded_down(0.4465), rounded_down(7.0)
+    (0.44, 7.0)
+    """
+    digit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return float(f"{math.floor(value / digit) * digit:.2g}")
 
 
 def require_device(device: str) -> None:
@@ -178,7 +200,7 @@ def sampling_of(options: dict, arrays: tuple[PlacedArray, ...], file: Path) -> S
     changes = {name: options[name] for name in ("speed", "update_rate") if options[name] is not None}
     if (kind := frame_format(file)) == WIRE_FRAMES:
         return _sampling_of_frames(options, changes, file)
-    if file.suffix.lower() == ".ptlist" or kind == FOCAL_POINTS:
+    if is_point_list(file) or kind == FOCAL_POINTS:
         if changes or options["sampling"] is not None:
             asked = _sampling_names(options, changes)
             raise StrategyError(f"{file}: holds focal points at a rate of its own, so {asked} cannot be asked for")

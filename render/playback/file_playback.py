@@ -96,7 +96,7 @@ class Connection:
     """Options of the connection to the arrays of a playback.
 
     The array "emulator" is always emulated, others only with `emulate`. backend: of pyusb, for tests. clock: of
-    emulated arrays, "monotonic" (real time) or "virtual" (as fast as possible).
+    emulated arrays, "monotonic" (real time) or "virtual" (as fast as possible), which an autd3 does not have.
 
     >>> from palpate.render import Connection, play_file, render, static_pose
     >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5", overwrite=True)
@@ -129,6 +129,9 @@ class Connection:
                 f"a watchdog is for real arrays on USB or a serial port, not for {model.name}, which is emulated "
                 "here or on a network"
             )
+        if self.clock == "virtual" and self.backend is None and (not emulated or kind_of(model).emulates_itself):
+            reason = "whose emulation keeps real time" if emulated else "which is real (emulate=True plays to a model)"
+            raise StrategyError(f"clock=virtual is not for {model.name}, {reason}: leave the clock out")
         bus = emulated_bus(placed, CLOCKS[self.clock]()) if emulated else None
         try:
             return open_link(

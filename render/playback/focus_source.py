@@ -120,6 +120,11 @@ class ContourSource:
         """Age at which a pose starts to fade [s]; None for one static pose, which does not."""
         self.frame_count = frame_count(self.duration, sampler.strategy.update_rate, file.path)
 
+    @property
+    def is_static(self) -> bool:
+        """Whether one pose is drawn all along."""
+        return self._interval is None
+
     def __iter__(self) -> Iterator[FocalPoints]:
         """Blocks of focal points."""
         if self.hold is None:

@@ -12,8 +12,9 @@ from ..errors import StrategyError
 from ..sampling.contour_sampling import FocalPoints, Sampler, SamplingCount, SamplingStrategy
 from .device_frames import PulsePacker
 from .drive import Driver
-from .focus_source import FocusSource
+from .focus_source import ContourSource, FocusSource
 
+PEAK_LEAST = 0.9  # amplitude that am at full intensity reaches: what its samples miss of the sine's peak is less
 KEPT_BYTES_MOST = 1 << 26  # of frames that are kept for the next time round
 
 
@@ -48,14 +49,25 @@ class FrameSource:
         self.frame_count = source.frame_count * repeats
         self.refused = 0
         """Focal points, the first time round, that no array could reach, or that were none: silenced."""
-        self.switched = 0
-        """Frames, the first time round, whose amplitude an array that can only switch played as 0 or 1."""
         self.counted: SamplingCount | None = None
         """What `sampler` had counted after the first time round; None before."""
         self._sampler = sampler
+        self._switched, self._peak = 0, 0.0
         self._source, self._driver, self._repeats, self._packer = source, driver, repeats, packer
         self._last: tuple[FocalPoints, Encoded] | None = None
         self._kept: list[Encoded] | None = None
+
+    @property
+    def switched(self) -> int:
+        """Frames, the first time round, whose amplitude an array that can only switch played as 0 or 1.
+
+        0 where a pose at rest with full intensity is modulated down to 0: switched on and off, it has the frequency of
+        the modulation.
+        """
+        am = None if self._sampler is None else self._sampler.strategy.am
+        is_at_rest = isinstance(self._source, ContourSource) and self._source.is_static
+        is_by_design = am is not None and am.depth == 1 and is_at_rest and self._peak >= PEAK_LEAST
+        return 0 if is_by_design else self._switched
 
     def __iter__(self) -> Iterator[tuple[array[int], ...]]:
         """Blocks of frames, one array("B") for each array."""
@@ -75,7 +87,7 @@ class FrameSource:
                     blocks.append(encoded)
                 if time == 0:
                     self.refused += encoded.refused
-                    self.switched += encoded.switched
+                    self._switched += encoded.switched
                 yield encoded.block
             self._kept = blocks if keeping else None
             if time == 0 and self._sampler is not None:
@@ -94,6 +106,7 @@ class FrameSource:
 
     def _driven(self, focus: FocalPoints) -> Encoded:
         drives = self._driver.drive(focus)
+        self._peak = max(self._peak, float(drives.amplitude.max(initial=0.0)))
         block = tuple(
             array("B", encode_frames(part.delay, part.amplitude, array=model).tobytes())
             for model, part in zip(self._driver.arrays, self._driver.split(drives), strict=True)

@@ -18,9 +18,11 @@ from ...datasets.focus_files.ptlist import read_ptlist
 from ...device.array import ArrayModel
 from ...kernels.driving.solve import POINTS_MOST
 from ..errors import StrategyError
+from ..file_kinds import is_point_list
 from ..sampling.contour_sampling import FocalPoints, Sampler, SamplingStrategy
 from ..sampling.presets import sampling_of, sets_rate
 from .focus_source import (
+    POINTS_A_READ,
     ContourRows,
     ContourSource,
     FocusSource,
@@ -52,7 +54,7 @@ def opened(
     path: Path, sampling: SamplingStrategy | str | None, duration: float | None, arrays: Sequence[PlacedArray]
 ) -> Iterator[Opened]:
     """Open a file; by default the update rate is the first array's."""
-    if path.suffix.lower() == ".ptlist":
+    if is_point_list(path):
         if sampling is not None:
             raise StrategyError(f"{path}: holds focal points, which no sampling strategy changes")
         points = read_ptlist(path)
@@ -88,7 +90,44 @@ def sampled(
     strategy = sampling_of(sampling)
     _require_solvable(strategy.foci)
     sampler = Sampler(strategy)
-    return Opened(ContourSource(contours, sampler, duration), sampler, strategy.update_rate)
+    source = ContourSource(contours, sampler, duration)
+    for placed in arrays:
+        _require_one_pattern(contours, source, strategy, placed.model)
+    return Opened(source, sampler, strategy.update_rate)
+
+
+def _require_one_pattern(
+    contours: ContourRows, source: ContourSource, strategy: SamplingStrategy, model: ArrayModel
+) -> None:
+    """Refuse a motion, before any of it is played, at a rate at which an array only switches one pattern on and off."""
+    if not model.alternates or source.is_static:
+        return
+    sustained = model.update_rate(model.divider_sustained)
+    if model.divider(strategy.update_rate) >= model.divider_sustained or not _moves(contours, source.duration):
+        return
+    asked, slower = f"{strategy.update_rate:g} Hz", f"up to {sustained:.3g} Hz"
+    if strategy.am is not None:
+        asked, slower = "am", f"am of up to {sustained / 2:.3g} Hz (am.frequency)"
+    raise StrategyError(
+        f"{contours.path}: {asked} on a {model.name} needs a single pose that does not move, as it switches one "
+        f"pattern on and off, but contours are at poses that differ. A motion takes {slower}, or another array"
+    )
+
+
+def _moves(contours: ContourRows, duration: float) -> bool:
+    """Whether contours of different poses come before the duration [s] is over; reads no more than shows it."""
+    seen: np.ndarray | None = None
+    for first, stop in contours.blocks(point_limit=POINTS_A_READ):
+        start = contours.contours(first, stop)["pose_start"]
+        motion = contours.motion(first, stop)
+        drawn = motion["pose"][(np.diff(start) > 0) & (motion["time"] < duration)]
+        if len(drawn):
+            seen = drawn[0] if seen is None else seen
+            if (drawn != seen).any():
+                return True
+        if motion["time"][-1] >= duration:
+            break
+    return False
 
 
 def usual_rate(model: ArrayModel, strategy: SamplingStrategy) -> float:

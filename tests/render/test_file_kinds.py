@@ -31,6 +31,8 @@ WORDS = {
     "strategy.json": "a strategy: palpate render OBJECT MOTION --strategy .*strategy.json",
     "place.json": "an alignment: palpate render OBJECT RECORDING --alignment .*place.json",
     "plan.toml": "a plan of a sweep: palpate sweep .*plan.toml",
+    "cc.vtkhdf": "an export to VTKHDF, which ParaView reads",
+    "cc.PTLIST": "a point list: palpate play .*cc.PTLIST takes it",
     "own.py": "Python source: palpate render .*own.py:FUNCTION",
     "a.3mf": "a 3MF file.*: save it as STL",
     "a.step": "a CAD file without triangles: export STL",

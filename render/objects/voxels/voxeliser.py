@@ -13,6 +13,7 @@ from ....kernels.section.edge_pairing import twins_of
 from ....kernels.solids.voxelise import GridNodes, cross_columns, measure_distances, wind_nodes
 from ...deprecated_names import accept_old_keywords
 from ...errors import MeshError, VoxelError
+from ...runtime.interrupt import abandonable
 from ...runtime.loading_progress import Watch, unwatched
 from ...user_warnings import warn_user
 from ...validation import unit_hint, value_text
@@ -225,16 +226,19 @@ def voxelise(
     if band is None and kind == "occupancy" and sign != "winding":
         band = 2 * nodes.spacing.max()  # all that matters is which voxels lie on the surface
     reach = float(np.linalg.norm(np.array(nodes.shape) * nodes.spacing)) if band is None else float(band)
-    distance = measure_distances(vertices, faces, nodes, band=reach, device=device)
+    with abandonable():
+        distance = measure_distances(vertices, faces, nodes, band=reach, device=device)
     if sign == "winding":
         faces, turned = turn_bodies(vertices, faces)
-        winding = wind_nodes(vertices, faces, nodes, device)
+        with abandonable():
+            winding = wind_nodes(vertices, faces, nodes, device)
         inside = winding > THRESHOLD
         deep = (winding > DEEP) & (distance == 0)
         points = hole_points(winding, distance, nodes)
         distance = near_holes(distance, points, nodes)
     else:
-        inside = cross_columns(vertices, faces, nodes, odd=sign == "parity", device=device) > 0
+        with abandonable():
+            inside = cross_columns(vertices, faces, nodes, odd=sign == "parity", device=device) > 0
     inside &= (distance > 0) | deep  # what lies on the surface is outside, but not within another body
     distance[deep] = ROUNDING * nodes.spacing.min()
     if turned:

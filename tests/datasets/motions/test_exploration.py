@@ -77,10 +77,17 @@ def test_duration_and_rate_only_sample_the_path(duration, rate, every):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"bounds": BOUNDS[::-1]}, "minimum before maximum"),
+        ({"bounds": BOUNDS[::-1]}, r"minimum before maximum.*\]\]$"),
+        (
+            {"bounds": BOUNDS + np.array([0, 0, 199.8])},
+            r"within 100 m.*; at=\(0, 0, 0.2\) puts its middle over the array",
+        ),
         ({"bounds": BOUNDS * np.nan}, "bounds must be finite"),
         ({"bounds": BOUNDS[0]}, r"bounds must have shape \[2, 3\], got \[3\]"),
-        ({"bounds": BOUNDS - [0, 0, 0.3]}, "z = -0.035 m leaves a hand no room 0.06 m above"),
+        (
+            {"bounds": BOUNDS - [0, 0, 0.3]},
+            r"z = -0.035 m leaves a hand no room 0.06 m above the array; at=\(0, 0, 0.2\) puts",
+        ),
         ({"duration": 0.0}, "duration must be finite and greater than 0, got 0.0"),
         ({"duration": float("inf")}, "duration must be finite"),
         ({"rate": -90.0}, "rate must be finite and greater than 0, got -90.0"),

@@ -24,6 +24,7 @@ from palpate.datasets.motions.over_array import (
     stroke_counts,
 )
 from palpate.datasets.shapes.built_in import shape_names
+from palpate.render.terminal.wording import Wording
 
 BOUNDS = np.array([[-0.065, -0.065, 0.135], [0.065, 0.065, 0.265]])
 DATA = os.environ.get("PALPATE_TEST_DATA", "")
@@ -157,6 +158,22 @@ def test_bad_options_are_refused_with_value_and_bound(change, said):
     arguments = {"bounds": BOUNDS, "duration": 1.0, **change}
     with pytest.raises(MotionError, match=said):
         exploration(arguments.pop("bounds"), **arguments)
+
+
+def test_an_object_beside_the_workspace_is_told_the_options_that_join_them():
+    """The box of BOUNDS half a metre aside, grown by the 60 mm that a palm of 85 mm reaches."""
+    beside = BOUNDS + np.array([0.5, 0, 0])
+    with pytest.raises(MotionError) as refused:
+        exploration(beside, 1.0)
+    options = Wording(["at", "workspace"])(str(refused.value))
+    asked = (
+        "--at 0 0 0.2 puts its middle over the array, --workspace 0.375 -0.125 0.075 0.625 0.125 0.325 the hand around"
+    )
+    assert asked in options
+    workspace = [float(text) for text in asked.split("--workspace ")[1].split()[:6]]
+    assert exploration(beside, 1.0, workspace=workspace).pose[:, 0].min() > 0.37
+    with pytest.raises(MotionError, match=r"over the array$"):  # no workspace may be farther than 2 m
+        exploration(BOUNDS + np.array([50.0, 0, 0]), 1.0)
 
 
 def test_a_motion_keeps_what_made_it_in_its_file(tmp_path):

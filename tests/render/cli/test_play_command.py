@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,9 +16,12 @@ from typer.testing import CliRunner
 
 from palpate.datasets import HandMotion, exploration
 from palpate.datasets.contour_file.reader import ContourFile
+from palpate.datasets.focus_files.ptlist import write_ptlist
 from palpate.render import MeshObject, Palm, closed_contour, record, render
 from palpate.render.cli.app import app
+from palpate.render.cli.play_commands import _too_fast
 from palpate.render.playback import focus_source as source_module
+from palpate.render.sampling.strategy import SamplingStrategy
 
 STORM = int(os.environ.get("PALPATE_STORM", "12"))  # 240 were run for docs/develop/tiers.md
 
@@ -117,12 +121,30 @@ def test_am_at_200_hz_plays_on_a_sonicsurface(still):
         "0.1",
         "--sampling",
         "am",
+        "--strict",
         "--json",
     )
     assert done.exit_code == 0
     values = json.loads(done.stdout)
     assert (values["update_rate"], values["frames"], values["off_sent"]) == (23_040, 2304, True)
     assert values["duty"] == pytest.approx(0.5, abs=0.05)
+
+
+def test_a_point_list_is_played_and_prepared(tmp_path):
+    """Files of DOLPHIN, which no other command takes for contours."""
+    path = tmp_path / "two.PTLIST"
+    write_ptlist(path, [[0, 0, 0.2], [0.01, 0, 0.2]], [1, 0.5], update_rate=10_000)
+    played = play(path, "--clock", "virtual", "--json")
+    assert json.loads(played.stdout)["frames"] == 2
+    prepared = CliRunner().invoke(app, ["prepare", str(path), "-o", str(tmp_path / "frames.h5"), "--json"])
+    assert json.loads(prepared.stdout)["frames"] == 2
+
+
+@pytest.mark.parametrize("rate", [230_400 / 10 / 258, 145_000 / 10 / 258, 1399.0, 2.0])
+def test_the_speed_that_a_warning_asks_for_is_not_warned_of_again(rate):
+    fast = SamplingStrategy(update_rate=rate)
+    (asked,) = re.findall(r"--speed ([\d.]+) or less", _too_fast(fast))
+    assert fast.step > 5e-3 >= replace(fast, speed=float(asked)).step > 4e-3
 
 
 @pytest.mark.exhaustive(after=1)

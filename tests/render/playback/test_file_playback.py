@@ -349,8 +349,44 @@ def test_am_that_whole_frames_reach_and_other_contents_keep_the_rate_of_whole_fr
     swift = SamplingStrategy(pace=Pace(kind="still"), am=AmplitudeModulation(frequency=300.0))
     assert usual_rate(array_model("sonicsurface", baud=1_462_857), swift) == 1_462_857 / 10 / 4  # below 40 kHz
     assert usual_rate(array_model("pat16"), preset("am")) == 10_000
-    with pytest.raises(UpdateRateError, match=r"only as one pattern switched on and off.* has another pattern"):
-        play_file(moving, array="sonicsurface", sampling="am", emulate=True, clock="virtual")
+
+
+def test_am_of_a_motion_is_refused_on_a_sonicsurface_before_anything_is_sent(moving):
+    """By docs/guide/boards.md: it holds one pattern and off, and plays motions at 89.3 Hz, so with am of 44 Hz."""
+    ports = emulated_backend("sonicsurface", clock=VirtualClock(), record=100)
+    with pytest.raises(StrategyError, match=r"am on a sonicsurface needs a single pose that does not move.*44\.7 Hz"):
+        play_file(moving, array="sonicsurface", sampling="am", connection=Connection(backend=ports))
+    assert len(ports.board().played) == 0
+    slow = SamplingStrategy(pace=Pace(kind="still"), am=AmplitudeModulation(frequency=22.0))
+    slow = replace(slow, update_rate=usual_rate(array_model("sonicsurface"), slow))
+    sent = play_file(moving, array="sonicsurface", sampling=slow, duration=0.2, emulate=True, clock="virtual")
+    assert sent.frames == 18
+
+
+def test_am_of_two_times_at_the_same_pose_plays_on_a_sonicsurface(static, tube, tmp_path):
+    with ContourFile(static) as file:
+        pose = file.motion()["pose"]
+    path = tmp_path / "rest.h5"
+    record(path, tube, Palm(), HandMotion(np.arange(2) * 0.01, np.repeat(pose, 2, axis=0)), closed_contour())
+    sent = play_file(path, array="sonicsurface", sampling="am", emulate=True, clock="virtual")
+    assert sent.played.update_rate == 23_040
+
+
+@pytest.mark.parametrize(("depth", "level", "counted"), [(1.0, 1.0, False), (0.5, 1.0, True), (1.0, 0.7, True)])
+def test_am_that_a_board_can_only_switch_is_counted_unless_it_goes_from_0_to_full(depth, level, counted, static):
+    """Full am becomes a square wave of its frequency; less depth, or less than full level, is lost."""
+    strategy = SamplingStrategy(pace=Pace(kind="still"), am=AmplitudeModulation(depth=depth), update_rate=23_040)
+    drive, connection = DriveStrategy(level_max=level), Connection(clock="virtual", emulate=True)
+    done = play_file(static, array="sonicsurface", sampling=strategy, drive=drive, duration=0.05, connection=connection)
+    assert (done.switched > 1000) == counted
+    assert (done.switched == 0) != counted
+
+
+@pytest.mark.parametrize(("array", "emulate"), [("autd3", True), ("pat16", False)])
+def test_a_virtual_clock_is_refused_for_an_array_that_has_none(array, emulate, static):
+    """The vendor's emulated autd3 keeps real time (device/boards/autd3/vendor_client.py), as every real board does."""
+    with pytest.raises(StrategyError, match=f"clock=virtual is not for {array}, .*real"):
+        play_file(static, array=array, duration=0.1, clock="virtual", emulate=emulate)
 
 
 def test_poses_far_apart_are_held_until_the_next_one(static, tube, tmp_path):

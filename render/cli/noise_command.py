@@ -13,6 +13,7 @@ from ..acoustics.spectrum import NoiseSpectrum, level_differences
 from ..acoustics.transducers import Resonance
 from ..acoustics.wave_files import require_wave_file, write_wave_files
 from ..errors import StrategyError
+from ..file_kinds import is_point_list
 from ..playback.drive import DriveStrategy
 from ..playback.placed_arrays import load_rig
 from ..reports.noise_figure import draw_noise
@@ -125,7 +126,8 @@ def _listener(arrays: list[ArrayModel], options: dict) -> NoiseListener:
 def _wave_files(files: list[Path], options: dict) -> dict[Path, Path]:
     """Where each file's sound goes; empty if none is asked for."""
     for file in files:
-        refuse_object(file)
+        if not is_point_list(file):
+            refuse_object(file)
         if not file.exists():
             raise name_nothing(ContourFileError(f"{file} does not exist{likely_file(file)}"))
     if len({file.resolve() for file in files}) != len(files):

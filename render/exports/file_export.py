@@ -10,6 +10,7 @@ from ...datasets.focus_files.ptlist import write_ptlist
 from ...datasets.storage.durable import whole_file
 from ..contour_input import takes_batches
 from ..errors import StrategyError
+from ..file_kinds import is_point_list
 from ..output_file import require_output
 from ..sampling.contour_sampling import SamplingStrategy
 from ..user_warnings import warn_user
@@ -79,7 +80,8 @@ def export_file(
     own, asked = ContourFields(scene, gzip), SamplingFields(sampling, speed, update_rate, duration)
     _require_options(name, own, asked)
     require_output(out, overwrite=overwrite, sources=[path])
-    refuse_object(path)
+    if not is_point_list(path):
+        refuse_object(path)
     if name in OF_FOCUS:
         return _export_focus(path, out, name, (poses, seconds, every), asked, overwrite, watch or _unwatched)
     if holds_focus(path):

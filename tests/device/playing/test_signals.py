@@ -127,6 +127,16 @@ def test_the_first_of_two_signals_ends_the_playback_with_the_array_off(signum: s
     assert not bus.board().playing.any()
 
 
+@pytest.fixture
+def handlers_kept():
+    """Handlers of signals are those of before afterwards: a process that ends leaves them ignored."""
+    before = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    yield
+    for signum, handler in before.items():
+        signal.signal(signum, handler)
+
+
+@pytest.mark.usefixtures("handlers_kept")
 def test_a_signal_whose_exception_a_destructor_swallowed_keeps_the_next_playback_from_beginning() -> None:
     bus = EmulatorBackend(clock=VirtualClock())
     with ending_on_signals():

@@ -6,7 +6,7 @@ from ...datasets.contour_file.reader import ContourFile
 from ..focal_spot import HEIGHT_DEFAULT, NEAREST, focal_width
 
 NEIGHBOURS = 8  # of a place that are looked at first
-POSES_SAMPLED = 200  # of a file, evenly spaced: the share of all of them differs by a few percent
+POSES_SAMPLED = 100  # of a file, evenly spaced: the share of all of them differs by a few percent
 STEPS_A_WIDTH = 6  # points along a contour in a focal width
 ALONG_WIDTHS = 2.0  # farther along one contour, places that are near each other are two strokes, and not a bend
 

@@ -54,6 +54,7 @@ def test_noise_pressure_and_pages_of_a_batch_are_those_of_its_file(batches, tmp_
     assert export_page(closed, "a.html")["poses"] == export_page([path], "b.html")["poses"]
 
 
+@pytest.mark.exhaustive
 def test_numbers_tables_and_playbacks_of_a_batch_are_those_of_its_file(batches, tmp_path, monkeypatch):
     _, closed, path, loaded = batches
     monkeypatch.chdir(tmp_path)

@@ -1,6 +1,7 @@
 """Which triangles of a mesh can bound a solid: repeats, backs, walls and open surfaces are told apart.
 
-A triangle that is there an even number of times is a *wall*, one that is there an odd number of times counts once.
+A triangle that is there an even number of times is a *wall*, one that is there an odd number of times counts once. But
+where triangles that are there three times or more would only be edges of a hole, they belong to the wall around them.
 
 | surface | what becomes of it |
 |---|---|
@@ -87,9 +88,27 @@ def split_repeats(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     corners = np.sort(faces, axis=1)
     order = order_of(*corners.T[::-1])
     start = group_starts(*corners[order].T)
-    odd = np.diff(start, append=len(order)) % 2 == 1
+    count = np.diff(start, append=len(order))
+    odd = count % 2 == 1
     first = np.minimum.reduceat(order, start)
+    if (repeated := np.flatnonzero(odd & (count > 2))).size:
+        single = first[odd & (count == 1)]
+        odd[repeated[_without_place(faces[single], faces[first[repeated]])]] = False
     return faces[np.sort(first[odd])], faces[np.sort(first[~odd])]
+
+
+def _without_place(single: np.ndarray, repeated: np.ndarray) -> np.ndarray:
+    """Which repeated triangles are no part of a surface: they have a rim, at which nothing is open without them.
+
+    Triangles that are joined by edges go together. Bool, shape [repeated].
+    """
+    edges = edges_of(np.concatenate([single, repeated]))
+    half = edges.of_half.reshape(-1, 3)
+    own, rest = half[len(single) :], half[: len(single)]
+    alone, without = (np.bincount(part.ravel(), minlength=len(edges.face_count)) % 2 == 1 for part in (own, rest))
+    patch = joined_by_edges(edges_of(repeated))
+    has_rim, is_open = (np.bincount(patch, odd[own].any(axis=1)) > 0 for odd in (alone, without))
+    return (has_rim & ~is_open)[patch]
 
 
 def closed_part(faces: np.ndarray) -> np.ndarray:

@@ -67,6 +67,7 @@ def test_info_tells_what_design_promises(rendered):
     assert told["strategy"] == {"raw": "section", "prune": ["outside"], "transform": ["close"]}
 
 
+@pytest.mark.exhaustive
 def test_info_tells_who_explored_and_what_share_faced_the_array(tmp_path):
     own = tmp_path / "own.h5"
     options = ("--explorer", "3", "--facing", "0.9", "--workspace", *map(str, (-0.05, -0.05, 0.14, 0.05, 0.05, 0.3)))
@@ -80,6 +81,7 @@ def test_info_tells_who_explored_and_what_share_faced_the_array(tmp_path):
     assert "facing share 30" in run("info", own).output
 
 
+@pytest.mark.exhaustive
 def test_an_exploration_around_the_object_faces_the_array_less(tmp_path):
     around = tmp_path / "around.h5"
     answer("render", "cube", "exploration", "-o", around, "--model", "around", "--rate", "15")

@@ -22,6 +22,7 @@ def motion(tmp_path):
     return path
 
 
+@pytest.mark.exhaustive
 def test_an_empty_file_is_replaced_and_one_with_contours_never_by_an_empty_result(tmp_path, motion):
     out = tmp_path / "cube.h5"
     first = run("render", "cube", motion, "-o", out, "--at", 1, 0, 0.2)

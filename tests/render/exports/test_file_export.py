@@ -111,7 +111,12 @@ def test_focal_points_are_no_contours(here):
     refused(MISUSED, "choose them by seconds", "export", "new.ptlist", "-o", "new.py", "--every", "2")
     points = read_ptlist("new.ptlist")
     assert answer("export", "new.ptlist", "-o", "new.py")["points"] == len(points.intensity)
-    assert answer("noise", "new.ptlist")["files"][0]["duration"] == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.exhaustive
+def test_a_point_list_is_listened_to(here):
+    export_file("tube.h5", "heard.ptlist", seconds="4:5")
+    assert answer("noise", "heard.ptlist")["files"][0]["duration"] == pytest.approx(1.0, abs=0.02)
 
 
 @pytest.mark.parametrize("suffix", [".vtkhdf", ".csv", ".npz"])

@@ -19,6 +19,7 @@ def end():
     print("ended", flush=True)
     return 7
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # whatever runs the tests may ignore it
 with ended_promptly(end):
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # so that the C library sleeps on
     with abandonable():

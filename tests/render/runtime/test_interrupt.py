@@ -20,11 +20,12 @@ def end():
     return 7
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # whatever runs the tests may ignore it
+sleep = ctypes.CDLL(None).sleep
 with ended_promptly(end):
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # so that the C library sleeps on
     with abandonable():
         print("begun", flush=True)
-        ctypes.CDLL(None).sleep(30)
+        sleep(30)
 """
 
 
@@ -81,6 +82,7 @@ def test_native_code_that_hears_no_signal_ends_with_the_process():
     begun = time.monotonic()
     with subprocess.Popen([sys.executable, "-c", DEAF], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == "begun\n"
+        time.sleep(0.5)  # until it sleeps: before that Python itself hears the signal
         process.send_signal(signal.SIGINT)
         assert process.stdout.read() == "ended\n"
     assert process.returncode == 7

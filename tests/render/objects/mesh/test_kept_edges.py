@@ -63,6 +63,7 @@ def test_what_is_read_is_what_was_made(folder, made, rim):
     require_same(first, HalfEdges(vertices, faces[rim:]))
 
 
+@pytest.mark.exhaustive  # two collections of all that pytest holds
 def test_contours_are_the_same_bits(folder, made):
     poses = np.array([[0.0, 0.01, 0.2, 0.0, 0.0, 0.0, 1.0], [0.01, 0.0, 0.18, 0.5, 0.5, 0.5, 0.5]], np.float32)
     both = []

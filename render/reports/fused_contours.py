@@ -3,7 +3,7 @@
 import numpy as np
 
 from ...datasets.contour_file.reader import ContourFile
-from ..focal_spot import HEIGHT_DEFAULT, NEAREST, focal_width
+from ..focal_spot import FARTHEST, HEIGHT_DEFAULT, NEAREST, focal_width
 
 NEIGHBOURS = 8  # of a place that are looked at first
 POSES_SAMPLED = 100  # of a file, evenly spaced: the share of all of them differs by a few percent
@@ -15,7 +15,7 @@ def fused_share(file: ContourFile) -> float | None:
     """Share of the contours' length nearer than a focal width to another contour, or to another part of their own.
 
     Of POSES_SAMPLED poses with contours. The width is that of the default array's focal point at the mean height of
-    their points. None where no pose has contours.
+    their points, or at 0.2 m where the array cannot focus. None where no pose has contours.
     """
     drawn = _drawn_poses(file)
     if not len(drawn):
@@ -23,7 +23,7 @@ def fused_share(file: ContourFile) -> float | None:
     chosen = drawn[np.unique(np.linspace(0, len(drawn) - 1, min(POSES_SAMPLED, len(drawn))).round().astype(np.int64))]
     poses = [file.contours(pose, pose + 1) for pose in chosen.tolist()]
     height = float(np.mean(np.concatenate([one["points"][:, 2] for one in poses])))
-    width = focal_width(height if height > NEAREST else HEIGHT_DEFAULT).width
+    width = focal_width(height if 2.0 * NEAREST < height < FARTHEST / 2.0 else HEIGHT_DEFAULT).width
     near = whole = 0
     for one in poses:
         found = fused_places(one["points"], one["polyline_start"], width)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.render import ContourFile, render, static_pose
+from palpate.render import ContourFile, MeshObject, render, static_pose
 from palpate.render.focal_spot import focal_width
 from palpate.render.reports.fused_contours import fused_places, fused_share
 
@@ -75,3 +75,10 @@ def test_walls_of_4_mm_are_one_band_and_those_of_25_mm_are_two(tmp_path):
     empty = render("tube", "palm", static_pose([1.0, 0, 0.2]), "cc").save(tmp_path / "empty.h5")
     with ContourFile(empty) as file:
         assert fused_share(file) is None
+
+
+@pytest.mark.filterwarnings("ignore:.*lengths are in metres")
+def test_contours_that_no_array_can_focus_on_have_a_share_too(tmp_path):
+    far = render(MeshObject.load("cube", at=(0, 0, 20.0)), "palm", static_pose([0, 0, 20.0]), "cc")
+    with ContourFile(far.save(tmp_path / "far.h5")) as file:  # one square
+        assert fused_share(file) == 0.0

@@ -10,8 +10,9 @@ import warp as wp
 
 from ..datasets.counted import counted
 from ..datasets.known_names import find_name, unknown_name
+from ..kernels.contours import Contours
 from ..kernels.metrics.measure import measure_contours
-from ..kernels.section.contour_writing import Contours
+from ..kernels.section.contour_writing import SectionContours
 from ..kernels.section.row_walker import HAND, MADE, OBJECT
 from .errors import StrategyError
 from .validation import value_text
@@ -122,7 +123,7 @@ class ContourBatch:
         return isinstance(self.points, wp.array)
 
     @classmethod
-    def from_device(cls, contours: Contours, patch_count: int) -> "ContourBatch":
+    def from_device(cls, contours: SectionContours, patch_count: int) -> "ContourBatch":
         """Batch on a device from the arrays that kernels wrote."""
         start = contours.section_start
         return cls(
@@ -162,6 +163,16 @@ class ContourBatch:
         values = {name: wp.array(value, device=device) for name, value in host.by_name().items() if name != "points"}
         points = wp.array(np.ascontiguousarray(host.points, np.float32).reshape(-1, 3), dtype=wp.vec3, device=device)
         return replace(self, points=points, **values)
+
+    def as_struct(self) -> Any:
+        """The columns of a batch on a device as one struct for kernels, `kernels.contours.Contours`."""
+        out = Contours()
+        for name, value in self.by_name().items():
+            setattr(out, name, value)
+        for name in ("intensity", "dwell"):
+            if getattr(self, name) is None:
+                setattr(out, name, wp.empty(0, dtype=wp.float32, device=self.points.device))
+        return out
 
     def lengths(self) -> np.ndarray:
         """Length of the segments of each kind [m], float32, shape [pose, 3]."""

@@ -23,7 +23,7 @@ from ..fields.field import Field
 from ..offsets import PointLimitError, last_of
 from ..one_device import on_one_device
 from ..patch import ON
-from ..section.contour_writing import Contours
+from ..section.contour_writing import SectionContours
 from .follow import follow_tips, keep_slots
 from .grid import Grids, MovedNodes, lay_grids, place_grids
 from .lines import count_points, write_lines
@@ -48,7 +48,7 @@ def march_patches(
     bounded: bool,
     closes: bool,
     limit: int | None = None,
-) -> Contours:
+) -> SectionContours:
     """Contours of a field on patches, for all poses, on the device of the poses and of the field's data.
 
     pose: wp.transform, hand frame -> array frame, shape [pose, 1], or each patch's own, [pose, patch].
@@ -106,7 +106,7 @@ class _March:
         self.least = max(LEAST, field.grain / step)
         self.point_count = self.polyline_count = 0
 
-    def chunks(self) -> Iterator[Contours]:
+    def chunks(self) -> Iterator[SectionContours]:
         """Contours chunk by chunk; chunks with too many cut edges are halved."""
         tiles = CPU_TILES if self.pose.device.is_cpu else GPU_TILES
         size = max(1, tiles // max(self.grids.patch_of.shape[0], 1))
@@ -121,7 +121,7 @@ class _March:
             else:
                 yield contours
 
-    def chunk(self, first: int, stop: int) -> Contours | None:
+    def chunk(self, first: int, stop: int) -> SectionContours | None:
         """Contours of poses first..stop; None if they are too many for one go."""
         patch_count = self.patch.shape[0]
         lattice = place_grids(
@@ -180,12 +180,12 @@ class _March:
         return samples, Traced(trails, point, found._replace(tip=tip))
 
 
-def _join_chunks(parts: list[Contours], device: wp.Device) -> Contours:
+def _join_chunks(parts: list[SectionContours], device: wp.Device) -> SectionContours:
     """Contours of consecutive chunks as one: offsets already go on."""
     if len(parts) == 1:
         return parts[0]
     if not parts:
-        return Contours(
+        return SectionContours(
             points=wp.empty(0, dtype=wp.vec3, device=device),
             kind=wp.empty(0, dtype=wp.uint8, device=device),
             polyline_start=wp.zeros(1, dtype=wp.int64, device=device),
@@ -194,7 +194,7 @@ def _join_chunks(parts: list[Contours], device: wp.Device) -> Contours:
             section_start=wp.zeros(1, dtype=wp.int64, device=device),
         )
     arrays = []
-    for name, pieces in zip(Contours._fields, zip(*parts, strict=True), strict=True):
+    for name, pieces in zip(SectionContours._fields, zip(*parts, strict=True), strict=True):
         shared = int(name.endswith("_start"))  # an offset that ends one chunk begins the next
         out = wp.empty(sum(p.shape[0] - shared for p in pieces) + shared, dtype=pieces[0].dtype, device=device)
         place = 0
@@ -202,4 +202,4 @@ def _join_chunks(parts: list[Contours], device: wp.Device) -> Contours:
             wp.copy(out, piece, dest_offset=place, count=piece.shape[0])
             place += piece.shape[0] - shared
         arrays.append(out)
-    return Contours(*arrays)
+    return SectionContours(*arrays)

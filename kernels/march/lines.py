@@ -6,7 +6,7 @@ import warp as wp
 
 from ..offsets import BLOCK, last_of, offsets_of
 from ..patch import EXACT
-from ..section.contour_writing import Contours
+from ..section.contour_writing import SectionContours
 from ..section.row_walker import LineArrays
 from .sample import NO_POINT
 from .walk import Trails
@@ -164,7 +164,7 @@ def write_lines(
     patch_count: int,
     point_base: int,
     polyline_base: int,
-) -> Contours:
+) -> SectionContours:
     """Write a chunk's contours; offsets go on from the points and polylines of those before, and end with their end."""
     device = point.device
     lines = LineArrays()
@@ -179,7 +179,7 @@ def write_lines(
     section_start = wp.empty(cut_start.shape[0], dtype=wp.int64, device=device)
     inputs = [kept.start, cut_start, wp.int64(polyline_base)]
     wp.launch(_write_starts, cut_start.shape[0], inputs=inputs, outputs=[section_start], device=device, block_dim=BLOCK)
-    return Contours(
+    return SectionContours(
         points=lines.points,
         kind=lines.kind,
         polyline_start=lines.polyline_start,

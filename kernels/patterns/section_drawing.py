@@ -7,7 +7,7 @@ import warp as wp
 
 from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
 from ..patch import EXACT, Patch, half_extents, section_frame
-from ..section.contour_writing import Contours, room_for_contours
+from ..section.contour_writing import SectionContours, room_for_contours
 from ..section.row_walker import LineArrays, PolylineWriter
 from .cut_loops import kept_cut, kept_exactly
 from .loop_table import LoopTable, place_vertices, room_to_remember
@@ -90,7 +90,7 @@ def draw_sections(
     bounded: bool,
     closes: bool,
     limit: int | None = None,
-) -> Contours:
+) -> SectionContours:
     """Write the contours that `cut_sections` counted, other arguments as for it; bit-identical to `draw_contours`.
 
     Raises PointLimitError, before memory is taken for them, if there are more points than `limit`.

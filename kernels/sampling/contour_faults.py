@@ -2,9 +2,9 @@
 
 import warp as wp
 
+from ..contours import Contours
 from ..offsets import BLOCK
 from ..patch import EXACT
-from .layout import MotionContours
 
 wp.set_module_options(EXACT)
 
@@ -15,7 +15,7 @@ OPEN_SEAM, EMPTY, NOT_FINITE = (wp.constant(k) for k in range(len(FAULTS)))
 @wp.kernel
 def _find_faults(
     # In:
-    c: MotionContours,
+    c: Contours,
     # Out:
     found: wp.array[wp.int32],  # 1: some polyline has the fault, shape [fault], zero-initialised
 ):
@@ -47,7 +47,7 @@ def _find_faults(
         row += wp.int64(1)
 
 
-def find_faults(contours: MotionContours) -> frozenset[str]:
+def find_faults(contours: Contours) -> frozenset[str]:
     """Which of `FAULTS` contours have.
 
     open_seam: a closed polyline has another intensity or pause at its last point than at its first, which are one

@@ -5,6 +5,7 @@ As `lay_track` in render/sampling/track.py.
 
 import warp as wp
 
+from ..contours import Contours
 from ..patch import to_float64
 from .cursor import way_piece
 from .layout import (
@@ -13,7 +14,6 @@ from .layout import (
     ONE,
     STILL,
     ZERO,
-    MotionContours,
     PoseTrack,
     RouteRows,
     SamplingPlan,
@@ -33,7 +33,7 @@ NOISE_SHARE = wp.constant(wp.float64(1e-3))  # of a sample: ways that take less 
 
 
 @wp.func
-def first_node(c: MotionContours, plan: SamplingPlan, pose: int):
+def first_node(c: Contours, plan: SamplingPlan, pose: int):
     """First node of a pose's track; before it is room for every earlier pose's."""
     line = c.pose_start[pose]
     own = wp.int64(pose) * wp.int64(wp.max(plan.sections, 1))
@@ -41,7 +41,7 @@ def first_node(c: MotionContours, plan: SamplingPlan, pose: int):
 
 
 @wp.func
-def has_short(c: MotionContours, plan: SamplingPlan, rows: RouteRows, first: wp.int64, count: int, length: wp.float64):
+def has_short(c: Contours, plan: SamplingPlan, rows: RouteRows, first: wp.int64, count: int, length: wp.float64):
     """Whether a piece is shorter than the way from sample to sample."""
     step = length / wp.float64(samples_of(plan, length / plan.speed))
     found = int(0)
@@ -52,7 +52,7 @@ def has_short(c: MotionContours, plan: SamplingPlan, rows: RouteRows, first: wp.
 
 
 @wp.func
-def is_plain(c: MotionContours, plan: SamplingPlan, rows: RouteRows, pose: int, count: int, length: wp.float64):
+def is_plain(c: Contours, plan: SamplingPlan, rows: RouteRows, pose: int, count: int, length: wp.float64):
     """Whether arc length alone decides when each vertex of a pose is reached."""
     lines = c.pose_start[pose + 1] - c.pose_start[pose]
     in_order = lines < wp.int64(2) or lines > wp.int64(PIECES_MOST) or plan.shortest == 0
@@ -62,7 +62,7 @@ def is_plain(c: MotionContours, plan: SamplingPlan, rows: RouteRows, pose: int, 
 
 
 @wp.func
-def lay_plain(c: MotionContours, plan: SamplingPlan, nodes: TrackNodes, pose: int):
+def lay_plain(c: Contours, plan: SamplingPlan, nodes: TrackNodes, pose: int):
     """Write the vertices of a pose as nodes that are reached by arc length; returns how many there are."""
     at = first_node(c, plan, pose)
     count = int(0)
@@ -116,7 +116,7 @@ def copy_node(nodes: TrackNodes, source: wp.int64, at: wp.int64, piece: int, dur
 
 @wp.func
 def write_piece(
-    c: MotionContours, plan: SamplingPlan, rows: RouteRows, nodes: TrackNodes, row: wp.int64, first: wp.int64, k: int
+    c: Contours, plan: SamplingPlan, rows: RouteRows, nodes: TrackNodes, row: wp.int64, first: wp.int64, k: int
 ):
     """Write the nodes of a route's k-th piece, there and back if it is so drawn; returns how many there are."""
     piece = rows.drawn[row]
@@ -150,7 +150,7 @@ def write_piece(
 
 
 @wp.func
-def write_course(c: MotionContours, plan: SamplingPlan, rows: RouteRows, nodes: TrackNodes, pose: int, pieces: int):
+def write_course(c: Contours, plan: SamplingPlan, rows: RouteRows, nodes: TrackNodes, pose: int, pieces: int):
     """Write the drawn pieces of a pose as nodes with the duration of the way to each; returns how many there are."""
     first = first_node(c, plan, pose)
     count = int(0)
@@ -316,7 +316,7 @@ def time_course(plan: SamplingPlan, nodes: TrackNodes, rows: RouteRows, course: 
 
 @wp.func
 def lay_course(
-    c: MotionContours,
+    c: Contours,
     plan: SamplingPlan,
     rows: RouteRows,
     nodes: TrackNodes,

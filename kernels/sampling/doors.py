@@ -5,12 +5,12 @@ As in render/sampling/route.py, with the same choice among routes of equal lengt
 
 import warp as wp
 
+from ..contours import Contours
 from .layout import (
     BEGUN,
     INFINITE,
     ZERO,
     DrawnPiece,
-    MotionContours,
     RouteRows,
     SamplingPlan,
     distance,
@@ -24,7 +24,7 @@ NEAR = wp.constant(wp.float64(1e-9))  # [m]; vertices so near to a start are tha
 
 
 @wp.func
-def loop_length(c: MotionContours, line: wp.int64, size: int):
+def loop_length(c: Contours, line: wp.int64, size: int):
     """Length of a loop [m]."""
     arc = ZERO
     for i in range(1, size):
@@ -33,9 +33,7 @@ def loop_length(c: MotionContours, line: wp.int64, size: int):
 
 
 @wp.func
-def write_doors(
-    c: MotionContours, plan: SamplingPlan, rows: RouteRows, run: int, line: wp.int64, share: int, first: int
-):
+def write_doors(c: Contours, plan: SamplingPlan, rows: RouteRows, run: int, line: wp.int64, share: int, first: int):
     """Write the doors of a polyline into the run's room from a place on; returns how many: `share` on a loop."""
     size = size_of(c, plan, line)
     rows.door[run, first] = vertex(c, line, 0)
@@ -68,7 +66,7 @@ def write_doors(
 
 
 @wp.func
-def entered_at(c: MotionContours, plan: SamplingPlan, piece: DrawnPiece, door: int, share: int):
+def entered_at(c: Contours, plan: SamplingPlan, piece: DrawnPiece, door: int, share: int):
     """A piece drawn from one of its doors on."""
     if door == 0:
         return piece
@@ -106,7 +104,7 @@ def entered_at(c: MotionContours, plan: SamplingPlan, piece: DrawnPiece, door: i
 
 
 @wp.func
-def exit_of(c: MotionContours, plan: SamplingPlan, line: wp.int64, first: int, door: int):
+def exit_of(c: Contours, plan: SamplingPlan, line: wp.int64, first: int, door: int):
     """Door at which a piece is left that is entered at one; first: its first door."""
     if is_loop(c, plan, line) or plan.turns_back == 1:
         return door
@@ -115,7 +113,7 @@ def exit_of(c: MotionContours, plan: SamplingPlan, line: wp.int64, first: int, d
 
 @wp.func
 def insertion_of(
-    c: MotionContours, plan: SamplingPlan, rows: RouteRows, run: int, first: wp.int64, count: int, piece: DrawnPiece
+    c: Contours, plan: SamplingPlan, rows: RouteRows, run: int, first: wp.int64, count: int, piece: DrawnPiece
 ):
     """Behind which of the drawn pieces another makes their route least longer, and the door that does."""
     doors = write_doors(c, plan, rows, run, piece.line, STARTS_TRIED, 0)

@@ -5,6 +5,7 @@ As `Sampler` and `entered` in render/sampling; continuity "finish" is in finishi
 
 import warp as wp
 
+from ..contours import Contours
 from ..offsets import BLOCK
 from ..patch import EXACT
 from .cursor import (
@@ -35,7 +36,6 @@ from .layout import (
     TINY,
     ZERO,
     FocusPlace,
-    MotionContours,
     PoseTrack,
     SamplingPlan,
     TrackNodes,
@@ -191,7 +191,7 @@ def is_silent_at(
 
 
 @wp.func
-def differ(c: MotionContours, a: wp.int64, b: wp.int64):
+def differ(c: Contours, a: wp.int64, b: wp.int64):
     """Whether two poses differ in their number of polylines, or in which of them are closed."""
     count = c.pose_start[a + wp.int64(1)] - c.pose_start[a]
     if count != c.pose_start[b + wp.int64(1)] - c.pose_start[b]:
@@ -206,9 +206,7 @@ def differ(c: MotionContours, a: wp.int64, b: wp.int64):
 
 
 @wp.func
-def enter_track(
-    c: MotionContours, plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, pose: int, place: FocusPlace
-):
+def enter_track(c: Contours, plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, pose: int, place: FocusPlace):
     """Where drawing goes on along the contours of a new pose."""
     entry = PoseEntry()
     entry.drawn = 1
@@ -264,7 +262,7 @@ def place_after(
 @wp.kernel
 def _enter_poses(
     # In:
-    c: MotionContours,
+    c: Contours,
     plan: SamplingPlan,
     schedule: PoseSchedule,
     nodes: TrackNodes,
@@ -293,7 +291,7 @@ def _enter_poses(
         pose += 1
 
 
-def enter_poses(contours: MotionContours, plan: SamplingPlan, schedule: PoseSchedule, pose: wp.array) -> DrawnTracks:
+def enter_poses(contours: Contours, plan: SamplingPlan, schedule: PoseSchedule, pose: wp.array) -> DrawnTracks:
     """Tracks of all poses, and where drawing goes on along each; one thread a motion.
 
     pose: hand frame -> array frame, transformd, shape [pose].

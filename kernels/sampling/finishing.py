@@ -6,6 +6,7 @@ is under way, and their route on those entered before. So one thread a motion la
 
 import warp as wp
 
+from ..contours import Contours
 from ..offsets import BLOCK
 from ..patch import SELDOM
 from .cursor import (
@@ -26,7 +27,6 @@ from .layout import (
     STILL,
     ZERO,
     FocusPlace,
-    MotionContours,
     PoseTrack,
     RouteRows,
     SamplingPlan,
@@ -103,7 +103,7 @@ def is_silent_on(
 
 @wp.func
 def left_of(
-    c: MotionContours,
+    c: Contours,
     plan: SamplingPlan,
     schedule: PoseSchedule,
     nodes: TrackNodes,
@@ -151,7 +151,7 @@ def place_before(
 @wp.kernel
 def _finish_pieces(
     # In:
-    c: MotionContours,
+    c: Contours,
     plan: SamplingPlan,
     schedule: PoseSchedule,
     pieces: PosePieces,
@@ -206,7 +206,7 @@ def _finish_pieces(
         pose += 1
 
 
-def finish_pieces(contours: MotionContours, plan: SamplingPlan, schedule: PoseSchedule, pose: wp.array) -> DrawnTracks:
+def finish_pieces(contours: Contours, plan: SamplingPlan, schedule: PoseSchedule, pose: wp.array) -> DrawnTracks:
     """Tracks of all poses whose contours are entered, and where drawing goes on along each; one thread a motion.
 
     pose: hand frame -> array frame, transformd, shape [pose].

@@ -58,18 +58,6 @@ class SamplingPlan:
 
 
 @wp.struct
-class MotionContours:
-    """Contours of all poses, as in a ContourBatch."""
-
-    points: wp.array[wp.vec3]  # [m]
-    intensity: wp.array[wp.float32]  # of length 0 where it is 1 everywhere
-    dwell: wp.array[wp.float32]  # pause [s]; of length 0 where there is none
-    polyline_start: wp.array[wp.int64]
-    polyline_closed: wp.array[wp.uint8]
-    pose_start: wp.array[wp.int64]
-
-
-@wp.struct
 class DrawnPiece:
     """A polyline of non-zero length, and how it is drawn."""
 

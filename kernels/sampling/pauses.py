@@ -5,6 +5,7 @@ As `_corners_of` and `_with_pauses` in render/sampling/track.py, and `entered` i
 
 import warp as wp
 
+from ..contours import Contours
 from .cursor import way_at
 from .layout import (
     INFINITE,
@@ -14,7 +15,6 @@ from .layout import (
     ZERO,
     DrawnPiece,
     FocusPlace,
-    MotionContours,
     PoseTrack,
     SamplingPlan,
     TrackNodes,
@@ -27,7 +27,7 @@ from .pieces import is_loop, row_of, source_of
 
 
 @wp.func
-def drawn_dwell(c: MotionContours, plan: SamplingPlan, piece: DrawnPiece, size: int, i: int):
+def drawn_dwell(c: Contours, plan: SamplingPlan, piece: DrawnPiece, size: int, i: int):
     """Pause that the contours have at the i-th vertex of a piece as drawn [s]; at the ends of a loop only the last."""
     k = source_of(piece, size, i)
     loop = is_loop(c, plan, piece.line)

@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from ..contours import Contours
 from ..patch import to_float64
 from .layout import (
     AS_GIVEN,
@@ -13,7 +14,6 @@ from .layout import (
     TINY,
     ZERO,
     DrawnPiece,
-    MotionContours,
     RouteRows,
     SamplingPlan,
     squared,
@@ -24,13 +24,13 @@ MARKS_A_METRE = wp.constant(wp.float64(1e7))  # as there
 
 
 @wp.func
-def is_loop(c: MotionContours, plan: SamplingPlan, line: wp.int64):
+def is_loop(c: Contours, plan: SamplingPlan, line: wp.int64):
     """Whether a polyline is drawn as a loop."""
     return int(c.polyline_closed[line]) != 0 or plan.closes == 1
 
 
 @wp.func
-def size_of(c: MotionContours, plan: SamplingPlan, line: wp.int64):
+def size_of(c: Contours, plan: SamplingPlan, line: wp.int64):
     """Vertices of a polyline, with the chord's end where it is closed by one."""
     count = int(c.polyline_start[line + wp.int64(1)] - c.polyline_start[line])
     if plan.closes == 1 and int(c.polyline_closed[line]) == 0:
@@ -39,7 +39,7 @@ def size_of(c: MotionContours, plan: SamplingPlan, line: wp.int64):
 
 
 @wp.func
-def row_of(c: MotionContours, line: wp.int64, i: int):
+def row_of(c: Contours, line: wp.int64, i: int):
     """Row of a polyline's vertex; the one behind the last is the first."""
     row = c.polyline_start[line] + wp.int64(i)
     if row == c.polyline_start[line + wp.int64(1)]:
@@ -48,13 +48,13 @@ def row_of(c: MotionContours, line: wp.int64, i: int):
 
 
 @wp.func
-def vertex(c: MotionContours, line: wp.int64, i: int):
+def vertex(c: Contours, line: wp.int64, i: int):
     """A vertex of a polyline [m]."""
     return to_float64(c.points[row_of(c, line, i)])
 
 
 @wp.func
-def drawn_size(c: MotionContours, plan: SamplingPlan, piece: DrawnPiece):
+def drawn_size(c: Contours, plan: SamplingPlan, piece: DrawnPiece):
     """Vertices of a piece as it is drawn."""
     count = size_of(c, plan, piece.line)
     if piece.mode == BEGUN:
@@ -80,7 +80,7 @@ def source_of(piece: DrawnPiece, size: int, i: int):
 
 
 @wp.func
-def drawn_vertex(c: MotionContours, piece: DrawnPiece, size: int, i: int):
+def drawn_vertex(c: Contours, piece: DrawnPiece, size: int, i: int):
     """The i-th vertex of a piece as drawn [m]."""
     k = source_of(piece, size, i)
     if k < 0:
@@ -89,7 +89,7 @@ def drawn_vertex(c: MotionContours, piece: DrawnPiece, size: int, i: int):
 
 
 @wp.func
-def drawn_level(c: MotionContours, piece: DrawnPiece, size: int, i: int):
+def drawn_level(c: Contours, piece: DrawnPiece, size: int, i: int):
     """Intensity at the i-th vertex of a piece as drawn."""
     k = source_of(piece, size, i)
     if k < 0:
@@ -98,13 +98,13 @@ def drawn_level(c: MotionContours, piece: DrawnPiece, size: int, i: int):
 
 
 @wp.func
-def start_of(c: MotionContours, plan: SamplingPlan, piece: DrawnPiece):
+def start_of(c: Contours, plan: SamplingPlan, piece: DrawnPiece):
     """Where a piece begins [m]."""
     return drawn_vertex(c, piece, size_of(c, plan, piece.line), 0)
 
 
 @wp.func
-def end_of(c: MotionContours, plan: SamplingPlan, piece: DrawnPiece):
+def end_of(c: Contours, plan: SamplingPlan, piece: DrawnPiece):
     """Where a piece ends [m]: where it begins, if it is a loop or drawn there and back."""
     if is_loop(c, plan, piece.line) or plan.turns_back == 1:
         return start_of(c, plan, piece)
@@ -123,7 +123,7 @@ def as_given(line: wp.int64):
 
 
 @wp.func
-def collect_pieces(c: MotionContours, rows: RouteRows, pose: int):
+def collect_pieces(c: Contours, rows: RouteRows, pose: int):
     """Write the pieces of a pose; returns how many there are, and the length of all [m]."""
     first = c.pose_start[pose]
     count = int(0)
@@ -149,7 +149,7 @@ def rounded_mark(value: wp.float64):
 
 
 @wp.func
-def mark_of(c: MotionContours, plan: SamplingPlan, piece: DrawnPiece):
+def mark_of(c: Contours, plan: SamplingPlan, piece: DrawnPiece):
     """Middle of a piece and the root of its mean squared distance from there [m], to 1e-7; ways count by their length.
 
     A loop that begins between two vertices has one way more, so its mark is not that of the polyline.
@@ -177,7 +177,7 @@ def mark_of(c: MotionContours, plan: SamplingPlan, piece: DrawnPiece):
 
 
 @wp.func
-def mark_pieces(c: MotionContours, plan: SamplingPlan, pieces: wp.array[DrawnPiece], first: wp.int64, count: int):
+def mark_pieces(c: Contours, plan: SamplingPlan, pieces: wp.array[DrawnPiece], first: wp.int64, count: int):
     """Mark pieces, by which the next pose's are recognised."""
     for k in range(count):
         piece = pieces[first + wp.int64(k)]
@@ -207,7 +207,7 @@ def nearest_mark(mark: wp.vec4d, pieces: wp.array[DrawnPiece], first: wp.int64, 
 
 @wp.func
 def match_pieces(
-    c: MotionContours,
+    c: Contours,
     plan: SamplingPlan,
     rows: RouteRows,
     first: wp.int64,
@@ -244,7 +244,7 @@ def opposite(piece: DrawnPiece):
 
 
 @wp.func
-def begun(c: MotionContours, plan: SamplingPlan, piece: DrawnPiece, way: int, part: wp.float64):
+def begun(c: Contours, plan: SamplingPlan, piece: DrawnPiece, way: int, part: wp.float64):
     """A loop drawn from a point on: on the way from a vertex to the next, part 0..1."""
     out = piece
     size = size_of(c, plan, piece.line)

@@ -5,6 +5,7 @@ As `steady_route` in render/sampling/route.py.
 
 import warp as wp
 
+from ..contours import Contours
 from .doors import STARTS_TRIED, entered_at, insertion_of
 from .layout import (
     INFINITE,
@@ -12,7 +13,6 @@ from .layout import (
     TINY,
     ZERO,
     DrawnPiece,
-    MotionContours,
     PoseTrack,
     RouteRows,
     SamplingPlan,
@@ -31,7 +31,7 @@ JUMP_SLACK = wp.constant(wp.float64(5e-3))  # [m] by which a kept route may be l
 
 @wp.func
 def jumps_of(
-    c: MotionContours,
+    c: Contours,
     plan: SamplingPlan,
     rows: RouteRows,
     pieces: wp.array[DrawnPiece],
@@ -50,7 +50,7 @@ def jumps_of(
 
 
 @wp.func
-def nearest_way(c: MotionContours, plan: SamplingPlan, line: wp.int64, point: wp.vec3d):
+def nearest_way(c: Contours, plan: SamplingPlan, line: wp.int64, point: wp.vec3d):
     """The way of a polyline from vertex to vertex that comes nearest to a point, and where on it, 0..1."""
     size = size_of(c, plan, line)
     best = int(0)
@@ -70,7 +70,7 @@ def nearest_way(c: MotionContours, plan: SamplingPlan, line: wp.int64, point: wp
 
 
 @wp.func
-def drawn_like(c: MotionContours, plan: SamplingPlan, piece: DrawnPiece, start: wp.vec3d, end: wp.vec3d):
+def drawn_like(c: Contours, plan: SamplingPlan, piece: DrawnPiece, start: wp.vec3d, end: wp.vec3d):
     """A piece the same way round as between two ends [m]; a loop from the point nearest to the first of them."""
     if is_loop(c, plan, piece.line):
         way, part = nearest_way(c, plan, piece.line, start)
@@ -85,7 +85,7 @@ def drawn_like(c: MotionContours, plan: SamplingPlan, piece: DrawnPiece, start: 
 
 @wp.func
 def keep_order(
-    c: MotionContours, plan: SamplingPlan, rows: RouteRows, first: wp.int64, count: int, before: wp.int64, earlier: int
+    c: Contours, plan: SamplingPlan, rows: RouteRows, first: wp.int64, count: int, before: wp.int64, earlier: int
 ):
     """Draw the known pieces in the order of the pose before, and as then; returns how many there are."""
     known = int(0)
@@ -121,9 +121,7 @@ def append_new(rows: RouteRows, first: wp.int64, count: int, known: int):
 
 
 @wp.func
-def insert_new(
-    c: MotionContours, plan: SamplingPlan, rows: RouteRows, run: int, first: wp.int64, count: int, known: int
-):
+def insert_new(c: Contours, plan: SamplingPlan, rows: RouteRows, run: int, first: wp.int64, count: int, known: int):
     """Insert the new pieces into the route of the known ones, where they cost least."""
     drawn = known
     for k in range(count):
@@ -146,7 +144,7 @@ def is_longer(plan: SamplingPlan, length: wp.float64, least: wp.float64):
 
 @wp.func
 def search_in_turn(
-    c: MotionContours,
+    c: Contours,
     plan: SamplingPlan,
     rows: RouteRows,
     run: int,
@@ -183,7 +181,7 @@ def search_in_turn(
 
 @wp.func
 def lay_route(
-    c: MotionContours,
+    c: Contours,
     plan: SamplingPlan,
     rows: RouteRows,
     run: int,

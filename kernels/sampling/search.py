@@ -6,13 +6,13 @@ outside, at no distance from any, where a route that is no cycle begins and ends
 
 import warp as wp
 
+from ..contours import Contours
 from .doors import entered_at, write_doors
 from .layout import (
     AS_GIVEN,
     INFINITE,
     ZERO,
     DrawnPiece,
-    MotionContours,
     RouteRows,
     SamplingPlan,
     distance,
@@ -71,7 +71,7 @@ def jump_between(rows: RouteRows, s: RouteSearch, a: int, b: int):
 
 @wp.func
 def open_doors(
-    c: MotionContours,
+    c: Contours,
     plan: SamplingPlan,
     rows: RouteRows,
     run: int,
@@ -328,7 +328,7 @@ def search_many(rows: RouteRows, s: RouteSearch):
 
 @wp.func
 def search_route(
-    c: MotionContours,
+    c: Contours,
     plan: SamplingPlan,
     rows: RouteRows,
     run: int,

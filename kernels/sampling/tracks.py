@@ -9,12 +9,13 @@ from typing import NamedTuple
 
 import warp as wp
 
+from ..contours import Contours
 from ..offsets import BLOCK
 from ..patch import EXACT
 from .course import is_plain, lay_course
 from .cursor import PoseSchedule
 from .doors import DOORS
-from .layout import DrawnPiece, DrawnSection, MotionContours, PoseTrack, RouteRows, SamplingPlan, TrackNodes
+from .layout import DrawnPiece, DrawnSection, PoseTrack, RouteRows, SamplingPlan, TrackNodes
 from .pieces import collect_pieces, mark_pieces, match_pieces
 from .route import append_all, lay_route
 from .search import ROOM, SUMS
@@ -35,7 +36,7 @@ class PosePieces:
 @wp.kernel
 def _collect_pieces(
     # In:
-    c: MotionContours,
+    c: Contours,
     schedule: PoseSchedule,
     # Out:
     rows: RouteRows,
@@ -66,7 +67,7 @@ def pieces_before(schedule: PoseSchedule, pieces: PosePieces, pose: int):
 @wp.kernel
 def _lay_single(
     # In:
-    c: MotionContours,
+    c: Contours,
     plan: SamplingPlan,
     schedule: PoseSchedule,
     pieces: PosePieces,
@@ -95,7 +96,7 @@ def _lay_single(
 
 @wp.func
 def lay_track(
-    c: MotionContours,
+    c: Contours,
     plan: SamplingPlan,
     pieces: PosePieces,
     rows: RouteRows,
@@ -123,7 +124,7 @@ def lay_track(
 @wp.kernel
 def _lay_run(
     # In:
-    c: MotionContours,
+    c: Contours,
     plan: SamplingPlan,
     schedule: PoseSchedule,
     pieces: PosePieces,
@@ -150,7 +151,7 @@ def _lay_run(
         pose += 1
 
 
-def room_for(contours: MotionContours, plan: SamplingPlan) -> tuple[RouteRows, TrackNodes]:
+def room_for(contours: Contours, plan: SamplingPlan) -> tuple[RouteRows, TrackNodes]:
     """Memory for the routes and tracks of all poses, on the contours' device."""
     device = contours.points.device
     points, lines = contours.points.shape[0], contours.polyline_closed.shape[0]
@@ -192,7 +193,7 @@ class SingleTracks(NamedTuple):
     runs: wp.array  # how many there are, shape [1]
 
 
-def lay_single_tracks(contours: MotionContours, plan: SamplingPlan, schedule: PoseSchedule) -> SingleTracks:
+def lay_single_tracks(contours: Contours, plan: SamplingPlan, schedule: PoseSchedule) -> SingleTracks:
     """Lay the tracks of poses of one piece behind one that has at most one. Each polyline must have vertices."""
     device, poses = contours.points.device, contours.pose_start.shape[0] - 1
     rows, nodes = room_for(contours, plan)
@@ -210,9 +211,7 @@ def lay_single_tracks(contours: MotionContours, plan: SamplingPlan, schedule: Po
     return SingleTracks(rows, nodes, pieces, tracks, begin, runs)
 
 
-def lay_tracks(
-    contours: MotionContours, plan: SamplingPlan, schedule: PoseSchedule
-) -> tuple[TrackNodes, wp.array, wp.array]:
+def lay_tracks(contours: Contours, plan: SamplingPlan, schedule: PoseSchedule) -> tuple[TrackNodes, wp.array, wp.array]:
     """Nodes of the tracks of all poses, the tracks, PoseTrack, and the pieces as they are drawn, DrawnPiece.
 
     Each polyline must have vertices.

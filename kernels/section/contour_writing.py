@@ -25,7 +25,7 @@ wp.set_module_options(EXACT)
 GROUPS_MOST = 2**24  # of lanes that draw; 64 times as many threads have numbers in 31 bits
 
 
-class Contours(NamedTuple):
+class SectionContours(NamedTuple):
     """Device arrays of a contour batch; sections are numbered pose * patches + patch."""
 
     points: wp.array  # vec3 [m], array frame, shape [point]
@@ -173,7 +173,7 @@ def _draw_listed(
 
 def draw_contours(
     surface: Any, pose: wp.array, patch: wp.array, joined: Joined, *, bounded: bool, closes: bool
-) -> Contours:
+) -> SectionContours:
     """Write the polylines that `join_pieces` ordered and counted; arguments as for it and `find_pieces`."""
     device = pose.device
     out, lines = room_for_contours(joined.section_start, joined.polyline_count, joined.point_count)
@@ -214,11 +214,11 @@ def draw_listed_rows(
     launch(_draw_rest, row_count, inputs=[*inputs, *rest], outputs=[lines])
 
 
-def room_for_contours(section_start: wp.array, polyline_count: int, point_count: int) -> tuple[Contours, Any]:
+def room_for_contours(section_start: wp.array, polyline_count: int, point_count: int) -> tuple[SectionContours, Any]:
     """Allocate contours, and the LineArrays that kernels write them through."""
     device = section_start.device
     starts = wp.empty if section_start.shape[0] > 1 else wp.zeros  # the last section writes the last start
-    out = Contours(
+    out = SectionContours(
         points=wp.empty(point_count, dtype=wp.vec3, device=device),
         kind=wp.zeros(point_count, dtype=wp.uint8, device=device),
         polyline_start=starts(polyline_count + 1, dtype=wp.int64, device=device),

@@ -30,7 +30,7 @@ MADE = 2
 
 @wp.struct
 class LineArrays:
-    """Output arrays of contours, see `contour_writing.Contours`; `kind` is initialised with OBJECT."""
+    """Output arrays of contours, see `contour_writing.SectionContours`; `kind` is initialised with OBJECT."""
 
     points: wp.array[wp.vec3]
     kind: wp.array[wp.uint8]

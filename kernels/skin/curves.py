@@ -9,7 +9,7 @@ from ..fields.field import Field
 from ..offsets import BLOCK, last_of, offsets_of
 from ..one_device import on_one_device
 from ..patch import EXACT
-from ..section.contour_writing import Contours
+from ..section.contour_writing import SectionContours
 from .sign import Posed, place_points, sign_vertices
 from .walk import Drafts, Listed, list_curves
 
@@ -90,7 +90,7 @@ def skin_contours(
     closes: bool,
     bounds: np.ndarray | None = None,
     limit: int | None = None,
-) -> Contours:
+) -> SectionContours:
     """Find where the surface of a solid crosses a region of skin, at many poses.
 
     field: the solid, on the poses' device. pose: transform, hand frame -> array frame, shape [pose, 1].
@@ -107,7 +107,7 @@ def skin_contours(
     return without_repeats(place_points(field, posed, listed.drafts.spot), listed, pose.shape[0])
 
 
-def without_repeats(point: wp.array, listed: Listed, pose_count: int) -> Contours:
+def without_repeats(point: wp.array, listed: Listed, pose_count: int) -> SectionContours:
     """Contours of placed points, segments of no length dropped and polylines of nothing else."""
     device, drafts = point.device, listed.drafts
     line_count = drafts.polyline_closed.shape[0]
@@ -127,7 +127,7 @@ def without_repeats(point: wp.array, listed: Listed, pose_count: int) -> Contour
     pose_start = wp.empty(pose_count + 1, dtype=wp.int64, device=device)
     starts = [listed.line_start, listed.group_count, line_start]
     wp.launch(_start_poses, pose_count + 1, inputs=starts, outputs=[pose_start], device=device, block_dim=BLOCK)
-    return Contours(
+    return SectionContours(
         points=point,
         kind=drafts.kind,
         polyline_start=drafts.polyline_start,

@@ -35,7 +35,7 @@ class SidePair:
 
 @wp.struct
 class Outline:
-    """Contours by polyline, see `draw.Contours`, and the patches that they are on."""
+    """Contours by polyline, see `contour_writing.SectionContours`, and the patches that they are on."""
 
     points: wp.array[wp.vec3]
     kind: wp.array[wp.uint8]

@@ -12,7 +12,7 @@ import warp as wp
 from ..offsets import BLOCK, last_of, offsets_of
 from ..one_device import on_one_device
 from ..patch import EXACT
-from ..section.contour_writing import Contours
+from ..section.contour_writing import SectionContours
 from ..section.row_walker import MADE
 from .exchange import NEAR, Tour, measure_step, square_of, sweep_points
 
@@ -173,7 +173,7 @@ def _count_tours(
 class Tours(NamedTuple):
     """Paths, and how many poses had a point but no path."""
 
-    contours: Contours
+    contours: SectionContours
     """One polyline a pose at most, of kind MADE and patch 0; `section_start` by pose."""
     single_count: int
     """Poses with a single point, which no path leads through: they are left empty."""
@@ -203,7 +203,7 @@ def tour_points(point: wp.array, start: wp.array, *, closes: bool) -> Tours:
     wp.launch(_count_tours, pose_count, inputs=inputs, outputs=[points, lines], device=device, block_dim=BLOCK)
     point_start, line_start = offsets_of(points), offsets_of(lines)
     point_count, line_count = last_of(point_start), last_of(line_start)
-    contours = Contours(
+    contours = SectionContours(
         points=wp.empty(point_count, dtype=wp.vec3, device=device),
         kind=wp.full(point_count, MADE, dtype=wp.uint8, device=device),
         polyline_start=wp.full(line_count + 1, point_count, dtype=wp.int64, device=device),

@@ -11,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 import warp as wp
 
-from ...kernels.section.contour_writing import Contours
+from ...kernels.section.contour_writing import SectionContours
 from ...kernels.skin.sign import Posed
 from ...kernels.tours.contact import inside_vertices, list_nodes
 from ...kernels.tours.nodes import Nodes, inside_nodes, nodes_of_pose, outlined_nodes, thin_nodes
@@ -43,7 +43,7 @@ def contact_contours(
     step: float,
     separation: float = SEPARATION,
     closes: bool = True,
-) -> Contours:
+) -> SectionContours:
     """One polyline a pose, of kind MADE, through points of skin inside the object.
 
     pose: hand frame -> array frame, float32, shape [pose, 7], rows `first`.. of the motion.
@@ -193,7 +193,7 @@ def joined_points(parts: list[tuple[wp.array, wp.array]], device: str) -> tuple[
     return point, wp.array(np.cumsum(np.concatenate(counts)), dtype=wp.int64, device=device)
 
 
-def toured(point: wp.array, start: wp.array, *, closes: bool, patch_count: int, name: str) -> Contours:
+def toured(point: wp.array, start: wp.array, *, closes: bool, patch_count: int, name: str) -> SectionContours:
     """A path through each pose's points, see `tour_points`, as the contours of a hand of so many patches.
 
     Warns of poses with a single point, which have no path, by the name of the raw intersection.

@@ -18,7 +18,7 @@ import numpy as np
 import warp as wp
 
 from ...kernels.march.contours import march_patches
-from ...kernels.section.contour_writing import Contours
+from ...kernels.section.contour_writing import SectionContours
 from ...kernels.skin.curves import skin_contours
 from ...kernels.stages.move import move_contours
 from ..contour_batch import ContourBatch
@@ -351,14 +351,14 @@ class Scene:
             relative=self.points == "patch",
         )[0]
 
-    def _path(self, block: PoseBlock) -> Contours:
+    def _path(self, block: PoseBlock) -> SectionContours:
         """Path through points of the skin, or over the surface of what object and hand share."""
         raw = self.strategy.raw_stage
         contours = contact_contours if raw.name == "contact" else overlap_contours
         where = (poses_on_host(block.pose), block.first)
         return contours(self.solid, self.hand, *where, device=block.device, step=self.step, **raw.options)
 
-    def _skin(self, block: PoseBlock) -> Contours:
+    def _skin(self, block: PoseBlock) -> SectionContours:
         """Section of an object's surface by a hand mesh."""
         hand, first, device = cast(MeshHand, self.hand), block.first, block.device
         return skin_contours(
@@ -371,7 +371,7 @@ class Scene:
             limit=block.point_limit,
         )
 
-    def _march(self, block: PoseBlock) -> Contours:
+    def _march(self, block: PoseBlock) -> SectionContours:
         """Section of a field's surface by patches."""
         hand, device = cast(PatchHand, self.hand), block.device
         return march_patches(
@@ -386,7 +386,7 @@ class Scene:
         )
 
 
-ON_GRIDS: dict[str, Callable[[Scene, PoseBlock], Contours]] = {
+ON_GRIDS: dict[str, Callable[[Scene, PoseBlock], SectionContours]] = {
     "path": Scene._path,
     "skin": Scene._skin,
     "march": Scene._march,

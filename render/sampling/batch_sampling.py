@@ -37,7 +37,7 @@ from ..contour_batch import (
 )
 from ..errors import StrategyError
 from .fading import ticks_of
-from .kernel_plan import contours_of, plan_of
+from .kernel_plan import plan_of
 from .metrics import CAUSES, FocalPoints, SamplingCount
 from .revisits import PICK_INTERVAL, REVISIT_LIMIT
 from .sampler import shown_order
@@ -156,7 +156,7 @@ def sample_motions(
 
 def drawable_contours(batch: ContourBatch) -> ContourBatch:
     """A batch on a device without polylines that have no point; raises StrategyError for faults that remain."""
-    faults = find_faults(contours_of(batch))
+    faults = find_faults(batch.as_struct())
     if not faults:
         return batch
     host, title = batch.numpy(), "contours to be drawn"
@@ -273,7 +273,7 @@ def _draw(batch: ContourBatch, schedule: MotionSchedule, strategy: SamplingStrat
     """Draw all motions of a batch on its device."""
     plan, when, pose = plan_of(strategy, pauses=batch.dwell is not None), out.poses.schedule, out.poses.pose
     enter = finish_pieces if strategy.continuity == "finish" else enter_poses
-    tracks = enter(contours_of(batch), plan, when, pose)
+    tracks = enter(batch.as_struct(), plan, when, pose)
     counts, passages = draw_samples(plan, when, tracks, out.poses.motion, out.position, out.intensity)
     sums = sum_counts(plan, when, tracks, counts, passages).numpy()
     skin = skin_samples(when, pose, out.position, out.intensity)

@@ -3,10 +3,8 @@
 from typing import Any
 
 import numpy as np
-import warp as wp
 
-from ...kernels.sampling.layout import MotionContours, SamplingPlan
-from ..contour_batch import ContourBatch
+from ...kernels.sampling.layout import SamplingPlan
 from .fading import fade_ticks
 from .strategy import SamplingStrategy
 
@@ -68,15 +66,4 @@ def _overlays_of(strategy: SamplingStrategy) -> dict[str, float]:
         out |= {"circle_radius": lm.radius, "circle_turns": lm.frequency / rate}
     if am is not None:
         out |= {"wave": WAVES.index(am.wave), "wave_turns": am.frequency / rate, "wave_depth": am.depth}
-    return out
-
-
-def contours_of(batch: ContourBatch) -> Any:
-    """The arrays of a batch on a device."""
-    out = MotionContours()
-    out.points, out.polyline_start = batch.points, batch.polyline_start
-    out.polyline_closed, out.pose_start = batch.polyline_closed, batch.pose_start
-    none = wp.empty(0, dtype=wp.float32, device=batch.points.device)
-    out.intensity = none if batch.intensity is None else batch.intensity
-    out.dwell = none if batch.dwell is None else batch.dwell
     return out

@@ -7,7 +7,6 @@ import pytest
 from contour_shapes import batch_of, square
 
 from palpate.kernels.sampling.contour_faults import find_faults
-from palpate.render.sampling.kernel_plan import contours_of
 
 PLAIN = batch_of([[(square(0.04), True), (square(0.02), False)]])
 LEVEL = np.linspace(0, 1, PLAIN.point_count, dtype=np.float32)
@@ -36,4 +35,4 @@ def changed(values, index, value):
     ],
 )
 def test_faults_are_found(batch, faults, device):
-    assert find_faults(contours_of(batch.to(device))) == faults
+    assert find_faults(batch.to(device).as_struct()) == faults

@@ -10,7 +10,7 @@ from sampling_oracle import entered_by_host
 from palpate.kernels.sampling.finishing import finish_pieces
 from palpate.render.sampling.batch_sampling import MotionSchedule, sample_motions
 from palpate.render.sampling.contour_sampling import Gap, SamplingStrategy, Sections, preset
-from palpate.render.sampling.kernel_plan import contours_of, plan_of
+from palpate.render.sampling.kernel_plan import plan_of
 
 STRATEGIES = {
     "stm": SamplingStrategy(continuity="finish"),
@@ -28,7 +28,7 @@ def test_contours_are_entered_when_and_where_the_host_enters_them(name, device, 
     for seed in range(4):
         rng = np.random.default_rng(seed)
         batch = random_strokes(rng, 40, line_most=int(rng.integers(1, 8)))
-        drawn = finish_pieces(contours_of(batch.to(device)), plan_of(strategy), schedule.on(device, strategy), pose)
+        drawn = finish_pieces(batch.to(device).as_struct(), plan_of(strategy), schedule.on(device, strategy), pose)
         entries = drawn.entries.numpy()
         with monkeypatch.context() as there:
             expected = entered_by_host(batch, time, duration, strategy, there)

@@ -10,7 +10,7 @@ from palpate.kernels.sampling.focus import draw_samples
 from palpate.kernels.sampling.sums import sum_counts
 from palpate.render.sampling.batch_sampling import MotionSchedule
 from palpate.render.sampling.contour_sampling import SamplingStrategy
-from palpate.render.sampling.kernel_plan import contours_of, plan_of
+from palpate.render.sampling.kernel_plan import plan_of
 
 RING = circle(0.03, count=720)
 
@@ -21,7 +21,7 @@ def drawn(poses, device, strategy=None):
     schedule = MotionSchedule.of(np.arange(count) / 90, [0, count], [count / 90], strategy, np.array([np.inf]))
     when, plan = schedule.on(device, strategy), plan_of(strategy)
     pose = wp.array(still(count), dtype=wp.transformd, device=device)
-    tracks = enter_poses(contours_of(batch_of(poses).to(device)), plan, when, pose)
+    tracks = enter_poses(batch_of(poses).to(device).as_struct(), plan, when, pose)
     shape = int(schedule.row[-1]), strategy.foci
     position = wp.zeros(shape, dtype=wp.vec3, device=device)
     intensity = wp.zeros(shape, dtype=wp.float32, device=device)

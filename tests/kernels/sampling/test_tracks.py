@@ -21,7 +21,7 @@ from palpate.render.sampling.contour_sampling import (
     Sections,
     preset,
 )
-from palpate.render.sampling.kernel_plan import contours_of, plan_of
+from palpate.render.sampling.kernel_plan import plan_of
 
 STRATEGIES = {
     "stm": SamplingStrategy(),
@@ -47,7 +47,7 @@ def test_tracks_and_entries_are_the_hosts_to_the_bit(name, device, monkeypatch):
     for seed in range(4):
         rng = np.random.default_rng(seed)
         batch = random_strokes(rng, count, line_most=int(rng.integers(1, 8)), with_intensity=seed % 2 == 1)
-        on = contours_of(batch.to(device))
+        on = batch.to(device).as_struct()
         drawn = enter_poses(on, plan_of(strategy), schedule.on(device, strategy), still_pose)
         tracks, entries = drawn.tracks.numpy(), drawn.entries.numpy()
         with monkeypatch.context() as there:

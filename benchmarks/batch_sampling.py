@@ -18,8 +18,8 @@ from turns import seconds_by_turns
 
 from palpate.render import ContourBatch, MeshObject, Palm, SamplingStrategy, Scene
 from palpate.render.motions.poses import ExploredPoses, explored_rows
-from palpate.render.sampling.batch_sampling import MotionSamples, sample_motions
-from palpate.render.sampling.contour_sampling import sample_contours
+from palpate.render.sampling.sampler import MotionSamples, sample_motions
+from palpate.render.sampling.sampler import sample_contours
 from palpate.render.sampling.presets import load_sampling
 from palpate.render.sampling.sampler import Sampler
 

@@ -85,20 +85,11 @@ if TYPE_CHECKING:
     from .reports.contour_figure import draw_figure
     from .reports.file_summary import summarise
     from .runtime.worker_devices import worker_devices
-    from .sampling.batch_sampling import MotionSamples, sample_motions
-    from .sampling.contour_sampling import (
-        Dwell,
-        FocalPoints,
-        Gap,
-        Sampler,
-        SamplingStrategy,
-        dwell_map,
-        load_sampling,
-        preset,
-        sample_bounds,
-        sample_contours,
-    )
+    from .sampling.metrics import FocalPoints, dwell_map
+    from .sampling.presets import load_sampling, preset
     from .sampling.revisits import revisit_rate
+    from .sampling.sampler import MotionSamples, Sampler, sample_bounds, sample_contours, sample_motions
+    from .sampling.strategy import Dwell, Gap, SamplingStrategy
     from .scripting.rendered_batch import RenderedBatch
     from .scripting.rendering import load_contours, render
     from .scripting.sampled_contours import SampledContours
@@ -171,10 +162,11 @@ _ROOMS = {
     "reports.contour_figure": "draw_figure",
     "reports.file_summary": "summarise",
     "runtime.worker_devices": "worker_devices",
-    "sampling.batch_sampling": "MotionSamples sample_motions",
-    "sampling.contour_sampling": "Dwell FocalPoints Gap Sampler SamplingStrategy dwell_map load_sampling preset "
-    "sample_bounds sample_contours",
+    "sampling.metrics": "FocalPoints dwell_map",
+    "sampling.presets": "load_sampling preset",
     "sampling.revisits": "revisit_rate",
+    "sampling.sampler": "MotionSamples Sampler sample_bounds sample_contours sample_motions",
+    "sampling.strategy": "Dwell Gap SamplingStrategy",
     "scripting.rendered_batch": "RenderedBatch",
     "scripting.rendering": "load_contours render",
     "scripting.sampled_contours": "SampledContours",

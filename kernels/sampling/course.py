@@ -1,19 +1,23 @@
 """Courses: nodes of a pose's cycle, and when each is reached; one thread lays the track of a pose.
 
-As `lay_track` in render/sampling/track.py.
+Whatever a strategy asks for comes down to nodes and when each is reached. Between two nodes the focal point runs
+evenly; no time between two places is a jump, no way in some time is a pause. A course with sections keeps its nodes,
+with the duration of the way to each, and ways are gone through in the order of the passes (`next_way` in ways.py).
 """
 
 import warp as wp
 
 from ..contours import Contours
 from ..patch import to_float64
-from .cursor import way_piece
 from .layout import (
     CAPPED,
     FREQUENCY,
+    INFINITE,
     ONE,
     STILL,
+    TWO,
     ZERO,
+    DrawnPiece,
     PoseTrack,
     RouteRows,
     SamplingPlan,
@@ -21,15 +25,334 @@ from .layout import (
     distance,
     samples_of,
     squared,
-    sum_of,
 )
-from .pauses import copy_pause, drawn_dwell, insert_pauses, mark_corners, no_pause
-from .pieces import drawn_level, drawn_size, drawn_vertex, is_loop, size_of
+from .pieces import drawn_level, drawn_size, drawn_vertex, is_loop, row_of, size_of, source_of
 from .route import PIECES_MOST
-from .sections import begin_sections, divide_course, fastest_in_sections, passages_in_sections, sum_in_sections
+from .ways import TrackWay, has_next, next_way, plain_way, section_duration, section_way, way_at, way_piece
 
-SHARE_LEAST = wp.constant(wp.float64(1 / 8))  # of a step that a piece takes at least, as in drawing_turns.py
+SHARE_LEAST = wp.constant(wp.float64(1 / 8))  # of a step that a piece takes at least
 NOISE_SHARE = wp.constant(wp.float64(1e-3))  # of a sample: ways that take less say nothing of the speed
+NEAR_CUT = wp.constant(wp.float64(0.1))  # of a section's length
+PASSES_MOST = wp.constant(199)
+SAME_TIME = wp.constant(wp.float64(1e-12))  # [s]; a cut so near to a node is there
+TIME_LEAST = wp.constant(wp.float64(1e-12))  # [s]; least divisor
+
+
+# Pauses: at corners, and where the contours have some of their own.
+
+
+@wp.func
+def drawn_dwell(c: Contours, plan: SamplingPlan, piece: DrawnPiece, size: int, i: int):
+    """Pause that the contours have at the i-th vertex of a piece as drawn [s]; at the ends of a loop only the last."""
+    k = source_of(piece, size, i)
+    loop = is_loop(c, plan, piece.line)
+    if k > 0 or (k == 0 and not loop):
+        return wp.float64(c.dwell[row_of(c, piece.line, k)])
+    total = ZERO
+    if i > 0 and k < 0:  # the end of a loop that begins near these vertices, if any
+        for near in range(wp.max(piece.before, 1), piece.after):
+            total += wp.float64(c.dwell[row_of(c, piece.line, near)])
+    return total
+
+
+@wp.func
+def no_pause(nodes: TrackNodes, at: wp.int64):
+    """Let there be no pause at a node."""
+    if nodes.pause.shape[0] > 0:
+        nodes.pause[at] = ZERO
+        nodes.corner[at] = wp.uint8(0)
+
+
+@wp.func
+def copy_pause(nodes: TrackNodes, source: wp.int64, at: wp.int64):
+    """Let there be the pause of another node."""
+    if nodes.pause.shape[0] > 0:
+        nodes.pause[at] = nodes.pause[source]
+        nodes.corner[at] = nodes.corner[source]
+
+
+@wp.func
+def mark_corners(plan: SamplingPlan, nodes: TrackNodes, first: wp.int64, count: int, loop: bool):
+    """Mark the nodes of a piece where it turns by more than an angle, and open ends.
+
+    A loop's first node is marked at its end; for sections at its start, too.
+    """
+    if plan.dwell_time == ZERO and plan.dwell_ratio == ZERO:
+        return
+    begin = wp.vec3d(ZERO, ZERO, ZERO)  # direction of the first way
+    before = begin
+    last = int(0)  # node at the end of the way before
+    for i in range(1, count):
+        a = nodes.point[first + wp.int64(i - 1)]
+        b = nodes.point[first + wp.int64(i)]
+        length = distance(a, b)
+        if length > ZERO:
+            unit = (b - a) / length
+            if last == 0:
+                begin = unit
+            elif wp.dot(before, unit) < plan.corner_cosine:
+                nodes.corner[first + wp.int64(last)] = wp.uint8(1)
+            before = unit
+            last = i
+    if wp.dot(before, begin) < plan.corner_cosine:
+        nodes.corner[first + wp.int64(last)] = wp.uint8(1)
+    if loop and plan.sections > 0:
+        nodes.corner[first] = nodes.corner[first + wp.int64(count - 1)]
+    if not loop:
+        nodes.corner[first] = wp.uint8(1)
+        nodes.corner[first + wp.int64(count - 1)] = wp.uint8(1)
+
+
+@wp.func
+def insert_pauses(plan: SamplingPlan, nodes: TrackNodes, first: wp.int64, count: int):
+    """Repeat each node at which the focal point pauses; returns how many there are then.
+
+    count: of nodes, each with the duration of the way to it, which for a repeated one is the pause.
+    """
+    marked = int(0)
+    for i in range(count):
+        marked += int(nodes.corner[first + wp.int64(i)])
+    each = plan.dwell_time
+    if each == ZERO and marked > 0:
+        total = ZERO
+        for i in range(1, count):
+            total += nodes.knot[first + wp.int64(i)]
+        each = plan.dwell_ratio * total / wp.float64(marked)
+    more = int(0)
+    for i in range(count):
+        at = first + wp.int64(i)
+        if int(nodes.corner[at]) == 1:
+            nodes.pause[at] = nodes.pause[at] + each
+        if nodes.pause[at] > ZERO:
+            more += 1
+    to = first + wp.int64(count + more - 1)
+    for i in range(wp.where(more > 0, count, 0)):
+        source = first + wp.int64(count - 1 - i)
+        pause = nodes.pause[source]
+        if pause > ZERO:
+            move_node(nodes, source, to, pause)
+            to -= wp.int64(1)
+        move_node(nodes, source, to, nodes.knot[source])
+        to -= wp.int64(1)
+    return count + more
+
+
+@wp.func
+def move_node(nodes: TrackNodes, source: wp.int64, at: wp.int64, duration: wp.float64):
+    """Write a node as another, with the duration of the way to it [s]."""
+    nodes.point[at] = nodes.point[source]
+    nodes.piece[at] = nodes.piece[source]
+    nodes.knot[at] = duration
+    if nodes.intensity.shape[0] > 0:
+        nodes.intensity[at] = nodes.intensity[source]
+
+
+# Sections: a course cut into parts of equal time, each passed to and fro many times before the next one is.
+
+
+@wp.func
+def mark_section(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, place: wp.float64):
+    """Mark the section at a place as one that holds a corner; place: in sections from the start."""
+    k = wp.min(wp.max(int(wp.floor(place)), 0), plan.sections - 1)
+    nodes.section[track.section + wp.int64(k)].corner = 1
+
+
+@wp.func
+def mark_sections(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, total: wp.float64):
+    """Mark the sections that hold a corner, both where one is near a cut; returns how many do.
+
+    total: when the last node is reached [s].
+    """
+    for k in range(plan.sections):
+        nodes.section[track.section + wp.int64(k)].corner = 0
+    for i in range(wp.where(nodes.corner.shape[0] > 0, track.count, 0)):
+        at = track.first + wp.int64(i)
+        if int(nodes.corner[at]) == 1:
+            place = nodes.knot[at] / total * wp.float64(plan.sections)
+            mark_section(plan, nodes, track, place - NEAR_CUT)
+            mark_section(plan, nodes, track, place + NEAR_CUT)
+    marked = int(0)
+    for k in range(plan.sections):
+        marked += nodes.section[track.section + wp.int64(k)].corner
+    return marked
+
+
+@wp.func
+def nodes_before(nodes: TrackNodes, track: PoseTrack, knot: wp.float64):
+    """How many nodes are reached before a knot."""
+    low = int(0)
+    high = int(track.count)
+    while low < high:
+        middle = (low + high) // 2
+        if nodes.knot[track.first + wp.int64(middle)] < knot:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@wp.func
+def place_cuts(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, total: wp.float64):
+    """Write when each section begins, and the node at or behind that; returns how many begin at no node.
+
+    Those have `passes` 1, the others 0, until the passes are known.
+    """
+    more = int(0)
+    for k in range(plan.sections):
+        row = track.section + wp.int64(k)
+        cut = total * wp.float64(k) / wp.float64(plan.sections)
+        near = int(0)
+        new = int(0)
+        if k > 0:
+            near = wp.min(nodes_before(nodes, track, cut), track.count - 1)
+            below = nodes.knot[track.first + wp.int64(near - 1)]
+            above = nodes.knot[track.first + wp.int64(near)]
+            if wp.abs(cut - below) < SAME_TIME:
+                cut = below
+            elif wp.abs(above - cut) < SAME_TIME:
+                cut = above
+            else:
+                new = 1
+        nodes.section[row].begin = cut
+        nodes.section[row].start = near
+        nodes.section[row].passes = new
+        more += new
+    return more
+
+
+@wp.func
+def write_cut(nodes: TrackNodes, behind: wp.int64, at: wp.int64, knot: wp.float64):
+    """Write a node at a knot on the way to a node."""
+    a = behind - wp.int64(1)
+    begin = nodes.knot[a]
+    took = nodes.knot[behind] - begin
+    point = ((nodes.point[behind] - nodes.point[a]) / took) * (knot - begin) + nodes.point[a]
+    piece = way_piece(nodes, a, behind)
+    if nodes.intensity.shape[0] > 0:
+        level = nodes.intensity[a]
+        nodes.intensity[at] = (nodes.intensity[behind] - level) / took * (knot - begin) + level
+    nodes.point[at] = point
+    nodes.piece[at] = piece
+    nodes.knot[at] = knot
+
+
+@wp.func
+def insert_cuts(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, more: int):
+    """Insert nodes where sections begin at none; more: how many."""
+    to = track.first + wp.int64(track.count + more - 1)
+    source = track.count - 1
+    for i in range(1, plan.sections):
+        own = nodes.section[track.section + wp.int64(plan.sections - i)]
+        if own.passes == 1:
+            while source >= own.start:
+                at = track.first + wp.int64(source)
+                move_node(nodes, at, to, nodes.knot[at])
+                to -= wp.int64(1)
+                source -= 1
+            write_cut(nodes, track.first + wp.int64(own.start), to, own.begin)
+            to -= wp.int64(1)
+
+
+@wp.func
+def bound_sections(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack):
+    """Write the first and the last node of each section; jumps between two sections are in neither."""
+    last = track.count - 1
+    for i in range(plan.sections):
+        row = track.section + wp.int64(plan.sections - 1 - i)
+        nodes.section[row].stop = last
+        cut = nodes.section[row].begin
+        start = int(0)
+        if i + 1 < plan.sections:
+            start = way_at(nodes.knot, track.first, track.count, cut)
+            last = nodes_before(nodes, track, cut)
+        nodes.section[row].start = start
+
+
+@wp.func
+def time_of(plan: SamplingPlan, corner: int, marked: int):
+    """Time of a section [s]; corner: whether it holds one; marked: how many do."""
+    time = ONE / wp.float64(plan.sections)
+    if plan.section_share > ZERO and marked > 0 and marked < plan.sections:
+        if corner == 1:
+            time = plan.section_share / wp.float64(marked)
+        else:
+            time = (ONE - plan.section_share) / wp.float64(plan.sections - marked)
+    return time / plan.frequency
+
+
+@wp.func
+def plan_passes(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, marked: int):
+    """Write how often each section is passed, and how fast."""
+    for k in range(plan.sections):
+        row = track.section + wp.int64(k)
+        own = nodes.section[row]
+        stop = track.count - 1
+        if k + 1 < plan.sections:
+            stop = nodes.section[row + wp.int64(1)].start
+        way = track.first + wp.int64(own.start + 1)
+        once = ZERO
+        for i in range(stop - own.start):
+            once += nodes.knot[way + wp.int64(i)]
+        once = wp.max(once, TIME_LEAST)
+        time = time_of(plan, own.corner, marked)
+        wanted = time * plan.section_speed / (once * plan.speed)
+        turns = wp.rint((wanted - ONE) / TWO)
+        passes = 1 + 2 * int(wp.min(wp.max(turns, ZERO), wp.float64(PASSES_MOST // 2)))
+        nodes.section[row].passes = passes
+        nodes.section[row].scale = time / (once * wp.float64(passes))
+
+
+@wp.func
+def divide_course(plan: SamplingPlan, nodes: TrackNodes, whole: PoseTrack):
+    """The track of a course whose nodes hold when each is reached, divided into sections."""
+    track = whole
+    total = nodes.knot[track.first + wp.int64(track.count - 1)]
+    marked = mark_sections(plan, nodes, track, total)
+    more = place_cuts(plan, nodes, track, total)
+    insert_cuts(plan, nodes, track, more)
+    track.count += more
+    track.sections = plan.sections
+    bound_sections(plan, nodes, track)
+    for i in range(1, track.count):
+        at = track.first + wp.int64(track.count - i)
+        nodes.knot[at] = nodes.knot[at] - nodes.knot[at - wp.int64(1)]
+    plan_passes(plan, nodes, track, marked)
+    for k in range(track.pieces):
+        nodes.stretch[track.line + wp.int64(k)] = ONE
+    return track
+
+
+@wp.func
+def begin_sections(nodes: TrackNodes, track: PoseTrack):
+    """Write the knot at which each section begins, added way by way; returns that of the end."""
+    knot = ZERO
+    for k in range(track.sections):
+        own = nodes.section[track.section + wp.int64(k)]
+        nodes.section[track.section + wp.int64(k)].begin = knot
+        ways = own.stop - own.start
+        for i in range(own.passes):
+            for j in range(ways):
+                behind = wp.where(i % 2 == 0, own.start + j + 1, own.stop - j)
+                knot += section_duration(nodes, track, own.scale, track.first + wp.int64(behind))
+    return knot
+
+
+@wp.func
+def fastest_in_sections(nodes: TrackNodes, track: PoseTrack, least: wp.float64):
+    """Greatest speed on a way that takes longer than a least time, in metres a knot."""
+    fastest = ZERO
+    for k in range(track.sections):
+        own = nodes.section[track.section + wp.int64(k)]
+        for i in range(own.start + 1, own.stop + 1):
+            at = track.first + wp.int64(i)
+            took = section_duration(nodes, track, own.scale, at)
+            if took > least:
+                step = nodes.point[at] - nodes.point[at - wp.int64(1)]
+                fastest = wp.max(fastest, wp.sqrt(squared(step)) / took)
+    return fastest
+
+
+# Courses.
 
 
 @wp.func
@@ -173,52 +496,46 @@ def write_course(c: Contours, plan: SamplingPlan, rows: RouteRows, nodes: TrackN
 
 
 @wp.func
-def piece_behind(nodes: TrackNodes, at: wp.int64):
-    """Number of the piece that the way from a node to the one behind it is on, -1: on none."""
-    return way_piece(nodes, at, at + wp.int64(1))
+def next_duration(nodes: TrackNodes, track: PoseTrack, way: TrackWay):
+    """The next way, from knot 0 to how long it takes; after the last way itself again."""
+    out = way
+    if has_next(nodes, track, way):
+        out.end = ZERO
+        out = next_way(nodes, track, out)
+    return out
 
 
 @wp.func
-def longest_passages(nodes: TrackNodes, rows: RouteRows, track: PoseTrack):
-    """Write the time of the longest passage along each piece; 0 for one that has none."""
-    first = track.first
+def first_duration(nodes: TrackNodes, track: PoseTrack):
+    """The first way of a track, from knot 0 to how long it takes; its knots are no sums yet."""
+    if track.sections > 0:
+        return section_way(nodes, track, 0, 0, ZERO)
+    way = plain_way(nodes, track, 0)
+    way.begin = ZERO
+    return way
+
+
+@wp.func
+def measure_passages(nodes: TrackNodes, rows: RouteRows, track: PoseTrack):
+    """Write the time of the longest passage along each piece, 0 for one that has none; returns that of all ways."""
     for k in range(track.pieces):
         rows.span[track.line + wp.int64(k)] = ZERO
-    i = int(0)
-    while i < track.count - 1:
-        piece = piece_behind(nodes, first + wp.int64(i))
-        begin = i
-        i += 1
-        while i < track.count - 1 and piece_behind(nodes, first + wp.int64(wp.min(i, track.count - 2))) == piece:
-            i += 1
+    way = first_duration(nodes, track)
+    total = ZERO
+    left = int(1)
+    while left == 1:
+        piece = way_piece(nodes, way.a, way.b)
+        took = ZERO
+        same = int(1)
+        while same == 1:
+            took += way.end
+            left = wp.where(has_next(nodes, track, way), 1, 0)
+            way = next_duration(nodes, track, way)
+            same = wp.where(left == 1 and way_piece(nodes, way.a, way.b) == piece, 1, 0)
+        total += took
         if piece >= 0:
-            took = nodes.knot[first + wp.int64(begin + 1)]
-            if i > begin + 1:
-                took += sum_of(nodes.knot, first + wp.int64(begin + 2), i - begin - 1)
             rows.span[track.line + wp.int64(piece)] = wp.max(rows.span[track.line + wp.int64(piece)], took)
-
-
-@wp.func
-def shortest_passage(nodes: TrackNodes, rows: RouteRows, track: PoseTrack):
-    """Time of the longest passage along the piece that has the shortest one, which is none of length 0."""
-    if track.sections > 0:
-        passages_in_sections(nodes, rows, track)
-    else:
-        longest_passages(nodes, rows, track)
-    least = wp.float64(1e300)
-    for k in range(track.pieces):
-        span = rows.span[track.line + wp.int64(k)]
-        if span > ZERO:
-            least = wp.min(least, span)
-    return least
-
-
-@wp.func
-def total_duration(nodes: TrackNodes, track: PoseTrack):
-    """Sum of the durations of all ways, added as by np.sum."""
-    if track.sections > 0:
-        return sum_in_sections(nodes, track)
-    return sum_of(nodes.knot, track.first + wp.int64(1), track.count - 1)
+    return total
 
 
 @wp.func
@@ -233,7 +550,7 @@ def lengthen_short(nodes: TrackNodes, rows: RouteRows, track: PoseTrack, least: 
         if track.sections > 0:
             nodes.stretch[track.line + wp.int64(k)] = rows.span[track.line + wp.int64(k)]
     for i in range(wp.where(track.sections > 0, 0, track.count - 1)):
-        piece = piece_behind(nodes, track.first + wp.int64(i))
+        piece = way_piece(nodes, track.first + wp.int64(i), track.first + wp.int64(i + 1))
         if piece >= 0:
             at = track.first + wp.int64(i + 1)
             nodes.knot[at] = nodes.knot[at] * rows.span[track.line + wp.int64(piece)]
@@ -241,24 +558,34 @@ def lengthen_short(nodes: TrackNodes, rows: RouteRows, track: PoseTrack, least: 
 
 @wp.func
 def draw_by_turns(plan: SamplingPlan, nodes: TrackNodes, rows: RouteRows, track: PoseTrack):
-    """A track on whose samples every piece is drawn, some not in every cycle; see render/sampling/drawing_turns.py."""
+    """A track on whose samples every piece is drawn, some not in every cycle.
+
+    One cycle where each piece takes a step at least. Else those that take less than SHARE_LEAST of a step are
+    lengthened to it, and there is one sample more in as many cycles as let every piece be drawn, or one less where a
+    draw frequency has a lower bound. The numbers of samples and of cycles then have no divisor in common, so the
+    samples of all these cycles lie evenly: a piece that takes 1 / n of a step has one in one of about n cycles.
+    """
     out = track
-    least = shortest_passage(nodes, rows, track)
-    samples = wp.float64(track.repeat)
-    step = total_duration(nodes, track) / samples
+    samples = wp.float64(track.samples)
+    step = measure_passages(nodes, rows, track) / samples
+    least = INFINITE  # time of the longest passage along the piece that has the shortest one
+    for k in range(track.pieces):
+        span = rows.span[track.line + wp.int64(k)]
+        if span > ZERO:
+            least = wp.min(least, span)
     if least >= step * (ONE - wp.float64(1e-9)):
         return out
     if least < SHARE_LEAST * step:
         least = SHARE_LEAST * step
         lengthen_short(nodes, rows, track, least)
-        step = total_duration(nodes, track) / samples
+        step = measure_passages(nodes, rows, track) / samples
     turns = wp.int64(wp.ceil(step / least + ONE / samples))
     more = wp.int64(1)
     if plan.pace == CAPPED:
-        if plan.rate * wp.float64(turns) < plan.lowest * wp.float64(track.repeat * turns + wp.int64(1)):
+        if plan.rate * wp.float64(turns) < plan.lowest * wp.float64(track.samples * turns + wp.int64(1)):
             more = wp.int64(-1)
     out.turns = int(turns)
-    out.repeat = track.repeat * turns + more
+    out.repeat = track.samples * turns + more
     return out
 
 
@@ -303,7 +630,8 @@ def time_course(plan: SamplingPlan, nodes: TrackNodes, rows: RouteRows, course: 
     total = ZERO
     for i in range(1, track.count):
         total += nodes.knot[track.first + wp.int64(i)]
-    track.repeat = samples_of(plan, total)
+    track.samples = samples_of(plan, total)
+    track.repeat = track.samples
     if plan.points == wp.int64(0) and plan.pace != STILL and track.pieces > 1:
         track = draw_by_turns(plan, nodes, rows, track)
     if track.sections > 0:
@@ -335,7 +663,8 @@ def lay_course(
     if plain:
         track.count = lay_plain(c, plan, nodes, pose)
         track.single = wp.where(c.pose_start[pose + 1] - c.pose_start[pose] == wp.int64(1), 1, 0)
-        track.repeat = samples_of(plan, seconds)
+        track.samples = samples_of(plan, seconds)
+        track.repeat = track.samples
         track.period = nodes.knot[track.first + wp.int64(track.count - 1)]
     else:
         track.count = write_course(c, plan, rows, nodes, pose, pieces)

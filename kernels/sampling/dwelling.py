@@ -1,14 +1,14 @@
 """Dwell maps of many motions: how many samples are drawn on each cell of the palm's plane.
 
-As `dwell_map` in render/sampling/metrics.py, in whole samples.
+In whole samples, so that blocks of samples may be counted one after the other.
 """
 
 import warp as wp
 
 from ..offsets import BLOCK
 from ..patch import EXACT
-from .cursor import PoseSchedule
 from .focus import turned
+from .layout import PoseSchedule
 
 wp.set_module_options(EXACT)
 
@@ -37,7 +37,6 @@ def cell_of(row: CellRow, place: wp.float64):
 def _count_cells(
     # In:
     schedule: PoseSchedule,
-    motion: wp.array[wp.int64],  # of each pose
     pose: wp.array[wp.transformd],  # hand frame -> array frame
     position: wp.array2d[wp.vec3],  # [m], array frame, shape [sample, focus]
     intensity: wp.array2d[wp.float32],
@@ -64,7 +63,7 @@ def _count_cells(
                 cell = across.count * along.count
                 if u >= 0 and v >= 0:
                     cell = u * along.count + v
-                wp.atomic_add(cells, int(motion[i]), cell, 1)
+                wp.atomic_add(cells, int(schedule.motion[i]), cell, 1)
         row += wp.int64(1)
 
 
@@ -77,23 +76,23 @@ def cell_row(first: float, last: float, count: int) -> CellRow:
 
 def count_cells(
     schedule: PoseSchedule,
-    motion: wp.array,
     pose: wp.array,
     position: wp.array,
     intensity: wp.array,
     across: CellRow,
     along: CellRow,
+    motions: int,
+    poses: int,
 ) -> wp.array:
     """Drawn focal points in each cell of the palm's plane, and beyond, int32, shape [motion, cell + 1].
 
-    motion: of each pose, int64.
+    motions, poses: how many there are; the arrays may have room for more.
     """
-    motions = schedule.motion_start.shape[0] - 1
     cells = wp.zeros((motions, across.count * along.count + 1), dtype=wp.int32, device=position.device)
     wp.launch(
         _count_cells,
-        pose.shape[0],
-        inputs=[schedule, motion, pose, position, intensity, across, along],
+        poses,
+        inputs=[schedule, pose, position, intensity, across, along],
         outputs=[cells],
         device=position.device,
         block_dim=BLOCK,

@@ -1,17 +1,38 @@
 """Motions gone through pose by pose: drawing goes on along each pose's track where the focal point is.
 
-As `Sampler` and `entered` in render/sampling; continuity "finish" is in finishing.py.
+| where the focal point is | where it goes on |
+|---|---|
+| anywhere | at the nearest point passed in the same direction; one passed the other way must be nearer by a slack |
+| three ordinary steps or less from any | at one so near, the other way if need be |
+| resting at a corner | resting at the nearest corner, for what is left of the pause, if that is not much farther |
+| shortly before a corner, or behind it | not behind it, or before it: a pause is neither left out nor made twice |
+| in a section | in the section whose middle is nearest, as far through its time |
+
+A new pose does not restart the drawing, since restarting makes closed contours as loud as open ones.
 """
 
 import warp as wp
 
 from ..contours import Contours
-from ..offsets import BLOCK
 from ..patch import EXACT
-from .cursor import (
-    DrawnTracks,
+from .layout import (
+    HALF,
+    INFINITE,
+    ONE,
+    TINY,
+    TWO,
+    ZERO,
+    FocusPlace,
     PoseEntry,
     PoseSchedule,
+    PoseTrack,
+    SamplerState,
+    SamplingPlan,
+    TrackNodes,
+    distance,
+    squared,
+)
+from .ways import (
     TrackWay,
     age_of,
     cycle_knot,
@@ -27,30 +48,15 @@ from .cursor import (
     section_way,
     shown_knot,
     step_of,
+    way_at,
     ways_of,
 )
-from .layout import (
-    HALF,
-    INFINITE,
-    ONE,
-    TINY,
-    ZERO,
-    FocusPlace,
-    PoseTrack,
-    SamplingPlan,
-    TrackNodes,
-    distance,
-    product,
-    squared,
-)
-from .pauses import entered_by_pauses, place_by_pauses
-from .tracks import lay_tracks
 
 wp.set_module_options(EXACT)
 
-NEAR_STEPS = wp.constant(wp.float64(3.0))  # ordinary steps, as in render/sampling/track.py
+NEAR_STEPS = wp.constant(wp.float64(3.0))  # ordinary steps: by so much contours may move between inserted poses
 AGAINST = wp.constant(wp.float64(1e-9))  # share of a way by which it runs against a direction
-WHOLE_SECTION = wp.constant(wp.float64(1e-3))  # [m], as in render/sampling/continuity.py
+WHOLE_SECTION = wp.constant(wp.float64(1e-3))  # [m] that its whole time counts among passes of the same place
 
 
 @wp.func
@@ -62,7 +68,7 @@ def approach(nodes: TrackNodes, way: TrackWay, point: wp.vec3d):
     if way.end <= way.begin or square == ZERO:
         return INFINITE, ZERO
     off = point - a
-    part = product(off, step) / wp.max(square, TINY)
+    part = wp.dot(off, step) / wp.max(square, TINY)
     part = wp.min(wp.max(part, ZERO), ONE)
     return wp.sqrt(squared(off - part * step)), part
 
@@ -72,6 +78,146 @@ def is_against(nodes: TrackNodes, way: TrackWay, direction: wp.vec3d):
     """Whether a way runs against a direction."""
     step = step_of(nodes, way)
     return wp.dot(step, direction) < -AGAINST * wp.sqrt(squared(step))
+
+
+@wp.func
+def is_pause(nodes: TrackNodes, track: PoseTrack, way: int):
+    """Whether the focal point rests on a way from node to node."""
+    at = track.first + wp.int64(way)
+    step = nodes.point[at + wp.int64(1)] - nodes.point[at]
+    return squared(step) == ZERO and nodes.knot[at + wp.int64(1)] > nodes.knot[at]
+
+
+@wp.struct
+class PausesAround:
+    """The pauses before and behind a place on a track, which is a cycle."""
+
+    behind: wp.float64  # way since the last one [m]
+    ahead: wp.float64  # to the next one [m]
+    last: wp.int32  # way from node to node
+    following: wp.int32
+
+
+@wp.func
+def modulo(value: wp.float64, period: wp.float64):
+    """A value within 0..period, as Python has it."""
+    out = wp.mod(value, period)
+    if out < ZERO:
+        out += period
+    return out
+
+
+@wp.func
+def pauses_around(nodes: TrackNodes, track: PoseTrack, knot: wp.float64):
+    """The pauses around a knot of a track that has some."""
+    out = PausesAround()
+    found = way_at(nodes.knot, track.first, track.count, knot)
+    own = wp.min(found, track.count - 2)
+    arc = ZERO
+    here = ZERO
+    before = -ONE  # arcs of pauses; those first and last on the track serve where there is none on that side
+    behind = -ONE
+    first = -ONE
+    latest = ZERO
+    first_way = int(0)
+    latest_way = int(0)
+    for i in range(track.count):
+        at = track.first + wp.int64(i)
+        if i == track.count - 1:
+            if found == i:
+                here = arc
+        else:
+            step = wp.sqrt(squared(nodes.point[at + wp.int64(1)] - nodes.point[at]))
+            if found == i:
+                here = arc
+                if knot != nodes.knot[at]:
+                    slope = ((arc + step) - arc) / (nodes.knot[at + wp.int64(1)] - nodes.knot[at])
+                    here = slope * (knot - nodes.knot[at]) + arc
+            if is_pause(nodes, track, i):
+                latest = arc
+                latest_way = i
+                if first < ZERO:
+                    first = arc
+                    first_way = i
+                if i < own:
+                    before = arc
+                    out.last = i
+                elif behind < ZERO:
+                    behind = arc
+                    out.following = i
+            arc += step
+    if before < ZERO:
+        before = latest
+        out.last = latest_way
+    if behind < ZERO:
+        behind = first
+        out.following = first_way
+    out.behind = modulo(here - before, arc)
+    out.ahead = modulo(behind - here, arc)
+    return out
+
+
+@wp.func
+def place_by_pauses(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, place: FocusPlace, knot: wp.float64):
+    """A place at a knot, with how far a pause is over there, or on which side of a near one it is."""
+    out = place
+    if track.pauses == 0:
+        return out
+    way = wp.min(way_at(nodes.knot, track.first, track.count, knot), track.count - 2)
+    begin = nodes.knot[track.first + wp.int64(way)]
+    if is_pause(nodes, track, way):
+        out.rested = (knot - begin) / (nodes.knot[track.first + wp.int64(way + 1)] - begin)
+        return out
+    around = pauses_around(nodes, track, knot)
+    if wp.min(around.behind, around.ahead) < plan.threshold:
+        out.beside = wp.where(around.behind <= around.ahead, 1, -1)
+    return out
+
+
+@wp.func
+def nearest_pause(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, place: FocusPlace):
+    """The pause of a track nearest to a place, best one that is reached in the same direction; and how near [m]."""
+    least = INFINITE
+    best = int(0)
+    for i in range(track.count - 1):
+        if is_pause(nodes, track, i):
+            apart = distance(place.point, nodes.point[track.first + wp.int64(i)])
+            if squared(place.direction) > ZERO:
+                before = i - 1
+                if i == 0:
+                    before = track.count - 2
+                at = track.first + wp.int64(before)
+                step = nodes.point[at + wp.int64(1)] - nodes.point[at]
+                length = wp.max(distance(nodes.point[at], nodes.point[at + wp.int64(1)]), TINY)
+                apart += plan.threshold * (ONE - wp.dot(step, place.direction) / length) / TWO
+            if apart < least:
+                least = apart
+                best = i
+    return best, least
+
+
+@wp.func
+def entered_by_pauses(
+    plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, place: FocusPlace, knot: wp.float64, cost: wp.float64
+):
+    """Knot at which drawing goes on, if without pauses it were at one that costs so much [m].
+
+    A pause goes on at the nearest one. Shortly before a pause, or behind it, none is left out or made twice.
+    """
+    if track.pauses == 0:
+        return knot
+    if place.rested >= ZERO:
+        way, apart = nearest_pause(plan, nodes, track, place)
+        if apart <= cost + plan.threshold:
+            begin = nodes.knot[track.first + wp.int64(way)]
+            return begin + place.rested * (nodes.knot[track.first + wp.int64(way + 1)] - begin)
+        return knot
+    around = pauses_around(nodes, track, knot)
+    if place.beside > 0 and around.ahead < plan.threshold and around.ahead < around.behind:
+        return nodes.knot[track.first + wp.int64(around.following + 1)]
+    if place.beside < 0 and around.behind < plan.threshold and around.behind < around.ahead:
+        return nodes.knot[track.first + wp.int64(around.last)]
+    return knot
 
 
 @wp.struct
@@ -191,33 +337,28 @@ def is_silent_at(
 
 
 @wp.func
-def differ(c: Contours, a: wp.int64, b: wp.int64):
-    """Whether two poses differ in their number of polylines, or in which of them are closed."""
-    count = c.pose_start[a + wp.int64(1)] - c.pose_start[a]
-    if count != c.pose_start[b + wp.int64(1)] - c.pose_start[b]:
-        return True
-    found = int(0)
-    i = wp.int64(0)
-    while i < count:
-        if c.polyline_closed[c.pose_start[a] + i] != c.polyline_closed[c.pose_start[b] + i]:
-            found = int(1)
-        i += wp.int64(1)
-    return found == 1
+def shape_of(c: Contours, pose: int):
+    """How many polylines a pose has and which are closed, as one number; beyond 62 of them all but surely."""
+    shape = wp.int64(1)
+    line = c.pose_start[pose]
+    while line < c.pose_start[pose + 1]:
+        shape = shape * wp.int64(2) + wp.int64(c.polyline_closed[line]) + (shape >> wp.int64(62)) * wp.int64(0x9E3779B9)
+        line += wp.int64(1)
+    return shape
 
 
 @wp.func
-def enter_track(c: Contours, plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, pose: int, place: FocusPlace):
-    """Where drawing goes on along the contours of a new pose."""
+def enter_track(
+    plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, shape: wp.int64, place: FocusPlace, before: wp.int64
+):
+    """Where drawing goes on along the contours of a new pose of a shape; before: the pose drawn before in the span."""
     entry = PoseEntry()
     entry.drawn = 1
     entry.silent = place.silent
-    entry.before = place.pose
-    entry.earlier = place.pose
-    if place.pose < wp.int64(0):
+    entry.first = 1 - place.drawn
+    entry.before = before
+    if place.drawn == 0 or (plan.restarts == 1 and shape != place.shape):
         return entry
-    if plan.restarts == 1:
-        if differ(c, place.pose, wp.int64(pose)):
-            return entry
     entry.found = 1
     entry.anchor = entered(plan, nodes, track, place)
     entry.index = wp.int64(1 - place.silent)
@@ -240,25 +381,6 @@ def place_at(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, knot: wp.f
     return place_by_pauses(plan, nodes, track, place, knot)
 
 
-@wp.func
-def place_after(
-    plan: SamplingPlan,
-    schedule: PoseSchedule,
-    nodes: TrackNodes,
-    track: PoseTrack,
-    entry: PoseEntry,
-    pose: int,
-    hold: wp.float64,
-):
-    """Where the focal point is after a pose's samples."""
-    sample = schedule.count[pose] - wp.int64(1)
-    last = cycle_knot(plan, track, entry.anchor, entry.index + sample)
-    place = place_at(plan, nodes, track, last)
-    place.pose = wp.int64(pose)
-    place.silent = is_silent_at(plan, schedule, nodes, track, pose, sample, last, hold)
-    return place
-
-
 @wp.kernel
 def _enter_poses(
     # In:
@@ -268,45 +390,47 @@ def _enter_poses(
     nodes: TrackNodes,
     tracks: wp.array[PoseTrack],  # shape [pose]
     # Out:
-    entries: wp.array[PoseEntry],  # shape [pose], zero-initialised
+    state: SamplerState,
+    entries: wp.array[PoseEntry],  # shape [pose]
 ):
     """Go through the poses of a motion in turn."""
     motion = wp.tid()
     hold = schedule.hold[motion]
-    place = FocusPlace()
-    place.pose = wp.int64(-1)
-    place.silent = 1
-    place.rested = -ONE
+    place = state.motion[motion].place
+    anchor = state.motion[motion].anchor
+    index = state.motion[motion].index
+    before = wp.int64(-1)
     pose = int(schedule.motion_start[motion])
+    begin = pose
     while pose < int(schedule.motion_start[motion + 1]):
-        entries[pose].before = place.pose
-        entries[pose].earlier = place.pose
+        entry = PoseEntry()
+        entry.before = before
+        entry.first = 1 - place.drawn
         if tracks[pose].count > 0:
             track = tracks[pose]
-            entry = enter_track(c, plan, nodes, track, pose, place)
-            entries[pose] = entry
-            place = place_after(plan, schedule, nodes, track, entry, pose, hold)
+            shape = shape_of(c, pose)
+            if pose == begin and schedule.goes_on[motion] == 1:
+                entry.drawn = 1
+                entry.again = 1
+                entry.found = 1
+                entry.silent = place.silent
+                entry.anchor = anchor
+                entry.index = index
+            else:
+                entry = enter_track(plan, nodes, track, shape, place, before)
+            anchor = entry.anchor
+            index = entry.index + schedule.count[pose]
+            last = cycle_knot(plan, track, anchor, index - wp.int64(1))
+            place = place_at(plan, nodes, track, last)
+            place.drawn = 1
+            place.shape = shape
+            sample = schedule.count[pose] - wp.int64(1)
+            place.silent = is_silent_at(plan, schedule, nodes, track, pose, sample, last, hold)
+            before = wp.int64(pose)
         elif schedule.count[pose] > wp.int64(0):
             place.silent = 1
+        entries[pose] = entry
         pose += 1
-
-
-def enter_poses(contours: Contours, plan: SamplingPlan, schedule: PoseSchedule, pose: wp.array) -> DrawnTracks:
-    """Tracks of all poses, and where drawing goes on along each; one thread a motion.
-
-    pose: hand frame -> array frame, transformd, shape [pose].
-    """
-    device = pose.device
-    drawn = DrawnTracks()
-    drawn.nodes, drawn.tracks, drawn.routes = lay_tracks(contours, plan, schedule)
-    drawn.pose, drawn.line = pose, contours.pose_start
-    drawn.entries = wp.zeros(pose.shape[0], dtype=PoseEntry, device=device)
-    wp.launch(
-        _enter_poses,
-        schedule.motion_start.shape[0] - 1,
-        inputs=[contours, plan, schedule, drawn.nodes, drawn.tracks],
-        outputs=[drawn.entries],
-        device=device,
-        block_dim=BLOCK,
-    )
-    return drawn
+    state.motion[motion].place = place
+    state.motion[motion].anchor = anchor
+    state.motion[motion].index = index

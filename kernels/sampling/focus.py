@@ -1,19 +1,35 @@
 """Focal points of all poses at once: one thread a pose draws its samples and counts jumps, hops and silence.
 
-As `Cursor.take` and `Sampler._count_jumps` in render/sampling.
+A step is a jump if it is longer than a threshold, a hop if it is no jump, but longer than twice the longest that the
+focal point makes along these contours. It is counted by its cause: from one polyline to the next; because the order or
+the number of points a cycle asks for it; because a new pose has its contours elsewhere; because contours come back
+elsewhere after a silence.
 """
 
 import numpy as np
 import warp as wp
 
-from ..offsets import BLOCK
 from ..patch import EXACT, to_float32
-from .cursor import (
+from .layout import (
+    HALF,
+    INFINITE,
+    ONE,
+    STILL,
+    TWO,
+    ZERO,
     DrawnTracks,
+    PoseEntry,
     PoseSchedule,
+    PoseTrack,
+    SamplerState,
+    SamplingPlan,
+    StepCount,
+    distance,
+    squared,
+)
+from .ways import (
     TrackWay,
     age_of,
-    contours_at,
     cycle_knot,
     find_way,
     focus_knot,
@@ -21,19 +37,17 @@ from .cursor import (
     is_on,
     level_on,
     point_on,
-    sample_index,
     shown_knot,
     track_point,
     way_piece,
 )
-from .layout import HALF, ONE, STILL, TWO, ZERO, SamplingPlan, squared
-from .steps import StepCount, count_move
 
 wp.set_module_options(EXACT)
 
-REST_HEIGHT = wp.constant(wp.float64(0.2))  # [m] of the focal points before there were any
 FOCI_MOST = 64  # as SamplingStrategy has it
 FULL_TURN = wp.constant(wp.float64(2 * np.pi))
+LENGTH_UNIT = wp.constant(wp.float64(2.0**-32))  # [m], 0.2 nm: sums of whole ones are exact, up to 2,000 km
+POLYLINE, ORDER, POSE, RE_ENTRY = (wp.constant(k) for k in range(4))  # causes of jumps, in the order of CAUSES
 
 
 @wp.struct
@@ -75,45 +89,119 @@ def wave_at(plan: SamplingPlan, number: wp.int64):
 
 
 @wp.func
-def sample_knot(
-    plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: wp.int64, sample: wp.int64, focus: int
-):
-    """Knot at which a focal point of a pose's sample is shown, on the contours that the sample is on."""
-    own = contours_at(d, pose, sample)
-    track = d.tracks[own]
-    entry = d.entries[own]
-    knot = cycle_knot(plan, track, entry.anchor, sample_index(schedule, entry, own, pose, sample))
-    return shown_knot(plan, schedule.shown, track, focus_knot(plan, track, knot, focus))
+def unheld_point(plan: SamplingPlan, d: DrawnTracks, schedule: PoseSchedule, pose: wp.int64, focus: int):
+    """A focal point at the last sample of a pose that is drawn, before points are held or reordered [m]."""
+    track = d.tracks[pose]
+    knot = cycle_knot(plan, track, d.entries[pose].anchor, d.entries[pose].index + schedule.count[pose] - wp.int64(1))
+    return track_point(d.nodes, track, focus_knot(plan, track, knot, focus))
 
 
 @wp.func
-def sample_point(
-    plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: wp.int64, sample: wp.int64, focus: int
+def sample_knot(
+    plan: SamplingPlan, schedule: PoseSchedule, track: PoseTrack, index: wp.int64, entry: PoseEntry, focus: int
 ):
-    """A focal point of a pose's sample [m]."""
-    track = d.tracks[contours_at(d, pose, sample)]
-    point = track_point(d.nodes, track, sample_knot(plan, schedule, d, pose, sample, focus))
+    """Knot at which a focal point is shown at a sample of a track; index: of the sample."""
+    return shown_knot(
+        plan, schedule.shown, track, focus_knot(plan, track, cycle_knot(plan, track, entry.anchor, index), focus)
+    )
+
+
+@wp.func
+def shown_last(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: wp.int64, focus: int):
+    """A focal point at the last sample of a pose that is drawn [m]."""
+    track = d.tracks[pose]
+    sample = schedule.count[pose] - wp.int64(1)
+    knot = sample_knot(plan, schedule, track, d.entries[pose].index + sample, d.entries[pose], focus)
+    point = track_point(d.nodes, track, knot)
     if plan.circle_radius > ZERO:
         point += circle_offset(plan, d.pose[pose], schedule.number[pose] + sample)
     return point
 
 
 @wp.func
-def point_near(plan: SamplingPlan, d: DrawnTracks, pose: int, way: TrackWay, knot: wp.float64, number: wp.int64):
-    """Point at a knot on a way [m], moved by the small circle, if there is one, of a sample at a pose."""
-    point = point_on(d.nodes, way, knot)
-    if plan.circle_radius > ZERO:
-        point += circle_offset(plan, d.pose[pose], number)
-    return point
-
-
-@wp.func
-def shown_before(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: int, focus: int):
+def shown_before(
+    plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, state: SamplerState, pose: int, focus: int
+):
     """Where a focal point was before a pose [m]."""
     before = d.entries[pose].before
     if before < wp.int64(0):
-        return wp.vec3d(ZERO, ZERO, REST_HEIGHT)
-    return sample_point(plan, schedule, d, before, schedule.count[before] - wp.int64(1), focus)
+        return state.shown[int(schedule.motion[pose]), focus]
+    return shown_last(plan, schedule, d, before, focus)
+
+
+@wp.func
+def below(x: wp.float64):
+    """The greatest number below a positive one."""
+    return wp.cast(wp.cast(x, wp.int64) - wp.int64(1), wp.float64)
+
+
+@wp.func
+def moved_by(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, state: SamplerState, pose: int, focus: int):
+    """From where a focal point was to where it entered the contours of a pose [m]; infinite if anywhere."""
+    entry = d.entries[pose]
+    if entry.found == 0:
+        return INFINITE
+    point = state.last[int(schedule.motion[pose]), focus]
+    if entry.before >= wp.int64(0):
+        point = unheld_point(plan, d, schedule, entry.before, focus)
+    track = d.tracks[pose]
+    knot = focus_knot(plan, track, entry.anchor, focus)
+    behind = knot
+    if knot <= ZERO:
+        behind = track.period
+    return wp.min(  # at a jump, both its sides
+        distance(point, track_point(d.nodes, track, knot)),
+        distance(point, track_point(d.nodes, track, below(behind))),
+    )
+
+
+@wp.func
+def add_step(plan: SamplingPlan, count: StepCount, cause: int, length: wp.float64, ordinary: wp.float64):
+    """Count a step as a jump or a hop, if it is one."""
+    out = count
+    if length > plan.threshold:
+        out.jumps[cause] += wp.int64(1)
+        out.jump_lengths[cause] += wp.rint(length / LENGTH_UNIT) * LENGTH_UNIT
+    elif length > TWO * ordinary:
+        out.hops[cause] += wp.int64(1)
+        out.hops_longest[cause] = wp.max(out.hops_longest[cause], length)
+    return out
+
+
+@wp.func
+def count_move(
+    plan: SamplingPlan,
+    schedule: PoseSchedule,
+    d: DrawnTracks,
+    state: SamplerState,
+    count: StepCount,
+    pose: int,
+    sample: wp.int64,
+    focus: int,
+    length: wp.float64,
+    drawn_before: bool,
+):
+    """Count the way of a focal point to a sample that is drawn [m], by its cause.
+
+    drawn_before: whether the sample before is. After one that is not, the step is a re-entry.
+    """
+    out = count
+    ordinary = d.tracks[pose].ordinary
+    if not drawn_before:
+        if d.entries[pose].first == 0 or sample > wp.int64(0):  # at the very first sample nothing comes back
+            out = add_step(plan, count, RE_ENTRY, length, ordinary)
+        return out
+    out.step_longest = wp.max(out.step_longest, length)
+    if length <= plan.threshold and length <= TWO * ordinary:
+        return out
+    cause = int(POLYLINE)
+    if plan.points > wp.int64(0):
+        cause = ORDER
+    if sample == wp.int64(0) and d.entries[pose].again == 0:
+        # else it is the way between two samples of a track that is long
+        if TWO * moved_by(plan, schedule, d, state, pose, focus) >= length:
+            cause = POSE
+    return add_step(plan, out, cause, length, ordinary)
 
 
 @wp.func
@@ -131,8 +219,8 @@ def level_at(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: i
     """Intensity of the contours at a focal point of a sample."""
     if d.nodes.intensity.shape[0] == 0:
         return ONE
-    track = d.tracks[contours_at(d, wp.int64(pose), sample)]
-    knot = sample_knot(plan, schedule, d, wp.int64(pose), sample, focus)
+    track = d.tracks[pose]
+    knot = sample_knot(plan, schedule, track, d.entries[pose].index + sample, d.entries[pose], focus)
     return level_on(d.nodes, find_way(d.nodes, track, knot, TrackWay()), knot)
 
 
@@ -164,6 +252,7 @@ def rest(
     plan: SamplingPlan,
     schedule: PoseSchedule,
     d: DrawnTracks,
+    state: SamplerState,
     pose: int,
     hold: wp.float64,
     position: wp.array2d[wp.vec3],
@@ -174,7 +263,7 @@ def rest(
     count.silent = schedule.count[pose]
     count.held = held_of(plan, schedule, pose, hold)
     for focus in range(plan.foci):
-        point = to_float32(shown_before(plan, schedule, d, pose, focus))
+        point = to_float32(shown_before(plan, schedule, d, state, pose, focus))
         row = schedule.row[pose]
         stop = row + schedule.count[pose]
         while row < stop:
@@ -185,59 +274,20 @@ def rest(
 
 
 @wp.func
-def pass_piece(passages: PiecePassages, d: DrawnTracks, own: wp.int64, way: TrackWay, sample: wp.int64):
-    """Note that a sample is on a way of a pose's track; samples since the last one on the same piece, 0: none was.
-
-    sample: counted from the first one on this track.
-    """
+def pass_piece(passages: PiecePassages, d: DrawnTracks, pose: int, way: TrackWay, sample: wp.int64):
+    """Note that a sample is on a way of its pose's track; samples since the last one on the same piece, 0: none was."""
     piece = int(0)
-    if d.tracks[own].single == 0:
+    if d.tracks[pose].single == 0:
         piece = way_piece(d.nodes, way.a, way.b)
     since = wp.int64(0)
     if piece >= 0:
-        row = d.line[own] + wp.int64(piece)
+        row = d.tracks[pose].line + wp.int64(piece)
         if passages.first[row] < wp.int64(0):
             passages.first[row] = sample
         else:
             since = sample - passages.last[row]
         passages.last[row] = sample
     return since
-
-
-@wp.func
-def pass_carried(
-    plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, passages: PiecePassages, pose: int, count: StepCount
-):
-    """Note on which pieces of a pose the samples of later poses are that finish what was under way."""
-    out = count
-    if plan.finishes == 0 or d.entries[pose].start == schedule.count[pose]:
-        return out
-    motion = wp.lower_bound(schedule.motion_start, wp.int64(pose + 1)) - 1
-    own = wp.int64(pose)
-    track = d.tracks[own]
-    begin = schedule.number[own] + d.entries[own].start
-    later = own + wp.int64(1)
-    while later < schedule.motion_start[motion + 1]:
-        start = wp.int64(0)
-        if d.entries[later].drawn == 1:
-            start = d.entries[later].start
-        sample = wp.int64(0)
-        while sample < start:
-            number = schedule.number[later] + sample - begin
-            gain, _held = gain_at(plan, schedule, int(later), sample, schedule.hold[motion])
-            if gain > ZERO:
-                out.felt = number + wp.int64(1)
-                for focus in range(plan.foci):
-                    knot = sample_knot(plan, schedule, d, later, sample, focus)
-                    way = find_way(d.nodes, track, knot, TrackWay())
-                    out.absence = wp.max(out.absence, pass_piece(passages, d, own, way, number))
-            else:
-                out.lost = 1
-            sample += wp.int64(1)
-        later += wp.int64(1)
-        if start < schedule.count[later - wp.int64(1)]:
-            later = schedule.motion_start[motion + 1]
-    return out
 
 
 @wp.func
@@ -271,10 +321,9 @@ def pass_repeated(
     if last > wp.int64(0):
         track = d.tracks[pose]
         for focus in range(plan.foci):
-            knot = sample_knot(plan, schedule, d, wp.int64(pose), wp.int64(0), focus)
+            knot = sample_knot(plan, schedule, track, d.entries[pose].index, d.entries[pose], focus)
             way = find_way(d.nodes, track, knot, TrackWay())
-            since = pass_piece(passages, d, wp.int64(pose), way, last)
-            most = wp.max(most, wp.min(since, wp.int64(1)))
+            most = wp.max(most, wp.min(pass_piece(passages, d, pose, way, last), wp.int64(1)))
     return most
 
 
@@ -284,91 +333,64 @@ def _draw_samples(
     plan: SamplingPlan,
     schedule: PoseSchedule,
     d: DrawnTracks,
-    motion: wp.array[wp.int64],  # number of each pose's motion
+    state: SamplerState,
     # Out:
-    passages: PiecePassages,  # -1 everywhere
+    passages: PiecePassages,
     position: wp.array2d[wp.vec3],  # [m], shape [sample, focus]
     intensity: wp.array2d[wp.float32],  # shape [sample, focus]
     counts: wp.array[StepCount],  # shape [pose]
 ):
     """Draw the samples of a pose and count its steps."""
     pose = wp.tid()
-    hold = schedule.hold[motion[pose]]
+    hold = schedule.hold[schedule.motion[pose]]
     if d.entries[pose].drawn == 0:
-        counts[pose] = rest(plan, schedule, d, pose, hold, position, intensity)
+        counts[pose] = rest(plan, schedule, d, state, pose, hold, position, intensity)
         return
     count = StepCount()
     rests = plan.pace == STILL and plan.circle_radius == ZERO
     last = wp.int64(0)  # sample that is felt, of those that repeat the first
-    start = d.entries[pose].start
-    drawn_before = d.entries[pose].silent == 0
+    track = d.tracks[pose]
+    entry = d.entries[pose]
+    for k in range(track.pieces):
+        passages.first[track.line + wp.int64(k)] = wp.int64(-1)
+        passages.last[track.line + wp.int64(k)] = wp.int64(-1)
+    drawn_before = entry.silent == 0
     previous = wp.zeros(shape=FOCI_MOST, dtype=wp.vec3d)
+    ways = wp.zeros(shape=FOCI_MOST, dtype=TrackWay)
     for focus in range(plan.foci):
-        previous[focus] = shown_before(plan, schedule, d, pose, focus)
+        previous[focus] = shown_before(plan, schedule, d, state, pose, focus)
     sample = wp.int64(0)
-    while sample < schedule.count[pose]:  # once for samples on the contours before, once for those on the pose's own
-        own = contours_at(d, wp.int64(pose), sample)
-        track = d.tracks[own]
-        entry = d.entries[own]
-        stop = wp.where(sample < start, wp.min(start, schedule.count[pose]), schedule.count[pose])
-        ways = wp.zeros(shape=FOCI_MOST, dtype=TrackWay)
-        while sample < stop:
-            gain, held = gain_at(plan, schedule, pose, sample, hold)
-            count.held += held
-            drawn = is_drawn(plan, schedule, d, pose, sample, gain)
-            number = schedule.number[pose] + sample
-            wave = wave_at(plan, number)
-            row = schedule.row[pose] + sample
-            count.silent += wp.where(drawn, wp.int64(0), wp.int64(1))
-            count.felt = wp.where(sample >= start and gain > ZERO, sample - start + wp.int64(1), count.felt)
-            count.lost = wp.where(sample >= start and gain <= ZERO, 1, count.lost)
-            if rests and sample > wp.int64(0):
-                repeat_sample(plan, schedule, d, pose, sample, gain, wave, position, intensity)
-                last = wp.where(gain > ZERO, sample, last)
-            cycle = cycle_knot(plan, track, entry.anchor, sample_index(schedule, entry, own, wp.int64(pose), sample))
-            for focus in range(wp.where(rests and sample > wp.int64(0), 0, plan.foci)):
-                knot = shown_knot(plan, schedule.shown, track, focus_knot(plan, track, cycle, focus))
-                if not is_on(ways[focus], knot):
-                    ways[focus] = find_way(d.nodes, track, knot, ways[focus])
-                way = ways[focus]
-                point = point_near(plan, d, pose, way, knot, number)
-                position[row, focus] = to_float32(point)
-                intensity[row, focus] = wp.float32(level_on(d.nodes, way, knot) * gain * wave)
-                length = wp.sqrt(squared(point - previous[focus]))
-                if drawn:
-                    count = count_move(plan, schedule, d, count, pose, sample, focus, length, drawn_before)
-                if gain > ZERO and sample >= start:
-                    count.absence = wp.max(count.absence, pass_piece(passages, d, own, way, sample - start))
-                previous[focus] = point
-            drawn_before = drawn
-            sample += wp.int64(1)
+    while sample < schedule.count[pose]:
+        gain, held = gain_at(plan, schedule, pose, sample, hold)
+        count.held += held
+        drawn = is_drawn(plan, schedule, d, pose, sample, gain)
+        number = schedule.number[pose] + sample
+        wave = wave_at(plan, number)
+        row = schedule.row[pose] + sample
+        count.silent += wp.where(drawn, wp.int64(0), wp.int64(1))
+        count.felt = wp.where(gain > ZERO, sample + wp.int64(1), count.felt)
+        count.lost = wp.where(gain <= ZERO, 1, count.lost)
+        if rests and sample > wp.int64(0):
+            repeat_sample(plan, schedule, d, pose, sample, gain, wave, position, intensity)
+            last = wp.where(gain > ZERO, sample, last)
+        cycle = cycle_knot(plan, track, entry.anchor, entry.index + sample)
+        for focus in range(wp.where(rests and sample > wp.int64(0), 0, plan.foci)):
+            knot = shown_knot(plan, schedule.shown, track, focus_knot(plan, track, cycle, focus))
+            if not is_on(ways[focus], knot):
+                ways[focus] = find_way(d.nodes, track, knot, ways[focus])
+            way = ways[focus]
+            point = point_on(d.nodes, way, knot)
+            if plan.circle_radius > ZERO:
+                point += circle_offset(plan, d.pose[pose], number)
+            position[row, focus] = to_float32(point)
+            intensity[row, focus] = wp.float32(level_on(d.nodes, way, knot) * gain * wave)
+            length = wp.sqrt(squared(point - previous[focus]))
+            if drawn:
+                count = count_move(plan, schedule, d, state, count, pose, sample, focus, length, drawn_before)
+            if gain > ZERO:
+                count.absence = wp.max(count.absence, pass_piece(passages, d, pose, way, sample))
+            previous[focus] = point
+        drawn_before = drawn
+        sample += wp.int64(1)
     count.absence = wp.max(count.absence, pass_repeated(plan, schedule, d, passages, pose, last))
-    counts[pose] = pass_carried(plan, schedule, d, passages, pose, count)
-
-
-def draw_samples(
-    plan: SamplingPlan,
-    schedule: PoseSchedule,
-    tracks: DrawnTracks,
-    motion: wp.array,
-    position: wp.array,
-    intensity: wp.array,
-) -> tuple[wp.array, PiecePassages]:
-    """Draw the focal points of all poses; one thread a pose. Returns what each pose is counted as, StepCount.
-
-    motion: number of each pose's motion, int64.
-    """
-    device, lines = position.device, tracks.routes.shape[0]
-    passages = PiecePassages()
-    passages.first = wp.full(lines, -1, dtype=wp.int64, device=device)
-    passages.last = wp.full(lines, -1, dtype=wp.int64, device=device)
-    counts = wp.empty(motion.shape[0], dtype=StepCount, device=device)
-    wp.launch(
-        _draw_samples,
-        counts.shape[0],
-        inputs=[plan, schedule, tracks, motion],
-        outputs=[passages, position, intensity, counts],
-        device=device,
-        block_dim=BLOCK,
-    )
-    return counts, passages
+    counts[pose] = count

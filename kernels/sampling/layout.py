@@ -1,7 +1,7 @@
-"""Layout of batch sampling: the strategy as numbers, contours of many poses, and tracks laid over them.
+"""What the kernels of sampling share: the strategy as numbers, routes, tracks, and the state that a motion carries.
 
-The model is the host's sampler, render/sampling: the same operations in the same order in float64. Its sums of squares
-come in two orders, that of `np.einsum` and that of `np.linalg.norm`; so there are two functions for a length here.
+A motion is sampled span by span. A span has any number of its poses, and begins where the one before ended: what is
+needed of the poses before is the motion's state. So focal points and counts do not depend on how a motion is cut.
 """
 
 import warp as wp
@@ -10,6 +10,7 @@ ZERO, HALF, ONE, TWO = (wp.constant(wp.float64(value)) for value in (0.0, 0.5, 1
 INFINITE = wp.constant(wp.float64(1e300))  # [m]; longer than any way
 TINY = wp.constant(wp.float64(1e-30))  # [m^2]; least divisor
 SEAM = wp.constant(wp.float64(1e-3))  # of a sample, as in the strategy
+TICKS = wp.constant(wp.float64(1 << 20))  # of a sample: ages are counted in them, as in render/sampling/fading.py
 SPEED, FREQUENCY, CAPPED, STILL = (wp.constant(k) for k in range(4))  # kinds of pace
 AS_GIVEN, REVERSED, BEGUN = (wp.constant(k) for k in range(3))  # ways to draw a piece
 
@@ -38,7 +39,6 @@ class SamplingPlan:
     wave_depth: wp.float64
     fade: wp.float64  # how long one takes [ticks]
     restarts: wp.int32  # continuity "jump"
-    finishes: wp.int32  # continuity "finish"
     plain: wp.int32  # a cycle's duration depends on arc length alone
     shortest: wp.int32  # the route has the shortest jumps; 0: it is as given
     margin: wp.float64  # share by which the jumps of a kept route may grow
@@ -61,7 +61,7 @@ class SamplingPlan:
 class DrawnPiece:
     """A polyline of non-zero length, and how it is drawn."""
 
-    line: wp.int64  # number of the polyline
+    line: wp.int64  # number of the polyline; in a motion's state counted from the pose's first one
     mode: wp.int32  # AS_GIVEN, REVERSED or BEGUN
     after: wp.int32  # first vertex behind the point where a BEGUN loop begins
     before: wp.int32  # the vertices 1..before - 1 come last
@@ -69,6 +69,8 @@ class DrawnPiece:
     level: wp.float64  # intensity there
     earlier: wp.int32  # number of the same piece in the route before, -1: none
     mark: wp.vec4d  # middle and size [m], by which it is recognised
+    start: wp.vec3d  # its first vertex as drawn [m], by which the next pose draws it alike; of several pieces only
+    end: wp.vec3d  # its last one
 
 
 @wp.struct
@@ -76,9 +78,9 @@ class RouteRows:
     """Pieces of all poses; those of a pose stand at the rows of its polylines, or the first of them."""
 
     given: wp.array[DrawnPiece]  # as the batch has them
-    drawn: wp.array[DrawnPiece]  # in the order in which they are drawn
+    drawn: wp.array[DrawnPiece]  # in the order in which they are drawn; behind them those of the motions' states
     candidate: wp.array[DrawnPiece]  # in the order of the route that was searched for
-    span: wp.array[wp.float64]  # length, later duration, of a piece; room for sums
+    span: wp.array[wp.float64]  # length, later duration, of a piece
     door: wp.array2d[wp.vec3d]  # room for starts that are looked at [m], shape [run, DOORS]
     room: wp.array[wp.int32]  # room of a search, ROOM a run
     sums: wp.array[wp.float64]  # room of a search [m], SUMS a run
@@ -117,6 +119,7 @@ class PoseTrack:
     first: wp.int64  # node
     count: wp.int32  # of nodes; 0: nothing is drawn
     period: wp.float64  # in the unit of the knots
+    samples: wp.int64  # a cycle
     one_sample: wp.float64  # from a sample to the next, in that unit
     repeat: wp.int64  # samples after which they lie where they lay before
     turns: wp.int32  # cycles until then
@@ -131,85 +134,118 @@ class PoseTrack:
 
 
 @wp.struct
+class PoseSchedule:
+    """When poses are drawn."""
+
+    motion_start: wp.array[wp.int64]  # offsets into poses, shape [motion + 1]
+    first: wp.array[wp.int64]  # first sample of a pose, counted from time 0 of its motion
+    number: wp.array[wp.int64]  # the same, counted from the first one of all spans
+    count: wp.array[wp.int64]  # of samples
+    row: wp.array[wp.int64]  # of a pose's first sample among those of all motions in the span, shape [pose]
+    motion: wp.array[wp.int64]  # number of each pose's motion
+    time: wp.array[wp.float64]  # of poses [ticks]
+    hold: wp.array[wp.float64]  # age at which a pose starts to fade [ticks], shape [motion]
+    goes_on: wp.array[wp.int32]  # 1: the motion's first pose is the last one of the span before, shape [motion]
+    shown: wp.array[wp.int64]  # place in a cycle of the points in the order in which they are shown
+
+
+@wp.struct
 class FocusPlace:
     """Where the focal point is, such that it can be found on another track."""
 
-    pose: wp.int64  # drawn last, -1: none
+    drawn: wp.int32  # 1: something has been drawn
+    silent: wp.int32  # 1: the last sample was
+    shape: wp.int64  # of the contours drawn last, see `shape_of`
     point: wp.vec3d  # [m]
     direction: wp.vec3d  # of its motion; zero: none is known
-    silent: wp.int32  # 1: the last sample was
     rested: wp.float64  # how much of a pause is over, 0..1; negative in motion
     beside: wp.int32  # 1 shortly behind a pause, -1 shortly before one, else 0
     middle: wp.vec3d  # of the section that is drawn [m]
     through: wp.float64  # how much of the section's time is over, 0..1
 
 
+@wp.struct
+class PoseEntry:
+    """Where a pose's drawing begins."""
+
+    drawn: wp.int32  # 1: the pose has contours and samples
+    again: wp.int32  # 1: it goes on from the span before
+    silent: wp.int32  # 1: the sample before is
+    first: wp.int32  # 1: nothing has been drawn before
+    before: wp.int64  # the pose drawn before in this span, -1: none
+    found: wp.int32  # 1: drawing goes on from where it was; 0: from the start of the contours
+    anchor: wp.float64  # knot that the samples are counted from
+    index: wp.int64  # of the pose's first sample
+
+
+@wp.struct
+class DrawnTracks:
+    """Tracks of all poses, and where drawing begins on each."""
+
+    nodes: TrackNodes
+    tracks: wp.array[PoseTrack]
+    entries: wp.array[PoseEntry]
+    pose: wp.array[wp.transformd]  # hand frame -> array frame
+    routes: wp.array[DrawnPiece]  # pieces as they are drawn; those of a pose from the row of its first polyline on
+
+
+@wp.struct
+class StepCount:
+    """What samples are counted as; vectors are by cause."""
+
+    silent: wp.int64
+    held: wp.int64
+    jumps: wp.vec4l
+    jump_lengths: wp.vec4d  # [m]
+    hops: wp.vec4l
+    hops_longest: wp.vec4d  # [m]
+    step_longest: wp.float64  # [m]
+    felt: wp.int64  # samples of a pose up to the last one that no fade has ended, those in between too
+    lost: wp.int32  # 1: a fade has ended one of these
+    absence: wp.int64  # most samples from one on a piece to the next on it
+
+
+@wp.struct
+class MotionState:
+    """Where a motion is after a span, and what its samples are counted as."""
+
+    place: FocusPlace
+    anchor: wp.float64  # of the pose drawn last, see PoseEntry
+    index: wp.int64  # of the next sample on its track
+    pieces: wp.int32  # in its route
+    least: wp.float64  # jumps of the shortest route known [m]
+    lost: wp.int32  # 1: none of its pieces is known any more, because silence followed
+    samples: wp.int64
+    drawn: wp.int64
+    cycles: wp.float64
+    cycles_before: wp.float64  # on tracks before the one under way
+    on_track: wp.int64  # samples on that one
+    steps: StepCount
+    absence: wp.int64  # most samples from one on a piece that is there from pose to pose to the next on it
+
+
+@wp.struct
+class SamplerState:
+    """States of motions, and what of them has several rows."""
+
+    motion: wp.array[MotionState]
+    shown: wp.array2d[wp.vec3d]  # the last focal points [m], shape [motion, focus]
+    last: wp.array2d[wp.vec3d]  # the same before points are held or reordered, without small circles
+    piece: wp.array[DrawnPiece]  # of the pose drawn last, `room` rows a motion
+    seen: wp.array[wp.int64]  # sample in which each piece was drawn last, or before which it appeared
+    room: wp.int32
+
+
 @wp.func
 def squared(d: wp.vec3d):
-    """Square length [m^2], summed as by np.einsum: x and z first."""
-    return (d[0] * d[0] + d[2] * d[2]) + d[1] * d[1]
-
-
-@wp.func
-def product(a: wp.vec3d, b: wp.vec3d):
-    """Scalar product, summed as by np.einsum: x and z first."""
-    return (a[0] * b[0] + a[2] * b[2]) + a[1] * b[1]
+    """Square length [m^2]."""
+    return wp.dot(d, d)
 
 
 @wp.func
 def distance(a: wp.vec3d, b: wp.vec3d):
-    """Distance [m], summed as by np.linalg.norm: in order."""
-    d = b - a
-    return wp.sqrt((d[0] * d[0] + d[1] * d[1]) + d[2] * d[2])
-
-
-@wp.func
-def sum_few(values: wp.array[wp.float64], first: wp.int64, count: int):
-    """Sum of at most 128 values, added as by np.sum."""
-    if count < 8:
-        total = ZERO
-        for i in range(count):
-            total += values[first + wp.int64(i)]
-        return total
-    part = wp.zeros(shape=8, dtype=wp.float64)
-    whole = count - count % 8
-    for i in range(whole):
-        part[i % 8] = part[i % 8] + values[first + wp.int64(i)]
-    total = ((part[0] + part[1]) + (part[2] + part[3])) + ((part[4] + part[5]) + (part[6] + part[7]))
-    for i in range(whole, count):
-        total += values[first + wp.int64(i)]
-    return total
-
-
-@wp.func
-def sum_of(values: wp.array[wp.float64], first: wp.int64, count: int):
-    """Sum of values, added as by np.sum: halves that are whole blocks of eight, down to 128 values."""
-    right = wp.zeros(shape=32, dtype=wp.int32)  # how many values the other half has; 0: it is being summed
-    left = wp.zeros(shape=32, dtype=wp.float64)  # sum of the half before it
-    depth = int(0)
-    at = first
-    left_over = count
-    total = ZERO
-    busy = int(1)
-    while busy == 1:
-        while left_over > 128:
-            half = left_over // 2
-            half -= half % 8
-            right[depth] = left_over - half
-            depth += 1
-            left_over = half
-        total = sum_few(values, at, left_over)
-        at += wp.int64(left_over)
-        while depth > 0 and right[wp.max(depth - 1, 0)] == 0:
-            depth -= 1
-            total = left[depth] + total
-        if depth == 0:
-            busy = 0
-        else:
-            left[depth - 1] = total
-            left_over = right[depth - 1]
-            right[depth - 1] = 0
-    return total
+    """Distance [m]."""
+    return wp.length(b - a)
 
 
 @wp.func

@@ -1,13 +1,15 @@
-"""Routes from pose to pose: the order of the pose before is kept unless another is shorter by a margin.
+"""Routes: in which order, from where and which way round the pieces of a pose are drawn, so that jumps are short.
 
-As `steady_route` in render/sampling/route.py.
+The order of the pose before is kept unless another is shorter by a margin. The search for the shortest route chooses
+an order, and a door of each piece. A place is a piece, or the outside, at no distance from any, where a route that is
+no cycle begins and ends. A route is one door of each place.
 """
 
 import warp as wp
 
 from ..contours import Contours
-from .doors import STARTS_TRIED, entered_at, insertion_of
 from .layout import (
+    AS_GIVEN,
     INFINITE,
     ONE,
     TINY,
@@ -17,36 +19,372 @@ from .layout import (
     RouteRows,
     SamplingPlan,
     distance,
-    product,
     squared,
-    sum_few,
 )
-from .pieces import begun, drawn_size, drawn_vertex, end_of, is_loop, opposite, size_of, start_of, vertex
-from .search import search_route
+from .pieces import (
+    STARTS_TRIED,
+    begun,
+    end_of,
+    entered_at,
+    insertion_of,
+    is_loop,
+    opposite,
+    size_of,
+    start_of,
+    vertex,
+    write_doors,
+)
 
 PIECES_MOST = wp.constant(128)  # more are drawn in the batch's order
 INSERTED_MOST = wp.constant(16)  # new pieces that are inserted one by one
 JUMP_SLACK = wp.constant(wp.float64(5e-3))  # [m] by which a kept route may be longer whatever its length
+EXACT_MOST = wp.constant(4)  # places; all orders are tried of so many
+SEARCHED_MOST = wp.constant(32)  # pieces; a route through more is not improved
+STARTS = wp.constant(64)  # starts looked at, over all pieces
+GAIN_LEAST = wp.constant(wp.float64(1e-9))  # [m]; a route is not turned for less
+# Sections of a run's room: of each door its place, the door of its way out and that of the other way round; of each
+# place its first door; four routes; the door before each door on the best way to it.
+DOOR_ROOM = 258
+PLACE_ROOM = 131
+PLACE, WAY_OUT, FLIPPED, BACK = (wp.constant(k * DOOR_ROOM) for k in range(4))
+FIRST, ROUTE, TRIAL, BEST, SPARE = (wp.constant(4 * DOOR_ROOM + k * PLACE_ROOM) for k in range(5))
+ROOM = 4 * DOOR_ROOM + 5 * PLACE_ROOM
+ROOM_SIZE = wp.constant(wp.int64(ROOM))
+SUMS = DOOR_ROOM
+SUMS_SIZE = wp.constant(wp.int64(SUMS))
+
+
+@wp.struct
+class RouteSearch:
+    """What is searched."""
+
+    room: wp.int64  # start of the run's part of `RouteRows.room`
+    sums: wp.int64  # of `RouteRows.sums`
+    run: wp.int32
+    pieces: wp.int32
+    places: wp.int32  # pieces, and the outside where the route is no cycle
+    doors: wp.int32
 
 
 @wp.func
-def jumps_of(
+def noted(rows: RouteRows, s: RouteSearch, section: int, i: int):
+    """A number in the run's room."""
+    return int(rows.room[s.room + wp.int64(section + i)])
+
+
+@wp.func
+def note(rows: RouteRows, s: RouteSearch, section: int, i: int, value: int):
+    """Write a number into the run's room."""
+    rows.room[s.room + wp.int64(section + i)] = value
+
+
+@wp.func
+def jump_between(rows: RouteRows, s: RouteSearch, a: int, b: int):
+    """From the way out of a door to the way in of another [m]."""
+    out = noted(rows, s, WAY_OUT, a)
+    if out < 0 or noted(rows, s, WAY_OUT, b) < 0:
+        return ZERO
+    return distance(rows.door[s.run, b], rows.door[s.run, out])
+
+
+@wp.func
+def open_doors(
     c: Contours,
     plan: SamplingPlan,
     rows: RouteRows,
+    run: int,
     pieces: wp.array[DrawnPiece],
     first: wp.int64,
     count: int,
+    outside: int,
 ):
+    """Write the doors of all places."""
+    s = RouteSearch()
+    s.room = wp.int64(run) * ROOM_SIZE
+    s.sums = wp.int64(run) * SUMS_SIZE
+    s.run = run
+    s.pieces = count
+    s.places = count + outside
+    share = wp.max(1, STARTS // count)
+    at = int(0)
+    for k in range(count):
+        line = pieces[first + wp.int64(k)].line
+        doors = write_doors(c, plan, rows, run, line, share, at)
+        loop = is_loop(c, plan, line)
+        note(rows, s, FIRST, k, at)
+        for i in range(doors):
+            other = at + i
+            if not loop:
+                other = at + 1 - i
+            note(rows, s, PLACE, at + i, k)
+            note(rows, s, FLIPPED, at + i, other)
+            note(rows, s, WAY_OUT, at + i, wp.where(plan.turns_back == 1, at + i, other))
+        at += doors
+    if outside == 1:
+        note(rows, s, FIRST, count, at)
+        note(rows, s, PLACE, at, count)
+        note(rows, s, FLIPPED, at, at)
+        note(rows, s, WAY_OUT, at, -1)
+        at += 1
+    note(rows, s, FIRST, s.places, at)
+    s.doors = at
+    return s
+
+
+@wp.func
+def reach_doors(rows: RouteRows, s: RouteSearch, before: int, place: int):
+    """The shortest way on from the doors of a place to each door of the next one, and over which of them."""
+    for d in range(noted(rows, s, FIRST, place), noted(rows, s, FIRST, place + 1)):
+        least = INFINITE
+        for h in range(noted(rows, s, FIRST, before), noted(rows, s, FIRST, before + 1)):
+            through = rows.sums[s.sums + wp.int64(h)] + jump_between(rows, s, h, d)
+            if through < least:
+                least = through
+                note(rows, s, BACK, d, h)
+        rows.sums[s.sums + wp.int64(d)] = least
+
+
+@wp.func
+def best_doors(rows: RouteRows, s: RouteSearch, section: int, best: wp.float64):
+    """Write the doors that make a route of this order shortest into TRIAL, if that is shorter than `best` [m].
+
+    section: of a route in that order. Returns the length [m]. By dynamic programming from each door of the first place.
+    """
+    least = best
+    begin = noted(rows, s, PLACE, noted(rows, s, section, 0))
+    second = noted(rows, s, PLACE, noted(rows, s, section, 1))
+    last = noted(rows, s, PLACE, noted(rows, s, section, s.places - 1))
+    for i in range(noted(rows, s, FIRST, begin), noted(rows, s, FIRST, begin + 1)):
+        for d in range(noted(rows, s, FIRST, second), noted(rows, s, FIRST, second + 1)):
+            rows.sums[s.sums + wp.int64(d)] = jump_between(rows, s, i, d)
+        for k in range(2, s.places):
+            before = noted(rows, s, PLACE, noted(rows, s, section, k - 1))
+            reach_doors(rows, s, before, noted(rows, s, PLACE, noted(rows, s, section, k)))
+        for d in range(noted(rows, s, FIRST, last), noted(rows, s, FIRST, last + 1)):
+            length = rows.sums[s.sums + wp.int64(d)] + jump_between(rows, s, d, i)
+            if length < least:
+                least = length
+                door = int(d)
+                for step in range(1, s.places):
+                    note(rows, s, SPARE, s.places - step, door)
+                    if step < s.places - 1:
+                        door = noted(rows, s, BACK, door)
+                note(rows, s, SPARE, 0, i)
+    if least < best:
+        copy_route(rows, s, SPARE, TRIAL)
+    return least
+
+
+@wp.func
+def copy_route(rows: RouteRows, s: RouteSearch, source: int, section: int):
+    """Copy a route."""
+    for k in range(s.places):
+        note(rows, s, section, k, noted(rows, s, source, k))
+
+
+@wp.func
+def try_orders(rows: RouteRows, s: RouteSearch):
+    """Find the best doors of up to four places in any order, into BEST."""
+    orders = int(1)
+    if s.places == EXACT_MOST:
+        orders = int(3)
+    least = INFINITE
+    k = int(0)
+    while k < orders:  # a `for` over few would be unrolled, and compiled three times
+        order = wp.vec4i(0, 1, 2, 3)
+        if k == 1:
+            order = wp.vec4i(0, 1, 3, 2)
+        elif k == 2:
+            order = wp.vec4i(0, 2, 1, 3)
+        for i in range(s.places):
+            note(rows, s, ROUTE, i, noted(rows, s, FIRST, order[i]))
+        length = best_doors(rows, s, ROUTE, least)
+        if length < least:
+            least = length
+            copy_route(rows, s, TRIAL, BEST)
+        k += 1
+
+
+@wp.func
+def given_route(rows: RouteRows, s: RouteSearch):
+    """Write the route of all places in order, each by its first door."""
+    for k in range(s.places):
+        note(rows, s, ROUTE, k, noted(rows, s, FIRST, k))
+
+
+@wp.func
+def nearest_door(rows: RouteRows, s: RouteSearch, door: int, count: int):
+    """The nearest door, from one on, of a place that is not among the first of the route."""
+    least = INFINITE
+    best = int(-1)
+    for d in range(s.doors):
+        place = noted(rows, s, PLACE, d)
+        free = int(1)
+        for k in range(count):
+            if noted(rows, s, PLACE, noted(rows, s, ROUTE, k)) == place:
+                free = int(0)
+        if free == 1:
+            length = jump_between(rows, s, door, d)
+            if length < least or best < 0:  # a jump to a point that is none has no length
+                least = length
+                best = d
+    return best
+
+
+@wp.func
+def nearest_route(rows: RouteRows, s: RouteSearch):
+    """Write a route: from the shortest jump on, always to the nearest place that is left."""
+    least = INFINITE
+    start = int(0)
+    for a in range(s.doors):
+        for b in range(s.doors):
+            if noted(rows, s, PLACE, a) != noted(rows, s, PLACE, b):
+                length = jump_between(rows, s, a, b)
+                if length < least:
+                    least = length
+                    start = a
+    note(rows, s, ROUTE, 0, start)
+    for k in range(1, s.places):
+        note(rows, s, ROUTE, k, nearest_door(rows, s, noted(rows, s, ROUTE, k - 1), k))
+
+
+@wp.func
+def turn_stretch(rows: RouteRows, s: RouteSearch, i: int, j: int):
+    """Turn the stretch i..j of the route round, and the pieces in it."""
+    a = int(i)
+    b = int(j)
+    while a <= b:
+        one = noted(rows, s, FLIPPED, noted(rows, s, ROUTE, a))
+        note(rows, s, ROUTE, a, noted(rows, s, FLIPPED, noted(rows, s, ROUTE, b)))
+        note(rows, s, ROUTE, b, one)
+        a += 1
+        b -= 1
+
+
+@wp.func
+def gain_of_turn(rows: RouteRows, s: RouteSearch, i: int, j: int):
+    """By how much a route is shorter with its stretch i..j, from 1 on, turned round [m]."""
+    before = noted(rows, s, ROUTE, i - 1)
+    begin = noted(rows, s, ROUTE, i)
+    end = noted(rows, s, ROUTE, j)
+    after = noted(rows, s, ROUTE, (j + 1) % s.places)
+    now = jump_between(rows, s, before, begin) + jump_between(rows, s, end, after)
+    to = jump_between(rows, s, before, noted(rows, s, FLIPPED, end))
+    on = jump_between(rows, s, noted(rows, s, FLIPPED, begin), after)
+    return now - (to + on)
+
+
+@wp.func
+def uncross(rows: RouteRows, s: RouteSearch):
+    """2-opt: turn stretches of the route round while that shortens it; returns how many were."""
+    turned = int(0)
+    going = int(1)
+    while going == 1 and turned < 4 * s.places:
+        most = -INFINITE
+        best_i = int(1)
+        best_j = int(1)
+        for i in range(1, s.places):
+            for j in range(i, s.places):
+                gain = gain_of_turn(rows, s, i, j)
+                if gain > most:
+                    most = gain
+                    best_i = i
+                    best_j = j
+        if most > GAIN_LEAST:
+            turn_stretch(rows, s, best_i, best_j)
+            turned += 1
+        else:
+            going = int(0)
+    return turned
+
+
+@wp.func
+def improve_route(rows: RouteRows, s: RouteSearch):
+    """Improve the route by the best doors, and by 2-opt, twice, if not too long for that; returns its length [m]."""
+    length = INFINITE
+    rounds = int(0)
+    while rounds < 2:
+        turned = int(0)
+        if s.pieces <= SEARCHED_MOST:
+            turned = uncross(rows, s)
+        if turned > 0 or rounds == 0:
+            length = best_doors(rows, s, ROUTE, INFINITE)
+            copy_route(rows, s, TRIAL, ROUTE)
+        rounds += 1
+    return length
+
+
+@wp.func
+def length_of(rows: RouteRows, s: RouteSearch):
+    """Length of the route [m]."""
+    total = ZERO
+    for k in range(s.places):
+        total += jump_between(rows, s, noted(rows, s, ROUTE, k), noted(rows, s, ROUTE, (k + 1) % s.places))
+    return total
+
+
+@wp.func
+def search_many(rows: RouteRows, s: RouteSearch):
+    """Find a short route through more places than all orders are tried of, into BEST."""
+    least = INFINITE
+    k = int(0)
+    while k < 2:
+        length = ZERO
+        if k == 0:
+            nearest_route(rows, s)
+        else:
+            given_route(rows, s)
+        if k == 1 and s.pieces > SEARCHED_MOST:
+            length = length_of(rows, s)
+        else:
+            length = improve_route(rows, s)
+        if length < least:
+            least = length
+            copy_route(rows, s, ROUTE, BEST)
+        k += 1
+
+
+@wp.func
+def search_route(
+    c: Contours,
+    plan: SamplingPlan,
+    rows: RouteRows,
+    run: int,
+    first: wp.int64,
+    count: int,
+    outside: int,
+):
+    """Write the shortest route through 2..128 of the drawn pieces into `candidate`, each as it is drawn."""
+    s = open_doors(c, plan, rows, run, rows.drawn, first, count, outside)
+    if s.places <= EXACT_MOST:
+        try_orders(rows, s)
+    else:
+        search_many(rows, s)
+    begin = int(0)  # the outside comes last
+    for k in range(s.places):
+        if noted(rows, s, WAY_OUT, noted(rows, s, BEST, k)) < 0:
+            begin = k + 1
+    share = wp.max(1, STARTS // count)
+    for k in range(count):
+        door = noted(rows, s, BEST, (begin + k) % s.places)
+        place = noted(rows, s, PLACE, door)
+        piece = rows.drawn[first + wp.int64(place)]
+        piece.mode = AS_GIVEN
+        entered = entered_at(c, plan, piece, door - noted(rows, s, FIRST, place), share)
+        rows.candidate[first + wp.int64(k)] = entered
+
+
+@wp.func
+def jumps_of(c: Contours, plan: SamplingPlan, pieces: wp.array[DrawnPiece], first: wp.int64, count: int):
     """Length of the jumps from each piece to the next, and from the last to the first of a cycle [m]."""
     jumps = count
     if plan.pendulum == 1:
         jumps -= 1
+    total = ZERO
     for k in range(jumps):
         end = end_of(c, plan, pieces[first + wp.int64(k)])
-        start = start_of(c, plan, pieces[first + wp.int64((k + 1) % count)])
-        rows.span[first + wp.int64(k)] = distance(end, start)
-    return sum_few(rows.span, first, jumps)
+        total += distance(end, start_of(c, plan, pieces[first + wp.int64((k + 1) % count)]))
+    return total
 
 
 @wp.func
@@ -59,7 +397,7 @@ def nearest_way(c: Contours, plan: SamplingPlan, line: wp.int64, point: wp.vec3d
     for i in range(size - 1):
         a = vertex(c, line, i)
         step = vertex(c, line, i + 1) - a
-        part = product(point - a, step) / wp.max(squared(step), TINY)
+        part = wp.dot(point - a, step) / wp.max(squared(step), TINY)
         part = wp.min(wp.max(part, ZERO), ONE)
         square = squared((a + part * step) - point)
         if square < least:
@@ -94,10 +432,7 @@ def keep_order(
             piece = rows.given[first + wp.int64(k)]
             if piece.earlier == e:
                 then = rows.drawn[before + wp.int64(e)]
-                size = size_of(c, plan, then.line)
-                start = drawn_vertex(c, then, size, 0)
-                end = drawn_vertex(c, then, size, drawn_size(c, plan, then) - 1)
-                rows.drawn[first + wp.int64(known)] = drawn_like(c, plan, piece, start, end)
+                rows.drawn[first + wp.int64(known)] = drawn_like(c, plan, piece, then.start, then.end)
                 known += 1
     return known
 
@@ -167,7 +502,7 @@ def search_in_turn(
             row = first + wp.int64(begin)
             search_route(c, plan, rows, run, row, searched, wp.where(begin > 0, 1, plan.pendulum))
             if begin == 0:
-                least = jumps_of(c, plan, rows, rows.candidate, row, searched)
+                least = jumps_of(c, plan, rows.candidate, row, searched)
             if begin > 0 or is_longer(plan, length, least):
                 take_candidate(rows, row, searched)
         if begin > 0 or count - known <= INSERTED_MOST:
@@ -209,7 +544,7 @@ def lay_route(
         searched = count
     else:
         keep_order(c, plan, rows, first, count, before, earlier.pieces)
-        length = jumps_of(c, plan, rows, rows.drawn, first, known)
+        length = jumps_of(c, plan, rows.drawn, first, known)
         least = wp.min(earlier.least, length)
         if is_longer(plan, length, least):
             searched = known

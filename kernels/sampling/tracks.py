@@ -5,24 +5,16 @@ run begins at a pose of several polylines behind one that has at most one, and e
 thread lays the tracks of a run in turn. Any other pose has one polyline and a thread of its own.
 """
 
-from typing import NamedTuple
-
 import warp as wp
 
 from ..contours import Contours
-from ..offsets import BLOCK
 from ..patch import EXACT
 from .course import is_plain, lay_course
-from .cursor import PoseSchedule
-from .doors import DOORS
-from .layout import DrawnPiece, DrawnSection, PoseTrack, RouteRows, SamplingPlan, TrackNodes
-from .pieces import collect_pieces, mark_pieces, match_pieces
+from .layout import PoseSchedule, PoseTrack, RouteRows, SamplerState, SamplingPlan, TrackNodes
+from .pieces import collect_pieces, mark_ends, mark_pieces, match_pieces
 from .route import append_all, lay_route
-from .search import ROOM, SUMS
 
 wp.set_module_options(EXACT)
-
-RUNS_MOST = 16_384  # that are laid at once: the room of a run's searches takes 15 KB
 
 
 @wp.struct
@@ -54,14 +46,49 @@ def _collect_pieces(
 
 @wp.func
 def pieces_before(schedule: PoseSchedule, pieces: PosePieces, pose: int):
-    """How many pieces the pose has that is drawn before one in its motion; 0 if it is the first."""
-    motion = wp.lower_bound(schedule.motion_start, wp.int64(pose + 1)) - 1
+    """How many pieces the pose of this span has that is drawn before one in its motion; -1: there is none."""
+    begin = int(schedule.motion_start[schedule.motion[pose]])
     before = pose - 1
-    count = int(0)
-    while before >= int(schedule.motion_start[motion]) and count == 0:
-        count = pieces.count[before]
+    while before >= begin:
+        if pieces.count[before] > 0:
+            return pieces.count[before]
         before -= 1
-    return count
+    return int(-1)
+
+
+@wp.func
+def row_of_state(rows: RouteRows, state: SamplerState, motion: wp.int64):
+    """Row of the first piece of a motion's state: they stand behind those of the span."""
+    begin = rows.drawn.shape[0] - state.motion.shape[0] * state.room
+    return wp.int64(begin) + motion * wp.int64(state.room)
+
+
+@wp.kernel
+def _collect_pieces(
+    # In:
+    c: Contours,
+    schedule: PoseSchedule,
+    state: SamplerState,
+    # Out:
+    rows: RouteRows,
+    pieces: PosePieces,
+    runs: wp.array[wp.int32],  # zeroed
+):
+    """Collect the pieces of a pose; before the first of a motion, those of its state."""
+    pose = wp.tid()
+    if pose == 0:
+        runs[0] = 0
+    motion = schedule.motion[pose]
+    if wp.int64(pose) == schedule.motion_start[motion]:
+        begin = row_of_state(rows, state, motion)
+        for k in range(wp.min(state.motion[motion].pieces, state.room)):
+            rows.drawn[begin + wp.int64(k)] = state.piece[motion * wp.int64(state.room) + wp.int64(k)]
+    count = int(0)
+    if schedule.count[pose] > wp.int64(0):
+        found, length = collect_pieces(c, rows, pose)
+        pieces.length[pose] = length
+        count = found
+    pieces.count[pose] = count
 
 
 @wp.kernel
@@ -71,27 +98,54 @@ def _lay_single(
     plan: SamplingPlan,
     schedule: PoseSchedule,
     pieces: PosePieces,
+    state: SamplerState,
     # Out:
     rows: RouteRows,
     nodes: TrackNodes,
-    tracks: wp.array[PoseTrack],  # shape [pose], zero-initialised
+    tracks: wp.array[PoseTrack],  # shape [pose]
     begin: wp.array[wp.int32],  # first pose of each run, in any order
-    runs: wp.array[wp.int32],  # how many there are, shape [1], zero-initialised
+    runs: wp.array[wp.int32],  # how many there are, shape [1], zero before
 ):
     """Lay the track of a pose of one piece, or note that a run begins with it."""
     pose = wp.tid()
     count = pieces.count[pose]
     if count == 0:
+        tracks[pose] = PoseTrack()
         return
-    if pieces_before(schedule, pieces, pose) > 1:
+    before = pieces_before(schedule, pieces, pose)
+    carried = int(0)
+    if before < 0:
+        before = 0
+        carried = state.motion[schedule.motion[pose]].pieces
+    if before > 1:
         return
-    if count > 1:
+    if count > 1 or carried > 1:
         begin[wp.atomic_add(runs, 0, 1)] = pose
         return
     append_all(rows, c.pose_start[pose], count)
+    if carried == 1 and goes_on(schedule, pose):
+        restore_pieces(c, rows, state, schedule.motion[pose], pose, 1)
     length = pieces.length[pose]
     plain = is_plain(c, plan, rows, pose, count, length)
     tracks[pose] = lay_course(c, plan, rows, nodes, pose, count, plain, length / plan.speed)
+
+
+@wp.func
+def goes_on(schedule: PoseSchedule, pose: int):
+    """Whether a pose is the last one of the span before."""
+    motion = schedule.motion[pose]
+    return schedule.goes_on[motion] == 1 and wp.int64(pose) == schedule.motion_start[motion]
+
+
+@wp.func
+def restore_pieces(c: Contours, rows: RouteRows, state: SamplerState, motion: wp.int64, pose: int, count: int):
+    """Draw the pieces of a pose as in the span before; each is, to the next span, that of this pose."""
+    begin = row_of_state(rows, state, motion)
+    for k in range(count):
+        piece = rows.drawn[begin + wp.int64(k)]
+        piece.line += c.pose_start[pose]
+        piece.earlier = k
+        rows.drawn[c.pose_start[pose] + wp.int64(k)] = piece
 
 
 @wp.func
@@ -103,32 +157,35 @@ def lay_track(
     nodes: TrackNodes,
     run: int,
     pose: int,
-    before: int,
+    before: wp.int64,
     earlier: PoseTrack,
 ):
-    """The track of a pose of a run; before, earlier: the pose drawn before in the run, if any, and its track."""
+    """The track of a pose of a run; before, earlier: row of the first piece drawn before in the run, and its track."""
     first = c.pose_start[pose]
     count = pieces.count[pose]
     length = pieces.length[pose]
     plain = is_plain(c, plan, rows, pose, count, length)
-    row = c.pose_start[before]
-    known = match_pieces(c, plan, rows, first, count, row, earlier.pieces)
-    least = lay_route(c, plan, rows, run, first, count, known, plain, row, earlier)
+    known = match_pieces(c, plan, rows, first, count, before, earlier.pieces)
+    least = lay_route(c, plan, rows, run, first, count, known, plain, before, earlier)
     if earlier.pieces < 2 and count > 1:  # they were not marked as the batch has them
         mark_pieces(c, plan, rows.drawn, first, count)
+    mark_ends(c, plan, rows.drawn, first, count)
     track = lay_course(c, plan, rows, nodes, pose, count, plain, length / plan.speed)
     track.least = least
     return track
 
 
 @wp.kernel
-def _lay_run(
+def _lay_runs(
     # In:
     c: Contours,
     plan: SamplingPlan,
     schedule: PoseSchedule,
     pieces: PosePieces,
+    state: SamplerState,
+    first: int,  # run of the first thread
     begin: wp.array[wp.int32],  # first pose of each run
+    runs: wp.array[wp.int32],  # how many there are, shape [1]
     # Out:
     rows: RouteRows,
     nodes: TrackNodes,
@@ -136,91 +193,31 @@ def _lay_run(
 ):
     """Lay the tracks of a run of poses in turn."""
     run = wp.tid()
-    pose = begin[run]
-    motion = wp.lower_bound(schedule.motion_start, wp.int64(pose + 1)) - 1
-    stop = int(schedule.motion_start[motion + 1])
-    before = int(pose)
+    if first + run >= runs[0]:
+        return
+    pose = begin[first + run]
+    motion = schedule.motion[pose]
+    stop = int(schedule.motion_start[motion + wp.int64(1)])
     earlier = PoseTrack()
+    before = c.pose_start[pose]
+    if pieces_before(schedule, pieces, pose) < 0:
+        before = row_of_state(rows, state, motion)
+        earlier.pieces = state.motion[motion].pieces
+        earlier.least = state.motion[motion].least
     while pose < stop:
-        if pieces.count[pose] > 0:
-            earlier = lay_track(c, plan, pieces, rows, nodes, run, pose, before, earlier)
+        count = pieces.count[pose]
+        if count > 0:
+            if goes_on(schedule, pose) and earlier.pieces > 0:
+                restore_pieces(c, rows, state, motion, pose, count)
+                length = pieces.length[pose]
+                plain = is_plain(c, plan, rows, pose, count, length)
+                least = earlier.least
+                earlier = lay_course(c, plan, rows, nodes, pose, count, plain, length / plan.speed)
+                earlier.least = least
+            else:
+                earlier = lay_track(c, plan, pieces, rows, nodes, run, pose, before, earlier)
             tracks[pose] = earlier
-            before = pose
-            if earlier.pieces == 1:
+            before = c.pose_start[pose]
+            if count == 1:
                 stop = pose
         pose += 1
-
-
-def room_for(contours: Contours, plan: SamplingPlan) -> tuple[RouteRows, TrackNodes]:
-    """Memory for the routes and tracks of all poses, on the contours' device."""
-    device = contours.points.device
-    points, lines = contours.points.shape[0], contours.polyline_closed.shape[0]
-    poses = contours.pose_start.shape[0] - 1
-    rows, nodes = RouteRows(), TrackNodes()
-    rows.given = wp.empty(lines, dtype=DrawnPiece, device=device)
-    rows.drawn = wp.empty(lines, dtype=DrawnPiece, device=device)
-    rows.candidate = wp.empty(lines, dtype=DrawnPiece, device=device)
-    rows.span = wp.empty(lines, dtype=wp.float64, device=device)
-    count = plan.passes * (points + 2 * lines) + poses * max(plan.sections, 1)
-    nodes.knot = wp.empty(count, dtype=wp.float64, device=device)
-    nodes.point = wp.empty(count, dtype=wp.vec3d, device=device)
-    nodes.piece = wp.empty(count, dtype=wp.int32, device=device)
-    nodes.intensity = wp.empty(count if contours.intensity.shape[0] > 0 else 0, dtype=wp.float64, device=device)
-    pauses = contours.dwell.shape[0] > 0 or plan.dwell_time > 0 or plan.dwell_ratio > 0
-    nodes.pause = wp.empty(count if pauses else 0, dtype=wp.float64, device=device)
-    nodes.corner = wp.empty(count if pauses else 0, dtype=wp.uint8, device=device)
-    nodes.section = wp.empty(poses * plan.sections, dtype=DrawnSection, device=device)
-    nodes.stretch = wp.empty(lines if plan.sections > 0 else 0, dtype=wp.float64, device=device)
-    return rows, nodes
-
-
-def make_search_room(rows: RouteRows, runs: int) -> None:
-    """Memory for the searches of so many runs."""
-    device = rows.given.device
-    rows.room = wp.empty(runs * ROOM, dtype=wp.int32, device=device)
-    rows.sums = wp.empty(runs * SUMS, dtype=wp.float64, device=device)
-    rows.door = wp.empty((runs, DOORS), dtype=wp.vec3d, device=device)
-
-
-class SingleTracks(NamedTuple):
-    """Tracks of poses of one piece, and what those of the others are laid with."""
-
-    rows: RouteRows
-    nodes: TrackNodes
-    pieces: PosePieces
-    tracks: wp.array  # PoseTrack, shape [pose]; of no node where none is laid
-    begin: wp.array  # first pose of each run, in any order
-    runs: wp.array  # how many there are, shape [1]
-
-
-def lay_single_tracks(contours: Contours, plan: SamplingPlan, schedule: PoseSchedule) -> SingleTracks:
-    """Lay the tracks of poses of one piece behind one that has at most one. Each polyline must have vertices."""
-    device, poses = contours.points.device, contours.pose_start.shape[0] - 1
-    rows, nodes = room_for(contours, plan)
-    pieces = PosePieces()
-    pieces.count = wp.empty(poses, dtype=wp.int32, device=device)
-    pieces.length = wp.empty(poses, dtype=wp.float64, device=device)
-    tracks = wp.zeros(poses, dtype=PoseTrack, device=device)
-    begin = wp.empty(poses, dtype=wp.int32, device=device)
-    runs = wp.zeros(1, dtype=wp.int32, device=device)
-    make_search_room(rows, 0)
-    inputs, outputs = [contours, schedule], [rows, pieces]
-    wp.launch(_collect_pieces, poses, inputs=inputs, outputs=outputs, device=device, block_dim=BLOCK)
-    inputs, outputs = [contours, plan, schedule, pieces], [rows, nodes, tracks, begin, runs]
-    wp.launch(_lay_single, poses, inputs=inputs, outputs=outputs, device=device, block_dim=BLOCK)
-    return SingleTracks(rows, nodes, pieces, tracks, begin, runs)
-
-
-def lay_tracks(contours: Contours, plan: SamplingPlan, schedule: PoseSchedule) -> tuple[TrackNodes, wp.array, wp.array]:
-    """Nodes of the tracks of all poses, the tracks, PoseTrack, and the pieces as they are drawn, DrawnPiece.
-
-    Each polyline must have vertices.
-    """
-    rows, nodes, pieces, tracks, begin, count = lay_single_tracks(contours, plan, schedule)
-    runs = int(count.numpy()[0])
-    make_search_room(rows, min(runs, RUNS_MOST))
-    for first in range(0, runs, RUNS_MOST):
-        part = begin[first : min(first + RUNS_MOST, runs)]
-        inputs, outputs = [contours, plan, schedule, pieces, part], [rows, nodes, tracks]
-        wp.launch(_lay_run, part.shape[0], inputs=inputs, outputs=outputs, device=tracks.device, block_dim=BLOCK)
-    return nodes, tracks, rows.drawn

@@ -1,8 +1,9 @@
 """Revisits: how long picked places on the skin have waited since they were visited before; one thread a pick.
 
-As `RevisitWatch` in render/sampling/revisits.py. A pose has a box around the places of each focal point, and so have
-sixteen samples in a row: a pick looks only into boxes that are near to its place. A pose whose focal points rest is
-looked at once.
+In each interval one place that a focal point draws is picked. A visit is a run of drawn samples with a focal point near
+the place; docs/guide/sampling.md has the definition. A pose has a box around the places of each focal point, and so
+have sixteen samples in a row: a pick looks only into boxes that are near to its place. A pose whose focal points rest
+is looked at once. Samples before those that are given count as none, so the last two limits before them must be given.
 """
 
 import numpy as np
@@ -10,26 +11,198 @@ import warp as wp
 
 from ..offsets import BLOCK
 from ..patch import EXACT
-from .cursor import PoseSchedule
-from .layout import INFINITE, ONE, ZERO
-from .skin_boxes import (
-    FAR,
-    GROUP,
-    NEAR,
-    NEARBY,
-    SkinSamples,
-    first_box,
-    first_drawn,
-    frame_of,
-    nearness,
-    on_skin,
-    square_to,
-)
+from .layout import INFINITE, ONE, TWO, ZERO, PoseSchedule
 
 wp.set_module_options(EXACT)
 
+REVISIT_RADIUS = 5e-3  # [m] on the skin: half a focal point's width 0.2 m above an array of 0.16 m
+NEAR = wp.constant(wp.float64(REVISIT_RADIUS**2))  # [m^2]
+SURELY_NEAR = wp.constant(wp.float64((1.001 * REVISIT_RADIUS) ** 2))  # [m^2]; no rounding leaves a near sample out
+GROUP = wp.constant(wp.int64(16))  # samples in a row that have a box
+EMPTY, FAR, NEARBY = (wp.constant(k) for k in range(3))  # what a box is to a place
 GOLDEN = wp.constant(wp.float64((np.sqrt(5.0) - 1.0) / 2.0))
 NONE, IN_VAIN, VISITED = (wp.constant(k) for k in range(3))  # results of a pick
+
+
+@wp.struct
+class SkinSamples:
+    """Focal points, and the boxes around them on the skin; a pose's first box is around all its samples."""
+
+    position: wp.array2d[wp.vec3]  # [m], array frame, shape [sample, focus]
+    intensity: wp.array2d[wp.float32]
+    pose: wp.array[wp.transformd]  # hand frame -> array frame
+    low: wp.array2d[wp.vec3d]  # [m], hand frame, of what is drawn, shape [box, focus]; above `high` if nothing is
+    high: wp.array2d[wp.vec3d]
+    rests: wp.array[wp.int32]  # 1: in every sample of a pose that is drawn the same focal points are, where they were
+
+
+@wp.struct
+class HandFrame:
+    """Axes and origin of a hand frame in the array frame."""
+
+    across: wp.vec3d
+    up: wp.vec3d
+    along: wp.vec3d
+    at: wp.vec3d  # [m]
+
+
+@wp.func
+def frame_of(pose: wp.transformd):
+    """The frame of a hand pose."""
+    frame = HandFrame()
+    q = wp.transform_get_rotation(pose)
+    x = q[0]
+    y = q[1]
+    z = q[2]
+    w = q[3]
+    frame.across = wp.vec3d(ONE - TWO * (y * y + z * z), TWO * (x * y + z * w), TWO * (x * z - y * w))
+    frame.up = wp.vec3d(TWO * (x * y - z * w), ONE - TWO * (x * x + z * z), TWO * (y * z + x * w))
+    frame.along = wp.vec3d(TWO * (x * z + y * w), TWO * (y * z - x * w), ONE - TWO * (x * x + y * y))
+    frame.at = wp.transform_get_translation(pose)
+    return frame
+
+
+@wp.func
+def in_order(a: wp.vec3d, b: wp.vec3d):
+    """Scalar product, summed in order."""
+    return (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
+
+
+@wp.func
+def on_skin(frame: HandFrame, p: wp.vec3):
+    """A point of the array frame in a hand frame [m]."""
+    off = wp.vec3d(wp.float64(p[0]), wp.float64(p[1]), wp.float64(p[2])) - frame.at
+    return wp.vec3d(in_order(frame.across, off), in_order(frame.up, off), in_order(frame.along, off))
+
+
+@wp.func
+def first_box(schedule: PoseSchedule, pose: wp.int64):
+    """First box of a pose; before it is room for those of all earlier ones."""
+    return wp.int64(2) * pose + schedule.row[pose] / GROUP
+
+
+@wp.func
+def first_drawn(skin: SkinSamples, begin: wp.int64, stop: wp.int64):
+    """The first sample from one on that draws a focal point; `stop` if none does."""
+    row = begin
+    drawn = int(0)
+    while row < stop and drawn == 0:
+        for focus in range(skin.intensity.shape[1]):
+            if skin.intensity[row, focus] > 0.0:
+                drawn = int(1)
+        if drawn == 0:
+            row += wp.int64(1)
+    return row
+
+
+@wp.func
+def is_at_rest(skin: SkinSamples, first: wp.int64, stop: wp.int64):
+    """Whether every sample that is drawn is as the first one: the same focal points at the same places."""
+    row = first + wp.int64(1)
+    while row < stop:
+        silent = int(1)
+        same = int(1)
+        for focus in range(skin.intensity.shape[1]):
+            shown = skin.intensity[row, focus] > 0.0
+            if shown:
+                silent = int(0)
+            if shown != (skin.intensity[first, focus] > 0.0):
+                same = int(0)
+            elif shown and not (skin.position[row, focus] == skin.position[first, focus]):
+                same = int(0)
+        if silent == 0 and same == 0:
+            return 0
+        row += wp.int64(1)
+    return 1
+
+
+@wp.func
+def box_around(
+    skin: SkinSamples,
+    frame: HandFrame,
+    first: wp.int64,
+    stop: wp.int64,
+    focus: int,
+):
+    """Least and greatest coordinates of a focal point among samples, where it is drawn [m]."""
+    least = wp.vec3d(INFINITE, INFINITE, INFINITE)
+    most = -least
+    row = first
+    while row < stop:
+        if skin.intensity[row, focus] > 0.0:
+            point = on_skin(frame, skin.position[row, focus])
+            least = wp.min(least, point)
+            most = wp.max(most, point)
+        row += wp.int64(1)
+    return least, most
+
+
+@wp.kernel
+def _box_samples(
+    # In:
+    schedule: PoseSchedule,
+    skin: SkinSamples,
+    # Out:
+    low: wp.array2d[wp.vec3d],
+    high: wp.array2d[wp.vec3d],
+    rests: wp.array[wp.int32],
+):
+    """Put boxes around the samples of a pose; around all at once if they rest."""
+    pose = wp.tid()
+    frame = frame_of(skin.pose[pose])
+    stop = schedule.row[pose] + schedule.count[pose]
+    drawn = first_drawn(skin, schedule.row[pose], stop)
+    still = is_at_rest(skin, drawn, stop)
+    rests[pose] = still
+    begin = schedule.row[pose]
+    if still == 1:
+        begin = drawn
+        stop = wp.min(drawn + wp.int64(1), stop)
+    own = first_box(schedule, wp.int64(pose))
+    for focus in range(skin.intensity.shape[1]):
+        least = wp.vec3d(INFINITE, INFINITE, INFINITE)
+        most = -least
+        row = begin
+        box = own
+        while row < stop:
+            a, b = box_around(skin, frame, row, wp.min(row + GROUP, stop), focus)
+            least = wp.min(least, a)
+            most = wp.max(most, b)
+            box += wp.int64(1)
+            if still == 0:
+                low[box, focus] = a
+                high[box, focus] = b
+            row += GROUP
+        low[own, focus] = least
+        high[own, focus] = most
+
+
+@wp.func
+def nearness(skin: SkinSamples, box: wp.int64, place: wp.vec3d):
+    """Whether a sample in a box may be near to a place: EMPTY, FAR or NEARBY."""
+    out = int(EMPTY)
+    for focus in range(skin.low.shape[1]):
+        if out != NEARBY and skin.low[box, focus][0] <= skin.high[box, focus][0]:
+            out = FAR
+            low = skin.low[box, focus] - place
+            high = place - skin.high[box, focus]
+            off = wp.max(wp.max(low, high), wp.vec3d(ZERO, ZERO, ZERO))
+            if in_order(off, off) < SURELY_NEAR:
+                out = NEARBY
+    return out
+
+
+@wp.func
+def square_to(skin: SkinSamples, frame: HandFrame, row: wp.int64, place: wp.vec3d):
+    """Square distance of the nearest drawn focal point of a sample from a place [m^2]; negative if none is drawn."""
+    least = -ONE
+    for focus in range(skin.intensity.shape[1]):
+        if skin.intensity[row, focus] > 0.0:
+            off = on_skin(frame, skin.position[row, focus]) - place
+            square = in_order(off, off)
+            if least < ZERO or square < least:
+                least = square
+    return least
 
 
 @wp.struct
@@ -38,6 +211,8 @@ class PickRule:
 
     interval: wp.int64
     limit: wp.int64
+    first_sample: wp.array[wp.int64]  # number of the first sample that is given, shape [motion]
+    first_pick: wp.array[wp.int64]  # number of the first pick
 
 
 @wp.struct
@@ -173,6 +348,13 @@ def pose_of(schedule: PoseSchedule, motion: int, row: wp.int64):
     return low
 
 
+@wp.func
+def sample_of(rule: PickRule, pick: wp.int64):
+    """Sample of a pick: one, anywhere, in each interval; the multiples of GOLDEN keep step with no cycle."""
+    share = wp.mod(wp.float64(pick) * GOLDEN, ONE)
+    return pick * rule.interval + wp.int64(wp.floor(wp.float64(rule.interval) * share))
+
+
 @wp.kernel
 def _look_back(
     # In:
@@ -188,10 +370,9 @@ def _look_back(
     """Find how long the place of a pick has waited."""
     i = wp.int64(wp.tid())
     motion = wp.lower_bound(pick_start, i + wp.int64(1)) - 1
-    begin = sample_start[motion]
-    pick = i - pick_start[motion]
-    share = wp.mod(wp.float64(pick) * GOLDEN, ONE)
-    own = begin + pick * rule.interval + wp.int64(wp.floor(wp.float64(rule.interval) * share))
+    begin = sample_start[motion] - rule.first_sample[motion]  # row of the motion's very first sample
+    pick = i - pick_start[motion] + rule.first_pick[motion]
+    own = begin + sample_of(rule, pick)
     result[i] = NONE
     wait[i] = wp.int64(0)
     if own >= sample_start[motion + 1]:
@@ -215,55 +396,70 @@ def _look_back(
 
 @wp.kernel
 def _sum_waits(
-    # In:
     pick_start: wp.array[wp.int64],
     result: wp.array[wp.int32],
     wait: wp.array[wp.int64],
-    period: wp.float64,  # of samples [s]
-    # Out:
-    revisits: wp.array[wp.int64],  # shape [motion]
-    time: wp.array[wp.float64],  # that places had waited [s]
+    sums: wp.array2d[wp.int64],  # picks that were visited before, and samples that all had waited, shape [motion, 2]
 ):
-    """Sum the picks of a motion in turn."""
+    """Sum the picks of a motion."""
     motion = wp.tid()
-    total = ZERO
+    total = wp.int64(0)
     count = wp.int64(0)
     pick = pick_start[motion]
     while pick < pick_start[motion + 1]:
         if result[pick] != NONE:
-            total += wp.float64(wait[pick]) * period
+            total += wait[pick]
             if result[pick] == VISITED:
                 count += wp.int64(1)
         pick += wp.int64(1)
-    revisits[motion] = count
-    time[motion] = total
+    sums[motion, 0] = count
+    sums[motion, 1] = total
+
+
+def picked_sample(pick: int, interval: int) -> int:
+    """Sample of a pick, as `sample_of` has it."""
+    return pick * interval + int(np.floor(interval * (pick * ((np.sqrt(5.0) - 1.0) / 2.0) % 1.0)))
 
 
 def count_revisits(
     schedule: PoseSchedule,
-    skin: SkinSamples,
-    sample_start: wp.array,
-    pick_start: wp.array,
+    pose: wp.array,
+    position: wp.array,
+    intensity: wp.array,
     *,
+    sample_start: np.ndarray,
+    pick_count: np.ndarray,
+    first_sample: np.ndarray,
+    first_pick: np.ndarray,
     interval: int,
     limit: int,
-    rate: float,
-) -> tuple[wp.array, wp.array]:
-    """Picked places that had been visited before, and how long all had waited [s], of each motion.
+) -> np.ndarray:
+    """Picked places that had been visited before, and samples that all had waited, int64, shape [motion, 2].
 
-    sample_start, pick_start: offsets of motions into samples and into picks, of which there is one in each `interval`
-    samples. limit: samples without a visit after which a place waits in vain. rate: of samples [Hz].
+    pose: transformd, at least as many as schedule's. position [m], intensity: shape [sample, focus]. sample_start:
+    offsets of motions into samples, shape [motion + 1]. pick_count, first_sample, first_pick: picks, and the numbers of
+    the first sample that is given and of the first pick, of each motion. interval: samples for one pick each. limit:
+    samples without a visit after which a place waits in vain.
     """
-    device, motion_count = sample_start.device, sample_start.shape[0] - 1
+    device, foci, poses = position.device, position.shape[1], int(schedule.motion_start.numpy()[len(pick_count)])
+    boxes = 2 * poses + int(sample_start[-1]) // 16
+    skin = SkinSamples()
+    skin.position, skin.intensity, skin.pose = position, intensity, pose
+    skin.low, skin.high = (wp.empty((boxes, foci), dtype=wp.vec3d, device=device) for _ in range(2))
+    skin.rests = wp.empty(poses, dtype=wp.int32, device=device)
+    outputs = [skin.low, skin.high, skin.rests]
+    wp.launch(_box_samples, poses, inputs=[schedule, skin], outputs=outputs, device=device, block_dim=BLOCK)
+    picks = np.concatenate([[0], np.cumsum(pick_count)])
+    starts, pick_start, samples, first = (
+        wp.array(values, dtype=wp.int64, device=device) for values in (sample_start, picks, first_sample, first_pick)
+    )
     rule = PickRule()
-    rule.interval, rule.limit = interval, limit
-    picks = int(pick_start[-1:].numpy()[0])
-    result = wp.empty(picks, dtype=wp.int32, device=device)
-    wait = wp.empty(picks, dtype=wp.int64, device=device)
-    inputs = [rule, schedule, skin, sample_start, pick_start]
-    wp.launch(_look_back, picks, inputs=inputs, outputs=[result, wait], device=device, block_dim=BLOCK)
-    revisits = wp.empty(motion_count, dtype=wp.int64, device=device)
-    time = wp.empty(motion_count, dtype=wp.float64, device=device)
-    inputs = [pick_start, result, wait, wp.float64(1.0 / rate)]
-    wp.launch(_sum_waits, motion_count, inputs=inputs, outputs=[revisits, time], device=device, block_dim=BLOCK)
-    return revisits, time
+    rule.interval, rule.limit, rule.first_sample, rule.first_pick = interval, limit, samples, first
+    result = wp.empty(int(picks[-1]), dtype=wp.int32, device=device)
+    wait = wp.empty(int(picks[-1]), dtype=wp.int64, device=device)
+    inputs = [rule, schedule, skin, starts, pick_start]
+    wp.launch(_look_back, len(result), inputs=inputs, outputs=[result, wait], device=device, block_dim=BLOCK)
+    sums = wp.empty((len(pick_count), 2), dtype=wp.int64, device=device)
+    inputs = [pick_start, result, wait]
+    wp.launch(_sum_waits, len(pick_count), inputs=inputs, outputs=[sums], device=device, block_dim=BLOCK)
+    return sums.numpy()

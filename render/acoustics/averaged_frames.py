@@ -8,7 +8,9 @@ from ...datasets.contour_file.reader import ContourFile
 from ..errors import StrategyError
 from ..playback.opened_source import opened
 from ..playback.placed_arrays import PlacedArray
-from ..sampling.contour_sampling import FocalPoints, SamplingStrategy, joined
+from ..sampling.metrics import FocalPoints
+from ..sampling.sampler import joined
+from ..sampling.strategy import SamplingStrategy
 from ..validation import choose
 from .drawn_frames import DrawnPose, cycle_of
 from .transducers import Resonance

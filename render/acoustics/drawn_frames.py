@@ -14,8 +14,9 @@ from ..hands.hand import Hand, hand_from
 from ..playback.drive import Driver, Drives
 from ..playback.focus_source import ContourRows
 from ..playback.placed_arrays import PlacedArray
-from ..sampling.contour_sampling import FocalPoints, Sampler, SamplingStrategy
-from ..sampling.path import Path as ContourPath
+from ..sampling.metrics import FocalPoints
+from ..sampling.sampler import Sampler, has_contours
+from ..sampling.strategy import SamplingStrategy
 
 CYCLE_MOST = 16_384  # frames
 
@@ -37,10 +38,6 @@ class DrawnPose:
         """Contours [m], each of shape [point, 3]."""
         start = self.batch.polyline_start
         return [np.asarray(self.batch.points[a:b], float) for a, b in pairwise(start)]
-
-    def path(self) -> ContourPath | None:
-        """What a sampler draws; None without contours."""
-        return ContourPath.of(self.batch, 0)
 
 
 def drawn_pose(file: ContourFile, index: int) -> DrawnPose:
@@ -81,16 +78,16 @@ def cycle_of(drawn: DrawnPose, sampling: SamplingStrategy) -> FocalPoints:
 
     Where cycles have no common period (some modulations), 16384 frames stand for it.
     """
-    return cycle_along(drawn.path(), drawn.pose, sampling)
+    return cycle_along(drawn.batch, drawn.pose, sampling)
 
 
-def cycle_along(path: ContourPath | None, pose: np.ndarray, sampling: SamplingStrategy) -> FocalPoints:
-    """The same along a path; none without one. pose: position [m] and quaternion xyzw of the hand, shape [7]."""
-    if path is None:
+def cycle_along(contours: ContourBatch, pose: np.ndarray, sampling: SamplingStrategy) -> FocalPoints:
+    """The same of a batch of one pose. pose: position [m] and quaternion xyzw of the hand, shape [7]."""
+    if not has_contours(contours):
         return FocalPoints(np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
-    sampler = Sampler(sampling)
-    cycle = sampler.cycle(path, pose, limit=CYCLE_MOST)
-    return sampler.draw(path, pose, CYCLE_MOST) if cycle is None else cycle
+    sampler = Sampler(sampling, revisits=False)
+    cycle = sampler.cycle(contours, pose, limit=CYCLE_MOST)
+    return sampler.draw(contours, pose, CYCLE_MOST) if cycle is None else cycle
 
 
 def drives_of(driver: Driver, focus: FocalPoints) -> Drives:

@@ -11,7 +11,7 @@ from ...device.codec import round_drives
 from ...device.registry import kind_of
 from ..errors import StrategyError
 from ..playback.drive import Driver
-from ..sampling.contour_sampling import FocalPoints
+from ..sampling.metrics import FocalPoints
 
 if TYPE_CHECKING:
     from ..playback.opened_source import Opened

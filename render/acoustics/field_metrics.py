@@ -14,7 +14,7 @@ from ..hands.hand import Hand, hand_from
 from ..playback.drive import Driver, DriveStrategy
 from ..playback.focus_source import ContourRows
 from ..playback.placed_arrays import PlacedArray, load_rig
-from ..sampling.contour_sampling import SamplingStrategy
+from ..sampling.strategy import SamplingStrategy
 from ..validation import require_number
 from .drawn_frames import DrawnPose, cycle_of, drawn_row, drives_of, is_reachable
 from .pressure import NEAREST, PressureSum, complex_drives, follow_drives

@@ -9,7 +9,7 @@ from ..playback.drive import Driver, DriveStrategy
 from ..playback.focus_source import ContourRows
 from ..playback.opened_source import opened, sampled
 from ..playback.placed_arrays import PlacedArray, load_rig
-from ..sampling.contour_sampling import SamplingStrategy
+from ..sampling.strategy import SamplingStrategy
 from .emission import PlayedFrames, played_frames, require_room
 from .noise import NoiseListener, NoiseModel, NoiseSignal, Progress
 

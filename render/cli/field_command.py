@@ -27,7 +27,7 @@ from ..playback.placed_arrays import PlacedArray, load_rig
 from ..reports.field_figure import draw_print, draw_volume
 from ..reports.picture_style import require_picture
 from ..runtime.warp_start import start_warp
-from ..sampling.contour_sampling import SamplingStrategy
+from ..sampling.strategy import SamplingStrategy
 from ..terminal import bars, console
 from ..validation import choose, refuse_object, require_number
 

@@ -24,9 +24,8 @@ from ..playback.opened_source import usual_rate
 from ..playback.placed_arrays import PlacedArray, load_rig
 from ..playback.prepared_frames import Making, prepare_frames
 from ..runtime.warp_start import start_warp
-from ..sampling.contour_sampling import SamplingStrategy, load_sampling, sets_rate
-from ..sampling.presets import LINES, PRESETS
-from ..sampling.strategy import JUMP_LENGTH
+from ..sampling.presets import LINES, PRESETS, load_sampling, sets_rate
+from ..sampling.strategy import JUMP_LENGTH, SamplingStrategy
 from ..terminal import bars, console
 from ..terminal.foreign_text import print_message, write_output
 from ..validation import choose, refuse_object

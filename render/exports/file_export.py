@@ -12,7 +12,7 @@ from ..contour_input import takes_batches
 from ..errors import StrategyError
 from ..file_kinds import is_point_list
 from ..output_file import require_output
-from ..sampling.contour_sampling import SamplingStrategy
+from ..sampling.strategy import SamplingStrategy
 from ..user_warnings import warn_user
 from ..validation import choose, refuse_object, require_number, require_path
 from .autd3_script import AUTD3, write_script

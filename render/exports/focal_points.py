@@ -14,8 +14,10 @@ from ...datasets.focus_files.ptlist import read_ptlist
 from ...datasets.storage.schema import Arrays
 from ..errors import StrategyError
 from ..playback.focus_source import ContourSource
-from ..sampling.contour_sampling import FocalPoints, Sampler, SamplingStrategy, joined
+from ..sampling.metrics import FocalPoints
 from ..sampling.presets import sampling_of
+from ..sampling.sampler import Sampler, joined
+from ..sampling.strategy import SamplingStrategy
 from .pose_choice import Ends, Progress, picked, seconds_of
 
 

@@ -22,7 +22,7 @@ from ...kernels.driving.slew import Gauge
 from ...kernels.driving.solve import POINTS_MOST, solve_points
 from ...kernels.driving.weigh import FocalBox, hold_points
 from ..errors import StrategyError
-from ..sampling.contour_sampling import FocalPoints
+from ..sampling.metrics import FocalPoints
 from .drive import INTENSITY_TOLERANCE, REST, DriveStrategy, solved_size, transducers_of
 
 SOLVED_AT_ONCE = 1 << 17  # frames: 128 MiB of delays of 256 transducers

@@ -16,7 +16,7 @@ from ...kernels.driving.wave import transducers_on
 from ...kernels.driving.weigh import TARGET_STEPS
 from ..errors import StrategyError
 from ..focal_spot import PISTON_RADIUS, SOUND_SPEED
-from ..sampling.contour_sampling import FocalPoints
+from ..sampling.metrics import FocalPoints
 from ..validation import read_fields, require_choice, require_number
 
 REST = (0.0, 0.0, 0.2)  # [m] aim of silent frames before the first focal point

@@ -24,7 +24,8 @@ from ...device.transports.pyusb import Backend
 from ...device.transports.serial_line import SerialPorts
 from ..contour_input import takes_batches
 from ..errors import StrategyError
-from ..sampling.contour_sampling import SamplingCount, SamplingStrategy
+from ..sampling.metrics import SamplingCount
+from ..sampling.strategy import SamplingStrategy
 from ..validation import choose
 from .drive import Driver, DriveStrategy
 from .focus_source import ContourRows

@@ -2,8 +2,6 @@
 
 import math
 from collections.abc import Iterator
-from copy import deepcopy
-from dataclasses import fields
 from pathlib import Path
 from typing import Protocol
 
@@ -13,9 +11,9 @@ from ...datasets.focus_files.frame_reader import FrameReader
 from ...datasets.motions.last_pose import INTERVALS_LOOKED_AT, end_of_motion, usual_interval
 from ..contour_batch import ContourBatch
 from ..errors import PoseError, StrategyError
-from ..sampling.contour_sampling import FocalPoints, Sampler, SamplingCount, sample_contours
-from ..sampling.path import Path as ContourPath
+from ..sampling.metrics import FocalPoints
 from ..sampling.revisits import REVISIT_LIMIT
+from ..sampling.sampler import Sampler, has_contours, sample_contours
 
 FRAMES_MOST = 1e12  # a year at 40 kHz
 BLOCK = 1024  # frames; 0.1 s at 10 kHz, 26 ms at 40 kHz: what Python needs a few milliseconds for
@@ -102,6 +100,7 @@ class ContourSource:
     Args:
         file: the opened file, sealed, or another source of contours.
         sampler: draws its poses; keeps the counts.
+        block: focal points of a block at most, but for a static pose.
         duration: when to stop [s]; a motion ends by itself, a static pose does not. None is the motion's end
             (`end_of_motion`).
 
@@ -110,8 +109,11 @@ class ContourSource:
         PoseError: poses without times, or with times that do not increase; found as they are read.
     """
 
-    def __init__(self, file: ContourRows, sampler: Sampler, duration: float | None = None) -> None:
+    def __init__(
+        self, file: ContourRows, sampler: Sampler, duration: float | None = None, *, block: int = BLOCK
+    ) -> None:
         require_duration(duration)
+        self._block = block
         self._file, self._sampler = file, sampler
         self._interval: float | None = None  # [s]; None for one static pose
         self.duration = self._duration(duration)
@@ -139,7 +141,14 @@ class ContourSource:
             if played == 0:
                 return
             batch, pose = self._read(first, first + played)
-            yield from sample_contours([batch], pose, time[:played], end, self._sampler, block=BLOCK, hold=self.hold)
+            yield from sample_contours(
+                [batch], pose, time[:played], end, self._sampler, block=self._block, hold=self.hold
+            )
+
+    def _sampled(
+        self, batch: ContourBatch, pose: np.ndarray, time: np.ndarray, end: float, hold: float
+    ) -> Iterator[FocalPoints]:
+        return sample_contours([batch], pose, time, end, self._sampler, block=self._block, hold=hold)
 
     def _read(self, first: int, stop: int) -> tuple[ContourBatch, np.ndarray]:
         batch = ContourBatch.from_arrays(self._file.contours(first, stop))
@@ -147,15 +156,17 @@ class ContourSource:
 
     def _static(self) -> Iterator[FocalPoints]:
         batch, pose = self._read(0, 1)
-        path, sampler = ContourPath.of(batch, 0), self._sampler
-        cycle = None if path is None else sampler.cycle(path, pose[0])
-        if path is None or cycle is None or 2 * len(cycle.intensity) > self.frame_count:
-            yield from sample_contours([batch], pose, np.zeros(1), self.duration, sampler, block=BLOCK, hold=np.inf)
+        sampler = self._sampler
+        cycle = sampler.cycle(batch, pose[0]) if has_contours(batch) else None
+        if cycle is None or 2 * len(cycle.intensity) > self.frame_count:
+            yield from sample_contours(
+                [batch], pose, np.zeros(1), self.duration, sampler, block=self._block, hold=np.inf
+            )
             return
         count = len(cycle.intensity)
         again = -(-BLOCK // count)
         block = FocalPoints(np.tile(cycle.position, (again,) + (1,) * (cycle.position.ndim - 1)), _again(cycle, again))
-        _count_cycles(sampler, path, pose[0], count, self.frame_count)
+        _count_cycles(sampler, batch, pose[0], count, self.frame_count)
         for first in range(0, self.frame_count, again * count):
             left = self.frame_count - first
             yield block if left >= again * count else FocalPoints(block.position[:left], block.intensity[:left])
@@ -181,7 +192,7 @@ def _again(cycle: FocalPoints, times: int) -> np.ndarray:
     return np.tile(cycle.intensity, (times,) + (1,) * (cycle.intensity.ndim - 1))
 
 
-def _count_cycles(sampler: Sampler, path: ContourPath, pose: np.ndarray, count: int, frame_count: int) -> None:
+def _count_cycles(sampler: Sampler, contours: ContourBatch, pose: np.ndarray, count: int, frame_count: int) -> None:
     """Let a sampler count all frames of a static pose: after a run-in, those of COUNTED stand for all later ones.
 
     One cycle would do for all but the revisits, which are looked for in few places of each; and before REVISIT_LIMIT is
@@ -190,22 +201,15 @@ def _count_cycles(sampler: Sampler, path: ContourPath, pose: np.ndarray, count: 
     rate = sampler.strategy.update_rate
     run_in, part = (count * math.ceil(seconds * rate / count) for seconds in (REVISIT_LIMIT, COUNTED))
     if run_in + part > frame_count:
-        sampler.draw(path, pose, frame_count)
+        sampler.draw(contours, pose, frame_count)
         return
-    sampler.draw(path, pose, run_in)
-    before = deepcopy(sampler.count)
-    sampler.draw(path, pose, part)
-    after = deepcopy(sampler.count)
     again, rest = divmod(frame_count - run_in - part, part)
-    sampler.draw(path, pose, rest)
-    for f in fields(SamplingCount):
-        then, once, now = (getattr(count, f.name) for count in (before, after, sampler.count))
-        if f.name in ("step_longest", "hops_longest", "absence_max"):  # the longest, not sums
-            continue
-        if isinstance(now, dict):
-            setattr(sampler.count, f.name, {key: now[key] + again * (once[key] - then[key]) for key in now})
-        else:
-            setattr(sampler.count, f.name, now + again * (once - then))
+    sampler.draw(contours, pose, run_in)
+    before = sampler.count
+    sampler.draw(contours, pose, part)
+    after = sampler.count
+    sampler.draw(contours, pose, rest)
+    sampler.repeat(before, after, again)
 
 
 def require_duration(duration: float | None) -> None:

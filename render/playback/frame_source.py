@@ -4,12 +4,13 @@ from __future__ import annotations  # array("B") takes no index at run time
 
 from array import array
 from collections.abc import Iterator
-from copy import deepcopy
 from typing import Any, NamedTuple
 
 from ...device.codec import encode_frames, switched_count
 from ..errors import StrategyError
-from ..sampling.contour_sampling import FocalPoints, Sampler, SamplingCount, SamplingStrategy
+from ..sampling.metrics import FocalPoints, SamplingCount
+from ..sampling.sampler import Sampler
+from ..sampling.strategy import SamplingStrategy
 from .device_frames import PulsePacker
 from .drive import Driver
 from .focus_source import ContourSource, FocusSource
@@ -91,7 +92,7 @@ class FrameSource:
                 yield encoded.block
             self._kept = blocks if keeping else None
             if time == 0 and self._sampler is not None:
-                self.counted = deepcopy(self._sampler.count)
+                self.counted = self._sampler.count
 
     def _encoded(self, focus: FocalPoints) -> Encoded:
         if self._last is not None and self._last[0] is focus and self._is_memoryless(focus):

@@ -15,16 +15,16 @@ from ..hands.hand import Hand
 from ..intersection.batch_rendering import check_poses
 from ..intersection.prepared_contours import PreparedContours
 from ..objects.solid import Solid
-from ..sampling.contour_sampling import FocalPoints, Path, Sampler, SamplingStrategy, joined, paths_of
-from ..sampling.fading import age_at
+from ..sampling.metrics import FocalPoints
 from ..sampling.presets import sampling_of
+from ..sampling.sampler import Sampler, age_at, joined
+from ..sampling.strategy import SamplingStrategy
 from ..strategies.intersection_strategy import IntersectionStrategy
 
 POSE_INTERVAL = 1 / 90  # [s]; a headset's hand tracking
 INTERVAL_RANGE = (1e-4, 5.0)  # [s]
 FAR = 1e30  # [m]; float32 ends beyond
 DRAWN_MOST = 10.0  # [s] in one go: 400,000 samples at 40 kHz
-DRAWN_AT_ONCE = 1024  # samples, as `sample_contours` does
 NORM_SURE = 5e-8  # a quaternion's norm this near to 1 is left alone by `check_poses`, however it rounds
 
 
@@ -64,8 +64,8 @@ class Instant:
             raise StrategyError(f"interval must lie in {low:g}..{high:g} s, not {interval}")
         sampling = sampling_of(sampling or SamplingStrategy())
         self.interval = interval
-        self.sampler = Sampler(sampling)
-        """Its `count` has the number of samples drawn."""
+        self.sampler = Sampler(sampling, revisits=False)
+        """Its `count` has what was drawn, revisits left out."""
         self.contours: ContourBatch | None = None
         """Of the last pose, on the host, in memory that the next pose writes over: copy what shall last."""
         self._intersection = PreparedContours(solid, hand, strategy)
@@ -74,7 +74,6 @@ class Instant:
         self._began = 0.0  # when the first pose came [s]
         self._came = 0.0  # when the last one did, from there on [s]
         self._pose = np.zeros(7)
-        self._path: Path | None = None
         self._drawn = 0  # samples so far
 
     def __repr__(self) -> str:
@@ -103,11 +102,10 @@ class Instant:
         if until < time:
             raise MotionError(f"until {until!r} s is before {time!r} s of its pose")
         before, stop = self._samples_until(time, began), self._samples_until(until, began)
-        late = self._samples(before) if before > self._drawn and not first else []
+        late = [self._samples(before)] if before > self._drawn and not first else []
         self.contours = self._intersection.at_checked(row)
         self._began, self._came, self._pose = began, time - began, row.astype(np.float64)
-        self._path = next(paths_of(self.contours))
-        return joined([*late, *self._samples(stop)])
+        return joined([*late, self._samples(stop)])
 
     def go_on(self, until: float) -> FocalPoints:
         """More focal points of the last pose, because none has come: it is held, then fades.
@@ -117,7 +115,7 @@ class Instant:
         """
         if self.contours is None:
             raise MotionError("there is no pose yet to go on with")
-        return joined(self._samples(self._samples_until(until, self._began)))
+        return self._samples(self._samples_until(until, self._began))
 
     def _samples_until(self, time: float, began: float) -> int:
         """Samples shown before a time [s]: see `sample_bounds`."""
@@ -129,15 +127,13 @@ class Instant:
             raise MotionError(f"time {time!r} s is more than {DRAWN_MOST:g} s after {last!r} s of the last focal point")
         return count
 
-    def _samples(self, stop: int) -> list[FocalPoints]:
-        """Samples of the last pose up to sample `stop`, in blocks; one at least."""
-        blocks = []
-        while self._drawn < stop or not blocks:
-            count = min(max(stop - self._drawn, 0), DRAWN_AT_ONCE)
-            age = age_at(self._drawn, self._came, self._rate)
-            blocks.append(self.sampler.draw(self._path, self._pose, count, age=age, hold=self._hold))
-            self._drawn += count
-        return blocks
+    def _samples(self, stop: int) -> FocalPoints:
+        """Samples of the last pose up to sample `stop`."""
+        count = max(stop - self._drawn, 0)
+        age = age_at(self._drawn, self._came, self._rate)
+        focus = self.sampler.draw(self.contours, self._pose, count, age=age, hold=self._hold)
+        self._drawn += count
+        return focus
 
 
 def checked_pose(pose: np.ndarray) -> np.ndarray:

@@ -19,8 +19,10 @@ from ...device.array import ArrayModel
 from ...kernels.driving.solve import POINTS_MOST
 from ..errors import StrategyError
 from ..file_kinds import is_point_list
-from ..sampling.contour_sampling import FocalPoints, Sampler, SamplingStrategy
+from ..sampling.metrics import FocalPoints
 from ..sampling.presets import sampling_of, sets_rate
+from ..sampling.sampler import Sampler
+from ..sampling.strategy import SamplingStrategy
 from .focus_source import (
     POINTS_A_READ,
     ContourRows,

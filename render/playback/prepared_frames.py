@@ -20,7 +20,8 @@ from ...datasets.storage.hdf5_opening import Attribute
 from ..contour_input import takes_batches
 from ..errors import StrategyError
 from ..output_file import require_output
-from ..sampling.contour_sampling import SamplingCount, SamplingStrategy
+from ..sampling.metrics import SamplingCount
+from ..sampling.strategy import SamplingStrategy
 from ..validation import is_number, known_fields, require_path
 from .device_frames import packer_for
 from .drive import Driver, DriveStrategy

@@ -13,8 +13,8 @@ import numpy as np
 from ...device.array import ArrayModel
 from ..contour_input import takes_batches
 from ..playback.placed_arrays import load_rig
-from ..sampling.contour_sampling import SamplingStrategy
 from ..sampling.draw_frequency import file_frequencies
+from ..sampling.strategy import SamplingStrategy
 from ..validation import require_path
 from .array_overview import draw_overview, is_near, letter
 from .contour_lines import WIDTH as WIDTH_OF_LINES

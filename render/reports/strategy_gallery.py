@@ -15,9 +15,8 @@ from ..hands.hand import Palm, PatchFrames
 from ..hands.mesh_hand import MeshHand
 from ..intersection.batch_rendering import render
 from ..objects.mesh.solid_mesh import MeshObject
-from ..sampling.contour_sampling import SamplingStrategy
-from ..sampling.path import Path as ContourPath
-from ..sampling.track import lay_track
+from ..sampling.sampler import laid_jumps
+from ..sampling.strategy import SamplingStrategy
 from ..stages.registry import ROLES, find_stage, first_line, known_stages
 from ..strategies.intersection_strategy import PRESETS, IntersectionStrategy
 from .contour_lines import WIDTH, draw_contours, varies
@@ -238,12 +237,7 @@ def _draw_panel(axes: Any, batch: ContourBatch, frames: PatchFrames) -> None:
 
 def _jumps(batch: ContourBatch, frames: PatchFrames) -> list[np.ndarray]:
     """Ways of more than a millimetre that the focal point jumps [mm], each of shape [2, 2]."""
-    path = ContourPath.of(batch, 0)
-    if path is None:
-        return []
-    track = lay_track(path, SamplingStrategy())
-    jump = np.flatnonzero((np.diff(track.knot) <= 0) & (track.step != 0).any(axis=1))
-    ways = [in_plane(way, frames) for way in (*(track.points[i : i + 2] for i in jump), track.points[[-1, 0]])]
+    ways = [in_plane(way, frames) for way in laid_jumps(batch, SamplingStrategy())]
     return [way for way in ways if np.linalg.norm(way[1] - way[0]) > 1.0]
 
 

@@ -10,9 +10,8 @@ import numpy as np
 
 from ...datasets.contour_file.reader import ContourFile
 from ..contour_batch import ContourBatch
-from .path import paths_of
+from .sampler import laid_tracks
 from .strategy import DEFAULT, SEAM, SamplingStrategy
-from .track import lay_track
 
 POSES_AT_ONCE = 512  # whose contours are read from a file
 
@@ -21,9 +20,8 @@ def pose_frequencies(batch: ContourBatch, strategy: SamplingStrategy = DEFAULT) 
     """Draw frequency of each pose of a batch on the host [Hz], shape [pose]; NaN without contours, 0 if still."""
     if not needs_tracks(strategy):
         return frequencies_by_time(batch.length(), pauses_of(batch), strategy)
-    paths = paths_of(batch)
-    counts = [np.nan if path is None else lay_track(path, strategy).sample_count for path in paths]
-    return strategy.update_rate / np.array(counts, np.float64)
+    tracks = laid_tracks(batch, strategy)
+    return np.where(tracks["count"] > 0, strategy.update_rate / np.maximum(tracks["samples"], 1), np.nan)
 
 
 def file_frequencies(file: ContourFile, rows: np.ndarray, strategy: SamplingStrategy = DEFAULT) -> np.ndarray:

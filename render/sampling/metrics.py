@@ -2,16 +2,20 @@
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import warp as wp
 
 from ...datasets.counted import counted
-from ...datasets.rigid import rotate
+from ...kernels.sampling.dwelling import cell_row, count_cells
+from ...kernels.sampling.layout import PoseSchedule
 from ..errors import StrategyError
 
-BORDER = 1e-6  # [m] a point so near to a border of a dwell map lies on it: rounding moves points by far less
+if TYPE_CHECKING:
+    from .sampler import MotionSamples
+
 CAUSES = ("polyline", "order", "pose", "re-entry")
 """Why the focal point jumps: from one polyline to the next; because the order or the number of points a cycle asks for
 it; because a new pose has its contours elsewhere; because contours come back elsewhere after a silence."""
@@ -69,6 +73,16 @@ class SamplingCount:
     """Picked places on the skin that had been drawn before (`revisits`)."""
     revisit_time: float = 0.0
     """How long picked places had waited, in vain included [s]."""
+
+    def with_repeated(self, before: "SamplingCount", after: "SamplingCount", times: int) -> "SamplingCount":
+        """The same, and so many times more what came between two counts; what is longest stays so."""
+        out = replace(self)
+        for name in ("samples", "silent", "held", "drawn", "cycles", "revisits", "revisit_time"):
+            setattr(out, name, getattr(self, name) + times * (getattr(after, name) - getattr(before, name)))
+        for name in ("jumps", "jump_lengths", "hops"):
+            own, then, now = (getattr(count, name) for count in (self, before, after))
+            setattr(out, name, {cause: own[cause] + times * (now[cause] - then[cause]) for cause in own})
+        return out
 
     @property
     def jump_length(self) -> float:
@@ -157,51 +171,76 @@ def dwell_map(
     if not (0 < cell <= min(width, length) and np.isfinite(width) and np.isfinite(length)):
         raise StrategyError(f"cell must lie between 0 and the grid's {width:g} x {length:g} m, not {cell}")
     across, along = (cell_edges(extent, cell) for extent in (width, length))
-    shape = len(across) - 1, len(along) - 1
-    cells, drawn_count, samples, foci = np.zeros(shape, np.int64), 0, 0, 1  # whole numbers: blocks change no bit
-    for block, index in poses_of_samples(blocks, bounds):
-        count, foci = len(block.intensity), int(np.prod(block.intensity.shape[1:]))
-        position = block.position.reshape(count, foci, 3).astype(np.float64)
-        at = pose[index].astype(np.float64)[:, None]
-        skin = rotate(at[..., 3:] * np.array([-1.0, -1.0, -1.0, 1.0]), position - at[..., :3])
-        drawn = block.intensity.reshape(count, foci) > 0
-        u, v = cells_of(skin[..., 0][drawn], across), cells_of(-skin[..., 2][drawn], along)
-        inside = (u >= 0) & (v >= 0)
-        flat = u[inside] * shape[1] + v[inside]
-        cells += np.bincount(flat, minlength=cells.size).reshape(shape)
-        drawn_count += len(u)
-        samples += count
+    rows = [cell_row(float(edges[0]), float(edges[-1]), len(edges) - 1) for edges in (across, along)]
+    cells, samples, foci = np.zeros((len(across) - 1) * (len(along) - 1) + 1, np.int64), 0, 1  # blocks change no bit
+    for block, first, count in poses_of_samples(blocks, bounds):
+        number = len(block.intensity)
+        foci, samples = int(np.prod(block.intensity.shape[1:])), samples + number
+        given = (
+            wp.array(np.asarray(pose[first : first + len(count)], np.float64), dtype=wp.transformd, device="cpu"),
+            wp.array(block.position.reshape(number, foci, 3), dtype=wp.vec3, device="cpu"),
+            wp.array(block.intensity.reshape(number, foci), dtype=wp.float32, device="cpu"),
+        )
+        if number:
+            cells += count_cells(schedule_of(count, "cpu"), *given, *rows, motions=1, poses=len(count)).numpy()[0]
+    return dwell_of(cells, across, along, samples, foci, update_rate)
+
+
+def dwell_of(
+    cells: np.ndarray, across: np.ndarray, along: np.ndarray, samples: int, foci: int, update_rate: float
+) -> DwellMap:
+    """The map of so many samples, of which `count_cells` has counted the drawn focal points; each has its share."""
     shared = foci * update_rate
-    outside = float(drawn_count - int(cells.sum())) / shared
-    return DwellMap(cells / shared, across, along, outside, samples / update_rate - float(drawn_count) / shared)
+    time = cells[:-1].reshape(len(across) - 1, len(along) - 1) / shared
+    return DwellMap(time, across, along, float(cells[-1]) / shared, samples / update_rate - float(cells.sum()) / shared)
 
 
-def poses_of_samples(blocks: Iterable[FocalPoints], bounds: np.ndarray) -> Iterator[tuple[FocalPoints, np.ndarray]]:
-    """Blocks of consecutive focal points, and the pose that each sample is drawn at.
+def dwell_maps(
+    samples: "MotionSamples", update_rate: float, *, width: float = 0.085, length: float = 0.085, cell: float = 1e-3
+) -> list[DwellMap]:
+    """The dwell map of each of many motions; the numbers have the meanings that they have for `dwell_map`."""
+    across, along = cell_edges(width, cell), cell_edges(length, cell)
+    rows = (cell_row(float(edges[0]), float(edges[-1]), len(edges) - 1) for edges in (across, along))
+    totals = np.diff(samples.sample_start).tolist()
+    given = samples.schedule, samples.pose, samples.position, samples.intensity, *rows
+    cells = count_cells(*given, motions=len(totals), poses=samples.pose_count).numpy()
+    foci = samples.intensity.shape[1]
+    return [dwell_of(own, across, along, total, foci, update_rate) for own, total in zip(cells, totals, strict=True)]
+
+
+def poses_of_samples(
+    blocks: Iterable[FocalPoints], bounds: np.ndarray
+) -> Iterator[tuple[FocalPoints, int, np.ndarray]]:
+    """Blocks of consecutive focal points, the first pose of each, and how many samples of it that and later ones have.
 
     bounds: first sample of each pose and the end of the last (`sample_bounds`), shape [pose + 1].
     Raises StrategyError for more samples than `bounds` has.
     """
-    first = 0
+    first = int(bounds[0])
     for block in blocks:
         stop = first + len(block.intensity)
         if stop > bounds[-1]:
             raise StrategyError(f"focal points end at sample {stop}, the poses at sample {bounds[-1]}")
-        yield block, np.searchsorted(bounds, np.arange(first, stop), side="right") - 1
+        pose = int(np.searchsorted(bounds, first, side="right")) - 1
+        last = max(int(np.searchsorted(bounds, stop)), pose + 1)
+        yield block, pose, np.diff(np.clip(bounds[pose : last + 1], first, stop))
         first = stop
+
+
+def schedule_of(count: np.ndarray, device: str) -> Any:
+    """The schedule of one motion whose poses have so many samples each, as far as their places are concerned."""
+    schedule = PoseSchedule()
+    for name, values in (
+        ("motion_start", [0, len(count)]),
+        ("motion", np.zeros(len(count))),
+        ("count", count),
+        ("row", np.cumsum(count) - count),
+    ):
+        setattr(schedule, name, wp.array(np.asarray(values, np.int64), dtype=wp.int64, device=device))
+    return schedule
 
 
 def cell_edges(extent: float, cell: float) -> np.ndarray:
     """Edges of the fewest equal cells, none longer than `cell`, that fill an extent around 0 [m]."""
     count = math.ceil(extent / cell - 1e-6)
     return (np.arange(count + 1) / count - 0.5) * extent
-
-
-def cells_of(place: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Number of the cell that each place [m] is in, -1 where it is in none.
-
-    A place within BORDER of an edge is on it; an edge belongs to the cell above it, the last edge to the last cell.
-    """
-    count, extent = len(edges) - 1, edges[-1] - edges[0]
-    cell = np.floor((place - edges[0] + BORDER) * (count / extent)).astype(np.int64)
-    return np.where((place >= edges[0] - BORDER) & (place <= edges[-1] + BORDER), np.minimum(cell, count - 1), -1)

@@ -1,93 +1,67 @@
-"""Sampler: draws one pose after another and keeps where the focal points are.
+"""Contours over time -> focal points at the update rate (Frier et al. 2019, Mulot et al. 2021), on any device.
 
-A new pose does not restart the drawing: it goes on, one sample further, from the point of the new contours nearest to
-where the focal point is, in the same direction (restarting makes closed contours as loud as open ones). Along contours
-that stay, every cycle has the same whole number of samples, so the seam is a step like any other.
+Sample k is shown at time k / update rate, independent of the poses' times, so the two clocks do not drift apart. A new
+pose does not restart the drawing: it goes on, one sample further, from the point of the new contours nearest to where
+the focal point is, in the same direction. Along contours that stay, every cycle has the same whole number of samples,
+so the seam is a step like any other.
+
+What is carried from span to span is in kernels/sampling (`MotionState`): however a motion is cut, its focal points and
+counts are the same.
 """
 
+import itertools
 import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache
+from functools import cached_property
+from typing import Any
 
 import numpy as np
+import warp as wp
 
-from ...datasets.rigid import rotate
-from .continuity import Place, entered, place_on
-from .contour_absence import AbsenceWatch
-from .fading import TICKS, fade_ticks, ticks_of
-from .metrics import FocalPoints, SamplingCount
-from .path import Path
+from ...datasets.counted import counted
+from ...datasets.motions.last_pose import usual_interval
+from ...kernels.motions.widening import widen_poses
+from ...kernels.sampling.concatenation import concatenate_offsets, concatenate_rows
+from ...kernels.sampling.contour_faults import find_faults
+from ...kernels.sampling.spans import SpanRoom
+from ..contour_batch import (
+    ContourBatch,
+    join_batches,
+    require_finite,
+    require_seams,
+    with_values_of_all,
+    without_empty_polylines,
+)
+from ..errors import StrategyError
+from .metrics import CAUSES, FocalPoints, SamplingCount
+from .plan import TICKS, plan_of, shown_order, ticks_of
 from .presets import sampling_of
 from .revisits import RevisitWatch
-from .route import Route
-from .strategy import Order, SamplingStrategy
-from .track import Track, lay_track
+from .strategy import SamplingStrategy
 
-REST = (0.0, 0.0, 0.2)  # [m] where a focal point of intensity 0 is before there was any
-LENGTH_UNIT = 2.0**-32  # [m], 0.2 nm: sums of whole ones are exact in any order, up to 2,000 km
 CYCLE_LIMIT = 16_384  # samples, 1.6 s at 10 kHz: longer cycles are made as they are played
-
-
-@lru_cache(maxsize=8)
-def shown_order(order: Order, points: int) -> np.ndarray:
-    """Place within the cycle, 0..points - 1, of each point in the order in which they are shown."""
-    if order.kind == "random":
-        return np.random.default_rng(order.seed).permutation(points)
-    return (order.step if order.kind == "step" else 1) * np.arange(points) % points
-
-
-class Cursor:
-    """A place on a track: samples since a knot that it was entered at."""
-
-    def __init__(self, track: Track, knot: float, index: int, strategy: SamplingStrategy) -> None:
-        self.track, self._strategy = track, strategy
-        self._anchor, self._index = knot, index  # the next sample
-        points = strategy.pace.points
-        self._table = None if points is None else shown_order(strategy.order, points)
-
-    @property
-    def last(self) -> float:
-        """Knot of the sample drawn last, before points are held or reordered."""
-        return float(self._knots(np.array(self._index - 1)))
-
-    @property
-    def one_sample(self) -> float:
-        """How far a sample is from the next, in knots."""
-        return 0.0 if self._strategy.pace.kind == "still" else self.track.one_sample
-
-    def _knots(self, index: np.ndarray) -> np.ndarray:
-        """Knots of samples, within 0..period."""
-        knot = self._anchor + self.one_sample * (index % self.track.repeat_count)
-        if self.track.turns > 1:
-            return knot % self.track.period
-        return np.where(knot < self.track.period, knot, knot - self.track.period)
-
-    def take(self, count: int) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
-        """The next samples: points [m], shape [sample, focus, 3], intensities, shape [sample, focus] or None, and the
-        polylines' numbers in the route, shape [sample, focus], -1 between two, None on the only one.
-        """
-        track, foci = self.track, self._strategy.foci
-        knot = self._knots(np.arange(self._index, self._index + count))[:, None]
-        self._index += count
-        if foci > 1:
-            knot = (knot + track.period * np.arange(foci) / foci) % track.period
-        if self._table is not None:
-            share = len(self._table) / track.period
-            turn = np.floor(knot * share + 1e-9).astype(np.int64) % len(self._table)
-            knot = self._table[turn] / share
-        intensity = None if track.intensity is None else np.interp(knot, track.knot, track.intensity)
-        return track.at(knot), intensity, track.pieces_at(knot)
-
-    def samples_to_end(self) -> int:
-        """Samples until the polyline under way ends."""
-        ends = self.track.knot[1:][(np.diff(self.track.knot) <= 0) & (self.track.step != 0).any(axis=1)]
-        last = self.last
-        ahead = np.append(ends[ends > last + 1e-12], self.track.period)[0]
-        return int((ahead - last) / self.one_sample * (1 - 1e-9)) if self.one_sample > 0 else 0
+SPAN_SAMPLES = 1 << 16  # that are drawn at once from contours that come one batch after the other
+ROWS_MOST = 2**31 - 1  # of an array: kernels number them in an int
+ROWS_A_POINT = 25  # nodes of a vertex that is passed four times, with a pause each time
+NOWHERE = ContourBatch(
+    points=np.zeros((0, 3), np.float32),
+    kind=np.zeros(0, np.uint8),
+    polyline_start=np.zeros(1, np.int64),
+    polyline_patch=np.zeros(0, np.int32),
+    polyline_closed=np.zeros(0, np.uint8),
+    pose_start=np.zeros(2, np.int64),
+)
+"""One pose without contours."""
 
 
 class Sampler:
-    """Draws one pose after another; keeps where the focal points are and counts what happens.
+    """Draws motions span by span; keeps where their focal points are, and counts what happens.
+
+    strategy: a sampling strategy, its preset's name or its JSON file. motion_count: how many are drawn side by side.
+    device: Warp's. revisits: whether revisits are counted, which takes more time than all else. goes_on: whether each
+    motion may have further spans.
 
     >>> import numpy as np
     >>> from palpate.render import Sampler, render, sample_contours, static_pose
@@ -97,280 +71,298 @@ class Sampler:
     Sampler(SamplingStrategy(speed=7.0, update_rate=10000.0, foci=2), 2000 samples drawn)
     """
 
-    def __init__(self, strategy: SamplingStrategy | str) -> None:
+    def __init__(
+        self,
+        strategy: SamplingStrategy | str,
+        *,
+        motion_count: int = 1,
+        device: str = "cpu",
+        revisits: bool = True,
+        goes_on: bool = True,
+    ) -> None:
         self.strategy = strategy = sampling_of(strategy)
-        self.count = SamplingCount()
-        self._path: Path | None = None  # of the last sample
-        self._before: Path | None = None  # whose contours were entered last
-        self._cursor: Cursor | None = None
-        self._finishing = 0  # samples of an earlier pose's contours still to be drawn
-        self._shown = np.tile(np.array(REST), (strategy.foci, 1))  # the last focal points
-        self._place = Place(np.array(REST), None)  # of the first on its track: not held or reordered, no small circle
-        self._drawn = False  # something has been drawn
-        self._silent = True  # the last sample was
-        self._revisits = RevisitWatch(self.count, strategy.update_rate)
-        self._absences = AbsenceWatch(self.count, strategy.update_rate)
-        self._route: Route | None = None  # of the contours that were entered last
-        self._last = self._shown  # where they were on their track, shape [focus, 3]: see `_place`
-        self._entry: tuple[Track, float, np.ndarray] | None = None  # the knot, and where the focal points were [m]
-        self._on_track = 0  # samples on the track under way
-        self._cycles_before = 0.0  # on tracks before it
-        self._ordinary = strategy.step_ordinary  # longest step along them [m]
-        self._ordinary_before = self._ordinary  # along the contours before
+        self.device = device
+        points = strategy.pace.points
+        shown = np.zeros(0, np.int64) if points is None else shown_order(strategy.order, points)
+        self.room = SpanRoom(motion_count, strategy.foci, shown, device, goes_on=goes_on)
+        self._plans = {pauses: plan_of(strategy, pauses=pauses) for pauses in (False, True)}
+        self._sampled = np.zeros(motion_count, np.int64)  # samples so far
+        self._watch = RevisitWatch(motion_count, strategy, device, goes_on=goes_on) if revisits else None
+        self._repeated: list[tuple[SamplingCount, SamplingCount, int]] = []
+        self._last: tuple[ContourBatch | None, ContourBatch, Any] | None = None  # of `draw`
 
     def __repr__(self) -> str:
         """One line."""
-        return f"Sampler({self.strategy!r}, {self.count.samples} samples drawn)"
+        return f"Sampler({self.strategy!r}, {int(self._sampled.sum())} samples drawn)"
+
+    @property
+    def count(self) -> SamplingCount:
+        """What the only motion's samples are counted as."""
+        (count,) = self.counts
+        for before, after, times in self._repeated:
+            count = count.with_repeated(before, after, times)
+        return count
+
+    @property
+    def counts(self) -> list[SamplingCount]:
+        """What each motion's samples are counted as."""
+        rows = self.room.state.motion.numpy()
+        counts = [counted_of(row, self.strategy) for row in rows]
+        if self._watch is not None:
+            for count, number, wait in zip(counts, *self._watch.totals(), strict=True):
+                count.revisits, count.revisit_time = number, wait
+        return counts
+
+    def repeat(self, before: SamplingCount, after: SamplingCount, times: int) -> None:
+        """Count again, so many times, what came between two counts of the only motion."""
+        self._repeated.append((before, after, times))
 
     def draw(
-        self, path: Path | None, pose: np.ndarray, sample_count: int, *, age: float = 0.0, hold: float = np.inf
+        self,
+        contours: ContourBatch | None,
+        pose: np.ndarray,
+        sample_count: int,
+        *,
+        age: float = 0.0,
+        hold: float = np.inf,
     ) -> FocalPoints:
-        """The next samples, of one pose.
+        """The next samples, of one pose of the only motion.
 
-        path: contours of the pose, None if there are none. pose: x y z [m] and quaternion, shape [7].
-        age: how old the pose is at the first of these samples [s], `age_at` of it if they are drawn block by block;
-        hold: at what age it starts to fade [s].
+        contours: of the pose, a batch of one; None if there are none. The same batch as before is the same pose, which
+        goes on. pose: x y z [m] and quaternion, shape [7]. age: how old the pose is at the first of these samples [s],
+        `age_at` of it if they are drawn block by block; hold: at what age it starts to fade [s].
+        Raises StrategyError for contours that `sample_contours` refuses.
         """
-        focus = self._next(path, pose, sample_count, age, hold)
-        self._revisits.take(focus, pose)
-        return focus
-
-    def _next(self, path: Path | None, pose: np.ndarray, sample_count: int, age: float, hold: float) -> FocalPoints:
-        """The next samples, counted in all but their revisits."""
-        first = self.count.samples
-        self.count.samples += sample_count
-        gain = self._gain(sample_count, age, hold)
-        if path is None or sample_count == 0:
-            return self._rest(sample_count)
-        position, intensity, new = self._run(path, sample_count, gain)
-        if self.strategy.lm is not None:
-            position += circle_offsets(self.strategy, pose, first, sample_count)[:, None]
-        if gain is not None:
-            intensity = gain[:, None] if intensity is None else intensity * gain[:, None]
-        drawn = None if intensity is None else np.max(intensity, axis=1) > 0
-        self._count_jumps(position, drawn, new)
-        if drawn is not None:
-            self.count.silent += int(np.count_nonzero(~drawn))
-        self._silent, self._drawn = drawn is not None and not drawn[-1:].any(), True
-        self._shown = position[-1].copy()
-        return focal_points(self.strategy, position, intensity, first)
-
-    def cycle(self, path: Path, pose: np.ndarray | None = None, *, limit: int = CYCLE_LIMIT) -> FocalPoints | None:
-        """One whole period of a pose that stays, overlays included: played again and again it is the pose.
-
-        Starts where a new sampler would; changes nothing. pose: needed for small circles only, shape [7].
-        None where no whole number of samples up to `limit` is a period of everything.
-        """
-        count = period_count(self.strategy, lay_track(path, self.strategy).repeat_count, limit)
-        if count is None:
-            return None
-        return Sampler(self.strategy).draw(path, np.array([0, 0, 0, 0, 0, 0, 1.0]) if pose is None else pose, count)
-
-    def _gain(self, sample_count: int, age: float, hold: float) -> np.ndarray | None:
-        """What fading leaves of the intensity, None for all of it."""
         rate = self.strategy.update_rate
-        first = ticks_of(age, rate) - ticks_of(hold, rate)  # by how much the pose is older than `hold`
-        if first + TICKS * (sample_count - 1) <= 0:
-            return None
-        over = first + TICKS * np.arange(sample_count)
-        self.count.held += int(np.count_nonzero(over > 0))
-        return np.clip(1.0 - over / fade_ticks(self.strategy.fade, rate), 0.0, 1.0)
+        again = self._last is not None and self._last[0] is contours
+        if not again:
+            batch = drawable_contours((NOWHERE if contours is None else contours).to(self.device))
+            self._last = contours, batch, batch.as_struct()
+        _, batch, struct = self._last
+        first = int(self._sampled[0])
+        span = {
+            "motion_start": [0, 1],
+            "first": [first],
+            "count": [sample_count],
+            "time": [first * TICKS - ticks_of(age, rate)],
+            "hold": [ticks_of(hold, rate)],
+            "goes_on": [int(again and self._drawn_last)],
+        }
+        self._drawn_last = sample_count > 0 or (again and self._drawn_last)
+        position, intensity = self.take(batch, struct, np.asarray(pose, np.float64).reshape(1, 7), span)
+        return focal_points(position, intensity, sample_count)
 
-    def _run(
-        self, path: Path, sample_count: int, gain: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray | None, int | None]:
-        """The next samples on tracks, and which is the first of a new pose's contours (None: none is)."""
-        new = None
-        if path is not self._path:
-            self._plan_finish(path)
-            self._path = path
-            if self._finishing == 0:
-                self._cursor, new = self._enter(path, self._silent), 0
-        parts, left = [], sample_count
-        while left > 0:
-            count = min(left, self._finishing or left)
-            done = sample_count - left
-            parts.append(self._advance(count, None if gain is None else gain[done : done + count]))
-            left -= count
-            if self._finishing:
-                self._finishing -= count
-                if self._finishing == 0 and left > 0:
-                    last, shown = sample_count - left - 1, parts[-1][1]
-                    silent = (gain is not None and gain[last] <= 0) or (shown is not None and not shown[-1].any())
-                    self._cursor, new = self._enter(path, silent), sample_count - left
-                elif self._finishing == 0:
-                    self._path = None  # the next samples, of whatever pose, enter its contours
-        if len(parts) == 1:
-            return *parts[0], new
-        intensity = None
-        if any(part[1] is not None for part in parts):
-            full = [np.ones(part[0].shape[:2]) if part[1] is None else part[1] for part in parts]
-            intensity = np.concatenate(full)
-        return np.concatenate([part[0] for part in parts]), intensity, new
+    _drawn_last = False
 
-    def _advance(self, count: int, gain: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
-        """The next samples on the track under way; gain: what fading leaves of them."""
-        cursor = self._cursor
-        if cursor is None:  # a path has been entered by then
-            raise RuntimeError("no contour has been entered")
-        position, intensity, piece = cursor.take(count)
-        felt = count if gain is None else int(np.count_nonzero(gain > 0))  # a fade falls
-        if felt > 0:
-            self._absences.watch(felt, piece if piece is None else piece[:felt])
-        if felt < count:
-            self._absences.lose(count - felt)
-        track, last = cursor.track, cursor.last
-        held = self.strategy.pace.points is not None
-        self._last = track.at(self._spread(track, last)) if held else position[-1].copy()
-        self._place = place_on(track, last, self._last[0], self.strategy.jump_threshold)
-        self.count.drawn += count
-        self._on_track += count
-        if self.strategy.pace.kind != "still":
-            self.count.cycles = self._cycles_before + track.turns * self._on_track / track.repeat_count
+    def take(
+        self, batch: ContourBatch, struct: Any, pose: np.ndarray | wp.array, span: dict[str, Any]
+    ) -> tuple[wp.array, wp.array]:
+        """Draw the next span of each motion, from contours on the device that can be drawn (`drawable_contours`).
+
+        struct: `batch.as_struct()`. pose: hand frame -> array frame, float64, shape [pose, 7], or transformd [pose].
+        span: `motion_start`, `first`, `count`, `time`, `hold` and `goes_on` of a PoseSchedule. Returns positions [m]
+        and intensities, [sample, focus], in arrays that have room for more, and that the next span overwrites.
+        """
+        start = np.asarray(span["motion_start"], np.int64)
+        count = np.asarray(span["count"], np.int64)
+        sizes = np.diff(start)
+        row = np.cumsum(count) - count
+        motion = np.repeat(np.arange(len(sizes)), sizes)
+        begin = np.append(row, count.sum())[start]
+        schedule = span | {"motion": motion, "row": row, "number": row - begin[motion] + self._sampled[motion]}
+        line_most = 0
+        if self.room.goes_on:
+            lines = batch.pose_start.numpy() if batch.on_device else batch.pose_start
+            line_most = int(np.diff(lines).max(initial=0))
+        plan = self._plans[batch.dwell is not None]
+        position, intensity = self.room.draw(plan, struct, schedule, pose, line_most=line_most)
+        if self._watch is not None:
+            self._watch.take(self.room, position, intensity, start, count, row)
+        self._sampled += np.diff(begin)
         return position, intensity
 
-    def _plan_finish(self, path: Path) -> None:
-        """With continuity "finish": how much of the piece under way is drawn before new contours are entered."""
-        if self.strategy.continuity != "finish" or self._silent or self._finishing or self._path is None:
-            return
-        if self._cursor is not None and other_contours(self._path, path):
-            self._finishing = self._cursor.samples_to_end()
+    def cycle(
+        self, contours: ContourBatch, pose: np.ndarray | None = None, *, limit: int = CYCLE_LIMIT
+    ) -> FocalPoints | None:
+        """One whole period of a pose that stays, overlays included: played again and again it is the pose.
 
-    def _enter(self, path: Path, silent: bool) -> Cursor:
-        """Where drawing goes on along the contours of a new pose; `silent`: the sample before is."""
-        strategy, track = self.strategy, lay_track(path, self.strategy, self._route)
-        before, self._before = self._before if self._drawn else None, path
-        self._cycles_before, self._on_track = self.count.cycles, 0
-        if track.route is not None:
-            self._absences.enter(track.route)
-            self._route = track.route
-        self._ordinary_before = self._ordinary
-        if strategy.pace.kind in ("frequency", "capped"):  # the contours' length decides how fast it runs
-            self._ordinary = track.step_ordinary + strategy.circle_step
-        index = 0 if silent else 1  # after a silence at the nearest point, else one sample on
-        self._entry = None
-        if not self._drawn:
-            return Cursor(track, 0.0, 0, strategy)
-        if strategy.continuity == "jump" and before is not None and other_contours(before, path):
-            return Cursor(track, 0.0, 0, strategy)
-        knot = entered(track, self._place, strategy.jump_threshold, self._ordinary)
-        self._entry = track, knot, self._last
-        return Cursor(track, knot, index, strategy)
-
-    def _rest(self, sample_count: int) -> FocalPoints:
-        """Silence where the focal points are."""
-        self.count.silent += sample_count
-        if sample_count > 0:
-            self._silent, self._path, self._finishing = True, None, 0
-            self._absences.lose(sample_count)
-        position = np.repeat(self._shown[None], sample_count, axis=0)
-        return focal_points(self.strategy, position, np.zeros(position.shape[:2]), 0)
-
-    def _count_jumps(self, position: np.ndarray, drawn: np.ndarray | None, new: int | None) -> None:
-        """Count steps that are too long, by cause."""
-        step = np.empty_like(position)
-        step[0] = position[0] - self._shown
-        np.subtract(position[1:], position[:-1], out=step[1:])
-        length = np.sqrt(np.einsum("ijk,ijk->ij", step, step))
-        if self._silent or drawn is not None:
-            now = np.ones(len(length), bool) if drawn is None else drawn
-            before = np.append(not self._silent, now[:-1])  # whether the sample before is drawn
-            again = now & ~before
-            again[0] &= self._drawn  # at the very first sample nothing comes back
-            self._count_reentries(np.where(again[:, None], length, 0.0), new)
-            length[~(now & before)] = 0.0
-        self.count.step_longest = max(self.count.step_longest, float(length.max()))
-        self._count_far(length, new)
-
-    def _count_reentries(self, length: np.ndarray, new: int | None) -> None:
-        """Count steps to a sample that is drawn after one that is silent [m], shape [sample, focus], 0 at others."""
-        entered = 0 if new is None else new
-        self._add("re-entry", length[:entered], self._ordinary_before)
-        self._add("re-entry", length[entered:], self._ordinary)
-
-    def _count_far(self, length: np.ndarray, new: int | None) -> None:
-        """Count jumps and hops among steps [m], shape [sample, focus]; new: the first of a new pose's contours."""
-        least = min(self._ordinary, self._ordinary_before)
-        if float(length.max()) <= min(2 * least, self.strategy.jump_threshold):
-            return
-        cause = "order" if self.strategy.pace.points is not None else "polyline"
-        if new is None:
-            self._add(cause, length, self._ordinary)
-            return
-        self._add(cause, length[:new], self._ordinary_before)
-        moved = 2 * self._moved() >= length[new]  # else it is the way between two that is long
-        self._add("pose", length[new][moved], self._ordinary)
-        self._add(cause, length[new][~moved], self._ordinary)
-        self._add(cause, length[new + 1 :], self._ordinary)
-
-    def _moved(self) -> np.ndarray:
-        """From where each focal point was to where it entered the contours of the pose [m]; infinite if anywhere."""
-        if self._entry is None:
-            return np.full(self.strategy.foci, np.inf)
-        track, knot, points = self._entry
-        knots = self._spread(track, knot)
-        before = np.nextafter(np.where(knots > 0, knots, track.period), 0.0)
-        around = track.at(np.stack([knots, before]))  # at a jump, both its sides
-        return np.linalg.norm(around - points, axis=2).min(axis=0)
-
-    def _spread(self, track: Track, knot: float) -> np.ndarray:
-        """Knots of all focal points, of which the first is at this one."""
-        foci = self.strategy.foci
-        return (knot + track.period * np.arange(foci) / foci) % track.period if foci > 1 else np.array([knot])
-
-    def _add(self, cause: str, length: np.ndarray, ordinary: float) -> None:
-        """Count which of these steps [m] are jumps, and which hops: longer than twice an ordinary one [m]."""
-        jump = length[length > self.strategy.jump_threshold]
-        hop = length[(length > 2 * ordinary) & (length <= self.strategy.jump_threshold)]
-        self.count.jumps[cause] += len(jump)
-        self.count.jump_lengths[cause] += float(np.rint(jump / LENGTH_UNIT).sum()) * LENGTH_UNIT
-        self.count.hops[cause] += len(hop)
-        self.count.hops_longest[cause] = max(self.count.hops_longest[cause], float(hop.max(initial=0.0)))
+        Starts where a new sampler would; changes nothing. contours: of one pose, which has some. pose: needed for small
+        circles only, shape [7]. None where no whole number of samples up to `limit` is a period of everything.
+        """
+        repeat = int(laid_tracks(contours, self.strategy)["repeat"][0])
+        count = period_count(self.strategy, repeat, limit)
+        if count is None:
+            return None
+        own = Sampler(self.strategy, revisits=False, goes_on=False)
+        return own.draw(contours, np.array([0, 0, 0, 0, 0, 0, 1.0]) if pose is None else pose, count)
 
 
-def other_contours(a: Path, b: Path) -> bool:
-    """Whether two paths differ in their number of polylines, or in which of them are closed."""
-    return not np.array_equal(a.closed, b.closed)
+def sample_bounds(time: np.ndarray, duration: float, update_rate: float) -> np.ndarray:
+    """First sample of each pose, and the end of the last pose's samples, int64, shape [pose + 1].
 
+    time: of each pose [s]; duration: how long the samples go on [s]; update_rate [Hz].
+    Sample k lies on the contours of the latest pose at time k / update rate.
 
-def circle_offsets(strategy: SamplingStrategy, pose: np.ndarray, first: int, count: int) -> np.ndarray:
-    """From focal points to where small circles move them, for samples first.. [m], shape [sample, 3]."""
-    if strategy.lm is None:
-        return np.zeros((count, 3))
-    angle = 2 * np.pi * turns_of(strategy.lm.frequency, strategy.update_rate, first, count)
-    u = rotate(pose[3:], np.array([strategy.lm.radius, 0.0, 0.0]))
-    v = rotate(pose[3:], np.array([0.0, 0.0, -strategy.lm.radius]))
-    return np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * v
-
-
-def turns_of(frequency: float, update_rate: float, first: int, count: int) -> np.ndarray:
-    """Turns of a wave at samples first.. , their whole part left out, shape [sample]."""
-    return np.mod((first + np.arange(count)) * (frequency / update_rate), 1.0)
-
-
-def wave_of(strategy: SamplingStrategy, first: int, count: int) -> np.ndarray:
-    """What amplitude modulation leaves of the intensity, for samples first.. , shape [sample]."""
-    am = strategy.am
-    if am is None:
-        return np.ones(count)
-    turns = turns_of(am.frequency, strategy.update_rate, first, count)
-    low = 0.5 + 0.5 * np.cos(2 * np.pi * turns) if am.wave == "sine" else (turns < 0.5).astype(np.float64)
-    return 1.0 - am.depth * low
-
-
-def focal_points(
-    strategy: SamplingStrategy, position: np.ndarray, intensity: np.ndarray | None, first: int
-) -> FocalPoints:
-    """Focal points of float32, without an axis for foci where there is one; intensities modulated.
-
-    position: [m], shape [sample, focus, 3]. intensity: shape [sample, focus] or [sample, 1]; None means 1.
+    >>> from palpate.render import exploration, sample_bounds
+    >>> motion = exploration("tube", duration=1.0, rate=90.0)
+    >>> sample_bounds(motion.time[:3], motion.duration, 10_000.0)  # 111 or 112 samples a pose
+    array([    0,   112,   223, 10000])
     """
-    shape = position.shape[:2]
-    full = np.ones(shape, np.float32) if intensity is None else np.broadcast_to(intensity, shape)
-    if strategy.am is not None:
-        full = full * wave_of(strategy, first, shape[0])[:, None]
-    position, full = position.astype(np.float32), full.astype(np.float32)
-    return FocalPoints(position[:, 0], full[:, 0]) if strategy.foci == 1 else FocalPoints(position, full)
+    return np.ceil(np.append(time, duration) * update_rate - 1e-6).astype(np.int64)
+
+
+def age_at(sample: int, time: float, update_rate: float) -> float:
+    """Age of a pose at a sample [s]: a whole number of ticks, which `Sampler.draw` finds again.
+
+    sample: counted from time 0. time: of the pose [s]. update_rate: [Hz].
+    """
+    return float(sample * TICKS - ticks_of(time, update_rate)) / (TICKS * update_rate)
+
+
+def sample_contours(
+    batches: Iterable[ContourBatch],
+    pose: np.ndarray,
+    time: np.ndarray,
+    duration: float,
+    sampler: Sampler,
+    *,
+    block: int = 1024,
+    hold: float | None = None,
+) -> Iterator[FocalPoints]:
+    """Focal points of a motion's contours, in blocks of `block` samples; the last of a batch may be shorter.
+
+    batches: contours of consecutive poses. pose: shape [pose, 7]. time: of the poses, from 0 [s], shape [pose].
+    duration: when the last pose ends [s]. hold: age at which a pose starts to fade [s]; None: the strategy's value, or
+    twice their usual interval if that is longer.
+    Raises StrategyError for a closed polyline with another intensity or pause at its last point than at its first, and
+    for points, intensities and pauses that are not finite.
+
+    >>> import numpy as np
+    >>> from palpate.render import Sampler, render, sample_contours, static_pose
+    >>> batch = render("cube", "palm", static_pose([0, 0, 0.2]), "cc")
+    >>> blocks = sample_contours([batch], batch.motion.pose, np.zeros(1), 0.2, Sampler("stm"))
+    >>> [len(focus.position) for focus in blocks]  # 0.2 s at 10 kHz
+    [1024, 976]
+    """
+    rate = sampler.strategy.update_rate
+    bounds = sample_bounds(time, duration, rate)
+    hold = hold_of(np.asarray(time), sampler.strategy) if hold is None else hold
+    clock, pose = ticks_of(time, rate), np.asarray(pose, np.float64)
+    index = 0
+    for given in batches:
+        batch = drawable_contours(given.to(sampler.device))
+        for first, stop, begin, end in spans_of(bounds[index : index + len(batch) + 1]):
+            part = batch if stop - first == len(batch) else drawn_part(batch, first, stop)
+            rows = slice(index + first, index + stop)
+            starts = np.maximum(bounds[rows], begin)
+            span = {
+                "motion_start": [0, stop - first],
+                "first": starts,
+                "count": np.minimum(np.append(starts[1:], end), end) - starts,
+                "time": clock[rows],
+                "hold": [ticks_of(hold, rate)],
+                "goes_on": [int(begin > bounds[index + first])],
+            }
+            arrays = sampler.take(part, part.as_struct(), pose[rows], span)
+            focus = focal_points(*arrays, end - begin)
+            for k in range(0, end - begin, block):
+                yield FocalPoints(focus.position[k : k + block], focus.intensity[k : k + block])
+        index += len(batch)
+
+
+def spans_of(bounds: np.ndarray) -> Iterator[tuple[int, int, int, int]]:
+    """Poses first..stop and samples begin..end of spans of at most SPAN_SAMPLES; a long pose is in several of them.
+
+    bounds: first sample of each pose, and the end of the last one's.
+    """
+    first, begin, last = 0, int(bounds[0]), int(bounds[-1])
+    while begin < last:
+        end = min(begin + SPAN_SAMPLES, last)
+        stop = int(np.searchsorted(bounds, end))
+        if stop - 1 > first and end < bounds[stop]:  # it is cut between two poses if it can be
+            stop -= 1
+            end = int(bounds[stop])
+        yield first, stop, begin, end
+        first, begin = (stop - 1 if end < bounds[stop] else stop), end
+
+
+def drawn_part(batch: ContourBatch, first: int, stop: int) -> ContourBatch:
+    """Poses first..stop of a batch on a device."""
+    return batch.numpy().select(first, stop).to(str(batch.points.device))
+
+
+def focal_points(position: wp.array, intensity: wp.array, count: int) -> FocalPoints:
+    """The first focal points of a room on the host, without an axis for foci where there is one."""
+    if count == 0:
+        foci = position.shape[1]
+        place, level = np.zeros((0, foci, 3), np.float32), np.zeros((0, foci), np.float32)
+    elif position.device.is_cpu:
+        place, level = position.numpy()[:count].copy(), intensity.numpy()[:count].copy()
+    else:
+        place, level = position[:count].numpy(), intensity[:count].numpy()
+    return FocalPoints(place[:, 0], level[:, 0]) if place.shape[1] == 1 else FocalPoints(place, level)
+
+
+def joined(parts: list[FocalPoints]) -> FocalPoints:
+    """Join consecutive focal points."""
+    return parts[0] if len(parts) == 1 else FocalPoints(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
+def hold_of(time: np.ndarray, strategy: SamplingStrategy) -> float:
+    """Age at which the poses of a motion start to fade [s]: after a single one no next one is missing."""
+    return max(strategy.hold, 2.0 * usual_interval(time)) if len(time) > 1 else np.inf
+
+
+def drawable_contours(batch: ContourBatch) -> ContourBatch:
+    """A batch on a device without polylines that have no point; raises StrategyError for faults that remain."""
+    if batch.polyline_count == 0:
+        return batch
+    faults = find_faults(batch.as_struct())
+    if not faults:
+        return batch
+    host, title = batch.numpy(), "contours to be drawn"
+    require_finite(host, title)
+    require_seams(host, title)
+    return without_empty_polylines(host).to(str(batch.points.device))
+
+
+def has_contours(batch: ContourBatch) -> bool:
+    """Whether a batch has anything that can be drawn: a polyline that has a length."""
+    return bool((laid_tracks(batch, SamplingStrategy())["count"] > 0).any())
+
+
+def laid_tracks(batch: ContourBatch, strategy: SamplingStrategy) -> np.ndarray:
+    """The tracks of poses as each is drawn first, PoseTrack, shape [pose]; `count` is 0 for one without contours.
+
+    `samples`: of a cycle; `repeat`: samples after which they lie where they lay before.
+    """
+    return lay_each(batch, strategy).tracks.numpy()[: len(batch)]
+
+
+def laid_jumps(contours: ContourBatch, strategy: SamplingStrategy) -> np.ndarray:
+    """Where a focal point jumps in a cycle of one pose [m], from and to, shape [jump, 2, 3]."""
+    room = lay_each(contours, strategy)
+    count = int(room.tracks.numpy()[0]["count"])
+    knot, point = (array.numpy()[:count] for array in room.nodes)
+    at = np.flatnonzero((np.diff(knot) <= 0) & (np.diff(point, axis=0) != 0).any(axis=1))
+    ways = np.stack([point[at], point[at + 1]], axis=1)
+    return np.concatenate([ways, point[None, [-1, 0]]]) if count else ways
+
+
+def lay_each(batch: ContourBatch, strategy: SamplingStrategy, device: str = "cpu") -> SpanRoom:
+    """A room with the tracks of poses, each as it is drawn first."""
+    device = str(batch.points.device) if batch.on_device else device
+    batch = drawable_contours(batch.to(device))
+    poses = np.arange(len(batch))
+    room = SpanRoom(len(batch), strategy.foci, np.zeros(0, np.int64), device, goes_on=False)
+    schedule = {
+        "motion_start": np.append(poses, len(batch)),
+        "motion": poses,
+        "count": np.ones(len(batch), np.int64),
+        "goes_on": np.zeros(len(batch), np.int32),
+    }
+    room.lay(plan_of(strategy, pauses=batch.dwell is not None), batch.as_struct(), schedule)
+    return room
 
 
 def period_count(strategy: SamplingStrategy, cycle_count: int, limit: int) -> int | None:
@@ -384,3 +376,193 @@ def period_count(strategy: SamplingStrategy, cycle_count: int, limit: int) -> in
                 return None
             total = math.lcm(total, near.denominator)
     return total if total <= limit else None
+
+
+def counted_of(row: np.void, strategy: SamplingStrategy) -> SamplingCount:
+    """The counts of a motion from a row of MotionState."""
+    steps = row["steps"]
+
+    def by_cause(name: str) -> dict:
+        return dict(zip(CAUSES, steps[name].tolist(), strict=True))
+
+    return SamplingCount(
+        samples=int(row["samples"]),
+        silent=int(steps["silent"]),
+        held=int(steps["held"]),
+        jumps=by_cause("jumps"),
+        jump_lengths=by_cause("jump_lengths"),
+        step_longest=float(steps["step_longest"]),
+        hops=by_cause("hops"),
+        hops_longest=by_cause("hops_longest"),
+        absence_max=max(int(row["absence"]) - 1, 0) * (1.0 / strategy.update_rate),
+        drawn=int(row["drawn"]),
+        cycles=float(row["cycles"]),
+    )
+
+
+# Many whole motions at once.
+
+
+@dataclass(frozen=True, eq=False)
+class MotionSamples:
+    """Focal points of many motions, one motion after the other, and what each was counted as.
+
+    >>> import numpy as np
+    >>> from palpate.render import SamplingStrategy, render, sample_motions, static_pose
+    >>> batch = render("cube", "palm", static_pose([0, 0, 0.2]), "cc")
+    >>> time, start, end = np.zeros(1), np.array([0, 1]), np.array([0.2])  # of one motion, of one pose
+    >>> samples = sample_motions(batch, batch.motion.pose, time, start, end, SamplingStrategy())
+    >>> len(samples.focus(0).position), samples.counts[0].drawn  # in 0.2 s at 10 kHz
+    (2000, 2000)
+    """
+
+    position: wp.array
+    """[m], array frame, vec3, shape [sample, focus]."""
+    intensity: wp.array
+    """Relative pressure amplitude 0..1, float32, shape [sample, focus]."""
+    sample_start: np.ndarray
+    """Offsets of motions into samples, int64, shape [motion + 1]."""
+    counts: list[SamplingCount]
+    """Of each motion."""
+    schedule: Any
+    """Which samples each pose has: a PoseSchedule, which type checkers take for no class, as any struct of Warp's."""
+    pose: wp.array
+    """Hand frame -> array frame, transformd, shape [pose]."""
+
+    def __repr__(self) -> str:
+        """One line."""
+        samples, motions = counted(int(self.sample_start[-1]), "sample"), counted(len(self.counts), "motion")
+        return f"MotionSamples({samples}, {motions})"
+
+    @property
+    def pose_count(self) -> int:
+        """Poses of all motions; the arrays of their schedule have room for more."""
+        return self.pose.shape[0]
+
+    def focus(self, motion: int) -> FocalPoints:
+        """Focal points of one motion on the host; raises IndexError for a motion that is not there."""
+        count = len(self.counts)
+        if not 0 <= motion < count:
+            raise IndexError(f"motion {motion} is outside the {counted(count, 'motion')} sampled, numbered from 0")
+        first, stop = self.sample_start[motion : motion + 2].tolist()
+        if first == stop:
+            return focal_points(self.position, self.intensity, 0)
+        return focal_points(self.position[first:stop], self.intensity[first:stop], stop - first)
+
+
+def sample_motions(
+    batches: ContourBatch | Sequence[ContourBatch],
+    pose: np.ndarray | wp.array,
+    time: np.ndarray,
+    motion_start: np.ndarray,
+    duration: np.ndarray,
+    strategy: SamplingStrategy,
+    *,
+    hold: np.ndarray | None = None,
+    device: str = "cpu",
+) -> MotionSamples:
+    """Focal points of whole motions, and what each is counted as.
+
+    batches: contours of all poses; motions may be cut anywhere between two. Those on a device are drawn there, those
+    on the host on `device`. pose: hand frame -> array frame, shape [pose, 7], or wp.transform or transformd [pose] on
+    the device. time: of the poses, increasing within a motion [s], shape [pose]. motion_start: offsets into poses,
+    shape [motion + 1]. duration: when the last pose of each motion ends [s]. hold: age at which a pose starts to fade
+    [s], shape [motion]; None: as for `sample_contours`.
+    A sample takes 16 B of memory for each focal point; meanwhile 3 B more, 0.1 KB a pose and as much for each of its
+    sections, and 15 KB a motion.
+    Raises StrategyError for a closed polyline with another intensity or pause at its last point than at its first, for
+    points and intensities that are not finite, and for more samples than a call can number (2**31).
+
+    >>> import numpy as np
+    >>> from palpate.render import SamplingStrategy, render, sample_motions, static_pose
+    >>> batch = render("cube", "palm", static_pose([0, 0, 0.2]), "cc")
+    >>> sample_motions(batch, batch.motion.pose, np.zeros(1), np.array([0, 1]), np.array([0.2]), SamplingStrategy())
+    MotionSamples(2000 samples, 1 motion)
+    """
+    batch = batches if isinstance(batches, ContourBatch) else joined_batches(batches)
+    schedule = MotionSchedule.of(time, motion_start, duration, strategy, hold)
+    require_motions(batch, pose, schedule, strategy)
+    device = str(batch.points.device) if batch.on_device else device
+    sampler = Sampler(strategy, motion_count=len(schedule.duration), device=device, goes_on=False)
+    batch = drawable_contours(batch.to(device))
+    arrays = sampler.take(batch, batch.as_struct(), widen_poses(pose, device), schedule.span(strategy))
+    return MotionSamples(*arrays, schedule.sample_start, sampler.counts, sampler.room.schedule, sampler.room.pose)
+
+
+def joined_batches(batches: Sequence[ContourBatch]) -> ContourBatch:
+    """Join batches of consecutive poses, all on the host or all on one device."""
+    if len(batches) == 1 or not batches[0].on_device:
+        return join_batches(batches)
+    if len({frozenset(batch.by_name()) for batch in batches}) > 1:  # as a stage leaves an empty batch as it is
+        device = str(batches[0].points.device)
+        batches = [batch.to(device) for batch in with_values_of_all([batch.numpy() for batch in batches])]
+    named = {name: [getattr(batch, name) for batch in batches] for name in batches[0].by_name()}
+    rows = {"polyline_start": [b.point_count for b in batches], "pose_start": [b.polyline_count for b in batches]}
+    arrays = {
+        name: concatenate_offsets(parts, rows[name]) if name in rows else concatenate_rows(parts)
+        for name, parts in named.items()
+    }
+    return ContourBatch(**arrays)
+
+
+@dataclass(frozen=True, eq=False)
+class MotionSchedule:
+    """Which samples the poses of motions have."""
+
+    motion_start: np.ndarray  # offsets into poses, int64, shape [motion + 1]
+    time: np.ndarray  # of poses [s]
+    duration: np.ndarray  # when the last pose of each motion ends [s]
+    hold: np.ndarray  # age at which a pose starts to fade [s], shape [motion]
+    first: np.ndarray  # first sample of each pose, counted from time 0 of its motion, int64
+    count: np.ndarray  # samples of each pose, int64
+
+    @classmethod
+    def of(
+        cls,
+        time: np.ndarray,
+        motion_start: np.ndarray,
+        duration: np.ndarray,
+        strategy: SamplingStrategy,
+        hold: np.ndarray | None,
+    ) -> "MotionSchedule":
+        """The samples of all poses, as `sample_bounds` gives them for each motion."""
+        time, start = np.asarray(time, np.float64), np.asarray(motion_start, np.int64)
+        duration = np.asarray(duration, np.float64)
+        first = np.ceil(time * strategy.update_rate - 1e-6).astype(np.int64)
+        last = np.flatnonzero(np.diff(start) > 0)
+        stop = np.append(first[1:], 0)[: len(first)]
+        stop[start[last + 1] - 1] = np.ceil(duration[last] * strategy.update_rate - 1e-6).astype(np.int64)
+        if hold is None:
+            hold = np.array([hold_of(time[a:b], strategy) for a, b in itertools.pairwise(start.tolist())])
+        return cls(start, time, duration, np.asarray(hold, np.float64), first, np.maximum(stop - first, 0))
+
+    @cached_property
+    def sample_start(self) -> np.ndarray:
+        """Offsets of motions into samples, int64, shape [motion + 1]."""
+        return np.concatenate([[0], np.cumsum(self.count)]).astype(np.int64)[self.motion_start]
+
+    def span(self, strategy: SamplingStrategy) -> dict[str, np.ndarray]:
+        """The same as `Sampler.take` has it: whole motions."""
+        return {
+            "motion_start": self.motion_start,
+            "first": self.first,
+            "count": self.count,
+            "time": ticks_of(self.time, strategy.update_rate),
+            "hold": ticks_of(self.hold, strategy.update_rate),
+            "goes_on": np.zeros(len(self.duration), np.int32),
+        }
+
+
+def require_motions(
+    batch: ContourBatch, pose: np.ndarray | wp.array, schedule: MotionSchedule, strategy: SamplingStrategy
+) -> None:
+    """Raise StrategyError unless contours, poses, times and motions are as many as each other, and not too many."""
+    counts = batch.pose_count, len(pose), len(schedule.time), int(schedule.motion_start[-1])
+    if len(set(counts)) > 1 or len(schedule.motion_start) != len(schedule.duration) + 1:
+        raise StrategyError(
+            "contours, poses, times and motions must be of the same poses, not {}, {}, {}, {}".format(*counts)
+        )
+    sections = 0 if strategy.sections is None else strategy.sections.count
+    rows = ROWS_A_POINT * batch.point_count + sections * len(pose), int(schedule.sample_start[-1])
+    if max(rows) > ROWS_MOST:
+        raise StrategyError(f"{rows[1]} samples of {len(pose)} poses are too many for one call; divide the motions")

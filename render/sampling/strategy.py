@@ -234,8 +234,8 @@ class SamplingStrategy:
     foci: int = 1
     """Focal points at once, equally spaced in time along the cycle."""
     continuity: str = "nearest"
-    """Continuation when a new pose has another number of polylines: at the nearest point at once ("nearest") or after
-    the current polyline is finished ("finish"), or at the start of the new contours ("jump")."""
+    """Continuation when a new pose has another number of polylines: at the nearest point at once ("nearest"), or at the
+    start of the new contours ("jump")."""
 
     def __post_init__(self) -> None:
         """Check every field and their combination."""
@@ -251,7 +251,7 @@ class SamplingStrategy:
             if not (isinstance(value, kind) or (value is None and name in OPTIONAL)):
                 raise StrategyError(f"{name} must be a {kind.__name__}, not {value!r}")
         require_number("foci", self.foci, 1, 64, whole=True)
-        require_choice("continuity", self.continuity, ("nearest", "finish", "jump"))
+        require_choice("continuity", self.continuity, ("nearest", "jump"))
         self._require_agreement()
 
     def __repr__(self) -> str:
@@ -311,7 +311,7 @@ class SamplingStrategy:
         """Longest step along a contour at the nominal speeds, fast returns and small circles included [m].
 
         A step longer than twice this is a hop, or a jump above `jump_threshold`. For pace.kind "frequency" and "capped"
-        the speed depends on the contours: see `Track.step_ordinary`.
+        the speed depends on the contours: see `PoseTrack.ordinary`.
         """
         return self._fastest / self.update_rate + self.circle_step
 

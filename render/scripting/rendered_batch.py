@@ -26,9 +26,10 @@ from ..playback.placed_arrays import load_rig
 from ..reports.contour_animation import draw_animation
 from ..reports.contour_figure import draw_figure
 from ..reports.file_summary import draw_frequencies
-from ..sampling.contour_sampling import Sampler, SamplingStrategy, joined
 from ..sampling.draw_frequency import pauses_of
 from ..sampling.presets import sampling_of
+from ..sampling.sampler import Sampler, joined
+from ..sampling.strategy import SamplingStrategy
 from ..validation import require_path
 from .batch_tables import point_frame, pose_dataset, pose_frame
 from .likely_members import OF_BATCHES, LikelyMembers

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ...datasets.focus_files.ptlist import PointListError, write_ptlist
-from ..sampling.contour_sampling import FocalPoints, SamplingCount, SamplingStrategy
+from ..sampling.metrics import FocalPoints, SamplingCount
+from ..sampling.strategy import SamplingStrategy
 from .batch_tables import frame_of
 from .likely_members import OF_FOCAL_POINTS, LikelyMembers
 

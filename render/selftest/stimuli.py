@@ -10,7 +10,8 @@ from ..playback.file_playback import CLOCKS, Connection
 from ..playback.focus_source import PointSource
 from ..playback.frame_source import FrameSource
 from ..playback.placed_arrays import load_rig
-from ..sampling.contour_sampling import FocalPoints, SamplingStrategy
+from ..sampling.metrics import FocalPoints
+from ..sampling.strategy import SamplingStrategy
 from ..terminal import console
 from ..terminal.foreign_text import print_message
 from ..validation import choose, unit_hint

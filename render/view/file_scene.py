@@ -13,7 +13,7 @@ from ...datasets.errors import ContourFileError
 from ...datasets.rigid import rotate, unit
 from ..contour_batch import ContourBatch
 from ..hands.hand_look import HandLook, HandLooks
-from ..sampling.contour_sampling import SamplingStrategy
+from ..sampling.strategy import SamplingStrategy
 
 
 def tilts_of(pose: np.ndarray) -> np.ndarray:

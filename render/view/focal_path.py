@@ -6,7 +6,8 @@ import numpy as np
 
 from ..contour_batch import ContourBatch
 from ..errors import StrategyError
-from ..sampling.contour_sampling import Sampler, SamplingStrategy, joined, sample_contours
+from ..sampling.sampler import Sampler, joined, sample_contours
+from ..sampling.strategy import SamplingStrategy
 from .file_scene import FileScene
 
 LEAD = 2

@@ -13,8 +13,8 @@ from ..acoustics.transducers import PRESSURE_AT_1M, TransducerSet
 from ..focal_spot import SOUND_SPEED
 from ..playback.drive import Driver
 from ..playback.placed_arrays import PlacedArray
-from ..sampling.contour_sampling import FocalPoints, SamplingStrategy
-from ..sampling.path import Path as ContourPath
+from ..sampling.metrics import FocalPoints
+from ..sampling.strategy import SamplingStrategy
 from .file_scene import Moment
 
 FRAMES_MOST = 256
@@ -60,7 +60,7 @@ class PressurePrinter:
 
         Points within 5 mm of a transducer's rim have no pressure here: the model does not hold there.
         """
-        focus = cycle_along(ContourPath.of(moment.contours, 0), moment.hand_pose, self._sampling)
+        focus = cycle_along(moment.contours, moment.hand_pose, self._sampling)
         drive = complex_drives(drives_of(self._driver, _some_frames(focus)), self._transducers, quantised=True)
         if where == "skin" and moment.hand.is_rendered:
             return PressurePrint([], [], self._radiation(moment.hand.vertices.astype(np.float64), drive))

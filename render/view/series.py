@@ -9,8 +9,9 @@ from ...datasets.motions.hand_motion import HandMotion
 from ..batch_rows import BatchRows
 from ..contour_batch import ContourBatch
 from ..playback.focus_source import ContourSource
-from ..sampling.contour_sampling import Sampler, SamplingStrategy
 from ..sampling.draw_frequency import file_frequencies
+from ..sampling.sampler import Sampler
+from ..sampling.strategy import SamplingStrategy
 from .file_scene import FileScene, tilts_of
 from .focal_path import steps_of
 

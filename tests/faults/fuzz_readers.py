@@ -60,7 +60,7 @@ from palpate.render.objects.mesh.kept_arrays import read_entry, write_entry
 from palpate.render.objects.mesh.kept_repairs import arrays_of, mended_of
 from palpate.render.objects.mesh.repair import Repair, repair_mesh
 from palpate.render.objects.voxels.files import save_voxels
-from palpate.render.sampling.contour_sampling import PRESETS
+from palpate.render.sampling.presets import PRESETS
 from palpate.render.sweeps.plan.loading import load_plans
 from palpate.render.sweeps.plan.recipe import Recipe
 from palpate.render.sweeps.report.compare import load_baseline

@@ -7,7 +7,7 @@ import numpy as np
 from contour_shapes import still
 
 from palpate.render.sampling import sampler
-from palpate.render.sampling.contour_sampling import Sampler, sample_contours
+from palpate.render.sampling.sampler import Sampler, sample_contours
 
 
 def distance(a, b):

@@ -14,7 +14,7 @@ from palpate.render import MeshObject, Palm, closed_contour, record, render
 from palpate.render.hands.mesh_hand import MeshHand
 from palpate.render.hands.plane_hand import PlaneHand
 from palpate.render.playback.file_playback import Connection, play_file
-from palpate.render.sampling.contour_sampling import SamplingStrategy
+from palpate.render.sampling.strategy import SamplingStrategy
 
 VIRTUAL = Connection(clock="virtual")
 LEAP = ["HandSplay-110fps", "grab", "rollAndPitchCropped", "test-paddle-rightwards"]

@@ -20,7 +20,8 @@ from ...playback.device_frames import focus_on, packer_for
 from ...playback.drive import Driver
 from ...playback.focus_source import POINTS_A_READ, ContourRows
 from ...playback.placed_arrays import PlacedArray
-from ...sampling.contour_sampling import FocalPoints, SamplingStrategy
+from ...sampling.metrics import FocalPoints
+from ...sampling.strategy import SamplingStrategy
 from ..plan.recipe import Recipe
 from .rendering import arrays_of
 

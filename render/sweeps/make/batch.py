@@ -12,7 +12,7 @@ import warp as wp
 
 from ...intersection.batch_rendering import CPU_SPAN_BYTES, POINT_BYTES
 from ...motions.joined_rows import joined_rows
-from ...sampling.contour_sampling import SamplingStrategy
+from ...sampling.strategy import SamplingStrategy
 from ..plan.recipe import Recipe, is_user_metric
 from .metrics import Measured
 from .rendering import Rendering, sampling_of

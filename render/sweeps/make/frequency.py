@@ -19,9 +19,8 @@ import warp as wp
 
 from ....kernels.metrics.tally import Pacing, measure_gaps, pace_poses
 from ...contour_batch import ContourBatch
-from ...sampling.path import Path
+from ...sampling.sampler import laid_tracks
 from ...sampling.strategy import SEAM, SamplingStrategy
-from ...sampling.track import lay_track
 
 AGES, INSTANT = 1e9, 1e-9  # [s]; cycles longer and shorter than any
 
@@ -68,7 +67,6 @@ class Pacer:
     length: wp.array
     """Of each pose's contours [m], float64, shape [pose]."""
     _gaps: tuple[wp.array, wp.array, wp.array] | None = None
-    _host: ContourBatch | None = None
 
     def frequencies(self, strategy: SamplingStrategy, value: wp.array | None = None) -> wp.array:
         """Draw frequency nominal and actual [Hz], float32, shape [2, pose]; NaN for poses without contours.
@@ -81,7 +79,10 @@ class Pacer:
         rows = self._rows_of_tracks(strategy)
         if len(rows):
             host = value.numpy()
-            host[1, rows] = [self._actual(int(row), strategy) for row in rows]
+            tracks = laid_tracks(self._contours(), strategy)[rows]
+            host[1, rows] = np.where(
+                tracks["count"] > 0, strategy.update_rate / np.maximum(tracks["samples"], 1), np.nan
+            )
             value.assign(host)
         return value
 
@@ -106,10 +107,3 @@ class Pacer:
         if self.batch is None:
             raise ValueError("contours are needed, and there are none: see needs_contours")
         return self.batch
-
-    def _actual(self, pose: int, strategy: SamplingStrategy) -> float:
-        """Of one pose, as the sampler draws it [Hz]."""
-        if self._host is None:
-            self._host = self._contours().numpy()
-        path = Path.of(self._host, pose)
-        return math.nan if path is None else strategy.update_rate / lay_track(path, strategy).sample_count

@@ -37,7 +37,9 @@ from ...intersection.file_recording import record
 from ...intersection.scene import Scene
 from ...playback.drive import Driver
 from ...playback.focus_source import ContourRows
-from ...sampling.contour_sampling import FocalPoints, SamplingStrategy, joined
+from ...sampling.metrics import FocalPoints
+from ...sampling.sampler import joined
+from ...sampling.strategy import SamplingStrategy
 from ..plan.code_version import code_version
 from ..plan.recipe import Recipe
 from .rendering import arrays_of

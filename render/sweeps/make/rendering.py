@@ -31,7 +31,7 @@ from ...objects.mesh.placement import Placement
 from ...objects.solid import Solid
 from ...playback.drive import DriveStrategy
 from ...playback.placed_arrays import load_rig
-from ...sampling.contour_sampling import SamplingStrategy
+from ...sampling.strategy import SamplingStrategy
 from ...strategies.intersection_strategy import IntersectionStrategy, read_strategy
 from ...strategies.user_stage_sources import has_own_stages, stage_sources
 from ...trust.permission import AllowCode

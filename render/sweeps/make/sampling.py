@@ -17,20 +17,15 @@ from ...intersection.batch_rendering import rendered_chunks
 from ...intersection.scene import Scene
 from ...motions.numbers import dwell_grid, sampling_numbers
 from ...playback.focus_source import (
-    POINTS_A_READ,
     ContourRows,
     ContourSource,
     FocusSource,
-    PointSource,
-    require_increasing,
 )
-from ...sampling.batch_dwell import dwell_maps
-from ...sampling.batch_sampling import MotionSamples, sample_motions
-from ...sampling.contour_sampling import DwellMap, FocalPoints, Sampler, SamplingStrategy, dwell_map, sample_bounds
+from ...sampling.metrics import FocalPoints, dwell_map
+from ...sampling.sampler import SPAN_SAMPLES, Sampler, sample_bounds
+from ...sampling.strategy import SamplingStrategy
 
 KEPT_BYTES = 256_000_000  # of a rendering's contours on the host, for whoever samples it next
-FOCI_AT_ONCE = 5_000_000  # 0.2 GB of focal points; more are made block by block
-POINTS_AT_ONCE = 5_000_000  # 0.5 GB of contours and what is laid along them; with more, too
 
 
 class FocusTaker(Protocol):
@@ -107,64 +102,24 @@ def sample_recipe(
     rendering and sampling raise.
     """
     started = perf_counter()
-    sampler = Sampler(strategy)
-    source = ContourSource(contours, sampler)
-    grid = dwell_grid(hand)
-    samples = _sampled_at_once(contours, source, strategy, tick)
-    if samples is not None:
-        for _ in _taken(PointSource(samples.focus(0)), takers):
+    sampler = Sampler(strategy, revisits=counted)
+    source = ContourSource(contours, sampler, block=SPAN_SAMPLES)
+    blocks = _taken(source, takers, tick)
+    if not counted:
+        for _ in blocks:
             pass
-        count = samples.counts[0]
-        dwell = dwell_maps(samples, strategy.update_rate, **grid)[0] if counted else None
-    else:
-        count, dwell = sampler.count, _streamed(source, motion, strategy, takers, counted, grid)
-    if dwell is None:
         return {"seconds": {"sampling": perf_counter() - started}}
-    numbers = sampling_numbers(count, dwell, strategy.update_rate)
+    rate, time = strategy.update_rate, np.zeros(len(motion)) if motion.time is None else motion.time
+    bounds = sample_bounds(time, source.duration, rate)
+    dwell = dwell_map(blocks, motion.pose, bounds, rate, **dwell_grid(hand))
+    numbers = sampling_numbers(sampler.count, dwell, rate)
     return {**numbers, "seconds": {"sampling": perf_counter() - started}}
 
 
-def _sampled_at_once(
-    contours: ContourRows, source: ContourSource, strategy: SamplingStrategy, tick: Callable[[], object]
-) -> MotionSamples | None:
-    """All focal points of a motion, and what they are counted as; None where memory may not hold all at once."""
-    if source.hold is None or source.frame_count * strategy.foci > FOCI_AT_ONCE:
-        return None
-    batches, point_count = [], 0
-    for first, stop in contours.blocks(point_limit=POINTS_A_READ):
-        batches.append(ContourBatch.from_arrays(contours.contours(first, stop)))
-        point_count += batches[-1].point_count
-        if point_count > POINTS_AT_ONCE:
-            return None
-        tick()
-    rows = contours.motion()
-    require_increasing(rows["time"], contours.path)
-    ends, holds = np.array([source.duration]), np.array([source.hold])
-    start = np.array([0, contours.pose_count])
-    return sample_motions(batches, rows["pose"], rows["time"], start, ends, strategy, hold=holds)
-
-
-def _streamed(
-    source: ContourSource,
-    motion: HandMotion,
-    strategy: SamplingStrategy,
-    takers: Sequence[FocusTaker],
-    counted: bool,
-    grid: dict[str, float],
-) -> DwellMap | None:
-    """Go through more focal points than memory may hold; the dwell map, if they are to be counted."""
-    if not counted:
-        for _ in _taken(source, takers):
-            pass
-        return None
-    time = motion.time if motion.time is not None else np.zeros(len(motion))
-    bounds = sample_bounds(time, source.duration, strategy.update_rate)
-    return dwell_map(_taken(source, takers), motion.pose, bounds, strategy.update_rate, **grid)
-
-
-def _taken(source: FocusSource, takers: Sequence[FocusTaker]) -> Iterator[FocalPoints]:
+def _taken(source: FocusSource, takers: Sequence[FocusTaker], tick: Callable[[], object]) -> Iterator[FocalPoints]:
     """Focal points, once all takers have had them."""
     for focus in source:
+        tick()
         for taker in takers:
             taker.take(focus)
         yield focus

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ...motions.groups import MotionGroup, motion_groups, sample_counts
-from ...sampling.contour_sampling import SamplingStrategy
+from ...sampling.strategy import SamplingStrategy
 from ..plan.recipe import Recipe
 from .batch import batch_bytes
 from .keep import contours_at, is_kept, keep_focal_points

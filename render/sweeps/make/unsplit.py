@@ -14,7 +14,9 @@ from ....datasets.motions.hand_motion import HandMotion
 from ...intersection.scene import Scene
 from ...motions.numbers import NUMBERS
 from ...playback.focus_source import ContourRows, ContourSource
-from ...sampling.contour_sampling import FocalPoints, Sampler, SamplingStrategy
+from ...sampling.metrics import FocalPoints
+from ...sampling.sampler import Sampler
+from ...sampling.strategy import SamplingStrategy
 from ..plan.recipe import Recipe
 from .acoustic_metrics import NoiseMeter, measure_pressure
 from .keep import (

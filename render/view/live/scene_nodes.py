@@ -9,7 +9,7 @@ from ....datasets.storage.schema import KIND_NAMES
 from ....device.array import ArrayModel
 from ...contour_batch import ContourBatch
 from ...reports.picture_style import COLOURS
-from ...sampling.path import Path as ContourPath
+from ...sampling.sampler import has_contours
 from ..file_scene import FileScene, Moment
 from ..focal_path import FocalPath
 from .guarded_server import GuardedServer
@@ -127,7 +127,7 @@ class SceneNodes:
 
     def show_jumps(self, contours: ContourBatch, path: FocalPath | None) -> None:
         """Show where the focal point jumps (and hops) while a pose is drawn, as lines from place to place."""
-        if path is None or ContourPath.of(contours, 0) is None:
+        if path is None or not has_contours(contours):
             self._fill("jumps", self._jumps, np.zeros((0, 2, 3)), np.zeros((0, 2, 3)))
             return
         place = path.position.reshape(len(path.position), -1, 3)[:, 0]

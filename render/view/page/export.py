@@ -18,7 +18,7 @@ from ...exports.pose_choice import Ends, choose_poses
 from ...output_file import require_output
 from ...playback.placed_arrays import PlacedArray, load_rig
 from ...reports.rendering_labels import labels_of
-from ...sampling.contour_sampling import SamplingStrategy
+from ...sampling.strategy import SamplingStrategy
 from ...terminal.foreign_text import visible
 from ...user_warnings import warn_user
 from ...validation import require_number, require_path, value_text

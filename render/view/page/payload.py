@@ -8,8 +8,9 @@ from ....datasets.rigid import rotate, unit
 from ...contour_batch import ContourBatch
 from ...errors import StrategyError
 from ...reports.rendering_labels import hand_text, strategy_name_of
-from ...sampling.contour_sampling import PRESETS, SamplingStrategy
 from ...sampling.draw_frequency import pose_frequencies
+from ...sampling.presets import PRESETS
+from ...sampling.strategy import SamplingStrategy
 from ...terminal.foreign_text import visible
 from ..file_scene import FileScene, Moment
 from ..focal_path import FocalPath, focal_path

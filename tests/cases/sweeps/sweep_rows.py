@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from palpate.render.playback.drive import DriveStrategy
-from palpate.render.sampling.contour_sampling import SamplingStrategy
+from palpate.render.sampling.strategy import SamplingStrategy
 from palpate.render.sweeps.plan.recipe import Recipe
 
 PLACED = {"scale": 1.0, "up": "z", "fit": None, "rotate": [0, 0, 0], "at": [0, 0, 0.2]}

@@ -19,7 +19,8 @@ from palpate.render.errors import StrategyError
 from palpate.render.playback.drive import Driver
 from palpate.render.playback.file_playback import Connection, play_file
 from palpate.render.playback.focus_source import BLOCK, KeptSource
-from palpate.render.sampling.contour_sampling import FocalPoints, SamplingStrategy
+from palpate.render.sampling.metrics import FocalPoints
+from palpate.render.sampling.strategy import SamplingStrategy
 
 RATE, COUNT = 5000.0, 2 * BLOCK + 7
 VIRTUAL = Connection(clock="virtual")

@@ -17,7 +17,8 @@ from palpate.datasets.motions.hand_motion import HandMotion, exploration
 from palpate.render import MeshObject, Palm, closed_contour
 from palpate.render.intersection.file_recording import record
 from palpate.render.playback.focus_source import ContourSource
-from palpate.render.sampling.contour_sampling import Sampler, SamplingStrategy, sample_bounds
+from palpate.render.sampling.sampler import Sampler, sample_bounds
+from palpate.render.sampling.strategy import SamplingStrategy
 
 pytestmark = [pytest.mark.exhaustive, pytest.mark.usefixtures("umockdev")]
 

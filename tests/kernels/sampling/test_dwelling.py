@@ -5,8 +5,8 @@ import warp as wp
 from contour_shapes import still
 
 from palpate.kernels.sampling.dwelling import cell_row, count_cells
-from palpate.render.sampling.batch_sampling import MotionSchedule
-from palpate.render.sampling.contour_sampling import SamplingStrategy
+from palpate.render.sampling.sampler import MotionSchedule
+from palpate.render.sampling.strategy import SamplingStrategy
 from palpate.render.sampling.metrics import cell_edges, cells_of
 
 

@@ -8,8 +8,9 @@ from contour_shapes import batch_of, circle, still
 from sampling_oracle import entered_by_host
 
 from palpate.kernels.sampling.finishing import finish_pieces
-from palpate.render.sampling.batch_sampling import MotionSchedule, sample_motions
-from palpate.render.sampling.contour_sampling import Gap, SamplingStrategy, Sections, preset
+from palpate.render.sampling.sampler import MotionSchedule, sample_motions
+from palpate.render.sampling.strategy import Gap, SamplingStrategy, Sections
+from palpate.render.sampling.presets import preset
 from palpate.render.sampling.kernel_plan import plan_of
 
 STRATEGIES = {

@@ -6,7 +6,7 @@ import warp as wp
 
 from palpate.kernels.patch import EXACT
 from palpate.kernels.sampling.layout import SamplingPlan, distance, samples_of, squared, sum_of
-from palpate.render.sampling.contour_sampling import Order, Pace, SamplingStrategy
+from palpate.render.sampling.strategy import Order, Pace, SamplingStrategy
 from palpate.render.sampling.kernel_plan import plan_of
 
 wp.set_module_options(EXACT)

@@ -23,7 +23,9 @@ from palpate.device.registry import array_model
 from palpate.render import ContourBatch, MeshObject, Palm, closed_contour, render
 from palpate.render.intersection.file_recording import record
 from palpate.render.playback.drive import drive_focus
-from palpate.render.sampling.contour_sampling import FocalPoints, Sampler, SamplingStrategy, sample_contours
+from palpate.render.sampling.metrics import FocalPoints
+from palpate.render.sampling.sampler import Sampler, sample_contours
+from palpate.render.sampling.strategy import SamplingStrategy
 
 vendor = pytest.importorskip("autd3", reason="the vendor's package autd3 is not installed")
 pytest.importorskip("autd3_emulator", reason="the vendor's package autd3-emulator is not installed")

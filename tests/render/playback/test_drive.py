@@ -16,7 +16,8 @@ from palpate.render.intersection.file_recording import record
 from palpate.render.playback import drive as drive_module
 from palpate.render.playback.drive import drive_focus, focus_delays
 from palpate.render.playback.file_playback import Connection, play_file
-from palpate.render.sampling.contour_sampling import FocalPoints, SamplingStrategy
+from palpate.render.sampling.metrics import FocalPoints
+from palpate.render.sampling.strategy import SamplingStrategy
 
 WAVENUMBER = 2 * np.pi * 40e3 / 343.0
 RADIUS = 0.0045  # [m] of a transducer

@@ -9,7 +9,7 @@ from field_oracles import amplitude_error, pressure_of, wave_matrix
 
 from palpate.device.registry import array_model
 from palpate.render.playback.drive import Driver, DriveStrategy, drive_focus
-from palpate.render.sampling.contour_sampling import FocalPoints
+from palpate.render.sampling.metrics import FocalPoints
 
 pytest.importorskip("autd3", reason="autd3 is not installed: nothing to compare with")
 pytest.importorskip("autd3_pattern", reason="autd3-pattern is not installed")

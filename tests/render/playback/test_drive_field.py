@@ -10,7 +10,7 @@ from palpate.device.boards.emulator.model import decode_frames, slot_position
 from palpate.device.codec import encode_frames
 from palpate.device.registry import array_model
 from palpate.render.playback.drive import Driver, DriveStrategy, drive_focus
-from palpate.render.sampling.contour_sampling import FocalPoints
+from palpate.render.sampling.metrics import FocalPoints
 
 POINT = np.array([0.03, -0.02, 0.2])  # [m]
 UP = np.array([[0.0, 0.0, 1.0]])

@@ -23,7 +23,7 @@ from palpate.datasets.motions.rotation_vectors import dot, length_of
 from palpate.device.registry import array_model
 from palpate.render.playback.drive import Driver, DriveStrategy
 from palpate.render.playback.drive import focus_delays
-from palpate.render.sampling.contour_sampling import FocalPoints
+from palpate.render.sampling.metrics import FocalPoints
 
 def print_digest(name, *arrays):
     print("bits of", name, *(hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest() for array in arrays))

@@ -12,7 +12,7 @@ from palpate.kernels.driving.solve import solve_points
 from palpate.render.errors import StrategyError
 from palpate.render.playback import drive as drive_module
 from palpate.render.playback.drive import SOLVERS, Driver, DriveStrategy, drive_focus
-from palpate.render.sampling.contour_sampling import FocalPoints
+from palpate.render.sampling.metrics import FocalPoints
 
 EMULATOR = array_model("emulator")
 

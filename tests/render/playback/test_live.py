@@ -22,14 +22,8 @@ from palpate.render.hands.plane_hand import HandPatch, PlaneHand
 from palpate.render.intersection.batch_rendering import check_poses
 from palpate.render.intersection.prepared_contours import PreparedContours
 from palpate.render.playback.live import DRAWN_MOST, Instant, checked_pose
-from palpate.render.sampling.contour_sampling import (
-    AmplitudeModulation,
-    LateralModulation,
-    Sampler,
-    SamplingStrategy,
-    sample_bounds,
-    sample_contours,
-)
+from palpate.render.sampling.strategy import AmplitudeModulation, LateralModulation, SamplingStrategy
+from palpate.render.sampling.sampler import Sampler, sample_bounds, sample_contours
 
 sys.path.insert(0, str(Path(__file__).parents[3] / "benchmarks"))
 from one_pose import CASES, measure, object_of

@@ -14,7 +14,8 @@ from palpate.render import MeshObject, Palm, Scene, closed_contour, load_strateg
 from palpate.render.errors import PoseError, StrategyError
 from palpate.render.playback import pose_insertion
 from palpate.render.playback.pose_insertion import ShiftTest, insert_into_all, insert_poses
-from palpate.render.sampling.contour_sampling import Sampler, SamplingStrategy, sample_contours
+from palpate.render.sampling.sampler import Sampler, sample_contours
+from palpate.render.sampling.strategy import SamplingStrategy
 
 CUBE = MeshObject.load("cube")
 

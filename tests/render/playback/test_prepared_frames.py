@@ -41,7 +41,7 @@ from palpate.render.playback.drive import Driver, DriveStrategy
 from palpate.render.playback.frame_source import FrameSource
 from palpate.render.playback.opened_source import opened
 from palpate.render.playback.prepared_frames import PreparedFrames
-from palpate.render.sampling.contour_sampling import SamplingStrategy
+from palpate.render.sampling.strategy import SamplingStrategy
 
 VIRTUAL = Connection(clock="virtual", emulate=True)
 ABOVE = [0, 0, 0.4, 1, 0, 0, 0]

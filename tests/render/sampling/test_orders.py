@@ -7,19 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sampling_oracle import sampled_slowly
 
-from palpate.render.sampling.contour_sampling import (
-    AmplitudeModulation,
-    Dwell,
-    Gap,
-    LateralModulation,
-    Order,
-    Pace,
-    Path,
-    Sampler,
-    SamplingStrategy,
-    Sections,
-    preset,
-)
+from palpate.render.sampling.strategy import AmplitudeModulation, Dwell, Gap, LateralModulation, Order, Pace, SamplingStrategy, Sections
+from palpate.render.sampling.sampler import Sampler
+from palpate.render.sampling.presets import preset
+from palpate.render.sampling.LEFT import Path
 
 L_SHAPE = ([[0, 0, 0.2], [0.05, 0, 0.2], [0.05, 0.03, 0.2]], False)
 LINE = ([[-0.03, -0.02, 0.2], [-0.03, 0.02, 0.21]], False)

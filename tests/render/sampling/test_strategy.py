@@ -9,19 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.render.errors import StrategyError
-from palpate.render.sampling.contour_sampling import (
-    PRESETS,
-    AmplitudeModulation,
-    Dwell,
-    Gap,
-    LateralModulation,
-    Order,
-    Pace,
-    SamplingStrategy,
-    Sections,
-    load_sampling,
-    preset,
-)
+from palpate.render.sampling.presets import PRESETS, load_sampling, preset
+from palpate.render.sampling.strategy import AmplitudeModulation, Dwell, Gap, LateralModulation, Order, Pace, SamplingStrategy, Sections
 
 positive = st.floats(0.01, 99.0)
 paces = st.builds(

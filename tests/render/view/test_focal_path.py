@@ -5,7 +5,7 @@ import pytest
 
 from palpate.render import exploration, render, static_pose
 from palpate.render.acoustics.skin_print import distance_to
-from palpate.render.sampling.contour_sampling import SamplingStrategy
+from palpate.render.sampling.strategy import SamplingStrategy
 from palpate.render.view.file_scene import FileScene
 from palpate.render.view.focal_path import focal_path, steps_of
 

@@ -1,54 +1,10 @@
-"""Places on a track: knots of samples, the points and intensities there, and what a fade leaves of these.
-
-As `Cursor` and `Track.at` of the host's sampler.
-"""
+"""Places on a track: knots of samples, the points and intensities there, and what a fade leaves of these."""
 
 import warp as wp
 
-from .layout import ONE, STILL, ZERO, DrawnPiece, DrawnSection, PoseTrack, SamplingPlan, TrackNodes
+from .layout import ONE, STILL, TICKS, ZERO, DrawnSection, PoseSchedule, PoseTrack, SamplingPlan, TrackNodes
 
-TICKS = wp.constant(wp.float64(1 << 20))  # of a sample: ages are counted in them, as in render/sampling/fading.py
 TURN_SLACK = wp.constant(wp.float64(1e-9))  # of a turn
-
-
-@wp.struct
-class PoseSchedule:
-    """When poses are drawn."""
-
-    motion_start: wp.array[wp.int64]  # offsets into poses, shape [motion + 1]
-    first: wp.array[wp.int64]  # first sample of a pose, counted from time 0 of its motion
-    number: wp.array[wp.int64]  # the same, counted from the first one drawn
-    count: wp.array[wp.int64]  # of samples
-    row: wp.array[wp.int64]  # of a pose's first sample among those of all motions, shape [pose]
-    time: wp.array[wp.float64]  # of poses [ticks]
-    hold: wp.array[wp.float64]  # age at which a pose starts to fade [ticks], shape [motion]
-    shown: wp.array[wp.int64]  # place in a cycle of the points in the order in which they are shown
-
-
-@wp.struct
-class PoseEntry:
-    """Where a pose's drawing begins."""
-
-    drawn: wp.int32  # 1: the pose has contours and samples
-    silent: wp.int32  # 1: the sample before is
-    before: wp.int64  # the pose drawn before, -1: none
-    earlier: wp.int64  # the pose whose contours were entered before, -1: none
-    start: wp.int64  # first sample on the pose's own contours; those before are on the contours of `earlier`
-    found: wp.int32  # 1: drawing goes on from where it was; 0: from the start of the contours
-    anchor: wp.float64  # knot that the samples are counted from
-    index: wp.int64  # of sample `start`
-
-
-@wp.struct
-class DrawnTracks:
-    """Tracks of all poses, and where drawing begins on each."""
-
-    nodes: TrackNodes
-    tracks: wp.array[PoseTrack]
-    entries: wp.array[PoseEntry]
-    pose: wp.array[wp.transformd]  # hand frame -> array frame
-    routes: wp.array[DrawnPiece]  # pieces as they are drawn; those of a pose from the row of its first polyline on
-    line: wp.array[wp.int64]  # first polyline of each pose, shape [pose + 1]
 
 
 @wp.struct
@@ -213,7 +169,7 @@ def step_of(nodes: TrackNodes, way: TrackWay):
 
 @wp.func
 def point_on(nodes: TrackNodes, way: TrackWay, knot: wp.float64):
-    """Point of a track at a knot on a way [m], with the rounding of np.interp."""
+    """Point of a track at a knot on a way [m]."""
     if knot >= way.end:
         return nodes.point[way.b]
     a = nodes.point[way.a]
@@ -253,20 +209,6 @@ def cycle_knot(plan: SamplingPlan, track: PoseTrack, anchor: wp.float64, index: 
     if knot >= track.period:
         knot -= track.period
     return knot
-
-
-@wp.func
-def contours_at(d: DrawnTracks, pose: wp.int64, sample: wp.int64):
-    """The pose on whose contours a sample of a pose is."""
-    if sample < d.entries[pose].start:
-        return d.entries[pose].earlier
-    return pose
-
-
-@wp.func
-def sample_index(schedule: PoseSchedule, entry: PoseEntry, own: wp.int64, pose: wp.int64, sample: wp.int64):
-    """Index of a pose's sample that is on the contours of another, or its own, which were entered so."""
-    return entry.index + (schedule.number[pose] + sample) - (schedule.number[own] + entry.start)
 
 
 @wp.func

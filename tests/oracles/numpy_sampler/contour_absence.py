@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from .metrics import SamplingCount
+from palpate.render.sampling.metrics import SamplingCount
+
 from .route import Route
 
 

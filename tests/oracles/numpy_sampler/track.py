@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from palpate.render.sampling.strategy import SamplingStrategy
+
 from .drawing_turns import by_turns
 from .path import Path
 from .route import PIECES_MOST, Route, RoutePiece, steady_route
-from .strategy import SamplingStrategy
 
 NEAR_CUT = 0.1  # of a section's length
 NEAR_STEPS = 3.0  # ordinary steps: by so much contours may move between inserted poses, see `pose_insertion`

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from .strategy import SamplingStrategy
+from palpate.render.sampling.strategy import SamplingStrategy
 
 SHARE_LEAST = 1 / 8  # of a step that a polyline takes at least: so all have been drawn after some eight cycles
 

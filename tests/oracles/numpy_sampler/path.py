@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..contour_batch import ContourBatch, require_seams, without_empty_polylines
+from palpate.render.contour_batch import ContourBatch, require_seams, without_empty_polylines
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -1,15 +1,38 @@
-"""Strategies and contours as the kernels of sampling take them."""
+"""Strategies as the kernels of sampling take them: numbers, and times in ticks.
 
+Ages are whole numbers of ticks. So whether a sample is held, fades or is silent follows from its number and the pose's
+time alone, and not from the block of samples that it is drawn in, whose beginning a difference of seconds would round.
+"""
+
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from ...kernels.sampling.layout import SamplingPlan
-from .fading import fade_ticks
-from .strategy import SamplingStrategy
+from .strategy import Order, SamplingStrategy
 
+TICKS = float(1 << 20)  # of a sample: one is as short as the rounding of times that `sample_bounds` allows for
+FADE_LEAST = 1e-9  # [s]
 PACES = ("speed", "frequency", "capped", "still")
 WAVES = (None, "sine", "square")
+
+
+def ticks_of(seconds: float | np.ndarray, update_rate: float) -> np.ndarray:
+    """A time [s] in ticks, a whole number as float64; infinite for one that is.
+
+    >>> float(ticks_of(0.011, 10_000.0)) / TICKS  # samples; the product of the two is 109.99999999999999
+    110.0
+    """
+    return np.rint(np.asarray(seconds, np.float64) * update_rate * TICKS)
+
+
+@lru_cache(maxsize=8)
+def shown_order(order: Order, points: int) -> np.ndarray:
+    """Place within the cycle, 0..points - 1, of each point in the order in which they are shown."""
+    if order.kind == "random":
+        return np.random.default_rng(order.seed).permutation(points)
+    return (order.step if order.kind == "step" else 1) * np.arange(points) % points
 
 
 def plan_of(strategy: SamplingStrategy, *, pauses: bool = False) -> Any:
@@ -32,9 +55,8 @@ def plan_of(strategy: SamplingStrategy, *, pauses: bool = False) -> Any:
         "threshold": strategy.jump_threshold,
         "ordinary": strategy.step_ordinary,
         "circle_step": strategy.circle_step,
-        "fade": fade_ticks(strategy.fade, strategy.update_rate),
+        "fade": max(float(ticks_of(max(strategy.fade, FADE_LEAST), strategy.update_rate)), 1.0),  # [ticks]
         "restarts": strategy.continuity == "jump",
-        "finishes": strategy.continuity == "finish",
         "plain": strategy.plain,
         "shortest": order.route == "shortest",
         "margin": order.margin,

@@ -1,0 +1,292 @@
+"""Spans of motions: contours and poses in, focal points and counts out, on any device, in memory that is kept.
+
+A room has the memory, the recorded launches and the motions' states. One motion, pose after pose, is sampled in it
+without taking memory again; a thousand whole motions are sampled in it at once.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from ..offsets import BLOCK
+from .entry import _enter_poses
+from .focus import PiecePassages, _draw_samples
+from .layout import (
+    DrawnPiece,
+    DrawnSection,
+    DrawnTracks,
+    MotionState,
+    PoseEntry,
+    PoseSchedule,
+    PoseTrack,
+    RouteRows,
+    SamplerState,
+    StepCount,
+    TrackNodes,
+)
+from .pieces import DOORS
+from .route import ROOM, SUMS
+from .sums import _sum_counts
+from .tracks import PosePieces, _collect_pieces, _lay_runs, _lay_single
+
+REST = (0.0, 0.0, 0.2)  # [m] where focal points of intensity 0 are before there were any
+RUNS_MOST = 16_384  # that are laid at once: the room of a run's searches takes 15 KB
+SPARE = 2  # times what is needed is taken where memory is taken anew, but for the first time
+TIMES = ("time", "hold")  # of a schedule, in ticks
+
+
+def has_pauses(plan: Any, contours: Any) -> bool:
+    """Whether a focal point may pause somewhere."""
+    return contours.dwell.shape[0] > 0 or plan.dwell_time > 0 or plan.dwell_ratio > 0
+
+
+class SpanRoom:
+    """Memory for spans of motions, and the motions' states.
+
+    motion_count: the states begin at rest. foci: focal points a sample. shown: place in a cycle of its points in the
+    order in which they are shown. goes_on: whether further spans follow; else no pieces are kept for them.
+    """
+
+    def __init__(self, motion_count: int, foci: int, shown: np.ndarray, device: str, *, goes_on: bool = True) -> None:
+        self.device, self.goes_on, self._foci = device, goes_on, foci
+        self._on_cpu = wp.get_device(device).is_cpu
+        self._arrays: dict[str, wp.array] = {}
+        self._launches: dict[str, wp.Launch] = {}
+        self._recorded: tuple[Any, Any] = (None, None)  # plan and contours of the launches
+        self.grown = 0
+        """How often memory was taken."""
+        self.state = SamplerState()
+        states = np.zeros(motion_count, MotionState.numpy_dtype())
+        states["place"]["silent"], states["place"]["rested"], states["lost"] = 1, -1.0, 1
+        self.state.motion = wp.array(states, dtype=MotionState, device=device)
+        rest = np.broadcast_to(np.array(REST), (motion_count, foci, 3))
+        self.state.shown, self.state.last = (wp.array(rest, dtype=wp.vec3d, device=device) for _ in range(2))
+        self.state.room = 0
+        self._keep_pieces(0)
+        self._schedule = PoseSchedule()
+        self._schedule.shown = wp.array(shown, dtype=wp.int64, device=device)
+        self._views: dict[str, np.ndarray] = {}
+
+    @property
+    def motion_count(self) -> int:
+        """Number of motions."""
+        return self.state.motion.shape[0]
+
+    def draw(
+        self,
+        plan: Any,
+        contours: Any,
+        schedule: Mapping[str, np.ndarray],
+        pose: np.ndarray | wp.array,
+        *,
+        line_most: int = 0,
+    ) -> tuple[wp.array, wp.array]:
+        """Draw the next span of each motion; returns positions [m] and intensities, shape [sample, focus].
+
+        plan: SamplingPlan. contours: Contours of all poses of the span, one motion after the other; each polyline must
+        have points. schedule: arrays of a PoseSchedule by name, times in ticks. pose: hand frame -> array frame, shape
+        [pose, 7], or transformd [pose] on the device. line_most: polylines of a pose at most.
+        The arrays have room for more samples than are drawn, and the next span overwrites them.
+        """
+        pose_count = len(schedule["count"])
+        self._begin(plan, contours, schedule, int(schedule["count"].sum()), line_most if self.goes_on else 0, pose)
+        if pose_count > 0:
+            self._lay(plan, contours, pose_count)
+        self._launch("enter", self.motion_count)
+        if pose_count > 0:
+            self._launch("draw", pose_count)
+        self._launch("sum", self.motion_count)
+        return self._arrays["position"], self._arrays["intensity"]
+
+    def lay(self, plan: Any, contours: Any, schedule: Mapping[str, np.ndarray]) -> None:
+        """Only lay the tracks of a span's poses; schedule: at least its motions and counts."""
+        pose_count = len(schedule["count"])
+        self._begin(plan, contours, schedule, 0, 0, np.zeros((0, 7)))
+        if pose_count > 0:
+            self._lay(plan, contours, pose_count)
+
+    def _begin(
+        self,
+        plan: Any,
+        contours: Any,
+        schedule: Mapping[str, np.ndarray],
+        sample_count: int,
+        line_most: int,
+        pose: np.ndarray | wp.array,
+    ) -> None:
+        """Have memory, schedule and launches for a span."""
+        grown = self.grown
+        self._keep_pieces(line_most)
+        self._fit(plan, contours, len(schedule["count"]), sample_count)
+        self._set_schedule(schedule, pose)
+        if self.grown != grown or self._recorded[0] is not plan or self._recorded[1] is not contours:
+            self._record(plan, contours)
+
+    def _lay(self, plan: Any, contours: Any, pose_count: int) -> None:
+        """Lay the tracks of all poses: at once those of one piece, then the runs that there are."""
+        self._launch("collect", pose_count)
+        self._launch("single", pose_count)
+        runs = int(self._arrays["runs"].numpy()[0])
+        grown = self.grown
+        self._fit_runs(min(runs, RUNS_MOST))
+        if self.grown != grown:
+            self._record(plan, contours)
+        for first in range(0, runs, RUNS_MOST):
+            self._launches["runs"].set_param_by_name("first", first)
+            self._launch("runs", min(runs - first, RUNS_MOST))
+
+    @property
+    def tracks(self) -> wp.array:
+        """Tracks of the poses of the last span, PoseTrack, in an array that has room for more."""
+        return self._arrays["tracks"]
+
+    @property
+    def nodes(self) -> tuple[wp.array, wp.array]:
+        """When each node of those tracks is reached, and where [m], in arrays that have room for more."""
+        return self._arrays["knot"], self._arrays["point"]
+
+    @property
+    def schedule(self) -> Any:
+        """The schedule of the last span, PoseSchedule, in arrays that have room for more."""
+        return self._schedule
+
+    @property
+    def pose(self) -> wp.array:
+        """The poses of the last span, transformd, in an array that has room for more."""
+        return self._arrays["pose"]
+
+    def _launch(self, name: str, count: int) -> None:
+        launch = self._launches[name]
+        launch.set_dim(count)
+        launch.launch()
+
+    def _array(self, name: str, count: int, dtype: Any, width: int | None = None) -> wp.array:
+        """An array with room for so many rows."""
+        own = self._arrays.get(name)
+        if own is None or own.shape[0] < count:
+            count = count if own is None else SPARE * count
+            shape = count if width is None else (count, width)
+            own = self._arrays[name] = wp.empty(shape, dtype=dtype, device=self.device)
+            self._views.pop(name, None)
+            self.grown += 1
+        return own
+
+    def _keep_pieces(self, room: int) -> None:
+        """Keep room for so many pieces in each motion's state."""
+        state = self.state
+        if state.piece is not None and room <= state.room:
+            return
+        room = max(room, SPARE * state.room)
+        rows = state.motion.shape[0]
+        for name, dtype in (("piece", DrawnPiece), ("seen", wp.int64)):
+            own = wp.empty(rows * room, dtype=dtype, device=self.device)
+            for motion in range(rows if state.room else 0):
+                wp.copy(own, getattr(state, name), motion * room, motion * state.room, state.room)
+            setattr(state, name, own)
+        state.room = room
+        self.grown += 1
+
+    def _fit(self, plan: Any, contours: Any, pose_count: int, sample_count: int) -> None:
+        """Have memory for a span."""
+        points, lines = contours.points.shape[0], contours.polyline_closed.shape[0]
+        kept = lines + self.motion_count * self.state.room
+        node_count = plan.passes * (points + 2 * lines) + pose_count * max(plan.sections, 1)
+        paused = node_count if has_pauses(plan, contours) else 0
+        for name, count, dtype in (
+            ("given", lines, DrawnPiece),
+            ("drawn", kept, DrawnPiece),
+            ("candidate", lines, DrawnPiece),
+            ("span", lines, wp.float64),
+            ("stretch", lines if plan.sections > 0 else 0, wp.float64),
+            ("first", lines, wp.int64),
+            ("last", lines, wp.int64),
+            ("knot", node_count, wp.float64),
+            ("point", node_count, wp.vec3d),
+            ("piece", node_count, wp.int32),
+            ("level", node_count if contours.intensity.shape[0] > 0 else 0, wp.float64),
+            ("pause", paused, wp.float64),
+            ("corner", paused, wp.uint8),
+            ("section", pose_count * plan.sections, DrawnSection),
+            ("piece_count", pose_count, wp.int32),
+            ("piece_length", pose_count, wp.float64),
+            ("tracks", pose_count, PoseTrack),
+            ("begin", pose_count, wp.int32),
+            ("runs", 1, wp.int32),
+            ("entries", pose_count, PoseEntry),
+            ("counts", pose_count, StepCount),
+            ("pose", pose_count, wp.transformd),
+        ):
+            self._array(name, count, dtype)
+        for name, dtype in (("position", wp.vec3), ("intensity", wp.float32)):
+            self._array(name, sample_count, dtype, self._foci)
+        if "room" not in self._arrays:
+            self._fit_runs(1 if self._on_cpu else 0)
+
+    def _fit_runs(self, runs: int) -> None:
+        """Have memory for the searches of so many runs."""
+        self._array("room", runs * ROOM, wp.int32)
+        self._array("sums", runs * SUMS, wp.float64)
+        self._array("door", runs, wp.vec3d, DOORS)
+
+    def _set_schedule(self, schedule: Mapping[str, np.ndarray], pose: np.ndarray | wp.array) -> None:
+        """Write the schedule and poses of a span."""
+        for name, values in schedule.items():
+            dtype = wp.float64 if name in TIMES else wp.int32 if name == "goes_on" else wp.int64
+            setattr(self._schedule, name, self._array(f"schedule_{name}", len(values), dtype))
+            self._write(f"schedule_{name}", values)
+        if isinstance(pose, wp.array):
+            wp.copy(self._arrays["pose"], pose, count=pose.shape[0])
+        else:
+            self._write("pose", pose)
+
+    def _write(self, name: str, values: np.ndarray) -> None:
+        array = self._arrays[name]
+        if self._on_cpu:
+            view = self._views.get(name)
+            if view is None:
+                view = self._views[name] = array.numpy()
+            view[: len(values)] = values
+        elif len(values):
+            wp.copy(array, wp.array(values, dtype=array.dtype, device="cpu"), count=len(values))
+
+    def _record(self, plan: Any, contours: Any) -> None:
+        """Record the launches of a plan on these contours."""
+        own, state, schedule = self._arrays, self.state, self._schedule
+        rows, nodes, pieces, passages, drawn = RouteRows(), TrackNodes(), PosePieces(), PiecePassages(), DrawnTracks()
+        rows.given, rows.drawn, rows.candidate, rows.span = (own[n] for n in ("given", "drawn", "candidate", "span"))
+        rows.room, rows.sums, rows.door = own["room"], own["sums"], own["door"]
+        nodes.knot, nodes.point, nodes.piece, nodes.section = (own[n] for n in ("knot", "point", "piece", "section"))
+        nothing = wp.empty(0, dtype=wp.float64, device=self.device)
+        nodes.intensity = own["level"] if contours.intensity.shape[0] > 0 else nothing
+        nodes.pause = own["pause"] if has_pauses(plan, contours) else nothing
+        nodes.corner = own["corner"] if has_pauses(plan, contours) else wp.empty(0, dtype=wp.uint8, device=self.device)
+        nodes.stretch = own["stretch"]
+        pieces.count, pieces.length = own["piece_count"], own["piece_length"]
+        passages.first, passages.last = own["first"], own["last"]
+        drawn.nodes, drawn.tracks, drawn.entries = nodes, own["tracks"], own["entries"]
+        drawn.pose, drawn.routes = own["pose"], own["drawn"]
+        laid = [rows, nodes, own["tracks"]]
+        runs = [own["begin"], own["runs"]]
+        for name, kernel, inputs, outputs in (
+            ("collect", _collect_pieces, [contours, schedule, state], [rows, pieces, own["runs"]]),
+            ("single", _lay_single, [contours, plan, schedule, pieces, state], [*laid, *runs]),
+            ("runs", _lay_runs, [contours, plan, schedule, pieces, state, 0, *runs], laid),
+            ("enter", _enter_poses, [contours, plan, schedule, nodes, own["tracks"]], [state, own["entries"]]),
+            (
+                "draw",
+                _draw_samples,
+                [plan, schedule, drawn, state],
+                [passages, own["position"], own["intensity"], own["counts"]],
+            ),
+            (
+                "sum",
+                _sum_counts,
+                [plan, schedule, contours.pose_start, drawn, own["counts"]],
+                [passages, state],
+            ),
+        ):
+            options = {"device": self.device, "block_dim": BLOCK, "record_cmd": True}
+            self._launches[name] = wp.launch(kernel, 1, inputs=inputs, outputs=outputs, **options)
+        self._recorded = plan, contours

@@ -90,14 +90,12 @@ SAMPLING_STAGES = (
     "motions.widening",
     "sampling.concatenation",
     "sampling.entry",
-    "sampling.finishing",
     "sampling.focus",
     "sampling.sums",
     "sampling.tracks",
     "sampling.visits",
     "sampling.dwelling",
     "sampling.contour_faults",
-    "sampling.skin_boxes",
 )  # contours over time to focal points
 DRIVE_STAGES = (
     "driving.focus",

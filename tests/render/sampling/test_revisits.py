@@ -13,10 +13,9 @@ from scipy.spatial.transform import Rotation
 from palpate.render.errors import StrategyError
 from palpate.render.sampling import revisits
 from palpate.render.sampling.metrics import FocalPoints, SamplingCount
-from palpate.render.sampling.strategy import Order, SamplingStrategy
-from palpate.render.sampling.sampler import Sampler, sample_bounds, sample_contours
-from palpate.render.sampling.LEFT import Path
 from palpate.render.sampling.revisits import RevisitWatch, revisit_rate
+from palpate.render.sampling.sampler import Sampler, sample_bounds, sample_contours
+from palpate.render.sampling.strategy import Order, SamplingStrategy
 
 POSE = still(1)[0]  # palm down: hand frame X = x, Z = -y of the array
 RATE = 10_000.0  # [Hz]
@@ -127,7 +126,7 @@ def test_silent_side_takes_its_time_but_is_no_place():
     intensity = np.array([0, 1, 1, 1, 0], np.float32)  # rises along the first side, falls along the last
     batch = type(batch)(**{**batch.__dict__, "intensity": np.where(intensity > 0, 1, 0).astype(np.float32)})
     sampler = Sampler(SamplingStrategy(order=Order(route="given")))
-    sampler.draw(Path.of(batch, 0), POSE, 50_000)
+    sampler.draw(batch[:1], POSE, 50_000)
     assert sampler.count.revisit_rate == pytest.approx(7.0 / 0.24, rel=2e-3)
     corner = ring(40_000, 400)
     lit = (np.arange(40_000) % 400) >= 100

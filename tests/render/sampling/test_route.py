@@ -9,9 +9,8 @@ from contour_shapes import batch_of, circle
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.render.sampling.strategy import SamplingStrategy
-from palpate.render.sampling.path import Path
 from palpate.render.sampling.route import PIECES_MOST, jump_total, shortest_route
+from palpate.render.sampling.strategy import SamplingStrategy
 from palpate.render.sampling.track import lay_track, pieces_of
 
 place = st.tuples(*[st.integers(-50, 50)] * 3).map(lambda p: np.array(p) * 1e-3)
@@ -22,7 +21,7 @@ loops = st.tuples(place, st.integers(3, 8), st.floats(0.005, 0.03)).map(
 
 
 def pieces_from(lines):
-    return pieces_of(Path.of(batch_of([lines]), 0))
+    return pieces_of(batch_of([lines]))
 
 
 def lengths_of(pieces):
@@ -103,7 +102,7 @@ def test_intensity_goes_with_the_points_when_pieces_are_turned():
     batch = batch_of([[*lines, (circle(0.01, centre=(0.08, 0, 0)), True)]])
     level = batch.points[:, 0] / 0.1  # intensity tells where a point is
     batch = type(batch)(**{**batch.__dict__, "intensity": level.astype(np.float32)})
-    route = shortest_route(pieces_of(Path.of(batch, 0)))
+    route = shortest_route(pieces_of(batch[:1]))
     for piece in route:
         assert piece.intensity == pytest.approx(piece.points[:, 0] / 0.1, abs=1e-6)
     turned = [p for p in route if not p.closed]
@@ -118,7 +117,7 @@ def test_very_many_pieces_stay_in_the_order_given():
     pieces = pieces_from(rungs(PIECES_MOST + 1))
     assert shortest_route(pieces) is pieces
     assert jump_total(shortest_route(pieces[:-1])) < 0.3 * jump_total(pieces[:-1])
-    path = Path.of(batch_of([rungs(PIECES_MOST + 1)]), 0)
+    path = batch_of([rungs(PIECES_MOST + 1)])
     track = lay_track(path, SamplingStrategy())
     assert track.points is path.points  # nothing is taken apart, however many they are
     assert track.seconds == pytest.approx(0.01 * (PIECES_MOST + 1) / 7.0)

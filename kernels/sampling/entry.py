@@ -30,8 +30,10 @@ from .layout import (
     SamplingPlan,
     TrackNodes,
     distance,
+    part_of,
     squared,
 )
+from .pieces import goes_on
 from .ways import (
     TrackWay,
     age_of,
@@ -68,8 +70,7 @@ def approach(nodes: TrackNodes, way: TrackWay, point: wp.vec3d):
     if way.end <= way.begin or square == ZERO:
         return INFINITE, ZERO
     off = point - a
-    part = wp.dot(off, step) / wp.max(square, TINY)
-    part = wp.min(wp.max(part, ZERO), ONE)
+    part = part_of(step, off)
     return wp.sqrt(squared(off - part * step)), part
 
 
@@ -401,7 +402,6 @@ def _enter_poses(
     index = state.motion[motion].index
     before = wp.int64(-1)
     pose = int(schedule.motion_start[motion])
-    begin = pose
     while pose < int(schedule.motion_start[motion + 1]):
         entry = PoseEntry()
         entry.before = before
@@ -409,7 +409,7 @@ def _enter_poses(
         if tracks[pose].count > 0:
             track = tracks[pose]
             shape = shape_of(c, pose)
-            if pose == begin and schedule.goes_on[motion] == 1:
+            if goes_on(c, schedule, state, pose, track.pieces):
                 entry.drawn = 1
                 entry.again = 1
                 entry.found = 1

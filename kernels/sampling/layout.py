@@ -8,6 +8,7 @@ import warp as wp
 
 ZERO, HALF, ONE, TWO = (wp.constant(wp.float64(value)) for value in (0.0, 0.5, 1.0, 2.0))
 INFINITE = wp.constant(wp.float64(1e300))  # [m]; longer than any way
+SAME_PLACE = wp.constant(wp.float64(1e-24))  # [m^2]
 TINY = wp.constant(wp.float64(1e-30))  # [m^2]; least divisor
 SEAM = wp.constant(wp.float64(1e-3))  # of a sample, as in the strategy
 TICKS = wp.constant(wp.float64(1 << 20))  # of a sample: ages are counted in them, as in render/sampling/fading.py
@@ -213,6 +214,7 @@ class MotionState:
     anchor: wp.float64  # of the pose drawn last, see PoseEntry
     index: wp.int64  # of the next sample on its track
     pieces: wp.int32  # in its route
+    points: wp.int64  # of its contours
     least: wp.float64  # jumps of the shortest route known [m]
     lost: wp.int32  # 1: none of its pieces is known any more, because silence followed
     samples: wp.int64
@@ -246,6 +248,21 @@ def squared(d: wp.vec3d):
 def distance(a: wp.vec3d, b: wp.vec3d):
     """Distance [m]."""
     return wp.length(b - a)
+
+
+@wp.func
+def part_of(step: wp.vec3d, off: wp.vec3d):
+    """Where on a way the nearest place to a point is, 0..1; off: from the way's start to the point.
+
+    A place that is an end but for rounding is that end, so that a focal point at rest stays there from pose to pose.
+    """
+    square = squared(step)
+    part = wp.min(wp.max(wp.dot(off, step) / wp.max(square, TINY), ZERO), ONE)
+    if part * part * square < SAME_PLACE:
+        return ZERO
+    if (ONE - part) * (ONE - part) * square < SAME_PLACE:
+        return ONE
+    return part
 
 
 @wp.func

@@ -17,7 +17,9 @@ from .layout import (
     TINY,
     ZERO,
     DrawnPiece,
+    PoseSchedule,
     RouteRows,
+    SamplerState,
     SamplingPlan,
     distance,
     squared,
@@ -117,6 +119,21 @@ def end_of(c: Contours, plan: SamplingPlan, piece: DrawnPiece):
         return start_of(c, plan, piece)
     size = size_of(c, plan, piece.line)
     return drawn_vertex(c, piece, size, size - 1)
+
+
+@wp.func
+def point_count(c: Contours, pose: int):
+    """How many points the contours of a pose have."""
+    return c.polyline_start[c.pose_start[pose + 1]] - c.polyline_start[c.pose_start[pose]]
+
+
+@wp.func
+def goes_on(c: Contours, schedule: PoseSchedule, state: SamplerState, pose: int, pieces: int):
+    """Whether a pose of so many pieces is the last one of the span before, and has contours as large as then."""
+    motion = schedule.motion[pose]
+    if schedule.goes_on[motion] == 0 or wp.int64(pose) != schedule.motion_start[motion]:
+        return False
+    return state.motion[motion].pieces == pieces and state.motion[motion].points == point_count(c, pose)
 
 
 @wp.func

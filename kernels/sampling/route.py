@@ -12,13 +12,13 @@ from .layout import (
     AS_GIVEN,
     INFINITE,
     ONE,
-    TINY,
     ZERO,
     DrawnPiece,
     PoseTrack,
     RouteRows,
     SamplingPlan,
     distance,
+    part_of,
     squared,
 )
 from .pieces import (
@@ -397,8 +397,7 @@ def nearest_way(c: Contours, plan: SamplingPlan, line: wp.int64, point: wp.vec3d
     for i in range(size - 1):
         a = vertex(c, line, i)
         step = vertex(c, line, i + 1) - a
-        part = wp.dot(point - a, step) / wp.max(squared(step), TINY)
-        part = wp.min(wp.max(part, ZERO), ONE)
+        part = part_of(step, point - a)
         square = squared((a + part * step) - point)
         if square < least:
             least = square

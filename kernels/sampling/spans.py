@@ -283,7 +283,7 @@ class SpanRoom:
             (
                 "sum",
                 _sum_counts,
-                [plan, schedule, contours.pose_start, drawn, own["counts"]],
+                [contours, plan, schedule, drawn, own["counts"]],
                 [passages, state],
             ),
         ):

@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from ..contours import Contours
 from ..patch import EXACT
 from .focus import PiecePassages, shown_last, unheld_point
 from .layout import (
@@ -14,6 +15,7 @@ from .layout import (
     SamplingPlan,
     StepCount,
 )
+from .pieces import point_count
 
 wp.set_module_options(EXACT)
 
@@ -80,9 +82,9 @@ def wait_for_pieces(
 @wp.kernel
 def _sum_counts(
     # In:
+    c: Contours,
     plan: SamplingPlan,
     schedule: PoseSchedule,
-    line: wp.array[wp.int64],  # first polyline of each pose, shape [pose + 1]
     d: DrawnTracks,
     counts: wp.array[StepCount],  # shape [pose]
     # Out:
@@ -117,11 +119,12 @@ def _sum_counts(
     if own >= wp.int64(0):
         track = d.tracks[own]
         out.pieces = track.pieces
+        out.points = point_count(c, int(own))
         out.least = track.least
         for k in range(wp.min(track.pieces, state.room)):
             row = track.line + wp.int64(k)
             piece = d.routes[row]
-            piece.line -= line[own]
+            piece.line -= c.pose_start[own]
             state.piece[motion * state.room + k] = piece
             state.seen[motion * state.room + k] = passages.last[row]
         for focus in range(plan.foci):

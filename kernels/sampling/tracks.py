@@ -11,7 +11,7 @@ from ..contours import Contours
 from ..patch import EXACT
 from .course import is_plain, lay_course
 from .layout import PoseSchedule, PoseTrack, RouteRows, SamplerState, SamplingPlan, TrackNodes
-from .pieces import collect_pieces, mark_ends, mark_pieces, match_pieces
+from .pieces import collect_pieces, goes_on, mark_ends, mark_pieces, match_pieces
 from .route import append_all, lay_route
 
 wp.set_module_options(EXACT)
@@ -123,18 +123,11 @@ def _lay_single(
         begin[wp.atomic_add(runs, 0, 1)] = pose
         return
     append_all(rows, c.pose_start[pose], count)
-    if carried == 1 and goes_on(schedule, pose):
+    if goes_on(c, schedule, state, pose, count):
         restore_pieces(c, rows, state, schedule.motion[pose], pose, 1)
     length = pieces.length[pose]
     plain = is_plain(c, plan, rows, pose, count, length)
     tracks[pose] = lay_course(c, plan, rows, nodes, pose, count, plain, length / plan.speed)
-
-
-@wp.func
-def goes_on(schedule: PoseSchedule, pose: int):
-    """Whether a pose is the last one of the span before."""
-    motion = schedule.motion[pose]
-    return schedule.goes_on[motion] == 1 and wp.int64(pose) == schedule.motion_start[motion]
 
 
 @wp.func
@@ -207,7 +200,7 @@ def _lay_runs(
     while pose < stop:
         count = pieces.count[pose]
         if count > 0:
-            if goes_on(schedule, pose) and earlier.pieces > 0:
+            if goes_on(c, schedule, state, pose, count):
                 restore_pieces(c, rows, state, motion, pose, count)
                 length = pieces.length[pose]
                 plain = is_plain(c, plan, rows, pose, count, length)

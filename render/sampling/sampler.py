@@ -169,7 +169,12 @@ class Sampler:
         row = np.cumsum(count) - count
         motion = np.repeat(np.arange(len(sizes)), sizes)
         begin = np.append(row, count.sum())[start]
-        schedule = span | {"motion": motion, "row": row, "number": row - begin[motion] + self._sampled[motion]}
+        schedule = span | {
+            "count": count,
+            "motion": motion,
+            "row": row,
+            "number": row - begin[motion] + self._sampled[motion],
+        }
         line_most = 0
         if self.room.goes_on:
             lines = batch.pose_start.numpy() if batch.on_device else batch.pose_start

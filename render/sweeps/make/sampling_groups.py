@@ -23,8 +23,8 @@ from .batch import batch_bytes
 from .keep import contours_at, is_kept, keep_focal_points
 from .poses import Poses
 from .rendering import Rendering, sampling_of
-from .sampling import FOCI_AT_ONCE
 
+FOCI_AT_ONCE = 5_000_000  # 0.2 GB of focal points of a motion; more are made alone, block by block
 CPU_BYTES = 256_000_000  # of a group on a CPU: some 10 motions of 30 s, so a sign of progress every half second
 SAMPLING, FOCAL_POINTS = "sampling", "keep-focal-points"
 Results = dict[str, dict[str, Any] | Exception]

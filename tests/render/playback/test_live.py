@@ -111,7 +111,7 @@ SAMPLINGS = {
     "default": SamplingStrategy(),
     "40 kHz": SamplingStrategy(update_rate=40_000.0),
     "three foci, modulated": SamplingStrategy(foci=3, am=AmplitudeModulation()),
-    "circles, finishing": SamplingStrategy(lm=LateralModulation(), continuity="finish"),
+    "circles, restarting": SamplingStrategy(lm=LateralModulation(), continuity="jump"),
 }
 
 
@@ -137,7 +137,7 @@ def test_irregular_and_missing_poses_are_held_and_faded_as_in_sample_contours(fa
 
 def assert_as_sampled(thing, pose, time, duration, sampling):
     """Instant and `sample_contours` agree in all bits and counts, from whatever time on the clock starts."""
-    sampler = Sampler(sampling)
+    sampler = Sampler(sampling, revisits=False)
     batch = render(thing, PALM, pose, closed_contour())
     expected = joined(sample_contours([batch], pose, time, duration, sampler))
     instant = Instant(thing, PALM, closed_contour(), sampling, interval=float(np.median(np.diff(time))))

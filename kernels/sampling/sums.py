@@ -15,7 +15,7 @@ from .layout import (
     SamplingPlan,
     StepCount,
 )
-from .pieces import point_count
+from .pieces import sizes_of
 
 wp.set_module_options(EXACT)
 
@@ -119,7 +119,7 @@ def _sum_counts(
     if own >= wp.int64(0):
         track = d.tracks[own]
         out.pieces = track.pieces
-        out.points = point_count(c, int(own))
+        out.sizes = sizes_of(c, int(own))
         out.least = track.least
         for k in range(wp.min(track.pieces, state.room)):
             row = track.line + wp.int64(k)

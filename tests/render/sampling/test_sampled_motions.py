@@ -10,6 +10,7 @@ from contour_random import random_strokes
 from contour_shapes import batch_of, square, still
 from numpy_sampler.sampler import Sampler as NumpySampler
 from numpy_sampler.sampling import sample_contours as numpy_contours
+from sampling_cases import random_motions, random_strategy, with_pauses
 
 from palpate.render import MeshObject, Palm, Scene, exploration, render
 from palpate.render.contour_batch import join_batches
@@ -19,14 +20,10 @@ from palpate.render.sampling.metrics import SamplingCount
 from palpate.render.sampling.presets import preset
 from palpate.render.sampling.sampler import joined, joined_batches, sample_motions
 from palpate.render.sampling.strategy import (
-    AmplitudeModulation,
     Dwell,
     Gap,
-    LateralModulation,
     Order,
-    Pace,
     SamplingStrategy,
-    Sections,
 )
 
 POSITION_TOLERANCE = 1e-7  # [m]: half a unit in the last place of a float32, 0.2 m from the origin, is 7e-9 m
@@ -60,61 +57,6 @@ def assert_counted(found, expected):
         one, other = getattr(found, field.name), getattr(expected, field.name)
         close = pytest.approx(other, rel=1e-9, abs=1e-8) if field.name in BY_LENGTHS else other
         assert one == close, field.name
-
-
-def random_strategy(rng):
-    kind = str(rng.choice(["speed", "frequency", "capped", "still"], p=[0.5, 0.2, 0.2, 0.1]))
-    order, points = "loop", None
-    if kind != "still":
-        order = str(rng.choice(["loop", "pendulum", "step", "random"], p=[0.6, 0.2, 0.1, 0.1]))
-        points = int(rng.choice([7, 40])) if order in ("step", "random") or rng.random() < 0.2 else None
-    in_sections = kind == "frequency" and order == "loop" and points is None and rng.random() < 0.4
-    sections = Sections(int(rng.choice([2, 5, 24])), float(rng.choice([0.5, 2.0, 20.0])))
-    return SamplingStrategy(
-        speed=float(rng.choice([2.0, 7.0, 14.0])),
-        update_rate=float(rng.choice([1000.0, 10_000.0])),
-        fade=float(rng.choice([0.0, 0.005, 0.02])),
-        pace=Pace(kind, points=points, frequency=float(rng.choice([5.0, 70.0]))),
-        order=Order(
-            order, 3, int(rng.integers(5)), str(rng.choice(["shortest", "given"], p=[0.7, 0.3])), rng.choice([0.0, 0.2])
-        ),
-        gap=Gap(str(rng.choice(["jump", "return", "pendulum", "close"], p=[0.4, 0.2, 0.2, 0.2]))),
-        am=AmplitudeModulation() if rng.random() < 0.15 else None,
-        lm=LateralModulation() if rng.random() < 0.15 else None,
-        foci=int(rng.choice([1, 2, 5], p=[0.6, 0.2, 0.2])),
-        continuity=str(rng.choice(["nearest", "jump"], p=[0.7, 0.3])),
-        dwell=random_dwell(rng, kind),
-        sections=sections if in_sections else None,
-    )
-
-
-def random_dwell(rng, pace):
-    kinds = ["none", "share"] if pace == "frequency" else ["none", "none", "time", "share"]
-    kind, angle = str(rng.choice(kinds)), float(rng.choice([0.3, 1.0, 2.5]))
-    time, share = float(rng.choice([2e-4, 0.005, 0.1])), float(rng.choice([0.1, 0.8]))
-    return Dwell(time if kind == "time" else 0.0, share if kind == "share" else 0.0, angle)
-
-
-def with_pauses(rng, batch):
-    """A batch with pauses at some points, which agree at seams."""
-    dwell = rng.choice([0.0, 1e-4, 0.003, 0.02], size=batch.point_count, p=[0.7, 0.1, 0.1, 0.1])
-    loop = np.flatnonzero(batch.polyline_closed)
-    dwell[batch.polyline_start[loop + 1] - 1] = dwell[batch.polyline_start[loop]]
-    return replace(batch, dwell=dwell.astype(np.float32))
-
-
-def random_motions(rng, pose_count):
-    """Poses, times, offsets of motions, when each ends, and when its poses fade; some motions have no pose."""
-    start = [0, *np.sort(rng.integers(0, pose_count + 1, rng.integers(0, 4))).tolist(), pose_count]
-    time, duration = np.zeros(pose_count), []
-    for a, b in pairwise(start):
-        interval = rng.choice([0.011, 1e-4, 0.03, 0.15], size=b - a, p=[0.7, 0.1, 0.15, 0.05])
-        time[a:b] = np.cumsum(interval) - interval + (0.013 if rng.random() < 0.2 else 0.0)
-        duration.append(0.011 + (time[b - 1] if b > a else 0.0))
-    pose = rng.normal(size=(pose_count, 7))
-    pose[:, 3:] /= np.linalg.norm(pose[:, 3:], axis=1, keepdims=True)
-    hold = rng.choice([0.005, 0.05, np.inf], size=len(duration)) if rng.random() < 0.5 else None
-    return pose.astype(np.float32), time, np.array(start), np.array(duration), hold
 
 
 @pytest.mark.exhaustive(after=8)

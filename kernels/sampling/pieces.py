@@ -123,7 +123,7 @@ def end_of(c: Contours, plan: SamplingPlan, piece: DrawnPiece):
 
 @wp.func
 def sizes_of(c: Contours, pose: int):
-    """The sizes of a pose's polylines, and which are closed, as one number: other contours have another, all but surely."""
+    """The sizes of a pose's polylines, and which are closed, as one number; others have another one, all but surely."""
     sizes = wp.int64(0)
     line = c.pose_start[pose]
     while line < c.pose_start[pose + 1]:

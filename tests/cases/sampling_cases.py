@@ -4,13 +4,16 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+import warp as wp
 from contour_random import random_strokes
 
+from palpate.kernels.sampling.layout import PoseSchedule
+from palpate.kernels.sampling.spans import SpanRoom
 from palpate.render import ContourBatch
 from palpate.render.contour_batch import join_batches
 from palpate.render.sampling.metrics import FocalPoints
-from palpate.render.sampling.plan import ticks_of
-from palpate.render.sampling.sampler import Sampler, drawable_contours, sample_bounds
+from palpate.render.sampling.plan import plan_of, shown_order, ticks_of
+from palpate.render.sampling.sampler import MotionSchedule, Sampler, drawable_contours, sample_bounds
 from palpate.render.sampling.strategy import (
     AmplitudeModulation,
     Dwell,
@@ -144,3 +147,45 @@ def _span_of(motion, bounds, begin, end, rate):
         "time": ticks_of(motion.time[first:stop], rate),
         "goes_on": stop > first and begin > bounds[first],
     }
+
+
+def schedule_of_motions(counts, device="cpu"):
+    """The schedule of motions whose poses have so many samples each; counts: a sequence of each motion's."""
+    count = np.concatenate([np.asarray(own, np.int64) for own in counts])
+    sizes = [len(own) for own in counts]
+    start, schedule = np.cumsum([0, *sizes]), PoseSchedule()
+    for name, values in (
+        ("motion_start", start),
+        ("motion", np.repeat(np.arange(len(sizes)), sizes)),
+        ("count", count),
+        ("row", np.cumsum(count) - count),
+    ):
+        setattr(schedule, name, wp.array(values.astype(np.int64), dtype=wp.int64, device=device))
+    return schedule
+
+
+def drawn_room(batch, time, duration, strategy, device="cpu", hold=np.inf):
+    """The room of a whole motion that has been drawn; its tracks, nodes and state are to be looked at."""
+    schedule = MotionSchedule.of(time, [0, len(time)], [duration], strategy, np.array([hold]))
+    batch, points = batch.to(device), strategy.pace.points
+    shown = np.zeros(0, np.int64) if points is None else shown_order(strategy.order, points)
+    room, row = SpanRoom(1, strategy.foci, shown, device), np.cumsum(schedule.count) - schedule.count
+    span = schedule.span(strategy) | {"motion": np.zeros(len(time), np.int64), "row": row, "number": row}
+    pose = np.tile([0, 0, 0.2, np.sqrt(0.5), 0, 0, np.sqrt(0.5)], (len(time), 1))
+    line_most = int(np.diff(batch.numpy().pose_start).max(initial=0))
+    plan = plan_of(strategy, pauses=batch.dwell is not None)
+    position, intensity = room.draw(plan, batch.as_struct(), span, pose, line_most=line_most)
+    count = int(schedule.count.sum())
+    return room, position.numpy()[:count], intensity.numpy()[:count]
+
+
+def without_folds(batch, strategy):
+    """A batch where loops through two places are a point: such a loop has pairs of doors at one place.
+
+    Which door of such a pair is taken is decided by rounding, and so it may differ from sampler to sampler.
+    """
+    points = batch.points.copy()
+    for (a, b), closed in zip(pairwise(batch.polyline_start.tolist()), batch.polyline_closed, strict=True):
+        if (closed or strategy.gap.kind == "close") and len(np.unique(points[a:b], axis=0)) == 2:
+            points[a:b] = points[a]
+    return replace(batch, points=points)

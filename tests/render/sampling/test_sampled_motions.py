@@ -10,14 +10,14 @@ from contour_random import random_strokes
 from contour_shapes import batch_of, square, still
 from numpy_sampler.sampler import Sampler as NumpySampler
 from numpy_sampler.sampling import sample_contours as numpy_contours
-from sampling_cases import random_motions, random_strategy, with_pauses
+from sampling_cases import random_motion, random_motions, random_strategy, with_pauses, without_folds
 
 from palpate.render import MeshObject, Palm, Scene, exploration, render
 from palpate.render.contour_batch import join_batches
 from palpate.render.errors import StrategyError
 from palpate.render.hands.flat_hand import flat_hand
 from palpate.render.sampling.metrics import SamplingCount
-from palpate.render.sampling.presets import preset
+from palpate.render.sampling.presets import PRESETS, preset
 from palpate.render.sampling.sampler import joined, joined_batches, sample_motions
 from palpate.render.sampling.strategy import (
     Dwell,
@@ -60,7 +60,7 @@ def assert_counted(found, expected):
 
 
 @pytest.mark.exhaustive(after=8)
-@pytest.mark.parametrize("seed", range(48))
+@pytest.mark.parametrize("seed", range(160))
 def test_random_motions_are_what_the_sampler_in_numpy_draws(seed, device):
     rng = np.random.default_rng(seed)
     count = int(rng.integers(1, 40))
@@ -70,8 +70,20 @@ def test_random_motions_are_what_the_sampler_in_numpy_draws(seed, device):
         batch = with_pauses(rng, batch)
     pose, time, start, duration, hold = random_motions(rng, count)
     strategy = random_strategy(rng)
+    batch = without_folds(batch, strategy)
     samples = sample_motions(batch, pose, time, start, duration, strategy, hold=hold, device=device)
     assert_same(samples, batch, pose, time, start, duration, strategy, hold)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_preset_draws_hard_motions_as_the_sampler_in_numpy_does(name, device):
+    """Several polylines that come and go, with intensities and pauses, silent and fading poses."""
+    strategy, rng = preset(name), np.random.default_rng(7)
+    for weighed, paused in ((False, False), (True, False), (True, True)):
+        motion = random_motion(rng, with_intensity=weighed, paused=paused)
+        batch, start = without_folds(motion.batch, strategy), [0, len(motion.time)]
+        rows = batch, motion.pose, motion.time, start, [motion.duration], strategy
+        assert_same(sample_motions(*rows, hold=np.array([motion.hold]), device=device), *rows, [motion.hold])
 
 
 def explored(name, contours, seed=0, duration=1.2):

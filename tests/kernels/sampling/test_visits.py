@@ -1,5 +1,7 @@
 """Revisits of any focal points, silent ones among them, are those that the watch in NumPy counts."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import warp as wp
@@ -28,7 +30,7 @@ def wandering(rng, foci, count):
 
 def rest_in_poses(rng, starts, position, intensity):
     """Let focal points rest throughout most poses, some of them silent; in some samples all are."""
-    for first, stop in zip(starts[:-1], starts[1:], strict=True):
+    for first, stop in pairwise(starts.tolist()):
         if rng.random() < 0.8 and stop > first:
             position[first:stop] = position[first : first + 1]
             intensity[first:stop] = rng.uniform(size=position.shape[1]) > 0.2

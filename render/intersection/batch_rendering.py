@@ -14,7 +14,6 @@ from ...kernels.metrics.measure import measure_contours
 from ...kernels.offsets import PointLimitError
 from ..contour_batch import ContourBatch, join_batches
 from ..coordinate_spacing import warn_of_spacing
-from ..deprecated_names import accept_old_keywords
 from ..errors import PoseError, StrategyError
 from ..hands.hand import Hand
 from ..objects.moving_object import object_poses
@@ -208,7 +207,6 @@ class _Rendering:
         return Chunk(first, stop, contours, lengths, removed, timing)
 
 
-@accept_old_keywords(thing="solid", moved="object_pose")
 def render(
     solid: Solid,
     hand: Hand,

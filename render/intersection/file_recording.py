@@ -19,7 +19,6 @@ from ...datasets.storage.durable import discard_tree
 from ...datasets.storage.schema import removed_name
 from ..contour_batch import KINDS
 from ..coordinate_spacing import apart_text, warn_of_spacing
-from ..deprecated_names import accept_old_keywords, explain_keywords
 from ..hands.hand import Hand
 from ..objects.mesh.solid_mesh import MeshObject
 from ..objects.moving_object import about_outline, object_poses
@@ -92,8 +91,6 @@ def metrics_of(chunk: Chunk) -> dict[str, np.ndarray]:
     return metrics
 
 
-@accept_old_keywords(thing="solid", moved="object_pose")
-@explain_keywords(overwrite='mode="overwrite" replaces a file', resume='mode="resume" goes on with an unfinished file')
 def record(
     path: str | Path,
     solid: Solid | str | Path,

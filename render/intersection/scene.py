@@ -22,7 +22,6 @@ from ...kernels.section.contour_writing import SectionContours
 from ...kernels.skin.curves import skin_contours
 from ...kernels.stages.move import move_contours
 from ..contour_batch import ContourBatch
-from ..deprecated_names import OldAttribute, accept_old_keywords
 from ..errors import MeshError, PoseError, StrategyError
 from ..focal_spot import focal_width
 from ..hands.hand import Hand, PatchHand, poses_on_host, require_rows, sections_on
@@ -141,16 +140,11 @@ class Scene:
     points: str = "array"
     """Where points are written: "array", in the array's frame, or "patch", relative to the middle of their patch."""
 
-    thing = OldAttribute("solid")
-    moved = OldAttribute("object_pose")
-    pivot = OldAttribute("object_centre")
-
     def __repr__(self) -> str:
         """One line."""
         return f"Scene({self.solid!r}, {self.hand!r}, {self.strategy!r})"
 
     @classmethod
-    @accept_old_keywords(thing="solid", moved="object_pose")
     def of(
         cls,
         solid: Solid,

@@ -9,7 +9,6 @@ import numpy as np
 
 from ...datasets.errors import MotionError
 from ..contour_batch import ContourBatch
-from ..deprecated_names import accept_old_keywords
 from ..errors import PoseError, StrategyError
 from ..hands.hand import Hand
 from ..intersection.batch_rendering import check_poses
@@ -49,7 +48,6 @@ class Instant:
     200
     """
 
-    @accept_old_keywords(thing="solid")
     def __init__(
         self,
         solid: Solid | str,

@@ -14,7 +14,6 @@ from ...datasets.motions.hand_motion import HandMotion
 from ...device.report import LiveStatistics
 from ..batch_rows import BatchRows
 from ..contour_batch import ContourBatch
-from ..deprecated_names import explain_keywords
 from ..errors import StrategyError
 from ..intersection.batch_rendering import Collected
 from ..intersection.file_recording import save_contours
@@ -206,10 +205,6 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         blocks = list(ContourSource(self.rows(), sampler, duration))
         return SampledContours(joined(blocks), sampler.strategy, sampler.count)
 
-    @explain_keywords(
-        **dict.fromkeys(("update_rate", "speed"), "give sampling=preset('stm', update_rate=10_000.0, speed=7.0)"),
-        **dict.fromkeys(("loop", "loops", "times"), "repeats=N plays it N times"),
-    )
     def play(
         self,
         array: str | Path = "emulator",

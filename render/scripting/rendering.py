@@ -10,7 +10,6 @@ from ...datasets.errors import ContourFileError
 from ...datasets.motions.hand_motion import HandMotion
 from ..contour_batch import array_names
 from ..coordinate_spacing import apart_text
-from ..deprecated_names import accept_old_keywords, explain_keywords
 from ..hands.hand import Hand
 from ..intersection.batch_rendering import collect
 from ..intersection.named_inputs import hand_and_motion_of, is_unaligned, solid_of
@@ -23,14 +22,6 @@ from .rendered_batch import RenderedBatch
 LONG = 1.0  # [s]; a motion that goes on so long without a contour is probably elsewhere
 
 
-@accept_old_keywords(thing="solid", moved="object_pose")
-@explain_keywords(
-    **dict.fromkeys(
-        ("duration", "rate", "seed"), "give the motion exploration(solid, duration=30.0, rate=90.0, seed=1)"
-    ),
-    **dict.fromkeys(("alignment", "side"), "give the motion load_recording(path, alignment=..., hand=...)"),
-    **dict.fromkeys(("scale", "fit", "at", "up", "rotate"), "give the object MeshObject.load(path, fit=0.12)"),
-)
 def render(
     solid: Solid | str | Path,
     hand: Hand | str,

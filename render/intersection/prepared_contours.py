@@ -19,9 +19,8 @@ from ..objects.solid import Solid
 from ..runtime.span_workers import warp_device
 from ..strategies.intersection_strategy import IntersectionStrategy, strategy_of
 from ..validation import is_number
-from .batch_rendering import check_poses
 from .mesh_section import PATTERN, intersect, needs_regularising
-from .named_inputs import hand_of, solid_of
+from .named_inputs import hand_of, motion_of, solid_of
 from .resting import patches_for
 from .scene import Scene
 
@@ -93,7 +92,7 @@ class PreparedContours:
         where the device is one, else on the host (NumPy).
         Raises PoseError for another number of poses and poses on another device, and what `render` refuses.
         """
-        rows = pose if isinstance(pose, wp.array) else check_poses(pose)
+        rows = pose if isinstance(pose, wp.array) else motion_of(pose).pose
         if isinstance(pose, wp.array) and pose.device != wp.get_device(self.device):
             raise PoseError(f"pose is on {pose.device}, but these contours were prepared on {self.device}")
         if len(rows) != self.pose_count:
@@ -101,7 +100,7 @@ class PreparedContours:
         return self.at_checked(rows)
 
     def at_checked(self, pose: np.ndarray | wp.array) -> ContourBatch:
-        """The same for poses of the right number as `check_poses` leaves them; one pose may be of shape [7]."""
+        """The same for poses of the right number as `motion_of` leaves them; one pose may be of shape [7]."""
         room = self._fitting_room(pose)
         return self._rendered(pose) if room is None else ContourBatch(**room.contours())
 

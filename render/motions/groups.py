@@ -24,7 +24,8 @@ from ...kernels.offsets import PointLimitError
 from ..contour_batch import ContourBatch
 from ..errors import PoseError, StrategyError
 from ..hands.hand import Hand
-from ..intersection.batch_rendering import MEMORY_DEFAULT, POINT_BYTES, checked_memory, is_too_large
+from ..intersection.batch_rendering import POINT_BYTES, is_too_large
+from ..intersection.job import MEMORY_DEFAULT, checked_memory
 from ..intersection.named_inputs import hand_of, solid_of
 from ..intersection.scene import Scene
 from ..objects.solid import Solid

@@ -11,7 +11,7 @@ from ...datasets.errors import MotionError
 from ..contour_batch import ContourBatch
 from ..errors import PoseError, StrategyError
 from ..hands.hand import Hand
-from ..intersection.batch_rendering import check_poses
+from ..intersection.named_inputs import motion_of
 from ..intersection.prepared_contours import PreparedContours
 from ..objects.solid import Solid
 from ..sampling.contour_sampling import FocalPoints, Path, Sampler, SamplingStrategy, joined, paths_of
@@ -24,7 +24,7 @@ INTERVAL_RANGE = (1e-4, 5.0)  # [s]
 FAR = 1e30  # [m]; float32 ends beyond
 DRAWN_MOST = 10.0  # [s] in one go: 400,000 samples at 40 kHz
 DRAWN_AT_ONCE = 1024  # samples, as `sample_contours` does
-NORM_SURE = 5e-8  # a quaternion's norm this near to 1 is left alone by `check_poses`, however it rounds
+NORM_SURE = 5e-8  # a quaternion's norm this near to 1 is left alone by `motion_of`, however it rounds
 
 
 class Instant:
@@ -139,7 +139,7 @@ class Instant:
 
 
 def checked_pose(pose: np.ndarray) -> np.ndarray:
-    """A pose as `check_poses` gives and refuses it, float32, shape [7]."""
+    """A pose as `motion_of` gives and refuses it, float32, shape [7]."""
     try:
         row = np.asarray(pose, np.float64)
     except (TypeError, ValueError):
@@ -149,4 +149,4 @@ def checked_pose(pose: np.ndarray) -> np.ndarray:
     x, y, z, a, b, c, w = row.tolist()
     if abs(x) + abs(y) + abs(z) < FAR and abs(math.sqrt(a * a + b * b + c * c + w * w) - 1.0) < NORM_SURE:
         return row.astype(np.float32)
-    return check_poses(row[None])[0]
+    return motion_of(row[None]).pose[0]

@@ -15,7 +15,6 @@ from ...device.report import LiveStatistics
 from ..batch_rows import BatchRows
 from ..contour_batch import ContourBatch
 from ..errors import StrategyError
-from ..intersection.batch_rendering import Collected
 from ..intersection.file_recording import save_contours
 from ..intersection.scene import Scene
 from ..playback.drive import DriveStrategy
@@ -115,7 +114,7 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         if self.source is not None:
             raise StrategyError(f"this batch was read from {self.source}, which holds all of it: copy that file")
         motion, scene = self._known()
-        save_contours(path, Collected(scene, self, self.removed), motion, overwrite=overwrite)
+        save_contours(path, self, self.removed, scene, motion, overwrite=overwrite)
         return Path(path)
 
     def figure(

@@ -66,8 +66,8 @@ def render(
     way = '; points="patch" keeps the points themselves exact, but not the poses'
     warn_of_spacing(scene.solid.name, scene.solid.bounds, motion.pose, scene.object_pose, way=way)
     contours, removed = collect(job)
-    is_long = (motion.duration or 0.0) >= LONG
-    if is_long and object_pose is None and not contours.point_count and not removes_any(removed):
+    is_empty = object_pose is None and not contours.point_count and not removes_any(removed)
+    if is_empty and (motion.duration or 0.0) >= LONG:
         way = "; give the recording an alignment: load_recording(path, alignment=...)" if is_raw else ""
         warn_user(apart_text(scene.solid.bounds, motion.pose) + way)
     return RenderedBatch(**vars(contours), motion=motion, scene=scene, removed=removed)

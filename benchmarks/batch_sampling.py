@@ -17,7 +17,7 @@ import warp as wp
 from turns import seconds_by_turns
 
 from palpate.render import ContourBatch, MeshObject, Palm, SamplingStrategy, Scene
-from palpate.render.motions.poses import ExploredPoses, explored_rows
+from palpate.render.motions.explored import ExploredPoses, explored_rows
 from palpate.render.sampling.batch_sampling import MotionSamples, sample_motions
 from palpate.render.sampling.contour_sampling import sample_contours
 from palpate.render.sampling.presets import load_sampling

@@ -1,7 +1,7 @@
 """Contours of batches of as many poses, again and again: what can be done once is done before."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import warp as wp
@@ -17,12 +17,10 @@ from ..hands.hand import Hand, PatchHand
 from ..objects.mesh.solid_mesh import MeshObject
 from ..objects.solid import Solid
 from ..runtime.span_workers import warp_device
-from ..strategies.intersection_strategy import IntersectionStrategy, strategy_of
+from ..strategies.intersection_strategy import IntersectionStrategy
 from ..validation import is_number
-from .batch_rendering import check_poses
-from .mesh_section import PATTERN, intersect, needs_regularising
-from .named_inputs import hand_of, solid_of
-from .resting import patches_for
+from .mesh_section import PATTERN, intersect, patches_for
+from .named_inputs import hand_of, motion_of, solid_of
 from .scene import Scene
 
 POSES_MOST = 2**20  # of a batch; launching takes no time beside computing then
@@ -70,13 +68,13 @@ class PreparedContours:
         """Poses of a batch, and where they are rendered."""
         self.grown = 0
         """How often memory was taken anew."""
-        self._scene = Scene.of(solid, hand, strategy_of(strategy))
+        self._scene = Scene.of(solid, hand, strategy)
         self._room: Room | None = None
         warn_of_spacing(solid.name, solid.bounds)
         middle = np.array([*solid.bounds.mean(axis=0), *PALM_DOWN], np.float32)
         poses = np.tile(middle, (self.pose_count, 1))
-        if isinstance(solid, MeshObject) and isinstance(hand, PatchHand) and is_kept(self._scene):
-            self._room = self._first_room(solid, hand, poses[:1], method, size)
+        if self._scene.is_plain:  # drawn by kernels alone, in memory that can be kept
+            self._room = self._first_room(cast(MeshObject, solid), cast(PatchHand, hand), poses[:1], method, size)
         if (room := self._fitting_room(poses)) is not None:
             room.warm()
 
@@ -93,7 +91,7 @@ class PreparedContours:
         where the device is one, else on the host (NumPy).
         Raises PoseError for another number of poses and poses on another device, and what `render` refuses.
         """
-        rows = pose if isinstance(pose, wp.array) else check_poses(pose)
+        rows = pose if isinstance(pose, wp.array) else motion_of(pose).pose
         if isinstance(pose, wp.array) and pose.device != wp.get_device(self.device):
             raise PoseError(f"pose is on {pose.device}, but these contours were prepared on {self.device}")
         if len(rows) != self.pose_count:
@@ -101,9 +99,13 @@ class PreparedContours:
         return self.at_checked(rows)
 
     def at_checked(self, pose: np.ndarray | wp.array) -> ContourBatch:
-        """The same for poses of the right number as `check_poses` leaves them; one pose may be of shape [7]."""
+        """The same for poses of the right number as `motion_of` leaves them; one pose may be of shape [7]."""
         room = self._fitting_room(pose)
-        return self._rendered(pose) if room is None else ContourBatch(**room.contours())
+        if room is not None:
+            return ContourBatch(**room.contours())
+        rows = pose if isinstance(pose, wp.array) else pose.reshape(-1, 7)
+        batch, _ = self._scene.contours(rows, 0, self.device)
+        return batch.numpy() if self.device == "cpu" else batch
 
     def _fitting_room(self, pose: np.ndarray | wp.array) -> Room | None:
         """The room, with the contours of poses in it; None where they are rendered without it."""
@@ -114,12 +116,6 @@ class PreparedContours:
             self._room = self._room_of(size)
             self.grown += 1
         return self._room
-
-    def _rendered(self, pose: np.ndarray | wp.array) -> ContourBatch:
-        """As `render` does."""
-        rows = pose if isinstance(pose, wp.array) else pose.reshape(-1, 7)
-        batch, _ = self._scene.contours(rows, 0, self.device)
-        return batch.numpy() if self.device == "cpu" else batch
 
     def _first_room(
         self, solid: MeshObject, hand: PatchHand, pose: np.ndarray, method: str | None, size: RoomSize | None
@@ -144,9 +140,3 @@ class PreparedContours:
     def _room_of(self, size: RoomSize) -> Room:
         room = Room if self.device == "cpu" else GraphRoom
         return room(*self._made_of, **self._options, size=size)
-
-
-def is_kept(scene: Scene) -> bool:
-    """Whether contours are drawn by kernels alone, in memory that can be kept."""
-    crosses = isinstance(scene.solid, MeshObject) and needs_regularising(scene.solid)
-    return scene.is_raw and scene.exact and not crosses

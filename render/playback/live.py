@@ -9,10 +9,9 @@ import numpy as np
 
 from ...datasets.errors import MotionError
 from ..contour_batch import ContourBatch
-from ..deprecated_names import accept_old_keywords
 from ..errors import PoseError, StrategyError
 from ..hands.hand import Hand
-from ..intersection.batch_rendering import check_poses
+from ..intersection.named_inputs import motion_of
 from ..intersection.prepared_contours import PreparedContours
 from ..objects.solid import Solid
 from ..sampling.metrics import FocalPoints
@@ -25,7 +24,7 @@ POSE_INTERVAL = 1 / 90  # [s]; a headset's hand tracking
 INTERVAL_RANGE = (1e-4, 5.0)  # [s]
 FAR = 1e30  # [m]; float32 ends beyond
 DRAWN_MOST = 10.0  # [s] in one go: 400,000 samples at 40 kHz
-NORM_SURE = 5e-8  # a quaternion's norm this near to 1 is left alone by `check_poses`, however it rounds
+NORM_SURE = 5e-8  # a quaternion's norm this near to 1 is left alone by `motion_of`, however it rounds
 
 
 class Instant:
@@ -49,7 +48,6 @@ class Instant:
     200
     """
 
-    @accept_old_keywords(thing="solid")
     def __init__(
         self,
         solid: Solid | str,
@@ -137,7 +135,7 @@ class Instant:
 
 
 def checked_pose(pose: np.ndarray) -> np.ndarray:
-    """A pose as `check_poses` gives and refuses it, float32, shape [7]."""
+    """A pose as `motion_of` gives and refuses it, float32, shape [7]."""
     try:
         row = np.asarray(pose, np.float64)
     except (TypeError, ValueError):
@@ -147,4 +145,4 @@ def checked_pose(pose: np.ndarray) -> np.ndarray:
     x, y, z, a, b, c, w = row.tolist()
     if abs(x) + abs(y) + abs(z) < FAR and abs(math.sqrt(a * a + b * b + c * c + w * w) - 1.0) < NORM_SURE:
         return row.astype(np.float32)
-    return check_poses(row[None])[0]
+    return motion_of(row[None]).pose[0]

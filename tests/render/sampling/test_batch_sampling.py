@@ -14,7 +14,16 @@ from palpate.render.contour_batch import join_batches
 from palpate.render.errors import StrategyError
 from palpate.render.hands.flat_hand import flat_hand
 from palpate.render.sampling.sampler import joined_batches, sample_motions
-from palpate.render.sampling.strategy import AmplitudeModulation, Dwell, Gap, LateralModulation, Order, Pace, SamplingStrategy, Sections
+from palpate.render.sampling.strategy import (
+    AmplitudeModulation,
+    Dwell,
+    Gap,
+    LateralModulation,
+    Order,
+    Pace,
+    SamplingStrategy,
+    Sections,
+)
 from palpate.render.sampling.sampler import Sampler, joined, sample_contours
 from palpate.render.sampling.presets import preset
 

@@ -7,7 +7,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sampling_oracle import sampled_slowly
 
-from palpate.render.sampling.strategy import AmplitudeModulation, Dwell, Gap, LateralModulation, Order, Pace, SamplingStrategy, Sections
+from palpate.render.sampling.strategy import (
+    AmplitudeModulation,
+    Dwell,
+    Gap,
+    LateralModulation,
+    Order,
+    Pace,
+    SamplingStrategy,
+    Sections,
+)
 from palpate.render.sampling.sampler import Sampler
 from palpate.render.sampling.presets import preset
 from palpate.render.sampling.LEFT import Path

@@ -10,7 +10,16 @@ from hypothesis import strategies as st
 
 from palpate.render.errors import StrategyError
 from palpate.render.sampling.presets import PRESETS, load_sampling, preset
-from palpate.render.sampling.strategy import AmplitudeModulation, Dwell, Gap, LateralModulation, Order, Pace, SamplingStrategy, Sections
+from palpate.render.sampling.strategy import (
+    AmplitudeModulation,
+    Dwell,
+    Gap,
+    LateralModulation,
+    Order,
+    Pace,
+    SamplingStrategy,
+    Sections,
+)
 
 positive = st.floats(0.01, 99.0)
 paces = st.builds(

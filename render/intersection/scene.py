@@ -256,7 +256,12 @@ class Scene:
     @property
     def is_plain(self) -> bool:
         """Whether contours are those in which planes cut a mesh, drawn by kernels alone, and no stage follows."""
-        return self.is_raw and self.method == "cut" and not needs_regularising(self._mesh_and_patches[0])
+        return self.is_raw and self.is_cut_plainly
+
+    @property
+    def is_cut_plainly(self) -> bool:
+        """Whether the raw contours are those in which planes cut a mesh, drawn by kernels alone."""
+        return self.method == "cut" and not needs_regularising(self._mesh_and_patches[0])
 
     @property
     def is_drawn_to_measure(self) -> bool:

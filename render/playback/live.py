@@ -83,11 +83,15 @@ class Instant:
         """How often memory was taken anew, because a pose needed more."""
         return self._intersection.grown
 
-    def draw(self, pose: np.ndarray, time: float, *, until: float | None = None) -> FocalPoints:
+    def draw(
+        self, pose: np.ndarray, time: float, *, until: float | None = None, patch_pose: np.ndarray | None = None
+    ) -> FocalPoints:
         """Take a pose; returns the focal points from the last one drawn to `until`.
 
         pose: x y z [m] and quaternion xyzw, hand frame -> array frame, shape [7]. time: when the hand was there [s],
         on any clock, after the pose before. until: when the next pose is expected [s], by default time + interval.
+        patch_pose: of an articulated hand, poses of its patches in the hand's frame, shape [patch, 7], NaN for one that
+        is not there.
         Raises PoseError or MotionError for a pose that `render` refuses, a time that is not after the last pose's,
         an `until` before it, or more than DRAWN_MOST in one go; then nothing has changed.
         """
@@ -101,9 +105,15 @@ class Instant:
             raise MotionError(f"until {until!r} s is before {time!r} s of its pose")
         before, stop = self._samples_until(time, began), self._samples_until(until, began)
         late = [self._samples(before)] if before > self._drawn and not first else []
-        self.contours = self._intersection.at_checked(row)
+        self.contours = contours = self._intersection.at_checked(row, patch_pose)
         self._began, self._came, self._pose = began, time - began, row.astype(np.float64)
-        return joined([*late, self._samples(stop)])
+        count, age = max(stop - self._drawn, 0), age_at(self._drawn, self._came, self._rate)
+        if (struct := self._intersection.struct) is None:
+            focus = self.sampler.draw(contours, self._pose, count, age=age, hold=self._hold)
+        else:
+            focus = self.sampler.draw_kept(struct, contours.polyline_count, self._pose, count, age=age, hold=self._hold)
+        self._drawn += count
+        return joined([*late, focus])
 
     def go_on(self, until: float) -> FocalPoints:
         """More focal points of the last pose, because none has come: it is held, then fades.
@@ -127,9 +137,8 @@ class Instant:
 
     def _samples(self, stop: int) -> FocalPoints:
         """Samples of the last pose up to sample `stop`."""
-        count = max(stop - self._drawn, 0)
-        age = age_at(self._drawn, self._came, self._rate)
-        focus = self.sampler.draw(self.contours, self._pose, count, age=age, hold=self._hold)
+        count, age = max(stop - self._drawn, 0), age_at(self._drawn, self._came, self._rate)
+        focus = self.sampler.draw_on(self._pose, count, age=age, hold=self._hold)
         self._drawn += count
         return focus
 

@@ -17,11 +17,9 @@ import warp as wp
 from turns import seconds_by_turns
 
 from palpate.render import ContourBatch, MeshObject, Palm, SamplingStrategy, Scene
-from palpate.render.motions.poses import ExploredPoses, explored_rows
-from palpate.render.sampling.sampler import MotionSamples, sample_motions
-from palpate.render.sampling.sampler import sample_contours
+from palpate.render.motions.explored import ExploredPoses, explored_rows
 from palpate.render.sampling.presets import load_sampling
-from palpate.render.sampling.sampler import Sampler
+from palpate.render.sampling.sampler import MotionSamples, Sampler, sample_contours, sample_motions
 
 DURATION, RATE = 30.0, 90.0
 POSES = round(DURATION * RATE)  # of an exploration

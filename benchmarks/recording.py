@@ -29,6 +29,7 @@ from palpate.datasets.storage.schema import CHUNK_ROWS, CONTOURS, METRICS
 from palpate.render.hands.hand import Palm
 from palpate.render.intersection.batch_rendering import Chunk, rendered_chunks
 from palpate.render.intersection.file_recording import file_header, metrics_of, record
+from palpate.render.intersection.job import ContourJob
 from palpate.render.intersection.scene import Scene
 from palpate.render.objects.mesh.solid_mesh import MeshObject
 from palpate.render.runtime.worker_devices import worker_devices
@@ -40,7 +41,7 @@ THINGS = ("cube", "tube")
 def render_alone(thing: MeshObject, motion: HandMotion, devices: list[str]) -> float:
     """Seconds until the last chunk is on the host."""
     started = perf_counter()
-    for _ in rendered_chunks(Scene.of(thing, Palm(), closed_contour()), motion.pose, devices=devices):
+    for _ in rendered_chunks(ContourJob.of(Scene.of(thing, Palm(), closed_contour()), motion, devices=devices)):
         pass
     return perf_counter() - started
 
@@ -106,7 +107,7 @@ def measure(name: str, devices: list[str], pose_count: int, repeats: int, folder
     """Medians of the three, and what a file takes."""
     thing, motion = MeshObject.load(name), HandMotion(None, random_poses(pose_count))
     recorded, written, raw = (folder / f"{side}.h5" for side in ("recorded", "written", "raw"))
-    chunks = list(rendered_chunks(Scene.of(thing, Palm(), closed_contour()), motion.pose, devices=devices))
+    chunks = list(rendered_chunks(ContourJob.of(Scene.of(thing, Palm(), closed_contour()), motion, devices=devices)))
     record_all(recorded, thing, motion, devices)
     rows, commit_count = random_rows(recorded)
     size = recorded.stat().st_size

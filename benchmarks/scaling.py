@@ -22,6 +22,7 @@ from poses import random_poses
 
 from palpate.render.hands.hand import Palm
 from palpate.render.intersection.batch_rendering import rendered_chunks
+from palpate.render.intersection.job import ContourJob
 from palpate.render.intersection.scene import Scene
 from palpate.render.objects.mesh.solid_mesh import MeshObject
 from palpate.render.runtime.worker_devices import GPU_WORKERS
@@ -36,10 +37,12 @@ def workers_on(devices: list[str]) -> list[str]:
 def render_seconds(thing: str, poses: np.ndarray, devices: list[str]) -> float:
     """Seconds until the last chunk is on the host."""
     loaded = MeshObject.load(thing)
-    for _ in rendered_chunks(Scene.of(loaded, Palm(), closed_contour()), poses[:1000], devices=devices):
+    scene = Scene.of(loaded, Palm(), closed_contour())
+    few, all_poses = (ContourJob.of(scene, own, devices=devices) for own in (poses[:1000], poses))
+    for _ in rendered_chunks(few):
         pass
     started = perf_counter()
-    for _ in rendered_chunks(Scene.of(loaded, Palm(), closed_contour()), poses, devices=devices):
+    for _ in rendered_chunks(all_poses):
         pass
     return perf_counter() - started
 

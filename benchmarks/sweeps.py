@@ -35,9 +35,11 @@ import numpy as np
 import warp as wp
 from turns import seconds_by_turns
 
+from palpate.datasets.motions.hand_motion import HandMotion
 from palpate.kernels.metrics.random_pose import random_poses
 from palpate.render.hands.hand import Palm
 from palpate.render.intersection.batch_rendering import rendered_chunks
+from palpate.render.intersection.job import ContourJob
 from palpate.render.intersection.mesh_section import intersect
 from palpate.render.intersection.scene import Scene
 from palpate.render.objects.mesh.solid_mesh import MeshObject
@@ -106,9 +108,10 @@ def host_poses(first: int, stop: int) -> np.ndarray:
 
 def plain(poses: np.ndarray, device: str) -> Callable[[], None]:
     """Contours and lengths, one worker; a scene of its own, as the sweep has."""
+    motion = HandMotion(None, poses)
 
     def run() -> None:
-        for _ in rendered_chunks(tube_scene(), poses, device=device):
+        for _ in rendered_chunks(ContourJob.of(tube_scene(), motion, device=device)):
             pass
 
     return run

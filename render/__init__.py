@@ -63,8 +63,8 @@ if TYPE_CHECKING:
     from .intersection.patch_points import array_points
     from .intersection.prepared_contours import PreparedContours
     from .intersection.scene import Scene
+    from .motions.explored import ExploredPoses
     from .motions.groups import MotionGroup, render_motions
-    from .motions.poses import ExploredPoses
     from .objects.functions.expression import box, capsule, cylinder, half_space, sphere, torus
     from .objects.functions.expression_json import expression_from_json, expression_to_json, load_expression
     from .objects.functions.implicit_object import ImplicitObject
@@ -151,7 +151,7 @@ _ROOMS = {
     "objects.voxels.voxel_object": "VoxelObject",
     "objects.voxels.voxeliser": "voxelise",
     "motions.groups": "MotionGroup render_motions",
-    "motions.poses": "ExploredPoses",
+    "motions.explored": "ExploredPoses",
     "playback.device_frames": "PulsePacker",
     "playback.drive": "Driver DriveStrategy drive_focus",
     "playback.file_playback": "Connection play_file",

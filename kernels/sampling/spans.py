@@ -55,6 +55,7 @@ class SpanRoom:
         self._arrays: dict[str, wp.array] = {}
         self._launches: dict[str, wp.Launch] = {}
         self._recorded: tuple[Any, Any] = (None, None)  # plan and contours of the launches
+        self._counts = 0, 0  # poses and motions of the last span
         self.grown = 0
         """How often memory was taken."""
         self.state = SamplerState()
@@ -92,6 +93,7 @@ class SpanRoom:
         """
         pose_count = len(schedule["count"])
         self._begin(plan, contours, schedule, int(schedule["count"].sum()), line_most if self.goes_on else 0, pose)
+        self._counts = pose_count, self.motion_count
         if pose_count > 0:
             self._lay(plan, contours, pose_count)
         self._launch("enter", self.motion_count)
@@ -99,6 +101,48 @@ class SpanRoom:
             self._launch("draw", pose_count)
         self._launch("sum", self.motion_count)
         return self._arrays["position"], self._arrays["intensity"]
+
+    def draw_pose(
+        self,
+        plan: Any,
+        contours: Any,
+        pose: np.ndarray,
+        *,
+        line_most: int,
+        **values: float,
+    ) -> tuple[wp.array, wp.array]:
+        """Draw the next samples of one pose of the only motion, as `draw` does.
+
+        pose: shape [7]. values: `first`, `number`, `count`, `time`, `hold` and `goes_on` of the schedule.
+        """
+        views, fits = self._views, self.is_ready_for(plan, contours, line_most, int(values["count"]))
+        if not fits:
+            span = {name: np.array([value]) for name, value in values.items()}
+            span |= {"motion_start": np.array([0, 1]), "motion": np.array([0]), "row": np.array([0])}
+            return self.draw(plan, contours, span, pose.reshape(1, 7), line_most=line_most)
+        for name, value in values.items():
+            views[f"schedule_{name}"][0] = value
+        views["pose"][0] = pose
+        launches = self._launches
+        launches["collect"].launch()
+        launches["single"].launch()
+        if views["runs"].item(0):
+            launches["runs"].launch()
+        launches["enter"].launch()
+        launches["draw"].launch()
+        launches["sum"].launch()
+        return self._arrays["position"], self._arrays["intensity"]
+
+    def is_ready_for(self, plan: Any, contours: Any, line_most: int, sample_count: int) -> bool:
+        """Whether all launches are recorded for one pose of these contours, and memory suffices, on the CPU."""
+        return (
+            self._on_cpu
+            and self._counts == (1, 1)
+            and self._recorded[0] is plan
+            and self._recorded[1] is contours
+            and line_most <= self.state.room
+            and sample_count <= self._arrays["position"].shape[0]
+        )
 
     def lay(self, plan: Any, contours: Any, schedule: Mapping[str, np.ndarray]) -> None:
         """Only lay the tracks of a span's poses; schedule: at least its motions and counts."""
@@ -128,7 +172,7 @@ class SpanRoom:
         """Lay the tracks of all poses: at once those of one piece, then the runs that there are."""
         self._launch("collect", pose_count)
         self._launch("single", pose_count)
-        runs = int(self._arrays["runs"].numpy()[0])
+        runs = int(self._views["runs"][0] if self._on_cpu else self._arrays["runs"].numpy()[0])
         grown = self.grown
         self._fit_runs(min(runs, RUNS_MOST))
         if self.grown != grown:
@@ -236,6 +280,8 @@ class SpanRoom:
             dtype = wp.float64 if name in TIMES else wp.int32 if name == "goes_on" else wp.int64
             setattr(self._schedule, name, self._array(f"schedule_{name}", len(values), dtype))
             self._write(f"schedule_{name}", values)
+        if self._on_cpu and "runs" not in self._views:
+            self._views["runs"] = self._arrays["runs"].numpy()
         if isinstance(pose, wp.array):
             wp.copy(self._arrays["pose"], pose, count=pose.shape[0])
         else:

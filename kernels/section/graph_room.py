@@ -13,7 +13,7 @@ import warp as wp
 from ..offsets import BLOCK
 from ..patch import EXACT
 from .joining import Entries
-from .kept_room import CPU, EXCESS, Launches, Room, RoomSize
+from .kept_room import CPU, EXCESS, Launches, Room, RoomSize, first_of
 
 wp.set_module_options(EXACT)
 
@@ -111,6 +111,8 @@ class GraphRoom(Room):
             "pose_start": self._pose_start,
         }
 
+    device_contours = contours
+
     def warm(self) -> None:
         """Nothing: everything was launched before it was recorded."""
 
@@ -137,8 +139,3 @@ class GraphRoom(Room):
     def _launch(self, launches: Launches) -> None:
         for launch, _ in launches:
             launch.launch()
-
-
-def first_of(array: wp.array, count: int) -> wp.array:
-    """The first rows of an array, without copying."""
-    return array[:count] if count else wp.empty(0, dtype=array.dtype, device=array.device)

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import warp as wp
 
+from ..contours import Contours
 from ..offsets import BLOCK
 from ..warps import taking_lanes, threads_for
 from .clip_events import _clip_loops, room_for_events
@@ -60,7 +61,8 @@ class Room:
     """Memory for the contours of as many poses each time, and the launches that fill it.
 
     surface, patch: on the CPU. outside, close: whether contours end at the patch, and are closed along its boundary.
-    method: "trace" or "seek", see `find_pieces`. size: how much memory there is.
+    method: "trace" or "seek", see `find_pieces`. size: how much memory there is. articulated: whether each patch has
+    poses of its own.
     """
 
     device = CPU
@@ -75,12 +77,14 @@ class Room:
         method: str,
         size: RoomSize,
         pose_count: int = 1,
+        articulated: bool = False,
     ) -> None:
         self.size = size._replace(events=max(size.events, size.pieces))
         self._surface, self._patch, self._pose_count = surface, patch, pose_count
         self.row_count = pose_count * patch.shape[0]
         self._stages = [int(outside), int(close)]
-        self._pose = wp.full((pose_count, 1), wp.transform_identity(), dtype=wp.transform, device=self.device)
+        shape = pose_count, patch.shape[0] if articulated else 1
+        self._pose = wp.full(shape, wp.transform_identity(), dtype=wp.transform, device=self.device)
         self._counters = wp.zeros(5, dtype=wp.int32, device=self.device)
         self._rest = wp.zeros(self.row_count, dtype=wp.int32, device=self.device)
         self._polylines, self._points = (Offsets(self.row_count, self.device) for _ in range(2))
@@ -98,12 +102,23 @@ class Room:
         lines = self._lines
         fields = ("points", "kind", "polyline_start", "polyline_patch", "polyline_closed")
         self._host = {field: getattr(lines, field).numpy() for field in fields}
-        self._pose_start = self._polylines.host[:: self._patch.shape[0]]
-        self._pose_rows, self._count = self._pose.numpy()[:, 0], self._counters.numpy()
+        self._section_start = self._polylines.host[:: self._patch.shape[0]]
+        pose_start = wp.zeros(self._pose_count + 1, dtype=wp.int64, device=self.device)
+        self._pose_start = pose_start.numpy()
+        self._pose_rows, self._count = self._pose.numpy(), self._counters.numpy()
+        self.struct = Contours()
+        """The contours of the last poses as kernels take them, in arrays that have room for more."""
+        nothing = wp.empty(0, dtype=wp.float32, device=self.device)
+        columns = {field: getattr(lines, field) for field in fields}
+        for name, column in (columns | {"pose_start": pose_start, "intensity": nothing, "dwell": nothing}).items():
+            setattr(self.struct, name, column)
 
     def fill(self, pose: np.ndarray) -> RoomSize | None:
-        """Draw the contours of poses, shape [pose, 7]; returns None, or the size that they need if there is no room."""
-        self._pose_rows[:] = pose
+        """Draw the contours of poses; returns None, or the size that they need if there is no room.
+
+        pose: of the hand, shape [pose, 7], or of each patch where the room is made for that, [pose, patch, 7].
+        """
+        self._pose_rows[:] = pose if pose.ndim == 3 else pose.reshape(-1, 1, 7)
         self._count.fill(0)
         self._launch(self._find)
         if self._count.item(EXCESS):
@@ -117,6 +132,7 @@ class Room:
         if count:
             self._host["kind"][:count] = 0
             self._draw.launch()
+        self._pose_start[:] = self._section_start
         return None
 
     def _size_needed(self) -> RoomSize:
@@ -134,6 +150,13 @@ class Room:
             "polyline_closed": host["polyline_closed"][:line_count],
             "pose_start": self._pose_start,
         }
+
+    def device_contours(self) -> dict[str, wp.array]:
+        """The same as arrays on the device."""
+        line_count, point_count, lines = self._polylines.total, self._points.total, self._lines
+        counts = {"points": point_count, "kind": point_count, "polyline_start": line_count + 1}
+        columns = {field: first_of(getattr(lines, field), counts.get(field, line_count)) for field in self._host}
+        return {**columns, "pose_start": self.struct.pose_start}
 
     def warm(self) -> None:
         """Launch everything once: a kernel's first launch takes longer."""
@@ -210,6 +233,11 @@ class Room:
     def _record(self, kernel: Any, inputs: list, outputs: list, lanes: int | None = None) -> wp.Launch:
         options = {"device": self.device, "block_dim": BLOCK, "record_cmd": True}
         return cast(wp.Launch, wp.launch(kernel, lanes or self.row_count, inputs=inputs, outputs=outputs, **options))
+
+
+def first_of(array: wp.array, count: int) -> wp.array:
+    """The first rows of an array, without copying."""
+    return array[:count] if count else wp.empty(0, dtype=array.dtype, device=array.device)
 
 
 class Offsets:

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from ...datasets.known_names import unknown_name
 from ..errors import StrategyError
-from ..intersection.batch_rendering import warp_device
+from ..runtime.span_workers import warp_device
 from ..runtime.warp_start import start_warp
 from ..strategies.intersection_strategy import PRESETS
 from ..terminal import bars, console

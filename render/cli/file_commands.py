@@ -17,7 +17,7 @@ from ..coordinate_spacing import apart_text, joining_place
 from ..errors import StrategyError
 from ..intersection.file_recording import record
 from ..intersection.named_inputs import is_recording, load_hand_and_motion, load_solid, refuse_options, simplified
-from ..intersection.scene import is_exact
+from ..intersection.scene import method_of
 from ..objects.mesh.placement import Placement
 from ..objects.mesh.summary import is_mesh_name, mesh_facts
 from ..playback.pose_insertion import insert_poses
@@ -114,7 +114,7 @@ def run_render(options: dict, *, as_json: bool) -> int:
             alignment=job.alignment,
             watch=watch,
         )
-    if job.step is not None and is_exact(solid, hand, strategy):
+    if job.step is not None and method_of(solid, hand, strategy) == "cut":
         raise StrategyError(f"--step is of a grid on the skin, but {solid.name} is a mesh, cut exactly by {job.hand}")
     object_pose = None
     if job.object_motion is not None:

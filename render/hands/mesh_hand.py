@@ -12,7 +12,6 @@ import warp as wp
 from ...datasets.counted import counted
 from ...datasets.rigid import rotate
 from ...kernels.skin.edges import SkinEdges, upload_skin
-from ..deprecated_names import accept_old_keywords
 from ..device_copies import KeepsDeviceCopies
 from ..errors import PoseError, StrategyError
 from ..objects.isosurface import isosurface
@@ -115,7 +114,6 @@ class MeshHand(KeepsDeviceCopies):
         return cls(vertices, read.faces, glabrous=region, step=step, name=name or path.name)
 
     @classmethod
-    @accept_old_keywords(thing="solid")
     def from_solid(
         cls, solid: Solid, step: float, *, glabrous: Glabrous = "palm", palm_angle: float = 90.0, device: str = "cpu"
     ) -> "MeshHand":

@@ -2,33 +2,22 @@
 
 import threading
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 import warp as wp
 
-from ...datasets.motions.hand_motion import HandMotion
 from ...kernels.metrics.measure import measure_contours
 from ...kernels.offsets import PointLimitError
 from ..contour_batch import ContourBatch, join_batches
-from ..coordinate_spacing import warn_of_spacing
-from ..deprecated_names import accept_old_keywords
-from ..errors import PoseError, StrategyError
-from ..hands.hand import Hand
-from ..objects.moving_object import object_poses
-from ..objects.solid import Solid
+from ..errors import StrategyError
 from ..runtime.gpu_download import Downloader
 from ..runtime.interrupt import interrupt_between
-from ..runtime.span_workers import PoseSpans, SpanRenderer, WorkerThreads, warp_device
-from ..strategies.intersection_strategy import IntersectionStrategy
-from ..validation import is_number
-from .scene import Scene
+from ..runtime.span_workers import PoseSpans, WorkerThreads
+from .job import MEMORY_SMALLEST, ContourJob
 
-MEMORY_DEFAULT = 512 * 10**6  # [byte]; or more for many workers:
-MEMORY_WORKER = {"cpu": 200 * 10**6, "cuda": 10**9}  # [byte] by kind of device; a GPU is full with 300,000 poses
-MEMORY_SMALLEST = 2**20  # [byte]; room for one pose of any mesh that fits itself
 POINT_BYTES = 28  # of a contour's point and its share of the polylines: 13 and up to 13
 CPU_SPAN_BYTES = 96 * 2**20  # working arrays of a span on CPUs at most: larger ones are no faster, and end less evenly
 
@@ -53,148 +42,76 @@ class Chunk:
         return self.contours.point_count
 
 
-def check_poses(motion: HandMotion | np.ndarray) -> np.ndarray:
-    """Poses of a motion or an array, float32, shape [pose, 7]; an array is checked as a motion without time is.
+def rendered_chunks(job: ContourJob, ranges: Sequence[tuple[int, int]] | None = None) -> Generator[Chunk, None, None]:
+    """Render a job chunk by chunk, in pose order; ranges: which poses, as (first, stop), by default all.
 
-    Raises PoseError or MotionError with the row.
+    Fewer workers than the job has devices work if a share of the memory would be below MEMORY_SMALLEST. The contours of
+    a pose do not depend on the chunk that it is in, nor on who made it. The workers end with the generator: when it is
+    exhausted, closed, or raises what one of them raised.
     """
-    if isinstance(motion, HandMotion):
-        return motion.pose
-    array = np.asarray(motion)
-    if array.ndim != 2 or array.shape[1] != 7:
-        raise PoseError(
-            f"poses must be an array [pose, 7] (x y z, qx qy qz qw), not of shape {array.shape}; "
-            "static_pose([x, y, z]) makes one of a position"
-        )
-    return HandMotion(None, array).pose
-
-
-def memory_for(devices: Sequence[str]) -> int:
-    """Memory that workers on these devices have together unless they are told another [byte]."""
-    return max(MEMORY_DEFAULT, sum(MEMORY_WORKER["cpu" if name == "cpu" else "cuda"] for name in devices))
-
-
-def checked_memory(memory: float | None, devices: Sequence[str], *, smallest: int = MEMORY_SMALLEST) -> int:
-    """A budget [byte], by default `memory_for` the devices; raises StrategyError for one that is none or too small."""
-    if memory is None:
-        return memory_for(devices)
-    if not is_number(memory):
-        raise StrategyError(f"memory must be a number of bytes, not {memory!r}")
-    if not smallest <= memory < np.inf:  # a NaN compares false
-        raise StrategyError(f"memory must be at least {smallest} bytes, not {memory}")
-    return int(memory)
-
-
-def named_devices(device: str, devices: Sequence[str] | str | None) -> list[str]:
-    """Full names of Warp's devices: of `devices`, or of `device` if that is None."""
-    return [
-        warp_device(name)
-        for name in ([device] if devices is None else [devices] if isinstance(devices, str) else devices)
-    ]
-
-
-def rendered_chunks(
-    scene: Scene,
-    pose: np.ndarray,
-    *,
-    device: str = "cpu",
-    devices: Sequence[str] | None = None,
-    memory: int | None = None,
-    ranges: Sequence[tuple[int, int]] | None = None,
-) -> Generator[Chunk, None, None]:
-    """Render poses of a scene chunk by chunk, in pose order.
-
-    pose: float32, shape [pose, 7]; ranges: which poses, as (first, stop), by default all.
-    devices: one worker on each of these Warp devices, a name as often as it has workers; by default one on `device`.
-    memory: for the working arrays and results of all chunks that are computed, wait or are with the caller [byte]; by
-    default `memory_for` the workers. Fewer work than `devices` names if a share of it would be below MEMORY_SMALLEST.
-    The contours of a pose do not depend on the chunk that it is in, nor on who made it. The workers end with the
-    generator: when it is exhausted, closed, or raises what one of them raised.
-    """
-    names = named_devices(device, devices)
-    if not names:
-        raise StrategyError("devices must name one device at least")
-    memory = checked_memory(memory, names)
-    scene.require_poses(len(pose))
-    wanted = 2 * len(names) + 1
-    names = names[: max(1, (memory // MEMORY_SMALLEST - 1) // 2)]  # fewer workers if memory is short
-    rendering = _Rendering(scene, pose, memory, share_count=2 * len(names) + 1, share_count_wanted=wanted)
-    on_cpus = all(wp.get_device(name).is_cpu for name in names)
+    devices = job.devices[: max(1, (job.memory // MEMORY_SMALLEST - 1) // 2)]
+    share = job.memory // _share_count(devices)
+    on_cpus = all(wp.get_device(name).is_cpu for name in devices)
     spans = PoseSpans(
-        [(0, len(pose))] if ranges is None else ranges,
-        budget=min(rendering.share, CPU_SPAN_BYTES) if on_cpus else rendering.share,
-        pose_bytes=scene.pose_bytes,
+        [(0, len(job.motion))] if ranges is None else ranges,
+        budget=min(share, CPU_SPAN_BYTES) if on_cpus else share,
+        pose_bytes=job.scene.pose_bytes,
         point_bytes=POINT_BYTES,
-        worker_count=len(names),
+        worker_count=len(devices),
     )
     if spans.first is None:
         return
-    turns = {name: threading.Lock() for name in names}
-    for name in turns:
-        rendering.prepare(name)
-    threads = WorkerThreads(spans, [rendering.work_on(name, turns[name]) for name in names])
-    yield from cast(Iterator[Chunk], threads.chunks())
+    turns = {name: threading.Lock() for name in devices}
+    for name in turns:  # uploads the object and loads Warp's modules once, by one thread: one pose takes all of them
+        job.scene.contours(job.motion.pose[:1], 0, name)[0].lengths()
+    workers = [_Worker(job, name, share, turns[name]) for name in devices]
+    yield from cast(Iterator[Chunk], WorkerThreads(spans, workers).chunks())
 
 
-@dataclass(frozen=True)
-class _Rendering:
-    """State shared by all workers."""
+def _share_count(devices: Sequence[str]) -> int:
+    """Chunks that a job's memory is for: two of each worker, and the one that the caller has."""
+    return 2 * len(devices) + 1
 
-    scene: Scene
-    pose: np.ndarray
-    memory: int
-    share_count: int
-    """Chunks that the memory is for: two of each worker, and the one that the caller has."""
-    share_count_wanted: int
-    """The same if all workers had room."""
 
-    @property
-    def share(self) -> int:
-        """Memory of one chunk [byte]."""
-        return self.memory // self.share_count
+class _Worker:
+    """Renders poses of a job on one device; workers of one GPU take turns in computing, and download at any time."""
 
-    def prepare(self, device: str) -> None:
-        """Upload the object and load Warp's modules, once and by one thread: one pose takes all that chunks take."""
-        self.scene.contours(self.pose[:1], 0, device)[0].lengths()
+    def __init__(self, job: ContourJob, device: str, share: int, turn: threading.Lock) -> None:
+        self._job, self._device, self._share, self._turn = job, device, share, turn
+        self._down = None if wp.get_device(device).is_cpu else Downloader(device)
 
-    def work_on(self, device: str, turn: threading.Lock) -> SpanRenderer:
-        """Function of a worker on a device; workers of one GPU take turns in computing, and download at any time."""
-        if wp.get_device(device).is_cpu:
-            return lambda first, stop: self._fitting(first, stop, lambda *span: self._on_cpu(device, *span))
-        down = Downloader(device)
-        return lambda first, stop: self._fitting(first, stop, lambda *span: self._on_gpu(device, turn, down, *span))
-
-    def _fitting(self, first: int, stop: int, make: Callable[[int, int], Chunk]) -> Chunk:
-        """The chunk, or the beginning of it that fits the memory."""
+    def __call__(self, first: int, stop: int) -> Chunk:
+        """Contours of the poses first..stop, or of as many from the first as fit the memory."""
         while True:
             try:
-                return make(first, stop)
+                return self._on_cpu(first, stop) if self._down is None else self._on_gpu(first, stop, self._down)
             except PointLimitError as error:
                 if stop - first == 1:
+                    needed = error.count * POINT_BYTES * _share_count(self._job.devices)
                     raise StrategyError(
-                        f"pose {first} alone has {error.count} points, too many for {self.memory} bytes of memory: "
-                        f"raise the memory budget to {error.count * POINT_BYTES * self.share_count_wanted} bytes"
+                        f"pose {first} alone has {error.count} points, too many for {self._job.memory} bytes of memory:"
+                        f" raise the memory budget to {needed} bytes"
                     ) from error
                 stop = first + (stop - first) // 2
 
-    def _intersected(
-        self, device: str, first: int, stop: int, timing: dict[str, float] | None
+    def _contours(
+        self, first: int, stop: int, timing: dict[str, float] | None = None
     ) -> tuple[ContourBatch, dict[str, np.ndarray]]:
-        limit = self.share // POINT_BYTES
-        return self.scene.contours(self.pose[first:stop], first, device, point_limit=limit, timing=timing)
+        pose, limit = self._job.motion.pose[first:stop], self._share // POINT_BYTES
+        return self._job.scene.contours(pose, first, self._device, point_limit=limit, timing=timing)
 
-    def _on_cpu(self, device: str, first: int, stop: int) -> Chunk:
+    def _on_cpu(self, first: int, stop: int) -> Chunk:
         timing: dict[str, float] = {}
         started = time.perf_counter()
-        batch, removed = self._intersected(device, first, stop, timing)
+        batch, removed = self._contours(first, stop, timing)
         lengths = batch.lengths()
         timing["total"] = time.perf_counter() - started
         return Chunk(first, stop, batch.numpy(), lengths, removed, timing)
 
-    def _on_gpu(self, device: str, turn: threading.Lock, down: Downloader, first: int, stop: int) -> Chunk:
+    def _on_gpu(self, first: int, stop: int, down: Downloader) -> Chunk:
         started = time.perf_counter()
-        with turn:
-            batch, removed = self._intersected(device, first, stop, None)
+        with self._turn:
+            batch, removed = self._contours(first, stop)
             if not batch.on_device:
                 timing = {"total": time.perf_counter() - started}
                 return Chunk(first, stop, batch, batch.lengths(), removed, timing)
@@ -204,94 +121,26 @@ class _Rendering:
         host: dict[str, Any] = down.finish()
         lengths = host.pop("lengths")
         timing = {"total": time.perf_counter() - started}
-        contours = replace(ContourBatch.from_arrays(host), raw_error=self.scene.raw_error)
+        contours = replace(ContourBatch.from_arrays(host), raw_error=self._job.scene.raw_error)
         return Chunk(first, stop, contours, lengths, removed, timing)
 
 
-@accept_old_keywords(thing="solid", moved="object_pose")
-def render(
-    solid: Solid,
-    hand: Hand,
-    motion: HandMotion | np.ndarray,
-    strategy: IntersectionStrategy | str,
-    *,
-    object_pose: HandMotion | np.ndarray | None = None,
-    points: str = "array",
-    device: str = "cpu",
-    devices: Sequence[str] | None = None,
-    memory: int | None = None,
-    progress: Callable[[int], None] | None = None,
-) -> ContourBatch:
-    """Contours of all poses, in memory on the host.
-
-    motion: a HandMotion, or poses alone, shape [pose, 7]. object_pose: motion or poses of an object that moves, see
-    `object_poses`.
-    points: "array", or "patch" for points relative to the middle of their patch, along its u, v and n, which float32
-    holds to 4e-9 m anywhere (`array_points` gives them in the array's frame in float64). devices: one worker on each
-    of these Warp devices, by default one on `device`; the contours are the same. memory: budget of what is being
-    computed [byte], results apart, by default `memory_for` the workers. progress: called with the number of poses done.
-    Raises MeshError where the strategy needs a closed surface and the object has none; MotionError with the row of a
-    bad pose; StrategyError for an unknown device, too small a budget, or points relative to patches of what is not a
-    mesh cut by planes, or has stages that need points in the array's frame. Warns of coordinates that float32 does not
-    hold to 1e-5 m.
-    """
-    return collect(
-        solid,
-        hand,
-        motion,
-        strategy,
-        object_pose=object_pose,
-        points=points,
-        device=device,
-        devices=devices,
-        memory=memory,
-        progress=progress,
-    ).contours
-
-
-class Collected(NamedTuple):
-    """All contours of a motion, and what a file says of them beside."""
-
-    scene: Scene
-    contours: ContourBatch
-    removed: dict[str, np.ndarray]
-    """Length that each prune stage removed [m], float32, shape [pose], by name."""
-
-    @property
-    def removed_any(self) -> bool:
-        """Whether prune stages removed anything: then there were contours."""
-        return any(length.any() for length in self.removed.values())
-
-
-def collect(
-    solid: Solid,
-    hand: Hand,
-    motion: HandMotion | np.ndarray,
-    strategy: IntersectionStrategy | str,
-    *,
-    object_pose: HandMotion | np.ndarray | None = None,
-    points: str = "array",
-    device: str = "cpu",
-    devices: Sequence[str] | None = None,
-    memory: int | None = None,
-    progress: Callable[[int], None] | None = None,
-) -> Collected:
-    """Contours of all poses; arguments and errors as for `render`."""
+def collect(job: ContourJob) -> tuple[ContourBatch, dict[str, np.ndarray]]:
+    """Contours of all poses, on the host, and the length that each prune stage removed [m], float32 [pose], by name."""
     chunks: list[Chunk] = []
-    pose = check_poses(motion)
-    poses = None if object_pose is None else object_poses(object_pose, motion)
-    scene = Scene.of(solid, hand, strategy, object_pose=poses, points=points)
-    way = '; points="patch" keeps the points themselves exact, but not the poses'
-    warn_of_spacing(solid.name, solid.bounds, pose, scene.object_pose, way=way)
     with interrupt_between() as raise_if_interrupted:
-        for chunk in rendered_chunks(scene, pose, device=device, devices=devices, memory=memory):
+        for chunk in rendered_chunks(job):
             chunks.append(chunk)
-            if progress is not None:
-                progress(chunk.stop)
+            job.report(chunk.stop)
             raise_if_interrupted()
     names = dict.fromkeys(name for chunk in chunks for name in chunk.removed)
     removed = {name: np.concatenate([chunk.removed[name] for chunk in chunks]) for name in names}
-    return Collected(scene, join_batches([chunk.contours for chunk in chunks]), removed)
+    return join_batches([chunk.contours for chunk in chunks]), removed
+
+
+def removes_any(removed: dict[str, np.ndarray]) -> bool:
+    """Whether prune stages removed anything: then there were contours; removed: as `collect` gives it."""
+    return any(length.any() for length in removed.values())
 
 
 def is_too_large(error: Exception) -> bool:

@@ -17,18 +17,17 @@ from ...datasets.errors import ContourFileError, DatasetError
 from ...datasets.motions.hand_motion import HandMotion
 from ...datasets.storage.durable import discard_tree
 from ...datasets.storage.schema import removed_name
-from ..contour_batch import KINDS
+from ..contour_batch import KINDS, ContourBatch
 from ..coordinate_spacing import apart_text, warn_of_spacing
-from ..deprecated_names import accept_old_keywords, explain_keywords
 from ..hands.hand import Hand
 from ..objects.mesh.solid_mesh import MeshObject
-from ..objects.moving_object import about_outline, object_poses
+from ..objects.moving_object import about_outline
 from ..objects.solid import Solid
 from ..runtime.interrupt import interrupt_between
 from ..strategies.intersection_strategy import IntersectionStrategy
 from ..strategies.user_stage_sources import stage_sources
-from .batch_rendering import MEMORY_SMALLEST, Chunk, Collected, checked_memory, named_devices, rendered_chunks
-from .named_inputs import hand_and_motion_of, solid_of
+from .batch_rendering import Chunk, removes_any, rendered_chunks
+from .job import MEMORY_SMALLEST, job_of
 from .scene import Scene
 
 POSES_AT_ONCE = 1 << 16  # of a batch in memory, written together
@@ -92,8 +91,6 @@ def metrics_of(chunk: Chunk) -> dict[str, np.ndarray]:
     return metrics
 
 
-@accept_old_keywords(thing="solid", moved="object_pose")
-@explain_keywords(overwrite='mode="overwrite" replaces a file', resume='mode="resume" goes on with an unfinished file')
 def record(
     path: str | Path,
     solid: Solid | str | Path,
@@ -116,8 +113,8 @@ def record(
     same object, hand, motion, strategy and version; "overwrite" replaces it when the new one is complete, but for a
     file with contours by a rendering without any. object_pose: motion or poses of an
     object that moves, see `object_poses`. devices: one worker on each of these Warp devices, by default one on
-    `device`; the file is the same. memory: budget of all chunks, computed or written [byte], by default `memory_for`
-    the workers; the motion itself (36 bytes a pose) and the object come on top.
+    `device`; the file is the same. memory: budget of all chunks, computed or written [byte], by default 512 MB or
+    more; the motion itself (36 bytes a pose) and the object come on top.
     progress: called with the poses that are done, safe on the disk, and with all.
     Raises MeshError, StrategyError, MotionError and warns as `render` does; ContourFileError for what the file refuses.
 
@@ -128,14 +125,11 @@ def record(
     ...     file.metrics()["length"]  # [m]
     array([0.34], dtype=float32)
     """
-    solid = solid_of(solid)
-    hand, motion = hand_and_motion_of(hand, motion, solid)
-    poses = None if object_pose is None else object_poses(object_pose, motion)
-    scene = Scene.of(solid, hand, strategy, object_pose=poses)
-    warn_of_spacing(solid.name, solid.bounds, motion.pose, scene.object_pose)
-    names = named_devices(device, devices)
-    memory = checked_memory(memory, names, smallest=4 * MEMORY_SMALLEST)
-    header = file_header(scene, motion, ",".join(dict.fromkeys(names)))
+    means = {"device": device, "devices": devices, "memory": memory, "memory_least": 4 * MEMORY_SMALLEST}
+    job = job_of(solid, hand, motion, strategy, object_pose=object_pose, progress=progress, **means)
+    scene, motion = job.scene, job.motion
+    warn_of_spacing(scene.solid.name, scene.solid.bounds, motion.pose, scene.object_pose)
+    header = file_header(scene, motion, ",".join(dict.fromkeys(job.devices)))
     if mode == "create" and polylines_in(path) == 0:
         mode = "overwrite"
     with ContourWriter(path, header, mode=mode) as writer:
@@ -146,18 +140,16 @@ def record(
         earlier = readable_parts(folder)[0] if folder.is_dir() else []
         drawn = sum(part.rows.count("polyline") for part in earlier)
         removed_any = False
-        if progress is not None:
-            progress(done, len(motion))
-        chunks = rendered_chunks(scene, motion.pose, devices=names, memory=memory, ranges=missing)
+        job.report(done)
+        chunks = rendered_chunks(job, missing)
         # what ends this loop also ends the workers, before the file is let go
         with interrupt_between() as raise_if_interrupted, closing(chunks):
             for chunk in chunks:
                 writer.write(chunk.first, chunk.stop, chunk.contours.arrays(), metrics_of(chunk), chunk.timing)
                 done += chunk.stop - chunk.first
                 drawn += chunk.contours.polyline_count
-                removed_any |= any(length.any() for length in chunk.removed.values())
-                if progress is not None:
-                    progress(done, len(motion))
+                removed_any |= removes_any(chunk.removed)
+                job.report(done)
                 raise_if_interrupted()
         if (rendered or earlier) and not drawn and (kept := polylines_in(path)):
             writer.close()
@@ -191,8 +183,16 @@ def kept_text(path: str | Path, kept: int, scene: Scene, motion: HandMotion, *, 
     return f"{path}: stays as it is, with its {kept:,} polylines, as the new rendering has none: {cause}"
 
 
-def save_contours(path: str | Path, found: Collected, motion: HandMotion, *, overwrite: bool = False) -> None:
-    """Write contours that are in memory into a contour file, whole or not at all.
+def save_contours(
+    path: str | Path,
+    batch: ContourBatch,
+    removed: dict[str, np.ndarray],
+    scene: Scene,
+    motion: HandMotion,
+    *,
+    overwrite: bool = False,
+) -> None:
+    """Write contours that are in memory into a contour file, whole or not at all; removed: as `collect` gives it.
 
     Raises ContourFileError for a file that is there, unless `overwrite` or without a contour, for one with contours
     where there are none to write, one that cannot be written, another suffix.
@@ -204,15 +204,15 @@ def save_contours(path: str | Path, found: Collected, motion: HandMotion, *, ove
     overwrite = overwrite or kept == 0
     if (path.exists() or path.is_symlink()) and not overwrite:
         raise ContourFileError(f"{path} exists already: overwrite=True replaces it once the new one is whole")
-    batch = found.contours.numpy()
+    batch = batch.numpy()
     if kept and not batch.polyline_count:
-        raise ContourFileError(kept_text(path, kept, found.scene, motion, removed_any=found.removed_any))
-    header = file_header(found.scene, motion, "cpu")
+        raise ContourFileError(kept_text(path, kept, scene, motion, removed_any=removes_any(removed)))
+    header = file_header(scene, motion, "cpu")
     with ContourWriter(path, header, mode="overwrite" if overwrite else "create") as writer:
         for first in range(0, len(batch), POSES_AT_ONCE):
             stop = min(first + POSES_AT_ONCE, len(batch))
             part = batch.select(first, stop)
-            removed = {name: length[first:stop] for name, length in found.removed.items()}
-            chunk = Chunk(first, stop, part, part.lengths(), removed)
+            own = {name: length[first:stop] for name, length in removed.items()}
+            chunk = Chunk(first, stop, part, part.lengths(), own)
             writer.write(first, stop, part.arrays(), metrics_of(chunk), {"total": 0.0})
         writer.seal()

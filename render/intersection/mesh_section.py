@@ -5,10 +5,14 @@ itself are the boundary of the region that its winding number defines as inside,
 """
 
 from collections.abc import Iterable
+from functools import lru_cache
 from typing import Any
+from weakref import WeakKeyDictionary
 
+import numpy as np
 import warp as wp
 
+from ...kernels.flush import FLUSH_RATE, resolve_flush
 from ...kernels.offsets import PointLimitError
 from ...kernels.patterns.section_cutting import cut_sections
 from ...kernels.patterns.section_drawing import draw_sections
@@ -20,12 +24,12 @@ from ...kernels.section.joining import join_pieces, order_pieces
 from ...kernels.section.tally_undrawn import tally_pieces
 from ..contour_batch import ContourBatch, join_polylines
 from ..errors import MeshError
-from ..hands.hand import PatchHand
+from ..hands.hand import Palm, PatchHand
 from ..objects.mesh.coincident_faces import gap_of
 from ..objects.mesh.solid_mesh import MeshObject
+from ..objects.solid import Solid
 from ..runtime.stage_timing import StageClock
 from ..strategies.intersection_strategy import IntersectionStrategy
-from .resting import patches_for
 from .section_regularisation import regularised_contours
 
 PATTERN = "pattern"
@@ -186,3 +190,45 @@ def _require_cuttable(mesh: MeshObject, strategy: IntersectionStrategy) -> None:
 def sections_of(pose: wp.array) -> wp.array:
     """Poses of sections, shape [pose, 1 or patch], of poses of the hand or of patches."""
     return pose.reshape((-1, 1)) if pose.ndim == 1 else pose
+
+
+def patches_for(
+    hand: PatchHand,
+    solid: Solid,
+    strategy: IntersectionStrategy,
+    device: str,
+    *,
+    farthest: float = 0.0,
+    relative: bool = False,
+) -> wp.array:
+    """A hand's patches on a device, with the distance at which a vertex counts as on them; dtype Patch, shape [patch].
+
+    A strategy without `flush` gets FLUSH_RATE times the largest coordinate of the object and the patch, and of the
+    object's own poses on top where it moves: those are rounded, too. farthest: the latter [m]; relative: whether points
+    are written relative to their patch.
+    """
+    least, rate = strategy.flush, 0.0
+    if least is None:
+        least, rate = FLUSH_RATE * (reach_of(solid) + farthest), FLUSH_RATE
+    if type(hand) is Palm:  # a subclass may have other patches
+        return _palm_patches(hand, device, least, rate, relative)
+    return resolve_flush(hand.on(device), flush=least, flush_rate=rate, relative=relative)
+
+
+@lru_cache(maxsize=16)
+def _palm_patches(palm: Palm, device: str, flush: float, flush_rate: float, relative: bool) -> wp.array:
+    """Resolved patches of a palm, which meets the same object in batch after batch; nobody writes to them."""
+    resolved = resolve_flush(palm.on(device), flush=flush, flush_rate=flush_rate, relative=relative)
+    wp.synchronize_device(device)  # other streams read them, too
+    return resolved
+
+
+_REACH: WeakKeyDictionary[Solid, float] = WeakKeyDictionary()  # of objects that are in use
+
+
+def reach_of(solid: Solid) -> float:
+    """Largest coordinate of an object [m], looked for once; 0 for one without bounds."""
+    if solid not in _REACH:
+        reach = float(np.abs(solid.bounds).max())
+        _REACH[solid] = reach if np.isfinite(reach) else 0.0
+    return _REACH[solid]

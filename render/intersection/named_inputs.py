@@ -33,7 +33,7 @@ from ...datasets.motions.suspicious_values import suspicious_directions
 from ...datasets.recordings.files import JOINT_SUFFIXES, load_recording
 from ...datasets.recordings.recording import HandRecording
 from ...datasets.user_warnings import warn_user
-from ..errors import StrategyError
+from ..errors import PoseError, StrategyError
 from ..hands.flat_hand import flat_hand
 from ..hands.hand import Hand, Palm
 from ..hands.mesh_hand import MeshHand
@@ -50,7 +50,6 @@ from ..objects.voxels.voxel_object import VoxelObject
 from ..runtime.loading_progress import Watch, unwatched
 from ..trust.permission import AllowCode
 from ..validation import choose, is_number, value_text
-from .batch_rendering import check_poses
 
 EXPLORATION = "exploration"
 HANDS = ("palm", "planes", "skin")
@@ -89,11 +88,24 @@ def hand_and_motion_of(hand: Hand | str | Path, motion: Any, solid: Solid) -> tu
         own, moved = recorded_hand_and_motion(hand if isinstance(hand, str) else "palm", None, motion)
         return own if isinstance(hand, str) else hand, moved
     if not isinstance(motion, str | Path):
-        return hand_of(hand), motion if isinstance(motion, HandMotion) else HandMotion(None, check_poses(motion))
+        return hand_of(hand), motion_of(motion)
     kind = hand if isinstance(hand, str) else "palm"
     options = dict.fromkeys(EXPLORATION_OPTIONS)
     found, moved = load_hand_and_motion(kind, None, str(motion), solid, exploration_options=options)
     return found if isinstance(hand, str) else hand, moved
+
+
+def motion_of(given: HandMotion | np.ndarray) -> HandMotion:
+    """A motion itself, or of poses alone, shape [pose, 7]; raises PoseError or MotionError with the row."""
+    if isinstance(given, HandMotion):
+        return given
+    array = np.asarray(given)
+    if array.ndim != 2 or array.shape[1] != 7:
+        raise PoseError(
+            f"poses must be an array [pose, 7] (x y z, qx qy qz qw), not of shape {array.shape}; "
+            "static_pose([x, y, z]) makes one of a position"
+        )
+    return HandMotion(None, array)
 
 
 def is_unaligned(motion: Any) -> bool:

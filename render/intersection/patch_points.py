@@ -6,7 +6,7 @@ from ...datasets.motions.hand_motion import HandMotion
 from ..contour_batch import ContourBatch
 from ..errors import PoseError, StrategyError
 from ..hands.hand import Hand
-from .batch_rendering import check_poses
+from .named_inputs import motion_of
 
 
 def array_points(batch: ContourBatch, hand: Hand, motion: HandMotion | np.ndarray) -> np.ndarray:
@@ -22,7 +22,7 @@ def array_points(batch: ContourBatch, hand: Hand, motion: HandMotion | np.ndarra
     >>> batch.points[0], array_points(batch, palm, motion)[0].round(4)
     (array([-0.0425, -0.0425,  0.    ], dtype=float32), array([-0.0425, -0.0425,  0.2   ]))
     """
-    pose = check_poses(motion)
+    pose = motion_of(motion).pose
     if batch.pose_count != len(pose):
         raise PoseError(f"the contours are of {batch.pose_count} poses, the motion has {len(pose)}")
     if batch.points[:, 2].any():

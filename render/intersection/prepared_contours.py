@@ -1,7 +1,8 @@
 """Contours of batches of as many poses, again and again: what can be done once is done before."""
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import warp as wp
@@ -14,16 +15,15 @@ from ..contour_batch import ContourBatch
 from ..coordinate_spacing import warn_of_spacing
 from ..errors import PoseError, StrategyError
 from ..hands.hand import Hand, PatchHand
+from ..hands.plane_hand import PlaneHand
 from ..objects.mesh.solid_mesh import MeshObject
 from ..objects.solid import Solid
 from ..runtime.span_workers import warp_device
-from ..strategies.intersection_strategy import IntersectionStrategy, strategy_of
+from ..strategies.intersection_strategy import IntersectionStrategy
 from ..validation import is_number
-from .batch_rendering import check_poses
-from .mesh_section import PATTERN, intersect, needs_regularising
-from .named_inputs import hand_of, solid_of
-from .resting import patches_for
-from .scene import Scene
+from .mesh_section import PATTERN, intersect, patches_for
+from .named_inputs import hand_of, motion_of, solid_of
+from .scene import PoseBlock, Scene
 
 POSES_MOST = 2**20  # of a batch; launching takes no time beside computing then
 ROOM_MOST = 2**31  # [byte] of memory that is kept
@@ -62,22 +62,28 @@ class PreparedContours:
         size: RoomSize | None = None,
     ) -> None:
         solid, hand = solid_of(solid), hand_of(hand)
-        if hand.pose_count is not None:
-            raise StrategyError(f"the hand has {hand.pose_count} poses of its own: prepared contours take a rigid one")
+        self._is_articulated = isinstance(hand, PlaneHand) and hand.patch_pose is not None
+        if hand.pose_count is not None and not (self._is_articulated and pose_count == 1 and device == "cpu"):
+            raise StrategyError(
+                f"the hand has {hand.pose_count} poses of its own: prepared contours take a rigid one, or, for one "
+                "pose on the CPU, an articulated PlaneHand"
+            )
         if not (is_number(pose_count) and 1 <= pose_count <= POSES_MOST and pose_count == int(pose_count)):
             raise StrategyError(f"pose_count must be a whole number of 1..{POSES_MOST}, not {pose_count!r}")
         self.pose_count, self.device = int(pose_count), warp_device(device)
         """Poses of a batch, and where they are rendered."""
         self.grown = 0
         """How often memory was taken anew."""
-        self._scene = Scene.of(solid, hand, strategy_of(strategy))
+        self.struct: Any = None
+        """The last contours as kernels take them, in arrays that have room for more; None where they are not kept."""
+        self._scene = Scene.of(solid, hand, strategy)
         self._room: Room | None = None
         warn_of_spacing(solid.name, solid.bounds)
         middle = np.array([*solid.bounds.mean(axis=0), *PALM_DOWN], np.float32)
         poses = np.tile(middle, (self.pose_count, 1))
-        if isinstance(solid, MeshObject) and isinstance(hand, PatchHand) and is_kept(self._scene):
-            self._room = self._first_room(solid, hand, poses[:1], method, size)
-        if (room := self._fitting_room(poses)) is not None:
+        if self._scene.is_cut_plainly:  # drawn by kernels alone, in memory that can be kept
+            self._room = self._first_room(cast(MeshObject, solid), cast(PatchHand, hand), poses[:1], method, size)
+        if (room := self._fitting_room(hand.section_poses(poses) if self._is_articulated else poses)) is not None:
             room.warm()
 
     def __repr__(self) -> str:
@@ -93,17 +99,32 @@ class PreparedContours:
         where the device is one, else on the host (NumPy).
         Raises PoseError for another number of poses and poses on another device, and what `render` refuses.
         """
-        rows = pose if isinstance(pose, wp.array) else check_poses(pose)
+        rows = pose if isinstance(pose, wp.array) else motion_of(pose).pose
         if isinstance(pose, wp.array) and pose.device != wp.get_device(self.device):
             raise PoseError(f"pose is on {pose.device}, but these contours were prepared on {self.device}")
         if len(rows) != self.pose_count:
             raise PoseError(f"there must be {self.pose_count} poses, for which this was prepared, not {len(rows)}")
         return self.at_checked(rows)
 
-    def at_checked(self, pose: np.ndarray | wp.array) -> ContourBatch:
-        """The same for poses of the right number as `check_poses` leaves them; one pose may be of shape [7]."""
-        room = self._fitting_room(pose)
-        return self._rendered(pose) if room is None else ContourBatch(**room.contours())
+    def at_checked(self, pose: np.ndarray | wp.array, patch_pose: np.ndarray | None = None) -> ContourBatch:
+        """The same for poses of the right number as `motion_of` leaves them; one pose may be of shape [7].
+
+        patch_pose: of an articulated hand, of its patches as `PlaneHand` has them, shape [patch, 7].
+        """
+        scene, section = self._scene, pose
+        if self._is_articulated:
+            if patch_pose is None:
+                raise PoseError("the hand is articulated: give the poses of its patches, patch_pose [patch, 7]")
+            hand = replace(cast(PlaneHand, scene.hand), patch_pose=np.asarray(patch_pose)[None])
+            scene, section = replace(scene, hand=hand), hand.section_poses(cast(np.ndarray, pose))
+        room = self._fitting_room(section)
+        self.struct = None if room is None or not scene.is_raw else room.struct
+        if room is not None and scene.is_raw:
+            return ContourBatch(**room.contours())
+        block = PoseBlock(pose if isinstance(pose, wp.array) else pose.reshape(-1, 7), 0, self.device)
+        batch = scene.raw_contours(block) if room is None else ContourBatch(**room.device_contours())
+        batch, _ = scene.staged(batch, block)
+        return batch.numpy() if self.device == "cpu" else batch
 
     def _fitting_room(self, pose: np.ndarray | wp.array) -> Room | None:
         """The room, with the contours of poses in it; None where they are rendered without it."""
@@ -114,12 +135,6 @@ class PreparedContours:
             self._room = self._room_of(size)
             self.grown += 1
         return self._room
-
-    def _rendered(self, pose: np.ndarray | wp.array) -> ContourBatch:
-        """As `render` does."""
-        rows = pose if isinstance(pose, wp.array) else pose.reshape(-1, 7)
-        batch, _ = self._scene.contours(rows, 0, self.device)
-        return batch.numpy() if self.device == "cpu" else batch
 
     def _first_room(
         self, solid: MeshObject, hand: PatchHand, pose: np.ndarray, method: str | None, size: RoomSize | None
@@ -136,6 +151,7 @@ class PreparedContours:
             "close": "close" in strategy.transform,
             "method": "trace" if searched in ("trace", PATTERN) else "seek",
             "pose_count": self.pose_count,
+            "articulated": self._is_articulated,
         }
         row_count = self.pose_count * hand.patch_count
         size = size or RoomSize.for_rows(row_count)
@@ -144,9 +160,3 @@ class PreparedContours:
     def _room_of(self, size: RoomSize) -> Room:
         room = Room if self.device == "cpu" else GraphRoom
         return room(*self._made_of, **self._options, size=size)
-
-
-def is_kept(scene: Scene) -> bool:
-    """Whether contours are drawn by kernels alone, in memory that can be kept."""
-    crosses = isinstance(scene.solid, MeshObject) and needs_regularising(scene.solid)
-    return scene.is_raw and scene.exact and not crosses

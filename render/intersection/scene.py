@@ -1,6 +1,6 @@
 """Scene: an object, a hand and a strategy, rendered in batches of poses; the raw intersection first, then stages.
 
-| `Scene.method` | object | hand | raw intersection |
+| `method_of` | object | hand | raw intersection |
 |---|---|---|---|
 | cut | mesh | patches | `mesh_section`: exact, along triangles; by winding number if the mesh crosses itself |
 | march | voxels, function | patches | `kernels.march`: marching squares on a grid over each patch |
@@ -22,7 +22,6 @@ from ...kernels.section.contour_writing import SectionContours
 from ...kernels.skin.curves import skin_contours
 from ...kernels.stages.move import move_contours
 from ..contour_batch import ContourBatch
-from ..deprecated_names import OldAttribute, accept_old_keywords
 from ..errors import MeshError, PoseError, StrategyError
 from ..focal_spot import focal_width
 from ..hands.hand import Hand, PatchHand, poses_on_host, require_rows, sections_on
@@ -38,18 +37,23 @@ from ..strategies.stage_order import FILLS, SHAPES, TOURS
 from ..strategies.stage_runner import run_stages
 from ..validation import require_choice, value_text
 from .contact_tour import contact_contours
-from .mesh_section import intersect, needs_regularising, tally_intersection
+from .mesh_section import intersect, needs_regularising, patches_for, tally_intersection
 from .overlap_tour import overlap_contours
-from .resting import farthest_of, patches_for
 
 SECTION_BYTES = 1024  # for a pose and patch: slots of pieces (SLOTS x 72), listed steps (128), events (24 x 8), offsets
 
 SKIN_BYTES = 40  # for a pose and vertex of a hand's skin: its position, sign, marks of its edges
 
 
-def is_exact(solid: Solid, hand: Hand, strategy: IntersectionStrategy) -> bool:
-    """Whether the raw intersection needs no grid: the section of a mesh by the planes of patches."""
-    return isinstance(solid, MeshObject) and isinstance(hand, PatchHand) and strategy.raw_stage.name == "section"
+def method_of(solid: Solid, hand: Hand, strategy: IntersectionStrategy) -> str:
+    """Raw intersection by the table above; raises StrategyError for a hand that is neither of patches nor of skin."""
+    if strategy.raw_stage.name in TOURS:
+        return "path"
+    if isinstance(hand, MeshHand):
+        return "skin"
+    if not isinstance(hand, PatchHand):
+        raise StrategyError(f"a hand must be a Palm, a PlaneHand or a MeshHand, not {type(hand).__name__}")
+    return "cut" if isinstance(solid, MeshObject) else "march"
 
 
 def with_joined_sides(strategy: IntersectionStrategy, hand: Hand) -> IntersectionStrategy:
@@ -114,6 +118,11 @@ class PoseBlock:
     timing: dict[str, float] | None = None
     """Takes the seconds of each stage."""
 
+    @property
+    def rows(self) -> slice:
+        """Rows of the motion."""
+        return slice(self.first, self.first + len(self.pose))
+
 
 @dataclass(frozen=True, eq=False)
 class Scene:
@@ -141,16 +150,11 @@ class Scene:
     points: str = "array"
     """Where points are written: "array", in the array's frame, or "patch", relative to the middle of their patch."""
 
-    thing = OldAttribute("solid")
-    moved = OldAttribute("object_pose")
-    pivot = OldAttribute("object_centre")
-
     def __repr__(self) -> str:
         """One line."""
         return f"Scene({self.solid!r}, {self.hand!r}, {self.strategy!r})"
 
     @classmethod
-    @accept_old_keywords(thing="solid", moved="object_pose")
     def of(
         cls,
         solid: Solid,
@@ -168,11 +172,12 @@ class Scene:
         strategy = strategy_of(strategy)
         require_parts(solid, hand, strategy)
         strategy = with_joined_sides(strategy, hand)
-        marches = not is_exact(solid, hand, strategy)
-        if strategy.needs_closed or isinstance(hand, MeshHand):
+        method = method_of(solid, hand, strategy)
+        marches = method != "cut"
+        if strategy.needs_closed or method == "skin":
             solid.require_closed()
             solid = solid.solid_part if isinstance(solid, MeshObject) else solid
-        if isinstance(hand, MeshHand) and not strategy.bounded and strategy.raw_stage.name == "section":
+        if method == "skin" and not strategy.bounded:
             raise StrategyError('prune: contours on a hand mesh end where the skin does: "outside" cannot be left out')
         stages = (*strategy.prune_stages, *strategy.transform_stages)
         raw_only = all(stage.name in BY_RAW_KERNELS for stage in stages)
@@ -196,22 +201,14 @@ class Scene:
         return np.asarray(self.solid.bounds, np.float64).mean(axis=0)
 
     @cached_property
-    def exact(self) -> bool:
-        """Whether a mesh is cut by planes, from triangle to triangle."""
-        return is_exact(self.solid, self.hand, self.strategy)
-
-    @cached_property
     def method(self) -> str:
         """Raw intersection, by the table above: "cut", "march", "skin" or "path"."""
-        if self.strategy.raw_stage.name in TOURS:
-            return "path"
-        if self.exact:
-            return "cut"
-        if isinstance(self.hand, MeshHand):
-            return "skin"
-        if not isinstance(self.hand, PatchHand):
-            raise StrategyError(f"a hand must be a Palm, a PlaneHand or a MeshHand, not {type(self.hand).__name__}")
-        return "march"
+        return method_of(self.solid, self.hand, self.strategy)
+
+    @property
+    def _mesh_and_patches(self) -> tuple[MeshObject, PatchHand]:
+        """Object and hand of the method "cut"."""
+        return cast(MeshObject, self.solid), cast(PatchHand, self.hand)
 
     @cached_property
     def _warned(self) -> dict[str, object]:
@@ -224,28 +221,31 @@ class Scene:
         return self.strategy.step or self.focal_width / 4
 
     @cached_property
+    def farthest(self) -> float:
+        """Largest coordinate of the poses of an object that moves [m]; 0 for one that stands still."""
+        return 0.0 if self.object_pose is None else float(np.abs(self.object_pose[:, :3]).max(initial=0.0))
+
+    @cached_property
     def raw_error(self) -> float | None:
         """Largest distance of the raw intersection from the exact one [m]; None for a path through points.
 
         For a mesh cut by planes, the spacing of float32 at the largest coordinate that the object has. For grids, one
         step, provided that the solid and the space around it are wider than a step and tips have 20 degrees or more.
         """
-        if self.strategy.raw_stage.name in TOURS:
-            return None
-        if not self.exact:
-            return self.step
+        if self.method != "cut":
+            return None if self.method == "path" else self.step
         bounds = np.abs(np.asarray(self.solid.bounds, np.float64))
         reach = bounds.max()
         if self.object_pose is not None:
             diagonal = np.linalg.norm(np.ptp(self.solid.bounds, axis=0))
-            reach = np.abs(self.object_pose[:, :3]).max(initial=0.0) + 0.5 * diagonal
+            reach = self.farthest + 0.5 * diagonal
         return float(np.spacing(np.float32(reach)))
 
     @property
     def pose_bytes(self) -> int:
         """Approximate working memory for a pose [byte]; marching over patches limits its own blocks."""
-        if isinstance(self.hand, MeshHand) and self.strategy.raw_stage.name == "section":
-            return SECTION_BYTES + SKIN_BYTES * self.hand.edges_of(self.step).vertex_count
+        if self.method == "skin":
+            return SECTION_BYTES + SKIN_BYTES * cast(MeshHand, self.hand).edges_of(self.step).vertex_count
         return SECTION_BYTES * self.hand.patch_count
 
     @cached_property
@@ -254,10 +254,19 @@ class Scene:
         return all(s.name in BY_RAW_KERNELS for s in (*self.strategy.prune_stages, *self.strategy.transform_stages))
 
     @property
+    def is_plain(self) -> bool:
+        """Whether contours are those in which planes cut a mesh, drawn by kernels alone, and no stage follows."""
+        return self.is_raw and self.is_cut_plainly
+
+    @property
+    def is_cut_plainly(self) -> bool:
+        """Whether the raw contours are those in which planes cut a mesh, drawn by kernels alone."""
+        return self.method == "cut" and not needs_regularising(self._mesh_and_patches[0])
+
+    @property
     def is_drawn_to_measure(self) -> bool:
         """Whether lengths can be measured only after points are written; otherwise `tally` measures without them."""
-        crosses = isinstance(self.solid, MeshObject) and needs_regularising(self.solid)
-        return crosses or not (self.exact and self.is_raw and self.object_pose is None)
+        return self.object_pose is not None or not self.is_plain
 
     def require_poses(self, pose_count: int) -> None:
         """Raise PoseError unless the hand and the object have as many poses as the motion."""
@@ -288,15 +297,21 @@ class Scene:
 
         Poses on the device stay there if the hand is rigid and the object does not move. Raises PointLimitError.
         """
-        if self.object_pose is None:
-            return self._raw(block)
-        object_pose = self._object_pose_of(block)
-        seen = seen_from(object_pose, self.object_centre, poses_on_host(block.pose))
-        batch = self._raw(replace(block, pose=seen))
-        if self.points == "patch":
-            return batch  # these are relative to the hand, so they do not change
-        place = wp.array(object_pose, dtype=wp.transform, device=block.device)
-        move_contours(batch.points, batch.polyline_start, batch.pose_start, place, self.object_centre)
+        seen = block
+        if self.object_pose is not None:
+            hand_pose = poses_on_host(block.pose)
+            seen = replace(block, pose=seen_from(self.object_pose[block.rows], self.object_centre, hand_pose))
+        if self.method == "cut":
+            section = sections_on(self.hand, seen.pose, seen.first, seen.device)
+            options = {"farthest": self.farthest, "relative": self.points == "patch"}
+            limits = {"point_limit": seen.point_limit, "timing": seen.timing}
+            batch, _ = intersect(*self._mesh_and_patches, section, self.strategy, **limits, **options)
+        else:
+            with StageClock(seen.timing, "raw", seen.device):
+                batch = ContourBatch.from_device(ON_GRIDS[self.method](self, seen), self.hand.patch_count)
+        if self.object_pose is not None and self.points == "array":  # others are relative to the hand: they stay
+            place = wp.array(self.object_pose[block.rows], dtype=wp.transform, device=block.device)
+            move_contours(batch.points, batch.polyline_start, batch.pose_start, place, self.object_centre)
         return batch
 
     def staged(self, batch: ContourBatch, block: PoseBlock) -> tuple[ContourBatch, dict[str, np.ndarray]]:
@@ -305,7 +320,7 @@ class Scene:
             return batch, {}
         at = {}
         if self.object_pose is not None:
-            at = {"object_pose": self._object_pose_of(block), "object_centre": self.object_centre}
+            at = {"object_pose": self.object_pose[block.rows], "object_centre": self.object_centre}
         where = (poses_on_host(block.pose), block.first, block.device)
         limits = {"point_limit": block.point_limit, "warned": self._warned}
         setting = Setting(self.solid, self.hand, *where, self.focal_width, self.step, **limits, **at)
@@ -317,39 +332,12 @@ class Scene:
 
         Raises StrategyError where points are needed to measure (`is_drawn_to_measure`).
         """
-        if not (isinstance(self.solid, MeshObject) and isinstance(self.hand, PatchHand)) or self.is_drawn_to_measure:
+        if self.is_drawn_to_measure:
             raise StrategyError(
                 "only raw contours of a simple mesh that stands still, on patches, are measured undrawn"
             )
         section = sections_on(self.hand, block.pose, block.first, block.device)
-        tally_intersection(self.solid, self.hand, section, self.strategy, value, length, timing=block.timing)
-
-    def _object_pose_of(self, block: PoseBlock) -> np.ndarray:
-        """The object's poses at those of a block."""
-        if self.object_pose is None:
-            return np.zeros((0, 7), np.float32)
-        return self.object_pose[block.first : block.first + len(block.pose)]
-
-    def _raw(self, block: PoseBlock) -> ContourBatch:
-        """Raw contours of an object that stands still."""
-        if self.method == "cut":
-            return self._cut(block)
-        with StageClock(block.timing, "raw", block.device):
-            return ContourBatch.from_device(ON_GRIDS[self.method](self, block), self.hand.patch_count)
-
-    def _cut(self, block: PoseBlock) -> ContourBatch:
-        """Section of a mesh by patches."""
-        solid, hand = cast(MeshObject, self.solid), cast(PatchHand, self.hand)
-        return intersect(
-            solid,
-            hand,
-            sections_on(hand, block.pose, block.first, block.device),
-            self.strategy,
-            point_limit=block.point_limit,
-            timing=block.timing,
-            farthest=farthest_of(self.object_pose),
-            relative=self.points == "patch",
-        )[0]
+        tally_intersection(*self._mesh_and_patches, section, self.strategy, value, length, timing=block.timing)
 
     def _path(self, block: PoseBlock) -> SectionContours:
         """Path through points of the skin, or over the surface of what object and hand share."""
@@ -377,7 +365,7 @@ class Scene:
         return march_patches(
             self.solid.field_on(device),
             sections_on(hand, block.pose, block.first, device),
-            patches_for(hand, self.solid, self.strategy, device, farthest=farthest_of(self.object_pose)),
+            patches_for(hand, self.solid, self.strategy, device, farthest=self.farthest),
             step=self.step,
             bounds=self.solid.bounds,
             bounded=self.strategy.bounded,

@@ -252,27 +252,25 @@ def _mean_width(polygon: np.ndarray) -> float:
 
 def _as_batch(polygons: Loops, planes: Planes, patch_count: int) -> ContourBatch:
     """Polygons as closed contours in the array's frame, started and ordered as `regularised_contours` says."""
-    along = _edges_on_sides(polygons, planes)
+    along = np.zeros(len(polygons.points), bool)  # whether the edge from each point to the next is on the patch's side
+    if planes.sides is not None and len(polygons.section):
+        end = planes.sides[polygons.section[polygons.of_points()]]
+        beyond = np.concatenate([polygons.points >= end - 1, polygons.points <= 1 - end], axis=1)  # 1 step: rounding's
+        along = np.any(beyond & beyond[polygons.following()], axis=1)
     touches, start = _starts(polygons, along)
     u, v = polygons.points[start].T
     order = np.lexsort([v, u, ~touches, polygons.section])
-    index, line_start = _turned(polygons.start, start, order)
+    first, count = polygons.start[:-1][order], np.diff(polygons.start)[order]
+    line_start = np.concatenate([[0], np.cumsum(count + 1)]).astype(np.int64)
+    line = np.repeat(np.arange(len(order)), count + 1)  # each from its start on, and with it again at its end
+    index = first[line] + ((start[order] - first)[line] + np.arange(line_start[-1]) - line_start[line]) % count[line]
     section = polygons.section[order]
-    of_point = np.repeat(section, np.diff(line_start))
+    of_point = section[line]
     place = polygons.points[index] * STEP
     origin, u, v = (planes.frame[of_point, k] for k in range(3))
     points = (origin + place[:, :1] * u + place[:, 1:] * v).astype(np.float32)
     kind = np.where(along, HAND, OBJECT).astype(np.uint8)[index]
     return _without_still_steps(points, kind, line_start, section, (len(planes.frame) // patch_count, patch_count))
-
-
-def _edges_on_sides(polygons: Loops, planes: Planes) -> np.ndarray:
-    """Whether the edge from each point to the next runs along a side of the patch, shape [point]."""
-    if planes.sides is None or len(polygons.section) == 0:
-        return np.zeros(len(polygons.points), bool)
-    end = planes.sides[polygons.section[polygons.of_points()]]
-    beyond = np.concatenate([polygons.points >= end - 1, polygons.points <= 1 - end], axis=1)  # 1 step: rounding's
-    return np.any(beyond & beyond[polygons.following()], axis=1)
 
 
 def _starts(polygons: Loops, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -292,15 +290,6 @@ def _starts(polygons: Loops, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     u, v = polygons.points[may_start].T
     may_start = may_start[np.lexsort([v, u, loop[may_start]])]
     return touches, may_start[np.unique(loop[may_start], return_index=True)[1]]
-
-
-def _turned(offsets: np.ndarray, start: np.ndarray, order: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points of polygons in an order, each from its start on and with it again at its end; and the offsets of those."""
-    first, count = offsets[:-1][order], np.diff(offsets)[order]
-    line_start = np.concatenate([[0], np.cumsum(count + 1)]).astype(np.int64)
-    own = np.repeat(np.arange(len(order)), count + 1)
-    along = np.arange(line_start[-1]) - line_start[own]
-    return first[own] + ((start[order] - first)[own] + along) % count[own], line_start
 
 
 def _without_still_steps(

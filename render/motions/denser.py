@@ -10,8 +10,7 @@ import warp as wp
 
 from ..intersection.scene import Scene
 from ..playback.pose_insertion import ShiftTest, insert_into_all
-from .joined_rows import joined_rows
-from .poses import TimedPoses
+from .explored import TimedPoses, joined_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +46,6 @@ def denser_motions(
     pose = joined_rows([(motion, 0, motion.count) for motion in motions], device)
     shift_test = ShiftTest(scene, distance, device, point_limit=point_limit)
     made = insert_into_all(shift_test, np.concatenate(clocks), pose, start)
-    time = made.time.numpy()
-    parts = [slice(*pair) for pair in itertools.pairwise(made.motion_start.tolist())]
-    added = np.diff(made.motion_start) - np.diff(start)
-    return [DenserPoses(time[own], made.pose[own], count) for own, count in zip(parts, added.tolist(), strict=True)]
+    time, added = made.time.numpy(), (np.diff(made.motion_start) - np.diff(start)).tolist()
+    spans = itertools.pairwise(made.motion_start.tolist())
+    return [DenserPoses(time[a:b], made.pose[a:b], count) for (a, b), count in zip(spans, added, strict=True)]

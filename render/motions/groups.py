@@ -24,7 +24,8 @@ from ...kernels.offsets import PointLimitError
 from ..contour_batch import ContourBatch
 from ..errors import PoseError, StrategyError
 from ..hands.hand import Hand
-from ..intersection.batch_rendering import MEMORY_DEFAULT, POINT_BYTES, checked_memory, is_too_large
+from ..intersection.batch_rendering import POINT_BYTES, is_too_large
+from ..intersection.job import MEMORY_DEFAULT, checked_memory
 from ..intersection.named_inputs import hand_of, solid_of
 from ..intersection.scene import Scene
 from ..objects.solid import Solid
@@ -41,9 +42,8 @@ from ..strategies.intersection_strategy import IntersectionStrategy
 from ..strategies.user_stage_sources import has_own_stages
 from ..validation import value_text
 from .denser import denser_motions
-from .joined_rows import joined_rows
+from .explored import ExploredPoses, HostPoses, TimedPoses, joined_rows
 from .numbers import dwell_grid, sampling_numbers
-from .poses import ExploredPoses, HostPoses, TimedPoses
 
 GPU_SHARE = 4  # of a GPU's memory, a group takes a quarter unless told another
 POINTS_A_POSE = 32  # supposed until a group has more

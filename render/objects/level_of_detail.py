@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from ...datasets.errors import name_nothing
-from ..deprecated_names import accept_old_keywords
 from ..errors import MeshError, StrategyError
 from ..focal_spot import focal_width
 from ..validation import unit_hint
@@ -35,7 +34,6 @@ class Detail:
         return asdict(self)
 
 
-@accept_old_keywords(thing="mesh")
 def simplify(mesh: MeshObject, tolerance: float | None = None, *, device: str = "cpu") -> tuple[MeshObject, Detail]:
     """The mesh with fewer triangles, closed, and how far the two surfaces are from each other.
 

@@ -9,10 +9,9 @@ import numpy as np
 
 from ...datasets.errors import MotionError
 from ..contour_batch import ContourBatch
-from ..deprecated_names import accept_old_keywords
 from ..errors import PoseError, StrategyError
 from ..hands.hand import Hand
-from ..intersection.batch_rendering import check_poses
+from ..intersection.named_inputs import motion_of
 from ..intersection.prepared_contours import PreparedContours
 from ..objects.solid import Solid
 from ..sampling.metrics import FocalPoints
@@ -25,7 +24,7 @@ POSE_INTERVAL = 1 / 90  # [s]; a headset's hand tracking
 INTERVAL_RANGE = (1e-4, 5.0)  # [s]
 FAR = 1e30  # [m]; float32 ends beyond
 DRAWN_MOST = 10.0  # [s] in one go: 400,000 samples at 40 kHz
-NORM_SURE = 5e-8  # a quaternion's norm this near to 1 is left alone by `check_poses`, however it rounds
+NORM_SURE = 5e-8  # a quaternion's norm this near to 1 is left alone by `motion_of`, however it rounds
 
 
 class Instant:
@@ -49,7 +48,6 @@ class Instant:
     200
     """
 
-    @accept_old_keywords(thing="solid")
     def __init__(
         self,
         solid: Solid | str,
@@ -85,11 +83,15 @@ class Instant:
         """How often memory was taken anew, because a pose needed more."""
         return self._intersection.grown
 
-    def draw(self, pose: np.ndarray, time: float, *, until: float | None = None) -> FocalPoints:
+    def draw(
+        self, pose: np.ndarray, time: float, *, until: float | None = None, patch_pose: np.ndarray | None = None
+    ) -> FocalPoints:
         """Take a pose; returns the focal points from the last one drawn to `until`.
 
         pose: x y z [m] and quaternion xyzw, hand frame -> array frame, shape [7]. time: when the hand was there [s],
         on any clock, after the pose before. until: when the next pose is expected [s], by default time + interval.
+        patch_pose: of an articulated hand, poses of its patches in the hand's frame, shape [patch, 7], NaN for one that
+        is not there.
         Raises PoseError or MotionError for a pose that `render` refuses, a time that is not after the last pose's,
         an `until` before it, or more than DRAWN_MOST in one go; then nothing has changed.
         """
@@ -103,9 +105,15 @@ class Instant:
             raise MotionError(f"until {until!r} s is before {time!r} s of its pose")
         before, stop = self._samples_until(time, began), self._samples_until(until, began)
         late = [self._samples(before)] if before > self._drawn and not first else []
-        self.contours = self._intersection.at_checked(row)
+        self.contours = contours = self._intersection.at_checked(row, patch_pose)
         self._began, self._came, self._pose = began, time - began, row.astype(np.float64)
-        return joined([*late, self._samples(stop)])
+        count, age = max(stop - self._drawn, 0), age_at(self._drawn, self._came, self._rate)
+        if (struct := self._intersection.struct) is None:
+            focus = self.sampler.draw(contours, self._pose, count, age=age, hold=self._hold)
+        else:
+            focus = self.sampler.draw_kept(struct, contours.polyline_count, self._pose, count, age=age, hold=self._hold)
+        self._drawn += count
+        return joined([*late, focus])
 
     def go_on(self, until: float) -> FocalPoints:
         """More focal points of the last pose, because none has come: it is held, then fades.
@@ -129,15 +137,14 @@ class Instant:
 
     def _samples(self, stop: int) -> FocalPoints:
         """Samples of the last pose up to sample `stop`."""
-        count = max(stop - self._drawn, 0)
-        age = age_at(self._drawn, self._came, self._rate)
-        focus = self.sampler.draw(self.contours, self._pose, count, age=age, hold=self._hold)
+        count, age = max(stop - self._drawn, 0), age_at(self._drawn, self._came, self._rate)
+        focus = self.sampler.draw_on(self._pose, count, age=age, hold=self._hold)
         self._drawn += count
         return focus
 
 
 def checked_pose(pose: np.ndarray) -> np.ndarray:
-    """A pose as `check_poses` gives and refuses it, float32, shape [7]."""
+    """A pose as `motion_of` gives and refuses it, float32, shape [7]."""
     try:
         row = np.asarray(pose, np.float64)
     except (TypeError, ValueError):
@@ -147,4 +154,4 @@ def checked_pose(pose: np.ndarray) -> np.ndarray:
     x, y, z, a, b, c, w = row.tolist()
     if abs(x) + abs(y) + abs(z) < FAR and abs(math.sqrt(a * a + b * b + c * c + w * w) - 1.0) < NORM_SURE:
         return row.astype(np.float32)
-    return check_poses(row[None])[0]
+    return motion_of(row[None]).pose[0]

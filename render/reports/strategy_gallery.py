@@ -13,7 +13,9 @@ from ..contour_batch import ContourBatch
 from ..errors import StrategyError
 from ..hands.hand import Palm, PatchFrames
 from ..hands.mesh_hand import MeshHand
-from ..intersection.batch_rendering import render
+from ..intersection.batch_rendering import collect
+from ..intersection.job import ContourJob
+from ..intersection.scene import Scene
 from ..objects.mesh.solid_mesh import MeshObject
 from ..sampling.sampler import laid_jumps
 from ..sampling.strategy import SamplingStrategy
@@ -151,6 +153,10 @@ def _value_text(value: object) -> str:
     return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
+def _contours(solid: MeshObject, hand: Palm | MeshHand, strategy: IntersectionStrategy, device: str) -> ContourBatch:
+    return collect(ContourJob.of(Scene.of(solid, hand, strategy), POSE, device=device))[0]
+
+
 def gallery_figure(panels: Sequence[Panel], *, device: str = "cpu") -> Any:
     """Strategies side by side on the same object and palm, and what the marks mean, as a matplotlib figure."""
     import matplotlib as mpl  # 0.7 s that only pictures cost
@@ -158,7 +164,7 @@ def gallery_figure(panels: Sequence[Panel], *, device: str = "cpu") -> Any:
 
     solid, hand = shown_object(), Palm()
     frames = hand.frames(POSE)
-    section = _flat(render(solid, hand, POSE, IntersectionStrategy(), device=device), frames)
+    section = _flat(_contours(solid, hand, IntersectionStrategy(), device), frames)
     columns = min(COLUMNS, max(len(panels) + 1, 3))
     rows = -(-(len(panels) + 1) // columns)
     with mpl.rc_context(style(**{"font.size": 7, "text.parse_math": False})):
@@ -171,7 +177,7 @@ def gallery_figure(panels: Sequence[Panel], *, device: str = "cpu") -> Any:
         for axes, panel in zip(places, panels, strict=False):
             _draw_background(axes, section, frames)
             needs_solid = panel.strategy.raw_stage.name == "overlap"  # not for patches
-            batch = render(solid, shown_block(hand) if needs_solid else hand, POSE, panel.strategy, device=device)
+            batch = _contours(solid, shown_block(hand) if needs_solid else hand, panel.strategy, device)
             batches.append(batch)
             _draw_panel(axes, batch, frames)
             if needs_solid:

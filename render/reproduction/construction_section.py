@@ -6,10 +6,10 @@ import numpy as np
 
 from ..contour_batch import HAND, OBJECT, ContourBatch
 from ..hands.hand import Palm, PatchFrames
-from ..intersection.batch_rendering import render
 from ..objects.mesh.solid_mesh import MeshObject
 from ..reports.picture_style import COLOURS
 from ..reports.strategy_gallery import POSE, in_plane
+from ..scripting.rendering import render
 from ..strategies.intersection_strategy import IntersectionStrategy, closed_contour, open_contour
 from .pictures import drawing, picture_uri
 from .sections import ReportPicture, ReportRow, ReportSection

@@ -7,8 +7,8 @@ import numpy as np
 
 from ...datasets.motions.hand_motion import HandMotion, exploration
 from ..hands.hand import Palm
-from ..intersection.batch_rendering import render
 from ..objects.mesh.solid_mesh import MeshObject
+from ..scripting.rendering import render
 from ..strategies.intersection_strategy import closed_contour
 from ..validation import require_number
 from .paper_numbers import (

@@ -6,9 +6,9 @@ import numpy as np
 
 from ..bench.clocks import OwnTurn, timed
 from ..hands.hand import Palm
-from ..intersection.batch_rendering import render
 from ..intersection.prepared_contours import PreparedContours
 from ..objects.mesh.solid_mesh import MeshObject
+from ..scripting.rendering import render
 from ..strategies.intersection_strategy import IntersectionStrategy, closed_contour, open_contour
 from .explorations import explorer_motion
 from .paper_numbers import CLOSE_SECONDS, PRUNE_SECONDS, RAW_SECONDS

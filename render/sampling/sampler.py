@@ -89,7 +89,7 @@ class Sampler:
         self._sampled = np.zeros(motion_count, np.int64)  # samples so far
         self._watch = RevisitWatch(motion_count, strategy, device, goes_on=goes_on) if revisits else None
         self._repeated: list[tuple[SamplingCount, SamplingCount, int]] = []
-        self._last: tuple[ContourBatch | None, ContourBatch, Any] | None = None  # of `draw`
+        self._last: _LastPose | None = None  # of `draw`
 
     def __repr__(self) -> str:
         """One line."""
@@ -133,26 +133,50 @@ class Sampler:
         `age_at` of it if they are drawn block by block; hold: at what age it starts to fade [s].
         Raises StrategyError for contours that `sample_contours` refuses.
         """
-        rate = self.strategy.update_rate
-        again = self._last is not None and self._last[0] is contours
+        again = self._last is not None and self._last.given is contours
         if not again:
             batch = drawable_contours((NOWHERE if contours is None else contours).to(self.device))
-            self._last = contours, batch, batch.as_struct()
-        _, batch, struct = self._last
-        first = int(self._sampled[0])
-        span = {
-            "motion_start": [0, 1],
-            "first": [first],
-            "count": [sample_count],
-            "time": [first * TICKS - ticks_of(age, rate)],
-            "hold": [ticks_of(hold, rate)],
-            "goes_on": [int(again and self._drawn_last)],
-        }
-        self._drawn_last = sample_count > 0 or (again and self._drawn_last)
-        position, intensity = self.take(batch, struct, np.asarray(pose, np.float64).reshape(1, 7), span)
-        return focal_points(position, intensity, sample_count)
+            self._last = _LastPose(contours, batch.as_struct(), batch.dwell is not None, batch.polyline_count)
+        return self._draw_last(pose, sample_count, age, hold)
 
-    _drawn_last = False
+    def draw_kept(
+        self, struct: Any, line_count: int, pose: np.ndarray, sample_count: int, *, age: float, hold: float
+    ) -> FocalPoints:
+        """The next samples of a new pose, whose contours are in a `Contours` that later ones overwrite.
+
+        line_count: of its polylines, each of which has points. `draw_on` draws more of it.
+        """
+        self._last = _LastPose(None, struct, False, line_count)
+        return self._draw_last(pose, sample_count, age, hold)
+
+    def draw_on(self, pose: np.ndarray, sample_count: int, *, age: float, hold: float) -> FocalPoints:
+        """More samples of the pose that was drawn last."""
+        return self._draw_last(pose, sample_count, age, hold)
+
+    def _draw_last(self, pose: np.ndarray, sample_count: int, age: float, hold: float) -> FocalPoints:
+        last, rate, first = self._last, self.strategy.update_rate, int(self._sampled[0])
+        if last is None:
+            raise ValueError("there is no pose yet to go on with")
+        arrays = self.room.draw_pose(
+            self._plans[last.pauses],
+            last.struct,
+            pose,
+            line_most=last.line_count,
+            first=first,
+            number=first,
+            count=sample_count,
+            time=first * TICKS - ticks_of(age, rate),
+            hold=ticks_of(hold, rate),
+            goes_on=int(last.drawn),
+        )
+        last.drawn |= sample_count > 0
+        self._sampled[0] += sample_count
+        focus = focal_points(*arrays, sample_count)
+        if self._watch is not None and sample_count > 0:
+            foci = self.strategy.foci
+            position, intensity = focus.position.reshape(-1, foci, 3), focus.intensity.reshape(-1, foci)
+            self._watch.add(0, position, intensity, np.asarray(pose, np.float64)[None], np.array([sample_count]))
+        return focus
 
     def take(
         self, batch: ContourBatch, struct: Any, pose: np.ndarray | wp.array, span: dict[str, Any]
@@ -200,6 +224,19 @@ class Sampler:
             return None
         own = Sampler(self.strategy, revisits=False, goes_on=False)
         return own.draw(contours, np.array([0, 0, 0, 0, 0, 0, 1.0]) if pose is None else pose, count)
+
+
+@dataclass
+class _LastPose:
+    """The pose that a sampler of one motion has drawn last."""
+
+    given: ContourBatch | None
+    struct: Any
+    pauses: bool
+    """Whether its contours have some of their own."""
+    line_count: int
+    drawn: bool = False
+    """Whether a sample of it has been drawn."""
 
 
 def sample_bounds(time: np.ndarray, duration: float, update_rate: float) -> np.ndarray:

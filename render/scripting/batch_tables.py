@@ -15,12 +15,11 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-UNITS = {"time": "s", "x": "m", "y": "m", "z": "m", "length": "m"}
-UNITS |= {f"length_{kind}": "m" for kind in KIND_NAMES}
+UNITS = {"time": "s", "x": "m", "y": "m", "z": "m", "length": "m"} | {f"length_{kind}": "m" for kind in KIND_NAMES}
 
 
-def pose_columns(batch: ContourBatch, motion: HandMotion) -> dict[str, np.ndarray]:
-    """Columns of a table of poses: time, the hand's pose, lengths by kind, polylines, points."""
+def pose_frame(batch: ContourBatch, motion: HandMotion) -> pd.DataFrame:
+    """One row for each pose, its index: time, the hand's pose, lengths by kind, polylines, points."""
     host = batch.numpy()
     lengths = host.lengths()
     columns: dict[str, np.ndarray] = {} if motion.time is None else {"time": motion.time}
@@ -29,14 +28,7 @@ def pose_columns(batch: ContourBatch, motion: HandMotion) -> dict[str, np.ndarra
     columns |= {f"length_{kind}": lengths[:, k] for k, kind in enumerate(KIND_NAMES)}
     columns["polylines"] = np.diff(host.pose_start)
     columns["points"] = np.diff(host.polyline_start[host.pose_start])
-    return columns
-
-
-def pose_frame(batch: ContourBatch, motion: HandMotion) -> pd.DataFrame:
-    """The columns of poses as a DataFrame, whose index is the pose."""
-    frame = frame_of(pose_columns(batch, motion))
-    frame.index.name = "pose"
-    return frame
+    return frame_of(columns).rename_axis(index="pose")
 
 
 def point_frame(batch: ContourBatch) -> pd.DataFrame:
@@ -52,17 +44,14 @@ def point_frame(batch: ContourBatch) -> pd.DataFrame:
 
 
 def pose_dataset(batch: ContourBatch, motion: HandMotion) -> xr.Dataset:
-    """The columns of poses as a Dataset with units; the times, if there are any, are a coordinate."""
+    """The same with units as attributes; the times, if there are any, are a coordinate."""
     try:
-        import xarray
+        dataset = pose_frame(batch, motion).to_xarray()
     except ImportError as error:
         raise StrategyError("a Dataset needs xarray: pip install xarray") from error
-    values = {
-        name: ("pose", column, {"units": UNITS[name]} if name in UNITS else {})
-        for name, column in pose_columns(batch, motion).items()
-    }
-    time = {"time": values.pop("time")} if "time" in values else {}
-    return xarray.Dataset(values, coords={"pose": np.arange(len(batch)), **time})
+    for name in UNITS.keys() & dataset.keys():
+        dataset[name].attrs["units"] = UNITS[name]
+    return dataset.set_coords("time") if "time" in dataset else dataset
 
 
 def frame_of(columns: dict[str, Any]) -> pd.DataFrame:

@@ -1,49 +1,38 @@
 """A batch of contours that knows its object, hand, motion and strategy: it samples, plays, shows and saves itself."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, ClassVar, cast, overload
+from typing import TYPE_CHECKING, Any, Unpack, cast, overload
 
 import numpy as np
 
 from ...datasets.motions.hand_motion import HandMotion
-from ...device.report import LiveStatistics
 from ..batch_rows import BatchRows
 from ..contour_batch import ContourBatch
-from ..deprecated_names import explain_keywords
 from ..errors import StrategyError
-from ..intersection.batch_rendering import Collected
-from ..intersection.file_recording import save_contours
 from ..intersection.scene import Scene
-from ..playback.drive import DriveStrategy
-from ..playback.file_playback import Connection, Playback, play_contours
-from ..playback.focus_source import ContourSource
-from ..playback.placed_arrays import load_rig
-from ..reports.contour_animation import draw_animation
-from ..reports.contour_figure import draw_figure
-from ..reports.file_summary import draw_frequencies
-from ..sampling.draw_frequency import pauses_of
-from ..sampling.presets import sampling_of
-from ..sampling.sampler import Sampler, joined
-from ..sampling.strategy import SamplingStrategy
 from ..validation import require_path
-from .batch_tables import point_frame, pose_dataset, pose_frame
-from .likely_members import OF_BATCHES, LikelyMembers
-from .sampled_contours import SampledContours
-from .shown_picture import ShownPicture
+from .likely_members import LikelyMembers
+from .notebook import ShownPicture, facts_page
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # and imported by the methods that need it: most scripts call few of them
     import pandas as pd
     import xarray as xr
 
+    from ...device.report import LiveStatistics
     from ..acoustics.field_metrics import PressureMetrics
     from ..acoustics.noise import NoiseSignal
+    from ..playback.drive import DriveStrategy
+    from ..playback.file_playback import ConnectionFields, Playback
+    from ..sampling.strategy import SamplingStrategy
+    from .sampled_contours import SampledContours
 
-POSES_MEASURED = 20  # of a batch, for pressure
 SHOWN_MOST = 200_000  # poses of a batch that a notebook draws by itself: more take seconds
 
 
@@ -56,8 +45,6 @@ class RenderedBatch(LikelyMembers, ContourBatch):
     >>> batch.sample("stm", duration=0.1)
     SampledContours(1000 focal points at 10000 Hz, 0.1 s, 0 silent, 0 jumps, draw frequency 20.6 Hz)
     """
-
-    likely: ClassVar[dict[str, str]] = OF_BATCHES
 
     motion: HandMotion | None = None
     """Poses of the hand, one of each pose of the batch."""
@@ -83,70 +70,64 @@ class RenderedBatch(LikelyMembers, ContourBatch):
     def __getitem__(self, index: int) -> list[np.ndarray]: ...
 
     @overload
-    def __getitem__(self, index: slice) -> "RenderedBatch": ...
+    def __getitem__(self, index: slice) -> RenderedBatch: ...
 
-    def __getitem__(self, index: int | slice) -> "list[np.ndarray] | RenderedBatch":
+    def __getitem__(self, index: int | slice) -> list[np.ndarray] | RenderedBatch:
         """Polylines of one pose [m], each of shape [point, 3]; or the batch of consecutive poses first:stop."""
         return cast("list[np.ndarray] | RenderedBatch", super().__getitem__(index))
 
-    def select(self, first: int, stop: int) -> "RenderedBatch":
+    def select(self, first: int, stop: int) -> RenderedBatch:
         """Poses first..stop of a batch on the host, which know their motion, if there is one pose at least.
 
         Of a file, and of an articulated hand, which has poses of its own, they do not know the scene: they cannot be
         saved or drawn.
         """
-        part = super().select(first, stop)
-        motion, scene = self.motion, self.scene
-        if motion is None or stop <= first:
+        part, scene = super().select(first, stop), self.scene
+        if self.motion is None or stop <= first:
             return RenderedBatch(**vars(part))
+        motion = self.motion[first:stop]
         if scene is None or scene.hand.pose_count is not None:
             whole = self.part_of or (str(self.source) if scene is None else "a batch of an articulated hand")
-            return RenderedBatch(**vars(part), motion=motion[first:stop], names=self.names, part_of=whole)
+            return RenderedBatch(**vars(part), motion=motion, names=self.names, part_of=whole)
         moved = None if scene.object_pose is None else scene.object_pose[first:stop]
         removed = {name: length[first:stop] for name, length in self.removed.items()}
-        return RenderedBatch(
-            **vars(part), motion=motion[first:stop], scene=replace(scene, object_pose=moved), removed=removed
-        )
+        return RenderedBatch(**vars(part), motion=motion, scene=replace(scene, object_pose=moved), removed=removed)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write a contour file, which `palpate info`, `play_file` and `ContourFile` read; returns its path.
 
         Raises ContourFileError for a file that is there, unless `overwrite`, and for one that cannot be written.
         """
+        from ..intersection.file_recording import save_contours
+
         require_path(path, "the file to save")
         if self.source is not None:
             raise StrategyError(f"this batch was read from {self.source}, which holds all of it: copy that file")
-        motion, scene = self._known()
-        save_contours(path, Collected(scene, self, self.removed), motion, overwrite=overwrite)
+        self._require_array_frame()
+        motion = self._moved()
+        if self.scene is None:
+            way = "save or draw the whole, or render the poses of the part"
+            part = f"this is a part of {self.part_of}, without object and hand: {way}"
+            nothing = "this batch does not know its object and hand, as one does that `render` gives"
+            raise StrategyError(part if self.part_of else nothing)
+        save_contours(path, self, self.removed, self.scene, motion, overwrite=overwrite)
         return Path(path)
 
-    def figure(
-        self,
-        path: str | Path,
-        *,
-        times: Sequence[float] | None = None,
-        view: str | Sequence[float] = "iso",
-        array: str | None = "emulator",
-        overwrite: bool = False,
-    ) -> Path:
+    def figure(self, path: str | Path, **options: Any) -> Path:
         """Draw contours on object and hand, their length and draw frequency, into a PNG, SVG or PDF; returns its path.
 
-        times, view, array: as for `draw_figure`. A notebook shows the same picture of a batch that is a cell's result;
-        `show` gives it other moments.
+        options: times, view, array, overwrite, as for `draw_figure`. A notebook shows the same picture of a batch that
+        is a cell's result; `show` gives it other moments.
         Raises StrategyError for another kind of picture, and for one that is there unless `overwrite`.
         """
+        from ..reports.contour_figure import draw_figure
+
         require_path(path, "the picture")
-        draw_figure([self], path, times=times, view=view, array=array, overwrite=overwrite)
+        draw_figure([self], path, **options)
         return Path(path)
 
-    def show(
-        self,
-        times: Sequence[float] | None = None,
-        *,
-        view: str | Sequence[float] = "iso",
-        array: str | None = "emulator",
-    ) -> ShownPicture:
-        """The picture that `figure` writes, for a notebook, which shows what ends a cell.
+    def show(self, times: Sequence[float] | None = None, **options: Any) -> ShownPicture:
+        """The picture that `figure` writes, for a notebook, which shows what ends a cell; options: view, array.
 
         >>> from palpate.render import exploration, render
         >>> batch = render("cube", "palm", exploration("cube", duration=1.0, seed=1), "cc")
@@ -154,33 +135,19 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         ShownPicture(PNG of 1440 x 692 pixels)
         """
         with TemporaryDirectory(prefix="palpate-") as folder:
-            picture = self.figure(Path(folder) / "batch.png", times=times, view=view, array=array)
-            return ShownPicture(picture.read_bytes())
+            return ShownPicture(self.figure(Path(folder) / "batch.png", times=times, **options).read_bytes())
 
-    def animation(
-        self,
-        path: str | Path,
-        *,
-        start: float | None = None,
-        stop: float | None = None,
-        frame_rate: float | None = None,
-        view: str | Sequence[float] = "iso",
-        overwrite: bool = False,
-    ) -> Path:
-        """Draw contours on object and hand over time into a GIF, as `draw_animation` does; returns its path."""
+    def animation(self, path: str | Path, **options: Any) -> Path:
+        """Draw contours on object and hand over time into a GIF; options as for `draw_animation`; returns its path."""
+        from ..reports.contour_animation import draw_animation
+
         require_path(path, "the picture")
-        draw_animation([self], path, start=start, stop=stop, frame_rate=frame_rate, view=view, overwrite=overwrite)
+        draw_animation([self], path, **options)
         return Path(path)
 
     @contextmanager
     def as_file(self) -> Iterator[Path]:
-        """The contour file that the batch was read from, or one that is removed afterwards.
-
-        >>> from palpate.render import ContourFile, render, static_pose
-        >>> with render("cube", "palm", static_pose([0, 0, 0.2]), "cc").as_file() as path, ContourFile(path) as file:
-        ...     file.pose_count
-        1
-        """
+        """The contour file that the batch was read from, or one that is removed afterwards."""
         if self.source is not None:
             yield self.source
             return
@@ -201,16 +168,10 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         speed [m/s], update_rate [Hz]: instead of the strategy's.
         Raises StrategyError for an unknown strategy or a missing duration, PoseError for poses without times.
         """
-        changes = {"speed": speed, "update_rate": update_rate}
-        given = {name: value for name, value in changes.items() if value is not None}
-        sampler = Sampler(replace(sampling_of(sampling), **given))
-        blocks = list(ContourSource(self.rows(), sampler, duration))
-        return SampledContours(joined(blocks), sampler.strategy, sampler.count)
+        from .sampled_contours import sample_rows
 
-    @explain_keywords(
-        **dict.fromkeys(("update_rate", "speed"), "give sampling=preset('stm', update_rate=10_000.0, speed=7.0)"),
-        **dict.fromkeys(("loop", "loops", "times"), "repeats=N plays it N times"),
-    )
+        return sample_rows(self.rows(), sampling, duration, speed=speed, update_rate=update_rate)
+
     def play(
         self,
         array: str | Path = "emulator",
@@ -220,80 +181,71 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         repeats: int = 1,
         serial: str | None = None,
         calibration: str | Path | None = None,
-        emulate: bool = False,
-        clock: str = "monotonic",
-        uncalibrated: bool = False,
-        watchdog: bool = False,
         drive: DriveStrategy | None = None,
         watch: Callable[[LiveStatistics, int], object] | None = None,
+        **fields: Unpack[ConnectionFields],
     ) -> Playback:
         """Sample and stream the contours to an array, in real time; the array is off afterwards, however it ends.
 
         array: its name, or a JSON file of several. sampling: by default `stm` at the array's own rate. duration: when
-        to stop [s]; a static pose needs it. emulate: a model of the board instead of the board. clock: of a model,
-        "monotonic" (real time) or "virtual" (as fast as possible). watch: called at most 10 times a second with the
-        statistics and the number of frames in all; what it raises ends the playback. Others, and errors, as for
-        `play_file` and `Connection`.
+        to stop [s]; a static pose needs it. watch: called at most 10 times a second with the statistics and the number
+        of frames in all; what it raises ends the playback. fields: of `Connection`, such as emulate=True, which plays
+        to a model of the board, and clock="virtual", by which a model plays as fast as possible. Others, and errors, as
+        for `play_file`.
         """
+        from ..playback.file_playback import Connection, play_contours
+        from ..playback.placed_arrays import load_rig
+
         if watch is not None and not callable(watch):
             raise StrategyError(f"watch must be a function of statistics and a number of frames, not {watch!r:.60}")
-        board = None if calibration is None else Path(calibration)
-        return play_contours(
-            self.rows(),
-            array=load_rig(str(array), serial=serial, calibration=board),
-            sampling=sampling,
-            drive=drive,
-            duration=duration,
-            repeats=repeats,
-            connection=Connection(emulate=emulate, clock=clock, uncalibrated=uncalibrated, watchdog=watchdog),
-            watch=watch,
-        )
+        arrays = load_rig(str(array), serial=serial, calibration=None if calibration is None else Path(calibration))
+        given: dict[str, Any] = {"sampling": sampling, "drive": drive, "duration": duration, "repeats": repeats}
+        return play_contours(self.rows(), array=arrays, connection=Connection(**fields), watch=watch, **given)
 
     def view(self, *, port: int | None = None, array: str = "emulator") -> None:
         """Show the contours in the browser until Ctrl-C; port, array, and errors as for `view_files`."""
-        from ..view.live.session import open_browser, view_files  # a server, which few scripts start
+        from ..view.live.session import open_browser, view_files
 
         view_files([self], port=port, array=array, ready=open_browser)
 
-    def noise(
-        self,
-        *,
-        array: str = "emulator",
-        sampling: SamplingStrategy | str | None = None,
-        duration: float | None = None,
-    ) -> "NoiseSignal":
-        """The audible signal at a microphone while the contours are played; arguments as for `predict_noise`."""
-        from ..acoustics.prediction import predict_noise  # kernels of waves, which few scripts launch
+    def noise(self, **options: Any) -> NoiseSignal:
+        """The audible signal at a microphone during playback; options: array, sampling, duration of `predict_noise`."""
+        from ..acoustics.prediction import predict_noise
 
-        return predict_noise(self.rows(), array=array, sampling=sampling, duration=duration)
+        return predict_noise(self.rows(), **options)
 
-    def field(
-        self, *, array: str = "emulator", sampling: SamplingStrategy | str | None = None, poses: int = POSES_MEASURED
-    ) -> "PressureMetrics":
-        """Pressure on the palm, mean over a sample of the poses; arguments and errors as for `pressure_metrics`."""
-        from ..acoustics.field_metrics import pressure_metrics  # kernels of waves, which few scripts launch
+    def field(self, **options: Any) -> PressureMetrics:
+        """Pressure on the palm, mean over a sample of the poses; options and errors as for `pressure_metrics`."""
+        from ..acoustics.field_metrics import pressure_metrics
 
-        return pressure_metrics(self, array=array, sampling=sampling, poses=poses)
+        return pressure_metrics(self, **options)
 
-    def to_pandas(self, of: str = "poses") -> "pd.DataFrame":
+    def to_pandas(self, of: str = "poses") -> pd.DataFrame:
         """A table with one row for each pose, or each point if `of` is "points"; lengths in metres, times in seconds.
 
         Raises StrategyError for another word, and if pandas is not installed.
         """
+        from .batch_tables import point_frame, pose_frame
+
         motion = self._moved()
         if of not in ("poses", "points"):
             raise StrategyError(f"of must be poses or points, not {of!r}")
         return pose_frame(self, motion) if of == "poses" else point_frame(self)
 
-    def to_xarray(self) -> "xr.Dataset":
+    def to_xarray(self) -> xr.Dataset:
         """What `to_pandas` has of poses, with the dimension `pose` and units as attributes.
 
         Raises StrategyError if xarray is not installed.
         """
+        from .batch_tables import pose_dataset
+
         return pose_dataset(self, self._moved())
 
     def facts(self) -> dict[str, object]:
         """What the batch is of, and its numbers: lengths [m], draw frequency [Hz] at 7 m/s, pauses included."""
+        from ..reports.file_summary import draw_frequencies
+        from ..sampling.draw_frequency import pauses_of
+
         motion, scene = self._moved(), self.scene
         length = self.length()
         drawn = length[length > 0]
@@ -312,9 +264,7 @@ class RenderedBatch(LikelyMembers, ContourBatch):
 
     def _repr_html_(self) -> str | None:
         """Facts and picture, for notebooks, which show this rather than a PNG."""
-        from .batch_pages import batch_page
-
-        return None if self.motion is None else batch_page(self, self._picture)
+        return None if self.motion is None else facts_page(repr(self), self.facts(), self._picture)
 
     def _repr_png_(self) -> bytes | None:
         """The picture, for consoles that show no HTML."""
@@ -335,19 +285,6 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         if self.motion is None:
             raise StrategyError("this batch does not know its hand's motion: `render` gives one that does")
         return self.motion
-
-    def _known(self) -> tuple[HandMotion, Scene]:
-        """Motion and scene; raises StrategyError for a batch that lost them, or whose points are in another frame."""
-        self._require_array_frame()
-        motion = self._moved()
-        if self.scene is None and self.part_of:
-            raise StrategyError(
-                f"this is a part of {self.part_of}, without object and hand: save or draw the whole, or render the "
-                "poses of the part"
-            )
-        if self.scene is None:
-            raise StrategyError("this batch does not know its object and hand, as one does that `render` gives")
-        return motion, self.scene
 
     def _require_array_frame(self) -> None:
         if self.scene is not None and self.scene.points != "array":

@@ -9,11 +9,11 @@ from ...datasets.contour_file.reader import ContourFile
 from ...datasets.errors import ContourFileError
 from ...datasets.motions.hand_motion import HandMotion
 from ..contour_batch import array_names
-from ..coordinate_spacing import apart_text
-from ..deprecated_names import accept_old_keywords, explain_keywords
+from ..coordinate_spacing import apart_text, warn_of_spacing
 from ..hands.hand import Hand
-from ..intersection.batch_rendering import collect
-from ..intersection.named_inputs import hand_and_motion_of, is_unaligned, solid_of
+from ..intersection.batch_rendering import collect, removes_any
+from ..intersection.job import job_of
+from ..intersection.named_inputs import is_unaligned
 from ..objects.solid import Solid
 from ..strategies.intersection_strategy import IntersectionStrategy
 from ..user_warnings import warn_user
@@ -23,14 +23,6 @@ from .rendered_batch import RenderedBatch
 LONG = 1.0  # [s]; a motion that goes on so long without a contour is probably elsewhere
 
 
-@accept_old_keywords(thing="solid", moved="object_pose")
-@explain_keywords(
-    **dict.fromkeys(
-        ("duration", "rate", "seed"), "give the motion exploration(solid, duration=30.0, rate=90.0, seed=1)"
-    ),
-    **dict.fromkeys(("alignment", "side"), "give the motion load_recording(path, alignment=..., hand=...)"),
-    **dict.fromkeys(("scale", "fit", "at", "up", "rotate"), "give the object MeshObject.load(path, fit=0.12)"),
-)
 def render(
     solid: Solid | str | Path,
     hand: Hand | str,
@@ -66,26 +58,19 @@ def render(
     >>> batch.length().round(3)  # round the palm [m]
     array([0.36], dtype=float32)
     """
-    solid = solid_of(solid)
     is_raw = is_unaligned(motion)
-    hand, motion = hand_and_motion_of(hand, motion, solid)
-    found = collect(
-        solid,
-        hand,
-        motion,
-        strategy,
-        object_pose=object_pose,
-        points=points,
-        device=device,
-        devices=devices,
-        memory=memory,
-        progress=progress,
-    )
-    is_long = (motion.duration or 0.0) >= LONG
-    if is_long and object_pose is None and not found.contours.point_count and not found.removed_any:
+    means = {"device": device, "devices": devices, "memory": memory}
+    report = None if progress is None else lambda done, _: progress(done)
+    job = job_of(solid, hand, motion, strategy, object_pose=object_pose, points=points, progress=report, **means)
+    scene, motion = job.scene, job.motion
+    way = '; points="patch" keeps the points themselves exact, but not the poses'
+    warn_of_spacing(scene.solid.name, scene.solid.bounds, motion.pose, scene.object_pose, way=way)
+    contours, removed = collect(job)
+    is_empty = object_pose is None and not contours.point_count and not removes_any(removed)
+    if is_empty and (motion.duration or 0.0) >= LONG:
         way = "; give the recording an alignment: load_recording(path, alignment=...)" if is_raw else ""
-        warn_user(apart_text(solid.bounds, motion.pose) + way)
-    return RenderedBatch(**vars(found.contours), motion=motion, scene=found.scene, removed=found.removed)
+        warn_user(apart_text(scene.solid.bounds, motion.pose) + way)
+    return RenderedBatch(**vars(contours), motion=motion, scene=scene, removed=removed)
 
 
 def load_contours(path: str | Path) -> RenderedBatch:

@@ -1,16 +1,20 @@
 """Focal points of a whole motion, with what happened on the way."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...datasets.focus_files.ptlist import PointListError, write_ptlist
+from ..batch_rows import BatchRows
+from ..playback.focus_source import ContourSource
 from ..sampling.metrics import FocalPoints, SamplingCount
+from ..sampling.presets import sampling_of
+from ..sampling.sampler import Sampler, joined
 from ..sampling.strategy import SamplingStrategy
 from .batch_tables import frame_of
-from .likely_members import OF_FOCAL_POINTS, LikelyMembers
+from .likely_members import LikelyMembers
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,8 +29,6 @@ class SampledContours(LikelyMembers):
     >>> sampled.position.shape, round(sampled.draw_frequency, 1)  # 0.34 m at 7 m/s [Hz]
     ((1000, 3), 20.6)
     """
-
-    likely: ClassVar[dict[str, str]] = OF_FOCAL_POINTS
 
     focus: FocalPoints
     sampling: SamplingStrategy
@@ -79,8 +81,7 @@ class SampledContours(LikelyMembers):
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write a point list (.ptlist), which `play_file` and DOLPHIN read; returns its path.
 
-        Raises PointListError for several focal points at once, another suffix, and a file that is there, unless
-        `overwrite`.
+        Raises PointListError for several focal points at once, another suffix, and a file that is there already.
         """
         if Path(path).suffix.lower() != ".ptlist":
             raise PointListError(f"{path}: a point list must end in .ptlist; to_pandas().to_csv(path) writes a table")
@@ -89,8 +90,17 @@ class SampledContours(LikelyMembers):
 
     def to_pandas(self) -> "pd.DataFrame":
         """A table with one row for each sample and focal point: time [s], x, y, z [m], intensity."""
-        position = self.position.reshape(len(self), -1, 3)
-        foci = position.shape[1]
-        columns = {"time": np.repeat(self.time, foci)}
-        columns |= {name: position[:, :, k].ravel() for k, name in enumerate("xyz")}
+        position = self.position.reshape(-1, 3)
+        columns = {"time": np.repeat(self.time, len(position) // max(1, len(self)))}
+        columns |= {name: position[:, k] for k, name in enumerate("xyz")}
         return frame_of(columns | {"intensity": self.intensity.ravel()})
+
+
+def sample_rows(
+    rows: BatchRows, sampling: SamplingStrategy | str | Path, duration: float | None, **changes: float | None
+) -> SampledContours:
+    """Focal points of contours in memory; changes: of the strategy's values; others as for `RenderedBatch.sample`."""
+    given = {name: value for name, value in changes.items() if value is not None}
+    sampler = Sampler(replace(sampling_of(sampling), **given))
+    blocks = list(ContourSource(rows, sampler, duration))
+    return SampledContours(joined(blocks), sampler.strategy, sampler.count)

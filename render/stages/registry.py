@@ -26,7 +26,6 @@ import numpy as np
 from ...datasets.known_names import unknown_name
 from ...kernels.stages.point_function import map_intensity, map_points
 from ..contour_batch import ContourBatch
-from ..deprecated_names import OldAttribute
 from ..errors import StrategyError
 from ..objects.solid import Solid
 from ..user_warnings import warn_user
@@ -174,10 +173,6 @@ class Setting:
     """Most points that a stage of palpate's own may make of the batch: PointLimitError asks for smaller batches."""
     warned: dict[str, object] = field(default_factory=dict, repr=False)
     """Names of the warnings that this rendering has given; all its batches share it."""
-
-    thing = OldAttribute("solid")
-    moved = OldAttribute("object_pose")
-    pivot = OldAttribute("object_centre")
 
     @cached_property
     def frames(self) -> "PatchFrames":

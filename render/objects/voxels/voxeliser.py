@@ -11,7 +11,6 @@ import warp as wp
 from ....datasets.errors import name_nothing
 from ....kernels.section.edge_pairing import twins_of
 from ....kernels.solids.voxelise import GridNodes, cross_columns, measure_distances, wind_nodes
-from ...deprecated_names import accept_old_keywords
 from ...errors import MeshError, VoxelError
 from ...runtime.interrupt import abandonable
 from ...runtime.loading_progress import Watch, unwatched
@@ -183,7 +182,6 @@ def known_device(device: str | None) -> str:
         raise VoxelError(f"device must be one of {known}, not {value_text(device)}") from error
 
 
-@accept_old_keywords(thing="mesh")
 def voxelise(
     mesh: MeshObject | str | Path,
     *,

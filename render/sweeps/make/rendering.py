@@ -26,7 +26,7 @@ from ...intersection.named_inputs import (
     simplified,
 )
 from ...intersection.scene import Scene
-from ...motions.poses import ExploredPoses, HostPoses
+from ...motions.explored import ExploredPoses, HostPoses
 from ...objects.mesh.placement import Placement
 from ...objects.solid import Solid
 from ...playback.drive import DriveStrategy

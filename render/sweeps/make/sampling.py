@@ -14,6 +14,7 @@ from ....datasets.motions.hand_motion import HandMotion
 from ...contour_batch import ContourBatch
 from ...hands.hand import Hand
 from ...intersection.batch_rendering import rendered_chunks
+from ...intersection.job import ContourJob
 from ...intersection.scene import Scene
 from ...motions.numbers import dwell_grid, sampling_numbers
 from ...playback.focus_source import (
@@ -70,7 +71,7 @@ class RenderedContours:
             return
         kept: list[tuple[int, int, ContourBatch]] | None = []
         size = 0
-        for chunk in rendered_chunks(self._scene, self._motion.pose, device=self._device):
+        for chunk in rendered_chunks(ContourJob.of(self._scene, self._motion, device=self._device)):
             size += sum(array.nbytes for array in chunk.contours.by_name().values())
             kept = None if kept is None or size > KEPT_BYTES else kept
             if kept is not None:

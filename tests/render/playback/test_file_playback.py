@@ -23,10 +23,10 @@ from palpate.render.playback.focus_source import ContourSource, PointSource
 from palpate.render.playback.frame_source import FrameSource
 from palpate.render.playback.opened_source import usual_rate
 from palpate.render.playback.placed_arrays import PlacedArray, load_rig
-from palpate.render.sampling.strategy import AmplitudeModulation, Gap, LateralModulation, Pace, SamplingStrategy
 from palpate.render.sampling.metrics import FocalPoints
-from palpate.render.sampling.sampler import Sampler, joined, sample_contours
 from palpate.render.sampling.presets import preset
+from palpate.render.sampling.sampler import Sampler, joined, sample_contours
+from palpate.render.sampling.strategy import AmplitudeModulation, Gap, LateralModulation, Pace, SamplingStrategy
 
 VIRTUAL = Connection(clock="virtual")
 

@@ -19,11 +19,11 @@ from palpate.kernels.section.kept_room import RoomSize
 from palpate.render import IntersectionStrategy, MeshObject, Palm, closed_contour, open_contour, render
 from palpate.render.errors import MeshError, PoseError, StrategyError
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand
-from palpate.render.intersection.batch_rendering import check_poses
+from palpate.render.intersection.named_inputs import motion_of
 from palpate.render.intersection.prepared_contours import PreparedContours
 from palpate.render.playback.live import DRAWN_MOST, Instant, checked_pose
-from palpate.render.sampling.strategy import AmplitudeModulation, LateralModulation, SamplingStrategy
 from palpate.render.sampling.sampler import Sampler, sample_bounds, sample_contours
+from palpate.render.sampling.strategy import AmplitudeModulation, LateralModulation, SamplingStrategy
 
 sys.path.insert(0, str(Path(__file__).parents[3] / "benchmarks"))
 from one_pose import CASES, measure, object_of
@@ -231,7 +231,7 @@ def test_bad_poses_are_refused_as_by_render_and_change_nothing():
 def test_quaternions_are_normalised_as_by_render(error, scale, seed):
     pose = generic_poses(1, seed)[0].astype(np.float64)
     pose[3:] *= (1 + 0.999 * error * scale) / np.linalg.norm(pose[3:])
-    np.testing.assert_array_equal(checked_pose(pose), check_poses(pose[None])[0], strict=True)
+    np.testing.assert_array_equal(checked_pose(pose), motion_of(pose[None]).pose[0], strict=True)
 
 
 def test_impossible_times_are_refused_and_change_nothing():

@@ -22,8 +22,9 @@ from palpate.render import MeshObject, Palm, closed_contour, record, render
 from palpate.render.contour_batch import join_batches
 from palpate.render.errors import StrategyError
 from palpate.render.intersection import batch_rendering as batch_module
-from palpate.render.intersection.batch_rendering import POINT_BYTES, memory_for, rendered_chunks
-from palpate.render.intersection.scene import SECTION_BYTES, Scene
+from palpate.render.intersection.batch_rendering import rendered_chunks
+from palpate.render.intersection.job import ContourJob
+from palpate.render.intersection.scene import Scene
 from palpate.render.runtime.span_workers import PoseSpans, WorkerThreads
 from palpate.render.runtime.worker_devices import worker_devices
 
@@ -190,10 +191,9 @@ def test_workers_share_the_last_poses():
 @pytest.mark.parametrize("workers", [1, 2, 3])
 @pytest.mark.parametrize("memory", [2**20, 2**22, 2**28])
 def test_workers_and_chunk_sizes_change_no_bit(device, poses, workers, memory):
-    alone = list(rendered_chunks(Scene.of(TUBE, PALM, closed_contour()), poses, device=device, memory=2**24))
-    chunks = list(
-        rendered_chunks(Scene.of(TUBE, PALM, closed_contour()), poses, devices=[device] * workers, memory=memory)
-    )
+    scene = Scene.of(TUBE, PALM, closed_contour())
+    alone = list(rendered_chunks(ContourJob.of(scene, poses, device=device, memory=2**24)))
+    chunks = list(rendered_chunks(ContourJob.of(scene, poses, devices=[device] * workers, memory=memory)))
     assert len(chunks) > 1
     assert [chunk.first for chunk in chunks[1:]] == [chunk.stop for chunk in chunks[:-1]]
     assert_same(join_batches([c.contours for c in alone]), join_batches([c.contours for c in chunks]))
@@ -244,8 +244,9 @@ def test_memory_of_chunks_under_way_stays_below_the_budget(workers, poses, monke
         return give(self, ptr, size, *rest)
 
     for budget in (2**22, 2**24):
+        scene = Scene.of(TUBE, PALM, closed_contour())
         list_of_chunks = rendered_chunks(
-            Scene.of(TUBE, PALM, closed_contour()), np.tile(poses, (10, 1)), devices=["cpu"] * workers, memory=budget
+            ContourJob.of(scene, np.tile(poses, (10, 1)), devices=["cpu"] * workers, memory=budget)
         )
         with monkeypatch.context() as patch:
             patch.setattr(type(allocator), "allocate", counted_take)
@@ -262,13 +263,15 @@ import numpy as np
 import warp as wp
 from palpate.render import MeshObject, Palm, closed_contour
 from palpate.render.intersection.batch_rendering import rendered_chunks
+from palpate.render.intersection.job import ContourJob
 from palpate.render.intersection.scene import Scene
 device, budget, poses = sys.argv[1], int(sys.argv[2]), np.load(sys.argv[3])
 thing = MeshObject.load("tube")
 thing.on(device)
 wp.synchronize_device(device)
 before, largest = wp.get_mempool_used_mem_current(device), 0
-for chunk in rendered_chunks(Scene.of(thing, Palm(), closed_contour()), poses, devices=[device] * 2, memory=budget):
+scene = Scene.of(thing, Palm(), closed_contour())
+for chunk in rendered_chunks(ContourJob.of(scene, poses, devices=[device] * 2, memory=budget)):
     largest = max(largest, sum(array.nbytes for array in chunk.contours.arrays().values()))
 print(wp.get_mempool_used_mem_high(device) - before, largest)
 """
@@ -342,13 +345,6 @@ def test_devices_by_the_command_lines_words(monkeypatch):
         worker_devices("cpu,cpu")
     with pytest.raises(StrategyError, match="name one device at least"):
         render(TUBE, PALM, np.array([[0, 0, 0.2, 0, 0, 0, 1]]), closed_contour(), devices=[])
-
-
-def test_many_workers_have_more_memory_by_default():
-    assert memory_for(["cpu"]) == 512 * 10**6
-    assert memory_for(["cpu"] * 64) == 64 * 200 * 10**6
-    assert memory_for(["cuda:0"] * 2) == 2 * 10**9
-    assert POINT_BYTES < SECTION_BYTES
 
 
 def test_more_workers_than_memory_has_shares_for_are_fewer(poses):

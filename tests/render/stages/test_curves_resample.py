@@ -18,7 +18,7 @@ from transform_cases import (
 from palpate.kernels.offsets import PointLimitError
 from palpate.render import ContourBatch, IntersectionStrategy, MeshObject, Palm, Stage, exploration, render
 from palpate.render.errors import StrategyError
-from palpate.render.intersection.batch_rendering import MEMORY_SMALLEST
+from palpate.render.intersection.job import MEMORY_SMALLEST
 from palpate.render.stages.vertex_spacing import segment_lengths
 
 ROUNDING = 1e-7  # [m]; of the length of a part whose ends are float32, near the array

@@ -12,9 +12,9 @@ from expression_oracle import value
 from scipy.spatial.transform import Rotation
 
 from palpate.kernels.fields.probe import probe_points
+from palpate.render import render
 from palpate.render.errors import ImplicitError, PalpateWarning
 from palpate.render.hands.hand import Palm
-from palpate.render.intersection.batch_rendering import render
 from palpate.render.objects.functions.expression import box, half_space, sphere, torus
 from palpate.render.objects.functions.expression_json import expression_from, expression_to_json
 from palpate.render.objects.functions.implicit_object import ImplicitObject

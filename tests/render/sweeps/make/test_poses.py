@@ -8,7 +8,7 @@ import pytest
 from palpate.datasets import exploration
 from palpate.datasets.errors import MotionError
 from palpate.render import MeshObject
-from palpate.render.motions.poses import ExploredPoses, HostPoses, explored_rows
+from palpate.render.motions.explored import ExploredPoses, HostPoses, explored_rows
 from palpate.render.sweeps.make.batch import PoseRange, poses_of
 from palpate.render.sweeps.make.poses import RandomPoses
 

@@ -7,9 +7,9 @@ import pytest
 import warp as wp
 
 from palpate.datasets import exploration
+from palpate.kernels.motions import around
 from palpate.render import ExploredPoses, MeshObject
-from palpate.render.motions import around
-from palpate.render.motions.joined_rows import joined_rows
+from palpate.render.motions.explored import joined_rows
 
 ARGUMENTS = [
     {"bounds": "tube", "seed": 3},

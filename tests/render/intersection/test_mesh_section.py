@@ -7,7 +7,7 @@ import warp as wp
 
 from palpate.kernels.patch import Patch
 from palpate.render import MeshObject, Palm
-from palpate.render.intersection.resting import patches_for
+from palpate.render.intersection.mesh_section import patches_for
 from palpate.render.strategies.intersection_strategy import strategy_of
 
 STRATEGY = strategy_of("oc")

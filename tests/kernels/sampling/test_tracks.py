@@ -10,7 +10,6 @@ from sampling_cases import drawn_room, with_pauses, without_folds
 from sampling_oracle import entered_by_numpy
 
 from palpate.kernels.sampling import course, entry, focus, layout, pieces, route, ways
-from palpate.kernels.sampling.tracks import PosePieces
 from palpate.render.sampling import plan
 from palpate.render.sampling.presets import preset
 from palpate.render.sampling.strategy import Dwell, Gap, Order, Pace, SamplingStrategy, Sections
@@ -95,4 +94,3 @@ def test_numbers_of_the_kernels_are_those_of_the_sampler_in_numpy_and_of_the_pla
     assert int(course.PASSES_MOST) == numpy_track.PASSES_MOST
     assert float(entry.WHOLE_SECTION) == continuity.WHOLE_SECTION
     assert float(layout.TICKS) == float(ways.TICKS) == plan.TICKS
-    assert PosePieces is not None

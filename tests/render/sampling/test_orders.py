@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sampling_oracle import sampled_slowly
 
+from palpate.render.errors import StrategyError
 from palpate.render.sampling.presets import preset
 from palpate.render.sampling.sampler import Sampler
 from palpate.render.sampling.strategy import (
@@ -274,3 +275,10 @@ def test_cycle_that_is_too_long_is_none():
     slow, longest = (Pace(kind="frequency", frequency=10_000.0 / count) for count in (16_385, 16_384))
     assert Sampler(SamplingStrategy(pace=slow)).cycle(contours) is None  # it is made as it is played
     assert len(Sampler(SamplingStrategy(pace=longest)).cycle(contours).intensity) == 16_384
+
+
+def test_contours_of_several_poses_are_refused():
+    two = batch_of([[SQUARE], [L_SHAPE]])
+    for draw in (lambda: Sampler("stm").draw(two, still(1)[0], 10), lambda: Sampler("stm").cycle(two)):
+        with pytest.raises(StrategyError, match="of one pose, not 2"):
+            draw()

@@ -54,6 +54,8 @@ def drawn(motion, strategy, most):
     for k, (first, stop) in enumerate(pairwise(sample_bounds(motion.time, motion.duration, rate).tolist())):
         own = motion.batch.select(k, k + 1)
         contours = own if own.polyline_count or k % 2 else None
+        if k % 3 == 0:
+            sampler.draw(contours, motion.pose[k], 0)  # a pose that is not drawn yet does not go on
         while True:
             count, age = min(next(sizes), stop - first), age_at(first, motion.time[k], rate)
             blocks.append(sampler.draw(contours, motion.pose[k], count, age=age, hold=motion.hold))

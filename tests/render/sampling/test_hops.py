@@ -97,6 +97,16 @@ def test_the_ordinary_step_is_that_of_the_strategy():
         assert counted([[(circle(0.1, count=720), True)]], preset(name), samples=3000).hops == NONE, name
 
 
+@pytest.mark.parametrize("kind", ["frequency", "capped"])
+def test_steps_on_new_contours_are_judged_by_those_of_these_contours(kind):
+    """A ring of 188 mm in place of one of 25 mm and back, at 20 Hz: steps of 0.38 and 0.05 mm, and no hop."""
+    rings = [[(circle(radius, (0, 0, 0.2), 360), True)] for radius in (0.03, 0.004)]
+    pace = Pace(kind=kind, frequency=20.0) if kind == "frequency" else Pace(kind=kind, lowest=19.5, highest=20.5)
+    count = counted(rings * 10, SamplingStrategy(pace=pace))
+    assert count.hops == NONE
+    assert count.jumps == NONE | {"pose": 19}
+
+
 def test_a_fast_return_and_a_small_circle_are_ordinary_steps():
     line = [([[0, 0, 0.2], [0.07, 0, 0.2]], False)]
     back = SamplingStrategy(gap=Gap(kind="return", speed=60.0))

@@ -37,6 +37,11 @@ def scene():
     return Motion(batch, pose, TIME, DURATION, HOLD)
 
 
+def together(blocks):
+    """Focal points of all blocks that have some."""
+    return joined([block for block in blocks if len(block.position)] or [NOTHING])
+
+
 def sampled(motion, strategy, span=1 << 20, cuts=()):
     """Focal points and counts of a motion whose contours come in batches that are cut at these poses."""
     sampler = Sampler(strategy)
@@ -45,12 +50,12 @@ def sampled(motion, strategy, span=1 << 20, cuts=()):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("palpate.render.sampling.sampler.SPAN_SAMPLES", span)
         blocks = list(sample_contours(batches, *rows, sampler, hold=motion.hold))
-    return joined(blocks or [NOTHING]), sampler.count
+    return together(blocks), sampler.count
 
 
 def drawn(motion, strategy, most):
     """The same by `draw`, in blocks of 1, 2 .. `most` samples, 1 again and so on; poses of no sample are drawn too."""
-    sampler, rate, blocks, sizes = Sampler(strategy), strategy.update_rate, [NOTHING], cycle(range(1, most + 1))
+    sampler, rate, blocks, sizes = Sampler(strategy), strategy.update_rate, [], cycle(range(1, most + 1))
     for k, (first, stop) in enumerate(pairwise(sample_bounds(motion.time, motion.duration, rate).tolist())):
         own = motion.batch.select(k, k + 1)
         contours = own if own.polyline_count or k % 2 else None
@@ -62,7 +67,7 @@ def drawn(motion, strategy, most):
             first += count
             if first >= stop:
                 break
-    return joined(blocks if len(blocks) < 3 else blocks[1:]), sampler.count
+    return together(blocks), sampler.count
 
 
 def assert_same(found, expected):

@@ -84,12 +84,15 @@ def test_dwell_maps_of_any_blocks_have_the_same_bits(foci):
     motion = scene()
     focus, _ = sampled(motion, SamplingStrategy(foci=foci, update_rate=10_001.0))
     pose, bounds = motion.pose, sample_bounds(motion.time, motion.duration, 10_001.0)
-    expected = dwell_map([focus], pose, bounds, 10_001.0)
-    assert (np.rint(expected.time * foci * 10_001) / (foci * 10_001.0) == expected.time).all()
+    grid = {"width": 0.03, "length": 0.04}  # some is drawn beyond
+    expected, shared = dwell_map([focus], pose, bounds, 10_001.0, **grid), foci * 10_001.0
+    assert expected.outside > 0
+    for time in (expected.time, expected.outside):
+        assert (np.rint(time * shared) / shared == time).all()
     for block in (7, 100):
         cuts = range(block, len(focus.intensity), block)
         parts = zip(np.split(focus.position, cuts), np.split(focus.intensity, cuts), strict=True)
-        found = dwell_map([FocalPoints(*part) for part in parts], pose, bounds, 10_001.0)
+        found = dwell_map([FocalPoints(*part) for part in parts], pose, bounds, 10_001.0, **grid)
         assert (found.time == expected.time).all()
         assert (found.spread, found.outside, found.silent) == (expected.spread, expected.outside, expected.silent)
 
@@ -208,10 +211,11 @@ def test_a_pose_is_held_and_silent_for_exactly_the_samples_that_its_times_give(s
     Samples 3001..4999 are older than `hold`, and from 4000 on nothing is left, at 10 kHz.
     """
     motion = Motion(batch_of([[(circle(0.03), True)]] * 2), still(2), np.array([0.0, 0.1]), 0.5, 0.2)
-    focus, count = sampled(motion, SamplingStrategy(hold=0.2, fade=0.1), span)
-    assert (count.held, count.silent) == (1999, 1000)
-    expected = np.clip(1 - (np.arange(5000) - 3000) / 1000, 0, 1)
-    assert (focus.intensity == expected.astype(np.float32)).all()
+    strategy = SamplingStrategy(hold=0.2, fade=0.1)
+    for focus, count in (sampled(motion, strategy, span), drawn(motion, strategy, span)):
+        assert (count.held, count.silent) == (1999, 1000)
+        expected = np.clip(1 - (np.arange(5000) - 3000) / 1000, 0, 1)
+        assert (focus.intensity == expected.astype(np.float32)).all()
 
 
 def test_blocks_are_as_long_as_asked_for_and_the_last_of_a_batch_is_what_is_left():

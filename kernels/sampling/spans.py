@@ -29,7 +29,7 @@ from .layout import (
 from .pieces import DOORS
 from .route import ROOM, SUMS
 from .sums import _sum_counts
-from .tracks import PosePieces, _collect_pieces, _lay_runs, _lay_single
+from .tracks import PosePieces, _collect_pieces, _lay_tracks, _list_poses
 
 REST = (0.0, 0.0, 0.2)  # [m] where focal points of intensity 0 are before there were any
 RUNS_MOST = 16_384  # that are laid at once: the room of a run's searches takes 15 KB
@@ -115,8 +115,8 @@ class SpanRoom:
 
         pose: shape [7]. values: `first`, `number`, `count`, `time`, `hold` and `goes_on` of the schedule.
         """
-        views, fits = self._views, self.is_ready_for(plan, contours, line_most, int(values["count"]))
-        if not fits:
+        views = self._views
+        if not self._is_ready_for(plan, contours, line_most, int(values["count"])):
             span = {name: np.array([value]) for name, value in values.items()}
             span |= {"motion_start": np.array([0, 1]), "motion": np.array([0]), "row": np.array([0])}
             return self.draw(plan, contours, span, pose.reshape(1, 7), line_most=line_most)
@@ -125,6 +125,7 @@ class SpanRoom:
         views["pose"][0] = pose
         launches = self._launches
         launches["collect"].launch()
+        launches["list"].launch()
         launches["single"].launch()
         if views["runs"].item(0):
             launches["runs"].launch()
@@ -133,16 +134,28 @@ class SpanRoom:
         launches["sum"].launch()
         return self._arrays["position"], self._arrays["intensity"]
 
-    def is_ready_for(self, plan: Any, contours: Any, line_most: int, sample_count: int) -> bool:
+    def _is_ready_for(self, plan: Any, contours: Any, line_most: int, sample_count: int) -> bool:
         """Whether all launches are recorded for one pose of these contours, and memory suffices, on the CPU."""
-        return (
+        if not (
             self._on_cpu
             and self._counts == (1, 1)
             and self._recorded[0] is plan
-            and self._recorded[1] is contours
             and line_most <= self.state.room
             and sample_count <= self._arrays["position"].shape[0]
-        )
+        ):
+            return False
+        before = self._recorded[1]
+        if before is contours:
+            return True
+        grown = self.grown
+        self._fit(plan, contours, 1, sample_count)
+        columns = [(own.intensity.shape[0] > 0, own.dwell.shape[0] > 0) for own in (before, contours)]
+        if self.grown != grown or columns[0] != columns[1]:
+            return False
+        for name in ("collect", "single", "runs", "enter", "sum"):  # the others take no contours
+            self._launches[name].set_param_at_index(0, contours)
+        self._recorded = plan, contours
+        return True
 
     def lay(self, plan: Any, contours: Any, schedule: Mapping[str, np.ndarray]) -> None:
         """Only lay the tracks of a span's poses; schedule: at least its motions and counts."""
@@ -171,6 +184,7 @@ class SpanRoom:
     def _lay(self, plan: Any, contours: Any, pose_count: int) -> None:
         """Lay the tracks of all poses: at once those of one piece, then the runs that there are."""
         self._launch("collect", pose_count)
+        self._launch("list", pose_count)
         self._launch("single", pose_count)
         runs = int(self._views["runs"][0] if self._on_cpu else self._arrays["runs"].numpy()[0])
         grown = self.grown
@@ -257,6 +271,7 @@ class SpanRoom:
             ("piece_length", pose_count, wp.float64),
             ("tracks", pose_count, PoseTrack),
             ("begin", pose_count, wp.int32),
+            ("single", pose_count, wp.int32),
             ("runs", 1, wp.int32),
             ("entries", pose_count, PoseEntry),
             ("counts", pose_count, StepCount),
@@ -314,11 +329,12 @@ class SpanRoom:
         drawn.nodes, drawn.tracks, drawn.entries = nodes, own["tracks"], own["entries"]
         drawn.pose, drawn.routes = own["pose"], own["drawn"]
         laid = [rows, nodes, own["tracks"]]
-        runs = [own["begin"], own["runs"]]
+        given = [contours, plan, schedule, pieces, state, own["single"], own["begin"]]
         for name, kernel, inputs, outputs in (
             ("collect", _collect_pieces, [contours, schedule, state], [rows, pieces, own["runs"]]),
-            ("single", _lay_single, [contours, plan, schedule, pieces, state], [*laid, *runs]),
-            ("runs", _lay_runs, [contours, plan, schedule, pieces, state, 0, *runs], laid),
+            ("list", _list_poses, [schedule, pieces, state], [own["tracks"], own["single"], own["begin"], own["runs"]]),
+            ("single", _lay_tracks, [*given, -1], laid),
+            ("runs", _lay_tracks, [*given, 0], laid),
             ("enter", _enter_poses, [contours, plan, schedule, nodes, own["tracks"]], [state, own["entries"]]),
             (
                 "draw",

@@ -64,14 +64,6 @@ def width_at(board: PulseBoard, place: int, level: wp.float32, whole: int):
     return whole
 
 
-@wp.func
-def delay_to(board: PulseBoard, point: wp.vec3, place: int):
-    """Delay of a transducer that focuses at a point [turns]."""
-    d = point - board.position[place]
-    turns = -(wp.sqrt((d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]) * board.per_metre)
-    return turns - wp.floor(turns)
-
-
 @wp.kernel
 def _pack_pulses(
     # In:
@@ -91,7 +83,9 @@ def _pack_pulses(
     for k in range(PLACES):
         place = group * PLACES + k
         width = width_at(board, place, level[i], whole)
-        frame[i, place] = start_of(board, delay_to(board, x, place), place, width)
+        d = x - board.position[place]
+        turns = -(wp.sqrt((d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]) * board.per_metre)
+        frame[i, place] = start_of(board, turns - wp.floor(turns), place, width)
         frame[i, places + place] = wp.uint8(width)
 
 

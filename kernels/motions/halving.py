@@ -72,16 +72,6 @@ def is_unsure(x: wp.float64):
     return x != ZERO and is_doubtful(x, DOUBT)
 
 
-@wp.func
-def middle_place(a: wp.vec3, b: wp.vec3):
-    """Halfway between two positions."""
-    out = wp.vec3()
-    for axis in range(3):
-        p = wp.float64(a[axis])
-        out[axis] = wp.float32(p + HALF * (wp.float64(b[axis]) - p))
-    return out
-
-
 @wp.kernel
 def _choose_intervals(
     # In:
@@ -174,7 +164,13 @@ def _halve_intervals(
     if x[4] > ZERO:
         doubtful[wp.atomic_add(doubtful, doubtful.shape[0] - 1, 1)] = wp.int32(k)
     turn = wp.quat(wp.float32(x[0]), wp.float32(x[1]), wp.float32(x[2]), wp.float32(x[3]))
-    pose = wp.transform(middle_place(wp.transform_get_translation(p), wp.transform_get_translation(q)), turn)
+    one = wp.transform_get_translation(p)
+    two = wp.transform_get_translation(q)
+    position = wp.vec3()
+    for axis in range(3):
+        near = wp.float64(one[axis])
+        position[axis] = wp.float32(near + HALF * (wp.float64(two[axis]) - near))
+    pose = wp.transform(position, turn)
     time = HALF * (rows.time[i] + rows.time[i + 1])
     key = rows.key[i] + step
     place[k] = at + wp.int64(1)

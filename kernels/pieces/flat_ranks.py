@@ -189,18 +189,6 @@ def open_loops(
 
 
 @wp.func
-def rank_crossings(
-    surface: Surface, s: LaneSpace, count: int, group: int, stored: wp.array[wp.int64], lane: int, lanes: int
-):
-    """Rank all linked crossings of a section along their chains and loops."""
-    begin_ranks(s, count, lane, lanes)
-    jump(s, count, lane, lanes)
-    if mark_loops(s, count, lane, lanes):
-        open_loops(surface, s, count, group, stored, lane, lanes)
-        jump(s, count, lane, lanes)
-
-
-@wp.func
 def take_slots(block: RowBlock, pieces: ContourPieces, group: int, row: int):
     """Take as many slots as the row of a group has pieces, or note that there are too few."""
     count = high_of(block.stored[group])
@@ -352,7 +340,11 @@ def rank_row(
         i += lanes
     sync_lanes()
     link_crossings(surface, f, side, s, count, group, block.stored, lane, lanes)
-    rank_crossings(surface, s, count, group, block.stored, lane, lanes)
+    begin_ranks(s, count, lane, lanes)
+    jump(s, count, lane, lanes)
+    if mark_loops(s, count, lane, lanes):
+        open_loops(surface, s, count, group, block.stored, lane, lanes)
+        jump(s, count, lane, lanes)
     if lane == 0:
         take_slots(block, pieces, group, row)
     sync_lanes()

@@ -128,20 +128,6 @@ def reverse_between(tour: Tour, a: int, b: int):
 
 
 @wp.func
-def exchange_two(tour: Tour, ends: wp.vec4i):
-    """Replace the steps b-a and d-c by a-c and b-d; ends: b, a, d, c, in this order on the path, onward or back."""
-    ahead = beside(tour, ends[0], 1) == ends[1]
-    reverse_between(tour, wp.where(ahead, ends[1], ends[2]), wp.where(ahead, ends[2], ends[1]))
-
-
-@wp.func
-def third_from(tour: Tour, a: int, c: int, e: int, onward: int):
-    """The point f to which the third step leads from e: away from b where a, b and e are on one side of c-d."""
-    within = steps_to(tour, a, e, onward) < steps_to(tour, a, c, onward)
-    return beside(tour, e, wp.where(within, onward, 1 - onward))
-
-
-@wp.func
 def wake(tour: Tour, a: int, b: int):
     """Look for exchanges from two points again."""
     tour.awake[tour.row + a] = wp.uint8(1)
@@ -163,7 +149,9 @@ def apply_choice(tour: Tour, a: int, c: int, code: int):
     pairs = int(1)
     if code >= 4:
         e = int(tour.near[NEAR * (tour.row + d) + (code >> 2) - 1])
-        f = third_from(tour, a, c, e, onward)
+        # The third step leads from e to f: away from b where a, b and e are on one side of c-d.
+        within = steps_to(tour, a, e, onward) < steps_to(tour, a, c, onward)
+        f = beside(tour, e, wp.where(within, onward, 1 - onward))
         wake(tour, e, f)
         second = wp.vec4i(b, d, f, e)
         pairs = 2
@@ -173,7 +161,9 @@ def apply_choice(tour: Tour, a: int, c: int, code: int):
             third = wp.vec4i(c, e, a, d)
             pairs = 3
     for _pair in range(pairs):
-        exchange_two(tour, ends)
+        # Steps b-a and d-c become a-c and b-d; ends: b, a, d, c, in this order on the path, onward or back.
+        ahead = beside(tour, ends[0], 1) == ends[1]
+        reverse_between(tour, wp.where(ahead, ends[1], ends[2]), wp.where(ahead, ends[2], ends[1]))
         ends = second
         second = third
 

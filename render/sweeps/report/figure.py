@@ -2,7 +2,7 @@
 
 import math
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -74,7 +74,12 @@ def sweep_figure(columns: Mapping[str, Sequence[Any] | np.ndarray], *, name: str
     views = choose_views(table, metrics)
     style = {"font.size": 8, "axes.spines.top": False, "axes.spines.right": False, "axes.titlelocation": "left"}
     with mpl.rc_context(style):
-        blocks = _blocks(views, list(metrics))
+        # Views whose axes have the same places are one block; metrics keep their order.
+        rows_of = {metric: (view.layout, values) for view in views for metric, values in view.metrics.items()}
+        found: dict[tuple[str, ...], dict[str, tuple[FigureLayout, np.ndarray]]] = {}
+        for metric in metrics:
+            found.setdefault(rows_of[metric][0].places, {})[metric] = rows_of[metric]
+        blocks = [_Block(own) for own in found.values()]
         heights = [block.height for block in blocks]
         figure = Figure(figsize=(max(block.width for block in blocks), 1.35 + sum(heights)), layout="constrained")
         figure.get_layout_engine().set(w_pad=0.05, h_pad=0.05)  # type: ignore[union-attr]  # given one line before
@@ -110,16 +115,9 @@ class _Block:
     @property
     def height(self) -> float:
         """[inch]."""
-        return _thickness(self.layout) if _lies(self.layout) else 1.6 * self.grid[0]
-
-
-def _blocks(views: Sequence[View], order: Sequence[str]) -> list[_Block]:
-    """Views whose axes have the same places are one block; metrics keep their order."""
-    rows = {metric: (view.layout, values) for view in views for metric, values in view.metrics.items()}
-    found: dict[tuple[str, ...], dict[str, tuple[FigureLayout, np.ndarray]]] = {}
-    for metric in order:
-        found.setdefault(rows[metric][0].places, {})[metric] = rows[metric]
-    return [_Block(own) for own in found.values()]
+        if not _lies(self.layout):
+            return 1.6 * self.grid[0]
+        return 0.3 + len(self.layout.x.values) * max(0.17, 0.08 * (1 + _lanes(self.layout)))
 
 
 def _draw_block(area: Any, block: _Block) -> None:
@@ -157,11 +155,6 @@ def _lanes(layout: FigureLayout) -> int:
     return math.prod(len(axis.values) for axis in (layout.hue, layout.dash) if axis)
 
 
-def _thickness(layout: FigureLayout) -> float:
-    """Of panels that lie [inch]."""
-    return 0.3 + len(layout.x.values) * max(0.17, 0.08 * (1 + _lanes(layout)))
-
-
 def _draw_panels(
     axes: np.ndarray, layout: FigureLayout, metrics: Mapping[str, tuple[FigureLayout, np.ndarray]]
 ) -> None:
@@ -177,30 +170,23 @@ def _draw_panels(
         title, unit = titled(metric)
         shown = SHOWN_UNITS[unit][0]
         (panels[0].set_ylabel if column else panels[0].set_title)(f"{title} [{shown}]" if shown else title, fontsize=8)
-        _scale(panels[0].set_xscale if _lies(layout) else panels[0].set_yscale, values)
+        # Logarithmic if most would else lie on top of each other; with zeros, linear below the small ones.
+        positive = values[values > 0]
+        low = float(np.quantile(positive, 0.1)) if len(positive) else 0.0
+        if low and positive.max() > LOG_FROM * low:
+            set_scale = panels[0].set_xscale if _lies(layout) else panels[0].set_yscale
+            has_zero = len(positive) < np.isfinite(values).sum()
+            set_scale("symlog", linthresh=low) if has_zero else set_scale("log")
     for panel in () if column else panels_all[len(metrics) :]:
         panel.remove()
     if _lies(layout):
-        _name_rows(panels_all[0], layout.x)
+        labels = [_value(layout.x, k) for k in range(len(layout.x.values))]
+        panels_all[0].set_yticks(range(len(labels)), labels)
+        panels_all[0].set_ylim(len(labels) - 0.4, -0.6)  # the first on top
+        panels_all[0].set_ylabel(_words(layout.x.name))
     else:
         for panel in axes[-1] if column else panels_all[: len(metrics)][-axes.shape[1] :]:
             _label_x(panel, layout.x)
-
-
-def _scale(set_scale: Callable[..., None], values: np.ndarray) -> None:
-    """Make an axis logarithmic if most would else lie on top of each other; with zeros, linear below the small ones."""
-    positive = values[values > 0]
-    low = float(np.quantile(positive, 0.1)) if len(positive) else 0.0
-    if low and positive.max() > LOG_FROM * low:
-        has_zero = len(positive) < np.isfinite(values).sum()
-        set_scale("symlog", linthresh=low) if has_zero else set_scale("log")
-
-
-def _name_rows(panel: Any, x: Axis) -> None:
-    labels = [_value(x, k) for k in range(len(x.values))]
-    panel.set_yticks(range(len(labels)), labels)
-    panel.set_ylim(len(labels) - 0.4, -0.6)  # the first on top
-    panel.set_ylabel(_words(x.name))
 
 
 def _label_x(panel: Any, x: Axis) -> None:

@@ -35,21 +35,16 @@ TITLES: dict[str, tuple[str, str]] = {
 def shown_metrics(table: Mapping[str, Sequence[Any]]) -> dict[str, np.ndarray]:
     """Metrics that have values, at most ROWS, in shown units; what never differs comes only if nothing else does."""
     jumps = [numbers(table[key]) for key in table if key.startswith("jumps_")]
-    names = _ordered(table)
+    # What was asked for beyond contours and draw frequency comes first, but for the length.
+    own = [name for name in table if is_user_column(name) and name.endswith("_mean")]
+    place = list(TITLES).index("draw_frequency_actual")
+    names = [*list(TITLES)[:place], *own, *list(TITLES)[place:]]
     source: dict[str, np.ndarray] = {key: numbers(table[key]) for key in names if key in table}
     if jumps:
         source["jumps"] = np.sum(jumps, axis=0)
     there = {key: source[key] for key in names if key in source and np.isfinite(source[key]).any()}
     telling = {key: values for key, values in there.items() if np.nanmax(values) > np.nanmin(values)} or there
     return {key: SHOWN_UNITS[titled(key)[1]][1] * values for key, values in list(telling.items())[:ROWS]}
-
-
-def _ordered(table: Mapping[str, Sequence[Any]]) -> list[str]:
-    """Metrics that may be shown: what was asked for beyond contours and draw frequency first, but for the length."""
-    own = [name for name in table if is_user_column(name) and name.endswith("_mean")]
-    names = list(TITLES)
-    place = names.index("draw_frequency_actual")
-    return [*names[:place], *own, *names[place:]]
 
 
 def titled(metric: str) -> tuple[str, str]:

@@ -65,8 +65,14 @@ def export_page(
     >>> facts["poses"], facts["bytes"] < 1_500_000
     ([1], True)
     """
-    paths = _paths(files)
-    page = _page(out, paths, overwrite=overwrite)
+    listed = [files] if isinstance(files, str | Path) else list(files)
+    if not 1 <= len(listed) <= FILES_MOST:
+        raise StrategyError(f"a page shows one contour file or two, not {len(listed)}")
+    paths = [require_path(path, "a contour file") for path in listed]
+    page = require_path(out, "the page")
+    if page.suffix.lower() not in (".html", ".htm"):
+        raise StrategyError(f"{page}: must end in .html or .htm, not {value_text(page.suffix)}")
+    require_output(page, overwrite=overwrite, sources=paths)
     require_number("limit", limit, 0.001, 1e6, unit="MB")
     models = [placed.model for placed in (load_rig(array) if isinstance(array, str) else array)]
     with ExitStack() as opened:
@@ -135,9 +141,13 @@ def _document(
     sampling: SamplingStrategy | None,
 ) -> str:
     packer = Packer()
+    paths = [scene.path for scene in scenes]
+    short = [path.name for path in paths]
+    if len(set(short)) < len(short):  # alike: with their folders
+        short = [str(path) for path in paths]
     names = [
         name if scene.is_sealed else f"{name} (unfinished: {scene.done_count} of {scene.pose_count} poses are rendered)"
-        for name, scene in zip(_names([scene.path for scene in scenes]), scenes, strict=True)
+        for name, scene in zip(short, scenes, strict=True)
     ]
     packed = [
         pack_file(scene, list(poses), packer, name=name, sampling=sampling)
@@ -146,12 +156,13 @@ def _document(
     for file, label in zip(packed, labels_of([scene.file for scene in scenes]), strict=True):
         file["label"] = visible(label)
     head = title or _title(packed)
+    boxes = np.stack([scene.bounds() for scene in scenes])
     described = {
         "title": visible(head),
         "version": version("palpate"),
         "files": packed,
         "arrays": [_array(model, packer) for model in models],
-        "bounds": _bounds(scenes),
+        "bounds": [boxes[:, 0].min(axis=0).round(5).tolist(), boxes[:, 1].max(axis=0).round(5).tolist()],
     }
     return document(described, packer.text(), head)
 
@@ -181,29 +192,3 @@ def _array(model: ArrayModel, packer: Packer) -> dict[str, Any]:
 
 def _placed(corners: list[list[float]], model: ArrayModel) -> list[list[float]]:
     return (model.pose[:3] + rotate(model.pose[3:], np.array(corners))).round(6).tolist()
-
-
-def _bounds(scenes: list[FileScene]) -> list[list[float]]:
-    boxes = np.stack([scene.bounds() for scene in scenes])
-    return [boxes[:, 0].min(axis=0).round(5).tolist(), boxes[:, 1].max(axis=0).round(5).tolist()]
-
-
-def _names(paths: list[Path]) -> list[str]:
-    """Names of files without their folders, unless they are alike."""
-    names = [path.name for path in paths]
-    return names if len(set(names)) == len(names) else [str(path) for path in paths]
-
-
-def _paths(files: str | Path | Sequence[str | Path]) -> list[Path]:
-    listed = [files] if isinstance(files, str | Path) else list(files)
-    if not 1 <= len(listed) <= FILES_MOST:
-        raise StrategyError(f"a page shows one contour file or two, not {len(listed)}")
-    return [require_path(path, "a contour file") for path in listed]
-
-
-def _page(out: str | Path, sources: list[Path], *, overwrite: bool) -> Path:
-    page = require_path(out, "the page")
-    if page.suffix.lower() not in (".html", ".htm"):
-        raise StrategyError(f"{page}: must end in .html or .htm, not {value_text(page.suffix)}")
-    require_output(page, overwrite=overwrite, sources=sources)
-    return page

@@ -31,12 +31,13 @@ def pack_file(
     moments = [scene.moment(row) for row in rows]
     pose = np.stack([moment.hand_pose for moment in moments])
     strategy = sampling or scene.sampling
+    preset = next((name for name, make in PRESETS.items() if make() == strategy), "options of its own")
     return {
         "name": visible(name),
         "object": visible(scene.object_name),
         "hand": visible(hand_text(scene.file.hand)),
         "strategy": visible(strategy_name_of(scene.strategy)),
-        "sampling": visible(_sampling_text(strategy)),
+        "sampling": visible(f"{preset}: {strategy.speed:g} m/s at {strategy.update_rate / 1e3:g} kHz"),
         "pose_count": scene.pose_count,
         "has_time": scene.has_time,
         "solid": _pack_solid(scene, moments, packer),
@@ -45,11 +46,6 @@ def pack_file(
         "contours": _pack_contours([moment.contours for moment in moments], packer),
         "focus": _pack_focus(_paths(scene, moments, strategy), packer),
     }
-
-
-def _sampling_text(strategy: SamplingStrategy) -> str:
-    name = next((name for name, make in PRESETS.items() if make() == strategy), "options of its own")
-    return f"{name}: {strategy.speed:g} m/s at {strategy.update_rate / 1e3:g} kHz"
 
 
 def _pack_poses(

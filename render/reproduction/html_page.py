@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from html import escape
 
-from .sections import ReportSection, ReportTable
+from .sections import ReportSection
 
 ROW_HEAD = ("result", "paper", "palpate", "why they differ")
 STYLE = """
@@ -41,12 +41,8 @@ def _section(section: ReportSection) -> str:
         for picture in section.pictures
     )
     compared = _table("", ROW_HEAD, section.rows, "compare") if section.rows else ""
-    further = "".join(_further(table) for table in section.tables)
+    further = "".join(_table(table.title, table.head, table.rows, "further") for table in section.tables)
     return f"<h2>{escape(section.title)}</h2>\n<p>{escape(section.text)}</p>\n{pictures}{compared}{further}"
-
-
-def _further(table: ReportTable) -> str:
-    return _table(table.title, table.head, table.rows, "further")
 
 
 def _table(title: str, head: Sequence[str], rows: Sequence[Sequence[str]], kind: str) -> str:

@@ -66,11 +66,9 @@ def width_at(board: PulseBoard, place: int, level: wp.float32, whole: int):
 
 @wp.kernel
 def _pack_pulses(
-    # In:
     point: wp.array[wp.vec3],  # [m]
     level: wp.array[wp.float32],
     board: PulseBoard,
-    # Out:
     frame: wp.array2d[wp.uint8],  # shape [frame, 2 places]
 ):
     """Start and width of the pulses of 16 transducers of a frame; a silent frame aims at the origin."""
@@ -91,11 +89,9 @@ def _pack_pulses(
 
 @wp.kernel
 def _pack_delays(
-    # In:
     delay: wp.array2d[wp.float32],  # [turns], 0..1, shape [frame, transducer]
     level: wp.array[wp.float32],
     board: PulseBoard,
-    # Out:
     frame: wp.array2d[wp.uint8],  # shape [frame, 2 places]
 ):
     """Start and width of the pulses of 16 transducers of a frame."""
@@ -111,10 +107,8 @@ def _pack_delays(
 
 @wp.kernel
 def _unpack_pulses(
-    # In:
     frame: wp.array2d[wp.uint8],  # of a board without calibration and mark, shape [frame, 2 places]
     board: PulseBoard,
-    # Out:
     delay: wp.array2d[wp.uint8],  # [turn / 256], shape [frame, transducer]
     level: wp.array[wp.float32],
 ):

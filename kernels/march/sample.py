@@ -134,10 +134,8 @@ def sample_kernel(inside: Any, ball: Any, data_type: Any) -> Any:
 
 @wp.kernel
 def _list_tiles(
-    # In:
     unclassified: wp.array[wp.int32],
     place: wp.array[wp.int32],  # its offsets
-    # Out:
     listed: wp.array[wp.int32],
 ):
     """List the unclassified tiles, in order."""

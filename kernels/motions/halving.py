@@ -74,12 +74,10 @@ def is_unsure(x: wp.float64):
 
 @wp.kernel
 def _choose_intervals(
-    # In:
     rows: IntervalRows,
     far: wp.array[wp.uint8],
     hold: wp.float64,  # longer intervals are halved in any case [s]
     least: wp.float64,  # halves are no shorter [s]
-    # Out:
     chosen: wp.array[wp.int64],  # shape [row + 1]
 ):
     """Choose the intervals to be halved, by 1."""
@@ -93,9 +91,7 @@ def _choose_intervals(
 
 @wp.kernel
 def _count_rows(
-    # In:
     chosen: wp.array[wp.int64],
-    # Out:
     count: wp.array[wp.int64],  # shape [row + 1]
 ):
     """Count the rows of the next level: begin and middle of an interval; its end, where no other begins."""
@@ -180,12 +176,7 @@ def _halve_intervals(
 
 @wp.kernel
 def _gather_rows(
-    # In:
-    rows: IntervalRows,
-    order: wp.array[wp.int32],
-    # Out:
-    time: wp.array[wp.float64],
-    pose: wp.array[wp.transform],
+    rows: IntervalRows, order: wp.array[wp.int32], time: wp.array[wp.float64], pose: wp.array[wp.transform]
 ):
     """Take rows in an order."""
     i = wp.tid()
@@ -195,10 +186,8 @@ def _gather_rows(
 
 @wp.kernel
 def _find_starts(
-    # In:
     key: wp.array[wp.int64],  # ascending
     motion_start: wp.array[wp.int64],
-    # Out:
     start: wp.array[wp.int64],
 ):
     """Find where the rows of a motion begin."""

@@ -124,10 +124,8 @@ def duration_of(trial: ExplorerMotion, visit: wp.int64, stroke: int, step: wp.ve
 
 @wp.kernel
 def _walk_strokes(
-    # In:
     trials: wp.array[ExplorerMotion],
     writes: bool,
-    # Out:
     count: wp.array[wp.int64],  # rows of each motion
     strokes: HandStrokes,
 ):
@@ -226,11 +224,9 @@ def stroke_at(strokes: HandStrokes, motion: int, time: wp.float64):
 
 @wp.kernel
 def _place_explorers(
-    # In:
     trials: wp.array[ExplorerMotion],
     strokes: HandStrokes,
     pose_start: wp.array[wp.int64],  # of each motion, shape [motion + 1]
-    # Out:
     pose: wp.array[wp.transform],
 ):
     """Place a palm on its stroke, with the minimum-jerk profile."""

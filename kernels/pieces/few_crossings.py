@@ -18,12 +18,10 @@ wp.set_module_options(EXACT)
 
 @wp.kernel(launch_bounds=(BLOCK, 14))
 def _rank_few_crossings(
-    # In:
     surface: Surface,
     patch: wp.array[Patch],
     bounded: int,
     lanes: int,  # of a group
-    # Out:
     block: RowBlock,
     pieces: ContourPieces,
 ):

@@ -74,11 +74,9 @@ def _write_frames(
 
 @wp.kernel(launch_bounds=(BLOCK, 10))
 def _count_windings(
-    # In:
     surface: Surface,
     patch: wp.array[Patch],
     lanes: int,  # of a group
-    # Out:
     block: RowBlock,
     pieces: ContourPieces,
 ):
@@ -117,10 +115,8 @@ def place_list(block: RowBlock, pieces: ContourPieces, row: int, count: int):
 
 @wp.kernel(launch_bounds=(BLOCK, 16))
 def _list_crossings(
-    # In:
     surface: Surface,
     lanes: int,  # of a group
-    # Out:
     block: RowBlock,
     pieces: ContourPieces,
 ):

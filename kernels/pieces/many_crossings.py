@@ -23,12 +23,10 @@ BLOCK = 128  # threads of a GPU block, which are the lanes of a group
 
 @wp.kernel(launch_bounds=(BLOCK, 6))
 def _rank_many_crossings(
-    # In:
     surface: Surface,
     patch: wp.array[Patch],
     bounded: int,
     lanes: int,  # of a group
-    # Out:
     block: RowBlock,
     pieces: ContourPieces,
 ):

@@ -14,10 +14,8 @@ FAR = wp.constant(1.0e6)  # [m]
 
 @wp.kernel
 def _bound_distances(
-    # In:
     mesh: wp.uint64,
     corner: wp.array2d[wp.vec3],  # [m], shape [triangle, 3]
-    # Out:
     known: wp.array[float],  # [m]
     bound: wp.array[float],  # [m]
 ):

@@ -63,10 +63,8 @@ def corner_node(blocks: Blocks, pose: int, node: int, corner: int):
 
 @wp.kernel
 def _count_cut_cells(
-    # In:
     blocks: Blocks,
     inside: wp.array[wp.uint8],
-    # Out:
     count: wp.array[int],  # [node + 1]
 ):
     """1 for a cell with corners inside and outside."""
@@ -90,10 +88,8 @@ def _count_cut_cells(
 
 @wp.kernel
 def _start_poses(
-    # In:
     start: wp.array[int],  # [pose + 1], into nodes
     before: wp.array[int],  # [node + 1], points before
-    # Out:
     point_start: wp.array[wp.int64],  # [pose + 1]
 ):
     """Points before each pose."""
@@ -115,14 +111,7 @@ def overlap_kernels(in_solid: Any, solid_type: Any, in_hand: Any, hand_type: Any
         return False
 
     @wp.kernel(**MODULE)
-    def _mark_shared(
-        # In:
-        solid: solid_type,
-        hand: hand_type,
-        blocks: Blocks,
-        # Out:
-        inside: wp.array[wp.uint8],
-    ):
+    def _mark_shared(solid: solid_type, hand: hand_type, blocks: Blocks, inside: wp.array[wp.uint8]):
         """Mark nodes that are in both solids."""
         node = wp.tid()
         pose = pose_of_node(blocks.start, node)

@@ -155,10 +155,8 @@ def _write_tours(
 
 @wp.kernel
 def _count_tours(
-    # In:
     start: wp.array[wp.int64],
     closes: int,
-    # Out:
     points: wp.array[wp.int64],  # shape [pose + 1], the last one stays 0
     lines: wp.array[wp.int64],
 ):

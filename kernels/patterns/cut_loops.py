@@ -308,7 +308,7 @@ def cut_loops(table: LoopTable, f: Frame, g: Coarse, side: wp.vec2d, memory: wp.
             words = mark_crossing(words, bit, p.code)
             clear = p.clear & q.clear
             if (p.code | q.code) == 0:
-                room = wp.float64(2.0 * g.unsure) * p.d * q.d  # beyond it float32 output points surely differ
+                room = wp.float64(2.0 * g.unsure) * p.d * q.d  # two points farther apart surely differ in float32
                 if wp.abs(p.x * q.d - q.x * p.d) > room or wp.abs(p.y * q.d - q.y * p.d) > room:
                     steps += 1
                 elif exact:

@@ -16,12 +16,11 @@ from ..patch import EXACT, Patch, coarse_frame, half_extents, section_frame
 from ..section.half_edges import Surface
 from ..section.pieces import ContourPieces, section_of
 from ..section.tree_search import corner_window, patch_window, tree_pieces
-from .few_crossings import rank_few_crossings
 from .flat_boxes import PackedFrame, pack_boxes, packed_frame
 from .flat_crossings import list_crossings, list_leaves, winding_of_lane
 from .flat_links import CROSSINGS_MOST
 from .lane_space import NEAR_FEW, far_space, half_at, warp_space
-from .many_crossings import rank_many_crossings
+from .ranking import rank_crossings
 from .row_block import (
     LACKING,
     LISTED,
@@ -215,6 +214,5 @@ def _launch_block(work: FlatWork, rows: range, section: wp.array | None, size: F
     add_lists(block, pieces, len(rows), size, device)
     launch(_list_crossings, threads, inputs=[surface, lanes], outputs=[block, pieces])
     add_slots(block, pieces, len(rows), size, device)
-    rank = rank_few_crossings if size.listed <= FEW else rank_many_crossings
-    rank(surface, patch, block, bounded=bounded, pieces=pieces)
+    rank_crossings(surface, patch, block, many=size.listed > FEW, bounded=bounded, pieces=pieces)
     return pieces, block

@@ -259,7 +259,7 @@ def step_roughly(surface: Surface, g: RoughFrame, events: Events, walk: RoughWal
     t.lower = wp.where(up, t.lower, x)
     q = rough_crossing(g, t.upper, t.lower)
     inside = (p.code | q.code) == 0
-    # The float32 output points of p and q surely differ beyond this, though each may be moved onto a side.
+    # Whether the float32 output points of p and q surely differ, though each may be moved onto a side.
     apart = wp.max(wp.abs(rough_difference(p.x, q.d, q.x, p.d)), wp.abs(rough_difference(p.y, q.d, q.y, p.d)))
     moves = apart > rough_product(p.room, q.d, q.room * p.d)
     sure = both(both(q.sure, wp.abs(x[2]) > g.flat), either(not inside, moves))

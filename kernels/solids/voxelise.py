@@ -8,7 +8,7 @@ import warp as wp
 from ..fields.probe import Lattice, lattice_of, node_at
 from ..offsets import BLOCK
 from ..patch import EXACT
-from .triangle_distance import triangle_distance
+from .nearest import triangle_distance
 from .winding import WindingTree, upload_winding, winding_at
 
 wp.set_module_options(EXACT)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..acoustics.spectrum import NoiseSpectrum, level_differences
 from ..errors import StrategyError
-from .paper_spectra import BIN, paper_spectra
+from .paper_numbers import BIN, paper_spectra
 from .significance import mean_zero, normality
 
 SHAPE_BAND = (300.0, 4000.0)

@@ -12,8 +12,7 @@ import numpy as np
 from ...errors import SweepError
 from ...reports.picture_style import SUFFIXES, save_picture
 from .layout import Axis, FigureLayout, View, choose_views
-from .shown_metrics import SHOWN_UNITS, TITLES, numbers, shown_metrics, titled
-from .table import AXIS_UNITS
+from .table import AXIS_UNITS, USER_COLUMN, is_missing, is_user_column
 
 COLOURS = ("#2b2d42", "#c1121f", "#1d6fa5", "#2a9d8f", "#f4a261", "#9b5de5", "#bc6c25", "#e56b9f", "#8d99ae", "#606c38")
 MARKERS = "osD^vPX<>*"
@@ -24,6 +23,28 @@ REMARKS = {
     "draw_frequency_actual": "Draw frequency: mean over poses with contours; few short contours can dominate it.",
 }
 """Of metrics shown: what a reader of the picture would not guess."""
+ROWS = 5  # metrics shown at most
+SHOWN_UNITS = {
+    "m": ("mm", 1e3),
+    "m2": ("cm²", 1e4),
+    "Hz": ("Hz", 1.0),
+    "dB": ("dB", 1.0),
+    "Pa": ("Pa", 1.0),
+    "1": ("", 1.0),
+}
+TITLES: dict[str, tuple[str, str]] = {
+    "length_mean": ("length", "m"),
+    "r": ("r = |CC| / |OC|", "1"),
+    "noise_db_300_10k": ("noise, 300 Hz to 10 kHz", "dB"),
+    "pressure_focus_pressure": ("pressure at the focal point", "Pa"),
+    "draw_frequency_actual": ("draw frequency", "Hz"),
+    "jumps": ("jumps, all causes", "1"),
+    "area_mean": ("area of contact", "m2"),
+    "polylines_mean": ("polylines a pose", "1"),
+    "revisit_rate": ("revisit rate", "Hz"),
+    "dwell_spread": ("spread of dwell", "1"),
+}
+"""Metrics shown, the first that there are: title and unit. A user's own metrics come before the last of them."""
 
 LOG_FROM = 40.0  # greatest over least from which an axis is logarithmic
 SINGLE_MOST = 40  # results of a point that are drawn one by one
@@ -349,3 +370,28 @@ def _words(name: str) -> str:
 def _with_unit(name: str) -> str:
     unit = AXIS_UNITS.get(name, "1")
     return _words(name) if unit in ("", "1") else f"{_words(name)} [{unit}]"
+
+
+def shown_metrics(table: Mapping[str, Sequence[Any]]) -> dict[str, np.ndarray]:
+    """Metrics that have values, at most ROWS, in shown units; what never differs comes only if nothing else does."""
+    jumps = [numbers(table[key]) for key in table if key.startswith("jumps_")]
+    # What was asked for beyond contours and draw frequency comes first, but for the length.
+    own = [name for name in table if is_user_column(name) and name.endswith("_mean")]
+    place = list(TITLES).index("draw_frequency_actual")
+    names = [*list(TITLES)[:place], *own, *list(TITLES)[place:]]
+    source: dict[str, np.ndarray] = {key: numbers(table[key]) for key in names if key in table}
+    if jumps:
+        source["jumps"] = np.sum(jumps, axis=0)
+    there = {key: source[key] for key in names if key in source and np.isfinite(source[key]).any()}
+    telling = {key: values for key, values in there.items() if np.nanmax(values) > np.nanmin(values)} or there
+    return {key: SHOWN_UNITS[titled(key)[1]][1] * values for key, values in list(telling.items())[:ROWS]}
+
+
+def titled(metric: str) -> tuple[str, str]:
+    """Title and unit; a user's own metric has the name of its function, and no unit."""
+    return TITLES.get(metric) or (metric.removeprefix(USER_COLUMN).removesuffix("_mean").replace("_", " "), "1")
+
+
+def numbers(values: Sequence[Any]) -> np.ndarray:
+    """float64, NaN for what is missing."""
+    return np.array([math.nan if is_missing(value) else value for value in values], np.float64)

@@ -26,7 +26,6 @@ from ..file_scene import FileScene
 from .document import document
 from .packing import Packer
 from .payload import pack_file
-from .selection import spread, what_fits
 
 LIMIT = 20.0
 """Largest page [MB] unless another limit is given: what a mail takes, and what a phone opens."""
@@ -192,3 +191,23 @@ def _array(model: ArrayModel, packer: Packer) -> dict[str, Any]:
 
 def _placed(corners: list[list[float]], model: ArrayModel) -> list[list[float]]:
     return (model.pose[:3] + rotate(model.pose[3:], np.array(corners))).round(6).tolist()
+
+
+def spread(chosen: range, most: int) -> list[int]:
+    """At most `most` of the chosen poses, evenly spread."""
+    rows = np.unique(np.linspace(0, len(chosen) - 1, min(most, len(chosen))).astype(np.int64))
+    return [chosen[int(row)] for row in rows]
+
+
+def what_fits(chosen: range, share: float) -> str:
+    """The arguments for those of the chosen poses that a page of `share` of the size holds; "" where it holds none.
+
+    >>> what_fits(range(0, 1000), 0.25)
+    'every=4, or poses="0:250"'
+    """
+    count = math.floor(len(chosen) * share)
+    if count < 1:
+        return ""
+    every = chosen.step * math.ceil(len(chosen) / count)
+    step = f" with every={chosen.step}" if chosen.step > 1 else ""
+    return f'every={every}, or poses="{chosen.start}:{chosen.start + count * chosen.step}"{step}'

@@ -16,7 +16,7 @@ RENDER_STAGES = (
     "section.tree_search",
     "pieces.flat_boxes",
     "pieces.flat_search",
-    "pieces.ranking",
+    "pieces.flat_ranks",
     "section.joining",
     "section.contour_writing",
     "section.listed_drawing",

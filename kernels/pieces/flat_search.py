@@ -19,8 +19,8 @@ from ..section.tree_search import corner_window, patch_window, tree_pieces
 from .flat_boxes import PackedFrame, pack_boxes, packed_frame
 from .flat_crossings import list_crossings, list_leaves, winding_of_lane
 from .flat_links import CROSSINGS_MOST
+from .flat_ranks import rank_crossings
 from .lane_space import NEAR_FEW, far_space, half_at, warp_space
-from .ranking import rank_crossings
 from .row_block import (
     LACKING,
     LISTED,

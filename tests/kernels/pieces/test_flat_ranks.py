@@ -6,7 +6,7 @@ import warp as wp
 
 from palpate.kernels import compile_kernels
 from palpate.kernels.offsets import BLOCK
-from palpate.kernels.pieces import ranking
+from palpate.kernels.pieces import flat_ranks
 
 
 def test_both_kernels_are_compiled_ahead_for_blocks_of_their_size(monkeypatch):
@@ -15,8 +15,8 @@ def test_both_kernels_are_compiled_ahead_for_blocks_of_their_size(monkeypatch):
     monkeypatch.setattr(
         wp, "force_load", lambda device, modules, *, block_dim, **_: compiled.update({block_dim: modules})
     )
-    compile_kernels("cuda", ("pieces.ranking",))
-    few, many = ranking._rank_few_crossings, ranking._rank_many_crossings
-    assert compiled == {BLOCK: [few.module], ranking.MANY_LANES: [many.module]}
-    assert BLOCK < ranking.MANY_LANES
+    compile_kernels("cuda", ("pieces.flat_ranks",))
+    few, many = flat_ranks._rank_few_crossings, flat_ranks._rank_many_crossings
+    assert compiled == {BLOCK: [few.module], flat_ranks.MANY_LANES: [many.module]}
+    assert BLOCK < flat_ranks.MANY_LANES
     assert few.module.options == many.module.options

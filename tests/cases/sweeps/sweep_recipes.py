@@ -7,8 +7,8 @@ from pathlib import Path
 
 from palpate.device.registry import array_model
 from palpate.render.playback.drive import DriveStrategy
-from palpate.render.sampling.strategy import SamplingStrategy
 from palpate.render.sampling.presets import load_sampling
+from palpate.render.sampling.strategy import SamplingStrategy
 from palpate.render.strategies.intersection_strategy import draft_strategy, load_strategy
 from palpate.render.strategies.user_stage_sources import stage_sources
 from palpate.render.sweeps.make.task import Chunk, Task

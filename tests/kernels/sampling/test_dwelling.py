@@ -5,9 +5,9 @@ import warp as wp
 from contour_shapes import still
 
 from palpate.kernels.sampling.dwelling import cell_row, count_cells
+from palpate.render.sampling.metrics import cell_edges, cells_of
 from palpate.render.sampling.sampler import MotionSchedule
 from palpate.render.sampling.strategy import SamplingStrategy
-from palpate.render.sampling.metrics import cell_edges, cells_of
 
 
 def test_focal_points_are_counted_in_their_cells(rng, device):

@@ -8,10 +8,10 @@ from contour_shapes import batch_of, circle, still
 from sampling_oracle import entered_by_host
 
 from palpate.kernels.sampling.finishing import finish_pieces
+from palpate.render.sampling.kernel_plan import plan_of
+from palpate.render.sampling.presets import preset
 from palpate.render.sampling.sampler import MotionSchedule, sample_motions
 from palpate.render.sampling.strategy import Gap, SamplingStrategy, Sections
-from palpate.render.sampling.presets import preset
-from palpate.render.sampling.kernel_plan import plan_of
 
 STRATEGIES = {
     "stm": SamplingStrategy(continuity="finish"),

@@ -8,9 +8,9 @@ from contour_shapes import batch_of, circle, still
 from palpate.kernels.sampling.entry import enter_poses
 from palpate.kernels.sampling.focus import draw_samples
 from palpate.kernels.sampling.sums import sum_counts
+from palpate.render.sampling.kernel_plan import plan_of
 from palpate.render.sampling.sampler import MotionSchedule
 from palpate.render.sampling.strategy import SamplingStrategy
-from palpate.render.sampling.kernel_plan import plan_of
 
 RING = circle(0.03, count=720)
 

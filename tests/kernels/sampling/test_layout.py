@@ -6,8 +6,8 @@ import warp as wp
 
 from palpate.kernels.patch import EXACT
 from palpate.kernels.sampling.layout import SamplingPlan, distance, samples_of, squared, sum_of
-from palpate.render.sampling.strategy import Order, Pace, SamplingStrategy
 from palpate.render.sampling.kernel_plan import plan_of
+from palpate.render.sampling.strategy import Order, Pace, SamplingStrategy
 
 wp.set_module_options(EXACT)
 

@@ -12,10 +12,10 @@ from palpate.kernels.sampling.entry import enter_poses
 from palpate.render.sampling import continuity, contour_matching, drawing_turns, fading, sampler
 from palpate.render.sampling import route as host_route
 from palpate.render.sampling import track as host_track
+from palpate.render.sampling.kernel_plan import plan_of
+from palpate.render.sampling.presets import preset
 from palpate.render.sampling.sampler import MotionSchedule
 from palpate.render.sampling.strategy import Gap, Order, Pace, SamplingStrategy, Sections
-from palpate.render.sampling.presets import preset
-from palpate.render.sampling.kernel_plan import plan_of
 
 STRATEGIES = {
     "stm": SamplingStrategy(),

@@ -7,8 +7,8 @@ import warp as wp
 from palpate.kernels.sampling.skin_boxes import REVISIT_RADIUS, skin_samples
 from palpate.kernels.sampling.visits import count_revisits
 from palpate.render.sampling import revisits
-from palpate.render.sampling.sampler import MotionSchedule
 from palpate.render.sampling.metrics import FocalPoints, SamplingCount
+from palpate.render.sampling.sampler import MotionSchedule
 from palpate.render.sampling.strategy import SamplingStrategy
 
 RATE = 1000.0

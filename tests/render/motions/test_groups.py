@@ -32,8 +32,8 @@ from palpate.render.intersection.named_inputs import load_hand
 from palpate.render.motions import groups as groups_module
 from palpate.render.playback.focus_source import ContourSource
 from palpate.render.playback.pose_insertion import insert_poses
-from palpate.render.sampling.sampler import joined
 from palpate.render.sampling.presets import preset
+from palpate.render.sampling.sampler import joined
 from palpate.render.sweeps.make.sampling import RenderedContours
 
 

@@ -5,11 +5,10 @@ import pytest
 
 from palpate.render import MeshObject, Palm, Scene, exploration
 from palpate.render.sampling.batch_dwell import dwell_maps
-from palpate.render.sampling.sampler import sample_motions
-from palpate.render.sampling.strategy import SamplingStrategy
 from palpate.render.sampling.metrics import dwell_map
 from palpate.render.sampling.presets import preset
-from palpate.render.sampling.sampler import sample_bounds
+from palpate.render.sampling.sampler import sample_bounds, sample_motions
+from palpate.render.sampling.strategy import SamplingStrategy
 
 
 @pytest.mark.parametrize("strategy", [SamplingStrategy(), preset("multi-focus")], ids=["stm", "multi-focus"])

@@ -13,7 +13,8 @@ from palpate.render import MeshObject, Palm, Scene, exploration, render
 from palpate.render.contour_batch import join_batches
 from palpate.render.errors import StrategyError
 from palpate.render.hands.flat_hand import flat_hand
-from palpate.render.sampling.sampler import joined_batches, sample_motions
+from palpate.render.sampling.presets import preset
+from palpate.render.sampling.sampler import Sampler, joined, joined_batches, sample_contours, sample_motions
 from palpate.render.sampling.strategy import (
     AmplitudeModulation,
     Dwell,
@@ -24,8 +25,6 @@ from palpate.render.sampling.strategy import (
     SamplingStrategy,
     Sections,
 )
-from palpate.render.sampling.sampler import Sampler, joined, sample_contours
-from palpate.render.sampling.presets import preset
 
 SAMPLE_EXACTLY = (
     "samples",

@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sampling_oracle import drawn_slowly
 
-from palpate.render.sampling.strategy import Order, SamplingStrategy
-from palpate.render.sampling.sampler import Sampler, sample_contours
 from palpate.render.sampling.LEFT import Path
+from palpate.render.sampling.sampler import Sampler, sample_contours
+from palpate.render.sampling.strategy import Order, SamplingStrategy
 
 GIVEN = Order(route="given")
 

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 from contour_shapes import batch_of, circle, square, still
 
-from palpate.render.sampling.sampler import sample_motions
-from palpate.render.sampling.presets import PRESETS, preset
 from palpate.render.sampling.metrics import FocalPoints, dwell_map
-from palpate.render.sampling.sampler import Sampler, joined, sample_bounds, sample_contours
+from palpate.render.sampling.presets import PRESETS, preset
+from palpate.render.sampling.sampler import Sampler, joined, sample_bounds, sample_contours, sample_motions
 from palpate.render.sampling.strategy import SamplingStrategy
 
 TIME = np.array([0.0, 0.0137, 0.0211, 0.0412, 0.1537, 0.1612, 0.1701])  # the fourth lasts for more than a block

@@ -10,11 +10,11 @@ from contour_shapes import batch_of, circle, square, still
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.render import exploration, render, static_pose, summarise
 from palpate.render.reports.contour_figure import contour_figure
-from palpate.render.sampling.presets import PRESETS, preset
-from palpate.render.sampling.strategy import Dwell, Gap, SamplingStrategy
-from palpate.render.sampling.sampler import Sampler
-from palpate.render.sampling.LEFT import Path
 from palpate.render.sampling.draw_frequency import file_frequencies, pauses_of, pose_frequencies
+from palpate.render.sampling.LEFT import Path
+from palpate.render.sampling.presets import PRESETS, preset
+from palpate.render.sampling.sampler import Sampler
+from palpate.render.sampling.strategy import Dwell, Gap, SamplingStrategy
 from palpate.render.view.file_scene import FileScene
 from palpate.render.view.live.numbers import moment_html
 from palpate.render.view.series import window_around

@@ -9,10 +9,10 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from palpate.render.errors import StrategyError
-from palpate.render.sampling.strategy import Gap, Order, Pace, SamplingStrategy, Sections
-from palpate.render.sampling.sampler import Sampler
-from palpate.render.sampling.presets import preset
 from palpate.render.sampling.LEFT import Path
+from palpate.render.sampling.presets import preset
+from palpate.render.sampling.sampler import Sampler
+from palpate.render.sampling.strategy import Gap, Order, Pace, SamplingStrategy, Sections
 
 BIG = (circle(0.02, (0, -0.04, 0.2), 360), True)
 STEP = 7e-4

@@ -6,10 +6,10 @@ from contour_shapes import batch_of, circle, still
 
 from palpate.datasets import exploration
 from palpate.render import IntersectionStrategy, MeshObject, Palm, Stage, closed_contour, render
-from palpate.render.sampling.strategy import Gap, LateralModulation, Order, Pace, SamplingStrategy
-from palpate.render.sampling.sampler import Sampler, joined, sample_contours
-from palpate.render.sampling.presets import preset
 from palpate.render.sampling.LEFT import Path
+from palpate.render.sampling.presets import preset
+from palpate.render.sampling.sampler import Sampler, joined, sample_contours
+from palpate.render.sampling.strategy import Gap, LateralModulation, Order, Pace, SamplingStrategy
 
 STEP = 7.0 / 10_000  # [m] the ordinary one
 NONE = {"polyline": 0, "order": 0, "pose": 0, "re-entry": 0}

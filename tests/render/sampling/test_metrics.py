@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from palpate.render.errors import StrategyError
-from palpate.render.sampling.metrics import FocalPoints, dwell_map
-from palpate.render.sampling.strategy import Order, SamplingStrategy
-from palpate.render.sampling.sampler import Sampler, sample_bounds, sample_contours
-from palpate.render.sampling.presets import preset
 from palpate.render.sampling.LEFT import Path
+from palpate.render.sampling.metrics import FocalPoints, dwell_map
+from palpate.render.sampling.presets import preset
+from palpate.render.sampling.sampler import Sampler, sample_bounds, sample_contours
+from palpate.render.sampling.strategy import Order, SamplingStrategy
 
 POSE = np.array([0.01, 0.02, 0.2, np.sqrt(0.5), 0, 0, np.sqrt(0.5)])  # palm down: u = x, v = -Z = y of the array
 

@@ -7,6 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sampling_oracle import sampled_slowly
 
+from palpate.render.sampling.LEFT import Path
+from palpate.render.sampling.presets import preset
+from palpate.render.sampling.sampler import Sampler
 from palpate.render.sampling.strategy import (
     AmplitudeModulation,
     Dwell,
@@ -17,9 +20,6 @@ from palpate.render.sampling.strategy import (
     SamplingStrategy,
     Sections,
 )
-from palpate.render.sampling.sampler import Sampler
-from palpate.render.sampling.presets import preset
-from palpate.render.sampling.LEFT import Path
 
 L_SHAPE = ([[0, 0, 0.2], [0.05, 0, 0.2], [0.05, 0.03, 0.2]], False)
 LINE = ([[-0.03, -0.02, 0.2], [-0.03, 0.02, 0.21]], False)

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.render.sampling.continuity import Place, entered, interval_of
-from palpate.render.sampling.strategy import Dwell, Gap, Order, Pace, SamplingStrategy
-from palpate.render.sampling.sampler import Sampler, sample_bounds, sample_contours
-from palpate.render.sampling.presets import preset
 from palpate.render.sampling.LEFT import Path
+from palpate.render.sampling.presets import preset
+from palpate.render.sampling.sampler import Sampler, sample_bounds, sample_contours
+from palpate.render.sampling.strategy import Dwell, Gap, Order, Pace, SamplingStrategy
 from palpate.render.sampling.track import lay_track
 
 RING = (circle(0.03), True)

@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from palpate.render.errors import StrategyError
 from palpate.render.sampling import revisits
-from palpate.render.sampling.metrics import FocalPoints, SamplingCount
-from palpate.render.sampling.strategy import Order, SamplingStrategy
-from palpate.render.sampling.sampler import Sampler, sample_bounds, sample_contours
 from palpate.render.sampling.LEFT import Path
+from palpate.render.sampling.metrics import FocalPoints, SamplingCount
 from palpate.render.sampling.revisits import RevisitWatch, revisit_rate
+from palpate.render.sampling.sampler import Sampler, sample_bounds, sample_contours
+from palpate.render.sampling.strategy import Order, SamplingStrategy
 
 POSE = still(1)[0]  # palm down: hand frame X = x, Z = -y of the array
 RATE = 10_000.0  # [Hz]

@@ -9,9 +9,9 @@ from contour_shapes import batch_of, circle
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.render.sampling.strategy import SamplingStrategy
 from palpate.render.sampling.path import Path
 from palpate.render.sampling.route import PIECES_MOST, jump_total, shortest_route
+from palpate.render.sampling.strategy import SamplingStrategy
 from palpate.render.sampling.track import lay_track, pieces_of
 
 place = st.tuples(*[st.integers(-50, 50)] * 3).map(lambda p: np.array(p) * 1e-3)

@@ -13,9 +13,9 @@ from scipy.ndimage import uniform_filter1d
 from palpate.datasets.motions.hand_motion import PALM_DOWN, HandMotion
 from palpate.render import MeshObject, Palm, closed_contour, render
 from palpate.render.errors import StrategyError
-from palpate.render.sampling.strategy import Order, Pace, SamplingStrategy
-from palpate.render.sampling.sampler import Sampler, sample_bounds, sample_contours
 from palpate.render.sampling.LEFT import Path
+from palpate.render.sampling.sampler import Sampler, sample_bounds, sample_contours
+from palpate.render.sampling.strategy import Order, Pace, SamplingStrategy
 from palpate.render.sampling.track import lay_track
 
 RATE, UPDATE = 90.0, 10_000.0

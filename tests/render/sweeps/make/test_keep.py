@@ -26,8 +26,8 @@ from palpate.render.playback.drive import Driver
 from palpate.render.playback.file_playback import Connection, play_file
 from palpate.render.playback.focus_source import ContourSource
 from palpate.render.reports.file_summary import summarise
-from palpate.render.sampling.sampler import Sampler, joined, sample_bounds
 from palpate.render.sampling.metrics import dwell_map
+from palpate.render.sampling.sampler import Sampler, joined, sample_bounds
 from palpate.render.strategies.intersection_strategy import load_strategy
 from palpate.render.sweeps.make import keep as keep_module
 from palpate.render.sweeps.make.rendering import recipe_cache

@@ -5,8 +5,8 @@ import pytest
 
 from palpate.render import MeshObject, Palm, Scene, exploration
 from palpate.render.motions.numbers import NUMBERS
-from palpate.render.sampling.strategy import SamplingStrategy
 from palpate.render.sampling.presets import preset
+from palpate.render.sampling.strategy import SamplingStrategy
 from palpate.render.sweeps.make import sampling
 from palpate.render.sweeps.make.sampling import RenderedContours, sample_recipe
 

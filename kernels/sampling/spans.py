@@ -34,7 +34,7 @@ from .tracks import PosePieces, _collect_pieces, _lay_tracks, _list_poses
 REST = (0.0, 0.0, 0.2)  # [m] where focal points of intensity 0 are before there were any
 RUNS_MOST = 16_384  # that are laid at once: the room of a run's searches takes 15 KB
 SPARE = 2  # times what is needed is taken where memory is taken anew, but for the first time
-TIMES = ("time", "hold")  # of a schedule, in ticks
+SCHEDULE = {"first": wp.int64, "number": wp.int64, "time": wp.float64, "hold": wp.float64}  # what is not int32
 
 
 def has_pauses(plan: Any, contours: Any) -> bool:
@@ -67,7 +67,7 @@ class SpanRoom:
         self.state.room = 0
         self._keep_pieces(0)
         self._schedule = PoseSchedule()
-        self._schedule.shown = wp.array(shown, dtype=wp.int64, device=device)
+        self._schedule.shown = wp.array(shown, dtype=wp.int32, device=device)
         self._views: dict[str, np.ndarray] = {}
 
     @property
@@ -258,8 +258,9 @@ class SpanRoom:
             ("candidate", lines, DrawnPiece),
             ("span", lines, wp.float64),
             ("stretch", lines if plan.sections > 0 else 0, wp.float64),
-            ("first", lines, wp.int64),
-            ("last", lines, wp.int64),
+            ("first", lines, wp.int32),
+            ("last", lines, wp.int32),
+            ("waits", lines, wp.int64),
             ("knot", node_count, wp.float64),
             ("point", node_count, wp.vec3d),
             ("piece", node_count, wp.int32),
@@ -292,8 +293,8 @@ class SpanRoom:
     def _set_schedule(self, schedule: Mapping[str, np.ndarray], pose: np.ndarray | wp.array) -> None:
         """Write the schedule and poses of a span."""
         for name, values in schedule.items():
-            dtype = wp.float64 if name in TIMES else wp.int32 if name == "goes_on" else wp.int64
-            setattr(self._schedule, name, self._array(f"schedule_{name}", len(values), dtype))
+            array = self._array(f"schedule_{name}", len(values), SCHEDULE.get(name, wp.int32))
+            setattr(self._schedule, name, array)
             self._write(f"schedule_{name}", values)
         if self._on_cpu and "runs" not in self._views:
             self._views["runs"] = self._arrays["runs"].numpy()
@@ -345,8 +346,8 @@ class SpanRoom:
             (
                 "sum",
                 _sum_counts,
-                [contours, plan, schedule, drawn, own["counts"]],
-                [passages, state],
+                [contours, plan, schedule, drawn, own["counts"], passages],
+                [own["waits"], state],
             ),
         ):
             options = {"device": self.device, "block_dim": BLOCK, "record_cmd": True}

@@ -37,7 +37,7 @@ def _collect_pieces(
     """Collect the pieces of a pose."""
     pose = wp.tid()
     count = int(0)
-    if schedule.count[pose] > wp.int64(0):
+    if schedule.count[pose] > 0:
         found, length = collect_pieces(c, rows, pose)
         pieces.length[pose] = length
         count = found
@@ -57,10 +57,10 @@ def pieces_before(schedule: PoseSchedule, pieces: PosePieces, pose: int):
 
 
 @wp.func
-def row_of_state(rows: RouteRows, state: SamplerState, motion: wp.int64):
+def row_of_state(rows: RouteRows, state: SamplerState, motion: int):
     """Row of the first piece of a motion's state: they stand behind those of the span."""
     begin = rows.drawn.shape[0] - state.motion.shape[0] * state.room
-    return wp.int64(begin) + motion * wp.int64(state.room)
+    return begin + motion * state.room
 
 
 @wp.kernel
@@ -79,12 +79,12 @@ def _collect_pieces(
     if pose == 0:
         runs[0] = 0
     motion = schedule.motion[pose]
-    if wp.int64(pose) == schedule.motion_start[motion]:
+    if pose == schedule.motion_start[motion]:
         begin = row_of_state(rows, state, motion)
         for k in range(wp.min(state.motion[motion].pieces, state.room)):
-            rows.drawn[begin + wp.int64(k)] = state.piece[motion * wp.int64(state.room) + wp.int64(k)]
+            rows.drawn[begin + k] = state.piece[motion * state.room + k]
     count = int(0)
-    if schedule.count[pose] > wp.int64(0):
+    if schedule.count[pose] > 0:
         found, length = collect_pieces(c, rows, pose)
         pieces.length[pose] = length
         count = found
@@ -120,14 +120,14 @@ def _list_poses(
 
 
 @wp.func
-def restore_pieces(c: Contours, rows: RouteRows, state: SamplerState, motion: wp.int64, pose: int, count: int):
+def restore_pieces(c: Contours, rows: RouteRows, state: SamplerState, motion: int, pose: int, count: int):
     """Draw the pieces of a pose as in the span before; each is, to the next span, that of this pose."""
     begin = row_of_state(rows, state, motion)
     for k in range(count):
-        piece = rows.drawn[begin + wp.int64(k)]
-        piece.line += c.pose_start[pose]
+        piece = rows.drawn[begin + k]
+        piece.line += int(c.pose_start[pose])
         piece.earlier = k
-        rows.drawn[c.pose_start[pose] + wp.int64(k)] = piece
+        rows.drawn[int(c.pose_start[pose]) + k] = piece
 
 
 @wp.func
@@ -139,14 +139,14 @@ def draw_pieces(
     run: int,
     pose: int,
     plain: bool,
-    before: wp.int64,
+    before: int,
     earlier: PoseTrack,
 ):
     """Draw the pieces of a pose that does not go on; returns the least jumps known [m].
 
     before, earlier: row of the first piece drawn before in the run, and its track.
     """
-    first = c.pose_start[pose]
+    first = int(c.pose_start[pose])
     count = pieces.count[pose]
     known = match_pieces(c, plan, rows, first, count, before, earlier.pieces)
     least = lay_route(c, plan, rows, run, first, count, known, plain, before, earlier)
@@ -182,9 +182,9 @@ def _lay_tracks(
     else:
         pose = begin[first + run]
     motion = schedule.motion[pose]
-    stop = int(schedule.motion_start[motion + wp.int64(1)])
+    stop = int(schedule.motion_start[motion + 1])
     earlier = PoseTrack()
-    before = c.pose_start[pose]
+    before = int(c.pose_start[pose])
     if pieces_before(schedule, pieces, pose) < 0:
         before = row_of_state(rows, state, motion)
         earlier.pieces = state.motion[motion].pieces
@@ -202,7 +202,7 @@ def _lay_tracks(
             earlier = lay_course(c, plan, rows, nodes, pose, count, plain, length / plan.speed)
             earlier.least = least
             tracks[pose] = earlier
-            before = c.pose_start[pose]
+            before = int(c.pose_start[pose])
             if count == 1:
                 stop = pose
         pose += 1

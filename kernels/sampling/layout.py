@@ -214,7 +214,7 @@ class MotionState:
     anchor: wp.float64  # of the pose drawn last, see PoseEntry
     index: wp.int64  # of the next sample on its track
     pieces: wp.int32  # in its route
-    points: wp.int32  # of its contours
+    sizes: wp.int64  # of its polylines, see `sizes_of`
     least: wp.float64  # jumps of the shortest route known [m]
     lost: wp.int32  # 1: none of its pieces is known any more, because silence followed
     samples: wp.int64

@@ -122,18 +122,24 @@ def end_of(c: Contours, plan: SamplingPlan, piece: DrawnPiece):
 
 
 @wp.func
-def point_count(c: Contours, pose: int):
-    """How many points the contours of a pose have."""
-    return int(c.polyline_start[int(c.pose_start[pose + 1])]) - int(c.polyline_start[int(c.pose_start[pose])])
+def sizes_of(c: Contours, pose: int):
+    """The sizes of a pose's polylines, and which are closed, as one number; others have another one, all but surely."""
+    sizes = wp.int64(0)
+    line = int(c.pose_start[pose])
+    while line < int(c.pose_start[pose + 1]):
+        count = c.polyline_start[line + 1] - c.polyline_start[line]
+        sizes = sizes * wp.int64(0x9E3779B9) + wp.int64(2) * count + wp.int64(c.polyline_closed[line])
+        line += 1
+    return sizes
 
 
 @wp.func
 def goes_on(c: Contours, schedule: PoseSchedule, state: SamplerState, pose: int, pieces: int):
-    """Whether a pose of so many pieces is the last one of the span before, and has contours as large as then."""
+    """Whether a pose of so many pieces is the last one of the span before, and has polylines as large as then."""
     motion = schedule.motion[pose]
     if schedule.goes_on[motion] == 0 or pose != schedule.motion_start[motion]:
         return False
-    return state.motion[motion].pieces == pieces and state.motion[motion].points == point_count(c, pose)
+    return state.motion[motion].pieces == pieces and state.motion[motion].sizes == sizes_of(c, pose)
 
 
 @wp.func

@@ -15,7 +15,7 @@ from .layout import (
     SamplingPlan,
     StepCount,
 )
-from .pieces import point_count
+from .pieces import sizes_of
 
 wp.set_module_options(EXACT)
 
@@ -121,7 +121,7 @@ def _sum_counts(
     if own >= 0:
         track = d.tracks[own]
         out.pieces = track.pieces
-        out.points = point_count(c, own)
+        out.sizes = sizes_of(c, own)
         out.least = track.least
         for k in range(wp.min(track.pieces, state.room)):
             row = track.line + k

@@ -150,8 +150,7 @@ def revisit_rate(
     """
     watch = RevisitWatch(1, SamplingStrategy(update_rate=update_rate), "cpu")
     for block, first, count in poses_of_samples(blocks, bounds):
-        samples = len(block.intensity)
-        shape = samples, -1
+        shape = len(block.intensity), int(np.prod(block.intensity.shape[1:]))
         position, intensity = block.position.reshape(*shape, 3), block.intensity.reshape(shape)
         watch.add(0, position, intensity, np.asarray(pose[first : first + len(count)], np.float64), count)
     (revisits,), (time,) = watch.totals()

@@ -5,9 +5,8 @@ import math
 
 import numpy as np
 from contour_shapes import still
-
-from palpate.render.sampling import sampler
-from palpate.render.sampling.sampler import Sampler, sample_contours
+from numpy_sampler.sampler import Sampler
+from numpy_sampler.sampling import sample_contours
 
 
 def distance(a, b):
@@ -135,27 +134,21 @@ def nearest_slowly(ring, arcs, point, direction, slack, reach):
     return min((off + slack * (against or off > beyond), k, at) for k, (off, against, at) in enumerate(ways))[2]
 
 
-def entered_by_host(batch, time, duration, strategy, monkeypatch):
-    """Track, knot, index and number of the first sample on each pose's contours that the host's sampler enters."""
-    found, taken = [], [0]
-    enter, advance = Sampler._enter, Sampler._advance
+class NotingSampler(Sampler):
+    """The sampler in NumPy, which notes the track, knot and index of each pose's contours that it enters."""
 
-    def noted(self, path, silent):
-        cursor = enter(self, path, silent)
-        found.append((cursor.track, cursor._anchor, cursor._index, taken[0]))
+    def __init__(self, strategy):
+        super().__init__(strategy)
+        self.entries = []
+
+    def _enter(self, path, silent):
+        cursor = super()._enter(path, silent)
+        self.entries.append((cursor.track, cursor._anchor, cursor._index))
         return cursor
 
-    def counted(self, count, gain):
-        taken[0] += count
-        return advance(self, count, gain)
 
-    def rested(self, count):
-        taken[0] += count
-        return rest(self, count)
-
-    rest = Sampler._rest
-    monkeypatch.setattr(sampler.Sampler, "_enter", noted)
-    monkeypatch.setattr(sampler.Sampler, "_advance", counted)
-    monkeypatch.setattr(sampler.Sampler, "_rest", rested)
-    list(sample_contours([batch], still(len(time)), time, duration, Sampler(strategy)))
-    return found
+def entered_by_numpy(batch, time, duration, strategy):
+    """Track, knot and index of the first sample on the contours of each pose that has some and samples."""
+    sampler = NotingSampler(strategy)
+    list(sample_contours([batch], still(len(time)), time, duration, sampler))
+    return sampler.entries

@@ -5,7 +5,6 @@ import pytest
 from contour_shapes import batch_of, square
 
 from palpate.render.contour_batch import without_empty_polylines
-from palpate.render.sampling.path import paths_of
 
 NOTHING = np.zeros((0, 3)), False
 LINES = [(square(0.04), True), (square(0.02), False)]
@@ -26,11 +25,3 @@ def test_a_polyline_without_points_has_no_length(place, device):
 def test_a_batch_of_points_alone_is_not_copied():
     batch = batch_of([LINES])
     assert without_empty_polylines(batch) is batch
-
-
-@pytest.mark.parametrize("place", [0, 1, 2])
-def test_paths_have_no_polyline_without_points(place):
-    path, nothing = paths_of(batch_of([[*LINES[:place], NOTHING, *LINES[place:]], [NOTHING]]))
-    assert nothing is None
-    assert path.first.tolist() == [0, 5]
-    assert path.length == pytest.approx(0.22)

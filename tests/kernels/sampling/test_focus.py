@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
-import warp as wp
-from contour_shapes import batch_of, circle, still
+from contour_shapes import batch_of, circle
+from sampling_cases import drawn_room
 
-from palpate.kernels.sampling.entry import enter_poses
-from palpate.kernels.sampling.focus import draw_samples
-from palpate.kernels.sampling.sums import sum_counts
-from palpate.render.sampling.kernel_plan import plan_of
-from palpate.render.sampling.sampler import MotionSchedule
+from palpate.kernels.sampling.focus import FOCI_MOST
+from palpate.render.errors import StrategyError
 from palpate.render.sampling.strategy import SamplingStrategy
 
 RING = circle(0.03, count=720)
@@ -17,17 +14,11 @@ RING = circle(0.03, count=720)
 
 def drawn(poses, device, strategy=None):
     """Positions and intensities of a motion of 90 poses a second, and its counts."""
-    strategy, count = strategy or SamplingStrategy(), len(poses)
-    schedule = MotionSchedule.of(np.arange(count) / 90, [0, count], [count / 90], strategy, np.array([np.inf]))
-    when, plan = schedule.on(device, strategy), plan_of(strategy)
-    pose = wp.array(still(count), dtype=wp.transformd, device=device)
-    tracks = enter_poses(batch_of(poses).to(device).as_struct(), plan, when, pose)
-    shape = int(schedule.row[-1]), strategy.foci
-    position = wp.zeros(shape, dtype=wp.vec3, device=device)
-    intensity = wp.zeros(shape, dtype=wp.float32, device=device)
-    motion = wp.zeros(count, dtype=wp.int64, device=device)
-    counts, passages = draw_samples(plan, when, tracks, motion, position, intensity)
-    return position.numpy(), intensity.numpy(), sum_counts(plan, when, tracks, counts, passages).numpy()[0]
+    count = len(poses)
+    room, *focus = drawn_room(
+        batch_of(poses), np.arange(count) / 90, count / 90, strategy or SamplingStrategy(), device
+    )
+    return *focus, room.state.motion.numpy()[0]
 
 
 def test_a_still_circle_is_drawn_in_equal_steps_from_pose_to_pose(device):
@@ -53,3 +44,10 @@ def test_two_circles_are_each_waited_for_while_the_other_is_drawn(device):
     assert count["absence"] == pytest.approx(270, abs=1)
     assert count["steps"]["jumps"].tolist()[1:] == [0, 0, 0]
     assert count["steps"]["jumps"][0] == pytest.approx(3334 / 270, abs=1)
+
+
+def test_a_strategy_has_no_more_foci_than_a_thread_has_room_for(device):
+    position, _, _ = drawn([[(RING, True)]], device, SamplingStrategy(foci=FOCI_MOST))
+    assert len(np.unique(position[50], axis=0)) == FOCI_MOST
+    with pytest.raises(StrategyError, match="foci"):
+        SamplingStrategy(foci=FOCI_MOST + 1)

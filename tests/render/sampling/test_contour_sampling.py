@@ -1,5 +1,7 @@
 """Focal points: constant speed, no drift, no restart at a new pose, jumps counted, silence where there is nothing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from contour_shapes import batch_of, circle, square, still
@@ -7,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sampling_oracle import drawn_slowly
 
-from palpate.render.sampling.LEFT import Path
 from palpate.render.sampling.sampler import Sampler, sample_contours
 from palpate.render.sampling.strategy import Order, SamplingStrategy
 
@@ -47,8 +48,7 @@ def test_default_strategy_draws_what_the_slow_way_draws(radius, corners, shifts,
     counts = random.integers(5, 60, len(poses)).tolist()
     sampler = Sampler(strategy)
     drawn = [
-        sampler.draw(Path.of(batch_of([[(ring, True)]]), 0), still(1)[0], count)
-        for ring, count in zip(poses, counts, strict=True)
+        sampler.draw(batch_of([[(ring, True)]]), still(1)[0], count) for ring, count in zip(poses, counts, strict=True)
     ]
     slow = drawn_slowly(poses, counts, speed, strategy.update_rate, strategy.jump_threshold)
     assert np.concatenate([d.position for d in drawn]) == pytest.approx(slow, abs=2e-7)
@@ -140,10 +140,8 @@ def test_pose_that_is_missing_for_long_stays_faded():
 
 
 def test_intensity_is_linear_along_segments():
-    batch = batch_of([[([[0, 0, 0.2], [0.07, 0, 0.2]], False)]])
-    faded = type(batch)(**{**batch.__dict__, "intensity": np.array([0.0, 1.0], np.float32)})
-    path = Path.of(faded, 0)
-    point, intensity = path.at(np.linspace(0, 0.0699, 50))
+    batch = replace(batch_of([[([[0, 0, 0.2], [0.07, 0, 0.2]], False)]]), intensity=np.array([0.0, 1.0], np.float32))
+    point, intensity = Sampler(SamplingStrategy()).draw(batch, still(1)[0], 100)
     assert intensity == pytest.approx(point[:, 0] / 0.07, abs=1e-6)
 
 
@@ -170,8 +168,7 @@ def test_jump_is_a_step_longer_than_two_steps_and_five_millimetres(speed, step, 
     reach, gap = 20 * strategy.step, 1e-3 * step - strategy.step
     pieces = [([[0, 0, 0.2], [reach, 0, 0.2]], False), ([[reach + gap, 0, 0.2], [2 * reach + gap, 0, 0.2]], False)]
     sampler = Sampler(strategy)
-    path = Path.of(batch_of([pieces]), 0)
-    sampler.draw(path, still(1)[0], 30)  # over the gap, but not back from the end
+    sampler.draw(batch_of([pieces]), still(1)[0], 30)  # over the gap, but not back from the end
     assert sampler.count.jumps["polyline"] == jumps
 
 

@@ -1,22 +1,26 @@
-"""Focal points and counts depend on no buffer: any cutting of a motion into blocks, batches and ranges gives the same.
+"""Focal points and counts depend on no buffer: any cutting of a motion into spans, batches and blocks gives the same.
 
 The scene holds what a cut could divide: contours that are partly dark, pauses, a missing pose that fades, a silence.
 """
 
 from dataclasses import replace
-from itertools import pairwise
+from itertools import cycle, pairwise
 
 import numpy as np
 import pytest
 from contour_shapes import batch_of, circle, square, still
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sampling_cases import Motion, drawn_in_spans, random_motion, random_strategy
 
 from palpate.render.sampling.metrics import FocalPoints, dwell_map
 from palpate.render.sampling.presets import PRESETS, preset
-from palpate.render.sampling.sampler import Sampler, joined, sample_bounds, sample_contours, sample_motions
+from palpate.render.sampling.sampler import Sampler, age_at, joined, sample_bounds, sample_contours
 from palpate.render.sampling.strategy import SamplingStrategy
 
 TIME = np.array([0.0, 0.0137, 0.0211, 0.0412, 0.1537, 0.1612, 0.1701])  # the fourth lasts for more than a block
-DURATION = 0.1853
+DURATION, HOLD = 0.1853, 0.0301
+NOTHING = FocalPoints(np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
 
 
 def scene():
@@ -27,32 +31,59 @@ def scene():
     batch = batch_of([rings, ring, [(square(0.03), True)], [*rings, line], [], [(square(0.03), True)], ring])
     dark = batch.points[:, 0] * batch.points[:, 1] < 1e-5  # opposite quarters: of a ring, its ends agree
     corner = np.abs(batch.points[:, 0]) > 0.0195
-    return replace(batch, intensity=np.float32(~dark), dwell=np.float32(0.0007 * corner))
+    batch = replace(batch, intensity=np.float32(~dark), dwell=np.float32(0.0007 * corner))
+    pose = still(7)
+    pose[:, 0] += 1e-3 * np.arange(7)
+    return Motion(batch, pose, TIME, DURATION, HOLD)
 
 
-def motion_of(batch, time=TIME):
-    pose = still(len(time))
-    pose[:, 0] += 1e-3 * np.arange(len(time))
-    return batch, pose.astype(np.float32), time
+def together(blocks):
+    """Focal points of all blocks that have some."""
+    return joined([block for block in blocks if len(block.position)] or [NOTHING])
 
 
-def strategy_of(name, **changes):
-    return preset(name, hold=0.0301, fade=0.0097, **changes)
-
-
-def sampled(batches, pose, time, strategy, block=1024):
+def sampled(motion, strategy, span=1 << 20, cuts=()):
+    """Focal points and counts of a motion whose contours come in batches that are cut at these poses."""
     sampler = Sampler(strategy)
-    return joined(
-        list(sample_contours(batches, pose, time, DURATION, sampler, block=block, hold=0.0301))
-    ), sampler.count
+    batches = [motion.batch.select(a, b) for a, b in pairwise([0, *cuts, len(motion.time)])]
+    rows = motion.pose, motion.time, motion.duration
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("palpate.render.sampling.sampler.SPAN_SAMPLES", span)
+        blocks = list(sample_contours(batches, *rows, sampler, hold=motion.hold))
+    return together(blocks), sampler.count
+
+
+def drawn(motion, strategy, most):
+    """The same by `draw`, in blocks of 1, 2 .. `most` samples, 1 again and so on; poses of no sample are drawn too."""
+    sampler, rate, blocks, sizes = Sampler(strategy), strategy.update_rate, [], cycle(range(1, most + 1))
+    for k, (first, stop) in enumerate(pairwise(sample_bounds(motion.time, motion.duration, rate).tolist())):
+        own = motion.batch.select(k, k + 1)
+        contours = own if own.polyline_count or k % 2 else None
+        if k % 3 == 0:
+            sampler.draw(contours, motion.pose[k], 0)  # a pose that is not drawn yet does not go on
+        while True:
+            count, age = min(next(sizes), stop - first), age_at(first, motion.time[k], rate)
+            blocks.append(sampler.draw(contours, motion.pose[k], count, age=age, hold=motion.hold))
+            first += count
+            if first >= stop:
+                break
+    return together(blocks), sampler.count
+
+
+def assert_same(found, expected):
+    """Assert that focal points and every number of the counts, sums of lengths included, have the same bits."""
+    assert found[0].position.shape == expected[0].position.shape
+    assert (found[0].position == expected[0].position).all()
+    assert (found[0].intensity == expected[0].intensity).all()
+    assert found[1] == expected[1]
 
 
 @pytest.mark.parametrize("foci", [1, 3])
 def test_dwell_maps_of_any_blocks_have_the_same_bits(foci):
     """At 10,001 Hz, of which no sample's time is a binary fraction; times are whole numbers of samples."""
-    batch, pose, time = motion_of(scene())
-    focus, _ = sampled([batch], pose, time, SamplingStrategy(foci=foci, update_rate=10_001.0))
-    bounds = sample_bounds(time, DURATION, 10_001.0)
+    motion = scene()
+    focus, _ = sampled(motion, SamplingStrategy(foci=foci, update_rate=10_001.0))
+    pose, bounds = motion.pose, sample_bounds(motion.time, motion.duration, 10_001.0)
     expected = dwell_map([focus], pose, bounds, 10_001.0)
     assert (np.rint(expected.time * foci * 10_001) / (foci * 10_001.0) == expected.time).all()
     for block in (7, 100):
@@ -63,59 +94,89 @@ def test_dwell_maps_of_any_blocks_have_the_same_bits(foci):
         assert (found.spread, found.outside, found.silent) == (expected.spread, expected.outside, expected.silent)
 
 
-def assert_same(found, expected):
-    assert (found[0].position == expected[0].position).all()
-    assert (found[0].intensity == expected[0].intensity).all()
-    assert found[1] == expected[1]  # every number of a SamplingCount, sums of lengths included
-
-
 @pytest.mark.parametrize("name", PRESETS)
-def test_blocks_of_any_size_give_the_same_points_and_counts(name):
-    batch, pose, time = motion_of(scene())
-    expected = sampled([batch], pose, time, strategy_of(name), 1 << 20)
+def test_spans_of_any_length_give_the_same_points_and_counts(name):
+    motion, strategy = scene(), preset(name, fade=0.0097)
+    expected = sampled(motion, strategy)
     assert expected[1].held > 0
     assert expected[1].silent > 0
-    for block in (1024, 97, 13):
-        assert_same(sampled([batch], pose, time, strategy_of(name), block), expected)
+    assert_same(sampled(motion, strategy, 97, [3]), expected)
+    assert_same(sampled(motion, strategy, 413, [1, 6]), expected)
+    assert_same(drawn(motion, strategy, 150), expected)
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("continuity", ["nearest", "jump", "finish"])
+@pytest.mark.parametrize("continuity", ["nearest", "jump"])
 @pytest.mark.parametrize("name", PRESETS)
 def test_single_samples_and_random_cuts_give_the_same_points_and_counts(name, continuity):
-    batch, pose, time = motion_of(scene(), TIME + 1e-3 / 3 * np.arange(len(TIME)))
-    strategy = strategy_of(name, continuity=continuity)
-    expected = sampled([batch], pose, time, strategy, 1 << 20)
-    for block in (1, 2, 7, 100, 333, 1000, 1024, 4096):
-        assert_same(sampled([batch], pose, time, strategy, block), expected)
+    motion = replace(scene(), time=TIME + 1e-3 / 3 * np.arange(len(TIME)))
+    strategy = preset(name, fade=0.0097, continuity=continuity)
+    expected = sampled(motion, strategy)
+    assert_same(drawn(motion, strategy, 1), expected)
     rng = np.random.default_rng(len(name))
-    for _ in range(4):
-        cuts = [0, *np.sort(rng.integers(0, len(time) + 1, 3)).tolist(), len(time)]
-        parts = [batch.select(a, b) for a, b in pairwise(cuts)]
-        assert_same(sampled(parts, pose, time, strategy, int(rng.integers(1, 500))), expected)
+    for span in (7, 100, 333, 1000):
+        cuts = np.sort(rng.integers(0, len(motion.time) + 1, 3)).tolist()
+        assert_same(sampled(motion, strategy, span, cuts), expected)
 
 
-@pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize("name", PRESETS)
-def test_the_device_gives_the_same_points_and_counts_as_any_block(name, device):
-    """Alone, and as one of three motions in a call; small circles differ by rounding, and so may lengths."""
-    batch, pose, time = motion_of(scene())
-    strategy = strategy_of(name)
-    expected = sampled([batch], pose, time, strategy, 61)
-    thrice = [batch] * 3, np.tile(pose, (3, 1)), np.tile(time, 3), 7 * np.arange(4), np.full(3, DURATION)
-    samples = sample_motions(*thrice, strategy, hold=np.full(3, 0.0301), device=device)
-    for motion in range(3):
-        focus, count = samples.focus(motion), samples.counts[motion]
-        if strategy.lm is None:
-            assert_same((focus, count), expected)
-        assert np.abs(focus.position - expected[0].position).max() <= 1e-7
-        assert (focus.intensity == expected[0].intensity).all()
-        assert (count.silent, count.held, count.jumps) == (expected[1].silent, expected[1].held, expected[1].jumps)
+def motions_of(least, most):
+    """Motions that all have intensities or none, and pauses or none: as many as one call can take together."""
+
+    def made(seeds, with_intensity, paused):
+        rngs = map(np.random.default_rng, seeds)
+        return [random_motion(rng, with_intensity=with_intensity, paused=paused) for rng in rngs]
+
+    return st.builds(made, st.lists(st.integers(0, 10**6), min_size=least, max_size=most), st.booleans(), st.booleans())
+
+
+motions = motions_of(1, 1).map(lambda made: made[0])
+strategies = st.integers(0, 10**6).map(lambda seed: random_strategy(np.random.default_rng(seed)))
+
+
+@settings(max_examples=2)
+@given(motion=motions, strategy=strategies, span=st.integers(30, 300), share=st.floats(0, 1))
+def test_a_motion_is_the_same_span_by_span_batch_by_batch_and_block_by_block(motion, strategy, span, share):
+    expected = sampled(motion, strategy)
+    assert_same(sampled(motion, strategy, span, [int(share * len(motion.time))]), expected)
+    assert_same(drawn(motion, strategy, span), expected)
+
+
+def assert_same_side_by_side(sides, strategy, data):
+    """Assert that motions in one call are those that each is alone, wherever each is cut."""
+    number = data.draw(st.integers(0, 4))
+    ends = [int(sample_bounds(motion.time, motion.duration, strategy.update_rate)[-1]) for motion in sides]
+    cuts = [sorted(data.draw(st.lists(st.integers(0, end), min_size=number, max_size=number))) for end in ends]
+    focus, counts = drawn_in_spans(strategy, sides, cuts)
+    for motion, *found in zip(sides, focus, counts, strict=True):
+        (alone,), (count,) = drawn_in_spans(strategy, [motion], [[]])
+        assert_same(found, (alone, count))
+
+
+@settings(max_examples=8)
+@given(sides=motions_of(1, 3), strategy=strategies, data=st.data())
+def test_motions_side_by_side_may_each_be_cut_elsewhere(sides, strategy, data):
+    assert_same_side_by_side(sides, strategy, data)
+
+
+@pytest.mark.exhaustive
+@settings(max_examples=100)
+@given(sides=motions_of(1, 4), strategy=strategies, data=st.data())
+def test_many_motions_side_by_side_may_each_be_cut_elsewhere(sides, strategy, data):
+    assert_same_side_by_side(sides, strategy, data)
+
+
+@pytest.mark.exhaustive
+@settings(max_examples=40)
+@given(motion=motions, strategy=strategies, span=st.integers(1, 300), share=st.floats(0, 1))
+def test_many_motions_are_the_same_span_by_span_batch_by_batch_and_block_by_block(motion, strategy, span, share):
+    expected = sampled(motion, strategy)
+    assert_same(sampled(motion, strategy, span, [int(share * len(motion.time))]), expected)
+    assert_same(drawn(motion, strategy, span), expected)
 
 
 @pytest.mark.parametrize("kind", ["step", "random"])
 @pytest.mark.parametrize("length", [0.056, 0.28])
-def test_points_that_come_back_after_dark_ones_are_re_entries_wherever_a_block_begins(kind, length):
+def test_points_that_come_back_after_dark_ones_are_re_entries_wherever_a_span_begins(kind, length, monkeypatch):
     """40 points a cycle on a ring of this length, of which those on one half are dark; 30 cycles at 7 m/s.
 
     So the count is that of an order of integers: each time that a bright point follows a dark one, except at the very
@@ -130,25 +191,54 @@ def test_points_that_come_back_after_dark_ones_are_re_entries_wherever_a_block_b
     way = np.linalg.norm(ring[shown[back + 1]] - ring[shown[back]], axis=1)
     hops = way[(way > 2 * 7e-4) & (way <= 5e-3)]
     assert len(hops) + np.count_nonzero(way > 5e-3) == len(way) >= 30
-    for block in (1024, 7):
+    for span in (1 << 16, 70):
+        monkeypatch.setattr("palpate.render.sampling.sampler.SPAN_SAMPLES", span)
         sampler = Sampler(preset(kind))
-        list(sample_contours([batch], still(1), np.zeros(1), 30 * length / 7, sampler, block=block))
+        list(sample_contours([batch], still(1), np.zeros(1), 30 * length / 7, sampler))
         count = sampler.count
         assert (count.jumps["re-entry"], count.hops["re-entry"]) == (len(way) - len(hops), len(hops))
         assert count.jump_lengths["re-entry"] == pytest.approx(way[way > 5e-3].sum(), rel=1e-5)
         assert count.hops_longest["re-entry"] == pytest.approx(hops.max(initial=0.0), abs=1e-7)
 
 
-@pytest.mark.parametrize("block", [7, 100, 1024])
-def test_a_pose_is_held_and_silent_for_exactly_the_samples_that_its_times_give(block):
+@pytest.mark.parametrize("span", [70, 1 << 16])
+def test_a_pose_is_held_and_silent_for_exactly_the_samples_that_its_times_give(span):
     """A pose at 0.1 s, held for 0.2 s, that fades for 0.1 s: ages of whole samples, of which 0.1 + 0.2 is none.
 
     Samples 3001..4999 are older than `hold`, and from 4000 on nothing is left, at 10 kHz.
     """
-    ring = [(circle(0.03), True)]
-    sampler = Sampler(SamplingStrategy(hold=0.2, fade=0.1))
-    time = np.array([0.0, 0.1])
-    focus = joined(list(sample_contours([batch_of([ring] * 2)], still(2), time, 0.5, sampler, block=block, hold=0.2)))
-    assert (sampler.count.held, sampler.count.silent) == (1999, 1000)
+    motion = Motion(batch_of([[(circle(0.03), True)]] * 2), still(2), np.array([0.0, 0.1]), 0.5, 0.2)
+    focus, count = sampled(motion, SamplingStrategy(hold=0.2, fade=0.1), span)
+    assert (count.held, count.silent) == (1999, 1000)
     expected = np.clip(1 - (np.arange(5000) - 3000) / 1000, 0, 1)
     assert (focus.intensity == expected.astype(np.float32)).all()
+
+
+def test_blocks_are_as_long_as_asked_for_and_the_last_of_a_batch_is_what_is_left():
+    motion = scene()
+    rows = motion.pose, motion.time, motion.duration, Sampler("stm")
+    batches = [motion.batch.select(0, 4), motion.batch.select(4, 7)]
+    sizes = [len(block.position) for block in sample_contours(batches, *rows, block=500)]
+    assert sizes == [500, 500, 500, 37, 316]
+
+
+RING, ARC = (circle(0.02, count=10), True), (circle(0.02, (0.05, 0, 0.2), 10, 2.0)[:4], False)
+DOT = ([[0, 0, 0.2]] * 7, False)
+
+
+@pytest.mark.parametrize(
+    "after", [[RING], [ARC, RING], [(circle(0.02, count=3), True), (circle(0.03, count=9), True)], [DOT, RING, ARC]]
+)
+@pytest.mark.parametrize("before", [[RING, ARC], [ARC, RING, DOT]])
+def test_contours_that_are_not_those_of_before_are_drawn_as_new_ones(before, after):
+    """Although the caller says that the pose goes on: pieces of the span before would lie beyond these contours."""
+    drawn = []
+    for says_so in (0, 1):
+        sampler = Sampler("stm")
+        for k, lines in enumerate((before, after)):
+            span = {"first": [150 * k], "count": [150], "time": [0.0], "hold": [np.inf]}
+            batch = batch_of([lines]).to("cpu")
+            span |= {"motion_start": [0, 1], "goes_on": [says_so * k]}
+            position, intensity = sampler.take(batch, batch.as_struct(), still(1), span)
+        drawn.append((FocalPoints(position.numpy()[:150].copy(), intensity.numpy()[:150].copy()), sampler.count))
+    assert_same(*drawn)

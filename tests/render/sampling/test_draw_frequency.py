@@ -11,7 +11,6 @@ from palpate.datasets.contour_file.reader import ContourFile
 from palpate.render import exploration, render, static_pose, summarise
 from palpate.render.reports.contour_figure import contour_figure
 from palpate.render.sampling.draw_frequency import file_frequencies, pauses_of, pose_frequencies
-from palpate.render.sampling.LEFT import Path
 from palpate.render.sampling.presets import PRESETS, preset
 from palpate.render.sampling.sampler import Sampler
 from palpate.render.sampling.strategy import Dwell, Gap, SamplingStrategy
@@ -51,7 +50,7 @@ def test_the_frequency_of_a_pose_is_what_its_sampler_counts(name, paused):
     batch = replace(batch, dwell=dwell.astype(np.float32) if paused else None)
     strategy = SamplingStrategy(dwell=Dwell(time=0.003), gap=Gap(kind="close")) if name == "finite" else preset(name)
     sampler = Sampler(strategy)
-    sampler.draw(Path.of(batch, 0), still(1)[0], 30)
+    sampler.draw(batch[:1], still(1)[0], 30)
     assert pose_frequencies(batch, strategy)[0] == pytest.approx(sampler.count.draw_frequency(strategy.update_rate))
 
 

@@ -9,7 +9,6 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from palpate.render.errors import StrategyError
-from palpate.render.sampling.LEFT import Path
 from palpate.render.sampling.presets import preset
 from palpate.render.sampling.sampler import Sampler
 from palpate.render.sampling.strategy import Gap, Order, Pace, SamplingStrategy, Sections
@@ -28,7 +27,7 @@ def loops(length, count=10):
 def visits(lines, strategy, samples):
     """How many samples lie on each line, of a pose that stays."""
     sampler = Sampler(strategy)
-    position = sampler.draw(Path.of(batch_of([lines]), 0), still(1)[0], samples).position.reshape(-1, 3).astype(float)
+    position = sampler.draw(batch_of([lines]), still(1)[0], samples).position.reshape(-1, 3).astype(float)
     centres = np.array([points.mean(axis=0) for points, _ in lines])
     reach = [
         np.linalg.norm(points - centre, axis=1).max() + 1e-6 for (points, _), centre in zip(lines, centres, strict=True)
@@ -76,18 +75,18 @@ def test_small_loops_are_drawn_by_every_way_to_sample(strategy):
 def test_samples_over_all_turns_are_evenly_spread():
     """Exact arithmetic: k T / (N T + 1) mod 1 for k = 0 .. N T are the multiples of 1 / (N T + 1), each once."""
     length = 0.3 * STEP
-    path = Path.of(batch_of([[BIG, *loops(length)]]), 0)
+    contours = batch_of([[BIG, *loops(length)]])
     sampler = Sampler(SamplingStrategy())
-    cycle = sampler.cycle(path)
+    cycle = sampler.cycle(contours)
     count = len(cycle.intensity)
-    nominal = SamplingStrategy().samples_a_cycle(path.length)
+    nominal = SamplingStrategy().samples_a_cycle(contours.length()[0])
     turns = next(t for t in range(2, 20) if nominal * t + 1 == count)
     places = sorted({Fraction(k * turns, count) % 1 for k in range(count)})
     assert places == [Fraction(j, count) for j in range(count)]
     found = (
         np.linalg.norm(cycle.position[:, None] - np.array([p.mean(axis=0) for p, _ in loops(length)]), axis=2) < length
     )
-    share = length / path.length * count  # of the evenly spread places
+    share = length / contours.length()[0] * count  # of the evenly spread places
     assert set(found.sum(axis=0)) <= {int(np.floor(share)), int(np.ceil(share))}
     assert np.floor(share) >= 1
 
@@ -98,7 +97,7 @@ def test_a_contour_that_moves_draws_its_small_loops_too():
     for k in range(180):
         shift = np.array([0, 0, 1e-4 * k])
         lines = [(points + shift, closed) for points, closed in [BIG, *loops(0.4 * STEP)]]
-        position = sampler.draw(Path.of(batch_of([lines]), 0), still(1)[0], 111).position.astype(float)
+        position = sampler.draw(batch_of([lines]), still(1)[0], 111).position.astype(float)
         centres = np.array([points.mean(axis=0) for points, _ in lines[1:]])
         found += (np.linalg.norm(position[:, None] - centres, axis=2) < 0.4 * STEP).sum(axis=0)
     assert found.min() > 20
@@ -106,10 +105,10 @@ def test_a_contour_that_moves_draws_its_small_loops_too():
 
 def test_contours_without_short_ones_repeat_after_one_cycle():
     lines = [BIG, *loops(1.2 * STEP)]
-    path = Path.of(batch_of([lines]), 0)
-    count = len(Sampler(SamplingStrategy()).cycle(path).intensity)
-    assert count == SamplingStrategy().samples_a_cycle(path.length)
-    assert len(Sampler(preset("stp", sections=Sections(count=7))).cycle(path, limit=20_000).intensity) == 20_000
+    contours = batch_of([lines])
+    count = len(Sampler(SamplingStrategy()).cycle(contours).intensity)
+    assert count == SamplingStrategy().samples_a_cycle(contours.length()[0])
+    assert len(Sampler(preset("stp", sections=Sections(count=7))).cycle(contours, limit=20_000).intensity) == 20_000
 
 
 @given(

@@ -9,8 +9,8 @@ from contour_shapes import batch_of, square, still
 
 from palpate.datasets.motions import last_pose
 from palpate.render import Sampler, SamplingStrategy, sample_contours
-from palpate.render.sampling import batch_sampling
-from palpate.render.sampling.fading import TICKS, age_at, fade_ticks, ticks_of
+from palpate.render.sampling.plan import TICKS, plan_of, ticks_of
+from palpate.render.sampling.sampler import age_at, hold_of
 
 
 @pytest.mark.parametrize("rate", [1_000.0, 10_000.0, 40_000.0, 40_000 / 3])
@@ -37,8 +37,8 @@ def test_ages_of_two_samples_differ_by_the_samples_between_them_however_late_it_
 
 
 def test_a_fade_of_no_time_takes_one_tick_at_least():
-    assert fade_ticks(0.0, 1.0) == 1.0
-    assert fade_ticks(0.02, 10_000.0) == 200 * TICKS
+    assert plan_of(SamplingStrategy(update_rate=1.0, fade=0.0)).fade == 1.0
+    assert plan_of(SamplingStrategy(fade=0.02)).fade == 200 * TICKS
 
 
 def test_a_pose_fades_by_the_first_intervals_as_when_a_file_is_played(monkeypatch):
@@ -50,4 +50,4 @@ def test_a_pose_fades_by_the_first_intervals_as_when_a_file_is_played(monkeypatc
     contours = batch_of([[(square(0.04), True)]] * len(time))
     list(sample_contours([contours], still(len(time)), time, 3.3, sampler))
     assert sampler.count.held == 3 * 799  # at 0.2 s itself a pose is not older than that
-    assert batch_sampling._hold_of(time, strategy) == pytest.approx(0.2)
+    assert hold_of(time, strategy) == pytest.approx(0.2)

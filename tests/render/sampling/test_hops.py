@@ -6,7 +6,6 @@ from contour_shapes import batch_of, circle, still
 
 from palpate.datasets import exploration
 from palpate.render import IntersectionStrategy, MeshObject, Palm, Stage, closed_contour, render
-from palpate.render.sampling.LEFT import Path
 from palpate.render.sampling.presets import preset
 from palpate.render.sampling.sampler import Sampler, joined, sample_contours
 from palpate.render.sampling.strategy import Gap, LateralModulation, Order, Pace, SamplingStrategy
@@ -19,7 +18,7 @@ def counted(poses, strategy=None, samples=111):
     sampler = Sampler(strategy or SamplingStrategy())
     batch = batch_of(poses)
     for k in range(len(poses)):
-        sampler.draw(Path.of(batch, k), still(1)[0], samples)
+        sampler.draw(batch[k : k + 1], still(1)[0], samples)
     return sampler.count
 
 
@@ -66,10 +65,10 @@ def test_the_longest_hop_is_kept_by_cause(silent):
 
     sampler, pose = Sampler(SamplingStrategy(order=Order(route="given"))), still(1)[0]
     for z, samples in ((0.2, 10), (0.202, 25)):
-        sampler.draw(Path.of(batch_of([lines(z)]), 0), pose, samples)
+        sampler.draw(batch_of([lines(z)]), pose, samples)
     if silent:
         sampler.draw(None, pose, 5)
-        sampler.draw(Path.of(batch_of([lines(0.206)]), 0), pose, 2)
+        sampler.draw(batch_of([lines(0.206)]), pose, 2)
     longest = sampler.count.hops_longest
     assert longest["pose"] == pytest.approx(np.hypot(2e-3, STEP), rel=1e-4)
     assert longest["polyline"] == pytest.approx(STEP + 1.3e-3, rel=1e-4)
@@ -78,37 +77,16 @@ def test_the_longest_hop_is_kept_by_cause(silent):
     assert sampler.count.hop_longest == longest["pose"]
 
 
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("kind", ["frequency", "capped"])
-def test_steps_on_the_contours_before_are_judged_by_those_whatever_the_block(kind):
-    """A ring of 188 mm, then two of 25 mm each, all at 20 Hz: steps of 0.38 and 0.1 mm; hops are at poses only.
-
-    Until a ring is finished it is drawn on, in the samples of the next pose.
-    """
-    large = [(circle(0.03, count=360), True)]
-    small = [(circle(0.004, (x, 0, 0.2), 90), True) for x in (-0.002, 0.02)]
-    pace = Pace(kind=kind, frequency=20.0) if kind == "frequency" else Pace(kind=kind, lowest=19.5, highest=20.5)
-    counts = []
-    for block in (64, 1024, 4096):
-        sampler = Sampler(SamplingStrategy(continuity="finish", pace=pace))
-        poses, time = batch_of([large, small] * 30), np.arange(60) * 0.06
-        for _ in sample_contours([poses], still(60), time, 3.6, sampler, block=block):
-            pass
-        counts.append((sampler.count.hops, sampler.count.jumps))
-    assert counts[0] == counts[1] == counts[2]
-    assert counts[0][0] == NONE
-
-
 def test_on_one_contour_every_focal_point_hops_by_the_pose():
     """A ring that grows by up to 4 mm where the second of two focal points is: there is no way between polylines."""
     angle = 2 * np.pi * np.arange(360) / 360
     ring = np.stack([0.03 * np.cos(angle), 0.03 * np.sin(angle), 0.2 + 0 * angle], axis=1)
     grown = ring - np.stack([0.002 * (1 - np.cos(angle)), 0 * angle, 0 * angle], axis=1)
-    paths = [Path.of(batch_of([[(points, True)]]), 0) for points in (ring, grown)]
+    rings = [batch_of([[(points, True)]]) for points in (ring, grown)]
     sampler, pose = Sampler(SamplingStrategy(foci=2)), still(1)[0]
-    sampler.draw(paths[0], pose, 1)
+    sampler.draw(rings[0], pose, 1)
     for k in range(40):
-        sampler.draw(paths[(k + 1) % 2], pose, 270 if k % 2 else 268)
+        sampler.draw(rings[(k + 1) % 2], pose, 270 if k % 2 else 268)
     assert sampler.count.hops == NONE | {"pose": sampler.count.hops["pose"]}
     assert sampler.count.hops["pose"] >= 39
 
@@ -117,6 +95,16 @@ def test_the_ordinary_step_is_that_of_the_strategy():
     """A ring that stays has no hop, however fast its strategy draws it: 0.6 m at 70 Hz are 42 m/s."""
     for name in ("constant-frequency", "capped", "dtp", "stp", "lm", "fast-return"):
         assert counted([[(circle(0.1, count=720), True)]], preset(name), samples=3000).hops == NONE, name
+
+
+@pytest.mark.parametrize("kind", ["frequency", "capped"])
+def test_steps_on_new_contours_are_judged_by_those_of_these_contours(kind):
+    """A ring of 188 mm in place of one of 25 mm and back, at 20 Hz: steps of 0.38 and 0.05 mm, and no hop."""
+    rings = [[(circle(radius, (0, 0, 0.2), 360), True)] for radius in (0.03, 0.004)]
+    pace = Pace(kind=kind, frequency=20.0) if kind == "frequency" else Pace(kind=kind, lowest=19.5, highest=20.5)
+    count = counted(rings * 10, SamplingStrategy(pace=pace))
+    assert count.hops == NONE
+    assert count.jumps == NONE | {"pose": 19}
 
 
 def test_a_fast_return_and_a_small_circle_are_ordinary_steps():
@@ -138,16 +126,15 @@ def test_held_points_hop_from_one_to_the_next_by_the_order():
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("block", [7, 1024])
+@pytest.mark.parametrize("span", [70, 1 << 16])
 @pytest.mark.parametrize("name", ["stm", "step", "random"])
-def test_re_entries_to_contours_with_dark_hand_edges_are_the_steps_from_dark_to_bright(name, block):
+def test_re_entries_to_contours_with_dark_hand_edges_are_the_steps_from_dark_to_bright(name, span, monkeypatch):
     """A recount from the focal points alone: all steps to one that is drawn from one that is silent."""
     motion = exploration("tube", duration=4.0, rate=90.0, seed=1)
     dark = IntersectionStrategy(prune=("outside",), transform=("close", Stage("edges", {"on_hand": 0.0})))
+    monkeypatch.setattr("palpate.render.sampling.sampler.SPAN_SAMPLES", span)
     sampler = Sampler(preset(name))
-    blocks = sample_contours(
-        [render("tube", "palm", motion, dark)], motion.pose, motion.time, 4.0, sampler, block=block
-    )
+    blocks = sample_contours([render("tube", "palm", motion, dark)], motion.pose, motion.time, 4.0, sampler)
     focus = joined(list(blocks))
     drawn = focus.intensity > 0
     first = np.flatnonzero((focus.position != np.float32([0, 0, 0.2])).any(axis=1))[0]  # before it nothing is there

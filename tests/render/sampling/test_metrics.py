@@ -7,11 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from palpate.render import MeshObject, Palm, Scene, exploration
 from palpate.render.errors import StrategyError
-from palpate.render.sampling.LEFT import Path
-from palpate.render.sampling.metrics import FocalPoints, dwell_map
+from palpate.render.sampling.metrics import FocalPoints, dwell_map, dwell_maps
 from palpate.render.sampling.presets import preset
-from palpate.render.sampling.sampler import Sampler, sample_bounds, sample_contours
+from palpate.render.sampling.sampler import Sampler, sample_bounds, sample_contours, sample_motions
 from palpate.render.sampling.strategy import Order, SamplingStrategy
 
 POSE = np.array([0.01, 0.02, 0.2, np.sqrt(0.5), 0, 0, np.sqrt(0.5)])  # palm down: u = x, v = -Z = y of the array
@@ -86,6 +86,22 @@ def test_border_between_cells_is_of_the_upper_cell_however_a_place_is_rounded():
     assert found.time.sum() == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("name", ["stm", "multi-focus"])
+def test_maps_of_many_motions_are_those_of_each_motions_focal_points(name, device):
+    strategy, motions = preset(name), [exploration("tube", duration=1.0, rate=90.0, seed=seed) for seed in range(2)]
+    pose, time = (np.concatenate([getattr(motion, which) for motion in motions]) for which in ("pose", "time"))
+    batch = Scene.of(MeshObject.load("tube"), Palm(), "cc").contours(pose, 0, device)[0]
+    samples = sample_motions(batch, pose, time, np.cumsum([0, *map(len, motions)]), [1.0, 1.0], strategy)
+    grid = {"width": 0.08, "length": 0.06, "cell": 2e-3}
+    for k, found in enumerate(dwell_maps(samples, strategy.update_rate, **grid)):
+        bounds = sample_bounds(motions[k].time, 1.0, strategy.update_rate)
+        single = dwell_map([samples.focus(k)], motions[k].pose, bounds, strategy.update_rate, **grid)
+        assert (found.time == single.time).all()
+        assert single.time.any()
+        assert (found.spread, found.outside, found.silent) == (single.spread, single.outside, single.silent)
+        assert single.outside > 0
+
+
 def test_beyond_the_border_is_outside():
     places = POSE[:3] + np.array([[3e-3 + 2e-6, 0, 0], [-3e-3 - 2e-6, 0, 0], [0, 3e-3 + 2e-6, 0], [0, 0, 0]])
     found = dwell_map([points_at(places)], POSE[None], np.array([0, 4]), 4.0, width=6e-3, length=6e-3)
@@ -136,7 +152,7 @@ def test_a_step_out_of_silence_is_no_jump():
     batch = batch_of([lines])
     batch = type(batch)(**{**batch.__dict__, "intensity": np.array([0, 0, 1, 1], np.float32)})
     sampler = Sampler(SamplingStrategy(order=Order(route="given")))
-    sampler.draw(Path.of(batch, 0), still(1)[0], 1000)
+    sampler.draw(batch[:1], still(1)[0], 1000)
     assert sampler.count.silent == 500
     assert sampler.count.jumps["polyline"] == 0
     assert sampler.count.step_longest <= 7e-4 * (1 + 1e-9)

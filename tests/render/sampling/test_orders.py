@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sampling_oracle import sampled_slowly
 
-from palpate.render.sampling.LEFT import Path
+from palpate.render.errors import StrategyError
 from palpate.render.sampling.presets import preset
 from palpate.render.sampling.sampler import Sampler
 from palpate.render.sampling.strategy import (
@@ -28,7 +28,7 @@ SQUARE = (square(0.04), True)
 
 def drawn(lines, strategy, count):
     sampler = Sampler(strategy)
-    focus = sampler.draw(Path.of(batch_of([lines]), 0), still(1)[0], count)
+    focus = sampler.draw(batch_of([lines]), still(1)[0], count)
     return focus.position.astype(float), focus.intensity, sampler.count
 
 
@@ -96,10 +96,10 @@ def test_every_sample_lies_on_a_contour_and_no_step_along_it_is_longer_than_the_
         gap=Gap(kind=gap),
         dwell=Dwell(share=share),
     )
-    path = Path.of(batch_of([lines]), 0)
+    contours = batch_of([lines])
     position, _, count = drawn(lines, strategy, 3000)
     assert distance_to(position, lines).max() < 2e-7
-    way = path.length * (2 if order == "pendulum" else 1)
+    way = contours.length()[0] * (2 if order == "pendulum" else 1)
     back = sum(np.linalg.norm(np.diff(p, axis=0), axis=1).sum() for p, c in lines if not c)
     way += back * (2 if order == "pendulum" else 1) if gap == "pendulum" else 0.0
     samples = 3000 / count.cycles
@@ -114,12 +114,12 @@ def test_every_sample_lies_on_a_contour_and_no_step_along_it_is_longer_than_the_
 @settings(max_examples=30, deadline=None)
 def test_pauses_take_their_share_of_the_cycle(lines, share):
     strategy = SamplingStrategy(pace=Pace(kind="frequency", frequency=1.0), dwell=Dwell(share=share, angle=3.0))
-    path = Path.of(batch_of([lines]), 0)
+    contours = batch_of([lines])
     position, _, _ = drawn(lines, strategy, 10_000)
     resting = np.count_nonzero(steps_of(position) == 0) / 10_000
     opens = any(not closed for _, closed in lines)
     turned = resting > 0.01  # a closed line may have a corner of over 3 rad
-    assert resting == pytest.approx(share if opens or turned else 0.0, abs=0.01 + 2 * len(path.points) / 10_000)
+    assert resting == pytest.approx(share if opens or turned else 0.0, abs=0.01 + 2 * len(contours.points) / 10_000)
 
 
 @pytest.mark.parametrize("kind", ["step", "random"])
@@ -184,7 +184,7 @@ def test_modulation_goes_on_through_silence_and_new_poses():
     strategy = SamplingStrategy(am=AmplitudeModulation())
     sampler = Sampler(strategy)
     batch = batch_of([[SQUARE], [], [SQUARE]])
-    parts = [sampler.draw(Path.of(batch, i), still(1)[0], 333).intensity for i in range(3)]
+    parts = [sampler.draw(batch[i : i + 1], still(1)[0], 333).intensity for i in range(3)]
     wave = 0.5 - 0.5 * np.cos(2 * np.pi * 200.0 * np.arange(999) / 10_000)
     assert parts[0] == pytest.approx(wave[:333], abs=1e-6)
     assert not parts[1].any()
@@ -198,7 +198,7 @@ def test_small_circles_lie_in_the_plane_of_the_palm(turn):
     strategy = SamplingStrategy(pace=Pace(kind="still"), lm=LateralModulation(radius=0.004, frequency=100.0))
     half = turn / 2
     pose = np.array([0, 0, 0.2, 0, np.sin(half), 0, np.cos(half)])  # about the array's y
-    focus = Sampler(strategy).draw(Path.of(batch_of([[SQUARE]]), 0), pose, 100)
+    focus = Sampler(strategy).draw(batch_of([[SQUARE]]), pose, 100)
     off = focus.position - np.float32(square(0.04)[0])
     normal = np.array([0.0, 1.0, 0.0])  # of the palm, which this turn leaves alone
     assert np.linalg.norm(off, axis=1) == pytest.approx(np.full(100, 0.004), abs=1e-7)
@@ -254,24 +254,31 @@ def test_still_points_stay_where_they_are():
 )
 def test_cycle_repeated_is_the_pose_that_stays(name):
     sampler = Sampler(preset(name))
-    path = Path.of(batch_of([[SQUARE, L_SHAPE]]), 0)
-    cycle = sampler.cycle(path, still(1)[0], limit=20_000)
+    contours = batch_of([[SQUARE, L_SHAPE]])
+    cycle = sampler.cycle(contours, still(1)[0], limit=20_000)
     assert sampler.count.samples == 0
     period = len(cycle.intensity)
-    parts = [sampler.draw(path, still(1)[0], count) for count in (3, period, 2 * period + 7)]
+    parts = [sampler.draw(contours, still(1)[0], count) for count in (3, period, 2 * period + 7)]
     long = np.concatenate([p.position for p in parts]), np.concatenate([p.intensity for p in parts])
     assert np.abs(long[0] - np.resize(cycle.position, long[0].shape)).max() < 1e-6
     assert np.abs(long[1] - np.resize(cycle.intensity, long[1].shape)).max() < 1e-6
 
 
 def test_cycle_that_is_too_long_is_none():
-    path = Path.of(batch_of([[SQUARE]]), 0)
-    assert Sampler(SamplingStrategy()).cycle(path, limit=229) is not None
-    assert Sampler(SamplingStrategy()).cycle(path, limit=228) is None
+    contours = batch_of([[SQUARE]])
+    assert Sampler(SamplingStrategy()).cycle(contours, limit=229) is not None
+    assert Sampler(SamplingStrategy()).cycle(contours, limit=228) is None
     odd = AmplitudeModulation(frequency=float(np.sqrt(2) * 100))
-    assert Sampler(SamplingStrategy(am=odd)).cycle(path) is None
-    both = Sampler(SamplingStrategy(am=AmplitudeModulation(frequency=200.0))).cycle(path)
+    assert Sampler(SamplingStrategy(am=odd)).cycle(contours) is None
+    both = Sampler(SamplingStrategy(am=AmplitudeModulation(frequency=200.0))).cycle(contours)
     assert len(both.intensity) == 229 * 50
     slow, longest = (Pace(kind="frequency", frequency=10_000.0 / count) for count in (16_385, 16_384))
-    assert Sampler(SamplingStrategy(pace=slow)).cycle(path) is None  # it is made as it is played
-    assert len(Sampler(SamplingStrategy(pace=longest)).cycle(path).intensity) == 16_384
+    assert Sampler(SamplingStrategy(pace=slow)).cycle(contours) is None  # it is made as it is played
+    assert len(Sampler(SamplingStrategy(pace=longest)).cycle(contours).intensity) == 16_384
+
+
+def test_contours_of_several_poses_are_refused():
+    two = batch_of([[SQUARE], [L_SHAPE]])
+    for draw in (lambda: Sampler("stm").draw(two, still(1)[0], 10), lambda: Sampler("stm").cycle(two)):
+        with pytest.raises(StrategyError, match="of one pose, not 2"):
+            draw()

@@ -8,9 +8,8 @@ from contour_shapes import batch_of, circle, square, still
 
 from palpate.render import ContourBatch, Sampler, SamplingStrategy
 from palpate.render.errors import StrategyError
-from palpate.render.sampling.path import Path, paths_of
+from palpate.render.sampling.sampler import lay_each, sample_motions
 from palpate.render.sampling.strategy import Dwell, Gap, Order, Pace
-from palpate.render.sampling.track import lay_track
 
 SIDE = 0.04
 STRATEGY = SamplingStrategy()
@@ -30,12 +29,13 @@ def paused(poses, rests):
 
 def rest_of(batch, strategy=STRATEGY):
     """Time of a cycle that the focal point rests at each vertex [s], and the cycle's length [s]."""
-    track = lay_track(Path.of(batch, 0), strategy)
-    spent = np.diff(track.knot)
-    at = track.points[:-1][track.pause] if track.pause is not None else np.zeros((0, 3))
-    time = spent[track.pause] if track.pause is not None else np.zeros(0)
+    room = lay_each(batch, strategy)
+    track = room.tracks.numpy()[0]
+    knot, point = (nodes.numpy()[: track["count"]] for nodes in room.nodes)
+    spent = np.where((np.diff(point, axis=0) == 0).all(axis=1), np.diff(knot), 0.0)
     points = batch.points.astype(np.float64)
-    return np.array([time[np.linalg.norm(at - p, axis=1) < 1e-9].sum() for p in points]), track.seconds
+    near = [np.linalg.norm(point[:-1] - p, axis=1) < 1e-9 for p in points]
+    return np.array([spent[there].sum() for there in near]), track["period"]
 
 
 @pytest.mark.parametrize("point", [0, 2])
@@ -90,7 +90,7 @@ def test_pauses_add_to_those_of_the_strategy_and_zero_is_none():
 def test_focal_points_stand_still_for_the_pause_and_go_on_pose_after_pose():
     batch = paused([[(square(SIDE), True)]] * 8, {5 * k + 1: 0.02 for k in range(8)})
     sampler = Sampler(STRATEGY)
-    shown = [sampler.draw(Path.of(batch, k), pose, 111) for k, pose in enumerate(still(8))]
+    shown = [sampler.draw(batch[k : k + 1], pose, 111) for k, pose in enumerate(still(8))]
     position = np.concatenate([focus.position for focus in shown])
     step = np.linalg.norm(np.diff(position, axis=0), axis=1)
     still_at = np.flatnonzero(step == 0)
@@ -107,7 +107,7 @@ def test_focal_points_stand_still_for_the_pause_and_go_on_pose_after_pose():
 def test_a_constant_frequency_scales_pauses_with_the_rest():
     pace = SamplingStrategy(pace=Pace(kind="frequency", frequency=20.0))
     batch = paused([[(square(SIDE), True)]], {1: 0.02})
-    position = Sampler(pace).draw(Path.of(batch, 0), still(1)[0], 500).position
+    position = Sampler(pace).draw(batch[:1], still(1)[0], 500).position
     rests = np.count_nonzero(np.linalg.norm(np.diff(position, axis=0), axis=1) == 0)
     assert rests == pytest.approx(500 * 0.02 / (0.02 + 4 * SIDE / 7.0), abs=3)
 
@@ -126,9 +126,11 @@ def test_a_seam_that_says_two_things_is_refused_and_one_that_agrees_is_kept(name
     value = np.linspace(0.1, 0.9, batch.point_count).astype(np.float32)
     value[[4, 12]] = value[[0, 8]]
     agreeing = replace(batch, **{name: value})
-    assert len(list(paths_of(agreeing))) == 2  # the open one may end as it likes
+    assert len(Sampler(STRATEGY).draw(agreeing[:1], still(1)[0], 5).position) == 5  # the open one may end as it likes
     value = value.copy()
     value[12] += 0.01
     with pytest.raises(StrategyError, match=rf"polyline 2 is closed, so {name} at its last point must be .* 0\.6333"):
-        list(paths_of(replace(batch, **{name: value})))
-    assert Path.of(replace(batch, **{name: value}), 0) is not None  # the other pose is nothing to it
+        sample_motions(replace(batch, **{name: value}), still(2), np.zeros(2), [0, 1, 2], [0.1] * 2, STRATEGY)
+    sampler = Sampler(STRATEGY)
+    sampler.draw(replace(batch, **{name: value})[:1], still(1)[0], 5)  # the other pose is nothing to it
+    assert sampler.count.drawn == 5

@@ -8,12 +8,9 @@ from contour_shapes import batch_of, circle, square, still
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.render.sampling.continuity import Place, entered, interval_of
-from palpate.render.sampling.LEFT import Path
 from palpate.render.sampling.presets import preset
-from palpate.render.sampling.sampler import Sampler, sample_bounds, sample_contours
+from palpate.render.sampling.sampler import Sampler, laid_tracks, sample_bounds, sample_contours
 from palpate.render.sampling.strategy import Dwell, Gap, Order, Pace, SamplingStrategy
-from palpate.render.sampling.track import lay_track
 
 RING = (circle(0.03), True)
 LEFT, RIGHT = (circle(0.02, centre=(-0.03, 0, 0.2)), True), (circle(0.02, centre=(0.03, 0, 0.2)), True)
@@ -40,22 +37,16 @@ def test_11_a_new_pose_does_not_restart_the_path():
     assert np.median(restarted) > 0.02  # what restarting would have jumped
 
 
-@pytest.mark.parametrize("continuity", ["nearest", "finish", "jump"])
+@pytest.mark.parametrize("continuity", ["nearest", "jump"])
 def test_12_contours_that_split_are_entered_by_policy_and_the_jump_is_counted(continuity):
     both = [LEFT, RIGHT]
     position, count = sampled([[RING], both], rate=50.0, strategy=SamplingStrategy(continuity=continuity))
     before, after = position[:200], position[200:]
     ring = np.abs(np.linalg.norm(after[:, :2], axis=1) - 0.03) < 1e-4
-    cycle = 270
     assert np.abs(np.linalg.norm(before[:, :2], axis=1) - 0.03).max() < 1e-4
-    if continuity == "finish":
-        assert ring[: cycle - 200].all()  # the whole of the old ring first
-        assert ring[cycle - 200 + 5 :].mean() < 0.1
-    else:
-        assert ring.mean() < 0.1
+    assert ring.mean() < 0.1
     if continuity == "jump":
-        path = Path.of(batch_of([both]), 0)
-        start = Sampler(SamplingStrategy()).draw(path, still(1)[0], 1).position[0]
+        start = Sampler(SamplingStrategy()).draw(batch_of([both]), still(1)[0], 1).position[0]
         assert after[0] == pytest.approx(start, abs=1e-7)
     if continuity == "nearest":
         contours = np.concatenate([LEFT[0], RIGHT[0]])
@@ -63,22 +54,19 @@ def test_12_contours_that_split_are_entered_by_policy_and_the_jump_is_counted(co
     assert count.jumps["pose"] == int(np.linalg.norm(np.diff(position, axis=0), axis=1)[199:270].max() > 5e-3)
 
 
-def test_12_a_loop_that_disappears_while_it_is_drawn_is_left_at_once_or_finished():
-    for continuity, most in (("nearest", 0), ("finish", 270)):
-        sampler = Sampler(SamplingStrategy(order=Order(route="given"), continuity=continuity))
-        batch = batch_of([[RIGHT, LEFT], [LEFT], [LEFT]])
-        sampler.draw(Path.of(batch, 0), still(1)[0], 50)  # 50 of 180 samples into the right loop
-        parts = [sampler.draw(Path.of(batch, i), still(1)[0], 100).position for i in (1, 2)]
-        right = np.concatenate(parts)[:, 0] > 0
-        assert right.sum() == (0 if most == 0 else 130)
-        assert right[: right.sum()].all()
-        assert sampler.count.jumps["pose"] == 1
+def test_12_a_loop_that_disappears_while_it_is_drawn_is_left_at_once():
+    sampler = Sampler(SamplingStrategy(order=Order(route="given")))
+    batch = batch_of([[RIGHT, LEFT], [LEFT]])
+    sampler.draw(batch[:1], still(1)[0], 50)  # 50 of 180 samples into the right loop
+    assert sampler.draw(batch[1:], still(1)[0], 100).position[:, 0].max() < 0
+    assert sampler.count.jumps["pose"] == 1
 
 
 def jumps_of(lines, route, **kwargs):
     sampler = Sampler(SamplingStrategy(order=Order(route=route), **kwargs))
-    path = Path.of(batch_of([lines]), 0)
-    sampler.draw(path, still(1)[0], sum(sampler.strategy.samples_a_cycle(path.length) for _ in range(2)) + 1)
+    contours = batch_of([lines])
+    cycle = sampler.strategy.samples_a_cycle(float(contours.length()[0]))
+    sampler.draw(contours, still(1)[0], 2 * cycle + 1)
     return sampler.count
 
 
@@ -186,7 +174,7 @@ def test_19_no_point_is_left_out_of_another_order_by_new_poses(kind):
 def test_24_seam_of_a_stored_cycle_is_no_jump_of_its_own(gap):
     lines = [([[-0.04, y, 0.2], [0.04, y, 0.2]], False) for y in (0.0, 0.03)]
     sampler = Sampler(SamplingStrategy(gap=Gap(kind=gap)))
-    cycle = sampler.cycle(Path.of(batch_of([lines]), 0))
+    cycle = sampler.cycle(batch_of([lines]))
     steps = np.linalg.norm(np.diff(np.vstack([cycle.position, cycle.position[:1]]), axis=0), axis=1)
     assert np.count_nonzero(steps > 5e-3) == (2 if gap == "jump" else 0)
 
@@ -237,36 +225,25 @@ def test_corner_that_moves_over_the_focal_point_is_paused_at_once_and_only_once(
     strategy = SamplingStrategy(speed=0.5, dwell=Dwell(time=0.05), gap=Gap(kind="pendulum"))
     sampler = Sampler(strategy)
     batch = batch_of([[(bend, False)], [(bend + np.array([shift, 0, 0]), False)]])
-    before = sampler.draw(Path.of(batch, 0), still(1)[0], samples).position
+    before = sampler.draw(batch[:1], still(1)[0], samples).position
     assert np.linalg.norm(before[-1] - bend[1]) < 1.5e-3
-    after = sampler.draw(Path.of(batch, 1), still(1)[0], 700).position
+    after = sampler.draw(batch[1:], still(1)[0], 700).position
     rested = np.count_nonzero(np.linalg.norm(np.diff(after, axis=0), axis=1) == 0)
     assert rested == pytest.approx(500 if rests else 0, abs=2)
 
 
 @pytest.mark.parametrize(("x", "rests"), [(0.036, True), (0.03, False), (0.0, False)])
 def test_rest_at_a_corner_that_is_gone_ends_unless_another_is_hardly_farther_than_the_contour(x, rests):
-    line = [([[-0.04, 0, 0.2], [0.04, 0, 0.2]], False)]
-    strategy = SamplingStrategy(dwell=Dwell(time=0.05), gap=Gap(kind="pendulum"))
-    track = lay_track(Path.of(batch_of([line]), 0), strategy)
-    here = np.array([x, 1e-3, 0.2])
-    knot = entered(track, Place(here, np.array([1.0, 0, 0]), rested=0.5), slack=5e-3, step=7e-4)
-    assert track.at(np.array(knot)) == pytest.approx([0.04 if rests else x, 0, 0.2], abs=1e-6)
-    i = interval_of(track, knot)
-    assert track.pause[i] == rests
-    if rests:  # for what is left
-        assert (knot - track.knot[i]) / (track.knot[i + 1] - track.knot[i]) == pytest.approx(0.5)
-
-
-def test_12_a_finish_that_silence_ends_is_not_taken_up_again():
-    sampler = Sampler(SamplingStrategy(continuity="finish"))
-    batch = batch_of([[RING], [LEFT, RIGHT], [], [LEFT, RIGHT]])
-    parts = [sampler.draw(Path.of(batch, i), still(1)[0], 50).position for i in range(4)]
-    on_ring = [np.abs(np.linalg.norm(p[:, :2], axis=1) - 0.03).max() < 1e-4 for p in parts]
-    assert on_ring[:2] == [True, True]
-    assert not on_ring[3]
+    """Half of a pause of 500 samples is over at the end of a line, when another line, 1 mm beside, takes its place."""
+    lines = [[([[-0.04, y, 0.2], [end, y, 0.2]], False)] for y, end in ((1e-3, x), (0.0, 0.04))]
+    sampler = Sampler(SamplingStrategy(dwell=Dwell(time=0.05), gap=Gap(kind="pendulum")))
+    sampler.draw(batch_of(lines[:1]), still(1)[0], round((x + 0.04) / 7e-4) + 250)
+    after = sampler.draw(batch_of(lines[1:]), still(1)[0], 300).position.astype(float)
+    moves = np.flatnonzero(np.linalg.norm(np.diff(after, axis=0), axis=1))
+    assert moves[0] == pytest.approx(250 if rests else 0, abs=2)  # for what is left
+    assert after[0] == pytest.approx([0.04 if rests else x, 0, 0.2], abs=1e-6 if rests else 8e-4)
 
 
 def test_sections_take_the_cycle_and_no_more():
-    path = Path.of(batch_of([[RING, LEFT]]), 0)
-    assert lay_track(path, preset("stp")).seconds == pytest.approx(2.0, rel=1e-12)
+    track = laid_tracks(batch_of([[RING, LEFT]]), preset("stp"))[0]
+    assert track["period"] == pytest.approx(2.0, rel=1e-12)

@@ -1,6 +1,7 @@
 """Revisit rate: answers worked out by hand, all places watched the slow way, and what must change nothing."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -12,8 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from palpate.render.errors import StrategyError
 from palpate.render.sampling import revisits
-from palpate.render.sampling.LEFT import Path
-from palpate.render.sampling.metrics import FocalPoints, SamplingCount
+from palpate.render.sampling.metrics import FocalPoints
 from palpate.render.sampling.revisits import RevisitWatch, revisit_rate
 from palpate.render.sampling.sampler import Sampler, sample_bounds, sample_contours
 from palpate.render.sampling.strategy import Order, SamplingStrategy
@@ -33,12 +33,14 @@ def every_place(monkeypatch):
 def counted(points, drawn=None, cuts=(), pose=POSE, rate=RATE):
     """Visits and samples waited of focal points [sample, 3] or [sample, focus, 3], taken in blocks."""
     points = np.asarray(points, np.float32)
-    intensity = np.ones(points.shape[:-1]) if drawn is None else np.asarray(drawn, float)
-    count = SamplingCount()
-    watch = RevisitWatch(count, rate)
-    for first, stop in zip([0, *cuts], [*cuts, len(points)], strict=True):
-        watch.take(FocalPoints(points[first:stop], intensity[first:stop].astype(np.float32)), pose)
-    return count.revisits, round(count.revisit_time * rate)
+    points = points.reshape(len(points), -1, 3)
+    intensity = np.ones(points.shape[:2]) if drawn is None else np.reshape(drawn, points.shape[:2])
+    watch = RevisitWatch(1, SamplingStrategy(update_rate=rate), "cpu")
+    for first, stop in pairwise([0, *cuts, len(points)]):
+        part = points[first:stop], intensity[first:stop].astype(np.float32)
+        watch.add(0, *part, np.asarray(pose, float)[None], np.array([stop - first]))
+    (revisits,), (time,) = watch.totals()
+    return revisits, round(time * rate)
 
 
 def ring(samples, cycle, radius=0.03):
@@ -127,7 +129,7 @@ def test_silent_side_takes_its_time_but_is_no_place():
     intensity = np.array([0, 1, 1, 1, 0], np.float32)  # rises along the first side, falls along the last
     batch = type(batch)(**{**batch.__dict__, "intensity": np.where(intensity > 0, 1, 0).astype(np.float32)})
     sampler = Sampler(SamplingStrategy(order=Order(route="given")))
-    sampler.draw(Path.of(batch, 0), POSE, 50_000)
+    sampler.draw(batch[:1], POSE, 50_000)
     assert sampler.count.revisit_rate == pytest.approx(7.0 / 0.24, rel=2e-3)
     corner = ring(40_000, 400)
     lit = (np.arange(40_000) % 400) >= 100
@@ -142,10 +144,9 @@ def test_silent_side_takes_its_time_but_is_no_place():
     foci=st.integers(1, 3),
     silent=st.sampled_from([0.0, 0.2, 0.7]),
     step=st.sampled_from([3e-4, 2e-3, 8e-3]),
-    group=st.sampled_from([1, 5]),
 )
 @settings(max_examples=40, deadline=None)
-def test_every_place_is_what_the_slow_way_counts(seed, foci, silent, step, group):
+def test_every_place_is_what_the_slow_way_counts(seed, foci, silent, step):
     random = np.random.default_rng(seed)
     samples, rate = 300, 80.0
     walk = np.cumsum(random.normal(0, step, (samples, foci, 3)), axis=0).astype(np.float32)
@@ -154,9 +155,7 @@ def test_every_place_is_what_the_slow_way_counts(seed, foci, silent, step, group
     drawn &= random.random(drawn.shape) >= silent / 4
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(revisits, "PICK_INTERVAL", 1e-9)
-        patch.setattr(revisits, "BLOCK", 32)  # what is remembered is written over
-        patch.setattr(revisits, "GROUP_TIME", group / rate)
-        patch.setattr(revisits, "LOOK", 4)
+        patch.setattr(revisits, "COUNTED_AT_ONCE", 32)  # what is past is forgotten between the cuts
         found = counted(walk, drawn, cuts=[7, 110], pose=np.array([0, 0, 0, 0, 0, 0, 1.0]), rate=rate)
     assert found == visits_slowly(walk.astype(float).tolist(), drawn.tolist(), 80)
 
@@ -170,7 +169,10 @@ def test_how_samples_are_cut_into_blocks_changes_nothing(cuts, seed):
     lit = np.repeat(random.random(60) < 0.7, 200)
     whole = counted(points, lit)
     assert whole[0] > 10
-    assert counted(points, lit, sorted(cuts)) == whole
+    for limit in (1, 3000):  # samples that wait to be counted
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(revisits, "COUNTED_AT_ONCE", limit)
+            assert counted(points, lit, sorted(cuts)) == whole
 
 
 @pytest.mark.parametrize("seed", range(4))

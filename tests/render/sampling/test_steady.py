@@ -13,10 +13,8 @@ from scipy.ndimage import uniform_filter1d
 from palpate.datasets.motions.hand_motion import PALM_DOWN, HandMotion
 from palpate.render import MeshObject, Palm, closed_contour, render
 from palpate.render.errors import StrategyError
-from palpate.render.sampling.LEFT import Path
 from palpate.render.sampling.sampler import Sampler, sample_bounds, sample_contours
 from palpate.render.sampling.strategy import Order, Pace, SamplingStrategy
-from palpate.render.sampling.track import lay_track
 
 RATE, UPDATE = 90.0, 10_000.0
 CENTRES = [np.array([x, y, 0.2]) for x in (-0.03, 0.0, 0.03) for y in (-0.015, 0.015)]
@@ -155,18 +153,17 @@ def passing(share):
 @pytest.mark.parametrize("margin", [0.0, 0.2, 1000.0])
 def test_a_shorter_route_is_taken_once_it_is_shorter_by_the_margin(margin):
     """Against all orders and directions of the four lines, tried one by one."""
-    strategy = SamplingStrategy(order=Order(margin=margin))
-    route, ratios = None, []
+    sampler, ratios = Sampler(SamplingStrategy(order=Order(margin=margin))), []
     for share in np.linspace(0, 1, 60):
         lines = passing(share)
-        track = lay_track(Path.of(batch_of([lines]), 0), strategy, route)
-        route = track.route
+        sampler.draw(batch_of([lines]), still(1)[0], 1)
         best = np.inf
         for order in itertools.permutations(range(4)):
             for turned in itertools.product((1, -1), repeat=4):
                 ends = [np.array(lines[i][0])[::t] for i, t in zip(order, turned, strict=True)]
                 best = min(best, sum(np.linalg.norm(b[0] - a[1]) for a, b in itertools.pairwise([*ends, ends[0]])))
-        ends = [piece.points[[0, -1]] for piece in route.pieces]
+        drawn = sampler.room.state.piece.numpy()[:4]  # as the next pose keeps them
+        ends = np.stack([drawn["start"], drawn["end"]], axis=1)
         own = sum(np.linalg.norm(b[0] - a[1]) for a, b in itertools.pairwise([*ends, ends[0]]))
         ratios.append((own - 5e-3) / best)
     if margin < 1000:
@@ -191,13 +188,14 @@ def test_silence_is_no_absence():
     assert count.absence_max == 0.0
 
 
-@pytest.mark.parametrize("block", [100, 3000])
-def test_what_is_absent_until_a_fade_ends_does_not_depend_on_blocks(block):
+@pytest.mark.parametrize("span", [100, 3000])
+def test_what_is_absent_until_a_fade_ends_does_not_depend_on_spans(span, monkeypatch):
     """Four circles, 75.4 mm each, at 1.5 m/s: the three others take 0.1508 s, the fade ends at 0.32 s."""
     lines = [(circle(0.012, (x, 0, 0.2), 360), True) for x in np.linspace(-0.06, 0.06, 4)]
+    monkeypatch.setattr("palpate.render.sampling.sampler.SPAN_SAMPLES", span)
     sampler = Sampler(SamplingStrategy(speed=1.5))
     poses, time = batch_of([lines, lines]), np.array([0, 0.9])
-    for _ in sample_contours([poses], still(2), time, 0.91, sampler, block=block, hold=0.3):
+    for _ in sample_contours([poses], still(2), time, 0.91, sampler, hold=0.3):
         pass
     assert sampler.count.absence_max == pytest.approx(3 * 2 * np.pi * 0.012 / 1.5, abs=2e-4)
 

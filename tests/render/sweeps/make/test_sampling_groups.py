@@ -91,6 +91,16 @@ def test_kept_focal_points_are_the_same_on_every_device_and_written_in_any_block
     assert files_of(stores[1]) == files_of(stores[0])
 
 
+@pytest.mark.parametrize(("name", "together"), [("stm", True), ("multi-focus", False)])
+def test_motions_of_more_focal_points_than_memory_may_hold_are_made_alone(tmp_path, monkeypatch, name, together):
+    """Two foci of 10,000 samples a second are 20,000 focal points."""
+    monkeypatch.setattr(sampling_groups, "FOCI_AT_ONCE", 19_999)
+    seen, real = [], sampling_groups.motion_groups
+    monkeypatch.setattr(sampling_groups, "motion_groups", lambda *a, **o: seen.append(1) or real(*a, **o))
+    made(tmp_path, [recipe_of("tube", motion=touching(5)[0], sampling=name)], BOTH[:1])
+    assert bool(seen) == together
+
+
 def test_chunks_of_one_motion_share_what_each_asks_for(tmp_path):
     recipes = [recipe_of("tube", motion=touching(5)[0], array=array) for array in ("emulator", "pat16")]
     tasks = [task_of(tmp_path, [recipe], (group,)) for recipe, group in zip(recipes, BOTH, strict=True)]

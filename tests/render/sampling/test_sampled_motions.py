@@ -1,6 +1,6 @@
-"""Focal points of many motions at once are those of the host's sampler, to the bit, and so are their counts."""
+"""Focal points and counts of many motions at once are those of the sampler in NumPy, but for rounding."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import pairwise
 
 import numpy as np
@@ -8,125 +8,60 @@ import pytest
 import warp as wp
 from contour_random import random_strokes
 from contour_shapes import batch_of, square, still
+from numpy_sampler.sampler import Sampler as NumpySampler
+from numpy_sampler.sampling import sample_contours as numpy_contours
+from sampling_cases import random_motion, random_motions, random_strategy, with_pauses, without_folds
 
 from palpate.render import MeshObject, Palm, Scene, exploration, render
 from palpate.render.contour_batch import join_batches
 from palpate.render.errors import StrategyError
 from palpate.render.hands.flat_hand import flat_hand
-from palpate.render.sampling.presets import preset
-from palpate.render.sampling.sampler import Sampler, joined, joined_batches, sample_contours, sample_motions
+from palpate.render.sampling.metrics import SamplingCount
+from palpate.render.sampling.presets import PRESETS, preset
+from palpate.render.sampling.sampler import joined, joined_batches, sample_motions
 from palpate.render.sampling.strategy import (
-    AmplitudeModulation,
     Dwell,
     Gap,
-    LateralModulation,
     Order,
-    Pace,
     SamplingStrategy,
-    Sections,
 )
 
-SAMPLE_EXACTLY = (
-    "samples",
-    "silent",
-    "held",
-    "jumps",
-    "jump_lengths",
-    "hops",
-    "hops_longest",
-    "drawn",
-    "cycles",
-    "absence_max",
-    "revisits",
-    "revisit_time",
-)
-BY_LENGTHS = ("jump_lengths", "hops_longest")
+POSITION_TOLERANCE = 1e-7  # [m]: half a unit in the last place of a float32, 0.2 m from the origin, is 7e-9 m
+BY_LENGTHS = ("jump_lengths", "step_longest", "hops_longest", "cycles", "absence_max", "revisit_time")
 
 
-def by_host(batch, pose, time, duration, strategy, hold=None):
-    """Focal points and counts of one motion by the host's sampler; no focal points where it has none."""
-    sampler = Sampler(strategy)
-    blocks = list(sample_contours([batch], pose, time, duration, sampler, hold=hold)) if len(time) else []
+def by_numpy(batch, pose, time, duration, strategy, hold=None):
+    """Focal points and counts of one motion by the sampler in NumPy; no focal points where it has none."""
+    sampler = NumpySampler(strategy)
+    blocks = list(numpy_contours([batch], pose, time, duration, sampler, hold=hold)) if len(time) else []
     return joined(blocks) if blocks else None, sampler.count
 
 
 def assert_same(samples, batch, pose, time, start, duration, strategy, hold=None):
-    """Assert that every motion is what the host draws; small circles are alike within rounding only."""
-    circles = strategy.lm is not None
+    """Assert that every motion is what the sampler in NumPy draws and counts, but for rounding."""
     for motion, (a, b) in enumerate(pairwise(np.asarray(start).tolist())):
         own = None if hold is None else float(hold[motion])
-        focus, count = by_host(batch.select(a, b), pose[a:b], time[a:b], duration[motion], strategy, own)
+        focus, count = by_numpy(batch.select(a, b), pose[a:b], time[a:b], duration[motion], strategy, own)
         drawn, counted = samples.focus(motion), samples.counts[motion]
         assert len(drawn.intensity) == (0 if focus is None else len(focus.intensity))
         if focus is not None:
             assert drawn.position.shape == focus.position.shape
-            assert np.abs(drawn.position - focus.position).max() <= (1e-7 if circles else 0.0)
-            assert np.abs(drawn.intensity - focus.intensity).max() <= 0.0
-        for name in SAMPLE_EXACTLY:
-            expected = getattr(count, name)
-            close = pytest.approx(expected, rel=1e-12, abs=1e-8) if circles and name in BY_LENGTHS else expected
-            assert getattr(counted, name) == close, name
-        assert counted.step_longest == pytest.approx(count.step_longest, abs=1e-9 if circles else 0.0)
+            assert np.abs(drawn.position - focus.position).max() <= POSITION_TOLERANCE
+            assert np.abs(drawn.intensity - focus.intensity).max() <= 1e-6
+        assert_counted(counted, count)
 
 
-def random_strategy(rng):
-    kind = str(rng.choice(["speed", "frequency", "capped", "still"], p=[0.5, 0.2, 0.2, 0.1]))
-    order, points = "loop", None
-    if kind != "still":
-        order = str(rng.choice(["loop", "pendulum", "step", "random"], p=[0.6, 0.2, 0.1, 0.1]))
-        points = int(rng.choice([7, 40])) if order in ("step", "random") or rng.random() < 0.2 else None
-    in_sections = kind == "frequency" and order == "loop" and points is None and rng.random() < 0.4
-    sections = Sections(int(rng.choice([2, 5, 24])), float(rng.choice([0.5, 2.0, 20.0])))
-    return SamplingStrategy(
-        speed=float(rng.choice([2.0, 7.0, 14.0])),
-        update_rate=float(rng.choice([1000.0, 10_000.0])),
-        fade=float(rng.choice([0.0, 0.005, 0.02])),
-        pace=Pace(kind, points=points, frequency=float(rng.choice([5.0, 70.0]))),
-        order=Order(
-            order, 3, int(rng.integers(5)), str(rng.choice(["shortest", "given"], p=[0.7, 0.3])), rng.choice([0.0, 0.2])
-        ),
-        gap=Gap(str(rng.choice(["jump", "return", "pendulum", "close"], p=[0.4, 0.2, 0.2, 0.2]))),
-        am=AmplitudeModulation() if rng.random() < 0.15 else None,
-        lm=LateralModulation() if rng.random() < 0.15 else None,
-        foci=int(rng.choice([1, 2, 5], p=[0.6, 0.2, 0.2])),
-        continuity=str(rng.choice(["nearest", "jump", "finish"], p=[0.5, 0.2, 0.3])),
-        dwell=random_dwell(rng, kind),
-        sections=sections if in_sections else None,
-    )
-
-
-def random_dwell(rng, pace):
-    kinds = ["none", "share"] if pace == "frequency" else ["none", "none", "time", "share"]
-    kind, angle = str(rng.choice(kinds)), float(rng.choice([0.3, 1.0, 2.5]))
-    time, share = float(rng.choice([2e-4, 0.005, 0.1])), float(rng.choice([0.1, 0.8]))
-    return Dwell(time if kind == "time" else 0.0, share if kind == "share" else 0.0, angle)
-
-
-def with_pauses(rng, batch):
-    """A batch with pauses at some points, which agree at seams."""
-    dwell = rng.choice([0.0, 1e-4, 0.003, 0.02], size=batch.point_count, p=[0.7, 0.1, 0.1, 0.1])
-    loop = np.flatnonzero(batch.polyline_closed)
-    dwell[batch.polyline_start[loop + 1] - 1] = dwell[batch.polyline_start[loop]]
-    return replace(batch, dwell=dwell.astype(np.float32))
-
-
-def random_motions(rng, pose_count):
-    """Poses, times, offsets of motions, when each ends, and when its poses fade; some motions have no pose."""
-    start = [0, *np.sort(rng.integers(0, pose_count + 1, rng.integers(0, 4))).tolist(), pose_count]
-    time, duration = np.zeros(pose_count), []
-    for a, b in pairwise(start):
-        interval = rng.choice([0.011, 1e-4, 0.03, 0.15], size=b - a, p=[0.7, 0.1, 0.15, 0.05])
-        time[a:b] = np.cumsum(interval) - interval + (0.013 if rng.random() < 0.2 else 0.0)
-        duration.append(0.011 + (time[b - 1] if b > a else 0.0))
-    pose = rng.normal(size=(pose_count, 7))
-    pose[:, 3:] /= np.linalg.norm(pose[:, 3:], axis=1, keepdims=True)
-    hold = rng.choice([0.005, 0.05, np.inf], size=len(duration)) if rng.random() < 0.5 else None
-    return pose.astype(np.float32), time, np.array(start), np.array(duration), hold
+def assert_counted(found, expected):
+    """Assert that two counts are equal, lengths and times but for rounding."""
+    for field in fields(SamplingCount):
+        one, other = getattr(found, field.name), getattr(expected, field.name)
+        close = pytest.approx(other, rel=1e-9, abs=1e-8) if field.name in BY_LENGTHS else other
+        assert one == close, field.name
 
 
 @pytest.mark.exhaustive(after=8)
-@pytest.mark.parametrize("seed", range(48))
-def test_random_motions_are_what_the_host_draws(seed, device):
+@pytest.mark.parametrize("seed", range(160))
+def test_random_motions_are_what_the_sampler_in_numpy_draws(seed, device):
     rng = np.random.default_rng(seed)
     count = int(rng.integers(1, 40))
     line_most = int(rng.choice([1, 2, 3, 4, 6, 10]))
@@ -135,8 +70,20 @@ def test_random_motions_are_what_the_host_draws(seed, device):
         batch = with_pauses(rng, batch)
     pose, time, start, duration, hold = random_motions(rng, count)
     strategy = random_strategy(rng)
+    batch = without_folds(batch, strategy)
     samples = sample_motions(batch, pose, time, start, duration, strategy, hold=hold, device=device)
     assert_same(samples, batch, pose, time, start, duration, strategy, hold)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_preset_draws_hard_motions_as_the_sampler_in_numpy_does(name, device):
+    """Several polylines that come and go, with intensities and pauses, silent and fading poses."""
+    strategy, rng = preset(name), np.random.default_rng(7)
+    for weighed, paused in ((False, False), (True, False), (True, True)):
+        motion = random_motion(rng, with_intensity=weighed, paused=paused)
+        batch, start = without_folds(motion.batch, strategy), [0, len(motion.time)]
+        rows = batch, motion.pose, motion.time, start, [motion.duration], strategy
+        assert_same(sample_motions(*rows, hold=np.array([motion.hold]), device=device), *rows, [motion.hold])
 
 
 def explored(name, contours, seed=0, duration=1.2):
@@ -147,11 +94,11 @@ def explored(name, contours, seed=0, duration=1.2):
 
 @pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(("name", "contours"), [("tube", "oc"), ("tube", "cc"), ("cube", "cc"), ("dog", "oc")])
-def test_explorations_are_what_the_host_draws(name, contours, device):
+def test_explorations_are_what_the_sampler_in_numpy_draws(name, contours, device):
     batch, motion = explored(name, contours)
     start, duration = np.array([0, len(motion)]), np.array([motion.duration])
-    finished = SamplingStrategy(speed=0.5, continuity="finish", dwell=Dwell(time=0.01), gap=Gap("return"))
-    for strategy in (SamplingStrategy(), preset("stp", continuity="finish", foci=2), preset("dtp"), finished):
+    slow = SamplingStrategy(speed=0.5, continuity="jump", dwell=Dwell(time=0.01), gap=Gap("return"))
+    for strategy in (SamplingStrategy(), preset("stp", foci=2), preset("dtp"), slow):
         samples = sample_motions(batch, motion.pose, motion.time, start, duration, strategy, device=device)
         assert_same(samples, batch, motion.pose, motion.time, start, duration, strategy)
 
@@ -177,7 +124,7 @@ def test_motions_may_be_cut_anywhere_among_batches_and_take_no_notice_of_each_ot
 
 @pytest.mark.exhaustive(after=2)
 @pytest.mark.parametrize("line_most", [5, 33, 31, 130])
-def test_routes_through_many_polylines_are_the_hosts(line_most, device):
+def test_routes_through_many_polylines_are_those_of_the_sampler_in_numpy(line_most, device):
     """Up to 4 places all orders are tried, up to 32 pieces the route is improved, and up to 128 it is searched for."""
     time, start, duration = np.arange(8) / 90, np.array([0, 8]), np.array([8 / 90])
     for seed, gap in enumerate(("jump", "pendulum", "close", "return")):
@@ -253,7 +200,7 @@ def test_a_batch_without_intensity_among_others_that_have_it_has_all_of_it(bare,
     np.testing.assert_array_equal(joined.points, whole.select(0, 27).points)
 
 
-def test_polylines_that_lie_on_each_other_are_recognised_as_the_host_does(device):
+def test_polylines_that_lie_on_each_other_are_recognised_as_by_the_sampler_in_numpy(device):
     """The whole outline on each of 15 patches in one plane: rounding must not decide which copy is which."""
     mesh = MeshObject.load("dog")
     motion = exploration(mesh.bounds, 2.0, rate=40.0, seed=3, model="around")

@@ -42,7 +42,7 @@ from palpate.render import (
     sample_contours,
 )
 from palpate.render.acoustics.prediction import frames_of
-from palpate.render.reproduction.paper_spectra import paper_spectra
+from palpate.render.reproduction.paper_numbers import paper_spectra
 
 UPDATE_RATE = 40_000.0  # [Hz] the paper's device's
 SHAPE_BAND = (300.0, 4000.0)  # [Hz]

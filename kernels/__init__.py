@@ -16,8 +16,7 @@ RENDER_STAGES = (
     "section.tree_search",
     "pieces.flat_boxes",
     "pieces.flat_search",
-    "pieces.few_crossings",
-    "pieces.many_crossings",
+    "pieces.flat_ranks",
     "section.joining",
     "section.contour_writing",
     "section.listed_drawing",
@@ -149,7 +148,8 @@ def compile_kernels(device: str = "cpu", stages: tuple[str, ...] = STAGES) -> No
 
     on_cpu, by_block = wp.get_device(device).is_cpu, {}
     for module in (import_module(f".{stage}", __name__) for stage in stages):
-        block = 1 if on_cpu else getattr(module, "BLOCK", BLOCK)  # a CPU has blocks of one
-        by_block.setdefault(block, []).append(wp.get_module(module.__name__))
+        blocks = {module.__name__: getattr(module, "BLOCK", BLOCK), **getattr(module, "OTHER_BLOCKS", {})}
+        for name, block in blocks.items():
+            by_block.setdefault(1 if on_cpu else block, []).append(wp.get_module(name))  # a CPU has blocks of one
     for block, modules in by_block.items():
         wp.force_load(device, modules, block_dim=block, max_workers=len(os.sched_getaffinity(0)))

@@ -16,13 +16,7 @@ Measured (docs/measured/performance.md): a resting palm needs 1.4, that of an ob
 
 @wp.kernel
 def _resolve_flush(
-    # In:
-    patch: wp.array[Patch],
-    flush: wp.float64,
-    flush_rate: wp.float64,
-    relative: wp.int32,
-    # Out:
-    resolved: wp.array[Patch],
+    patch: wp.array[Patch], flush: wp.float64, flush_rate: wp.float64, relative: wp.int32, resolved: wp.array[Patch]
 ):
     """Copy each patch with its flush and its frame of output points."""
     i = wp.tid()

@@ -2,7 +2,7 @@
 
 All lanes of a group take the same way through a kernel where they vote, synchronise or take a row. A kernel is launched
 with `lane_count` threads for each group, and with that many threads a block; a kernel that does not vote may have
-groups of another size (`pieces.many_crossings`).
+groups of another size (`pieces.flat_ranks`).
 """
 
 from typing import Any

@@ -50,30 +50,22 @@ def _kind_of(path: Path) -> str:
     """One of _KINDS, or nothing."""
     suffix = path.suffix.lower()
     if suffix in (".npz", ".csv"):
-        return _kind_of_arrays(_ends_of(path))
+        content = _ends_of(path)  # the names of an NPZ file's members, or of a CSV's columns
+        if b"polyline_start.npy" in content or re.match(rb"[^\r\n]*\bpolyline,", content):
+            return "export"
+        return "volume" if b"values.npy" in content else "motion"
     if suffix == ".json":
-        return _kind_of_json(_ends_of(path))
+        content = _ends_of(path)  # its keys: only an alignment, an expression or a strategy has these
+        if re.match(rb'\s*\{\s*"(position|orientation|matrix)"\s*:\s*\[', content):
+            return "alignment"
+        if re.search(rb'"op"\s*:', content):
+            return "expression"
+        return "strategy" if re.search(rb'"(prune|transform|raw)"\s*:', content) else "motion"
     if suffix in MESH_SUFFIXES:
         return "mesh"
     if str(path).lower().endswith(VOLUME_SUFFIXES):
         return "volume"
     return {".toml": "plan", ".py": "function", ".vtkhdf": "scene", ".ptlist": "points"}.get(suffix, "")
-
-
-def _kind_of_arrays(content: bytes) -> str:
-    """What the members of an NPZ file are, or the columns of a CSV."""
-    if b"polyline_start.npy" in content or re.match(rb"[^\r\n]*\bpolyline,", content):
-        return "export"
-    return "volume" if b"values.npy" in content else "motion"
-
-
-def _kind_of_json(content: bytes) -> str:
-    """What JSON describes, by keys that only an expression, an alignment or a strategy has."""
-    if re.match(rb'\s*\{\s*"(position|orientation|matrix)"\s*:\s*\[', content):
-        return "alignment"
-    if re.search(rb'"op"\s*:', content):
-        return "expression"
-    return "strategy" if re.search(rb'"(prune|transform|raw)"\s*:', content) else "motion"
 
 
 def _ends_of(path: Path) -> bytes:

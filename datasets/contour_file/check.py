@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from os import PathLike
 from typing import Any
@@ -105,7 +104,10 @@ def unproven_content(path: str | PathLike[str]) -> list[str]:
 def _check_open(file: ContourFile) -> list[str]:
     findings = _Findings()
     if not file.sealed:
-        findings.add(_unfinished_problem(file))
+        done = sum(stop - first for first, stop in file.done)
+        held = FolderLock.is_held(file.folder)
+        state = "is still being written" if held else 'was not finished, mode="resume" goes on with it'
+        findings.add(f"{file.path} {state}: {done} of {file.pose_count} poses are done")
     for problem in file.problems:
         findings.add(problem)
     header, parts = file.parts()
@@ -127,13 +129,6 @@ def _check_open(file: ContourFile) -> list[str]:
     except ContourFileError as error:
         findings.add(str(error))
     return findings.sentences_of_all()
-
-
-def _unfinished_problem(file: ContourFile) -> str:
-    done = sum(stop - first for first, stop in file.done)
-    held = FolderLock.is_held(file.folder)
-    state = "is still being written" if held else 'was not finished, mode="resume" goes on with it'
-    return f"{file.path} {state}: {done} of {file.pose_count} poses are done"
 
 
 @dataclass
@@ -243,7 +238,8 @@ def _value_flags(spec: Field, rows: NDArray[Any]) -> list[tuple[str, Flags]]:
         name = f"outside {low} to {high}" if high < np.inf else f"below {low}"
         flags.append((name, _any_of_row((rows < low) | (rows > high))))
     if spec.name in _STEP:
-        flags.append((_STEP[spec.name], _stepping(rows, strictly=spec.name != "pose_start")))
+        below = np.less if spec.name == "pose_start" else np.less_equal  # only poses may be without content
+        flags.append((_STEP[spec.name], np.concatenate([np.zeros(1, np.bool_), below(rows[1:], rows[:-1])])))
     if spec.path == "/motion/pose":
         norm = np.sqrt((rows[:, 3:].astype(np.float64) ** 2).sum(axis=1))
         flags.append((f"quaternion norm not 1 within {NORM_TOLERANCE}", np.abs(norm - 1.0) > NORM_TOLERANCE))
@@ -272,11 +268,6 @@ _STEP = {
 
 def _any_of_row(flags: Flags) -> Flags:
     return np.asarray(flags.reshape(len(flags), -1).any(axis=1), np.bool_)
-
-
-def _stepping(rows: NDArray[Any], *, strictly: bool) -> Flags:
-    compare: Callable[[NDArray[Any], NDArray[Any]], Flags] = np.less_equal if strictly else np.less
-    return np.concatenate([np.zeros(1, np.bool_), compare(rows[1:], rows[:-1])])
 
 
 def _check_contours(file: ContourFile, findings: _Findings) -> None:

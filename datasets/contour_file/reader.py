@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -348,7 +348,11 @@ def join_contours(batches: list[Arrays]) -> Arrays:
             joined[spec.name] = _join_offsets([block[spec.name] for block in batches])
         elif not spec.optional or any(spec.name in block for block in batches):
             empty = np.zeros((0, *(size for size in spec.dims[1:] if isinstance(size, int))), spec.dtype)
-            joined[spec.name] = np.concatenate([empty, *(_column(block, spec) for block in batches)])
+            columns = (
+                block[spec.name] if spec.name in block else np.full(len(block["points"]), spec.absent, spec.dtype)
+                for block in batches
+            )
+            joined[spec.name] = np.concatenate([empty, *columns])
     return joined
 
 
@@ -388,7 +392,3 @@ def _join_offsets(batches: list[NDArray[np.int64]]) -> NDArray[np.int64]:
         joined.append(block[1:] + base)
         base += block[-1]
     return np.concatenate(joined)
-
-
-def _column(block: Mapping[str, NDArray[Any]], spec: Field) -> NDArray[Any]:
-    return block[spec.name] if spec.name in block else np.full(len(block["points"]), spec.absent, spec.dtype)

@@ -84,10 +84,19 @@ class FrameFile:
         image = _image(attributes, self._arrays)
         rows = frame_count * sum(field.row_bytes for field in fields)
         try:
-            _remove_abandoned(path)
+            for left in temporary_files(path):
+                with contextlib.suppress(OSError):  # another process has removed it
+                    if (handle := _lock_file(left)) >= 0:  # no process writes it any more
+                        discard(left)
+                        os.close(handle)
             write_temporary(self._temporary, memoryview(image))
             self._lock = _lock_file(self._temporary)
-            _reserve(self._temporary, len(image) + rows + _SLACK)
+            # Opened to read, too, as the C library does where the file system cannot reserve room.
+            handle = os.open(self._temporary, os.O_RDWR | os.O_CLOEXEC)
+            try:
+                os.posix_fallocate(handle, 0, len(image) + rows + _SLACK)
+            finally:
+                os.close(handle)
             self._file = h5py.File(self._temporary, "r+", libver=_FORMAT, locking=False)
             for field in fields:
                 self._datasets[field.path] = self._dataset(field)
@@ -189,21 +198,3 @@ def _lock_file(path: Path) -> int:
         os.close(handle)
         return -1
     return handle
-
-
-def _remove_abandoned(path: Path) -> None:
-    """Remove temporary files of this name that no process writes any more."""
-    for left in temporary_files(path):
-        with contextlib.suppress(OSError):  # another process has removed it
-            if (handle := _lock_file(left)) >= 0:
-                discard(left)
-                os.close(handle)
-
-
-def _reserve(path: Path, size: int) -> None:
-    """Have room for a file of that size; raises OSError."""
-    handle = os.open(path, os.O_RDWR | os.O_CLOEXEC)  # the C library reads, too, where the file system cannot reserve
-    try:
-        os.posix_fallocate(handle, 0, size)
-    finally:
-        os.close(handle)

@@ -75,7 +75,9 @@ def complete_joints(position: Numbers, quaternion: Numbers, radius: Numbers, *, 
         position[:, Joint.WRIST] = position[:, Joint.MIDDLE_PROXIMAL] + WRIST_SHARE * width * axes[..., 2]
     for finger in FINGERS:
         if derived[finger[0]]:
-            position[:, finger[0]] = _finger_base(position[:, Joint.WRIST], position[:, finger[1]], axes)
+            wrist, knuckle = position[:, Joint.WRIST], position[:, finger[1]]
+            reach = np.einsum("fki,fk->fi", axes, knuckle - wrist) * [_BASE_ACROSS, _BASE_ALONG, _BASE_ALONG]
+            position[:, finger[0]] = wrist + np.einsum("fik,fk->fi", axes, reach)
     if derived[Joint.PALM]:
         position[:, Joint.PALM] = (position[:, Joint.MIDDLE_METACARPAL] + position[:, Joint.MIDDLE_PROXIMAL]) / 2.0
     turned = joint_orientations(position, axes, is_left=is_left)
@@ -138,11 +140,6 @@ def axes_from(back: Numbers, across: Numbers) -> Numbers:
     z = unit(back)
     y = unit(np.cross(z, across))
     return np.stack([np.cross(y, z), y, z], axis=-1)
-
-
-def _finger_base(wrist: Numbers, knuckle: Numbers, axes: Numbers) -> Numbers:
-    reach = np.einsum("fki,fk->fi", axes, knuckle - wrist) * [_BASE_ACROSS, _BASE_ALONG, _BASE_ALONG]
-    return wrist + np.einsum("fik,fk->fi", axes, reach)
 
 
 def _has_values(values: Numbers) -> NDArray[np.bool_]:

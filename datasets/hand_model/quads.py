@@ -13,7 +13,10 @@ def subdivide(values: Values, quads: Quads) -> tuple[Values, Quads]:
     values: whatever vertices carry (positions, weights), all smoothed alike, shape [vertex, k]. quads: [quad, 4], an
     oriented surface. A new quad starts at an old corner, so quad 4 i + c lies at corner c of quad i.
     """
-    edge, index, count = _edges(quads)
+    # Undirected edges [edge, 2], the edge from each corner to the next [quad, 4], and the number of quads at each edge.
+    directed = np.stack([quads, np.roll(quads, -1, axis=1)], axis=2).reshape(-1, 2)
+    edge, index, count = np.unique(np.sort(directed, axis=1), axis=0, return_inverse=True, return_counts=True)
+    edge, index = edge.astype(np.int32), index.reshape(-1, 4).astype(np.int32)
     face = values[quads].mean(axis=1)
     middle = values[edge].mean(axis=1)
     beside = np.zeros_like(middle)
@@ -56,10 +59,3 @@ def _old_vertices(
         np.add.at(rim, rim_edge[:, end], middle[~inner])
     on_rim = np.isin(np.arange(count), rim_edge)[:, None]
     return np.where(on_rim, values / 2.0 + rim / 4.0, smooth)
-
-
-def _edges(quads: Quads) -> tuple[Quads, Quads, NDArray[np.int64]]:
-    """Undirected edges [edge, 2], the edge from each corner to the next [quad, 4], and quads at each edge."""
-    directed = np.stack([quads, np.roll(quads, -1, axis=1)], axis=2).reshape(-1, 2)
-    edge, index, count = np.unique(np.sort(directed, axis=1), axis=0, return_inverse=True, return_counts=True)
-    return edge.astype(np.int32), index.reshape(-1, 4).astype(np.int32), count.astype(np.int64)

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ShapeError
-from ..rigid import Numbers
 from .cage import BREADTH, LENGTH, hand_cage
 from .frames import joint_orientations
 from .joints import FINGERS, JOINT_NAMES, Joint
@@ -95,7 +94,8 @@ def _shape(breadth: float, length: float, is_left: bool, detail: int) -> HandSha
     for _ in range(detail):
         values, quads = subdivide(values, quads)
     position, palmar, dense = values[:, :3], values[:, 3], values[:, 4:]
-    across = breadth / _breadth(position, dense)
+    palm = np.isin(np.argmax(dense, axis=1), [finger[0] for finger in FINGERS])  # what metacarpals move most
+    across = breadth / float(np.ptp(position[palm, 0]))
     scale = np.array([across, across, length / (cage.joint_position[Joint.WRIST, 2] - position[:, 2].min())])
     glabrous = np.repeat(palmar[quads].mean(axis=1) > 0.5, 2)
     faces, joints = triangulate(quads), cage.joint_position * scale
@@ -104,14 +104,16 @@ def _shape(breadth: float, length: float, is_left: bool, detail: int) -> HandSha
         faces = faces[:, ::-1]
     joints = joints * mirror
     turned = joint_orientations(joints[None], np.eye(3)[None], is_left=is_left)[0]
-    weight_joint, weight = _largest(dense)
+    weight_joint = np.argsort(-dense, axis=1, kind="stable")[:, :INFLUENCES]
+    weight = np.take_along_axis(dense, weight_joint, axis=1)
+    weight = (weight / weight.sum(axis=1, keepdims=True)).astype(np.float32)
     return HandShape(
         vertices=_freeze((position * scale * mirror).astype(np.float32)),
         faces=_freeze(np.ascontiguousarray(faces, dtype=np.int32)),
         glabrous=_freeze(glabrous),
         joint_pose=_freeze(np.concatenate([joints, turned], axis=1)),
         joint_radius=_freeze(cage.joint_radius * across),
-        weight_joint=_freeze(weight_joint),
+        weight_joint=_freeze(weight_joint.astype(np.int32)),
         weight=_freeze(weight),
         is_left=is_left,
     )
@@ -120,16 +122,3 @@ def _shape(breadth: float, length: float, is_left: bool, detail: int) -> HandSha
 def _freeze(array: Array) -> Array:
     array.setflags(write=False)
     return array
-
-
-def _breadth(position: Numbers, weight: Numbers) -> float:
-    """Breadth of the palm [m]: of what metacarpals of fingers move most."""
-    palm = np.isin(np.argmax(weight, axis=1), [finger[0] for finger in FINGERS])
-    return float(np.ptp(position[palm, 0]))
-
-
-def _largest(dense: Numbers) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    joint = np.argsort(-dense, axis=1, kind="stable")[:, :INFLUENCES]
-    weight = np.take_along_axis(dense, joint, axis=1)
-    weight = weight / weight.sum(axis=1, keepdims=True)
-    return joint.astype(np.int32), weight.astype(np.float32)

@@ -87,16 +87,12 @@ def check_options(
         return ExplorationOptions(known, None, None, None)
     full: dict[str, Any] = {name: OPTION_DEFAULTS[name] if value is None else value for name, value in given.items()}
     require_explorer(full["explorer"])
-    facing, space = _check_facing(full["facing"]), check_workspace(full["workspace"])
-    return ExplorationOptions(known, full["explorer"], facing, space)
-
-
-def _check_facing(facing: object) -> float:
-    value = float(facing) if isinstance(facing, int | float) and not isinstance(facing, bool) else math.nan
-    if not FACING_LEAST <= value <= FACING_MOST:  # a NaN compares false
-        hint = f"; {value:g} degrees are {math.radians(value):.4g} rad" if 5.0 <= value <= 90.0 else ""
-        raise MotionError(f"facing must lie in {FACING_LEAST:.3g}..{FACING_MOST:.3g} rad, not {facing!r}{hint}")
-    return value
+    asked = full["facing"]
+    angle = float(asked) if isinstance(asked, int | float) and not isinstance(asked, bool) else math.nan
+    if not FACING_LEAST <= angle <= FACING_MOST:  # a NaN compares false
+        hint = f"; {angle:g} degrees are {math.radians(angle):.4g} rad" if 5.0 <= angle <= 90.0 else ""
+        raise MotionError(f"facing must lie in {FACING_LEAST:.3g}..{FACING_MOST:.3g} rad, not {asked!r}{hint}")
+    return ExplorationOptions(known, full["explorer"], angle, check_workspace(full["workspace"]))
 
 
 def check_workspace(workspace: ArrayLike) -> NDArray[np.float64]:

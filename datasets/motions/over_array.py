@@ -109,7 +109,9 @@ def over_array_path(trial: ExplorerTrial, time: Array, progress: Progress) -> Ar
         block = time[first : first + _BLOCK]
         number = np.searchsorted(begins, block, side="right") - 1
         used = slice(number[0], number[-1] + 1)
-        poses[first : first + _BLOCK] = _poses(trial, _cut(strokes, used), begins[used], number - number[0], block)
+        start, goal = (Waypoints(*(x[used] for x in end)) for end in (strokes.start, strokes.goal))
+        cut = ExplorerStrokes(start, goal, strokes.moving[used], strokes.pause[used])
+        poses[first : first + _BLOCK] = _poses(trial, cut, begins[used], number - number[0], block)
         progress(min(first + _BLOCK, len(time)), len(time))
     return poses
 
@@ -178,20 +180,9 @@ def _strokes_until(trial: ExplorerTrial, end: float) -> tuple[ExplorerStrokes, A
         if total > 1e3 * end + 1.0:
             break
     begins = np.cumsum(np.concatenate([np.zeros(1, np.int64), *lasting]))[:-1] / 1e3
-    return _joined(parts), begins
-
-
-def _joined(parts: list[ExplorerStrokes]) -> ExplorerStrokes:
     starts, goals, moving, pause = zip(*parts, strict=True)
     ends = [Waypoints(*map(np.concatenate, zip(*rows, strict=True))) for rows in (starts, goals)]
-    return ExplorerStrokes(ends[0], ends[1], np.concatenate(moving), np.concatenate(pause))
-
-
-def _cut(strokes: ExplorerStrokes, rows: slice) -> ExplorerStrokes:
-    start, goal, moving, pause = strokes
-    return ExplorerStrokes(
-        Waypoints(*(x[rows] for x in start)), Waypoints(*(x[rows] for x in goal)), moving[rows], pause[rows]
-    )
+    return ExplorerStrokes(ends[0], ends[1], np.concatenate(moving), np.concatenate(pause)), begins
 
 
 def _poses(trial: ExplorerTrial, strokes: ExplorerStrokes, begins: Array, number: Integers, time: Array) -> Array:

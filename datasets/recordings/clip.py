@@ -111,10 +111,14 @@ def recording_of(clip: Clip, hand: str | int | None, *, is_left_handed: bool = F
     known = is_finite(pose)
     pose[~known] = np.nan
     missing = known.any(axis=0) & ~known[frames]
+    # The median radius of each joint: trackers guess a hand's size anew in each frame. NaN, never used, becomes 1 mm.
+    measured = np.isfinite(whole.radius).any(axis=0)
+    typical = np.full(JOINT_COUNT, 1e-3)
+    typical[measured] = np.nanmedian(whole.radius[:, measured], axis=0)
     return HandRecording(
         None if time is None else time[first : first + count],
         pose,
-        _typical(whole.radius),
+        typical,
         known,
         side == "left",
         hand_id=", ".join(dict.fromkeys(one.hand_id for one in seen)),
@@ -143,7 +147,8 @@ def _without_repeats(clip: Clip) -> tuple[Clip, int]:
         hands[one.frame].append(one)
     kept: list[int] = []
     for frame, time in enumerate(clip.time):
-        if kept and time == clip.time[kept[-1]] and _are_same(hands[frame], hands[kept[-1]]):
+        latest = hands[kept[-1]] if kept and time == clip.time[kept[-1]] else None
+        if latest is not None and len(hands[frame]) == len(latest) and all(map(_is_same, hands[frame], latest)):
             repeated += 1
         else:
             kept.append(frame)
@@ -155,10 +160,6 @@ def _without_repeats(clip: Clip) -> tuple[Clip, int]:
         return clip.place(kept[frame])
 
     return Clip([clip.time[frame] for frame in kept], sightings, place), repeated
-
-
-def _are_same(hands: list[Sighting], others: list[Sighting]) -> bool:
-    return len(hands) == len(others) and all(map(_is_same, hands, others))
 
 
 def _is_same(one: Sighting, other: Sighting) -> bool:
@@ -233,11 +234,3 @@ def _side(seen: list[Sighting], position: Numbers, quaternion: Numbers) -> str:
             " Unity's left-handed frame (alignment=unity)"
         )  # fmt: skip
     return stated or found or "right"
-
-
-def _typical(radius: Numbers) -> Numbers:
-    """Median radius of each joint: trackers guess a hand's size anew in each frame. NaN, never used, becomes 1 mm."""
-    known = np.isfinite(radius).any(axis=0)
-    typical = np.full(JOINT_COUNT, 1e-3)
-    typical[known] = np.nanmedian(radius[:, known], axis=0)
-    return typical

@@ -78,7 +78,10 @@ def leap_table(table: Table, *, is_left_handed: bool = False) -> Clip:
         joints = unknown_joints()
         if boned:
             for digit in range(5):
-                chain = [Bone(v[row, :3], v[row, 3:6], v[row, 6], np.full(4, np.nan)) for v in _chain(bones, digit)]
+                chain = [
+                    Bone(v[row, :3], v[row, 3:6], v[row, 6], np.full(4, np.nan))
+                    for v in (bones[digit, bone] for bone in range(4))
+                ]
                 _set_digit(joints, digit, chain)
             joints[0][Joint.WRIST] = arm[row] * 1e-3
         side = _side(sides[row], f"line {table.lines[row]}")
@@ -245,7 +248,3 @@ def _xyz(name: str) -> list[str]:
 def _bone_columns(table: Table, digit: int, bone: int) -> Numbers:
     name = f"{LEAP_DIGITS[digit]}_{LEAP_BONES[bone]}"
     return table.numbers([*_xyz(f"{name}_prev"), *_xyz(f"{name}_next"), f"{name}_width"])
-
-
-def _chain(bones: dict[tuple[int, int], Numbers], digit: int) -> list[Numbers]:
-    return [bones[digit, bone] for bone in range(4)]

@@ -55,7 +55,7 @@ def decompress_base64(text: bytes) -> str:
     out: list[str] = []
     size, before = 0, ""
     while True:
-        code = bits.take(_width(len(entries), is_first=not out))
+        code = bits.take(len(entries).bit_length() if out else 2)
         if code == _END:
             return "".join(out)
         if code in _CHARACTER_BITS:
@@ -73,7 +73,3 @@ def decompress_base64(text: bytes) -> str:
         before = entry
         size += len(entry)
         require_bytes(size, "what is packed in it")
-
-
-def _width(entry_count: int, *, is_first: bool) -> int:
-    return 2 if is_first else entry_count.bit_length()

@@ -133,7 +133,9 @@ class HandRecording:
         is in front of the array, which `transformed` corrects.
         """
         pose = self.skin_pose()
-        if not _is_in_front(pose).any():
+        height, aside = pose[:, 2], np.linalg.norm(pose[:, :2], axis=1)
+        is_near = (height >= _FRONT_NEAREST) & (height <= _FRONT_FARTHEST)
+        if not (is_near & (aside <= _FRONT_EDGE + _FRONT_ANGLE * height)).any():
             middle = np.median(pose[:, :3], axis=0).round(3).tolist()
             warnings.warn(
                 f"the hand is nowhere in front of the array (its palm is at {middle} m): an alignment is missing,"
@@ -174,7 +176,8 @@ class HandRecording:
         found = hold_joints(self.time, self.joint_pose, self.known, self.kept, gap_most, whole=whole)
         if not found.valid[:, Joint.PALM].any():
             raise RecordingError(f"no frame has all joints, even held for {gap_most:g} s")
-        counts = _add_counts(self.counts, held_joints=found.held, dropped_frames=found.dropped)
+        more = {"held_joints": found.held, "dropped_frames": found.dropped}
+        counts = {**self.counts, **{name: self.counts.get(name, 0) + count for name, count in more.items()}}
         return self._replace(joint_pose=found.pose, valid=found.valid, counts=counts, kept=found.kept)
 
     def resampled(self, rate: float, gap_most: float = GAP_MOST) -> "HandRecording":
@@ -308,12 +311,6 @@ def _is_number(value: object) -> bool:
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
-def _is_in_front(pose: Numbers) -> NDArray[np.bool_]:
-    height, aside = pose[:, 2], np.linalg.norm(pose[:, :2], axis=1)
-    near = (height >= _FRONT_NEAREST) & (height <= _FRONT_FARTHEST)
-    return near & (aside <= _FRONT_EDGE + _FRONT_ANGLE * height)
-
-
 def _kept_at(at: Numbers, time: Numbers, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Whether each joint is held at other times: it is in the frame before or in the frame after."""
     after = np.minimum(np.searchsorted(time, at - 1e-9), len(time) - 1)
@@ -329,7 +326,3 @@ def _interpolate(at: Numbers, time: Numbers, values: Numbers) -> Numbers:
 def _median(values: Numbers) -> float:
     known = values[np.isfinite(values)]
     return float(np.median(known)) if known.size else 0.0
-
-
-def _add_counts(counts: Mapping[str, int], **more: int) -> dict[str, int]:
-    return {**counts, **{name: counts.get(name, 0) + count for name, count in more.items()}}

@@ -56,7 +56,10 @@ def dog_cage() -> tuple[NDArray[np.float64], NDArray[np.int32]]:
         sides = cage.sides(behind, ahead)
         for index, side in enumerate(sides):
             if section in LEGS and index in (1, 2):  # the belly's right and left half
-                _add_leg(cage, side, LEGS[section], left=index == 2)
+                leg = LEGS[section]
+                if index == 2:  # the left one: mirroring turns the loop round, so outer and inner corners change places
+                    leg = tuple((_mirror(b), _mirror(a), _mirror(d), _mirror(c)) for a, b, c, d in leg)
+                cage.face(cage.extrude(side, leg))
             else:
                 cage.face(side)
     back_left, belly_left, middle, belly_right, back_right = rings[0][::-1]
@@ -67,12 +70,6 @@ def dog_cage() -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     cage.face((belly_right, middle, belly_left))
     _add_head(cage, (back_right, belly_right, belly_left, back_left))
     return np.array(cage.points), np.array(cage.triangles, dtype=np.int32)
-
-
-def _add_leg(cage: "_Cage", base: Loop, rings: tuple[tuple[Point, Point, Point, Point], ...], *, left: bool) -> None:
-    if left:  # mirroring turns the loop round: outer and inner corners change places
-        rings = tuple((_mirror(b), _mirror(a), _mirror(d), _mirror(c)) for a, b, c, d in rings)
-    cage.face(cage.extrude(base, rings))
 
 
 def _add_head(cage: "_Cage", base: Loop) -> None:

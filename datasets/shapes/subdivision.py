@@ -15,7 +15,9 @@ Triangles = NDArray[np.int32]
 def bisect(points: Points, triangles: Triangles, *, count: int) -> tuple[Points, Triangles]:
     """Split the longest edge in its middle until the mesh has `count` triangles (two more each time)."""
     point = [tuple(row) for row in points.tolist()]
-    third = _third_corners(triangles)  # directed edge -> the corner opposite to it; a triangle is three of these
+    rows: list[list[int]] = triangles.tolist()
+    # Directed edge -> the corner opposite to it; a triangle is three of these.
+    third = {(row[i], row[i - 2]): row[i - 1] for row in rows for i in range(3)}
 
     def entry(a: int, b: int) -> tuple[float, int, int]:
         # Rounded: edges that mirror each other are equally long, and the order of equals must not hang on a last bit.
@@ -63,11 +65,6 @@ def smooth_surface(points: Points, triangles: Triangles) -> tuple[Points, Triang
     kept = (1.0 - valence * weight) * points + weight * ring
     middle = 0.375 * points[edge].sum(axis=1) + 0.125 * opposite
     return np.concatenate([kept, middle]), _four_parts(triangles, index + len(points))
-
-
-def _third_corners(triangles: Triangles) -> dict[tuple[int, int], int]:
-    rows: list[list[int]] = triangles.tolist()
-    return {(row[i], row[i - 2]): row[i - 1] for row in rows for i in range(3)}
 
 
 def _edges(triangles: Triangles) -> tuple[Triangles, Triangles]:

@@ -66,29 +66,20 @@ def lookup3(content: bytes) -> int:
     rest = content
     while len(rest) > 12:
         a, b, c = (x + int.from_bytes(rest[4 * k : 4 * k + 4], "little") & _MASK for k, x in enumerate((a, b, c)))
-        a, b, c = _mix(a, b, c)
+        for bits in (4, 6, 8, 16, 19, 4):
+            a = (a - c & _MASK) ^ _rotate_bits(c, bits)
+            c = c + b & _MASK
+            a, b, c = b, c, a
         rest = rest[12:]
     if not rest:
         return c
     rest = rest.ljust(12, b"\0")
     a, b, c = (x + int.from_bytes(rest[4 * k : 4 * k + 4], "little") & _MASK for k, x in enumerate((a, b, c)))
-    return _finish(a, b, c)
-
-
-def _rotate_bits(x: int, bits: int) -> int:
-    return (x << bits | x >> 32 - bits) & _MASK
-
-
-def _mix(a: int, b: int, c: int) -> tuple[int, int, int]:
-    for bits in (4, 6, 8, 16, 19, 4):
-        a = (a - c & _MASK) ^ _rotate_bits(c, bits)
-        c = c + b & _MASK
-        a, b, c = b, c, a
-    return a, b, c
-
-
-def _finish(a: int, b: int, c: int) -> int:
     for bits in (14, 11, 25, 16, 4, 14, 24):
         c = (c ^ b) - _rotate_bits(b, bits) & _MASK
         a, b, c = b, c, a
     return b
+
+
+def _rotate_bits(x: int, bits: int) -> int:
+    return (x << bits | x >> 32 - bits) & _MASK

@@ -120,7 +120,11 @@ def walk(file_id: Any, require: Callable[[Any, Declared], None]) -> Structure:
         parent, group, depth = pending.pop()
         for name, address in _links(group, parent):
             path = f"{parent.rstrip('/')}/{name.decode()}"
-            _refuse_seen(address, path, seen)
+            if address in seen:
+                raise Hdf5Error(f"{path} is {seen[address]} once more, expected one name for an object")
+            if len(seen) >= OBJECTS_MOST:
+                raise Hdf5Error(f"{path} is one object too many, expected at most {OBJECTS_MOST}")
+            seen[address] = path
             opened = _h5o.open(group, name)
             if isinstance(opened, _h5g.GroupID):
                 if depth + 1 > DEPTH_MOST:
@@ -133,14 +137,6 @@ def walk(file_id: Any, require: Callable[[Any, Declared], None]) -> Structure:
                 raise Hdf5Error(f"{path} is neither a group nor a dataset, but a {type(opened).__name__}")
             structure.attributes[path] = _attributes(opened, path)
     return structure
-
-
-def _refuse_seen(address: int, path: str, seen: dict[int, str]) -> None:
-    if address in seen:
-        raise Hdf5Error(f"{path} is {seen[address]} once more, expected one name for an object")
-    if len(seen) >= OBJECTS_MOST:
-        raise Hdf5Error(f"{path} is one object too many, expected at most {OBJECTS_MOST}")
-    seen[address] = path
 
 
 def _links(group: Any, parent: str) -> Iterator[tuple[bytes, int]]:

@@ -48,7 +48,8 @@ def write_csv(
     """
     del units
     arrays = column_arrays(columns)
-    lines = [_HEAD, *(f"# {name} = {_json(value)}" for name, value in attributes.get(CONSTANTS, {}).items())]
+    constants = attributes.get(CONSTANTS, {}).items()
+    lines = [_HEAD, *(f"# {name} = {json.dumps(_plain(value), ensure_ascii=False)}" for name, value in constants)]
     lines.append(",".join(map(_quoted, arrays)))
     cells = [[_quoted(_guarded(cell_text(value))) for value in array.tolist()] for array in arrays.values()]
     lines += [",".join(row) for row in zip(*cells, strict=True)]
@@ -162,10 +163,6 @@ def _quoted(text: str) -> str:
 def _guarded(text: str) -> str:
     """A cell with a `'` in front of what begins a formula in spreadsheets; OWASP, "CSV Injection", lists the signs."""
     return f"'{text}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text) else text
-
-
-def _json(value: Constant) -> str:
-    return json.dumps(_plain(value), ensure_ascii=False)
 
 
 def _plain(value: Any) -> Any:

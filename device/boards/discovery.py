@@ -18,7 +18,7 @@ from ..transports.pyserial import SystemPorts
 from ..transports.pyusb import Backend, UsbDevice, UsbError, claim, dispose
 from ..transports.serial_line import PortInfo, SerialPorts
 from ..transports.serial_lookup import likely_ports, no_permission
-from ..transports.usb_lookup import DeviceStrings, candidates, driver_is_bound, matches, strings_of
+from ..transports.usb_lookup import candidates, driver_is_bound, matches, strings_of
 
 UDEV_FILE = "/etc/udev/rules.d/70-palpate.rules"
 """Where udev looks for rules of ours; its number must be below 73 for `uaccess` to work."""
@@ -201,7 +201,11 @@ def _look_at(model: ArrayModel, device: UsbDevice, known: list[tuple[str, str | 
     certain = not generic or (strings.serial is not None and (model.name, strings.serial) in known)
     accessible, reason = _access(device)
     if not certain:
-        reason = "; ".join(filter(None, [_likeness(model, strings), reason]))
+        chip = " ".join(filter(None, [strings.manufacturer, strings.product]))
+        likeness = (
+            f"may be a {model.name}: it has the same chip ({chip}), and no board file given has its serial number"
+        )
+        reason = "; ".join(filter(None, [likeness, reason]))
     return ArrayInfo(model.name, strings.serial, _place(device), accessible, reason, certain)
 
 
@@ -240,8 +244,3 @@ def _access(device: UsbDevice) -> tuple[bool, str | None]:
         if error.errno == errno.EBUSY:
             return False, "in use by another program"
     return True, None
-
-
-def _likeness(model: ArrayModel, strings: DeviceStrings) -> str:
-    chip = " ".join(filter(None, [strings.manufacturer, strings.product]))
-    return f"may be a {model.name}: it has the same chip ({chip}), and no board file given has its serial number"

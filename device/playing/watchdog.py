@@ -29,7 +29,6 @@ from types import TracebackType
 from typing import Final, Self
 
 from ..array import ArrayModel
-from ..array_kind import ArrayKind
 from ..boards.discovery import open_link
 from ..errors import DeviceBusyError, DeviceError, DeviceTimeoutError, LinkError, WatchdogError
 from ..link import Link
@@ -274,7 +273,9 @@ def main() -> int:
     pipe = sys.stdin.fileno()
     # a pipe of our own, from the process that started this one
     try:
-        _know(pickle.loads(_told(pipe)))
+        kind = pickle.loads(_told(pipe))
+        if kind not in array_kinds():  # neither built in nor registered by its module, when that was imported
+            register_array(kind)
         charge = _Charge(*pickle.loads(_told(pipe)))
         if charge.log is not None:
             open(charge.log, "a", encoding="utf-8").close()
@@ -303,12 +304,6 @@ def _reach(charge: _Charge) -> Backend | SerialPorts:
     backend = libusb_backend()
     find_device(charge.model, charge.serial, backend)
     return backend
-
-
-def _know(kind: ArrayKind) -> None:
-    """Register the kind of the array, unless it is built in or its module did so when it was imported."""
-    if kind not in array_kinds():
-        register_array(kind)
 
 
 def _told(pipe: int) -> bytes:

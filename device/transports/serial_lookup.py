@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 
 from ..array import ArrayModel
-from ..errors import DeviceNotFoundError, DevicePermissionError, LinkError, link_error
+from ..errors import DeviceNotFoundError, DevicePermissionError, link_error
 from ..registry import array_model, array_names
 from .serial_line import PortInfo, SerialPort, SerialPorts
 
@@ -64,16 +64,12 @@ def open_port(model: ArrayModel, info: PortInfo, ports: SerialPorts, *, baud: in
         if error.errno == errno.ENOENT:
             there = ", ".join(map(_named, likely_ports(ports))) or "none"
             raise DeviceNotFoundError(f"array {who} was not found: there is no such port; found: {there}") from error
-        raise _busy_or_other(who, error) from error
+        raise link_error(who, errno.EBUSY if error.errno == errno.EAGAIN else error.errno, error) from error
 
 
 def no_permission(path: str) -> str:
     """What keeps this user from opening a port, and what to do about it."""
     return f"may not be opened by this user: join the group that owns it ({_group(path)}), then log in again"
-
-
-def _busy_or_other(who: str, error: OSError) -> LinkError:
-    return link_error(who, errno.EBUSY if error.errno == errno.EAGAIN else error.errno, error)
 
 
 def _named(info: PortInfo) -> str:

@@ -50,14 +50,12 @@ def add_powers(
 
 @wp.kernel
 def _sum_late_power(
-    # In:
     signal: wp.array2d[wp.float32],  # shape [2 source, column]
     lag: wp.array[wp.int32],  # whole periods, shape [source]
     weight: wp.array[wp.vec2],  # of the power `lag` periods ago, and one period earlier
     skip: int,  # columns that are only looked back at
     columns: int,
     stride: int,  # columns of a thread
-    # Out:
     out: wp.array[wp.float32],  # shape [column - skip]
 ):
     """Each thread sums all sources for its columns."""

@@ -127,13 +127,11 @@ def put_waves(
 
 @wp.kernel
 def _sum_waves(
-    # In:
     points: wp.array[wp.vec3],  # [m]
     table: wp.array[wp.float32],
     per_metre: float,
     directivity: wp.vec4,
     stride: int,  # between the points of a thread
-    # Out:
     out: wp.array[wp.vec2],
 ):
     """Each thread sums all waves at its points."""
@@ -142,13 +140,11 @@ def _sum_waves(
 
 @wp.kernel
 def _write_waves(
-    # In:
     points: wp.array[wp.vec3],  # [m]
     table: wp.array[wp.float32],
     per_metre: float,
     directivity: wp.vec4,
     count: int,  # transducers
-    # Out:
     out: wp.array2d[wp.float32],  # shape [point, 2 transducer or more]
 ):
     """Each thread makes the waves of one group of transducers at a point."""

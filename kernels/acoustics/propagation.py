@@ -14,10 +14,8 @@ THREADS = 128  # of a block: 29 TFLOP/s on an H200, where 256 for tiles of 64 x 
 
 @wp.kernel
 def _propagate_signals(
-    # In:
     matrix: wp.array2d[wp.float32],  # shape [row, signal]
     signal: wp.array2d[wp.float32],  # shape [signal, column]
-    # Out:
     out: wp.array2d[wp.float32],  # shape [row, column]
 ):
     """A block of threads makes one tile of the product."""

@@ -99,7 +99,6 @@ def respond(
 
 @wp.kernel
 def _emit_frames(
-    # In:
     delay: wp.array2d[wp.uint8],  # [turn / 256], shape [frame, transducer]
     level: wp.array[wp.float32],  # shape [frame]
     rate: wp.float64,  # frames a period
@@ -108,7 +107,6 @@ def _emit_frames(
     end: wp.int64,
     warm: wp.int64,  # periods that a thread begins earlier
     origin: wp.int64,  # period of out's first column
-    # Out:
     out: wp.array2d[wp.float32],  # shape [2 transducer, period]
 ):
     """Each thread makes one chunk of periods of its transducers."""

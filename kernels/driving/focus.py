@@ -92,13 +92,7 @@ def write_phases(
 
 @wp.kernel
 def _focus_phases(
-    # In:
-    points: wp.array[wp.vec3],
-    row: wp.array[wp.vec4],
-    scale: float,
-    stride: int,
-    # Out:
-    out: wp.array2d[wp.uint8],
+    points: wp.array[wp.vec3], row: wp.array[wp.vec4], scale: float, stride: int, out: wp.array2d[wp.uint8]
 ):
     """Each thread writes 16 transducers of a few frames, 16 bytes at a time; neighbours write side by side."""
     first, group = wp.tid()

@@ -64,21 +64,11 @@ def width_at(board: PulseBoard, place: int, level: wp.float32, whole: int):
     return whole
 
 
-@wp.func
-def delay_to(board: PulseBoard, point: wp.vec3, place: int):
-    """Delay of a transducer that focuses at a point [turns]."""
-    d = point - board.position[place]
-    turns = -(wp.sqrt((d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]) * board.per_metre)
-    return turns - wp.floor(turns)
-
-
 @wp.kernel
 def _pack_pulses(
-    # In:
     point: wp.array[wp.vec3],  # [m]
     level: wp.array[wp.float32],
     board: PulseBoard,
-    # Out:
     frame: wp.array2d[wp.uint8],  # shape [frame, 2 places]
 ):
     """Start and width of the pulses of 16 transducers of a frame; a silent frame aims at the origin."""
@@ -91,17 +81,17 @@ def _pack_pulses(
     for k in range(PLACES):
         place = group * PLACES + k
         width = width_at(board, place, level[i], whole)
-        frame[i, place] = start_of(board, delay_to(board, x, place), place, width)
+        d = x - board.position[place]
+        turns = -(wp.sqrt((d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]) * board.per_metre)
+        frame[i, place] = start_of(board, turns - wp.floor(turns), place, width)
         frame[i, places + place] = wp.uint8(width)
 
 
 @wp.kernel
 def _pack_delays(
-    # In:
     delay: wp.array2d[wp.float32],  # [turns], 0..1, shape [frame, transducer]
     level: wp.array[wp.float32],
     board: PulseBoard,
-    # Out:
     frame: wp.array2d[wp.uint8],  # shape [frame, 2 places]
 ):
     """Start and width of the pulses of 16 transducers of a frame."""
@@ -117,10 +107,8 @@ def _pack_delays(
 
 @wp.kernel
 def _unpack_pulses(
-    # In:
     frame: wp.array2d[wp.uint8],  # of a board without calibration and mark, shape [frame, 2 places]
     board: PulseBoard,
-    # Out:
     delay: wp.array2d[wp.uint8],  # [turn / 256], shape [frame, transducer]
     level: wp.array[wp.float32],
 ):

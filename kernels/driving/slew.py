@@ -20,14 +20,7 @@ def phasor(delay: float):
 
 
 @wp.kernel
-def _measure_turns(
-    # In:
-    delay: wp.array2d[wp.float32],
-    before: wp.array[wp.float32],
-    lanes: int,
-    # Out:
-    turn: wp.array[wp.float32],
-):
+def _measure_turns(delay: wp.array2d[wp.float32], before: wp.array[wp.float32], lanes: int, turn: wp.array[wp.float32]):
     """Phase of each frame relative to the frame before: argument of <before, frame> [turns]."""
     frame = wp.tid() // lanes
     lane = wp.tid() % lanes
@@ -43,12 +36,7 @@ def _measure_turns(
 
 
 @wp.kernel
-def _turn_frames(
-    # In:
-    turn: wp.array[wp.float32],
-    # Out:
-    delay: wp.array2d[wp.float32],
-):
+def _turn_frames(turn: wp.array[wp.float32], delay: wp.array2d[wp.float32]):
     """Add a turn to every delay of a frame."""
     frame, n = wp.tid()
     d = delay[frame, n] + turn[frame]
@@ -97,13 +85,11 @@ class Gauge:
 
 @wp.kernel
 def _limit_slew(
-    # In:
     target: wp.array2d[wp.float32],
     before: wp.array[wp.float32],
     step: float,
     chunk: int,
     repairs: int,  # 1: chunks have been limited; take the end of the one before as it is now, and stop where they meet
-    # Out:
     delay: wp.array2d[wp.float32],
     changed: wp.array[wp.int32],
 ):

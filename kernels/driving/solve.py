@@ -144,11 +144,9 @@ def _solver(size: int):
 
     @wp.kernel
     def _solve_frames(
-        # In:
         problem: Problem,
         first: int,
         lanes: int,
-        # Out:
         table: wp.array3d[wp.vec2],  # scratch, shape [TABLED or 0, transducer, size]
         delay: wp.array2d[wp.float32],
     ):

@@ -46,11 +46,9 @@ def pressure_of(box: FocalBox, x: wp.vec3, intensity: wp.float32):
 
 @wp.kernel
 def _weigh_points(
-    # In:
     point: wp.array[wp.vec3],  # [m]
     intensity: wp.array[wp.float32],
     box: FocalBox,
-    # Out:
     level: wp.array[wp.float32],  # amplitude 0..1
     refused: wp.array[wp.int64],  # of one value: points that are silenced
 ):
@@ -91,10 +89,8 @@ def _weigh_frames(
 
 @wp.kernel
 def _list_usable(
-    # In:
     usable: wp.array[wp.int32],
     running: wp.array[wp.int32],  # how many are usable up to each, itself included
-    # Out:
     listed: wp.array[wp.int32],  # indices of those that are
 ):
     """Index of each usable entry, one after the other."""

@@ -70,15 +70,6 @@ def box_value(q: wp.vec3d, half: wp.vec3d):
 
 
 @wp.func
-def cylinder_value(along: wp.float64, across: wp.float64, size: wp.vec3d):
-    """Distance to a cylinder from the distances along its axis, from its middle, and from its axis."""
-    r = across - size[0]
-    h = wp.abs(along) - size[1]
-    outer = wp.vec2d(wp.max(r, NOUGHT), wp.max(h, NOUGHT))
-    return wp.length(outer) + wp.min(wp.max(r, h), NOUGHT)
-
-
-@wp.func
 def leaf_value(step: Instruction, x: wp.vec3d):
     """Distance to a primitive, below 0 inside [m]."""
     q = x - step.centre
@@ -95,7 +86,10 @@ def leaf_value(step: Instruction, x: wp.vec3d):
     across = wp.length(q - along * step.axis)
     if step.code == _TORUS:
         return wp.length(wp.vec2d(across - step.size[0], along)) - step.size[1]
-    return cylinder_value(along, across, step.size)
+    r = across - step.size[0]  # a cylinder, by distances from its lateral surface and from its nearer end
+    h = wp.abs(along) - step.size[1]
+    outer = wp.vec2d(wp.max(r, NOUGHT), wp.max(h, NOUGHT))
+    return wp.length(outer) + wp.min(wp.max(r, h), NOUGHT)
 
 
 @wp.func

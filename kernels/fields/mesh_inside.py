@@ -343,15 +343,7 @@ def mesh_ball(inside: Inside, x: wp.vec3d, radius: wp.float64):
 
 
 @wp.kernel
-def _classify_cells(
-    # In:
-    surface: Surface,
-    low: wp.vec3d,
-    cell: wp.float64,
-    rule: int,
-    # Out:
-    cell_side: wp.array3d[wp.int8],
-):
+def _classify_cells(surface: Surface, low: wp.vec3d, cell: wp.float64, rule: int, cell_side: wp.array3d[wp.int8]):
     """Classify a cell by the ball around it."""
     i, j, k = wp.tid()
     half = wp.float64(0.5)

@@ -39,25 +39,13 @@ def probing_kernels(value: Any, data_type: Any) -> tuple[Any, Any]:
     """The kernels that ask one kind of field: at points, and at nodes."""
 
     @wp.kernel(**MODULE)
-    def _probe_points(
-        # In:
-        data: data_type,
-        point: wp.array[wp.vec3d],
-        # Out:
-        out: wp.array[wp.float64],
-    ):
+    def _probe_points(data: data_type, point: wp.array[wp.vec3d], out: wp.array[wp.float64]):
         """One value a point."""
         i = wp.tid()
         out[i] = wp.float64(value(data, point[i]))
 
     @wp.kernel(**MODULE)
-    def _probe_nodes(
-        # In:
-        data: data_type,
-        lattice: Lattice,
-        # Out:
-        out: wp.array3d[wp.float64],
-    ):
+    def _probe_nodes(data: data_type, lattice: Lattice, out: wp.array3d[wp.float64]):
         """One value a node."""
         i, j, k = wp.tid()
         out[i, j, k] = wp.float64(value(data, node_at(lattice, i, j, k)))

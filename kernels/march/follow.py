@@ -70,25 +70,6 @@ def nearest_node(p: wp.vec2d):
 
 
 @wp.func
-def inner_node(g: Grid, p: wp.vec2d):
-    """The node nearest to a place, of those that are not on the boundary."""
-    n = nearest_node(p)
-    return wp.vec2i(wp.clamp(n[0], 1, g.nu - 1), wp.clamp(n[1], 1, g.nv - 1))
-
-
-@wp.func
-def is_on_boundary(g: Grid, n: wp.vec2i):
-    """Whether a node is one of the boundary's."""
-    return n[0] == 0 or n[0] == g.nu or n[1] == 0 or n[1] == g.nv
-
-
-@wp.func
-def is_corner_node(g: Grid, n: wp.vec2i):
-    """Whether a node is a corner of the patch."""
-    return (n[0] == 0 or n[0] == g.nu) and (n[1] == 0 or n[1] == g.nv)
-
-
-@wp.func
 def exit_share(g: Grid, a: wp.vec2d, b: wp.vec2d):
     """The share of the way from a place in the grid at which it is left, above 1 if it is not."""
     out = wp.float64(2.0)
@@ -134,7 +115,9 @@ def follow_kernel(inside: Any, data_type: Any) -> Any:
             if v < u:
                 between = wp.vec2i(c.node[0], n[1])
             place = wp.lerp(c.place, at, wp.float64(0.5) * (u + v))
-            if not is_on_boundary(c.grid, between) and has_sign(data, lat, place, c.wanted):
+            on_u = between[0] == 0 or between[0] == c.grid.nu
+            on_v = between[1] == 0 or between[1] == c.grid.nv
+            if not (on_u or on_v) and has_sign(data, lat, place, c.wanted):
                 c = set_node(c, moved, between, place)
         c.node = n
         c.place = at
@@ -146,7 +129,9 @@ def follow_kernel(inside: Any, data_type: Any) -> Any:
         c = chain
         place = snap_to_boundary(c.grid, at)
         node = nearest_node(place)
-        if not is_corner_node(c.grid, node) and has_sign(data, lat, place, c.wanted):
+        on_u = node[0] == 0 or node[0] == c.grid.nu
+        on_v = node[1] == 0 or node[1] == c.grid.nv
+        if not (on_u and on_v) and has_sign(data, lat, place, c.wanted):  # a corner of the patch stays
             c = link_node(data, lat, c, moved, node, place)
         return set_node(c, moved, c.node, c.place)
 
@@ -164,7 +149,8 @@ def follow_kernel(inside: Any, data_type: Any) -> Any:
                     c = left(data, lat, c, moved, at)
                     c.stop = -1
                 elif has_sign(data, lat, at, c.wanted):
-                    node = inner_node(c.grid, at)
+                    n = nearest_node(at)  # nodes of the boundary belong to `left`
+                    node = wp.vec2i(wp.clamp(n[0], 1, c.grid.nu - 1), wp.clamp(n[1], 1, c.grid.nv - 1))
                     if node == c.node:
                         c.place = at
                     else:

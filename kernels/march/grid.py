@@ -158,14 +158,12 @@ def lattice_of(f: Frame, grid: Grid, bounded: int, middle: wp.vec3d):
 
 @wp.kernel
 def _place_grids(
-    # In:
     pose: wp.array2d[wp.transform],
     patch: wp.array[Patch],
     grid: wp.array[Grid],
     first: int,  # section
     bounded: int,  # 0: the whole plane
     middle: wp.vec3d,  # of what the grid must cover there [m]
-    # Out:
     lattice: wp.array[Lattice],  # shape [section of the chunk]
 ):
     """Bring each section's grid into the array's frame."""

@@ -131,11 +131,9 @@ def _write_lines(
 
 @wp.kernel
 def _write_starts(
-    # In:
     start: wp.array[wp.int64],  # see Kept
     cut_start: wp.array[wp.int32],
     polyline_base: wp.int64,  # polylines of the chunks before
-    # Out:
     section_start: wp.array[wp.int64],
 ):
     """Write where each section's polylines start; after the last section, where they end."""

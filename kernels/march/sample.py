@@ -37,16 +37,6 @@ class Samples(NamedTuple):
     cut_start: wp.array  # offsets of the sections' cut edges, and `spare` each, int32, shape [section + 1]
 
 
-@wp.func
-def distance_to_box(x: wp.vec3d, low: wp.vec3d, high: wp.vec3d):
-    """Distance of a point from a box, 0 within [m]."""
-    zero = wp.float64(0.0)
-    out = wp.vec3d()
-    for k in range(3):
-        out[k] = wp.max(wp.max(low[k] - x[k], x[k] - high[k]), zero)
-    return wp.length(out)
-
-
 @made_once
 def classify_kernel(ball: Any, data_type: Any) -> Any:
     """Make the kernel that classifies whole tiles with a field's `ball`."""
@@ -77,7 +67,10 @@ def classify_kernel(ball: Any, data_type: Any) -> Any:
         radius = NEAR_ALL * wp.length(x * lat.u + y * lat.v)
         tile = row * patch_of.shape[0] + own
         side = int(1)
-        if distance_to_box(middle, low, high) <= radius:
+        out = wp.vec3d()  # from the box to the tile's middle
+        for k in range(3):
+            out[k] = wp.max(wp.max(low[k] - middle[k], middle[k] - high[k]), wp.float64(0.0))
+        if wp.length(out) <= radius:
             side = ball(data, middle, radius)
         unclassified[tile] = wp.where(side == 0, 1, 0)
         bits[tile] = wp.where(side < 0, FULL, wp.uint32(0))
@@ -141,10 +134,8 @@ def sample_kernel(inside: Any, ball: Any, data_type: Any) -> Any:
 
 @wp.kernel
 def _list_tiles(
-    # In:
     unclassified: wp.array[wp.int32],
     place: wp.array[wp.int32],  # its offsets
-    # Out:
     listed: wp.array[wp.int32],
 ):
     """List the unclassified tiles, in order."""

@@ -93,13 +93,7 @@ def _count_turns(
 
 
 @wp.kernel
-def _list_turns(
-    # In:
-    count: wp.array[wp.int32],
-    start: wp.array[wp.int32],
-    # Out:
-    slot: wp.array[wp.int32],
-):
+def _list_turns(count: wp.array[wp.int32], start: wp.array[wp.int32], slot: wp.array[wp.int32]):
     """List the slots that are counted, in order."""
     k = wp.tid()
     if count[k] == 1:

@@ -72,24 +72,12 @@ def is_unsure(x: wp.float64):
     return x != ZERO and is_doubtful(x, DOUBT)
 
 
-@wp.func
-def middle_place(a: wp.vec3, b: wp.vec3):
-    """Halfway between two positions."""
-    out = wp.vec3()
-    for axis in range(3):
-        p = wp.float64(a[axis])
-        out[axis] = wp.float32(p + HALF * (wp.float64(b[axis]) - p))
-    return out
-
-
 @wp.kernel
 def _choose_intervals(
-    # In:
     rows: IntervalRows,
     far: wp.array[wp.uint8],
     hold: wp.float64,  # longer intervals are halved in any case [s]
     least: wp.float64,  # halves are no shorter [s]
-    # Out:
     chosen: wp.array[wp.int64],  # shape [row + 1]
 ):
     """Choose the intervals to be halved, by 1."""
@@ -103,9 +91,7 @@ def _choose_intervals(
 
 @wp.kernel
 def _count_rows(
-    # In:
     chosen: wp.array[wp.int64],
-    # Out:
     count: wp.array[wp.int64],  # shape [row + 1]
 ):
     """Count the rows of the next level: begin and middle of an interval; its end, where no other begins."""
@@ -174,7 +160,13 @@ def _halve_intervals(
     if x[4] > ZERO:
         doubtful[wp.atomic_add(doubtful, doubtful.shape[0] - 1, 1)] = wp.int32(k)
     turn = wp.quat(wp.float32(x[0]), wp.float32(x[1]), wp.float32(x[2]), wp.float32(x[3]))
-    pose = wp.transform(middle_place(wp.transform_get_translation(p), wp.transform_get_translation(q)), turn)
+    one = wp.transform_get_translation(p)
+    two = wp.transform_get_translation(q)
+    position = wp.vec3()
+    for axis in range(3):
+        near = wp.float64(one[axis])
+        position[axis] = wp.float32(near + HALF * (wp.float64(two[axis]) - near))
+    pose = wp.transform(position, turn)
     time = HALF * (rows.time[i] + rows.time[i + 1])
     key = rows.key[i] + step
     place[k] = at + wp.int64(1)
@@ -184,12 +176,7 @@ def _halve_intervals(
 
 @wp.kernel
 def _gather_rows(
-    # In:
-    rows: IntervalRows,
-    order: wp.array[wp.int32],
-    # Out:
-    time: wp.array[wp.float64],
-    pose: wp.array[wp.transform],
+    rows: IntervalRows, order: wp.array[wp.int32], time: wp.array[wp.float64], pose: wp.array[wp.transform]
 ):
     """Take rows in an order."""
     i = wp.tid()
@@ -199,10 +186,8 @@ def _gather_rows(
 
 @wp.kernel
 def _find_starts(
-    # In:
     key: wp.array[wp.int64],  # ascending
     motion_start: wp.array[wp.int64],
-    # Out:
     start: wp.array[wp.int64],
 ):
     """Find where the rows of a motion begin."""

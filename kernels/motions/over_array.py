@@ -124,10 +124,8 @@ def duration_of(trial: ExplorerMotion, visit: wp.int64, stroke: int, step: wp.ve
 
 @wp.kernel
 def _walk_strokes(
-    # In:
     trials: wp.array[ExplorerMotion],
     writes: bool,
-    # Out:
     count: wp.array[wp.int64],  # rows of each motion
     strokes: HandStrokes,
 ):
@@ -185,18 +183,12 @@ def crossed(u: wp.vec3d, v: wp.vec3d):
 
 
 @wp.func
-def skin_normal(axis: wp.vec3d, w: wp.float64):
-    """Where a quaternion turns the palm's normal (0, -1, 0)."""
-    normal = wp.vec3d(ZERO, -ONE, ZERO)
-    across = crossed(axis, normal)
-    return normal + TWO * (w * across + crossed(axis, across))
-
-
-@wp.func
 def faced(position: wp.vec3d, q: wp.vec4d, limit: wp.float64):
     """A quaternion xyzw turned towards the array where the facing angle nears the limit, which none then reaches."""
     axis = wp.vec3d(q[0], q[1], q[2])
-    skin = skin_normal(axis, q[3])
+    normal = wp.vec3d(ZERO, -ONE, ZERO)  # of the palm, before it turns
+    turned = crossed(axis, normal)
+    skin = normal + TWO * (q[3] * turned + crossed(axis, turned))
     out = crossed(position, skin)
     across = wp.sqrt((out[0] * out[0] + out[1] * out[1]) + out[2] * out[2])
     along = -((skin[0] * position[0] + skin[1] * position[1]) + skin[2] * position[2])
@@ -230,23 +222,11 @@ def stroke_at(strokes: HandStrokes, motion: int, time: wp.float64):
     return low
 
 
-@wp.func
-def sway_at(strokes: HandStrokes, motion: int, time: wp.float64):
-    """How far a hand that means to be still is from where it means to be [m]."""
-    out = wp.vec3d()
-    for wave in range(6):
-        sine = strokes.sway[motion, wave]
-        out[wave % 3] = out[wave % 3] + SWAY * sine_of_turns(sine[0] * time + sine[1])
-    return out
-
-
 @wp.kernel
 def _place_explorers(
-    # In:
     trials: wp.array[ExplorerMotion],
     strokes: HandStrokes,
     pose_start: wp.array[wp.int64],  # of each motion, shape [motion + 1]
-    # Out:
     pose: wp.array[wp.transform],
 ):
     """Place a palm on its stroke, with the minimum-jerk profile."""
@@ -260,7 +240,11 @@ def _place_explorers(
     s = s * s * s * (TEN - FIFTEEN * s + SIX * s * s)
     start = strokes.position[row]
     from_angles = strokes.angles[row]
-    position = (start + s * (strokes.position[row + wp.int64(1)] - start)) + sway_at(strokes, motion, t)
+    sway = wp.vec3d()  # how far a hand that means to be still is from where it means to be [m]
+    for wave in range(6):
+        sine = strokes.sway[motion, wave]
+        sway[wave % 3] = sway[wave % 3] + SWAY * sine_of_turns(sine[0] * t + sine[1])
+    position = (start + s * (strokes.position[row + wp.int64(1)] - start)) + sway
     angles = from_angles + s * (strokes.angles[row + wp.int64(1)] - from_angles)
     lean = sine_cosine(PI / FOUR + angles[1] / TWO)
     summed = sine_cosine((angles[0] + angles[2]) / TWO)

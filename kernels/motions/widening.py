@@ -10,12 +10,7 @@ wp.set_module_options(EXACT)
 
 
 @wp.kernel
-def _widen_poses(
-    # In:
-    pose: wp.array[wp.transform],
-    # Out:
-    wide: wp.array[wp.transformd],
-):
+def _widen_poses(pose: wp.array[wp.transform], wide: wp.array[wp.transformd]):
     """Each number exactly."""
     i = wp.tid()
     p = wp.transform_get_translation(pose[i])

@@ -231,20 +231,6 @@ def pass_corners(
 
 
 @wp.func
-def is_surely_step(g: Coarse, p: CrossingPoint, q: CrossingPoint):
-    """Whether the float32 output points of two crossings surely differ, as `moves`."""
-    room = wp.float64(2.0 * g.unsure) * p.d * q.d
-    return wp.abs(p.x * q.d - q.x * p.d) > room or wp.abs(p.y * q.d - q.y * p.d) > room
-
-
-@wp.func
-def is_step(memory: wp.array[wp.float64], f: Frame, side: wp.vec2d, one: int, two: int):
-    """Whether the float32 output points of two packed crossings differ."""
-    x = output_point(f, point_of(f, crossing_of(memory, one), side))
-    return not (x == output_point(f, point_of(f, crossing_of(memory, two), side)))
-
-
-@wp.func
 def cut_crossing(memory: wp.array[wp.float64], f: Frame, g: Coarse, side: wp.vec2d, packed: int, exact: bool):
     """The point of a packed crossing; its outcode is right if it is clear or `exact`."""
     c = crossing_of(memory, packed)
@@ -322,10 +308,12 @@ def cut_loops(table: LoopTable, f: Frame, g: Coarse, side: wp.vec2d, memory: wp.
             words = mark_crossing(words, bit, p.code)
             clear = p.clear & q.clear
             if (p.code | q.code) == 0:
-                if is_surely_step(g, p, q):
+                room = wp.float64(2.0 * g.unsure) * p.d * q.d  # two points farther apart surely differ in float32
+                if wp.abs(p.x * q.d - q.x * p.d) > room or wp.abs(p.y * q.d - q.y * p.d) > room:
                     steps += 1
                 elif exact:
-                    if is_step(memory, f, side, packed, following):
+                    x = output_point(f, point_of(f, crossing_of(memory, packed), side))
+                    if not (x == output_point(f, point_of(f, crossing_of(memory, following), side))):
                         steps += 1
                 else:
                     clear = 0

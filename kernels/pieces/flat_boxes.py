@@ -199,12 +199,7 @@ def crossed_halves(surface: Surface, frame: wp.array[Frame], row: int, p: Packed
 
 
 @wp.kernel
-def _pack_boxes(
-    # In:
-    surface: Surface,
-    # Out:
-    packed: wp.array[wp.vec4i],
-):
+def _pack_boxes(surface: Surface, packed: wp.array[wp.vec4i]):
     """Centre and half extents of each box in whole steps, rounded outwards; 0 as fourth word for an empty box."""
     node = wp.tid()
     half = vertex_of(load_vec4(surface.node_half, node))
@@ -231,13 +226,7 @@ def part_bits(part: wp.uint32, k: int):
 
 
 @wp.kernel
-def _pack_faces(
-    # In:
-    surface: Surface,
-    packed_box: wp.array[wp.vec4i],
-    # Out:
-    packed: wp.array[wp.vec4i],
-):
+def _pack_faces(surface: Surface, packed_box: wp.array[wp.vec4i], packed: wp.array[wp.vec4i]):
     """Corners of each face in parts of its leaf's box; 0 as fourth word where there is no face."""
     face = wp.tid()
     out = wp.vec4i(0, 0, 0, 0)

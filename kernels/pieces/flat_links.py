@@ -58,13 +58,6 @@ def place_of(s: LaneSpace, count: int, half: int, stride: int):
 
 
 @wp.func
-def set_point(s: LaneSpace, i: int, x: wp.vec3):
-    """Keep a crossing's output point where its state and its beginning will be."""
-    set_state(s, i, (wp.int64(wp.cast(x[1], wp.int32)) << wp.int64(32)) | (wp.int64(wp.cast(x[0], wp.uint32))))
-    set_begin(s, i, wp.cast(x[2], wp.int32))
-
-
-@wp.func
 def point_at(s: LaneSpace, i: int):
     """A crossing's output point."""
     state = state_at(s, i)
@@ -94,7 +87,9 @@ def place_crossing(
         bits = bits | TO_OPEN
     else:
         place = place_of(s, count, following >> 1, stride)
-    set_point(s, i, output_point(f, p))
+    x = output_point(f, p)  # kept where the crossing's state and its beginning will be
+    set_state(s, i, (wp.int64(wp.cast(x[1], wp.int32)) << wp.int64(32)) | (wp.int64(wp.cast(x[0], wp.uint32))))
+    set_begin(s, i, wp.cast(x[2], wp.int32))
     set_link(s, i, ((place + 1) << PLACE) | bits)
 
 

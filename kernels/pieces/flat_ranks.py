@@ -6,10 +6,13 @@ chain of n knows the chain's first one after log4(n) rounds of three jumps. A lo
 crossing: rounds that pass on the lowest rank find it, and then the loop is ranked as a chain from there.
 """
 
+from typing import Any
+
 import warp as wp
 
-from ..lanes import any_lane, sync_lanes, take_row
-from ..patch import Frame, Patch, coarse_frame, half_extents
+from ..lanes import any_lane, lane_count, sync_lanes, take_row
+from ..offsets import BLOCK
+from ..patch import EXACT, Frame, Patch, coarse_frame, half_extents
 from ..section.half_edges import Surface
 from ..section.pieces import CLOSED, UNLISTED, ContourPieces, section_of, sides_word, start_of, store_piece
 from ..section.segment_clipping import NONE
@@ -29,11 +32,16 @@ from .flat_links import (
     sides_of,
 )
 from .lane_space import (
+    NEAR_FEW,
+    NEAR_MANY,
     LaneSpace,
+    address_of_few,
+    address_of_many,
     begin_at,
     far_space,
     half_at,
     link_at,
+    near_space,
     set_begin,
     set_half,
     set_link,
@@ -42,9 +50,15 @@ from .lane_space import (
 )
 from .row_block import RANKS, STORED, RowBlock, note_lacking
 
+MANY_LANES = 128  # of a group, which are the threads of a GPU block
+OTHER_BLOCKS = {f"{__name__}.many": MANY_LANES}  # a Warp module of its own: all kernels of one have blocks of one size
+(MANY,) = OTHER_BLOCKS
 RANK_MOST = wp.constant(0x7FFFFFFF)
 JUMPS = wp.constant(3)  # of a round
 TURNS_MOST = wp.constant(31)  # bits of a word
+
+wp.set_module_options(EXACT)
+wp.set_module_options(EXACT, MANY)
 
 
 @wp.func
@@ -186,18 +200,6 @@ def open_loops(
                 set_state(s, following, packed(i, wp.where((link & STEP) != 0, 1, 0)))
         i += lanes
     sync_lanes()
-
-
-@wp.func
-def rank_crossings(
-    surface: Surface, s: LaneSpace, count: int, group: int, stored: wp.array[wp.int64], lane: int, lanes: int
-):
-    """Rank all linked crossings of a section along their chains and loops."""
-    begin_ranks(s, count, lane, lanes)
-    jump(s, count, lane, lanes)
-    if mark_loops(s, count, lane, lanes):
-        open_loops(surface, s, count, group, stored, lane, lanes)
-        jump(s, count, lane, lanes)
 
 
 @wp.func
@@ -352,7 +354,11 @@ def rank_row(
         i += lanes
     sync_lanes()
     link_crossings(surface, f, side, s, count, group, block.stored, lane, lanes)
-    rank_crossings(surface, s, count, group, block.stored, lane, lanes)
+    begin_ranks(s, count, lane, lanes)
+    jump(s, count, lane, lanes)
+    if mark_loops(s, count, lane, lanes):
+        open_loops(surface, s, count, group, block.stored, lane, lanes)
+        jump(s, count, lane, lanes)
     if lane == 0:
         take_slots(block, pieces, group, row)
     sync_lanes()
@@ -398,3 +404,40 @@ def rank_rows(
         elif lane == 0:
             pieces.count[row] = 0
         row = take_row(block.numbers, RANKS, lane)
+
+
+@wp.kernel(launch_bounds=(BLOCK, 14))
+def _rank_few_crossings(
+    surface: Surface,
+    patch: wp.array[Patch],
+    bounded: int,
+    lanes: int,  # of a group
+    block: RowBlock,
+    pieces: ContourPieces,
+):
+    """Store the pieces of each row of a block, and list the half-edges of their steps, as `rank_rows`."""
+    near = near_space(address_of_few(), NEAR_FEW)
+    rank_rows(surface, patch, bounded, wp.tid(), lanes, near, block, pieces)
+
+
+@wp.kernel(launch_bounds=(MANY_LANES, 6), module=MANY)
+def _rank_many_crossings(
+    surface: Surface, patch: wp.array[Patch], bounded: int, lanes: int, block: RowBlock, pieces: ContourPieces
+):
+    """The same with more memory near the lanes."""
+    near = near_space(address_of_many(), NEAR_MANY)
+    rank_rows(surface, patch, bounded, wp.tid(), lanes, near, block, pieces)
+
+
+def rank_crossings(surface: Any, patch: wp.array, block: Any, *, many: bool, bounded: bool, pieces: Any) -> None:
+    """Store the pieces of each row of a RowBlock, and list the half-edges of their steps: see `rank_rows`."""
+    kernel, threads = (_rank_many_crossings, MANY_LANES) if many else (_rank_few_crossings, BLOCK)
+    lanes = lane_count(patch.device, threads)
+    wp.launch(
+        kernel,
+        block.groups * lanes,
+        inputs=[surface, patch, int(bounded), lanes],
+        outputs=[block, pieces],
+        device=patch.device,
+        block_dim=threads,
+    )

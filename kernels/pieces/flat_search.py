@@ -16,12 +16,11 @@ from ..patch import EXACT, Patch, coarse_frame, half_extents, section_frame
 from ..section.half_edges import Surface
 from ..section.pieces import ContourPieces, section_of
 from ..section.tree_search import corner_window, patch_window, tree_pieces
-from .few_crossings import rank_few_crossings
 from .flat_boxes import PackedFrame, pack_boxes, packed_frame
 from .flat_crossings import list_crossings, list_leaves, winding_of_lane
 from .flat_links import CROSSINGS_MOST
+from .flat_ranks import rank_crossings
 from .lane_space import NEAR_FEW, far_space, half_at, warp_space
-from .many_crossings import rank_many_crossings
 from .row_block import (
     LACKING,
     LISTED,
@@ -74,11 +73,9 @@ def _write_frames(
 
 @wp.kernel(launch_bounds=(BLOCK, 10))
 def _count_windings(
-    # In:
     surface: Surface,
     patch: wp.array[Patch],
     lanes: int,  # of a group
-    # Out:
     block: RowBlock,
     pieces: ContourPieces,
 ):
@@ -117,10 +114,8 @@ def place_list(block: RowBlock, pieces: ContourPieces, row: int, count: int):
 
 @wp.kernel(launch_bounds=(BLOCK, 16))
 def _list_crossings(
-    # In:
     surface: Surface,
     lanes: int,  # of a group
-    # Out:
     block: RowBlock,
     pieces: ContourPieces,
 ):
@@ -219,6 +214,5 @@ def _launch_block(work: FlatWork, rows: range, section: wp.array | None, size: F
     add_lists(block, pieces, len(rows), size, device)
     launch(_list_crossings, threads, inputs=[surface, lanes], outputs=[block, pieces])
     add_slots(block, pieces, len(rows), size, device)
-    rank = rank_few_crossings if size.listed <= FEW else rank_many_crossings
-    rank(surface, patch, block, bounded=bounded, pieces=pieces)
+    rank_crossings(surface, patch, block, many=size.listed > FEW, bounded=bounded, pieces=pieces)
     return pieces, block

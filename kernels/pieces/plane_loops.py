@@ -102,13 +102,7 @@ def _draw_loops(
 
 
 @wp.kernel
-def _write_frames(
-    # In:
-    pose: wp.array2d[wp.transform],
-    patch: wp.array[Patch],
-    # Out:
-    frame: wp.array2d[wp.vec3d],
-):
+def _write_frames(pose: wp.array2d[wp.transform], patch: wp.array[Patch], frame: wp.array2d[wp.vec3d]):
     """Write where a section's patch is; at the origin where points are written relative to it."""
     section = wp.tid()
     f = section_frame(pose, patch, section)

@@ -56,7 +56,7 @@ def drawn_dwell(c: Contours, plan: SamplingPlan, piece: DrawnPiece, size: int, i
 
 
 @wp.func
-def no_pause(nodes: TrackNodes, at: wp.int64):
+def no_pause(nodes: TrackNodes, at: int):
     """Let there be no pause at a node."""
     if nodes.pause.shape[0] > 0:
         nodes.pause[at] = ZERO
@@ -64,7 +64,7 @@ def no_pause(nodes: TrackNodes, at: wp.int64):
 
 
 @wp.func
-def copy_pause(nodes: TrackNodes, source: wp.int64, at: wp.int64):
+def copy_pause(nodes: TrackNodes, source: int, at: int):
     """Let there be the pause of another node."""
     if nodes.pause.shape[0] > 0:
         nodes.pause[at] = nodes.pause[source]
@@ -72,7 +72,7 @@ def copy_pause(nodes: TrackNodes, source: wp.int64, at: wp.int64):
 
 
 @wp.func
-def mark_corners(plan: SamplingPlan, nodes: TrackNodes, first: wp.int64, count: int, loop: bool):
+def mark_corners(plan: SamplingPlan, nodes: TrackNodes, first: int, count: int, loop: bool):
     """Mark the nodes of a piece where it turns by more than an angle, and open ends.
 
     A loop's first node is marked at its end; for sections at its start, too.
@@ -83,62 +83,62 @@ def mark_corners(plan: SamplingPlan, nodes: TrackNodes, first: wp.int64, count: 
     before = begin
     last = int(0)  # node at the end of the way before
     for i in range(1, count):
-        a = nodes.point[first + wp.int64(i - 1)]
-        b = nodes.point[first + wp.int64(i)]
+        a = nodes.point[first + i - 1]
+        b = nodes.point[first + i]
         length = distance(a, b)
         if length > ZERO:
             unit = (b - a) / length
             if last == 0:
                 begin = unit
             elif wp.dot(before, unit) < plan.corner_cosine:
-                nodes.corner[first + wp.int64(last)] = wp.uint8(1)
+                nodes.corner[first + last] = wp.uint8(1)
             before = unit
             last = i
     if wp.dot(before, begin) < plan.corner_cosine:
-        nodes.corner[first + wp.int64(last)] = wp.uint8(1)
+        nodes.corner[first + last] = wp.uint8(1)
     if loop and plan.sections > 0:
-        nodes.corner[first] = nodes.corner[first + wp.int64(count - 1)]
+        nodes.corner[first] = nodes.corner[first + count - 1]
     if not loop:
         nodes.corner[first] = wp.uint8(1)
-        nodes.corner[first + wp.int64(count - 1)] = wp.uint8(1)
+        nodes.corner[first + count - 1] = wp.uint8(1)
 
 
 @wp.func
-def insert_pauses(plan: SamplingPlan, nodes: TrackNodes, first: wp.int64, count: int):
+def insert_pauses(plan: SamplingPlan, nodes: TrackNodes, first: int, count: int):
     """Repeat each node at which the focal point pauses; returns how many there are then.
 
     count: of nodes, each with the duration of the way to it, which for a repeated one is the pause.
     """
     marked = int(0)
     for i in range(count):
-        marked += int(nodes.corner[first + wp.int64(i)])
+        marked += int(nodes.corner[first + i])
     each = plan.dwell_time
     if each == ZERO and marked > 0:
         total = ZERO
         for i in range(1, count):
-            total += nodes.knot[first + wp.int64(i)]
+            total += nodes.knot[first + i]
         each = plan.dwell_ratio * total / wp.float64(marked)
     more = int(0)
     for i in range(count):
-        at = first + wp.int64(i)
+        at = first + i
         if int(nodes.corner[at]) == 1:
             nodes.pause[at] = nodes.pause[at] + each
         if nodes.pause[at] > ZERO:
             more += 1
-    to = first + wp.int64(count + more - 1)
+    to = first + count + more - 1
     for i in range(wp.where(more > 0, count, 0)):
-        source = first + wp.int64(count - 1 - i)
+        source = first + count - 1 - i
         pause = nodes.pause[source]
         if pause > ZERO:
             move_node(nodes, source, to, pause)
-            to -= wp.int64(1)
+            to -= 1
         move_node(nodes, source, to, nodes.knot[source])
-        to -= wp.int64(1)
+        to -= 1
     return count + more
 
 
 @wp.func
-def move_node(nodes: TrackNodes, source: wp.int64, at: wp.int64, duration: wp.float64):
+def move_node(nodes: TrackNodes, source: int, at: int, duration: wp.float64):
     """Write a node as another, with the duration of the way to it [s]."""
     nodes.point[at] = nodes.point[source]
     nodes.piece[at] = nodes.piece[source]
@@ -154,7 +154,7 @@ def move_node(nodes: TrackNodes, source: wp.int64, at: wp.int64, duration: wp.fl
 def mark_section(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, place: wp.float64):
     """Mark the section at a place as one that holds a corner; place: in sections from the start."""
     k = wp.min(wp.max(int(wp.floor(place)), 0), plan.sections - 1)
-    nodes.section[track.section + wp.int64(k)].corner = 1
+    nodes.section[track.section + k].corner = 1
 
 
 @wp.func
@@ -164,16 +164,16 @@ def mark_sections(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, total
     total: when the last node is reached [s].
     """
     for k in range(plan.sections):
-        nodes.section[track.section + wp.int64(k)].corner = 0
+        nodes.section[track.section + k].corner = 0
     for i in range(wp.where(nodes.corner.shape[0] > 0, track.count, 0)):
-        at = track.first + wp.int64(i)
+        at = track.first + i
         if int(nodes.corner[at]) == 1:
             place = nodes.knot[at] / total * wp.float64(plan.sections)
             mark_section(plan, nodes, track, place - NEAR_CUT)
             mark_section(plan, nodes, track, place + NEAR_CUT)
     marked = int(0)
     for k in range(plan.sections):
-        marked += nodes.section[track.section + wp.int64(k)].corner
+        marked += nodes.section[track.section + k].corner
     return marked
 
 
@@ -184,7 +184,7 @@ def nodes_before(nodes: TrackNodes, track: PoseTrack, knot: wp.float64):
     high = int(track.count)
     while low < high:
         middle = (low + high) // 2
-        if nodes.knot[track.first + wp.int64(middle)] < knot:
+        if nodes.knot[track.first + middle] < knot:
             low = middle + 1
         else:
             high = middle
@@ -199,14 +199,14 @@ def place_cuts(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, total: w
     """
     more = int(0)
     for k in range(plan.sections):
-        row = track.section + wp.int64(k)
+        row = track.section + k
         cut = total * wp.float64(k) / wp.float64(plan.sections)
         near = int(0)
         new = int(0)
         if k > 0:
             near = wp.min(nodes_before(nodes, track, cut), track.count - 1)
-            below = nodes.knot[track.first + wp.int64(near - 1)]
-            above = nodes.knot[track.first + wp.int64(near)]
+            below = nodes.knot[track.first + near - 1]
+            above = nodes.knot[track.first + near]
             if wp.abs(cut - below) < SAME_TIME:
                 cut = below
             elif wp.abs(above - cut) < SAME_TIME:
@@ -221,9 +221,9 @@ def place_cuts(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, total: w
 
 
 @wp.func
-def write_cut(nodes: TrackNodes, behind: wp.int64, at: wp.int64, knot: wp.float64):
+def write_cut(nodes: TrackNodes, behind: int, at: int, knot: wp.float64):
     """Write a node at a knot on the way to a node."""
-    a = behind - wp.int64(1)
+    a = behind - 1
     begin = nodes.knot[a]
     took = nodes.knot[behind] - begin
     point = ((nodes.point[behind] - nodes.point[a]) / took) * (knot - begin) + nodes.point[a]
@@ -239,18 +239,18 @@ def write_cut(nodes: TrackNodes, behind: wp.int64, at: wp.int64, knot: wp.float6
 @wp.func
 def insert_cuts(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, more: int):
     """Insert nodes where sections begin at none; more: how many."""
-    to = track.first + wp.int64(track.count + more - 1)
+    to = track.first + track.count + more - 1
     source = track.count - 1
     for i in range(1, plan.sections):
-        own = nodes.section[track.section + wp.int64(plan.sections - i)]
+        own = nodes.section[track.section + plan.sections - i]
         if own.passes == 1:
             while source >= own.start:
-                at = track.first + wp.int64(source)
+                at = track.first + source
                 move_node(nodes, at, to, nodes.knot[at])
-                to -= wp.int64(1)
+                to -= 1
                 source -= 1
-            write_cut(nodes, track.first + wp.int64(own.start), to, own.begin)
-            to -= wp.int64(1)
+            write_cut(nodes, track.first + own.start, to, own.begin)
+            to -= 1
 
 
 @wp.func
@@ -258,7 +258,7 @@ def bound_sections(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack):
     """Write the first and the last node of each section; jumps between two sections are in neither."""
     last = track.count - 1
     for i in range(plan.sections):
-        row = track.section + wp.int64(plan.sections - 1 - i)
+        row = track.section + plan.sections - 1 - i
         nodes.section[row].stop = last
         cut = nodes.section[row].begin
         start = int(0)
@@ -284,15 +284,15 @@ def time_of(plan: SamplingPlan, corner: int, marked: int):
 def plan_passes(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, marked: int):
     """Write how often each section is passed, and how fast."""
     for k in range(plan.sections):
-        row = track.section + wp.int64(k)
+        row = track.section + k
         own = nodes.section[row]
         stop = track.count - 1
         if k + 1 < plan.sections:
-            stop = nodes.section[row + wp.int64(1)].start
-        way = track.first + wp.int64(own.start + 1)
+            stop = nodes.section[row + 1].start
+        way = track.first + own.start + 1
         once = ZERO
         for i in range(stop - own.start):
-            once += nodes.knot[way + wp.int64(i)]
+            once += nodes.knot[way + i]
         once = wp.max(once, TIME_LEAST)
         time = time_of(plan, own.corner, marked)
         wanted = time * plan.section_speed / (once * plan.speed)
@@ -306,7 +306,7 @@ def plan_passes(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, marked:
 def divide_course(plan: SamplingPlan, nodes: TrackNodes, whole: PoseTrack):
     """The track of a course whose nodes hold when each is reached, divided into sections."""
     track = whole
-    total = nodes.knot[track.first + wp.int64(track.count - 1)]
+    total = nodes.knot[track.first + track.count - 1]
     marked = mark_sections(plan, nodes, track, total)
     more = place_cuts(plan, nodes, track, total)
     insert_cuts(plan, nodes, track, more)
@@ -314,11 +314,11 @@ def divide_course(plan: SamplingPlan, nodes: TrackNodes, whole: PoseTrack):
     track.sections = plan.sections
     bound_sections(plan, nodes, track)
     for i in range(1, track.count):
-        at = track.first + wp.int64(track.count - i)
-        nodes.knot[at] = nodes.knot[at] - nodes.knot[at - wp.int64(1)]
+        at = track.first + track.count - i
+        nodes.knot[at] = nodes.knot[at] - nodes.knot[at - 1]
     plan_passes(plan, nodes, track, marked)
     for k in range(track.pieces):
-        nodes.stretch[track.line + wp.int64(k)] = ONE
+        nodes.stretch[track.line + k] = ONE
     return track
 
 
@@ -327,13 +327,13 @@ def begin_sections(nodes: TrackNodes, track: PoseTrack):
     """Write the knot at which each section begins, added way by way; returns that of the end."""
     knot = ZERO
     for k in range(track.sections):
-        own = nodes.section[track.section + wp.int64(k)]
-        nodes.section[track.section + wp.int64(k)].begin = knot
+        own = nodes.section[track.section + k]
+        nodes.section[track.section + k].begin = knot
         ways = own.stop - own.start
         for i in range(own.passes):
             for j in range(ways):
                 behind = wp.where(i % 2 == 0, own.start + j + 1, own.stop - j)
-                knot += section_duration(nodes, track, own.scale, track.first + wp.int64(behind))
+                knot += section_duration(nodes, track, own.scale, track.first + behind)
     return knot
 
 
@@ -342,12 +342,12 @@ def fastest_in_sections(nodes: TrackNodes, track: PoseTrack, least: wp.float64):
     """Greatest speed on a way that takes longer than a least time, in metres a knot."""
     fastest = ZERO
     for k in range(track.sections):
-        own = nodes.section[track.section + wp.int64(k)]
+        own = nodes.section[track.section + k]
         for i in range(own.start + 1, own.stop + 1):
-            at = track.first + wp.int64(i)
+            at = track.first + i
             took = section_duration(nodes, track, own.scale, at)
             if took > least:
-                step = nodes.point[at] - nodes.point[at - wp.int64(1)]
+                step = nodes.point[at] - nodes.point[at - 1]
                 fastest = wp.max(fastest, wp.sqrt(squared(step)) / took)
     return fastest
 
@@ -358,18 +358,18 @@ def fastest_in_sections(nodes: TrackNodes, track: PoseTrack, least: wp.float64):
 @wp.func
 def first_node(c: Contours, plan: SamplingPlan, pose: int):
     """First node of a pose's track; before it is room for every earlier pose's."""
-    line = c.pose_start[pose]
-    own = wp.int64(pose) * wp.int64(wp.max(plan.sections, 1))
-    return wp.int64(plan.passes) * (c.polyline_start[line] + wp.int64(2) * line) + own
+    line = int(c.pose_start[pose])
+    own = pose * wp.max(plan.sections, 1)
+    return plan.passes * (int(c.polyline_start[line]) + 2 * line) + own
 
 
 @wp.func
-def has_short(c: Contours, plan: SamplingPlan, rows: RouteRows, first: wp.int64, count: int, length: wp.float64):
+def has_short(c: Contours, plan: SamplingPlan, rows: RouteRows, first: int, count: int, length: wp.float64):
     """Whether a piece is shorter than the way from sample to sample."""
     step = length / wp.float64(samples_of(plan, length / plan.speed))
     found = int(0)
     for k in range(count):
-        if rows.span[first + wp.int64(k)] < step:
+        if rows.span[first + k] < step:
             found = int(1)
     return found
 
@@ -377,11 +377,11 @@ def has_short(c: Contours, plan: SamplingPlan, rows: RouteRows, first: wp.int64,
 @wp.func
 def is_plain(c: Contours, plan: SamplingPlan, rows: RouteRows, pose: int, count: int, length: wp.float64):
     """Whether arc length alone decides when each vertex of a pose is reached."""
-    lines = c.pose_start[pose + 1] - c.pose_start[pose]
-    in_order = lines < wp.int64(2) or lines > wp.int64(PIECES_MOST) or plan.shortest == 0
+    lines = int(c.pose_start[pose + 1]) - int(c.pose_start[pose])
+    in_order = lines < 2 or lines > PIECES_MOST or plan.shortest == 0
     if plan.plain == 0 or c.dwell.shape[0] > 0 or not in_order:
         return False
-    return lines == wp.int64(1) or has_short(c, plan, rows, c.pose_start[pose], count, length) == 0
+    return lines == 1 or has_short(c, plan, rows, int(c.pose_start[pose]), count, length) == 0
 
 
 @wp.func
@@ -391,33 +391,33 @@ def lay_plain(c: Contours, plan: SamplingPlan, nodes: TrackNodes, pose: int):
     count = int(0)
     piece = int(-1)
     arc = ZERO
-    line = c.pose_start[pose]
-    while line < c.pose_start[pose + 1]:
-        row = c.polyline_start[line]
+    line = int(c.pose_start[pose])
+    while line < int(c.pose_start[pose + 1]):
+        row = int(c.polyline_start[line])
         begin = at
         before = arc
-        while row < c.polyline_start[line + wp.int64(1)]:
+        while row < int(c.polyline_start[line + 1]):
             point = to_float64(c.points[row])
             if at > begin:
-                arc += wp.sqrt(squared(point - nodes.point[at - wp.int64(1)]))
+                arc += wp.sqrt(squared(point - nodes.point[at - 1]))
             nodes.point[at] = point
             nodes.knot[at] = arc
             if c.intensity.shape[0] > 0:
                 nodes.intensity[at] = wp.float64(c.intensity[row])
-            at += wp.int64(1)
+            at += 1
             count += 1
-            row += wp.int64(1)
+            row += 1
         if arc > before:
             piece += 1
         while begin < at:
             nodes.piece[begin] = piece
-            begin += wp.int64(1)
-        line += wp.int64(1)
+            begin += 1
+        line += 1
     return count
 
 
 @wp.func
-def write_node(nodes: TrackNodes, at: wp.int64, point: wp.vec3d, level: wp.float64, piece: int, duration: wp.float64):
+def write_node(nodes: TrackNodes, at: int, point: wp.vec3d, level: wp.float64, piece: int, duration: wp.float64):
     """Write a node and how long the way to it takes [s]."""
     nodes.point[at] = point
     nodes.piece[at] = piece
@@ -428,7 +428,7 @@ def write_node(nodes: TrackNodes, at: wp.int64, point: wp.vec3d, level: wp.float
 
 
 @wp.func
-def copy_node(nodes: TrackNodes, source: wp.int64, at: wp.int64, piece: int, duration: wp.float64):
+def copy_node(nodes: TrackNodes, source: int, at: int, piece: int, duration: wp.float64):
     """Write a node at the place of another."""
     level = ONE
     if nodes.intensity.shape[0] > 0:
@@ -438,24 +438,22 @@ def copy_node(nodes: TrackNodes, source: wp.int64, at: wp.int64, piece: int, dur
 
 
 @wp.func
-def write_piece(
-    c: Contours, plan: SamplingPlan, rows: RouteRows, nodes: TrackNodes, row: wp.int64, first: wp.int64, k: int
-):
+def write_piece(c: Contours, plan: SamplingPlan, rows: RouteRows, nodes: TrackNodes, row: int, first: int, k: int):
     """Write the nodes of a route's k-th piece, there and back if it is so drawn; returns how many there are."""
     piece = rows.drawn[row]
     size = size_of(c, plan, piece.line)
     count = drawn_size(c, plan, piece)
     for i in range(count):
-        at = first + wp.int64(i)
+        at = first + i
         point = drawn_vertex(c, piece, size, i)
         level = ONE
         if c.intensity.shape[0] > 0:
             level = drawn_level(c, piece, size, i)
         duration = ZERO
         if i > 0:
-            duration = distance(nodes.point[at - wp.int64(1)], point) / plan.speed
+            duration = distance(nodes.point[at - 1], point) / plan.speed
         elif k > 0 and plan.returns == 1:
-            duration = distance(nodes.point[at - wp.int64(1)], point) / plan.return_speed
+            duration = distance(nodes.point[at - 1], point) / plan.return_speed
         write_node(nodes, at, point, level, k, duration)
         if c.dwell.shape[0] > 0:
             nodes.pause[at] = drawn_dwell(c, plan, piece, size, i)
@@ -464,9 +462,9 @@ def write_piece(
     if plan.turns_back == 0 or loop:
         return count
     for i in range(1, count):
-        source = first + wp.int64(count - 1 - i)
-        duration = distance(nodes.point[source + wp.int64(1)], nodes.point[source]) / plan.speed
-        copy_node(nodes, source, first + wp.int64(count - 1 + i), k, duration)
+        source = first + count - 1 - i
+        duration = distance(nodes.point[source + 1], nodes.point[source]) / plan.speed
+        copy_node(nodes, source, first + (count - 1 + i), k, duration)
     if plan.sections == 0:
         no_pause(nodes, first)  # it is made when the piece ends there
     return 2 * count - 1
@@ -478,19 +476,19 @@ def write_course(c: Contours, plan: SamplingPlan, rows: RouteRows, nodes: TrackN
     first = first_node(c, plan, pose)
     count = int(0)
     for k in range(pieces):
-        count += write_piece(c, plan, rows, nodes, c.pose_start[pose] + wp.int64(k), first + wp.int64(count), k)
-    last = first + wp.int64(count - 1)
+        count += write_piece(c, plan, rows, nodes, int(c.pose_start[pose]) + k, first + count, k)
+    last = first + count - 1
     if plan.pendulum == 1:
         for i in range(1, count):
-            source = last - wp.int64(i)
-            way = nodes.knot[source + wp.int64(1)]
-            copy_node(nodes, source, last + wp.int64(i), nodes.piece[source], way)
+            source = last - i
+            way = nodes.knot[source + 1]
+            copy_node(nodes, source, last + i, nodes.piece[source], way)
         no_pause(nodes, first)
         count += count - 1
     elif plan.returns == 1:
         way = distance(nodes.point[last], nodes.point[first]) / plan.return_speed
-        copy_node(nodes, first, last + wp.int64(1), -1, way)
-        no_pause(nodes, last + wp.int64(1))
+        copy_node(nodes, first, last + 1, -1, way)
+        no_pause(nodes, last + 1)
         count += 1
     return count
 
@@ -519,7 +517,7 @@ def first_duration(nodes: TrackNodes, track: PoseTrack):
 def measure_passages(nodes: TrackNodes, rows: RouteRows, track: PoseTrack):
     """Write the time of the longest passage along each piece, 0 for one that has none; returns that of all ways."""
     for k in range(track.pieces):
-        rows.span[track.line + wp.int64(k)] = ZERO
+        rows.span[track.line + k] = ZERO
     way = first_duration(nodes, track)
     total = ZERO
     left = int(1)
@@ -534,7 +532,7 @@ def measure_passages(nodes: TrackNodes, rows: RouteRows, track: PoseTrack):
             same = wp.where(left == 1 and way_piece(nodes, way.a, way.b) == piece, 1, 0)
         total += took
         if piece >= 0:
-            rows.span[track.line + wp.int64(piece)] = wp.max(rows.span[track.line + wp.int64(piece)], took)
+            rows.span[track.line + piece] = wp.max(rows.span[track.line + piece], took)
     return total
 
 
@@ -542,18 +540,18 @@ def measure_passages(nodes: TrackNodes, rows: RouteRows, track: PoseTrack):
 def lengthen_short(nodes: TrackNodes, rows: RouteRows, track: PoseTrack, least: wp.float64):
     """Lengthen the durations on pieces whose passages take less than a least time."""
     for k in range(track.pieces):
-        longest = rows.span[track.line + wp.int64(k)]
+        longest = rows.span[track.line + k]
         if longest > ZERO and longest < least:
-            rows.span[track.line + wp.int64(k)] = least / longest
+            rows.span[track.line + k] = least / longest
         else:
-            rows.span[track.line + wp.int64(k)] = ONE
+            rows.span[track.line + k] = ONE
         if track.sections > 0:
-            nodes.stretch[track.line + wp.int64(k)] = rows.span[track.line + wp.int64(k)]
+            nodes.stretch[track.line + k] = rows.span[track.line + k]
     for i in range(wp.where(track.sections > 0, 0, track.count - 1)):
-        piece = way_piece(nodes, track.first + wp.int64(i), track.first + wp.int64(i + 1))
+        piece = way_piece(nodes, track.first + i, track.first + i + 1)
         if piece >= 0:
-            at = track.first + wp.int64(i + 1)
-            nodes.knot[at] = nodes.knot[at] * rows.span[track.line + wp.int64(piece)]
+            at = track.first + i + 1
+            nodes.knot[at] = nodes.knot[at] * rows.span[track.line + piece]
 
 
 @wp.func
@@ -570,7 +568,7 @@ def draw_by_turns(plan: SamplingPlan, nodes: TrackNodes, rows: RouteRows, track:
     step = measure_passages(nodes, rows, track) / samples
     least = INFINITE  # time of the longest passage along the piece that has the shortest one
     for k in range(track.pieces):
-        span = rows.span[track.line + wp.int64(k)]
+        span = rows.span[track.line + k]
         if span > ZERO:
             least = wp.min(least, span)
     if least >= step * (ONE - wp.float64(1e-9)):
@@ -595,8 +593,8 @@ def sum_durations(nodes: TrackNodes, track: PoseTrack):
     knot = ZERO
     nodes.knot[track.first] = knot
     for i in range(1, track.count):
-        knot += nodes.knot[track.first + wp.int64(i)]
-        nodes.knot[track.first + wp.int64(i)] = knot
+        knot += nodes.knot[track.first + i]
+        nodes.knot[track.first + i] = knot
 
 
 @wp.func
@@ -609,10 +607,10 @@ def longest_step(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack):
         fastest = fastest_in_sections(nodes, track, NOISE_SHARE * track.one_sample)
         return fastest * track.one_sample + plan.circle_step
     for i in range(track.count - 1):
-        at = track.first + wp.int64(i)
-        took = nodes.knot[at + wp.int64(1)] - nodes.knot[at]
+        at = track.first + i
+        took = nodes.knot[at + 1] - nodes.knot[at]
         if took > NOISE_SHARE * track.one_sample:
-            step = nodes.point[at + wp.int64(1)] - nodes.point[at]
+            step = nodes.point[at + 1] - nodes.point[at]
             fastest = wp.max(fastest, wp.sqrt(squared(step)) / took)
     return fastest * track.one_sample + plan.circle_step
 
@@ -629,16 +627,16 @@ def time_course(plan: SamplingPlan, nodes: TrackNodes, rows: RouteRows, course: 
         track.pauses = track.count - course.count
     total = ZERO
     for i in range(1, track.count):
-        total += nodes.knot[track.first + wp.int64(i)]
+        total += nodes.knot[track.first + i]
     track.samples = samples_of(plan, total)
     track.repeat = track.samples
-    if plan.points == wp.int64(0) and plan.pace != STILL and track.pieces > 1:
+    if plan.points == 0 and plan.pace != STILL and track.pieces > 1:
         track = draw_by_turns(plan, nodes, rows, track)
     if track.sections > 0:
         track.period = begin_sections(nodes, track)
     else:
         sum_durations(nodes, track)
-        track.period = nodes.knot[track.first + wp.int64(track.count - 1)]
+        track.period = nodes.knot[track.first + track.count - 1]
     return track
 
 
@@ -657,15 +655,15 @@ def lay_course(
     track = PoseTrack()
     track.first = first_node(c, plan, pose)
     track.pieces = pieces
-    track.line = c.pose_start[pose]
-    track.section = wp.int64(pose) * wp.int64(plan.sections)
+    track.line = int(c.pose_start[pose])
+    track.section = pose * plan.sections
     track.turns = 1
     if plain:
         track.count = lay_plain(c, plan, nodes, pose)
-        track.single = wp.where(c.pose_start[pose + 1] - c.pose_start[pose] == wp.int64(1), 1, 0)
+        track.single = wp.where(int(c.pose_start[pose + 1]) - int(c.pose_start[pose]) == 1, 1, 0)
         track.samples = samples_of(plan, seconds)
         track.repeat = track.samples
-        track.period = nodes.knot[track.first + wp.int64(track.count - 1)]
+        track.period = nodes.knot[track.first + track.count - 1]
     else:
         track.count = write_course(c, plan, rows, nodes, pose, pieces)
         track = time_course(plan, nodes, rows, track)

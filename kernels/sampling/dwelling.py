@@ -64,7 +64,7 @@ def _count_cells(
                 if u >= 0 and v >= 0:
                     cell = u * along.count + v
                 wp.atomic_add(cells, int(schedule.motion[i]), cell, 1)
-        row += wp.int64(1)
+        row += 1
 
 
 def cell_row(first: float, last: float, count: int) -> CellRow:

@@ -57,6 +57,7 @@ from .ways import (
 wp.set_module_options(EXACT)
 
 NEAR_STEPS = wp.constant(wp.float64(3.0))  # ordinary steps: by so much contours may move between inserted poses
+MIXED = wp.constant(wp.int64(0x9E3779B9))  # an odd number with its bits spread
 AGAINST = wp.constant(wp.float64(1e-9))  # share of a way by which it runs against a direction
 WHOLE_SECTION = wp.constant(wp.float64(1e-3))  # [m] that its whole time counts among passes of the same place
 
@@ -84,9 +85,9 @@ def is_against(nodes: TrackNodes, way: TrackWay, direction: wp.vec3d):
 @wp.func
 def is_pause(nodes: TrackNodes, track: PoseTrack, way: int):
     """Whether the focal point rests on a way from node to node."""
-    at = track.first + wp.int64(way)
-    step = nodes.point[at + wp.int64(1)] - nodes.point[at]
-    return squared(step) == ZERO and nodes.knot[at + wp.int64(1)] > nodes.knot[at]
+    at = track.first + way
+    step = nodes.point[at + 1] - nodes.point[at]
+    return squared(step) == ZERO and nodes.knot[at + 1] > nodes.knot[at]
 
 
 @wp.struct
@@ -123,16 +124,16 @@ def pauses_around(nodes: TrackNodes, track: PoseTrack, knot: wp.float64):
     first_way = int(0)
     latest_way = int(0)
     for i in range(track.count):
-        at = track.first + wp.int64(i)
+        at = track.first + i
         if i == track.count - 1:
             if found == i:
                 here = arc
         else:
-            step = wp.sqrt(squared(nodes.point[at + wp.int64(1)] - nodes.point[at]))
+            step = wp.sqrt(squared(nodes.point[at + 1] - nodes.point[at]))
             if found == i:
                 here = arc
                 if knot != nodes.knot[at]:
-                    slope = ((arc + step) - arc) / (nodes.knot[at + wp.int64(1)] - nodes.knot[at])
+                    slope = ((arc + step) - arc) / (nodes.knot[at + 1] - nodes.knot[at])
                     here = slope * (knot - nodes.knot[at]) + arc
             if is_pause(nodes, track, i):
                 latest = arc
@@ -165,9 +166,9 @@ def place_by_pauses(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, pla
     if track.pauses == 0:
         return out
     way = wp.min(way_at(nodes.knot, track.first, track.count, knot), track.count - 2)
-    begin = nodes.knot[track.first + wp.int64(way)]
+    begin = nodes.knot[track.first + way]
     if is_pause(nodes, track, way):
-        out.rested = (knot - begin) / (nodes.knot[track.first + wp.int64(way + 1)] - begin)
+        out.rested = (knot - begin) / (nodes.knot[track.first + way + 1] - begin)
         return out
     around = pauses_around(nodes, track, knot)
     if wp.min(around.behind, around.ahead) < plan.threshold:
@@ -182,14 +183,14 @@ def nearest_pause(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, place
     best = int(0)
     for i in range(track.count - 1):
         if is_pause(nodes, track, i):
-            apart = distance(place.point, nodes.point[track.first + wp.int64(i)])
+            apart = distance(place.point, nodes.point[track.first + i])
             if squared(place.direction) > ZERO:
                 before = i - 1
                 if i == 0:
                     before = track.count - 2
-                at = track.first + wp.int64(before)
-                step = nodes.point[at + wp.int64(1)] - nodes.point[at]
-                length = wp.max(distance(nodes.point[at], nodes.point[at + wp.int64(1)]), TINY)
+                at = track.first + before
+                step = nodes.point[at + 1] - nodes.point[at]
+                length = wp.max(distance(nodes.point[at], nodes.point[at + 1]), TINY)
                 apart += plan.threshold * (ONE - wp.dot(step, place.direction) / length) / TWO
             if apart < least:
                 least = apart
@@ -210,14 +211,14 @@ def entered_by_pauses(
     if place.rested >= ZERO:
         way, apart = nearest_pause(plan, nodes, track, place)
         if apart <= cost + plan.threshold:
-            begin = nodes.knot[track.first + wp.int64(way)]
-            return begin + place.rested * (nodes.knot[track.first + wp.int64(way + 1)] - begin)
+            begin = nodes.knot[track.first + way]
+            return begin + place.rested * (nodes.knot[track.first + way + 1] - begin)
         return knot
     around = pauses_around(nodes, track, knot)
     if place.beside > 0 and around.ahead < plan.threshold and around.ahead < around.behind:
-        return nodes.knot[track.first + wp.int64(around.following + 1)]
+        return nodes.knot[track.first + around.following + 1]
     if place.beside < 0 and around.behind < plan.threshold and around.behind < around.ahead:
-        return nodes.knot[track.first + wp.int64(around.last)]
+        return nodes.knot[track.first + around.last]
     return knot
 
 
@@ -269,8 +270,8 @@ def entered(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, place: Focu
 @wp.func
 def middle_of(nodes: TrackNodes, track: PoseTrack, section: int):
     """Middle between the ends of a section [m]."""
-    own = nodes.section[track.section + wp.int64(section)]
-    return HALF * (nodes.point[track.first + wp.int64(own.start)] + nodes.point[track.first + wp.int64(own.stop)])
+    own = nodes.section[track.section + section]
+    return HALF * (nodes.point[track.first + own.start] + nodes.point[track.first + own.stop])
 
 
 @wp.func
@@ -283,7 +284,7 @@ def entered_in_section(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, 
         if apart < least:
             least = apart
             nearest = k
-    own = nodes.section[track.section + wp.int64(nearest)]
+    own = nodes.section[track.section + nearest]
     took = section_end(nodes, track, nearest) - own.begin
     directed = squared(place.direction) > ZERO
     near = NearestKnot()
@@ -306,7 +307,7 @@ def direction_on(nodes: TrackNodes, track: PoseTrack, way: TrackWay):
     """Direction in which a focal point moves on a way, or on the one before if it rests there; zero if on both."""
     step = step_of(nodes, way)
     if track.sections == 0 and way.number > 0 and squared(step) == ZERO:
-        step = nodes.point[way.a] - nodes.point[way.a - wp.int64(1)]
+        step = nodes.point[way.a] - nodes.point[way.a - 1]
     length = wp.sqrt(squared(step))
     if length > ZERO:
         step = step / length
@@ -320,7 +321,7 @@ def is_silent_at(
     nodes: TrackNodes,
     track: PoseTrack,
     pose: int,
-    sample: wp.int64,
+    sample: int,
     knot: wp.float64,
     hold: wp.float64,
 ):
@@ -341,16 +342,16 @@ def is_silent_at(
 def shape_of(c: Contours, pose: int):
     """How many polylines a pose has and which are closed, as one number; beyond 62 of them all but surely."""
     shape = wp.int64(1)
-    line = c.pose_start[pose]
-    while line < c.pose_start[pose + 1]:
-        shape = shape * wp.int64(2) + wp.int64(c.polyline_closed[line]) + (shape >> wp.int64(62)) * wp.int64(0x9E3779B9)
-        line += wp.int64(1)
+    line = int(c.pose_start[pose])
+    while line < int(c.pose_start[pose + 1]):
+        shape = shape * wp.int64(2) + wp.int64(c.polyline_closed[line]) + (shape >> wp.int64(62)) * MIXED
+        line += 1
     return shape
 
 
 @wp.func
 def enter_track(
-    plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, shape: wp.int64, place: FocusPlace, before: wp.int64
+    plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, shape: wp.int64, place: FocusPlace, before: int
 ):
     """Where drawing goes on along the contours of a new pose of a shape; before: the pose drawn before in the span."""
     entry = PoseEntry()
@@ -375,7 +376,7 @@ def place_at(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, knot: wp.f
     place.direction = direction_on(nodes, track, way)
     place.rested = -ONE
     if track.sections > 0:
-        begin = nodes.section[track.section + wp.int64(way.section)].begin
+        begin = nodes.section[track.section + way.section].begin
         place.middle = middle_of(nodes, track, way.section)
         place.through = (knot - begin) / (section_end(nodes, track, way.section) - begin)
         return place
@@ -400,7 +401,7 @@ def _enter_poses(
     place = state.motion[motion].place
     anchor = state.motion[motion].anchor
     index = state.motion[motion].index
-    before = wp.int64(-1)
+    before = int(-1)
     pose = int(schedule.motion_start[motion])
     while pose < int(schedule.motion_start[motion + 1]):
         entry = PoseEntry()
@@ -419,15 +420,15 @@ def _enter_poses(
             else:
                 entry = enter_track(plan, nodes, track, shape, place, before)
             anchor = entry.anchor
-            index = entry.index + schedule.count[pose]
+            index = entry.index + wp.int64(schedule.count[pose])
             last = cycle_knot(plan, track, anchor, index - wp.int64(1))
             place = place_at(plan, nodes, track, last)
             place.drawn = 1
             place.shape = shape
-            sample = schedule.count[pose] - wp.int64(1)
+            sample = schedule.count[pose] - 1
             place.silent = is_silent_at(plan, schedule, nodes, track, pose, sample, last, hold)
-            before = wp.int64(pose)
-        elif schedule.count[pose] > wp.int64(0):
+            before = pose + 0
+        elif schedule.count[pose] > 0:
             place.silent = 1
         entries[pose] = entry
         pose += 1

@@ -18,9 +18,7 @@ from .layout import (
     TWO,
     ZERO,
     DrawnTracks,
-    PoseEntry,
     PoseSchedule,
-    PoseTrack,
     SamplerState,
     SamplingPlan,
     StepCount,
@@ -54,8 +52,8 @@ POLYLINE, ORDER, POSE, RE_ENTRY = (wp.constant(k) for k in range(4))  # causes o
 class PiecePassages:
     """Which samples of a pose are on each of its drawn pieces, by the pieces' rows; -1: none."""
 
-    first: wp.array[wp.int64]
-    last: wp.array[wp.int64]
+    first: wp.array[wp.int32]
+    last: wp.array[wp.int32]
 
 
 @wp.func
@@ -89,32 +87,28 @@ def wave_at(plan: SamplingPlan, number: wp.int64):
 
 
 @wp.func
-def unheld_point(plan: SamplingPlan, d: DrawnTracks, schedule: PoseSchedule, pose: wp.int64, focus: int):
+def unheld_point(plan: SamplingPlan, d: DrawnTracks, schedule: PoseSchedule, pose: int, focus: int):
     """A focal point at the last sample of a pose that is drawn, before points are held or reordered [m]."""
     track = d.tracks[pose]
-    knot = cycle_knot(plan, track, d.entries[pose].anchor, d.entries[pose].index + schedule.count[pose] - wp.int64(1))
+    knot = cycle_knot(plan, track, d.entries[pose].anchor, d.entries[pose].index + wp.int64(schedule.count[pose] - 1))
     return track_point(d.nodes, track, focus_knot(plan, track, knot, focus))
 
 
 @wp.func
-def sample_knot(
-    plan: SamplingPlan, schedule: PoseSchedule, track: PoseTrack, index: wp.int64, entry: PoseEntry, focus: int
-):
-    """Knot at which a focal point is shown at a sample of a track; index: of the sample."""
-    return shown_knot(
-        plan, schedule.shown, track, focus_knot(plan, track, cycle_knot(plan, track, entry.anchor, index), focus)
-    )
+def sample_knot(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: int, sample: int, focus: int):
+    """Knot at which a focal point is shown at a sample of a pose that is drawn."""
+    track = d.tracks[pose]
+    knot = cycle_knot(plan, track, d.entries[pose].anchor, d.entries[pose].index + wp.int64(sample))
+    return shown_knot(plan, schedule.shown, track, focus_knot(plan, track, knot, focus))
 
 
 @wp.func
-def shown_last(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: wp.int64, focus: int):
+def shown_last(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: int, focus: int):
     """A focal point at the last sample of a pose that is drawn [m]."""
-    track = d.tracks[pose]
-    sample = schedule.count[pose] - wp.int64(1)
-    knot = sample_knot(plan, schedule, track, d.entries[pose].index + sample, d.entries[pose], focus)
-    point = track_point(d.nodes, track, knot)
+    sample = schedule.count[pose] - 1
+    point = track_point(d.nodes, d.tracks[pose], sample_knot(plan, schedule, d, pose, sample, focus))
     if plan.circle_radius > ZERO:
-        point += circle_offset(plan, d.pose[pose], schedule.number[pose] + sample)
+        point += circle_offset(plan, d.pose[pose], schedule.number[pose] + wp.int64(sample))
     return point
 
 
@@ -124,8 +118,8 @@ def shown_before(
 ):
     """Where a focal point was before a pose [m]."""
     before = d.entries[pose].before
-    if before < wp.int64(0):
-        return state.shown[int(schedule.motion[pose]), focus]
+    if before < 0:
+        return state.shown[schedule.motion[pose], focus]
     return shown_last(plan, schedule, d, before, focus)
 
 
@@ -141,8 +135,8 @@ def moved_by(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, state: 
     entry = d.entries[pose]
     if entry.found == 0:
         return INFINITE
-    point = state.last[int(schedule.motion[pose]), focus]
-    if entry.before >= wp.int64(0):
+    point = state.last[schedule.motion[pose], focus]
+    if entry.before >= 0:
         point = unheld_point(plan, d, schedule, entry.before, focus)
     track = d.tracks[pose]
     knot = focus_knot(plan, track, entry.anchor, focus)
@@ -176,7 +170,7 @@ def count_move(
     state: SamplerState,
     count: StepCount,
     pose: int,
-    sample: wp.int64,
+    sample: int,
     focus: int,
     length: wp.float64,
     drawn_before: bool,
@@ -188,16 +182,16 @@ def count_move(
     out = count
     ordinary = d.tracks[pose].ordinary
     if not drawn_before:
-        if d.entries[pose].first == 0 or sample > wp.int64(0):  # at the very first sample nothing comes back
+        if d.entries[pose].first == 0 or sample > 0:  # at the very first sample nothing comes back
             out = add_step(plan, count, RE_ENTRY, length, ordinary)
         return out
     out.step_longest = wp.max(out.step_longest, length)
     if length <= plan.threshold and length <= TWO * ordinary:
         return out
     cause = int(POLYLINE)
-    if plan.points > wp.int64(0):
+    if plan.points > 0:
         cause = ORDER
-    if sample == wp.int64(0) and d.entries[pose].again == 0:
+    if sample == 0 and d.entries[pose].again == 0:
         # else it is the way between two samples of a track that is long
         if TWO * moved_by(plan, schedule, d, state, pose, focus) >= length:
             cause = POSE
@@ -205,7 +199,7 @@ def count_move(
 
 
 @wp.func
-def gain_at(plan: SamplingPlan, schedule: PoseSchedule, pose: int, sample: wp.int64, hold: wp.float64):
+def gain_at(plan: SamplingPlan, schedule: PoseSchedule, pose: int, sample: int, hold: wp.float64):
     """What a fade leaves of a sample's intensity, and whether the pose is older than `hold` then, 0 or 1."""
     age = age_of(schedule, pose, sample)
     held = wp.int64(0)
@@ -215,17 +209,16 @@ def gain_at(plan: SamplingPlan, schedule: PoseSchedule, pose: int, sample: wp.in
 
 
 @wp.func
-def level_at(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: int, sample: wp.int64, focus: int):
+def level_at(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: int, sample: int, focus: int):
     """Intensity of the contours at a focal point of a sample."""
     if d.nodes.intensity.shape[0] == 0:
         return ONE
-    track = d.tracks[pose]
-    knot = sample_knot(plan, schedule, track, d.entries[pose].index + sample, d.entries[pose], focus)
-    return level_on(d.nodes, find_way(d.nodes, track, knot, TrackWay()), knot)
+    knot = sample_knot(plan, schedule, d, pose, sample, focus)
+    return level_on(d.nodes, find_way(d.nodes, d.tracks[pose], knot, TrackWay()), knot)
 
 
 @wp.func
-def is_drawn(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: int, sample: wp.int64, gain: wp.float64):
+def is_drawn(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: int, sample: int, gain: wp.float64):
     """Whether a focal point of a sample has an intensity above 0."""
     if d.nodes.intensity.shape[0] == 0:
         return gain > ZERO
@@ -239,11 +232,11 @@ def is_drawn(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: i
 def held_of(plan: SamplingPlan, schedule: PoseSchedule, pose: int, hold: wp.float64):
     """Samples of a pose at which it is older than `hold` [ticks]."""
     count = wp.int64(0)
-    sample = wp.int64(0)
+    sample = int(0)
     while sample < schedule.count[pose]:
         _gain, held = gain_at(plan, schedule, pose, sample, hold)
         count += held
-        sample += wp.int64(1)
+        sample += 1
     return count
 
 
@@ -260,7 +253,7 @@ def rest(
 ):
     """Write silence where the focal points are; returns what it counts as."""
     count = StepCount()
-    count.silent = schedule.count[pose]
+    count.silent = wp.int64(schedule.count[pose])
     count.held = held_of(plan, schedule, pose, hold)
     for focus in range(plan.foci):
         point = to_float32(shown_before(plan, schedule, d, state, pose, focus))
@@ -269,20 +262,20 @@ def rest(
         while row < stop:
             position[row, focus] = point
             intensity[row, focus] = 0.0
-            row += wp.int64(1)
+            row += 1
     return count
 
 
 @wp.func
-def pass_piece(passages: PiecePassages, d: DrawnTracks, pose: int, way: TrackWay, sample: wp.int64):
+def pass_piece(passages: PiecePassages, d: DrawnTracks, pose: int, way: TrackWay, sample: int):
     """Note that a sample is on a way of its pose's track; samples since the last one on the same piece, 0: none was."""
     piece = int(0)
     if d.tracks[pose].single == 0:
         piece = way_piece(d.nodes, way.a, way.b)
-    since = wp.int64(0)
+    since = int(0)
     if piece >= 0:
-        row = d.tracks[pose].line + wp.int64(piece)
-        if passages.first[row] < wp.int64(0):
+        row = d.tracks[pose].line + piece
+        if passages.first[row] < 0:
             passages.first[row] = sample
         else:
             since = sample - passages.last[row]
@@ -296,7 +289,7 @@ def repeat_sample(
     schedule: PoseSchedule,
     d: DrawnTracks,
     pose: int,
-    sample: wp.int64,
+    sample: int,
     gain: wp.float64,
     wave: wp.float64,
     position: wp.array2d[wp.vec3],
@@ -305,25 +298,24 @@ def repeat_sample(
     """Draw a sample where the one before is."""
     row = schedule.row[pose] + sample
     for focus in range(plan.foci):
-        position[row, focus] = position[row - wp.int64(1), focus]
+        position[row, focus] = position[row - 1, focus]
         intensity[row, focus] = wp.float32(level_at(plan, schedule, d, pose, sample, focus) * gain * wave)
 
 
 @wp.func
 def pass_repeated(
-    plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, passages: PiecePassages, pose: int, last: wp.int64
+    plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, passages: PiecePassages, pose: int, last: int
 ):
     """Note that the samples of a pose up to the last are on the pieces of the first; most samples between two of them.
 
     last: the last sample before a fade ends; below 1 there is nothing to note.
     """
-    most = wp.int64(0)
-    if last > wp.int64(0):
-        track = d.tracks[pose]
+    most = int(0)
+    if last > 0:
         for focus in range(plan.foci):
-            knot = sample_knot(plan, schedule, track, d.entries[pose].index, d.entries[pose], focus)
-            way = find_way(d.nodes, track, knot, TrackWay())
-            most = wp.max(most, wp.min(pass_piece(passages, d, pose, way, last), wp.int64(1)))
+            knot = sample_knot(plan, schedule, d, pose, 0, focus)
+            way = find_way(d.nodes, d.tracks[pose], knot, TrackWay())
+            most = wp.max(most, wp.min(pass_piece(passages, d, pose, way, last), 1))
     return most
 
 
@@ -348,33 +340,33 @@ def _draw_samples(
         return
     count = StepCount()
     rests = plan.pace == STILL and plan.circle_radius == ZERO
-    last = wp.int64(0)  # sample that is felt, of those that repeat the first
+    last = int(0)  # sample that is felt, of those that repeat the first
     track = d.tracks[pose]
     entry = d.entries[pose]
     for k in range(track.pieces):
-        passages.first[track.line + wp.int64(k)] = wp.int64(-1)
-        passages.last[track.line + wp.int64(k)] = wp.int64(-1)
+        passages.first[track.line + k] = -1
+        passages.last[track.line + k] = -1
     drawn_before = entry.silent == 0
     previous = wp.zeros(shape=FOCI_MOST, dtype=wp.vec3d)
     ways = wp.zeros(shape=FOCI_MOST, dtype=TrackWay)
     for focus in range(plan.foci):
         previous[focus] = shown_before(plan, schedule, d, state, pose, focus)
-    sample = wp.int64(0)
+    sample = int(0)
     while sample < schedule.count[pose]:
         gain, held = gain_at(plan, schedule, pose, sample, hold)
         count.held += held
         drawn = is_drawn(plan, schedule, d, pose, sample, gain)
-        number = schedule.number[pose] + sample
+        number = schedule.number[pose] + wp.int64(sample)
         wave = wave_at(plan, number)
         row = schedule.row[pose] + sample
         count.silent += wp.where(drawn, wp.int64(0), wp.int64(1))
-        count.felt = wp.where(gain > ZERO, sample + wp.int64(1), count.felt)
+        count.felt = wp.where(gain > ZERO, sample + 1, count.felt)
         count.lost = wp.where(gain <= ZERO, 1, count.lost)
-        if rests and sample > wp.int64(0):
+        if rests and sample > 0:
             repeat_sample(plan, schedule, d, pose, sample, gain, wave, position, intensity)
             last = wp.where(gain > ZERO, sample, last)
-        cycle = cycle_knot(plan, track, entry.anchor, entry.index + sample)
-        for focus in range(wp.where(rests and sample > wp.int64(0), 0, plan.foci)):
+        cycle = cycle_knot(plan, track, entry.anchor, entry.index + wp.int64(sample))
+        for focus in range(wp.where(rests and sample > 0, 0, plan.foci)):
             knot = shown_knot(plan, schedule.shown, track, focus_knot(plan, track, cycle, focus))
             if not is_on(ways[focus], knot):
                 ways[focus] = find_way(d.nodes, track, knot, ways[focus])
@@ -388,9 +380,9 @@ def _draw_samples(
             if drawn:
                 count = count_move(plan, schedule, d, state, count, pose, sample, focus, length, drawn_before)
             if gain > ZERO:
-                count.absence = wp.max(count.absence, pass_piece(passages, d, pose, way, sample))
+                count.absence = wp.max(count.absence, wp.int64(pass_piece(passages, d, pose, way, sample)))
             previous[focus] = point
         drawn_before = drawn
-        sample += wp.int64(1)
-    count.absence = wp.max(count.absence, pass_repeated(plan, schedule, d, passages, pose, last))
+        sample += 1
+    count.absence = wp.max(count.absence, wp.int64(pass_repeated(plan, schedule, d, passages, pose, last)))
     counts[pose] = count

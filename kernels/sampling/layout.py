@@ -27,7 +27,7 @@ class SamplingPlan:
     fewest: wp.int64  # samples a cycle of pace CAPPED
     most: wp.int64
     lowest: wp.float64  # draw frequency of pace CAPPED [Hz]
-    points: wp.int64  # points a cycle; 0: one a sample
+    points: wp.int32  # points a cycle; 0: one a sample
     points_least: wp.int64  # samples a cycle at least, so that every point is shown
     foci: wp.int32
     threshold: wp.float64  # a longer step is a jump [m]
@@ -62,7 +62,7 @@ class SamplingPlan:
 class DrawnPiece:
     """A polyline of non-zero length, and how it is drawn."""
 
-    line: wp.int64  # number of the polyline; in a motion's state counted from the pose's first one
+    line: wp.int32  # number of the polyline; in a motion's state counted from the pose's first one
     mode: wp.int32  # AS_GIVEN, REVERSED or BEGUN
     after: wp.int32  # first vertex behind the point where a BEGUN loop begins
     before: wp.int32  # the vertices 1..before - 1 come last
@@ -117,7 +117,7 @@ class TrackNodes:
 class PoseTrack:
     """A cycle of focal points over a pose's contours."""
 
-    first: wp.int64  # node
+    first: wp.int32  # node
     count: wp.int32  # of nodes; 0: nothing is drawn
     period: wp.float64  # in the unit of the knots
     samples: wp.int64  # a cycle
@@ -130,24 +130,24 @@ class PoseTrack:
     ordinary: wp.float64  # longest step along it, jumps left out [m]
     pauses: wp.int32  # ways on which the focal point rests
     sections: wp.int32  # that its nodes are drawn in; 0: they are drawn one after the other
-    section: wp.int64  # row of the first section
-    line: wp.int64  # row of the first piece
+    section: wp.int32  # row of the first section
+    line: wp.int32  # row of the first piece
 
 
 @wp.struct
 class PoseSchedule:
     """When poses are drawn."""
 
-    motion_start: wp.array[wp.int64]  # offsets into poses, shape [motion + 1]
+    motion_start: wp.array[wp.int32]  # offsets into poses, shape [motion + 1]
     first: wp.array[wp.int64]  # first sample of a pose, counted from time 0 of its motion
     number: wp.array[wp.int64]  # the same, counted from the first one of all spans
-    count: wp.array[wp.int64]  # of samples
-    row: wp.array[wp.int64]  # of a pose's first sample among those of all motions in the span, shape [pose]
-    motion: wp.array[wp.int64]  # number of each pose's motion
+    count: wp.array[wp.int32]  # of samples
+    row: wp.array[wp.int32]  # of a pose's first sample among those of all motions in the span, shape [pose]
+    motion: wp.array[wp.int32]  # number of each pose's motion
     time: wp.array[wp.float64]  # of poses [ticks]
     hold: wp.array[wp.float64]  # age at which a pose starts to fade [ticks], shape [motion]
     goes_on: wp.array[wp.int32]  # 1: the motion's first pose is the last one of the span before, shape [motion]
-    shown: wp.array[wp.int64]  # place in a cycle of the points in the order in which they are shown
+    shown: wp.array[wp.int32]  # place in a cycle of the points in the order in which they are shown
 
 
 @wp.struct
@@ -173,7 +173,7 @@ class PoseEntry:
     again: wp.int32  # 1: it goes on from the span before
     silent: wp.int32  # 1: the sample before is
     first: wp.int32  # 1: nothing has been drawn before
-    before: wp.int64  # the pose drawn before in this span, -1: none
+    before: wp.int32  # the pose drawn before in this span, -1: none
     found: wp.int32  # 1: drawing goes on from where it was; 0: from the start of the contours
     anchor: wp.float64  # knot that the samples are counted from
     index: wp.int64  # of the pose's first sample
@@ -201,7 +201,7 @@ class StepCount:
     hops: wp.vec4l
     hops_longest: wp.vec4d  # [m]
     step_longest: wp.float64  # [m]
-    felt: wp.int64  # samples of a pose up to the last one that no fade has ended, those in between too
+    felt: wp.int32  # samples of a pose up to the last one that no fade has ended, those in between too
     lost: wp.int32  # 1: a fade has ended one of these
     absence: wp.int64  # most samples from one on a piece to the next on it
 

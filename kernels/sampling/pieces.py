@@ -33,31 +33,31 @@ NEAR = wp.constant(wp.float64(1e-9))  # [m]; vertices so near to a start are tha
 
 
 @wp.func
-def is_loop(c: Contours, plan: SamplingPlan, line: wp.int64):
+def is_loop(c: Contours, plan: SamplingPlan, line: int):
     """Whether a polyline is drawn as a loop."""
     return int(c.polyline_closed[line]) != 0 or plan.closes == 1
 
 
 @wp.func
-def size_of(c: Contours, plan: SamplingPlan, line: wp.int64):
+def size_of(c: Contours, plan: SamplingPlan, line: int):
     """Vertices of a polyline, with the chord's end where it is closed by one."""
-    count = int(c.polyline_start[line + wp.int64(1)] - c.polyline_start[line])
+    count = int(c.polyline_start[line + 1] - c.polyline_start[line])
     if plan.closes == 1 and int(c.polyline_closed[line]) == 0:
         count += 1
     return count
 
 
 @wp.func
-def row_of(c: Contours, line: wp.int64, i: int):
+def row_of(c: Contours, line: int, i: int):
     """Row of a polyline's vertex; the one behind the last is the first."""
-    row = c.polyline_start[line] + wp.int64(i)
-    if row == c.polyline_start[line + wp.int64(1)]:
-        row = c.polyline_start[line]
+    row = int(c.polyline_start[line]) + i
+    if row == int(c.polyline_start[line + 1]):
+        row = int(c.polyline_start[line])
     return row
 
 
 @wp.func
-def vertex(c: Contours, line: wp.int64, i: int):
+def vertex(c: Contours, line: int, i: int):
     """A vertex of a polyline [m]."""
     return to_float64(c.points[row_of(c, line, i)])
 
@@ -125,11 +125,11 @@ def end_of(c: Contours, plan: SamplingPlan, piece: DrawnPiece):
 def sizes_of(c: Contours, pose: int):
     """The sizes of a pose's polylines, and which are closed, as one number; others have another one, all but surely."""
     sizes = wp.int64(0)
-    line = c.pose_start[pose]
-    while line < c.pose_start[pose + 1]:
-        count = c.polyline_start[line + wp.int64(1)] - c.polyline_start[line]
+    line = int(c.pose_start[pose])
+    while line < int(c.pose_start[pose + 1]):
+        count = c.polyline_start[line + 1] - c.polyline_start[line]
         sizes = sizes * wp.int64(0x9E3779B9) + wp.int64(2) * count + wp.int64(c.polyline_closed[line])
-        line += wp.int64(1)
+        line += 1
     return sizes
 
 
@@ -137,13 +137,13 @@ def sizes_of(c: Contours, pose: int):
 def goes_on(c: Contours, schedule: PoseSchedule, state: SamplerState, pose: int, pieces: int):
     """Whether a pose of so many pieces is the last one of the span before, and has polylines as large as then."""
     motion = schedule.motion[pose]
-    if schedule.goes_on[motion] == 0 or wp.int64(pose) != schedule.motion_start[motion]:
+    if schedule.goes_on[motion] == 0 or pose != schedule.motion_start[motion]:
         return False
     return state.motion[motion].pieces == pieces and state.motion[motion].sizes == sizes_of(c, pose)
 
 
 @wp.func
-def as_given(line: wp.int64):
+def as_given(line: int):
     """A polyline as the batch has it."""
     piece = DrawnPiece()
     piece.line = line
@@ -155,20 +155,20 @@ def as_given(line: wp.int64):
 @wp.func
 def collect_pieces(c: Contours, rows: RouteRows, pose: int):
     """Write the pieces of a pose; returns how many there are, and the length of all [m]."""
-    first = c.pose_start[pose]
+    first = int(c.pose_start[pose])
     count = int(0)
     arc = ZERO
     line = first
-    while line < c.pose_start[pose + 1]:
+    while line < int(c.pose_start[pose + 1]):
         begin = arc
-        size = int(c.polyline_start[line + wp.int64(1)] - c.polyline_start[line])
+        size = int(c.polyline_start[line + 1] - c.polyline_start[line])
         for i in range(1, size):
             arc += wp.sqrt(squared(vertex(c, line, i) - vertex(c, line, i - 1)))
         if arc > begin:
-            rows.given[first + wp.int64(count)] = as_given(line)
-            rows.span[first + wp.int64(count)] = arc - begin
+            rows.given[first + count] = as_given(line)
+            rows.span[first + count] = arc - begin
             count += 1
-        line += wp.int64(1)
+        line += 1
     return count, arc
 
 
@@ -207,23 +207,23 @@ def mark_of(c: Contours, plan: SamplingPlan, piece: DrawnPiece):
 
 
 @wp.func
-def mark_pieces(c: Contours, plan: SamplingPlan, pieces: wp.array[DrawnPiece], first: wp.int64, count: int):
+def mark_pieces(c: Contours, plan: SamplingPlan, pieces: wp.array[DrawnPiece], first: int, count: int):
     """Mark pieces, by which the next pose's are recognised."""
     for k in range(count):
-        piece = pieces[first + wp.int64(k)]
+        piece = pieces[first + k]
         piece.mark = mark_of(c, plan, piece)
-        pieces[first + wp.int64(k)] = piece
+        pieces[first + k] = piece
 
 
 @wp.func
-def mark_ends(c: Contours, plan: SamplingPlan, pieces: wp.array[DrawnPiece], first: wp.int64, count: int):
+def mark_ends(c: Contours, plan: SamplingPlan, pieces: wp.array[DrawnPiece], first: int, count: int):
     """Write where pieces begin and end as they are drawn, by which the next pose draws them alike."""
     for k in range(count):
-        piece = pieces[first + wp.int64(k)]
+        piece = pieces[first + k]
         size = size_of(c, plan, piece.line)
         piece.start = drawn_vertex(c, piece, size, 0)
         piece.end = drawn_vertex(c, piece, size, drawn_size(c, plan, piece) - 1)
-        pieces[first + wp.int64(k)] = piece
+        pieces[first + k] = piece
 
 
 @wp.func
@@ -234,12 +234,12 @@ def apart(a: wp.vec4d, b: wp.vec4d):
 
 
 @wp.func
-def nearest_mark(mark: wp.vec4d, pieces: wp.array[DrawnPiece], first: wp.int64, count: int):
+def nearest_mark(mark: wp.vec4d, pieces: wp.array[DrawnPiece], first: int, count: int):
     """Number of the piece with the nearest mark, the first of equals, and the square distance [m^2]."""
     best = int(0)
     least = INFINITE
     for k in range(count):
-        square = apart(mark, pieces[first + wp.int64(k)].mark)
+        square = apart(mark, pieces[first + k].mark)
         if square < least:
             least = square
             best = k
@@ -251,9 +251,9 @@ def match_pieces(
     c: Contours,
     plan: SamplingPlan,
     rows: RouteRows,
-    first: wp.int64,
+    first: int,
     count: int,
-    before: wp.int64,
+    before: int,
     before_count: int,
 ):
     """Mark the pieces of a pose and match them with the drawn ones of the pose before; returns how many it had.
@@ -266,12 +266,12 @@ def match_pieces(
         return known
     mark_pieces(c, plan, rows.given, first, count)
     for k in range(count):
-        piece = rows.given[first + wp.int64(k)]
+        piece = rows.given[first + k]
         other, square = nearest_mark(piece.mark, rows.drawn, before, before_count)
-        again, _square = nearest_mark(rows.drawn[before + wp.int64(other)].mark, rows.given, first, count)
+        again, _square = nearest_mark(rows.drawn[before + other].mark, rows.given, first, count)
         if again == k and square <= NEARNESS:
             piece.earlier = other
-            rows.given[first + wp.int64(k)] = piece
+            rows.given[first + k] = piece
             known += 1
     return known
 
@@ -313,7 +313,7 @@ def begun(c: Contours, plan: SamplingPlan, piece: DrawnPiece, way: int, part: wp
 
 
 @wp.func
-def loop_length(c: Contours, line: wp.int64, size: int):
+def loop_length(c: Contours, line: int, size: int):
     """Length of a loop [m]."""
     arc = ZERO
     for i in range(1, size):
@@ -322,7 +322,7 @@ def loop_length(c: Contours, line: wp.int64, size: int):
 
 
 @wp.func
-def write_doors(c: Contours, plan: SamplingPlan, rows: RouteRows, run: int, line: wp.int64, share: int, first: int):
+def write_doors(c: Contours, plan: SamplingPlan, rows: RouteRows, run: int, line: int, share: int, first: int):
     """Write the doors of a polyline into the run's room from a place on; returns how many: `share` on a loop."""
     size = size_of(c, plan, line)
     rows.door[run, first] = vertex(c, line, 0)
@@ -393,7 +393,7 @@ def entered_at(c: Contours, plan: SamplingPlan, piece: DrawnPiece, door: int, sh
 
 
 @wp.func
-def exit_of(c: Contours, plan: SamplingPlan, line: wp.int64, first: int, door: int):
+def exit_of(c: Contours, plan: SamplingPlan, line: int, first: int, door: int):
     """Door at which a piece is left that is entered at one; first: its first door."""
     if is_loop(c, plan, line) or plan.turns_back == 1:
         return door
@@ -401,17 +401,15 @@ def exit_of(c: Contours, plan: SamplingPlan, line: wp.int64, first: int, door: i
 
 
 @wp.func
-def insertion_of(
-    c: Contours, plan: SamplingPlan, rows: RouteRows, run: int, first: wp.int64, count: int, piece: DrawnPiece
-):
+def insertion_of(c: Contours, plan: SamplingPlan, rows: RouteRows, run: int, first: int, count: int, piece: DrawnPiece):
     """Behind which of the drawn pieces another makes their route least longer, and the door that does."""
     doors = write_doors(c, plan, rows, run, piece.line, STARTS_TRIED, 0)
     least = INFINITE
     best = int(0)
     best_door = int(0)
     for k in range(count):
-        end = end_of(c, plan, rows.drawn[first + wp.int64(k)])
-        following = start_of(c, plan, rows.drawn[first + wp.int64((k + 1) % count)])
+        end = end_of(c, plan, rows.drawn[first + k])
+        following = start_of(c, plan, rows.drawn[first + ((k + 1) % count)])
         direct = distance(end, following)
         for d in range(doors):
             to = distance(rows.door[run, d], end)

@@ -49,17 +49,17 @@ PLACE_ROOM = 131
 PLACE, WAY_OUT, FLIPPED, BACK = (wp.constant(k * DOOR_ROOM) for k in range(4))
 FIRST, ROUTE, TRIAL, BEST, SPARE = (wp.constant(4 * DOOR_ROOM + k * PLACE_ROOM) for k in range(5))
 ROOM = 4 * DOOR_ROOM + 5 * PLACE_ROOM
-ROOM_SIZE = wp.constant(wp.int64(ROOM))
+ROOM_SIZE = wp.constant(ROOM)
 SUMS = DOOR_ROOM
-SUMS_SIZE = wp.constant(wp.int64(SUMS))
+SUMS_SIZE = wp.constant(SUMS)
 
 
 @wp.struct
 class RouteSearch:
     """What is searched."""
 
-    room: wp.int64  # start of the run's part of `RouteRows.room`
-    sums: wp.int64  # of `RouteRows.sums`
+    room: int  # start of the run's part of `RouteRows.room`
+    sums: int  # of `RouteRows.sums`
     run: wp.int32
     pieces: wp.int32
     places: wp.int32  # pieces, and the outside where the route is no cycle
@@ -69,13 +69,13 @@ class RouteSearch:
 @wp.func
 def noted(rows: RouteRows, s: RouteSearch, section: int, i: int):
     """A number in the run's room."""
-    return int(rows.room[s.room + wp.int64(section + i)])
+    return int(rows.room[s.room + section + i])
 
 
 @wp.func
 def note(rows: RouteRows, s: RouteSearch, section: int, i: int, value: int):
     """Write a number into the run's room."""
-    rows.room[s.room + wp.int64(section + i)] = value
+    rows.room[s.room + section + i] = value
 
 
 @wp.func
@@ -94,21 +94,21 @@ def open_doors(
     rows: RouteRows,
     run: int,
     pieces: wp.array[DrawnPiece],
-    first: wp.int64,
+    first: int,
     count: int,
     outside: int,
 ):
     """Write the doors of all places."""
     s = RouteSearch()
-    s.room = wp.int64(run) * ROOM_SIZE
-    s.sums = wp.int64(run) * SUMS_SIZE
+    s.room = run * ROOM_SIZE
+    s.sums = run * SUMS_SIZE
     s.run = run
     s.pieces = count
     s.places = count + outside
     share = wp.max(1, STARTS // count)
     at = int(0)
     for k in range(count):
-        line = pieces[first + wp.int64(k)].line
+        line = pieces[first + k].line
         doors = write_doors(c, plan, rows, run, line, share, at)
         loop = is_loop(c, plan, line)
         note(rows, s, FIRST, k, at)
@@ -137,11 +137,11 @@ def reach_doors(rows: RouteRows, s: RouteSearch, before: int, place: int):
     for d in range(noted(rows, s, FIRST, place), noted(rows, s, FIRST, place + 1)):
         least = INFINITE
         for h in range(noted(rows, s, FIRST, before), noted(rows, s, FIRST, before + 1)):
-            through = rows.sums[s.sums + wp.int64(h)] + jump_between(rows, s, h, d)
+            through = rows.sums[s.sums + h] + jump_between(rows, s, h, d)
             if through < least:
                 least = through
                 note(rows, s, BACK, d, h)
-        rows.sums[s.sums + wp.int64(d)] = least
+        rows.sums[s.sums + d] = least
 
 
 @wp.func
@@ -156,12 +156,12 @@ def best_doors(rows: RouteRows, s: RouteSearch, section: int, best: wp.float64):
     last = noted(rows, s, PLACE, noted(rows, s, section, s.places - 1))
     for i in range(noted(rows, s, FIRST, begin), noted(rows, s, FIRST, begin + 1)):
         for d in range(noted(rows, s, FIRST, second), noted(rows, s, FIRST, second + 1)):
-            rows.sums[s.sums + wp.int64(d)] = jump_between(rows, s, i, d)
+            rows.sums[s.sums + d] = jump_between(rows, s, i, d)
         for k in range(2, s.places):
             before = noted(rows, s, PLACE, noted(rows, s, section, k - 1))
             reach_doors(rows, s, before, noted(rows, s, PLACE, noted(rows, s, section, k)))
         for d in range(noted(rows, s, FIRST, last), noted(rows, s, FIRST, last + 1)):
-            length = rows.sums[s.sums + wp.int64(d)] + jump_between(rows, s, d, i)
+            length = rows.sums[s.sums + d] + jump_between(rows, s, d, i)
             if length < least:
                 least = length
                 door = int(d)
@@ -350,7 +350,7 @@ def search_route(
     plan: SamplingPlan,
     rows: RouteRows,
     run: int,
-    first: wp.int64,
+    first: int,
     count: int,
     outside: int,
 ):
@@ -368,27 +368,27 @@ def search_route(
     for k in range(count):
         door = noted(rows, s, BEST, (begin + k) % s.places)
         place = noted(rows, s, PLACE, door)
-        piece = rows.drawn[first + wp.int64(place)]
+        piece = rows.drawn[first + place]
         piece.mode = AS_GIVEN
         entered = entered_at(c, plan, piece, door - noted(rows, s, FIRST, place), share)
-        rows.candidate[first + wp.int64(k)] = entered
+        rows.candidate[first + k] = entered
 
 
 @wp.func
-def jumps_of(c: Contours, plan: SamplingPlan, pieces: wp.array[DrawnPiece], first: wp.int64, count: int):
+def jumps_of(c: Contours, plan: SamplingPlan, pieces: wp.array[DrawnPiece], first: int, count: int):
     """Length of the jumps from each piece to the next, and from the last to the first of a cycle [m]."""
     jumps = count
     if plan.pendulum == 1:
         jumps -= 1
     total = ZERO
     for k in range(jumps):
-        end = end_of(c, plan, pieces[first + wp.int64(k)])
-        total += distance(end, start_of(c, plan, pieces[first + wp.int64((k + 1) % count)]))
+        end = end_of(c, plan, pieces[first + k])
+        total += distance(end, start_of(c, plan, pieces[first + ((k + 1) % count)]))
     return total
 
 
 @wp.func
-def nearest_way(c: Contours, plan: SamplingPlan, line: wp.int64, point: wp.vec3d):
+def nearest_way(c: Contours, plan: SamplingPlan, line: int, point: wp.vec3d):
     """The way of a polyline from vertex to vertex that comes nearest to a point, and where on it, 0..1."""
     size = size_of(c, plan, line)
     best = int(0)
@@ -421,52 +421,50 @@ def drawn_like(c: Contours, plan: SamplingPlan, piece: DrawnPiece, start: wp.vec
 
 
 @wp.func
-def keep_order(
-    c: Contours, plan: SamplingPlan, rows: RouteRows, first: wp.int64, count: int, before: wp.int64, earlier: int
-):
+def keep_order(c: Contours, plan: SamplingPlan, rows: RouteRows, first: int, count: int, before: int, earlier: int):
     """Draw the known pieces in the order of the pose before, and as then; returns how many there are."""
     known = int(0)
     for e in range(earlier):
         for k in range(count):
-            piece = rows.given[first + wp.int64(k)]
+            piece = rows.given[first + k]
             if piece.earlier == e:
-                then = rows.drawn[before + wp.int64(e)]
-                rows.drawn[first + wp.int64(known)] = drawn_like(c, plan, piece, then.start, then.end)
+                then = rows.drawn[before + e]
+                rows.drawn[first + known] = drawn_like(c, plan, piece, then.start, then.end)
                 known += 1
     return known
 
 
 @wp.func
-def take_candidate(rows: RouteRows, first: wp.int64, count: int):
+def take_candidate(rows: RouteRows, first: int, count: int):
     """Draw the pieces as the search found them."""
     for k in range(count):
-        rows.drawn[first + wp.int64(k)] = rows.candidate[first + wp.int64(k)]
+        rows.drawn[first + k] = rows.candidate[first + k]
 
 
 @wp.func
-def append_new(rows: RouteRows, first: wp.int64, count: int, known: int):
+def append_new(rows: RouteRows, first: int, count: int, known: int):
     """Draw the new pieces behind the known ones."""
     drawn = known
     for k in range(count):
-        piece = rows.given[first + wp.int64(k)]
+        piece = rows.given[first + k]
         if piece.earlier < 0:
-            rows.drawn[first + wp.int64(drawn)] = piece
+            rows.drawn[first + drawn] = piece
             drawn += 1
 
 
 @wp.func
-def insert_new(c: Contours, plan: SamplingPlan, rows: RouteRows, run: int, first: wp.int64, count: int, known: int):
+def insert_new(c: Contours, plan: SamplingPlan, rows: RouteRows, run: int, first: int, count: int, known: int):
     """Insert the new pieces into the route of the known ones, where they cost least."""
     drawn = known
     for k in range(count):
-        piece = rows.given[first + wp.int64(k)]
+        piece = rows.given[first + k]
         if piece.earlier < 0:
             place, door = insertion_of(c, plan, rows, run, first, drawn, piece)
             i = drawn
             while i > place + 1:
-                rows.drawn[first + wp.int64(i)] = rows.drawn[first + wp.int64(i - 1)]
+                rows.drawn[first + i] = rows.drawn[first + i - 1]
                 i -= 1
-            rows.drawn[first + wp.int64(place + 1)] = entered_at(c, plan, piece, door, STARTS_TRIED)
+            rows.drawn[first + place + 1] = entered_at(c, plan, piece, door, STARTS_TRIED)
             drawn += 1
 
 
@@ -482,7 +480,7 @@ def search_in_turn(
     plan: SamplingPlan,
     rows: RouteRows,
     run: int,
-    first: wp.int64,
+    first: int,
     count: int,
     known: int,
     to_search: int,
@@ -498,7 +496,7 @@ def search_in_turn(
     begin = int(0)
     while begin < count:  # first the known pieces, then new ones if they are many: one search is compiled, not three
         if searched > 0:
-            row = first + wp.int64(begin)
+            row = first + begin
             search_route(c, plan, rows, run, row, searched, wp.where(begin > 0, 1, plan.pendulum))
             if begin == 0:
                 least = jumps_of(c, plan, rows.candidate, row, searched)
@@ -519,11 +517,11 @@ def lay_route(
     plan: SamplingPlan,
     rows: RouteRows,
     run: int,
-    first: wp.int64,
+    first: int,
     count: int,
     matched: int,
     as_they_come: bool,
-    before: wp.int64,
+    before: int,
     earlier: PoseTrack,
 ):
     """Draw the pieces of a pose; returns the least jumps known [m].
@@ -554,7 +552,7 @@ def lay_route(
 
 
 @wp.func
-def append_all(rows: RouteRows, first: wp.int64, count: int):
+def append_all(rows: RouteRows, first: int, count: int):
     """Draw all pieces as the batch has them."""
     for k in range(count):
-        rows.drawn[first + wp.int64(k)] = rows.given[first + wp.int64(k)]
+        rows.drawn[first + k] = rows.given[first + k]

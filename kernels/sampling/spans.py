@@ -29,12 +29,12 @@ from .layout import (
 from .pieces import DOORS
 from .route import ROOM, SUMS
 from .sums import _sum_counts
-from .tracks import PosePieces, _collect_pieces, _lay_runs, _lay_single
+from .tracks import PosePieces, _collect_pieces, _lay_tracks, _list_poses
 
 REST = (0.0, 0.0, 0.2)  # [m] where focal points of intensity 0 are before there were any
 RUNS_MOST = 16_384  # that are laid at once: the room of a run's searches takes 15 KB
 SPARE = 2  # times what is needed is taken where memory is taken anew, but for the first time
-TIMES = ("time", "hold")  # of a schedule, in ticks
+SCHEDULE = {"first": wp.int64, "number": wp.int64, "time": wp.float64, "hold": wp.float64}  # what is not int32
 
 
 def has_pauses(plan: Any, contours: Any) -> bool:
@@ -67,7 +67,7 @@ class SpanRoom:
         self.state.room = 0
         self._keep_pieces(0)
         self._schedule = PoseSchedule()
-        self._schedule.shown = wp.array(shown, dtype=wp.int64, device=device)
+        self._schedule.shown = wp.array(shown, dtype=wp.int32, device=device)
         self._views: dict[str, np.ndarray] = {}
 
     @property
@@ -115,8 +115,8 @@ class SpanRoom:
 
         pose: shape [7]. values: `first`, `number`, `count`, `time`, `hold` and `goes_on` of the schedule.
         """
-        views, fits = self._views, self.is_ready_for(plan, contours, line_most, int(values["count"]))
-        if not fits:
+        views = self._views
+        if not self._is_ready_for(plan, contours, line_most, int(values["count"])):
             span = {name: np.array([value]) for name, value in values.items()}
             span |= {"motion_start": np.array([0, 1]), "motion": np.array([0]), "row": np.array([0])}
             return self.draw(plan, contours, span, pose.reshape(1, 7), line_most=line_most)
@@ -125,6 +125,7 @@ class SpanRoom:
         views["pose"][0] = pose
         launches = self._launches
         launches["collect"].launch()
+        launches["list"].launch()
         launches["single"].launch()
         if views["runs"].item(0):
             launches["runs"].launch()
@@ -133,16 +134,28 @@ class SpanRoom:
         launches["sum"].launch()
         return self._arrays["position"], self._arrays["intensity"]
 
-    def is_ready_for(self, plan: Any, contours: Any, line_most: int, sample_count: int) -> bool:
+    def _is_ready_for(self, plan: Any, contours: Any, line_most: int, sample_count: int) -> bool:
         """Whether all launches are recorded for one pose of these contours, and memory suffices, on the CPU."""
-        return (
+        if not (
             self._on_cpu
             and self._counts == (1, 1)
             and self._recorded[0] is plan
-            and self._recorded[1] is contours
             and line_most <= self.state.room
             and sample_count <= self._arrays["position"].shape[0]
-        )
+        ):
+            return False
+        before = self._recorded[1]
+        if before is contours:
+            return True
+        grown = self.grown
+        self._fit(plan, contours, 1, sample_count)
+        columns = [(own.intensity.shape[0] > 0, own.dwell.shape[0] > 0) for own in (before, contours)]
+        if self.grown != grown or columns[0] != columns[1]:
+            return False
+        for name in ("collect", "single", "runs", "enter", "sum"):  # the others take no contours
+            self._launches[name].set_param_at_index(0, contours)
+        self._recorded = plan, contours
+        return True
 
     def lay(self, plan: Any, contours: Any, schedule: Mapping[str, np.ndarray]) -> None:
         """Only lay the tracks of a span's poses; schedule: at least its motions and counts."""
@@ -171,6 +184,7 @@ class SpanRoom:
     def _lay(self, plan: Any, contours: Any, pose_count: int) -> None:
         """Lay the tracks of all poses: at once those of one piece, then the runs that there are."""
         self._launch("collect", pose_count)
+        self._launch("list", pose_count)
         self._launch("single", pose_count)
         runs = int(self._views["runs"][0] if self._on_cpu else self._arrays["runs"].numpy()[0])
         grown = self.grown
@@ -244,8 +258,9 @@ class SpanRoom:
             ("candidate", lines, DrawnPiece),
             ("span", lines, wp.float64),
             ("stretch", lines if plan.sections > 0 else 0, wp.float64),
-            ("first", lines, wp.int64),
-            ("last", lines, wp.int64),
+            ("first", lines, wp.int32),
+            ("last", lines, wp.int32),
+            ("waits", lines, wp.int64),
             ("knot", node_count, wp.float64),
             ("point", node_count, wp.vec3d),
             ("piece", node_count, wp.int32),
@@ -257,6 +272,7 @@ class SpanRoom:
             ("piece_length", pose_count, wp.float64),
             ("tracks", pose_count, PoseTrack),
             ("begin", pose_count, wp.int32),
+            ("single", pose_count, wp.int32),
             ("runs", 1, wp.int32),
             ("entries", pose_count, PoseEntry),
             ("counts", pose_count, StepCount),
@@ -277,8 +293,8 @@ class SpanRoom:
     def _set_schedule(self, schedule: Mapping[str, np.ndarray], pose: np.ndarray | wp.array) -> None:
         """Write the schedule and poses of a span."""
         for name, values in schedule.items():
-            dtype = wp.float64 if name in TIMES else wp.int32 if name == "goes_on" else wp.int64
-            setattr(self._schedule, name, self._array(f"schedule_{name}", len(values), dtype))
+            array = self._array(f"schedule_{name}", len(values), SCHEDULE.get(name, wp.int32))
+            setattr(self._schedule, name, array)
             self._write(f"schedule_{name}", values)
         if self._on_cpu and "runs" not in self._views:
             self._views["runs"] = self._arrays["runs"].numpy()
@@ -314,11 +330,12 @@ class SpanRoom:
         drawn.nodes, drawn.tracks, drawn.entries = nodes, own["tracks"], own["entries"]
         drawn.pose, drawn.routes = own["pose"], own["drawn"]
         laid = [rows, nodes, own["tracks"]]
-        runs = [own["begin"], own["runs"]]
+        given = [contours, plan, schedule, pieces, state, own["single"], own["begin"]]
         for name, kernel, inputs, outputs in (
             ("collect", _collect_pieces, [contours, schedule, state], [rows, pieces, own["runs"]]),
-            ("single", _lay_single, [contours, plan, schedule, pieces, state], [*laid, *runs]),
-            ("runs", _lay_runs, [contours, plan, schedule, pieces, state, 0, *runs], laid),
+            ("list", _list_poses, [schedule, pieces, state], [own["tracks"], own["single"], own["begin"], own["runs"]]),
+            ("single", _lay_tracks, [*given, -1], laid),
+            ("runs", _lay_tracks, [*given, 0], laid),
             ("enter", _enter_poses, [contours, plan, schedule, nodes, own["tracks"]], [state, own["entries"]]),
             (
                 "draw",
@@ -329,8 +346,8 @@ class SpanRoom:
             (
                 "sum",
                 _sum_counts,
-                [contours, plan, schedule, drawn, own["counts"]],
-                [passages, state],
+                [contours, plan, schedule, drawn, own["counts"], passages],
+                [own["waits"], state],
             ),
         ):
             options = {"device": self.device, "block_dim": BLOCK, "record_cmd": True}

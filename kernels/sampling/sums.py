@@ -47,35 +47,36 @@ def wait_for_pieces(
     d: DrawnTracks,
     state: SamplerState,
     passages: PiecePassages,
+    waits: wp.array[wp.int64],
     motion: int,
-    pose: wp.int64,
+    pose: int,
     clock: wp.int64,
     lost: bool,
-    felt: wp.int64,
+    felt: int,
 ):
     """Most samples that a piece of a pose waits to be drawn; lost: no piece is known any more.
 
     clock: samples before the pose. felt: of those on it, see `StepCount`.
 
-    Afterwards, `last` of each piece is the sample, of all, in which it was drawn last or before which it appeared.
+    Writes into `waits` the sample, of all, in which each piece was drawn last or before which it appeared.
     """
     most = wp.int64(1)
     before = d.entries[pose].before
     for k in range(d.tracks[pose].pieces):
-        row = d.tracks[pose].line + wp.int64(k)
+        row = d.tracks[pose].line + k
         since = clock - wp.int64(1)
         earlier = d.routes[row].earlier
         if earlier >= 0 and not lost:
-            if before >= wp.int64(0):
-                since = passages.last[d.tracks[before].line + wp.int64(earlier)]
+            if before >= 0:
+                since = waits[d.tracks[before].line + earlier]
             else:
                 since = state.seen[motion * state.room + earlier]
-        if passages.first[row] >= wp.int64(0):
-            most = wp.max(most, clock + passages.first[row] - since)
-            since = clock + passages.last[row]
-        if felt > wp.int64(0):
-            most = wp.max(most, clock + felt - since)
-        passages.last[row] = since
+        if passages.first[row] >= 0:
+            most = wp.max(most, clock + wp.int64(passages.first[row]) - since)
+            since = clock + wp.int64(passages.last[row])
+        if felt > 0:
+            most = wp.max(most, clock + wp.int64(felt) - since)
+        waits[row] = since
     return most
 
 
@@ -87,18 +88,19 @@ def _sum_counts(
     schedule: PoseSchedule,
     d: DrawnTracks,
     counts: wp.array[StepCount],  # shape [pose]
-    # Out:
     passages: PiecePassages,
+    # Out:
+    waits: wp.array[wp.int64],  # by the pieces' rows
     state: SamplerState,
 ):
     """Add the counts of a motion's poses to its state, and keep what the next span goes on from."""
     motion = wp.tid()
     out = state.motion[motion]
     lost = out.lost == 1
-    own = wp.int64(-1)  # pose drawn last
+    own = int(-1)  # pose drawn last
     pose = schedule.motion_start[motion]
     while pose < schedule.motion_start[motion + 1]:
-        samples = schedule.count[pose]
+        samples = wp.int64(schedule.count[pose])
         out.steps = add_counts(out.steps, counts[pose])
         if d.entries[pose].drawn == 1:
             if d.entries[pose].again == 0:
@@ -107,26 +109,26 @@ def _sum_counts(
             out.drawn += samples
             out.on_track += samples
             out.cycles = out.cycles_before + cycles_within(plan, d.tracks[pose], out.on_track)
-            waited = wait_for_pieces(d, state, passages, motion, pose, out.samples, lost, counts[pose].felt)
+            waited = wait_for_pieces(d, state, passages, waits, motion, pose, out.samples, lost, counts[pose].felt)
             out.absence = wp.max(out.absence, wp.max(counts[pose].absence, waited))
             lost = counts[pose].lost == 1
             own = pose
         elif samples > wp.int64(0):
             lost = bool(True)
         out.samples += samples
-        pose += wp.int64(1)
+        pose += 1
     out.lost = wp.where(lost, 1, 0)
-    if own >= wp.int64(0):
+    if own >= 0:
         track = d.tracks[own]
         out.pieces = track.pieces
-        out.sizes = sizes_of(c, int(own))
+        out.sizes = sizes_of(c, own)
         out.least = track.least
         for k in range(wp.min(track.pieces, state.room)):
-            row = track.line + wp.int64(k)
+            row = track.line + k
             piece = d.routes[row]
-            piece.line -= c.pose_start[own]
+            piece.line -= int(c.pose_start[own])
             state.piece[motion * state.room + k] = piece
-            state.seen[motion * state.room + k] = passages.last[row]
+            state.seen[motion * state.room + k] = waits[row]
         for focus in range(plan.foci):
             state.shown[motion, focus] = shown_last(plan, schedule, d, own, focus)
             state.last[motion, focus] = unheld_point(plan, d, schedule, own, focus)

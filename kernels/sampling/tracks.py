@@ -12,7 +12,7 @@ from ..patch import EXACT
 from .course import is_plain, lay_course
 from .layout import PoseSchedule, PoseTrack, RouteRows, SamplerState, SamplingPlan, TrackNodes
 from .pieces import collect_pieces, goes_on, mark_ends, mark_pieces, match_pieces
-from .route import append_all, lay_route
+from .route import lay_route
 
 wp.set_module_options(EXACT)
 
@@ -37,7 +37,7 @@ def _collect_pieces(
     """Collect the pieces of a pose."""
     pose = wp.tid()
     count = int(0)
-    if schedule.count[pose] > wp.int64(0):
+    if schedule.count[pose] > 0:
         found, length = collect_pieces(c, rows, pose)
         pieces.length[pose] = length
         count = found
@@ -57,10 +57,10 @@ def pieces_before(schedule: PoseSchedule, pieces: PosePieces, pose: int):
 
 
 @wp.func
-def row_of_state(rows: RouteRows, state: SamplerState, motion: wp.int64):
+def row_of_state(rows: RouteRows, state: SamplerState, motion: int):
     """Row of the first piece of a motion's state: they stand behind those of the span."""
     begin = rows.drawn.shape[0] - state.motion.shape[0] * state.room
-    return wp.int64(begin) + motion * wp.int64(state.room)
+    return begin + motion * state.room
 
 
 @wp.kernel
@@ -79,12 +79,12 @@ def _collect_pieces(
     if pose == 0:
         runs[0] = 0
     motion = schedule.motion[pose]
-    if wp.int64(pose) == schedule.motion_start[motion]:
+    if pose == schedule.motion_start[motion]:
         begin = row_of_state(rows, state, motion)
         for k in range(wp.min(state.motion[motion].pieces, state.room)):
-            rows.drawn[begin + wp.int64(k)] = state.piece[motion * wp.int64(state.room) + wp.int64(k)]
+            rows.drawn[begin + k] = state.piece[motion * state.room + k]
     count = int(0)
-    if schedule.count[pose] > wp.int64(0):
+    if schedule.count[pose] > 0:
         found, length = collect_pieces(c, rows, pose)
         pieces.length[pose] = length
         count = found
@@ -92,107 +92,99 @@ def _collect_pieces(
 
 
 @wp.kernel
-def _lay_single(
+def _list_poses(
     # In:
-    c: Contours,
-    plan: SamplingPlan,
     schedule: PoseSchedule,
     pieces: PosePieces,
     state: SamplerState,
     # Out:
-    rows: RouteRows,
-    nodes: TrackNodes,
     tracks: wp.array[PoseTrack],  # shape [pose]
+    single: wp.array[wp.int32],  # 1: the pose has one piece, and its track depends on no other, shape [pose]
     begin: wp.array[wp.int32],  # first pose of each run, in any order
     runs: wp.array[wp.int32],  # how many there are, shape [1], zero before
 ):
-    """Lay the track of a pose of one piece, or note that a run begins with it."""
+    """Find out whether the track of a pose can be laid alone, or a run begins with it."""
     pose = wp.tid()
+    tracks[pose] = PoseTrack()
+    single[pose] = 0
     count = pieces.count[pose]
-    if count == 0:
-        tracks[pose] = PoseTrack()
-        return
     before = pieces_before(schedule, pieces, pose)
     carried = int(0)
     if before < 0:
-        before = 0
         carried = state.motion[schedule.motion[pose]].pieces
-    if before > 1:
-        return
-    if count > 1 or carried > 1:
-        begin[wp.atomic_add(runs, 0, 1)] = pose
-        return
-    append_all(rows, c.pose_start[pose], count)
-    if goes_on(c, schedule, state, pose, count):
-        restore_pieces(c, rows, state, schedule.motion[pose], pose, 1)
-    length = pieces.length[pose]
-    plain = is_plain(c, plan, rows, pose, count, length)
-    tracks[pose] = lay_course(c, plan, rows, nodes, pose, count, plain, length / plan.speed)
+    if count > 0 and before <= 1:
+        if count > 1 or carried > 1:
+            begin[wp.atomic_add(runs, 0, 1)] = pose
+        else:
+            single[pose] = 1
 
 
 @wp.func
-def restore_pieces(c: Contours, rows: RouteRows, state: SamplerState, motion: wp.int64, pose: int, count: int):
+def restore_pieces(c: Contours, rows: RouteRows, state: SamplerState, motion: int, pose: int, count: int):
     """Draw the pieces of a pose as in the span before; each is, to the next span, that of this pose."""
     begin = row_of_state(rows, state, motion)
     for k in range(count):
-        piece = rows.drawn[begin + wp.int64(k)]
-        piece.line += c.pose_start[pose]
+        piece = rows.drawn[begin + k]
+        piece.line += int(c.pose_start[pose])
         piece.earlier = k
-        rows.drawn[c.pose_start[pose] + wp.int64(k)] = piece
+        rows.drawn[int(c.pose_start[pose]) + k] = piece
 
 
 @wp.func
-def lay_track(
+def draw_pieces(
     c: Contours,
     plan: SamplingPlan,
     pieces: PosePieces,
     rows: RouteRows,
-    nodes: TrackNodes,
     run: int,
     pose: int,
-    before: wp.int64,
+    plain: bool,
+    before: int,
     earlier: PoseTrack,
 ):
-    """The track of a pose of a run; before, earlier: row of the first piece drawn before in the run, and its track."""
-    first = c.pose_start[pose]
+    """Draw the pieces of a pose that does not go on; returns the least jumps known [m].
+
+    before, earlier: row of the first piece drawn before in the run, and its track.
+    """
+    first = int(c.pose_start[pose])
     count = pieces.count[pose]
-    length = pieces.length[pose]
-    plain = is_plain(c, plan, rows, pose, count, length)
     known = match_pieces(c, plan, rows, first, count, before, earlier.pieces)
     least = lay_route(c, plan, rows, run, first, count, known, plain, before, earlier)
     if earlier.pieces < 2 and count > 1:  # they were not marked as the batch has them
         mark_pieces(c, plan, rows.drawn, first, count)
-    mark_ends(c, plan, rows.drawn, first, count)
-    track = lay_course(c, plan, rows, nodes, pose, count, plain, length / plan.speed)
-    track.least = least
-    return track
+    if earlier.pieces > 1 or count > 1:
+        mark_ends(c, plan, rows.drawn, first, count)
+    return least
 
 
 @wp.kernel
-def _lay_runs(
+def _lay_tracks(
     # In:
     c: Contours,
     plan: SamplingPlan,
     schedule: PoseSchedule,
     pieces: PosePieces,
     state: SamplerState,
-    first: int,  # run of the first thread
-    begin: wp.array[wp.int32],  # first pose of each run
-    runs: wp.array[wp.int32],  # how many there are, shape [1]
+    single: wp.array[wp.int32],  # see `_list_poses`
+    begin: wp.array[wp.int32],
+    first: int,  # run of the first thread; -1: each thread has a pose
     # Out:
     rows: RouteRows,
     nodes: TrackNodes,
     tracks: wp.array[PoseTrack],  # shape [pose]
 ):
-    """Lay the tracks of a run of poses in turn."""
+    """Lay the track of a pose that depends on no other, or the tracks of a run of poses in turn."""
     run = wp.tid()
-    if first + run >= runs[0]:
-        return
-    pose = begin[first + run]
+    pose = run
+    if first < 0:
+        if single[pose] == 0:
+            return
+    else:
+        pose = begin[first + run]
     motion = schedule.motion[pose]
-    stop = int(schedule.motion_start[motion + wp.int64(1)])
+    stop = int(schedule.motion_start[motion + 1])
     earlier = PoseTrack()
-    before = c.pose_start[pose]
+    before = int(c.pose_start[pose])
     if pieces_before(schedule, pieces, pose) < 0:
         before = row_of_state(rows, state, motion)
         earlier.pieces = state.motion[motion].pieces
@@ -200,17 +192,17 @@ def _lay_runs(
     while pose < stop:
         count = pieces.count[pose]
         if count > 0:
+            length = pieces.length[pose]
+            plain = is_plain(c, plan, rows, pose, count, length)
+            least = earlier.least
             if goes_on(c, schedule, state, pose, count):
                 restore_pieces(c, rows, state, motion, pose, count)
-                length = pieces.length[pose]
-                plain = is_plain(c, plan, rows, pose, count, length)
-                least = earlier.least
-                earlier = lay_course(c, plan, rows, nodes, pose, count, plain, length / plan.speed)
-                earlier.least = least
             else:
-                earlier = lay_track(c, plan, pieces, rows, nodes, run, pose, before, earlier)
+                least = draw_pieces(c, plan, pieces, rows, run, pose, plain, before, earlier)
+            earlier = lay_course(c, plan, rows, nodes, pose, count, plain, length / plan.speed)
+            earlier.least = least
             tracks[pose] = earlier
-            before = c.pose_start[pose]
+            before = int(c.pose_start[pose])
             if count == 1:
                 stop = pose
         pose += 1

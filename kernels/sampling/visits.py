@@ -18,7 +18,7 @@ wp.set_module_options(EXACT)
 REVISIT_RADIUS = 5e-3  # [m] on the skin: half a focal point's width 0.2 m above an array of 0.16 m
 NEAR = wp.constant(wp.float64(REVISIT_RADIUS**2))  # [m^2]
 SURELY_NEAR = wp.constant(wp.float64((1.001 * REVISIT_RADIUS) ** 2))  # [m^2]; no rounding leaves a near sample out
-GROUP = wp.constant(wp.int64(16))  # samples in a row that have a box
+GROUP = wp.constant(16)  # samples in a row that have a box
 EMPTY, FAR, NEARBY = (wp.constant(k) for k in range(3))  # what a box is to a place
 GOLDEN = wp.constant(wp.float64((np.sqrt(5.0) - 1.0) / 2.0))
 NONE, IN_VAIN, VISITED = (wp.constant(k) for k in range(3))  # results of a pick
@@ -76,13 +76,13 @@ def on_skin(frame: HandFrame, p: wp.vec3):
 
 
 @wp.func
-def first_box(schedule: PoseSchedule, pose: wp.int64):
+def first_box(schedule: PoseSchedule, pose: int):
     """First box of a pose; before it is room for those of all earlier ones."""
-    return wp.int64(2) * pose + schedule.row[pose] / GROUP
+    return 2 * pose + schedule.row[pose] // GROUP
 
 
 @wp.func
-def first_drawn(skin: SkinSamples, begin: wp.int64, stop: wp.int64):
+def first_drawn(skin: SkinSamples, begin: int, stop: int):
     """The first sample from one on that draws a focal point; `stop` if none does."""
     row = begin
     drawn = int(0)
@@ -91,14 +91,14 @@ def first_drawn(skin: SkinSamples, begin: wp.int64, stop: wp.int64):
             if skin.intensity[row, focus] > 0.0:
                 drawn = int(1)
         if drawn == 0:
-            row += wp.int64(1)
+            row += 1
     return row
 
 
 @wp.func
-def is_at_rest(skin: SkinSamples, first: wp.int64, stop: wp.int64):
+def is_at_rest(skin: SkinSamples, first: int, stop: int):
     """Whether every sample that is drawn is as the first one: the same focal points at the same places."""
-    row = first + wp.int64(1)
+    row = first + 1
     while row < stop:
         silent = int(1)
         same = int(1)
@@ -112,7 +112,7 @@ def is_at_rest(skin: SkinSamples, first: wp.int64, stop: wp.int64):
                 same = int(0)
         if silent == 0 and same == 0:
             return 0
-        row += wp.int64(1)
+        row += 1
     return 1
 
 
@@ -120,8 +120,8 @@ def is_at_rest(skin: SkinSamples, first: wp.int64, stop: wp.int64):
 def box_around(
     skin: SkinSamples,
     frame: HandFrame,
-    first: wp.int64,
-    stop: wp.int64,
+    first: int,
+    stop: int,
     focus: int,
 ):
     """Least and greatest coordinates of a focal point among samples, where it is drawn [m]."""
@@ -133,7 +133,7 @@ def box_around(
             point = on_skin(frame, skin.position[row, focus])
             least = wp.min(least, point)
             most = wp.max(most, point)
-        row += wp.int64(1)
+        row += 1
     return least, most
 
 
@@ -157,8 +157,8 @@ def _box_samples(
     begin = schedule.row[pose]
     if still == 1:
         begin = drawn
-        stop = wp.min(drawn + wp.int64(1), stop)
-    own = first_box(schedule, wp.int64(pose))
+        stop = wp.min(drawn + 1, stop)
+    own = first_box(schedule, pose)
     for focus in range(skin.intensity.shape[1]):
         least = wp.vec3d(INFINITE, INFINITE, INFINITE)
         most = -least
@@ -168,7 +168,7 @@ def _box_samples(
             a, b = box_around(skin, frame, row, wp.min(row + GROUP, stop), focus)
             least = wp.min(least, a)
             most = wp.max(most, b)
-            box += wp.int64(1)
+            box += 1
             if still == 0:
                 low[box, focus] = a
                 high[box, focus] = b
@@ -178,7 +178,7 @@ def _box_samples(
 
 
 @wp.func
-def nearness(skin: SkinSamples, box: wp.int64, place: wp.vec3d):
+def nearness(skin: SkinSamples, box: int, place: wp.vec3d):
     """Whether a sample in a box may be near to a place: EMPTY, FAR or NEARBY."""
     out = int(EMPTY)
     for focus in range(skin.low.shape[1]):
@@ -193,7 +193,7 @@ def nearness(skin: SkinSamples, box: wp.int64, place: wp.vec3d):
 
 
 @wp.func
-def square_to(skin: SkinSamples, frame: HandFrame, row: wp.int64, place: wp.vec3d):
+def square_to(skin: SkinSamples, frame: HandFrame, row: int, place: wp.vec3d):
     """Square distance of the nearest drawn focal point of a sample from a place [m^2]; negative if none is drawn."""
     least = -ONE
     for focus in range(skin.intensity.shape[1]):
@@ -209,8 +209,8 @@ def square_to(skin: SkinSamples, frame: HandFrame, row: wp.int64, place: wp.vec3
 class PickRule:
     """When places are picked, and how long they may wait, in samples."""
 
-    interval: wp.int64
-    limit: wp.int64
+    interval: wp.int32
+    limit: wp.int32
     first_sample: wp.array[wp.int64]  # number of the first sample that is given, shape [motion]
     first_pick: wp.array[wp.int64]  # number of the first pick
 
@@ -220,15 +220,15 @@ class LookBack:
     """A walk back in time from a pick, over the visit under way, 0, between visits, 1, or over the one before, 2."""
 
     phase: wp.int32
-    entered: wp.int64  # first sample of the visit under way
-    now: wp.int64  # its moment: the first sample that is nearest to the place
+    entered: wp.int32  # first sample of the visit under way
+    now: wp.int32  # its moment: the first sample that is nearest to the place
     now_square: wp.float64  # [m^2]
-    then: wp.int64  # moment of the visit before
+    then: wp.int32  # moment of the visit before
     then_square: wp.float64  # [m^2]
 
 
 @wp.func
-def pass_sample(look: LookBack, row: wp.int64, square: wp.float64):
+def pass_sample(look: LookBack, row: int, square: wp.float64):
     """Go on by a drawn sample, at a square distance from the place [m^2]; phase 3: the visit before has begun there."""
     out = look
     if square < NEAR:
@@ -250,9 +250,7 @@ def pass_sample(look: LookBack, row: wp.int64, square: wp.float64):
 
 
 @wp.func
-def pass_rest(
-    schedule: PoseSchedule, skin: SkinSamples, rule: PickRule, look: LookBack, pose: wp.int64, place: wp.vec3d
-):
+def pass_rest(schedule: PoseSchedule, skin: SkinSamples, rule: PickRule, look: LookBack, pose: int, place: wp.vec3d):
     """Go on by a pose whose focal points rest: by its first drawn sample within the limit."""
     earliest = schedule.row[pose]
     stop = earliest + schedule.count[pose]
@@ -270,33 +268,33 @@ def pass_samples(
     skin: SkinSamples,
     rule: PickRule,
     before: LookBack,
-    pose: wp.int64,
-    last: wp.int64,
+    pose: int,
+    last: int,
     place: wp.vec3d,
 ):
     """Go on by the samples of a pose from `last` back; box by box, and in boxes nearby one by one."""
     look = before
     frame = frame_of(skin.pose[pose])
     first = schedule.row[pose]
-    end = first + schedule.count[pose] - wp.int64(1)
+    end = first + schedule.count[pose] - 1
     row = last
     while row >= first and look.phase < 3:
-        group = (row - first) / GROUP
+        group = (row - first) // GROUP
         begin = first + group * GROUP
         near = int(NEARBY)
-        if row == wp.min(begin + GROUP - wp.int64(1), end):
-            near = nearness(skin, first_box(schedule, pose) + wp.int64(1) + group, place)
+        if row == wp.min(begin + GROUP - 1, end):
+            near = nearness(skin, first_box(schedule, pose) + 1 + group, place)
         if look.phase > 0 and row < look.entered - rule.limit:
-            row = first - wp.int64(1)
+            row = first - 1
         elif near != NEARBY:
             if near == FAR:
                 look = pass_sample(look, row, INFINITE)
-            row = begin - wp.int64(1)
+            row = begin - 1
         else:
             square = square_to(skin, frame, row, place)
             if square >= ZERO:
                 look = pass_sample(look, row, square)
-            row -= wp.int64(1)
+            row -= 1
     return look
 
 
@@ -305,9 +303,9 @@ def look_back(
     schedule: PoseSchedule,
     skin: SkinSamples,
     rule: PickRule,
-    begin: wp.int64,
-    own: wp.int64,
-    own_pose: wp.int64,
+    begin: int,
+    own: int,
+    own_pose: int,
     place: wp.vec3d,
 ):
     """Walk back from a sample; begin: first pose of the motion. Phase 4: the visit has lasted for too long."""
@@ -329,18 +327,18 @@ def look_back(
             look = pass_samples(schedule, skin, rule, look, pose, last, place)
         if own - look.entered > rule.limit:
             look.phase = 4
-        last = schedule.row[pose] - wp.int64(1)
-        pose -= wp.int64(1)
+        last = schedule.row[pose] - 1
+        pose -= 1
     return look
 
 
 @wp.func
-def pose_of(schedule: PoseSchedule, motion: int, row: wp.int64):
+def pose_of(schedule: PoseSchedule, motion: int, row: int):
     """Number of the pose of a motion that a sample belongs to."""
     low = schedule.motion_start[motion]
     high = schedule.motion_start[motion + 1]
-    while high - low > wp.int64(1):
-        middle = (low + high) / wp.int64(2)
+    while high - low > 1:
+        middle = (low + high) // 2
         if schedule.row[middle] <= row:
             low = middle
         else:
@@ -352,7 +350,7 @@ def pose_of(schedule: PoseSchedule, motion: int, row: wp.int64):
 def sample_of(rule: PickRule, pick: wp.int64):
     """Sample of a pick: one, anywhere, in each interval; the multiples of GOLDEN keep step with no cycle."""
     share = wp.mod(wp.float64(pick) * GOLDEN, ONE)
-    return pick * rule.interval + wp.int64(wp.floor(wp.float64(rule.interval) * share))
+    return pick * wp.int64(rule.interval) + wp.int64(wp.floor(wp.float64(rule.interval) * share))
 
 
 @wp.kernel
@@ -365,18 +363,18 @@ def _look_back(
     pick_start: wp.array[wp.int64],  # offsets of motions into picks, shape [motion + 1]
     # Out:
     result: wp.array[wp.int32],  # NONE, IN_VAIN or VISITED, shape [pick]
-    wait: wp.array[wp.int64],  # samples
+    wait: wp.array[wp.int32],  # samples
 ):
     """Find how long the place of a pick has waited."""
-    i = wp.int64(wp.tid())
-    motion = wp.lower_bound(pick_start, i + wp.int64(1)) - 1
+    i = wp.tid()
+    motion = wp.lower_bound(pick_start, wp.int64(i + 1)) - 1
     begin = sample_start[motion] - rule.first_sample[motion]  # row of the motion's very first sample
-    pick = i - pick_start[motion] + rule.first_pick[motion]
-    own = begin + sample_of(rule, pick)
+    pick = wp.int64(i) - pick_start[motion] + rule.first_pick[motion]
     result[i] = NONE
-    wait[i] = wp.int64(0)
-    if own >= sample_start[motion + 1]:
+    wait[i] = 0
+    if begin + sample_of(rule, pick) >= sample_start[motion + 1]:
         return
+    own = int(begin + sample_of(rule, pick))
     focus = int(pick % wp.int64(skin.intensity.shape[1]))
     if not skin.intensity[own, focus] > 0.0:
         return
@@ -389,7 +387,7 @@ def _look_back(
     if look.then_square < INFINITE:
         result[i] = VISITED
         wait[i] = look.now - look.then
-    elif earliest >= begin:
+    elif wp.int64(earliest) >= begin:
         result[i] = IN_VAIN
         wait[i] = look.entered - first_drawn(skin, earliest, look.entered)
 
@@ -398,7 +396,7 @@ def _look_back(
 def _sum_waits(
     pick_start: wp.array[wp.int64],
     result: wp.array[wp.int32],
-    wait: wp.array[wp.int64],
+    wait: wp.array[wp.int32],
     sums: wp.array2d[wp.int64],  # picks that were visited before, and samples that all had waited, shape [motion, 2]
 ):
     """Sum the picks of a motion."""
@@ -408,7 +406,7 @@ def _sum_waits(
     pick = pick_start[motion]
     while pick < pick_start[motion + 1]:
         if result[pick] != NONE:
-            total += wait[pick]
+            total += wp.int64(wait[pick])
             if result[pick] == VISITED:
                 count += wp.int64(1)
         pick += wp.int64(1)
@@ -456,7 +454,7 @@ def count_revisits(
     rule = PickRule()
     rule.interval, rule.limit, rule.first_sample, rule.first_pick = interval, limit, samples, first
     result = wp.empty(int(picks[-1]), dtype=wp.int32, device=device)
-    wait = wp.empty(int(picks[-1]), dtype=wp.int64, device=device)
+    wait = wp.empty(int(picks[-1]), dtype=wp.int32, device=device)
     inputs = [rule, schedule, skin, starts, pick_start]
     wp.launch(_look_back, len(result), inputs=inputs, outputs=[result, wait], device=device, block_dim=BLOCK)
     sums = wp.empty((len(pick_count), 2), dtype=wp.int64, device=device)

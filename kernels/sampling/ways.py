@@ -11,8 +11,8 @@ TURN_SLACK = wp.constant(wp.float64(1e-9))  # of a turn
 class TrackWay:
     """A way of a track from a node to the next."""
 
-    a: wp.int64  # node
-    b: wp.int64  # the next one
+    a: wp.int32  # node
+    b: wp.int32  # the next one
     begin: wp.float64  # knot at the first node
     end: wp.float64  # knot at the next one
     section: wp.int32  # number of the section that it is in
@@ -23,8 +23,8 @@ class TrackWay:
 def plain_way(nodes: TrackNodes, track: PoseTrack, number: int):
     """A way by its number, of a track without sections."""
     way = TrackWay()
-    way.a = track.first + wp.int64(number)
-    way.b = way.a + wp.int64(1)
+    way.a = track.first + number
+    way.b = way.a + 1
     way.begin = nodes.knot[way.a]
     way.end = nodes.knot[way.b]
     way.number = number
@@ -32,13 +32,13 @@ def plain_way(nodes: TrackNodes, track: PoseTrack, number: int):
 
 
 @wp.func
-def way_at(knots: wp.array[wp.float64], first: wp.int64, count: int, knot: wp.float64):
+def way_at(knots: wp.array[wp.float64], first: int, count: int, knot: wp.float64):
     """Number of the last node that is reached by a knot."""
     low = int(0)
     high = count
     while high - low > 1:
         middle = (low + high) // 2
-        if knots[first + wp.int64(middle)] <= knot:
+        if knots[first + middle] <= knot:
             low = middle
         else:
             high = middle
@@ -48,37 +48,37 @@ def way_at(knots: wp.array[wp.float64], first: wp.int64, count: int, knot: wp.fl
 @wp.func
 def section_way(nodes: TrackNodes, track: PoseTrack, section: int, number: int, begin: wp.float64):
     """A way of a section by its number, from its knot on; the one behind the last leads to the next section."""
-    own = nodes.section[track.section + wp.int64(section)]
+    own = nodes.section[track.section + section]
     ways = own.stop - own.start
     turn = number % (2 * ways)
     i = wp.min(turn, 2 * ways - turn)
     j = wp.where(turn < ways, i + 1, i - 1)
     way = TrackWay()
-    way.a = track.first + wp.int64(own.start + i)
-    way.b = track.first + wp.int64(own.start + j)
+    way.a = track.first + own.start + i
+    way.b = track.first + own.start + j
     way.begin = begin
     way.end = begin
     way.section = section
     way.number = number
     if number == ways * own.passes:
-        way.b = track.first + wp.int64(nodes.section[track.section + wp.int64(section + 1)].start)
+        way.b = track.first + nodes.section[track.section + section + 1].start
     else:
         way.end += section_duration(nodes, track, own.scale, wp.max(way.a, way.b))
     return way
 
 
 @wp.func
-def section_duration(nodes: TrackNodes, track: PoseTrack, scale: wp.float64, at: wp.int64):
+def section_duration(nodes: TrackNodes, track: PoseTrack, scale: wp.float64, at: int):
     """Knots that the way to a node, or back from there, takes in a section."""
     duration = nodes.knot[at] * scale
-    piece = way_piece(nodes, at - wp.int64(1), at)
+    piece = way_piece(nodes, at - 1, at)
     if track.pieces > 1 and piece >= 0:
-        duration = duration * nodes.stretch[track.line + wp.int64(piece)]
+        duration = duration * nodes.stretch[track.line + piece]
     return duration
 
 
 @wp.func
-def way_piece(nodes: TrackNodes, a: wp.int64, b: wp.int64):
+def way_piece(nodes: TrackNodes, a: int, b: int):
     """Number of the piece that the way from a node to another is on, -1: on none."""
     piece = int(nodes.piece[a])
     if piece != int(nodes.piece[b]):
@@ -99,7 +99,7 @@ def has_next(nodes: TrackNodes, track: PoseTrack, way: TrackWay):
         return way.number + 2 < track.count
     if way.section + 1 < track.sections:
         return True
-    return way.number + 1 < ways_of(nodes.section[track.section + wp.int64(way.section)])
+    return way.number + 1 < ways_of(nodes.section[track.section + way.section])
 
 
 @wp.func
@@ -107,7 +107,7 @@ def next_way(nodes: TrackNodes, track: PoseTrack, way: TrackWay):
     """The way behind one that is not the last."""
     if track.sections == 0:
         return plain_way(nodes, track, way.number + 1)
-    if way.number < ways_of(nodes.section[track.section + wp.int64(way.section)]):
+    if way.number < ways_of(nodes.section[track.section + way.section]):
         return section_way(nodes, track, way.section, way.number + 1, way.end)
     return section_way(nodes, track, way.section + 1, 0, way.end)
 
@@ -119,7 +119,7 @@ def section_at(nodes: TrackNodes, track: PoseTrack, knot: wp.float64):
     high = int(track.sections)
     while high - low > 1:
         middle = (low + high) // 2
-        if nodes.section[track.section + wp.int64(middle)].begin <= knot:
+        if nodes.section[track.section + middle].begin <= knot:
             low = middle
         else:
             high = middle
@@ -130,7 +130,7 @@ def section_at(nodes: TrackNodes, track: PoseTrack, knot: wp.float64):
 def section_end(nodes: TrackNodes, track: PoseTrack, section: int):
     """Knot at which a section ends."""
     if section + 1 < track.sections:
-        return nodes.section[track.section + wp.int64(section + 1)].begin
+        return nodes.section[track.section + section + 1].begin
     return track.period
 
 
@@ -154,7 +154,7 @@ def find_way(nodes: TrackNodes, track: PoseTrack, knot: wp.float64, guess: Track
         return way
     section = section_at(nodes, track, knot)
     if not known or section != guess.section:
-        own = nodes.section[track.section + wp.int64(section)]
+        own = nodes.section[track.section + section]
         way = section_way(nodes, track, section, 0, own.begin)
     while knot >= way.end and has_next(nodes, track, way):
         way = next_way(nodes, track, way)
@@ -220,19 +220,19 @@ def focus_knot(plan: SamplingPlan, track: PoseTrack, knot: wp.float64, focus: in
 
 
 @wp.func
-def shown_knot(plan: SamplingPlan, shown: wp.array[wp.int64], track: PoseTrack, knot: wp.float64):
+def shown_knot(plan: SamplingPlan, shown: wp.array[wp.int32], track: PoseTrack, knot: wp.float64):
     """Knot that is shown in place of one: that of the point which is held."""
-    if plan.points == wp.int64(0):
+    if plan.points == 0:
         return knot
     share = wp.float64(plan.points) / track.period
-    turn = wp.int64(wp.floor(knot * share + TURN_SLACK)) % plan.points
+    turn = int(wp.floor(knot * share + TURN_SLACK)) % plan.points
     return wp.float64(shown[turn]) / share
 
 
 @wp.func
-def age_of(schedule: PoseSchedule, pose: int, sample: wp.int64):
+def age_of(schedule: PoseSchedule, pose: int, sample: int):
     """Age of a pose at one of its samples [ticks]."""
-    return wp.float64(schedule.first[pose] + sample) * TICKS - schedule.time[pose]
+    return wp.float64(schedule.first[pose] + wp.int64(sample)) * TICKS - schedule.time[pose]
 
 
 @wp.func

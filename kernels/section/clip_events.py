@@ -172,10 +172,8 @@ def read_event(
 
 @wp.kernel
 def _clip_loops(
-    # In:
     rank: wp.array[wp.int32],  # `Surface.rank`
     events: Events,
-    # Out:
     pieces: ContourPieces,
 ):
     """Find the pieces of each row's section in its events."""
@@ -206,7 +204,6 @@ def _clip_loops(
 @wp.kernel
 def _tabulate_clips(
     # In: nothing
-    # Out:
     clip: wp.array[wp.uint8],  # shape [CLIP + 1]
 ):
     """Tabulate how a patch clips segments: see `Events.clip`."""

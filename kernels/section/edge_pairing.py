@@ -61,9 +61,21 @@ def twins_of(faces: np.ndarray, vertices: np.ndarray | None = None, tolerance: f
         downward = tail[half] > head[half]
         turn = np.zeros(len(half))
         if vertices is not None:
+            from scipy.sparse import coo_matrix  # takes 0.1 s to import and is needed only for edges of many triangles
+            from scipy.sparse.csgraph import connected_components
+
             turn = _turns(faces, vertices, half, group, downward, tolerance)
-            patch = _patches(order[two], order[two + 1], len(faces))
-            group = _split_by_patch(half, group, downward, patch)
+            # A patch is a set of faces connected through edges of exactly two triangles. One that is balanced at an
+            # edge (equally many half-edges each way) becomes a group of its own there.
+            graph = coo_matrix(
+                (np.ones(len(two), bool), (order[two] // 3, order[two + 1] // 3)), shape=(len(faces),) * 2
+            )
+            patch = connected_components(graph, directed=False)[1]
+            numbers = int(patch.max()) + 2
+            key = group * numbers + patch[half // 3] + 1
+            _, own = np.unique(key, return_inverse=True)
+            balanced = np.bincount(own, np.where(downward, 1, -1))[own] == 0
+            group = np.where(balanced, key, group * numbers)
             by_patch = np.lexsort((half, patch[half // 3]))
             half, group, turn, downward = half[by_patch], group[by_patch], turn[by_patch], downward[by_patch]
         _pair(twin, *_match_brackets(half, group, turn, downward, by_rank=vertices is None), tail)
@@ -94,24 +106,6 @@ def _pair(twin: np.ndarray, one: np.ndarray, two: np.ndarray, tail: np.ndarray) 
     one, two = one[opposite], two[opposite]
     twin[one] = two
     twin[two] = one
-
-
-def _patches(one: np.ndarray, two: np.ndarray, face_count: int) -> np.ndarray:
-    """Patch number of each face. A patch is a set of faces connected through edges of exactly two triangles, whose
-    half-edges are `one` and `two`."""
-    from scipy.sparse import coo_matrix  # takes 0.1 s to import and is needed only for edges of many triangles
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_matrix((np.ones(len(one), bool), (one // 3, two // 3)), shape=(face_count, face_count))
-    return connected_components(graph, directed=False)[1]
-
-
-def _split_by_patch(half: np.ndarray, group: np.ndarray, downward: np.ndarray, patch: np.ndarray) -> np.ndarray:
-    """New group numbers: a patch that is balanced at an edge (equally many half-edges each way) gets its own group."""
-    key = group * (int(patch.max()) + 2) + patch[half // 3] + 1
-    _, own = np.unique(key, return_inverse=True)
-    balanced = np.bincount(own, np.where(downward, 1, -1))[own] == 0
-    return np.where(balanced, key, group * (int(patch.max()) + 2))
 
 
 def _turns(

@@ -22,12 +22,10 @@ FITS, POLYLINES, POINTS = range(3)  # answers of a graph
 
 @wp.kernel
 def _sum_up(
-    # In:
     excess: wp.array[wp.int32],  # rows without room, shape [1]
     point_most: wp.int64,
     polyline_start: wp.array[wp.int64],  # offsets of sections, shape [section + 1]
     point_start: wp.array[wp.int64],
-    # Out:
     answer: wp.array[wp.int64],  # whether all fits, polylines, points
 ):
     """Answer whether contours fit the room, and how much they are."""

@@ -207,10 +207,8 @@ def write_row(entries: Entries, row: int, section: int, entry: int, lines: int, 
 
 @wp.kernel
 def _join_single_pieces(
-    # In:
     pieces: ContourPieces,
     closes: int,  # 1: CC, 0: OC
-    # Out:
     entries: Entries,
     rest: wp.array[wp.int32],  # rows for `_join_pieces`, in any order, shape [row]
     rest_count: wp.array[wp.int32],  # number of these rows, zero-initialised, shape [1]

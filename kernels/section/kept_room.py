@@ -66,6 +66,8 @@ class Room:
     """
 
     device = CPU
+    struct: Any = None
+    """The contours of the last poses as kernels take them, `Contours`, in arrays that have room for more."""
 
     def __init__(
         self,
@@ -107,7 +109,6 @@ class Room:
         self._pose_start = pose_start.numpy()
         self._pose_rows, self._count = self._pose.numpy(), self._counters.numpy()
         self.struct = Contours()
-        """The contours of the last poses as kernels take them, in arrays that have room for more."""
         nothing = wp.empty(0, dtype=wp.float32, device=self.device)
         columns = {field: getattr(lines, field) for field in fields}
         for name, column in (columns | {"pose_start": pose_start, "intensity": nothing, "dwell": nothing}).items():

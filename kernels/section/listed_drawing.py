@@ -8,7 +8,7 @@ by walking.
 import warp as wp
 
 from ..offsets import BLOCK
-from ..patch import EXACT, Frame, Patch, corner, half_extents, output_point, section_frame
+from ..patch import EXACT, Patch, corner, half_extents, output_point, section_frame
 from ..warps import (
     bits_to,
     int_at,
@@ -94,14 +94,6 @@ def mark_hand(kind: wp.array[wp.uint8], i: wp.int64):
 
 
 @wp.func
-def write_corners(f: Frame, half: wp.vec2d, first: int, count: int, begin: wp.int64, lines: LineArrays):
-    """Write corners of a patch as points."""
-    for k in range(count):
-        write_point(lines.points, begin + wp.int64(k), output_point(f, corner((first + k) & 3, half)))
-        mark_hand(lines.kind, begin + wp.int64(k))
-
-
-@wp.func
 def keep_piece(
     pieces: ContourPieces, i: int, slot: int, side: int, j: int, number: int, place: int, memory: WarpMemory
 ):
@@ -119,14 +111,6 @@ def keep_piece(
     set_int(memory.pieces, PIECE * j + 1, place)
     set_int(memory.pieces, PIECE * j + 2, side)
     return steps + wp.where(through != 0, 0, 1)
-
-
-@wp.func
-def close_line(plane: RowPlane, j: int, place: int, memory: WarpMemory, lines: LineArrays):
-    """End a closed polyline that begins with piece j: its last point repeats where that piece enters."""
-    own = int_at(memory.pieces, PIECE * j + 1)
-    set_int(memory.pieces, PIECE * j + 1, own | (place << CLOSING))
-    mark_hand(lines.kind, plane.start + wp.int64(place))
 
 
 @wp.func
@@ -173,23 +157,19 @@ def place_pieces(
         if not whole:
             place += 1
             if closes == 1:
-                write_corners(plane.f, plane.side, leave_side(side) + 1, corners, plane.start + wp.int64(place), lines)
+                for k in range(corners):
+                    x = corner((leave_side(side) + 1 + k) & 3, plane.side)
+                    write_point(lines.points, plane.start + wp.int64(place + k), output_point(plane.f, x))
+                    mark_hand(lines.kind, plane.start + wp.int64(place + k))
                 place += corners
-                if (code & BEGIN) != 0:
-                    close_line(plane, begin, place, memory, lines)
+                if (code & BEGIN) != 0:  # a closed line's last point repeats where its first piece enters
+                    own = int_at(memory.pieces, PIECE * begin + 1)
+                    set_int(memory.pieces, PIECE * begin + 1, own | (place << CLOSING))
+                    mark_hand(lines.kind, plane.start + wp.int64(place))
                     place += 1
     out.i = plane.start + wp.int64(place)
     draw_boundary(lines, out, plane.f, plane.side, entries.count[row] >= BOUNDARY)
     return crossings
-
-
-@wp.func
-def number_crossings(memory: WarpMemory, first: int, count: int, before: int):
-    """Add the number of crossings of the lanes below to those of a row's pieces, and mark each piece's first one."""
-    for j in range(first, first + count):
-        piece = int_at(memory.pieces, PIECE * j) + before
-        set_int(memory.pieces, PIECE * j, piece)
-        mark_bit(memory.bits, wp.uint32(piece & NUMBER))
 
 
 @wp.struct
@@ -326,7 +306,10 @@ def _draw_listed_rows(
         crossings = place_pieces(plane, pieces, entries, row, count, closes, memory, numbers[0], lines, writer)
     crossing_numbers = sums_of_warp(crossings)
     sync_warp()
-    number_crossings(memory, numbers[0], count, crossing_numbers[0])
+    for j in range(numbers[0], numbers[0] + count):  # crossings of the lanes below come before a row's own
+        piece = int_at(memory.pieces, PIECE * j) + crossing_numbers[0]
+        set_int(memory.pieces, PIECE * j, piece)
+        mark_bit(memory.bits, wp.uint32(piece & NUMBER))  # its first crossing
     sync_warp()
     first_row = row - lane_of_warp()
     draw_ends(surface, pieces, first_row, memory, numbers[1], closes, lines)

@@ -98,16 +98,6 @@ def is_through(pieces: ContourPieces, i: int):
 
 
 @wp.func
-def end_steps_most(pieces: ContourPieces, i: int):
-    """Number of an open piece's steps at the patch's sides."""
-    side = slot_int(pieces.side, i)
-    steps = wp.where(enter_side(side) != NONE, 1, 0) + wp.where(leave_side(side) != NONE, 1, 0)
-    if slot_int(pieces.steps, i) < 2 and is_through(pieces, i):
-        steps = 1
-    return steps
-
-
-@wp.func
 def is_clear(pieces: ContourPieces, i: int):
     """Whether no step at a piece's ends has zero length, for sure."""
     return (slot_int(pieces.steps, i) & 1) != 0
@@ -164,7 +154,11 @@ def steps_most(pieces: ContourPieces, i: int):
     """Number of a piece's steps if none at the patch's sides has zero length."""
     steps = slot_int(pieces.steps, i) >> 1
     if slot_int(pieces.key, i) < CLOSED:
-        steps += end_steps_most(pieces, i)
+        side = slot_int(pieces.side, i)
+        at_sides = wp.where(enter_side(side) != NONE, 1, 0) + wp.where(leave_side(side) != NONE, 1, 0)
+        if slot_int(pieces.steps, i) < 2 and is_through(pieces, i):
+            at_sides = 1
+        steps += at_sides
     return steps
 
 

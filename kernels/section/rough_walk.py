@@ -199,14 +199,6 @@ def rough_crossing(g: RoughFrame, upper: wp.vec3, lower: wp.vec3):
 
 
 @wp.func
-def surely_move(p: RoughCrossing, q: RoughCrossing):
-    """Whether the float32 output points of two crossings differ for sure: each may be moved onto a side."""
-    x = wp.abs(rough_difference(p.x, q.d, q.x, p.d))
-    y = wp.abs(rough_difference(p.y, q.d, q.y, p.d))
-    return wp.max(x, y) > rough_product(p.room, q.d, q.room * p.d)
-
-
-@wp.func
 def rough_corners(g: RoughFrame, p: RoughCrossing, q: RoughCrossing):
     """The patch's corners between the ends of the segment p -> q and to the left of it."""
     out = RoughCorners()
@@ -267,7 +259,10 @@ def step_roughly(surface: Surface, g: RoughFrame, events: Events, walk: RoughWal
     t.lower = wp.where(up, t.lower, x)
     q = rough_crossing(g, t.upper, t.lower)
     inside = (p.code | q.code) == 0
-    sure = both(both(q.sure, wp.abs(x[2]) > g.flat), either(not inside, surely_move(p, q)))
+    # Whether the float32 output points of p and q surely differ, though each may be moved onto a side.
+    apart = wp.max(wp.abs(rough_difference(p.x, q.d, q.x, p.d)), wp.abs(rough_difference(p.y, q.d, q.y, p.d)))
+    moves = apart > rough_product(p.room, q.d, q.room * p.d)
+    sure = both(both(q.sure, wp.abs(x[2]) > g.flat), either(not inside, moves))
     t.steps += wp.where(inside, 1, 0)
     listed = both(inside, walks)
     t.word = list_half(events.lists, t.row, t.listed, t.word, t.now, listed)

@@ -54,12 +54,10 @@ def _tally_pieces(
 
 @wp.kernel
 def _write_poses(
-    # In:
     total: wp.array2d[wp.float64],
     polylines: wp.array[wp.int64],  # of each section
     patch_count: int,
     closes: int,
-    # Out:
     value: wp.array2d[wp.float32],  # shape [METRICS.., pose]
     length: wp.array[wp.float64],  # of all contours [m], shape [pose]
 ):

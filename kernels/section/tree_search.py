@@ -285,13 +285,11 @@ def winding_at_corner(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, hal
 
 @wp.kernel
 def _tree_search_pieces(
-    # In:
     surface: Surface,
     pose: wp.array2d[wp.transform],  # of the hand or of each patch -> array frame, shape [pose, 1 or patch]
     patch: wp.array[Patch],
     bounded: int,  # 0: the whole plane
     closes: int,  # 1: compute the winding number
-    # Out:
     pieces: ContourPieces,
 ):
     """Find the pieces of each row's section: first open pieces, then loops whose crossings lie on no piece yet."""

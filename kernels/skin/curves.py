@@ -18,10 +18,8 @@ wp.set_module_options(EXACT)
 
 @wp.kernel
 def _count_kept(
-    # In:
     point: wp.array[wp.vec3],
     drafts: Drafts,
-    # Out:
     lines: wp.array[wp.int64],  # 1 for a polyline of non-zero length, shape [polyline + 1]
     points: wp.array[wp.int64],  # points of it that the next one differs from, and the last
 ):
@@ -68,11 +66,9 @@ def _keep_points(
 
 @wp.kernel
 def _start_poses(
-    # In:
     group_start: wp.array[wp.int64],  # offsets of the groups' polylines
     group_count: int,
     line_start: wp.array[wp.int64],
-    # Out:
     pose_start: wp.array[wp.int64],  # shape [pose + 1]
 ):
     """Set where a pose's polylines begin."""

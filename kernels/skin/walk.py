@@ -105,12 +105,10 @@ def rim_inside(skin: Skin, inside: wp.array2d[wp.uint32], pose: int, rim: int):
 
 @wp.kernel
 def _count_curves(
-    # In:
     skin: Skin,
     inside: wp.array2d[wp.uint32],
     closes: int,  # 1: CC, 0: OC
     group_count: int,  # of SCANNED scanned edges, and one more for whole rims
-    # Out:
     lines: wp.array[wp.int64],  # shape [pose group + 1]
     points: wp.array[wp.int64],
 ):

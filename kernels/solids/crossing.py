@@ -287,10 +287,8 @@ def faces_meet(t: Triangles, f: wp.vec3i, g: wp.vec3i):
 
 @wp.kernel
 def _find_crossings(
-    # In:
     triangles: Triangles,
     first: int,  # face of the first thread
-    # Out:
     pair: wp.array[wp.vec2i],  # faces that cross, in any order
     count: wp.array[wp.int32],  # their number, also beyond the room; zero-initialised, shape [1]
 ):

@@ -22,13 +22,7 @@ def isosurface_kernels(inside: Any, root: Any, data_type: Any) -> tuple[Any, Any
     """The kernels that mesh one kind of field: sides of nodes, and places of vertices."""
 
     @wp.kernel(**MODULE)
-    def _mark_nodes(
-        # In:
-        data: data_type,
-        lattice: Lattice,
-        # Out:
-        side: wp.array3d[wp.float32],
-    ):
+    def _mark_nodes(data: data_type, lattice: Lattice, side: wp.array3d[wp.float32]):
         """-1 inside, +1 outside; nodes of the border are outside."""
         i, j, k = wp.tid()
         last_i, last_j, last_k = side.shape[0] - 1, side.shape[1] - 1, side.shape[2] - 1
@@ -40,12 +34,10 @@ def isosurface_kernels(inside: Any, root: Any, data_type: Any) -> tuple[Any, Any
 
     @wp.kernel(**MODULE)
     def _place_vertices(
-        # In:
         data: data_type,
         lattice: Lattice,
         middle: wp.array[wp.vec3],  # of an edge, in steps
         margin: wp.float64,  # least share of an edge between a vertex and its ends
-        # Out:
         vertex: wp.array[wp.vec3],  # [m]
     ):
         """Place vertices where the field's surface crosses edges of the lattice."""

@@ -8,7 +8,7 @@ import warp as wp
 from ..fields.probe import Lattice, lattice_of, node_at
 from ..offsets import BLOCK
 from ..patch import EXACT
-from .triangle_distance import triangle_distance
+from .nearest import triangle_distance
 from .winding import WindingTree, upload_winding, winding_at
 
 wp.set_module_options(EXACT)
@@ -64,16 +64,6 @@ def edge_step(vertices: wp.array[wp.vec3d], a: int, b: int, x: wp.float64, y: wp
 
 
 @wp.func
-def height_at(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, x: wp.float64, y: wp.float64):
-    """Height of a triangle above (x, y), never beyond its corners'."""
-    n = wp.cross(b - a, c - a)
-    h = a[2]
-    if n[2] != wp.float64(0.0):
-        h = a[2] - (n[0] * (x - a[0]) + n[1] * (y - a[1])) / n[2]
-    return wp.clamp(h, wp.min(wp.min(a[2], b[2]), c[2]), wp.max(wp.max(a[2], b[2]), c[2]))
-
-
-@wp.func
 def node_from(x: wp.float64, last: int):
     """A whole number as the number of a node, from 0 to `last`."""
     return int(wp.clamp(x, wp.float64(0.0), wp.float64(last)))
@@ -102,7 +92,12 @@ def _cross_columns(
             turns += edge_step(vertices, f[1], f[2], p[0], p[1])
             turns += edge_step(vertices, f[2], f[0], p[0], p[1])
             if turns != 0:  # above 0: the triangle faces up, and the solid is left
-                h = (height_at(a, b, c, p[0], p[1]) - grid.low[2]) / grid.step[2]
+                n = wp.cross(b - a, c - a)
+                z = a[2]  # height of the triangle at (x, y) of the column, never beyond its corners'
+                if n[2] != wp.float64(0.0):
+                    z = a[2] - (n[0] * (p[0] - a[0]) + n[1] * (p[1] - a[1])) / n[2]
+                z = wp.clamp(z, wp.min(wp.min(a[2], b[2]), c[2]), wp.max(wp.max(a[2], b[2]), c[2]))
+                h = (z - grid.low[2]) / grid.step[2]
                 k = node_from(wp.floor(h) + wp.float64(1.0), step.shape[2])
                 if turns > 0:
                     k = node_from(wp.ceil(h), step.shape[2])  # a node on the surface is outside

@@ -58,24 +58,6 @@ def solid_angle(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d):
 
 
 @wp.func
-def leaf_winding(tree: WindingTree, leaf: int, x: wp.vec3d):
-    """Of the triangles of a leaf, each exactly."""
-    w = wp.float64(0.0)
-    for face in range(leaf * LEAF, wp.min((leaf + 1) * LEAF, tree.face_count)):
-        h = 3 * face
-        w += solid_angle(tree.corner[h] - x, tree.corner[h + 1] - x, tree.corner[h + 2] - x)
-    return w
-
-
-@wp.func
-def far_winding(tree: WindingTree, node: int, d: wp.vec3d, square: wp.float64):
-    """Of all triangles of a node, seen from `d` away from its centre: two terms of the series."""
-    moment = tree.moment[node]
-    bent = wp.trace(moment) - wp.float64(3.0) * wp.dot(d, moment * d) / square
-    return (wp.dot(tree.area[node], d) + bent) / (TURN * square * wp.sqrt(square))
-
-
-@wp.func
 def winding_within(tree: WindingTree, x: wp.vec3d, far: wp.float64):
     """Winding number at a point, nodes farther than `far` radii as one; always summed in the same order."""
     w = wp.float64(0.0)
@@ -85,9 +67,16 @@ def winding_within(tree: WindingTree, x: wp.vec3d, far: wp.float64):
         square = wp.dot(d, d)
         below = bool(False)
         if square > far * far * tree.square[node]:
-            w += far_winding(tree, node, d, square)
-        elif node >= tree.leaf_first:
-            w += leaf_winding(tree, node - tree.leaf_first, x)
+            moment = tree.moment[node]  # of all triangles of the node: two terms of the series
+            bent = wp.trace(moment) - wp.float64(3.0) * wp.dot(d, moment * d) / square
+            w += (wp.dot(tree.area[node], d) + bent) / (TURN * square * wp.sqrt(square))
+        elif node >= tree.leaf_first:  # of a leaf's triangles, each exactly
+            leaf = node - tree.leaf_first
+            turns = wp.float64(0.0)
+            for face in range(leaf * LEAF, wp.min((leaf + 1) * LEAF, tree.face_count)):
+                h = 3 * face
+                turns += solid_angle(tree.corner[h] - x, tree.corner[h + 1] - x, tree.corner[h + 2] - x)
+            w += turns
         else:
             below = True
         if below:

@@ -8,6 +8,7 @@
 """
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import warp as wp
@@ -259,8 +260,9 @@ def _divide_joints(
                 s.start = t
 
 
-def side_pairs(pairs: list[tuple[int, int, int, int]], device: Any) -> wp.array:
-    """Pairs (patch, side, other patch, other side) on a device, dtype SidePair."""
+@lru_cache(maxsize=16)
+def side_pairs(pairs: tuple[tuple[int, int, int, int], ...], device: str) -> wp.array:
+    """Pairs (patch, side, other patch, other side) on a device, dtype SidePair; cached, as live hands keep them."""
     rows = []
     for one, side, other, other_side in pairs:
         pair = SidePair()

@@ -19,12 +19,10 @@ wp.set_module_options(EXACT)
 
 @wp.kernel
 def _count_nodes(
-    # In:
     grid: wp.array[Grid],
     patch_of: wp.array[wp.int32],
     # In and out:
     bits: wp.array[wp.uint32],  # those of no node are cleared
-    # Out:
     count: wp.array[wp.int64],  # shape [tile + 1], the last one stays 0
 ):
     """Count a tile's nodes that are inside."""
@@ -69,11 +67,9 @@ def _list_nodes(
 
 @wp.kernel
 def _count_vertices(
-    # In:
     vertex_count: int,
     # In and out:
     inside: wp.array2d[wp.uint32],  # bits of no vertex are cleared
-    # Out:
     count: wp.array[wp.int64],  # shape [word of all poses + 1], the last one stays 0
 ):
     """Count a word's vertices that are inside."""
@@ -110,10 +106,8 @@ def _list_vertices(
 
 @wp.kernel
 def _start_poses(
-    # In:
     start: wp.array[wp.int64],  # of words
     words: int,  # of a pose
-    # Out:
     pose_start: wp.array[wp.int64],
 ):
     """Pick where each pose's points start."""

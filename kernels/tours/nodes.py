@@ -144,13 +144,11 @@ def exclude_around(bits: wp.array[wp.uint32], base: int, g: Grid, disc: Disc, i:
 
 @wp.kernel
 def _thin_nodes(
-    # In:
     grid: wp.array[Grid],  # one
     tile_count: int,
     disc: Disc,
     # In and out:
     bits: wp.array[wp.uint32],
-    # Out:
     count: wp.array[wp.int32],  # of each pose's nodes that are kept
 ):
     """Keep nodes that are not too near to one kept before; where but one is left, the farthest from it too."""

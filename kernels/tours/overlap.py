@@ -55,42 +55,29 @@ def node_place(blocks: Blocks, pose: int, index: int, corner: int):
 
 
 @wp.func
-def in_hand_frame(pose: wp.transform, x: wp.vec3d):
-    """A point in the hand's frame."""
-    q = wp.transform_get_rotation(pose)
-    back = -to_float64(wp.vec3(q[0], q[1], q[2]))
-    return rotate(back, wp.float64(q[3]), x - to_float64(wp.transform_get_translation(pose)))
-
-
-@wp.func
 def corner_node(blocks: Blocks, pose: int, node: int, corner: int):
     """Number of the node at a corner of a cell."""
     row = (corner & 1) * blocks.count[pose, 1] + ((corner >> 1) & 1)
     return node + row * blocks.count[pose, 2] + ((corner >> 2) & 1)
 
 
-@wp.func
-def is_cell(blocks: Blocks, pose: int, index: int):
-    """Whether a node has a cell: not the last ones of a block."""
-    across = blocks.count[pose, 2]
-    row = index // across
-    last = row // blocks.count[pose, 1] == blocks.count[pose, 0] - 1
-    return not last and row % blocks.count[pose, 1] < blocks.count[pose, 1] - 1 and index % across < across - 1
-
-
 @wp.kernel
 def _count_cut_cells(
-    # In:
     blocks: Blocks,
     inside: wp.array[wp.uint8],
-    # Out:
     count: wp.array[int],  # [node + 1]
 ):
     """1 for a cell with corners inside and outside."""
     node = wp.tid()
     pose = pose_of_node(blocks.start, node)
     found = int(0)
-    if is_cell(blocks, pose, node - blocks.start[pose]):
+    index = node - blocks.start[pose]
+    across = blocks.count[pose, 2]
+    deep = blocks.count[pose, 1]
+    row = index // across
+    # The last nodes of a block along each of its edges have no cell.
+    last = row // deep == blocks.count[pose, 0] - 1
+    if not last and row % deep < deep - 1 and index % across < across - 1:
         total = int(0)
         for corner in range(8):
             total += int(inside[corner_node(blocks, pose, node, corner)])
@@ -101,10 +88,8 @@ def _count_cut_cells(
 
 @wp.kernel
 def _start_poses(
-    # In:
     start: wp.array[int],  # [pose + 1], into nodes
     before: wp.array[int],  # [node + 1], points before
-    # Out:
     point_start: wp.array[wp.int64],  # [pose + 1]
 ):
     """Points before each pose."""
@@ -119,18 +104,14 @@ def overlap_kernels(in_solid: Any, solid_type: Any, in_hand: Any, hand_type: Any
     @wp.func
     def in_both(solid: solid_type, hand: hand_type, pose: wp.transform, x: wp.vec3d):
         if in_solid(solid, x):
-            return in_hand(hand, in_hand_frame(pose, x))
+            q = wp.transform_get_rotation(pose)
+            back = -to_float64(wp.vec3(q[0], q[1], q[2]))
+            own = rotate(back, wp.float64(q[3]), x - to_float64(wp.transform_get_translation(pose)))
+            return in_hand(hand, own)
         return False
 
     @wp.kernel(**MODULE)
-    def _mark_shared(
-        # In:
-        solid: solid_type,
-        hand: hand_type,
-        blocks: Blocks,
-        # Out:
-        inside: wp.array[wp.uint8],
-    ):
+    def _mark_shared(solid: solid_type, hand: hand_type, blocks: Blocks, inside: wp.array[wp.uint8]):
         """Mark nodes that are in both solids."""
         node = wp.tid()
         pose = pose_of_node(blocks.start, node)

@@ -26,13 +26,11 @@ def apart(x: wp.vec3, y: wp.vec3):
 
 @wp.kernel
 def _thin_points(
-    # In:
     start: wp.array[wp.int64],
     separation: wp.float64,  # [m]
     most: wp.int64,  # to keep; one more shows that there are more
     # In and out:
     point: wp.array[wp.vec3],  # those kept come first in each pose's range
-    # Out:
     count: wp.array[wp.int64],  # kept, shape [pose + 1], the last one stays 0
 ):
     """Keep points that are not too near to one kept before; where but one is left, the farthest from it too."""
@@ -64,12 +62,7 @@ def _thin_points(
 
 @wp.kernel
 def _gather_points(
-    # In:
-    point: wp.array[wp.vec3],
-    start: wp.array[wp.int64],
-    kept_start: wp.array[wp.int64],
-    # Out:
-    kept: wp.array[wp.vec3],
+    point: wp.array[wp.vec3], start: wp.array[wp.int64], kept_start: wp.array[wp.int64], kept: wp.array[wp.vec3]
 ):
     """Move what each pose keeps together."""
     pose = wp.tid()

@@ -1,8 +1,13 @@
 """A path through points that are thinned before (`thinning`, `nodes`), as short as exchanges make it; one a pose.
 
 Points of a pose come in an order. The path starts with nearest neighbours; then, sweep by sweep, exchanges of two or
-three steps (`exchange`) are made wherever they shorten it, from each point near which something has changed. An open
-path is a closed one through one more point, which is at no distance from any.
+three steps are made wherever they shorten it, from each point near which something has changed. An open path is a
+closed one through one more point, which is at no distance from any.
+
+Letters name the points of an exchange in the order in which its steps are found: the step from b to a is left out,
+that from a to c comes in; c-d is left out, d-e comes in; e-f is left out, and f-b closes the path. With two steps, d-b
+closes it. What is gained so far must be positive all along, which loses nothing: the steps of any exchange that
+shortens a path can be counted from a point where that holds.
 """
 
 from typing import NamedTuple
@@ -14,9 +19,253 @@ from ..one_device import on_one_device
 from ..patch import EXACT
 from ..section.contour_writing import SectionContours
 from ..section.row_walker import MADE
-from .exchange import NEAR, Tour, measure_step, square_of, sweep_points
 
 wp.set_module_options(EXACT)
+
+NEAR = wp.constant(4)  # points that each point knows as its nearest; 5 make paths 0.02 % shorter, and take longer
+LEAST_GAIN = wp.constant(1.0e-6)  # [m]; what shortens by less is left
+
+
+@wp.struct
+class Tour:
+    """One pose's path under way, a cycle; rows of the arrays are shared by all poses.
+
+    Places and points are counted from the pose's first ones. An open path is a cycle through one more point, `count`,
+    which is at no distance from any.
+    """
+
+    point: wp.array[wp.vec3]
+    order: wp.array[wp.int16]  # points in the order of the path
+    place: wp.array[wp.int16]  # of each point in the order
+    step: wp.array[wp.float32]  # from each place to the next [m]
+    near: wp.array[wp.int16]  # its nearest points, the nearest first, NEAR a point
+    way: wp.array[wp.float32]  # to them [m]
+    awake: wp.array[wp.uint8]  # whether an exchange is looked for from the point
+    first: int  # of the pose's points
+    row: int  # of the pose's order, places and so on
+    count: int  # of points
+    length: int  # of the order
+    known: int  # of the nearest points that each point knows: fewer than NEAR if there are no more
+
+
+@wp.struct
+class Choice:
+    """The best exchange that was found by a step from a to c."""
+
+    gain: float  # [m]
+    code: int  # -1: none; bit 0: a is after b; bit 1: c-d leads away from b; from bit 2 on: 1 + which e near d, or 0
+
+
+@wp.func
+def square_of(tour: Tour, a: int, b: int):
+    """Square of the distance of two points of the path; 0 to the point that opens it [m2]."""
+    if a == tour.count or b == tour.count:
+        return float(0.0)
+    d = tour.point[tour.first + a] - tour.point[tour.first + b]
+    return wp.dot(d, d)
+
+
+@wp.func
+def way_of(tour: Tour, a: int, b: int):
+    """Distance of two points of the path; 0 to the point that opens it [m]."""
+    return wp.sqrt(square_of(tour, a, b))
+
+
+@wp.func
+def place_beside(tour: Tour, i: int, onward: int):
+    """The place after place i (onward 1) or before it (0)."""
+    if onward == 1:
+        return wp.where(i + 1 == tour.length, 0, i + 1)
+    return wp.where(i == 0, tour.length, i) - 1
+
+
+@wp.func
+def beside(tour: Tour, a: int, onward: int):
+    """The point after a or before it."""
+    return int(tour.order[tour.row + place_beside(tour, int(tour.place[tour.row + a]), onward)])
+
+
+@wp.func
+def step_beside(tour: Tour, a: int, onward: int):
+    """Length of the step from a to the point beside it [m]."""
+    i = int(tour.place[tour.row + a])
+    return tour.step[tour.row + wp.where(onward == 1, i, place_beside(tour, i, 0))]
+
+
+@wp.func
+def measure_step(tour: Tour, i: int):
+    """Find the length of the step from place i on."""
+    a = int(tour.order[tour.row + i])
+    tour.step[tour.row + i] = way_of(tour, a, int(tour.order[tour.row + place_beside(tour, i, 1)]))
+
+
+@wp.func
+def steps_to(tour: Tour, a: int, b: int, onward: int):
+    """Steps from a to b, onward or back."""
+    i = int(tour.place[tour.row + b]) - int(tour.place[tour.row + a])
+    i = wp.where(onward == 1, i, -i)
+    return wp.where(i < 0, i + tour.length, i)
+
+
+@wp.func
+def reverse_between(tour: Tour, a: int, b: int):
+    """Turn the path from a onward to b around, or the rest of it if that is shorter."""
+    i = int(tour.place[tour.row + a])
+    j = int(tour.place[tour.row + b])
+    size = wp.where(j < i, j - i + tour.length, j - i) + 1
+    if 2 * size > tour.length:
+        size = tour.length - size
+        k = place_beside(tour, j, 1)
+        j = place_beside(tour, i, 0)
+        i = k
+    before = place_beside(tour, i, 0)
+    last = j
+    for _pair in range(size // 2):
+        one = tour.order[tour.row + i]
+        other = tour.order[tour.row + j]
+        tour.order[tour.row + i] = other
+        tour.order[tour.row + j] = one
+        tour.place[tour.row + int(other)] = wp.int16(i)
+        tour.place[tour.row + int(one)] = wp.int16(j)
+        j = place_beside(tour, j, 0)
+        step = tour.step[tour.row + i]
+        tour.step[tour.row + i] = tour.step[tour.row + j]
+        tour.step[tour.row + j] = step
+        i = place_beside(tour, i, 1)
+    if size > 0:
+        measure_step(tour, before)
+        measure_step(tour, last)
+
+
+@wp.func
+def wake(tour: Tour, a: int, b: int):
+    """Look for exchanges from two points again."""
+    tour.awake[tour.row + a] = wp.uint8(1)
+    tour.awake[tour.row + b] = wp.uint8(1)
+
+
+@wp.func
+def apply_choice(tour: Tour, a: int, c: int, code: int):
+    """Exchange the steps, two at a time, and wake the points at their ends."""
+    onward = code & 1
+    leads_on = (code >> 1) & 1
+    b = beside(tour, a, 1 - onward)
+    d = beside(tour, c, wp.where(leads_on == 1, onward, 1 - onward))
+    wake(tour, a, b)
+    wake(tour, c, d)
+    ends = wp.vec4i(b, a, d, c)
+    second = ends
+    third = ends
+    pairs = int(1)
+    if code >= 4:
+        e = int(tour.near[NEAR * (tour.row + d) + (code >> 2) - 1])
+        # The third step leads from e to f: away from b where a, b and e are on one side of c-d.
+        within = steps_to(tour, a, e, onward) < steps_to(tour, a, c, onward)
+        f = beside(tour, e, wp.where(within, onward, 1 - onward))
+        wake(tour, e, f)
+        second = wp.vec4i(b, d, f, e)
+        pairs = 2
+        if leads_on == 1:  # b a..e f..c d becomes b f..c a..e d
+            ends = wp.vec4i(b, a, c, d)
+            second = wp.vec4i(b, c, f, e)
+            third = wp.vec4i(c, e, a, d)
+            pairs = 3
+    for _pair in range(pairs):
+        # Steps b-a and d-c become a-c and b-d; ends: b, a, d, c, in this order on the path, onward or back.
+        ahead = beside(tour, ends[0], 1) == ends[1]
+        reverse_between(tour, wp.where(ahead, ends[1], ends[2]), wp.where(ahead, ends[2], ends[1]))
+        ends = second
+        second = third
+
+
+@wp.func
+def seek_third(tour: Tour, best: Choice, a: int, b: int, c: int, d: int, gain: float, code: int):
+    """The best exchange so far, or a better one by a third step after b-a, a-c and c-d; gain: of these [m]."""
+    onward = code & 1
+    span = steps_to(tour, a, c, onward)  # points from a, away from b, before c
+    row = NEAR * (tour.row + d)
+    most = best.gain
+    which = best.code
+    for k in range(tour.known):
+        left = gain - tour.way[row + k]
+        if left <= most:
+            break
+        e = int(tour.near[row + k])
+        within = steps_to(tour, a, e, onward) < span
+        if e != c and e != b and (within or (code & 2) == 0):
+            f = beside(tour, e, wp.where(within, onward, 1 - onward))
+            left += step_beside(tour, e, wp.where(within, onward, 1 - onward))
+            if f != d and left > most:
+                left -= way_of(tour, f, b)
+                if left > most:
+                    most = left
+                    which = code + 4 * (k + 1)
+    out = Choice()
+    out.gain = most
+    out.code = which
+    return out
+
+
+@wp.func
+def seek_from(tour: Tour, a: int, c: int, way: float):
+    """The best exchange by a step from a to c; way: its length [m]."""
+    best = Choice()
+    best.gain = LEAST_GAIN
+    best.code = -1
+    for way_on in range(4):
+        onward = way_on & 1
+        b = beside(tour, a, 1 - onward)
+        saved = step_beside(tour, a, 1 - onward) - way
+        if saved > 0.0:
+            d = beside(tour, c, wp.where(way_on >= 2, onward, 1 - onward))
+            gain = saved + step_beside(tour, c, wp.where(way_on >= 2, onward, 1 - onward))
+            if gain > best.gain and d != a:
+                closed = gain - way_of(tour, d, b)
+                if way_on < 2 and closed > best.gain:
+                    best.gain = closed
+                    best.code = way_on
+                best = seek_third(tour, best, a, b, c, d, gain, way_on)
+    return best
+
+
+@wp.func
+def shorten_at(tour: Tour, a: int):
+    """Make the best exchange by the first step from a that gives one; returns 1 if there was one, else 0."""
+    longest = wp.max(step_beside(tour, a, 0), step_beside(tour, a, 1))
+    row = NEAR * (tour.row + a)
+    last = tour.way[row + tour.known - 1]
+    total = tour.known
+    if last < longest:  # seldom: then all points are looked at after those that a knows
+        total += tour.length
+    for k in range(total):
+        c = int(0)
+        way = float(0.0)
+        if k < tour.known:
+            c = int(tour.near[row + k])
+            way = tour.way[row + k]
+        else:
+            c = k - tour.known
+            way = way_of(tour, a, c)
+        if way < longest and c != a and (k < tour.known or way >= last):
+            found = seek_from(tour, a, c, way)
+            if found.code >= 0:
+                apply_choice(tour, a, c, found.code)
+                return 1
+    return 0
+
+
+@wp.func
+def sweep_points(tour: Tour):
+    """Look for exchanges from all points that are awake; returns 1 if there was one, else 0."""
+    found = int(0)
+    for a in range(tour.length):
+        if tour.awake[tour.row + a] == wp.uint8(1):
+            if shorten_at(tour, a) == 1:
+                found = 1
+            else:
+                tour.awake[tour.row + a] = wp.uint8(0)
+    return found
+
 
 SWEEPS = wp.constant(100)  # at most; 8 were the most that 20,000 poses and 2,000 points needed
 NO_KEY = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
@@ -155,10 +404,8 @@ def _write_tours(
 
 @wp.kernel
 def _count_tours(
-    # In:
     start: wp.array[wp.int64],
     closes: int,
-    # Out:
     points: wp.array[wp.int64],  # shape [pose + 1], the last one stays 0
     lines: wp.array[wp.int64],
 ):

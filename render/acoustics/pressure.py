@@ -97,7 +97,11 @@ def require_places(points: np.ndarray, transducers: TransducerSet) -> np.ndarray
     near = np.flatnonzero(((place >= low) & (place <= high)).all(axis=1))
     for first in range(0, len(near), POINTS_AT_ONCE):
         rows = near[first : first + POINTS_AT_ONCE]
-        distance = _face_distances(place[rows], transducers)
+        # From each transducer's disc to the points [m], shape [point, transducer].
+        offset = place[rows][:, None] - transducers.position
+        height = np.einsum("ptk,tk->pt", offset, transducers.normal)
+        aside = np.sqrt(np.maximum((offset**2).sum(axis=2) - height**2, 0))
+        distance = np.hypot(height, np.maximum(aside - transducers.piston_radius, 0))
         if len(rows) and distance.min() < NEAREST:
             at = int(np.argmin(distance.min(axis=1)))
             raise StrategyError(
@@ -105,14 +109,6 @@ def require_places(points: np.ndarray, transducers: TransducerSet) -> np.ndarray
                 f"transducer's face, must be {NEAREST:g} m at least"
             )
     return place
-
-
-def _face_distances(place: np.ndarray, transducers: TransducerSet) -> np.ndarray:
-    """From each transducer's disc to points [m], shape [point, transducer]."""
-    offset = place[:, None] - transducers.position
-    height = np.einsum("ptk,tk->pt", offset, transducers.normal)
-    aside = np.sqrt(np.maximum((offset**2).sum(axis=2) - height**2, 0))
-    return np.hypot(height, np.maximum(aside - transducers.piston_radius, 0))
 
 
 def complex_drives(drives: AnyDrives, transducers: TransducerSet, *, quantised: bool = False) -> np.ndarray:

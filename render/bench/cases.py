@@ -58,7 +58,11 @@ def blob(frequency: int) -> tuple[np.ndarray, np.ndarray]:
     concavities, lies inside the 130 mm cube centred at (0, 0, 0.2) m and is watertight, counter-clockwise from outside.
     """
     direction, faces = geodesic_sphere(frequency)
-    reference = _spread_directions(40_000)
+    step = np.arange(40_000)  # along a spiral that covers the sphere evenly
+    height = 1.0 - (2.0 * step + 1.0) / len(step)
+    turn = step * np.pi * (3.0 - np.sqrt(5.0))
+    flat = np.sqrt(1.0 - height**2)
+    reference = np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1)
     points = reference * _blob_radius(reference)[:, None]
     low, high = points.min(axis=0), points.max(axis=0)
     scale = 0.995 * SIZE / (high - low).max()  # the reference misses the very tips
@@ -108,14 +112,6 @@ def _icosahedron() -> tuple[np.ndarray, np.ndarray]:
     triples = [(a, b, c) for a in range(12) for b in range(a) for c in range(b) if near[a, b] & near[b, c] & near[c, a]]
     side = np.array([t if np.linalg.det(corner[list(t)]) > 0.0 else t[::-1] for t in triples])
     return corner / np.linalg.norm(corner[0]), side
-
-
-def _spread_directions(count: int) -> np.ndarray:
-    """Directions in a spiral that covers the sphere evenly, shape [count, 3]."""
-    height = 1.0 - (2.0 * np.arange(count) + 1.0) / count
-    turn = np.arange(count) * np.pi * (3.0 - np.sqrt(5.0))
-    flat = np.sqrt(1.0 - height**2)
-    return np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1)
 
 
 def _blob_radius(direction: np.ndarray) -> np.ndarray:

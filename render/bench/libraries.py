@@ -41,15 +41,10 @@ class MeshLib(Peer):
                 continue
             to_palm = library.AffineXf3f(library.Matrix3f(u, v, n), vector(*move))
             for ring in library.planeSectionsToContours2f(self.mesh, sections, to_palm):
-                rings.append(_copied(ring))
+                memory: Any = (ctypes.c_float * (2 * len(ring))).from_address(ring.data_pointer())
+                rings.append(np.frombuffer(memory, np.float32).reshape(-1, 2).copy())  # a vector of pairs of floats
                 poses.append(pose)
         return rings_of(rings, poses, repeats=True)
-
-
-def _copied(ring: Any) -> np.ndarray:
-    """Points of a vector of two floats each, float32, shape [point, 2]."""
-    memory: Any = (ctypes.c_float * (2 * len(ring))).from_address(ring.data_pointer())
-    return np.frombuffer(memory, np.float32).reshape(-1, 2).copy()
 
 
 class Vtk(Peer):

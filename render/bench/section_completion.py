@@ -166,7 +166,11 @@ def _closed_parts(rings: Polylines, half: np.ndarray, turn: int) -> Polylines:
 def _regions(shapely: Any, rings: Polylines, turn: int) -> tuple[np.ndarray, np.ndarray]:
     """Polygons, and the pose of each; a pose may have several."""
     pose, place, count = np.unique(rings.pose, return_inverse=True, return_counts=True)
-    area = turn * _signed_areas(rings)
+    # Twice the area of each ring, negative where it runs clockwise, shape [ring]. It is taken from each ring's first
+    # point, which is its last too, so the product across rings is 0.
+    points = rings.points - np.repeat(rings.points[rings.start[:-1]], rings.size, axis=0)
+    doubled = points[:-1, 0] * points[1:, 1] - points[1:, 0] * points[:-1, 1]
+    area = turn * np.add.reduceat(np.append(doubled, 0.0), rings.start[:-1])
     shells = np.bincount(place, area > 0.0, minlength=len(pose)).astype(int)
     apart = (count == 1) | (shells == count)
     nested = (shells == 1) & (count > 1)
@@ -191,15 +195,6 @@ def _regions(shapely: Any, rings: Polylines, turn: int) -> tuple[np.ndarray, np.
 
 def _outlines(shapely: Any, rings: Polylines) -> np.ndarray:
     return shapely.linearrings(rings.points, indices=np.repeat(np.arange(len(rings.pose)), rings.size))
-
-
-def _signed_areas(rings: Polylines) -> np.ndarray:
-    """Twice the area of each ring, negative where it runs clockwise, shape [ring]."""
-    # From each ring's first point, which is its last too: the product across rings is 0.
-    points = rings.points - np.repeat(rings.points[rings.start[:-1]], rings.size, axis=0)
-    doubled = points[:-1, 0] * points[1:, 1] - points[1:, 0] * points[:-1, 1]
-    doubled = np.append(doubled, 0.0)
-    return np.add.reduceat(doubled, rings.start[:-1])
 
 
 def stitched(segments: np.ndarray, pose: np.ndarray) -> Polylines:

@@ -78,7 +78,11 @@ def export_file(
     path, out = require_path(path, "the file to export"), require_path(out, "the file to write")
     name = format_of(out, to)
     own, asked = ContourFields(scene, gzip), SamplingFields(sampling, speed, update_rate, duration)
-    _require_options(name, own, asked)
+    require_number("gzip", own.gzip, 0, 9, whole=True)
+    taken = {"scene": ("vtkhdf",), "gzip": ("vtkhdf", "npz"), **dict.fromkeys(asked._fields, OF_FOCUS)}
+    for option, value in {**own._asdict(), **asked._asdict()}.items():
+        if value not in (None, False, 0) and name not in taken[option]:
+            raise StrategyError(f"{option} is for {' and '.join(taken[option])}, not for {name}")
     require_output(out, overwrite=overwrite, sources=[path])
     if not is_point_list(path):
         refuse_object(path)
@@ -108,15 +112,6 @@ def format_of(out: Path, to: str | None) -> str:
     if meant not in (None, name):
         raise StrategyError(f"{out}: ends in {out.suffix}, but to={name} asks for another format")
     return name
-
-
-def _require_options(name: str, own: ContourFields, asked: SamplingFields) -> None:
-    """Refuse options of other formats."""
-    require_number("gzip", own.gzip, 0, 9, whole=True)
-    taken = {"scene": ("vtkhdf",), "gzip": ("vtkhdf", "npz"), **dict.fromkeys(asked._fields, OF_FOCUS)}
-    for option, value in {**own._asdict(), **asked._asdict()}.items():
-        if value not in (None, False, 0) and name not in taken[option]:
-            raise StrategyError(f"{option} is for {' and '.join(taken[option])}, not for {name}")
 
 
 def _write_contours(

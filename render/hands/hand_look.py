@@ -49,7 +49,9 @@ class HandLooks:
             self._rest = arrays["skin_vertices"]
             self.faces, self.glabrous = arrays["skin_faces"], arrays["skin_glabrous"] > 0
         elif self._rigid is not None:
-            shape = hand_around(_width_of(self._rigid))
+            rigid, patches = self._rigid, getattr(self._rigid, "patches", ())
+            palm = rigid if isinstance(rigid, Palm) else next((p for p in patches if p.name == "palm"), None)
+            shape = hand_around(BREADTH if palm is None else palm.width)
             self._rest, self.faces, self.glabrous = shape.vertices, shape.faces, shape.glabrous
 
     @property
@@ -83,9 +85,3 @@ def hand_around(width: float, detail: int = DETAIL) -> HandShape:
     """palpate's own right hand, as broad as a palm is wide [m], or as the nearest breadth that a hand can have."""
     breadth = min(max(width, BREADTHS[0]), BREADTHS[1])
     return hand_shape(breadth=breadth, length=min(LENGTH * breadth / BREADTH, LENGTHS[1]), detail=detail)
-
-
-def _width_of(hand: object) -> float:
-    """Of the palm [m], or of the usual hand where there is none."""
-    palm = hand if isinstance(hand, Palm) else next((p for p in getattr(hand, "patches", ()) if p.name == "palm"), None)
-    return BREADTH if palm is None else palm.width

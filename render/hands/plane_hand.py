@@ -3,7 +3,7 @@
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
 
@@ -165,10 +165,7 @@ class PlaneHand:
 
     def on(self, device: str) -> wp.array:
         """Patches on a Warp device, dtype Patch, shape [patch]: in the hand's frame, or each in its own."""
-        rest = self._rest
-        if self.patch_pose is not None:
-            rest = frames_at(np.broadcast_to(np.array(IDENTITY), (1, self.patch_count, 7)), self.half)
-        return patches_on(device, rest)
+        return _patches_on(self.patches, self.patch_pose is not None, device)
 
     def section_poses(self, pose: np.ndarray, first: int = 0) -> np.ndarray:
         """Poses of the hand, float32 [n, 1, 7], or of each patch, [n, patch, 7]; ABSENT for one that is not there.
@@ -256,6 +253,14 @@ class PlaneHand:
         patches = tuple(HandPatch(plane.name, plane.width, plane.length) for plane in planes)
         pose = np.stack([plane.pose for plane in planes], axis=1)
         return cls(patches, phalanx_joints([plane.name for plane in planes]), pose)
+
+
+@lru_cache(maxsize=16)
+def _patches_on(patches: tuple[HandPatch, ...], articulated: bool, device: str) -> wp.array:
+    """Patches on a device; cached, because a live hand has others at each pose, and making them takes 0.5 ms."""
+    pose = [IDENTITY if articulated else patch.pose for patch in patches]
+    half = np.array([[patch.width / 2, patch.length / 2] for patch in patches])
+    return patches_on(device, frames_at(np.array([pose]), half))
 
 
 def phalanx_joints(names: Sequence[str]) -> tuple[PatchJoint, ...]:

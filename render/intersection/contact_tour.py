@@ -5,7 +5,6 @@ the path's true length counts, it closes, and a small contact is drawn as well a
 """
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any, cast
 
 import numpy as np
@@ -100,8 +99,8 @@ class _Skin:
     def __init__(self, solid: Solid, hand: Hand, device: str, step: float) -> None:
         self.solid, self.device, self.step = solid, device, step
         self.hand: Any = hand  # a PatchHand or a MeshHand
-        if isinstance(hand, PatchHand):
-            self.patch: Any = hand.on(device)
+        self.patch: Any = hand.on(device) if isinstance(hand, PatchHand) else None
+        if self.patch is not None:
             sides = 2.0 * self.patch.numpy()["half"].reshape(-1, 2)
             self.point_count = int(np.prod(sides / step + 2.0, axis=1).sum())
         else:
@@ -110,7 +109,7 @@ class _Skin:
 
     def inside(self, pose: np.ndarray, first: int) -> tuple[wp.array, wp.array]:
         """Points inside the object at poses first.., and where each pose's start."""
-        if isinstance(self.hand, PatchHand):
+        if self.patch is not None:
             return list_nodes(self.nodes(pose, first))
         vertex = self.hand.vertices_on(self.device, first, first + len(pose))
         posed = Posed(self._sections(pose, first), self.skin, vertex)
@@ -128,7 +127,7 @@ class _Skin:
 
     def kept(self, pose: np.ndarray, first: int, separation: float) -> tuple[wp.array, wp.array]:
         """Points inside the object that are kept, and where each pose's start; raises as `thinned`."""
-        if not isinstance(self.hand, PatchHand) or self.hand.patch_count > 1:
+        if self.patch is None or self.hand.patch_count > 1:
             return thinned(*self.inside(pose, first), separation=separation, first=first, name="contact")
         nodes = self.nodes(pose, first)
         kept, count = thin_nodes(nodes, separation=separation)
@@ -158,17 +157,15 @@ def thinned(point: wp.array, start: wp.array, *, separation: float, first: int, 
     except TooManyPointsError as error:
         begin, end = start.numpy()[error.pose : error.pose + 2].tolist()
         own, ends = point[begin:end], wp.array([0, end - begin], dtype=wp.int64, device=point.device)
-        fits = partial(_is_thin_enough, own, ends)
+
+        def fits(wider: float) -> bool:
+            try:
+                thin_points(own, ends, separation=wider)
+            except TooManyPointsError:
+                return False
+            return True
+
         raise too_many(f"{name}: pose {first + error.pose}", error.point_count, separation, fits) from error
-
-
-def _is_thin_enough(point: wp.array, start: wp.array, separation: float) -> bool:
-    """Whether a pose keeps POINTS_MOST of its points at most."""
-    try:
-        thin_points(point, start, separation=separation)
-    except TooManyPointsError:
-        return False
-    return True
 
 
 def too_many(title: str, point_count: int, separation: float, fits: Callable[[float], bool]) -> StrategyError:

@@ -53,6 +53,7 @@ from ..validation import choose, is_number, value_text
 
 EXPLORATION = "exploration"
 HANDS = ("palm", "planes", "skin")
+SIDES = ("left", "right")
 ORDER = "object, hand, motion, strategy"
 HEADER_BYTES = 65536  # first bytes of a CSV, in which its header is searched
 SOLID_HAND_STEP = 0.002  # [m]; grid step of the mesh of a hand given as a solid; smaller than any focus
@@ -84,15 +85,15 @@ def hand_and_motion_of(hand: Hand | str | Path, motion: Any, solid: Solid) -> tu
         raise StrategyError(f"the motion comes after the hand: the order is {ORDER}")
     if motion is None or is_number(motion):
         raise StrategyError(f'the motion must be a HandMotion, poses [pose, 7], a file or "exploration", not {motion}')
-    if isinstance(motion, HandRecording):
-        own, moved = recorded_hand_and_motion(hand if isinstance(hand, str) else "palm", None, motion)
-        return own if isinstance(hand, str) else hand, moved
-    if not isinstance(motion, str | Path):
+    if not isinstance(motion, HandRecording | str | Path):
         return hand_of(hand), motion_of(motion)
     kind = hand if isinstance(hand, str) else "palm"
-    options = dict.fromkeys(EXPLORATION_OPTIONS)
-    found, moved = load_hand_and_motion(kind, None, str(motion), solid, exploration_options=options)
-    return found if isinstance(hand, str) else hand, moved
+    if isinstance(motion, HandRecording):
+        own, placed = recorded_hand_and_motion(kind, None, motion)
+    else:
+        options = dict.fromkeys(EXPLORATION_OPTIONS)
+        own, placed = load_hand_and_motion(kind, None, str(motion), solid, exploration_options=options)
+    return own if isinstance(hand, str) else hand, placed
 
 
 def motion_of(given: HandMotion | np.ndarray) -> HandMotion:
@@ -113,9 +114,6 @@ def is_unaligned(motion: Any) -> bool:
     if isinstance(motion, str | Path):
         return not is_exploration(str(motion)) and is_recording(str(motion))
     return isinstance(motion, HandRecording)
-
-
-SIDES = ("left", "right")
 
 
 def load_solid(
@@ -258,8 +256,9 @@ def load_hand(kind: str, palm: tuple[float, float] | None, recording: HandRecord
         return PlaneHand.from_joints(recording.joints_in_hand(), recording.radii(), is_left=recording.is_left)
     if kind == "skin":
         return own_skin(recording)
-    if is_volume(kind) or Path(kind).suffix == ".json":
-        return MeshHand.from_solid(load_hand_solid(kind), SOLID_HAND_STEP)
+    if is_volume(kind) or Path(kind).suffix == ".json":  # in the hand's frame
+        solid = VoxelObject.load(kind, hand=True) if is_volume(kind) else ImplicitObject.load(kind, hand=True)
+        return MeshHand.from_solid(solid, SOLID_HAND_STEP)
     if not Path(kind).is_file():
         meant = (
             f"; side={kind} chooses among a recording's hands"
@@ -268,11 +267,6 @@ def load_hand(kind: str, palm: tuple[float, float] | None, recording: HandRecord
         )
         raise StrategyError(f"hand must be {', '.join(HANDS)}, or a file, and there is no file {kind!r}{meant}")
     return MeshHand.load(kind)
-
-
-def load_hand_solid(source: str) -> Solid:
-    """A hand given as voxels or an expression, in the hand's frame."""
-    return VoxelObject.load(source, hand=True) if is_volume(source) else ImplicitObject.load(source, hand=True)
 
 
 def own_skin(recording: HandRecording | None = None) -> MeshHand:

@@ -179,11 +179,10 @@ class Scene:
             solid = solid.solid_part if isinstance(solid, MeshObject) else solid
         if method == "skin" and not strategy.bounded:
             raise StrategyError('prune: contours on a hand mesh end where the skin does: "outside" cannot be left out')
-        stages = (*strategy.prune_stages, *strategy.transform_stages)
-        raw_only = all(stage.name in BY_RAW_KERNELS for stage in stages)
-        require_points(points, exact=not marches and raw_only)
-        if not marches and raw_only:
-            return cls(solid, hand, strategy, object_pose, points=points)
+        scene = cls(solid, hand, strategy, object_pose, points=points)
+        require_points(points, exact=scene.is_raw and not marches)
+        if scene.is_raw and not marches:
+            return scene
         width = 0.0
         if needs_focal_width(strategy, marches=marches):
             place = solid.bounds.mean(axis=0) if object_pose is None else np.median(object_pose[:, :3], axis=0)
@@ -193,7 +192,7 @@ class Scene:
                 way = "give the strategy a step= and its stages their lengths, or move the object"
                 raise StrategyError(f"{solid.name}: {error}; {way}") from error
         strategy = strategy.resolved(width or 1.0, marches=marches)  # 1.0: no option is scaled by it
-        return cls(solid, hand, strategy, object_pose, width)
+        return replace(scene, strategy=strategy, focal_width=width)
 
     @cached_property
     def object_centre(self) -> np.ndarray:

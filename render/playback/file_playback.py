@@ -232,7 +232,10 @@ def play_file(
     if frame_format(path) == WIRE_FRAMES:
         with PreparedFrames(path, repeats=repeats) as prepared:
             prepared.require_fitting(arrays, sampling, drive, duration)
-            return _play_prepared(prepared, arrays, limits, way, watch)
+            reports = _send(prepared, prepared.frame_count, prepared.update_rate, arrays, limits, way, watch)
+            made = prepared.making
+            counts = (made.sampling, made.count, made.refused, made.switched)
+            return Playback(reports, *counts, made.drive, prepared.repeats)
     with opened(Path(path), sampling, duration, arrays) as source:
         return _play(source, arrays, drive, repeats, limits, way, device, watch)
 
@@ -280,18 +283,6 @@ def _play(
         driver.strategy,
         repeats,
     )
-
-
-def _play_prepared(
-    prepared: PreparedFrames,
-    arrays: Sequence[PlacedArray],
-    limits: Limits | None,
-    connection: Connection,
-    watch: Callable[[LiveStatistics, int], object] | None,
-) -> Playback:
-    reports = _send(prepared, prepared.frame_count, prepared.update_rate, arrays, limits, connection, watch)
-    made = prepared.making
-    return Playback(reports, made.sampling, made.count, made.refused, made.switched, made.drive, prepared.repeats)
 
 
 def _send(

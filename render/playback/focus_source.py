@@ -165,7 +165,7 @@ class ContourSource:
             return
         count = len(cycle.intensity)
         again = -(-BLOCK // count)
-        block = FocalPoints(np.tile(cycle.position, (again,) + (1,) * (cycle.position.ndim - 1)), _again(cycle, again))
+        block = FocalPoints(*(np.tile(x, (again,) + (1,) * (x.ndim - 1)) for x in (cycle.position, cycle.intensity)))
         _count_cycles(sampler, batch, pose[0], count, self.frame_count)
         for first in range(0, self.frame_count, again * count):
             left = self.frame_count - first
@@ -186,10 +186,6 @@ class ContourSource:
         if not np.isfinite(end):
             raise PoseError(f"{path}: the last of /motion/time is not finite; palpate check tells where")
         return end if asked is None else min(end, asked)
-
-
-def _again(cycle: FocalPoints, times: int) -> np.ndarray:
-    return np.tile(cycle.intensity, (times,) + (1,) * (cycle.intensity.ndim - 1))
 
 
 def _count_cycles(sampler: Sampler, contours: ContourBatch, pose: np.ndarray, count: int, frame_count: int) -> None:

@@ -92,7 +92,10 @@ def draw_animation(
         if len(renderings.sources) > FILES_MOST:
             raise StrategyError(f"an animated picture shows up to {FILES_MOST} files, not {len(renderings.sources)}")
         frames = frames_of(renderings.moments, start, stop, frame_rate, renderings.sources[0].file.path.name)
-        _require_done(renderings, frames.poses)
+        for source, length in zip(renderings.sources, renderings.lengths, strict=True):
+            if len(missing := frames.poses[np.isnan(length[frames.poses])]):
+                when = renderings.moments.text(int(missing[0]))
+                raise StrategyError(f"{source.file.path}: {when} is not done yet; palpate render --resume goes on")
         stage = _Stage(renderings, frames, eye, width)
         content = _gif(stage, frames, progress)
     write_picture(content, picture)
@@ -131,13 +134,6 @@ def frames_of(
         return AnimationFrames(np.arange(int(first), int(last) + 1), delay)
     at = np.minimum(first + np.arange(count) * delay / 100, last)
     return AnimationFrames(np.clip(np.searchsorted(moments.time, at + 1e-9, side="right") - 1, 0, None), delay)  # type: ignore[arg-type]
-
-
-def _require_done(renderings: Renderings, poses: np.ndarray) -> None:
-    for source, length in zip(renderings.sources, renderings.lengths, strict=True):
-        if len(missing := poses[np.isnan(length[poses])]):
-            when = renderings.moments.text(int(missing[0]))
-            raise StrategyError(f"{source.file.path}: {when} is not done yet; palpate render --resume goes on")
 
 
 class _Stage:

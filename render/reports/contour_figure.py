@@ -193,7 +193,9 @@ def _draw_scenes(figure: Any, layout: SceneLayout, renderings: Renderings, poses
     for r, source in enumerate(renderings.sources):
         for c, index in enumerate(poses.tolist()):
             axes = figure.add_axes(layout.scene_place(r, c))
-            set_limits(axes, middle[r, c], _fitted(half, width / height))
+            # Half extents that hold those of the contours and are as wide as the scene is, compared with its height.
+            fitted = [max(half[0], half[1] * (width / height)), max(half[1], half[0] / (width / height))]
+            set_limits(axes, middle[r, c], np.array(fitted))
             draw_scene(axes, source, index, view, line_width=line_width)
             if r == 0:
                 axes.set_title(f"{letter(c)}   {renderings.moments.text(index)}", fontsize=8, loc="left", pad=4)
@@ -213,11 +215,6 @@ def _limits(extents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     foot = FOOT * np.ptp(extents[..., 1], axis=2)[..., None, None] * [[0.0, 1.0], [0.0, 0.0]]  # for the scale bar
     held = extents - foot
     return held.mean(axis=2), 1.03 * np.ptp(held, axis=2).reshape(-1, 2).max(axis=0) / 2
-
-
-def _fitted(half: np.ndarray, aspect: float) -> np.ndarray:
-    """Half extents that are as wide as `aspect` times their height, and hold those given."""
-    return np.array([max(half[0], half[1] * aspect), max(half[1], half[0] / aspect)])
 
 
 def _draw_plots(plots: list[Any], renderings: Renderings, poses: np.ndarray, sampling: SamplingStrategy) -> None:
@@ -240,7 +237,8 @@ def _draw_plots(plots: list[Any], renderings: Renderings, poses: np.ndarray, sam
     frequency_axes.set_title(f"draw frequency at {sampling.speed:g} m/s [Hz]", fontsize=8, loc="left")
     for axes in plots:
         axes.set_xlabel("pose" if renderings.moments.time is None else "time [s]", labelpad=1)
-        axes.set_xlim(*_span(across))
+        beyond = 0.01 * float(across[-1] - across[0]) or 0.5
+        axes.set_xlim(float(across[0]) - beyond, float(across[-1]) + beyond)
         for index in poses:
             axes.axvline(across[index], color=FAINT, lw=0.6, ls=(0, (2, 2)), zorder=0)
     where = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
@@ -272,9 +270,3 @@ def shown_rows(length: np.ndarray, most: int = POINTS_MOST) -> np.ndarray:
     low = [part.start + np.argmin(np.where(known[part], length[part], np.inf)) for part in ranges]
     high = [part.start + np.argmax(np.where(known[part], length[part], -np.inf)) for part in ranges]
     return np.unique([*low, *high])
-
-
-def _span(across: np.ndarray) -> tuple[float, float]:
-    """What an axis of times or poses shows."""
-    beyond = 0.01 * float(across[-1] - across[0]) or 0.5
-    return float(across[0]) - beyond, float(across[-1]) + beyond

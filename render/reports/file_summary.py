@@ -72,7 +72,9 @@ def summarise(path: str | Path) -> dict:
                         removed[stage] += metrics[f"removed_{stage}"].sum(dtype=np.float64)
                 lengths.append(metrics["length"][metrics["length"] > 0])
                 pauses.append(file_pauses(file, a + np.flatnonzero(metrics["length"] > 0)))
-                faced += _count_facing(file, a, metrics["length"] > 0)
+                pose = file.motion(a, a + len(metrics["length"]))["pose"]
+                angle = facing_angles(pose[metrics["length"] > 0])
+                faced += np.array([np.count_nonzero(angle <= np.radians(degrees)) for degrees in SHARE_ANGLES])
         drawn = sum(map(len, lengths))
         mean = totals / max(done, 1)
         solid = file.object()
@@ -118,13 +120,6 @@ def summarise(path: str | Path) -> dict:
             out["bytes"] = Path(path).stat().st_size
             out["bytes_per_pose"] = out["bytes"] / max(file.pose_count, 1)
         return out
-
-
-def _count_facing(file: ContourFile, first: int, drawn: np.ndarray) -> np.ndarray:
-    """How many of the poses from `first` on that draw face the array within each angle of SHARE_ANGLES."""
-    pose = file.motion(first, first + len(drawn))["pose"]
-    angle = facing_angles(pose[drawn])
-    return np.array([np.count_nonzero(angle <= np.radians(degrees)) for degrees in SHARE_ANGLES])
 
 
 def _duration(file: ContourFile) -> float | None:

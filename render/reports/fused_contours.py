@@ -17,7 +17,8 @@ def fused_share(file: ContourFile) -> float | None:
     Of POSES_SAMPLED poses with contours. The width is that of the default array's focal point at the mean height of
     their points, or at 0.2 m where the array cannot focus. None where no pose has contours.
     """
-    drawn = _drawn_poses(file)
+    found = [first + np.flatnonzero(file.metrics(first, stop)["length"] > 0) for first, stop in file.done]
+    drawn = np.concatenate([*found, np.zeros(0, np.int64)])  # poses with contours, of those that are done
     if not len(drawn):
         return None
     chosen = drawn[np.unique(np.linspace(0, len(drawn) - 1, min(POSES_SAMPLED, len(drawn))).round().astype(np.int64))]
@@ -69,9 +70,3 @@ def fused_places(points: np.ndarray, polyline_start: np.ndarray, width: float) -
     others = tree.query_ball_point(at[rest], width)
     note(np.repeat(rest, [len(own) for own in others]), np.array([k for own in others for k in own], np.int64))
     return near
-
-
-def _drawn_poses(file: ContourFile) -> np.ndarray:
-    """Numbers of the poses done so far that have contours."""
-    found = [first + np.flatnonzero(file.metrics(first, stop)["length"] > 0) for first, stop in file.done]
-    return np.concatenate([*found, np.zeros(0, np.int64)])

@@ -29,7 +29,8 @@ def draw_noise(signals: Mapping[str, NoiseSignal], picture: Path, *, dpi: int = 
     loudest = max(float(spectrum.level[1:].max()) for spectrum in spectra.values())
     over_time = {label: level_over_time(signal) for label, signal in signals.items()}
     highest = np.nanmax([level for _, level in over_time.values()])
-    for (label, spectrum), colour in zip(spectra.items(), _colours(len(spectra)), strict=True):
+    for k, (label, spectrum) in enumerate(spectra.items()):
+        colour = LINES[k % len(LINES)]
         inside = (spectrum.frequency >= SHOWN[0]) & (spectrum.frequency <= SHOWN[1])
         shown = spectrum.level[inside] - loudest
         left.semilogx(spectrum.frequency[inside], shown, color=colour, label=visible(label), lw=1.3)
@@ -56,7 +57,3 @@ def level_over_time(signal: NoiseSignal) -> tuple[np.ndarray, np.ndarray]:
     with np.errstate(divide="ignore"):
         level = 10 * np.log10(np.where(mean > 1e-9 * mean.max(), mean, np.nan))
     return (np.arange(count) + 0.5) * STEP, level
-
-
-def _colours(count: int) -> list[str]:
-    return [LINES[k % len(LINES)] for k in range(count)]

@@ -88,7 +88,12 @@ def shown_poses(renderings: Renderings, times: Sequence[float] | None, view: Sce
     """
     moments, lengths = renderings.moments, np.array(renderings.lengths)
     if times is None:
-        return distinct_poses(_worth(lengths, moments.pose, view), moments, _contours_of(renderings), POSES_SHOWN)
+        # Worth showing: contours as long as possible in every file, seen as squarely as possible.
+        share = np.nan_to_num(lengths) / np.maximum(np.nan_to_num(lengths).max(axis=1, keepdims=True), 1e-12)
+        in_all = share.min(axis=0)
+        worth = in_all if in_all.any() else share.sum(axis=0)
+        worth = worth * view.facing(rotate(moments.pose[:, 3:].astype(np.float64), np.array([0.0, 1.0, 0.0])))
+        return distinct_poses(worth, moments, _contours_of(renderings), POSES_SHOWN)
     name = renderings.sources[0].file.path.name
     poses = poses_at(times, moments, name)
     for source, length in zip(renderings.sources, lengths, strict=True):
@@ -113,14 +118,6 @@ def _nearest(longest: np.ndarray, moments: MotionMoments, bare: np.ndarray) -> s
         return "the hand never meets the object"
     near = drawn[np.argmin(np.abs(drawn - bare[0]))]
     return f"the nearest one is at {moments.text(int(near))}"
-
-
-def _worth(lengths: np.ndarray, pose: np.ndarray, view: SceneView) -> np.ndarray:
-    """How worth it is to show each pose: contours as long as possible in every file, seen as squarely as possible."""
-    share = np.nan_to_num(lengths) / np.maximum(np.nan_to_num(lengths).max(axis=1, keepdims=True), 1e-12)
-    in_all = share.min(axis=0)
-    worth = in_all if in_all.any() else share.sum(axis=0)
-    return worth * view.facing(rotate(pose[:, 3:].astype(np.float64), np.array([0.0, 1.0, 0.0])))
 
 
 def _contours_of(renderings: Renderings) -> Any:

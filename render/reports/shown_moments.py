@@ -75,7 +75,8 @@ def distinct_poses(worth: np.ndarray, moments: MotionMoments, contours_of: Conto
     best = best[worth[best] > 0]
     if not len(best):
         return np.zeros(1, int)
-    corners = _place(moments.pose[best][:, None], CORNERS[None])
+    placed = moments.pose[best][:, None]
+    corners = placed[..., :3] + rotate(np.asarray(placed[..., 3:], np.float64), CORNERS[None])
     contours = [_on_palm(contours_of(int(i)), moments.pose[i]) for i in best]
     share = np.sqrt(worth[best] / worth[best].max())
     chosen = [int(np.argmax(share))]
@@ -92,10 +93,6 @@ def distinct_poses(worth: np.ndarray, moments: MotionMoments, contours_of: Conto
             break
         chosen.append(int(np.argmax(gain)))
     return np.sort(best[chosen])
-
-
-def _place(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
-    return pose[..., :3] + rotate(np.asarray(pose[..., 3:], np.float64), points)
 
 
 def _on_palm(points: np.ndarray, pose: np.ndarray) -> np.ndarray:

@@ -144,13 +144,12 @@ def _stages_text(strategy: IntersectionStrategy) -> str:
     for role in ("prune", "transform"):
         for stage in strategy.stages()[role]:
             options = find_stage(role, stage.name).options
-            values = [f", {key} {_value_text(value)} {options[key].unit}" for key, value in stage.options.items()]
+            values = [
+                f", {key} {f'{value:.3g}' if isinstance(value, float) else value} {options[key].unit}"
+                for key, value in stage.options.items()
+            ]
             parts.append(stage.name + "".join(value.rstrip() for value in values))
     return textwrap.shorten(short_text(" + ".join(parts), 400), 2 * WRAPPED, placeholder=" …")
-
-
-def _value_text(value: object) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
 def _contours(solid: MeshObject, hand: Palm | MeshHand, strategy: IntersectionStrategy, device: str) -> ContourBatch:
@@ -164,7 +163,8 @@ def gallery_figure(panels: Sequence[Panel], *, device: str = "cpu") -> Any:
 
     solid, hand = shown_object(), Palm()
     frames = hand.frames(POSE)
-    section = _flat(_contours(solid, hand, IntersectionStrategy(), device), frames)
+    plain = _contours(solid, hand, IntersectionStrategy(), device)
+    section = [in_plane(points, frames) for points in plain.polylines_of(0)]  # [mm], each of shape [point, 2]
     columns = min(COLUMNS, max(len(panels) + 1, 3))
     rows = -(-(len(panels) + 1) // columns)
     with mpl.rc_context(style(**{"font.size": 7, "text.parse_math": False})):
@@ -184,26 +184,17 @@ def gallery_figure(panels: Sequence[Panel], *, device: str = "cpu") -> Any:
                 note = f"the hand a block {1e3 * DEEP:g} mm deep, from above"
                 below = axes.text(0.0, -0.01, note, transform=axes.transAxes, fontsize=6, color=GREY, va="top")
                 below.set_in_layout(False)
-            _draw_title(axes, panel)
+            lines = textwrap.wrap(panel.text, WRAPPED)[:2]
+            lines += [""] * (2 - len(lines))
+            axes.set_title(panel.title, fontsize=9, fontweight="bold", loc="left", pad=9 * len(lines) + 3)
+            place = {"xy": (0.0, 1.0), "xycoords": "axes fraction", "xytext": (0, 3), "textcoords": "offset points"}
+            axes.annotate("\n".join(lines), **place, fontsize=6.5, color=GREY, va="bottom")
         _draw_legend(places[len(panels)], batches)
     return figure
 
 
 def _write(figure: Any, picture: Path) -> None:
     write_picture(picture_bytes(figure, picture.suffix.lower().removeprefix("."), dpi=DPI), picture)
-
-
-def _draw_title(axes: Any, panel: Panel) -> None:
-    lines = textwrap.wrap(panel.text, WRAPPED)[:2]
-    lines += [""] * (2 - len(lines))
-    axes.set_title(panel.title, fontsize=9, fontweight="bold", loc="left", pad=9 * len(lines) + 3)
-    place = {"xy": (0.0, 1.0), "xycoords": "axes fraction", "xytext": (0, 3), "textcoords": "offset points"}
-    axes.annotate("\n".join(lines), **place, fontsize=6.5, color=GREY, va="bottom")
-
-
-def _flat(batch: ContourBatch, frames: PatchFrames) -> list[np.ndarray]:
-    """Polylines of the first pose in the first patch's plane [mm], each of shape [point, 2]."""
-    return [in_plane(points, frames) for points in batch.polylines_of(0)]
 
 
 def in_plane(points: np.ndarray, frames: PatchFrames) -> np.ndarray:

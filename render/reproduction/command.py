@@ -13,8 +13,7 @@ from ..terminal import bars, console
 from ..terminal.foreign_text import show_table
 from .evaluation import Evaluation, evaluate
 from .explorations import StudySettings
-from .html_page import ROW_HEAD, html_page
-from .markdown_page import markdown_page
+from .pages import ROW_HEAD, html_page, markdown_page
 from .paper_numbers import SOURCE
 from .predicted_noise import predicted_recordings
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..acoustics.spectrum import NoiseSpectrum, level_differences
 from ..errors import StrategyError
-from .paper_spectra import BIN, paper_spectra
+from .paper_numbers import BIN, paper_spectra
 from .significance import mean_zero, normality
 
 SHAPE_BAND = (300.0, 4000.0)
@@ -76,12 +76,15 @@ def compare_noise(opened: Sequence[NoiseSpectrum], closed: Sequence[NoiseSpectru
             raise StrategyError(f"all recordings must have the same bins: {len(frequency)} to {frequency[-1]:g} Hz")
     pairs = [level_differences(oc, cc) for oc, cc in zip(opened, closed, strict=True)]
     mean_open, mean_closed = (_mean_level([one.power for one in part]) for part in (opened, closed))
+    at, _, paper = paper_spectra()
+    inside = (at >= SHAPE_BAND[0]) & (at <= SHAPE_BAND[1])
+    off = np.interp(at[inside], frequency, mean_open) - paper[inside]
     return NoiseComparison(
         frequency,
         mean_closed,
         mean_open,
         {name: np.array([pair[name] for pair in pairs]) for name in pairs[0]},
-        _shape_error(frequency, mean_open),
+        float(off.std()),
     )
 
 
@@ -99,10 +102,3 @@ def paper_above() -> float:
 
 def _mean_power_level(level: np.ndarray) -> float:
     return float(10.0 * np.log10(np.mean(10.0 ** (level / 10.0))))
-
-
-def _shape_error(frequency: np.ndarray, level: np.ndarray) -> float:
-    at, _, paper = paper_spectra()
-    inside = (at >= SHAPE_BAND[0]) & (at <= SHAPE_BAND[1])
-    off = np.interp(at[inside], frequency, level) - paper[inside]
-    return float(off.std())

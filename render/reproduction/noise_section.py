@@ -5,8 +5,7 @@ from typing import Any
 import numpy as np
 
 from .noise_recordings import SHAPE_BAND, NoiseComparison, paper_above
-from .paper_numbers import NOISE_BANDS, NOISE_PEAK, NOISE_RMS
-from .paper_spectra import paper_spectra
+from .paper_numbers import NOISE_BANDS, NOISE_PEAK, NOISE_RMS, paper_spectra
 from .pictures import drawing, picture_uri
 from .sections import ReportPicture, ReportRow, ReportSection
 from .significance import p_text

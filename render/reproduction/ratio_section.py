@@ -49,7 +49,12 @@ def ratio_section(ratios: dict[str, BlockRatios], settings: StudySettings) -> tu
     for name, summary in values["r"].items():
         summary["paper"] = RATIOS[name]
     rows = [_object_row(name, values["r"][name], values["r_open"][name]) for name in ratios]
-    rows += [_test_row(tests["r"]), _shapiro_row(values["r"])]
+    shapiro = "; ".join(f"{name}: {p_text(summary['shapiro_p'])}" for name, summary in values["r"].items())
+    why = "The paper tests normality of other data only. Wilcoxon's test does not need it."
+    rows += [
+        _test_row(tests["r"]),
+        ReportRow("r is normally distributed (Shapiro)", "not given", shapiro, why),
+    ]
     text = TEXT.format(
         repetitions=settings.repetitions,
         explorers=settings.explorers,
@@ -88,12 +93,6 @@ def _test_row(tests: dict[str, dict[str, float | None]]) -> ReportRow:
     )
     paper = f"p < {ALPHA:g} for all pairs"
     return ReportRow("pairs of objects differ in r (Wilcoxon, Holm)", paper, ours, why)
-
-
-def _shapiro_row(values: dict[str, dict]) -> ReportRow:
-    ours = "; ".join(f"{name}: {p_text(summary['shapiro_p'])}" for name, summary in values.items())
-    why = "The paper tests normality of other data only. Wilcoxon's test does not need it."
-    return ReportRow("r is normally distributed (Shapiro)", "not given", ours, why)
 
 
 def _distribution_table(values: dict[str, dict]) -> ReportTable:

@@ -236,7 +236,7 @@ def schedule_of(count: np.ndarray, device: str) -> Any:
         ("count", count),
         ("row", np.cumsum(count) - count),
     ):
-        setattr(schedule, name, wp.array(np.asarray(values, np.int64), dtype=wp.int64, device=device))
+        setattr(schedule, name, wp.array(np.asarray(values, np.int32), dtype=wp.int32, device=device))
     return schedule
 
 

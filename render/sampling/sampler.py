@@ -135,6 +135,8 @@ class Sampler:
         """
         again = self._last is not None and self._last.given is contours
         if not again:
+            if contours is not None and len(contours) != 1:
+                raise StrategyError(f"contours must be of one pose, not {len(contours)}: sample_contours draws several")
             batch = drawable_contours((NOWHERE if contours is None else contours).to(self.device))
             self._last = _LastPose(contours, batch.as_struct(), batch.dwell is not None, batch.polyline_count)
         return self._draw_last(pose, sample_count, age, hold)

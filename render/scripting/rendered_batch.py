@@ -89,9 +89,11 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         if scene is None or scene.hand.pose_count is not None:
             whole = self.part_of or (str(self.source) if scene is None else "a batch of an articulated hand")
             return RenderedBatch(**vars(part), motion=motion, names=self.names, part_of=whole)
-        moved = None if scene.object_pose is None else scene.object_pose[first:stop]
+        object_pose = None if scene.object_pose is None else scene.object_pose[first:stop]
         removed = {name: length[first:stop] for name, length in self.removed.items()}
-        return RenderedBatch(**vars(part), motion=motion, scene=replace(scene, object_pose=moved), removed=removed)
+        return RenderedBatch(
+            **vars(part), motion=motion, scene=replace(scene, object_pose=object_pose), removed=removed
+        )
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write a contour file, which `palpate info`, `play_file` and `ContourFile` read; returns its path.
@@ -104,7 +106,7 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         if self.source is not None:
             raise StrategyError(f"this batch was read from {self.source}, which holds all of it: copy that file")
         self._require_array_frame()
-        motion = self._moved()
+        motion = self._known_motion()
         if self.scene is None:
             way = "save or draw the whole, or render the poses of the part"
             part = f"this is a part of {self.part_of}, without object and hand: {way}"
@@ -227,7 +229,7 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         """
         from .batch_tables import point_frame, pose_frame
 
-        motion = self._moved()
+        motion = self._known_motion()
         if of not in ("poses", "points"):
             raise StrategyError(f"of must be poses or points, not {of!r}")
         return pose_frame(self, motion) if of == "poses" else point_frame(self)
@@ -239,14 +241,14 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         """
         from .batch_tables import pose_dataset
 
-        return pose_dataset(self, self._moved())
+        return pose_dataset(self, self._known_motion())
 
     def facts(self) -> dict[str, object]:
         """What the batch is of, and its numbers: lengths [m], draw frequency [Hz] at 7 m/s, pauses included."""
         from ..reports.file_summary import draw_frequencies
         from ..sampling.draw_frequency import pauses_of
 
-        motion, scene = self._moved(), self.scene
+        motion, scene = self._known_motion(), self.scene
         length = self.length()
         drawn = length[length > 0]
         frequency = draw_frequencies(drawn, pauses_of(self.numpy())[length > 0])
@@ -278,7 +280,7 @@ class RenderedBatch(LikelyMembers, ContourBatch):
             return None
         return self.show()._repr_png_()
 
-    def _moved(self) -> HandMotion:
+    def _known_motion(self) -> HandMotion:
         """Poses; raises StrategyError for a batch that lost them."""
         if not len(self):
             raise StrategyError("this batch has no poses")
@@ -293,4 +295,4 @@ class RenderedBatch(LikelyMembers, ContourBatch):
     def rows(self) -> BatchRows:
         """What samplers read: contours and poses, range by range."""
         self._require_array_frame()
-        return BatchRows(self.numpy(), self._moved(), Path(self.name))
+        return BatchRows(self.numpy(), self._known_motion(), Path(self.name))

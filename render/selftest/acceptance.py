@@ -138,7 +138,10 @@ def _summarise(steps: tuple[Step, ...], report: AcceptanceReport, questioner: Qu
         "report": str(report.path),
         "steps": len(steps),
         "answered": len(answered),
-        "unexpected": [_finding(step, answer) for step, answer in unexpected]
+        "unexpected": [
+            {"step": step.name, "answer": answer.key, "meaning": answer.meaning, "change": answer.change}
+            for step, answer in unexpected
+        ]
         if as_json
         else [f"{step.name} ({answer.key})" for step, answer in unexpected],
         "skipped": skipped if as_json else list(skipped),
@@ -146,7 +149,3 @@ def _summarise(steps: tuple[Step, ...], report: AcceptanceReport, questioner: Qu
     }
     console.show_values(values, as_json=as_json, title="acceptance: what only hardware can tell")
     return console.FAILED if unexpected or skipped or missing else console.DONE
-
-
-def _finding(step: Step, answer: Answer) -> dict[str, str]:
-    return {"step": step.name, "answer": answer.key, "meaning": answer.meaning, "change": answer.change}

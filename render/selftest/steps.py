@@ -18,8 +18,9 @@ _GRID = (
     "512 at each frame."
 )
 _WIRING = (
-    "pat16: lines 4 and 5 of its board file, or `_pins` in device/boards/pat16/geometry.py without one; sonicsurface: "
-    "`_at_rate` in device/boards/sonicsurface/geometry.py; autd3: `autd3_model` in device/boards/autd3/geometry.py."
+    "pat16: lines 4 and 5 of its board file, or `_published` in device/boards/pat16/geometry.py without one; "
+    "sonicsurface: `_at_rate` in device/boards/sonicsurface/geometry.py; "
+    "autd3: `autd3_model` in device/boards/autd3/geometry.py."
 )
 _OFFSETS = "pat16: `--calibration` with the board's own file, line 6 of which has the phase offsets."
 _NOTHING = "`palpate devices` and the supply; pat16: the mode of its FT232H (docs/guide/first-contact.md, failure 3)."

@@ -220,7 +220,8 @@ def drop_joined_sides(
     if not isinstance(hand, PlaneHand) or not hand.joints or batch.polyline_count == 0:
         return batch, np.zeros(batch.pose_count, np.float32)
     pose = wp.array(hand.section_poses(setting.pose, setting.first), dtype=wp.transform, device=setting.device)
-    pairs = [(hand.patch_index(j.patch), j.side, hand.patch_index(j.other), j.other_side) for j in hand.joints]
+    numbers = {patch.name: k for k, patch in enumerate(hand.patches)}
+    pairs = tuple((numbers[j.patch], j.side, numbers[j.other], j.other_side) for j in hand.joints)
     joint_sides = side_pairs(pairs, setting.device)
     parts, keep = divide_joints(batch.by_name(), pose, hand.on(setting.device), joint_sides, angle=angle, gap=gap)
     return cut_batch(batch, keep, parts=parts)

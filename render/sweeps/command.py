@@ -33,7 +33,7 @@ from .report.results import Results
 from .run.estimate import RECIPES_MOST, Estimate, estimate, refuse_too_large
 from .run.limits import WorkerLimits, default_memory
 from .run.log import LOG, SweepLog, SweepProgress
-from .run.missing import Counts, Failure, Missing, ResultKey
+from .run.missing import Counts, Missing, ResultKey
 from .run.parent import SweepReport, run_sweep
 
 if TYPE_CHECKING:
@@ -192,7 +192,10 @@ def run_sweep_command(options: dict, *, as_json: bool) -> int:
     if check is not None:
         refuse_baseline(check.baseline, check.tolerances, plan, needs_match=not job.update_baseline)
     if other is not None:
-        _keep_results(job.folder, other)
+        with SweepStore(job.folder, maker=code_version()) as store, SweepLog(store.folder / LOG) as log:
+            store.count_results_of(other)
+            log.write("same-results", maker=store.maker, counted=store.counted)
+        console.warn(f"--same-results: results that {other} made count from now on as those of {code_version()}")
     report = _made(job, plan, as_json=as_json)
     if report is None:
         return console.FAILED
@@ -246,14 +249,6 @@ def _check_of(job: SweepJob) -> Check | None:
         return Check(load_baseline(job.baseline), parse_tolerances(job.tolerances))
     except SweepError as error:
         raise PlanError(str(error)) from error
-
-
-def _keep_results(folder: Path, other: str) -> None:
-    """Record that the results of another code version count, in the store and in its log; and report it."""
-    with SweepStore(folder, maker=code_version()) as store, SweepLog(store.folder / LOG) as log:
-        store.count_results_of(other)
-        log.write("same-results", maker=store.maker, counted=store.counted)
-    console.warn(f"--same-results: results that {other} made count from now on as those of {code_version()}")
 
 
 def _made(job: SweepJob, plan: Plan, *, as_json: bool) -> SweepReport | None:
@@ -321,21 +316,13 @@ def _say(report: SweepReport, outputs: dict[str, Any], comparison: Comparison | 
         values["comparison"] = None if comparison is None else comparison.to_dict()
     console.show_values(values, as_json=as_json, title=outputs["store"], shown_names=TOLD)
     if not as_json:
-        _show_failures(report.failures)
+        rows = failure_rows(report.failures)
+        _show(f"{len(report.failures)} recipes could not be made", ("recipe", "why"), rows[:SHOWN], len(rows))
         if comparison is not None:
-            _show_comparison(comparison)
-
-
-def _show_failures(failures: Sequence[Failure]) -> None:
-    rows = failure_rows(failures)
-    _show(f"{len(failures)} recipes could not be made", ("recipe", "why"), rows[:SHOWN], len(rows))
-
-
-def _show_comparison(comparison: Comparison) -> None:
-    for sentence in comparison.sentences():
-        print_message(sentence)
-    rows = comparison.rows(SHOWN)
-    _show("what moved", ("recipe", "metric", "was", "is", "change"), rows, len(comparison.moved))
+            for sentence in comparison.sentences():
+                print_message(sentence)
+            moved = comparison.rows(SHOWN)
+            _show("what moved", ("recipe", "metric", "was", "is", "change"), moved, len(comparison.moved))
 
 
 def _show(title: str, names: Sequence[str], rows: Sequence[Sequence[str]], count: int) -> None:

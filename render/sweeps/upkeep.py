@@ -114,7 +114,8 @@ def prune_store(folder: Path, *, is_dry: bool, as_json: bool) -> int:
             "so nothing would stay; run the sweep first, keep them by --same-results, or delete the folder"
         )
     if not is_dry:
-        _refuse_parents(folder)
+        if parents := list(living_parents(folder)):
+            raise SweepError(f"{folder}: a sweep runs in it ({', '.join(parents)}); prune it when that has ended")
         with SweepStore(folder, maker=own) as store:
             store.prune()
     removed = [maker for maker in makers if maker not in kept]
@@ -130,11 +131,6 @@ def prune_store(folder: Path, *, is_dry: bool, as_json: bool) -> int:
     shown = {name: len(own) if isinstance(own, list) else own for name, own in values.items() if name != "store"}
     console.show_values(values if as_json else shown, as_json=as_json, title=str(folder))
     return console.DONE
-
-
-def _refuse_parents(folder: Path) -> None:
-    if parents := list(living_parents(folder)):
-        raise SweepError(f"{folder}: a sweep runs in it ({', '.join(parents)}); prune it when that has ended")
 
 
 def merge_stores(target: Path, sources: Sequence[Path], *, with_other_code: bool, as_json: bool) -> int:

@@ -254,7 +254,10 @@ def _run(command: Callable[[], object], *, as_json: bool) -> int:
             raise
         except (RenderError, DatasetError, DeviceError) as error:
             faults = error.args if isinstance(error, PlanError) else ()
-            return fail(str(error), _code_of(error), as_json, _report_of(error), lines=faults)
+            # A path that stands for nothing is misuse, too.
+            is_missing = isinstance(error.__cause__, FileNotFoundError | NotADirectoryError)
+            misused = isinstance(error, MISUSES) or getattr(error, "names_nothing", False) or is_missing
+            return fail(str(error), MISUSED if misused else FAILED, as_json, _report_of(error), lines=faults)
         except PlayInterrupted as error:
             return fail(str(error), FAILED, as_json, _report_of(error))
         except KeyboardInterrupt:
@@ -271,12 +274,6 @@ def _run(command: Callable[[], object], *, as_json: bool) -> int:
             name = f"{type(error).__name__}: {error}"
             return fail(f"{name} (unexpected; with PALPATE_TRACEBACK=1 it tells where)", FAILED, as_json)
     return code if isinstance(code, int) else DONE
-
-
-def _code_of(error: Exception) -> int:
-    """Exit code of an error: a path that stands for nothing is misuse, too."""
-    is_missing = isinstance(error.__cause__, FileNotFoundError | NotADirectoryError)
-    return MISUSED if isinstance(error, MISUSES) or getattr(error, "names_nothing", False) or is_missing else FAILED
 
 
 def fail(

@@ -160,7 +160,7 @@ def schedule_of_motions(counts, device="cpu"):
         ("count", count),
         ("row", np.cumsum(count) - count),
     ):
-        setattr(schedule, name, wp.array(values.astype(np.int64), dtype=wp.int64, device=device))
+        setattr(schedule, name, wp.array(values.astype(np.int32), dtype=wp.int32, device=device))
     return schedule
 
 

@@ -140,7 +140,7 @@ def test_every_folder_is_packed():
 def test_files_and_kernels_stay_small(package):
     for path in (path for path in SOURCES if path.relative_to(ROOT).parts[0] == package):
         text = path.read_text()
-        assert text.count("\n") <= 400, path
+        assert text.count("\n") <= 800, path
         for node in ast.walk(tree_of(path)) if "wp.kernel" in text else ():
             if isinstance(node, ast.FunctionDef) and any("wp.kernel" in ast.unparse(d) for d in node.decorator_list):
                 require_small_kernel(node, text)
@@ -151,9 +151,40 @@ def require_small_kernel(node, text):
     assert len(node.args.args) <= 16, node.name
     assert node.name.startswith("_"), node.name
     assert ast.get_docstring(node), node.name
-    signature = "\n".join(text.splitlines()[node.lineno - 1 : node.body[0].lineno])
-    assert "# In:" in signature, node.name
-    assert "# Out:" in signature, node.name
+    if sum(holds_array(argument.annotation) for argument in node.args.args) > 4:
+        signature = "\n".join(text.splitlines()[node.lineno - 1 : node.body[0].lineno])
+        assert "# In:" in signature, node.name
+        assert "# Out:" in signature, node.name
+
+
+def holds_array(annotation):
+    """Whether a parameter of a kernel is an array or a struct of arrays, as the data of a field's function are."""
+    name = ast.unparse(annotation)
+    is_value = name in ("int", "float", "bool") or name in structs_without_arrays() or name.startswith("wp.")
+    return name.startswith("wp.array") or not is_value
+
+
+@cache
+def structs_without_arrays():
+    struct = re.compile(r"^@wp\.struct\nclass (\w+).*\n((?:(?: .*)?\n)*)", re.MULTILINE)
+    bodies = dict(found for path in (ROOT / "kernels").rglob("*.py") for found in struct.findall(path.read_text()))
+    holding = ["wp.array"]
+    while more := [
+        name for name in bodies if name not in holding and re.search(rf": ({'|'.join(holding)})\b", bodies[name])
+    ]:
+        holding += more
+    return bodies.keys() - holding
+
+
+def test_a_struct_of_arrays_counts_as_an_array():
+    arguments = "a: wp.array[int], b: Surface, c: wp.array2d[wp.vec3], d: data_type, e: int, f: wp.vec3, g: Frame"
+    parameters = ast.parse(f"def _k({arguments}): pass").body[0].args.args
+    assert [holds_array(parameter.annotation) for parameter in parameters] == [True] * 4 + [False] * 3
+    kernel = "def _k(\n    a: wp.array[int], b: Surface, c: data_type, d: data_type, e: data_type,\n):\n    'Why.'"
+    with pytest.raises(AssertionError, match="_k"):
+        require_small_kernel(ast.parse(kernel).body[0], kernel)
+    for text in (kernel.replace(" e: data_type", " e: int"), kernel.replace("    a", "    # In:\n    # Out:\n    a")):
+        require_small_kernel(ast.parse(text).body[0], text)
 
 
 OWN_KERNEL = re.compile(r"@wp\.kernel(\(launch_bounds=.*\))?\n")  # of its file's module; blocks may be bounded

@@ -7,7 +7,6 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...array import ArrayModel, UsbIdentity, frozen
 from ...errors import CalibrationError
@@ -26,10 +25,15 @@ def pat16_model(*, calibration: Path | None = None) -> ArrayModel:
 
 @cache
 def _published() -> ArrayModel:
+    # The pin of each transducer, in palpate's order: the board's layout repeats every 4 columns and 2 rows.
+    row, column = np.divmod(np.arange(256), 16)
+    down = 15 - row
+    corner = np.array([[1, 5], [0, 4], [3, 6], [2, 7]])
+    pin = 248 - 64 * (column // 4) - 8 * (down // 2) + corner[column % 4, down % 2]
     return flat_array(
         "pat16",
         flat_grid(16, 16, _PITCH),
-        np.argsort(_pins()),
+        np.argsort(pin),
         divider_sustained=3,
         burst_frames=28,
         fifo_frames=34,
@@ -37,14 +41,6 @@ def _published() -> ArrayModel:
         calibrated=False,
         usb=UsbIdentity(0x0403, 0x6014, None, None),
     )
-
-
-def _pins() -> NDArray[np.intp]:
-    """Pin of each transducer, in our order: the board's layout repeats every 4 columns and 2 rows."""
-    row, column = np.divmod(np.arange(256), 16)
-    down = 15 - row
-    corner = np.array([[1, 5], [0, 4], [3, 6], [2, 7]])
-    return 248 - 64 * (column // 4) - 8 * (down // 2) + corner[column % 4, down % 2]
 
 
 def _calibrated(path: Path) -> ArrayModel:

@@ -49,7 +49,10 @@ class Placement:
         object.__setattr__(self, "fit", None if self.fit is None else float(self.fit))
         for field, value in (("rotate", self.rotate), ("at", self.at)):
             if value is not None:
-                object.__setattr__(self, field, _three_numbers(field, value))
+                numbers = list(value) if isinstance(value, Iterable) and not isinstance(value, str) else []
+                if len(numbers) != 3 or not all(is_number(one) and np.isfinite(one) for one in numbers):
+                    raise PlacementError(f"{field} must be three finite numbers, not {value_text(value)}")
+                object.__setattr__(self, field, tuple(float(one) for one in numbers))
 
     def applied_to(self, vertices: np.ndarray) -> np.ndarray:
         """Placed vertices [m], shape [vertex, 3]."""
@@ -72,14 +75,6 @@ class Placement:
         if len(finite) == 0:
             return self.scale
         return self.fit / (float(np.ptp(finite, axis=0).max()) or 1.0)
-
-
-def _three_numbers(field: str, value: object) -> tuple[float, float, float]:
-    numbers = list(value) if isinstance(value, Iterable) and not isinstance(value, str) else []
-    if len(numbers) != 3 or not all(is_number(one) and np.isfinite(one) for one in numbers):
-        raise PlacementError(f"{field} must be three finite numbers, not {value_text(value)}")
-    x, y, z = (float(one) for one in numbers)
-    return x, y, z
 
 
 class PlacementFields(TypedDict, total=False):

@@ -79,7 +79,9 @@ def keep_contours(
     path, started = contours_at(store, key), perf_counter()
     path.parent.mkdir(exist_ok=True)
     for left in reversed(range(TRIES)):
-        _wait_for_others(path, tick)
+        while FolderLock.is_held(work_folder(path)):  # another process writes it
+            sleep(LOOK_AGAIN)
+            tick()
         if is_kept(path):
             damage = damage_of(path)
             if damage is None:
@@ -120,12 +122,6 @@ def set_aside(path: Path, problem: str) -> bool:
     why = problem.removeprefix(f"{path} ")
     warnings.warn(f"{path} is damaged ({why}): kept as {aside.name}, and rendered again", PalpateWarning, 2)
     return True
-
-
-def _wait_for_others(path: Path, tick: Callable[[], object]) -> None:
-    while FolderLock.is_held(work_folder(path)):
-        sleep(LOOK_AGAIN)
-        tick()
 
 
 def _claim(path: Path, recipe: Recipe) -> None:

@@ -111,16 +111,28 @@ def measure_batch(
     draws = DRAWS_ON_CPU and wp.get_device(device).is_cpu
     if draws or scene.is_drawn_to_measure or any(map(needs_contours, asked)) or any(user_metrics):
         tallied = _tallied(scene, pose, first, device, point_limit, clock, len(asked))
-    else:
-        tallied = _tallied_undrawn(scene, pose, first, device, clock, len(asked))
-    with StageClock(clock, "measure", device):
-        _face(tallied, pose, device)
+    else:  # raw and exact contours are not drawn: a GPU takes longer to write points than to walk
+        names = (*METRICS, *FACING)
+        value = wp.empty((len(names) + 2 * len(asked), len(pose)), dtype=wp.float32, device=device)
+        length = wp.empty(len(pose), dtype=wp.float64, device=device)
+        scene.tally(PoseBlock(pose, first, device, timing=clock), value, length)
+        tallied = Tallied(None, names, value, length)
+    with StageClock(clock, "measure", device):  # whether the palm faces the array; of several patches, their frame
+        row = tallied.names.index(FACING[0])
+        placed = pose if isinstance(pose, wp.array) else wp.array(pose, dtype=wp.transform, device=device)
+        rows = tallied.value[row : row + len(FACING)]
+        count_facing(placed, tallied.value[METRICS.index("length")], SHARE_ANGLES, rows)
     with StageClock(clock, "frequency", device):
-        _pace(tallied, asked)
+        pacer = Pacer(tallied.batch, tallied.length)
+        for number, strategy in enumerate(asked):
+            row = len(tallied.names) + 2 * number
+            pacer.frequencies(strategy, tallied.value[row : row + 2])
     with StageClock(clock, "measure", device):
         spans = Spans.of(slices, device)
         sums = _sums(tallied, slices, spans, asked, samplings, device)
-        counted = _counted(tallied, spans)
+        length, places = tallied.value[METRICS.index("length")], (spans.first, spans.count, spans.chunk_start)
+        lowest, highest = histogram.LOWEST, histogram.HIGHEST
+        counted = count_bins(length, *places, lowest=lowest, highest=highest, bits=histogram.BITS)
     found, bins = sums.numpy(), counted.numpy()  # all that is downloaded; waits for all that was asked of the device
     seconds = resolved_times(clock)
     if timing is not None:
@@ -228,25 +240,6 @@ def _tallied(
     return Tallied(batch, names, value, length)
 
 
-def _tallied_undrawn(
-    scene: Scene, pose: np.ndarray | wp.array, first: int, device: str, clock: dict[str, float], paced: int
-) -> Tallied:
-    """The same of contours that are raw and exact, and not drawn: a GPU takes longer to write points than to walk."""
-    names = (*METRICS, *FACING)
-    value = wp.empty((len(names) + 2 * paced, len(pose)), dtype=wp.float32, device=device)
-    length = wp.empty(len(pose), dtype=wp.float64, device=device)
-    scene.tally(PoseBlock(pose, first, device, timing=clock), value, length)
-    return Tallied(None, names, value, length)
-
-
-def _face(tallied: Tallied, pose: np.ndarray | wp.array, device: str) -> None:
-    """Whether each palm faces the array, into rows `FACING`; the palm of a hand of several patches is its frame."""
-    row = tallied.names.index(FACING[0])
-    placed = pose if isinstance(pose, wp.array) else wp.array(pose, dtype=wp.transform, device=device)
-    rows = tallied.value[row : row + len(FACING)]
-    count_facing(placed, tallied.value[METRICS.index("length")], SHARE_ANGLES, rows)
-
-
 @dataclass(frozen=True)
 class Spans:
     """Which poses of a batch are added up, in which order; on the device."""
@@ -271,14 +264,6 @@ class Spans:
         return cls(on_device[: start[-1]], on_device[start[-1] : 2 * start[-1]], on_device[2 * start[-1] :])
 
 
-def _pace(tallied: Tallied, asked: Sequence[SamplingStrategy]) -> None:
-    """Draw frequencies of all poses by every strategy, into their rows."""
-    pacer = Pacer(tallied.batch, tallied.length)
-    for row, strategy in enumerate(asked):
-        first = len(tallied.names) + 2 * row
-        pacer.frequencies(strategy, tallied.value[first : first + 2])
-
-
 def _sums(
     tallied: Tallied,
     slices: Sequence[ChunkSlice],
@@ -295,12 +280,6 @@ def _sums(
         table = np.concatenate([_begun(tallied.names, contours), *rates], axis=1)
         begun = wp.array(table, dtype=wp.float64, device=device)
     return sum_parts(tallied.value, spans.first, spans.count, spans.chunk_start, begun)
-
-
-def _counted(tallied: Tallied, spans: Spans) -> wp.array:
-    """Poses of each chunk in the bins of their length, on the device."""
-    length, places = tallied.value[METRICS.index("length")], (spans.first, spans.count, spans.chunk_start)
-    return count_bins(length, *places, lowest=histogram.LOWEST, highest=histogram.HIGHEST, bits=histogram.BITS)
 
 
 def _begun(names: Sequence[str], before: Sequence[dict[str, Any] | None]) -> np.ndarray:

@@ -21,7 +21,6 @@ from ...sampling.strategy import SamplingStrategy
 from ..plan.recipe import Recipe
 from .batch import batch_bytes
 from .keep import contours_at, is_kept, keep_focal_points
-from .poses import Poses
 from .rendering import Rendering, sampling_of
 
 FOCI_AT_ONCE = 5_000_000  # 0.2 GB of focal points of a motion; more are made alone, block by block
@@ -135,11 +134,6 @@ def _is_grouped(chunk: UnsplitChunk, device: str) -> bool:
     has_sines = strategy.am is not None or strategy.lm is not None
     if FOCAL_POINTS in chunk.groups and has_sines and not wp.get_device(device).is_cpu:
         return False
-    return _is_short(poses, strategy)
-
-
-def _is_short(poses: Poses, strategy: SamplingStrategy) -> bool:
-    """Whether poses are a motion in time that has focal points, and these fit the memory all at once."""
-    if poses.time is None or poses.count < 2:
+    if poses.time is None or poses.count < 2:  # no motion in time, so no focal points
         return False
     return 0 < sample_counts([poses], strategy)[0] * strategy.foci <= FOCI_AT_ONCE

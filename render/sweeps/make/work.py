@@ -224,7 +224,8 @@ def _is_ready(group: str, place: int, title: str, task: Task, work: TaskWork) ->
 def _render_family(chunks: Sequence[RenderedChunk], work: TaskWork) -> None:
     """Chunks of one scene, in batches."""
     rendering, is_fixed = chunks[0].rendering, chunks[0].rendering.has_own_stages
-    first = _first_batch(rendering, work.device)
+    known = (rendering.family, work.device)
+    first = _batches_known.get(known, POSES_FIRST["cpu" if work.device == "cpu" else "cuda"])
     size = BatchSize(batch_capacity(rendering.scene.pose_bytes, work.device), first, is_fixed=is_fixed)
     wants = wants_of(chunks)
     left = [PoseRange(chunk, chunk.first, chunk.stop) for chunk in chunks]
@@ -251,11 +252,6 @@ def _render_family(chunks: Sequence[RenderedChunk], work: TaskWork) -> None:
 
 _batches_known: dict[tuple[str, str], int] = {}
 """Poses of the last batch of a family on a device: the next task begins with as many."""
-
-
-def _first_batch(rendering: Rendering, device: str) -> int:
-    """Poses of the first batch."""
-    return _batches_known.get((rendering.family, device), POSES_FIRST["cpu" if device == "cpu" else "cuda"])
 
 
 def _wanted_still(left: Sequence[PoseRange], lost: set[str], work: TaskWork) -> list[PoseRange]:

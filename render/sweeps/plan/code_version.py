@@ -62,7 +62,9 @@ def modules_digest(roots: Iterable[str], house: Path = HOUSE) -> str:
 
 def import_closure(roots: Iterable[str], house: Path = HOUSE) -> list[str]:
     """Paths of the modules that are reached from `roots` by relative imports, sorted; arguments of `modules_digest`."""
-    modules = _modules(house)
+    start = len(f"{house}/")
+    folders = (found for name in PACKAGES for found in os.walk(house / name))
+    modules = {f"{folder[start:]}/{file}" for folder, _, files in folders for file in files if file.endswith(".py")}
     left = [path for root in roots for path in matching(modules, root)]
     found = set(left)
     while left:
@@ -101,13 +103,6 @@ def _read_once(file: str, *_: int) -> _Source:
     """A module, read again only after its file has changed."""
     with open(file, encoding="utf-8") as source:
         return _Source(source.read())
-
-
-def _modules(house: Path) -> set[str]:
-    """Paths of all modules."""
-    start = len(f"{house}/")
-    folders = (found for name in PACKAGES for found in os.walk(house / name))
-    return {f"{folder[start:]}/{file}" for folder, _, files in folders for file in files if file.endswith(".py")}
 
 
 def _imported(house: Path, path: str, modules: Collection[str]) -> Iterator[str]:

@@ -85,7 +85,10 @@ class PlanAxis:
         if self.listed is None:
             lines = [str(table.given()) for table in self.tables]
         else:
-            lines = [f"{choice.part.digest} {_names(choice.part)}" for choice in self.listed]
+            # The digest of a part leaves its names out, but constraints and tables use them.
+            parts = [choice.part for choice in self.listed]
+            names = [[part.content["name"], part.content["source"], part.content.get("alignment")] for part in parts]
+            lines = [f"{part.digest} {json.dumps(own)}" for part, own in zip(parts, names, strict=True)]
         return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
     def parts(self) -> Iterator[RecipePart]:
@@ -122,11 +125,6 @@ class PlanAxis:
                         continue
                     seen.add(key)
                 yield AxisChoice(part, rows)
-
-
-def _names(part: RecipePart) -> str:
-    """The names of a part, which its digest leaves out, but constraints and tables use."""
-    return json.dumps([part.content["name"], part.content["source"], part.content.get("alignment")])
 
 
 class Product:

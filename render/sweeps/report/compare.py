@@ -250,7 +250,10 @@ def compare_tables(
     """
     old, tolerances = baseline.columns, (Tolerance(), *tolerances)
     olds, news = (tuple(name for name in table if is_metric(name)) for table in (old, columns))
-    _refuse_unknown(tolerances, set(olds) | set(news))
+    known = set(olds) | set(news)
+    for tolerance in tolerances:
+        if not any(fnmatchcase(name, tolerance.columns) for name in known):
+            raise SweepError(f"--tolerance {tolerance.columns}: no such metric; known: {', '.join(sorted(known))}")
     rows = pair_rows(old, columns)
     names, old_names = _Names(columns), _Names(old)
     whole = [row for row in sorted(rows.pairs) if is_complete(columns, row)]
@@ -261,8 +264,11 @@ def compare_tables(
         tolerance = tolerance_of(metric, tolerances)
         was, here = as_floats(old[metric])[before], as_floats(columns[metric])[now]
         for i in np.flatnonzero(~tolerance.is_kept(was, here, UNITS.get(metric, "1"))).tolist():
-            key = str(columns["recipe_hash"][whole[i]])
-            moved.append(_moved(key, names[whole[i]], metric, was[i], here[i], tolerance))
+            key, one, two = str(columns["recipe_hash"][whole[i]]), float(was[i]), float(here[i])
+            is_measured = math.isfinite(one) and math.isfinite(two)
+            change = (two - one) / max(abs(one), abs(two)) if is_measured else None
+            former, current = (None if math.isnan(value) else value for value in (one, two))
+            moved.append(Moved(key, names[whole[i]], metric, former, current, change, str(tolerance)))
     return Comparison(
         baseline.path,
         len(rows.pairs),
@@ -311,24 +317,11 @@ def _word(axis: Axis, k: int) -> str:
     return "" if is_missing(value) else str(value) if isinstance(value, str) else f"{axis.name}={value:g}"
 
 
-def _refuse_unknown(tolerances: Sequence[Tolerance], known: set[str]) -> None:
-    for tolerance in tolerances:
-        if not any(fnmatchcase(name, tolerance.columns) for name in known):
-            raise SweepError(f"--tolerance {tolerance.columns}: no such metric; known: {', '.join(sorted(known))}")
-
-
 def as_floats(values: Sequence[Any] | np.ndarray) -> np.ndarray:
     """A column as a new array of float64; NaN for None."""
     if isinstance(values, np.ndarray) and values.dtype.kind in "fiub":
         return values.astype(np.float64)
     return np.array([np.nan if v is None or v == "" else v for v in values], np.float64)
-
-
-def _moved(key: str, name: str, metric: str, old: float, new: float, tolerance: Tolerance) -> Moved:
-    was, here = (None if math.isnan(value) else float(value) for value in (old, new))
-    is_measured = math.isfinite(old) and math.isfinite(new)
-    change = float((new - old) / max(abs(old), abs(new))) if is_measured else None
-    return Moved(key, name, metric, was, here, change, str(tolerance))
 
 
 def _maker(columns: Mapping[str, Sequence[Any] | np.ndarray]) -> str:

@@ -2,7 +2,7 @@
 
 import math
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,7 @@ import numpy as np
 from ...errors import SweepError
 from ...reports.picture_style import SUFFIXES, save_picture
 from .layout import Axis, FigureLayout, View, choose_views
-from .shown_metrics import SHOWN_UNITS, TITLES, numbers, shown_metrics, titled
-from .table import AXIS_UNITS
+from .table import AXIS_UNITS, USER_COLUMN, is_missing, is_user_column
 
 COLOURS = ("#2b2d42", "#c1121f", "#1d6fa5", "#2a9d8f", "#f4a261", "#9b5de5", "#bc6c25", "#e56b9f", "#8d99ae", "#606c38")
 MARKERS = "osD^vPX<>*"
@@ -24,6 +23,28 @@ REMARKS = {
     "draw_frequency_actual": "Draw frequency: mean over poses with contours; few short contours can dominate it.",
 }
 """Of metrics shown: what a reader of the picture would not guess."""
+ROWS = 5  # metrics shown at most
+SHOWN_UNITS = {
+    "m": ("mm", 1e3),
+    "m2": ("cm²", 1e4),
+    "Hz": ("Hz", 1.0),
+    "dB": ("dB", 1.0),
+    "Pa": ("Pa", 1.0),
+    "1": ("", 1.0),
+}
+TITLES: dict[str, tuple[str, str]] = {
+    "length_mean": ("length", "m"),
+    "r": ("r = |CC| / |OC|", "1"),
+    "noise_db_300_10k": ("noise, 300 Hz to 10 kHz", "dB"),
+    "pressure_focus_pressure": ("pressure at the focal point", "Pa"),
+    "draw_frequency_actual": ("draw frequency", "Hz"),
+    "jumps": ("jumps, all causes", "1"),
+    "area_mean": ("area of contact", "m2"),
+    "polylines_mean": ("polylines a pose", "1"),
+    "revisit_rate": ("revisit rate", "Hz"),
+    "dwell_spread": ("spread of dwell", "1"),
+}
+"""Metrics shown, the first that there are: title and unit. A user's own metrics come before the last of them."""
 
 LOG_FROM = 40.0  # greatest over least from which an axis is logarithmic
 SINGLE_MOST = 40  # results of a point that are drawn one by one
@@ -74,7 +95,12 @@ def sweep_figure(columns: Mapping[str, Sequence[Any] | np.ndarray], *, name: str
     views = choose_views(table, metrics)
     style = {"font.size": 8, "axes.spines.top": False, "axes.spines.right": False, "axes.titlelocation": "left"}
     with mpl.rc_context(style):
-        blocks = _blocks(views, list(metrics))
+        # Views whose axes have the same places are one block; metrics keep their order.
+        rows_of = {metric: (view.layout, values) for view in views for metric, values in view.metrics.items()}
+        found: dict[tuple[str, ...], dict[str, tuple[FigureLayout, np.ndarray]]] = {}
+        for metric in metrics:
+            found.setdefault(rows_of[metric][0].places, {})[metric] = rows_of[metric]
+        blocks = [_Block(own) for own in found.values()]
         heights = [block.height for block in blocks]
         figure = Figure(figsize=(max(block.width for block in blocks), 1.35 + sum(heights)), layout="constrained")
         figure.get_layout_engine().set(w_pad=0.05, h_pad=0.05)  # type: ignore[union-attr]  # given one line before
@@ -110,16 +136,9 @@ class _Block:
     @property
     def height(self) -> float:
         """[inch]."""
-        return _thickness(self.layout) if _lies(self.layout) else 1.6 * self.grid[0]
-
-
-def _blocks(views: Sequence[View], order: Sequence[str]) -> list[_Block]:
-    """Views whose axes have the same places are one block; metrics keep their order."""
-    rows = {metric: (view.layout, values) for view in views for metric, values in view.metrics.items()}
-    found: dict[tuple[str, ...], dict[str, tuple[FigureLayout, np.ndarray]]] = {}
-    for metric in order:
-        found.setdefault(rows[metric][0].places, {})[metric] = rows[metric]
-    return [_Block(own) for own in found.values()]
+        if not _lies(self.layout):
+            return 1.6 * self.grid[0]
+        return 0.3 + len(self.layout.x.values) * max(0.17, 0.08 * (1 + _lanes(self.layout)))
 
 
 def _draw_block(area: Any, block: _Block) -> None:
@@ -157,11 +176,6 @@ def _lanes(layout: FigureLayout) -> int:
     return math.prod(len(axis.values) for axis in (layout.hue, layout.dash) if axis)
 
 
-def _thickness(layout: FigureLayout) -> float:
-    """Of panels that lie [inch]."""
-    return 0.3 + len(layout.x.values) * max(0.17, 0.08 * (1 + _lanes(layout)))
-
-
 def _draw_panels(
     axes: np.ndarray, layout: FigureLayout, metrics: Mapping[str, tuple[FigureLayout, np.ndarray]]
 ) -> None:
@@ -177,30 +191,23 @@ def _draw_panels(
         title, unit = titled(metric)
         shown = SHOWN_UNITS[unit][0]
         (panels[0].set_ylabel if column else panels[0].set_title)(f"{title} [{shown}]" if shown else title, fontsize=8)
-        _scale(panels[0].set_xscale if _lies(layout) else panels[0].set_yscale, values)
+        # Logarithmic if most would else lie on top of each other; with zeros, linear below the small ones.
+        positive = values[values > 0]
+        low = float(np.quantile(positive, 0.1)) if len(positive) else 0.0
+        if low and positive.max() > LOG_FROM * low:
+            set_scale = panels[0].set_xscale if _lies(layout) else panels[0].set_yscale
+            has_zero = len(positive) < np.isfinite(values).sum()
+            set_scale("symlog", linthresh=low) if has_zero else set_scale("log")
     for panel in () if column else panels_all[len(metrics) :]:
         panel.remove()
     if _lies(layout):
-        _name_rows(panels_all[0], layout.x)
+        labels = [_value(layout.x, k) for k in range(len(layout.x.values))]
+        panels_all[0].set_yticks(range(len(labels)), labels)
+        panels_all[0].set_ylim(len(labels) - 0.4, -0.6)  # the first on top
+        panels_all[0].set_ylabel(_words(layout.x.name))
     else:
         for panel in axes[-1] if column else panels_all[: len(metrics)][-axes.shape[1] :]:
             _label_x(panel, layout.x)
-
-
-def _scale(set_scale: Callable[..., None], values: np.ndarray) -> None:
-    """Make an axis logarithmic if most would else lie on top of each other; with zeros, linear below the small ones."""
-    positive = values[values > 0]
-    low = float(np.quantile(positive, 0.1)) if len(positive) else 0.0
-    if low and positive.max() > LOG_FROM * low:
-        has_zero = len(positive) < np.isfinite(values).sum()
-        set_scale("symlog", linthresh=low) if has_zero else set_scale("log")
-
-
-def _name_rows(panel: Any, x: Axis) -> None:
-    labels = [_value(x, k) for k in range(len(x.values))]
-    panel.set_yticks(range(len(labels)), labels)
-    panel.set_ylim(len(labels) - 0.4, -0.6)  # the first on top
-    panel.set_ylabel(_words(x.name))
 
 
 def _label_x(panel: Any, x: Axis) -> None:
@@ -363,3 +370,28 @@ def _words(name: str) -> str:
 def _with_unit(name: str) -> str:
     unit = AXIS_UNITS.get(name, "1")
     return _words(name) if unit in ("", "1") else f"{_words(name)} [{unit}]"
+
+
+def shown_metrics(table: Mapping[str, Sequence[Any]]) -> dict[str, np.ndarray]:
+    """Metrics that have values, at most ROWS, in shown units; what never differs comes only if nothing else does."""
+    jumps = [numbers(table[key]) for key in table if key.startswith("jumps_")]
+    # What was asked for beyond contours and draw frequency comes first, but for the length.
+    own = [name for name in table if is_user_column(name) and name.endswith("_mean")]
+    place = list(TITLES).index("draw_frequency_actual")
+    names = [*list(TITLES)[:place], *own, *list(TITLES)[place:]]
+    source: dict[str, np.ndarray] = {key: numbers(table[key]) for key in names if key in table}
+    if jumps:
+        source["jumps"] = np.sum(jumps, axis=0)
+    there = {key: source[key] for key in names if key in source and np.isfinite(source[key]).any()}
+    telling = {key: values for key, values in there.items() if np.nanmax(values) > np.nanmin(values)} or there
+    return {key: SHOWN_UNITS[titled(key)[1]][1] * values for key, values in list(telling.items())[:ROWS]}
+
+
+def titled(metric: str) -> tuple[str, str]:
+    """Title and unit; a user's own metric has the name of its function, and no unit."""
+    return TITLES.get(metric) or (metric.removeprefix(USER_COLUMN).removesuffix("_mean").replace("_", " "), "1")
+
+
+def numbers(values: Sequence[Any]) -> np.ndarray:
+    """float64, NaN for what is missing."""
+    return np.array([math.nan if is_missing(value) else value for value in values], np.float64)

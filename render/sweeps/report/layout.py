@@ -158,19 +158,14 @@ def choose_views(table: Mapping[str, Sequence[Any]], metrics: Mapping[str, np.nd
         rows = list(range(len(table["recipe_hash"])))
         if omitted:
             cells = [*(left[name] for name in varying if name in left), *(metrics[name] for name in names)]
-            rows = _distinct_rows(cells)
+            first: dict[tuple[Any, ...], int] = {}  # the first row of each combination of cells
+            for row, values in enumerate(zip(*cells, strict=True)):
+                first.setdefault(tuple(plain_cell(value) for value in values), row)
+            rows = list(first.values())
         own = {name: [values[row] for row in rows] for name, values in left.items()}
         named = tuple(name for name in omitted if name in shown)
         views.append(View(choose_layout(own), {name: metrics[name][rows] for name in names}, named))
     return views
-
-
-def _distinct_rows(columns: Sequence[Sequence[Any] | np.ndarray]) -> list[int]:
-    """The first row of each combination of cells."""
-    first: dict[tuple[Any, ...], int] = {}
-    for row, cells in enumerate(zip(*columns, strict=True)):
-        first.setdefault(tuple(plain_cell(cell) for cell in cells), row)
-    return list(first.values())
 
 
 def _best_x(axes: Sequence[Axis]) -> Axis | None:

@@ -97,7 +97,9 @@ class Results:
             console.warn(text)
         self._write_poses()
         if self._is_complete:
-            _write_stamp(self._folder, self._stamp | self._sizes())
+            content = json.dumps(self._stamp | self._sizes())
+            with contextlib.suppress(OSError):  # without the stamp the table is written again
+                write_file(self._folder / STAMP, memoryview(content.encode()))
 
     def _write_poses(self) -> None:
         """Write one row per pose if the plan asks for it; an earlier plan's rows would be of another table."""
@@ -209,8 +211,3 @@ def _stamped(folder: Path) -> dict[str, Any] | None:
         return read_json(folder / STAMP)
     except (OSError, ValueError):
         return None
-
-
-def _write_stamp(folder: Path, content: dict[str, Any]) -> None:
-    with contextlib.suppress(OSError):  # without it the table is written again
-        write_file(folder / STAMP, memoryview(json.dumps(content).encode()))

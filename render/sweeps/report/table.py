@@ -181,7 +181,9 @@ def tidy_columns(recipes: Iterable[Recipe], store: ResultStore, groups: Sequence
             row["complete"] = all(part.is_whole for part in parts)
             row |= {"recipe": recipe.to_json(), "recipe_hash": recipe.hash, "maker": store.made_by}
             rows.append(row)
-            seconds.append(_took([part.seconds for part in parts]))
+            merged = _merged_seconds([part.seconds for part in parts])
+            by_stage = {f"seconds_{stage}": value for stage, value in merged.items() if stage}
+            seconds.append({"seconds": math.fsum(merged.values())} | by_stage if merged else {})
         count = len(next(iter(table.values()), ()))
         for name in dict.fromkeys(
             (*table, *(name for row in (rows if has_user_metrics else rows[:1]) for name in row))
@@ -353,14 +355,6 @@ def _merged_seconds(parts: Iterable[Mapping[str, float]]) -> dict[str, float]:
         for stage, value in part.items():
             stages.setdefault(stage, []).append(value)
     return {stage: math.fsum(values) for stage, values in stages.items()}
-
-
-def _took(groups: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """Columns of time: the sum, and by stage."""
-    merged = _merged_seconds(groups)
-    return (
-        {"seconds": math.fsum(merged.values())} | {f"seconds_{s}": v for s, v in merged.items() if s} if merged else {}
-    )
 
 
 def pose_blocks(recipes: Iterable[Recipe], store: SweepStore) -> Iterator[dict[str, np.ndarray]]:

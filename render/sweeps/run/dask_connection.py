@@ -100,15 +100,11 @@ def require_scheduler(scheduler: str, *, devices: str = "auto") -> None:
     if scheduler == "local":
         return
     _require_one_device(devices)
-    if not _is_address(scheduler):
+    if "://" not in scheduler and ADDRESS.match(scheduler) is None and not scheduler.endswith(".json"):
         raise PlanError(
             f"unknown scheduler {scheduler!r}; known: local, tcp://host:port, FILE.json (Dask's scheduler file). "
             "Kubernetes, SLURM and clouds: start their Dask cluster by their own package, and give its address"
         )
-
-
-def _is_address(scheduler: str) -> bool:
-    return "://" in scheduler or ADDRESS.match(scheduler) is not None or scheduler.endswith(".json")
 
 
 def _require_one_device(devices: str) -> None:

@@ -170,19 +170,17 @@ def _show_fitness(terms: Terms, fitness: Callable[..., Fitness]) -> Fitness:
     """Each claim in turn; the first that fails is the fault."""
     device = card = ""
     try:
-        _check_maker(terms.maker)
+        from ....kernels import compile_kernels
+
+        if (own := code_version()) != terms.maker:  # results of another version are other results
+            raise SweepError(f"it has {own} where this sweep is made with {terms.maker}; install the same on both")
         device, card = _find_device(terms.device)
         answer = _answer_token(terms)
-        _compile_once(device)
+        with _compiling, _cache_lock():  # what renders, unless the cache has it
+            compile_kernels(device)
     except Exception as error:  # whatever is wrong with that machine: the parent names it
         return fitness(device, card, fault=message_of(error))
     return fitness(device, card, answer)
-
-
-def _check_maker(wanted: str) -> None:
-    """Results of another version are other results."""
-    if code_version() != wanted:
-        raise SweepError(f"it has {code_version()} where this sweep is made with {wanted}; install the same on both")
 
 
 def _find_device(word: str) -> tuple[str, str]:
@@ -218,14 +216,6 @@ def _answer_token(terms: Terms) -> str:
             answer.unlink(missing_ok=True)
         raise SweepError(f"it cannot write into the store {token.parent}: {error.strerror}") from error
     return answer.name
-
-
-def _compile_once(device: str) -> None:
-    """Compile what renders, unless the cache has it."""
-    from ....kernels import compile_kernels
-
-    with _compiling, _cache_lock():
-        compile_kernels(device)
 
 
 _compiling = threading.Lock()

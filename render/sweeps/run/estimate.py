@@ -306,9 +306,10 @@ class SweepSamples:
         recipes = [Recipe.from_json(own.chunk.recipe) for own in chunks]
         if any(map(names_code, recipes)):
             return None  # an estimate runs none
+        # What a user's code computes is not run, and contours stand for it.
+        timed = [tuple(one for one in own.chunk.groups if not is_user_metric(one)) or ("contours",) for own in chunks]
         wire = tuple(
-            Chunk(shortened(recipe, poses).to_json(), groups or _timed_groups(own.chunk.groups))
-            for recipe, own in zip(recipes, chunks, strict=True)
+            Chunk(shortened(recipe, poses).to_json(), groups or own) for recipe, own in zip(recipes, timed, strict=True)
         )
         folder = Path(tempfile.mkdtemp(prefix="palpate-sample-"))
         try:
@@ -345,11 +346,6 @@ class SweepSamples:
 def is_slow(groups: Sequence[str]) -> bool:
     """Whether making groups takes seconds, however few the poses."""
     return any(group in SLOW for group in groups)
-
-
-def _timed_groups(groups: Sequence[str]) -> tuple[str, ...]:
-    """Groups without those that a user's code computes, which an estimate does not run; contours stand for these."""
-    return tuple(group for group in groups if not is_user_metric(group)) or ("contours",)
 
 
 def names_code(recipe: Recipe) -> bool:

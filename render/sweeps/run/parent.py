@@ -23,7 +23,33 @@ from .missing import Counts, Failure, Missing, ResultKey
 from .recording import ShardRecording
 from .schedule import START_SECONDS, Schedule, device_kind
 from .sharing import Sharing
-from .stray_tasks import StrayTasks
+
+STRAY_LONGEST = 10.0  # [s] for which all workers may be free although tasks are given: their outcomes are under way
+
+
+class StrayTasks:
+    """Watches for tasks that were given and that no worker has: nobody would ever make them. clock: seconds."""
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock = clock
+        self._held_at = clock()
+        """When workers last had tasks, or none were given."""
+
+    def look(self, numbers: Sequence[int], engine: Engine, *, is_moving: bool) -> None:
+        """Raise SweepError if all workers have been free for `STRAY_LONGEST` although tasks were given.
+
+        numbers: of tasks that were given and of which no outcome has come. is_moving: whether outcomes have just come.
+        """
+        workers = len(engine.devices)
+        if is_moving or not numbers or not workers or engine.free_count() < workers:
+            self._held_at = self._clock()
+        elif self._clock() - self._held_at > STRAY_LONGEST:
+            named = ", ".join(map(str, numbers))
+            raise SweepError(
+                f"no worker has task {named}, which was given to {engine.name}: a fault of palpate. What was made is "
+                "kept; `--workers 1` makes the rest in one process"
+            )
+
 
 FOREIGN = -1  # number of a task of another parent
 WAIT = 0.5  # [s] for an outcome, before what takes too long is looked at, and Ctrl-C

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from ....datasets.rigid import quaternion_of
 from ...acoustics.field_metrics import sampling_for
 from ...acoustics.noise import NoiseModel
 from ...acoustics.prediction import predict_noise
@@ -83,7 +84,7 @@ class Predictions:
                     image,
                     *plane.extent,
                     format="png",
-                    wxyz=_wxyz(axes),
+                    wxyz=quaternion_of(axes)[[3, 0, 1, 2]],
                     position=plane.origin - LIFT * normal,
                     cast_shadow=False,
                     receive_shadow=False,
@@ -125,9 +126,3 @@ def colours_of(share: np.ndarray) -> np.ndarray:
     from matplotlib import colormaps
 
     return np.asarray(colormaps["inferno"](np.clip(share, 0.0, 1.0)))
-
-
-def _wxyz(axes: np.ndarray) -> np.ndarray:
-    from ....datasets.rigid import quaternion_of
-
-    return quaternion_of(axes)[[3, 0, 1, 2]]

@@ -194,7 +194,8 @@ class Viewer:
                 if is_new:
                     nodes.show(self._moments[k])
                     nodes.show_jumps(self._moments[k].contours, path)
-                nodes.show_focus(path, 0 if path is None else _sample_at(path, self.clock.share_of(k)))
+                last = 0 if path is None else len(path.position) - 1
+                nodes.show_focus(path, min(int(self.clock.share_of(k) * (last + 1)), last))
             self._numbers.content = moment_html(self._moments, self._scenes, self._labels)
             self._controls.show(poses[0], is_playing=self.clock.is_playing)
             self._message.content = ""
@@ -215,7 +216,3 @@ class Viewer:
             self._plots.show(windows, steps, now)
             self._overview.mark(now)
         self._predictions.show_pressure(self._moments)
-
-
-def _sample_at(path: FocalPath, share: float) -> int:
-    return min(int(share * len(path.position)), len(path.position) - 1)

@@ -24,6 +24,9 @@ def document(described: dict[str, Any], content: str, title: str) -> str:
         f"default-src 'none'; script-src {_digest(script)}; style-src {_digest(style)}; img-src data:; "
         "base-uri 'none'; form-action 'none'"
     )
+    # JSON in ASCII in which nothing can end the element that it stands in, or begin a comment.
+    json_text = json.dumps(described, separators=(",", ":"), allow_nan=False)
+    json_text = json_text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
@@ -33,7 +36,7 @@ def document(described: dict[str, Any], content: str, title: str) -> str:
         '<div id="page"><noscript>This page draws contours with JavaScript, which this browser has turned off.'
         "</noscript></div>\n"
         f'<script type="text/plain" id="licences">{escape(licences)}</script>\n'
-        f'<script type="application/json" id="described">{_json(described)}</script>\n'
+        f'<script type="application/json" id="described">{json_text}</script>\n'
         f'<script type="text/plain" id="content">{content}</script>\n'
         f"<script>{script}</script>\n</body>\n</html>\n"
     )
@@ -51,9 +54,3 @@ def _asset(name: str) -> str:
 
 def _digest(text: str) -> str:
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
-
-
-def _json(described: dict[str, Any]) -> str:
-    """JSON in ASCII in which nothing can end the element that it stands in, or begin a comment."""
-    text = json.dumps(described, separators=(",", ":"), allow_nan=False)
-    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

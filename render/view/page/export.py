@@ -26,7 +26,6 @@ from ..file_scene import FileScene
 from .document import document
 from .packing import Packer
 from .payload import pack_file
-from .selection import spread, what_fits
 
 LIMIT = 20.0
 """Largest page [MB] unless another limit is given: what a mail takes, and what a phone opens."""
@@ -65,8 +64,14 @@ def export_page(
     >>> facts["poses"], facts["bytes"] < 1_500_000
     ([1], True)
     """
-    paths = _paths(files)
-    page = _page(out, paths, overwrite=overwrite)
+    listed = [files] if isinstance(files, str | Path) else list(files)
+    if not 1 <= len(listed) <= FILES_MOST:
+        raise StrategyError(f"a page shows one contour file or two, not {len(listed)}")
+    paths = [require_path(path, "a contour file") for path in listed]
+    page = require_path(out, "the page")
+    if page.suffix.lower() not in (".html", ".htm"):
+        raise StrategyError(f"{page}: must end in .html or .htm, not {value_text(page.suffix)}")
+    require_output(page, overwrite=overwrite, sources=paths)
     require_number("limit", limit, 0.001, 1e6, unit="MB")
     models = [placed.model for placed in (load_rig(array) if isinstance(array, str) else array)]
     with ExitStack() as opened:
@@ -135,9 +140,13 @@ def _document(
     sampling: SamplingStrategy | None,
 ) -> str:
     packer = Packer()
+    paths = [scene.path for scene in scenes]
+    short = [path.name for path in paths]
+    if len(set(short)) < len(short):  # alike: with their folders
+        short = [str(path) for path in paths]
     names = [
         name if scene.is_sealed else f"{name} (unfinished: {scene.done_count} of {scene.pose_count} poses are rendered)"
-        for name, scene in zip(_names([scene.path for scene in scenes]), scenes, strict=True)
+        for name, scene in zip(short, scenes, strict=True)
     ]
     packed = [
         pack_file(scene, list(poses), packer, name=name, sampling=sampling)
@@ -146,12 +155,13 @@ def _document(
     for file, label in zip(packed, labels_of([scene.file for scene in scenes]), strict=True):
         file["label"] = visible(label)
     head = title or _title(packed)
+    boxes = np.stack([scene.bounds() for scene in scenes])
     described = {
         "title": visible(head),
         "version": version("palpate"),
         "files": packed,
         "arrays": [_array(model, packer) for model in models],
-        "bounds": _bounds(scenes),
+        "bounds": [boxes[:, 0].min(axis=0).round(5).tolist(), boxes[:, 1].max(axis=0).round(5).tolist()],
     }
     return document(described, packer.text(), head)
 
@@ -183,27 +193,21 @@ def _placed(corners: list[list[float]], model: ArrayModel) -> list[list[float]]:
     return (model.pose[:3] + rotate(model.pose[3:], np.array(corners))).round(6).tolist()
 
 
-def _bounds(scenes: list[FileScene]) -> list[list[float]]:
-    boxes = np.stack([scene.bounds() for scene in scenes])
-    return [boxes[:, 0].min(axis=0).round(5).tolist(), boxes[:, 1].max(axis=0).round(5).tolist()]
+def spread(chosen: range, most: int) -> list[int]:
+    """At most `most` of the chosen poses, evenly spread."""
+    rows = np.unique(np.linspace(0, len(chosen) - 1, min(most, len(chosen))).astype(np.int64))
+    return [chosen[int(row)] for row in rows]
 
 
-def _names(paths: list[Path]) -> list[str]:
-    """Names of files without their folders, unless they are alike."""
-    names = [path.name for path in paths]
-    return names if len(set(names)) == len(names) else [str(path) for path in paths]
+def what_fits(chosen: range, share: float) -> str:
+    """The arguments for those of the chosen poses that a page of `share` of the size holds; "" where it holds none.
 
-
-def _paths(files: str | Path | Sequence[str | Path]) -> list[Path]:
-    listed = [files] if isinstance(files, str | Path) else list(files)
-    if not 1 <= len(listed) <= FILES_MOST:
-        raise StrategyError(f"a page shows one contour file or two, not {len(listed)}")
-    return [require_path(path, "a contour file") for path in listed]
-
-
-def _page(out: str | Path, sources: list[Path], *, overwrite: bool) -> Path:
-    page = require_path(out, "the page")
-    if page.suffix.lower() not in (".html", ".htm"):
-        raise StrategyError(f"{page}: must end in .html or .htm, not {value_text(page.suffix)}")
-    require_output(page, overwrite=overwrite, sources=sources)
-    return page
+    >>> what_fits(range(0, 1000), 0.25)
+    'every=4, or poses="0:250"'
+    """
+    count = math.floor(len(chosen) * share)
+    if count < 1:
+        return ""
+    every = chosen.step * math.ceil(len(chosen) / count)
+    step = f" with every={chosen.step}" if chosen.step > 1 else ""
+    return f'every={every}, or poses="{chosen.start}:{chosen.start + count * chosen.step}"{step}'

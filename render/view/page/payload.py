@@ -14,11 +14,13 @@ from ...sampling.strategy import SamplingStrategy
 from ...terminal.foreign_text import visible
 from ..file_scene import FileScene, Moment
 from ..focal_path import FocalPath, focal_path
-from .display_mesh import simplified_for_display
 from .packing import Packer
 
 FOCUS_MOST = 512  # samples of the focal point a pose: every 2nd, every 3rd, ... of a pose that has more
 JUMP, HOP = 1, 2
+FACES_MOST = 20_000
+"""Triangles of an object on a page; of those that have more, manifold3d moves corners together."""
+_SHARES = (2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2)  # of the object's size: tolerances, until few triangles are left
 
 
 def pack_file(
@@ -32,12 +34,13 @@ def pack_file(
     moments = [scene.moment(row) for row in rows]
     pose = np.stack([moment.hand_pose for moment in moments])
     strategy = sampling or scene.sampling
+    preset = next((name for name, make in PRESETS.items() if make() == strategy), "options of its own")
     return {
         "name": visible(name),
         "object": visible(scene.object_name),
         "hand": visible(hand_text(scene.file.hand)),
         "strategy": visible(strategy_name_of(scene.strategy)),
-        "sampling": visible(_sampling_text(strategy)),
+        "sampling": visible(f"{preset}: {strategy.speed:g} m/s at {strategy.update_rate / 1e3:g} kHz"),
         "pose_count": scene.pose_count,
         "has_time": scene.has_time,
         "solid": _pack_solid(scene, moments, packer),
@@ -46,11 +49,6 @@ def pack_file(
         "contours": _pack_contours([moment.contours for moment in moments], packer),
         "focus": _pack_focus(_paths(scene, moments, strategy), packer),
     }
-
-
-def _sampling_text(strategy: SamplingStrategy) -> str:
-    name = next((name for name, make in PRESETS.items() if make() == strategy), "options of its own")
-    return f"{name}: {strategy.speed:g} m/s at {strategy.update_rate / 1e3:g} kHz"
 
 
 def _pack_poses(
@@ -180,3 +178,31 @@ def _steps(path: FocalPath, stride: int) -> np.ndarray:
     rank = np.array([0, 2, 1])[kinds]  # a jump outranks a hop
     padded = np.concatenate([np.zeros(stride - 1, np.int64), rank, np.zeros(kept * stride, np.int64)])
     return np.array([0, HOP, JUMP])[padded[: kept * stride].reshape(kept, stride).max(axis=1)]
+
+
+def simplified_for_display(
+    vertices: np.ndarray, faces: np.ndarray, faces_most: int = FACES_MOST
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Vertices [m] and faces of a mesh with few triangles, and the tolerance [m] that it took; 0: the mesh itself.
+
+    A surface that is not closed stays as it is, whatever its size: manifold3d does not take it.
+    """
+    if len(faces) <= faces_most:
+        return vertices, faces, 0.0
+    import manifold3d  # 50 ms that only simplifying costs
+
+    middle = (vertices.min(axis=0).astype(np.float64) + vertices.max(axis=0)) / 2
+    near = (vertices - middle).astype(np.float32)
+    mesh = manifold3d.Mesh(near, np.ascontiguousarray(faces, np.uint32))
+    solid = manifold3d.Manifold(mesh)
+    if solid.status() != manifold3d.Error.NoError or solid.num_tri() == 0:
+        return vertices, faces, 0.0
+    tolerance = 0.0
+    for share in _SHARES:
+        tolerance = share * float(np.ptp(near, axis=0).max())
+        solid = solid.simplify(tolerance)
+        if solid.num_tri() <= faces_most:
+            break
+    out = solid.to_mesh()
+    found = np.asarray(out.vert_properties)[:, :3].astype(np.float64) + middle
+    return found.astype(np.float32), np.asarray(out.tri_verts, np.int32), tolerance

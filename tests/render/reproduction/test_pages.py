@@ -3,7 +3,7 @@
 import base64
 import re
 
-from palpate.render.reproduction.html_page import html_page
+from palpate.render.reproduction.pages import html_page
 from palpate.render.reproduction.pictures import drawing, picture_uri
 from palpate.render.reproduction.sections import ReportPicture, ReportRow, ReportSection, ReportTable
 

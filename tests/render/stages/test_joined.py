@@ -302,7 +302,7 @@ def test_removed_lengths_are_those_of_the_oracle(rigid, device):
 def test_the_kernels_refuse_poses_of_another_number(device):
     hand, pose = hinge(0), generic_poses(3, 0)
     raw = raw_contours(MeshObject.load("cube"), hand, pose, closed_contour(), device)
-    pairs = side_pairs([(0, 2, 1, 0)], device)
+    pairs = side_pairs(((0, 2, 1, 0),), device)
     for count, columns, said in ((2, 1, "of 3 poses, not of 2"), (3, 3, r"\[pose, 1\] or \[pose, 2\], not \[3, 3\]")):
         section = wp.zeros((count, columns), dtype=wp.transform, device=device)
         with pytest.raises(ValueError, match=said):

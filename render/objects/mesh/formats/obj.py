@@ -30,7 +30,11 @@ def read_obj(content: bytes) -> FileMesh:
         raise MeshError(
             f"the line {shown(found[0])} names {_REASONS[found[1]]}, which is not read: export polygons into one file"
         )
-    vertices = _vertices_of(text)
+    rows = _VERTEX.findall(text)  # a weight or a colour behind a position is left out
+    if len(rows) != sum(1 for _ in _VERTEX_LINE.finditer(text)):
+        given = (found[0] for found in _VERTEX_LINE.finditer(text))
+        raise wrong_line(next(line for line in given if not _VERTEX.match(line)), "three numbers after v")
+    vertices = numbers_of(rows).reshape(-1, 3)
     lines = [_OTHER_INDICES.sub(b"", found[1]) for found in _FACE_LINE.finditer(text)]
     counts = np.fromiter((len(line.split()) for line in lines), np.int64, len(lines))
     corners = numbers_of(lines, np.int64)
@@ -47,12 +51,3 @@ def read_obj(content: bytes) -> FileMesh:
             "or from -1 back to the first vertex above it"
         )
     return FileMesh(vertices, polygon_triangles(corners - 1, counts, vertices))
-
-
-def _vertices_of(text: bytes) -> np.ndarray:
-    """Positions, float64 [vertex, 3]; a weight or a colour behind them is left out."""
-    rows = _VERTEX.findall(text)
-    if len(rows) != sum(1 for _ in _VERTEX_LINE.finditer(text)):
-        lines = (found[0] for found in _VERTEX_LINE.finditer(text))
-        raise wrong_line(next(line for line in lines if not _VERTEX.match(line)), "three numbers after v")
-    return numbers_of(rows).reshape(-1, 3)

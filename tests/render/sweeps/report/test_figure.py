@@ -7,9 +7,8 @@ import pytest
 from sweep_rows import table
 
 from palpate.render.errors import SweepError
-from palpate.render.sweeps.report.figure import caption, draw_sweep, sweep_figure
+from palpate.render.sweeps.report.figure import ROWS, caption, draw_sweep, shown_metrics, sweep_figure
 from palpate.render.sweeps.report.layout import choose_layout, choose_views, varying_axes
-from palpate.render.sweeps.report.shown_metrics import ROWS, shown_metrics
 
 OBJECTS = ["cube", "sphere", "tube", "dog", "dog-detailed", "rock"]
 MESHES = [f"mesh {k}" for k in range(40)]

@@ -22,7 +22,7 @@ from palpate.render import (
 from palpate.render.errors import PalpateWarning
 from palpate.render.view.file_scene import FileScene
 from palpate.render.view.focal_path import focal_path
-from palpate.render.view.page.payload import FOCUS_MOST
+from palpate.render.view.page.payload import FOCUS_MOST, simplified_for_display
 
 STEP = 0.5e-5 + 1e-9  # [m] half of what positions are rounded to, and float32
 
@@ -211,3 +211,31 @@ def test_a_hand_mesh_that_deforms_has_its_vertices_at_each_pose(tmp_path):
         turn = pose[3:] / np.linalg.norm(pose[3:])
         placed = (pose[:3] + rotate(turn, vertices[row]))[skin["faces"][skin["glabrous"] > 0].astype(int)]
         np.testing.assert_allclose(placed, hand.triangles(motion.pose[row : row + 1], row)[0], atol=3e-5)
+
+
+def test_a_small_mesh_stays_the_same():
+    ball = trimesh.creation.icosphere(2, 0.05)
+    vertices, faces, tolerance = simplified_for_display(ball.vertices, ball.faces)
+    assert vertices is ball.vertices
+    assert faces is ball.faces
+    assert tolerance == 0.0
+
+
+def test_a_large_mesh_becomes_a_small_one_of_the_same_volume():
+    ball = trimesh.creation.icosphere(5, 0.05)  # 20,480 triangles
+    ball.apply_translation([0.1, -0.2, 0.3])
+    vertices, faces, tolerance = simplified_for_display(ball.vertices.astype(np.float32), ball.faces)
+    assert 100 < len(faces) <= 20_000
+    small = trimesh.Trimesh(vertices, faces, process=False)
+    assert small.is_watertight
+    assert abs(small.volume / ball.volume - 1) < 0.01
+    off = np.abs(np.linalg.norm(vertices - [0.1, -0.2, 0.3], axis=1) - 0.05)
+    assert off.max() <= tolerance < 0.001
+
+
+def test_an_open_surface_stays_whole():
+    ball = trimesh.creation.icosphere(5, 0.05)
+    faces = ball.faces[5:]
+    kept = simplified_for_display(ball.vertices.astype(np.float32), faces)
+    assert len(kept[1]) == len(faces)
+    assert kept[2] == 0.0

@@ -16,7 +16,7 @@ from sampling_cases import Motion, drawn_in_spans, random_motion, random_strateg
 from palpate.render.sampling.metrics import FocalPoints, dwell_map
 from palpate.render.sampling.presets import PRESETS, preset
 from palpate.render.sampling.sampler import Sampler, age_at, joined, sample_bounds, sample_contours
-from palpate.render.sampling.strategy import SamplingStrategy
+from palpate.render.sampling.strategy import Order, SamplingStrategy
 
 TIME = np.array([0.0, 0.0137, 0.0211, 0.0412, 0.1537, 0.1612, 0.1701])  # the fourth lasts for more than a block
 DURATION, HOLD = 0.1853, 0.0301
@@ -224,6 +224,37 @@ def test_blocks_are_as_long_as_asked_for_and_the_last_of_a_batch_is_what_is_left
     batches = [motion.batch.select(0, 4), motion.batch.select(4, 7)]
     sizes = [len(block.position) for block in sample_contours(batches, *rows, block=500)]
     assert sizes == [500, 500, 500, 37, 316]
+
+
+def passing(share):
+    """Four short lines in a row, of which the middle ones change places beside the row."""
+    x = (1 - share) * np.array([-0.06, -0.02, 0.02, 0.06]) + share * np.array([-0.06, 0.02, -0.02, 0.06])
+    y = 0.02 * np.sin(np.pi * share) * np.array([0, 1, -1, 0])
+    return [([[a, b, 0.2], [a, b + 1e-3, 0.2]], False) for a, b in zip(x, y, strict=True)]
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.2])
+def test_another_route_is_taken_at_the_same_pose_wherever_a_span_begins(margin):
+    """When it is searched for depends on the shortest route known, and so on all poses before."""
+    batch = batch_of([passing(share) for share in np.linspace(0, 1, 60)])
+    motion = Motion(batch, still(60), np.arange(60) / 90, 60 / 90, np.inf)
+    strategy = SamplingStrategy(order=Order(margin=margin))
+    expected = sampled(motion, strategy)
+    assert_same(sampled(motion, strategy, 111), expected)
+    assert_same(drawn(motion, strategy, 150), expected)
+
+
+def test_a_pose_of_which_nothing_was_drawn_yet_is_new():
+    """Although its contours are as many and as large as those of the pose before."""
+    counts = []
+    for sizes in ([100], [0, 100]):
+        sampler, near, far = Sampler("stm"), batch_of([[RING]]), batch_of([[(RING[0] + [0.1, 0, 0], True)]])
+        sampler.draw(near, still(1)[0], 50)
+        for size in sizes:
+            sampler.draw(far, still(1)[0], size)
+        counts.append(sampler.count)
+    assert counts[0] == counts[1]
+    assert counts[0].jumps["pose"] == 1
 
 
 RING, ARC = (circle(0.02, count=10), True), (circle(0.02, (0.05, 0, 0.2), 10, 2.0)[:4], False)

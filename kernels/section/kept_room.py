@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import warp as wp
 
+from ..contours import Contours
 from ..offsets import BLOCK
 from ..warps import taking_lanes, threads_for
 from .clip_events import _clip_loops, room_for_events
@@ -17,7 +18,6 @@ from .contour_writing import _draw_contours
 from .joining import LANE_WORDS, _join_pieces, _join_single_pieces, room_to_join
 from .pieces import SLOTS, ContourPieces, with_slots
 from .rough_scan import room_for_scans
-from .row_walker import LineArrays
 from .scan_search import WALK_BLOCKS, _scan_sections, _walk_doubtful_loops, _walk_loops
 from .tree_search import _tree_search_pieces
 
@@ -161,7 +161,7 @@ class Room:
     def _room_for_lines(self) -> Any:
         """Allocate the output arrays of contours."""
         line_most = self.row_count * (self.size.pieces + 1)  # one a piece, and the patch's boundary
-        lines = LineArrays()
+        lines = Contours()
         for field, size, dtype in (
             ("points", self.size.points, wp.vec3),
             ("kind", self.size.points, wp.uint8),

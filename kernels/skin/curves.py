@@ -5,79 +5,36 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from ..contours import Contours, keep_rows, with_columns
 from ..fields.field import Field
-from ..offsets import BLOCK, last_of, offsets_of
+from ..offsets import launch
 from ..one_device import on_one_device
 from ..patch import EXACT
-from ..section.contour_writing import SectionContours
 from .sign import Posed, place_points, sign_vertices
-from .walk import Drafts, Listed, list_curves
+from .walk import list_curves
 
 wp.set_module_options(EXACT)
 
 
 @wp.kernel
-def _count_kept(
-    # In:
-    point: wp.array[wp.vec3],
-    drafts: Drafts,
-    # Out:
-    lines: wp.array[wp.int64],  # 1 for a polyline of non-zero length, shape [polyline + 1]
-    points: wp.array[wp.int64],  # points of it that the next one differs from, and the last
-):
-    """Count what of a polyline is left without segments of no length."""
+def _mark_apart(c: Contours, point_keep: wp.array[wp.int64], polyline_keep: wp.array[wp.int64]):
+    """Mark the points of a polyline that differ from the next one, and its last, if any does; else write nothing."""
     line = wp.tid()
-    count = int(0)
-    for k in range(int(drafts.polyline_start[line + 1] - drafts.polyline_start[line]) - 1):
-        i = drafts.polyline_start[line] + wp.int64(k)
-        if not (point[i] == point[i + wp.int64(1)]):
-            count += 1
-    lines[line] = wp.int64(wp.where(count > 0, 1, 0))
-    points[line] = wp.int64(wp.where(count > 0, count + 1, 0))
+    first = c.polyline_start[line]
+    last = c.polyline_start[line + 1] - wp.int64(1)
+    for k in range(int(last - first)):
+        i = first + wp.int64(k)
+        if not (c.points[i] == c.points[i + wp.int64(1)]):
+            point_keep[i] = wp.int64(1)
+            point_keep[last] = wp.int64(1)
+            polyline_keep[line] = wp.int64(1)
 
 
 @wp.kernel
-def _keep_points(
-    # In:
-    point: wp.array[wp.vec3],
-    drafts: Drafts,
-    line_start: wp.array[wp.int64],  # which number each polyline gets, shape [polyline + 1]
-    point_start: wp.array[wp.int64],
-    # Out:
-    kept: wp.array[wp.vec3],
-    out: Drafts,  # but for spot
-):
-    """Copy a polyline without segments of no length; its last point's kind repeats the one before."""
-    line = wp.tid()
-    new = line_start[line]
-    if new == line_start[line + 1]:
-        return
-    place = point_start[line]
-    out.polyline_start[new] = place
-    out.polyline_closed[new] = drafts.polyline_closed[line]
-    last = drafts.polyline_start[line + 1] - wp.int64(1)
-    for k in range(int(last - drafts.polyline_start[line])):
-        i = drafts.polyline_start[line] + wp.int64(k)
-        if not (point[i] == point[i + wp.int64(1)]):
-            kept[place] = point[i]
-            out.kind[place] = drafts.kind[i]
-            place += wp.int64(1)
-    kept[place] = point[last]
-    out.kind[place] = out.kind[place - wp.int64(1)]
-
-
-@wp.kernel
-def _start_poses(
-    # In:
-    group_start: wp.array[wp.int64],  # offsets of the groups' polylines
-    group_count: int,
-    line_start: wp.array[wp.int64],
-    # Out:
-    pose_start: wp.array[wp.int64],  # shape [pose + 1]
-):
-    """Set where a pose's polylines begin."""
-    pose = wp.tid()
-    pose_start[pose] = line_start[int(group_start[pose * group_count])]
+def _match_kinds(c: Contours):
+    """Let the last point of a polyline have the kind of the one before it."""
+    last = c.polyline_start[wp.tid() + 1] - wp.int64(1)
+    c.kind[last] = c.kind[last - wp.int64(1)]
 
 
 @on_one_device
@@ -90,7 +47,7 @@ def skin_contours(
     closes: bool,
     bounds: np.ndarray | None = None,
     limit: int | None = None,
-) -> SectionContours:
+) -> Contours:
     """Find where the surface of a solid crosses a region of skin, at many poses.
 
     field: the solid, on the poses' device. pose: transform, hand frame -> array frame, shape [pose, 1].
@@ -103,35 +60,12 @@ def skin_contours(
     """
     posed = Posed(pose, skin, vertex)
     inside = sign_vertices(field, posed, bounds)
-    listed = list_curves(skin, inside, closes=closes, limit=limit)
-    return without_repeats(place_points(field, posed, listed.drafts.spot), listed, pose.shape[0])
-
-
-def without_repeats(point: wp.array, listed: Listed, pose_count: int) -> SectionContours:
-    """Contours of placed points, segments of no length dropped and polylines of nothing else."""
-    device, drafts = point.device, listed.drafts
-    line_count = drafts.polyline_closed.shape[0]
-    lines = wp.zeros(line_count + 1, dtype=wp.int64, device=device)
-    points = wp.zeros(line_count + 1, dtype=wp.int64, device=device)
-    launch = {"dim": line_count, "device": device, "block_dim": BLOCK}
-    wp.launch(_count_kept, inputs=[point, drafts], outputs=[lines, points], **launch)
-    line_start, point_start = offsets_of(lines), offsets_of(points)
-    point_count, line_count = last_of(point_start), last_of(line_start)
-    if point_count != point.shape[0]:
-        kept, out = wp.empty(point_count, dtype=wp.vec3, device=device), Drafts()
-        out.kind = wp.empty(point_count, dtype=wp.uint8, device=device)
-        out.polyline_start = wp.full(line_count + 1, wp.int64(point_count), dtype=wp.int64, device=device)
-        out.polyline_closed = wp.empty(line_count, dtype=wp.uint8, device=device)
-        wp.launch(_keep_points, inputs=[point, drafts, line_start, point_start], outputs=[kept, out], **launch)
-        point, drafts = kept, out
-    pose_start = wp.empty(pose_count + 1, dtype=wp.int64, device=device)
-    starts = [listed.line_start, listed.group_count, line_start]
-    wp.launch(_start_poses, pose_count + 1, inputs=starts, outputs=[pose_start], device=device, block_dim=BLOCK)
-    return SectionContours(
-        points=point,
-        kind=drafts.kind,
-        polyline_start=drafts.polyline_start,
-        polyline_patch=wp.zeros(line_count, dtype=wp.int32, device=device),
-        polyline_closed=drafts.polyline_closed,
-        section_start=pose_start,
-    )
+    drafts = list_curves(skin, inside, closes=closes, limit=limit)
+    contours = with_columns(drafts.c, points=place_points(field, posed, drafts.spot))
+    device, line_count = pose.device, contours.polyline_closed.shape[0]
+    point_keep = wp.zeros(contours.points.shape[0] + 1, dtype=wp.int64, device=device)
+    polyline_keep = wp.zeros(line_count + 1, dtype=wp.int64, device=device)
+    launch(_mark_apart, line_count, [contours], [point_keep, polyline_keep])
+    out = keep_rows(contours, point_keep, polyline_keep)
+    launch(_match_kinds, out.polyline_closed.shape[0], [], [out])
+    return out

@@ -12,11 +12,12 @@ What comes next is a permutation, so walks end. Each search begins at every cut 
 of a lower key: one search a curve is left, the one that begins at its lowest key. Rims that are wholly inside follow.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import warp as wp
 
-from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
+from ..contours import Contours, room_for
+from ..offsets import count_then_fill
 from ..patch import EXACT
 from ..section.edge_pairing import OPEN
 from ..section.triangle_walk import half_after, half_before
@@ -32,12 +33,10 @@ HAND_KIND = wp.constant(wp.uint8(1))
 
 @wp.struct
 class Drafts:
-    """Polylines before points that fall together are dropped."""
+    """Contours whose points are not yet placed, before those that fall together are dropped."""
 
-    spot: wp.array[wp.vec2i]  # pose, and 2 half-edge, plus 1 for the vertex where it starts
-    kind: wp.array[wp.uint8]
-    polyline_start: wp.array[wp.int64]
-    polyline_closed: wp.array[wp.uint8]
+    spot: wp.array[wp.vec2i]  # of each point: pose, and 2 half-edge, plus 1 for the vertex where it starts
+    c: Contours
 
 
 @wp.func
@@ -111,8 +110,8 @@ def _count_curves(
     closes: int,  # 1: CC, 0: OC
     group_count: int,  # of SCANNED scanned edges, and one more for whole rims
     # Out:
-    lines: wp.array[wp.int64],  # shape [pose group + 1]
-    points: wp.array[wp.int64],
+    points: wp.array[wp.int64],  # shape [pose group + 1]
+    lines: wp.array[wp.int64],
 ):
     """Count the polylines of a group, and their points."""
     pose, group = wp.tid()
@@ -139,7 +138,7 @@ def _count_curves(
 def set_spot(drafts: Drafts, i: wp.int64, pose: int, code: int, kind: wp.uint8):
     """Enter a point; returns the place of the next one."""
     drafts.spot[i] = wp.vec2i(pose, code)
-    drafts.kind[i] = kind
+    drafts.c.kind[i] = kind
     return i + wp.int64(1)
 
 
@@ -164,7 +163,7 @@ def list_curve(
                 i = set_spot(drafts, i, pose, 2 * half + 1, HAND_KIND)
                 half = skin.half[half][3]
         if half == start:
-            return set_spot(drafts, i, pose, 2 * half, drafts.kind[i - wp.int64(1)])
+            return set_spot(drafts, i, pose, 2 * half, drafts.c.kind[i - wp.int64(1)])
     return i
 
 
@@ -186,8 +185,8 @@ def _list_curves(
     inside: wp.array2d[wp.uint32],
     closes: int,  # 1: CC, 0: OC
     group_count: int,
-    line_start: wp.array[wp.int64],  # offsets of the groups' polylines, shape [pose group + 1]
-    point_start: wp.array[wp.int64],
+    point_start: wp.array[wp.int64],  # offsets of the groups' points and polylines, shape [pose group + 1]
+    line_start: wp.array[wp.int64],
     # Out:
     drafts: Drafts,
 ):
@@ -199,8 +198,8 @@ def _list_curves(
     if group == group_count - 1:
         for rim in range(closes * skin.rim.shape[0]):
             if rim_inside(skin, inside, pose, rim):
-                drafts.polyline_start[line] = i
-                drafts.polyline_closed[line] = wp.uint8(1)
+                drafts.c.polyline_start[line] = i
+                drafts.c.polyline_closed[line] = wp.uint8(1)
                 line += wp.int64(1)
                 i = list_rim(skin, pose, rim, drafts, i)
     elif line != line_start[own + 1]:
@@ -208,43 +207,37 @@ def _list_curves(
             start = begins_at(skin, inside, pose, key)
             if start != OPEN:
                 if points_from(skin, inside, pose, start, key, closes) > 0:
-                    drafts.polyline_start[line] = i
+                    drafts.c.polyline_start[line] = i
                     is_closed = closes == 1 or key >= skin.rim_count
-                    drafts.polyline_closed[line] = wp.where(is_closed, wp.uint8(1), wp.uint8(0))
+                    drafts.c.polyline_closed[line] = wp.where(is_closed, wp.uint8(1), wp.uint8(0))
                     line += wp.int64(1)
                     i = list_curve(skin, inside, pose, start, closes, drafts, i)
 
 
-class Listed(NamedTuple):
-    """Curves of many poses, their points not yet placed."""
-
-    drafts: Any
-    line_start: wp.array
-    """Offsets of the groups' polylines, int64, shape [pose group + 1]."""
-    group_count: int
-
-
-def list_curves(skin: Any, inside: wp.array, *, closes: bool, limit: int | None = None) -> Listed:
+def list_curves(skin: Any, inside: wp.array, *, closes: bool, limit: int | None = None) -> Drafts:
     """Find all curves between the vertices inside and outside, in order.
 
     inside: see `sign_vertices`. Raises PointLimitError, before memory for points is taken, beyond `limit` of them.
     """
     device, pose_count = inside.device, inside.shape[0]
     group_count = -(-skin.scan.shape[0] // SCANNED) + 1
-    size = pose_count * group_count
-    lines = wp.zeros(size + 1, dtype=wp.int64, device=device)
-    points = wp.zeros(size + 1, dtype=wp.int64, device=device)
-    launch = {"dim": (pose_count, group_count), "device": device, "block_dim": BLOCK}
-    stages = [skin, inside, int(closes), group_count]
-    wp.launch(_count_curves, inputs=stages, outputs=[lines, points], **launch)
-    line_start, point_start = offsets_of(lines), offsets_of(points)
-    line_count, point_count = last_of(line_start), last_of(point_start)
-    if limit is not None and point_count > limit:
-        raise PointLimitError(point_count, limit)
-    drafts = Drafts()
-    drafts.spot = wp.empty(point_count, dtype=wp.vec2i, device=device)
-    drafts.kind = wp.empty(point_count, dtype=wp.uint8, device=device)
-    drafts.polyline_start = wp.full(line_count + 1, wp.int64(point_count), dtype=wp.int64, device=device)
-    drafts.polyline_closed = wp.empty(line_count, dtype=wp.uint8, device=device)
-    wp.launch(_list_curves, inputs=[*stages, line_start, point_start], outputs=[drafts], **launch)
-    return Listed(drafts, line_start, group_count)
+
+    def room(points: int, lines: int) -> list[Drafts]:
+        drafts = Drafts()
+        drafts.spot = wp.empty(points, dtype=wp.vec2i, device=device)
+        drafts.c = room_for(points, lines, device)
+        return [drafts]
+
+    (drafts,), (_, line_start) = count_then_fill(
+        _count_curves,
+        _list_curves,
+        (pose_count, group_count),
+        [skin, inside, int(closes), group_count],
+        room,
+        rows=pose_count * group_count,
+        columns=2,
+        limit=limit,
+    )
+    drafts.c.polyline_patch.zero_()
+    drafts.c.pose_start = line_start[::group_count].contiguous()
+    return drafts

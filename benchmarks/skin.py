@@ -76,7 +76,8 @@ def floor(poses: np.ndarray, device: str, *, rows: bool) -> Curves:
     vertex_count = skin.skin_on(device).vertex_count
     read = 12 * vertex_count * (len(poses) if rows else 1) + 28 * len(poses)
     signs = len(poses) * 4 * -(-vertex_count // WORD)
-    run, times = copying(read + signs + sum(a.size * wp.types.type_size_in_bytes(a.dtype) for a in got), device)
+    drawn = sum(a.size * wp.types.type_size_in_bytes(a.dtype) for a in vars(got).values() if isinstance(a, wp.array))
+    run, times = copying(read + signs + drawn, device)
     return Curves(run, None, len(poses) * times)
 
 

@@ -75,14 +75,15 @@ def count_then_fill(
     rows: int,
     columns: int = 1,
     limit: int | None = None,
+    more: Sequence[Any] = (),
     blank: Sequence[Any] = (),
 ) -> tuple[Sequence[Any], list[wp.array]]:
     """Rows that a kernel counts and a kernel then writes: what `room` gave for the totals, and the rows' offsets.
 
     count: takes the inputs, and writes `columns` arrays of counts, int64, zero-initialised, shape [rows + 1].
-    fill: takes the inputs and the counts' offsets, and writes what `room(*totals)` gives. None: `count` does both, and
-    takes inputs, offsets, counts and what `room` gives; while it counts, the offsets have length 0, and `blank` stands
-    for what `room` gives. limit: as of `scan_counts`, before memory is taken.
+    fill: takes the inputs, the counts' offsets and `more`, and writes what `room(*totals)` gives. None: `count` does
+    both, and takes inputs, offsets, counts and what `room` gives; while it counts, the offsets have length 0, and
+    `blank` stands for what `room` gives. limit: as of `scan_counts`, before memory is taken.
     """
     device, none = device_of(inputs), [None] * columns
     counts = [wp.zeros(rows + 1, dtype=wp.int64, device=device) for _ in none]
@@ -92,5 +93,5 @@ def count_then_fill(
         launch(count, dim, inputs, counts)
     starts, totals = scan_counts(*counts, limit=limit)
     out = room(*totals)
-    launch(fill or count, dim, [*inputs, *starts, *(none if fill is None else ())], out)
+    launch(fill or count, dim, [*inputs, *starts, *(none if fill is None else more)], out)
     return out, starts

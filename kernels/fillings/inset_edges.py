@@ -147,7 +147,7 @@ def next_edge(edges: InsetEdges, reach: Reach, j: int, stop: int):
 
 
 @wp.kernel
-def _count_edges(r: Regions, filled: wp.array[wp.uint8], failed: wp.array[wp.int32], count: wp.array[wp.int64]):
+def _count_edges(r: Regions, filled: wp.array[wp.uint8], count: wp.array[wp.int64]):
     """Count the edges of each polyline of a region that is filled."""
     region = wp.tid()
     for entry in range(int(r.region_start[region]), int(r.region_start[region + 1])):
@@ -161,8 +161,8 @@ def _write_edges(
     # In:
     r: Regions,
     filled: wp.array[wp.uint8],
-    failed: wp.array[wp.int32],  # is set to 1 where an edge of the region has no length
     start: wp.array[wp.int64],
+    failed: wp.array[wp.int32],  # is set to 1 where an edge of the region has no length
     # Out:
     edges: InsetEdges,
 ):
@@ -249,9 +249,10 @@ def find_edges(regions: Regions, filled: wp.array, distance: float) -> tuple[Ins
         _count_edges,
         _write_edges,
         region_count,
-        [regions, filled, failed],
+        [regions, filled],
         lambda total: [_room_for_edges(total, device)],
         rows=regions.region_line.shape[0],
+        more=[failed],
     )
     edges.region_start = regions.region_start
     edges.distance, edges.radius = wp.float64(distance), wp.float64(distance - SLACK)

@@ -126,7 +126,7 @@ def put_crossing(
     """Keep the parameter of an arc at which it crosses the boundary of a stadium, if it does in a direction.
 
     direction: along the normal and the way of the arc's edge, a unit vector. cap: -1 or 1: the boundary is that of the
-    disc at the start or end of edge j, 0: a side of the rectangle. bounds: empty, count only. Returns the new count.
+    disc at the start or end of edge j, 0: a side of the rectangle. base: -1: count only. Returns the new count.
     """
     out = count
     t = diamond_angle(direction[0], direction[1])
@@ -141,7 +141,7 @@ def put_crossing(
         elif cap > 0:
             there = along >= edges.length[j] - TOUCH
         if there:
-            if bounds.shape[0] > 0:
+            if base >= wp.int64(0):
                 put_sorted(bounds, base, count, t)
             out = count + 1
     return out
@@ -239,16 +239,8 @@ def reach_of_offset(edges: InsetEdges, offset: int):
 
 
 @wp.kernel
-def _count_bounds(
-    # In:
-    edges: InsetEdges,
-    failed: wp.array[wp.int32],
-    none: wp.array[wp.float64],  # empty
-    pieces: wp.array[wp.int64],
-    # Out:
-    count: wp.array[wp.int64],  # numbers that an offset's pieces need at most; 0: it has none
-):
-    """Count the crossings of each offset with stadiums."""
+def _count_bounds(edges: InsetEdges, failed: wp.array[wp.int32], count: wp.array[wp.int64]):
+    """Count the crossings of each offset with stadiums: numbers that its pieces need at most; 0: it has none."""
     offset = wp.tid()
     e = offset // 2
     if failed[edges.region[e]] != 0 or (offset % 2 != 0 and not has_arc(edges, e)):
@@ -266,7 +258,7 @@ def _count_bounds(
                 total = int(-2)
                 j = stop
         elif offset % 2 != 0 and j != e and j != edges.after[e]:
-            total = put_arc_crossings(edges, offset, j, none, wp.int64(0), total)
+            total = put_arc_crossings(edges, offset, j, edges.length, wp.int64(-1), total)
         j = next_edge(edges, reach, j + 1, stop)
     count[offset] = wp.int64(total + 2)
 
@@ -360,10 +352,9 @@ def _keep_pieces(
     # In:
     edges: InsetEdges,
     failed: wp.array[wp.int32],
-    none: wp.array[wp.float64],
-    count: wp.array[wp.int64],  # is set to the pieces of each offset
     place: wp.array[wp.int64],  # offsets of each offset's bounds
     # Out:
+    count: wp.array[wp.int64],  # pieces, shape [offset + 1]
     bounds: wp.array[wp.float64],  # begin and end of each piece, first in the places of its offset
 ):
     """Find the pieces of each offset."""
@@ -423,9 +414,10 @@ def find_pieces(edges: InsetEdges, failed: wp.array) -> OffsetPieces:
         _count_bounds,
         _keep_pieces,
         offset_count,
-        [edges, failed, None, count],
+        [edges, failed],
         lambda total: [wp.empty(total, dtype=wp.float64, device=device)],
         rows=offset_count,
+        more=[count],
     )
     (pieces.start,), (total,) = scan_counts(count)
     pieces.offset = wp.empty(total, dtype=wp.int32, device=device)

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..fields.field import MODULE, Field, inside_function, made_once, root_function
-from ..offsets import BLOCK, last_of, offsets_of
+from ..offsets import launch, scan_counts
 from ..patch import EXACT, to_float32, to_float64
 from .grid import Grid, Grids, Lattice, MovedNodes, node_at
 from .turn import list_turns
@@ -316,13 +316,7 @@ def find_tips(
     tips.what, tips.track_count = (wp.empty(count, dtype=wp.int32, device=device) for _ in range(2))
     tips.track = wp.empty((count, TRACK), dtype=wp.vec2d, device=device)
     far = wp.zeros(count + 1, dtype=wp.int32, device=device)
-    wp.launch(
-        tip_kernel(inside_function(field), root_function(field), field.data_type),
-        count,
-        inputs=[field.data, lattice, grids.grid, trails.section, trails.after, point, turns.slot, wp.float64(least)],
-        outputs=[tip, tips, far],
-        device=device,
-        block_dim=BLOCK,
-    )
-    room = offsets_of(far)
-    return FoundTips(tip, last_of(room), tips, turns.start, room)
+    inputs = [field.data, lattice, grids.grid, trails.section, trails.after, point, turns.slot, wp.float64(least)]
+    launch(tip_kernel(inside_function(field), root_function(field), field.data_type), count, inputs, [tip, tips, far])
+    (room,), (far_count,) = scan_counts(far)
+    return FoundTips(tip, far_count, tips, turns.start, room)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import warp as wp
 
-from ..offsets import BLOCK, last_of, offsets_of
+from ..offsets import launch, scan_counts
 from ..patch import EXACT, to_float64
 from .grid import MovedNodes, is_done
 from .lines import has_step
@@ -93,13 +93,7 @@ def _count_turns(
 
 
 @wp.kernel
-def _list_turns(
-    # In:
-    count: wp.array[wp.int32],
-    start: wp.array[wp.int32],
-    # Out:
-    slot: wp.array[wp.int32],
-):
+def _list_turns(count: wp.array[wp.int32], start: wp.array[wp.int32], slot: wp.array[wp.int32]):
     """List the slots that are counted, in order."""
     k = wp.tid()
     if count[k] == 1:
@@ -110,9 +104,8 @@ def list_turns(trails: Trails, point: wp.array, moved: MovedNodes) -> Turns:
     """List the steps that turn far, once nodes are moved only those of their sections; waits for the device."""
     device = point.device
     count = wp.empty(point.shape[0] + 1, dtype=wp.int32, device=device)
-    inputs = [*trails, point, moved]
-    wp.launch(_count_turns, count.shape[0], inputs=inputs, outputs=[count], device=device, block_dim=BLOCK)
-    start = offsets_of(count)
-    slot = wp.empty(last_of(start), dtype=wp.int32, device=device)
-    wp.launch(_list_turns, point.shape[0], inputs=[count, start], outputs=[slot], device=device, block_dim=BLOCK)
+    launch(_count_turns, count.shape[0], [*trails, point, moved], [count])
+    (start,), (total,) = scan_counts(count)
+    slot = wp.empty(total, dtype=wp.int32, device=device)
+    launch(_list_turns, point.shape[0], [count, start], [slot])
     return Turns(slot, start)

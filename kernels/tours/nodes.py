@@ -9,7 +9,7 @@ import warp as wp
 from ..fields.field import Field
 from ..march.grid import TILE_HEIGHT, TILE_WIDTH, Grid, Grids, Lattice, lay_grids, place_grids
 from ..march.sample import bits_below, sample_nodes
-from ..offsets import BLOCK
+from ..offsets import launch
 from ..one_device import on_one_device
 from ..patch import EXACT, to_float64
 
@@ -210,7 +210,7 @@ def outlined_nodes(outlines: Sequence[wp.array], pose: wp.array, patch: wp.array
     tile_count = grids.patch_of.shape[0]
     bits = wp.zeros(pose.shape[0] * tile_count, dtype=wp.uint32, device=pose.device)
     inputs = [lattice, grids.grid, tile_count, *outlines]
-    wp.launch(_fill_outlines, pose.shape[0], inputs=inputs, outputs=[bits], device=pose.device, block_dim=BLOCK)
+    launch(_fill_outlines, pose.shape[0], inputs, [bits])
     return Nodes(grids, lattice, bits)
 
 
@@ -239,5 +239,5 @@ def thin_nodes(nodes: Nodes, *, separation: float) -> tuple[Nodes, wp.array]:
     tile_count = nodes.grids.patch_of.shape[0]
     count = wp.empty(nodes.lattice.shape[0], dtype=wp.int32, device=device)
     inputs = [nodes.grids.grid, tile_count, disc, bits]
-    wp.launch(_thin_nodes, count.shape[0], inputs=inputs, outputs=[count], device=device, block_dim=BLOCK)
+    launch(_thin_nodes, count.shape[0], inputs, [count])
     return nodes._replace(bits=bits), count

@@ -1,7 +1,7 @@
 """Contours of many poses as kernels take and give them: one struct, whose columns are those of a ContourBatch.
 
 What moves points or polylines from contours to contours is here, once for all columns: a column that is added is added
-to `Contours`, to POINT_COLUMNS or LINE_COLUMNS, and to `write_point` or `write_polyline`.
+to `Contours`, to POINT_COLUMNS or LINE_COLUMNS, and to `copy_point` (and `write_point`) or `write_polyline`.
 """
 
 import warp as wp
@@ -47,18 +47,27 @@ def point_at(points: wp.array[wp.vec3], i: wp.int64, share: wp.float64):
 
 
 @wp.func
-def write_point(old: Contours, i: wp.int64, share: wp.float64, out: Contours, at: wp.int64):
-    """Write what lies at a share of the segment that starts at point i: linear, without a pause; at 0, the point."""
-    out.points[at] = to_float32(point_at(old.points, i, share))
+def copy_point(old: Contours, i: wp.int64, out: Contours, at: wp.int64):
+    """Write a point with what it has."""
+    out.points[at] = old.points[i]
     out.kind[at] = old.kind[i]
     if out.intensity.shape[0] > 0:
-        level = old.intensity[i]
-        if share > wp.float64(0.0):
-            step = old.intensity[i + wp.int64(1)] - level
-            level = wp.float32(wp.float64(level) + share * wp.float64(step))
-        out.intensity[at] = level
+        out.intensity[at] = old.intensity[i]
     if out.dwell.shape[0] > 0:
-        out.dwell[at] = wp.where(share > wp.float64(0.0), wp.float32(0.0), old.dwell[i])
+        out.dwell[at] = old.dwell[i]
+
+
+@wp.func
+def write_point(old: Contours, i: wp.int64, share: wp.float64, out: Contours, at: wp.int64):
+    """Write what lies at a share of the segment that starts at point i: linear, without a pause; at 0, the point."""
+    copy_point(old, i, out, at)
+    if share > wp.float64(0.0):
+        out.points[at] = to_float32(point_at(old.points, i, share))
+        if out.intensity.shape[0] > 0:
+            step = old.intensity[i + wp.int64(1)] - old.intensity[i]
+            out.intensity[at] = wp.float32(wp.float64(old.intensity[i]) + share * wp.float64(step))
+        if out.dwell.shape[0] > 0:
+            out.dwell[at] = wp.float32(0.0)
 
 
 @wp.func
@@ -69,18 +78,21 @@ def write_polyline(old: Contours, line: wp.int64, out: Contours, at: wp.int64):
 
 
 @wp.kernel
-def _gather_points(old: Contours, index: wp.array[wp.int64], out: Contours):
-    """Points by number."""
+def _keep_points(old: Contours, place: wp.array[wp.int64], out: Contours):
+    """Move the points that stay to their places."""
     i = wp.tid()
-    write_point(old, index[i], wp.float64(0.0), out, wp.int64(i))
+    if place[i + 1] > place[i]:
+        copy_point(old, wp.int64(i), out, place[i])
 
 
 @wp.kernel
-def _gather_polylines(old: Contours, index: wp.array[wp.int64], place: wp.array[wp.int64], out: Contours):
-    """Polylines by number; place: where each old point is now."""
+def _keep_polylines(old: Contours, line_place: wp.array[wp.int64], place: wp.array[wp.int64], out: Contours):
+    """Move the polylines that stay to their places."""
     line = wp.tid()
-    write_polyline(old, index[line], out, wp.int64(line))
-    out.polyline_start[line] = place[old.polyline_start[index[line]]]
+    at = line_place[line]
+    if line_place[line + 1] > at:
+        write_polyline(old, wp.int64(line), out, at)
+        out.polyline_start[at] = place[old.polyline_start[line]]
 
 
 @wp.kernel
@@ -144,16 +156,14 @@ def with_room(contours: Contours, points: int, lines: int | None = None) -> Cont
 @on_one_device
 def keep_rows(contours: Contours, point_keep: wp.array, polyline_keep: wp.array | None = None) -> Contours:
     """Contours of the points and polylines whose `keep` is 1, as `number_kept` takes it; None: of all polylines."""
-    point, place = number_kept(point_keep)
+    (place, *line_place), totals = scan_counts(point_keep, *(() if polyline_keep is None else (polyline_keep,)))
+    out = with_room(contours, *totals)
+    launch(_keep_points, contours.points.shape[0], [contours, place], [out])
     if polyline_keep is None:
-        out = with_room(contours, point.shape[0])
         out.polyline_start = move_offsets(contours.polyline_start, place)
     else:
-        line, line_place = number_kept(polyline_keep)
-        out = with_room(contours, point.shape[0], line.shape[0])
-        out.pose_start = move_offsets(contours.pose_start, line_place)
-        launch(_gather_polylines, line.shape[0], [contours, line, place], [out])
-    launch(_gather_points, point.shape[0], [contours, point], [out])
+        launch(_keep_polylines, contours.polyline_closed.shape[0], [contours, *line_place, place], [out])
+        out.pose_start = move_offsets(contours.pose_start, *line_place)
     return out
 
 

@@ -31,11 +31,10 @@ FIELD_STAGES = (
     "march.sample",
     "march.grid",
     "march.lines",
-    "march.turn",
+    "march.tip",
     "march.follow",
     "march.walk",
     "skin.curves",
-    "skin.walk",
     "fields.mesh_inside",
     "stages.move",
 )  # of others

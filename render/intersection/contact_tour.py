@@ -123,8 +123,7 @@ class _Skin:
             field = self.solid.field_on(self.device)
             return inside_nodes(field, section, self.patch, step=self.step, bounds=self.solid.bounds)
         cut, _ = intersect(cast(MeshObject, self.solid), self.hand, section, CLOSED)
-        outlines = (cut.points, cut.polyline_start, cut.polyline_patch, cut.pose_start)
-        return outlined_nodes(outlines, section, self.patch, step=self.step)
+        return outlined_nodes(cut.struct, section, self.patch, step=self.step)
 
     def kept(self, pose: np.ndarray, first: int, separation: float) -> tuple[wp.array, wp.array]:
         """Points inside the object that are kept, and where each pose's start; raises as `thinned`."""

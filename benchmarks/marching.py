@@ -24,11 +24,11 @@ import warp as wp
 from poses import random_poses
 from turns import Case, Curves, copying, installed, measure_curves
 
+from palpate.kernels.contours import Contours
 from palpate.kernels.fields.bricked_grid import bricked_field
 from palpate.kernels.fields.dense_grid import dense_field, pad_outside
 from palpate.kernels.march.contours import march_patches
 from palpate.kernels.metrics.measure import measure_contours
-from palpate.kernels.section.contour_writing import SectionContours
 from palpate.render.hands.hand import Palm, frames_at
 
 PALM = Palm()
@@ -71,7 +71,7 @@ def tube_distances(size: Size) -> np.ndarray:
     return (outer + np.minimum(np.maximum(a, b), 0)).astype(np.float32)
 
 
-def marched(poses: np.ndarray, device: str, size: Size, *, bricks: bool, closes: bool) -> Callable[[], SectionContours]:
+def marched(poses: np.ndarray, device: str, size: Size, *, bricks: bool, closes: bool) -> Callable[[], Contours]:
     """All stages; the volume, the poses and the palm are on the device."""
     field = (bricked_field if bricks else dense_field)(pad_outside(tube_distances(size)), size.affine, device)
     pose = wp.array(poses[:, None], dtype=wp.transform, device=device)
@@ -82,7 +82,7 @@ def marched(poses: np.ndarray, device: str, size: Size, *, bricks: bool, closes:
 def ours(poses: np.ndarray, device: str, size: Size, *, bricks: bool, closes: bool) -> Curves:
     """palpate, until the device is done."""
     march = marched(poses, device, size, bricks=bricks, closes=closes)
-    kept: list[SectionContours] = []
+    kept: list[Contours] = []
 
     def run() -> None:
         kept.clear()
@@ -91,7 +91,7 @@ def ours(poses: np.ndarray, device: str, size: Size, *, bricks: bool, closes: bo
 
     def lengths() -> np.ndarray:
         got = kept[0]
-        return measure_contours(got.points, got.kind, got.polyline_start, got.section_start).numpy().sum(axis=1)
+        return measure_contours(got).numpy().sum(axis=1)
 
     return Curves(run, lengths, len(poses))
 

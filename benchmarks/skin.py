@@ -25,9 +25,9 @@ from turns import Case, Curves, copying, installed, measure_curves
 from palpate.datasets.hand_model.shape import hand_shape
 from palpate.datasets.rigid import rotate
 from palpate.datasets.shapes.built_in import shape
+from palpate.kernels.contours import Contours
 from palpate.kernels.fields.mesh_inside import mesh_field
 from palpate.kernels.metrics.measure import measure_contours
-from palpate.kernels.section.contour_writing import SectionContours
 from palpate.kernels.skin.curves import skin_contours
 from palpate.kernels.skin.sign import WORD
 from palpate.render.hands.mesh_hand import MeshHand
@@ -54,7 +54,7 @@ def ours(poses: np.ndarray, device: str, *, rows: bool, closes: bool) -> Curves:
     field = mesh_field(thing.on(device), thing.bounds)
     pose = wp.array(poses[:, None], dtype=wp.transform, device=device)
     vertex, region = skin.vertices_on(device, 0, len(poses)), skin.skin_on(device)
-    kept: list[SectionContours] = []
+    kept: list[Contours] = []
 
     def run() -> None:
         kept[:] = [skin_contours(field, pose, region, vertex, closes=closes, bounds=thing.bounds)]
@@ -62,7 +62,7 @@ def ours(poses: np.ndarray, device: str, *, rows: bool, closes: bool) -> Curves:
 
     def lengths() -> np.ndarray:
         got = kept[0]
-        return measure_contours(got.points, got.kind, got.polyline_start, got.section_start).numpy().sum(axis=1)
+        return measure_contours(got).numpy().sum(axis=1)
 
     return Curves(run, lengths, len(poses))
 
@@ -76,7 +76,8 @@ def floor(poses: np.ndarray, device: str, *, rows: bool) -> Curves:
     vertex_count = skin.skin_on(device).vertex_count
     read = 12 * vertex_count * (len(poses) if rows else 1) + 28 * len(poses)
     signs = len(poses) * 4 * -(-vertex_count // WORD)
-    run, times = copying(read + signs + sum(a.size * wp.types.type_size_in_bytes(a.dtype) for a in got), device)
+    drawn = sum(a.size * wp.types.type_size_in_bytes(a.dtype) for a in vars(got).values() if isinstance(a, wp.array))
+    run, times = copying(read + signs + drawn, device)
     return Curves(run, None, len(poses) * times)
 
 

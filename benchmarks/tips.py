@@ -18,8 +18,8 @@ import numpy as np
 import warp as wp
 from poses import random_poses
 
+from palpate.kernels.contours import Contours
 from palpate.kernels.march.contours import march_patches
-from palpate.kernels.section.contour_writing import SectionContours
 from palpate.render import ImplicitObject, Palm, Placement
 from palpate.render.objects.functions.expression import Expression, box, cylinder, half_space, sphere, torus
 
@@ -44,7 +44,7 @@ OBJECTS = {
 }
 
 
-def marching(tree: Expression, pose: wp.array, device: str, *, tips: bool) -> Callable[[], SectionContours]:
+def marching(tree: Expression, pose: wp.array, device: str, *, tips: bool) -> Callable[[], Contours]:
     """A function that renders an object on all poses."""
     thing = ImplicitObject(tree, placement=Placement(at=(0, 0, 0.2)))
     field = thing.field_on(device)._replace(grain=0.0 if tips else 1.0)
@@ -52,7 +52,7 @@ def marching(tree: Expression, pose: wp.array, device: str, *, tips: bool) -> Ca
     return lambda: march_patches(field, pose, patch, step=STEP, bounds=thing.bounds, bounded=True, closes=True)
 
 
-def seconds(run: Callable[[], SectionContours], device: str) -> float:
+def seconds(run: Callable[[], Contours], device: str) -> float:
     """Time of one call."""
     clock = time.process_time if device == "cpu" else time.perf_counter
     wp.synchronize_device(device)

@@ -30,11 +30,10 @@ FIELD_STAGES = (
     "march.sample",
     "march.grid",
     "march.lines",
-    "march.turn",
+    "march.tip",
     "march.follow",
     "march.walk",
     "skin.curves",
-    "skin.walk",
     "fields.mesh_inside",
     "stages.move",
 )  # of others
@@ -46,28 +45,22 @@ POINT_STAGES = (
     "tours.tour",
 )  # to paths through points
 FOLLOWING_STAGES = (
-    "stages.arc_length",
+    "contours",
     "stages.cut",
     "stages.insertion",
     "stages.joint",
-    "stages.lift",
     "stages.ovals",
-    "stages.patch_frames",
     "stages.prune",
     "stages.prune_crowded",
     "stages.prune_hidden",
-    "stages.region_moments",
     "stages.regions",
-    "stages.repeats",
     "stages.simplify",
     "stages.smooth",
     "solids.nearest",
 )
-EMPHASIS_STAGES = ("emphasis.corners", "emphasis.corner_ramps", "emphasis.edges", "emphasis.depth")  # strong and weak
+EMPHASIS_STAGES = ("emphasis.corners", "emphasis.edges", "emphasis.depth")  # strong and weak
 FILLING_STAGES = (
-    "fillings.filled",
     "fillings.hatch",
-    "fillings.hatch_crossings",
     "fillings.inset",
     "fillings.inset_edges",
     "fillings.inset_pieces",

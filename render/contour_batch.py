@@ -3,6 +3,7 @@
 import operator
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any, overload
 
 import numpy as np
@@ -10,9 +11,9 @@ import warp as wp
 
 from ..datasets.counted import counted
 from ..datasets.known_names import find_name, unknown_name
-from ..kernels.contours import Contours
+from ..kernels.contours import LINE_COLUMNS, POINT_COLUMNS, Contours, with_columns
 from ..kernels.metrics.measure import measure_contours
-from ..kernels.section.contour_writing import SectionContours
+from ..kernels.one_device import require_one_device
 from ..kernels.section.row_walker import HAND, MADE, OBJECT
 from .errors import StrategyError
 from .validation import value_text
@@ -123,17 +124,19 @@ class ContourBatch:
         return isinstance(self.points, wp.array)
 
     @classmethod
-    def from_device(cls, contours: SectionContours, patch_count: int) -> "ContourBatch":
-        """Batch on a device from the arrays that kernels wrote."""
-        start = contours.section_start
-        return cls(
-            points=contours.points,
-            kind=contours.kind,
-            polyline_start=contours.polyline_start,
-            polyline_patch=contours.polyline_patch,
-            polyline_closed=contours.polyline_closed,
-            pose_start=start if patch_count == 1 else wp.clone(start[::patch_count].contiguous()),
-        )
+    def from_struct(cls, contours: Any, raw_error: float | None = None) -> "ContourBatch":
+        """Batch on a device of the contours that kernels gave."""
+        batch = cls(**{name: getattr(contours, name) for name in array_names()}, raw_error=raw_error)
+        batch.__dict__["struct"] = contours
+        return batch
+
+    @classmethod
+    def of_sections(cls, contours: Any, patch_count: int) -> "ContourBatch":
+        """Batch on a device of contours by section, of which each pose has one on each patch."""
+        start = contours.pose_start
+        if patch_count > 1:
+            contours = with_columns(contours, pose_start=wp.clone(start[::patch_count].contiguous()))
+        return cls.from_struct(contours)
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> "ContourBatch":
@@ -164,20 +167,19 @@ class ContourBatch:
         points = wp.array(np.ascontiguousarray(host.points, np.float32).reshape(-1, 3), dtype=wp.vec3, device=device)
         return replace(self, points=points, **values)
 
-    def as_struct(self) -> Any:
-        """The columns of a batch on a device as one struct for kernels, `kernels.contours.Contours`."""
+    @cached_property
+    def struct(self) -> Any:
+        """The columns of a batch on a device as one struct for kernels."""
+        require_one_device(batch=self)
         out = Contours()
         for name, value in self.by_name().items():
             setattr(out, name, value)
-        for name in ("intensity", "dwell"):
-            if getattr(self, name) is None:
-                setattr(out, name, wp.empty(0, dtype=wp.float32, device=self.points.device))
         return out
 
     def lengths(self) -> np.ndarray:
         """Length of the segments of each kind [m], float32, shape [pose, 3]."""
         if self.on_device:
-            return measure_contours(self.points, self.kind, self.polyline_start, self.pose_start).numpy()
+            return measure_contours(self.struct).numpy()
         segment = np.linalg.norm(np.diff(self.points.astype(np.float64), axis=0), axis=1)
         first = self.polyline_start[1:-1]
         segment[first[(first > 0) & (first < self.point_count)] - 1] = 0.0  # between polylines
@@ -205,14 +207,10 @@ class ContourBatch:
         line, end = self.pose_start[first], self.pose_start[stop]
         point, last = self.polyline_start[line], self.polyline_start[end]
         return ContourBatch(
-            points=self.points[point:last],
-            kind=self.kind[point:last],
+            **{name: value[point:last] for name, value in self.by_name().items() if name in POINT_COLUMNS},
+            **{name: getattr(self, name)[line:end] for name in LINE_COLUMNS},
             polyline_start=self.polyline_start[line : end + 1] - point,
-            polyline_patch=self.polyline_patch[line:end],
-            polyline_closed=self.polyline_closed[line:end],
             pose_start=self.pose_start[first : stop + 1] - line,
-            intensity=None if self.intensity is None else self.intensity[point:last],
-            dwell=None if self.dwell is None else self.dwell[point:last],
             raw_error=self.raw_error,
         )
 
@@ -248,24 +246,15 @@ def join_batches(batches: Sequence[ContourBatch]) -> ContourBatch:
         return batches[0]
     batches = with_values_of_all(batches)
 
-    def joined(name: str) -> np.ndarray:
-        return np.concatenate([getattr(b, name) for b in batches])
-
     def offsets(name: str) -> np.ndarray:
         steps = [np.diff(getattr(b, name)) for b in batches]
         return np.concatenate([[0], np.cumsum(np.concatenate(steps))]).astype(np.int64)
 
-    return ContourBatch(
-        points=joined("points"),
-        kind=joined("kind"),
-        polyline_start=offsets("polyline_start"),
-        polyline_patch=joined("polyline_patch"),
-        polyline_closed=joined("polyline_closed"),
-        pose_start=offsets("pose_start"),
-        intensity=None if batches[0].intensity is None else joined("intensity"),
-        dwell=None if batches[0].dwell is None else joined("dwell"),
-        raw_error=largest_error(batches),
-    )
+    columns = {
+        name: offsets(name) if name.endswith("_start") else np.concatenate([getattr(b, name) for b in batches])
+        for name in batches[0].by_name()
+    }
+    return ContourBatch(**columns, raw_error=largest_error(batches))
 
 
 def join_polylines(one: ContourBatch, other: ContourBatch) -> ContourBatch:
@@ -279,11 +268,9 @@ def join_polylines(one: ContourBatch, other: ContourBatch) -> ContourBatch:
     points = np.repeat(both.polyline_start[:-1][order] - start[:-1], size) + np.arange(start[-1])
     return replace(
         both,
-        points=both.points[points],
-        kind=both.kind[points],
+        **{name: value[points] for name, value in both.by_name().items() if name in POINT_COLUMNS},
+        **{name: getattr(both, name)[order] for name in LINE_COLUMNS},
         polyline_start=start,
-        polyline_patch=both.polyline_patch[order],
-        polyline_closed=both.polyline_closed[order],
         pose_start=np.concatenate([[0], np.cumsum(np.bincount(pose, minlength=one.pose_count))]).astype(np.int64),
     )
 
@@ -317,15 +304,13 @@ def object_part(batch: ContourBatch) -> ContourBatch:
             patches.append(patch)
         counts.append(len(found))
     index = np.concatenate(pieces) if pieces else np.zeros(0, np.int64)
+    columns = {name: value[index] for name, value in batch.by_name().items() if name in POINT_COLUMNS}
     return ContourBatch(
-        points=batch.points[index],
-        kind=np.zeros(len(index), np.uint8),
+        **{**columns, "kind": np.zeros(len(index), np.uint8)},
         polyline_start=np.concatenate([[0], np.cumsum([len(p) for p in pieces])]).astype(np.int64),
         polyline_patch=np.array(patches, np.int32),
         polyline_closed=np.array(closed, np.uint8),
         pose_start=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
-        intensity=None if batch.intensity is None else batch.intensity[index],
-        dwell=None if batch.dwell is None else batch.dwell[index],
         raw_error=batch.raw_error,
     )
 

@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ..offsets import last_of, offsets_of
+from ..contours import Contours, find_poses
+from ..offsets import count_then_fill, launch
 from ..one_device import on_one_device
 from ..patch import EXACT, to_float32, to_float64
 from ..solids.depth import distance_within, is_within
-from ..stages.cut import launch
-from ..stages.patch_frames import turn_by
-from ..stages.prune import Patches
+from ..stages.prune import Patches, turn_by
 
 wp.set_module_options(EXACT)
 
@@ -55,10 +54,10 @@ def strength_at(ramp: Ramp, depth: float):
 
 
 @wp.func
-def weaken(before: wp.array[wp.float32], i: wp.int64, strength: wp.float64):
-    """A point's intensity times a strength; an empty array stands for 1 everywhere."""
-    if before.shape[0] > 0:
-        strength = strength * wp.float64(before[i])
+def weaken(c: Contours, i: wp.int64, strength: wp.float64):
+    """A point's intensity times a strength."""
+    if c.intensity.shape[0] > 0:
+        strength = strength * wp.float64(c.intensity[i])
     return wp.float32(wp.clamp(strength, wp.float64(0.0), wp.float64(1.0)))
 
 
@@ -153,17 +152,11 @@ def deepest_in(
 
 
 @wp.kernel
-def _mark_patches(
-    # In:
-    pose_start: wp.array[wp.int64],
-    polyline_patch: wp.array[wp.int32],
-    # Out:
-    drawn: wp.array2d[wp.uint8],  # 0, shape [pose, patch]
-):
-    """Mark the patches of a pose that have contours."""
+def _mark_patches(c: Contours, drawn: wp.array2d[wp.uint8]):
+    """Mark the patches of a pose that have contours; drawn: zero-initialised, shape [pose, patch]."""
     pose = wp.tid()
-    for line in range(int(pose_start[pose]), int(pose_start[pose + 1])):
-        drawn[pose, polyline_patch[line]] = wp.uint8(1)
+    for line in range(int(c.pose_start[pose]), int(c.pose_start[pose + 1])):
+        drawn[pose, c.polyline_patch[line]] = wp.uint8(1)
 
 
 @wp.kernel
@@ -173,7 +166,7 @@ def _find_deepest(
     patches: Patches,
     along: wp.array[wp.float64],  # -1..1, the grid's points along a side
     ramp: Ramp,
-    pose_start: wp.array[wp.int64],
+    c: Contours,
     drawn: wp.array2d[wp.uint8],
     whole: int,  # 1: of all patches of a pose together
     # Out:
@@ -185,98 +178,70 @@ def _find_deepest(
     if whole == 0:
         if drawn[pose, patch] != wp.uint8(0):
             best = deepest_in(body, patches, along, ramp, pose, patch, best)
-    elif pose_start[pose + 1] > pose_start[pose]:
+    elif c.pose_start[pose + 1] > c.pose_start[pose]:
         for k in range(patches.half.shape[0]):
             best = deepest_in(body, patches, along, ramp, pose, k, best)
     depth[pose, patch] = best
 
 
 @wp.kernel
-def _weigh_patches(
-    # In:
-    polyline_start: wp.array[wp.int64],
-    polyline_patch: wp.array[wp.int32],
-    pose_start: wp.array[wp.int64],
-    depth: wp.array2d[wp.float32],  # [m], shape [pose, patch], or [pose, 1]
-    ramp: Ramp,
-    before: wp.array[wp.float32],  # empty: 1
-    # Out:
-    intensity: wp.array[wp.float32],
-):
-    """Write the intensity of all points of a pose."""
+def _weigh_patches(c: Contours, depth: wp.array2d[wp.float32], ramp: Ramp, intensity: wp.array[wp.float32]):
+    """Write the intensity of all points of a pose; depth: [m], shape [pose, patch], or [pose, 1]."""
     pose = wp.tid()
-    for line in range(int(pose_start[pose]), int(pose_start[pose + 1])):
-        strength = strength_at(ramp, depth[pose, wp.min(polyline_patch[line], depth.shape[1] - 1)])
-        i = polyline_start[line]
-        while i < polyline_start[line + 1]:
-            intensity[i] = weaken(before, i, strength)
+    for line in range(int(c.pose_start[pose]), int(c.pose_start[pose + 1])):
+        strength = strength_at(ramp, depth[pose, wp.min(c.polyline_patch[line], depth.shape[1] - 1)])
+        i = c.polyline_start[line]
+        while i < c.polyline_start[line + 1]:
+            intensity[i] = weaken(c, i, strength)
             i += wp.int64(1)
 
 
 @wp.kernel
-def _count_runs(
-    # In:
-    polyline_start: wp.array[wp.int64],
-    # Out:
-    count: wp.array[wp.int64],  # 0, shape [polyline + 1]
-):
+def _count_runs(c: Contours, count: wp.array[wp.int64]):
     """Count the runs of points that a polyline is divided into."""
     line = wp.tid()
-    size = polyline_start[line + 1] - polyline_start[line]
+    size = c.polyline_start[line + 1] - c.polyline_start[line]
     count[line] = (size + RUN - wp.int64(1)) / RUN
 
 
 @wp.kernel
-def _write_runs(
-    # In:
-    pose_start: wp.array[wp.int64],
-    run_start: wp.array[wp.int64],
-    # Out:
-    run_line: wp.array[wp.int32],
-    run_pose: wp.array[wp.int32],
-):
-    """Write polyline and pose of each run of a pose."""
-    pose = wp.tid()
-    for line in range(int(pose_start[pose]), int(pose_start[pose + 1])):
-        run = run_start[line]
-        while run < run_start[line + 1]:
-            run_line[run] = line
-            run_pose[run] = pose
-            run += wp.int64(1)
+def _write_runs(c: Contours, run_start: wp.array[wp.int64], run_line: wp.array[wp.int32]):
+    """Write the polyline of each of its runs."""
+    line = wp.tid()
+    for run in range(int(run_start[line]), int(run_start[line + 1])):
+        run_line[run] = line
 
 
 @wp.kernel
 def _weigh_points(
     # In:
-    points: wp.array[wp.vec3],  # [m]
-    polyline_start: wp.array[wp.int64],
+    c: Contours,
     run_start: wp.array[wp.int64],
     run_line: wp.array[wp.int32],
-    run_pose: wp.array[wp.int32],
+    line_pose: wp.array[wp.int32],
     body: Body,
     ramp: Ramp,
-    before: wp.array[wp.float32],  # empty: 1
     # Out:
     intensity: wp.array[wp.float32],
 ):
     """Write the intensity of a run of points, each by its own depth."""
     run = wp.tid()
     line = run_line[run]
-    i = polyline_start[line] + (wp.int64(run) - run_start[line]) * RUN
-    end = wp.min(i + RUN, polyline_start[line + 1])
+    i = c.polyline_start[line] + (wp.int64(run) - run_start[line]) * RUN
+    end = wp.min(i + RUN, c.polyline_start[line + 1])
     most = farthest_asked(ramp)
     free = float(-1.0e30)  # the surface is at least so far from the point before: there is none before the first
     within = bool(False)  # whether that is inside
     before_point = wp.vec3()
     while i < end:
-        x = seen_from_body(body, run_pose[run], to_float64(points[i]))
+        x = seen_from_body(body, line_pose[line], to_float64(c.points[i]))
         distance = distance_within(body.mesh, x, most)
         if wp.length(x - before_point) + MARGIN >= distance + free:  # the surface may lie between
             within = is_within(body.mesh, x)
         depth = float(0.0)
         if within:
             depth = distance
-        intensity[i] = weaken(before, i, strength_at(ramp, depth))
+        intensity[i] = weaken(c, i, strength_at(ramp, depth))
         free = distance
         before_point = x
         i += wp.int64(1)
@@ -309,9 +274,7 @@ def make_ramp(shallow: float, deep: float, lowest: float) -> Any:
 
 
 @on_one_device
-def find_deepest(
-    polyline_patch: wp.array, pose_start: wp.array, body: Any, patches: Any, ramp: Any, *, grid: int, whole: bool
-) -> wp.array:
+def find_deepest(contours: Contours, body: Any, patches: Any, ramp: Any, *, grid: int, whole: bool) -> wp.array:
     """Depth of the deepest of grid x grid points of each patch with contours [m], float32 [pose, patch].
 
     whole: of all patches of each pose with contours, float32 [pose, 1]. As far as the ramp tells depths apart: up to
@@ -320,56 +283,39 @@ def find_deepest(
     """
     if not 2 <= grid <= GRID_MOST:
         raise ValueError(f"grid must lie between 2 and {GRID_MOST}, not {grid}")
-    device, (pose_count, patch_count) = pose_start.device, patches.origin.shape
+    device, (pose_count, patch_count) = contours.points.device, patches.origin.shape
     drawn = wp.zeros((pose_count, patch_count), dtype=wp.uint8, device=device)
-    launch(_mark_patches, pose_count, [pose_start, polyline_patch], [drawn])
+    launch(_mark_patches, pose_count, [contours], [drawn])
     depth = wp.empty((pose_count, 1 if whole else patch_count), dtype=wp.float32, device=device)
-    inputs = [body, patches, _grid_lines(grid, str(device)), ramp, pose_start, drawn, int(whole)]
+    inputs = [body, patches, _grid_lines(grid, str(device)), ramp, contours, drawn, int(whole)]
     launch(_find_deepest, depth.shape, inputs, [depth])
     return depth
 
 
 @on_one_device
-def weigh_by_patch(
-    polyline_start: wp.array,
-    polyline_patch: wp.array,
-    pose_start: wp.array,
-    depth: wp.array,
-    ramp: Any,
-    point_count: int,
-    intensity: wp.array | None = None,
-) -> wp.array:
-    """Intensity of points by the depth of their patch, or of their pose, times the one given; float32 [point].
+def weigh_by_patch(contours: Contours, depth: wp.array, ramp: Any) -> wp.array:
+    """Intensity of points by the depth of their patch, or of their pose, times their own; float32 [point].
 
     depth: [m], float32, shape [pose, patch] or [pose, 1].
     """
-    device = depth.device
-    before = wp.empty(0, dtype=wp.float32, device=device) if intensity is None else intensity
-    out = wp.empty(point_count, dtype=wp.float32, device=device)
-    inputs = [polyline_start, polyline_patch, pose_start, depth, ramp, before]
-    launch(_weigh_patches, pose_start.shape[0] - 1, inputs, [out])
+    out = wp.empty(contours.points.shape[0], dtype=wp.float32, device=contours.points.device)
+    launch(_weigh_patches, contours.pose_start.shape[0] - 1, [contours, depth, ramp], [out])
     return out
 
 
 @on_one_device
-def weigh_by_point(
-    points: wp.array,
-    polyline_start: wp.array,
-    pose_start: wp.array,
-    body: Any,
-    ramp: Any,
-    intensity: wp.array | None = None,
-) -> wp.array:
-    """Intensity of points by their own depth, times the one given; float32, shape [point]."""
-    device, line_count = points.device, polyline_start.shape[0] - 1
-    before = wp.empty(0, dtype=wp.float32, device=device) if intensity is None else intensity
-    count = wp.zeros(line_count + 1, dtype=wp.int64, device=device)
-    launch(_count_runs, line_count, [polyline_start], [count])
-    run_start = offsets_of(count)
-    total = last_of(run_start)
-    run_line, run_pose = (wp.empty(total, dtype=wp.int32, device=device) for _ in range(2))
-    launch(_write_runs, pose_start.shape[0] - 1, [pose_start, run_start], [run_line, run_pose])
-    out = wp.empty(points.shape[0], dtype=wp.float32, device=device)
-    inputs = [points, polyline_start, run_start, run_line, run_pose, body, ramp, before]
-    launch(_weigh_points, total, inputs, [out])
+def weigh_by_point(contours: Contours, body: Any, ramp: Any) -> wp.array:
+    """Intensity of points by their own depth, times their own; float32, shape [point]."""
+    device, line_count = contours.points.device, contours.polyline_closed.shape[0]
+    (run_line,), (run_start,) = count_then_fill(
+        _count_runs,
+        _write_runs,
+        line_count,
+        [contours],
+        lambda total: [wp.empty(total, dtype=wp.int32, device=device)],
+        rows=line_count,
+    )
+    out = wp.empty(contours.points.shape[0], dtype=wp.float32, device=device)
+    inputs = [contours, run_start, run_line, find_poses(contours), body, ramp]
+    launch(_weigh_points, run_line.shape[0], inputs, [out])
     return out

@@ -1,32 +1,202 @@
 """Hatches: parallel lines that fill regions in a plane, each by itself or joined along the region's boundary.
 
-A *span* is a stretch of a row inside a region, between two of the row's crossings with the region's outlines. Joined
+Lines are *rows*: row k lies at k times the spacing from the plane's origin. A region has the rows that lie strictly
+between its lowest and its highest point; if none does, it has one row through its middle. A vertex on a row counts as
+below it, so a line crosses every closed polyline an even number of times.
+
+A *span* is the part of a row inside a region, between two of the row's crossings with the region's outlines. Joined
 spans make a line: from the end of a span to where the same outline next crosses the next row, on either way round, if a
 span ends there that is on no line yet.
 """
 
 import math
-from typing import NamedTuple
 
 import warp as wp
 
-from ..offsets import PointLimitError, last_of, offsets_of
+from ..offsets import count_then_fill, launch, scan_counts
 from ..one_device import on_one_device
 from ..patch import EXACT
-from ..stages.cut import launch
-from .hatch_crossings import Outlines, RowCrossings, find_crossings, find_rows, row_height
+from ..stages.regions import FlatLines, Regions, room_for_lines
 
 wp.set_module_options(EXACT)
 
 SHORTEST = wp.constant(wp.float64(1e-7))  # [m]; a shorter span is a touch
 
 
-class Hatch(NamedTuple):
-    """Device arrays of the lines over regions, in the order of the regions."""
+@wp.struct
+class Outlines:
+    """Regions in a plane whose first axis runs along the rows; a region's polylines are its *entries*."""
 
-    points: wp.array  # vec2d, along u and v [m], shape [point]
-    line_start: wp.array  # int64, offsets into points, shape [line + 1]
-    line_region: wp.array  # int32, shape [line]
+    r: Regions
+    points: wp.array[wp.vec2d]  # along and across the rows [m]
+    level: wp.array[wp.int64]  # the first row at or above each point
+    region_of: wp.array[wp.int32]  # region of each entry
+    first: wp.array[wp.int64]  # a region's first row
+    rows: wp.array[wp.int64]  # its number of rows; 0: one through its middle, -1: the region is not filled
+    middle: wp.array[wp.float64]  # height of a region's middle [m]
+    spacing: wp.float64  # of rows [m]
+
+
+@wp.struct
+class RowCrossings:
+    """Crossings of rows with outlines, by entry, and along each as it runs."""
+
+    start: wp.array[wp.int64]  # offsets of each entry's crossings
+    entry: wp.array[wp.int32]
+    edge: wp.array[wp.int32]  # number of the vertex before it on its polyline
+    row: wp.array[wp.int32]  # from its region's first row on
+    enters: wp.array[wp.int8]  # 1: the row comes to the left of the outline there, -1: it leaves it
+    x: wp.array[wp.float64]  # along the row [m]
+    order: wp.array[wp.int32]  # crossings of each region, counted from its first, sorted by row and x
+
+
+@wp.kernel
+def _turn_points(o: Outlines, cosine: wp.float64, sine: wp.float64):
+    """Turn each point so that rows run along the first axis, and find the first row that is not below it."""
+    i = wp.tid()
+    x = o.r.local[i][0]
+    y = o.r.local[i][1]
+    across = x * -sine + y * cosine
+    o.points[i] = wp.vec2d(x * cosine + y * sine, across)
+    k = wp.int64(wp.ceil(across / o.spacing))
+    if o.spacing * wp.float64(k - wp.int64(1)) >= across:  # the quotient is rounded
+        k -= wp.int64(1)
+    if o.spacing * wp.float64(k) < across:
+        k += wp.int64(1)
+    o.level[i] = k
+
+
+@wp.kernel
+def _find_rows(filled: wp.array[wp.uint8], o: Outlines):
+    """Find the rows of each region; filled: 0: the region is left out."""
+    region = wp.tid()
+    low = wp.float64(wp.inf)
+    high = -low
+    for entry in range(int(o.r.region_start[region]), int(o.r.region_start[region + 1])):
+        o.region_of[entry] = region
+        base = o.r.polyline_start[o.r.region_line[entry]]
+        for k in range(int(o.r.polyline_start[o.r.region_line[entry] + 1] - base)):
+            across = o.points[base + wp.int64(k)][1]
+            low = wp.min(low, across)
+            high = wp.max(high, across)
+    o.first[region] = wp.int64(0)
+    o.rows[region] = wp.int64(-1)
+    o.middle[region] = wp.float64(0.5) * (low + high)
+    if filled[region] != wp.uint8(0) and low <= high:
+        o.first[region] = wp.int64(wp.floor(low / o.spacing)) + wp.int64(1)
+        o.rows[region] = wp.max(wp.int64(wp.ceil(high / o.spacing)) - o.first[region], wp.int64(0))
+
+
+@wp.func
+def level_of(o: Outlines, region: int, i: wp.int64):
+    """The first row of the region, counted from its first, at or above a point; one past the last if there is none."""
+    if o.rows[region] == wp.int64(0):
+        return wp.where(o.points[i][1] <= o.middle[region], wp.int64(0), wp.int64(1))
+    return wp.clamp(o.level[i] - o.first[region], wp.int64(0), o.rows[region])
+
+
+@wp.func
+def row_height(o: Outlines, region: int, row: wp.int64):
+    """Height of a region's row [m]."""
+    if o.rows[region] == wp.int64(0):
+        return o.middle[region]
+    return o.spacing * wp.float64(o.first[region] + row)
+
+
+@wp.kernel
+def _count_crossings(o: Outlines, count: wp.array[wp.int64]):
+    """Count the crossings of each entry."""
+    entry = wp.tid()
+    region = o.region_of[entry]
+    base = o.r.polyline_start[o.r.region_line[entry]]
+    total = wp.int64(0)
+    if o.rows[region] >= wp.int64(0):
+        for k in range(int(o.r.polyline_start[o.r.region_line[entry] + 1] - base) - 1):
+            i = base + wp.int64(k)
+            total += wp.abs(level_of(o, region, i + wp.int64(1)) - level_of(o, region, i))
+    count[entry] = total
+
+
+@wp.kernel
+def _find_crossings(o: Outlines, start: wp.array[wp.int64], c: RowCrossings):
+    """Write the crossings of each entry, along its polyline."""
+    entry = wp.tid()
+    region = o.region_of[entry]
+    begin = o.r.polyline_start[o.r.region_line[entry]]
+    at = start[entry]
+    i = begin
+    while at < start[entry + 1]:
+        a = o.points[i]
+        b = o.points[i + wp.int64(1)]
+        level = level_of(o, region, i)
+        to = level_of(o, region, i + wp.int64(1))
+        step = wp.where(to > level, wp.int64(1), wp.int64(-1))
+        while level != to:
+            row = wp.min(level, level + step)
+            part = (row_height(o, region, row) - a[1]) / (b[1] - a[1])
+            c.entry[at] = entry
+            c.edge[at] = wp.int32(i - begin)
+            c.row[at] = wp.int32(row)
+            c.enters[at] = wp.int8(-step)
+            c.x[at] = a[0] + part * (b[0] - a[0])
+            level += step
+            at += wp.int64(1)
+        i += wp.int64(1)
+
+
+@wp.func
+def precedes(c: RowCrossings, base: wp.int64, one: wp.int32, other: wp.int32):
+    """Whether a crossing comes before another one: by row, x, entering before leaving, then along the outline."""
+    a = base + wp.int64(one)
+    b = base + wp.int64(other)
+    out = one < other
+    if c.row[a] != c.row[b]:
+        out = c.row[a] < c.row[b]
+    elif c.x[a] != c.x[b]:
+        out = c.x[a] < c.x[b]
+    elif c.enters[a] != c.enters[b]:
+        out = c.enters[a] > c.enters[b]
+    return out
+
+
+@wp.func
+def sift_down(c: RowCrossings, base: wp.int64, root: int, count: int):
+    """Restore a heap of `count` crossings, the last in order on top, below one that may be too small."""
+    moved = c.order[base + wp.int64(root)]
+    at = root
+    child = 2 * at + 1
+    while child < count:
+        largest = c.order[base + wp.int64(child)]
+        if child + 1 < count:
+            other = c.order[base + wp.int64(child + 1)]
+            if precedes(c, base, largest, other):
+                largest = other
+                child += 1
+        if precedes(c, base, moved, largest):
+            c.order[base + wp.int64(at)] = largest
+            at = child
+            child = 2 * at + 1
+        else:
+            child = count
+    c.order[base + wp.int64(at)] = moved
+
+
+@wp.kernel
+def _sort_crossings(o: Outlines, c: RowCrossings):
+    """Sort each region's crossings: heap sort, which is never quadratic."""
+    region = wp.tid()
+    base = c.start[o.r.region_start[region]]
+    count = int(c.start[o.r.region_start[region + 1]] - base)
+    for k in range(count):
+        c.order[base + wp.int64(k)] = k
+    for k in range(count // 2):
+        sift_down(c, base, count // 2 - 1 - k, count)
+    for k in range(count - 1):
+        last = base + wp.int64(count - 1 - k)
+        top = c.order[base]
+        c.order[base] = c.order[last]
+        c.order[last] = top
+        sift_down(c, base, int(0), count - 1 - k)
 
 
 @wp.struct
@@ -93,8 +263,8 @@ def count_between(o: Outlines, c: RowCrossings, at: wp.int64, to: wp.int64, way:
     b = wp.where(way > 0, to, at)
     count = wp.int64(c.edge[b]) - wp.int64(c.edge[a])
     if b < a:
-        line = o.region_line[c.entry[at]]
-        count += o.polyline_start[line + 1] - o.polyline_start[line] - wp.int64(1)
+        line = o.r.region_line[c.entry[at]]
+        count += o.r.polyline_start[line + 1] - o.r.polyline_start[line] - wp.int64(1)
     return count
 
 
@@ -131,19 +301,11 @@ def walk_line(
 
 
 @wp.kernel
-def _join_spans(
-    # In:
-    o: Outlines,
-    c: RowCrossings,
-    connected: int,  # 0: each span is a line
-    mate: wp.array[wp.int64],  # scratch, by crossing
-    # Out:
-    s: SpanSequence,
-):
-    """Order the spans of each region into lines."""
+def _join_spans(o: Outlines, c: RowCrossings, connected: int, mate: wp.array[wp.int64], s: SpanSequence):
+    """Order the spans of each region into lines; connected: 0: each span is one. mate: scratch, by crossing."""
     region = wp.tid()
-    base = c.start[o.region_start[region]]
-    count = int(c.start[o.region_start[region + 1]] - base)
+    base = c.start[o.r.region_start[region]]
+    count = int(c.start[o.r.region_start[region + 1]] - base)
     pair_crossings(c, base, count, mate)
     place = base / wp.int64(2)
     for k in range(count):
@@ -207,9 +369,9 @@ def _draw_spans(
     points[at] = turn_back(crossing_point(o, c, region, s.begin[span]), cosine, sine)
     points[at + wp.int64(1)] = turn_back(crossing_point(o, c, region, s.end[span]), cosine, sine)
     if count > wp.int64(2):
-        line = o.region_line[c.entry[s.end[span]]]
-        base = o.polyline_start[line]
-        size = o.polyline_start[line + 1] - base - wp.int64(1)
+        line = o.r.region_line[c.entry[s.end[span]]]
+        base = o.r.polyline_start[line]
+        size = o.r.polyline_start[line + 1] - base - wp.int64(1)
         vertex = wp.int64(c.edge[s.end[span]])
         if s.way[span] > 0:
             vertex += wp.int64(1)
@@ -218,6 +380,51 @@ def _draw_spans(
             points[at + wp.int64(2 + k)] = turn_back(o.points[base + own], cosine, sine)
 
 
+@on_one_device
+def find_rows(regions: Regions, filled: wp.array, *, spacing: float, angle: float) -> Outlines:
+    """Regions as rows at an angle [rad] cross them; arguments as for `draw_hatch`."""
+    device, o, points = regions.local.device, Outlines(), regions.local.shape[0]
+    o.r, o.spacing = regions, spacing
+    o.points = wp.empty(points, dtype=wp.vec2d, device=device)
+    o.level = wp.empty(points, dtype=wp.int64, device=device)
+    count = regions.region_start.shape[0] - 1
+    o.first, o.rows = (wp.empty(count, dtype=wp.int64, device=device) for _ in range(2))
+    o.middle = wp.empty(count, dtype=wp.float64, device=device)
+    o.region_of = wp.empty(regions.region_line.shape[0], dtype=wp.int32, device=device)
+    launch(_turn_points, points, [o, wp.float64(math.cos(angle)), wp.float64(math.sin(angle))], [])
+    launch(_find_rows, count, [filled], [o])
+    return o
+
+
+def find_crossings(o: Outlines, point_limit: int | None = None) -> RowCrossings:
+    """Sorted crossings of rows with outlines.
+
+    Raises PointLimitError before memory is taken for more crossings than `point_limit`: most of them become points.
+    """
+    entries = o.region_of.shape[0]
+    (c,), (c.start,) = count_then_fill(
+        _count_crossings,
+        _find_crossings,
+        entries,
+        [o],
+        lambda total: [_room_for_crossings(total, o.points.device)],
+        rows=entries,
+        limit=point_limit,
+    )
+    launch(_sort_crossings, o.first.shape[0], [o], [c])
+    return c
+
+
+def _room_for_crossings(count: int, device: wp.Device) -> RowCrossings:
+    c = RowCrossings()
+    for name in ("entry", "edge", "row", "order"):
+        setattr(c, name, wp.empty(count, dtype=wp.int32, device=device))
+    c.enters = wp.empty(count, dtype=wp.int8, device=device)
+    c.x = wp.empty(count, dtype=wp.float64, device=device)
+    return c
+
+
+@on_one_device
 def join_spans(o: Outlines, c: RowCrossings, *, connected: bool) -> SpanSequence:
     """Spans of the regions in the order in which they are drawn."""
     device, total, s = c.x.device, c.x.shape[0], SpanSequence()
@@ -226,45 +433,32 @@ def join_spans(o: Outlines, c: RowCrossings, *, connected: bool) -> SpanSequence
     s.way, s.region = (wp.empty(places, dtype=wp.int32, device=device) for _ in range(2))
     s.points, s.starts = (wp.zeros(places + 1, dtype=wp.int64, device=device) for _ in range(2))
     mate = wp.empty(total, dtype=wp.int64, device=device)
-    launch(_join_spans, o.region_start.shape[0] - 1, [o, c, int(connected), mate], [s])
+    launch(_join_spans, o.first.shape[0], [o, c, int(connected), mate], [s])
     return s
 
 
 @on_one_device
 def draw_hatch(
-    points: wp.array,
-    polyline_start: wp.array,
-    region_start: wp.array,
-    region_line: wp.array,
+    regions: Regions,
     filled: wp.array,
     *,
     spacing: float,
     angle: float,
     connected: bool,
     point_limit: int | None = None,
-) -> Hatch:
+) -> FlatLines:
     """Parallel lines over what regions enclose, in their planes, through the planes' origin.
 
-    points: coordinates along u, v and n [m], vec3d. region_start: offsets into region_line, int64, shape [region + 1];
-    region_line: the polylines of each region, int32, closed and with their first point repeated at their end,
-    counter-clockwise around the region and clockwise around holes. filled: 0 for regions to leave out, uint8, shape
-    [region]. spacing: between lines [m]; angle: of the lines from u towards v [rad]; connected: lines are joined along
-    the boundary where they can be. A region between two lines gets one through its middle.
-    Raises PointLimitError before memory is taken for more points than `point_limit`.
+    Polylines of regions are closed, counter-clockwise around the region and clockwise around holes. filled: 0 for
+    regions to leave out, uint8, shape [region]. spacing: between lines [m]; angle: of the lines from u towards v [rad];
+    connected: lines are joined along the boundary where they can be. A region between two lines gets one through its
+    middle. Raises PointLimitError before memory is taken for more points than `point_limit`.
     """
-    o = find_rows(points, polyline_start, region_start, region_line, filled, spacing=spacing, angle=angle)
+    o = find_rows(regions, filled, spacing=spacing, angle=angle)
     c = find_crossings(o, point_limit)
     s = join_spans(o, c, connected=connected)
-    point_place, line_place = offsets_of(s.points), offsets_of(s.starts)
-    total, line_count = last_of(point_place), last_of(line_place)
-    if point_limit is not None and total > point_limit:
-        raise PointLimitError(total, point_limit)
-    device = points.device
-    out = Hatch(
-        wp.empty(total, dtype=wp.vec2d, device=device),
-        wp.full(line_count + 1, total, dtype=wp.int64, device=device),
-        wp.empty(line_count, dtype=wp.int32, device=device),
-    )
+    starts, totals = scan_counts(s.points, s.starts, limit=point_limit)
+    out = room_for_lines(*totals, c.x.device)
     turn = [wp.float64(math.cos(angle)), wp.float64(math.sin(angle))]
-    launch(_draw_spans, s.begin.shape[0], [o, c, s, point_place, line_place, *turn], list(out))
+    launch(_draw_spans, s.begin.shape[0], [o, c, s, *starts, *turn], out)
     return out

@@ -5,15 +5,13 @@ neither is cut, or both are at one point; else with the piece that begins neares
 region's pieces do not all go on so, or its outlines cross each other, it has failed: its loops must be found otherwise.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 import warp as wp
 
-from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
+from ..offsets import launch, scan_counts
 from ..one_device import on_one_device
 from ..patch import EXACT
-from ..stages.cut import launch
+from ..stages.regions import FlatLines, Regions, room_for_lines
 from .inset_edges import InsetEdges, cross_of, edges_of, find_edges, has_arc, left_of, offset_end
 from .inset_pieces import OffsetPieces, find_pieces
 
@@ -23,15 +21,6 @@ JOINED = wp.constant(wp.float64(2e-5))  # [m]; ends of pieces this near may be o
 SAME = wp.constant(wp.float64(1e-6))  # [m]; ends of neighbours that cut each other this near are one
 THINNEST = wp.constant(wp.float64(1e-7))  # [m]; a loop that is thinner is rounding
 ROUND = 64  # segments of a full turn around a corner
-
-
-class Inset(NamedTuple):
-    """Device arrays of the loops inside regions, in the order of the regions, outer loops first, the largest first."""
-
-    points: wp.array  # vec2d, along u and v [m], shape [point]; a first point is not repeated
-    line_start: wp.array  # int64, offsets into points, shape [line + 1]
-    line_region: wp.array  # int32, shape [line]
-    failed: wp.array  # int32, 1 where a region's loops are not known, shape [region]
 
 
 @wp.struct
@@ -63,13 +52,7 @@ class InsetLoop:
 
 
 @wp.kernel
-def _link_neighbours(
-    # In:
-    edges: InsetEdges,
-    pieces: OffsetPieces,
-    # Out:
-    links: PieceLinks,  # all -1
-):
+def _link_neighbours(edges: InsetEdges, pieces: OffsetPieces, links: PieceLinks):
     """Link the last piece of each offset to the first of the next one, if neither is cut or both are at one point."""
     i = wp.tid()
     offset = pieces.offset[i]
@@ -85,14 +68,7 @@ def _link_neighbours(
 
 
 @wp.kernel
-def _link_nearest(
-    # In:
-    edges: InsetEdges,
-    pieces: OffsetPieces,
-    neighbours: PieceLinks,
-    # Out:
-    links: PieceLinks,
-):
+def _link_nearest(edges: InsetEdges, pieces: OffsetPieces, neighbours: PieceLinks, links: PieceLinks):
     """Link the ends that are left to the nearest begin of a piece that is left, and the begins to the nearest end."""
     i = wp.tid()
     begin, end = edges_of(edges, edges.region[pieces.offset[i] // 2])
@@ -311,6 +287,7 @@ def arc_steps(device: str) -> ArcSteps:
     return steps
 
 
+@on_one_device
 def link_pieces(edges: InsetEdges, pieces: OffsetPieces) -> PieceLinks:
     """How pieces go on."""
     device, count = edges.origin.device, pieces.offset.shape[0]
@@ -318,46 +295,30 @@ def link_pieces(edges: InsetEdges, pieces: OffsetPieces) -> PieceLinks:
     for name in ("after", "before"):
         setattr(neighbours, name, wp.full(count, -1, dtype=wp.int32, device=device))
         setattr(links, name, wp.empty(count, dtype=wp.int32, device=device))
-    wp.launch(_link_neighbours, count, inputs=[edges, pieces], outputs=[neighbours], device=device, block_dim=BLOCK)
-    wp.launch(_link_nearest, count, inputs=[edges, pieces, neighbours], outputs=[links], device=device, block_dim=BLOCK)
+    launch(_link_neighbours, count, [edges, pieces], [neighbours])
+    launch(_link_nearest, count, [edges, pieces, neighbours], [links])
     return links
 
 
 @on_one_device
 def draw_inset(
-    points: wp.array,
-    polyline_start: wp.array,
-    region_start: wp.array,
-    region_line: wp.array,
-    filled: wp.array,
-    *,
-    distance: float,
-    point_limit: int | None = None,
-) -> Inset:
+    regions: Regions, filled: wp.array, *, distance: float, point_limit: int | None = None
+) -> tuple[FlatLines, wp.array]:
     """Loops around what is at least `distance` [m] inside regions, counter-clockwise around it, clockwise around holes.
 
-    Other arguments as for `draw_hatch`. A loop starts near the region's first point. Corners of the outline that point
-    inwards are rounded, by 64 segments a turn. Raises PointLimitError before memory is taken for more points than
-    `point_limit`.
+    Other arguments as for `draw_hatch`. Of a region, outer loops come first, the largest first. A loop starts near the
+    region's first point. Corners of the outline that point inwards are rounded, by 64 segments a turn.
+    Returns also where a region's loops are not known, 1, int32, shape [region].
+    Raises PointLimitError before memory is taken for more points than `point_limit`.
     """
-    device, region_count = points.device, region_start.shape[0] - 1
-    edges, failed = find_edges(points, polyline_start, region_start, region_line, filled, distance)
-    pieces, steps = find_pieces(edges, failed), arc_steps(device)
-    links, count = link_pieces(edges, pieces), pieces.offset.shape[0]
+    edges, failed = find_edges(regions, filled, distance)
+    device, pieces = failed.device, find_pieces(edges, failed)
+    found, count = [edges, pieces, link_pieces(edges, pieces), arc_steps(device)], pieces.offset.shape[0]
     loops = wp.empty(count, dtype=InsetLoop, device=device)
-    point_count, used = (wp.zeros(count + 1, dtype=wp.int64, device=device) for _ in range(2))
+    counts = [wp.zeros(count + 1, dtype=wp.int64, device=device) for _ in range(2)]
     visited = wp.zeros(count, dtype=wp.uint8, device=device)
-    found = [edges, pieces, links, steps]
-    launch(_find_loops, region_count, [*found, visited], [failed, loops, point_count, used])
-    point_place, line_place = offsets_of(point_count), offsets_of(used)
-    total, line_count = last_of(point_place), last_of(line_place)
-    if point_limit is not None and total > point_limit:
-        raise PointLimitError(total, point_limit)
-    out = Inset(
-        wp.empty(total, dtype=wp.vec2d, device=device),
-        wp.full(line_count + 1, total, dtype=wp.int64, device=device),
-        wp.empty(line_count, dtype=wp.int32, device=device),
-        failed,
-    )
-    launch(_draw_loops, count, [*found, loops, point_place, line_place], list(out[:3]))
-    return out
+    launch(_find_loops, failed.shape[0], [*found, visited], [failed, loops, *counts])
+    starts, totals = scan_counts(*counts, limit=point_limit)
+    out = room_for_lines(*totals, device)
+    launch(_draw_loops, count, [*found, loops, *starts], out)
+    return out, failed

@@ -8,10 +8,10 @@ only, so that every device gives the same bits.
 
 import warp as wp
 
-from ..offsets import BLOCK, last_of, offsets_of
+from ..offsets import count_then_fill, launch
 from ..one_device import on_one_device
 from ..patch import EXACT
-from ..stages.cut import launch
+from ..stages.regions import Regions
 
 wp.set_module_options(EXACT)
 
@@ -24,7 +24,7 @@ STRAIGHT_BACK = wp.constant(wp.float64(1e-9))  # sine of the turn at a vertex be
 class InsetEdges:
     """Edges by region, and within it by polyline as it runs."""
 
-    region_start: wp.array[wp.int64]  # offsets of each region's entries
+    region_start: wp.array[wp.int64]  # offsets of each region's entries, which are its polylines
     start: wp.array[wp.int64]  # offsets of each entry's edges
     origin: wp.array[wp.vec2d]  # where an edge starts [m]
     way: wp.array[wp.vec2d]  # unit vector along it
@@ -147,42 +147,34 @@ def next_edge(edges: InsetEdges, reach: Reach, j: int, stop: int):
 
 
 @wp.kernel
-def _count_edges(
-    # In:
-    polyline_start: wp.array[wp.int64],
-    region_start: wp.array[wp.int64],
-    region_line: wp.array[wp.int32],
-    filled: wp.array[wp.uint8],
-    # Out:
-    count: wp.array[wp.int64],  # shape [entry + 1]
-):
+def _count_edges(r: Regions, filled: wp.array[wp.uint8], count: wp.array[wp.int64]):
     """Count the edges of each polyline of a region that is filled."""
     region = wp.tid()
-    for entry in range(int(region_start[region]), int(region_start[region + 1])):
-        line = region_line[entry]
-        size = wp.max(polyline_start[line + 1] - polyline_start[line] - wp.int64(1), wp.int64(0))
+    for entry in range(int(r.region_start[region]), int(r.region_start[region + 1])):
+        line = r.region_line[entry]
+        size = wp.max(r.polyline_start[line + 1] - r.polyline_start[line] - wp.int64(1), wp.int64(0))
         count[entry] = wp.where(filled[region] != wp.uint8(0), size, wp.int64(0))
 
 
 @wp.kernel
 def _write_edges(
     # In:
-    points: wp.array[wp.vec3d],  # coordinates along u, v and n [m]
-    polyline_start: wp.array[wp.int64],
-    region_line: wp.array[wp.int32],
+    r: Regions,
+    filled: wp.array[wp.uint8],
+    start: wp.array[wp.int64],
+    failed: wp.array[wp.int32],  # is set to 1 where an edge of the region has no length
     # Out:
     edges: InsetEdges,
-    failed: wp.array[wp.int32],  # 1: an edge of the region has no length
 ):
     """Write the edges of each region."""
     region = wp.tid()
-    for entry in range(int(edges.region_start[region]), int(edges.region_start[region + 1])):
-        base = polyline_start[region_line[entry]]
-        first = int(edges.start[entry])
-        count = int(edges.start[entry + 1]) - first
+    for entry in range(int(r.region_start[region]), int(r.region_start[region + 1])):
+        base = r.polyline_start[r.region_line[entry]]
+        first = int(start[entry])
+        count = int(start[entry + 1]) - first
         for k in range(count):
-            a = points[base + wp.int64(k)]
-            b = points[base + wp.int64(k + 1)]
+            a = r.local[base + wp.int64(k)]
+            b = r.local[base + wp.int64(k + 1)]
             way = wp.vec2d(b[0] - a[0], b[1] - a[1])
             length = wp.sqrt(way[0] * way[0] + way[1] * way[1])
             edges.origin[first + k] = wp.vec2d(a[0], a[1])
@@ -196,13 +188,7 @@ def _write_edges(
 
 
 @wp.kernel
-def _find_boxes(
-    # In:
-    edges: InsetEdges,
-    # Out:
-    low: wp.array[wp.vec2d],
-    high: wp.array[wp.vec2d],
-):
+def _find_boxes(edges: InsetEdges):
     """Find the box of each block of edges."""
     block = wp.tid()
     first = block * BLOCK_EDGES
@@ -212,8 +198,8 @@ def _find_boxes(
         end = edges.origin[edges.after[e]]
         lowest = wp.min(lowest, wp.min(edges.origin[e], end))
         highest = wp.max(highest, wp.max(edges.origin[e], end))
-    low[block] = lowest
-    high[block] = highest
+    edges.low[block] = lowest
+    edges.high[block] = highest
 
 
 @wp.func
@@ -231,13 +217,8 @@ def edges_cross(edges: InsetEdges, e: int, j: int):
 
 
 @wp.kernel
-def _find_crossed_regions(
-    # In:
-    edges: InsetEdges,
-    # Out:
-    failed: wp.array[wp.int32],  # 1: the region's outline crosses itself or turns straight back
-):
-    """Find regions whose left side is not everywhere inside."""
+def _find_crossed_regions(edges: InsetEdges, failed: wp.array[wp.int32]):
+    """Find regions whose left side is not everywhere inside: the outline crosses itself or turns straight back."""
     e = wp.tid()
     region = edges.region[e]
     _first, stop = edges_of(edges, region)
@@ -257,32 +238,34 @@ def _find_crossed_regions(
 
 
 @on_one_device
-def find_edges(
-    points: wp.array,
-    polyline_start: wp.array,
-    region_start: wp.array,
-    region_line: wp.array,
-    filled: wp.array,
-    distance: float,
-) -> tuple[InsetEdges, wp.array]:
+def find_edges(regions: Regions, filled: wp.array, distance: float) -> tuple[InsetEdges, wp.array]:
     """Edges of the regions that are filled, and which regions have an outline that is no simple one, int32 [region].
 
     Arguments as for `draw_inset`.
     """
-    device, region_count, edges = points.device, region_start.shape[0] - 1, InsetEdges()
+    device, region_count = regions.local.device, regions.region_start.shape[0] - 1
     failed = wp.zeros(region_count, dtype=wp.int32, device=device)
-    count = wp.zeros(region_line.shape[0] + 1, dtype=wp.int64, device=device)
-    launch(_count_edges, region_count, [polyline_start, region_start, region_line, filled], [count])
-    edges.region_start, edges.start = region_start, offsets_of(count)
+    (edges,), (edges.start,) = count_then_fill(
+        _count_edges,
+        _write_edges,
+        region_count,
+        [regions, filled],
+        lambda total: [_room_for_edges(total, device)],
+        rows=regions.region_line.shape[0],
+        more=[failed],
+    )
+    edges.region_start = regions.region_start
     edges.distance, edges.radius = wp.float64(distance), wp.float64(distance - SLACK)
-    total = last_of(edges.start)
-    for name, dtype in (("origin", wp.vec2d), ("way", wp.vec2d), ("length", wp.float64)):
-        setattr(edges, name, wp.empty(total, dtype=dtype, device=device))
-    for name in ("before", "after", "region"):
-        setattr(edges, name, wp.empty(total, dtype=wp.int32, device=device))
-    block_count = -(-total // int(BLOCK_EDGES))
-    edges.low, edges.high = (wp.empty(block_count, dtype=wp.vec2d, device=device) for _ in range(2))
-    launch(_write_edges, region_count, [points, polyline_start, region_line], [edges, failed])
-    launch(_find_boxes, block_count, [edges], [edges.low, edges.high])
-    wp.launch(_find_crossed_regions, total, inputs=[edges], outputs=[failed], device=device, block_dim=BLOCK)
+    launch(_find_boxes, edges.low.shape[0], [], [edges])
+    launch(_find_crossed_regions, edges.origin.shape[0], [edges], [failed])
     return edges, failed
+
+
+def _room_for_edges(count: int, device: wp.Device) -> InsetEdges:
+    edges = InsetEdges()
+    for name, dtype in (("origin", wp.vec2d), ("way", wp.vec2d), ("length", wp.float64)):
+        setattr(edges, name, wp.empty(count, dtype=dtype, device=device))
+    for name in ("before", "after", "region"):
+        setattr(edges, name, wp.empty(count, dtype=wp.int32, device=device))
+    edges.low, edges.high = (wp.empty(-(-count // int(BLOCK_EDGES)), dtype=wp.vec2d, device=device) for _ in range(2))
+    return edges

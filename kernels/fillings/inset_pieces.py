@@ -1,19 +1,34 @@
 """The pieces of offsets that are at least the distance away from every edge of their region.
 
-A piece of a moved edge lies between the intervals in which the edge is in a stadium (`stadium`). An arc is divided
-where it crosses the boundary of any stadium, and the middle of each part decides whether that belongs to a piece.
+Nearer to an edge than the distance is its *stadium*: a rectangle along the edge, and a disc around each of its ends. A
+moved edge is in a stadium for one interval of its parameter, since a stadium is convex; its pieces lie between these
+intervals. An arc crosses a stadium's boundary at some parameters. It is divided where it crosses any stadium's, and the
+middle of each part decides whether that belongs to a piece.
 """
 
 import warp as wp
 
-from ..offsets import BLOCK, last_of, offsets_of
+from ..offsets import count_then_fill, launch, scan_counts
 from ..one_device import on_one_device
 from ..patch import EXACT
-from .inset_edges import InsetEdges, edges_of, has_arc, next_edge, offset_end, offset_point, reach_of, square_distance
-from .stadium import put_arc_crossings, stadium_interval
+from .inset_edges import (
+    InsetEdges,
+    cross_of,
+    diamond_angle,
+    edges_of,
+    has_arc,
+    left_of,
+    next_edge,
+    offset_end,
+    offset_point,
+    reach_of,
+    side_of,
+    square_distance,
+)
 
 wp.set_module_options(EXACT)
 
+TOUCH = wp.constant(wp.float64(1e-9))  # [m]; crossings this far beyond a rectangle's end are crossings, too
 DOUBTFUL = wp.constant(wp.float64(1e-8))  # [m]; of two pieces that run to and fro, this near is no way between them
 OPPOSITE = wp.constant(wp.float64(-0.99))  # cosine between edges that run to and fro
 SHORTEST = wp.constant(wp.float64(1e-7))  # [m]; a shorter piece is rounding
@@ -29,6 +44,172 @@ class OffsetPieces:
     end: wp.array[wp.float64]
     first: wp.array[wp.vec2d]  # the points there [m]
     last: wp.array[wp.vec2d]
+
+
+@wp.func
+def cap_interval(x: wp.float64, y: wp.float64, ux: wp.float64, uy: wp.float64, radius: wp.float64):
+    """Where a line from (x, y) along a unit vector is inside a disc around the origin, [m]; empty: first > last."""
+    middle = -(x * ux + y * uy)
+    away = x * uy - y * ux
+    square = radius * radius - away * away
+    out = wp.vec2d(wp.float64(wp.inf), -wp.float64(wp.inf))
+    if square > wp.float64(0.0):
+        half = wp.sqrt(square)
+        out = wp.vec2d(middle - half, middle + half)
+    return out
+
+
+@wp.func
+def slab_interval(x: wp.float64, ux: wp.float64, low: wp.float64, high: wp.float64):
+    """Where x + t ux is strictly between two bounds; empty: first > last."""
+    infinite = wp.float64(wp.inf)
+    out = wp.vec2d(-infinite, infinite)
+    if ux == wp.float64(0.0):
+        if x <= low or x >= high:
+            out = wp.vec2d(infinite, -infinite)
+    else:
+        a = (low - x) / ux
+        b = (high - x) / ux
+        out = wp.vec2d(wp.min(a, b), wp.max(a, b))
+    return out
+
+
+@wp.func
+def stadium_interval(edges: InsetEdges, e: int, j: int):
+    """The parameters at which edge e, moved to its left, is inside the stadium of edge j; empty: first >= last."""
+    zero = wp.float64(0.0)
+    radius = edges.radius
+    length = edges.length[j]
+    end = edges.length[e]
+    out = wp.vec2d(wp.float64(wp.inf), -wp.float64(wp.inf))
+    away = edges.origin[e] + edges.distance * left_of(edges.way[e]) - edges.origin[j]
+    x = wp.dot(away, edges.way[j])
+    ux = wp.dot(edges.way[e], edges.way[j])
+    if (x > -radius or x + end * ux > -radius) and (x < length + radius or x + end * ux < length + radius):
+        y = cross_of(edges.way[j], away)
+        uy = cross_of(edges.way[j], edges.way[e])
+        if (y > -radius or y + end * uy > -radius) and (y < radius or y + end * uy < radius):
+            a = cap_interval(x, y, ux, uy, radius)
+            b = cap_interval(x - length, y, ux, uy, radius)
+            along = slab_interval(x, ux, zero, length)
+            across = slab_interval(y, uy, -radius, radius)
+            low = wp.max(along[0], across[0])
+            high = wp.min(along[1], across[1])
+            out = wp.vec2d(wp.min(a[0], b[0]), wp.max(a[1], b[1]))
+            if low < high:
+                out = wp.vec2d(wp.min(out[0], low), wp.max(out[1], high))
+            out = wp.vec2d(wp.max(out[0], zero), wp.min(out[1], end))
+    return out
+
+
+@wp.func
+def put_sorted(bounds: wp.array[wp.float64], base: wp.int64, count: int, value: wp.float64):
+    """Insert a value into sorted ones."""
+    k = count
+    while k > 0 and bounds[base + wp.int64(wp.max(k - 1, 0))] > value:
+        bounds[base + wp.int64(k)] = bounds[base + wp.int64(k - 1)]
+        k -= 1
+    bounds[base + wp.int64(k)] = value
+
+
+@wp.func
+def put_crossing(
+    edges: InsetEdges,
+    offset: int,
+    j: int,
+    direction: wp.vec2d,
+    cap: int,
+    bounds: wp.array[wp.float64],
+    base: wp.int64,
+    count: int,
+):
+    """Keep the parameter of an arc at which it crosses the boundary of a stadium, if it does in a direction.
+
+    direction: along the normal and the way of the arc's edge, a unit vector. cap: -1 or 1: the boundary is that of the
+    disc at the start or end of edge j, 0: a side of the rectangle. base: -1: count only. Returns the new count.
+    """
+    out = count
+    t = diamond_angle(direction[0], direction[1])
+    if t > wp.float64(0.0) and t < offset_end(edges, offset):
+        way = edges.way[offset // 2]
+        x = edges.origin[edges.after[offset // 2]] - edges.origin[j]
+        x = x + edges.distance * (direction[0] * left_of(way) + direction[1] * way)
+        along = wp.dot(x, edges.way[j])
+        there = along >= -TOUCH and along <= edges.length[j] + TOUCH
+        if cap < 0:
+            there = along <= TOUCH
+        elif cap > 0:
+            there = along >= edges.length[j] - TOUCH
+        if there:
+            if base >= wp.int64(0):
+                put_sorted(bounds, base, count, t)
+            out = count + 1
+    return out
+
+
+@wp.func
+def put_pair(
+    edges: InsetEdges,
+    offset: int,
+    j: int,
+    axis: wp.vec2d,
+    cosine: wp.float64,
+    cap: int,
+    bounds: wp.array[wp.float64],
+    base: wp.int64,
+    count: int,
+):
+    """Keep the two crossings of an arc whose directions have a cosine with an axis; the new count."""
+    out = count
+    square = wp.float64(1.0) - cosine * cosine
+    if square > wp.float64(0.0):
+        across = wp.sqrt(square) * left_of(axis)
+        out = put_crossing(edges, offset, j, cosine * axis + across, cap, bounds, base, out)
+        out = put_crossing(edges, offset, j, cosine * axis - across, cap, bounds, base, out)
+    return out
+
+
+@wp.func
+def put_cap_crossings(
+    edges: InsetEdges,
+    offset: int,
+    j: int,
+    cap: int,
+    bounds: wp.array[wp.float64],
+    base: wp.int64,
+    count: int,
+):
+    """Keep where an arc crosses the circle around the start, cap -1, or end, cap 1, of an edge; the new count."""
+    out = count
+    d = edges.distance
+    way = edges.way[offset // 2]
+    away = edges.origin[j] - edges.origin[edges.after[offset // 2]]
+    if cap > 0:
+        away = edges.origin[edges.after[j]] - edges.origin[edges.after[offset // 2]]
+    size = wp.length(away)
+    if size > wp.float64(0.0):
+        axis = wp.vec2d(wp.dot(away, left_of(way)) / size, wp.dot(away, way) / size)
+        cosine = (d * d + size * size - edges.radius * edges.radius) / (wp.float64(2.0) * d * size)
+        out = put_pair(edges, offset, j, axis, cosine, cap, bounds, base, out)
+    return out
+
+
+@wp.func
+def put_arc_crossings(edges: InsetEdges, offset: int, j: int, bounds: wp.array[wp.float64], base: wp.int64, count: int):
+    """Keep where an arc crosses the boundary of an edge's stadium; the new count of crossings."""
+    out = count
+    d = edges.distance
+    way = edges.way[offset // 2]
+    middle = edges.origin[edges.after[offset // 2]]
+    if square_distance(edges, j, middle) < wp.float64(4.0) * d * d:
+        out = put_cap_crossings(edges, offset, j, int(-1), bounds, base, out)
+        out = put_cap_crossings(edges, offset, j, int(1), bounds, base, out)
+        across = left_of(edges.way[j])
+        axis = wp.vec2d(wp.dot(across, left_of(way)), wp.dot(across, way))
+        height = side_of(edges, j, middle)
+        out = put_pair(edges, offset, j, axis, (edges.radius - height) / d, int(0), bounds, base, out)
+        out = put_pair(edges, offset, j, axis, (-edges.radius - height) / d, int(0), bounds, base, out)
+    return out
 
 
 @wp.func
@@ -58,15 +239,8 @@ def reach_of_offset(edges: InsetEdges, offset: int):
 
 
 @wp.kernel
-def _count_bounds(
-    # In:
-    edges: InsetEdges,
-    failed: wp.array[wp.int32],
-    none: wp.array[wp.float64],  # empty
-    # Out:
-    count: wp.array[wp.int64],  # shape [offset + 1]: numbers that an offset's pieces need at most; 0: it has none
-):
-    """Count the crossings of each offset with stadiums."""
+def _count_bounds(edges: InsetEdges, failed: wp.array[wp.int32], count: wp.array[wp.int64]):
+    """Count the crossings of each offset with stadiums: numbers that its pieces need at most; 0: it has none."""
     offset = wp.tid()
     e = offset // 2
     if failed[edges.region[e]] != 0 or (offset % 2 != 0 and not has_arc(edges, e)):
@@ -84,7 +258,7 @@ def _count_bounds(
                 total = int(-2)
                 j = stop
         elif offset % 2 != 0 and j != e and j != edges.after[e]:
-            total = put_arc_crossings(edges, offset, j, none, wp.int64(0), total)
+            total = put_arc_crossings(edges, offset, j, edges.length, wp.int64(-1), total)
         j = next_edge(edges, reach, j + 1, stop)
     count[offset] = wp.int64(total + 2)
 
@@ -177,10 +351,11 @@ def keep_far(edges: InsetEdges, offset: int, bounds: wp.array[wp.float64], base:
 def _keep_pieces(
     # In:
     edges: InsetEdges,
+    failed: wp.array[wp.int32],
     place: wp.array[wp.int64],  # offsets of each offset's bounds
     # Out:
-    bounds: wp.array[wp.float64],  # begin and end of each piece, first in the places of its offset
     count: wp.array[wp.int64],  # pieces, shape [offset + 1]
+    bounds: wp.array[wp.float64],  # begin and end of each piece, first in the places of its offset
 ):
     """Find the pieces of each offset."""
     offset = wp.tid()
@@ -194,14 +369,7 @@ def _keep_pieces(
 
 
 @wp.kernel
-def _gather_pieces(
-    # In:
-    edges: InsetEdges,
-    place: wp.array[wp.int64],
-    bounds: wp.array[wp.float64],
-    # Out:
-    pieces: OffsetPieces,
-):
+def _gather_pieces(edges: InsetEdges, place: wp.array[wp.int64], bounds: wp.array[wp.float64], pieces: OffsetPieces):
     """Write the pieces of each offset, one after the other."""
     offset = wp.tid()
     first = pieces.start[offset]
@@ -217,14 +385,11 @@ def _gather_pieces(
 
 
 @wp.kernel
-def _find_doubtful_regions(
-    # In:
-    edges: InsetEdges,
-    pieces: OffsetPieces,
-    # Out:
-    failed: wp.array[wp.int32],  # 1: a piece lies on one that runs the other way
-):
-    """Find regions a part of which is twice the distance wide: what is left there is no area, or it is rounding."""
+def _find_doubtful_regions(edges: InsetEdges, pieces: OffsetPieces, failed: wp.array[wp.int32]):
+    """Find regions a part of which is twice the distance wide: what is left there is no area, or it is rounding.
+
+    There a piece lies on one that runs the other way.
+    """
     i = wp.tid()
     offset = pieces.offset[i]
     e = offset // 2
@@ -243,20 +408,21 @@ def _find_doubtful_regions(
 @on_one_device
 def find_pieces(edges: InsetEdges, failed: wp.array) -> OffsetPieces:
     """Pieces of the offsets of all regions that have not failed; those of which a piece is in doubt fail, too."""
-    device, offset_count, pieces = edges.origin.device, 2 * edges.origin.shape[0], OffsetPieces()
-    options = {"device": device, "block_dim": BLOCK}
+    device, offset_count, pieces = failed.device, 2 * edges.origin.shape[0], OffsetPieces()
     count = wp.zeros(offset_count + 1, dtype=wp.int64, device=device)
-    none = wp.empty(0, dtype=wp.float64, device=device)
-    wp.launch(_count_bounds, offset_count, inputs=[edges, failed, none], outputs=[count], **options)
-    place = offsets_of(count)
-    bounds = wp.empty(last_of(place), dtype=wp.float64, device=device)
-    count.zero_()
-    wp.launch(_keep_pieces, offset_count, inputs=[edges, place], outputs=[bounds, count], **options)
-    pieces.start = offsets_of(count)
-    total = last_of(pieces.start)
+    (bounds,), (place,) = count_then_fill(
+        _count_bounds,
+        _keep_pieces,
+        offset_count,
+        [edges, failed],
+        lambda total: [wp.empty(total, dtype=wp.float64, device=device)],
+        rows=offset_count,
+        more=[count],
+    )
+    (pieces.start,), (total,) = scan_counts(count)
     pieces.offset = wp.empty(total, dtype=wp.int32, device=device)
     pieces.begin, pieces.end = (wp.empty(total, dtype=wp.float64, device=device) for _ in range(2))
     pieces.first, pieces.last = (wp.empty(total, dtype=wp.vec2d, device=device) for _ in range(2))
-    wp.launch(_gather_pieces, offset_count, inputs=[edges, place, bounds], outputs=[pieces], **options)
-    wp.launch(_find_doubtful_regions, total, inputs=[edges, pieces], outputs=[failed], **options)
+    launch(_gather_pieces, offset_count, [edges, place, bounds], [pieces])
+    launch(_find_doubtful_regions, total, [edges, pieces], [failed])
     return pieces

@@ -19,11 +19,11 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
+from ..contours import Contours, room_for
 from ..fields.field import Field
 from ..offsets import PointLimitError, last_of
 from ..one_device import on_one_device
 from ..patch import ON
-from ..section.contour_writing import SectionContours
 from .follow import follow_tips, keep_slots
 from .grid import Grids, MovedNodes, lay_grids, place_grids
 from .lines import count_points, write_lines
@@ -48,7 +48,7 @@ def march_patches(
     bounded: bool,
     closes: bool,
     limit: int | None = None,
-) -> SectionContours:
+) -> Contours:
     """Contours of a field on patches, for all poses, on the device of the poses and of the field's data.
 
     pose: wp.transform, hand frame -> array frame, shape [pose, 1], or each patch's own, [pose, patch].
@@ -106,7 +106,7 @@ class _March:
         self.least = max(LEAST, field.grain / step)
         self.point_count = self.polyline_count = 0
 
-    def chunks(self) -> Iterator[SectionContours]:
+    def chunks(self) -> Iterator[Contours]:
         """Contours chunk by chunk; chunks with too many cut edges are halved."""
         tiles = CPU_TILES if self.pose.device.is_cpu else GPU_TILES
         size = max(1, tiles // max(self.grids.patch_of.shape[0], 1))
@@ -121,7 +121,7 @@ class _March:
             else:
                 yield contours
 
-    def chunk(self, first: int, stop: int) -> SectionContours | None:
+    def chunk(self, first: int, stop: int) -> "Contours | None":
         """Contours of poses first..stop; None if they are too many for one go."""
         patch_count = self.patch.shape[0]
         lattice = place_grids(
@@ -180,26 +180,21 @@ class _March:
         return samples, Traced(trails, point, found._replace(tip=tip))
 
 
-def _join_chunks(parts: list[SectionContours], device: wp.Device) -> SectionContours:
+def _join_chunks(parts: list[Contours], device: wp.Device) -> Contours:
     """Contours of consecutive chunks as one: offsets already go on."""
     if len(parts) == 1:
         return parts[0]
-    if not parts:
-        return SectionContours(
-            points=wp.empty(0, dtype=wp.vec3, device=device),
-            kind=wp.empty(0, dtype=wp.uint8, device=device),
-            polyline_start=wp.zeros(1, dtype=wp.int64, device=device),
-            polyline_patch=wp.empty(0, dtype=wp.int32, device=device),
-            polyline_closed=wp.empty(0, dtype=wp.uint8, device=device),
-            section_start=wp.zeros(1, dtype=wp.int64, device=device),
-        )
-    arrays = []
-    for name, pieces in zip(SectionContours._fields, zip(*parts, strict=True), strict=True):
+    out = room_for(0, 0, device)
+    out.pose_start = wp.zeros(1, dtype=wp.int64, device=device)
+    for name in (
+        ("points", "kind", "polyline_start", "polyline_patch", "polyline_closed", "pose_start") if parts else ()
+    ):
+        pieces = [getattr(part, name) for part in parts]
         shared = int(name.endswith("_start"))  # an offset that ends one chunk begins the next
-        out = wp.empty(sum(p.shape[0] - shared for p in pieces) + shared, dtype=pieces[0].dtype, device=device)
-        place = 0
+        size = sum(p.shape[0] - shared for p in pieces) + shared
+        joined, place = wp.empty(size, dtype=pieces[0].dtype, device=device), 0
         for piece in pieces:
-            wp.copy(out, piece, dest_offset=place, count=piece.shape[0])
+            wp.copy(joined, piece, dest_offset=place, count=piece.shape[0])
             place += piece.shape[0] - shared
-        arrays.append(out)
-    return SectionContours(*arrays)
+        setattr(out, name, joined)
+    return out

@@ -11,7 +11,7 @@ from typing import Any
 import warp as wp
 
 from ..fields.field import MODULE, Field, inside_function, made_once
-from ..offsets import BLOCK
+from ..offsets import launch
 from ..patch import EXACT
 from .grid import TILE_HEIGHT, Grid, Grids, Lattice, MovedNodes, is_done, is_inside, node_at, place_of
 from .sample import parts_of
@@ -244,14 +244,7 @@ def follow_tips(
         cut_start,
         found.room,
     ]
-    wp.launch(
-        follow_kernel(inside_function(field), field.data_type),
-        lattice.shape[0],
-        inputs=inputs,
-        outputs=[moved],
-        device=device,
-        block_dim=BLOCK,
-    )
+    launch(follow_kernel(inside_function(field), field.data_type), lattice.shape[0], inputs, [moved])
     return moved
 
 
@@ -278,4 +271,4 @@ def keep_slots(
 ) -> None:
     """Copy points, or what else there is of each slot, of sections without moved nodes: they are walked as before."""
     inputs = [section, moved, old_start, start, value]
-    wp.launch(_keep_slots, kept.shape[0], inputs=inputs, outputs=[kept], device=kept.device, block_dim=BLOCK)
+    launch(_keep_slots, kept.shape[0], inputs, [kept])

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
-from ..offsets import BLOCK
+from ..offsets import launch
 from ..patch import EXACT, ON, Frame, Patch, section_frame
 
 wp.set_module_options(EXACT)
@@ -180,5 +180,5 @@ def place_grids(
     lattice = wp.empty(count, dtype=Lattice, device=device)
     around = wp.vec3d() if middle is None else wp.vec3d(*middle)
     inputs = [pose, patch, grids.grid, first, int(middle is None), around]
-    wp.launch(_place_grids, count, inputs=inputs, outputs=[lattice], device=device, block_dim=BLOCK)
+    launch(_place_grids, count, inputs, [lattice])
     return lattice

@@ -4,10 +4,9 @@ from typing import NamedTuple
 
 import warp as wp
 
-from ..offsets import BLOCK, last_of, offsets_of
+from ..contours import Contours, room_for
+from ..offsets import launch, scan_counts
 from ..patch import EXACT
-from ..section.contour_writing import SectionContours
-from ..section.row_walker import LineArrays
 from .sample import NO_POINT
 from .walk import Trails
 
@@ -99,7 +98,7 @@ def _write_lines(
     patch_count: int,
     point_base: wp.int64,  # points of the chunks before
     # Out:
-    lines: LineArrays,
+    lines: Contours,
 ):
     """Write a slot's point, and where a polyline ends what there is to say of it."""
     slot = wp.tid()
@@ -131,24 +130,23 @@ def _write_lines(
 
 @wp.kernel
 def _write_starts(
+    # In:
     start: wp.array[wp.int64],  # see Kept
     cut_start: wp.array[wp.int32],
     polyline_base: wp.int64,  # polylines of the chunks before
-    section_start: wp.array[wp.int64],
+    # Out:
+    pose_start: wp.array[wp.int64],
 ):
     """Write where each section's polylines start; after the last section, where they end."""
     row = wp.tid()
-    section_start[row] = polyline_base + start[cut_start[row]] // LINE
+    pose_start[row] = polyline_base + start[cut_start[row]] // LINE
 
 
 def count_points(trails: Trails, point: wp.array, tip: wp.array) -> Kept:
     """Count what is left without steps of no length; waits for the device. tip: see Found."""
-    device = point.device
-    count = wp.empty(point.shape[0] + 1, dtype=wp.int64, device=device)
-    inputs = [trails.code, trails.after, point, tip]
-    wp.launch(_count_points, count.shape[0], inputs=inputs, outputs=[count], device=device, block_dim=BLOCK)
-    start = offsets_of(count)
-    total = last_of(start)
+    count = wp.empty(point.shape[0] + 1, dtype=wp.int64, device=point.device)
+    launch(_count_points, count.shape[0], [trails.code, trails.after, point, tip], [count])
+    (start,), (total,) = scan_counts(count)
     return Kept(start, total % (1 << 32), total >> 32)
 
 
@@ -162,26 +160,12 @@ def write_lines(
     patch_count: int,
     point_base: int,
     polyline_base: int,
-) -> SectionContours:
+) -> Contours:
     """Write a chunk's contours; offsets go on from the points and polylines of those before, and end with their end."""
     device = point.device
-    lines = LineArrays()
-    lines.points = wp.empty(kept.point_count, dtype=wp.vec3, device=device)
-    lines.kind = wp.empty(kept.point_count, dtype=wp.uint8, device=device)
-    end = point_base + kept.point_count
-    lines.polyline_start = wp.full(kept.polyline_count + 1, end, dtype=wp.int64, device=device)
-    lines.polyline_patch = wp.empty(kept.polyline_count, dtype=wp.int32, device=device)
-    lines.polyline_closed = wp.empty(kept.polyline_count, dtype=wp.uint8, device=device)
+    lines = room_for(kept.point_count, kept.polyline_count, device, end=point_base + kept.point_count)
     inputs = [*trails, point, tip, kept.start, patch_count, wp.int64(point_base)]
-    wp.launch(_write_lines, point.shape[0], inputs=inputs, outputs=[lines], device=device, block_dim=BLOCK)
-    section_start = wp.empty(cut_start.shape[0], dtype=wp.int64, device=device)
-    inputs = [kept.start, cut_start, wp.int64(polyline_base)]
-    wp.launch(_write_starts, cut_start.shape[0], inputs=inputs, outputs=[section_start], device=device, block_dim=BLOCK)
-    return SectionContours(
-        points=lines.points,
-        kind=lines.kind,
-        polyline_start=lines.polyline_start,
-        polyline_patch=lines.polyline_patch,
-        polyline_closed=lines.polyline_closed,
-        section_start=section_start,
-    )
+    launch(_write_lines, point.shape[0], inputs, [lines])
+    lines.pose_start = wp.empty(cut_start.shape[0], dtype=wp.int64, device=device)
+    launch(_write_starts, cut_start.shape[0], [kept.start, cut_start, wp.int64(polyline_base)], [lines.pose_start])
+    return lines

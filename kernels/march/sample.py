@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from ..fields.field import MODULE, Field, ball_unknown, inside_function, made_once, root_function
-from ..offsets import BLOCK, last_of, offsets_of
+from ..offsets import launch, offsets_of, scan_counts
 from ..patch import EXACT, to_float32
 from .grid import TILE_HEIGHT, TILE_WIDTH, Grid, Grids, Lattice, MovedNodes, is_done, node_at, place_of
 
@@ -282,41 +282,23 @@ def sample_nodes(field: Field, lattice: wp.array, grids: Grids, bounds: np.ndarr
     low, high = (wp.vec3d(*side) for side in np.asarray(bounds, np.float64))
     layout = [lattice, grids.grid, grids.patch_of]
     ball = field.ball or ball_unknown
-    wp.launch(
-        classify_kernel(ball, field.data_type),
-        (pose_count, grids.patch_of.shape[0]),
-        inputs=[field.data, low, high, *layout],
-        outputs=[bits, unclassified],
-        device=device,
-        block_dim=BLOCK,
-    )
-    place = offsets_of(unclassified)
-    listed = wp.empty(last_of(place), dtype=wp.int32, device=device)
-    wp.launch(_list_tiles, tile_count, inputs=[unclassified, place], outputs=[listed], device=device, block_dim=BLOCK)
-    wp.launch(
-        sample_kernel(inside_function(field), ball, field.data_type),
-        2 * listed.shape[0],
-        inputs=[field.data, *layout, listed],
-        outputs=[parts_of(bits, wp.uint16)],
-        device=device,
-        block_dim=BLOCK,
-    )
+    classify, dim = classify_kernel(ball, field.data_type), (pose_count, grids.patch_of.shape[0])
+    launch(classify, dim, [field.data, low, high, *layout], [bits, unclassified])
+    (place,), (total,) = scan_counts(unclassified)
+    listed = wp.empty(total, dtype=wp.int32, device=device)
+    launch(_list_tiles, tile_count, [unclassified, place], [listed])
+    sample = sample_kernel(inside_function(field), ball, field.data_type)
+    launch(sample, 2 * total, [field.data, *layout, listed], [parts_of(bits, wp.uint16)])
     return bits
 
 
 def resolve_cells(field: Field, lattice: wp.array, grids: Grids, bits: wp.array, *, spare: int) -> Samples:
     """Compare nodes with their neighbours; spare: places for other points in each section's range."""
-    device = lattice.device
     saddle, start = wp.empty_like(bits), wp.empty_like(bits)
-    cut_count = wp.full(lattice.shape[0] + 1, spare, dtype=wp.int32, device=device)
-    wp.launch(
-        resolve_kernel(inside_function(field), field.data_type),
-        (lattice.shape[0] // grids.grid.shape[0], grids.patch_of.shape[0]),
-        inputs=[field.data, lattice, grids.grid, grids.patch_of, bits],
-        outputs=[saddle, start, cut_count],
-        device=device,
-        block_dim=BLOCK,
-    )
+    cut_count = wp.full(lattice.shape[0] + 1, spare, dtype=wp.int32, device=lattice.device)
+    resolve = resolve_kernel(inside_function(field), field.data_type)
+    dim = (lattice.shape[0] // grids.grid.shape[0], grids.patch_of.shape[0])
+    launch(resolve, dim, [field.data, lattice, grids.grid, grids.patch_of, bits], [saddle, start, cut_count])
     return Samples(bits, saddle, start, offsets_of(cut_count))
 
 
@@ -330,14 +312,8 @@ def find_roots(
     point: wp.array,
 ) -> None:
     """Write where the points with these codes lie [m], float32, shape [slot]; those of sections that are done stay."""
-    wp.launch(
-        root_kernel(root_function(field), field.data_type),
-        code.shape[0],
-        inputs=[field.data, lattice, grids.grid, code, section, moved],
-        outputs=[point],
-        device=code.device,
-        block_dim=BLOCK,
-    )
+    kernel = root_kernel(root_function(field), field.data_type)
+    launch(kernel, code.shape[0], [field.data, lattice, grids.grid, code, section, moved], [point])
 
 
 def parts_of(words: wp.array, dtype: Any = wp.uint8) -> wp.array:

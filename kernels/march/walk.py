@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import warp as wp
 
-from ..offsets import BLOCK
+from ..offsets import launch
 from ..patch import EXACT
 from ..section.row_walker import HAND
 from .grid import TILE_HEIGHT, TILE_WIDTH, Grid, Grids, is_inside, rim_count, rim_node
@@ -326,10 +326,10 @@ def walk_sections(samples: Samples, grids: Grids, slot_count: int, *, closes: bo
     section_count = samples.cut_start.shape[0] - 1
     rim_size = section_count // grids.grid.shape[0] * grids.rim_bytes
     trails = Trails(*(wp.empty(slot_count, dtype=wp.int32, device=device) for _ in Trails._fields))
-    wp.launch(
+    launch(
         _walk_sections,
         section_count,
-        inputs=[
+        [
             parts_of(samples.bits),
             parts_of(samples.saddle),
             grids.grid,
@@ -341,8 +341,6 @@ def walk_sections(samples: Samples, grids: Grids, slot_count: int, *, closes: bo
             parts_of(samples.start),
             wp.zeros(rim_size, dtype=wp.uint8, device=device),
         ],
-        outputs=[*trails],
-        device=device,
-        block_dim=BLOCK,
+        [*trails],
     )
     return trails

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import warp as wp
 
-from ..offsets import BLOCK
+from ..offsets import launch
 from ..one_device import on_one_device
 from ..patch import EXACT, to_float64
 
@@ -50,4 +50,4 @@ def count_facing(pose: wp.array, drawn: wp.array, degrees: Sequence[float], out:
     """
     for row, angle in enumerate(degrees):
         inputs = [pose, drawn, wp.float64(math.cos(math.radians(angle)))]
-        wp.launch(_count_facing, len(pose), inputs=inputs, outputs=[out[row]], device=out.device, block_dim=BLOCK)
+        launch(_count_facing, len(pose), inputs, [out[row]])

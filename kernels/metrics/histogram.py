@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from ..offsets import BLOCK
+from ..offsets import launch
 from ..one_device import on_one_device
 from ..patch import EXACT
 
@@ -55,5 +55,5 @@ def count_bins(
     shape = part_start.shape[0] - 1, (highest - lowest) * 2**bits + 3
     count = wp.zeros(shape, dtype=wp.int32, device=value.device)
     inputs = [value, span_first, span_count, part_start, 23 - bits, (127 + lowest) << bits]  # float32: 23 and 8 bits
-    wp.launch(_count_bins, span_first.shape[0], inputs=inputs, outputs=[count], device=value.device, block_dim=BLOCK)
+    launch(_count_bins, span_first.shape[0], inputs, [count])
     return count

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from ..offsets import BLOCK
+from ..offsets import launch
 from ..patch import EXACT, to_float32
 
 wp.set_module_options(EXACT)
@@ -87,5 +87,5 @@ def random_poses(
     if pose.shape != (stop - first,) or pose.dtype is not wp.transform:
         raise ValueError(f"room for poses must be wp.transform, shape [{stop - first}], not {list(pose.shape)}")
     inputs = [wp.uint64(seed), wp.int64(first), wp.float64(size), wp.vec3d(*at)]
-    wp.launch(_place_poses, stop - first, inputs=inputs, outputs=[pose], device=pose.device, block_dim=BLOCK)
+    launch(_place_poses, stop - first, inputs, [pose])
     return pose

@@ -4,12 +4,10 @@ Numbers stand in rows, float32, shape [metric, pose]; NaN where a metric does no
 from a span's first pose to its last, then part by part, from a part's first span to its last.
 """
 
-from functools import partial
-from typing import Any
-
 import warp as wp
 
-from ..offsets import BLOCK
+from ..contours import Contours
+from ..offsets import launch
 from ..one_device import on_one_device
 from ..patch import EXACT, to_float32, to_float64
 
@@ -67,12 +65,7 @@ def write_lengths(
 @wp.kernel
 def _tally_contours(
     # In:
-    points: wp.array[wp.vec3],
-    kind: wp.array[wp.uint8],
-    polyline_start: wp.array[wp.int64],
-    polyline_patch: wp.array[wp.int32],
-    polyline_closed: wp.array[wp.uint8],
-    pose_start: wp.array[wp.int64],
+    c: Contours,
     measures: int,  # 0: leave all rows but the area as they are
     encloses: int,  # 0: leave the area as it is
     # Out:
@@ -85,65 +78,53 @@ def _tally_contours(
     area = wp.float64(0.0)
     swept = wp.vec3d()  # twice the area of a patch, along its normal
     patch = int(-1)
-    for line in range(int(pose_start[pose]), int(pose_start[pose + 1])):
-        base = polyline_start[line]
-        here = points[base]
+    for line in range(int(c.pose_start[pose]), int(c.pose_start[pose + 1])):
+        base = c.polyline_start[line]
+        here = c.points[base]
         origin = to_float64(here)
         arm = wp.vec3d()
         own = wp.vec3d()
-        for k in range(int(polyline_start[line + 1] - base) - 1):
+        for k in range(int(c.polyline_start[line + 1] - base) - 1):
             i = base + wp.int64(k)
-            there = points[i + wp.int64(1)]
-            segment = int(kind[i])
+            there = c.points[i + wp.int64(1)]
+            segment = int(c.kind[i])
             total[segment] = total[segment] + wp.length(to_float64(there - here))
             further = to_float64(there) - origin
             own = own + wp.cross(arm, further)  # no += and no branch here: five times as slow on a CPU
             arm = further
             here = there
-        if polyline_patch[line] != patch:
+        if c.polyline_patch[line] != patch:
             area += wp.length(swept)
             swept = wp.vec3d()
-            patch = polyline_patch[line]
-        if polyline_closed[line] != wp.uint8(0):
+            patch = c.polyline_patch[line]
+        if c.polyline_closed[line] != wp.uint8(0):
             swept = swept + own
     if encloses != 0:
         value[5, pose] = wp.float32(wp.float64(0.5) * (area + wp.length(swept)))
     if measures != 0:
-        write_lengths(total, pose_start[pose + 1] - pose_start[pose], pose, value, length)
+        write_lengths(total, c.pose_start[pose + 1] - c.pose_start[pose], pose, value, length)
 
 
 @wp.kernel
-def _weigh_contours(
-    # In:
-    points: wp.array[wp.vec3],
-    kind: wp.array[wp.uint8],
-    intensity: wp.array[wp.float32],
-    polyline_start: wp.array[wp.int64],
-    pose_start: wp.array[wp.int64],
-    # Out:
-    value: wp.array2d[wp.float32],  # shape [METRICS.., pose]
-):
+def _weigh_contours(c: Contours, value: wp.array2d[wp.float32]):
     """Integrate the intensity, which is linear from point to point, along a pose's contours."""
     pose = wp.tid()
     total = wp.vec3d()
-    for line in range(int(pose_start[pose]), int(pose_start[pose + 1])):
-        base = polyline_start[line]
-        for k in range(int(polyline_start[line + 1] - base) - 1):
+    for line in range(int(c.pose_start[pose]), int(c.pose_start[pose + 1])):
+        base = c.polyline_start[line]
+        for k in range(int(c.polyline_start[line + 1] - base) - 1):
             i = base + wp.int64(k)
             j = i + wp.int64(1)
-            middle = wp.float64(0.5) * (wp.float64(intensity[i]) + wp.float64(intensity[j]))
-            segment = int(kind[i])
-            total[segment] = total[segment] + middle * wp.length(to_float64(points[j] - points[i]))
+            middle = wp.float64(0.5) * (wp.float64(c.intensity[i]) + wp.float64(c.intensity[j]))
+            segment = int(c.kind[i])
+            total[segment] = total[segment] + middle * wp.length(to_float64(c.points[j] - c.points[i]))
     value[6, pose] = stored_sum(total)
 
 
 @wp.kernel
 def _measure_gaps(
     # In:
-    points: wp.array[wp.vec3],
-    polyline_start: wp.array[wp.int64],
-    polyline_closed: wp.array[wp.uint8],
-    pose_start: wp.array[wp.int64],
+    c: Contours,
     # Out:
     open_length: wp.array[wp.float64],  # of open polylines [m]
     chord: wp.array[wp.float64],  # from their ends back to their starts [m]
@@ -154,18 +135,18 @@ def _measure_gaps(
     length = wp.float64(0.0)
     back = wp.float64(0.0)
     count = int(0)
-    for line in range(int(pose_start[pose]), int(pose_start[pose + 1])):
-        first = polyline_start[line]
-        last = polyline_start[line + 1] - wp.int64(1)
+    for line in range(int(c.pose_start[pose]), int(c.pose_start[pose + 1])):
+        first = c.polyline_start[line]
+        last = c.polyline_start[line + 1] - wp.int64(1)
         own = wp.float64(0.0)
         for k in range(int(last - first)):
             i = first + wp.int64(k)
-            own += wp.length(to_float64(points[i + wp.int64(1)]) - to_float64(points[i]))
+            own += wp.length(to_float64(c.points[i + wp.int64(1)]) - to_float64(c.points[i]))
         if own > wp.float64(0.0):
             count += 1
-            if polyline_closed[line] == wp.uint8(0):
+            if c.polyline_closed[line] == wp.uint8(0):
                 length += own
-                back += wp.length(to_float64(points[last]) - to_float64(points[first]))
+                back += wp.length(to_float64(c.points[last]) - to_float64(c.points[first]))
     open_length[pose] = length
     chord[pose] = back
     piece_count[pose] = count
@@ -271,38 +252,32 @@ def _sum_parts(
 
 
 @on_one_device
-def tally_contours(batch: Any, value: wp.array, length: wp.array, *, measures: bool, encloses: bool) -> None:
-    """Measure each pose of a batch on the device of its arrays into rows METRICS of `value`, float32 [metric.., pose].
+def tally_contours(contours: Contours, value: wp.array, length: wp.array, *, measures: bool, encloses: bool) -> None:
+    """Measure each pose of contours on the device of its arrays into rows METRICS of `value`, float32 [metric.., pose].
 
-    batch: with the fields of contours, polylines of a pose in the order of their patches. length: takes the length of
-    all contours in float64 [m], shape [pose]. measures: writes that and all rows but the area; length_intensity is the
-    integral of the batch's intensity along contours [m], and bit-identical to length if that is None or 1 everywhere.
+    Polylines of a pose must be in the order of their patches. length: takes the length of all contours in float64 [m],
+    shape [pose]. measures: writes that and all rows but the area; length_intensity is the integral of the contours'
+    intensity along them [m], and bit-identical to length if that is None or 1 everywhere.
     encloses: writes the area of what closed polylines bound on their patches [m^2], outer boundaries one way round and
     holes the other.
     """
-    pose_count = batch.pose_start.shape[0] - 1
+    pose_count = contours.pose_start.shape[0] - 1
     if value.shape[0] < len(METRICS) or value.shape[1] != pose_count or length.shape[0] != pose_count:
         raise ValueError(f"values must have shape [{len(METRICS)}.., {pose_count}], not {list(value.shape)}")
-    arrays = [batch.points, batch.kind, batch.polyline_start, batch.polyline_patch, batch.polyline_closed]
-    inputs = [*arrays, batch.pose_start, int(measures), int(encloses)]
-    launch = partial(wp.launch, device=value.device, block_dim=BLOCK)
-    launch(_tally_contours, pose_count, inputs=inputs, outputs=[value, length])
-    if measures and batch.intensity is not None:
-        inputs = [batch.points, batch.kind, batch.intensity, batch.polyline_start, batch.pose_start]
-        launch(_weigh_contours, pose_count, inputs=inputs, outputs=[value])
+    launch(_tally_contours, pose_count, [contours, int(measures), int(encloses)], [value, length])
+    if measures and contours.intensity is not None:
+        launch(_weigh_contours, pose_count, [contours], [value])
 
 
-def measure_gaps(batch: Any) -> tuple[wp.array, wp.array, wp.array]:
+def measure_gaps(contours: Contours) -> tuple[wp.array, wp.array, wp.array]:
     """Of each pose the length of open polylines, and of their chords [m], float64, and its polylines, int32.
 
     Polylines without length are left out.
     """
-    pose_count, device = batch.pose_start.shape[0] - 1, batch.points.device
+    pose_count, device = contours.pose_start.shape[0] - 1, contours.points.device
     open_length, chord = (wp.empty(pose_count, dtype=wp.float64, device=device) for _ in range(2))
     piece_count = wp.empty(pose_count, dtype=wp.int32, device=device)
-    inputs = [batch.points, batch.polyline_start, batch.polyline_closed, batch.pose_start]
-    outputs = [open_length, chord, piece_count]
-    wp.launch(_measure_gaps, pose_count, inputs=inputs, outputs=outputs, device=device, block_dim=BLOCK)
+    launch(_measure_gaps, pose_count, [contours], [open_length, chord, piece_count])
     return open_length, chord, piece_count
 
 
@@ -315,12 +290,9 @@ def pace_poses(
     length: [m], float64, shape [pose]. gaps: open lengths and chords (`measure_gaps`), where the pacing asks for them.
     value: takes them, if given.
     """
-    device = length.device
-    none = wp.empty(0, dtype=wp.float64, device=device)
     if value is None:
-        value = wp.empty((2, length.shape[0]), dtype=wp.float32, device=device)
-    inputs = [pacing, length, *(gaps or (none, none))]
-    wp.launch(_pace_poses, length.shape[0], inputs=inputs, outputs=[value], device=device, block_dim=BLOCK)
+        value = wp.empty((2, length.shape[0]), dtype=wp.float32, device=length.device)
+    launch(_pace_poses, length.shape[0], [pacing, length, *(gaps or (None, None))], [value])
     return value
 
 
@@ -338,10 +310,8 @@ def sum_parts(
     shape = part_start.shape[0] - 1, value.shape[0], len(STATISTICS)
     if begun is not None and begun.shape != shape:
         raise ValueError(f"statistics must have shape {list(shape)}, not {list(begun.shape)}")
-    known = wp.empty((0, 0, 0), dtype=wp.float64, device=device) if begun is None else begun
     spans = wp.empty((span_total, *shape[1:]), dtype=wp.float64, device=device)
     statistic = wp.empty(shape, dtype=wp.float64, device=device)
-    launch = partial(wp.launch, device=device, block_dim=BLOCK)
-    launch(_sum_spans, spans.shape[:2], inputs=[value, span_first, span_count], outputs=[spans])
-    launch(_sum_parts, shape, inputs=[spans, part_start, known], outputs=[statistic])
+    launch(_sum_spans, spans.shape[:2], [value, span_first, span_count], [spans])
+    launch(_sum_parts, shape, [spans, part_start, begun], [statistic])
     return statistic

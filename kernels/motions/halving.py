@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ..offsets import BLOCK, last_of, offsets_of
+from ..offsets import BLOCK, last_of, scan_counts
 from ..patch import EXACT
 from .around import is_doubtful
 
@@ -216,14 +216,13 @@ def halve_intervals(rows: Any, far: wp.array, level: int, *, hold: float, least:
     chosen = wp.zeros(count + 1, dtype=wp.int64, device=device)
     inputs = [rows, far, float(hold), float(least)]
     wp.launch(_choose_intervals, count, inputs=inputs, outputs=[chosen], device=device, block_dim=BLOCK)
-    number = offsets_of(chosen)
-    middles = last_of(number)
+    (number,), (middles,) = scan_counts(chosen)
     if middles == 0 or level >= LEVELS_MOST:
         return None
     counted = wp.zeros(count + 1, dtype=wp.int64, device=device)
     wp.launch(_count_rows, count, inputs=[chosen], outputs=[counted], device=device, block_dim=BLOCK)
-    start = offsets_of(counted)
-    out, middle = empty_rows(last_of(start), device), empty_rows(middles, device)
+    (start,), (total,) = scan_counts(counted)
+    out, middle = empty_rows(total, device), empty_rows(middles, device)
     place = wp.empty(middles, dtype=wp.int64, device=device)
     doubtful = wp.zeros(middles + 1, dtype=wp.int32, device=device)
     inputs = [rows, chosen, number, start, 1 << (LEVELS_MOST - 1 - level)]

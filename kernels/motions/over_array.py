@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ..offsets import BLOCK, last_of, offsets_of
+from ..offsets import BLOCK, scan_counts
 from ..patch import EXACT, to_float32
 from .counter_random import bell, uniform, vec2ul
 from .portable_angles import arc_tangent, hyperbolic_tangent, sine_cosine, sine_of_turns
@@ -301,8 +301,7 @@ def strokes_of(trials: wp.array) -> Any:
     rows = wp.zeros(count + 1, dtype=wp.int64, device=device)
     strokes.sway = wp.empty((count, 6), dtype=wp.vec2d, device=device)
     wp.launch(_walk_strokes, count, inputs=[trials, False, rows, strokes], device=device, block_dim=BLOCK)
-    strokes.start = offsets_of(rows)
-    total = last_of(strokes.start)
+    (strokes.start,), (total,) = scan_counts(rows)
     for name, dtype in (("position", wp.vec3d), ("angles", wp.vec3d), ("begin", wp.int64), ("moving", wp.int64)):
         setattr(strokes, name, wp.empty(total, dtype=dtype, device=device))
     wp.launch(_walk_strokes, count, inputs=[trials, True, rows, strokes], device=device, block_dim=BLOCK)

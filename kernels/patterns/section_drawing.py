@@ -5,10 +5,11 @@ from typing import Any
 
 import warp as wp
 
-from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
+from ..contours import Contours
+from ..offsets import BLOCK, scan_counts
 from ..patch import EXACT, Patch, half_extents, section_frame
-from ..section.contour_writing import SectionContours, room_for_contours
-from ..section.row_walker import LineArrays, PolylineWriter
+from ..section.contour_writing import room_for_contours
+from ..section.row_walker import PolylineWriter
 from .cut_loops import kept_cut, kept_exactly
 from .loop_table import LoopTable, place_vertices, room_to_remember
 from .section_cutting import LAUNCH_BOUNDS, REST_THREADS, CutSections, row_count, section_in
@@ -30,7 +31,7 @@ def _draw_clear_sections(
     point_start: wp.array[wp.int64],  # offsets of the sections' points, shape [section + 1]
     memory: wp.array[wp.float64],  # `room_to_remember`
     # Out:
-    lines: LineArrays,
+    lines: Contours,
 ):
     """Write the polylines of each section that was not cut exactly."""
     section = wp.tid()
@@ -62,7 +63,7 @@ def _draw_sections(
     rest_count: wp.array[wp.int32],
     step: int,  # threads
     # Out:
-    lines: LineArrays,
+    lines: Contours,
 ):
     """Write the polylines of any sections, and where the last polyline of all ends."""
     count = word.shape[1]
@@ -90,20 +91,17 @@ def draw_sections(
     bounded: bool,
     closes: bool,
     limit: int | None = None,
-) -> SectionContours:
+) -> Contours:
     """Write the contours that `cut_sections` counted, other arguments as for it; bit-identical to `draw_contours`.
 
     Raises PointLimitError, before memory is taken for them, if there are more points than `limit`.
     """
-    section_start, point_start = offsets_of(cut.polylines), offsets_of(cut.points)
-    polyline_count, point_count = last_of(section_start), last_of(point_start)
-    if limit is not None and point_count > limit:
-        raise PointLimitError(point_count, limit)
-    contours, lines = room_for_contours(section_start, polyline_count, point_count)
+    (point_start, section_start), (point_count, polyline_count) = scan_counts(cut.points, cut.polylines, limit=limit)
+    contours = room_for_contours(section_start, polyline_count, point_count)
     inputs = [table, pose, patch, int(bounded), int(closes), cut.word, section_start, point_start]
     inputs.append(room_to_remember(pose.device))
     count, split = cut.word.shape[1], cut.rest is not None
-    launch = partial(wp.launch, outputs=[lines], device=pose.device, block_dim=BLOCK)
+    launch = partial(wp.launch, outputs=[contours], device=pose.device, block_dim=BLOCK)
     if split:
         launch(_draw_clear_sections, count, inputs=inputs)
     step = min(count, REST_THREADS) if split else count

@@ -3,8 +3,8 @@
 | function | sink | state | result |
 |---|---|---|---|
 | count_section | int (unused) | PointCounter | numbers of polylines and points |
-| draw_section | LineArrays | PolylineWriter | points, kinds and polylines in arrays |
-| draw_clear_section | LineArrays | ClearWriter | the same for a section that was not cut exactly |
+| draw_section | Contours | PolylineWriter | points, kinds and polylines in arrays |
+| draw_clear_section | Contours | ClearWriter | the same for a section that was not cut exactly |
 | add_section | int: 1 if contours enclose an area | LengthAccumulator | lengths by kind and area vectors |
 
 Points come in the order in which `section.row_walker` passes them, and polylines of no length are left out, so that the
@@ -15,12 +15,12 @@ from typing import Any
 
 import warp as wp
 
+from ..contours import Contours
 from ..patch import Frame, corner, output_point
 from ..section.row_walker import (
     HAND,
     OBJECT,
     LengthAccumulator,
-    LineArrays,
     PolylineWriter,
     add_boundary,
     add_to,
@@ -89,7 +89,7 @@ def count_boundary(unused: int, counter: PointCounter, f: Frame, half: wp.vec2d,
 
 
 @wp.func
-def begin_writing(lines: LineArrays, writer: PolylineWriter, begins: bool, closed: bool):
+def begin_writing(lines: Contours, writer: PolylineWriter, begins: bool, closed: bool):
     """Write where a polyline begins; so does the next one, at the same place, if this one has no length."""
     if begins:
         lines.polyline_start[writer.line] = writer.i
@@ -97,7 +97,7 @@ def begin_writing(lines: LineArrays, writer: PolylineWriter, begins: bool, close
 
 
 @wp.func
-def end_writing(lines: LineArrays, writer: PolylineWriter, ends: bool, closed: bool):
+def end_writing(lines: Contours, writer: PolylineWriter, ends: bool, closed: bool):
     """Write the held point and the rest of the header of the polyline that ends here, unless it has no length."""
     out = writer
     if ends:
@@ -125,7 +125,7 @@ class ClearWriter:
 
 
 @wp.func
-def write_point(lines: LineArrays, i: wp.int64, x: wp.vec3, kind: int):
+def write_point(lines: Contours, i: wp.int64, x: wp.vec3, kind: int):
     """Write a point and the kind of the segment that starts there."""
     lines.points[i] = x
     if kind != OBJECT:
@@ -133,7 +133,7 @@ def write_point(lines: LineArrays, i: wp.int64, x: wp.vec3, kind: int):
 
 
 @wp.func
-def write_clear(lines: LineArrays, writer: ClearWriter, y: wp.vec3, draws: bool):
+def write_clear(lines: Contours, writer: ClearWriter, y: wp.vec3, draws: bool):
     """Write the held point and hold point y, if `draws`."""
     out = writer
     if draws:
@@ -146,7 +146,7 @@ def write_clear(lines: LineArrays, writer: ClearWriter, y: wp.vec3, draws: bool)
 
 
 @wp.func
-def begin_clear(lines: LineArrays, writer: ClearWriter, begins: bool, closed: bool):
+def begin_clear(lines: Contours, writer: ClearWriter, begins: bool, closed: bool):
     """Write the header of a polyline if one begins here."""
     out = writer
     if begins:
@@ -158,7 +158,7 @@ def begin_clear(lines: LineArrays, writer: ClearWriter, begins: bool, closed: bo
 
 
 @wp.func
-def end_clear(lines: LineArrays, writer: ClearWriter, ends: bool, closed: bool):
+def end_clear(lines: Contours, writer: ClearWriter, ends: bool, closed: bool):
     """Write the held point if the polyline ends here; it repeats the kind of the point before."""
     out = writer
     if ends:
@@ -168,7 +168,7 @@ def end_clear(lines: LineArrays, writer: ClearWriter, ends: bool, closed: bool):
 
 
 @wp.func
-def clear_boundary(lines: LineArrays, writer: ClearWriter, f: Frame, half: wp.vec2d, draws: bool):
+def clear_boundary(lines: Contours, writer: ClearWriter, f: Frame, half: wp.vec2d, draws: bool):
     """Write the patch's whole boundary as a closed polyline of five points, if `draws`."""
     out = begin_clear(lines, writer, draws, True)
     if draws:
@@ -296,7 +296,7 @@ def section_walker(
 
 count_section = section_walker(int, PointCounter, count_to, begin_count, end_count, count_boundary)
 draw_clear_section = section_walker(
-    LineArrays, ClearWriter, write_clear, begin_clear, end_clear, clear_boundary, exact=False
+    Contours, ClearWriter, write_clear, begin_clear, end_clear, clear_boundary, exact=False
 )
-draw_section = section_walker(LineArrays, PolylineWriter, write_to, begin_writing, end_writing, draw_boundary)
+draw_section = section_walker(Contours, PolylineWriter, write_to, begin_writing, end_writing, draw_boundary)
 add_section = section_walker(int, LengthAccumulator, add_to, begin_sum, end_adding, add_boundary)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
+from ..offsets import BLOCK, scan_counts
 from ..patch import EXACT, Frame, Patch, half_extents, section_frame
 from ..section.half_edges import OPEN, Surface
 from ..section.joining import COUNT, SLOT, Entries, order_pieces
@@ -140,10 +140,8 @@ def plane_loops(
     for pieces, entries in ordered.rows:
         inputs = [surface, pose, patch, pieces, entries]
         launch(_count_crossings, pieces.count.shape[0], inputs=inputs, outputs=[crossings])
-    section_start, point_start = offsets_of(ordered.polylines), offsets_of(crossings)
-    point_count, loop_count = last_of(point_start), last_of(section_start)
-    if limit is not None and point_count > limit:
-        raise PointLimitError(point_count, limit)
+    (point_start, section_start), totals = scan_counts(crossings, ordered.polylines, limit=limit)
+    point_count, loop_count = totals
     points = wp.empty(point_count, dtype=wp.vec2d, device=device)
     loop_start = wp.full(loop_count + 1, point_count, dtype=wp.int64, device=device)
     for pieces, entries in ordered.rows:

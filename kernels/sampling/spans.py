@@ -39,7 +39,7 @@ SCHEDULE = {"first": wp.int64, "number": wp.int64, "time": wp.float64, "hold": w
 
 def has_pauses(plan: Any, contours: Any) -> bool:
     """Whether a focal point may pause somewhere."""
-    return contours.dwell.shape[0] > 0 or plan.dwell_time > 0 or plan.dwell_ratio > 0
+    return contours.dwell is not None or plan.dwell_time > 0 or plan.dwell_ratio > 0
 
 
 class SpanRoom:
@@ -149,7 +149,7 @@ class SpanRoom:
             return True
         grown = self.grown
         self._fit(plan, contours, 1, sample_count)
-        columns = [(own.intensity.shape[0] > 0, own.dwell.shape[0] > 0) for own in (before, contours)]
+        columns = [(own.intensity is None, own.dwell is None) for own in (before, contours)]
         if self.grown != grown or columns[0] != columns[1]:
             return False
         for name in ("collect", "single", "runs", "enter", "sum"):  # the others take no contours
@@ -264,7 +264,7 @@ class SpanRoom:
             ("knot", node_count, wp.float64),
             ("point", node_count, wp.vec3d),
             ("piece", node_count, wp.int32),
-            ("level", node_count if contours.intensity.shape[0] > 0 else 0, wp.float64),
+            ("level", node_count if contours.intensity is not None else 0, wp.float64),
             ("pause", paused, wp.float64),
             ("corner", paused, wp.uint8),
             ("section", pose_count * plan.sections, DrawnSection),
@@ -321,7 +321,7 @@ class SpanRoom:
         rows.room, rows.sums, rows.door = own["room"], own["sums"], own["door"]
         nodes.knot, nodes.point, nodes.piece, nodes.section = (own[n] for n in ("knot", "point", "piece", "section"))
         nothing = wp.empty(0, dtype=wp.float64, device=self.device)
-        nodes.intensity = own["level"] if contours.intensity.shape[0] > 0 else nothing
+        nodes.intensity = own["level"] if contours.intensity is not None else nothing
         nodes.pause = own["pause"] if has_pauses(plan, contours) else nothing
         nodes.corner = own["corner"] if has_pauses(plan, contours) else wp.empty(0, dtype=wp.uint8, device=self.device)
         nodes.stretch = own["stretch"]

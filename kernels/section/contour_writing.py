@@ -4,10 +4,11 @@ Pieces with listed crossings are not walked: one thread a section writes what is
 """
 
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import warp as wp
 
+from ..contours import Contours
 from ..lanes import lane_count
 from ..offsets import BLOCK
 from ..patch import EXACT, Patch, half_extents, output_point, section_frame
@@ -16,24 +17,13 @@ from .half_edges import Surface
 from .joining import COUNT, SLOT, Entries, Joined
 from .listed_drawing import LANE_WORDS, _draw_listed_rows
 from .pieces import ContourPieces, section_of, start_of
-from .row_walker import LineArrays, PolylineWriter, draw_row, draw_row_ends
+from .row_walker import PolylineWriter, draw_row, draw_row_ends
 from .triangle_walk import crossing_at, point_of
 
 wp.set_module_options(EXACT)
 
 
 GROUPS_MOST = 2**24  # of lanes that draw; 64 times as many threads have numbers in 31 bits
-
-
-class SectionContours(NamedTuple):
-    """Device arrays of a contour batch; sections are numbered pose * patches + patch."""
-
-    points: wp.array  # vec3 [m], array frame, shape [point]
-    kind: wp.array  # uint8, shape [point]
-    polyline_start: wp.array  # int64, shape [polyline + 1]
-    polyline_patch: wp.array  # int32, shape [polyline]
-    polyline_closed: wp.array  # uint8, shape [polyline]
-    section_start: wp.array  # int64, shape [section + 1]
 
 
 @wp.func
@@ -48,7 +38,7 @@ def write_row(
     closes: int,
     section_start: wp.array[wp.int64],
     point_start: wp.array[wp.int64],
-    lines: LineArrays,
+    lines: Contours,
 ):
     """Write a row's polylines by walking its pieces."""
     section = section_of(pieces, row)
@@ -76,7 +66,7 @@ def _draw_contours(
     section_start: wp.array[wp.int64],  # offsets of the sections' polylines, shape [section + 1]
     point_start: wp.array[wp.int64],  # offsets of the sections' points, shape [section + 1]
     # Out:
-    lines: LineArrays,
+    lines: Contours,
 ):
     """Write each row's polylines."""
     write_row(surface, pose, patch, pieces, entries, wp.tid(), bounded, closes, section_start, point_start, lines)
@@ -97,7 +87,7 @@ def _draw_rest(
     rest: wp.array[wp.int32],  # rows that `_draw_listed_rows` leaves out
     rest_count: wp.array[wp.int32],
     # Out:
-    lines: LineArrays,
+    lines: Contours,
 ):
     """Write the polylines of the rows that are left."""
     if wp.tid() < rest_count[0]:
@@ -118,7 +108,7 @@ def _draw_ends(
     section_start: wp.array[wp.int64],
     point_start: wp.array[wp.int64],
     # Out:
-    lines: LineArrays,
+    lines: Contours,
 ):
     """Write each row's polylines but for the points of listed crossings; their places into `ContourPieces.place`."""
     row = wp.tid()
@@ -173,10 +163,13 @@ def _draw_listed(
 
 def draw_contours(
     surface: Any, pose: wp.array, patch: wp.array, joined: Joined, *, bounded: bool, closes: bool
-) -> SectionContours:
-    """Write the polylines that `join_pieces` ordered and counted; arguments as for it and `find_pieces`."""
+) -> Contours:
+    """Write the polylines that `join_pieces` ordered and counted; arguments as for it and `find_pieces`.
+
+    Sections, pose * patches + patch, stand for the poses of the contours.
+    """
     device = pose.device
-    out, lines = room_for_contours(joined.section_start, joined.polyline_count, joined.point_count)
+    lines = room_for_contours(joined.section_start, joined.polyline_count, joined.point_count)
     launch = partial(wp.launch, device=device, block_dim=BLOCK)
     for pieces, entries in joined.rows:
         if pieces.lists.words > 0:
@@ -188,7 +181,7 @@ def draw_contours(
         if pieces.listed is not None:
             lanes, groups = lane_count(device), min(row_count, GROUPS_MOST)
             launch(_draw_listed, groups * lanes, inputs=[surface, *drawn, lanes, groups], outputs=[lines.points])
-    return out
+    return lines
 
 
 def draw_listed_rows(
@@ -214,19 +207,14 @@ def draw_listed_rows(
     launch(_draw_rest, row_count, inputs=[*inputs, *rest], outputs=[lines])
 
 
-def room_for_contours(section_start: wp.array, polyline_count: int, point_count: int) -> tuple[SectionContours, Any]:
-    """Allocate contours, and the LineArrays that kernels write them through."""
-    device = section_start.device
+def room_for_contours(section_start: wp.array, polyline_count: int, point_count: int) -> Contours:
+    """Allocate contours that have these polylines in each section."""
+    device, out = section_start.device, Contours()
     starts = wp.empty if section_start.shape[0] > 1 else wp.zeros  # the last section writes the last start
-    out = SectionContours(
-        points=wp.empty(point_count, dtype=wp.vec3, device=device),
-        kind=wp.zeros(point_count, dtype=wp.uint8, device=device),
-        polyline_start=starts(polyline_count + 1, dtype=wp.int64, device=device),
-        polyline_patch=wp.empty(polyline_count, dtype=wp.int32, device=device),
-        polyline_closed=wp.empty(polyline_count, dtype=wp.uint8, device=device),
-        section_start=section_start,
-    )
-    lines = LineArrays()
-    lines.points, lines.kind, lines.polyline_start = out.points, out.kind, out.polyline_start
-    lines.polyline_patch, lines.polyline_closed = out.polyline_patch, out.polyline_closed
-    return out, lines
+    out.points = wp.empty(point_count, dtype=wp.vec3, device=device)
+    out.kind = wp.zeros(point_count, dtype=wp.uint8, device=device)
+    out.polyline_start = starts(polyline_count + 1, dtype=wp.int64, device=device)
+    out.polyline_patch = wp.empty(polyline_count, dtype=wp.int32, device=device)
+    out.polyline_closed = wp.empty(polyline_count, dtype=wp.uint8, device=device)
+    out.pose_start = section_start
+    return out

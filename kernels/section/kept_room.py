@@ -18,7 +18,6 @@ from .contour_writing import _draw_contours
 from .joining import LANE_WORDS, _join_pieces, _join_single_pieces, room_to_join
 from .pieces import SLOTS, ContourPieces, with_slots
 from .rough_scan import room_for_scans
-from .row_walker import LineArrays
 from .scan_search import WALK_BLOCKS, _scan_sections, _walk_doubtful_loops, _walk_loops
 from .tree_search import _tree_search_pieces
 
@@ -109,9 +108,8 @@ class Room:
         self._pose_start = pose_start.numpy()
         self._pose_rows, self._count = self._pose.numpy(), self._counters.numpy()
         self.struct = Contours()
-        nothing = wp.empty(0, dtype=wp.float32, device=self.device)
         columns = {field: getattr(lines, field) for field in fields}
-        for name, column in (columns | {"pose_start": pose_start, "intensity": nothing, "dwell": nothing}).items():
+        for name, column in (columns | {"pose_start": pose_start}).items():
             setattr(self.struct, name, column)
 
     def fill(self, pose: np.ndarray) -> RoomSize | None:
@@ -185,7 +183,7 @@ class Room:
     def _room_for_lines(self) -> Any:
         """Allocate the output arrays of contours."""
         line_most = self.row_count * (self.size.pieces + 1)  # one a piece, and the patch's boundary
-        lines = LineArrays()
+        lines = Contours()
         for field, size, dtype in (
             ("points", self.size.points, wp.vec3),
             ("kind", self.size.points, wp.uint8),

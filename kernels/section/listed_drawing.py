@@ -7,6 +7,7 @@ by walking.
 
 import warp as wp
 
+from ..contours import Contours
 from ..offsets import BLOCK
 from ..patch import EXACT, Patch, corner, half_extents, output_point, section_frame
 from ..warps import (
@@ -27,7 +28,7 @@ from .joining import BEGIN, BOUNDARY, CORNERS, COUNT, SLOT, WALKED, Entries
 from .piece_ends import is_through, piece_end, slot_int
 from .pieces import CLOSED, SLOTS, ContourPieces, end_side, enter_side, leave_side, listed_step
 from .row_planes import PLANE_WORDS, RowPlane, keep_plane, plane_memory, plane_of
-from .row_walker import HAND, LineArrays, PolylineWriter, begin_line, draw_boundary
+from .row_walker import HAND, PolylineWriter, begin_line, draw_boundary
 from .segment_clipping import NONE
 from .triangle_walk import crossing_at, point_of
 
@@ -123,7 +124,7 @@ def place_pieces(
     closes: int,
     memory: WarpMemory,
     first: int,
-    lines: LineArrays,
+    lines: Contours,
     writer: PolylineWriter,
 ):
     """Write a row's polylines and corners, and its pieces to the warp's memory from number `first` on.
@@ -201,7 +202,7 @@ def crossing_place(pieces: ContourPieces, first_row: int, memory: WarpMemory, k:
 
 @wp.func
 def draw_crossings(
-    surface: Surface, pieces: ContourPieces, first_row: int, memory: WarpMemory, crossings: int, lines: LineArrays
+    surface: Surface, pieces: ContourPieces, first_row: int, memory: WarpMemory, crossings: int, lines: Contours
 ):
     """Write the crossings of all pieces of a warp; the next one is looked up while the point of one is computed."""
     k = lane_of_warp()
@@ -231,7 +232,7 @@ def draw_ends(
     memory: WarpMemory,
     count: int,
     closes: int,
-    lines: LineArrays,
+    lines: Contours,
 ):
     """Write where all pieces of a warp enter and leave."""
     k = lane_of_warp()
@@ -270,7 +271,7 @@ def _draw_listed_rows(
     point_start: wp.array[wp.int64],  # offsets of the sections' points, shape [section + 1]
     # Out:
     own: wp.array[wp.int64],  # a CPU's memory of the lane, shape [LANE_WORDS]
-    lines: LineArrays,
+    lines: Contours,
     rest: wp.array[wp.int32],  # rows that are drawn by walking, in any order, shape [row]
     rest_count: wp.array[wp.int32],  # number of these rows, zero-initialised, shape [1]
 ):

@@ -2,8 +2,8 @@
 
 | function | sink | state | result |
 |---|---|---|---|
-| draw_row | LineArrays | PolylineWriter | points, kinds and polylines in arrays |
-| draw_row_ends | LineArrays | PolylineWriter | the same but for points of crossings that `ContourPieces.listed` holds |
+| draw_row | Contours | PolylineWriter | points, kinds and polylines in arrays |
+| draw_row_ends | Contours | PolylineWriter | the same but for points of crossings that `ContourPieces.listed` holds |
 | add_row | int: 1 if contours enclose an area | LengthAccumulator | lengths by kind and area vectors, in the state |
 
 Both use the same float32 points in the same order, so `add_row` gives the same bits as `tally` on the written points.
@@ -15,6 +15,7 @@ from typing import Any
 
 import warp as wp
 
+from ..contours import Contours
 from ..patch import Frame, corner, outcode, output_point, to_float64
 from .edge_pairing import OPEN
 from .half_edges import Surface
@@ -26,17 +27,6 @@ from .triangle_walk import crossing_after, crossing_at, point_of
 OBJECT = 0
 HAND = 1
 MADE = 2
-
-
-@wp.struct
-class LineArrays:
-    """Output arrays of contours, see `contour_writing.SectionContours`; `kind` is initialised with OBJECT."""
-
-    points: wp.array[wp.vec3]
-    kind: wp.array[wp.uint8]
-    polyline_start: wp.array[wp.int64]
-    polyline_patch: wp.array[wp.int32]
-    polyline_closed: wp.array[wp.uint8]
 
 
 @wp.struct
@@ -65,7 +55,7 @@ class LengthAccumulator:
 
 
 @wp.func
-def write_to(lines: LineArrays, writer: PolylineWriter, y: wp.vec3, draws: bool):
+def write_to(lines: Contours, writer: PolylineWriter, y: wp.vec3, draws: bool):
     """Hold point y if `draws`; first write the held point if it differs from y."""
     out = writer
     if draws and not (writer.x == y):
@@ -99,7 +89,7 @@ def add_to(encloses: int, sums: LengthAccumulator, y: wp.vec3, draws: bool):
 
 
 @wp.func
-def begin_line(lines: LineArrays, writer: PolylineWriter, begins: bool, closed: bool):
+def begin_line(lines: Contours, writer: PolylineWriter, begins: bool, closed: bool):
     """Write the header of a polyline if one begins here."""
     out = writer
     if begins:
@@ -120,7 +110,7 @@ def begin_sum(encloses: int, sums: LengthAccumulator, begins: bool, closed: bool
 
 
 @wp.func
-def end_line(lines: LineArrays, writer: PolylineWriter, ends: bool):
+def end_line(lines: Contours, writer: PolylineWriter, ends: bool):
     """Write the held point if the polyline ends here; it repeats the kind of the point before."""
     out = writer
     if ends:
@@ -140,7 +130,7 @@ def end_sum(encloses: int, sums: LengthAccumulator, ends: bool):
 
 
 @wp.func
-def draw_boundary(lines: LineArrays, writer: PolylineWriter, f: Frame, half: wp.vec2d, draws: bool):
+def draw_boundary(lines: Contours, writer: PolylineWriter, f: Frame, half: wp.vec2d, draws: bool):
     """Write the patch's whole boundary as a closed polyline of five points, if `draws`."""
     out = begin_line(lines, writer, draws, True)
     if draws:
@@ -268,7 +258,7 @@ def draw_piece_ends(
     side: wp.vec2d,
     pieces: ContourPieces,
     slot: wp.int64,
-    lines: LineArrays,
+    lines: Contours,
     writer: PolylineWriter,
     starts: bool,
 ):
@@ -311,6 +301,6 @@ def draw_piece_ends(
     return write_to(lines, out, x, True)
 
 
-draw_row = row_walker(LineArrays, PolylineWriter, write_to, begin_line, end_line, draw_boundary)
-draw_row_ends = row_walker(LineArrays, PolylineWriter, write_to, begin_line, end_line, draw_boundary, draw_piece_ends)
+draw_row = row_walker(Contours, PolylineWriter, write_to, begin_line, end_line, draw_boundary)
+draw_row_ends = row_walker(Contours, PolylineWriter, write_to, begin_line, end_line, draw_boundary, draw_piece_ends)
 add_row = row_walker(int, LengthAccumulator, add_to, begin_sum, end_sum, add_boundary)

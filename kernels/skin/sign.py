@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 
 from ..fields.field import MODULE, Field, ball_unknown, root_function
-from ..offsets import BLOCK
+from ..offsets import launch
 from ..patch import rotate, to_float32, to_float64
 from .edges import Skin
 
@@ -229,7 +229,7 @@ def sign_vertices(field: Field, posed: Posed, bounds: np.ndarray | None = None) 
     else:
         kernel = sign_kernel(field.value, field.ball or ball_unknown, field.data_type)
         size = (pose_count, word_count)
-    wp.launch(kernel, size, inputs=inputs, outputs=[inside], device=device, block_dim=BLOCK)
+    launch(kernel, size, inputs, [inside])
     return inside
 
 
@@ -238,5 +238,5 @@ def place_points(field: Field, posed: Posed, spot: wp.array) -> wp.array:
     point = wp.empty(spot.shape[0], dtype=wp.vec3, device=spot.device)
     inputs = [field.data, *posed, spot]
     kernel = place_kernel(root_function(field), field.data_type)
-    wp.launch(kernel, spot.shape[0], inputs=inputs, outputs=[point], device=spot.device, block_dim=BLOCK)
+    launch(kernel, spot.shape[0], inputs, [point])
     return point

@@ -8,11 +8,10 @@ from typing import NamedTuple
 
 import warp as wp
 
-from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
+from ..contours import Contours, move_offsets, point_at, segment_length, with_room, write_point
+from ..offsets import count_then_fill
 from ..one_device import on_one_device
 from ..patch import EXACT, to_float32
-from .cut import point_at, segment_length
-from .simplify import move_offsets
 
 wp.set_module_options(EXACT)
 
@@ -20,24 +19,10 @@ PARTS_MOST = wp.constant(wp.float64(2.0**31))  # of a segment; more rows than th
 
 
 class Inserted(NamedTuple):
-    """Device arrays of polylines into which points were put."""
+    """Contours into which points were put."""
 
-    points: wp.array  # vec3 [m], shape [point]
-    kind: wp.array  # uint8, shape [point]
-    polyline_start: wp.array  # int64, shape [polyline + 1]
-    intensity: wp.array | None  # float32, shape [point]; linear along a segment
-    dwell: wp.array | None  # float32 [s], shape [point]; 0 at new points
+    contours: Contours
     place: wp.array  # int64, shape [old point + 1]: where each old point is now, followed by what was put behind it
-
-
-@wp.struct
-class Vertices:
-    """Points of polylines with what they have; arrays of length 0 stand for what a batch does not have."""
-
-    points: wp.array[wp.vec3]  # [m]
-    kind: wp.array[wp.uint8]
-    intensity: wp.array[wp.float32]
-    dwell: wp.array[wp.float32]  # [s]
 
 
 @wp.func
@@ -62,38 +47,27 @@ def parts_of_segment(points: wp.array[wp.vec3], i: wp.int64, longest: wp.float64
 
 
 @wp.kernel
-def _count_divisions(
-    # In:
-    points: wp.array[wp.vec3],
-    polyline_start: wp.array[wp.int64],
-    longest: wp.float64,  # [m]
-    # Out:
-    count: wp.array[wp.int64],  # rows of each point, shape [point + 1], zero-initialised
-):
-    """Count the parts of each segment of a polyline."""
+def _count_divisions(c: Contours, longest: wp.float64, count: wp.array[wp.int64]):
+    """Count the parts of each segment of a polyline that are no longer than asked [m]."""
     line = wp.tid()
-    base = polyline_start[line]
-    size = int(polyline_start[line + 1] - base)
+    base = c.polyline_start[line]
+    size = int(c.polyline_start[line + 1] - base)
     for k in range(size):
         i = base + wp.int64(k)
         count[i] = wp.int64(1)
         if k + 1 < size:
-            count[i] = parts_of_segment(points, i, longest)
+            count[i] = parts_of_segment(c.points, i, longest)
 
 
 @wp.kernel
-def _write_divisions(
-    # In:
-    row_start: wp.array[wp.int64],
-    # Out:
-    share: wp.array[wp.float64],
-):
-    """Write where the equal parts of each segment begin, 0..1 of it."""
-    i = wp.tid()
-    first = row_start[i]
-    count = int(row_start[i + 1] - first)
-    for k in range(count):
-        share[first + wp.int64(k)] = wp.float64(k) / wp.float64(count)
+def _write_divisions(c: Contours, longest: wp.float64, row_start: wp.array[wp.int64], share: wp.array[wp.float64]):
+    """Write where the equal parts of each segment of a polyline begin, 0..1 of it."""
+    line = wp.tid()
+    for i in range(int(c.polyline_start[line]), int(c.polyline_start[line + 1])):
+        first = row_start[i]
+        count = int(row_start[i + 1] - first)
+        for k in range(count):
+            share[first + wp.int64(k)] = wp.float64(k) / wp.float64(count)
 
 
 @wp.func
@@ -109,143 +83,78 @@ def is_apart(points: wp.array[wp.vec3], i: wp.int64, x: wp.vec3, before: wp.vec3
 
 
 @wp.kernel
-def _count_rows(
+def _put_points(
     # In:
-    points: wp.array[wp.vec3],
+    c: Contours,
     row_start: wp.array[wp.int64],
     share: wp.array[wp.float64],  # of its segment, ascending within one; the first row of a point is the point
+    place: wp.array[wp.int64],  # empty: count the rows of each point that stay
     # Out:
-    count: wp.array[wp.int64],  # shape [old point + 1], zero-initialised
+    count: wp.array[wp.int64],  # shape [old point + 1]
+    written: Contours,
 ):
-    """Count the rows of each point that stay."""
+    """Count or write a point and its rows that stay."""
     p = wp.tid()
     i = wp.int64(p)
-    stay = int(1)
-    before = points[i]
+    at = wp.int64(0)
+    if place.shape[0] > 0:
+        at = place[p]
+        write_point(c, i, wp.float64(0.0), written, at)
+    before = c.points[i]
     for k in range(1, int(row_start[p + 1] - row_start[p])):
         part = share[row_start[p] + wp.int64(k)]
         if is_inner(part):
-            x = to_float32(point_at(points, i, part))
-            if is_apart(points, i, x, before):
-                stay += 1
-            before = x
-    count[p] = wp.int64(stay)
-
-
-@wp.func
-def write_row(old: Vertices, written: Vertices, i: wp.int64, part: wp.float64, x: wp.vec3, at: wp.int64):
-    """Write what lies at a place behind point i, or point i itself where `part` is 0."""
-    written.points[at] = x
-    written.kind[at] = old.kind[i]
-    following = wp.min(i + wp.int64(1), wp.int64(old.points.shape[0] - 1))
-    if old.intensity.shape[0] > 0:
-        step = old.intensity[following] - old.intensity[i]
-        written.intensity[at] = wp.float32(wp.float64(old.intensity[i]) + part * wp.float64(step))
-    if old.dwell.shape[0] > 0:
-        written.dwell[at] = wp.where(part > wp.float64(0.0), wp.float32(0.0), old.dwell[i])
-
-
-@wp.kernel
-def _insert_points(
-    # In:
-    old: Vertices,
-    row_start: wp.array[wp.int64],
-    share: wp.array[wp.float64],
-    place: wp.array[wp.int64],
-    # Out:
-    written: Vertices,
-):
-    """Write each point, then its rows that stay."""
-    p = wp.tid()
-    i = wp.int64(p)
-    at = place[p]
-    before = old.points[i]
-    write_row(old, written, i, wp.float64(0.0), before, at)
-    for k in range(1, int(row_start[p + 1] - row_start[p])):
-        part = share[row_start[p] + wp.int64(k)]
-        if is_inner(part):
-            x = to_float32(point_at(old.points, i, part))
-            if is_apart(old.points, i, x, before):
+            x = to_float32(point_at(c.points, i, part))
+            if is_apart(c.points, i, x, before):
                 at += wp.int64(1)
-                write_row(old, written, i, part, x, at)
+                if place.shape[0] > 0:
+                    write_point(c, i, part, written, at)
             before = x
-
-
-def rows_from(count: wp.array, point_limit: int | None = None) -> tuple[wp.array, wp.array]:
-    """Offsets of points' rows from their counts, int64 [point + 1], and room for the rows' shares, float64 [row].
-
-    The last count must be 0. Raises PointLimitError before memory is taken for more rows than `point_limit`.
-    """
-    row_start = offsets_of(count)
-    total = last_of(row_start)
-    if point_limit is not None and total > point_limit:
-        raise PointLimitError(total, point_limit)
-    return row_start, wp.empty(total, dtype=wp.float64, device=count.device)
+    if place.shape[0] == 0:
+        count[p] = at + wp.int64(1)
 
 
 @on_one_device
-def divide_rows(
-    points: wp.array, polyline_start: wp.array, longest: float, point_limit: int | None = None
-) -> tuple[wp.array, wp.array]:
+def divide_rows(contours: Contours, longest: float, point_limit: int | None = None) -> tuple[wp.array, wp.array]:
     """Rows that divide segments into equal parts no longer than `longest` [m], as `insert_points` takes them.
 
     Parts are longer by the rounding of their ends to float32 at most, and dividing again changes nothing.
     Raises PointLimitError before memory is taken for more points than `point_limit`.
     """
-    device, line_count = points.device, polyline_start.shape[0] - 1
-    count = wp.zeros(points.shape[0] + 1, dtype=wp.int64, device=device)
-    inputs = [points, polyline_start, wp.float64(longest)]
-    wp.launch(_count_divisions, line_count, inputs=inputs, outputs=[count], device=device, block_dim=BLOCK)
-    row_start, share = rows_from(count, point_limit)
-    wp.launch(_write_divisions, points.shape[0], inputs=[row_start], outputs=[share], device=device, block_dim=BLOCK)
+    (share,), (row_start,) = count_then_fill(
+        _count_divisions,
+        _write_divisions,
+        contours.polyline_closed.shape[0],
+        [contours, wp.float64(longest)],
+        lambda total: [wp.empty(total, dtype=wp.float64, device=contours.points.device)],
+        rows=contours.points.shape[0],
+        limit=point_limit,
+    )
     return row_start, share
 
 
 @on_one_device
-def insert_points(
-    points: wp.array,
-    kind: wp.array,
-    polyline_start: wp.array,
-    row_start: wp.array,
-    share: wp.array,
-    *,
-    intensity: wp.array | None = None,
-    dwell: wp.array | None = None,
-) -> Inserted:
-    """Polylines with points put into their segments.
+def insert_points(contours: Contours, row_start: wp.array, share: wp.array) -> Inserted:
+    """Contours with points put into their segments; at these, intensity is linear along the segment, and the dwell 0.
 
     row_start: offsets of each point's rows, int64 [point + 1]; share: how far each row lies on the way to the next
     point, float64 [row], 0 for a point's first row, which is the point itself, and ascending from there. Rows at 0 or 1
     that are not a point's first are left out, as are those that rounding makes equal to a neighbour.
     """
-    device, count = points.device, points.shape[0]
-    stay = wp.zeros(count + 1, dtype=wp.int64, device=device)
-    rows = [row_start, share]
-    wp.launch(_count_rows, count, inputs=[points, *rows], outputs=[stay], device=device, block_dim=BLOCK)
-    place = offsets_of(stay)
-    total = last_of(place)
-    old = vertices_of(points, kind, intensity, dwell)
-    written = empty_vertices(total, device, intensity is not None, dwell is not None)
-    wp.launch(_insert_points, count, inputs=[old, *rows, place], outputs=[written], device=device, block_dim=BLOCK)
-    weights = (None if intensity is None else written.intensity, None if dwell is None else written.dwell)
-    return Inserted(written.points, written.kind, move_offsets(polyline_start, place), *weights, place)
+    count = contours.points.shape[0]
+    (out,), (place,) = count_then_fill(
+        _put_points,
+        None,
+        count,
+        [contours, row_start, share],
+        lambda total: [with_room(contours, total)],
+        rows=count,
+        blank=[Contours()],
+    )
+    out.polyline_start = move_offsets(contours.polyline_start, place)
+    return Inserted(out, place)
 
 
-@on_one_device
-def vertices_of(points: wp.array, kind: wp.array, intensity: wp.array | None, dwell: wp.array | None) -> Vertices:
-    """Arrays of points as kernels take them."""
-    out = Vertices()
-    out.points, out.kind = points, kind
-    out.intensity = wp.empty(0, dtype=wp.float32, device=points.device) if intensity is None else intensity
-    out.dwell = wp.empty(0, dtype=wp.float32, device=points.device) if dwell is None else dwell
-    return out
-
-
-def empty_vertices(count: int, device: wp.Device, has_intensity: bool, has_dwell: bool) -> Vertices:
-    """Room for points, with what they have."""
-    out = Vertices()
-    out.points = wp.empty(count, dtype=wp.vec3, device=device)
-    out.kind = wp.empty(count, dtype=wp.uint8, device=device)
-    out.intensity = wp.empty(count if has_intensity else 0, dtype=wp.float32, device=device)
-    out.dwell = wp.empty(count if has_dwell else 0, dtype=wp.float32, device=device)
-    return out
+def divide_contours(contours: Contours, longest: float, point_limit: int | None = None) -> Contours:
+    """Contours whose segments are at most so long [m]; see `divide_rows` and `insert_points`."""
+    return insert_points(contours, *divide_rows(contours, longest, point_limit)).contours

@@ -9,16 +9,16 @@
 
 import math
 from functools import lru_cache
-from typing import Any
 
 import warp as wp
 
-from ..offsets import BLOCK, offsets_of
+from ..contours import Contours, find_poses
+from ..offsets import count_then_fill, launch
 from ..one_device import on_one_device
 from ..patch import EXACT, Frame, Patch, corner, patch_coordinates, require_section_poses, section_frame
 from ..section.row_walker import HAND
 from ..section.segment_clipping import side_position
-from .cut import Parts, parts_from
+from .cut import Parts, room_for_parts
 
 wp.set_module_options(EXACT)
 
@@ -35,16 +35,13 @@ class SidePair:
 
 
 @wp.struct
-class Outline:
-    """Contours by polyline, see `contour_writing.SectionContours`, and the patches that they are on."""
+class HandPatches:
+    """The patches of a hand, how they are joined, and where they are at each pose."""
 
-    points: wp.array[wp.vec3]
-    kind: wp.array[wp.uint8]
-    polyline_start: wp.array[wp.int64]
-    polyline_patch: wp.array[wp.int32]
-    pose_start: wp.array[wp.int64]
-    pose: wp.array2d[wp.transform]  # of the hand or of each patch, shape [pose, 1 or patch]
+    pose: wp.array2d[wp.transform]  # of the hand or of each patch -> array frame, shape [pose, 1 or patch]
     patch: wp.array[Patch]
+    pair: wp.array[SidePair]
+    dropped: wp.array3d[wp.vec2d]  # from, to: `side_position` [m], from > to for nothing; shape [pose, pair, 2]
 
 
 @wp.func
@@ -61,26 +58,20 @@ def half_along(side: int, half: wp.vec2d):
 
 
 @wp.kernel
-def _find_touching_sides(
-    # In:
-    pose: wp.array2d[wp.transform],  # of the hand or of each patch -> array frame, shape [pose, 1 or patch]
-    patch: wp.array[Patch],
-    pair: wp.array[SidePair],
-    cosine: wp.float64,  # of the largest angle between patches in one plane
-    gap: wp.float64,  # largest distance between sides that touch [m]
-    # Out:
-    dropped: wp.array3d[wp.vec2d],  # from, to: `side_position` [m], from > to for nothing; shape [pose, pair, 2]
-):
-    """Find where the sides of each pair touch, and on which of the two patches that interval is dropped."""
+def _find_touching_sides(hand: HandPatches, cosine: wp.float64, gap: wp.float64):
+    """Find where the sides of each pair touch, and on which of the two patches that interval is dropped.
+
+    cosine: of the largest angle between patches in one plane; gap: largest distance between sides that touch [m].
+    """
     row, k = wp.tid()
     nothing = wp.vec2d(wp.float64(1.0), wp.float64(-1.0))
-    dropped[row, k, 0] = nothing
-    dropped[row, k, 1] = nothing
-    two = pair[k]
-    one = patch[two.patch[0]]
-    other = patch[two.patch[1]]
-    f = section_frame(pose, patch, row * patch.shape[0] + two.patch[0])
-    g = section_frame(pose, patch, row * patch.shape[0] + two.patch[1])
+    hand.dropped[row, k, 0] = nothing
+    hand.dropped[row, k, 1] = nothing
+    two = hand.pair[k]
+    one = hand.patch[two.patch[0]]
+    other = hand.patch[two.patch[1]]
+    f = section_frame(hand.pose, hand.patch, row * hand.patch.shape[0] + two.patch[0])
+    g = section_frame(hand.pose, hand.patch, row * hand.patch.shape[0] + two.patch[1])
     a = side_end(f, one.half, two.side[0])
     b = side_end(g, other.half, two.side[1])
     along_b = side_end(g, other.half, two.side[1] + 1) - b
@@ -101,11 +92,11 @@ def _find_touching_sides(
         first_larger = one.half[0] * one.half[1] >= other.half[0] * other.half[1]
         if apart <= gap + EDGE:
             if flat or not first_larger:
-                dropped[row, k, 0] = wp.vec2d(low - half_a, high - half_a)
+                hand.dropped[row, k, 0] = wp.vec2d(low - half_a, high - half_a)
             if flat or first_larger:
                 p = wp.float64(2.0) * half_b * wp.min(low_b, high_b)
                 q = wp.float64(2.0) * half_b * wp.max(low_b, high_b)
-                dropped[row, k, 1] = wp.vec2d(p - half_b, q - half_b)
+                hand.dropped[row, k, 1] = wp.vec2d(p - half_b, q - half_b)
 
 
 @wp.struct
@@ -144,13 +135,13 @@ def stretch_of(f: Frame, half: wp.vec2d, x: wp.vec3, y: wp.vec3):
 
 
 @wp.func
-def next_end(s: SideInterval, own: int, row: int, pair: wp.array[SidePair], dropped: wp.array3d[wp.vec2d]):
+def next_end(s: SideInterval, own: int, row: int, hand: HandPatches):
     """The first end of a dropped interval after the start of s, by more than EDGE; the end of s if there is none."""
     found = s.stop
-    for k in range(pair.shape[0]):
+    for k in range(hand.pair.shape[0]):
         for r in range(2):
-            if pair[k].patch[r] == own and pair[k].side[r] == s.side:
-                d = dropped[row, k, r]
+            if hand.pair[k].patch[r] == own and hand.pair[k].side[r] == s.side:
+                d = hand.dropped[row, k, r]
                 if d[0] < d[1]:
                     for e in range(2):
                         t = s.sign * d[e]
@@ -160,102 +151,81 @@ def next_end(s: SideInterval, own: int, row: int, pair: wp.array[SidePair], drop
 
 
 @wp.func
-def is_dropped(
-    s: SideInterval, stop: wp.float64, own: int, row: int, pair: wp.array[SidePair], dropped: wp.array3d[wp.vec2d]
-):
+def is_dropped(s: SideInterval, stop: wp.float64, own: int, row: int, hand: HandPatches):
     """Whether the middle of s, up to `stop`, lies in a dropped interval."""
     middle = s.sign * wp.float64(0.5) * (s.start + stop)
-    for k in range(pair.shape[0]):
+    for k in range(hand.pair.shape[0]):
         for r in range(2):
-            if pair[k].patch[r] == own and pair[k].side[r] == s.side:
-                d = dropped[row, k, r]
+            if hand.pair[k].patch[r] == own and hand.pair[k].side[r] == s.side:
+                d = hand.dropped[row, k, r]
                 if d[0] <= middle and middle <= d[1]:
                     return True
     return False
 
 
 @wp.func
-def pose_of(pose_start: wp.array[wp.int64], line: int):
-    """The pose of a polyline: the last one that starts at or before it."""
-    low = int(0)
-    high = pose_start.shape[0] - 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        if pose_start[middle] <= wp.int64(line):
-            low = middle
-        else:
-            high = middle
-    return low
-
-
-@wp.func
-def stretch_at(outline: Outline, f: Frame, half: wp.vec2d, i: wp.int64):
+def stretch_at(c: Contours, f: Frame, half: wp.vec2d, i: wp.int64):
     """The segment that starts at a point, if it is of the hand."""
     s = SideInterval()
     s.side = NONE
-    if int(outline.kind[i]) == HAND:
-        s = stretch_of(f, half, outline.points[i], outline.points[i + wp.int64(1)])
+    if int(c.kind[i]) == HAND:
+        s = stretch_of(f, half, c.points[i], c.points[i + wp.int64(1)])
     return s
 
 
 @wp.kernel
-def _count_joint_parts(
-    # In:
-    outline: Outline,
-    pair: wp.array[SidePair],
-    dropped: wp.array3d[wp.vec2d],
-    # Out:
-    count: wp.array[wp.int64],  # of each segment, shape [point + 1], zero-initialised
-):
+def _count_joint_parts(c: Contours, line_pose: wp.array[wp.int32], hand: HandPatches, count: wp.array[wp.int64]):
     """Count the parts into which the ends of dropped intervals divide each segment of a polyline."""
     line = wp.tid()
-    base = outline.polyline_start[line]
-    own = outline.polyline_patch[line]
-    row = pose_of(outline.pose_start, line)
-    f = section_frame(outline.pose, outline.patch, row * outline.patch.shape[0] + own)
-    for k in range(int(outline.polyline_start[line + 1] - base) - 1):
+    base = c.polyline_start[line]
+    own = c.polyline_patch[line]
+    row = line_pose[line]
+    f = section_frame(hand.pose, hand.patch, row * hand.patch.shape[0] + own)
+    for k in range(int(c.polyline_start[line + 1] - base) - 1):
         i = base + wp.int64(k)
         parts = int(1)
-        s = stretch_at(outline, f, outline.patch[own].half, i)
+        s = stretch_at(c, f, hand.patch[own].half, i)
         if s.side != NONE:
-            t = next_end(s, own, row, pair, dropped)
+            t = next_end(s, own, row, hand)
             while t < s.stop:
                 parts += 1
                 s.start = t
-                t = next_end(s, own, row, pair, dropped)
+                t = next_end(s, own, row, hand)
         count[i] = wp.int64(parts)
 
 
 @wp.kernel
 def _divide_joints(
     # In:
-    outline: Outline,
-    pair: wp.array[SidePair],
-    dropped: wp.array3d[wp.vec2d],
+    c: Contours,
+    line_pose: wp.array[wp.int32],
+    hand: HandPatches,
+    start: wp.array[wp.int64],  # offsets of each segment's parts
     # Out:
-    parts: Parts,  # its starts are there already
+    parts: Parts,
     keep: wp.array[wp.uint8],  # of each part
 ):
     """Write where each part begins, and whether it stays."""
     line = wp.tid()
-    base = outline.polyline_start[line]
-    own = outline.polyline_patch[line]
-    row = pose_of(outline.pose_start, line)
-    f = section_frame(outline.pose, outline.patch, row * outline.patch.shape[0] + own)
-    for k in range(int(outline.polyline_start[line + 1] - base) - 1):
+    base = c.polyline_start[line]
+    own = c.polyline_patch[line]
+    row = line_pose[line]
+    f = section_frame(hand.pose, hand.patch, row * hand.patch.shape[0] + own)
+    for k in range(int(c.polyline_start[line + 1] - base) - 1):
         i = base + wp.int64(k)
-        first = parts.start[i]
-        s = stretch_at(outline, f, outline.patch[own].half, i)
+        first = start[i]
+        s = stretch_at(c, f, hand.patch[own].half, i)
         begin = s.start
-        for n in range(int(parts.start[i + wp.int64(1)] - first)):
+        for n in range(int(start[i + wp.int64(1)] - first)):
             part = first + wp.int64(n)
+            parts.segment[part] = i
             parts.share[part] = wp.float64(0.0)
             keep[part] = wp.uint8(1)
             if s.side != NONE:
                 if n > 0:
                     parts.share[part] = (s.start - begin) / (s.stop - begin)
-                t = next_end(s, own, row, pair, dropped)
-                if is_dropped(s, t, own, row, pair, dropped):
+                t = next_end(s, own, row, hand)
+                if is_dropped(s, t, own, row, hand):
                     keep[part] = wp.uint8(0)
                 s.start = t
 
@@ -273,38 +243,29 @@ def side_pairs(pairs: tuple[tuple[int, int, int, int], ...], device: str) -> wp.
 
 @on_one_device
 def divide_joints(
-    contours: dict[str, Any], pose: wp.array, patch: wp.array, pair: wp.array, *, angle: float, gap: float
-) -> tuple[Any, wp.array]:
+    contours: Contours, pose: wp.array, patch: wp.array, pair: wp.array, *, angle: float, gap: float
+) -> tuple[Parts, wp.array]:
     """Divide hand segments where patches touch, and find the parts to drop; see the table above.
 
-    contours: arrays of a contour batch by name, on one device. pose: wp.transform, shape [pose, 1 or patch]; patch:
-    Patch, shape [patch]; pair: see `side_pairs`. angle: of patches in one plane at most [rad]; gap: between sides
-    that touch at most [m]. Raises ValueError for poses of another shape or number.
-    Returns Parts and `keep`, uint8 [part], as `cut_contours` takes them.
+    pose: wp.transform, shape [pose, 1 or patch]; patch: Patch, shape [patch]; pair: see `side_pairs`. angle: of patches
+    in one plane at most [rad]; gap: between sides that touch at most [m]. Raises ValueError for poses of another shape
+    or number. Returns Parts and `keep`, uint8 [part], as `cut_contours` takes them.
     """
     require_section_poses(pose, patch)
     device, pose_count = pose.device, pose.shape[0]
-    if contours["pose_start"].shape[0] != pose_count + 1:
-        raise ValueError(f"contours are of {contours['pose_start'].shape[0] - 1} poses, not of {pose_count}")
-    dropped = wp.empty((pose_count, pair.shape[0], 2), dtype=wp.vec2d, device=device)
-    inputs = [pose, patch, pair, wp.float64(math.cos(angle)), wp.float64(gap)]
-    wp.launch(
-        _find_touching_sides,
-        (pose_count, pair.shape[0]),
-        inputs=inputs,
-        outputs=[dropped],
-        device=device,
-        block_dim=BLOCK,
+    if contours.pose_start.shape[0] != pose_count + 1:
+        raise ValueError(f"contours are of {contours.pose_start.shape[0] - 1} poses, not of {pose_count}")
+    hand = HandPatches()
+    hand.pose, hand.patch, hand.pair = pose, patch, pair
+    hand.dropped = wp.empty((pose_count, pair.shape[0], 2), dtype=wp.vec2d, device=device)
+    sides = [hand, wp.float64(math.cos(angle)), wp.float64(gap)]
+    launch(_find_touching_sides, (pose_count, pair.shape[0]), sides, [])
+    (parts, keep), (parts.start,) = count_then_fill(
+        _count_joint_parts,
+        _divide_joints,
+        contours.polyline_closed.shape[0],
+        [contours, find_poses(contours), hand],
+        lambda total: [room_for_parts(total, device), wp.empty(total, dtype=wp.uint8, device=device)],
+        rows=contours.points.shape[0],
     )
-    outline = Outline()
-    for field in ("points", "kind", "polyline_start", "polyline_patch", "pose_start"):
-        setattr(outline, field, contours[field])
-    outline.pose, outline.patch = pose, patch
-    line_count = outline.polyline_patch.shape[0]
-    count = wp.zeros(outline.kind.shape[0] + 1, dtype=wp.int64, device=device)
-    inputs = [outline, pair, dropped]
-    wp.launch(_count_joint_parts, line_count, inputs=inputs, outputs=[count], device=device, block_dim=BLOCK)
-    parts = parts_from(offsets_of(count))
-    keep = wp.empty(parts.segment.shape[0], dtype=wp.uint8, device=device)
-    wp.launch(_divide_joints, line_count, inputs=inputs, outputs=[parts, keep], device=device, block_dim=BLOCK)
     return parts, keep

@@ -1,4 +1,10 @@
-"""Ellipses, circles, and small circles at centroids, in the place of regions."""
+"""Ellipses, circles, and small circles at centroids, in the place of regions.
+
+They have the moments of the area that a region's polylines enclose, or of the lines themselves, in a patch's plane.
+The main axes come in closed form. Where both variances are equal, every axis is right. Rounding of points to float32
+decides then, so the axis is u where the variances differ by less than 2e-6 of their mean; that moves no semi-axis's end
+of a contact by more than 1e-7 m.
+"""
 
 import math
 from functools import lru_cache
@@ -7,19 +13,34 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from ..offsets import PointLimitError, last_of, offsets_of
+from ..contours import Contours
+from ..offsets import launch, scan_counts
 from ..patch import EXACT
-from .cut import launch
-from .lift import Lifted, lift_polylines
-from .region_moments import AREA, LINE, OF, RegionSums, Spread, spread_of, sum_moments, sum_of
-from .regions import Regions
+from .regions import FlatLines, Regions, lift_polylines
 
 wp.set_module_options(EXACT)
 
+AREA, LINE, SECOND_MOMENTS = 0, 1, 2
+OF = {"area": AREA, "line": LINE, "moments": SECOND_MOMENTS}
+"""What an oval has of a region: its area, its lines' moments, its second moments."""
+SLIVER = wp.constant(wp.float64(1e-9))  # of the squared length of lines: a smaller area is all rounding
+ROUND = wp.constant(wp.float64(1e-6))  # of the mean variance: both count as equal if they are this near to it
 LARGEST = wp.constant(wp.float64(0.1))  # [m] of the radius of a circle around lines
 STRAIGHT = wp.constant(wp.float64(1e-6))  # of the larger variance: with a smaller one, lines are straight
 PI = wp.constant(wp.float64(math.pi))
 ROOT_TWO = wp.constant(wp.float64(math.sqrt(2.0)))
+
+
+@wp.struct
+class Spread:
+    """Where a region is in its plane and how it spreads."""
+
+    there: int  # 0: it has no length
+    middle: wp.vec2d  # [m]
+    height: wp.float64  # mean of the lines above the plane [m]
+    area: wp.float64  # [m2]; 0 where nothing is enclosed, and the rest is that of the lines
+    variance: wp.vec2d  # along the main axes [m2], the larger first
+    axis: wp.vec2d  # unit vector of the larger
 
 
 @wp.struct
@@ -32,9 +53,103 @@ class Oval:
 
 
 @wp.kernel
+def _measure_strokes(r: Regions, stroke: wp.array2d[wp.float64]):
+    """Sum length [m], first [m2] and second moments xx xy yy [m3] of segments, and length times height [m2].
+
+    stroke: 0 before, shape [polyline, 7].
+    """
+    line = wp.tid()
+    two = wp.float64(2.0)
+    three = wp.float64(3.0)
+    i = r.polyline_start[line]
+    while i < r.polyline_start[line + 1] - wp.int64(1):
+        a = r.local[i]
+        i += wp.int64(1)
+        b = r.local[i]
+        x = a[0]
+        y = a[1]
+        p = b[0]
+        q = b[1]
+        length = wp.sqrt((p - x) * (p - x) + (q - y) * (q - y))
+        stroke[line, 0] += length
+        stroke[line, 1] += length * ((x + p) / two)
+        stroke[line, 2] += length * ((y + q) / two)
+        stroke[line, 3] += length * ((x * x + x * p + p * p) / three)
+        stroke[line, 4] += length * ((two * x * y + x * q + p * y + two * p * q) / wp.float64(6.0))
+        stroke[line, 5] += length * ((y * y + y * q + q * q) / three)
+        stroke[line, 6] += wp.length(b - a) * (a[2] + b[2]) / two
+
+
+@wp.func
+def sum_of(value: wp.array2d[wp.float64], r: Regions, region: int, column: int):
+    """Sum of a column over the polylines of a region."""
+    total = wp.float64(0.0)
+    for k in range(int(r.region_start[region]), int(r.region_start[region + 1])):
+        total += value[r.region_line[k], column]
+    return total
+
+
+@wp.func
+def moment_of(r: Regions, stroke: wp.array2d[wp.float64], region: int, column: int, lines: int):
+    """A moment of a region's area, or of its lines."""
+    if lines == 1:
+        return sum_of(stroke, r, region, column)
+    return sum_of(r.area, r, region, column)
+
+
+@wp.func
+def main_axis(xx: wp.float64, xy: wp.float64, yy: wp.float64):
+    """Variances along the main axes of a symmetric tensor, the larger first, and the unit vector of the larger."""
+    zero = wp.float64(0.0)
+    mean = wp.float64(0.5) * (xx + yy)
+    off = wp.float64(0.5) * (xx - yy)
+    radius = wp.sqrt(off * off + xy * xy)
+    axis = wp.vec2d(wp.float64(1.0), zero)
+    if radius > ROUND * mean:
+        if off >= zero:  # each form where it does not cancel
+            axis = wp.vec2d(off + radius, xy)
+        else:
+            axis = wp.vec2d(xy, radius - off)
+        axis = axis / wp.length(axis)
+        if axis[0] < zero or (axis[0] == zero and axis[1] < zero):
+            axis = -axis
+    return wp.vec2d(wp.max(mean + radius, zero), wp.max(mean - radius, zero)), axis
+
+
+@wp.func
+def spread_of(r: Regions, stroke: wp.array2d[wp.float64], region: int, of: int):
+    """Moments of the area that a region encloses, or of its lines: of LINE, or where it encloses none."""
+    s = Spread()
+    zero = wp.float64(0.0)
+    length = sum_of(stroke, r, region, 0)
+    s.area = sum_of(r.area, r, region, 0)
+    lines = int(0)
+    total = s.area
+    if of == LINE or s.area <= SLIVER * (length * length):
+        lines = int(1)
+        s.area = wp.max(s.area, zero)
+        total = length
+    s.there = int(0)
+    if length > zero and total > zero:
+        s.there = int(1)
+        s.height = sum_of(stroke, r, region, 6) / length
+        x = moment_of(r, stroke, region, 1, lines) / total
+        y = moment_of(r, stroke, region, 2, lines) / total
+        s.middle = wp.vec2d(x, y)
+        xx = moment_of(r, stroke, region, 3, lines) / total - x * x
+        xy = moment_of(r, stroke, region, 4, lines) / total - x * y
+        yy = moment_of(r, stroke, region, 5, lines) / total - y * y
+        variance, axis = main_axis(xx, xy, yy)
+        s.variance = variance
+        s.axis = axis
+    return s
+
+
+@wp.kernel
 def _fit_ellipses(
     # In:
-    sums: RegionSums,
+    r: Regions,
+    stroke: wp.array2d[wp.float64],
     of: int,
     scale: wp.float64,
     smallest: wp.float64,  # [m]
@@ -45,7 +160,7 @@ def _fit_ellipses(
 ):
     """Fit the ellipse of a region's area and proportions, or of its second moments."""
     region = wp.tid()
-    s = spread_of(sums, region, of)
+    s = spread_of(r, stroke, region, of)
     if s.there == 0:
         return
     a = wp.sqrt(s.variance[0])
@@ -128,9 +243,8 @@ def nearest_circle(s: Spread, c: CircleSums, length: wp.float64):
 @wp.kernel
 def _fit_circles(
     # In:
-    local: wp.array[wp.vec3d],  # [m]
-    polyline_start: wp.array[wp.int64],
-    sums: RegionSums,
+    r: Regions,
+    stroke: wp.array2d[wp.float64],
     of: int,
     scale: wp.float64,
     smallest: wp.float64,  # [m]
@@ -141,17 +255,17 @@ def _fit_circles(
 ):
     """Fit the circle of a region's area, or the one nearest to its lines."""
     region = wp.tid()
-    s = spread_of(sums, region, of)
+    s = spread_of(r, stroke, region, of)
     if s.there == 0:
         return
     middle = s.middle
     radius = wp.sqrt(s.area / PI)
     if of == LINE or radius <= wp.float64(0.0):
         c = CircleSums()
-        for k in range(int(sums.region_start[region]), int(sums.region_start[region + 1])):
-            line = sums.region_line[k]
-            c = add_line(c, local, polyline_start[line], polyline_start[line + 1] - wp.int64(1), middle)
-        shift, nearest = nearest_circle(s, c, sum_of(sums.stroke, sums, region, 0))
+        for k in range(int(r.region_start[region]), int(r.region_start[region + 1])):
+            line = r.region_line[k]
+            c = add_line(c, r.local, r.polyline_start[line], r.polyline_start[line + 1] - wp.int64(1), middle)
+        shift, nearest = nearest_circle(s, c, sum_of(stroke, r, region, 0))
         middle = middle + shift
         radius = nearest
     radius = wp.max(scale * radius, smallest)
@@ -165,7 +279,8 @@ def _fit_circles(
 @wp.kernel
 def _find_centroids(
     # In:
-    sums: RegionSums,
+    r: Regions,
+    stroke: wp.array2d[wp.float64],
     radius: wp.float64,  # [m]
     # Out:
     oval: wp.array[Oval],
@@ -174,7 +289,7 @@ def _find_centroids(
 ):
     """Put a circle of this radius around a region's centroid."""
     region = wp.tid()
-    s = spread_of(sums, region, AREA)
+    s = spread_of(r, stroke, region, AREA)
     if s.there == 0:
         return
     oval[region].middle = s.middle
@@ -185,25 +300,11 @@ def _find_centroids(
 
 
 @wp.kernel
-def _describe_ovals(
-    # In:
-    there: wp.array[wp.int64],
-    corners: int,
-    region_start: wp.array[wp.int64],
-    region_line: wp.array[wp.int32],
-    line_pose: wp.array[wp.int32],
-    line_patch: wp.array[wp.int32],
-    # Out:
-    count: wp.array[wp.int64],  # 0, shape [region + 1]
-    pose: wp.array[wp.int32],
-    patch: wp.array[wp.int32],
-):
-    """Write how many corners a region's oval has, and its pose and patch."""
+def _count_corners(there: wp.array[wp.int64], corners: int, count: wp.array[wp.int64], region_of: wp.array[wp.int32]):
+    """Write how many corners a region's oval has, and the region; count: zero-initialised, shape [region + 1]."""
     region = wp.tid()
-    line = region_line[region_start[region]]
     count[region] = there[region] * wp.int64(corners)
-    pose[region] = line_pose[line]
-    patch[region] = line_patch[line]
+    region_of[region] = region
 
 
 @wp.kernel
@@ -239,34 +340,34 @@ def fit_ellipses(regions: Regions, *, of: str, scale: float, smallest: float) ->
 
     What encloses nothing is taken as of "line". scale: factor on the semi-axes; none is below `smallest` [m].
     """
-    ovals = _no_ovals(regions)
-    options = [OF[of], wp.float64(scale), wp.float64(smallest)]
-    launch(_fit_ellipses, regions.region_count, [sum_moments(regions), *options], list(ovals[1:]))
-    return ovals
+    return _fitted(_fit_ellipses, regions, OF[of], wp.float64(scale), wp.float64(smallest))
 
 
 def fit_circles(regions: Regions, *, of: str, scale: float, smallest: float) -> Ovals:
     """The circle of each region's "area", or the one nearest to its "line", also of what encloses nothing."""
-    ovals = _no_ovals(regions)
-    options = [OF[of], wp.float64(scale), wp.float64(smallest)]
-    lines = [regions.local, regions.polyline_start, sum_moments(regions)]
-    launch(_fit_circles, regions.region_count, [*lines, *options], list(ovals[1:]))
-    return ovals
+    return _fitted(_fit_circles, regions, OF[of], wp.float64(scale), wp.float64(smallest))
 
 
 def find_centroids(regions: Regions, radius: float) -> Ovals:
     """A circle of this radius [m] around the centroid of each region's area, or of its lines if it encloses nothing."""
-    ovals = _no_ovals(regions)
-    launch(_find_centroids, regions.region_count, [sum_moments(regions), wp.float64(radius)], list(ovals[1:]))
-    return ovals
+    return _fitted(_find_centroids, regions, wp.float64(radius))
 
 
-def _no_ovals(regions: Regions) -> Ovals:
-    """Arrays for the ovals of regions, none written."""
-    count, device = regions.region_count, regions.local.device
+def measure_strokes(regions: Regions) -> wp.array:
+    """Moments of the lines of polylines that `spread_of` takes, float64, shape [polyline, 7]."""
+    stroke = wp.zeros((regions.line_pose.shape[0], 7), dtype=wp.float64, device=regions.local.device)
+    launch(_measure_strokes, stroke.shape[0], [regions], [stroke])
+    return stroke
+
+
+def _fitted(kernel: wp.Kernel, regions: Regions, *options: Any) -> Ovals:
+    """The ovals that a kernel finds."""
+    count, device = regions.region_start.shape[0] - 1, regions.local.device
     oval = wp.zeros(count, dtype=Oval, device=device)
     height = wp.zeros(count, dtype=wp.float64, device=device)
-    return Ovals(regions, oval, height, wp.zeros(count, dtype=wp.int64, device=device))
+    out = Ovals(regions, oval, height, wp.zeros(count, dtype=wp.int64, device=device))
+    launch(kernel, count, [regions, measure_strokes(regions), *options], list(out[1:]))
+    return out
 
 
 @lru_cache(maxsize=8)
@@ -276,24 +377,19 @@ def _turns(corners: int, device: str) -> wp.array:
     return wp.array(np.stack([np.cos(angle), np.sin(angle)], axis=1), dtype=wp.vec2d, device=device)
 
 
-def draw_ovals(ovals: Ovals, corners: int, patches: Any, pose_count: int, *, point_limit: int | None = None) -> Lifted:
+def draw_ovals(
+    ovals: Ovals, corners: int, patches: Any, pose_count: int, *, point_limit: int | None = None
+) -> Contours:
     """Polygons of exactly the ovals' areas, counter-clockwise from an end of the first semi-axis, in the array's frame.
 
     patches: `Patches`. Raises PointLimitError before memory is taken for more points than `point_limit`.
     """
-    regions, device, count = ovals.regions, ovals.oval.device, ovals.there.shape[0]
-    size = wp.zeros(count + 1, dtype=wp.int64, device=device)
-    pose, patch = (wp.empty(count, dtype=wp.int32, device=device) for _ in range(2))
-    where = [regions.region_start, regions.region_line, regions.line_pose, regions.line_patch]
-    launch(_describe_ovals, count, [ovals.there, corners, *where], [size, pose, patch])
-    start = offsets_of(size)
-    total = last_of(start)
-    if point_limit is not None and total > point_limit:
-        raise PointLimitError(total, point_limit)
-    flat = wp.empty(total, dtype=wp.vec2d, device=device)
-    bulge = math.sqrt(2 * math.pi / (corners * math.sin(2 * math.pi / corners)))
-    turns = _turns(corners, str(device))
-    launch(_draw_ovals, (count, corners), [ovals.oval, turns, wp.float64(bulge), start], [flat])
-    closed = wp.full(count, 1, dtype=wp.uint8, device=device)
-    lines = (flat, start, pose, patch, closed)
-    return lift_polylines(*lines, patches, pose_count, height=ovals.height, point_limit=point_limit)
+    device, count = ovals.oval.device, ovals.there.shape[0]
+    size, region = wp.zeros(count + 1, dtype=wp.int64, device=device), wp.empty(count, dtype=wp.int32, device=device)
+    launch(_count_corners, count, [ovals.there, corners], [size, region])
+    (start,), (total,) = scan_counts(size, limit=point_limit)
+    flat = FlatLines(wp.empty(total, dtype=wp.vec2d, device=device), start, region)
+    bulge = wp.float64(math.sqrt(2 * math.pi / (corners * math.sin(2 * math.pi / corners))))
+    launch(_draw_ovals, (count, corners), [ovals.oval, _turns(corners, str(device)), bulge, start], [flat.points])
+    limits = {"height": ovals.height, "point_limit": point_limit}
+    return lift_polylines(flat, ovals.regions, patches, pose_count, closed=True, **limits)

@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from ..fields.field import MODULE
-from ..offsets import BLOCK
+from ..offsets import launch
 
 PLACES = wp.constant(wp.vec3(0.27, 0.49, 0.69))  # of a segment, at which the function is compared with a straight line
 
@@ -102,12 +102,5 @@ def _map(kernel: Any, points: wp.array, values: wp.array, length_least: float) -
     """Launch a kernel of this module."""
     count = points.shape[0] if np.isfinite(length_least) else 0
     deviation = wp.zeros(count, dtype=wp.float32, device=points.device)
-    wp.launch(
-        kernel,
-        points.shape[0],
-        inputs=[points, wp.float32(min(length_least, 1e30))],
-        outputs=[values, deviation],
-        device=points.device,
-        block_dim=BLOCK,
-    )
+    launch(kernel, points.shape[0], [points, wp.float32(min(length_least, 1e30))], [values, deviation])
     return values, deviation

@@ -1,10 +1,17 @@
-"""Selection of contour segments by their distance from the skin, their polyline's length, or their patch."""
+"""Selection of contour segments by their distance from the skin, their polyline's length, or their patch.
+
+The hand's patches at every pose, which other stages take too, are made here.
+"""
+
+from typing import Any
 
 import warp as wp
 
+from ..contours import Contours, find_poses, point_at, segment_length
+from ..offsets import count_then_fill, launch
 from ..one_device import on_one_device
-from ..patch import EXACT
-from .cut import Parts, launch, offsets_of, parts_from, point_at, segment_length
+from ..patch import EXACT, to_float64
+from .cut import Parts, room_for_parts
 
 wp.set_module_options(EXACT)
 
@@ -21,6 +28,32 @@ class Patches:
     v: wp.array2d[wp.vec3d]
     n: wp.array2d[wp.vec3d]
     half: wp.array[wp.vec2d]  # half extents along u and v [m], shape [patch]
+
+
+@wp.func
+def turn_by(a: wp.vec3d, w: wp.float64, x: wp.vec3d):
+    """Rotate x by the unit quaternion (a, w), by the same operations as `datasets.rigid.rotate`."""
+    across = wp.cross(a, x)
+    return x + wp.float64(2.0) * (w * across + wp.cross(a, across))
+
+
+@wp.kernel
+def _place_patches(pose: wp.array[wp.transform], rest: Patches, placed: Patches):
+    """Turn and move a patch's frame with the hand; poses have rotations of any norm, rest is of one pose."""
+    row, patch = wp.tid()
+    q = wp.transform_get_rotation(pose[row])
+    x = wp.float64(q[0])
+    y = wp.float64(q[1])
+    z = wp.float64(q[2])
+    w = wp.float64(q[3])
+    size = wp.sqrt(x * x + y * y + z * z + w * w)
+    a = wp.vec3d(x / size, y / size, z / size)
+    w = w / size
+    place = to_float64(wp.transform_get_translation(pose[row]))
+    placed.origin[row, patch] = place + turn_by(a, w, rest.origin[0, patch])
+    placed.u[row, patch] = turn_by(a, w, rest.u[0, patch])
+    placed.v[row, patch] = turn_by(a, w, rest.v[0, patch])
+    placed.n[row, patch] = turn_by(a, w, rest.n[0, patch])
 
 
 @wp.struct
@@ -142,24 +175,23 @@ def next_border(
 @wp.kernel
 def _part_off_skin(
     # In:
-    points: wp.array[wp.vec3],
-    polyline_start: wp.array[wp.int64],
+    c: Contours,
     line_pose: wp.array[wp.int32],
     patches: Patches,
     distance: wp.float64,  # [m]
     start: wp.array[wp.int64],  # offsets of each segment's parts; empty: count them
     # Out:
     count: wp.array[wp.int64],  # shape [point + 1]
-    share: wp.array[wp.float64],
+    parts: Parts,
     keep: wp.array[wp.uint8],
 ):
     """Divide segments where they come near to the hand and where they leave it, and keep what is near."""
     line = wp.tid()
-    base = polyline_start[line]
-    for k in range(int(polyline_start[line + 1] - base) - 1):
+    base = c.polyline_start[line]
+    for k in range(int(c.polyline_start[line + 1] - base) - 1):
         i = base + wp.int64(k)
-        a = point_at(points, i, wp.float64(0.0))
-        b = point_at(points, i + wp.int64(1), wp.float64(0.0))
+        a = point_at(c.points, i, wp.float64(0.0))
+        b = point_at(c.points, i + wp.int64(1), wp.float64(0.0))
         least = SLACK / wp.max(wp.length(b - a), wp.float64(4.0) * SLACK)
         at = wp.float64(0.0)
         part = wp.int64(0)
@@ -168,7 +200,8 @@ def _part_off_skin(
         while at < wp.float64(1.0):
             border = next_border(patches, line_pose[line], a, b, at, distance, least)
             if start.shape[0] > 0:
-                share[part] = at
+                parts.segment[part] = i
+                parts.share[part] = at
                 keep[part] = wp.uint8(int(border > wp.float64(0.0)))
             at = wp.abs(border)
             part += wp.int64(1)
@@ -177,124 +210,69 @@ def _part_off_skin(
 
 
 @wp.kernel
-def _find_poses(
-    # In:
-    pose_start: wp.array[wp.int64],
-    # Out:
-    line_pose: wp.array[wp.int32],
-):
-    """Write the pose of each polyline."""
+def _keep_long(c: Contours, least: wp.vec2d, keep: wp.array[wp.uint8]):
+    """Keep points of polylines that are long enough; least: of an open polyline and of a closed one [m]."""
+    line = wp.tid()
+    length = wp.float64(0.0)
+    for i in range(int(c.polyline_start[line]), int(c.polyline_start[line + 1]) - 1):
+        length += segment_length(c.points, wp.int64(i))
+    kept = wp.uint8(int(length >= least[int(c.polyline_closed[line])]))
+    for i in range(int(c.polyline_start[line]), int(c.polyline_start[line + 1])):
+        keep[i] = kept
+
+
+@wp.kernel
+def _keep_patches(c: Contours, patch_keep: wp.array2d[wp.uint8], keep: wp.array[wp.uint8]):
+    """Keep points of polylines of patches that are kept."""
     pose = wp.tid()
-    for line in range(int(pose_start[pose]), int(pose_start[pose + 1])):
-        line_pose[line] = pose
-
-
-@wp.kernel
-def _measure_lines(
-    # In:
-    points: wp.array[wp.vec3],
-    polyline_start: wp.array[wp.int64],
-    # Out:
-    length: wp.array[wp.float64],  # [m], shape [polyline]
-):
-    """Sum each polyline's segments."""
-    line = wp.tid()
-    base = polyline_start[line]
-    total = wp.float64(0.0)
-    for k in range(int(polyline_start[line + 1] - base) - 1):
-        total += segment_length(points, base + wp.int64(k))
-    length[line] = total
-
-
-@wp.kernel
-def _keep_long(
-    # In:
-    polyline_start: wp.array[wp.int64],
-    polyline_closed: wp.array[wp.uint8],
-    length: wp.array[wp.float64],
-    least: wp.vec2d,  # of an open polyline and of a closed one [m]
-    # Out:
-    keep: wp.array[wp.uint8],  # by point
-):
-    """Keep polylines that are long enough."""
-    line = wp.tid()
-    kept = wp.uint8(int(length[line] >= least[int(polyline_closed[line])]))
-    for i in range(int(polyline_start[line]), int(polyline_start[line + 1])):
-        keep[i] = kept
-
-
-@wp.kernel
-def _keep_patches(
-    # In:
-    polyline_start: wp.array[wp.int64],
-    polyline_patch: wp.array[wp.int32],
-    line_pose: wp.array[wp.int32],
-    patch_keep: wp.array2d[wp.uint8],  # shape [pose, patch]
-    # Out:
-    keep: wp.array[wp.uint8],  # by point
-):
-    """Keep polylines of patches that are kept."""
-    line = wp.tid()
-    kept = patch_keep[line_pose[line], polyline_patch[line]]
-    for i in range(int(polyline_start[line]), int(polyline_start[line + 1])):
-        keep[i] = kept
-
-
-def find_poses(pose_start: wp.array, line_count: int) -> wp.array:
-    """Pose of each polyline, int32, shape [polyline]."""
-    line_pose = wp.empty(line_count, dtype=wp.int32, device=pose_start.device)
-    launch(_find_poses, pose_start.shape[0] - 1, [pose_start], [line_pose])
-    return line_pose
+    for line in range(int(c.pose_start[pose]), int(c.pose_start[pose + 1])):
+        for i in range(int(c.polyline_start[line]), int(c.polyline_start[line + 1])):
+            keep[i] = patch_keep[pose, c.polyline_patch[line]]
 
 
 @on_one_device
-def part_off_skin(
-    points: wp.array, polyline_start: wp.array, pose_start: wp.array, patches: Patches, distance: float
-) -> tuple[Parts, wp.array]:
+def place_patches(pose: wp.array, rest: Any) -> Any:
+    """Patches of a rigid hand at poses, `Patches`; rest: those of one pose, in the hand's frame, on the same device.
+
+    pose: hand frame -> array frame, wp.transform, shape [pose].
+    """
+    shape, placed = (pose.shape[0], rest.origin.shape[1]), Patches()
+    for name in ("origin", "u", "v", "n"):
+        setattr(placed, name, wp.empty(shape, dtype=wp.vec3d, device=pose.device))
+    placed.half = rest.half
+    launch(_place_patches, shape, [pose, rest], [placed])
+    return placed
+
+
+@on_one_device
+def part_off_skin(contours: Contours, patches: Patches, distance: float) -> tuple[Parts, wp.array]:
     """Segments divided where they pass `distance` [m] from the nearest patch, and which parts are nearer, uint8 [part].
 
     A rectangle is convex, so what is near to it of a segment is one span; its ends are found to 1e-15 of the segment.
     """
-    line_count = polyline_start.shape[0] - 1
-    line_pose = find_poses(pose_start, line_count)
-    device = points.device
-    none = (wp.empty(0, dtype=dtype, device=device) for dtype in (wp.int64, wp.float64, wp.uint8))
-    no_start, no_share, no_keep = none
-    count = wp.zeros(points.shape[0] + 1, dtype=wp.int64, device=device)
-    inputs = [points, polyline_start, line_pose, patches, wp.float64(distance)]
-    launch(_part_off_skin, line_count, [*inputs, no_start], [count, no_share, no_keep])
-    parts = parts_from(offsets_of(count))
-    keep = wp.empty(parts.segment.shape[0], dtype=wp.uint8, device=device)
-    launch(_part_off_skin, line_count, [*inputs, parts.start], [no_start, parts.share, keep])
+    device = contours.points.device
+    (parts, keep), (parts.start,) = count_then_fill(
+        _part_off_skin,
+        None,
+        contours.polyline_closed.shape[0],
+        [contours, find_poses(contours), patches, wp.float64(distance)],
+        lambda total: [room_for_parts(total, device), wp.empty(total, dtype=wp.uint8, device=device)],
+        rows=contours.points.shape[0],
+        blank=[Parts(), None],
+    )
     return parts, keep
 
 
-@on_one_device
-def measure_lines(points: wp.array, polyline_start: wp.array) -> wp.array:
-    """Length of each polyline [m], float64, shape [polyline]."""
-    length = wp.empty(polyline_start.shape[0] - 1, dtype=wp.float64, device=points.device)
-    launch(_measure_lines, length.shape[0], [points, polyline_start], [length])
-    return length
-
-
-@on_one_device
-def keep_long(
-    points: wp.array, polyline_start: wp.array, polyline_closed: wp.array, least_open: float, least_closed: float
-) -> wp.array:
+def keep_long(contours: Contours, least_open: float, least_closed: float) -> wp.array:
     """Whether a point's polyline is at least so long [m], uint8, shape [point]."""
-    keep = wp.empty(points.shape[0], dtype=wp.uint8, device=points.device)
-    length = measure_lines(points, polyline_start)
-    least = wp.vec2d(least_open, least_closed)
-    launch(_keep_long, length.shape[0], [polyline_start, polyline_closed, length, least], [keep])
+    keep = wp.empty(contours.points.shape[0], dtype=wp.uint8, device=contours.points.device)
+    launch(_keep_long, contours.polyline_closed.shape[0], [contours, wp.vec2d(least_open, least_closed)], [keep])
     return keep
 
 
 @on_one_device
-def keep_patches(
-    polyline_start: wp.array, polyline_patch: wp.array, pose_start: wp.array, patch_keep: wp.array, point_count: int
-) -> wp.array:
+def keep_patches(contours: Contours, patch_keep: wp.array) -> wp.array:
     """Whether a point is on a kept patch: uint8 [pose, patch] -> uint8 [point]."""
-    keep = wp.empty(point_count, dtype=wp.uint8, device=pose_start.device)
-    line_pose = find_poses(pose_start, polyline_patch.shape[0])
-    launch(_keep_patches, line_pose.shape[0], [polyline_start, polyline_patch, line_pose, patch_keep], [keep])
+    keep = wp.empty(contours.points.shape[0], dtype=wp.uint8, device=contours.points.device)
+    launch(_keep_patches, contours.pose_start.shape[0] - 1, [contours, patch_keep], [keep])
     return keep

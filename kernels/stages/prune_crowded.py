@@ -20,13 +20,13 @@ What has been removed hides nothing: lines are processed from the longest to the
 again until nothing more is removed.
 """
 
-from typing import Any
-
 import warp as wp
 
+from ..contours import Contours, point_at, segment_length
+from ..offsets import launch
 from ..one_device import on_one_device
 from ..patch import EXACT
-from .cut import Parts, launch, parts_of, point_at, segment_length, share_end
+from .cut import Parts, parts_of, share_end
 
 wp.set_module_options(EXACT)
 
@@ -84,32 +84,26 @@ def other_end(end: int):
 
 
 @wp.kernel
-def _find_ends(
-    # In:
-    points: wp.array[wp.vec3],
-    polyline_start: wp.array[wp.int64],
-    # Out:
-    ends: Ends,
-):
+def _find_ends(c: Contours, ends: Ends):
     """Find the ends of each polyline and the directions there."""
     line = wp.tid()
-    first = polyline_start[line]
-    last = polyline_start[line + 1] - wp.int64(1)
-    a = point_at(points, first, wp.float64(0.0))
-    b = point_at(points, last, wp.float64(0.0))
+    first = c.polyline_start[line]
+    last = c.polyline_start[line + 1] - wp.int64(1)
+    a = point_at(c.points, first, wp.float64(0.0))
+    b = point_at(c.points, last, wp.float64(0.0))
     ends.at[2 * line] = a
     ends.at[2 * line + 1] = b
-    ends.out[2 * line] = wp.normalize(point_at(points, first + wp.int64(1), wp.float64(0.0)) - a)
-    ends.out[2 * line + 1] = wp.normalize(point_at(points, last - wp.int64(1), wp.float64(0.0)) - b)
+    ends.out[2 * line] = wp.normalize(point_at(c.points, first + wp.int64(1), wp.float64(0.0)) - a)
+    ends.out[2 * line + 1] = wp.normalize(point_at(c.points, last - wp.int64(1), wp.float64(0.0)) - b)
 
 
 @wp.func
-def partner_of(ends: Ends, closed: wp.array[wp.uint8], end: int, begin: int, stop: int):
+def partner_of(ends: Ends, c: Contours, end: int, begin: int, stop: int):
     """The end of another open polyline that touches this one and goes on most straightly; else its own other end."""
     best = int(-1)
     least = wp.float64(2.0)
     for other in range(2 * begin, 2 * stop):
-        if other // 2 != end // 2 and closed[other // 2] == wp.uint8(0):
+        if other // 2 != end // 2 and c.polyline_closed[other // 2] == wp.uint8(0):
             if wp.length(ends.at[end] - ends.at[other]) < TOUCH:
                 turn = wp.dot(ends.out[end], ends.out[other])
                 if turn < least:
@@ -132,30 +126,21 @@ def joined_to(ends: Ends, end: int):
 
 
 @wp.func
-def write_parts(
-    points: wp.array[wp.vec3],
-    polyline_start: wp.array[wp.int64],
-    parts: Parts,
-    patch: wp.int32,
-    end: int,
-    rank: wp.int64,
-    passed: wp.float64,
-    bits: Bits,
-):
+def write_parts(c: Contours, parts: Parts, end: int, rank: wp.int64, passed: wp.float64, bits: Bits):
     """Write a polyline's parts from one of its ends on, `passed` metres along its line; how far that is then."""
-    first, count = parts_of(parts, polyline_start, end // 2)
+    first, count = parts_of(parts, c, end // 2)
     for k in range(count):
         part = first + wp.int64(wp.where(end % 2 == 0, k, count - 1 - k))
         i = parts.segment[part]
         span = share_end(parts, part) - parts.share[part]
-        a = point_at(points, i, wp.float64(0.0))
-        b = point_at(points, i + wp.int64(1), wp.float64(0.0))
+        a = point_at(c.points, i, wp.float64(0.0))
+        b = point_at(c.points, i + wp.int64(1), wp.float64(0.0))
         own = rank + wp.int64(k)
         bits.part[own] = part
-        bits.patch[own] = patch
+        bits.patch[own] = c.polyline_patch[end // 2]
         bits.way[own] = span * (b - a)
         bits.middle[own] = a + (parts.share[part] + wp.float64(0.5) * span) * (b - a)
-        length = span * segment_length(points, i)
+        length = span * segment_length(c.points, i)
         bits.along[own] = passed + wp.float64(0.5) * length
         passed += length
     return passed, count
@@ -164,11 +149,7 @@ def write_parts(
 @wp.kernel
 def _join_lines(
     # In:
-    points: wp.array[wp.vec3],
-    polyline_start: wp.array[wp.int64],
-    polyline_patch: wp.array[wp.int32],
-    polyline_closed: wp.array[wp.uint8],
-    pose_start: wp.array[wp.int64],
+    c: Contours,
     parts: Parts,
     # Out:
     ends: Ends,
@@ -178,17 +159,17 @@ def _join_lines(
 ):
     """Follow each line of a pose through the ends that touch, and write its parts one after the other."""
     pose = wp.tid()
-    begin = int(pose_start[pose])
-    stop = int(pose_start[pose + 1])
+    begin = int(c.pose_start[pose])
+    stop = int(c.pose_start[pose + 1])
     for end in range(2 * begin, 2 * stop):
-        if polyline_closed[end // 2] == wp.uint8(0):
-            ends.partner[end] = partner_of(ends, polyline_closed, end, begin, stop)
+        if c.polyline_closed[end // 2] == wp.uint8(0):
+            ends.partner[end] = partner_of(ends, c, end, begin, stop)
     rank = wp.int64(0)
     if begin < stop:
-        rank = parts.start[polyline_start[begin]]
+        rank = parts.start[c.polyline_start[begin]]
     for line in range(begin, stop):
         if joined[line] == wp.uint8(0):
-            closed = polyline_closed[line]
+            closed = c.polyline_closed[line]
             start = int(2 * line)
             before = joined_to(ends, start)
             while before >= 0 and before != 2 * line + 1:
@@ -203,9 +184,7 @@ def _join_lines(
             end = int(start)
             while end >= 0:
                 joined[end // 2] = wp.uint8(1)
-                passed, count = write_parts(
-                    points, polyline_start, parts, polyline_patch[end // 2], end, rank, passed, bits
-                )
+                passed, count = write_parts(c, parts, end, rank, passed, bits)
                 rank += wp.int64(count)
                 total += count
                 end = joined_to(ends, other_end(end))
@@ -298,18 +277,11 @@ def prune_line(bits: Bits, lines: Lines, line: int, begin: int, end: int, rule: 
 
 
 @wp.kernel
-def _thin_poses(
-    # In:
-    pose_start: wp.array[wp.int64],
-    rule: Beside,
-    # Out:
-    lines: Lines,
-    bits: Bits,
-):
+def _thin_poses(c: Contours, rule: Beside, lines: Lines, bits: Bits):
     """Process a pose's lines from the longest to the shortest, until nothing more is removed."""
     pose = wp.tid()
-    begin = int(pose_start[pose])
-    end = int(pose_start[pose + 1])
+    begin = int(c.pose_start[pose])
+    end = int(c.pose_start[pose + 1])
     changed = int(1)
     while changed == 1:
         changed = int(0)
@@ -326,67 +298,35 @@ def _thin_poses(
 
 
 @wp.kernel
-def _write_keep(
-    # In:
-    bits: Bits,
-    # Out:
-    keep: wp.array[wp.uint8],  # shape [part]
-):
+def _write_keep(bits: Bits, keep: wp.array[wp.uint8]):
     """Write what is kept in the order of all parts."""
     i = wp.tid()
     keep[bits.part[i]] = bits.keep[i]
 
 
 @on_one_device
-def thin_contours(
-    points: wp.array,
-    polyline_start: wp.array,
-    polyline_patch: wp.array,
-    polyline_closed: wp.array,
-    pose_start: wp.array,
-    parts: Any,
-    rule: Any,
-) -> wp.array:
+def thin_contours(contours: Contours, parts: Parts, rule: Beside) -> wp.array:
     """Whether parts stay if contours run too close beside others, uint8, shape [part].
 
-    parts: Parts, short beside the distance; rule: Beside. One thread a pose; the work grows with the square of its
-    parts.
+    parts: short beside the distance. One thread a pose; the work grows with the square of its parts.
     """
-    device, line_count, pose_count = points.device, polyline_start.shape[0] - 1, pose_start.shape[0] - 1
-    bits, lines = _bits_for(parts.segment.shape[0], device), _lines_for(line_count, device)
-    ends = Ends()
-    ends.at = wp.empty(2 * line_count, dtype=wp.vec3d, device=device)
-    ends.out = wp.empty(2 * line_count, dtype=wp.vec3d, device=device)
-    ends.partner = wp.full(2 * line_count, -1, dtype=wp.int32, device=device)
-    joined = wp.zeros(line_count, dtype=wp.uint8, device=device)
-    contours = [points, polyline_start, polyline_patch, polyline_closed, pose_start, parts]
-    launch(_find_ends, line_count, [points, polyline_start], [ends])
-    launch(_join_lines, pose_count, contours, [ends, joined, lines, bits])
-    launch(_thin_poses, pose_count, [pose_start, rule], [lines, bits])
-    keep = wp.empty_like(bits.keep)
-    launch(_write_keep, keep.shape[0], [bits], [keep])
-    return keep
-
-
-def _bits_for(count: int, device: Any) -> Any:
-    """Bits for so many parts, all kept."""
-    bits = Bits()
+    device, line_count = contours.points.device, contours.polyline_closed.shape[0]
+    pose_count, count = contours.pose_start.shape[0] - 1, parts.segment.shape[0]
+    bits, lines, ends = Bits(), Lines(), Ends()
     bits.part = wp.empty(count, dtype=wp.int64, device=device)
     bits.patch = wp.empty(count, dtype=wp.int32, device=device)
-    bits.middle = wp.empty(count, dtype=wp.vec3d, device=device)
-    bits.way = wp.empty(count, dtype=wp.vec3d, device=device)
+    bits.middle, bits.way = (wp.empty(count, dtype=wp.vec3d, device=device) for _ in range(2))
     bits.along = wp.empty(count, dtype=wp.float64, device=device)
     bits.broken = wp.zeros(count, dtype=wp.int64, device=device)
     bits.keep = wp.full(count, 1, dtype=wp.uint8, device=device)
-    return bits
-
-
-def _lines_for(count: int, device: Any) -> Any:
-    """Lines without parts, one for each polyline."""
-    lines = Lines()
-    lines.first = wp.zeros(count, dtype=wp.int64, device=device)
-    lines.count = wp.zeros(count, dtype=wp.int32, device=device)
-    lines.closed = wp.zeros(count, dtype=wp.uint8, device=device)
-    lines.length = wp.zeros(count, dtype=wp.float64, device=device)
-    lines.broken = wp.zeros(count, dtype=wp.int64, device=device)
-    return lines
+    for name, dtype in (("first", wp.int64), ("count", wp.int32), ("length", wp.float64), ("broken", wp.int64)):
+        setattr(lines, name, wp.zeros(line_count, dtype=dtype, device=device))
+    lines.closed, joined = (wp.zeros(line_count, dtype=wp.uint8, device=device) for _ in range(2))
+    ends.at, ends.out = (wp.empty(2 * line_count, dtype=wp.vec3d, device=device) for _ in range(2))
+    ends.partner = wp.full(2 * line_count, -1, dtype=wp.int32, device=device)
+    launch(_find_ends, line_count, [contours], [ends])
+    launch(_join_lines, pose_count, [contours, parts], [ends, joined, lines, bits])
+    launch(_thin_poses, pose_count, [contours, rule], [lines, bits])
+    keep = wp.empty_like(bits.keep)
+    launch(_write_keep, count, [bits], [keep])
+    return keep

@@ -4,15 +4,15 @@ A sight line is blocked where it passes through the inside of a patch of the han
 nearer than CLEAR does not count, so skin does not block its own contours.
 """
 
-from typing import Any
-
 import numpy as np
 import warp as wp
 
+from ..contours import Contours, find_poses, point_at
+from ..offsets import launch
 from ..one_device import on_one_device
 from ..patch import EXACT, to_float32
-from .cut import Parts, launch, parts_of, point_at, share_end
-from .prune import Patches, find_poses
+from .cut import Parts, parts_of, share_end
+from .prune import Patches
 
 wp.set_module_options(EXACT)
 
@@ -94,8 +94,7 @@ def count_past_mesh(x: wp.vec3d, mesh: wp.uint64, back: wp.transform, aperture: 
 @wp.kernel
 def _see_past_patches(
     # In:
-    points: wp.array[wp.vec3],
-    polyline_start: wp.array[wp.int64],
+    c: Contours,
     line_pose: wp.array[wp.int32],
     parts: Parts,
     patches: Patches,
@@ -107,11 +106,11 @@ def _see_past_patches(
     """Keep parts from both ends of which enough of the array's face is seen past the hand's patches."""
     line = wp.tid()
     pose = line_pose[line]
-    first, count = parts_of(parts, polyline_start, line)
-    before = count_past_patches(part_end(points, parts, first, 0), patches, pose, aperture)
+    first, count = parts_of(parts, c, line)
+    before = count_past_patches(part_end(c.points, parts, first, 0), patches, pose, aperture)
     for k in range(count):
         part = first + wp.int64(k)
-        after = count_past_patches(part_end(points, parts, part, 1), patches, pose, aperture)
+        after = count_past_patches(part_end(c.points, parts, part, 1), patches, pose, aperture)
         keep[part] = wp.uint8(int(wp.min(before, after) >= least))
         before = after
 
@@ -119,8 +118,7 @@ def _see_past_patches(
 @wp.kernel
 def _see_past_mesh(
     # In:
-    points: wp.array[wp.vec3],
-    polyline_start: wp.array[wp.int64],
+    c: Contours,
     line_pose: wp.array[wp.int32],
     first_line: int,
     parts: Parts,
@@ -134,47 +132,32 @@ def _see_past_mesh(
     """Keep parts from both ends of which enough of the array's face is seen past the hand's mesh."""
     line = first_line + wp.tid()
     back = wp.transform_inverse(pose[line_pose[line]])
-    first, count = parts_of(parts, polyline_start, line)
-    before = count_past_mesh(part_end(points, parts, first, 0), mesh, back, aperture)
+    first, count = parts_of(parts, c, line)
+    before = count_past_mesh(part_end(c.points, parts, first, 0), mesh, back, aperture)
     for k in range(count):
         part = first + wp.int64(k)
-        after = count_past_mesh(part_end(points, parts, part, 1), mesh, back, aperture)
+        after = count_past_mesh(part_end(c.points, parts, part, 1), mesh, back, aperture)
         keep[part] = wp.uint8(int(wp.min(before, after) >= least))
         before = after
 
 
 @on_one_device
-def see_past_patches(
-    points: wp.array,
-    polyline_start: wp.array,
-    pose_start: wp.array,
-    parts: Any,
-    patches: Any,
-    aperture: Any,
-    least: int,
-) -> wp.array:
-    """Whether parts see at least so many points of the aperture past the hand's patches, uint8 [part].
-
-    parts: Parts; patches: Patches; aperture: Aperture.
-    """
-    keep = wp.empty(parts.segment.shape[0], dtype=wp.uint8, device=points.device)
-    line_count = polyline_start.shape[0] - 1
-    line_pose = find_poses(pose_start, line_count)
-    inputs = [points, polyline_start, line_pose, parts, patches, aperture, least]
-    launch(_see_past_patches, line_count, inputs, [keep])
+def see_past_patches(contours: Contours, parts: Parts, patches: Patches, aperture: Aperture, least: int) -> wp.array:
+    """Whether parts see at least so many points of the aperture past the hand's patches, uint8 [part]."""
+    keep = wp.empty(parts.segment.shape[0], dtype=wp.uint8, device=contours.points.device)
+    inputs = [contours, find_poses(contours), parts, patches, aperture, least]
+    launch(_see_past_patches, contours.polyline_closed.shape[0], inputs, [keep])
     return keep
 
 
 @on_one_device
 def see_past_mesh(
-    points: wp.array,
-    polyline_start: wp.array,
-    pose_start: wp.array,
-    parts: Any,
+    contours: Contours,
+    parts: Parts,
     vertices: np.ndarray,
     faces: np.ndarray,
     pose: np.ndarray,
-    aperture: Any,
+    aperture: Aperture,
     least: int,
 ) -> wp.array:
     """Whether parts see at least so many points of the aperture past the hand's mesh, uint8 [part].
@@ -182,20 +165,20 @@ def see_past_mesh(
     vertices: [m], hand frame, float32, shape [1 or pose, vertex, 3]; faces: int32, shape [face, 3]; pose: hand frame ->
     array frame, float32, shape [pose, 7]. A rigid hand's mesh is made once; another one is refitted for every pose.
     """
-    device, line_count = points.device, polyline_start.shape[0] - 1
+    device, line_count = contours.points.device, contours.polyline_closed.shape[0]
     keep = wp.empty(parts.segment.shape[0], dtype=wp.uint8, device=device)
-    line_pose = find_poses(pose_start, line_count)
+    line_pose = find_poses(contours)
     shapes = wp.array(np.ascontiguousarray(vertices, np.float32), dtype=wp.vec3, device=device)
     corners = wp.array(np.ascontiguousarray(faces, np.int32).ravel(), dtype=wp.int32, device=device)
     mesh = wp.Mesh(points=wp.clone(shapes[0]), indices=corners)
     poses = wp.array(np.ascontiguousarray(pose, np.float32), dtype=wp.transform, device=device)
-    lines = [0, line_count] if len(vertices) == 1 else pose_start.numpy().tolist()
+    lines = [0, line_count] if len(vertices) == 1 else contours.pose_start.numpy().tolist()
     for k in range(len(lines) - 1):
         if lines[k] == lines[k + 1]:
             continue
         if k > 0:
             wp.copy(mesh.points, shapes[k])
             mesh.refit()
-        inputs = [points, polyline_start, line_pose, lines[k], parts, mesh.id, poses, aperture, least]
+        inputs = [contours, line_pose, lines[k], parts, mesh.id, poses, aperture, least]
         launch(_see_past_mesh, lines[k + 1] - lines[k], inputs, [keep])
     return keep

@@ -2,11 +2,9 @@
 
 import warp as wp
 
-from ..offsets import BLOCK, PointLimitError, last_of, offsets_of
-from ..one_device import on_one_device
+from ..contours import Contours, segment_length, with_columns, with_room, write_point
+from ..offsets import launch, scan_counts
 from ..patch import EXACT, to_float32, to_float64
-from .cut import point_at, segment_length
-from .insertion import Vertices, empty_vertices, vertices_of
 
 wp.set_module_options(EXACT)
 
@@ -14,56 +12,28 @@ SHARE = wp.constant(wp.float64(0.25))  # of a segment that is cut off at each of
 
 
 @wp.kernel
-def _count_cuts(
-    # In:
-    polyline_start: wp.array[wp.int64],
-    polyline_closed: wp.array[wp.uint8],
-    times: wp.int64,  # 2 to the power of rounds
-    # Out:
-    count: wp.array[wp.int64],  # shape [polyline + 1], zero-initialised
-):
-    """Count the points of a polyline after some rounds; one without a segment has none."""
+def _count_cuts(c: Contours, times: wp.int64, count: wp.array[wp.int64]):
+    """Count the points of a polyline after some rounds, `times` is 2 to their power; one without a segment has none."""
     line = wp.tid()
     one = wp.int64(1)
-    segments = polyline_start[line + 1] - polyline_start[line] - one
+    segments = c.polyline_start[line + 1] - c.polyline_start[line] - one
     if segments > wp.int64(0):
-        if polyline_closed[line] != wp.uint8(0):
+        if c.polyline_closed[line] != wp.uint8(0):
             count[line] = segments * times + one
         else:
             count[line] = (segments - one) * times + wp.int64(2)
 
 
-@wp.func
-def write_cut(old: Vertices, written: Vertices, i: wp.int64, part: wp.float64, at: wp.int64):
-    """Write the place at a part of the segment at point i, without a dwell."""
-    written.points[at] = to_float32(point_at(old.points, i, part))
-    written.kind[at] = old.kind[i]
-    if old.intensity.shape[0] > 0:
-        step = old.intensity[i + wp.int64(1)] - old.intensity[i]
-        written.intensity[at] = wp.float32(wp.float64(old.intensity[i]) + part * wp.float64(step))
-    if old.dwell.shape[0] > 0:
-        written.dwell[at] = wp.float32(0.0)
-
-
 @wp.kernel
-def _cut_corners(
-    # In:
-    old: Vertices,
-    polyline_start: wp.array[wp.int64],
-    polyline_closed: wp.array[wp.uint8],
-    new_start: wp.array[wp.int64],
-    reach: wp.float64,  # most that is cut off a segment's end [m]
-    # Out:
-    written: Vertices,
-):
-    """Write every segment of a polyline without its ends; the ends of an open polyline stay."""
+def _cut_corners(old: Contours, reach: wp.float64, out: Contours):
+    """Write every segment of a polyline without its ends, at most `reach` [m] of each; ends of open polylines stay."""
     line = wp.tid()
     one = wp.int64(1)
-    first = polyline_start[line]
-    segments = int(polyline_start[line + 1] - first) - 1
-    closed = polyline_closed[line] != wp.uint8(0)
+    first = old.polyline_start[line]
+    segments = int(old.polyline_start[line + 1] - first) - 1
+    closed = old.polyline_closed[line] != wp.uint8(0)
     has_dwell = old.dwell.shape[0] > 0
-    start = new_start[line]
+    start = out.polyline_start[line]
     for k in range(segments):
         i = first + wp.int64(k)
         at = start + wp.int64(2 * k)
@@ -75,38 +45,26 @@ def _cut_corners(
         ends = not closed and k == segments - 1
         if ends:
             high = wp.float64(1.0)
-        write_cut(old, written, i, low, at)
-        write_cut(old, written, i, high, at + one)
+        write_point(old, i, low, out, at)
+        write_point(old, i, high, out, at + one)
         if has_dwell:
-            written.dwell[at] = old.dwell[i]
+            out.dwell[at] = old.dwell[i]
             if ends:
-                written.dwell[at + one] = old.dwell[i + one]
+                out.dwell[at + one] = old.dwell[i + one]
     if closed and segments > 0:
         seam = start + wp.int64(2 * segments)
-        written.points[seam] = written.points[start]
-        written.kind[seam] = written.kind[seam - one]
-        if old.intensity.shape[0] > 0:
-            written.intensity[seam] = written.intensity[start]
-        if has_dwell:
-            written.dwell[seam] = written.dwell[start]
+        write_point(out, start, wp.float64(0.0), out, seam)
+        out.kind[seam] = out.kind[seam - one]
 
 
 @wp.kernel
-def _relax_points(
-    # In:
-    polyline_start: wp.array[wp.int64],
-    polyline_closed: wp.array[wp.uint8],
-    strength: wp.float64,  # 0..1
-    rounds: wp.int32,
-    # Out:
-    points: wp.array[wp.vec3],
-):
+def _relax_points(c: Contours, strength: wp.float64, rounds: wp.int32, points: wp.array[wp.vec3]):
     """Move every point of a polyline but open ends towards the middle of its neighbours, all at once in each round."""
     line = wp.tid()
     one = wp.int64(1)
-    first = polyline_start[line]
-    last = polyline_start[line + 1] - one
-    closed = polyline_closed[line] != wp.uint8(0) and last > first
+    first = c.polyline_start[line]
+    last = c.polyline_start[line + 1] - one
+    closed = c.polyline_closed[line] != wp.uint8(0) and last > first
     for _r in range(rounds):
         i = first
         if not closed:
@@ -124,62 +82,31 @@ def _relax_points(
             points[last] = points[first]
 
 
-@on_one_device
-def cut_offsets(polyline_start: wp.array, polyline_closed: wp.array, rounds: int) -> wp.array:
-    """Offsets of polylines whose corners were cut in some rounds, int64 [polyline + 1]."""
-    count, device = wp.zeros_like(polyline_start), polyline_start.device
-    inputs = [polyline_start, polyline_closed, wp.int64(2**rounds)]
-    line_count = polyline_closed.shape[0]
-    wp.launch(_count_cuts, line_count, inputs=inputs, outputs=[count], device=device, block_dim=BLOCK)
-    return offsets_of(count)
-
-
-@on_one_device
-def cut_corners(
-    points: wp.array,
-    kind: wp.array,
-    polyline_start: wp.array,
-    polyline_closed: wp.array,
-    *,
-    reach: float,
-    rounds: int,
-    intensity: wp.array | None = None,
-    dwell: wp.array | None = None,
-    point_limit: int | None = None,
-) -> tuple[wp.array, wp.array, wp.array, wp.array | None, wp.array | None]:
+def cut_corners(contours: Contours, *, reach: float, rounds: int, point_limit: int | None = None) -> Contours:
     """Polylines whose every segment has lost a quarter at each end, at most `reach` [m], in each round.
 
     Ends of open polylines stay. A cut at a corner is of the kind of the segment before it, and a pause at the corner
     comes behind the cut. Polylines without a segment get no points.
-    Returns points, kind, polyline_start, intensity and dwell. Raises PointLimitError before memory is taken for more
-    points than `point_limit`.
+    Raises PointLimitError before memory is taken for more points than `point_limit`.
     """
-    device = points.device
-    starts = [cut_offsets(polyline_start, polyline_closed, k + 1) for k in range(rounds)]
-    totals = [last_of(start) for start in starts]
-    if point_limit is not None and totals[-1] > point_limit:
-        raise PointLimitError(totals[-1], point_limit)
-    old = vertices_of(points, kind, intensity, dwell)
-    for start, total in zip(starts, totals, strict=True):
-        written = empty_vertices(total, device, intensity is not None, dwell is not None)
-        inputs = [old, polyline_start, polyline_closed, start, wp.float64(reach)]
-        line_count = polyline_closed.shape[0]
-        wp.launch(_cut_corners, line_count, inputs=inputs, outputs=[written], device=device, block_dim=BLOCK)
-        old, polyline_start = written, start
-    weights = (None if intensity is None else old.intensity, None if dwell is None else old.dwell)
-    return old.points, old.kind, polyline_start, *weights
+    lines, counts = contours.polyline_closed.shape[0], []
+    for k in range(rounds):
+        counts.append(wp.zeros_like(contours.polyline_start))
+        launch(_count_cuts, lines, [contours, wp.int64(2 ** (k + 1))], [counts[-1]])
+    starts, totals = scan_counts(*reversed(counts), limit=point_limit)
+    for start, total in zip(reversed(starts), reversed(totals), strict=True):
+        out = with_room(contours, total)
+        out.polyline_start = start
+        launch(_cut_corners, lines, [contours, wp.float64(reach)], [out])
+        contours = out
+    return contours
 
 
-@on_one_device
-def relax_points(
-    points: wp.array, polyline_start: wp.array, polyline_closed: wp.array, *, strength: float, rounds: int
-) -> wp.array:
-    """Points of polylines [m], each moved in every round by `strength` towards the middle of its neighbours.
+def relax_points(contours: Contours, *, strength: float, rounds: int) -> Contours:
+    """Contours whose points were moved in every round by `strength`, 0..1, towards the middle of their neighbours.
 
     Ends of open polylines stay; rounding to float32 ends each round.
     """
-    moved = wp.clone(points)
-    inputs = [polyline_start, polyline_closed, wp.float64(strength), rounds]
-    line_count = polyline_closed.shape[0]
-    wp.launch(_relax_points, line_count, inputs=inputs, outputs=[moved], device=points.device, block_dim=BLOCK)
-    return moved
+    moved = wp.clone(contours.points)
+    launch(_relax_points, contours.polyline_closed.shape[0], [contours, wp.float64(strength), rounds], [moved])
+    return with_columns(contours, points=moved)

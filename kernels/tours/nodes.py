@@ -1,15 +1,15 @@
 """Which nodes of the grids over a hand's patches are inside an object, and which of these are kept; a bit per node."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import warp as wp
 
+from ..contours import Contours
 from ..fields.field import Field
 from ..march.grid import TILE_HEIGHT, TILE_WIDTH, Grid, Grids, Lattice, lay_grids, place_grids
 from ..march.sample import bits_below, sample_nodes
-from ..offsets import BLOCK
+from ..offsets import launch
 from ..one_device import on_one_device
 from ..patch import EXACT, to_float64
 
@@ -63,29 +63,23 @@ def column_after(g: Grid, x: wp.float64):
 
 @wp.kernel
 def _fill_outlines(
-    # In:
-    lattice: wp.array[Lattice],
-    grid: wp.array[Grid],
-    tile_count: int,  # of a hand
-    point: wp.array[wp.vec3],
-    polyline_start: wp.array[wp.int64],
-    polyline_patch: wp.array[wp.int32],
-    pose_start: wp.array[wp.int64],  # into polylines
-    # Out:
-    bits: wp.array[wp.uint32],  # comes as 0
+    lattice: wp.array[Lattice], grid: wp.array[Grid], tile_count: int, c: Contours, bits: wp.array[wp.uint32]
 ):
-    """Invert the nodes right of each edge of a pose's closed outlines: those that end inverted are inside."""
+    """Invert the nodes right of each edge of a pose's closed outlines: those that end inverted are inside.
+
+    tile_count: of a hand; bits: zero-initialised.
+    """
     pose = wp.tid()
-    for line in range(int(pose_start[pose]), int(pose_start[pose + 1])):
-        patch = polyline_patch[line]
+    for line in range(int(c.pose_start[pose]), int(c.pose_start[pose + 1])):
+        patch = c.polyline_patch[line]
         g = grid[patch]
         lat = lattice[pose * grid.shape[0] + patch]
-        first = polyline_start[line]
-        count = int(polyline_start[line + 1] - first)
-        a = grid_place(lat, point[first + wp.int64(count - 1)])
+        first = c.polyline_start[line]
+        count = int(c.polyline_start[line + 1] - first)
+        a = grid_place(lat, c.points[first + wp.int64(count - 1)])
         low = row_above(g, a[1])
         for k in range(count):
-            b = grid_place(lat, point[first + wp.int64(k)])
+            b = grid_place(lat, c.points[first + wp.int64(k)])
             high = row_above(g, b[1])
             for j in range(wp.min(low, high), wp.max(low, high)):
                 t = (row_height(g, j) - a[1]) / (b[1] - a[1])
@@ -198,17 +192,16 @@ def inside_nodes(field: Field, pose: wp.array, patch: wp.array, *, step: float, 
 
 
 @on_one_device
-def outlined_nodes(outlines: Sequence[wp.array], pose: wp.array, patch: wp.array, *, step: float) -> Nodes:
+def outlined_nodes(outlines: Contours, pose: wp.array, patch: wp.array, *, step: float) -> Nodes:
     """Nodes of the patches' grids that lie within closed contours of these poses; raises as `inside_nodes`.
 
-    outlines: `points` [m], array frame, `polyline_start`, `polyline_patch` and `pose_start` of a batch of contours.
     Nodes on a patch's boundary are taken to lie OFF steps farther in.
     """
     grids, lattice = lay_nodes(pose, patch, step)
     tile_count = grids.patch_of.shape[0]
     bits = wp.zeros(pose.shape[0] * tile_count, dtype=wp.uint32, device=pose.device)
-    inputs = [lattice, grids.grid, tile_count, *outlines]
-    wp.launch(_fill_outlines, pose.shape[0], inputs=inputs, outputs=[bits], device=pose.device, block_dim=BLOCK)
+    inputs = [lattice, grids.grid, tile_count, outlines]
+    launch(_fill_outlines, pose.shape[0], inputs, [bits])
     return Nodes(grids, lattice, bits)
 
 
@@ -237,5 +230,5 @@ def thin_nodes(nodes: Nodes, *, separation: float) -> tuple[Nodes, wp.array]:
     tile_count = nodes.grids.patch_of.shape[0]
     count = wp.empty(nodes.lattice.shape[0], dtype=wp.int32, device=device)
     inputs = [nodes.grids.grid, tile_count, disc, bits]
-    wp.launch(_thin_nodes, count.shape[0], inputs=inputs, outputs=[count], device=device, block_dim=BLOCK)
+    launch(_thin_nodes, count.shape[0], inputs, [count])
     return nodes._replace(bits=bits), count

@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from ..fields.field import MODULE, Field, inside_function, made_once
-from ..offsets import BLOCK, last_of, offsets_of
+from ..offsets import launch, scan_counts
 from ..patch import EXACT, rotate, to_float32, to_float64
 
 wp.set_module_options(EXACT)
@@ -185,15 +185,12 @@ def find_shared_surface(
     blocks.start = wp.array(start.astype(np.int32), dtype=int, device=device)
     nodes = int(start[-1])
     inside = wp.empty(nodes, dtype=wp.uint8, device=device)
-    wp.launch(mark, nodes, inputs=[solid.data, hand.data, blocks], outputs=[inside], device=device, block_dim=BLOCK)
+    launch(mark, nodes, [solid.data, hand.data, blocks], [inside])
     found = wp.zeros(nodes + 1, dtype=int, device=device)
-    wp.launch(_count_cut_cells, nodes, inputs=[blocks, inside], outputs=[found], device=device, block_dim=BLOCK)
-    before = offsets_of(found)
-    point = wp.empty(last_of(before), dtype=wp.vec3, device=device)
-    inputs = [solid.data, hand.data, blocks, inside, before]
-    wp.launch(place, nodes, inputs=inputs, outputs=[point], device=device, block_dim=BLOCK)
+    launch(_count_cut_cells, nodes, [blocks, inside], [found])
+    (before,), (total,) = scan_counts(found)
+    point = wp.empty(total, dtype=wp.vec3, device=device)
+    launch(place, nodes, [solid.data, hand.data, blocks, inside, before], [point])
     point_start = wp.empty(len(start), dtype=wp.int64, device=device)
-    wp.launch(
-        _start_poses, len(start), inputs=[blocks.start, before], outputs=[point_start], device=device, block_dim=BLOCK
-    )
+    launch(_start_poses, len(start), [blocks.start, before], [point_start])
     return point, point_start

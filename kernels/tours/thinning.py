@@ -6,7 +6,7 @@ from math import ceil, floor, log10
 import numpy as np
 import warp as wp
 
-from ..offsets import BLOCK, last_of, offsets_of
+from ..offsets import launch, scan_counts
 from ..one_device import on_one_device
 from ..patch import EXACT, to_float64
 
@@ -95,16 +95,14 @@ def thin_points(point: wp.array, start: wp.array, *, separation: float) -> tuple
     device, pose_count = point.device, start.shape[0] - 1
     scratch = wp.clone(point)
     count = wp.zeros(pose_count + 1, dtype=wp.int64, device=device)
-    inputs = [start, wp.float64(separation), wp.int64(POINTS_MOST), scratch]
-    wp.launch(_thin_points, pose_count, inputs=inputs, outputs=[count], device=device, block_dim=BLOCK)
+    launch(_thin_points, pose_count, [start, wp.float64(separation), wp.int64(POINTS_MOST), scratch], [count])
     over = np.flatnonzero(count.numpy() > POINTS_MOST)
     if len(over):
         pose = int(over[0])
         raise TooManyPointsError(pose, int(np.diff(start.numpy()[pose : pose + 2])[0]), separation)
-    kept_start = offsets_of(count)
-    kept = wp.empty(last_of(kept_start), dtype=wp.vec3, device=device)
-    inputs = [scratch, start, kept_start]
-    wp.launch(_gather_points, pose_count, inputs=inputs, outputs=[kept], device=device, block_dim=BLOCK)
+    (kept_start,), (total,) = scan_counts(count)
+    kept = wp.empty(total, dtype=wp.vec3, device=device)
+    launch(_gather_points, pose_count, [scratch, start, kept_start], [kept])
     return kept, kept_start
 
 

@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import warp as wp
 
-from ..offsets import BLOCK, last_of, offsets_of
+from ..contours import Contours, room_for
+from ..offsets import launch, scan_counts
 from ..one_device import on_one_device
 from ..patch import EXACT
-from ..section.contour_writing import SectionContours
 from ..section.row_walker import MADE
 
 wp.set_module_options(EXACT)
@@ -376,18 +376,18 @@ def _write_tours(
     order: wp.array[wp.int16],
     place: wp.array[wp.int16],
     point_start: wp.array[wp.int64],
-    line_start: wp.array[wp.int64],
     closes: int,
     # Out:
-    out: wp.array[wp.vec3],
-    polyline_start: wp.array[wp.int64],
+    out: Contours,
 ):
     """Write each pose's polyline: a closed one from its first point to it again, towards the earlier neighbour."""
     pose = wp.tid()
-    line = line_start[pose]
-    if line_start[pose + 1] > line:
+    line = out.pose_start[pose]
+    if out.pose_start[pose + 1] > line:
         at = point_start[pose]
-        polyline_start[line] = at
+        out.polyline_start[line] = at
+        out.polyline_patch[line] = 0
+        out.polyline_closed[line] = wp.uint8(closes)
         row = int(start[pose]) + pose
         count = int(start[pose + 1] - start[pose])
         length = count + 1 - closes
@@ -398,7 +398,7 @@ def _write_tours(
         if closes == 0:
             i = (i + by) % length
         for k in range(count + closes):
-            out[at + wp.int64(k)] = point[start[pose] + wp.int64(order[row + i])]
+            out.points[at + wp.int64(k)] = point[start[pose] + wp.int64(order[row + i])]
             i = (i + by) % length
 
 
@@ -420,8 +420,8 @@ def _count_tours(
 class Tours(NamedTuple):
     """Paths, and how many poses had a point but no path."""
 
-    contours: SectionContours
-    """One polyline a pose at most, of kind MADE and patch 0; `section_start` by pose."""
+    contours: Contours
+    """One polyline a pose at most, of kind MADE and patch 0."""
     single_count: int
     """Poses with a single point, which no path leads through: they are left empty."""
 
@@ -442,23 +442,11 @@ def tour_points(point: wp.array, start: wp.array, *, closes: bool) -> Tours:
     near = wp.empty(int(NEAR) * rows, dtype=wp.int16, device=device)
     way = wp.empty(int(NEAR) * rows, dtype=wp.float32, device=device)
     awake = wp.empty(rows, dtype=wp.uint8, device=device)
-    inputs = [point, start, int(closes)]
-    outputs = [order, place, step, near, way, awake]
-    wp.launch(_order_points, pose_count, inputs=inputs, outputs=outputs, device=device, block_dim=BLOCK)
-    points, lines = (wp.zeros(pose_count + 1, dtype=wp.int64, device=device) for _ in range(2))
-    inputs = [start, int(closes)]
-    wp.launch(_count_tours, pose_count, inputs=inputs, outputs=[points, lines], device=device, block_dim=BLOCK)
-    point_start, line_start = offsets_of(points), offsets_of(lines)
-    point_count, line_count = last_of(point_start), last_of(line_start)
-    contours = SectionContours(
-        points=wp.empty(point_count, dtype=wp.vec3, device=device),
-        kind=wp.full(point_count, MADE, dtype=wp.uint8, device=device),
-        polyline_start=wp.full(line_count + 1, point_count, dtype=wp.int64, device=device),
-        polyline_patch=wp.zeros(line_count, dtype=wp.int32, device=device),
-        polyline_closed=wp.full(line_count, int(closes), dtype=wp.uint8, device=device),
-        section_start=line_start,
-    )
-    inputs = [point, start, order, place, point_start, line_start, int(closes)]
-    outputs = [contours.points, contours.polyline_start]
-    wp.launch(_write_tours, pose_count, inputs=inputs, outputs=outputs, device=device, block_dim=BLOCK)
-    return Tours(contours, point.shape[0] - (point_count - line_count * int(closes)))
+    launch(_order_points, pose_count, [point, start, int(closes)], [order, place, step, near, way, awake])
+    counts = [wp.zeros(pose_count + 1, dtype=wp.int64, device=device) for _ in range(2)]
+    launch(_count_tours, pose_count, [start, int(closes)], counts)
+    (point_start, line_start), (point_count, line_count) = scan_counts(*counts)
+    out = room_for(point_count, line_count, device, kind=int(MADE))
+    out.pose_start = line_start
+    launch(_write_tours, pose_count, [point, start, order, place, point_start, int(closes)], [out])
+    return Tours(out, point.shape[0] - (point_count - line_count * int(closes)))

@@ -115,7 +115,7 @@ class _Worker:
             if not batch.on_device:
                 timing = {"total": time.perf_counter() - started}
                 return Chunk(first, stop, batch, batch.lengths(), removed, timing)
-            lengths = measure_contours(batch.points, batch.kind, batch.polyline_start, batch.pose_start)
+            lengths = measure_contours(batch.struct)
             down.start({**batch.by_name(), "lengths": lengths})
         del batch, lengths  # the downloader keeps them as long as they are needed
         host: dict[str, Any] = down.finish()

@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 import warp as wp
 
-from ...kernels.section.contour_writing import SectionContours
+from ...kernels.contours import with_columns
 from ...kernels.skin.sign import Posed
 from ...kernels.tours.contact import inside_vertices, list_nodes
 from ...kernels.tours.nodes import Nodes, inside_nodes, nodes_of_pose, outlined_nodes, thin_nodes
@@ -42,7 +42,7 @@ def contact_contours(
     step: float,
     separation: float = SEPARATION,
     closes: bool = True,
-) -> SectionContours:
+) -> Any:
     """One polyline a pose, of kind MADE, through points of skin inside the object.
 
     pose: hand frame -> array frame, float32, shape [pose, 7], rows `first`.. of the motion.
@@ -122,8 +122,7 @@ class _Skin:
             field = self.solid.field_on(self.device)
             return inside_nodes(field, section, self.patch, step=self.step, bounds=self.solid.bounds)
         cut, _ = intersect(cast(MeshObject, self.solid), self.hand, section, CLOSED)
-        outlines = (cut.points, cut.polyline_start, cut.polyline_patch, cut.pose_start)
-        return outlined_nodes(outlines, section, self.patch, step=self.step)
+        return outlined_nodes(cut.struct, section, self.patch, step=self.step)
 
     def kept(self, pose: np.ndarray, first: int, separation: float) -> tuple[wp.array, wp.array]:
         """Points inside the object that are kept, and where each pose's start; raises as `thinned`."""
@@ -190,7 +189,7 @@ def joined_points(parts: list[tuple[wp.array, wp.array]], device: str) -> tuple[
     return point, wp.array(np.cumsum(np.concatenate(counts)), dtype=wp.int64, device=device)
 
 
-def toured(point: wp.array, start: wp.array, *, closes: bool, patch_count: int, name: str) -> SectionContours:
+def toured(point: wp.array, start: wp.array, *, closes: bool, patch_count: int, name: str) -> Any:
     """A path through each pose's points, see `tour_points`, as the contours of a hand of so many patches.
 
     Warns of poses with a single point, which have no path, by the name of the raw intersection.
@@ -203,8 +202,8 @@ def toured(point: wp.array, start: wp.array, *, closes: bool, patch_count: int, 
         warn_user(message)
     if patch_count == 1:
         return tours.contours
-    pose_start = tours.contours.section_start.numpy()
+    pose_start = tours.contours.pose_start.numpy()
     section_start = np.repeat(pose_start[1:], patch_count)  # all of a pose's polylines are its first patch's
     section_start[::patch_count] = pose_start[:-1]
     both = np.concatenate([section_start, pose_start[-1:]])
-    return tours.contours._replace(section_start=wp.array(both, dtype=wp.int64, device=point.device))
+    return with_columns(tours.contours, pose_start=wp.array(both, dtype=wp.int64, device=point.device))

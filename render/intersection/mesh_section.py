@@ -75,13 +75,13 @@ def intersect(
             cut = cut_sections(*planes, bounded=bounded, closes=closes)
         with StageClock(timing, "draw", device):
             contours = draw_sections(*planes, cut, bounded=bounded, closes=closes, limit=point_limit)
-        return ContourBatch.from_device(contours, hand.patch_count), contours.points.shape[0]
+        return ContourBatch.of_sections(contours, hand.patch_count), contours.points.shape[0]
     found, (surface, section) = _pieces(mesh, patch, pose, strategy, method, timing)
     with StageClock(timing, "join", device):
         joined = join_pieces(surface, found, section, patch, closes=closes, limit=point_limit)
     with StageClock(timing, "draw", device):
         contours = draw_contours(surface, section, patch, joined, bounded=bounded, closes=closes)
-    return ContourBatch.from_device(contours, hand.patch_count), joined.point_count
+    return ContourBatch.of_sections(contours, hand.patch_count), joined.point_count
 
 
 def needs_regularising(mesh: MeshObject) -> bool:

@@ -7,7 +7,6 @@ import numpy as np
 import warp as wp
 
 from ...datasets.rigid import rotate
-from ...kernels.section.contour_writing import SectionContours
 from ...kernels.tours.overlap import find_shared_surface
 from ..errors import MeshError, StrategyError
 from ..hands.hand import Hand
@@ -30,7 +29,7 @@ def overlap_contours(
     step: float,
     separation: float = SEPARATION,
     closes: bool = True,
-) -> SectionContours:
+) -> Any:
     """One polyline a pose, of kind MADE, over the surface of what object and hand share.
 
     hand: a MeshHand whose mesh is closed, see `hand_solids`; pose: hand frame -> array frame, float32, shape [pose, 7],

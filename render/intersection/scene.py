@@ -12,13 +12,12 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self, cast
+from typing import Any, Self, cast
 
 import numpy as np
 import warp as wp
 
 from ...kernels.march.contours import march_patches
-from ...kernels.section.contour_writing import SectionContours
 from ...kernels.skin.curves import skin_contours
 from ...kernels.stages.move import move_contours
 from ..contour_batch import ContourBatch
@@ -307,10 +306,10 @@ class Scene:
             batch, _ = intersect(*self._mesh_and_patches, section, self.strategy, **limits, **options)
         else:
             with StageClock(seen.timing, "raw", seen.device):
-                batch = ContourBatch.from_device(ON_GRIDS[self.method](self, seen), self.hand.patch_count)
+                batch = ContourBatch.of_sections(ON_GRIDS[self.method](self, seen), self.hand.patch_count)
         if self.object_pose is not None and self.points == "array":  # others are relative to the hand: they stay
             place = wp.array(self.object_pose[block.rows], dtype=wp.transform, device=block.device)
-            move_contours(batch.points, batch.polyline_start, batch.pose_start, place, self.object_centre)
+            move_contours(batch.struct, place, self.object_centre)
         return batch
 
     def staged(self, batch: ContourBatch, block: PoseBlock) -> tuple[ContourBatch, dict[str, np.ndarray]]:
@@ -338,14 +337,14 @@ class Scene:
         section = sections_on(self.hand, block.pose, block.first, block.device)
         tally_intersection(*self._mesh_and_patches, section, self.strategy, value, length, timing=block.timing)
 
-    def _path(self, block: PoseBlock) -> SectionContours:
+    def _path(self, block: PoseBlock) -> Any:
         """Path through points of the skin, or over the surface of what object and hand share."""
         raw = self.strategy.raw_stage
         contours = contact_contours if raw.name == "contact" else overlap_contours
         where = (poses_on_host(block.pose), block.first)
         return contours(self.solid, self.hand, *where, device=block.device, step=self.step, **raw.options)
 
-    def _skin(self, block: PoseBlock) -> SectionContours:
+    def _skin(self, block: PoseBlock) -> Any:
         """Section of an object's surface by a hand mesh."""
         hand, first, device = cast(MeshHand, self.hand), block.first, block.device
         return skin_contours(
@@ -358,7 +357,7 @@ class Scene:
             limit=block.point_limit,
         )
 
-    def _march(self, block: PoseBlock) -> SectionContours:
+    def _march(self, block: PoseBlock) -> Any:
         """Section of a field's surface by patches."""
         hand, device = cast(PatchHand, self.hand), block.device
         return march_patches(
@@ -373,7 +372,7 @@ class Scene:
         )
 
 
-ON_GRIDS: dict[str, Callable[[Scene, PoseBlock], SectionContours]] = {
+ON_GRIDS: dict[str, Callable[[Scene, PoseBlock], Any]] = {
     "path": Scene._path,
     "skin": Scene._skin,
     "march": Scene._march,

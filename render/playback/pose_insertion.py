@@ -152,8 +152,7 @@ class ShiftTest:
             scene = replace(scene, object_pose=self._places(self.object_pose, time.numpy()))
         batch = scene.contours(pose, 0, self.device, point_limit=point_limit)[0].to(self.device)
         spacing = self.distance / SPACINGS
-        lines = (batch.points, batch.polyline_start, batch.pose_start)
-        find_shifts(*lines, compared, far, limit=self.distance - spacing / 2, spacing=spacing)
+        find_shifts(batch.struct, compared, far, limit=self.distance - spacing / 2, spacing=spacing)
 
     def _places(self, object_pose: HandMotion, time: np.ndarray) -> np.ndarray:
         """Where the object is at other times of the hand."""

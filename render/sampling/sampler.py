@@ -138,7 +138,7 @@ class Sampler:
             if contours is not None and len(contours) != 1:
                 raise StrategyError(f"contours must be of one pose, not {len(contours)}: sample_contours draws several")
             batch = drawable_contours((NOWHERE if contours is None else contours).to(self.device))
-            self._last = _LastPose(contours, batch.as_struct(), batch.dwell is not None, batch.polyline_count)
+            self._last = _LastPose(contours, batch.struct, batch.dwell is not None, batch.polyline_count)
         return self._draw_last(np.asarray(pose, np.float64), sample_count, age, hold)
 
     def draw_kept(
@@ -185,7 +185,7 @@ class Sampler:
     ) -> tuple[wp.array, wp.array]:
         """Draw the next span of each motion, from contours on the device that can be drawn (`drawable_contours`).
 
-        struct: `batch.as_struct()`. pose: hand frame -> array frame, float64, shape [pose, 7], or transformd [pose].
+        struct: `batch.struct`. pose: hand frame -> array frame, float64, shape [pose, 7], or transformd [pose].
         span: `motion_start`, `first`, `count`, `time`, `hold` and `goes_on` of a PoseSchedule. Returns positions [m]
         and intensities, [sample, focus], in arrays that have room for more, and that the next span overwrites.
         """
@@ -307,7 +307,7 @@ def sample_contours(
                 "hold": [ticks_of(hold, rate)],
                 "goes_on": [int(begin > bounds[index + first])],
             }
-            arrays = sampler.take(part, part.as_struct(), pose[rows], span)
+            arrays = sampler.take(part, part.struct, pose[rows], span)
             focus = focal_points(*arrays, end - begin)
             for k in range(0, end - begin, block):
                 yield FocalPoints(focus.position[k : k + block], focus.intensity[k : k + block])
@@ -361,7 +361,7 @@ def drawable_contours(batch: ContourBatch) -> ContourBatch:
     """A batch on a device without polylines that have no point; raises StrategyError for faults that remain."""
     if batch.polyline_count == 0:
         return batch
-    faults = find_faults(batch.as_struct())
+    faults = find_faults(batch.struct)
     if not faults:
         return batch
     host, title = batch.numpy(), "contours to be drawn"
@@ -405,7 +405,7 @@ def lay_each(batch: ContourBatch, strategy: SamplingStrategy, device: str = "cpu
         "count": np.ones(len(batch), np.int64),
         "goes_on": np.zeros(len(batch), np.int32),
     }
-    room.lay(plan_of(strategy, pauses=batch.dwell is not None), batch.as_struct(), schedule)
+    room.lay(plan_of(strategy, pauses=batch.dwell is not None), batch.struct, schedule)
     return room
 
 
@@ -529,7 +529,7 @@ def sample_motions(
     device = str(batch.points.device) if batch.on_device else device
     sampler = Sampler(strategy, motion_count=len(schedule.duration), device=device, goes_on=False)
     batch = drawable_contours(batch.to(device))
-    arrays = sampler.take(batch, batch.as_struct(), widen_poses(pose, device), schedule.span(strategy))
+    arrays = sampler.take(batch, batch.struct, widen_poses(pose, device), schedule.span(strategy))
     return MotionSamples(*arrays, schedule.sample_start, sampler.counts, sampler.room.schedule, sampler.room.pose)
 
 

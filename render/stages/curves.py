@@ -1,9 +1,6 @@
 """Other curves along the same contours: as they are, smoother, or with fewer or more vertices."""
 
-from dataclasses import replace
-
-from ...kernels.stages.repeats import find_distinct, match_ends
-from ...kernels.stages.simplify import gather_rows, simplify_polylines
+from ...kernels.stages.simplify import drop_repeats, simplify_polylines
 from ...kernels.stages.smooth import cut_corners, relax_points
 from ..contour_batch import ContourBatch
 from .point_insertion import divide_batch
@@ -25,24 +22,7 @@ def simplify_contours(batch: ContourBatch, setting: Setting, *, tolerance: float
     farther from what replaces it, nor its intensity off by more than 0.05. Vertices where the kind changes or the focal
     point pauses stay, loops keep their start and two more vertices at least.
     """
-    index, start = simplify_polylines(
-        batch.points,
-        batch.kind,
-        batch.polyline_start,
-        batch.polyline_closed,
-        tolerance=tolerance,
-        level=LEVEL,
-        intensity=batch.intensity,
-        dwell=batch.dwell,
-    )
-    return replace(
-        batch,
-        points=gather_rows(batch.points, index),
-        kind=gather_rows(batch.kind, index),
-        polyline_start=start,
-        intensity=None if batch.intensity is None else gather_rows(batch.intensity, index),
-        dwell=None if batch.dwell is None else gather_rows(batch.dwell, index),
-    )
+    return ContourBatch.from_struct(simplify_polylines(batch.struct, tolerance=tolerance, level=LEVEL))
 
 
 @transform_stage("resample", on="device", spacing=Option(None, 1e-4, 1.0, "m", widths=RESAMPLED))
@@ -73,40 +53,8 @@ def smooth_contours(
     most (each doubles the vertices): the curve stays within the hull of the old one. "laplace" moves every vertex
     towards the middle of its neighbours by `strength`, `rounds` times.
     """
-    lines = (batch.polyline_start, batch.polyline_closed)
     if method == "laplace":
-        moved = relax_points(batch.points, *lines, strength=strength, rounds=rounds)
-        return drop_repeats(replace(batch, points=moved))
-    points, kind, start, intensity, dwell = cut_corners(
-        batch.points,
-        batch.kind,
-        *lines,
-        reach=reach,
-        rounds=min(rounds, 6),
-        intensity=batch.intensity,
-        dwell=batch.dwell,
-        point_limit=setting.point_limit,
-    )
-    cut = replace(batch, points=points, kind=kind, polyline_start=start, intensity=intensity, dwell=dwell)
-    return drop_repeats(cut)
-
-
-def drop_repeats(batch: ContourBatch) -> ContourBatch:
-    """A batch on a device without segments of no length, and without polylines of which one point is left or none."""
-    left = find_distinct(batch.points, batch.polyline_start, batch.pose_start)
-    by_point = {
-        name: gather_rows(values, left.point)
-        for name in ("points", "kind", "intensity", "dwell")
-        if (values := getattr(batch, name)) is not None
-    }
-    closed = gather_rows(batch.polyline_closed, left.polyline)
-    weights = (by_point.get("intensity"), by_point.get("dwell"))
-    match_ends(left.polyline_start, closed, by_point["kind"], *weights)
-    return replace(
-        batch,
-        polyline_start=left.polyline_start,
-        polyline_patch=gather_rows(batch.polyline_patch, left.polyline),
-        polyline_closed=closed,
-        pose_start=left.pose_start,
-        **by_point,
-    )
+        contours = relax_points(batch.struct, strength=strength, rounds=rounds)
+    else:
+        contours = cut_corners(batch.struct, reach=reach, rounds=min(rounds, 6), point_limit=setting.point_limit)
+    return ContourBatch.from_struct(drop_repeats(contours))

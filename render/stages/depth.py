@@ -1,17 +1,17 @@
 """Emphasis by depth: contours are the stronger the deeper the skin is in the object."""
 
 from collections import OrderedDict
-from dataclasses import replace
 from threading import Lock
 
 import numpy as np
 import warp as wp
 
+from ...kernels.contours import with_columns
 from ...kernels.emphasis.depth import find_deepest, make_ramp, place_body, weigh_by_patch, weigh_by_point
 from ...kernels.solids.depth import mesh_for_depth
+from ...kernels.stages.insertion import divide_contours
 from ..contour_batch import ContourBatch
 from ..objects.solid import Solid
-from .point_insertion import divide_batch
 from .registry import Option, Setting, transform_stage
 
 MESHES_KEPT = 4  # of objects whose depth was asked last
@@ -66,13 +66,13 @@ def weigh_by_depth(
     ramp, mesh = make_ramp(shallow, deep, lowest), mesh_of(setting.solid, setting.device)
     body = place_body(mesh, *_body_poses(setting))
     if at == "point":
-        batch = divide_batch(batch, spacing, setting.point_limit)
-        lines = (batch.points, batch.polyline_start, batch.pose_start)
-        return replace(batch, intensity=weigh_by_point(*lines, body, ramp, batch.intensity))
-    where = (batch.polyline_patch, batch.pose_start)
-    depth = find_deepest(*where, body, setting.patches, ramp, grid=grid, whole=at == "pose")
-    weights = (depth, ramp, batch.point_count, batch.intensity)
-    return replace(batch, intensity=weigh_by_patch(batch.polyline_start, *where, *weights))
+        contours = divide_contours(batch.struct, spacing, setting.point_limit)
+        intensity = weigh_by_point(contours, body, ramp)
+    else:
+        contours = batch.struct
+        depth = find_deepest(contours, body, setting.patches, ramp, grid=grid, whole=at == "pose")
+        intensity = weigh_by_patch(contours, depth, ramp)
+    return ContourBatch.from_struct(with_columns(contours, intensity=intensity))
 
 
 def _body_poses(setting: Setting) -> tuple[wp.array | None, np.ndarray | None]:

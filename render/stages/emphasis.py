@@ -1,10 +1,8 @@
 """Emphasis: what of contours is strong and what is weak, by corners and by kind; and pauses at corners."""
 
 import math
-from dataclasses import replace
 
-from ...kernels.emphasis.corner_ramps import pause_at_corners, ramp_rows, weigh_corners
-from ...kernels.emphasis.corners import find_corners
+from ...kernels.emphasis.corners import find_corners, pause_at_corners, ramp_rows, weigh_corners
 from ...kernels.emphasis.edges import KindLevels, level_by_kind, measure_runs, ramp_between_levels
 from ...kernels.stages.insertion import insert_points
 from ..contour_batch import ContourBatch
@@ -33,19 +31,10 @@ def emphasise_corners(
     corner the intensity stays at 1 for half of `reach` [m] and falls to `level` over the other half. dwell: pause at
     each corner [s].
     """
-    lines = (batch.polyline_start, batch.polyline_closed)
-    corners = find_corners(batch.points, *lines, angle=angle, window=window)
-    rows = ramp_rows(corners, reach, setting.point_limit)
-    weights = {"intensity": batch.intensity, "dwell": batch.dwell}
-    new = insert_points(batch.points, batch.kind, batch.polyline_start, *rows, **weights)
-    return replace(
-        batch,
-        points=new.points,
-        kind=new.kind,
-        polyline_start=new.polyline_start,
-        intensity=weigh_corners(new, corners, reach=reach, level=level),
-        dwell=new.dwell if dwell == 0 else pause_at_corners(new, corners, dwell),
-    )
+    lines, corners = find_corners(batch.struct, angle=angle, window=window)
+    new = insert_points(batch.struct, *ramp_rows(lines, corners, reach, setting.point_limit))
+    contours = new.contours if dwell == 0 else pause_at_corners(new, corners, dwell)
+    return ContourBatch.from_struct(weigh_corners(contours, corners, reach=reach, level=level))
 
 
 @transform_stage(
@@ -73,10 +62,8 @@ def emphasise_edges(
     `curved`; a run ends where the contour turns by 5 degrees. Between kinds the intensity changes within 1 mm of the
     weaker one.
     """
-    lines = (batch.points, batch.kind, batch.polyline_start, batch.polyline_closed)
-    run = measure_runs(*lines, math.cos(STRAIGHT)) if shortest > 0 else None
-    level = level_by_kind(batch.kind, KindLevels(on_object, on_hand, on_made, curved), run, shortest)
-    limits = {"ramp": RAMP, "point_limit": setting.point_limit}
-    new = ramp_between_levels(*lines, level=level, intensity=batch.intensity, dwell=batch.dwell, **limits)
-    values = {"points": new.points, "kind": new.kind, "intensity": new.intensity, "dwell": new.dwell}
-    return replace(batch, polyline_start=new.polyline_start, **values)
+    contours = batch.struct
+    run = measure_runs(contours, math.cos(STRAIGHT)) if shortest > 0 else None
+    level = level_by_kind(contours, KindLevels(on_object, on_hand, on_made, curved), run, shortest)
+    limit = setting.point_limit
+    return ContourBatch.from_struct(ramp_between_levels(contours, level, ramp=RAMP, point_limit=limit))

@@ -1,19 +1,17 @@
 """Fillings of what contours enclose: parallel lines, and outlines farther in."""
 
 import math
+from typing import Any
 
 import numpy as np
 import warp as wp
 
-from ...kernels.fillings.filled import find_filled, locate_lines
 from ...kernels.fillings.hatch import draw_hatch
-from ...kernels.fillings.inset import Inset, draw_inset
-from ...kernels.stages.lift import lift_polylines
-from ...kernels.stages.regions import Regions
+from ...kernels.fillings.inset import draw_inset
+from ...kernels.stages.regions import FlatLines, find_filled, find_regions, lift_polylines
 from ..contour_batch import ContourBatch
 from ..errors import StrategyError
 from ..user_warnings import warn_user
-from .patch_regions import batch_of_lifted, regions_of
 from .registry import Option, Setting, transform_stage
 
 UNIT = 1e-3  # [m] that polygons are handed to manifold3d in: it works to 1e-8 of its unit
@@ -29,10 +27,10 @@ def require_planes(stage: str, setting: Setting) -> None:
         )
 
 
-def find_filled_regions(stage: str, batch: ContourBatch, setting: Setting) -> tuple[Regions, wp.array]:
+def find_filled_regions(stage: str, batch: ContourBatch, setting: Setting) -> tuple[Any, wp.array]:
     """Regions of a batch on a device, and which of them enclose an area, uint8; warns of contours that enclose none."""
     require_planes(stage, setting)
-    regions = regions_of(batch, setting, "region")
+    regions = find_regions(batch.struct, setting.patches)
     filled, left_out = find_filled(regions)
     if left_out:
         warn_user(
@@ -59,22 +57,9 @@ def hatch_regions(batch: ContourBatch, setting: Setting, *, spacing: float, angl
     enclose nothing: they are left out with a warning. Not for hand meshes.
     """
     regions, filled = find_filled_regions("hatch", batch, setting)
-    limit = setting.point_limit
-    hatch = draw_hatch(
-        regions.local,
-        regions.polyline_start,
-        regions.region_start,
-        regions.region_line,
-        filled,
-        spacing=spacing,
-        angle=angle,
-        connected=connect == "boundary",
-        point_limit=limit,
-    )
-    pose, patch = locate_lines(regions, hatch.line_region)
-    is_open = wp.zeros(hatch.line_region.shape[0], dtype=wp.uint8, device=batch.points.device)
-    lines = (hatch.points, hatch.line_start, pose, patch, is_open)
-    return batch_of_lifted(lift_polylines(*lines, setting.patches, batch.pose_count, point_limit=limit))
+    options = {"spacing": spacing, "angle": angle, "connected": connect == "boundary"}
+    hatch = draw_hatch(regions, filled, **options, point_limit=setting.point_limit)
+    return lifted_batch(hatch, regions, setting, batch.pose_count, closed=False)
 
 
 @transform_stage("inset", on="device", needs_closed=True, distance=Option(None, 1e-6, 0.5, "m", widths=0.5))
@@ -86,28 +71,23 @@ def inset_regions(batch: ContourBatch, setting: Setting, *, distance: float) -> 
     Open contours enclose nothing: they are left out with a warning. Not for hand meshes.
     """
     regions, filled = find_filled_regions("inset", batch, setting)
+    inset, failed = draw_inset(regions, filled, distance=distance, point_limit=setting.point_limit)
+    loops = with_missing_loops(inset, failed, regions, distance)
+    return lifted_batch(loops, regions, setting, batch.pose_count, closed=True)
+
+
+def lifted_batch(flat: FlatLines, regions: Any, setting: Setting, pose_count: int, *, closed: bool) -> ContourBatch:
+    """A batch on a device of lines drawn for regions."""
     limit = setting.point_limit
-    inset = draw_inset(
-        regions.local,
-        regions.polyline_start,
-        regions.region_start,
-        regions.region_line,
-        filled,
-        distance=distance,
-        point_limit=limit,
-    )
-    points, line_start, line_region = with_missing_loops(inset, regions, distance)
-    pose, patch = locate_lines(regions, line_region)
-    closed = wp.full(line_region.shape[0], 1, dtype=wp.uint8, device=points.device)
-    lines = (points, line_start, pose, patch, closed)
-    return batch_of_lifted(lift_polylines(*lines, setting.patches, batch.pose_count, point_limit=limit))
+    contours = lift_polylines(flat, regions, setting.patches, pose_count, closed=closed, point_limit=limit)
+    return ContourBatch.from_struct(contours)
 
 
-def with_missing_loops(inset: Inset, regions: Regions, distance: float) -> tuple[wp.array, wp.array, wp.array]:
-    """Points, offsets and regions of all loops: those of regions that failed on the device are found on the host."""
-    failed = np.flatnonzero(inset.failed.numpy())
+def with_missing_loops(inset: FlatLines, failed_regions: wp.array, regions: Any, distance: float) -> FlatLines:
+    """All loops: those of regions that failed on the device are found on the host."""
+    failed = np.flatnonzero(failed_regions.numpy())
     if len(failed) == 0:
-        return inset.points, inset.line_start, inset.line_region
+        return inset
     local, start = regions.local.numpy(), regions.polyline_start.numpy()
     entry, line = regions.region_start.numpy(), regions.region_line.numpy()
     points, at = inset.points.numpy(), inset.line_start.numpy()
@@ -117,7 +97,7 @@ def with_missing_loops(inset: Inset, regions: Regions, distance: float) -> tuple
         found += [(k, loop) for loop in inset_loops(loops, distance)]
     found.sort(key=lambda one: one[0])
     device, counts = regions.local.device, [len(loop) for _, loop in found]
-    return (
+    return FlatLines(
         wp.array(np.concatenate([np.zeros((0, 2)), *[loop for _, loop in found]]), dtype=wp.vec2d, device=device),
         wp.array(np.concatenate([[0], np.cumsum(counts)]).astype(np.int64), dtype=wp.int64, device=device),
         wp.array(np.array([k for k, _ in found], np.int32), dtype=wp.int32, device=device),

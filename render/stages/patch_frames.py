@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import warp as wp
 
-from ...kernels.stages.patch_frames import place_patches
-from ...kernels.stages.prune import Patches
+from ...kernels.stages.prune import Patches, place_patches
 from ..hands.hand import IDENTITY, PatchFrames
 
 if TYPE_CHECKING:

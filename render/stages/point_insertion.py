@@ -1,8 +1,6 @@
 """Contours into whose segments points are put, on the device or on the host as the batch."""
 
-from dataclasses import replace
-
-from ...kernels.stages.insertion import divide_rows, insert_points
+from ...kernels.stages.insertion import divide_contours
 from ..contour_batch import ContourBatch
 
 
@@ -14,9 +12,5 @@ def divide_batch(batch: ContourBatch, longest: float, point_limit: int | None = 
     Raises PointLimitError before memory is taken for more points than `point_limit`.
     """
     there = batch if batch.on_device else batch.to("cpu")
-    rows = divide_rows(there.points, there.polyline_start, longest, point_limit)
-    weights = {"intensity": there.intensity, "dwell": there.dwell}
-    new = insert_points(there.points, there.kind, there.polyline_start, *rows, **weights)
-    values = {"points": new.points, "kind": new.kind, "intensity": new.intensity, "dwell": new.dwell}
-    out = replace(there, polyline_start=new.polyline_start, **values)
+    out = ContourBatch.from_struct(divide_contours(there.struct, longest, point_limit), batch.raw_error)
     return out if batch.on_device else out.numpy()

@@ -20,7 +20,7 @@ import numpy as np
 import warp as wp
 
 from ...kernels.one_device import require_one_device
-from ...kernels.stages.cut import cut_contours, divide_segments, gather_values, measure_removed, spread_keep
+from ...kernels.stages.cut import cut_contours, divide_segments, measure_removed, spread_keep
 from ...kernels.stages.joint import divide_joints, side_pairs
 from ...kernels.stages.prune import keep_long, keep_patches, part_off_skin
 from ...kernels.stages.prune_crowded import Beside, thin_contours
@@ -62,23 +62,12 @@ def cut_batch(batch: ContourBatch, keep: Any, *, parts: Any = None) -> tuple[Con
     wanted = batch.point_count if parts is None else parts.segment.shape[0]
     if keep.shape != (wanted,):
         raise StrategyError(f"keep must have shape [{wanted}], one entry a segment, not {list(keep.shape)}")
+    contours = batch.struct
     if parts is None:
-        parts = divide_segments(batch.points, batch.polyline_start)
+        parts = divide_segments(contours)
         keep = spread_keep(parts, keep)
-    lines = (batch.points, batch.kind, batch.polyline_start, batch.polyline_patch, batch.polyline_closed)
-    cut = cut_contours(*lines, batch.pose_start, batch.intensity, keep, parts)
-    removed = measure_removed(batch.points, batch.polyline_start, batch.pose_start, parts, keep).numpy()
-    out = ContourBatch(
-        points=cut.points,
-        kind=cut.kind,
-        polyline_start=cut.polyline_start,
-        polyline_patch=cut.polyline_patch,
-        polyline_closed=cut.polyline_closed,
-        pose_start=cut.pose_start,
-        intensity=cut.intensity,
-        dwell=None if batch.dwell is None else gather_values(batch.dwell, cut, between=False),
-    )
-    return (out.numpy() if on_host else out), removed
+    out = ContourBatch.from_struct(cut_contours(contours, keep, parts))
+    return (out.numpy() if on_host else out), measure_removed(contours, parts, keep).numpy()
 
 
 @prune_stage("off-skin", on="device", radius=Option(None, 0.0, 1.0, "m", widths=0.5))
@@ -89,7 +78,7 @@ def prune_off_skin(batch: ContourBatch, setting: Setting, *, radius: float) -> P
     """
     if is_mesh(setting):
         return batch, np.zeros(batch.pose_count, np.float32)
-    parts, keep = part_off_skin(batch.points, batch.polyline_start, batch.pose_start, setting.patches, radius)
+    parts, keep = part_off_skin(batch.struct, setting.patches, radius)
     return cut_batch(batch, keep, parts=parts)
 
 
@@ -113,9 +102,8 @@ def prune_close_together(
     rule = Beside()
     rule.distance, rule.parallel = wp.float64(distance), wp.float64(math.cos(angle))
     rule.apart, rule.patches = wp.float64(apart), int(across)
-    parts = divide_segments(batch.points, batch.polyline_start, distance / PARTS_A_DISTANCE)
-    lines = (batch.points, batch.polyline_start, batch.polyline_patch, batch.polyline_closed)
-    return cut_batch(batch, thin_contours(*lines, batch.pose_start, parts, rule), parts=parts)
+    parts = divide_segments(batch.struct, distance / PARTS_A_DISTANCE)
+    return cut_batch(batch, thin_contours(batch.struct, parts, rule), parts=parts)
 
 
 @prune_stage(
@@ -129,8 +117,7 @@ def prune_small(batch: ContourBatch, setting: Setting, *, perimeter: float, leng
 
     perimeter: the least of a loop [m], by default that of the focus itself; length: the least of an open piece [m].
     """
-    lines = (batch.points, batch.polyline_start, batch.polyline_closed)
-    return cut_batch(batch, keep_long(*lines, length, perimeter))
+    return cut_batch(batch, keep_long(batch.struct, length, perimeter))
 
 
 @prune_stage("turned-away", on="device", angle=Option(math.pi / 3, 0.0, math.pi, "rad"))
@@ -142,8 +129,7 @@ def prune_turned_away(batch: ContourBatch, setting: Setting, *, angle: float) ->
     """
     facing = facing_angle(setting.frames, setting.array_position)
     kept = wp.array((facing <= angle).astype(np.uint8), dtype=wp.uint8, device=setting.device)
-    lines = (batch.polyline_start, batch.polyline_patch, batch.pose_start)
-    return cut_batch(batch, keep_patches(*lines, kept, batch.point_count))
+    return cut_batch(batch, keep_patches(batch.struct, kept))
 
 
 def facing_angle(frames: PatchFrames, array_position: np.ndarray) -> np.ndarray:
@@ -173,18 +159,15 @@ def prune_hidden(
     along a side; grain: segments are tested in parts no longer than this [m], at both ends of each part. A hand mesh
     hides what lies behind any of its triangles.
     """
-    parts = divide_segments(batch.points, batch.polyline_start, grain)
+    parts = divide_segments(batch.struct, grain)
     face = aperture_at(setting.array_position, setting.array_normal, aperture, lines)
     least = math.ceil(share * lines * lines - 1e-9)
-    where = (batch.points, batch.polyline_start)
     if is_mesh(setting):
         hand: Any = setting.hand
         rows = slice(0, 1) if hand.pose_count is None else slice(setting.first, setting.first + len(setting.pose))
-        keep = see_past_mesh(
-            *where, batch.pose_start, parts, hand.vertices[rows], hand.faces, setting.pose, face, least
-        )
+        keep = see_past_mesh(batch.struct, parts, hand.vertices[rows], hand.faces, setting.pose, face, least)
     else:
-        keep = see_past_patches(*where, batch.pose_start, parts, setting.patches, face, least)
+        keep = see_past_patches(batch.struct, parts, setting.patches, face, least)
     return cut_batch(batch, keep, parts=parts)
 
 
@@ -223,5 +206,5 @@ def drop_joined_sides(
     numbers = {patch.name: k for k, patch in enumerate(hand.patches)}
     pairs = tuple((numbers[j.patch], j.side, numbers[j.other], j.other_side) for j in hand.joints)
     joint_sides = side_pairs(pairs, setting.device)
-    parts, keep = divide_joints(batch.by_name(), pose, hand.on(setting.device), joint_sides, angle=angle, gap=gap)
+    parts, keep = divide_joints(batch.struct, pose, hand.on(setting.device), joint_sides, angle=angle, gap=gap)
     return cut_batch(batch, keep, parts=parts)

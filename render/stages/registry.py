@@ -325,14 +325,14 @@ def move_points(func: Any, batch: ContourBatch, setting: Setting) -> ContourBatc
     """Move every point to the result of a Warp function; warn of segments that it would bend."""
     points, deviation = map_points(func, batch.points, length_least=length_least(func, setting))
     warn_of_bends(func, batch, deviation, setting, most=RESAMPLED * setting.focal_width, unit=" m")
-    return ContourBatch(**{**batch.by_name(), "points": points})
+    return replace(batch, points=points)
 
 
 def set_intensity(func: Any, batch: ContourBatch, setting: Setting) -> ContourBatch:
     """Set the intensity at every point to the result of a Warp function; warn of segments where it is no ramp."""
     intensity, deviation = map_intensity(func, batch.points, length_least=length_least(func, setting))
     warn_of_bends(func, batch, deviation, setting, most=LEVEL)
-    return ContourBatch(**{**batch.by_name(), "intensity": intensity})
+    return replace(batch, intensity=intensity)
 
 
 def prune_stage(name: str, *, on: str = "host", **defaults: Value | Option) -> Callable[[Function], Function]:

@@ -1,8 +1,8 @@
 """Simple shapes in the place of contours: ellipse, circle, a point at the centroid."""
 
 from ...kernels.stages.ovals import Ovals, draw_ovals, find_centroids, fit_circles, fit_ellipses
+from ...kernels.stages.regions import find_regions
 from ..contour_batch import ContourBatch
-from .patch_regions import batch_of_lifted, regions_of
 from .registry import Option, Setting, transform_stage
 
 PER = Option("region", choices=("region", "patch"))
@@ -14,7 +14,7 @@ CENTROID_CORNERS = 32
 def _drawn(batch: ContourBatch, setting: Setting, ovals: Ovals, corners: int) -> ContourBatch:
     """The batch of some ovals of a batch's regions."""
     limit = setting.point_limit
-    return batch_of_lifted(draw_ovals(ovals, corners, setting.patches, batch.pose_count, point_limit=limit))
+    return ContourBatch.from_struct(draw_ovals(ovals, corners, setting.patches, batch.pose_count, point_limit=limit))
 
 
 @transform_stage(
@@ -41,7 +41,7 @@ def draw_ellipses(
     of a patch. scale: factor on the axes. smallest: no semi-axis is below [m]. points: corners of the polygon drawn.
     Counter-clockwise seen from +n, of kind "made".
     """
-    ovals = fit_ellipses(regions_of(batch, setting, per), of=of, scale=scale, smallest=smallest)
+    ovals = fit_ellipses(find_regions(batch.struct, setting.patches, per=per), of=of, scale=scale, smallest=smallest)
     return _drawn(batch, setting, ovals, points)
 
 
@@ -62,7 +62,7 @@ def draw_circles(
     of "area": exactly the region's area; "line", and for what encloses nothing: the circle that lies nearest to the
     contours, by least squares (Kasa 1976), at most 0.1 m in radius. Other options as for "ellipse".
     """
-    ovals = fit_circles(regions_of(batch, setting, per), of=of, scale=scale, smallest=smallest)
+    ovals = fit_circles(find_regions(batch.struct, setting.patches, per=per), of=of, scale=scale, smallest=smallest)
     return _drawn(batch, setting, ovals, points)
 
 
@@ -80,5 +80,5 @@ def draw_centroids(batch: ContourBatch, setting: Setting, *, per: str, radius: f
     and the middles of sides 0.2 % inside. The centroid is that of the area, of what encloses nothing that of the
     contours; it may lie in a hole. per: "patch", or "region".
     """
-    ovals = find_centroids(regions_of(batch, setting, per), radius)
+    ovals = find_centroids(find_regions(batch.struct, setting.patches, per=per), radius)
     return _drawn(batch, setting, ovals, CENTROID_CORNERS)

@@ -120,8 +120,8 @@ def pose_array(poses, device):
 
 def drawn_of(contours):
     """Contours on a device as NumPy arrays, and their lengths."""
-    length = measure_contours(contours.points, contours.kind, contours.polyline_start, contours.section_start)
-    return Drawn(*(array.numpy() for array in contours), length.numpy())
+    names = ("points", "kind", "polyline_start", "polyline_patch", "polyline_closed", "pose_start")
+    return Drawn(*(getattr(contours, name).numpy() for name in names), measure_contours(contours).numpy())
 
 
 def assert_same_bits(one, two):

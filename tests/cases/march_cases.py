@@ -189,7 +189,7 @@ def marched(field, pose, device, *, hand=None, step=0.005, bounded=True, closes=
     on_device = wp.array(np.ascontiguousarray(pose), dtype=wp.transform, ndim=2, device=device)
     options = {"bounds": bounds, "bounded": bounded, "closes": closes, "limit": limit}
     contours = march_patches(field, on_device, patch, step=step, **options)
-    return ContourBatch.from_device(contours, patch.shape[0]).numpy()
+    return ContourBatch.of_sections(contours, patch.shape[0]).numpy()
 
 
 def lines_of(batch):

@@ -124,7 +124,7 @@ def drawn_in_spans(strategy, motions, cuts):
         span["goes_on"] = np.array([span["goes_on"] for span in spans], np.int32)
         span["hold"] = np.array([ticks_of(motion.hold, rate) for motion in motions])
         pose = np.concatenate([span["pose"] for span in spans])
-        position, intensity = (a.numpy() for a in sampler.take(batch, batch.as_struct(), pose, span))
+        position, intensity = (a.numpy() for a in sampler.take(batch, batch.struct, pose, span))
         row = 0
         for own, drawn in zip(parts, spans, strict=True):
             rows = slice(row, row + int(drawn["count"].sum()))
@@ -174,7 +174,7 @@ def drawn_room(batch, time, duration, strategy, device="cpu", hold=np.inf):
     pose = np.tile([0, 0, 0.2, np.sqrt(0.5), 0, 0, np.sqrt(0.5)], (len(time), 1))
     line_most = int(np.diff(batch.numpy().pose_start).max(initial=0))
     plan = plan_of(strategy, pauses=batch.dwell is not None)
-    position, intensity = room.draw(plan, batch.as_struct(), span, pose, line_most=line_most)
+    position, intensity = room.draw(plan, batch.struct, span, pose, line_most=line_most)
     count = int(schedule.count.sum())
     return room, position.numpy()[:count], intensity.numpy()[:count]
 

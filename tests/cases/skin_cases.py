@@ -28,7 +28,7 @@ def drawn(hand, name, poses, device, *, closes, limit=None, step=None, first=0):
     pose = wp.array(np.asarray(poses, np.float32)[:, None], dtype=wp.transform, device=device)
     vertex = hand.vertices_on(device, first, first + len(poses))
     skin = hand.skin_on(device, step)
-    return ContourBatch.from_device(
+    return ContourBatch.of_sections(
         skin_contours(field, pose, skin, vertex, closes=closes, bounds=bounds, limit=limit), 1
     ).numpy()
 

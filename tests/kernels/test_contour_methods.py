@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from section_oracle import cut_mesh, is_degenerate, rotation, soup_length
 from stage_cases import assert_limited
 
+from palpate.kernels.contours import Contours
 from palpate.kernels.metrics.measure import measure_contours
 from palpate.kernels.pieces import finding
 from palpate.kernels.pieces.finding import find_pieces, method_for
@@ -276,12 +277,10 @@ def test_lengths_are_those_of_numpy(device, rng):
     points = rng.normal(size=(50, 3)).astype(np.float32)
     kind = rng.integers(0, 3, 50).astype(np.uint8)
     line, pose = np.array([0, 2, 30, 50]), np.array([0, 1, 1, 3])
-    got = measure_contours(
-        wp.array(points, dtype=wp.vec3, device=device),
-        wp.array(kind, device=device),
-        wp.array(line.astype(np.int64), device=device),
-        wp.array(pose.astype(np.int64), device=device),
-    ).numpy()
+    contours = Contours()
+    contours.points, contours.kind = wp.array(points, dtype=wp.vec3, device=device), wp.array(kind, device=device)
+    contours.polyline_start, contours.pose_start = (wp.array(v, dtype=wp.int64, device=device) for v in (line, pose))
+    got = measure_contours(contours).numpy()
     expected = np.zeros((3, 3))
     for i, j in [(0, 0), (2, 1), (2, 2)]:
         np.add.at(expected[i], kind[line[j] : line[j + 1] - 1], steps_of(points[line[j] : line[j + 1]]))

@@ -89,7 +89,7 @@ class Pacer:
     def _gaps_of(self) -> tuple[wp.array, wp.array, wp.array]:
         """What lies between the ends of polylines."""
         if self._gaps is None:
-            self._gaps = measure_gaps(self._contours())
+            self._gaps = measure_gaps(self._contours().struct)
         return self._gaps
 
     def _rows_of_tracks(self, strategy: SamplingStrategy) -> np.ndarray:

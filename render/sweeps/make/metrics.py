@@ -229,11 +229,11 @@ def _tallied(
     removed: dict[str, np.ndarray] = {}
     if not scene.is_raw:
         if encloses:
-            tally_contours(batch, value, length, measures=False, encloses=True)
+            tally_contours(batch.struct, value, length, measures=False, encloses=True)
         batch, removed = scene.staged(batch, block)
         batch = batch.to(device)
     with StageClock(clock, "measure", device):
-        tally_contours(batch, value, length, measures=True, encloses=encloses and scene.is_raw)
+        tally_contours(batch.struct, value, length, measures=True, encloses=encloses and scene.is_raw)
         for row, name in enumerate(names[len(METRICS) + len(FACING) :], len(METRICS) + len(FACING)):
             total = sum(gone for stage, gone in removed.items() if removed_name(stage) == name)
             value[row].assign(np.asarray(total, np.float32))

@@ -8,6 +8,7 @@ import warp as wp
 from contour_random import random_batch
 
 from palpate.kernels.section.row_walker import HAND, MADE, OBJECT
+from palpate.kernels.stages.regions import Regions
 from palpate.render import ContourBatch, MeshObject, Palm, Scene
 from palpate.render.hands.flat_hand import flat_hand
 from palpate.render.stages.registry import Setting, Stage, find_stage
@@ -196,13 +197,12 @@ def plane_arrays(regions, device, *, order=None, filled=None):
     closed = [np.vstack([loops[k], loops[k][:1]]) for k in order]
     points = np.concatenate([*closed, np.zeros((0, 2))])
     filled = np.ones(len(regions)) if filled is None else filled
-    return (
-        wp.array(np.column_stack([points, np.zeros(len(points))]), dtype=wp.vec3d, device=device),
-        offsets_on([len(loop) for loop in closed], device),
-        offsets_on([len(region) for region in regions], device),
-        wp.array(place, dtype=wp.int32, device=device),
-        wp.array(np.asarray(filled), dtype=wp.uint8, device=device),
-    )
+    out = Regions()
+    out.local = wp.array(np.column_stack([points, np.zeros(len(points))]), dtype=wp.vec3d, device=device)
+    out.polyline_start = offsets_on([len(loop) for loop in closed], device)
+    out.region_start = offsets_on([len(region) for region in regions], device)
+    out.region_line = wp.array(place, dtype=wp.int32, device=device)
+    return out, wp.array(np.asarray(filled), dtype=wp.uint8, device=device)
 
 
 def offsets_on(counts, device):

@@ -57,7 +57,7 @@ def test_the_deepest_point_is_found_to_the_bit_whatever_is_left_out(grid, moved,
         ramp = make_ramp(0.0, 1.0, 0.0)
         points = grid_points(setting.frames, grid)
         every = alone(body, setting, points).reshape(points.shape[:3])
-        lines = (there.polyline_patch, there.pose_start, body, setting.patches, ramp)
+        lines = (there.struct, body, setting.patches, ramp)
         by_patch, by_pose = (find_deepest(*lines, grid=grid, whole=whole).numpy() for whole in (False, True))
         drawn = np.zeros(by_patch.shape, bool)
         drawn[np.repeat(np.arange(count), np.diff(batch.pose_start)), batch.polyline_patch] = True
@@ -72,15 +72,7 @@ def test_a_grid_of_more_points_than_the_stack_of_cells_can_divide_is_refused(dev
     there, body = batch.to(device), place_body(mesh_of(setting.solid, device))
     for grid in (1, 129):
         with pytest.raises(ValueError, match="grid must lie between 2 and 128"):
-            find_deepest(
-                there.polyline_patch,
-                there.pose_start,
-                body,
-                setting.patches,
-                make_ramp(0, 1, 0),
-                grid=grid,
-                whole=False,
-            )
+            find_deepest(there.struct, body, setting.patches, make_ramp(0, 1, 0), grid=grid, whole=False)
 
 
 def test_long_lines_are_measured_in_runs_that_agree(device, rng):

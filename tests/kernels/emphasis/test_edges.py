@@ -11,6 +11,7 @@ from polyline_oracle import levelled
 from stage_cases import assert_limited, stage_batches, stage_result
 from transform_cases import assert_equal
 
+from palpate.kernels.contours import Contours
 from palpate.kernels.emphasis.edges import KindLevels, level_by_kind, measure_runs, ramp_between_levels
 from palpate.render import ContourBatch
 
@@ -23,9 +24,7 @@ OPTIONS = [
 
 
 def runs_of(batch, device):
-    there = batch.to(device)
-    lines = (there.points, there.kind, there.polyline_start, there.polyline_closed)
-    return measure_runs(*lines, math.cos(STRAIGHT)).numpy()
+    return measure_runs(batch.to(device).struct, math.cos(STRAIGHT)).numpy()
 
 
 @pytest.mark.parametrize("options", OPTIONS)
@@ -48,26 +47,22 @@ def test_a_run_goes_on_over_points_across_the_seam_and_ends_where_the_kind_chang
 
 
 def test_levels_are_those_of_kinds_and_of_short_runs(device):
-    kind = wp.array([0, 1, 2, 0, 1], dtype=wp.uint8, device=device)
+    contours = Contours()
+    contours.points = wp.zeros(5, dtype=wp.vec3, device=device)
+    contours.kind = wp.array([0, 1, 2, 0, 1], dtype=wp.uint8, device=device)
     run = wp.array([0.2, 0.05, 0.05, 0.05, 0.2], dtype=wp.float64, device=device)
     levels = KindLevels(0.9, 0.5, 0.7, 0.1)
-    assert level_by_kind(kind, levels).numpy().tolist() == [0.9, 0.5, 0.7, 0.9, 0.5]
-    assert level_by_kind(kind, levels, run, 0.1).numpy().tolist() == [0.9, 0.5, 0.7, 0.1, 0.5]
+    assert level_by_kind(contours, levels).numpy().tolist() == [0.9, 0.5, 0.7, 0.9, 0.5]
+    assert level_by_kind(contours, levels, run, 0.1).numpy().tolist() == [0.9, 0.5, 0.7, 0.1, 0.5]
 
 
 def test_any_levels_are_joined_by_ramps_as_the_oracle_joins_them(device, rng):
     batch = degenerate_batch(rng, 100)
     level = rng.random(batch.point_count).round(1)
-    there = batch.to(device)
-    lines = (there.points, there.kind, there.polyline_start, there.polyline_closed)
     levels = wp.array(level, dtype=wp.float64, device=device)
-    new = ramp_between_levels(*lines, level=levels, ramp=RAMP, intensity=there.intensity, dwell=there.dwell)
-    want = levelled(batch, level, RAMP)
-    for name in ("points", "kind", "polyline_start", "intensity", "dwell"):
-        np.testing.assert_array_equal(
-            getattr(new, name).numpy().reshape(getattr(want, name).shape), getattr(want, name)
-        )
-    assert new.points.shape[0] > batch.point_count + 100
+    new = ContourBatch.from_struct(ramp_between_levels(batch.to(device).struct, levels, ramp=RAMP)).numpy()
+    assert_equal(new, levelled(batch, level, RAMP))
+    assert new.point_count > batch.point_count + 100
 
 
 def test_more_points_than_the_limit_are_refused(device, rng):

@@ -23,9 +23,9 @@ TURNED = np.array([[np.cos(0.3), np.sin(0.3)], [-np.sin(0.3), np.cos(0.3)]])
 
 def inset_of(regions, device, distance, **options):
     """Loops of each region [m], None where they are not known."""
-    inset = draw_inset(*plane_arrays(regions, device), distance=distance, **options)
+    inset, failed_regions = draw_inset(*plane_arrays(regions, device), distance=distance, **options)
     points, start = inset.points.numpy().reshape(-1, 2), inset.line_start.numpy()
-    loops = [None if failed else [] for failed in inset.failed.numpy()]
+    loops = [None if failed else [] for failed in failed_regions.numpy()]
     for k, region in enumerate(inset.line_region.numpy()):
         loops[region].append(points[start[k] : start[k + 1]])
     assert start[-1] == len(points)
@@ -153,8 +153,8 @@ def test_batches_of_nothing_and_regions_that_are_left_out_have_no_loops(device):
     point, two = np.array([[0.001, 0.003]]), np.array([[-0.01, -0.01], [0.01, 0.01]])
     for regions in ([[np.zeros((0, 2))]], [[point]], [[two]], [[SQUARE]]):
         arrays = plane_arrays(regions, device, filled=[0])
-        inset = draw_inset(*arrays, distance=0.002)
-        assert (inset.points.shape, inset.line_region.shape, inset.failed.numpy().tolist()) == ((0,), (0,), [0])
+        inset, failed = draw_inset(*arrays, distance=0.002)
+        assert (inset.points.shape, inset.line_region.shape, failed.numpy().tolist()) == ((0,), (0,), [0])
 
 
 def test_more_points_than_the_limit_are_refused_with_their_number(device, rng):

@@ -7,6 +7,7 @@ import pytest
 import warp as wp
 from insertion_oracle import moves_far
 
+from palpate.kernels.contours import Contours
 from palpate.kernels.metrics.contour_shift import find_shifts
 
 
@@ -15,11 +16,16 @@ def found(poses, compared, distance, device):
     lines = [line for pose in poses for line in pose]
     points = np.concatenate([*lines, np.zeros((0, 3))]).astype(np.float32)
     starts = [np.cumsum([0, *map(len, rows)]) for rows in (lines, poses)]
-    arrays = [wp.array(points, dtype=wp.vec3, device=device)]
-    arrays += [wp.array(start, dtype=wp.int64, device=device) for start in starts]
-    arrays += [wp.array(compared, dtype=wp.uint8, device=device), wp.zeros(len(poses), dtype=wp.uint8, device=device)]
-    find_shifts(*arrays, limit=distance - distance / 8, spacing=distance / 4)
-    return arrays[-1].numpy().astype(bool)
+    contours = Contours()
+    contours.points = wp.array(points, dtype=wp.vec3, device=device)
+    contours.polyline_start, contours.pose_start = (wp.array(start, dtype=wp.int64, device=device) for start in starts)
+    contours.polyline_closed = wp.zeros(len(lines), dtype=wp.uint8, device=device)
+    of_which, far = (
+        wp.array(compared, dtype=wp.uint8, device=device),
+        wp.zeros(len(poses), dtype=wp.uint8, device=device),
+    )
+    find_shifts(contours, of_which, far, limit=distance - distance / 8, spacing=distance / 4)
+    return far.numpy().astype(bool)
 
 
 def contours(rng, shift):

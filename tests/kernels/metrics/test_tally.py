@@ -39,7 +39,7 @@ def thing_of(name):
 def tallied(batch, device, *, encloses=True):
     value = wp.full((len(METRICS), batch.pose_count), np.nan, dtype=wp.float32, device=device)
     length = wp.empty(batch.pose_count, dtype=wp.float64, device=device)
-    tally_contours(batch, value, length, measures=True, encloses=encloses)
+    tally_contours(batch.struct, value, length, measures=True, encloses=encloses)
     return dict(zip(METRICS, value.numpy(), strict=True)), length.numpy()
 
 
@@ -66,7 +66,7 @@ def test_lengths_polylines_and_area_are_those_of_the_oracle(name, hand, device):
             area[pose] += signed_area(points, frames, pose, host.polyline_patch[line])
     np.testing.assert_allclose(got["area"], area, atol=2e-9)
     assert got["area"].max() > 1e-3
-    by_kind = measure_contours(batch.points, batch.kind, batch.polyline_start, batch.pose_start).numpy()
+    by_kind = measure_contours(batch.struct).numpy()
     for k, kind in enumerate(("object", "hand", "made")):
         np.testing.assert_array_equal(got[f"length_{kind}"], by_kind[:, k])  # to the bit
     np.testing.assert_array_equal(got["length"], by_kind.sum(axis=1, dtype=np.float64).astype(np.float32))
@@ -89,12 +89,12 @@ def test_flags_leave_the_other_rows_as_they_are(device):
     got, _ = tallied(batch, device, encloses=False)
     assert np.isnan(got["area"]).all()
     value = wp.full((len(METRICS), 20), 7.0, dtype=wp.float32, device=device)
-    tally_contours(batch, value, wp.empty(20, dtype=wp.float64, device=device), measures=False, encloses=True)
+    tally_contours(batch.struct, value, wp.empty(20, dtype=wp.float64, device=device), measures=False, encloses=True)
     assert (value.numpy()[:5] == 7).all()
     assert (value.numpy()[5] == 0).all()  # nothing is closed
     assert not batch.polyline_closed.numpy().any()
     with pytest.raises(ValueError, match="shape"):
-        tally_contours(batch, value, wp.empty(3, dtype=wp.float64, device=device), measures=True, encloses=True)
+        tally_contours(batch.struct, value, wp.empty(3, dtype=wp.float64, device=device), measures=True, encloses=True)
 
 
 @pytest.mark.parametrize("strategy", ["edges", "corners", "cc"])
@@ -128,7 +128,7 @@ def test_an_intensity_of_1_gives_the_bits_of_none(device):
 
 def test_gaps_are_those_of_open_polylines_only(device):
     batch = Scene.of(thing_of("shell"), Palm(), open_contour()).raw_contours(PoseBlock(generic_poses(50, 3), 0, device))
-    open_length, chord, count = (array.numpy() for array in measure_gaps(batch))
+    open_length, chord, count = (array.numpy() for array in measure_gaps(batch.struct))
     host = batch.numpy()
     for pose in range(50):
         lines = host.polylines_of(pose)

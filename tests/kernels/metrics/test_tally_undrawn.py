@@ -34,7 +34,7 @@ def both_ways(mesh, poses, halves, strategy, method, device):
     joined = join_pieces(surface, found, pose, patch, closes=closes)
     contours = draw_contours(surface, pose, patch, joined, bounded=bounded, closes=closes)
     drawn, walked = empty(len(poses), device), empty(len(poses), device)
-    tally_contours(ContourBatch.from_device(contours, len(halves)), *drawn, measures=True, encloses=closes)
+    tally_contours(ContourBatch.of_sections(contours, len(halves)).struct, *drawn, measures=True, encloses=closes)
     if not closes:
         drawn[0][METRICS.index("area")].fill_(np.nan)
     ordered = order_pieces(surface, found, pose, patch, closes=closes)
@@ -93,7 +93,9 @@ def test_a_scene_tells_the_same_with_and_without_points(name, strategy, device):
     for hand in hands:
         scene = Scene.of(MeshObject.load(name), hand, strategy)
         drawn, walked = empty(60, device), empty(60, device)
-        tally_contours(scene.raw_contours(PoseBlock(poses, 0, device)), *drawn, measures=True, encloses=strategy.closes)
+        tally_contours(
+            scene.raw_contours(PoseBlock(poses, 0, device)).struct, *drawn, measures=True, encloses=strategy.closes
+        )
         if not strategy.closes:
             drawn[0][METRICS.index("area")].fill_(np.nan)
         scene.tally(PoseBlock(poses, 0, device), *walked)

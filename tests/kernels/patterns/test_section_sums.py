@@ -28,7 +28,7 @@ def test_bits_are_those_of_drawing(strategy, count, device):
         cut = cut_sections(table, pose, patch, bounded=bounded, closes=closes)
         contours = draw_sections(table, pose, patch, cut, bounded=bounded, closes=closes)
         drawn, summed = empty(pose.shape[0], device), empty(pose.shape[0], device)
-        tally_contours(ContourBatch.from_device(contours, len(SEVERAL)), *drawn, measures=True, encloses=closes)
+        tally_contours(ContourBatch.of_sections(contours, len(SEVERAL)).struct, *drawn, measures=True, encloses=closes)
         sum_sections(table, pose, patch, cut, *summed, bounded=bounded, closes=closes)
         if not closes:
             drawn[0][METRICS.index("area")].fill_(np.nan)

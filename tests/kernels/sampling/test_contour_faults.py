@@ -35,4 +35,4 @@ def changed(values, index, value):
     ],
 )
 def test_faults_are_found(batch, faults, device):
-    assert find_faults(batch.to(device).as_struct()) == faults
+    assert find_faults(batch.to(device).struct) == faults

@@ -24,7 +24,7 @@ def drawn(room, batch, device, *, first=0, count=100, line_most=None):
     schedule = {name: np.array(values) for name, values in span.items()}
     on = batch.to(device)
     most = batch.polyline_count if line_most is None else line_most
-    position, _ = room.draw(PLAN, on.as_struct(), schedule, still(1), line_most=most)
+    position, _ = room.draw(PLAN, on.struct, schedule, still(1), line_most=most)
     return position.numpy()[:count, 0].copy()
 
 
@@ -102,7 +102,7 @@ def test_more_runs_than_are_laid_at_once_are_all_laid(device, monkeypatch):
     room = SpanRoom(7, 1, np.zeros(0, np.int64), device, goes_on=False)
     batch, motions = batch_of(rings(3) * 7), np.arange(7)
     schedule = {"motion_start": np.arange(8), "motion": motions, "count": np.ones(7, np.int64), "goes_on": 0 * motions}
-    room.lay(PLAN, batch.to(device).as_struct(), schedule)
+    room.lay(PLAN, batch.to(device).struct, schedule)
     tracks = room.tracks.numpy()[:7]
     assert tracks["pieces"].tolist() == [3] * 7
     assert tracks["period"] == pytest.approx(tracks["period"][0])

@@ -8,9 +8,9 @@ from skin_cases import drawn, grid_skin, lines_of, oracle_lines, placed_by, soli
 from stage_cases import assert_limited
 
 from palpate.kernels.section.edge_pairing import OPEN, twins_of
+from palpate.kernels.skin.curves import list_curves
 from palpate.kernels.skin.edges import SkinEdges, upload_skin
 from palpate.kernels.skin.refine import refine_faces
-from palpate.kernels.skin.walk import list_curves
 from palpate.render.contour_batch import join_batches
 from palpate.render.hands.mesh_hand import MeshHand
 
@@ -126,10 +126,10 @@ def test_the_loop_around_any_one_vertex_is_found(other, device):
     words = np.pad(single, ((0, 0), (0, -count % 32))).reshape(count, -1, 32)
     bits = (words.astype(np.uint64) << np.arange(32, dtype=np.uint64)).sum(axis=2).astype(np.uint32)
     inside = wp.array(bits, dtype=wp.uint32, device=device)
-    listed = list_curves(upload_skin(edges, device), inside, closes=False)
-    lines = np.diff(listed.line_start.numpy()[:: listed.group_count])
+    drafts = list_curves(upload_skin(edges, device), inside, closes=False)
+    lines = np.diff(drafts.c.pose_start.numpy())
     np.testing.assert_array_equal(lines, np.maximum(fans, 1))
-    closed = listed.drafts.polyline_closed.numpy()
+    closed = drafts.c.polyline_closed.numpy()
     assert closed.sum() == (fans == 0).sum() > 100
 
 

@@ -98,7 +98,7 @@ def test_segments_are_cut_as_the_slow_way_does(device, rng, share_kept):
 def test_parts_of_segments_are_cut_as_the_slow_way_does(device, rng):
     batch = random_batch(rng, 40)
     on = batch.to(device)
-    parts = divide_segments(on.points, on.polyline_start, 0.004)
+    parts = divide_segments(on.struct, 0.004)
     keep = (rng.uniform(size=parts.segment.shape[0]) < 0.8).astype(np.uint8)
     wanted = slow_cut(batch, parts.start.numpy(), parts.segment.numpy(), parts.share.numpy(), keep)
     cut, removed = cut_batch(on, wp.array(keep, device=device), parts=parts)
@@ -109,7 +109,7 @@ def test_parts_of_segments_are_cut_as_the_slow_way_does(device, rng):
 
 def test_parts_cover_every_segment_and_are_short_enough(device, rng):
     batch = random_batch(rng, 10)
-    parts = divide_segments(batch.to(device).points, batch.to(device).polyline_start, 0.003)
+    parts = divide_segments(batch.to(device).struct, 0.003)
     start, segment, share = parts.start.numpy(), parts.segment.numpy(), parts.share.numpy()
     ends = batch.polyline_start[1:] - 1
     assert (np.diff(start)[ends] == 0).all()
@@ -124,7 +124,7 @@ def test_parts_cover_every_segment_and_are_short_enough(device, rng):
 def test_nothing_removed_gives_the_same_bits_however_segments_are_divided(device, rng):
     batch = random_batch(rng, 30)
     on = batch.to(device)
-    parts = divide_segments(on.points, on.polyline_start, 0.002)
+    parts = divide_segments(on.struct, 0.002)
     keep = wp.full(parts.segment.shape[0], 1, dtype=wp.uint8, device=device)
     cut, removed = cut_batch(on, keep, parts=parts)
     assert_same(cut, batch)
@@ -173,16 +173,17 @@ def test_what_is_left_is_a_valid_batch_of_the_same_kinds_and_directions(rng):
 def test_pauses_stay_at_the_points_they_were_at(rng):
     batch = random_batch(rng, 10)
     dwell = rng.uniform(size=batch.point_count).astype(np.float32)
-    on = ContourBatch(**{**batch.by_name(), "dwell": dwell}).to("cpu")
-    parts = divide_segments(on.points, on.polyline_start, 0.004)
+    number = np.arange(batch.point_count, dtype=np.float32)  # as an intensity: whole at what was a point
+    on = ContourBatch(**{**batch.by_name(), "intensity": number, "dwell": dwell}).to("cpu")
+    parts = divide_segments(on.struct, 0.004)
     keep = (rng.uniform(size=parts.segment.shape[0]) < 0.7).astype(np.uint8)
     keep = wp.array(keep, device="cpu")  # where the batch is: by default it would be on a GPU
     cut, _ = cut_batch(on, keep, parts=parts)
-    lines = (on.points, on.kind, on.polyline_start, on.polyline_patch, on.polyline_closed, on.pose_start)
-    raw = cut_contours(*lines, None, keep, parts)
-    source, share = raw.source.numpy(), raw.share.numpy()
-    np.testing.assert_array_equal(cut.dwell.numpy(), np.where(share == 0, dwell[source], 0))
-    assert raw.intensity is None
+    at = cut.intensity.numpy()
+    want = np.where(at == np.floor(at), dwell[at.astype(int)], 0)
+    np.testing.assert_array_equal(cut.dwell.numpy(), want)
+    assert 0 < np.count_nonzero(want) < len(want)
+    assert cut_contours(batch.to("cpu").struct, keep, parts).dwell is None
 
 
 def test_a_keep_of_another_length_is_refused(rng):
@@ -193,9 +194,14 @@ def test_a_keep_of_another_length_is_refused(rng):
 
 def test_the_removed_length_does_not_count_what_follows_a_polyline(device):
     points = np.array([[0, 0, 0], [1, 0, 0], [9, 9, 9], [9, 9, 8]], np.float32)
-    on = {"device": device}
-    start, poses = wp.array([0, 2, 4], dtype=wp.int64, **on), wp.array([0, 2], dtype=wp.int64, **on)
-    xyz = wp.array(points, dtype=wp.vec3, **on)
-    parts = divide_segments(xyz, start)
-    removed = measure_removed(xyz, start, poses, parts, wp.zeros(2, dtype=wp.uint8, **on))
+    batch = ContourBatch(
+        points=points,
+        kind=np.zeros(4, np.uint8),
+        polyline_start=np.array([0, 2, 4]),
+        polyline_patch=np.zeros(2, np.int32),
+        polyline_closed=np.zeros(2, np.uint8),
+        pose_start=np.array([0, 2]),
+    ).to(device)
+    parts = divide_segments(batch.struct)
+    removed = measure_removed(batch.struct, parts, wp.zeros(2, dtype=wp.uint8, device=device))
     assert removed.numpy().tolist() == [2.0]

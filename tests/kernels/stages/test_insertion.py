@@ -25,11 +25,8 @@ def inserted(batch, segment, part, device="cpu"):
     share[~old] = part[order]
     there = batch.to(device)
     rows = wp.array(start, dtype=wp.int64, device=device), wp.array(share, dtype=wp.float64, device=device)
-    weights = {"intensity": there.intensity, "dwell": there.dwell}
-    new = insert_points(there.points, there.kind, there.polyline_start, *rows, **weights)
-    names = ("points", "kind", "polyline_start", "intensity", "dwell")
-    out = ContourBatch(**{**there.by_name(), **{name: getattr(new, name) for name in names}})
-    return out.numpy(), new.place.numpy()
+    new = insert_points(there.struct, *rows)
+    return ContourBatch.from_struct(new.contours).numpy(), new.place.numpy()
 
 
 @pytest.mark.parametrize("longest", [5e-4, 0.00137, 0.005, 0.5])
@@ -73,4 +70,4 @@ def test_points_beyond_the_limit_are_refused_before_there_is_memory_for_them(dev
     batch = bare(random_batch(rng, 5)).to(device)
     assert_limited(lambda limit: divide_batch(batch, 0.001, limit).point_count)
     with pytest.raises(PointLimitError):  # more than an array of Warp's can have, and than memory holds
-        divide_rows(batch.points, batch.polyline_start, 1e-12, 10**6)
+        divide_rows(batch.struct, 1e-12, 10**6)

@@ -20,8 +20,8 @@ from transform_cases import (
 )
 
 from palpate.kernels.stages.ovals import draw_ovals, find_centroids
+from palpate.kernels.stages.regions import find_regions
 from palpate.render import MeshObject, Palm, Scene
-from palpate.render.stages.patch_regions import regions_of
 
 TOLERANCE = 1e-6  # [m]
 LENGTHS = {"scale": 1.2, "smallest": 0.0025}
@@ -126,5 +126,5 @@ def test_an_oval_does_not_depend_on_the_batch_its_pose_is_in(device, rng):
 
 def test_more_points_than_the_limit_are_refused(device, rng):
     batch, setting = next(iter(region_batches(rng, device)))
-    ovals = find_centroids(regions_of(batch.to(device), setting, "region"), 0.003)
+    ovals = find_centroids(find_regions(batch.to(device).struct, setting.patches), 0.003)
     assert_limited(lambda limit: draw_ovals(ovals, 16, setting.patches, 9, point_limit=limit).points.shape[0])

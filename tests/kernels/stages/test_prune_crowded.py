@@ -53,9 +53,8 @@ def kept_by_segment(batch, device, across, apart):
     fast.distance, fast.parallel = wp.float64(0.01), wp.float64(np.cos(0.6))
     fast.apart, fast.patches = wp.float64(apart), int(across)
     on = batch.to(device)
-    parts = divide_segments(on.points, on.polyline_start, 0.004)
-    lines = (on.points, on.polyline_start, on.polyline_patch, on.polyline_closed, on.pose_start)
-    keep, segment = thin_contours(*lines, parts, fast).numpy(), parts.segment.numpy()
+    parts = divide_segments(on.struct, 0.004)
+    keep, segment = thin_contours(on.struct, parts, fast).numpy(), parts.segment.numpy()
     return {i: keep[segment == i].tolist() for i in np.unique(segment)}
 
 

@@ -9,6 +9,7 @@ from stage_cases import assert_limited, stage_batches, stage_result
 from transform_cases import assert_equal, assert_valid
 
 from palpate.kernels.stages.smooth import cut_corners, relax_points
+from palpate.render import ContourBatch
 
 METHODS = [
     {"method": "chaikin", "rounds": 1},
@@ -31,13 +32,10 @@ def test_polylines_are_smoothed_as_the_oracle_smooths_them(options, device, rng)
 def test_a_round_gives_what_rounds_begin_with(device, rng):
     batch = weighted_batch(rng, 10)
     there = batch.to(device)
-    lines, weights = (there.polyline_start, there.polyline_closed), {"intensity": there.intensity, "dwell": there.dwell}
-    got = cut_corners(there.points, there.kind, *lines, reach=0.01, rounds=2, **weights)
-    want = slow_cut_corners(slow_cut_corners(batch, 0.01), 0.01)
-    for values, name in zip(got, ("points", "kind", "polyline_start", "intensity", "dwell"), strict=True):
-        np.testing.assert_array_equal(values.numpy(), getattr(want, name), err_msg=name)
-    moved = relax_points(there.points, *lines, strength=0.5, rounds=2)
-    np.testing.assert_array_equal(moved.numpy(), relaxed(relaxed(batch, 0.5), 0.5).points)
+    got = ContourBatch.from_struct(cut_corners(there.struct, reach=0.01, rounds=2)).numpy()
+    assert_equal(got, slow_cut_corners(slow_cut_corners(batch, 0.01), 0.01))
+    moved = relax_points(there.struct, strength=0.5, rounds=2)
+    np.testing.assert_array_equal(moved.points.numpy(), relaxed(relaxed(batch, 0.5), 0.5).points)
     np.testing.assert_array_equal(there.points.numpy(), batch.points)  # they are not written into
 
 

@@ -106,7 +106,7 @@ def closed_hand():
 
 
 def batch_of(contours):
-    return ContourBatch.from_device(contours, 1).numpy()
+    return ContourBatch.of_sections(contours, 1).numpy()
 
 
 @pytest.mark.exhaustive

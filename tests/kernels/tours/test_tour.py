@@ -33,7 +33,7 @@ def on_device(groups, device):
 def toured(groups, device, *, separation=1e-6, closes=True):
     """Paths of each group, None for none, and how many had a single point."""
     tours = tour_points(*thin_points(*on_device(groups, device), separation=separation), closes=closes)
-    batch = ContourBatch.from_device(tours.contours, 1).numpy()
+    batch = ContourBatch.of_sections(tours.contours, 1).numpy()
     assert (batch.kind == 2).all()
     assert (batch.polyline_closed == closes).all()
     assert batch.polyline_start[-1] == batch.point_count
@@ -140,7 +140,7 @@ def test_what_is_not_a_separation_is_refused(device):
 
 def batch_of(thing, hand, pose, device, *, first=0, step=0.002, **options):
     contours = contact_contours(thing, hand, np.float32(pose), first, device=device, step=step, **options)
-    return ContourBatch.from_device(contours, hand.patch_count).numpy()
+    return ContourBatch.of_sections(contours, hand.patch_count).numpy()
 
 
 @pytest.fixture(scope="module")

@@ -38,7 +38,7 @@ def palm_contours(name, poses, device, *, closes):
     found = find_pieces(surface, pose, patch, bounded=True, closes=closes)
     joined = join_pieces(surface, found, pose, patch, closes=closes)
     drawing = draw_contours(surface, pose, patch, joined, bounded=True, closes=closes)
-    return ContourBatch.from_device(drawing, 1).numpy()
+    return ContourBatch.of_sections(drawing, 1).numpy()
 
 
 def area_of(batch, pose, poses):
@@ -304,7 +304,7 @@ def test_any_representation_of_a_sphere_gives_its_circle(device):
     pose = wp.array([[[0, 0.02, 0.2, 0, 0, 0, 1]]], dtype=wp.transform, device=device)
     ball = ImplicitObject(sphere(0.05).moved(z=0.2))
     skin, vertex = hand.skin_on(device), hand.vertices_on(device)
-    batch = ContourBatch.from_device(skin_contours(ball.field_on(device), pose, skin, vertex, closes=True), 1).numpy()
+    batch = ContourBatch.of_sections(skin_contours(ball.field_on(device), pose, skin, vertex, closes=True), 1).numpy()
     ((points, kinds, closed),) = lines_of(batch, 0)
     assert closed
     assert (kinds == 0).all()

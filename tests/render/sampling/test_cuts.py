@@ -274,6 +274,6 @@ def test_contours_that_are_not_those_of_before_are_drawn_as_new_ones(before, aft
             span = {"first": [150 * k], "count": [150], "time": [0.0], "hold": [np.inf]}
             batch = batch_of([lines]).to("cpu")
             span |= {"motion_start": [0, 1], "goes_on": [says_so * k]}
-            position, intensity = sampler.take(batch, batch.as_struct(), still(1), span)
+            position, intensity = sampler.take(batch, batch.struct, still(1), span)
         drawn.append((FocalPoints(position.numpy()[:150].copy(), intensity.numpy()[:150].copy()), sampler.count))
     assert_same(*drawn)

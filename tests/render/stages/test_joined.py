@@ -306,7 +306,7 @@ def test_the_kernels_refuse_poses_of_another_number(device):
     for count, columns, said in ((2, 1, "of 3 poses, not of 2"), (3, 3, r"\[pose, 1\] or \[pose, 2\], not \[3, 3\]")):
         section = wp.zeros((count, columns), dtype=wp.transform, device=device)
         with pytest.raises(ValueError, match=said):
-            divide_joints(raw.by_name(), section, hand.on(device), pairs, angle=0.1, gap=0.005)
+            divide_joints(raw.struct, section, hand.on(device), pairs, angle=0.1, gap=0.005)
 
 
 @pytest.mark.parametrize("name", ["hatch", "inset", "ellipse", "circle", "centroid"])

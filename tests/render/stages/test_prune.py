@@ -143,9 +143,8 @@ def test_close_together_judges_every_part_as_the_slow_way_does(device, rng, acro
     fast.distance, fast.parallel = wp.float64(0.01), wp.float64(np.cos(0.6))
     fast.apart, fast.patches = wp.float64(0.02), int(across)
     on = batch.to(device)
-    parts = divide_segments(on.points, on.polyline_start, 0.004)
-    lines = (on.points, on.polyline_start, on.polyline_patch, on.polyline_closed, on.pose_start)
-    keep = thin_contours(*lines, parts, fast).numpy()
+    parts = divide_segments(on.struct, 0.004)
+    keep = thin_contours(on.struct, parts, fast).numpy()
     slow = [kept for pose in range(12) for kept in SlowThinning(batch, pose, 0.004, **rule).run()]
     np.testing.assert_array_equal(keep, slow)
     assert 0.02 < np.mean(keep == 0) < 0.9

@@ -41,7 +41,7 @@ def batch_of(thing, strategy, poses, device):
 def pacer_of(batch, device):
     value = wp.empty((len(METRICS), batch.pose_count), dtype=wp.float32, device=device)
     length = wp.empty(batch.pose_count, dtype=wp.float64, device=device)
-    tally_contours(batch, value, length, measures=True, encloses=False)
+    tally_contours(batch.struct, value, length, measures=True, encloses=False)
     return Pacer(batch, length)
 
 

@@ -1,10 +1,10 @@
-"""Frames of a rigid hand's patches at poses."""
+"""The hand's patches at poses, made on a device."""
 
 import numpy as np
 import warp as wp
 from transform_cases import a_setting, random_poses
 
-from palpate.kernels.stages.patch_frames import place_patches
+from palpate.kernels.stages.prune import place_patches
 from palpate.render.hands.flat_hand import flat_hand
 
 

@@ -15,7 +15,7 @@ from sampling_cases import Motion, drawn_in_spans, random_motion, random_strateg
 
 from palpate.render.sampling.metrics import FocalPoints, dwell_map
 from palpate.render.sampling.presets import PRESETS, preset
-from palpate.render.sampling.sampler import Sampler, age_at, joined, sample_bounds, sample_contours
+from palpate.render.sampling.sampler import Sampler, age_at, joined, sample_bounds, sample_contours, sample_motions
 from palpate.render.sampling.strategy import Order, SamplingStrategy
 
 TIME = np.array([0.0, 0.0137, 0.0211, 0.0412, 0.1537, 0.1612, 0.1701])  # the fourth lasts for more than a block
@@ -42,9 +42,9 @@ def together(blocks):
     return joined([block for block in blocks if len(block.position)] or [NOTHING])
 
 
-def sampled(motion, strategy, span=1 << 20, cuts=()):
+def sampled(motion, strategy, span=1 << 20, cuts=(), device="cpu"):
     """Focal points and counts of a motion whose contours come in batches that are cut at these poses."""
-    sampler = Sampler(strategy)
+    sampler = Sampler(strategy, device=device)
     batches = [motion.batch.select(a, b) for a, b in pairwise([0, *cuts, len(motion.time)])]
     rows = motion.pose, motion.time, motion.duration
     with pytest.MonkeyPatch.context() as patch:
@@ -106,6 +106,22 @@ def test_spans_of_any_length_give_the_same_points_and_counts(name):
     assert_same(sampled(motion, strategy, 97, [3]), expected)
     assert_same(sampled(motion, strategy, 413, [1, 6]), expected)
     assert_same(drawn(motion, strategy, 150), expected)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_whole_motions_in_one_call_and_spans_on_any_device_give_the_same(name, device):
+    """Alone, and as one of three motions in a call; sines differ between devices by rounding, and so may lengths."""
+    motion, strategy = scene(), preset(name, fade=0.0097)
+    expected = sampled(motion, strategy)
+    thrice = [motion.batch] * 3, np.tile(motion.pose, (3, 1)), np.tile(motion.time, 3), 7 * np.arange(4), [DURATION] * 3
+    samples = sample_motions(*thrice, strategy, hold=np.full(3, HOLD), device=device)
+    found = [(samples.focus(k), samples.counts[k]) for k in range(3)]
+    for focus, count in [*found, sampled(motion, strategy, 413, device=device)]:
+        if device == "cpu" or (strategy.lm is None and strategy.am is None):
+            assert_same((focus, count), expected)
+        assert np.abs(focus.position - expected[0].position).max() <= 1e-7
+        assert np.abs(focus.intensity - expected[0].intensity).max() <= 1e-6
+        assert (count.silent, count.held, count.jumps) == (expected[1].silent, expected[1].held, expected[1].jumps)
 
 
 @pytest.mark.exhaustive

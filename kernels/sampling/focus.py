@@ -56,6 +56,14 @@ class PiecePassages:
     last: wp.array[wp.int32]
 
 
+@wp.struct
+class PoseEnds:
+    """Where the focal points are at the last sample of each pose that is drawn [m], shape [pose, focus]."""
+
+    shown: wp.array2d[wp.vec3d]
+    last: wp.array2d[wp.vec3d]  # before points are held or reordered, without small circles
+
+
 @wp.func
 def turned(q: wp.quatd, x: wp.vec3d):
     """A vector rotated by a quaternion, as by `rotate` of datasets/rigid.py: one of norm 1 but for rounding."""
@@ -87,14 +95,6 @@ def wave_at(plan: SamplingPlan, number: wp.int64):
 
 
 @wp.func
-def unheld_point(plan: SamplingPlan, d: DrawnTracks, schedule: PoseSchedule, pose: int, focus: int):
-    """A focal point at the last sample of a pose that is drawn, before points are held or reordered [m]."""
-    track = d.tracks[pose]
-    knot = cycle_knot(plan, track, d.entries[pose].anchor, d.entries[pose].index + wp.int64(schedule.count[pose] - 1))
-    return track_point(d.nodes, track, focus_knot(plan, track, knot, focus))
-
-
-@wp.func
 def sample_knot(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: int, sample: int, focus: int):
     """Knot at which a focal point is shown at a sample of a pose that is drawn."""
     track = d.tracks[pose]
@@ -102,25 +102,40 @@ def sample_knot(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose
     return shown_knot(plan, schedule.shown, track, focus_knot(plan, track, knot, focus))
 
 
-@wp.func
-def shown_last(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: int, focus: int):
-    """A focal point at the last sample of a pose that is drawn [m]."""
-    sample = schedule.count[pose] - 1
-    point = track_point(d.nodes, d.tracks[pose], sample_knot(plan, schedule, d, pose, sample, focus))
-    if plan.circle_radius > ZERO:
-        point += circle_offset(plan, d.pose[pose], schedule.number[pose] + wp.int64(sample))
-    return point
-
-
-@wp.func
-def shown_before(
-    plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, state: SamplerState, pose: int, focus: int
+@wp.kernel
+def _find_ends(
+    # In:
+    plan: SamplingPlan,
+    schedule: PoseSchedule,
+    d: DrawnTracks,
+    # Out:
+    ends: PoseEnds,
 ):
+    """Find where the focal points are at the last sample of a pose, from where the next pose goes on."""
+    pose = wp.tid()
+    if d.entries[pose].drawn == 0:
+        return
+    track = d.tracks[pose]
+    sample = schedule.count[pose] - 1
+    cycle = cycle_knot(plan, track, d.entries[pose].anchor, d.entries[pose].index + wp.int64(sample))
+    for focus in range(plan.foci):
+        knot = focus_knot(plan, track, cycle, focus)
+        point = track_point(d.nodes, track, knot)
+        ends.last[pose, focus] = point
+        if plan.points > 0:
+            point = track_point(d.nodes, track, shown_knot(plan, schedule.shown, track, knot))
+        if plan.circle_radius > ZERO:
+            point += circle_offset(plan, d.pose[pose], schedule.number[pose] + wp.int64(sample))
+        ends.shown[pose, focus] = point
+
+
+@wp.func
+def shown_before(schedule: PoseSchedule, d: DrawnTracks, ends: PoseEnds, state: SamplerState, pose: int, focus: int):
     """Where a focal point was before a pose [m]."""
     before = d.entries[pose].before
     if before < 0:
         return state.shown[schedule.motion[pose], focus]
-    return shown_last(plan, schedule, d, before, focus)
+    return ends.shown[before, focus]
 
 
 @wp.func
@@ -130,14 +145,22 @@ def below(x: wp.float64):
 
 
 @wp.func
-def moved_by(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, state: SamplerState, pose: int, focus: int):
+def moved_by(
+    plan: SamplingPlan,
+    schedule: PoseSchedule,
+    d: DrawnTracks,
+    ends: PoseEnds,
+    state: SamplerState,
+    pose: int,
+    focus: int,
+):
     """From where a focal point was to where it entered the contours of a pose [m]; infinite if anywhere."""
     entry = d.entries[pose]
     if entry.found == 0:
         return INFINITE
     point = state.last[schedule.motion[pose], focus]
     if entry.before >= 0:
-        point = unheld_point(plan, d, schedule, entry.before, focus)
+        point = ends.last[entry.before, focus]
     track = d.tracks[pose]
     knot = focus_knot(plan, track, entry.anchor, focus)
     behind = knot
@@ -167,6 +190,7 @@ def count_move(
     plan: SamplingPlan,
     schedule: PoseSchedule,
     d: DrawnTracks,
+    ends: PoseEnds,
     state: SamplerState,
     count: StepCount,
     pose: int,
@@ -193,7 +217,7 @@ def count_move(
         cause = ORDER
     if sample == 0 and d.entries[pose].again == 0:
         # else it is the way between two samples of a track that is long
-        if TWO * moved_by(plan, schedule, d, state, pose, focus) >= length:
+        if TWO * moved_by(plan, schedule, d, ends, state, pose, focus) >= length:
             cause = POSE
     return add_step(plan, out, cause, length, ordinary)
 
@@ -245,6 +269,7 @@ def rest(
     plan: SamplingPlan,
     schedule: PoseSchedule,
     d: DrawnTracks,
+    ends: PoseEnds,
     state: SamplerState,
     pose: int,
     hold: wp.float64,
@@ -256,7 +281,7 @@ def rest(
     count.silent = wp.int64(schedule.count[pose])
     count.held = held_of(plan, schedule, pose, hold)
     for focus in range(plan.foci):
-        point = to_float32(shown_before(plan, schedule, d, state, pose, focus))
+        point = to_float32(shown_before(schedule, d, ends, state, pose, focus))
         row = schedule.row[pose]
         stop = row + schedule.count[pose]
         while row < stop:
@@ -325,6 +350,7 @@ def _draw_samples(
     plan: SamplingPlan,
     schedule: PoseSchedule,
     d: DrawnTracks,
+    ends: PoseEnds,
     state: SamplerState,
     # Out:
     passages: PiecePassages,
@@ -336,7 +362,7 @@ def _draw_samples(
     pose = wp.tid()
     hold = schedule.hold[schedule.motion[pose]]
     if d.entries[pose].drawn == 0:
-        counts[pose] = rest(plan, schedule, d, state, pose, hold, position, intensity)
+        counts[pose] = rest(plan, schedule, d, ends, state, pose, hold, position, intensity)
         return
     count = StepCount()
     rests = plan.pace == STILL and plan.circle_radius == ZERO
@@ -350,7 +376,7 @@ def _draw_samples(
     previous = wp.zeros(shape=FOCI_MOST, dtype=wp.vec3d)
     ways = wp.zeros(shape=FOCI_MOST, dtype=TrackWay)
     for focus in range(plan.foci):
-        previous[focus] = shown_before(plan, schedule, d, state, pose, focus)
+        previous[focus] = shown_before(schedule, d, ends, state, pose, focus)
     sample = int(0)
     while sample < schedule.count[pose]:
         gain, held = gain_at(plan, schedule, pose, sample, hold)
@@ -378,7 +404,7 @@ def _draw_samples(
             intensity[row, focus] = wp.float32(level_on(d.nodes, way, knot) * gain * wave)
             length = wp.sqrt(squared(point - previous[focus]))
             if drawn:
-                count = count_move(plan, schedule, d, state, count, pose, sample, focus, length, drawn_before)
+                count = count_move(plan, schedule, d, ends, state, count, pose, sample, focus, length, drawn_before)
             if gain > ZERO:
                 count.absence = wp.max(count.absence, wp.int64(pass_piece(passages, d, pose, way, sample)))
             previous[focus] = point

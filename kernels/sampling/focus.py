@@ -104,11 +104,9 @@ def sample_knot(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose
 
 @wp.kernel
 def _find_ends(
-    # In:
     plan: SamplingPlan,
     schedule: PoseSchedule,
     d: DrawnTracks,
-    # Out:
     ends: PoseEnds,
 ):
     """Find where the focal points are at the last sample of a pose, from where the next pose goes on."""
@@ -309,25 +307,6 @@ def pass_piece(passages: PiecePassages, d: DrawnTracks, pose: int, way: TrackWay
 
 
 @wp.func
-def repeat_sample(
-    plan: SamplingPlan,
-    schedule: PoseSchedule,
-    d: DrawnTracks,
-    pose: int,
-    sample: int,
-    gain: wp.float64,
-    wave: wp.float64,
-    position: wp.array2d[wp.vec3],
-    intensity: wp.array2d[wp.float32],
-):
-    """Draw a sample where the one before is."""
-    row = schedule.row[pose] + sample
-    for focus in range(plan.foci):
-        position[row, focus] = position[row - 1, focus]
-        intensity[row, focus] = wp.float32(level_at(plan, schedule, d, pose, sample, focus) * gain * wave)
-
-
-@wp.func
 def pass_repeated(
     plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, passages: PiecePassages, pose: int, last: int
 ):
@@ -389,7 +368,10 @@ def _draw_samples(
         count.felt = wp.where(gain > ZERO, sample + 1, count.felt)
         count.lost = wp.where(gain <= ZERO, 1, count.lost)
         if rests and sample > 0:
-            repeat_sample(plan, schedule, d, pose, sample, gain, wave, position, intensity)
+            for focus in range(plan.foci):  # where the sample before is
+                position[row, focus] = position[row - 1, focus]
+                level = level_at(plan, schedule, d, pose, sample, focus)
+                intensity[row, focus] = wp.float32(level * gain * wave)
             last = wp.where(gain > ZERO, sample, last)
         cycle = cycle_knot(plan, track, entry.anchor, entry.index + wp.int64(sample))
         for focus in range(wp.where(rests and sample > 0, 0, plan.foci)):

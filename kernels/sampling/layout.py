@@ -11,7 +11,7 @@ INFINITE = wp.constant(wp.float64(1e300))  # [m]; longer than any way
 SAME_PLACE = wp.constant(wp.float64(1e-24))  # [m^2]
 TINY = wp.constant(wp.float64(1e-30))  # [m^2]; least divisor
 SEAM = wp.constant(wp.float64(1e-3))  # of a sample, as in the strategy
-TICKS = wp.constant(wp.float64(1 << 20))  # of a sample: ages are counted in them, as in render/sampling/fading.py
+TICKS = wp.constant(wp.float64(1 << 20))  # of a sample: ages are counted in them, as in render/sampling/plan.py
 SPEED, FREQUENCY, CAPPED, STILL = (wp.constant(k) for k in range(4))  # kinds of pace
 AS_GIVEN, REVERSED, BEGUN = (wp.constant(k) for k in range(3))  # ways to draw a piece
 

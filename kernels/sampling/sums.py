@@ -121,7 +121,7 @@ def _sum_counts(
     out.lost = wp.where(lost, 1, 0)
     if own >= 0:
         track = d.tracks[own]
-        out.pieces = track.pieces
+        out.pieces = wp.min(track.pieces, state.room)  # those that are kept: none if no span follows
         out.sizes = sizes_of(c, own)
         out.least = track.least
         for k in range(wp.min(track.pieces, state.room)):

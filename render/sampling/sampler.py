@@ -137,7 +137,7 @@ class Sampler:
                 raise StrategyError(f"contours must be of one pose, not {len(contours)}: sample_contours draws several")
             batch = drawable_contours((NOWHERE if contours is None else contours).to(self.device))
             self._last = _LastPose(contours, batch.struct, batch.dwell is not None, batch.polyline_count)
-        return self._draw_last(pose, sample_count, age, hold)
+        return self._draw_last(np.asarray(pose, np.float64), sample_count, age, hold)
 
     def draw_kept(
         self, struct: Any, line_count: int, pose: np.ndarray, sample_count: int, *, age: float, hold: float

@@ -15,8 +15,8 @@ from sampling_cases import Motion, drawn_in_spans, random_motion, random_strateg
 
 from palpate.render.sampling.metrics import FocalPoints, dwell_map
 from palpate.render.sampling.presets import PRESETS, preset
-from palpate.render.sampling.sampler import Sampler, age_at, joined, sample_bounds, sample_contours
-from palpate.render.sampling.strategy import SamplingStrategy
+from palpate.render.sampling.sampler import Sampler, age_at, joined, sample_bounds, sample_contours, sample_motions
+from palpate.render.sampling.strategy import Order, SamplingStrategy
 
 TIME = np.array([0.0, 0.0137, 0.0211, 0.0412, 0.1537, 0.1612, 0.1701])  # the fourth lasts for more than a block
 DURATION, HOLD = 0.1853, 0.0301
@@ -42,9 +42,9 @@ def together(blocks):
     return joined([block for block in blocks if len(block.position)] or [NOTHING])
 
 
-def sampled(motion, strategy, span=1 << 20, cuts=()):
+def sampled(motion, strategy, span=1 << 20, cuts=(), device="cpu"):
     """Focal points and counts of a motion whose contours come in batches that are cut at these poses."""
-    sampler = Sampler(strategy)
+    sampler = Sampler(strategy, device=device)
     batches = [motion.batch.select(a, b) for a, b in pairwise([0, *cuts, len(motion.time)])]
     rows = motion.pose, motion.time, motion.duration
     with pytest.MonkeyPatch.context() as patch:
@@ -84,12 +84,15 @@ def test_dwell_maps_of_any_blocks_have_the_same_bits(foci):
     motion = scene()
     focus, _ = sampled(motion, SamplingStrategy(foci=foci, update_rate=10_001.0))
     pose, bounds = motion.pose, sample_bounds(motion.time, motion.duration, 10_001.0)
-    expected = dwell_map([focus], pose, bounds, 10_001.0)
-    assert (np.rint(expected.time * foci * 10_001) / (foci * 10_001.0) == expected.time).all()
+    grid = {"width": 0.03, "length": 0.04}  # some is drawn beyond
+    expected, shared = dwell_map([focus], pose, bounds, 10_001.0, **grid), foci * 10_001.0
+    assert expected.outside > 0
+    for time in (expected.time, expected.outside):
+        assert (np.rint(time * shared) / shared == time).all()
     for block in (7, 100):
         cuts = range(block, len(focus.intensity), block)
         parts = zip(np.split(focus.position, cuts), np.split(focus.intensity, cuts), strict=True)
-        found = dwell_map([FocalPoints(*part) for part in parts], pose, bounds, 10_001.0)
+        found = dwell_map([FocalPoints(*part) for part in parts], pose, bounds, 10_001.0, **grid)
         assert (found.time == expected.time).all()
         assert (found.spread, found.outside, found.silent) == (expected.spread, expected.outside, expected.silent)
 
@@ -103,6 +106,22 @@ def test_spans_of_any_length_give_the_same_points_and_counts(name):
     assert_same(sampled(motion, strategy, 97, [3]), expected)
     assert_same(sampled(motion, strategy, 413, [1, 6]), expected)
     assert_same(drawn(motion, strategy, 150), expected)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_whole_motions_in_one_call_and_spans_on_any_device_give_the_same(name, device):
+    """Alone, and as one of three motions in a call; sines differ between devices by rounding, and so may lengths."""
+    motion, strategy = scene(), preset(name, fade=0.0097)
+    expected = sampled(motion, strategy)
+    thrice = [motion.batch] * 3, np.tile(motion.pose, (3, 1)), np.tile(motion.time, 3), 7 * np.arange(4), [DURATION] * 3
+    samples = sample_motions(*thrice, strategy, hold=np.full(3, HOLD), device=device)
+    found = [(samples.focus(k), samples.counts[k]) for k in range(3)]
+    for focus, count in [*found, sampled(motion, strategy, 413, device=device)]:
+        if device == "cpu" or (strategy.lm is None and strategy.am is None):
+            assert_same((focus, count), expected)
+        assert np.abs(focus.position - expected[0].position).max() <= 1e-7
+        assert np.abs(focus.intensity - expected[0].intensity).max() <= 1e-6
+        assert (count.silent, count.held, count.jumps) == (expected[1].silent, expected[1].held, expected[1].jumps)
 
 
 @pytest.mark.exhaustive
@@ -208,10 +227,11 @@ def test_a_pose_is_held_and_silent_for_exactly_the_samples_that_its_times_give(s
     Samples 3001..4999 are older than `hold`, and from 4000 on nothing is left, at 10 kHz.
     """
     motion = Motion(batch_of([[(circle(0.03), True)]] * 2), still(2), np.array([0.0, 0.1]), 0.5, 0.2)
-    focus, count = sampled(motion, SamplingStrategy(hold=0.2, fade=0.1), span)
-    assert (count.held, count.silent) == (1999, 1000)
-    expected = np.clip(1 - (np.arange(5000) - 3000) / 1000, 0, 1)
-    assert (focus.intensity == expected.astype(np.float32)).all()
+    strategy = SamplingStrategy(hold=0.2, fade=0.1)
+    for focus, count in (sampled(motion, strategy, span), drawn(motion, strategy, span)):
+        assert (count.held, count.silent) == (1999, 1000)
+        expected = np.clip(1 - (np.arange(5000) - 3000) / 1000, 0, 1)
+        assert (focus.intensity == expected.astype(np.float32)).all()
 
 
 def test_blocks_are_as_long_as_asked_for_and_the_last_of_a_batch_is_what_is_left():
@@ -220,6 +240,37 @@ def test_blocks_are_as_long_as_asked_for_and_the_last_of_a_batch_is_what_is_left
     batches = [motion.batch.select(0, 4), motion.batch.select(4, 7)]
     sizes = [len(block.position) for block in sample_contours(batches, *rows, block=500)]
     assert sizes == [500, 500, 500, 37, 316]
+
+
+def passing(share):
+    """Four short lines in a row, of which the middle ones change places beside the row."""
+    x = (1 - share) * np.array([-0.06, -0.02, 0.02, 0.06]) + share * np.array([-0.06, 0.02, -0.02, 0.06])
+    y = 0.02 * np.sin(np.pi * share) * np.array([0, 1, -1, 0])
+    return [([[a, b, 0.2], [a, b + 1e-3, 0.2]], False) for a, b in zip(x, y, strict=True)]
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.2])
+def test_another_route_is_taken_at_the_same_pose_wherever_a_span_begins(margin):
+    """When it is searched for depends on the shortest route known, and so on all poses before."""
+    batch = batch_of([passing(share) for share in np.linspace(0, 1, 60)])
+    motion = Motion(batch, still(60), np.arange(60) / 90, 60 / 90, np.inf)
+    strategy = SamplingStrategy(order=Order(margin=margin))
+    expected = sampled(motion, strategy)
+    assert_same(sampled(motion, strategy, 111), expected)
+    assert_same(drawn(motion, strategy, 150), expected)
+
+
+def test_a_pose_of_which_nothing_was_drawn_yet_is_new():
+    """Although its contours are as many and as large as those of the pose before."""
+    counts = []
+    for sizes in ([100], [0, 100]):
+        sampler, near, far = Sampler("stm"), batch_of([[RING]]), batch_of([[(RING[0] + [0.1, 0, 0], True)]])
+        sampler.draw(near, still(1)[0], 50)
+        for size in sizes:
+            sampler.draw(far, still(1)[0], size)
+        counts.append(sampler.count)
+    assert counts[0] == counts[1]
+    assert counts[0].jumps["pose"] == 1
 
 
 RING, ARC = (circle(0.02, count=10), True), (circle(0.02, (0.05, 0, 0.2), 10, 2.0)[:4], False)

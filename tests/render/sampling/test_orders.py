@@ -277,6 +277,11 @@ def test_cycle_that_is_too_long_is_none():
     assert len(Sampler(SamplingStrategy(pace=longest)).cycle(contours).intensity) == 16_384
 
 
+def test_a_pose_may_be_any_sequence_of_seven_numbers():
+    here, there = (Sampler("lm").draw(batch_of([[SQUARE]]), pose, 50) for pose in (still(1)[0], still(1)[0].tolist()))
+    assert (here.position == there.position).all()
+
+
 def test_contours_of_several_poses_are_refused():
     two = batch_of([[SQUARE], [L_SHAPE]])
     for draw in (lambda: Sampler("stm").draw(two, still(1)[0], 10), lambda: Sampler("stm").cycle(two)):

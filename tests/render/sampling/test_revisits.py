@@ -160,9 +160,8 @@ def test_every_place_is_what_the_slow_way_counts(seed, foci, silent, step):
     assert found == visits_slowly(walk.astype(float).tolist(), drawn.tolist(), 80)
 
 
-@pytest.mark.exhaustive
 @given(cuts=st.lists(st.integers(1, 11_999), max_size=30, unique=True), seed=st.integers(0, 9))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=6)
 def test_how_samples_are_cut_into_blocks_changes_nothing(cuts, seed):
     random = np.random.default_rng(seed)
     points = ring(12_000, 400) + np.cumsum(random.normal(0, 2e-5, (12_000, 3)), axis=0)

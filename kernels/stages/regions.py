@@ -198,13 +198,6 @@ def _write_regions(
 
 
 @wp.func
-def lift_point(patches: Patches, pose: int, patch: int, height: wp.float64, x: wp.vec2d):
-    """A point of a patch's plane, so high above it [m], in the array's frame."""
-    middle = patches.origin[pose, patch] + height * patches.n[pose, patch]
-    return to_float32(middle + x[0] * patches.u[pose, patch] + x[1] * patches.v[pose, patch])
-
-
-@wp.func
 def differs(a: wp.vec3, b: wp.vec3):
     """Whether two points are not the same place."""
     return a[0] != b[0] or a[1] != b[1] or a[2] != b[2]
@@ -241,9 +234,13 @@ def _lift_polylines(
     kept = wp.int64(0)
     before = wp.vec3()
     pose, patch = pose_patch_of(r, line_region[line])
+    u = patches.u[pose, patch]
+    v = patches.v[pose, patch]
+    middle = patches.origin[pose, patch] + h * patches.n[pose, patch]
     total = wp.where(count > 0, count + closed, 0)
     for k in range(total):
-        x = lift_point(patches, pose, patch, h, flat[start[line] + wp.int64(k % count)])
+        p = flat[start[line] + wp.int64(k % count)]
+        x = to_float32(middle + p[0] * u + p[1] * v)
         if k == 0 or differs(x, before):
             if writes:
                 out.points[at + kept] = x

@@ -71,12 +71,6 @@ def _write_divisions(c: Contours, longest: wp.float64, row_start: wp.array[wp.in
 
 
 @wp.func
-def is_inner(share: wp.float64):
-    """Whether a place is strictly within its segment."""
-    return share > wp.float64(0.0) and share < wp.float64(1.0)
-
-
-@wp.func
 def is_apart(points: wp.array[wp.vec3], i: wp.int64, x: wp.vec3, before: wp.vec3):
     """Whether a place on the segment at point i differs from the segment's ends and from the place before it."""
     return not (x == points[i] or x == points[i + wp.int64(1)] or x == before)
@@ -103,7 +97,7 @@ def _put_points(
     before = c.points[i]
     for k in range(1, int(row_start[p + 1] - row_start[p])):
         part = share[row_start[p] + wp.int64(k)]
-        if is_inner(part):
+        if part > wp.float64(0.0) and part < wp.float64(1.0):  # strictly within its segment
             x = to_float32(point_at(c.points, i, part))
             if is_apart(c.points, i, x, before):
                 at += wp.int64(1)

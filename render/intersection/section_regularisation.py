@@ -256,11 +256,7 @@ def _as_batch(polygons: Loops, planes: Planes, patch_count: int) -> ContourBatch
     touches, start = _starts(polygons, along)
     u, v = polygons.points[start].T
     order = np.lexsort([v, u, ~touches, polygons.section])
-    first, count = polygons.start[:-1][order], np.diff(polygons.start)[order]
-    line_start = np.concatenate([[0], np.cumsum(count + 1)]).astype(np.int64)
-    own = np.repeat(np.arange(len(order)), count + 1)
-    along_line = np.arange(line_start[-1]) - line_start[own]
-    index = first[own] + ((start[order] - first)[own] + along_line) % count[own]  # from its start on, and that again
+    index, line_start = _turned(polygons.start, start, order)
     section = polygons.section[order]
     of_point = np.repeat(section, np.diff(line_start))
     place = polygons.points[index] * STEP
@@ -296,6 +292,15 @@ def _starts(polygons: Loops, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     u, v = polygons.points[may_start].T
     may_start = may_start[np.lexsort([v, u, loop[may_start]])]
     return touches, may_start[np.unique(loop[may_start], return_index=True)[1]]
+
+
+def _turned(offsets: np.ndarray, start: np.ndarray, order: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points of polygons in an order, each from its start on and with it again at its end; and the offsets of those."""
+    first, count = offsets[:-1][order], np.diff(offsets)[order]
+    line_start = np.concatenate([[0], np.cumsum(count + 1)]).astype(np.int64)
+    own = np.repeat(np.arange(len(order)), count + 1)
+    along = np.arange(line_start[-1]) - line_start[own]
+    return first[own] + ((start[order] - first)[own] + along) % count[own], line_start
 
 
 def _without_still_steps(

@@ -80,7 +80,6 @@ SWEEP_STAGES = (
 )  # poses made where they are used, and sums over them
 SAMPLING_STAGES = (
     "motions.widening",
-    "sampling.concatenation",
     "sampling.entry",
     "sampling.focus",
     "sampling.sums",

@@ -14,9 +14,7 @@ OPEN_SEAM, EMPTY, NOT_FINITE = (wp.constant(k) for k in range(len(FAULTS)))
 
 @wp.kernel
 def _find_faults(
-    # In:
     c: Contours,
-    # Out:
     found: wp.array[wp.int32],  # 1: some polyline has the fault, shape [fault], zero-initialised
 ):
     """Note the faults of a polyline; whichever thread writes them."""

@@ -28,7 +28,7 @@ from .layout import (
 )
 from .pieces import drawn_level, drawn_size, drawn_vertex, is_loop, row_of, size_of, source_of
 from .route import PIECES_MOST
-from .ways import TrackWay, has_next, next_way, plain_way, section_duration, section_way, way_at, way_piece
+from .ways import has_next, next_way, plain_way, section_duration, section_way, way_at, way_piece
 
 SHARE_LEAST = wp.constant(wp.float64(1 / 8))  # of a step that a piece takes at least
 NOISE_SHARE = wp.constant(wp.float64(1e-3))  # of a sample: ways that take less say nothing of the speed
@@ -61,14 +61,6 @@ def no_pause(nodes: TrackNodes, at: int):
     if nodes.pause.shape[0] > 0:
         nodes.pause[at] = ZERO
         nodes.corner[at] = wp.uint8(0)
-
-
-@wp.func
-def copy_pause(nodes: TrackNodes, source: int, at: int):
-    """Let there be the pause of another node."""
-    if nodes.pause.shape[0] > 0:
-        nodes.pause[at] = nodes.pause[source]
-        nodes.corner[at] = nodes.corner[source]
 
 
 @wp.func
@@ -434,7 +426,9 @@ def copy_node(nodes: TrackNodes, source: int, at: int, piece: int, duration: wp.
     if nodes.intensity.shape[0] > 0:
         level = nodes.intensity[source]
     write_node(nodes, at, nodes.point[source], level, piece, duration)
-    copy_pause(nodes, source, at)
+    if nodes.pause.shape[0] > 0:
+        nodes.pause[at] = nodes.pause[source]
+        nodes.corner[at] = nodes.corner[source]
 
 
 @wp.func
@@ -494,16 +488,6 @@ def write_course(c: Contours, plan: SamplingPlan, rows: RouteRows, nodes: TrackN
 
 
 @wp.func
-def next_duration(nodes: TrackNodes, track: PoseTrack, way: TrackWay):
-    """The next way, from knot 0 to how long it takes; after the last way itself again."""
-    out = way
-    if has_next(nodes, track, way):
-        out.end = ZERO
-        out = next_way(nodes, track, out)
-    return out
-
-
-@wp.func
 def first_duration(nodes: TrackNodes, track: PoseTrack):
     """The first way of a track, from knot 0 to how long it takes; its knots are no sums yet."""
     if track.sections > 0:
@@ -528,7 +512,9 @@ def measure_passages(nodes: TrackNodes, rows: RouteRows, track: PoseTrack):
         while same == 1:
             took += way.end
             left = wp.where(has_next(nodes, track, way), 1, 0)
-            way = next_duration(nodes, track, way)
+            if left == 1:
+                way.end = ZERO  # the next one begins at knot 0, so its end is how long it takes
+                way = next_way(nodes, track, way)
             same = wp.where(left == 1 and way_piece(nodes, way.a, way.b) == piece, 1, 0)
         total += took
         if piece >= 0:

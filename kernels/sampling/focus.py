@@ -56,6 +56,14 @@ class PiecePassages:
     last: wp.array[wp.int32]
 
 
+@wp.struct
+class PoseEnds:
+    """Where the focal points are at the last sample of each pose that is drawn [m], shape [pose, focus]."""
+
+    shown: wp.array2d[wp.vec3d]
+    last: wp.array2d[wp.vec3d]  # before points are held or reordered, without small circles
+
+
 @wp.func
 def turned(q: wp.quatd, x: wp.vec3d):
     """A vector rotated by a quaternion, as by `rotate` of datasets/rigid.py: one of norm 1 but for rounding."""
@@ -87,14 +95,6 @@ def wave_at(plan: SamplingPlan, number: wp.int64):
 
 
 @wp.func
-def unheld_point(plan: SamplingPlan, d: DrawnTracks, schedule: PoseSchedule, pose: int, focus: int):
-    """A focal point at the last sample of a pose that is drawn, before points are held or reordered [m]."""
-    track = d.tracks[pose]
-    knot = cycle_knot(plan, track, d.entries[pose].anchor, d.entries[pose].index + wp.int64(schedule.count[pose] - 1))
-    return track_point(d.nodes, track, focus_knot(plan, track, knot, focus))
-
-
-@wp.func
 def sample_knot(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: int, sample: int, focus: int):
     """Knot at which a focal point is shown at a sample of a pose that is drawn."""
     track = d.tracks[pose]
@@ -102,25 +102,42 @@ def sample_knot(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose
     return shown_knot(plan, schedule.shown, track, focus_knot(plan, track, knot, focus))
 
 
-@wp.func
-def shown_last(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: int, focus: int):
-    """A focal point at the last sample of a pose that is drawn [m]."""
-    sample = schedule.count[pose] - 1
-    point = track_point(d.nodes, d.tracks[pose], sample_knot(plan, schedule, d, pose, sample, focus))
-    if plan.circle_radius > ZERO:
-        point += circle_offset(plan, d.pose[pose], schedule.number[pose] + wp.int64(sample))
-    return point
-
-
-@wp.func
-def shown_before(
-    plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, state: SamplerState, pose: int, focus: int
+@wp.kernel
+def _find_ends(
+    plan: SamplingPlan,
+    schedule: PoseSchedule,
+    d: DrawnTracks,
+    ends: PoseEnds,  # out
+    passages: PiecePassages,  # out
 ):
+    """Find where the focal points are at the last sample of a pose, from where the next goes on; pass no piece yet."""
+    pose = wp.tid()
+    if d.entries[pose].drawn == 0:
+        return
+    track = d.tracks[pose]
+    for k in range(track.pieces):
+        passages.first[track.line + k] = -1
+        passages.last[track.line + k] = -1
+    sample = schedule.count[pose] - 1
+    cycle = cycle_knot(plan, track, d.entries[pose].anchor, d.entries[pose].index + wp.int64(sample))
+    for focus in range(plan.foci):
+        knot = focus_knot(plan, track, cycle, focus)
+        point = track_point(d.nodes, track, knot)
+        ends.last[pose, focus] = point
+        if plan.points > 0:
+            point = track_point(d.nodes, track, shown_knot(plan, schedule.shown, track, knot))
+        if plan.circle_radius > ZERO:
+            point += circle_offset(plan, d.pose[pose], schedule.number[pose] + wp.int64(sample))
+        ends.shown[pose, focus] = point
+
+
+@wp.func
+def shown_before(schedule: PoseSchedule, d: DrawnTracks, ends: PoseEnds, state: SamplerState, pose: int, focus: int):
     """Where a focal point was before a pose [m]."""
     before = d.entries[pose].before
     if before < 0:
         return state.shown[schedule.motion[pose], focus]
-    return shown_last(plan, schedule, d, before, focus)
+    return ends.shown[before, focus]
 
 
 @wp.func
@@ -130,14 +147,22 @@ def below(x: wp.float64):
 
 
 @wp.func
-def moved_by(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, state: SamplerState, pose: int, focus: int):
+def moved_by(
+    plan: SamplingPlan,
+    schedule: PoseSchedule,
+    d: DrawnTracks,
+    ends: PoseEnds,
+    state: SamplerState,
+    pose: int,
+    focus: int,
+):
     """From where a focal point was to where it entered the contours of a pose [m]; infinite if anywhere."""
     entry = d.entries[pose]
     if entry.found == 0:
         return INFINITE
     point = state.last[schedule.motion[pose], focus]
     if entry.before >= 0:
-        point = unheld_point(plan, d, schedule, entry.before, focus)
+        point = ends.last[entry.before, focus]
     track = d.tracks[pose]
     knot = focus_knot(plan, track, entry.anchor, focus)
     behind = knot
@@ -167,6 +192,7 @@ def count_move(
     plan: SamplingPlan,
     schedule: PoseSchedule,
     d: DrawnTracks,
+    ends: PoseEnds,
     state: SamplerState,
     count: StepCount,
     pose: int,
@@ -193,7 +219,7 @@ def count_move(
         cause = ORDER
     if sample == 0 and d.entries[pose].again == 0:
         # else it is the way between two samples of a track that is long
-        if TWO * moved_by(plan, schedule, d, state, pose, focus) >= length:
+        if TWO * moved_by(plan, schedule, d, ends, state, pose, focus) >= length:
             cause = POSE
     return add_step(plan, out, cause, length, ordinary)
 
@@ -245,6 +271,7 @@ def rest(
     plan: SamplingPlan,
     schedule: PoseSchedule,
     d: DrawnTracks,
+    ends: PoseEnds,
     state: SamplerState,
     pose: int,
     hold: wp.float64,
@@ -256,7 +283,7 @@ def rest(
     count.silent = wp.int64(schedule.count[pose])
     count.held = held_of(plan, schedule, pose, hold)
     for focus in range(plan.foci):
-        point = to_float32(shown_before(plan, schedule, d, state, pose, focus))
+        point = to_float32(shown_before(schedule, d, ends, state, pose, focus))
         row = schedule.row[pose]
         stop = row + schedule.count[pose]
         while row < stop:
@@ -284,25 +311,6 @@ def pass_piece(passages: PiecePassages, d: DrawnTracks, pose: int, way: TrackWay
 
 
 @wp.func
-def repeat_sample(
-    plan: SamplingPlan,
-    schedule: PoseSchedule,
-    d: DrawnTracks,
-    pose: int,
-    sample: int,
-    gain: wp.float64,
-    wave: wp.float64,
-    position: wp.array2d[wp.vec3],
-    intensity: wp.array2d[wp.float32],
-):
-    """Draw a sample where the one before is."""
-    row = schedule.row[pose] + sample
-    for focus in range(plan.foci):
-        position[row, focus] = position[row - 1, focus]
-        intensity[row, focus] = wp.float32(level_at(plan, schedule, d, pose, sample, focus) * gain * wave)
-
-
-@wp.func
 def pass_repeated(
     plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, passages: PiecePassages, pose: int, last: int
 ):
@@ -325,6 +333,7 @@ def _draw_samples(
     plan: SamplingPlan,
     schedule: PoseSchedule,
     d: DrawnTracks,
+    ends: PoseEnds,
     state: SamplerState,
     # Out:
     passages: PiecePassages,
@@ -336,21 +345,17 @@ def _draw_samples(
     pose = wp.tid()
     hold = schedule.hold[schedule.motion[pose]]
     if d.entries[pose].drawn == 0:
-        counts[pose] = rest(plan, schedule, d, state, pose, hold, position, intensity)
+        counts[pose] = rest(plan, schedule, d, ends, state, pose, hold, position, intensity)
         return
     count = StepCount()
     rests = plan.pace == STILL and plan.circle_radius == ZERO
-    last = int(0)  # sample that is felt, of those that repeat the first
     track = d.tracks[pose]
     entry = d.entries[pose]
-    for k in range(track.pieces):
-        passages.first[track.line + k] = -1
-        passages.last[track.line + k] = -1
     drawn_before = entry.silent == 0
     previous = wp.zeros(shape=FOCI_MOST, dtype=wp.vec3d)
     ways = wp.zeros(shape=FOCI_MOST, dtype=TrackWay)
     for focus in range(plan.foci):
-        previous[focus] = shown_before(plan, schedule, d, state, pose, focus)
+        previous[focus] = shown_before(schedule, d, ends, state, pose, focus)
     sample = int(0)
     while sample < schedule.count[pose]:
         gain, held = gain_at(plan, schedule, pose, sample, hold)
@@ -363,8 +368,10 @@ def _draw_samples(
         count.felt = wp.where(gain > ZERO, sample + 1, count.felt)
         count.lost = wp.where(gain <= ZERO, 1, count.lost)
         if rests and sample > 0:
-            repeat_sample(plan, schedule, d, pose, sample, gain, wave, position, intensity)
-            last = wp.where(gain > ZERO, sample, last)
+            for focus in range(plan.foci):  # where the sample before is
+                position[row, focus] = position[row - 1, focus]
+                level = level_at(plan, schedule, d, pose, sample, focus)
+                intensity[row, focus] = wp.float32(level * gain * wave)
         cycle = cycle_knot(plan, track, entry.anchor, entry.index + wp.int64(sample))
         for focus in range(wp.where(rests and sample > 0, 0, plan.foci)):
             knot = shown_knot(plan, schedule.shown, track, focus_knot(plan, track, cycle, focus))
@@ -378,11 +385,12 @@ def _draw_samples(
             intensity[row, focus] = wp.float32(level_on(d.nodes, way, knot) * gain * wave)
             length = wp.sqrt(squared(point - previous[focus]))
             if drawn:
-                count = count_move(plan, schedule, d, state, count, pose, sample, focus, length, drawn_before)
+                count = count_move(plan, schedule, d, ends, state, count, pose, sample, focus, length, drawn_before)
             if gain > ZERO:
                 count.absence = wp.max(count.absence, wp.int64(pass_piece(passages, d, pose, way, sample)))
             previous[focus] = point
         drawn_before = drawn
         sample += 1
+    last = wp.where(rests, count.felt - 1, 0)  # sample that is felt, of those that repeat the first
     count.absence = wp.max(count.absence, wp.int64(pass_repeated(plan, schedule, d, passages, pose, last)))
     counts[pose] = count

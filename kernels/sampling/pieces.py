@@ -143,16 +143,6 @@ def goes_on(c: Contours, schedule: PoseSchedule, state: SamplerState, pose: int,
 
 
 @wp.func
-def as_given(line: int):
-    """A polyline as the batch has it."""
-    piece = DrawnPiece()
-    piece.line = line
-    piece.mode = AS_GIVEN
-    piece.earlier = -1
-    return piece
-
-
-@wp.func
 def collect_pieces(c: Contours, rows: RouteRows, pose: int):
     """Write the pieces of a pose; returns how many there are, and the length of all [m]."""
     first = int(c.pose_start[pose])
@@ -165,7 +155,10 @@ def collect_pieces(c: Contours, rows: RouteRows, pose: int):
         for i in range(1, size):
             arc += wp.sqrt(squared(vertex(c, line, i) - vertex(c, line, i - 1)))
         if arc > begin:
-            rows.given[first + count] = as_given(line)
+            piece = DrawnPiece()  # as the batch has it: AS_GIVEN
+            piece.line = line
+            piece.earlier = -1
+            rows.given[first + count] = piece
             rows.span[first + count] = arc - begin
             count += 1
         line += 1
@@ -227,19 +220,13 @@ def mark_ends(c: Contours, plan: SamplingPlan, pieces: wp.array[DrawnPiece], fir
 
 
 @wp.func
-def apart(a: wp.vec4d, b: wp.vec4d):
-    """Square distance of two marks [m^2]."""
-    d = a - b
-    return ((d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]) + d[3] * d[3]
-
-
-@wp.func
 def nearest_mark(mark: wp.vec4d, pieces: wp.array[DrawnPiece], first: int, count: int):
     """Number of the piece with the nearest mark, the first of equals, and the square distance [m^2]."""
     best = int(0)
     least = INFINITE
     for k in range(count):
-        square = apart(mark, pieces[first + k].mark)
+        off = mark - pieces[first + k].mark
+        square = wp.dot(off, off)
         if square < least:
             least = square
             best = k

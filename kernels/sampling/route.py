@@ -206,13 +206,6 @@ def try_orders(rows: RouteRows, s: RouteSearch):
 
 
 @wp.func
-def given_route(rows: RouteRows, s: RouteSearch):
-    """Write the route of all places in order, each by its first door."""
-    for k in range(s.places):
-        note(rows, s, ROUTE, k, noted(rows, s, FIRST, k))
-
-
-@wp.func
 def nearest_door(rows: RouteRows, s: RouteSearch, door: int, count: int):
     """The nearest door, from one on, of a place that is not among the first of the route."""
     least = INFINITE
@@ -333,7 +326,8 @@ def search_many(rows: RouteRows, s: RouteSearch):
         if k == 0:
             nearest_route(rows, s)
         else:
-            given_route(rows, s)
+            for i in range(s.places):  # in order, each by its first door
+                note(rows, s, ROUTE, i, noted(rows, s, FIRST, i))
         if k == 1 and s.pieces > SEARCHED_MOST:
             length = length_of(rows, s)
         else:
@@ -435,13 +429,6 @@ def keep_order(c: Contours, plan: SamplingPlan, rows: RouteRows, first: int, cou
 
 
 @wp.func
-def take_candidate(rows: RouteRows, first: int, count: int):
-    """Draw the pieces as the search found them."""
-    for k in range(count):
-        rows.drawn[first + k] = rows.candidate[first + k]
-
-
-@wp.func
 def append_new(rows: RouteRows, first: int, count: int, known: int):
     """Draw the new pieces behind the known ones."""
     drawn = known
@@ -501,7 +488,8 @@ def search_in_turn(
             if begin == 0:
                 least = jumps_of(c, plan, rows.candidate, row, searched)
             if begin > 0 or is_longer(plan, length, least):
-                take_candidate(rows, row, searched)
+                for k in range(searched):
+                    rows.drawn[row + k] = rows.candidate[row + k]
         if begin > 0 or count - known <= INSERTED_MOST:
             begin = count
         else:

@@ -12,7 +12,7 @@ import warp as wp
 
 from ..offsets import BLOCK
 from .entry import _enter_poses
-from .focus import PiecePassages, _draw_samples
+from .focus import PiecePassages, PoseEnds, _draw_samples, _find_ends
 from .layout import (
     DrawnPiece,
     DrawnSection,
@@ -98,6 +98,7 @@ class SpanRoom:
             self._lay(plan, contours, pose_count)
         self._launch("enter", self.motion_count)
         if pose_count > 0:
+            self._launch("ends", pose_count)
             self._launch("draw", pose_count)
         self._launch("sum", self.motion_count)
         return self._arrays["position"], self._arrays["intensity"]
@@ -130,6 +131,7 @@ class SpanRoom:
         if views["runs"].item(0):
             launches["runs"].launch()
         launches["enter"].launch()
+        launches["ends"].launch()
         launches["draw"].launch()
         launches["sum"].launch()
         return self._arrays["position"], self._arrays["intensity"]
@@ -279,8 +281,13 @@ class SpanRoom:
             ("pose", pose_count, wp.transformd),
         ):
             self._array(name, count, dtype)
-        for name, dtype in (("position", wp.vec3), ("intensity", wp.float32)):
-            self._array(name, sample_count, dtype, self._foci)
+        for name, count, dtype in (
+            ("end_shown", pose_count, wp.vec3d),
+            ("end_last", pose_count, wp.vec3d),
+            ("position", sample_count, wp.vec3),
+            ("intensity", sample_count, wp.float32),
+        ):
+            self._array(name, count, dtype, self._foci)
         if "room" not in self._arrays:
             self._fit_runs(1 if self._on_cpu else 0)
 
@@ -326,6 +333,8 @@ class SpanRoom:
         nodes.corner = own["corner"] if has_pauses(plan, contours) else wp.empty(0, dtype=wp.uint8, device=self.device)
         nodes.stretch = own["stretch"]
         pieces.count, pieces.length = own["piece_count"], own["piece_length"]
+        ends = PoseEnds()
+        ends.shown, ends.last = own["end_shown"], own["end_last"]
         passages.first, passages.last = own["first"], own["last"]
         drawn.nodes, drawn.tracks, drawn.entries = nodes, own["tracks"], own["entries"]
         drawn.pose, drawn.routes = own["pose"], own["drawn"]
@@ -337,16 +346,17 @@ class SpanRoom:
             ("single", _lay_tracks, [*given, -1], laid),
             ("runs", _lay_tracks, [*given, 0], laid),
             ("enter", _enter_poses, [contours, plan, schedule, nodes, own["tracks"]], [state, own["entries"]]),
+            ("ends", _find_ends, [plan, schedule, drawn], [ends, passages]),
             (
                 "draw",
                 _draw_samples,
-                [plan, schedule, drawn, state],
+                [plan, schedule, drawn, ends, state],
                 [passages, own["position"], own["intensity"], own["counts"]],
             ),
             (
                 "sum",
                 _sum_counts,
-                [contours, plan, schedule, drawn, own["counts"], passages],
+                [contours, plan, schedule, drawn, ends, own["counts"], passages],
                 [own["waits"], state],
             ),
         ):

@@ -4,7 +4,7 @@ import warp as wp
 
 from ..contours import Contours
 from ..patch import EXACT
-from .focus import PiecePassages, shown_last, unheld_point
+from .focus import PiecePassages, PoseEnds
 from .layout import (
     STILL,
     ZERO,
@@ -87,6 +87,7 @@ def _sum_counts(
     plan: SamplingPlan,
     schedule: PoseSchedule,
     d: DrawnTracks,
+    ends: PoseEnds,
     counts: wp.array[StepCount],  # shape [pose]
     passages: PiecePassages,
     # Out:
@@ -130,6 +131,6 @@ def _sum_counts(
             state.piece[motion * state.room + k] = piece
             state.seen[motion * state.room + k] = waits[row]
         for focus in range(plan.foci):
-            state.shown[motion, focus] = shown_last(plan, schedule, d, own, focus)
-            state.last[motion, focus] = unheld_point(plan, d, schedule, own, focus)
+            state.shown[motion, focus] = ends.shown[own, focus]
+            state.last[motion, focus] = ends.last[own, focus]
     state.motion[motion] = out

@@ -27,10 +27,8 @@ class PosePieces:
 
 @wp.kernel
 def _collect_pieces(
-    # In:
     c: Contours,
     schedule: PoseSchedule,
-    # Out:
     rows: RouteRows,
     pieces: PosePieces,
 ):

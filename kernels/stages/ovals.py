@@ -47,9 +47,11 @@ class Spread:
 class Oval:
     """An ellipse in the plane of a patch."""
 
+    there: int  # 0: the region has no length, so it has none
     middle: wp.vec2d  # [m]
     axis: wp.vec2d  # unit vector of the first semi-axis
     size: wp.vec2d  # semi-axes [m]
+    height: wp.float64  # above the plane [m]
 
 
 @wp.kernel
@@ -145,18 +147,21 @@ def spread_of(r: Regions, stroke: wp.array2d[wp.float64], region: int, of: int):
     return s
 
 
+@wp.func
+def oval_of(s: Spread, middle: wp.vec2d, size: wp.vec2d):
+    """The oval of a region."""
+    out = Oval()
+    out.there = s.there
+    out.middle = middle
+    out.axis = s.axis
+    out.size = size
+    out.height = s.height
+    return out
+
+
 @wp.kernel
 def _fit_ellipses(
-    # In:
-    r: Regions,
-    stroke: wp.array2d[wp.float64],
-    of: int,
-    scale: wp.float64,
-    smallest: wp.float64,  # [m]
-    # Out:
-    oval: wp.array[Oval],
-    height: wp.array[wp.float64],
-    there: wp.array[wp.int64],  # 0, shape [region]; 1: the region has an oval
+    r: Regions, stroke: wp.array2d[wp.float64], of: int, scale: wp.float64, smallest: wp.float64, oval: wp.array[Oval]
 ):
     """Fit the ellipse of a region's area and proportions, or of its second moments."""
     region = wp.tid()
@@ -170,11 +175,8 @@ def _fit_ellipses(
         size = wp.vec2d(wp.float64(2.0) * a, wp.float64(2.0) * b)
         if of == AREA and b > wp.float64(0.0):
             size = wp.vec2d(wp.sqrt(s.area / PI * a / b), wp.sqrt(s.area / PI * b / a))
-    oval[region].middle = s.middle
-    oval[region].axis = s.axis
-    oval[region].size = wp.vec2d(wp.max(scale * size[0], smallest), wp.max(scale * size[1], smallest))
-    height[region] = s.height
-    there[region] = wp.int64(1)
+    size = wp.vec2d(wp.max(scale * size[0], smallest), wp.max(scale * size[1], smallest))
+    oval[region] = oval_of(s, s.middle, size)
 
 
 @wp.struct
@@ -242,16 +244,7 @@ def nearest_circle(s: Spread, c: CircleSums, length: wp.float64):
 
 @wp.kernel
 def _fit_circles(
-    # In:
-    r: Regions,
-    stroke: wp.array2d[wp.float64],
-    of: int,
-    scale: wp.float64,
-    smallest: wp.float64,  # [m]
-    # Out:
-    oval: wp.array[Oval],
-    height: wp.array[wp.float64],
-    there: wp.array[wp.int64],  # 0, shape [region]; 1: the region has an oval
+    r: Regions, stroke: wp.array2d[wp.float64], of: int, scale: wp.float64, smallest: wp.float64, oval: wp.array[Oval]
 ):
     """Fit the circle of a region's area, or the one nearest to its lines."""
     region = wp.tid()
@@ -269,42 +262,30 @@ def _fit_circles(
         middle = middle + shift
         radius = nearest
     radius = wp.max(scale * radius, smallest)
-    oval[region].middle = middle
-    oval[region].axis = s.axis
-    oval[region].size = wp.vec2d(radius, radius)
-    height[region] = s.height
-    there[region] = wp.int64(1)
+    oval[region] = oval_of(s, middle, wp.vec2d(radius, radius))
 
 
 @wp.kernel
-def _find_centroids(
-    # In:
-    r: Regions,
-    stroke: wp.array2d[wp.float64],
-    radius: wp.float64,  # [m]
-    # Out:
-    oval: wp.array[Oval],
-    height: wp.array[wp.float64],
-    there: wp.array[wp.int64],  # 0, shape [region]; 1: the region has an oval
-):
+def _find_centroids(r: Regions, stroke: wp.array2d[wp.float64], radius: wp.float64, oval: wp.array[Oval]):
     """Put a circle of this radius around a region's centroid."""
     region = wp.tid()
     s = spread_of(r, stroke, region, AREA)
-    if s.there == 0:
-        return
-    oval[region].middle = s.middle
-    oval[region].axis = s.axis
-    oval[region].size = wp.vec2d(radius, radius)
-    height[region] = s.height
-    there[region] = wp.int64(1)
+    oval[region] = oval_of(s, s.middle, wp.vec2d(radius, radius))
 
 
 @wp.kernel
-def _count_corners(there: wp.array[wp.int64], corners: int, count: wp.array[wp.int64], region_of: wp.array[wp.int32]):
-    """Write how many corners a region's oval has, and the region; count: zero-initialised, shape [region + 1]."""
+def _count_corners(
+    oval: wp.array[Oval],
+    corners: int,
+    count: wp.array[wp.int64],
+    region_of: wp.array[wp.int32],
+    height: wp.array[wp.float64],
+):
+    """Write how many corners a region's oval has, the region, and the oval's height; count: shape [region + 1]."""
     region = wp.tid()
-    count[region] = there[region] * wp.int64(corners)
+    count[region] = wp.int64(oval[region].there * corners)
     region_of[region] = region
+    height[region] = oval[region].height
 
 
 @wp.kernel
@@ -327,12 +308,10 @@ def _draw_ovals(
 
 
 class Ovals(NamedTuple):
-    """Device arrays of the ovals of regions, and the regions."""
+    """The ovals of regions."""
 
     regions: Regions
     oval: wp.array  # Oval, shape [region]
-    height: wp.array  # above the patch's plane [m], float64, shape [region]
-    there: wp.array  # int64, shape [region]; 0: the region has no length, so it has no oval
 
 
 def fit_ellipses(regions: Regions, *, of: str, scale: float, smallest: float) -> Ovals:
@@ -362,11 +341,9 @@ def measure_strokes(regions: Regions) -> wp.array:
 
 def _fitted(kernel: wp.Kernel, regions: Regions, *options: Any) -> Ovals:
     """The ovals that a kernel finds."""
-    count, device = regions.region_start.shape[0] - 1, regions.local.device
-    oval = wp.zeros(count, dtype=Oval, device=device)
-    height = wp.zeros(count, dtype=wp.float64, device=device)
-    out = Ovals(regions, oval, height, wp.zeros(count, dtype=wp.int64, device=device))
-    launch(kernel, count, [regions, measure_strokes(regions), *options], list(out[1:]))
+    count = regions.region_start.shape[0] - 1
+    out = Ovals(regions, wp.zeros(count, dtype=Oval, device=regions.local.device))
+    launch(kernel, count, [regions, measure_strokes(regions), *options], [out.oval])
     return out
 
 
@@ -384,12 +361,13 @@ def draw_ovals(
 
     patches: `Patches`. Raises PointLimitError before memory is taken for more points than `point_limit`.
     """
-    device, count = ovals.oval.device, ovals.there.shape[0]
+    device, count = ovals.oval.device, ovals.oval.shape[0]
     size, region = wp.zeros(count + 1, dtype=wp.int64, device=device), wp.empty(count, dtype=wp.int32, device=device)
-    launch(_count_corners, count, [ovals.there, corners], [size, region])
+    height = wp.empty(count, dtype=wp.float64, device=device)
+    launch(_count_corners, count, [ovals.oval, corners], [size, region, height])
     (start,), (total,) = scan_counts(size, limit=point_limit)
     flat = FlatLines(wp.empty(total, dtype=wp.vec2d, device=device), start, region)
     bulge = wp.float64(math.sqrt(2 * math.pi / (corners * math.sin(2 * math.pi / corners))))
     launch(_draw_ovals, (count, corners), [ovals.oval, _turns(corners, str(device)), bulge, start], [flat.points])
-    limits = {"height": ovals.height, "point_limit": point_limit}
+    limits = {"height": height, "point_limit": point_limit}
     return lift_polylines(flat, ovals.regions, patches, pose_count, closed=True, **limits)

@@ -85,8 +85,8 @@ def holds_loop(r: Regions, outer: int, inner: int):
 
 
 @wp.kernel
-def _find_local_points(c: Contours, patches: Patches, r: Regions):
-    """Write the coordinates of a polyline's points along the axes of its patch."""
+def _place_polylines(c: Contours, patches: Patches, r: Regions):
+    """Write the coordinates of a polyline's points along the axes of its patch, and its area and moments if closed."""
     line = wp.tid()
     pose = r.line_pose[line]
     patch = r.line_patch[line]
@@ -99,13 +99,7 @@ def _find_local_points(c: Contours, patches: Patches, r: Regions):
         off = to_float64(c.points[i]) - origin
         r.local[i] = wp.vec3d(wp.dot(off, u), wp.dot(off, v), wp.dot(off, n))
         i += wp.int64(1)
-
-
-@wp.kernel
-def _measure_areas(r: Regions):
-    """Sum what each segment of a closed polyline adds to its area and moments, which are 0 before."""
-    line = wp.tid()
-    if r.polyline_closed[line] == wp.uint8(0):
+    if c.polyline_closed[line] == wp.uint8(0):
         return
     two = wp.float64(2.0)
     six = wp.float64(6.0)
@@ -198,13 +192,6 @@ def _write_regions(
 
 
 @wp.func
-def lift_point(patches: Patches, pose: int, patch: int, height: wp.float64, x: wp.vec2d):
-    """A point of a patch's plane, so high above it [m], in the array's frame."""
-    middle = patches.origin[pose, patch] + height * patches.n[pose, patch]
-    return to_float32(middle + x[0] * patches.u[pose, patch] + x[1] * patches.v[pose, patch])
-
-
-@wp.func
 def differs(a: wp.vec3, b: wp.vec3):
     """Whether two points are not the same place."""
     return a[0] != b[0] or a[1] != b[1] or a[2] != b[2]
@@ -241,9 +228,13 @@ def _lift_polylines(
     kept = wp.int64(0)
     before = wp.vec3()
     pose, patch = pose_patch_of(r, line_region[line])
+    u = patches.u[pose, patch]
+    v = patches.v[pose, patch]
+    middle = patches.origin[pose, patch] + h * patches.n[pose, patch]
     total = wp.where(count > 0, count + closed, 0)
     for k in range(total):
-        x = lift_point(patches, pose, patch, h, flat[start[line] + wp.int64(k % count)])
+        p = flat[start[line] + wp.int64(k % count)]
+        x = to_float32(middle + p[0] * u + p[1] * v)
         if k == 0 or differs(x, before):
             if writes:
                 out.points[at + kept] = x
@@ -294,17 +285,6 @@ def _find_filled(r: Regions, filled: wp.array[wp.uint8], open_count: wp.array[wp
 
 
 @on_one_device
-def find_local_points(contours: Contours, patches: Any) -> Regions:
-    """Polylines with the coordinates of their points along the axes of their patches, not by region yet."""
-    r = Regions()
-    r.polyline_start, r.polyline_closed = contours.polyline_start, contours.polyline_closed
-    r.line_pose, r.line_patch = find_poses(contours), contours.polyline_patch
-    r.local = wp.empty(contours.points.shape[0], dtype=wp.vec3d, device=contours.points.device)
-    launch(_find_local_points, r.line_pose.shape[0], [contours, patches], [r])
-    return r
-
-
-@on_one_device
 def find_regions(contours: Contours, patches: Any, *, per: str = "region") -> Regions:
     """The polylines that belong together, by pose and patch; per "region": an outer loop with its holes, or "patch".
 
@@ -312,9 +292,12 @@ def find_regions(contours: Contours, patches: Any, *, per: str = "region") -> Re
     region of its own. patches: `Patches`.
     """
     device, line_count = contours.points.device, contours.polyline_patch.shape[0]
-    r, pose_start = find_local_points(contours, patches), contours.pose_start
+    r, pose_start = Regions(), contours.pose_start
+    r.polyline_start, r.polyline_closed = contours.polyline_start, contours.polyline_closed
+    r.line_pose, r.line_patch = find_poses(contours), contours.polyline_patch
+    r.local = wp.empty(contours.points.shape[0], dtype=wp.vec3d, device=device)
     r.area = wp.zeros((line_count, 6), dtype=wp.float64, device=device)
-    launch(_measure_areas, line_count, [], [r])
+    launch(_place_polylines, line_count, [contours, patches], [r])
     owner, first, r.region_line = (wp.empty(line_count, dtype=wp.int32, device=device) for _ in range(3))
     launch(_choose_owners, line_count, [r, pose_start, int(per == "patch")], [owner])
     launch(_find_first_lines, line_count, [r, pose_start, owner], [first])

@@ -23,7 +23,6 @@ import warp as wp
 from ...datasets.counted import counted
 from ...datasets.motions.last_pose import usual_interval
 from ...kernels.motions.widening import widen_poses
-from ...kernels.sampling.concatenation import concatenate_offsets, concatenate_rows
 from ...kernels.sampling.contour_faults import find_faults
 from ...kernels.sampling.spans import SpanRoom
 from ..contour_batch import (
@@ -31,7 +30,6 @@ from ..contour_batch import (
     join_batches,
     require_finite,
     require_seams,
-    with_values_of_all,
     without_empty_polylines,
 )
 from ..errors import StrategyError
@@ -507,8 +505,8 @@ def sample_motions(
 ) -> MotionSamples:
     """Focal points of whole motions, and what each is counted as.
 
-    batches: contours of all poses; motions may be cut anywhere between two. Those on a device are drawn there, those
-    on the host on `device`. pose: hand frame -> array frame, shape [pose, 7], or wp.transform or transformd [pose] on
+    batches: contours of all poses; motions may be cut anywhere between two. One batch on a device is drawn there, all
+    else on `device`. pose: hand frame -> array frame, shape [pose, 7], or wp.transform or transformd [pose] on
     the device. time: of the poses, increasing within a motion [s], shape [pose]. motion_start: offsets into poses,
     shape [motion + 1]. duration: when the last pose of each motion ends [s]. hold: age at which a pose starts to fade
     [s], shape [motion]; None: as for `sample_contours`.
@@ -523,7 +521,7 @@ def sample_motions(
     >>> sample_motions(batch, batch.motion.pose, np.zeros(1), np.array([0, 1]), np.array([0.2]), SamplingStrategy())
     MotionSamples(2000 samples, 1 motion)
     """
-    batch = batches if isinstance(batches, ContourBatch) else joined_batches(batches)
+    batch = batches if isinstance(batches, ContourBatch) else join_batches([own.numpy() for own in batches])
     schedule = MotionSchedule.of(time, motion_start, duration, strategy, hold)
     require_motions(batch, pose, schedule, strategy)
     device = str(batch.points.device) if batch.on_device else device
@@ -531,22 +529,6 @@ def sample_motions(
     batch = drawable_contours(batch.to(device))
     arrays = sampler.take(batch, batch.struct, widen_poses(pose, device), schedule.span(strategy))
     return MotionSamples(*arrays, schedule.sample_start, sampler.counts, sampler.room.schedule, sampler.room.pose)
-
-
-def joined_batches(batches: Sequence[ContourBatch]) -> ContourBatch:
-    """Join batches of consecutive poses, all on the host or all on one device."""
-    if len(batches) == 1 or not batches[0].on_device:
-        return join_batches(batches)
-    if len({frozenset(batch.by_name()) for batch in batches}) > 1:  # as a stage leaves an empty batch as it is
-        device = str(batches[0].points.device)
-        batches = [batch.to(device) for batch in with_values_of_all([batch.numpy() for batch in batches])]
-    named = {name: [getattr(batch, name) for batch in batches] for name in batches[0].by_name()}
-    rows = {"polyline_start": [b.point_count for b in batches], "pose_start": [b.polyline_count for b in batches]}
-    arrays = {
-        name: concatenate_offsets(parts, rows[name]) if name in rows else concatenate_rows(parts)
-        for name, parts in named.items()
-    }
-    return ContourBatch(**arrays)
 
 
 @dataclass(frozen=True, eq=False)

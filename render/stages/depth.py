@@ -64,7 +64,11 @@ def weigh_by_depth(
     if deep <= shallow:  # one step, at `shallow`
         deep = shallow + 1e-9
     ramp, mesh = make_ramp(shallow, deep, lowest), mesh_of(setting.solid, setting.device)
-    body = place_body(mesh, *_body_poses(setting))
+    pose, centre = setting.object_pose, setting.object_centre
+    if pose is not None:
+        pose = wp.array(np.ascontiguousarray(pose, np.float32), dtype=wp.transform, device=setting.device)
+        centre = setting.solid.bounds.mean(axis=0) if centre is None else centre
+    body = place_body(mesh, pose, centre)
     if at == "point":
         contours = divide_contours(batch.struct, spacing, setting.point_limit)
         intensity = weigh_by_point(contours, body, ramp)
@@ -73,12 +77,3 @@ def weigh_by_depth(
         depth = find_deepest(contours, body, setting.patches, ramp, grid=grid, whole=at == "pose")
         intensity = weigh_by_patch(contours, depth, ramp)
     return ContourBatch.from_struct(with_columns(contours, intensity=intensity))
-
-
-def _body_poses(setting: Setting) -> tuple[wp.array | None, np.ndarray | None]:
-    """Where the object is at each pose, on the device, and its centre as placed [m]; None: it stands still."""
-    if setting.object_pose is None:
-        return None, None
-    pose = np.ascontiguousarray(setting.object_pose, np.float32)
-    centre = setting.solid.bounds.mean(axis=0) if setting.object_centre is None else setting.object_centre
-    return wp.array(pose, dtype=wp.transform, device=setting.device), centre

@@ -231,14 +231,11 @@ def register_stage(entry: StageEntry) -> None:
         taken = _ENTRIES.get(entry.name)
         if taken is not None and (taken.role != entry.role or origin_of(taken.function) != origin_of(entry.function)):
             raise StrategyError(f"there is a {taken.role} stage {entry.name!r} already: {taken.line}")
-        _ENTRIES[entry.name] = entry if entry.own else _with_digests(entry)
-
-
-def _with_digests(entry: StageEntry) -> StageEntry:
-    """A user-defined stage with SHA-256 of its function and files, taken now, before values in it change."""
-    files = file_digests([place_of(entry.function), caller_file()])
-    texts = [digest_of(entry.function), *sorted(set(files.values()))]
-    return replace(entry, digest=hashlib.sha256("\0".join(texts).encode()).hexdigest(), files=files)
+        if not entry.own:  # its function and files have their SHA-256 taken now, before values in it change
+            files = file_digests([place_of(entry.function), caller_file()])
+            texts = [digest_of(entry.function), *sorted(set(files.values()))]
+            entry = replace(entry, digest=hashlib.sha256("\0".join(texts).encode()).hexdigest(), files=files)
+        _ENTRIES[entry.name] = entry
 
 
 def origin_of(function: Any) -> tuple[str, str]:

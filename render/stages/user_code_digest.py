@@ -74,8 +74,10 @@ class _Reader:
         value = _bare(value)
         value = value.numpy() if isinstance(value, wp.array) else value
         if isinstance(value, np.ndarray):
-            content = self._each(value.ravel().tolist(), depth) if value.dtype.hasobject else [_bytes_digest(value)]
-            return [f"{value.dtype.str} {value.shape}", *content]
+            kind = f"{value.dtype.str} {value.shape}"
+            if value.dtype.hasobject:
+                return [kind, *self._each(value.ravel().tolist(), depth)]
+            return [kind, hashlib.sha256(np.ascontiguousarray(value)).hexdigest()]
         if depth >= DEEP:
             return [_written(value)]
         if isinstance(value, list | tuple):
@@ -104,7 +106,13 @@ class _Reader:
             return [name, _text_of(value), *self._each(bound, depth)]
         if inspect.isclass(value) or inspect.isbuiltin(value):
             return [name, _text_of(value)]
-        return self._each((type(value), _state_of(value)), depth)
+        slots = [
+            name for kind in type(value).__mro__ for name in np.atleast_1d(getattr(kind, "__slots__", [])).tolist()
+        ]
+        held = {str(name): getattr(value, str(name)) for name in slots if hasattr(value, str(name))}
+        held.pop("__dict__", None)
+        held.pop("__weakref__", None)
+        return self._each((type(value), held | dict(getattr(value, "__dict__", {}))), depth)
 
     def _each(self, values: Iterable[Any], depth: int) -> list[str]:
         return [text for value in values for text in self.describe(value, depth + 1)]
@@ -120,22 +128,9 @@ def _bare(value: Any) -> Any:
     return value.func if isinstance(value, wp.Function) and value.func is not None else value
 
 
-def _bytes_digest(value: np.ndarray) -> str:
-    return hashlib.sha256(np.ascontiguousarray(value)).hexdigest()
-
-
 def _written(value: Any) -> str:
     """How Python writes it, without addresses."""
     return f"{type(value).__qualname__} {ADDRESS.sub('', repr(value))}"
-
-
-def _state_of(value: Any) -> dict[str, Any]:
-    """An object's attributes, those in slots too."""
-    slots = [name for kind in type(value).__mro__ for name in np.atleast_1d(getattr(kind, "__slots__", [])).tolist()]
-    held = {str(name): getattr(value, str(name)) for name in slots if hasattr(value, str(name))}
-    held.pop("__dict__", None)
-    held.pop("__weakref__", None)
-    return held | dict(getattr(value, "__dict__", {}))
 
 
 def _enclosed(function: Any) -> list[Any]:

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from ...kernels.contours import LINE_COLUMNS, POINT_COLUMNS
 from ..contour_batch import ContourBatch, require_seams
 from ..errors import StrategyError
 
@@ -16,14 +17,7 @@ DTYPES: dict[str, tuple[Any, str, tuple[int, ...]]] = {  # field: dtype, what a 
     "polyline_closed": (np.uint8, "polyline", ()),
     "pose_start": (np.int64, "pose + 1", ()),
 }
-ON_DEVICE: dict[str, Any] = {
-    "points": wp.vec3,
-    "kind": wp.uint8,
-    "polyline_start": wp.int64,
-    "polyline_patch": wp.int32,
-    "polyline_closed": wp.uint8,
-    "pose_start": wp.int64,
-}
+ON_DEVICE = {**POINT_COLUMNS, **LINE_COLUMNS, "polyline_start": wp.int64, "pose_start": wp.int64}
 OPTIONAL = (np.float32, "point", ())  # intensity and whatever else a point may have
 KIND_LAST = 2
 LENGTH_OFF, LENGTH_SHARE = 1e-4, 1e-3  # [m], and of what there was: rounding of a length removed
@@ -53,8 +47,7 @@ def checked_batch(
     if device is None:
         return batch
     fits = all(
-        value.dtype is ON_DEVICE.get(name, wp.float32) and value.device == wp.get_device(device)
-        for name, value in given.items()
+        value.dtype is ON_DEVICE[name] and value.device == wp.get_device(device) for name, value in given.items()
     )
     return result if fits else batch.to(device)
 

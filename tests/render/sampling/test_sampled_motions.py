@@ -18,7 +18,7 @@ from palpate.render.errors import StrategyError
 from palpate.render.hands.flat_hand import flat_hand
 from palpate.render.sampling.metrics import SamplingCount
 from palpate.render.sampling.presets import PRESETS, preset
-from palpate.render.sampling.sampler import joined, joined_batches, sample_motions
+from palpate.render.sampling.sampler import joined, sample_motions
 from palpate.render.sampling.strategy import (
     Dwell,
     Gap,
@@ -183,8 +183,8 @@ def test_contours_that_cannot_be_sampled_are_refused_by_name_and_place(device):
             )
 
 
-@pytest.mark.parametrize(("bare", "on_device"), [(0, True), (1, False), (2, True)])
-def test_a_batch_without_intensity_among_others_that_have_it_has_all_of_it(bare, on_device, device):
+@pytest.mark.parametrize("bare", [0, 1, 2])
+def test_a_batch_without_intensity_among_others_that_have_it_has_all_of_it(bare):
     """Such as an empty one, which a stage of a user's leaves as it is."""
     whole = render("cube", "palm", exploration("cube", duration=0.3, rate=90.0), "cc")
     parts = [whole.select(k, k + 9) for k in (0, 9, 18)]
@@ -193,7 +193,7 @@ def test_a_batch_without_intensity_among_others_that_have_it_has_all_of_it(bare,
         part if k == bare else replace(part, intensity=level, dwell=0 * level)
         for k, (part, level) in enumerate(zip(parts, levels, strict=True))
     ]
-    joined = joined_batches([part.to(device) for part in parts] if on_device else parts).numpy()
+    joined = join_batches(parts)
     levels[bare] = np.ones(parts[bare].point_count, np.float32)
     np.testing.assert_array_equal(joined.intensity, np.concatenate(levels))
     np.testing.assert_array_equal(joined.dwell, np.zeros(joined.point_count, np.float32))

@@ -191,7 +191,7 @@ def test_motions_side_by_side_may_each_be_cut_elsewhere(sides, strategy, data):
 
 
 @pytest.mark.exhaustive
-@settings(max_examples=100)
+@settings(max_examples=300)
 @given(sides=motions_of(1, 4), strategy=strategies, data=st.data())
 def test_many_motions_side_by_side_may_each_be_cut_elsewhere(sides, strategy, data):
     assert_same_side_by_side(sides, strategy, data)

@@ -200,16 +200,6 @@ def comes_first(a: InsetLoop, b: InsetLoop):
     return out
 
 
-@wp.func
-def put_loop(loops: wp.array[InsetLoop], first: int, count: int, loop: InsetLoop):
-    """Insert a loop into sorted ones."""
-    k = first + count
-    while k > first and comes_first(loop, loops[wp.max(k - 1, 0)]):
-        loops[k] = loops[k - 1]
-        k -= 1
-    loops[k] = loop
-
-
 @wp.kernel
 def _find_loops(
     # In:
@@ -240,7 +230,11 @@ def _find_loops(
             loop = measure_loop(edges, pieces, links, steps, i, edges.origin[begin], visited)
             if wp.float64(2.0) * wp.abs(loop.area) > THINNEST * loop.length:
                 if winding_of(edges, region, loop.start) > 0:
-                    put_loop(loops, first, count, loop)
+                    at = int(first + count)
+                    while at > first and comes_first(loop, loops[wp.max(at - 1, 0)]):
+                        loops[at] = loops[at - 1]
+                        at -= 1
+                    loops[at] = loop
                     count += 1
     for k in range(first, first + count):
         point_count[k] = loops[k].count

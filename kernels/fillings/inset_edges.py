@@ -208,14 +208,6 @@ def side_of(edges: InsetEdges, e: int, x: wp.vec2d):
     return cross_of(edges.way[e], x - edges.origin[e])
 
 
-@wp.func
-def edges_cross(edges: InsetEdges, e: int, j: int):
-    """Whether two edges cross each other at an inner point of both."""
-    a = side_of(edges, e, edges.origin[j]) * side_of(edges, e, edges.origin[edges.after[j]])
-    b = side_of(edges, j, edges.origin[e]) * side_of(edges, j, edges.origin[edges.after[e]])
-    return a < wp.float64(0.0) and b < wp.float64(0.0)
-
-
 @wp.kernel
 def _find_crossed_regions(edges: InsetEdges, failed: wp.array[wp.int32]):
     """Find regions whose left side is not everywhere inside: the outline crosses itself or turns straight back."""
@@ -226,7 +218,9 @@ def _find_crossed_regions(edges: InsetEdges, failed: wp.array[wp.int32]):
     crossed = int(0)
     j = next_edge(edges, reach, e + 1, stop)
     while j < stop:
-        if edges_cross(edges, e, j):
+        a = side_of(edges, e, edges.origin[j]) * side_of(edges, e, edges.origin[edges.after[j]])
+        b = side_of(edges, j, edges.origin[e]) * side_of(edges, j, edges.origin[edges.after[e]])
+        if a < wp.float64(0.0) and b < wp.float64(0.0):  # they cross at an inner point of both
             crossed = int(1)
         j = next_edge(edges, reach, j + 1, stop)
     way = edges.way[e]

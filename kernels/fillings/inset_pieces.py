@@ -103,16 +103,6 @@ def stadium_interval(edges: InsetEdges, e: int, j: int):
 
 
 @wp.func
-def put_sorted(bounds: wp.array[wp.float64], base: wp.int64, count: int, value: wp.float64):
-    """Insert a value into sorted ones."""
-    k = count
-    while k > 0 and bounds[base + wp.int64(wp.max(k - 1, 0))] > value:
-        bounds[base + wp.int64(k)] = bounds[base + wp.int64(k - 1)]
-        k -= 1
-    bounds[base + wp.int64(k)] = value
-
-
-@wp.func
 def put_crossing(
     edges: InsetEdges,
     offset: int,
@@ -142,7 +132,11 @@ def put_crossing(
             there = along >= edges.length[j] - TOUCH
         if there:
             if base >= wp.int64(0):
-                put_sorted(bounds, base, count, t)
+                k = int(count)  # the bounds are sorted, and stay so
+                while k > 0 and bounds[base + wp.int64(wp.max(k - 1, 0))] > t:
+                    bounds[base + wp.int64(k)] = bounds[base + wp.int64(k - 1)]
+                    k -= 1
+                bounds[base + wp.int64(k)] = t
             out = count + 1
     return out
 

@@ -18,18 +18,13 @@ INNER = wp.constant(wp.float64(1.0 - 1e-9))  # share of a distance within which 
 
 
 @wp.func
-def square_to(p: wp.vec3d, a: wp.vec3d, b: wp.vec3d):
-    """Square of a point's distance from a segment."""
-    along = b - a
+def square_to_segment(p: wp.vec3d, c: Contours, i: wp.int64):
+    """Square of a point's distance from the segment that begins at point i."""
+    a = to_float64(c.points[i])
+    along = to_float64(c.points[i + wp.int64(1)]) - a
     share = wp.dot(p - a, along) / wp.max(wp.dot(along, along), wp.float64(1.0e-30))
     off = p - a - wp.clamp(share, wp.float64(0.0), wp.float64(1.0)) * along
     return wp.dot(off, off)
-
-
-@wp.func
-def square_to_segment(p: wp.vec3d, c: Contours, i: wp.int64):
-    """Square of a point's distance from the segment that begins at point i."""
-    return square_to(p, to_float64(c.points[i]), to_float64(c.points[i + wp.int64(1)]))
 
 
 @wp.func

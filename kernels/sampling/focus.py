@@ -107,13 +107,17 @@ def _find_ends(
     plan: SamplingPlan,
     schedule: PoseSchedule,
     d: DrawnTracks,
-    ends: PoseEnds,
+    ends: PoseEnds,  # out
+    passages: PiecePassages,  # out
 ):
-    """Find where the focal points are at the last sample of a pose, from where the next pose goes on."""
+    """Find where the focal points are at the last sample of a pose, from where the next goes on; pass no piece yet."""
     pose = wp.tid()
     if d.entries[pose].drawn == 0:
         return
     track = d.tracks[pose]
+    for k in range(track.pieces):
+        passages.first[track.line + k] = -1
+        passages.last[track.line + k] = -1
     sample = schedule.count[pose] - 1
     cycle = cycle_knot(plan, track, d.entries[pose].anchor, d.entries[pose].index + wp.int64(sample))
     for focus in range(plan.foci):
@@ -345,12 +349,8 @@ def _draw_samples(
         return
     count = StepCount()
     rests = plan.pace == STILL and plan.circle_radius == ZERO
-    last = int(0)  # sample that is felt, of those that repeat the first
     track = d.tracks[pose]
     entry = d.entries[pose]
-    for k in range(track.pieces):
-        passages.first[track.line + k] = -1
-        passages.last[track.line + k] = -1
     drawn_before = entry.silent == 0
     previous = wp.zeros(shape=FOCI_MOST, dtype=wp.vec3d)
     ways = wp.zeros(shape=FOCI_MOST, dtype=TrackWay)
@@ -372,7 +372,6 @@ def _draw_samples(
                 position[row, focus] = position[row - 1, focus]
                 level = level_at(plan, schedule, d, pose, sample, focus)
                 intensity[row, focus] = wp.float32(level * gain * wave)
-            last = wp.where(gain > ZERO, sample, last)
         cycle = cycle_knot(plan, track, entry.anchor, entry.index + wp.int64(sample))
         for focus in range(wp.where(rests and sample > 0, 0, plan.foci)):
             knot = shown_knot(plan, schedule.shown, track, focus_knot(plan, track, cycle, focus))
@@ -392,5 +391,6 @@ def _draw_samples(
             previous[focus] = point
         drawn_before = drawn
         sample += 1
+    last = wp.where(rests, count.felt - 1, 0)  # sample that is felt, of those that repeat the first
     count.absence = wp.max(count.absence, wp.int64(pass_repeated(plan, schedule, d, passages, pose, last)))
     counts[pose] = count

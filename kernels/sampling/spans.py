@@ -346,7 +346,7 @@ class SpanRoom:
             ("single", _lay_tracks, [*given, -1], laid),
             ("runs", _lay_tracks, [*given, 0], laid),
             ("enter", _enter_poses, [contours, plan, schedule, nodes, own["tracks"]], [state, own["entries"]]),
-            ("ends", _find_ends, [plan, schedule, drawn], [ends]),
+            ("ends", _find_ends, [plan, schedule, drawn], [ends, passages]),
             (
                 "draw",
                 _draw_samples,

@@ -70,12 +70,6 @@ def _write_divisions(c: Contours, longest: wp.float64, row_start: wp.array[wp.in
             share[first + wp.int64(k)] = wp.float64(k) / wp.float64(count)
 
 
-@wp.func
-def is_apart(points: wp.array[wp.vec3], i: wp.int64, x: wp.vec3, before: wp.vec3):
-    """Whether a place on the segment at point i differs from the segment's ends and from the place before it."""
-    return not (x == points[i] or x == points[i + wp.int64(1)] or x == before)
-
-
 @wp.kernel
 def _put_points(
     # In:
@@ -99,7 +93,7 @@ def _put_points(
         part = share[row_start[p] + wp.int64(k)]
         if part > wp.float64(0.0) and part < wp.float64(1.0):  # strictly within its segment
             x = to_float32(point_at(c.points, i, part))
-            if is_apart(c.points, i, x, before):
+            if not (x == c.points[i] or x == c.points[i + wp.int64(1)] or x == before):
                 at += wp.int64(1)
                 if place.shape[0] > 0:
                     write_point(c, i, part, written, at)

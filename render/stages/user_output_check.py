@@ -47,8 +47,7 @@ def checked_batch(
     if device is None:
         return batch
     fits = all(
-        value.dtype is ON_DEVICE[name] and value.device == wp.get_device(device)
-        for name, value in given.items()
+        value.dtype is ON_DEVICE[name] and value.device == wp.get_device(device) for name, value in given.items()
     )
     return result if fits else batch.to(device)
 

@@ -11,9 +11,6 @@ import pytest
 from rooms import PACKAGES, ROOT, SOURCES
 
 LINES_MOST = 5
-UNMERGED = ("kernels/sampling/", "kernels/stages/", "kernels/emphasis/", "kernels/fillings/", "kernels/metrics/")
-UNMERGED += ("render/sampling/", "render/stages/", "render/motions/", "render/scripting/", "render/intersection/")
-"""Folders that are being rewritten. Whoever merges the last of them removes this constant and its only use."""
 IMPORTED = re.compile(r"^ *from [^\n]* import (\([^)]*\)|[^\n]*)", re.MULTILINE)
 HEAD = re.compile(r"def .*?(?:\)|\]|\w):\n(?: +\"{3}.*?\"{3}\n)?", re.DOTALL)  # of a function: all above its body
 WORD = re.compile(r"[A-Za-z_]\w*")
@@ -104,8 +101,7 @@ def texts_and_imported() -> tuple[dict[str, str], set[str]]:
 def test_no_small_private_function_is_called_only_once(package):
     texts, imported = texts_and_imported()
     own = {name: text for name, text in texts.items() if name.startswith(f"{package}/")}
-    merged = {name: text for name, text in own.items() if not name.startswith(UNMERGED)}
-    found = {(name, function) for name, text in merged.items() for function in called_once(text, imported)}
+    found = {(name, function) for name, text in own.items() for function in called_once(text, imported)}
     tests = "".join(path.read_text() for path in (ROOT / "tests").rglob("*.py")) if found else ""
     found = {one for one in found if not is_named(one[1], tests)}
     assert not found, "write the body of each where it is called"

@@ -343,8 +343,12 @@ def shape_of(c: Contours, pose: int):
     """How many polylines a pose has and which are closed, as one number; beyond 62 of them all but surely."""
     shape = wp.int64(1)
     line = int(c.pose_start[pose])
-    while line < int(c.pose_start[pose + 1]):
-        shape = shape * wp.int64(2) + wp.int64(c.polyline_closed[line]) + (shape >> wp.int64(62)) * MIXED
+    stop = int(c.pose_start[pose + 1])
+    factor = wp.int64(2)
+    if stop - line > 62:  # one bit each has no room
+        factor = MIXED
+    while line < stop:
+        shape = shape * factor + wp.int64(c.polyline_closed[line])
         line += 1
     return shape
 

@@ -306,3 +306,14 @@ def test_contours_that_are_not_those_of_before_are_drawn_as_new_ones(before, aft
             position, intensity = sampler.take(batch, batch.struct, still(1), span)
         drawn.append((FocalPoints(position.numpy()[:150].copy(), intensity.numpy()[:150].copy()), sampler.count))
     assert_same(*drawn)
+
+
+@pytest.mark.parametrize("lines", [1, 61, 62, 63, 64, 65, 100])
+def test_one_polyline_more_is_another_shape_however_many_there_are(lines):
+    first, more = (
+        batch_of([[([[0.001 * k, 0, 0.2], [0.001 * k, 0.003, 0.2]], False) for k in range(count)]])
+        for count in (lines, lines + 1)
+    )
+    sampler = Sampler(SamplingStrategy(continuity="jump", order=Order(route="given")))
+    sampler.draw(first, still(1)[0], 7)
+    np.testing.assert_array_equal(sampler.draw(more, still(1)[0], 1).position, more.points[:1])

@@ -25,23 +25,6 @@ class PosePieces:
     length: wp.array[wp.float64]  # of all [m]
 
 
-@wp.kernel
-def _collect_pieces(
-    c: Contours,
-    schedule: PoseSchedule,
-    rows: RouteRows,
-    pieces: PosePieces,
-):
-    """Collect the pieces of a pose."""
-    pose = wp.tid()
-    count = int(0)
-    if schedule.count[pose] > 0:
-        found, length = collect_pieces(c, rows, pose)
-        pieces.length[pose] = length
-        count = found
-    pieces.count[pose] = count
-
-
 @wp.func
 def pieces_before(schedule: PoseSchedule, pieces: PosePieces, pose: int):
     """How many pieces the pose of this span has that is drawn before one in its motion; -1: there is none."""

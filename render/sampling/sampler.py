@@ -129,8 +129,9 @@ class Sampler:
         contours: of the pose, a batch of one; None if there are none. The same batch as before is the same pose, which
         goes on. pose: x y z [m] and quaternion, shape [7]. age: how old the pose is at the first of these samples [s],
         `age_at` of it if they are drawn block by block; hold: at what age it starts to fade [s].
-        Raises StrategyError for contours that `sample_contours` refuses.
+        Raises StrategyError for contours that `sample_contours` refuses, and for a sampler of several motions.
         """
+        self._require_motions(1)
         again = self._last is not None and self._last.given is contours
         if not again:
             if contours is not None and len(contours) != 1:
@@ -146,7 +147,7 @@ class Sampler:
 
         line_count: of its polylines, each of which has points. `draw_on` draws more of it.
         """
-        self._last = _LastPose(None, struct, False, line_count)
+        self._last = _LastPose(struct, struct, False, line_count)
         return self._draw_last(pose, sample_count, age, hold)
 
     def draw_on(self, pose: np.ndarray, sample_count: int, *, age: float, hold: float) -> FocalPoints:
@@ -188,6 +189,8 @@ class Sampler:
         and intensities, [sample, focus], in arrays that have room for more, and that the next span overwrites.
         """
         start = np.asarray(span["motion_start"], np.int64)
+        self._require_motions(len(start) - 1)
+        self._last = None  # what `draw` has drawn does not go on behind this span
         count = np.asarray(span["count"], np.int64)
         sizes = np.diff(start)
         row = np.cumsum(count) - count
@@ -210,6 +213,12 @@ class Sampler:
         self._sampled += np.diff(begin)
         return position, intensity
 
+    def _require_motions(self, count: int) -> None:
+        """Raise StrategyError unless the sampler has so many motions: kernels would read beyond its arrays."""
+        if count != len(self._sampled):
+            drawn = counted(len(self._sampled), "motion")
+            raise StrategyError(f"motion_count must be {count} for what is drawn, but the sampler has {drawn}")
+
     def cycle(
         self, contours: ContourBatch, pose: np.ndarray | None = None, *, limit: int = CYCLE_LIMIT
     ) -> FocalPoints | None:
@@ -230,7 +239,8 @@ class Sampler:
 class _LastPose:
     """The pose that a sampler of one motion has drawn last."""
 
-    given: ContourBatch | None
+    given: Any
+    """The batch, None without contours, or the struct that was drawn instead."""
     struct: Any
     pauses: bool
     """Whether its contours have some of their own."""

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sampling_cases import Motion, drawn_in_spans, random_motion, random_strategy
 
+from palpate.render.errors import StrategyError
 from palpate.render.sampling.metrics import FocalPoints, dwell_map
 from palpate.render.sampling.presets import PRESETS, preset
 from palpate.render.sampling.sampler import Sampler, age_at, joined, sample_bounds, sample_contours, sample_motions
@@ -317,3 +318,29 @@ def test_one_polyline_more_is_another_shape_however_many_there_are(lines):
     sampler = Sampler(SamplingStrategy(continuity="jump", order=Order(route="given")))
     sampler.draw(first, still(1)[0], 7)
     np.testing.assert_array_equal(sampler.draw(more, still(1)[0], 1).position, more.points[:1])
+
+
+def test_a_pose_that_other_contours_have_followed_is_drawn_as_a_new_one():
+    ring = square(0.04)
+    other_start = np.roll(ring, 2, axis=0)  # the same square from its opposite corner
+    batch, between = batch_of([[(ring, True)]]), batch_of([[(other_start, True)]])
+    sampler, pose = Sampler("stm"), still(1)
+    sampler.draw(batch, pose[0], 100)
+    (last,) = sample_contours([between], pose, np.zeros(1), 0.01, sampler)
+    again = sampler.draw(batch, pose[0], 1)
+    assert np.linalg.norm(again.position[0] - last.position[-1]) < 1.01 * sampler.strategy.step
+
+
+def test_no_contours_behind_kept_ones_are_silent():
+    batch, pose, sampler = batch_of([[(square(0.02), True)]]).to("cpu"), still(1)[0], Sampler("stm")
+    sampler.draw_kept(batch.struct, 1, pose, 10, age=0.0, hold=np.inf)
+    assert not sampler.draw(None, pose, 10).intensity.any()
+
+
+def test_a_sampler_of_several_motions_draws_no_single_one():
+    batch, pose = batch_of([[(square(0.02), True)]]), still(1)
+    message = "motion_count must be 1 for what is drawn, but the sampler has 50 motions"
+    with pytest.raises(StrategyError, match=message):
+        Sampler("stm", motion_count=50).draw(batch, pose[0], 5)
+    with pytest.raises(StrategyError, match=message):
+        list(sample_contours([batch], pose, np.zeros(1), 0.3, Sampler("stm", motion_count=50)))

@@ -30,7 +30,7 @@ import warp as wp
 from turns import seconds_by_turns
 
 from palpate.datasets import exploration, load_recording, write_sample
-from palpate.render import ContourFile, Hand, MeshObject, Palm, PlaneHand, SamplingStrategy, flat_hand, record
+from palpate.render import ContourBatch, ContourFile, Hand, MeshObject, Palm, PlaneHand, SamplingStrategy, flat_hand, record
 from palpate.render.bench.cases import bench_object
 from palpate.render.intersection.named_inputs import hand_of
 from palpate.render.intersection.prepared_contours import PreparedContours
@@ -151,9 +151,13 @@ def measure(case: Case, pose_count: int, repeats: int) -> dict:
     contours, part, whole = PreparedContours(thing, hand, strategy), Stopwatch(), Stopwatch()
     sampling = SamplingStrategy(update_rate=case.update_rate)
     for pose, _, patches in rows[: len(rows) // 4]:  # what is made once, and memory that grows, is not counted
-        contours.at_checked(pose, patches)
+        contours.at_checked(pose, contours.hand_at(patches))
+
+    def contours_of(pose: np.ndarray, patches: np.ndarray | None) -> ContourBatch:
+        return contours.at_checked(pose, contours.hand_at(patches))
+
     with undisturbed() as scheduling:
-        hit = np.array([part.time(contours.at_checked, pose, patches).point_count > 0 for pose, _, patches in rows])
+        hit = np.array([part.time(contours_of, pose, patches).point_count > 0 for pose, _, patches in rows])
         if not hit.any():
             raise SystemExit(f"none of {pose_count} poses of {case.thing} has contours: take more")
         for _ in range(repeats):

@@ -105,18 +105,29 @@ class PreparedContours:
             raise PoseError(f"pose is on {pose.device}, but these contours were prepared on {self.device}")
         if len(rows) != self.pose_count:
             raise PoseError(f"there must be {self.pose_count} poses, for which this was prepared, not {len(rows)}")
-        return self.at_checked(rows)
+        return self.at_checked(rows, self.hand_at(None))
 
-    def at_checked(self, pose: np.ndarray | wp.array, patch_pose: np.ndarray | None = None) -> ContourBatch:
+    def hand_at(self, patch_pose: np.ndarray | None) -> PlaneHand | None:
+        """An articulated hand whose patches have these poses, shape [patch, 7], in one pose of the hand; None if rigid.
+
+        Raises PoseError for patch poses that a `PlaneHand` refuses, without those of an articulated hand, and for those
+        of a rigid one.
+        """
+        if not self._is_articulated:
+            if patch_pose is not None:
+                raise PoseError("the hand is rigid: its patches have no poses of their own, patch_pose must be None")
+            return None
+        if patch_pose is None:
+            raise PoseError("the hand is articulated: give the poses of its patches, patch_pose [patch, 7]")
+        return replace(cast(PlaneHand, self._scene.hand), patch_pose=np.asarray(patch_pose)[None])
+
+    def at_checked(self, pose: np.ndarray | wp.array, hand: PlaneHand | None = None) -> ContourBatch:
         """The same for poses of the right number as `motion_of` leaves them; one pose may be of shape [7].
 
-        patch_pose: of an articulated hand, of its patches as `PlaneHand` has them, shape [patch, 7].
+        hand: as `hand_at` gives it, None for a rigid one.
         """
         scene, section = self._scene, pose
-        if self._is_articulated:
-            if patch_pose is None:
-                raise PoseError("the hand is articulated: give the poses of its patches, patch_pose [patch, 7]")
-            hand = replace(cast(PlaneHand, scene.hand), patch_pose=np.asarray(patch_pose)[None])
+        if hand is not None:
             scene, section = replace(scene, hand=hand), hand.section_poses(cast(np.ndarray, pose))
         room = self._fitting_room(section)
         self.struct = None if room is None or not scene.is_raw else room.struct

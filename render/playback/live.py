@@ -95,7 +95,7 @@ class Instant:
         Raises PoseError or MotionError for a pose that `render` refuses, a time that is not after the last pose's,
         an `until` before it, or more than DRAWN_MOST in one go; then nothing has changed.
         """
-        row = checked_pose(pose)
+        row, hand = checked_pose(pose), self._intersection.hand_at(patch_pose)
         until = time + self.interval if until is None else until
         first = self.contours is None
         began = time if first else self._began
@@ -105,7 +105,7 @@ class Instant:
             raise MotionError(f"until {until!r} s is before {time!r} s of its pose")
         before, stop = self._samples_until(time, began), self._samples_until(until, began)
         late = [self._samples(before)] if before > self._drawn and not first else []
-        self.contours = contours = self._intersection.at_checked(row, patch_pose)
+        self.contours = contours = self._intersection.at_checked(row, hand)
         self._began, self._came, self._pose = began, time - began, row.astype(np.float64)
         count, age = max(stop - self._drawn, 0), age_at(self._drawn, self._came, self._rate)
         if (struct := self._intersection.struct) is None:

@@ -3,6 +3,7 @@
 import functools
 import sys
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -292,3 +293,22 @@ def test_every_patch_of_a_hand_is_drawn(method, size):
     contours = PreparedContours(thing, TWO_PALMS, closed_contour(), method=method, size=size)
     for i, pose in enumerate(poses):
         assert_same_bits(contours.at_checked(pose), expected.select(i, i + 1))
+
+
+def test_patch_poses_that_are_refused_leave_what_was_not_drawn_yet_to_the_next_pose():
+    rest = np.array([patch.pose for patch in TWO_PALMS.patches], np.float32)
+    hand = replace(TWO_PALMS, patch_pose=rest[None])
+    instant, other = (Instant(thing_of("tube"), hand, closed_contour()) for _ in range(2))
+    for one in (instant, other):
+        one.draw(NEAR, 0.0, until=0.01, patch_pose=rest)
+    for wrong in (None, rest[:1], 2 * rest):
+        with pytest.raises(PoseError):
+            instant.draw(NEAR, 0.02, until=0.03, patch_pose=wrong)
+    drawn, expected = (one.draw(NEAR, 0.03, until=0.04, patch_pose=rest) for one in (instant, other))
+    assert len(drawn.position) == 300
+    np.testing.assert_array_equal(drawn.position, expected.position)
+
+
+def test_a_rigid_hand_takes_no_patch_poses():
+    with pytest.raises(PoseError, match="the hand is rigid"):
+        Instant(thing_of("tube"), PALM, closed_contour()).draw(NEAR, 0.0, patch_pose=np.zeros((1, 7)))

@@ -30,7 +30,17 @@ import warp as wp
 from turns import seconds_by_turns
 
 from palpate.datasets import exploration, load_recording, write_sample
-from palpate.render import ContourBatch, ContourFile, Hand, MeshObject, Palm, PlaneHand, SamplingStrategy, flat_hand, record
+from palpate.render import (
+    ContourBatch,
+    ContourFile,
+    Hand,
+    MeshObject,
+    Palm,
+    PlaneHand,
+    SamplingStrategy,
+    flat_hand,
+    record,
+)
 from palpate.render.bench.cases import bench_object
 from palpate.render.intersection.named_inputs import hand_of
 from palpate.render.intersection.prepared_contours import PreparedContours

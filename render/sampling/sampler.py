@@ -370,7 +370,7 @@ def drawable_contours(batch: ContourBatch) -> ContourBatch:
 
 def has_contours(batch: ContourBatch) -> bool:
     """Whether a batch has anything that can be drawn: a polyline that has a length."""
-    return bool((laid_tracks(batch, SamplingStrategy())["count"] > 0).any())
+    return bool((batch.length() > 0).any())
 
 
 def laid_tracks(batch: ContourBatch, strategy: SamplingStrategy) -> np.ndarray:

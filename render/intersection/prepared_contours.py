@@ -116,8 +116,13 @@ class PreparedContours:
         if self._is_articulated:
             if patch_pose is None:
                 raise PoseError("the hand is articulated: give the poses of its patches, patch_pose [patch, 7]")
+            shape, count = np.shape(patch_pose), scene.hand.patch_count
+            if shape != (count, 7):
+                raise PoseError(f"patch_pose must have shape [{count}, 7] for this hand's patches, not {list(shape)}")
             hand = replace(cast(PlaneHand, scene.hand), patch_pose=np.asarray(patch_pose)[None])
             scene, section = replace(scene, hand=hand), hand.section_poses(cast(np.ndarray, pose))
+        elif patch_pose is not None:
+            raise PoseError(f"patch_pose is for an articulated PlaneHand, and this hand is {scene.hand!r}")
         room = self._fitting_room(section)
         self.struct = None if room is None or not scene.is_raw else room.struct
         if room is not None and scene.is_raw:

@@ -113,13 +113,17 @@ class PreparedContours:
         Raises PoseError for patch poses that a `PlaneHand` refuses, without those of an articulated hand, and for those
         of a rigid one.
         """
+        hand = self._scene.hand
         if not self._is_articulated:
             if patch_pose is not None:
-                raise PoseError("the hand is rigid: its patches have no poses of their own, patch_pose must be None")
+                raise PoseError(f"patch_pose is for an articulated PlaneHand, and this hand is {hand!r}")
             return None
         if patch_pose is None:
             raise PoseError("the hand is articulated: give the poses of its patches, patch_pose [patch, 7]")
-        return replace(cast(PlaneHand, self._scene.hand), patch_pose=np.asarray(patch_pose)[None])
+        shape, count = np.shape(patch_pose), hand.patch_count
+        if shape != (count, 7):
+            raise PoseError(f"patch_pose must have shape [{count}, 7] for this hand's patches, not {list(shape)}")
+        return replace(cast(PlaneHand, hand), patch_pose=np.asarray(patch_pose)[None])
 
     def at_checked(self, pose: np.ndarray | wp.array, hand: PlaneHand | None = None) -> ContourBatch:
         """The same for poses of the right number as `motion_of` leaves them; one pose may be of shape [7].

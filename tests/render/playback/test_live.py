@@ -310,5 +310,5 @@ def test_patch_poses_that_are_refused_leave_what_was_not_drawn_yet_to_the_next_p
 
 
 def test_a_rigid_hand_takes_no_patch_poses():
-    with pytest.raises(PoseError, match="the hand is rigid"):
+    with pytest.raises(PoseError, match="patch_pose is for an articulated PlaneHand"):
         Instant(thing_of("tube"), PALM, closed_contour()).draw(NEAR, 0.0, patch_pose=np.zeros((1, 7)))

@@ -32,6 +32,7 @@ from .layout import (
     distance,
     part_of,
     squared,
+    without_rounding,
 )
 from .pieces import goes_on
 from .ways import (
@@ -227,7 +228,8 @@ class NearestKnot:
     """The place on a track that costs least to go on at."""
 
     cost: wp.float64  # [m]
-    knot: wp.float64
+    way: TrackWay
+    part: wp.float64  # 0..1 of that way
 
 
 @wp.func
@@ -236,8 +238,16 @@ def nearer(best: NearestKnot, way: TrackWay, cost: wp.float64, part: wp.float64)
     out = best
     if cost < best.cost:
         out.cost = cost
-        out.knot = way.begin + part * (way.end - way.begin)
+        out.way = way
+        out.part = part
     return out
+
+
+@wp.func
+def knot_of(nodes: TrackNodes, near: NearestKnot):
+    """Knot of a place on a track."""
+    part = without_rounding(step_of(nodes, near.way), near.part)
+    return near.way.begin + part * (near.way.end - near.way.begin)
 
 
 @wp.func
@@ -264,7 +274,7 @@ def entered(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, place: Focu
             far = nearer(far, way, cost, part)
     if near.cost == INFINITE:
         near = far
-    return entered_by_pauses(plan, nodes, track, place, near.knot, near.cost)
+    return entered_by_pauses(plan, nodes, track, place, knot_of(nodes, near), near.cost)
 
 
 @wp.func
@@ -299,7 +309,7 @@ def entered_in_section(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, 
         near = nearer(near, way, cost, part)
         if has_next(nodes, track, way):
             way = next_way(nodes, track, way)
-    return near.knot
+    return knot_of(nodes, near)
 
 
 @wp.func
@@ -413,7 +423,9 @@ def _enter_poses(
         entry.first = 1 - place.drawn
         if tracks[pose].count > 0:
             track = tracks[pose]
-            shape = shape_of(c, pose)
+            shape = wp.int64(0)
+            if plan.restarts == 1:
+                shape = shape_of(c, pose)
             if goes_on(c, schedule, state, pose, track.pieces):
                 entry.drawn = 1
                 entry.again = 1

@@ -252,12 +252,14 @@ def distance(a: wp.vec3d, b: wp.vec3d):
 
 @wp.func
 def part_of(step: wp.vec3d, off: wp.vec3d):
-    """Where on a way the nearest place to a point is, 0..1; off: from the way's start to the point.
+    """Where on a way the nearest place to a point is, 0..1; off: from the way's start to the point."""
+    return wp.min(wp.max(wp.dot(off, step) / wp.max(squared(step), TINY), ZERO), ONE)
 
-    A place that is an end but for rounding is that end, so that a focal point at rest stays there from pose to pose.
-    """
+
+@wp.func
+def without_rounding(step: wp.vec3d, part: wp.float64):
+    """A place on a way, 0..1; one that is an end but for rounding is that end: so a focal point at rest stays there."""
     square = squared(step)
-    part = wp.min(wp.max(wp.dot(off, step) / wp.max(square, TINY), ZERO), ONE)
     if part * part * square < SAME_PLACE:
         return ZERO
     if (ONE - part) * (ONE - part) * square < SAME_PLACE:

@@ -20,6 +20,7 @@ from .layout import (
     distance,
     part_of,
     squared,
+    without_rounding,
 )
 from .pieces import (
     STARTS_TRIED,
@@ -397,7 +398,8 @@ def nearest_way(c: Contours, plan: SamplingPlan, line: int, point: wp.vec3d):
             least = square
             best = i
             best_part = part
-    return best, best_part
+    step = vertex(c, line, best + 1) - vertex(c, line, best)
+    return best, without_rounding(step, best_part)
 
 
 @wp.func

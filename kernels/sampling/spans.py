@@ -318,7 +318,9 @@ class SpanRoom:
                 view = self._views[name] = array.numpy()
             view[: len(values)] = values
         elif len(values):
-            wp.copy(array, wp.array(values, dtype=array.dtype, device="cpu"), count=len(values))
+            scalar = np.float64 if array.dtype == wp.transformd else wp.dtype_to_numpy(array.dtype)
+            host = np.ascontiguousarray(values, scalar)  # so that Warp copies it as it is
+            wp.copy(array, wp.array(host, dtype=array.dtype, device="cpu", copy=False), count=len(values))
 
     def _record(self, plan: Any, contours: Any) -> None:
         """Record the launches of a plan on these contours."""

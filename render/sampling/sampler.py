@@ -202,14 +202,10 @@ class Sampler:
         count = np.asarray(span["count"], np.int64)
         sizes = np.diff(start)
         row = np.cumsum(count) - count
-        motion = np.repeat(np.arange(len(sizes)), sizes)
+        motion = np.repeat(np.arange(len(sizes), dtype=np.int32), sizes)
         begin = np.append(row, count.sum())[start]
-        schedule = span | {
-            "count": count,
-            "motion": motion,
-            "row": row,
-            "number": row - begin[motion] + self._sampled[motion],
-        }
+        number = row + np.repeat(self._sampled - begin[:-1], sizes)
+        schedule = span | {"count": count, "motion": motion, "row": row, "number": number}
         line_most = 0
         if self.room.goes_on:
             lines = batch.pose_start.numpy() if batch.on_device else batch.pose_start

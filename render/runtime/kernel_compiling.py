@@ -11,6 +11,7 @@ The process beside a rendering ends by itself, whatever happens to the one that 
 | a module cannot be compiled             | the process ends; the command that needs the module shows the error  |
 """
 
+import atexit
 import os
 import select
 import subprocess
@@ -22,7 +23,7 @@ from types import TracebackType
 from typing import Self
 
 from ...kernels import compile_kernels, uncompiled
-from .kernel_cache import is_temporary
+from .kernel_cache import is_temporary, remove_own_builds
 
 DELAY = 1.5  # [s] of rendering before the process begins: shorter ones need no help, and are not slowed down
 _NICENESS = 10  # the rendering goes first
@@ -75,8 +76,8 @@ class CompilingAhead:
 def compile_now(stages: tuple[str, ...], device: str = "cpu") -> None:
     """Compile kernels that Warp's cache lacks for a device; Ctrl-C raises KeyboardInterrupt at once, as elsewhere.
 
-    Native code hears no signal, so another thread compiles. After Ctrl-C it goes on until the process ends. One thread
-    does it all: each thread of Warp's translates Warp's own headers first, which takes 1.4 s of CPU.
+    Native code hears no signal, so another thread compiles. After Ctrl-C it goes on until the process ends, which removes
+    what is half compiled. One thread does it all: each one translates Warp's own headers first, for 1.4 s of CPU.
     """
     errors: list[BaseException] = []
 
@@ -89,8 +90,12 @@ def compile_now(stages: tuple[str, ...], device: str = "cpu") -> None:
 
     thread = threading.Thread(target=compile_all, name="palpate compiling", daemon=True)
     thread.start()
-    while thread.is_alive():
-        thread.join(_POLL)
+    try:
+        while thread.is_alive():
+            thread.join(_POLL)
+    except KeyboardInterrupt:
+        atexit.register(remove_own_builds)
+        raise
     if errors:
         raise errors[0]
 

@@ -141,8 +141,9 @@ def test_all_stages_are_compiled_in_one_thread_in_their_order(monkeypatch):
     assert seen == [("cuda:0", (stage,), "palpate compiling") for stage in (OTHER, SMALL)]
 
 
-def test_ctrl_c_does_not_wait_for_the_compiler(monkeypatch):
-    done = threading.Event()
+def test_ctrl_c_does_not_wait_for_the_compiler_whose_folder_goes_with_the_process(monkeypatch):
+    done, at_exit = threading.Event(), []
+    monkeypatch.setattr(kernel_compiling.atexit, "register", at_exit.append)
     monkeypatch.setattr(kernel_compiling, "compile_kernels", lambda *given: done.wait(20))
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
@@ -155,3 +156,4 @@ def test_ctrl_c_does_not_wait_for_the_compiler(monkeypatch):
         signal.signal(signal.SIGINT, before)
         done.set()
     assert time.monotonic() - begun < 5
+    assert at_exit == [kernel_cache.remove_own_builds]

@@ -135,7 +135,7 @@ def uncompiled(stages: tuple[str, ...]) -> tuple[str, ...]:
 
     def is_kept(stage: str) -> bool:
         identifier = wp.get_module(import_module(f".{stage}", __name__).__name__).get_module_identifier(1)
-        return any(Path(wp.config.kernel_cache_dir, identifier).glob("*.o"))
+        return any(Path(wp.config.kernel_cache_dir or "", identifier).glob("*.o"))
 
     return tuple(stage for stage in stages if not is_kept(stage))
 

@@ -76,8 +76,8 @@ class CompilingAhead:
 def compile_now(stages: tuple[str, ...], device: str = "cpu") -> None:
     """Compile kernels that Warp's cache lacks for a device; Ctrl-C raises KeyboardInterrupt at once, as elsewhere.
 
-    Native code hears no signal, so another thread compiles. After Ctrl-C it goes on until the process ends, which removes
-    what is half compiled. One thread does it all: each one translates Warp's own headers first, for 1.4 s of CPU.
+    Native code hears no signal, so another thread compiles. After Ctrl-C it goes on until the process ends, which
+    removes what is half compiled. One thread does it all: each translates Warp's own headers first, 1.4 s of CPU.
     """
     errors: list[BaseException] = []
 

@@ -5,7 +5,7 @@ from __future__ import annotations  # array("B") takes no index at run time
 from array import array
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from time import perf_counter
 from typing import TypedDict, Unpack, get_args
@@ -57,8 +57,9 @@ class Playback:
     drive: DriveStrategy
     repeats: int = 1
     """Requested number of repetitions."""
-    first_frame_seconds: float | None = None
-    """Real time from the call until the first frames were ready for arrays that had been started [s]."""
+    first_frame_seconds: float | None = field(default=None, compare=False)
+    """Real time from the call until the first frames were ready for arrays that had been started [s]. It differs
+    from call to call, so it is neither compared nor in `as_dict`."""
 
     def __repr__(self) -> str:
         """One line: the report of each array, jumps and silenced focal points."""
@@ -88,9 +89,8 @@ class Playback:
         return self.reports[0]
 
     def as_dict(self) -> dict:
-        """Everything, for JSON: the player's report, the sampler's counts, the strategies."""
-        own = ("first_frame_seconds", "repeats", "refused", "switched")
-        values = {**self.played.as_dict(), **{name: getattr(self, name) for name in own}}
+        """All that was played, for JSON: the player's report, the sampler's counts, the strategies."""
+        values = {**self.played.as_dict(), "repeats": self.repeats, "refused": self.refused, "switched": self.switched}
         if len(self.reports) > 1:
             values["arrays"] = [report.as_dict() for report in self.reports]
         if self.sampling is not None and self.count is not None:

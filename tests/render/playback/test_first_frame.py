@@ -98,7 +98,7 @@ def test_the_time_of_compiling_is_part_of_the_first_frames_and_makes_no_frame_la
     begun = time.perf_counter()
     playback = play_file(still, duration=0.05, connection=VIRTUAL)
     assert 0.3 <= playback.first_frame_seconds <= time.perf_counter() - begun
-    assert playback.as_dict()["first_frame_seconds"] == playback.first_frame_seconds
+    assert playback == replace(playback, first_frame_seconds=0.0)  # what is played does not depend on it
     assert (playback.underruns, playback.played.lateness.max) == (0, 0.0)
 
 

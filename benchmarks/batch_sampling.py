@@ -4,8 +4,7 @@
     python benchmarks/batch_sampling.py --device cuda:0 --explorations 10000 --at-once 500
 
 One line of JSON a sampling: microseconds a pose (of 111 focal points at 10 kHz), on one thread of a CPU (CPU time) or a
-GPU (wall time). `host` is the sampler that playback uses, over `--host` explorations. The cases also run small as tests
-(tests/house/test_benchmarks.py).
+GPU (wall time). The cases also run small as tests (tests/house/test_benchmarks.py).
 """
 
 import argparse
@@ -19,7 +18,7 @@ from turns import seconds_by_turns
 from palpate.render import ContourBatch, MeshObject, Palm, SamplingStrategy, Scene
 from palpate.render.motions.explored import ExploredPoses, explored_rows
 from palpate.render.sampling.presets import load_sampling
-from palpate.render.sampling.sampler import MotionSamples, Sampler, sample_contours, sample_motions
+from palpate.render.sampling.sampler import MotionSamples, sample_motions
 
 DURATION, RATE = 30.0, 90.0
 POSES = round(DURATION * RATE)  # of an exploration
@@ -46,20 +45,7 @@ def sample(batch: ContourBatch, pose: wp.array, strategy: SamplingStrategy, devi
     return out
 
 
-def sample_by_host(batch: ContourBatch, pose: np.ndarray, strategy: SamplingStrategy) -> list[Sampler]:
-    """The same, exploration by exploration, by the host's sampler."""
-    out = []
-    for k in range(0, len(pose), POSES):
-        out.append(Sampler(strategy))
-        rows = batch.select(k, k + POSES), pose[k : k + POSES], np.arange(POSES) / RATE
-        for _ in sample_contours([rows[0]], *rows[1:], DURATION, out[-1]):
-            pass
-    return out
-
-
-def measure(
-    sampling: str, device: str, explorations: int, *, at_once: int = 500, host: int = 0, rounds: int = 3
-) -> dict:
+def measure(sampling: str, device: str, explorations: int, *, at_once: int = 500, rounds: int = 3) -> dict:
     """Figures of one sampling."""
     strategy = load_sampling(sampling)
     seconds = 0.0
@@ -69,10 +55,6 @@ def measure(
         seconds += seconds_by_turns([run], device, rounds if explorations <= at_once else 1)[0]
     figures = {"sampling": sampling, "device": device, "explorations": explorations}
     figures["us"] = 1e6 * seconds / (explorations * POSES)
-    if host:
-        batch, pose = contours_of(0, host, device)
-        (taken,) = seconds_by_turns([partial(sample_by_host, batch.numpy(), pose.numpy(), strategy)], "cpu", 1)
-        figures["host_us"] = 1e6 * taken / (host * POSES)
     return figures
 
 
@@ -82,12 +64,11 @@ def main() -> None:
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--explorations", type=int, default=40)
     parser.add_argument("--at-once", type=int, default=500)
-    parser.add_argument("--host", type=int, default=0, help="explorations that the host's sampler draws, too")
     parser.add_argument("--samplings", nargs="*", default=list(SAMPLINGS))
     given = parser.parse_args()
     wp.config.log_level = wp.LOG_ERROR
     for name in given.samplings:
-        found = measure(name, given.device, given.explorations, at_once=given.at_once, host=given.host)
+        found = measure(name, given.device, given.explorations, at_once=given.at_once)
         print(json.dumps(found), flush=True)
 
 

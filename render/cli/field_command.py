@@ -27,6 +27,7 @@ from ..playback.placed_arrays import PlacedArray, load_rig
 from ..reports.field_figure import draw_print, draw_volume
 from ..reports.picture_style import require_picture
 from ..runtime.warp_start import start_warp
+from ..sampling.sampler import has_contours
 from ..sampling.strategy import SamplingStrategy
 from ..terminal import bars, console
 from ..validation import choose, refuse_object, require_number
@@ -124,7 +125,7 @@ def averaged_drives(path: Path, job: FieldJob, arrays: tuple[PlacedArray, ...]) 
         if job.at is not None:
             index = pose_at(file, job.at)
         drawn = drawn_pose(file, index)
-    if drawn.path() is None and job.average == "cycle":
+    if not has_contours(drawn.batch) and job.average == "cycle":
         raise StrategyError(f"pose {index} of {path} has no contours, so nothing is drawn: choose another one")
     focus, lead = frames_of_average(path, drawn, job.at, job.average, sampling, arrays, resonance)
     models = [placed.model for placed in arrays]

@@ -32,16 +32,17 @@ ROOM_MOST = 2**31  # [byte] of memory that is kept
 class PreparedContours:
     """Contours of batches of as many poses: those of `render`, bit for bit, without what `render` does for each call.
 
-    solid, hand, strategy: as in `render`; the hand must be rigid. pose_count: of each batch. device: Warp's; on a GPU
-    all launches are one graph. method: how a mesh is searched, see `find_pieces`; only "trace" and "seek" are prepared,
-    which are taken in place of others. size: first capacities.
-    Only sections of a mesh by a palm are prepared ("oc", "cc", "whole"): memory is taken when made, and anew, twice as
-    much, when a batch needs more. What cannot be prepared is rendered as `render` does, in milliseconds: batches that
-    need more than 2 GB, strategies with further stages (hands of planes have one), meshes that cross themselves, voxels
-    and functions. Not for two threads at once.
-    Raises MeshError where the strategy needs a closed surface and the object has none, StrategyError for an articulated
-    hand and a number of poses that is not 1..2**20, ValueError, where sections are prepared, for a method that does not
-    exist or not for this object.
+    solid, hand, strategy: as in `render`; the hand must be rigid, but for one pose on the CPU a `PlaneHand` may be
+    articulated. pose_count: of each batch. device: Warp's; on a GPU all launches are one graph. method: how a mesh is
+    searched, see `find_pieces`; only "trace" and "seek" are prepared, which are taken in place of others. size: first
+    capacities.
+    Only sections of a mesh by planes are prepared: memory is taken when made, and anew, twice as much, when a batch
+    needs more. Stages that follow ("joined" of hands of planes is one) run on these as in `render`. The rest is
+    rendered as `render` does, in milliseconds: batches that need more than 2 GB, meshes that cross themselves, hand
+    meshes, voxels and functions. Not for two threads at once.
+    Raises MeshError where the strategy needs a closed surface and the object has none, StrategyError for another
+    articulated hand and a number of poses that is not 1..2**20, ValueError, where sections are prepared, for a method
+    that does not exist or not for this object.
 
     >>> import numpy as np
     >>> from palpate.render import PreparedContours, static_pose
@@ -115,8 +116,13 @@ class PreparedContours:
         if self._is_articulated:
             if patch_pose is None:
                 raise PoseError("the hand is articulated: give the poses of its patches, patch_pose [patch, 7]")
+            shape, count = np.shape(patch_pose), scene.hand.patch_count
+            if shape != (count, 7):
+                raise PoseError(f"patch_pose must have shape [{count}, 7] for this hand's patches, not {list(shape)}")
             hand = replace(cast(PlaneHand, scene.hand), patch_pose=np.asarray(patch_pose)[None])
             scene, section = replace(scene, hand=hand), hand.section_poses(cast(np.ndarray, pose))
+        elif patch_pose is not None:
+            raise PoseError(f"patch_pose is for an articulated PlaneHand, and this hand is {scene.hand!r}")
         room = self._fitting_room(section)
         self.struct = None if room is None or not scene.is_raw else room.struct
         if room is not None and scene.is_raw:

@@ -145,11 +145,6 @@ class ContourSource:
                 [batch], pose, time[:played], end, self._sampler, block=self._block, hold=self.hold
             )
 
-    def _sampled(
-        self, batch: ContourBatch, pose: np.ndarray, time: np.ndarray, end: float, hold: float
-    ) -> Iterator[FocalPoints]:
-        return sample_contours([batch], pose, time, end, self._sampler, block=self._block, hold=hold)
-
     def _read(self, first: int, stop: int) -> tuple[ContourBatch, np.ndarray]:
         batch = ContourBatch.from_arrays(self._file.contours(first, stop))
         return batch, self._file.motion(first, stop)["pose"]

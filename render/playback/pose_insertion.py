@@ -76,8 +76,8 @@ def insert_poses(
 
     solid, hand, strategy: as in `render`; the hand must be rigid. Where a pose changes, one focal point that follows
     contours without pauses or sections steps by about 4 v / f_s at most if `distance` is 3 v / f_s (measured: 4.03);
-    with v / f_s no hop at a new pose was found. With pauses, sections, several focal points or continuity
-    "finish" it goes on where these want it, which may be farther: only the contours keep the distance.
+    with v / f_s no hop at a new pose was found. With pauses, sections or several focal points it goes
+    on where these want it, which may be farther: only the contours keep the distance.
     object_pose: motion of an object that moves. hold: an interval longer than this [s] and than twice the median one is
     a gap.
     Raises StrategyError for a hand with poses of its own and a distance below 10 um or above 0.1 m, PoseError for poses

@@ -4,7 +4,7 @@ docs/guide/sampling.md has the definition; kernels/sampling/visits.py looks back
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -54,9 +54,8 @@ class RevisitWatch:
         if not self._goes_on:
             picks = -(-np.diff(start) // self._interval)
             nothing = np.zeros(len(picks), np.int64)
-            self._sums = self._counted(
-                room.schedule, room.pose, position, intensity, start, picks, nothing, nothing
-            )  # fmt: skip
+            given = room.pose, position, intensity
+            self._sums = self._counted(room.schedule, given, start, picks, nothing, nothing)
             return
         host = position.numpy(), intensity.numpy(), room.pose.numpy()
         for motion, (a, b) in enumerate(pairwise(start.tolist())):
@@ -89,8 +88,8 @@ class RevisitWatch:
                 wp.array(values, dtype=dtype, device=self._device)
                 for values, dtype in ((pose, wp.transformd), (position, wp.vec3), (intensity, wp.float32))
             ]
-            numbers = np.array([picks]), np.array([tail.first]), np.array([tail.pick])
-            self._sums[motion] += self._counted(schedule, *given, np.array([0, len(intensity)]), *numbers)[0]
+            numbers = [np.array([value]) for value in (picks, tail.first, tail.pick)]
+            self._sums[motion] += self._counted(schedule, given, np.array([0, len(intensity)]), *numbers)[0]
             tail.pick += picks
         ends = np.cumsum(count)
         past = int(np.searchsorted(ends, len(intensity) - 2 * self._limit - 1, side="right"))
@@ -98,29 +97,11 @@ class RevisitWatch:
         tail.parts = [(position[begin:], intensity[begin:], pose[past:], count[past:])]
         tail.first, tail.waiting = tail.first + begin, 0
 
-    def _counted(
-        self,
-        schedule: Any,
-        pose: wp.array,
-        position: wp.array,
-        intensity: wp.array,
-        start: np.ndarray,
-        picks: np.ndarray,
-        first_sample: np.ndarray,
-        first_pick: np.ndarray,
-    ) -> np.ndarray:
-        return count_revisits(
-            schedule,
-            pose,
-            position,
-            intensity,
-            sample_start=start,
-            pick_count=picks,
-            first_sample=first_sample,
-            first_pick=first_pick,
-            interval=self._interval,
-            limit=self._limit,
-        )
+    def _counted(self, schedule: Any, given: Sequence[wp.array], start: np.ndarray, *numbers: np.ndarray) -> np.ndarray:
+        """See `count_revisits`; given: poses, positions, intensities; numbers: picks, first samples, first picks."""
+        picks, samples, first = numbers
+        rule = {"interval": self._interval, "limit": self._limit, "sample_start": start}
+        return count_revisits(schedule, *given, **rule, pick_count=picks, first_sample=samples, first_pick=first)
 
 
 class _Tail:

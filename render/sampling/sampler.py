@@ -32,7 +32,8 @@ from ..contour_batch import (
     require_seams,
     without_empty_polylines,
 )
-from ..errors import StrategyError
+from ..errors import PoseError, StrategyError
+from ..validation import require_number, value_text
 from .metrics import CAUSES, FocalPoints, SamplingCount
 from .plan import TICKS, plan_of, shown_order, ticks_of
 from .presets import sampling_of
@@ -129,15 +130,22 @@ class Sampler:
         contours: of the pose, a batch of one; None if there are none. The same batch as before is the same pose, which
         goes on. pose: x y z [m] and quaternion, shape [7]. age: how old the pose is at the first of these samples [s],
         `age_at` of it if they are drawn block by block; hold: at what age it starts to fade [s].
-        Raises StrategyError for contours that `sample_contours` refuses.
+        Raises StrategyError for contours that `sample_contours` refuses, and for a number of samples that is none;
+        PoseError for a pose of another shape.
         """
+        require_number("sample_count", sample_count, 0, ROWS_MOST, whole=True)
+        place = np.asarray(pose, np.float64)
+        if place.shape != (7,):
+            raise PoseError(f"a pose must be seven numbers (x y z, qx qy qz qw), not of shape {place.shape}")
         again = self._last is not None and self._last.given is contours
         if not again:
+            if not (contours is None or isinstance(contours, ContourBatch)):
+                raise StrategyError(f"contours must be a ContourBatch of one pose or None, not {value_text(contours)}")
             if contours is not None and len(contours) != 1:
                 raise StrategyError(f"contours must be of one pose, not {len(contours)}: sample_contours draws several")
             batch = drawable_contours((NOWHERE if contours is None else contours).to(self.device))
             self._last = _LastPose(contours, batch.struct, batch.dwell is not None, batch.polyline_count)
-        return self._draw_last(np.asarray(pose, np.float64), sample_count, age, hold)
+        return self._draw_last(place, sample_count, age, hold)
 
     def draw_kept(
         self, struct: Any, line_count: int, pose: np.ndarray, sample_count: int, *, age: float, hold: float
@@ -335,14 +343,14 @@ def drawn_part(batch: ContourBatch, first: int, stop: int) -> ContourBatch:
 
 def focal_points(position: wp.array, intensity: wp.array, count: int) -> FocalPoints:
     """The first focal points of a room on the host, without an axis for foci where there is one."""
+    foci = intensity.shape[1]
     if count == 0:
-        foci = position.shape[1]
         place, level = np.zeros((0, foci, 3), np.float32), np.zeros((0, foci), np.float32)
-    elif position.device.is_cpu:
+    elif wp.get_device(intensity.device).is_cpu:
         place, level = position.numpy()[:count].copy(), intensity.numpy()[:count].copy()
     else:
         place, level = position[:count].numpy(), intensity[:count].numpy()
-    return FocalPoints(place[:, 0], level[:, 0]) if place.shape[1] == 1 else FocalPoints(place, level)
+    return FocalPoints(place[:, 0], level[:, 0]) if foci == 1 else FocalPoints(place, level)
 
 
 def joined(parts: list[FocalPoints]) -> FocalPoints:
@@ -370,7 +378,7 @@ def drawable_contours(batch: ContourBatch) -> ContourBatch:
 
 def has_contours(batch: ContourBatch) -> bool:
     """Whether a batch has anything that can be drawn: a polyline that has a length."""
-    return bool((laid_tracks(batch, SamplingStrategy())["count"] > 0).any())
+    return bool((batch.length() > 0).any())
 
 
 def laid_tracks(batch: ContourBatch, strategy: SamplingStrategy) -> np.ndarray:

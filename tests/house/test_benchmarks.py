@@ -1,5 +1,7 @@
 """Every benchmark case runs, small, and says what it should."""
 
+import gc
+import os
 import sys
 from pathlib import Path
 
@@ -10,6 +12,9 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from batch_sampling import measure as measure_sampling
 from explorers import CASES as EXPLORER_CASES
 from explorers import measure as measure_explorers
+from one_pose import CASES as POSE_CASES
+from one_pose import measure as measure_pose
+from one_pose import measure_file, row_of
 from paper_ratio import table
 from poses import random_poses
 from pressure import CASES as PRESSURE_CASES
@@ -124,11 +129,28 @@ def test_explorations_are_measured(device):
     assert measure_explorations(device, 3, rounds=1)["us"] > 0
 
 
+@pytest.mark.exhaustive(after=1)
+@pytest.mark.parametrize("case", POSE_CASES, ids=lambda case: case.label)
+def test_one_pose_to_its_focal_points_is_measured(case):
+    scheduler = os.sched_getscheduler(0)
+    figures = measure_pose(case, 300, repeats=1)
+    assert 0 < figures["hit"] < 1
+    for name in ("wall_us", "cpu_us", "contours_us"):
+        assert 0 < figures[name]["p50"] <= figures[name]["p99"] <= figures[name]["max"]
+    assert figures["contours_us"]["p50"] < figures["wall_us"]["p50"]
+    assert row_of(figures).count("|") == 8
+    assert (os.sched_getscheduler(0), gc.isenabled()) == (scheduler, True)
+
+
+def test_focal_points_of_a_file_are_measured_beside_its_contours():
+    figures = measure_file(0.5, rounds=1)
+    assert figures["focal_points"] == 5000
+    assert 0 < figures["contours"] < figures["whole"]
+
+
 @pytest.mark.exhaustive
 def test_sampling_is_measured(device):
-    figures = measure_sampling("stm", device, 2, at_once=1, host=1)
-    assert figures["us"] > 0
-    assert figures["host_us"] > 0
+    assert measure_sampling("stm", device, 2, at_once=1)["us"] > 0
 
 
 @pytest.mark.exhaustive

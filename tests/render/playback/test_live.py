@@ -26,7 +26,7 @@ from palpate.render.sampling.sampler import Sampler, sample_bounds, sample_conto
 from palpate.render.sampling.strategy import AmplitudeModulation, LateralModulation, SamplingStrategy
 
 sys.path.insert(0, str(Path(__file__).parents[3] / "benchmarks"))
-from one_pose import CASES, measure, object_of
+from one_pose import object_of
 
 STRATEGIES = {"raw": IntersectionStrategy(), "oc": open_contour(), "cc": closed_contour()}
 PALM = Palm(0.085, 0.06)
@@ -292,15 +292,3 @@ def test_every_patch_of_a_hand_is_drawn(method, size):
     contours = PreparedContours(thing, TWO_PALMS, closed_contour(), method=method, size=size)
     for i, pose in enumerate(poses):
         assert_same_bits(contours.at_checked(pose), expected.select(i, i + 1))
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.thing}-{case.update_rate:g}")
-def test_benchmark_case_measures_poses_with_contours(case):
-    figures = measure(case, 500, repeats=2)
-    assert figures["poses"] == 500
-    assert 0 < figures["hit"] < 1
-    for name in ("wall_us", "cpu_us", "needed_us", "contours_us"):
-        assert 0 < figures[name]["p50"] <= figures[name]["p99"] <= figures[name]["max"]
-    assert figures["needed_us"]["p99"] <= figures["wall_us"]["p99"]
-    assert figures["contours_as_a_batch_us"] > 0

@@ -138,6 +138,19 @@ def test_single_samples_and_random_cuts_give_the_same_points_and_counts(name, co
         assert_same(sampled(motion, strategy, span, cuts), expected)
 
 
+@pytest.mark.parametrize("name", ["step", "random", "lm", "am-multi-focus"])
+def test_jumps_have_the_same_causes_wherever_a_span_begins(name):
+    """A ring that is now here, now there: at a new pose the focal points jump because of it, or because of the order.
+
+    That is found out from where they would be if nothing held, reordered or moved them.
+    """
+    batch = batch_of([[(circle(0.03, (0.003 * (k % 5), 0, 0.2), 80), True)] for k in range(40)])
+    motion = Motion(batch, still(40), np.arange(40) / 90, 40 / 90, np.inf)
+    expected = sampled(motion, preset(name))
+    assert sum(expected[1].jumps.values()) + sum(expected[1].hops.values()) > 10
+    assert_same(sampled(motion, preset(name), 111), expected)
+
+
 def motions_of(least, most):
     """Motions that all have intensities or none, and pauses or none: as many as one call can take together."""
 
@@ -178,7 +191,7 @@ def test_motions_side_by_side_may_each_be_cut_elsewhere(sides, strategy, data):
 
 
 @pytest.mark.exhaustive
-@settings(max_examples=100)
+@settings(max_examples=300)
 @given(sides=motions_of(1, 4), strategy=strategies, data=st.data())
 def test_many_motions_side_by_side_may_each_be_cut_elsewhere(sides, strategy, data):
     assert_same_side_by_side(sides, strategy, data)

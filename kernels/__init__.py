@@ -6,6 +6,7 @@ interface: it checks, launches and returns arrays on the device of its inputs.
 
 import os
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 # Poses to contours of a mesh on patches.
@@ -78,16 +79,16 @@ SWEEP_STAGES = (
     "section.tally_undrawn",
     "patterns.section_sums",
 )  # poses made where they are used, and sums over them
-SAMPLING_STAGES = (
-    "motions.widening",
+PLAYING_STAGES = (
+    "sampling.tracks",
     "sampling.entry",
     "sampling.focus",
-    "sampling.sums",
-    "sampling.tracks",
     "sampling.visits",
-    "sampling.dwelling",
+    "sampling.sums",
     "sampling.contour_faults",
-)  # contours over time to focal points
+    "sampling.dwelling",
+)  # contours of one motion to focal points, on the CPU; what takes longest to compile comes first
+SAMPLING_STAGES = (*PLAYING_STAGES, "motions.widening")  # contours of many motions to focal points
 DRIVE_STAGES = (
     "driving.focus",
     "driving.solve",
@@ -126,6 +127,17 @@ else:  # hidden from type checkers, which would take every name for one that it 
         if name != "__version__":
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         return import_module("importlib.metadata").version("palpate")
+
+
+def uncompiled(stages: tuple[str, ...]) -> tuple[str, ...]:
+    """The stages whose kernels Warp's cache lacks for the CPU; Warp must have been started."""
+    import warp as wp
+
+    def is_kept(stage: str) -> bool:
+        identifier = wp.get_module(import_module(f".{stage}", __name__).__name__).get_module_identifier(1)
+        return any(Path(wp.config.kernel_cache_dir or "", identifier).glob("*.o"))
+
+    return tuple(stage for stage in stages if not is_kept(stage))
 
 
 def compile_kernels(device: str = "cpu", stages: tuple[str, ...] = STAGES) -> None:

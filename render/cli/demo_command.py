@@ -5,6 +5,7 @@ from time import perf_counter
 
 from ...datasets.errors import ContourFileError
 from ...datasets.motions.hand_motion import exploration
+from ...kernels import PLAYING_STAGES
 from ..errors import StrategyError
 from ..hands.hand import Palm
 from ..intersection.file_recording import record
@@ -12,6 +13,7 @@ from ..objects.mesh.solid_mesh import MeshObject
 from ..playback.file_playback import CLOCKS, Connection, play_file
 from ..reports.contour_figure import draw_figure
 from ..reports.file_summary import summarise
+from ..runtime.kernel_compiling import CompilingAhead
 from ..runtime.warp_start import start_warp
 from ..strategies.intersection_strategy import closed_contour, open_contour
 from ..terminal import bars, console
@@ -34,19 +36,22 @@ def run_demo(folder: Path, clock: str, overwrite: bool, *, as_json: bool) -> Non
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ContourFileError(f"{folder}: cannot be made ({error.strerror})") from error
-    mesh = MeshObject.load("tube")
-    hand = Palm()
-    motion = exploration(mesh.bounds, duration=30.0, rate=90.0, seed=1)
-    motion.save(folder / "motion.csv", overwrite=True)
-    files = {"OC": folder / "tube-oc.h5", "CC": folder / "tube-cc.h5"}
-    for label, strategy in (("OC", open_contour()), ("CC", closed_contour())):
-        with bars.progress_bar(f"render {label}", quiet=as_json) as progress:
-            record(files[label], mesh, hand, motion, strategy, mode="overwrite", progress=progress)
-    rendered = perf_counter() - started
-    picture = folder / "tube.png"
-    draw_figure(files, picture, overwrite=True)
-    with bars.playback_line("playing CC; Ctrl-C stops it", quiet=as_json) as line:
-        playback = play_file(files["CC"], connection=connection, watch=line).as_dict()
+    with CompilingAhead(PLAYING_STAGES) as ahead:
+        mesh = MeshObject.load("tube")
+        hand = Palm()
+        motion = exploration(mesh.bounds, duration=30.0, rate=90.0, seed=1)
+        motion.save(folder / "motion.csv", overwrite=True)
+        files = {"OC": folder / "tube-oc.h5", "CC": folder / "tube-cc.h5"}
+        for label, strategy in (("OC", open_contour()), ("CC", closed_contour())):
+            with bars.progress_bar(f"render {label}", quiet=as_json) as progress:
+                record(files[label], mesh, hand, motion, strategy, mode="overwrite", progress=progress)
+        rendered = perf_counter() - started
+        picture = folder / "tube.png"
+        draw_figure(files, picture, overwrite=True)
+        ahead.wait(console.report_compiling)
+    with bars.playback_line("playing CC", quiet=as_json) as line:
+        played = play_file(files["CC"], connection=connection, watch=line, compiling=console.report_compiling)
+    playback = played.as_dict()
     summary, opened = (summarise(files[label]) for label in ("CC", "OC"))
     names = ("frames", "update_rate", "duration", "bytes", "underruns", "board_underruns", "jumps", "array", "clock")
     values = {

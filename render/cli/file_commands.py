@@ -1,5 +1,6 @@
 """What the commands do: read, render or play, and say what came of it."""
 
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import perf_counter
@@ -13,6 +14,7 @@ from ...datasets.known_names import likely_file, likely_name
 from ...datasets.motions.hand_motion import HandMotion
 from ...datasets.shapes.built_in import shape_names
 from ...datasets.sweeps.check import check_store, is_sweep_data
+from ...kernels import PLAYING_STAGES
 from ..coordinate_spacing import apart_text, joining_place
 from ..errors import StrategyError
 from ..intersection.file_recording import record
@@ -22,6 +24,7 @@ from ..objects.mesh.placement import Placement
 from ..objects.mesh.summary import is_mesh_name, mesh_facts
 from ..playback.pose_insertion import insert_poses
 from ..reports.file_summary import summarise, summarise_frames
+from ..runtime.kernel_compiling import CompilingAhead
 from ..runtime.warp_start import start_warp
 from ..runtime.worker_devices import worker_devices
 from ..strategies.intersection_strategy import load_strategy
@@ -125,9 +128,9 @@ def run_render(options: dict, *, as_json: bool) -> int:
         motion = insert_poses(
             solid, hand, motion, strategy, distance=job.interpolate, object_pose=object_pose, device=devices[0]
         )
-    done = len(motion)
+    done, ahead = len(motion), CompilingAhead(PLAYING_STAGES)
     try:
-        with bars.progress_bar("poses", quiet=as_json) as bar:
+        with ahead, bars.progress_bar("poses", quiet=as_json) as bar:
 
             def progress(count: int, total: int) -> None:
                 nonlocal done
@@ -175,6 +178,8 @@ def run_render(options: dict, *, as_json: bool) -> int:
             "another contour, and a hand feels both as one band. Thicker walls, scale=FACTOR or the prune stage "
             "close-together make them distinct"
         )
+    with suppress(KeyboardInterrupt), bars.loading_bar("compiling kernels for palpate play", quiet=as_json):
+        ahead.wait()  # for the module under way, as results are complete; Ctrl-C leaves it, too
     return console.FAILED if is_empty and job.strict else console.DONE
 
 

@@ -31,11 +31,11 @@ from ..terminal.foreign_text import print_message, write_output
 from ..validation import choose, refuse_object
 
 SHOWN_OF_PLAYING = (
-    "frames", "update_rate", "duration", "bytes", "repeats", "underruns", "starved", "silenced", "board_underruns",
-    "lateness", "queue_depth", "jumps", "jumps_by_cause", "jump_length", "hops", "hops_by_cause", "hop_speed_max",
-    "step_longest", "draw_frequency", "revisit_rate", "absence_max", "samples", "silent", "held", "refused",
-    "switched", "duty", "on_time", "array", "serial", "clock", "transport", "short_writes", "stopped_by", "off_sent",
-    "off_after", "off_confirmed", "may_emit", "off_doubt", "arrays",
+    "first_frame_seconds", "frames", "update_rate", "duration", "bytes", "repeats", "underruns", "starved", "silenced",
+    "board_underruns", "lateness", "queue_depth", "jumps", "jumps_by_cause", "jump_length", "hops", "hops_by_cause",
+    "hop_speed_max", "step_longest", "draw_frequency", "revisit_rate", "absence_max", "samples", "silent", "held",
+    "refused", "switched", "duty", "on_time", "array", "serial", "clock", "transport", "short_writes", "stopped_by",
+    "off_sent", "off_after", "off_confirmed", "may_emit", "off_doubt", "arrays",
 )  # fmt: skip
 SHOWN_OF_PREPARING = (
     "arrays", "frames", "update_rate", "duration", "bytes", "jumps", "jumps_by_cause", "jump_length", "hops",
@@ -58,7 +58,8 @@ def run_play(file: Path, options: dict, *, as_json: bool) -> int:
     )
     require_device(options["device"])
     names = ", ".join(f"{placed.model.name} {placed.serial or ''}".strip() for placed in arrays)
-    line_of_progress = bars.playback_line(f"playing {file} to {names}; Ctrl-C stops it", quiet=as_json)
+    line_of_progress = bars.playback_line(f"playing {file} to {names}", quiet=as_json, elapsed=console.since_start)
+    before = console.since_start()
     with ending_on_signals(), line_of_progress as line:
         playback = play_file(
             file,
@@ -71,11 +72,14 @@ def run_play(file: Path, options: dict, *, as_json: bool) -> int:
             connection=connection_of(options),
             device=options["device"],
             watch=line,
+            compiling=console.report_compiling,
         )
     is_busy = options["emulate"] and not options["strict"]
     notes = model_notes(playback) if is_busy else []
     warnings = warnings_of(playback, arrays, is_model=is_busy)
     values = playback.as_dict() | {"warnings": warnings, "notes": notes}
+    if playback.first_frame_seconds is not None:
+        values["first_frame_seconds"] = before + playback.first_frame_seconds
     if len(arrays) > 1 and not as_json:
         values["arrays"] = [
             f"{report.array} {report.serial}: {report.frames} frames, {report.underruns} underruns, "

@@ -180,6 +180,12 @@ class Driver:
             )
         return step
 
+    def kernel_stages(self, foci: int) -> tuple[str, ...]:
+        """The stages of kernels that frames of so many focal points need, as `compile_kernels` takes them."""
+        if foci > 1:
+            return "driving.solve", "driving.slew"
+        return () if self._step is None else ("driving.slew",)
+
     def drive(self, focus: FocalPoints) -> Drives:
         """Drives of the next frames.
 

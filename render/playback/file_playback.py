@@ -5,11 +5,12 @@ from __future__ import annotations  # array("B") takes no index at run time
 from array import array
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from time import perf_counter
 from typing import TypedDict, Unpack, get_args
 
-from ...datasets.focus_files.frame_reader import WIRE_FRAMES, frame_format
+from ...datasets.focus_files.frame_reader import WIRE_FRAMES, FrameReader, frame_format
 from ...device.array_kind import Emulation
 from ...device.boards.discovery import open_link
 from ...device.clock import Clock, MonotonicClock, VirtualClock
@@ -22,8 +23,10 @@ from ...device.registry import emulated_backend, kind_of
 from ...device.report import LiveStatistics, PlayReport
 from ...device.transports.pyusb import Backend
 from ...device.transports.serial_line import SerialPorts
+from ...kernels import PLAYING_STAGES, uncompiled
 from ..contour_input import takes_batches
 from ..errors import StrategyError
+from ..runtime.kernel_compiling import compile_now
 from ..sampling.metrics import SamplingCount
 from ..sampling.strategy import SamplingStrategy
 from ..validation import choose
@@ -54,6 +57,9 @@ class Playback:
     drive: DriveStrategy
     repeats: int = 1
     """Requested number of repetitions."""
+    first_frame_seconds: float | None = field(default=None, compare=False)
+    """Real time from the call until the first frames were ready for arrays that had been started [s]. It differs
+    from call to call, so it is neither compared nor in `as_dict`."""
 
     def __repr__(self) -> str:
         """One line: the report of each array, jumps and silenced focal points."""
@@ -83,7 +89,7 @@ class Playback:
         return self.reports[0]
 
     def as_dict(self) -> dict:
-        """Everything, for JSON: the player's report, the sampler's counts, the strategies."""
+        """All that was played, for JSON: the player's report, the sampler's counts, the strategies."""
         values = {**self.played.as_dict(), "repeats": self.repeats, "refused": self.refused, "switched": self.switched}
         if len(self.reports) > 1:
             values["arrays"] = [report.as_dict() for report in self.reports]
@@ -184,6 +190,45 @@ class ConnectionFields(TypedDict, total=False):
     watchdog: bool
 
 
+class _Preparation:
+    """What comes before the first frame: kernels that must be compiled, and the time that it takes.
+
+    compiling: called before kernels are compiled, with the number of their modules.
+    """
+
+    def __init__(self, compiling: Callable[[int], object] | None) -> None:
+        self._began = perf_counter()
+        self._compiling = compiling
+        self._stages: tuple[str, ...] = ()
+        self._device_stages: tuple[str, tuple[str, ...]] = ("cpu", ())
+        self.first_frame_seconds: float | None = None
+
+    def need(self, opened: Opened, driver: Driver, device: str) -> None:
+        """Note the kernels of a playback: of sampling, on the CPU, and of drives, on a device."""
+        foci = opened.file.foci if isinstance(opened.file, FrameReader) else 1
+        if opened.sampler is not None:
+            self._stages, foci = PLAYING_STAGES, opened.sampler.strategy.foci
+        self._device_stages = device, driver.kernel_stages(foci)
+
+    def compile(self) -> None:
+        """Compile what is missing, so that an array that has been started waits for no compiler."""
+        device, others = self._device_stages
+        stages = (*self._stages, *others) if device == "cpu" else self._stages
+        if missing := uncompiled(stages):
+            if self._compiling is not None:
+                self._compiling(len(missing))
+            compile_now(missing)
+        if device != "cpu":
+            compile_now(others, device)
+
+    def timed(self, blocks: Iterable[tuple[array[int], ...]]) -> Iterator[tuple[array[int], ...]]:
+        """The blocks, the first of which ends the preparation."""
+        for block in blocks:
+            if self.first_frame_seconds is None:
+                self.first_frame_seconds = perf_counter() - self._began
+            yield block
+
+
 @takes_batches
 def play_file(
     path: str | Path,
@@ -197,6 +242,7 @@ def play_file(
     connection: Connection | None = None,
     device: str = "cpu",
     watch: Callable[[LiveStatistics, int], object] | None = None,
+    compiling: Callable[[int], object] | None = None,
     **fields: Unpack[ConnectionFields],
 ) -> Playback:
     """Play a contour file, focal points from a .PTLIST or a sweep, or prepared frames; afterwards the arrays are off.
@@ -214,6 +260,8 @@ def play_file(
         connection: options of the connection to the arrays; or its fields, such as clock="virtual".
         device: Warp device for solvers of several focal points.
         watch: called regularly with live statistics of the first array and the number of all frames.
+        compiling: called before kernels are compiled, which takes seconds once on a machine, with the number of their
+            modules.
 
     Raises:
         ContourFileError, PoseError, StrategyError, DeviceError: before anything is sent.
@@ -225,19 +273,20 @@ def play_file(
     >>> play_file(path, duration=0.01, clock="virtual")
     Playback(PlayReport(emulator EMU0001: 100 frames at 10000 Hz, 0 underruns, off), 0 jumps, 0 silenced)
     """
-    arrays = arrays_of(array)
+    preparation, arrays = _Preparation(compiling), arrays_of(array)
     if connection is not None and fields:
         raise StrategyError(f"{min(fields)} is a field of connection, which is given, too")
     way = connection or Connection(**fields)
     if frame_format(path) == WIRE_FRAMES:
         with PreparedFrames(path, repeats=repeats) as prepared:
             prepared.require_fitting(arrays, sampling, drive, duration)
-            reports = _send(prepared, prepared.frame_count, prepared.update_rate, arrays, limits, way, watch)
+            amount = prepared.frame_count, prepared.update_rate
+            reports = _send(prepared, *amount, arrays, limits, way, watch, preparation)
             made = prepared.making
             counts = (made.sampling, made.count, made.refused, made.switched)
-            return Playback(reports, *counts, made.drive, prepared.repeats)
+            return Playback(reports, *counts, made.drive, prepared.repeats, preparation.first_frame_seconds)
     with opened(Path(path), sampling, duration, arrays) as source:
-        return _play(source, arrays, drive, repeats, limits, way, device, watch)
+        return _play(source, arrays, drive, repeats, limits, way, device, watch, preparation)
 
 
 def play_contours(
@@ -254,9 +303,9 @@ def play_contours(
     watch: Callable[[LiveStatistics, int], object] | None = None,
 ) -> Playback:
     """Play contours that are in memory; arguments and errors as for `play_file`."""
-    arrays = arrays_of(array)
+    preparation, arrays = _Preparation(None), arrays_of(array)
     source = sampled(contours, sampling, duration, arrays)
-    return _play(source, arrays, drive, repeats, limits, connection or Connection(), device, watch)
+    return _play(source, arrays, drive, repeats, limits, connection or Connection(), device, watch, preparation)
 
 
 def _play(
@@ -268,12 +317,14 @@ def _play(
     connection: Connection,
     device: str,
     watch: Callable[[LiveStatistics, int], object] | None,
+    preparation: _Preparation,
 ) -> Playback:
     source, sampler, update_rate, file = opened
     driver = Driver([placed.model for placed in arrays], drive, update_rate=update_rate, device=device)
+    preparation.need(opened, driver, device)
     frames = FrameSource(source, driver, repeats=repeats, sampler=sampler)
     blocks = frames if file is None else unchanged(frames, file)
-    reports = _send(blocks, frames.frame_count, update_rate, arrays, limits, connection, watch)
+    reports = _send(blocks, frames.frame_count, update_rate, arrays, limits, connection, watch, preparation)
     return Playback(
         reports,
         None if sampler is None else sampler.strategy,
@@ -282,6 +333,7 @@ def _play(
         frames.switched,
         driver.strategy,
         repeats,
+        preparation.first_frame_seconds,
     )
 
 
@@ -293,15 +345,17 @@ def _send(
     limits: Limits | None,
     connection: Connection,
     watch: Callable[[LiveStatistics, int], object] | None,
+    preparation: _Preparation,
 ) -> tuple[PlayReport, ...]:
     """Play frames, whatever they are made of: the player's limits and the watchdogs hold for all."""
     for placed in arrays:
         placed.model.divider(update_rate)
     with connection.all_of(arrays) as links:
+        preparation.compile()  # an array that cannot be reached is refused before, and none has been started yet
         return tuple(
             play_together(
                 links,
-                blocks,
+                preparation.timed(blocks),
                 update_rate=update_rate,
                 limits=limits,
                 watch=None if watch is None else lambda live: watch(live, frame_count),

@@ -71,6 +71,11 @@ def use_temporary_cache(cause: KernelCacheError | None = None) -> None:
     wp.config.kernel_cache_dir = None if cause else str(folder)  # a Warp that is to start anew asks the environment
 
 
+def is_temporary() -> bool:
+    """Whether what this process compiles is removed when it ends."""
+    return bool(_TEMPORARY)
+
+
 def kernels_lost() -> str | None:
     """The sentence on kernels that were compiled into a temporary folder; None if there are none."""
     count = sum(not module.is_symlink() for folder in _TEMPORARY for module in folder.iterdir())

@@ -58,9 +58,12 @@ def loading_bar(title: str, *, quiet: bool) -> Iterator[Watch]:
 
 
 @contextlib.contextmanager
-def playback_line(title: str, *, quiet: bool) -> Iterator[Callable[[LiveStatistics, int], None]]:
+def playback_line(
+    title: str, *, quiet: bool, elapsed: Callable[[], float] | None = None
+) -> Iterator[Callable[[LiveStatistics, int], None]]:
     """A title when playing begins, then live statistics, on standard error.
 
+    elapsed: the time that the first frame took [s], asked for when playing begins and added to the title.
     Yields a function to call with the statistics and the number of all frames. quiet, or no terminal: title only.
     """
     begun = False
@@ -68,7 +71,8 @@ def playback_line(title: str, *, quiet: bool) -> Iterator[Callable[[LiveStatisti
     def begin() -> None:
         nonlocal begun
         if not begun:
-            print_message(title, "progress")
+            first = "" if elapsed is None else f", first frame after {elapsed():.1f} s"
+            print_message(f"{title}{first}; Ctrl-C stops it", "progress")
             begun = True
 
     if quiet or not shows_progress():

@@ -13,8 +13,10 @@ import warnings
 from collections.abc import Callable, Collection, Sequence
 from numbers import Integral
 from pathlib import Path
+from time import perf_counter
 from typing import Any, NoReturn
 
+from ...datasets.counted import counted
 from ...datasets.errors import DatasetError, NotStoreError, RecordingWarning
 from ...datasets.storage.durable import discard_unfinished
 from ...device.errors import DeviceError, PlayInterrupted, UnknownArrayError, UpdateRateError
@@ -48,6 +50,7 @@ SHOWN_WARNINGS = (PalpateWarning, RecordingWarning)
 DONE, FAILED, MISUSED = 0, 1, 2
 
 _wording = Wording()
+_began = perf_counter()
 
 
 def set_wording(wording: Wording) -> None:
@@ -179,6 +182,8 @@ def _parsed(app: Callable[..., object]) -> int:
 
 def run(command: Callable[[], object], *, as_json: bool, quiet: bool = False) -> int:
     """Run a command; errors become one sentence and an exit code, without a traceback. quiet: see `set_quiet`."""
+    global _began  # as above
+    _began = perf_counter()
     set_quiet(quiet)
     try:
         with ended_promptly(lambda: _end_at_once(as_json)):
@@ -188,6 +193,11 @@ def run(command: Callable[[], object], *, as_json: bool, quiet: bool = False) ->
     except OutputError as error:
         return _unwritten(error)
     return code
+
+
+def since_start() -> float:
+    """Time since the running command began [s], its imports included; Python's own start, 0.1 s, came before."""
+    return perf_counter() - _began
 
 
 def _end_at_once(as_json: bool) -> int:
@@ -315,6 +325,12 @@ def late_warning(report: PlayReport) -> str:
         f"{report.starved:.4g} s, {silent}so that frames were up to {report.lateness.max:.4g} s late, by the player's "
         f"estimate; {board}"
     )
+
+
+def report_compiling(module_count: int) -> None:
+    """Tell why nothing is played yet."""
+    what = counted(module_count, "module")
+    print_message(f"compiling {what} of kernels that sample contours: some seconds, once on a machine", "progress")
 
 
 def warn(sentence: str) -> None:

@@ -13,7 +13,7 @@ import warp as wp
 from palpate.device import WatchdogError, array_model
 from palpate.device.playing.watchdog import Watchdog
 from palpate.render.errors import KernelCacheError
-from palpate.render.runtime import kernel_cache
+from palpate.render.runtime import kernel_cache, kernel_compiling
 from palpate.render.runtime.kernel_cache import require_private_cache
 
 PALPATE = [str(Path(sys.executable).with_name("palpate"))]  # not by -P, which children would inherit
@@ -60,6 +60,14 @@ def test_workers_of_a_sweep_stand_there_too(hostile, engine):
     done = subprocess.run(words, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["poses_rendered"] == 20
+
+
+@pytest.mark.exhaustive
+def test_what_compiles_beside_a_rendering_stands_there_too(hostile, monkeypatch):
+    monkeypatch.setattr(kernel_compiling, "uncompiled", lambda stages: stages)
+    with kernel_compiling.CompilingAhead(("sampling.contour_faults",)) as ahead:
+        ahead.wait()
+    assert ahead._process.returncode == 0
 
 
 # The kernels' cache

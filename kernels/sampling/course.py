@@ -31,7 +31,7 @@ from .route import PIECES_MOST
 from .ways import has_next, next_way, plain_way, section_duration, section_way, way_at, way_piece
 
 SHARE_LEAST = wp.constant(wp.float64(1 / 8))  # of a step that a piece takes at least
-NOISE_SHARE = wp.constant(wp.float64(1e-3))  # of a sample: ways that take less say nothing of the speed
+NOISE_SHARE = wp.constant(wp.float64(1e-3))  # of a sample: rounding would decide the speed on shorter ways
 NEAR_CUT = wp.constant(wp.float64(0.1))  # of a section's length
 PASSES_MOST = wp.constant(199)
 SAME_TIME = wp.constant(wp.float64(1e-12))  # [s]; a cut so near to a node is there
@@ -356,7 +356,7 @@ def first_node(c: Contours, plan: SamplingPlan, pose: int):
 
 
 @wp.func
-def has_short(c: Contours, plan: SamplingPlan, rows: RouteRows, first: int, count: int, length: wp.float64):
+def has_short(plan: SamplingPlan, rows: RouteRows, first: int, count: int, length: wp.float64):
     """Whether a piece is shorter than the way from sample to sample."""
     step = length / wp.float64(samples_of(plan, length / plan.speed))
     found = int(0)
@@ -373,7 +373,7 @@ def is_plain(c: Contours, plan: SamplingPlan, rows: RouteRows, pose: int, count:
     in_order = lines < 2 or lines > PIECES_MOST or plan.shortest == 0
     if plan.plain == 0 or c.dwell.shape[0] > 0 or not in_order:
         return False
-    return lines == 1 or has_short(c, plan, rows, int(c.pose_start[pose]), count, length) == 0
+    return lines == 1 or has_short(plan, rows, int(c.pose_start[pose]), count, length) == 0
 
 
 @wp.func

@@ -10,6 +10,7 @@ ZERO, HALF, ONE, TWO = (wp.constant(wp.float64(value)) for value in (0.0, 0.5, 1
 INFINITE = wp.constant(wp.float64(1e300))  # [m]; longer than any way
 SAME_PLACE = wp.constant(wp.float64(1e-24))  # [m^2]
 TINY = wp.constant(wp.float64(1e-30))  # [m^2]; least divisor
+CYCLE_MOST = wp.constant(wp.float64(2.0**53))  # samples; a contour of so many is no contour, but shall not overflow
 SEAM = wp.constant(wp.float64(1e-3))  # of a sample, as in the strategy
 TICKS = wp.constant(wp.float64(1 << 20))  # of a sample: ages are counted in them, as in render/sampling/plan.py
 SPEED, FREQUENCY, CAPPED, STILL = (wp.constant(k) for k in range(4))  # kinds of pace
@@ -192,7 +193,7 @@ class DrawnTracks:
 
 @wp.struct
 class StepCount:
-    """What samples are counted as; vectors are by cause."""
+    """Numbers of what happens in samples; vectors have one of each cause, see CAUSES in render/sampling/metrics.py."""
 
     silent: wp.int64
     held: wp.int64
@@ -274,7 +275,7 @@ def samples_of(plan: SamplingPlan, seconds: wp.float64):
     if plan.pace == FREQUENCY:
         count = plan.fixed
     elif plan.pace != STILL:
-        count = wp.int64(wp.ceil(seconds * plan.rate - SEAM))
+        count = wp.int64(wp.min(wp.ceil(seconds * plan.rate - SEAM), CYCLE_MOST))
         if plan.pace == CAPPED:
             count = wp.min(wp.max(count, plan.fewest), plan.most)
     return wp.max(wp.max(count, plan.points_least), wp.int64(1))

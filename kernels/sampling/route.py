@@ -1,4 +1,4 @@
-"""Routes: in which order, from where and which way round the pieces of a pose are drawn, so that jumps are short.
+"""Routes: the order of a pose's pieces, and the start and direction of each, such that jumps are short.
 
 The order of the pose before is kept unless another is shorter by a margin. The search for the shortest route chooses
 an order, and a door of each piece. A place is a piece, or the outside, at no distance from any, where a route that is
@@ -57,7 +57,7 @@ SUMS_SIZE = wp.constant(SUMS)
 
 @wp.struct
 class RouteSearch:
-    """What is searched."""
+    """The extent of one search for a route: its part of the room, and how many pieces, places and doors it has."""
 
     room: int  # start of the run's part of `RouteRows.room`
     sums: int  # of `RouteRows.sums`

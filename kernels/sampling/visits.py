@@ -437,7 +437,7 @@ def count_revisits(
     pose: transformd, at least as many as schedule's. position [m], intensity: shape [sample, focus]. sample_start:
     offsets of motions into samples, shape [motion + 1]. pick_count, first_sample, first_pick: picks, and the numbers of
     the first sample that is given and of the first pick, of each motion. interval: samples for one pick each. limit:
-    samples without a visit after which a place waits in vain.
+    samples without a visit after which a wait ends without a visit.
     """
     device, foci, poses = position.device, position.shape[1], int(schedule.motion_start.numpy()[len(pick_count)])
     boxes = 2 * poses + int(sample_start[-1]) // 16

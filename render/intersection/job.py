@@ -63,7 +63,7 @@ class ContourJob:
         return cls(scene, motion, names, memory, progress)
 
     def report(self, done: int) -> None:
-        """Tell whoever wants to know how many poses are done."""
+        """Report how many poses are done, if the caller asked for progress."""
         if self.progress is not None:
             self.progress(done, len(self.motion))
 

@@ -132,7 +132,10 @@ class Instant:
         count = math.ceil((time - began) * self._rate - 1e-6)
         if count - self._drawn > DRAWN_MOST * self._rate:
             last = began + self._drawn / self._rate
-            raise MotionError(f"time {time!r} s is more than {DRAWN_MOST:g} s after {last!r} s of the last focal point")
+            raise MotionError(
+                f"time {time:.6g} s is more than {DRAWN_MOST:g} s after {last:.6g} s of the last focal point: after a "
+                "gap so long, begin with another Instant"
+            )
         return count
 
     def _samples(self, stop: int) -> FocalPoints:

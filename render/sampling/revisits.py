@@ -16,7 +16,7 @@ from ...kernels.sampling.visits import count_revisits, picked_sample
 from .metrics import FocalPoints, SamplingCount, poses_of_samples, schedule_of
 from .strategy import SamplingStrategy
 
-REVISIT_LIMIT = 1.0  # [s] without a visit: a place that waits longer waits in vain
+REVISIT_LIMIT = 1.0  # [s] without a visit: a wait that is longer ends without a visit
 PICK_INTERVAL = 20e-3  # [s]; 50 picks a second are enough for the mean
 COUNTED_AT_ONCE = 1 << 18  # focal points that wait to be counted
 

@@ -33,7 +33,8 @@ from ..contour_batch import (
     without_empty_polylines,
 )
 from ..errors import PoseError, StrategyError
-from ..validation import require_number, value_text
+from ..runtime.span_workers import warp_device
+from ..validation import is_number, value_text
 from .metrics import CAUSES, FocalPoints, SamplingCount
 from .plan import TICKS, plan_of, shown_order, ticks_of
 from .presets import sampling_of
@@ -41,7 +42,9 @@ from .revisits import RevisitWatch
 from .strategy import SamplingStrategy
 
 CYCLE_LIMIT = 16_384  # samples, 1.6 s at 10 kHz: longer cycles are made as they are played
-SPAN_SAMPLES = 1 << 16  # that are drawn at once from contours that come one batch after the other
+SPAN_SAMPLES = 1 << 16  # that `sample_contours` draws at once at most
+BLOCKS_AHEAD = 8  # blocks of one focus that it draws at once: what a player has waiting, and what it counts too much of
+DRAWN_MOST = 1 << 24  # samples that `Sampler.draw` draws at once
 ROWS_MOST = 2**31 - 1  # of an array: kernels number them in an int
 ROWS_A_POINT = 25  # nodes of a vertex that is passed four times, with a pause each time
 NOWHERE = ContourBatch(
@@ -80,7 +83,9 @@ class Sampler:
         goes_on: bool = True,
     ) -> None:
         self.strategy = strategy = sampling_of(strategy)
-        self.device = device
+        self.device = device = warp_device(device)
+        if not (isinstance(motion_count, int | np.integer) and motion_count >= 0):
+            raise StrategyError(f"motion_count must be a whole number of 0 or more, not {value_text(motion_count)}")
         points = strategy.pace.points
         shown = np.zeros(0, np.int64) if points is None else shown_order(strategy.order, points)
         self.room = SpanRoom(motion_count, strategy.foci, shown, device, goes_on=goes_on)
@@ -89,6 +94,10 @@ class Sampler:
         self._watch = RevisitWatch(motion_count, strategy, device, goes_on=goes_on) if revisits else None
         self._repeated: list[tuple[SamplingCount, SamplingCount, int]] = []
         self._last: _LastPose | None = None  # of `draw`
+
+    def __reduce__(self) -> Any:
+        """A sampler is not copied or pickled: two would share the memory of one device."""
+        raise TypeError("a Sampler cannot be copied or pickled: make another one, Sampler(sampler.strategy)")
 
     def __repr__(self) -> str:
         """One line."""
@@ -134,10 +143,18 @@ class Sampler:
         a sampler of several motions; PoseError for a pose of another shape.
         """
         self._require_motions(1)
-        require_number("sample_count", sample_count, 0, ROWS_MOST, whole=True)
+        if not (is_number(sample_count) and 0 <= sample_count <= DRAWN_MOST and sample_count == int(sample_count)):
+            raise StrategyError(
+                f"sample_count must be a whole number of 0..{DRAWN_MOST}, not {value_text(sample_count)}"
+            )
         place = np.asarray(pose, np.float64)
         if place.shape != (7,):
             raise PoseError(f"a pose must be seven numbers (x y z, qx qy qz qw), not of shape {place.shape}")
+        if not np.isfinite(place).all():
+            raise PoseError(f"a pose must be finite, not {place.tolist()}")
+        require_times(hold=hold)
+        if not math.isfinite(age):  # it may be below 0 by rounding
+            raise StrategyError(f"age must be finite, not {value_text(age)}")
         again = self._last is not None and self._last.given is contours
         if not again:
             if not (contours is None or isinstance(contours, ContourBatch)):
@@ -198,6 +215,8 @@ class Sampler:
         """
         start = np.asarray(span["motion_start"], np.int64)
         self._require_motions(len(start) - 1)
+        if not self.room.goes_on and self._sampled.any():
+            raise StrategyError("this sampler was made for one span of each motion (goes_on=False), and has drawn it")
         self._last = None  # what `draw` has drawn does not go on behind this span
         count = np.asarray(span["count"], np.int64)
         sizes = np.diff(start)
@@ -291,7 +310,8 @@ def sample_contours(
     duration: when the last pose ends [s]. hold: age at which a pose starts to fade [s]; None: the strategy's value, or
     twice their usual interval if that is longer.
     Raises StrategyError for a closed polyline with another intensity or pause at its last point than at its first, and
-    for points, intensities and pauses that are not finite.
+    for points, intensities and pauses that are not finite, and a duration or hold that is no time; PoseError for poses
+    and times that are not as many as the contours, and times that do not increase.
 
     >>> import numpy as np
     >>> from palpate.render import Sampler, render, sample_contours, static_pose
@@ -300,14 +320,28 @@ def sample_contours(
     >>> [len(focus.position) for focus in blocks]  # 0.2 s at 10 kHz
     [1024, 976]
     """
-    rate = sampler.strategy.update_rate
-    bounds = sample_bounds(time, duration, rate)
-    hold = hold_of(np.asarray(time), sampler.strategy) if hold is None else hold
-    clock, pose = ticks_of(time, rate), np.asarray(pose, np.float64)
-    index = 0
+    if not isinstance(sampler, Sampler):
+        raise StrategyError(f"sampler must be a Sampler, such as Sampler('stm'), not {value_text(sampler)}")
+    if isinstance(batches, ContourBatch):
+        raise StrategyError("batches must be a list of batches: put the one into brackets")
+    if not (is_number(block) and block >= 1 and block == int(block)):
+        raise StrategyError(f"block must be a whole number of 1 or more, not {value_text(block)}")
+    rate, time, pose = sampler.strategy.update_rate, np.asarray(time, np.float64), np.asarray(pose, np.float64)
+    hold = hold_of(time, sampler.strategy) if hold is None else hold
+    require_times(duration=duration, hold=hold)
+    if pose.shape != (len(time), 7):
+        raise PoseError(
+            f"poses must have shape [{len(time)}, 7], as there are {len(time)} times, not {list(pose.shape)}"
+        )
+    if not (np.isfinite(time).all() and (np.diff(time) > 0).all()):
+        raise PoseError("times of poses must be finite and increase")
+    bounds, clock, index = sample_bounds(time, duration, rate), ticks_of(time, rate), 0
     for given in batches:
+        if index + len(given) > len(time):
+            raise PoseError(f"there are contours of more than {len(time)} poses, the number of times and poses")
         batch = drawable_contours(given.to(sampler.device))
-        for first, stop, begin, end in spans_of(bounds[index : index + len(batch) + 1]):
+        most = min(max(block, BLOCKS_AHEAD * block // sampler.strategy.foci), SPAN_SAMPLES)
+        for first, stop, begin, end in spans_of(bounds[index : index + len(batch) + 1], most):
             part = batch if stop - first == len(batch) else drawn_part(batch, first, stop)
             rows = slice(index + first, index + stop)
             starts = np.maximum(bounds[rows], begin)
@@ -326,14 +360,14 @@ def sample_contours(
         index += len(batch)
 
 
-def spans_of(bounds: np.ndarray) -> Iterator[tuple[int, int, int, int]]:
-    """Poses first..stop and samples begin..end of spans of at most SPAN_SAMPLES; a long pose is in several of them.
+def spans_of(bounds: np.ndarray, most: int) -> Iterator[tuple[int, int, int, int]]:
+    """Poses first..stop and samples begin..end of spans of at most so many samples; a long pose is in several of them.
 
     bounds: first sample of each pose, and the end of the last one's.
     """
     first, begin, last = 0, int(bounds[0]), int(bounds[-1])
     while begin < last:
-        end = min(begin + SPAN_SAMPLES, last)
+        end = min(begin + most, last)
         stop = int(np.searchsorted(bounds, end))
         if stop - 1 > first and end < bounds[stop]:  # it is cut between two poses if it can be
             stop -= 1
@@ -362,6 +396,13 @@ def focal_points(position: wp.array, intensity: wp.array, count: int) -> FocalPo
 def joined(parts: list[FocalPoints]) -> FocalPoints:
     """Join consecutive focal points."""
     return parts[0] if len(parts) == 1 else FocalPoints(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
+def require_times(**seconds: float) -> None:
+    """Raise StrategyError for a negative time, or one that is no number [s]; infinite only as `hold`."""
+    for name, value in seconds.items():
+        if not (is_number(value) and value >= 0 and (name == "hold" or np.isfinite(value))):
+            raise StrategyError(f"{name} must be 0 s or more, not {value_text(value)}")
 
 
 def hold_of(time: np.ndarray, strategy: SamplingStrategy) -> float:
@@ -512,7 +553,7 @@ def sample_motions(
     time: np.ndarray,
     motion_start: np.ndarray,
     duration: np.ndarray,
-    strategy: SamplingStrategy,
+    strategy: SamplingStrategy | str,
     *,
     hold: np.ndarray | None = None,
     device: str = "cpu",
@@ -536,9 +577,10 @@ def sample_motions(
     MotionSamples(2000 samples, 1 motion)
     """
     batch = batches if isinstance(batches, ContourBatch) else join_batches([own.numpy() for own in batches])
+    strategy = sampling_of(strategy)
     schedule = MotionSchedule.of(time, motion_start, duration, strategy, hold)
     require_motions(batch, pose, schedule, strategy)
-    device = str(batch.points.device) if batch.on_device else device
+    device = str(batch.points.device) if batch.on_device else warp_device(device)
     sampler = Sampler(strategy, motion_count=len(schedule.duration), device=device, goes_on=False)
     batch = drawable_contours(batch.to(device))
     arrays = sampler.take(batch, batch.struct, widen_poses(pose, device), schedule.span(strategy))

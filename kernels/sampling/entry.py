@@ -59,6 +59,7 @@ wp.set_module_options(EXACT)
 
 NEAR_STEPS = wp.constant(wp.float64(3.0))  # ordinary steps: by so much contours may move between inserted poses
 MIXED = wp.constant(wp.int64(0x9E3779B9))  # an odd number with its bits spread
+SAME_COST = wp.constant(wp.float64(1e-12))  # [m]
 AGAINST = wp.constant(wp.float64(1e-9))  # share of a way by which it runs against a direction
 WHOLE_SECTION = wp.constant(wp.float64(1e-3))  # [m] that its whole time counts among passes of the same place
 
@@ -234,9 +235,9 @@ class NearestKnot:
 
 @wp.func
 def nearer(best: NearestKnot, way: TrackWay, cost: wp.float64, part: wp.float64):
-    """The best place, or another, 0..1 of a way, that costs less [m]."""
+    """The best place, or another, 0..1 of a way, that costs less [m]; of equals the first: rounding does not decide."""
     out = best
-    if cost < best.cost:
+    if cost + SAME_COST < best.cost:
         out.cost = cost
         out.way = way
         out.part = part
@@ -247,6 +248,8 @@ def nearer(best: NearestKnot, way: TrackWay, cost: wp.float64, part: wp.float64)
 def knot_of(nodes: TrackNodes, near: NearestKnot):
     """Knot of a place on a track."""
     part = without_rounding(step_of(nodes, near.way), near.part)
+    if part == ONE:
+        part = near.part  # the end's own knot may be that of another piece, to which the focal point jumps there
     return near.way.begin + part * (near.way.end - near.way.begin)
 
 

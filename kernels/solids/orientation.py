@@ -16,6 +16,14 @@ PARTS_2D = 16
 
 
 @wp.func
+def sum_error(a: wp.float64, b: wp.float64, s: wp.float64):
+    """Rounding error of s = a + b."""
+    turned = s - a
+    restored = s - turned
+    return (a - restored) + (b - turned)
+
+
+@wp.func
 def product_error(a: wp.float64, b: wp.float64, p: wp.float64):
     """Rounding error of p = a * b."""
     c = SPLITTER * a
@@ -34,8 +42,7 @@ def grow(parts: wp.array[wp.float64], count: int, x: wp.float64):
     n = int(0)
     for i in range(count):
         s = q + parts[i]
-        turned = s - q
-        rest = (q - (s - turned)) + (parts[i] - turned)  # the rounding error of s, exactly
+        rest = sum_error(q, parts[i], s)
         if rest != wp.float64(0.0):
             parts[n] = rest
             n += 1
@@ -83,8 +90,7 @@ def sign_of_parts(parts: wp.array[wp.float64], count: int):
 def split_difference(a: wp.float64, b: wp.float64):
     """The difference a - b as a sum of two numbers, without error."""
     d = a - b
-    turned = a - d
-    return wp.vec2d(d, (a - (d + turned)) + (turned - b))
+    return wp.vec2d(d, sum_error(a, -b, d))
 
 
 @wp.func

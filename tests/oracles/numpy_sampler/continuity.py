@@ -68,7 +68,7 @@ def entered(track: Track, place: Place, slack: float, step: float) -> float:
         knot = track.knot[:-1] + part * np.diff(track.knot)
         cost = cost + WHOLE_SECTION * np.abs((knot - start) / (stop - start) - place.through)
         cost[(track.knot[:-1] < start) | (track.knot[1:] > stop)] = np.inf
-    best = int(np.argmin(cost))
+    best = int(np.flatnonzero(cost <= cost.min() + 1e-12)[0])  # of equals the first, whatever is rounded
     knot = track.along(best, float(part[best]))
     if track.pause is None:
         return knot

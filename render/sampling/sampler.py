@@ -560,8 +560,8 @@ def sample_motions(
 ) -> MotionSamples:
     """Focal points of whole motions, and what each is counted as.
 
-    batches: contours of all poses; motions may be cut anywhere between two. One batch on a device is drawn there, all
-    else on `device`. pose: hand frame -> array frame, shape [pose, 7], or wp.transform or transformd [pose] on
+    batches: contours of all poses; motions may be cut anywhere between two. Those on a device are drawn there, those
+    on the host on `device`. pose: hand frame -> array frame, shape [pose, 7], or wp.transform or transformd [pose] on
     the device. time: of the poses, increasing within a motion [s], shape [pose]. motion_start: offsets into poses,
     shape [motion + 1]. duration: when the last pose of each motion ends [s]. hold: age at which a pose starts to fade
     [s], shape [motion]; None: as for `sample_contours`.
@@ -576,11 +576,12 @@ def sample_motions(
     >>> sample_motions(batch, batch.motion.pose, np.zeros(1), np.array([0, 1]), np.array([0.2]), SamplingStrategy())
     MotionSamples(2000 samples, 1 motion)
     """
-    batch = batches if isinstance(batches, ContourBatch) else join_batches([own.numpy() for own in batches])
+    given = [batches] if isinstance(batches, ContourBatch) else batches
+    device = str(given[0].points.device) if given[0].on_device else warp_device(device)
+    batch = given[0] if len(given) == 1 else join_batches([own.numpy() for own in given])
     strategy = sampling_of(strategy)
     schedule = MotionSchedule.of(time, motion_start, duration, strategy, hold)
     require_motions(batch, pose, schedule, strategy)
-    device = str(batch.points.device) if batch.on_device else warp_device(device)
     sampler = Sampler(strategy, motion_count=len(schedule.duration), device=device, goes_on=False)
     batch = drawable_contours(batch.to(device))
     arrays = sampler.take(batch, batch.struct, widen_poses(pose, device), schedule.span(strategy))

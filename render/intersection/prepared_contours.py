@@ -20,6 +20,7 @@ from ..objects.mesh.solid_mesh import MeshObject
 from ..objects.solid import Solid
 from ..runtime.span_workers import warp_device
 from ..strategies.intersection_strategy import IntersectionStrategy
+from ..strategies.user_stage_sources import has_own_stages
 from ..validation import is_number
 from .mesh_section import PATTERN, intersect, patches_for
 from .named_inputs import hand_of, motion_of, solid_of
@@ -76,7 +77,8 @@ class PreparedContours:
         self.grown = 0
         """How often memory was taken anew."""
         self.struct: Any = None
-        """The last contours as kernels take them, in arrays that have room for more; None where they are not kept."""
+        """The last contours as kernels take them, in arrays that may have room for more; None where they are not kept,
+        or a stage of a user's made them."""
         self._scene = Scene.of(solid, hand, strategy)
         self._room: Room | None = None
         warn_of_spacing(solid.name, solid.bounds)
@@ -140,6 +142,10 @@ class PreparedContours:
         block = PoseBlock(pose if isinstance(pose, wp.array) else pose.reshape(-1, 7), 0, self.device)
         batch = scene.raw_contours(block) if room is None else ContourBatch(**room.device_contours())
         batch, _ = scene.staged(batch, block)
+        if (
+            room is not None and batch.on_device and not has_own_stages(scene.strategy)
+        ):  # what users return is not proven
+            self.struct = batch.struct
         return batch.numpy() if self.device == "cpu" else batch
 
     def _fitting_room(self, pose: np.ndarray | wp.array) -> Room | None:

@@ -12,7 +12,7 @@ counts are the same.
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from typing import Any
@@ -378,7 +378,11 @@ def spans_of(bounds: np.ndarray, most: int) -> Iterator[tuple[int, int, int, int
 
 def drawn_part(batch: ContourBatch, first: int, stop: int) -> ContourBatch:
     """Poses first..stop of a batch on a device."""
-    return batch.numpy().select(first, stop).to(str(batch.points.device))
+    part, device = batch.numpy().select(first, stop), batch.points.device
+    if not wp.get_device(device).is_cpu:
+        return part.to(str(device))
+    given = {name: wp.array(rows, device="cpu", copy=False) for name, rows in part.by_name().items() if rows.ndim == 1}
+    return replace(part, points=wp.array(part.points, dtype=wp.vec3, device="cpu", copy=False), **given)
 
 
 def focal_points(position: wp.array, intensity: wp.array, count: int) -> FocalPoints:

@@ -69,7 +69,7 @@ class RevisitWatch:
         tail = self._tails[motion]
         tail.parts.append((position.copy(), intensity.copy(), pose.copy(), np.array(count, np.int64)))
         tail.waiting += intensity.size
-        if tail.waiting > COUNTED_AT_ONCE:
+        if tail.waiting > max(COUNTED_AT_ONCE, self._limit * intensity.shape[1]):  # less often than each limit
             self._count(motion)
 
     def _count(self, motion: int) -> None:

@@ -172,7 +172,7 @@ class Sampler:
 
         line_count: of its polylines, each of which has points. `draw_on` draws more of it.
         """
-        self._last = _LastPose(struct, struct, False, line_count)
+        self._last = _LastPose(struct, struct, struct.dwell is not None, line_count)
         return self._draw_last(pose, sample_count, age, hold)
 
     def draw_on(self, pose: np.ndarray, sample_count: int, *, age: float, hold: float) -> FocalPoints:

@@ -17,7 +17,16 @@ from palpate.datasets import HandMotion, exploration
 from palpate.datasets.errors import MotionError
 from palpate.datasets.motions.hand_motion import PALM_DOWN
 from palpate.kernels.section.kept_room import RoomSize
-from palpate.render import IntersectionStrategy, MeshObject, Palm, closed_contour, open_contour, render
+from palpate.render import (
+    IntersectionStrategy,
+    MeshObject,
+    Palm,
+    closed_contour,
+    flat_hand,
+    load_strategy,
+    open_contour,
+    render,
+)
 from palpate.render.errors import MeshError, PoseError, StrategyError
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand
 from palpate.render.intersection.named_inputs import motion_of
@@ -148,6 +157,31 @@ def assert_as_sampled(thing, pose, time, duration, sampling):
     assert instant.sampler.count == sampler.count
     assert sampler.count.samples > sampler.count.silent > 0
     return sampler.count
+
+
+@pytest.mark.parametrize("articulated", [False, True])
+@pytest.mark.parametrize(("hand", "strategy"), [("planes", "cc"), ("planes", "pauses"), ("palm", "pauses")])
+def test_stages_behind_kept_contours_give_the_focal_points_of_sample_contours(hand, strategy, articulated):
+    """Contours of stages come in new arrays at each pose, with pauses and intensities that raw contours lack."""
+    if hand == "palm" and articulated:
+        pytest.skip("a palm has no patches that move")
+    chosen = closed_contour() if strategy == "cc" else load_strategy("corner-pauses")
+    whole, motion = flat_hand() if hand == "planes" else PALM, motion_on("tube")
+    pose, time = motion.pose[20:50], motion.time[20:50] - motion.time[20]
+    own = np.tile([patch.pose for patch in whole.patches], (30, 1, 1)) if articulated else None
+    if articulated:
+        own[:, 3, :3] += 0.004 * np.sin(np.arange(30))[:, None]  # a finger that moves
+        whole = replace(whole, patch_pose=own)
+    sampler = Sampler("stm", revisits=False)
+    batch = render(thing_of("tube"), whole, pose, chosen)
+    expected = joined(list(sample_contours([batch], pose, time, 0.4, sampler, hold=0.1)))
+    instant = Instant(thing_of("tube"), whole, chosen, "stm")
+    patches = [None] * 30 if own is None else own
+    until = np.append(time[1:], 0.4)
+    blocks = [instant.draw(p, t, until=u, patch_pose=q) for p, t, u, q in zip(pose, time, until, patches, strict=True)]
+    assert_same_focus(joined(blocks), expected)
+    assert instant.sampler.count == sampler.count
+    assert sampler.count.drawn > 1000
 
 
 def test_the_clock_may_start_anywhere_and_the_next_pose_is_expected_after_an_interval():

@@ -136,7 +136,8 @@ def floor(poses: np.ndarray, device: str, size: Size) -> Curves:
     """As many bytes copied as must be read and written: half of them read, half written."""
     few = poses[:2000]
     contours = marched(few, device, size, bricks=True, closes=False)()
-    written = sum(a.size * wp.types.type_size_in_bytes(a.dtype) for a in contours)
+    columns = (getattr(contours, name) for name in vars(contours))
+    written = sum(a.size * wp.types.type_size_in_bytes(a.dtype) for a in columns if isinstance(a, wp.array))
     each = 4 * (size.cells + 1) ** 2 + 28 + written / len(few)
     run, times = copying(each * len(poses), device)
     return Curves(run, None, len(poses) * times)

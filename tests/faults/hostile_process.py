@@ -8,6 +8,7 @@ import sys
 import warnings
 from pathlib import Path
 
+import warp as wp
 from bounded import ACCEPTED, CLEAR, Refused, outcome_in_child
 from hostile_hdf5 import CASES, OPERATIONS, sound, write_case
 
@@ -20,6 +21,7 @@ from palpate.device.clock import VirtualClock
 from palpate.render.playback.file_playback import Connection, play_file
 from palpate.render.reports.file_summary import summarise, summarise_frames
 
+wp.config.log_level = wp.LOG_ERROR  # standard output is JSON, and playing starts Warp
 SECONDS, RESIDENT_BYTES = 10.0, 3 << 29
 """Time and memory that an operation on a file of 300 kB may take, on a busy machine."""
 

@@ -67,9 +67,14 @@ def test_rounding_is_no_difference():
 
 
 def test_a_picture_that_carries_nothing_is_told(tmp_path, monkeypatch):
-    figure().savefig(tmp_path / "a.png")
+    figure().savefig(tmp_path / "a.png", dpi=10)
     monkeypatch.setattr(pictures, "DOCS", tmp_path)
     monkeypatch.setitem(pictures.PICTURES, "a.png", figure)
     assert pictures.problems("a.png") == ["a.png does not carry what was drawn"]
+
+
+def test_a_picture_that_is_written_carries_what_was_drawn(tmp_path, monkeypatch):
+    monkeypatch.setattr(pictures, "DOCS", tmp_path)
+    monkeypatch.setitem(pictures.PICTURES, "a.png", figure)
     pictures.write("a.png")
     assert pictures.problems("a.png") == []

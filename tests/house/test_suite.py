@@ -159,6 +159,9 @@ def test_a_quick_test_over_the_bound_fails_and_only_that(tmp_path):
     assert code == 0, text
     write_test(tmp_path, BUSY + "    def test_is_slow():\n        use(0.9)\n")
     assert run_tests(tmp_path)[0] == 0  # without the bound
+    code, text = run_tests(tmp_path, "--cpu-most", "0.7")
+    assert code == 0  # 0.9 s are over the bound of 0.7, but within its noise
+    assert "test_is_slow: used 0.9" in text
     code, text = run_tests(tmp_path, "--cpu-most", "0.3")
     assert code == 1
     assert "1 failed, 3 passed" in text

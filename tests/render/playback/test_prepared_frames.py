@@ -207,10 +207,14 @@ def test_commands_write_show_and_check_them(contours, tmp_path):
     assert (shown["jumps"], shown["refused"], shown["switched"]) == (told["jumps"], 0, 0)
     assert answer("check", out)["whole"] is True
     assert unknown_content(out) == []
+
+
+def test_commands_play_them_and_replace_no_other_file(contours, frames, tmp_path):
+    out = frames
     refused(MISUSED, "exists; --overwrite replaces it", "prepare", contours, "-o", out)
     refused(MISUSED, "must end in .h5", "prepare", contours, "-o", tmp_path / "frames.bin")
     refused(MISUSED, "which its result never replaces", "prepare", contours, "-o", contours, "--overwrite")
-    assert answer("play", out, "--array", "pat16", "--emulate", "--clock", "virtual")["frames"] == 200
+    assert answer("play", out, "--emulate", "--clock", "virtual")["frames"] == 2000
 
 
 def test_damage_is_found_before_its_block_is_played(frames):

@@ -20,7 +20,6 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
-from palpate.device.codec import round_drives
 from palpate.render import (
     Driver,
     DriveStrategy,
@@ -119,10 +118,9 @@ def _restarted(path: Path, sampling: SamplingStrategy) -> PlayedFrames:
             [batch[k : k + 1]], batch.motion.pose[k : k + 1], np.zeros(1), seconds, Sampler(sampling)
         )
         for focus in blocks:
-            drives = driver.drive(focus)
-            phase, amplitude = round_drives(drives.delay, drives.amplitude)
-            delay.append(phase)
-            level.append(amplitude)
+            rounded = driver.rounded_host(focus)
+            delay.append(rounded.delay.numpy())
+            level.append(rounded.amplitude.numpy())
     return PlayedFrames(np.concatenate(delay), np.concatenate(level), sampling.update_rate)
 
 

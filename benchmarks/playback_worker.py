@@ -39,16 +39,16 @@ def frame_costs(path: str, name: str, rounds: int) -> dict[str, float]:
     made, copied: until the blocks are there; played: to the emulated board, whose own work counts, too.
     """
     from palpate.render import Driver, PlacedArray, play_file, prepare_frames
-    from palpate.render.playback.frame_source import FrameSource
-    from palpate.render.playback.opened_source import opened
+    from palpate.render.playback.focal_points import open_focal_points
+    from palpate.render.playback.frames import MadeFrames
     from palpate.render.playback.prepared_frames import PreparedFrames
 
     arrays, frames = (PlacedArray(array_model(name)),), str(Path(path).with_name("frames.h5"))
     count = prepare_frames(path, frames, array=arrays).frames
 
     def make() -> None:
-        with opened(Path(path), None, None, arrays) as source:
-            for _ in FrameSource(source.source, Driver(arrays[0].model)):
+        with open_focal_points(Path(path), None, None, arrays) as (source, file):
+            for _ in MadeFrames(source, Driver(arrays[0].model), file=file):
                 pass
 
     def copy() -> None:

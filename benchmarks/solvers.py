@@ -21,10 +21,11 @@ import numpy as np
 import warp as wp
 from turns import Case, installed, seconds_by_turns
 
-from palpate.kernels.driving.focus import focus_phases, focus_table
+from palpate.device import array_model
+from palpate.kernels.driving.pack import pack_points
 from palpate.kernels.driving.solve import solve_points
 from palpate.kernels.driving.wave import transducers_on
-from palpate.render.playback.drive import focus_delays
+from palpate.render.playback.drive import boards_on
 
 SOUND_SPEED = 340.0  # [m/s]; AUTD3's
 WAVELENGTH = SOUND_SPEED / 40e3  # [m]
@@ -73,26 +74,18 @@ def grid() -> np.ndarray:
     return np.stack([x.ravel(), y.ravel(), np.zeros(256)], axis=1).astype(np.float32)
 
 
-def single_numpy(points: np.ndarray, device: str) -> Ready:
-    position, kept = grid(), [np.empty(0)]
-
-    def run() -> None:
-        kept[0] = focus_delays(points, position, WAVELENGTH)
-
-    return Ready(run, lambda: kept[0], position)
-
-
 def single_kernel(points: np.ndarray, device: str) -> Ready:
-    position = grid()
-    table = focus_table(position, wavelength=WAVELENGTH, device=device)
-    on_device = wp.array(points, dtype=wp.vec3, device=device)
-    out = wp.empty((len(points), 256), dtype=wp.uint8, device=device)
+    position, count = grid(), len(points)
+    board = boards_on([array_model("emulator")], SOUND_SPEED, device)[0]
+    board.position = wp.array(position[array_model("emulator").wire_order], dtype=wp.vec3, device=device)
+    on_device, amplitude = wp.array(points, dtype=wp.vec3, device=device), wp.full(count, 1.0, device=device)
+    out = wp.empty((count, 512), dtype=wp.uint8, device=device)
 
     def run() -> None:
-        focus_phases(on_device, table, out=out)
+        pack_points(on_device, amplitude, board, out=out)
         wp.synchronize_device(device)
 
-    return Ready(run, lambda: out.numpy() / 256.0, position)
+    return Ready(run, lambda: out.numpy()[:, 0::2][:, np.argsort(array_model("emulator").wire_order)] / 256.0, position)
 
 
 def write_floor(points: np.ndarray, device: str) -> Ready:
@@ -195,7 +188,6 @@ def several_acoustools(points: np.ndarray, device: str, *, solver: str, iteratio
 AUTD3 = ("autd3_pattern", "autd3_pattern_holo")
 ACOUSTOOLS = ("acoustools", "torch")
 SINGLE = (
-    Case("NumPy, 32-bit turns", single_numpy),
     Case("kernel, bytes", single_kernel),
     Case("floor: bytes set to 0", write_floor),
     FewFrames("autd3 focus", single_autd3, AUTD3, 2000),

@@ -16,7 +16,7 @@ from typing import Any
 
 import warp as wp
 
-from palpate.render import ExploredPoses, PulsePacker, render_motions
+from palpate.render import Driver, ExploredPoses, render_motions
 from palpate.render.motions.groups import MotionGroup
 
 
@@ -47,7 +47,7 @@ def add_frames(frame: wp.array, total: wp.array) -> None:
 
 def measure(device: str, motions: int, memory: int | None = None, sampling: str = "stm") -> dict[str, Any]:
     """Figures of so many motions."""
-    packer = PulsePacker("pat16", device=device)
+    driver = Driver("pat16", device=device)
     seconds = {"poses and contours": 0.0, "focal points": 0.0, "frames": 0.0}
     counts = {"poses": 0, "frames": 0, "refused": 0, "groups": 0}
     total = wp.zeros(1, dtype=wp.uint64, device=device)
@@ -60,10 +60,10 @@ def measure(device: str, motions: int, memory: int | None = None, sampling: str 
         return made
 
     def pack(group: MotionGroup) -> None:
-        for packed in group.frames(packer):
+        for packed in group.frames(driver):
             counts["refused"] += packed.refused
-            counts["frames"] += len(packed.frame)
-            add_frames(packed.frame, total)
+            counts["frames"] += len(packed.amplitude)
+            add_frames(packed.frames[0], total)
 
     def run(count: int) -> None:
         trials = [ExploredPoses.of("tube", seed=k, explorer=1 + k % 100) for k in range(count)]

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from .report import Lateness, LiveStatistics, PlayReport, QueueDepth, Underrun
     from .transports.bulk import open_bulk
     from .transports.stream import StreamLink
-    from .wire_layout import Layout
+    from .wire_layout import Layout, Levels, linear_levels, pulse_levels
 
 
 _ROOMS = {
@@ -77,7 +77,7 @@ _ROOMS = {
     "report": "Lateness LiveStatistics PlayReport QueueDepth Underrun",
     "transports.bulk": "open_bulk",
     "transports.stream": "StreamLink",
-    "wire_layout": "Layout",
+    "wire_layout": "Layout Levels linear_levels pulse_levels",
 }
 """What each module has that scripts use: it is imported when that is asked for, as most programs need few of them."""
 
@@ -108,6 +108,7 @@ __all__ = [
     "FrameError",
     "Lateness",
     "Layout",
+    "Levels",
     "Limits",
     "LimitsError",
     "Link",
@@ -138,9 +139,11 @@ __all__ = [
     "find_serial_arrays",
     "flat_array",
     "flat_grid",
+    "linear_levels",
     "off_frame",
     "open_bulk",
     "open_link",
+    "pulse_levels",
     "register_array",
     "remove_array",
     "udev_rule",

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from .array import ArrayModel
 from .errors import FrameError
 from .registry import array_model, kind_of
-from .wire_layout import Layout
+from .wire_layout import Frames, Layout, Numbers
 
 CHUNK_FRAMES = 256  # 256 KiB of float32 at 256 transducers: temporaries stay in the cache
 
@@ -53,33 +53,28 @@ def encode_frames(delay: ArrayLike, amplitude: ArrayLike, *, array: ArrayModel |
     _require_unit_range("delay", turns, "turns")
     _require_unit_range("amplitude", level, "of full pressure")
     level = level[:, None] if level.ndim == 1 else level
-    offset = model.delay_offset if model.delay_offset.any() else None
-    gain = None if (model.gain == 1).all() else model.gain
-    frame = np.zeros((len(turns), model.frame_bytes), np.uint8)
+    frame = np.tile(layout.fixed_bits(model.frame_bytes), (len(turns), 1))
     for start in range(0, len(turns), CHUNK_FRAMES):
         rows = slice(start, start + CHUNK_FRAMES)
-        part = turns[rows] if offset is None else _wrapped(turns[rows] - offset)
-        layout.pack(part, level[rows] if gain is None else level[rows] * gain, model.wire_order, frame[rows])
+        _pack(turns[rows], level[rows], model, frame[rows])
     return frame
 
 
-def round_drives(
-    delay: NDArray[np.float32], amplitude: NDArray[np.float32], *, array: ArrayModel | str = "emulator"
-) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """Drives as a board plays them: delays [turn / 256], shape [frame, transducer], and amplitudes, shape [frame].
-
-    delay, amplitude: as `encode_frames` takes them, one amplitude a frame. Raises FrameError for a value out of range.
-    """
-    _, layout = _resolve(array)
-    _require_unit_range("delay", delay, "turns")
-    _require_unit_range("amplitude", amplitude, "of full pressure")
-    phase = np.empty(delay.shape, np.uint8)
-    level = np.empty(len(delay), np.float32)
-    for start in range(0, len(delay), CHUNK_FRAMES):
-        rows = slice(start, start + CHUNK_FRAMES)
-        phase[rows], column = layout.rounded(delay[rows], amplitude[rows, None])
-        level[rows] = column[:, 0]
-    return phase, level
+def _pack(turns: Numbers, level: Numbers, model: ArrayModel, out: Frames) -> None:
+    """The same of some frames, added to their fixed bits."""
+    order, layout = model.wire_order, kind_of(model).layout
+    if model.delay_offset.any():
+        turns = turns - model.delay_offset
+        turns -= np.floor(turns)
+    steps = layout.levels.nearest(level if (model.gain == 1).all() else level * model.gain)
+    later = (layout.levels.count - steps).astype(np.float32) * np.float32(layout.later) + np.float32(0.5)
+    delay = (turns * np.float32(layout.turn) + later).astype(np.uint16)
+    delay %= np.uint16(layout.turn)
+    if layout.level_at is None:
+        delay[np.broadcast_to(steps == 0, delay.shape)] = layout.turn
+    else:
+        out[:, layout.level_at] |= (steps if steps.shape[1] == 1 else steps[:, order]).astype(np.uint8)
+    out[:, layout.delay_at] |= delay[:, order].astype(np.uint8)
 
 
 def off_frame(*, array: ArrayModel | str = "emulator") -> NDArray[np.uint8]:
@@ -92,11 +87,7 @@ def off_frame(*, array: ArrayModel | str = "emulator") -> NDArray[np.uint8]:
     [254, 32, 32, 32]
     """
     model, layout = _resolve(array)
-    frame = np.zeros((1, model.frame_bytes), np.uint8)
-    silent = np.zeros((1, model.transducer_count), np.float32)
-    layout.pack(silent, silent, model.wire_order, frame)
-    frame &= layout.off_bits
-    return frame[0]
+    return layout.off_frame(model.frame_bytes)
 
 
 def is_emitting(frames: NDArray[np.uint8], *, array: ArrayModel | str = "emulator") -> NDArray[np.bool_]:
@@ -119,7 +110,7 @@ def switched_count(amplitude: ArrayLike, *, array: ArrayModel | str = "emulator"
     """How many amplitudes between 0 and 1 a board that can only switch turns into 0 or 1; 0 for boards with steps."""
     _, layout = _resolve(array)
     level = np.asarray(amplitude)
-    return int(np.count_nonzero((level > 0) & (level < 1))) if layout.amplitude_steps == 1 else 0
+    return int(np.count_nonzero((level > 0) & (level < 1))) if layout.levels.count == 1 else 0
 
 
 def _resolve(array: ArrayModel | str) -> tuple[ArrayModel, Layout]:
@@ -134,10 +125,6 @@ def _whole(frames: NDArray[np.uint8], model: ArrayModel) -> NDArray[np.uint8]:
             f"[frame, {model.frame_bytes}]"
         )
     return frames
-
-
-def _wrapped(turns: NDArray[np.float32]) -> NDArray[np.float32]:
-    return turns - np.floor(turns)
 
 
 def _require_unit_range(name: str, value: NDArray[np.float32], unit: str) -> None:

@@ -1,106 +1,155 @@
-"""How a board lays a frame out on the wire, and what layouts have in common. What is taken is in range.
+"""Frames of a board as data: where the bytes of each transducer stand, and what they mean.
 
 A pulse of width w (in parts of half a period) has the fundamental amplitude sin(pi w / 2), so w = 2 / pi asin(a).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-Turns = NDArray[np.float32]
 Frames = NDArray[np.uint8]
+Numbers = NDArray[np.float32]
+_CHUNK_FRAMES = 256  # of 256 KiB temporaries, which stay in the cache
 
 
-def phase_byte(delay: Turns, steps: int) -> Frames:
-    """The nearest step; a full turn (255.6 of 256 is nearest to it) wraps to 0 where steps is 256."""
-    scaled = delay * np.float32(steps)
-    scaled += np.float32(0.5)
-    return scaled.astype(np.uint16).astype(np.uint8)
+@dataclass(frozen=True, eq=False)
+class Levels:
+    """Steps of amplitude of a board: level 0 is off, the last one is full pressure.
 
-
-def level_byte(level: Turns) -> Frames:
-    """An amplitude as 0..255, linear in pressure."""
-    return (level * np.float32(255) + np.float32(0.5)).astype(np.uint8)
-
-
-def rounded_to_bytes(delay: Turns, level: Turns) -> tuple[Frames, Turns]:
-    """Delays in 1/256 turn, and amplitudes in 1/255."""
-    return phase_byte(delay, 256), level_byte(level).astype(np.float32) / np.float32(255)
-
-
-@dataclass(frozen=True)
-class PulseGrid:
-    """Frames of a byte for the start of each transducer's pulse, in the order of the wire, then one for each width.
-
-    A pulse narrower than half a turn starts later by half of what it lacks, so its middle stays.
+    >>> from palpate.device import linear_levels
+    >>> linear_levels(4)
+    Levels(4 above off)
+    >>> linear_levels(4).nearest([0.0, 0.2, 0.9]).tolist()
+    [0, 1, 4]
     """
 
-    turn: int
-    """Starts in a turn."""
-    half: int
-    """Widths up to half a turn, the widest."""
-    mark: int
-    """Bits that the first byte of a frame has besides."""
+    amplitude: Numbers
+    """Relative pressure of each level, 0 to 1, shape [level + 1]."""
+    least: Numbers
+    """Least amplitude that gets each level from 1 on, shape [level]."""
+    width: Numbers
+    """Width of the pulse that has the amplitude, in parts of half a period, shape [level + 1]."""
+
+    def __repr__(self) -> str:
+        """One line."""
+        return f"Levels({self.count} above off)"
+
+    @property
+    def count(self) -> int:
+        """Levels above 0: 1 for a board that can only switch on and off."""
+        return len(self.least)
+
+    def nearest(self, amplitude: ArrayLike) -> NDArray[np.intp]:
+        """Level of each amplitude 0..1."""
+        return np.searchsorted(self.least, np.asarray(amplitude, np.float32), side="right")
 
 
-@dataclass(frozen=True)
+def linear_levels(count: int) -> Levels:
+    """So many levels, linear in pressure, the nearest of which is taken.
+
+    >>> from palpate.device import linear_levels
+    >>> linear_levels(4).amplitude.tolist(), linear_levels(4).least.tolist()
+    ([0.0, 0.25, 0.5, 0.75, 1.0], [0.125, 0.375, 0.625, 0.875])
+    """
+    return _levels(
+        [level / count for level in range(count + 1)],
+        [(level - 0.5) / count for level in range(1, count + 1)],
+        [2 / math.pi * math.asin(level / count) for level in range(count + 1)],
+    )
+
+
+def pulse_levels(half: int) -> Levels:
+    """Widths of a pulse up to half a period, which has so many steps; the nearest to 2 / pi asin(a) is taken.
+
+    >>> from palpate.device import pulse_levels
+    >>> pulse_levels(2).width.tolist(), [round(a, 3) for a in pulse_levels(2).amplitude.tolist()]
+    ([0.0, 0.5, 1.0], [0.0, 0.707, 1.0])
+    """
+    return _levels(
+        [math.sin(math.pi / 2 * width / half) for width in range(half + 1)],
+        [math.sin(math.pi / 2 * (width - 0.5) / half) for width in range(1, half + 1)],
+        [width / half for width in range(half + 1)],
+    )
+
+
+def _levels(*columns: list[float]) -> Levels:
+    # float64 functions of the C library differ in their last bit at most, which float32 does not see
+    return Levels(*(np.array(column, np.float32) for column in columns))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Layout:
-    """One board's frames: drives to bytes, and what bytes do. Everything is vectorised over frames.
+    """One board's frames: a byte for the delay of each transducer, as a rule another for its level, and fixed bits.
+
+    A delay is rounded to the nearest step, half up. Slices go over the bytes of a frame, in the order of the wire.
 
     >>> from palpate.device import encode_frames
     >>> from palpate.device.boards.emulator.layout import LAYOUT
     >>> frames = encode_frames([[0.0] * 256] * 2, [1.0, 0.0], array="emulator")  # at full drive, and off
-    >>> LAYOUT.emitting(frames).tolist(), LAYOUT.width(frames).tolist(), LAYOUT.amplitude_steps
+    >>> LAYOUT.emitting(frames).tolist(), LAYOUT.width(frames).tolist(), LAYOUT.levels.count
     ([True, False], [1.0, 0.0], 255)
     """
 
-    pack: Callable[[Turns, Turns, NDArray[np.intp], Frames], None]
-    """Delay [turns], shape [frame, transducer], 0..1; amplitude, shape [frame, transducer] or [frame, 1]; wire order;
-    where the frames go: shape [frame, frame_bytes], zeroed."""
-    width: Callable[[Frames], NDArray[np.float32]]
-    """Mean width of a pulse over all transducers, 0..1 in parts of half a period, shape [frame]."""
-    emitting: Callable[[Frames], NDArray[np.bool_]]
-    """Which frames make any sound, shape [frame]."""
-    amplitude_steps: int
-    """Steps of amplitude between 0 and 1: 1 can only be switched on and off."""
-    off_bits: int = 0xFF
-    """Bits of each byte that an off frame needs; the others are 0 in it, so that it is off byte for byte."""
-    rounded: Callable[[Turns, Turns], tuple[Frames, Turns]] = rounded_to_bytes
-    """Delay [turns], 0..1, shape [frame, transducer], and amplitude 0..1, shape [frame, 1], to the delay [turn / 256]
-    and the amplitude that the board gives instead, of the same shapes: its steps, without its calibration. Predictions
-    of pressure and noise use it."""
-    pulses: PulseGrid | None = None
-    """The grid of a board whose frames `PulseGrid` describes, so that kernels can pack them; None for others."""
+    turn: int
+    """Steps of delay in a turn, 256 at most."""
+    delay_at: slice
+    """Bytes of delays."""
+    levels: Levels
+    level_at: slice | None = None
+    """Bytes of levels; None: a transducer of level 0 has `turn` for its delay, which is off."""
+    level_bits: int = 0xFF
+    """Bits of a level's byte that belong to the level."""
+    fixed: Mapping[int, int] = field(default_factory=lambda: MappingProxyType({}))
+    """Bits that certain bytes have in every frame."""
+    is_pulse_start: bool = False
+    """Whether a delay's byte is the start of a pulse, and levels are widths in the same steps: a pulse narrower than
+    the widest starts later by half of what it lacks, so its middle stays."""
 
     def __repr__(self) -> str:
         """One line."""
-        return f"Layout({self.pack.__module__}, {self.amplitude_steps} steps of amplitude)"
+        return f"Layout({self.turn} steps a turn, {self.levels.count} of amplitude)"
 
+    @property
+    def later(self) -> float:
+        """Steps by which a pulse starts later for each level that it lacks."""
+        return 0.5 if self.is_pulse_start else 0.0
 
-def on_wire(value: Frames, order: NDArray[np.intp]) -> Frames:
-    """Bytes of transducers, shape [frame, transducer] or [frame, 1], in the order of the wire."""
-    return value if value.shape[1] == 1 else value[:, order]
+    def off_frame(self, frame_bytes: int) -> Frames:
+        """The frame of silence, shape [frame_bytes]; any part of it silences what it covers."""
+        frame = self.fixed_bits(frame_bytes)
+        if self.level_at is None:
+            frame[self.delay_at] |= self.turn
+        return frame
 
+    def fixed_bits(self, frame_bytes: int) -> Frames:
+        """Bits that every frame has, shape [frame_bytes]."""
+        bits = np.zeros(frame_bytes, np.uint8)
+        for byte, own in self.fixed.items():
+            bits[byte] = own
+        return bits
 
-def mean_of(table: NDArray[np.float32], places: Frames) -> NDArray[np.float32]:
-    """Mean of what `table`, shape [256], has for the bytes of each frame, shape [frame, place]; shape [frame]."""
-    mean = np.empty(len(places), np.float32)
-    for start in range(0, len(places), _CHUNK_FRAMES):
-        rows = slice(start, start + _CHUNK_FRAMES)
-        table[places[rows]].mean(axis=1, dtype=np.float32, out=mean[rows])
-    return mean
+    def emitting(self, frames: Frames) -> NDArray[np.bool_]:
+        """Which frames, shape [frame, frame_bytes], make any sound, shape [frame]."""
+        if self.level_at is None:
+            return np.asarray((frames[:, self.delay_at] < self.turn).any(axis=1))
+        level = frames[:, self.level_at]
+        return np.asarray((level if self.level_bits == 0xFF else level & np.uint8(self.level_bits)).any(axis=1))
 
-
-def any_of(places: NDArray[np.bool_] | Frames) -> NDArray[np.bool_]:
-    """Which frames have a place, shape [frame, place], that is not 0; shape [frame]."""
-    return np.asarray(places.any(axis=1))
-
-
-LINEAR = (np.arcsin(np.arange(256) / 255) * 2 / np.pi).astype(np.float32)
-"""Width of the pulse that gives a level 0..255 linear in pressure, shape [256]."""
-
-_CHUNK_FRAMES = 256  # of 256 KiB temporaries, which stay in the cache
+    def width(self, frames: Frames) -> Numbers:
+        """Mean width of a pulse over all transducers, 0..1 in parts of half a period, shape [frame]."""
+        value = np.arange(256)
+        if self.level_at is None:
+            table, at = (value < self.turn).astype(np.float32), self.delay_at
+        else:
+            table, at = self.levels.width[np.minimum(value & self.level_bits, self.levels.count)], self.level_at
+        mean = np.empty(len(frames), np.float32)
+        for start in range(0, len(frames), _CHUNK_FRAMES):
+            rows = slice(start, start + _CHUNK_FRAMES)
+            table[frames[rows, at]].mean(axis=1, dtype=np.float32, out=mean[rows])
+        return mean

@@ -79,7 +79,7 @@ SWEEP_STAGES = (
     "section.tally_undrawn",
     "patterns.section_sums",
 )  # poses made where they are used, and sums over them
-PLAYING_STAGES = (
+FOCUS_STAGES = (
     "sampling.tracks",
     "sampling.entry",
     "sampling.focus",
@@ -88,14 +88,10 @@ PLAYING_STAGES = (
     "sampling.contour_faults",
     "sampling.dwelling",
 )  # contours of one motion to focal points, on the CPU; what takes longest to compile comes first
-SAMPLING_STAGES = (*PLAYING_STAGES, "motions.widening")  # contours of many motions to focal points
-DRIVE_STAGES = (
-    "driving.focus",
-    "driving.solve",
-    "driving.slew",
-    "driving.weigh",
-    "driving.pulse_frames",
-)  # focal points to phases
+SAMPLING_STAGES = (*FOCUS_STAGES, "motions.widening")  # contours of many motions to focal points
+BYTE_STAGES = ("driving.pack", "driving.hold")  # focal points, one a frame, to wire bytes
+PLAYING_STAGES = (*FOCUS_STAGES, *BYTE_STAGES)
+DRIVE_STAGES = (*BYTE_STAGES, "driving.solve", "driving.slew")  # focal points to phases
 ACOUSTIC_STAGES = (
     "acoustics.resonance",
     "acoustics.propagation",

@@ -75,7 +75,6 @@ if TYPE_CHECKING:
     from .objects.voxels.files import save_voxels
     from .objects.voxels.voxel_object import VoxelObject
     from .objects.voxels.voxeliser import voxelise
-    from .playback.device_frames import PulsePacker
     from .playback.drive import Driver, DriveStrategy, drive_focus
     from .playback.file_playback import Connection, play_file
     from .playback.live import Instant
@@ -152,7 +151,6 @@ _ROOMS = {
     "objects.voxels.voxeliser": "voxelise",
     "motions.groups": "MotionGroup render_motions",
     "motions.explored": "ExploredPoses",
-    "playback.device_frames": "PulsePacker",
     "playback.drive": "Driver DriveStrategy drive_focus",
     "playback.file_playback": "Connection play_file",
     "playback.live": "Instant",
@@ -233,7 +231,6 @@ __all__ = [
     "PoseError",
     "PreparedContours",
     "PressureMetrics",
-    "PulsePacker",
     "RecordingError",
     "RecordingWarning",
     "RenderError",

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...datasets.contour_file.reader import ContourFile
 from ..errors import StrategyError
-from ..playback.opened_source import opened
+from ..playback.focal_points import open_focal_points
 from ..playback.placed_arrays import PlacedArray
 from ..sampling.metrics import FocalPoints
 from ..sampling.sampler import joined
@@ -26,8 +26,8 @@ def played_between(
     rate = arrays[0].model.update_rate(arrays[0].model.divider_default) if sampling is None else sampling.update_rate
     with ContourFile(path) as file:
         static = file.pose_count == 1
-    with opened(path, sampling, stop / rate if static else None, arrays) as source:
-        for block in source.source:
+    with open_focal_points(path, sampling, stop / rate if static else None, arrays) as (source, _):
+        for block in source:
             end = done + len(block.intensity)
             low, high = max(first - done, 0), min(stop, end) - done
             if low < high:

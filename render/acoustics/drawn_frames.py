@@ -12,7 +12,7 @@ from ..errors import StrategyError
 from ..focal_spot import NEAREST
 from ..hands.hand import Hand, hand_from
 from ..playback.drive import Driver, Drives
-from ..playback.focus_source import ContourRows
+from ..playback.focal_points import ContourRows
 from ..playback.placed_arrays import PlacedArray
 from ..sampling.metrics import FocalPoints
 from ..sampling.sampler import Sampler, has_contours

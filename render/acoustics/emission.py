@@ -2,19 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...device.array import ArrayModel
-from ...device.codec import round_drives
 from ...device.registry import kind_of
 from ..errors import StrategyError
 from ..playback.drive import Driver
-from ..sampling.metrics import FocalPoints
-
-if TYPE_CHECKING:
-    from ..playback.opened_source import Opened
+from ..playback.focal_points import FocusSource
 
 BYTES_MOST = 4 << 30  # of frames in memory: 7 minutes of 256 transducers at 40 kHz
 
@@ -50,36 +45,27 @@ class PlayedFrames:
         return len(self.level) / self.update_rate
 
 
-def played_frames(opened: "Opened", driver: Driver) -> PlayedFrames:
+def played_frames(source: FocusSource, driver: Driver) -> PlayedFrames:
     """Frames of all focal points, rounded as each board rounds them."""
-    frame_count = opened.source.frame_count
-    delay = np.empty((frame_count, sum(array.transducer_count for array in driver.arrays)), np.uint8)
+    require_alike(driver.arrays)
+    frame_count = source.frame_count
+    delay = np.empty((frame_count, driver.transducer_count), np.uint8)
     level = np.zeros(frame_count, np.float32)
     first = 0
-    for focus in opened.source:
+    for focus in source:
+        rounded = driver.rounded_host(focus)
         stop = first + len(focus.intensity)
-        round_block(driver, focus, delay[first:stop], level[first:stop])
+        delay[first:stop], level[first:stop] = rounded.delay.numpy(), rounded.amplitude.numpy()
         first = stop
-    return PlayedFrames(delay[:first], level[:first], opened.update_rate)
+    return PlayedFrames(delay[:first], level[:first], source.update_rate)
 
 
 def require_alike(arrays: Sequence[ArrayModel]) -> None:
     """Raise StrategyError for arrays that round amplitudes differently: a frame has one amplitude here."""
-    steps = {kind_of(array).layout.amplitude_steps for array in arrays}
+    steps = {kind_of(array).layout.levels.count for array in arrays}
     if len(steps) > 1:
         names = ", ".join(dict.fromkeys(array.name for array in arrays))
         raise StrategyError(f"arrays {names} have other steps of amplitude; predict arrays of one kind together")
-
-
-def round_block(driver: Driver, focus: FocalPoints, delay: np.ndarray, level: np.ndarray) -> None:
-    """Write the frames of a block of focal points, as boards round them, to `delay` and `level`."""
-    require_alike(driver.arrays)
-    drives = driver.drive(focus)
-    column = 0
-    for array, part in zip(driver.arrays, driver.split(drives), strict=True):
-        end = column + array.transducer_count
-        delay[:, column:end], level[:] = round_drives(part.delay, part.amplitude, array=array)
-        column = end
 
 
 def require_room(frame_count: int, update_rate: float, models: Sequence[ArrayModel]) -> None:

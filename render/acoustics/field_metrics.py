@@ -12,7 +12,7 @@ from ..errors import StrategyError
 from ..focal_spot import focal_width
 from ..hands.hand import Hand, hand_from
 from ..playback.drive import Driver, DriveStrategy
-from ..playback.focus_source import ContourRows
+from ..playback.focal_points import ContourRows, sampling_for
 from ..playback.placed_arrays import PlacedArray, load_rig
 from ..sampling.strategy import SamplingStrategy
 from ..validation import require_number
@@ -153,18 +153,6 @@ def measure_sample(
             for name in ("force", "share_on_contour", "unevenness", "elsewhere", "speed_factor")
         },
     )
-
-
-def sampling_for(sampling: SamplingStrategy | str | None, arrays: tuple[PlacedArray, ...]) -> SamplingStrategy:
-    """A sampling strategy; names and None take the first array's own update rate, as `play_file` does it."""
-    from dataclasses import replace
-
-    from ..sampling.presets import sampling_of, sets_rate
-
-    if isinstance(sampling, SamplingStrategy) or (sampling is not None and sets_rate(sampling)):
-        return sampling_of(sampling)
-    model = arrays[0].model
-    return replace(sampling_of(sampling or "stm"), update_rate=model.update_rate(model.divider_default))
 
 
 def _mean(values: list[float | None]) -> float | None:

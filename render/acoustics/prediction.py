@@ -6,8 +6,7 @@ from pathlib import Path
 
 from ..contour_input import takes_batches
 from ..playback.drive import Driver, DriveStrategy
-from ..playback.focus_source import ContourRows
-from ..playback.opened_source import opened, sampled
+from ..playback.focal_points import ContourRows, contour_source, open_focal_points
 from ..playback.placed_arrays import PlacedArray, load_rig
 from ..sampling.strategy import SamplingStrategy
 from .emission import PlayedFrames, played_frames, require_room
@@ -67,12 +66,12 @@ def frames_of(
 ) -> PlayedFrames:
     """All frames of a playback as the boards play them; arguments and errors as for `predict_noise`."""
     if isinstance(contours, str | Path):
-        way = opened(Path(contours), sampling, duration, arrays)
+        opening = open_focal_points(Path(contours), sampling, duration, arrays)
     else:
-        way = nullcontext(sampled(contours, sampling, duration, arrays))
-    with way as source:
+        opening = nullcontext((contour_source(contours, sampling, duration, arrays), None))
+    with opening as (source, _):
         models = [placed.model for placed in arrays]
-        require_room(source.source.frame_count, source.update_rate, models)
+        require_room(source.frame_count, source.update_rate, models)
         for model in models:
             model.divider(source.update_rate)
         driver = Driver(models, drive, update_rate=source.update_rate, device=device)

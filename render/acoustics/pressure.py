@@ -6,12 +6,11 @@ import numpy as np
 import warp as wp
 
 from ...device.array import ArrayModel
-from ...device.codec import round_drives
 from ...kernels.acoustics.pressure_sum import Sources, pack_sources, sum_waves, write_waves
 from ...kernels.acoustics.propagation import COLUMNS, DEPTH, ROWS, propagate_signals
 from ..errors import StrategyError
 from ..focal_spot import PISTON_RADIUS, SOUND_SPEED
-from ..playback.drive import Drives
+from ..playback.drive import Drives, round_drives
 from ..validation import require_number
 from .emission import PlayedFrames, require_alike
 from .transducers import PRESSURE_AT_1M, Resonance, TransducerSet
@@ -128,7 +127,9 @@ def complex_drives(drives: AnyDrives, transducers: TransducerSet, *, quantised: 
         if isinstance(drives, PlayedFrames):
             delay = delay.astype(np.float32) / np.float32(256)
         elif quantised:
-            delay, level = _as_played(delay, level, transducers.arrays)
+            require_alike(transducers.arrays)
+            rounded = round_drives(Drives(delay, level, 0), transducers.arrays)
+            delay, level = rounded.delay.numpy() / np.float32(256), rounded.amplitude.numpy()
         turn = np.float32(-2 * np.pi) * (delay - np.rint(delay))
         out = np.empty(delay.shape, np.complex64)
         np.cos(turn, out=out.real)
@@ -143,18 +144,6 @@ def complex_drives(drives: AnyDrives, transducers: TransducerSet, *, quantised: 
 def _require_width(drive: np.ndarray, count: int) -> None:
     if drive.ndim != 2 or drive.shape[1] != count:
         raise StrategyError(f"drives have the shape {drive.shape}, but the arrays take [frame, {count}]")
-
-
-def _as_played(delay: np.ndarray, amplitude: np.ndarray, arrays: Sequence[ArrayModel]) -> tuple[np.ndarray, np.ndarray]:
-    """Delays [turns] and levels as boards round them; raises StrategyError where they have other steps of amplitude."""
-    require_alike(arrays)
-    turns, level, column = np.empty(delay.shape, np.float32), np.asarray(amplitude, np.float32), 0
-    for array in arrays:
-        end = column + array.transducer_count
-        steps, level = round_drives(delay[:, column:end], np.asarray(amplitude, np.float32), array=array)
-        turns[:, column:end] = steps / np.float32(256)
-        column = end
-    return turns, level
 
 
 def follow_drives(drive: np.ndarray, resonance: Resonance, *, carrier: float, update_rate: float | None) -> np.ndarray:

@@ -97,7 +97,7 @@ class TransducerSet:
 
     @cached_property
     def _directivity(self) -> np.ndarray:
-        return piston_polynomial(2 * np.pi * self.piston_radius / self.wavelength)
+        return np.array(piston_polynomial(2 * np.pi * self.piston_radius / self.wavelength))
 
     def distances(self, point: np.ndarray) -> np.ndarray:
         """From each transducer to points [m], shape [point, 3]; shape [point, transducer]."""

@@ -20,9 +20,10 @@ from ..errors import StrategyError
 from ..file_kinds import is_point_list
 from ..playback.drive import AMPLITUDES, SOLVERS, DriveStrategy
 from ..playback.file_playback import CLOCKS, Connection, Playback, play_file
-from ..playback.opened_source import usual_rate
+from ..playback.focal_points import usual_rate
+from ..playback.frames import Making
 from ..playback.placed_arrays import PlacedArray, load_rig
-from ..playback.prepared_frames import Making, prepare_frames
+from ..playback.prepared_frames import prepare_frames
 from ..runtime.warp_start import start_warp
 from ..sampling.presets import LINES, PRESETS, load_sampling, sets_rate
 from ..sampling.strategy import JUMP_LENGTH, SamplingStrategy

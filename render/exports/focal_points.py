@@ -13,7 +13,7 @@ from ...datasets.focus_files.frame_reader import FOCAL_POINTS, FrameReader, fram
 from ...datasets.focus_files.ptlist import read_ptlist
 from ...datasets.storage.schema import Arrays
 from ..errors import StrategyError
-from ..playback.focus_source import ContourSource
+from ..playback.focal_points import ContourSource
 from ..sampling.metrics import FocalPoints
 from ..sampling.presets import sampling_of
 from ..sampling.sampler import Sampler, joined

@@ -19,7 +19,6 @@ import warp as wp
 
 from ...datasets.motions.hand_motion import HandMotion
 from ...datasets.motions.last_pose import end_of_motion, usual_interval
-from ...kernels.driving.pulse_frames import PackedFrames
 from ...kernels.offsets import PointLimitError
 from ..contour_batch import ContourBatch
 from ..errors import PoseError, StrategyError
@@ -29,8 +28,8 @@ from ..intersection.job import MEMORY_DEFAULT, checked_memory
 from ..intersection.named_inputs import hand_of, solid_of
 from ..intersection.scene import Scene
 from ..objects.solid import Solid
-from ..playback.device_frames import PulsePacker
-from ..playback.focus_source import require_increasing
+from ..playback.drive import Driver, PackedFrames
+from ..playback.focal_points import require_increasing
 from ..playback.pose_insertion import require_insertion
 from ..runtime.span_workers import warp_device
 from ..sampling.metrics import dwell_maps
@@ -58,14 +57,14 @@ FRAMES_SHARE = 16  # of the budget, a block of wire bytes takes a sixteenth
 class MotionGroup:
     """Motions that are rendered together; what is made of their contours is made when it is asked for, and kept.
 
-    >>> from palpate.render import ExploredPoses, PulsePacker, render_motions
+    >>> from palpate.render import Driver, ExploredPoses, render_motions
     >>> motions = [ExploredPoses.of("cube", duration=1.0, seed=seed) for seed in range(3)]
     >>> (group,) = render_motions("cube", "palm", motions, "cc", "stm", device="cpu")
     >>> group
     MotionGroup(motions 0..3, 270 poses, 30000 samples, on cpu)
     >>> [numbers["samples"] for numbers in group.numbers]
     [10000, 10000, 10000]
-    >>> sum(len(packed.frame) for packed in group.frames(PulsePacker("pat16", device="cpu")))
+    >>> sum(len(packed.amplitude) for packed in group.frames(Driver("pat16")))
     30000
     """
 
@@ -133,21 +132,24 @@ class MotionGroup:
         maps = dwell_maps(self.samples, rate, **dwell_grid(self.scene.hand))
         return [sampling_numbers(*own, rate) for own in zip(self.samples.counts, maps, strict=True)]
 
-    def frames(self, packer: PulsePacker) -> Iterator[PackedFrames]:
+    def frames(self, driver: Driver) -> Iterator[PackedFrames]:
         """Wire bytes of all focal points, one motion after the other, block by block; each motion starts from rest.
 
-        packer: it is reset, and nobody else may use it until the last block is given. Raises DeviceError for an update
-        rate that the array cannot play.
+        driver: on this device; it is reset, and nobody else may use it until the last block is given. Raises
+        DeviceError for an update rate that an array cannot play.
         """
-        packer.array.divider(self.sampling.update_rate)
+        for array in driver.arrays:
+            array.divider(self.sampling.update_rate)
         points, levels, starts = self.samples.position, self.samples.intensity, self.samples.sample_start
-        rests = starts.tolist() if self.sampling.foci > 1 else [0, int(starts[-1])]  # one depends on none before it
-        block = max(1, self.memory // (FRAMES_SHARE * packer.frame_bytes))
-        for begin, end in itertools.pairwise(rests):
-            packer.reset()
+        # phases of several focal points, and of a slew limit, follow the frames before
+        together = self.sampling.foci == 1 and driver.strategy.slew is None
+        block = max(1, self.memory // (FRAMES_SHARE * sum(array.frame_bytes for array in driver.arrays)))
+        for begin, end in [(0, int(starts[-1]))] if together else itertools.pairwise(starts.tolist()):
+            driver.reset()
             for first in range(begin, end, block):
-                part = slice(first, min(first + block, end))
-                yield packer.pack(points[part], levels[part])
+                stop = min(first + block, end)
+                rests = starts[(starts >= first) & (starts < stop)] - first if together else None
+                yield driver.pack(points[first:stop], levels[first:stop], rest_start=rests)
 
 
 def render_motions(

@@ -1,26 +1,30 @@
 """Convert focal points to drives of arrays: a delay for each transducer, an amplitude for each frame."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
 
+from ...datasets.rigid import conjugate, matrix_of
 from ...device.array import ArrayModel
-from ...device.registry import array_model
+from ...device.registry import array_model, kind_of
+from ...kernels import BYTE_STAGES
+from ...kernels.driving.hold import FocalBox, HeldFrames, IntensityRule, hold_points
+from ...kernels.driving.pack import RoundedFrames, board_on, focus_delays, pack_delays, pack_points, unpack_frames
 from ...kernels.driving.slew import Gauge, limit_slew
 from ...kernels.driving.solve import POINTS_MOST, SIZES, solve_points
 from ...kernels.driving.wave import transducers_on
-from ...kernels.driving.weigh import TARGET_STEPS
 from ..errors import StrategyError
 from ..focal_spot import PISTON_RADIUS, SOUND_SPEED
 from ..sampling.metrics import FocalPoints
 from ..validation import read_fields, require_choice, require_number
 
 REST = (0.0, 0.0, 0.2)  # [m] aim of silent frames before the first focal point
-DISTANCES_AT_ONCE = 1 << 16  # 256 kB of float32: two blocks stay in the processor's cache
+FRAMES_AT_ONCE = 1 << 17  # 128 MiB of delays of 256 transducers
 INTENSITY_TOLERANCE = 1e-6  # by which rounding may raise an intensity above 1
 
 # Amplitudes: rms error of 4 foci, median over random frames. Change: of a transducer's delay from frame to frame for 4
@@ -119,12 +123,27 @@ class DriveStrategy:
         return cls(**values)
 
 
-class Driver:
-    """Computes the drives of one array, or of several side by side, block after block.
+class PackedFrames(NamedTuple):
+    """Wire bytes of consecutive frames, on the device that made them."""
 
-    A frame depends on the frames before it (held positions, common phase, slew limit), not on their division into
-    blocks. Raises StrategyError for no array, arrays of different carriers, a slew limit without update rate, and an
-    update rate so low that the slew limit has no effect.
+    frames: tuple[Any, ...]
+    """Of each array, wp.uint8, shape [frame, frame_bytes]."""
+    amplitude: Any
+    """Of each frame, relative pressure amplitude 0..1, wp.float32, shape [frame]."""
+    refused: int
+    """Focal points that are silenced."""
+
+
+class Driver:
+    """Makes drives and wire bytes of one array, or of several side by side, block after block, by Warp kernels.
+
+    One focal point a frame: the bytes are the same on every processor and GPU. Several, or a slew limit: the same on
+    every processor; a GPU rounds otherwise, so some delays are a step apart. A frame depends on the frames before it
+    (held positions, common phase, slew limit), not on their division into blocks. A silent frame aims where the last
+    one that sounds did.
+
+    Raises StrategyError for no array, arrays of different carriers, a slew limit without update rate, and an update
+    rate so low that the slew limit has no effect.
 
     >>> from palpate.render import Driver, render, static_pose
     >>> square = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").sample("stm", duration=0.01)
@@ -141,18 +160,16 @@ class Driver:
         update_rate: float | None = None,
         device: str = "cpu",
     ) -> None:
-        """Arrays in the common frame, or names; update_rate [Hz]: for a slew limit; device: Warp's, for solvers."""
+        """Arrays in the common frame, or names; update_rate [Hz]: for a slew limit; device: Warp's."""
         given = (arrays,) if isinstance(arrays, ArrayModel | str) else tuple(arrays)
         self.arrays = tuple(array_model(array) if isinstance(array, str) else array for array in given)
         self.strategy = strategy or DriveStrategy()
         carriers = sorted({array.carrier for array in self.arrays})
         if len(carriers) != 1:
             raise StrategyError(f"arrays must be at least one and of one carrier, not {carriers} Hz")
-        self._wavelength = self.strategy.sound_speed / carriers[0]
-        self._position = np.concatenate([array.position for array in self.arrays])
         self._step = self._slew_step(carriers[0], update_rate)  # [turns a frame]; None: no limit
-        self._device = device
-        self._transducers: Any = None
+        self.device = device
+        """Warp's, where kernels run."""
         self.reset()
 
     def __repr__(self) -> str:
@@ -161,10 +178,9 @@ class Driver:
 
     def reset(self) -> None:
         """Forget the frames so far: the next one starts from rest."""
-        self._held: np.ndarray | None = None  # [m], shape [focus, 3]
-        self._target: np.ndarray | None = None  # targets of the last frame that was not silent, shape [focus]
+        self._held: tuple[Any, ...] | None = None  # points and targets of the last frame, shape [focus]
         self._gauge = Gauge()
-        self._now: np.ndarray | None = None  # last frame as it was driven [turns], shape [transducer]
+        self._driven: Any = None  # delays of the last frame [turns], shape [transducer]
 
     def _slew_step(self, carrier: float, update_rate: float | None) -> float | None:
         slew = self.strategy.slew
@@ -182,9 +198,49 @@ class Driver:
 
     def kernel_stages(self, foci: int) -> tuple[str, ...]:
         """The stages of kernels that frames of so many focal points need, as `compile_kernels` takes them."""
-        if foci > 1:
-            return "driving.solve", "driving.slew"
-        return () if self._step is None else ("driving.slew",)
+        solve = ("driving.solve",) if foci > 1 else ()
+        slew = ("driving.slew",) if foci > 1 or self._step is not None else ()
+        return *BYTE_STAGES, *solve, *slew
+
+    @property
+    def transducer_count(self) -> int:
+        """Of all arrays."""
+        return sum(array.transducer_count for array in self.arrays)
+
+    @cached_property
+    def boards(self) -> list[Any]:
+        """Each array as kernels pack its frames."""
+        return boards_on(self.arrays, self.strategy.sound_speed, self.device)
+
+    @cached_property
+    def plain_boards(self) -> list[Any]:
+        """The same without calibration and fixed bits, for predictions."""
+        return boards_on(self.arrays, self.strategy.sound_speed, self.device, plain=True)
+
+    @cached_property
+    def _transducers(self) -> Any:
+        return transducers_on(
+            np.concatenate([array.position for array in self.arrays]),
+            np.concatenate([array.normal for array in self.arrays]),
+            wavelength=self.strategy.sound_speed / self.arrays[0].carrier,
+            radius=self.strategy.piston_radius,
+            device=self.device,
+        )
+
+    @cached_property
+    def _zones(self) -> tuple[Any, Any]:
+        """Where the arrays can focus, and what intensities mean."""
+        rule = IntensityRule()
+        rule.intensity_most, rule.amplitude_most = 1 + INTENSITY_TOLERANCE, self.strategy.level_max
+        rule.is_force = int(self.strategy.amplitude == "force")
+        boxes = []
+        for array in self.arrays:
+            box, zone = FocalBox(), array.focal_zone
+            box.turn = wp.mat33d(*matrix_of(conjugate(np.asarray(array.pose[3:], np.float64))).ravel().tolist())
+            box.middle = wp.vec3d(*array.pose[:3])
+            box.lateral, box.low, box.high = zone.lateral, zone.z_min, zone.z_max
+            boxes.append(box)
+        return wp.array(boxes, dtype=FocalBox, device=self.device), rule
 
     def drive(self, focus: FocalPoints) -> Drives:
         """Drives of the next frames.
@@ -194,141 +250,205 @@ class Driver:
         an intensity outside 0..1 get intensity 0 and are counted; phases then aim at the point's last valid position.
         Raises StrategyError for other shapes.
         """
-        position, intensity = np.asarray(focus.position, np.float32), np.asarray(focus.intensity, np.float32)
-        if position.ndim == 2:
-            position, intensity = position[:, None], intensity[..., None]
-        frame_count, point_count = position.shape[:2]
-        if position.shape != (frame_count, point_count, 3) or not 1 <= point_count <= POINTS_MOST:
-            raise StrategyError(f"position must be [frame, 3] or [frame, 1..{POINTS_MOST}, 3], not {position.shape}")
-        if intensity.shape != position.shape[:2]:
-            raise StrategyError(f"intensity must have shape {position.shape[:2]}, not {intensity.shape}")
-        usable = np.any([array.in_reach(position) for array in self.arrays], axis=0)
-        usable &= (intensity >= 0) & (intensity <= 1 + INTENSITY_TOLERANCE)
-        refused = int(np.count_nonzero(~usable & (intensity != 0)))
-        level = self.strategy.pressure(np.minimum(np.where(usable, intensity, np.float32(0)), np.float32(1)))
-        position = self._hold(position, usable)
-        amplitude = (level.max(axis=1) * self.strategy.level_max).astype(np.float32)
-        return Drives(self._delays(position, level), amplitude, refused)
+        position, intensity = self._on_device(focus)
+        delay = np.empty((len(position), self.transducer_count), np.float32)
+        amplitude, refused = np.empty(len(position), np.float32), 0
+        for rows, held in self._spans(position, intensity):
+            delay[rows], amplitude[rows] = self._delays(held).numpy(), held.amplitude.numpy()
+            refused += held.refused
+        return Drives(delay, amplitude, refused)
 
     def split(self, drives: Drives) -> list[Drives]:
         """The drives of each array, in the order of `arrays`; `refused` is that of all."""
         ends = np.cumsum([array.transducer_count for array in self.arrays])[:-1]
         return [Drives(delay, drives.amplitude, drives.refused) for delay in np.split(drives.delay, ends, axis=1)]
 
-    def _hold(self, position: np.ndarray, usable: np.ndarray) -> np.ndarray:
-        """Positions, each unusable one replaced by the last usable one before it, also from earlier blocks."""
-        point_count = position.shape[1]
-        if self._held is None or len(self._held) != point_count:
-            self._held = np.tile(np.float32(REST), (point_count, 1))
-        rows = np.concatenate([self._held[None], position])
-        last = np.where(usable, np.arange(1, len(rows))[:, None], 0)
-        held = rows[np.maximum.accumulate(last, axis=0), np.arange(point_count)]
-        if len(held):
-            self._held = held[-1].copy()
-        return held
+    def pack(self, position: Any, intensity: Any, *, rest_start: np.ndarray | None = None) -> PackedFrames:
+        """Wire bytes of the next frames of focal points [m], vec3, with intensities 0..1, float32, on the device.
 
-    def _targets(self, level: np.ndarray) -> np.ndarray:
-        """Pressures relative to the largest of their frame; a silent frame repeats those of the last audible frame."""
-        before = self._target
-        if before is None or len(before) != level.shape[1]:
-            before = np.ones(level.shape[1], np.float32)
-        most = level.max(axis=1, keepdims=True)
-        ratio = np.rint(level / np.where(most > 0, most, 1) * TARGET_STEPS) / np.float32(TARGET_STEPS)
-        rows = np.concatenate([before[None], ratio])
-        last = np.where(most[:, 0] > 0, np.arange(1, len(rows)), 0)
-        held = rows[np.maximum.accumulate(last)]
-        self._target = held[-1].copy()
-        return held
+        Both have the shape [frame], or [frame, focus] with up to 8 focal points a frame, and are taken as by `drive`.
+        rest_start: numbers of frames that begin from rest, as after `reset`, where there is one focal point a frame and
+        no slew limit. Raises StrategyError for other shapes and types.
 
-    def _delays(self, position: np.ndarray, level: np.ndarray) -> np.ndarray:
-        """Delays of frames from usable positions and levels."""
-        if len(position) == 0:
-            return np.empty((0, len(self._position)), np.float32)
-        if position.shape[1] == 1:
-            delay = focus_delays(position[:, 0], self._position, self._wavelength)
-            if self._step is None:
-                return delay
-            return self._slew(self._locked(wp.array(delay, device=self._device)))
-        target = self._targets(level)
-        # a frame with the points and ratios of the one before is not solved again: points at rest, also when modulated
-        new = np.ones(len(position), bool)
-        new[1:] = (position[1:] != position[:-1]).any(axis=(1, 2)) | (target[1:] != target[:-1]).any(axis=1)
-        delay = self._locked(self._solve(position[new], target[new]))
-        return self._slew(delay if new.all() else delay[np.cumsum(new) - 1])
+        >>> import warp as wp
+        >>> from palpate.render import Driver
+        >>> points = wp.array([[0.0, 0.0, 0.2], [0.0, 0.0, 9.0]], dtype=wp.vec3, device="cpu")  # one is too far
+        >>> packed = Driver("pat16").pack(points, wp.ones(2, dtype=wp.float32, device="cpu"))
+        >>> (frames,) = packed.frames
+        >>> frames.shape, packed.refused, frames.numpy()[:, 256:].max(axis=1).tolist()  # widths of pulses
+        ((2, 512), 1, [64, 0])
+        """
+        return self._packed(position, intensity, self.boards, rest_start)
 
-    def _locked(self, delay: wp.array) -> np.ndarray:
-        """Delays, with each frame's common phase turned to that of the frame before."""
-        self._gauge.lock(delay)
-        return delay.numpy()
+    def pack_host(self, focus: FocalPoints) -> PackedFrames:
+        """The same from focal points on the host, as `drive` takes them; the bytes are on the device."""
+        return self.pack(*self._on_device(focus))
 
-    def _solve(self, position: np.ndarray, target: np.ndarray) -> wp.array:
-        """Delays for several points a frame."""
-        if self._transducers is None:
-            self._transducers = transducers_of(self.arrays, self.strategy, self._device)
-        size = solved_size(position.shape[1])
-        spare = size - position.shape[1]
-        points = np.concatenate([position, np.repeat(position[:, :1], spare, axis=1)], axis=1)
-        gs_pat, wgs = self.strategy.iterations
-        return solve_points(
-            wp.array(points, dtype=wp.vec3, device=self._device),
-            wp.array(np.pad(target, ((0, 0), (0, spare))), dtype=wp.float32, device=self._device),
-            self._transducers,
-            gs_pat=gs_pat,
-            wgs=wgs,
-        )
+    def rounded(self, position: Any, intensity: Any) -> RoundedFrames:
+        """The same as delays and amplitudes in the boards' steps, their calibration aside, as predictions take them.
 
-    def _slew(self, delay: np.ndarray) -> np.ndarray:
-        """Delays, with their changes limited if the strategy has a slew limit."""
+        Instead of `pack`, not beside it: frames depend on those before. Arrays have the same levels.
+        """
+        packed = self._packed(position, intensity, self.plain_boards)
+        return _unpacked(packed.frames, self.plain_boards, packed.refused)
+
+    def rounded_host(self, focus: FocalPoints) -> RoundedFrames:
+        """The same from focal points on the host."""
+        return self.rounded(*self._on_device(focus))
+
+    def _on_device(self, focus: FocalPoints) -> tuple[Any, Any]:
+        """Focal points of the host on the device, shape [frame, focus]."""
+        position, intensity = np.asarray(focus.position, np.float32), np.asarray(focus.intensity, np.float32)
+        if position.ndim == 2:
+            position, intensity = position[:, None], intensity[..., None]
+        if position.ndim != 3 or position.shape[2] != 3 or not 1 <= position.shape[1] <= POINTS_MOST:
+            raise StrategyError(f"position must be [frame, 3] or [frame, 1..{POINTS_MOST}, 3], not {position.shape}")
+        if intensity.shape != position.shape[:2]:
+            raise StrategyError(f"intensity must have shape {position.shape[:2]}, not {intensity.shape}")
+        # on the CPU without a copy
+        place = wp.array(np.ascontiguousarray(position), dtype=wp.vec3, device=self.device, copy=False)
+        return place, wp.array(np.ascontiguousarray(intensity), dtype=wp.float32, device=self.device, copy=False)
+
+    def _packed(
+        self, position: Any, intensity: Any, boards: Sequence[Any], rest_start: np.ndarray | None = None
+    ) -> PackedFrames:
+        if position.shape != intensity.shape or position.ndim > 2:
+            raise StrategyError(
+                f"position and intensity must be [frame] or [frame, focus], not {position.shape}, {intensity.shape}"
+            )
+        if position.dtype is not wp.vec3 or intensity.dtype is not wp.float32:
+            types = f"{position.dtype.__name__}, {intensity.dtype.__name__}"
+            raise StrategyError(f"position must be vec3 and intensity float32, not {types}")
+        if position.ndim == 2 and not 1 <= position.shape[1] <= POINTS_MOST:
+            raise StrategyError(f"position must be [frame, 1..{POINTS_MOST}], not {position.shape}")
+        if position.ndim == 1:
+            position, intensity = (own.contiguous().reshape((-1, 1)) for own in (position, intensity))
+        count = len(position)
+        frames = tuple(wp.empty((count, own.frame_bytes), dtype=wp.uint8, device=self.device) for own in boards)
+        amplitude, refused = wp.empty(count, dtype=wp.float32, device=self.device), 0
+        is_direct = position.shape[1] == 1 and self._step is None  # bytes need no delays of all arrays before
+        for rows, held in self._spans(position, intensity, rest_start):
+            delay = None if is_direct else self._delays(held)
+            for board, frame in zip(boards, frames, strict=True):
+                if delay is None:
+                    pack_points(held.point.flatten(), held.amplitude, board, out=frame[rows])
+                else:
+                    pack_delays(delay, held.amplitude, board, out=frame[rows])
+            wp.copy(amplitude[rows], held.amplitude)
+            refused += held.refused
+        return PackedFrames(frames, amplitude, refused)
+
+    def _spans(
+        self, position: Any, intensity: Any, rest_start: np.ndarray | None = None
+    ) -> Iterator[tuple[slice, HeldFrames]]:
+        """Frames that fit into memory together, weighed and held; shape [frame, focus]."""
+        frame_count, count = position.shape
+        (boxes, rule), device = self._zones, self.device
+        rests = np.zeros(0, np.int64) if rest_start is None else np.asarray(rest_start, np.int64)
+        for first in range(0, frame_count, FRAMES_AT_ONCE):
+            rows = slice(first, min(first + FRAMES_AT_ONCE, frame_count))
+            if self._held is None or len(self._held[0]) != count:
+                points = wp.array(np.tile(np.float32(REST), (count, 1)), dtype=wp.vec3, device=device)
+                self._held = points, wp.ones(count, dtype=wp.float32, device=device)
+            size = next(size for size in (1, *SIZES) if size >= count)
+            starts = rests[(rests >= first) & (rests < rows.stop)] - first
+            held = hold_points(
+                position[rows],
+                intensity[rows],
+                boxes,
+                rule,
+                self._held,
+                size=size,
+                rest_start=wp.array(starts, dtype=wp.int32, device=device),
+                rest=REST,
+            )
+            self._held = tuple(wp.clone(own[-1:]).flatten()[:count] for own in (held.point, held.target))
+            yield rows, held
+
+    def _delays(self, held: HeldFrames) -> Any:
+        """Delays [turns] of some frames, one at least, shape [frame, transducer]."""
+        if held.point.shape[1] > 1:
+            delay = self._solved(held)
+        else:
+            delay = wp.empty((len(held.point), self.transducer_count), dtype=wp.float32, device=self.device)
+            for board in self.boards:
+                focus_delays(held.point.flatten(), board, out=delay)
+            if self._step is not None:
+                self._gauge.lock(delay)
         if self._step is None:
             return delay
-        before = wp.array(delay[0] if self._now is None else self._now, device=self._device)
-        limited = limit_slew(wp.array(delay, device=self._device), before=before, step=self._step).numpy()
-        self._now = limited[-1].copy()
+        before = wp.clone(delay[0]) if self._driven is None else self._driven
+        limited = limit_slew(delay, before=before, step=self._step)
+        self._driven = wp.clone(limited[-1])
         return limited
 
+    def _solved(self, held: HeldFrames) -> Any:
+        """Delays of several points a frame, in the common phase of the frames before.
 
-def transducers_of(arrays: Sequence[ArrayModel], strategy: DriveStrategy, device: str) -> Any:
-    """Transducers of arrays side by side, on a device, as solvers take them."""
-    return transducers_on(
-        np.concatenate([array.position for array in arrays]),
-        np.concatenate([array.normal for array in arrays]),
-        wavelength=strategy.sound_speed / arrays[0].carrier,
-        radius=strategy.piston_radius,
-        device=device,
-    )
+        A frame with the points and ratios of the one before is not solved again: points at rest, also when modulated.
+        """
+        point, target = held.point.numpy(), held.target.numpy()
+        new = np.ones(len(point), bool)
+        new[1:] = (point[1:] != point[:-1]).any(axis=(1, 2)) | (target[1:] != target[:-1]).any(axis=1)
+        gs_pat, wgs = self.strategy.iterations
+        if new.all():
+            delay = solve_points(held.point, held.target, self._transducers, gs_pat=gs_pat, wgs=wgs)
+            self._gauge.lock(delay)
+            return delay
+        place = wp.array(point[new], dtype=wp.vec3, device=self.device)
+        ratio = wp.array(target[new], dtype=wp.float32, device=self.device)
+        delay = solve_points(place, ratio, self._transducers, gs_pat=gs_pat, wgs=wgs)
+        self._gauge.lock(delay)
+        index = wp.array(np.cumsum(new) - 1, dtype=wp.int32, device=self.device)
+        return wp.indexedarray(delay, [index, None]).contiguous()
 
 
-def solved_size(point_count: int) -> int:
-    """How many points a frame has when it is solved: the least of SIZES that holds them."""
-    return next(size for size in SIZES if size >= point_count)
+def boards_on(arrays: Sequence[ArrayModel], sound_speed: float, device: str, *, plain: bool = False) -> list[Any]:
+    """Arrays side by side as kernels pack their frames; plain: without calibration and fixed bits."""
+    boards, first = [], 0
+    for array in arrays:
+        layout, order = kind_of(array).layout, array.wire_order
+        if len(order) != array.transducer_count:
+            raise StrategyError(f"{array!r} has {len(order)} places on its wire")
+        boards.append(
+            board_on(
+                array.position[order],
+                first + order,
+                offset=np.zeros(len(order), np.float32) if plain else array.delay_offset[order],
+                gain=np.ones(len(order), np.float32) if plain else array.gain[order],
+                levels=(layout.levels.least, layout.levels.amplitude),
+                delay_at=layout.delay_at,
+                level_at=layout.level_at,
+                fixed=np.zeros(array.frame_bytes, np.uint8) if plain else layout.fixed_bits(array.frame_bytes),
+                per_metre=array.carrier / sound_speed,
+                turn=layout.turn,
+                later=layout.later,
+                device=device,
+            )
+        )
+        first += array.transducer_count
+    return boards
 
 
-def focus_delays(position: np.ndarray, transducer: np.ndarray, wavelength: float) -> np.ndarray:
-    """Delays frac(-r / wavelength) [turns] that focus each frame at its point, float32, shape [frame, transducer].
+def round_drives(drives: Drives, arrays: Sequence[ArrayModel], *, device: str = "cpu") -> RoundedFrames:
+    """Drives of arrays side by side as their boards play them: in their steps, their calibration aside."""
+    boards = boards_on(arrays, SOUND_SPEED, device, plain=True)
+    delay = wp.array(np.ascontiguousarray(drives.delay, np.float32), device=device)
+    amplitude = wp.array(np.ascontiguousarray(drives.amplitude, np.float32), device=device)
+    frames = tuple(wp.empty((len(delay), board.frame_bytes), dtype=wp.uint8, device=device) for board in boards)
+    for board, frame in zip(boards, frames, strict=True):
+        pack_delays(delay, amplitude, board, out=frame)
+    return _unpacked(frames, boards, drives.refused)
 
-    position and transducer [m], float32, shape [frame, 3] and [transducer, 3]; wavelength [m]. Within 1e-4 turns up to
-    1 m. In NumPy: 0.55 us a frame of 256, 2.2 % of a core at 40 kHz; a Warp kernel takes 0.07 us, but 2 s to compile
-    before the first frame can be played.
-    """
-    # Each ufunc does one operation, which IEEE 754 rounds. So a delay depends on its own point and transducer only. A
-    # matrix product, |p|^2 - 2 p t + |t|^2, takes 0.8 times as long, but BLAS rounds it by shape, row and processor.
-    of_points, of_transducers = np.ascontiguousarray(position.T)[:, :, None], np.ascontiguousarray(transducer.T)
-    of_transducers = [one[:1] if (one == one[:1]).all() else one for one in of_transducers]  # often all have one z
-    turns = np.empty((len(position), len(transducer)), np.float32)
-    frames_at_once = max(1, DISTANCES_AT_ONCE // max(1, len(transducer)))
-    spare = np.empty((min(frames_at_once, len(position)), len(transducer)), np.float32)
-    for start in range(0, len(position), frames_at_once):
-        rows = slice(start, start + frames_at_once)
-        block, other = turns[rows], spare[: len(turns[rows])]
-        np.subtract(of_points[0, rows], of_transducers[0], out=block)
-        block *= block
-        for of_point, of_transducer in zip(of_points[1:, rows], of_transducers[1:], strict=True):
-            apart = np.subtract(of_point, of_transducer, out=other[:, : len(of_transducer)])
-            block += np.multiply(apart, apart, out=apart)
-        np.sqrt(block, out=block)
-        block *= np.float32(1 / wavelength)
-        np.subtract(np.ceil(block, out=other), block, out=block)
-    return turns
+
+def _unpacked(frames: Sequence[Any], boards: Sequence[Any], refused: int) -> RoundedFrames:
+    count, device = len(frames[0]), frames[0].device
+    transducer_count = sum(board.count for board in boards)
+    delay = wp.empty((count, transducer_count), dtype=wp.uint8, device=device)
+    amplitude = wp.empty(count, dtype=wp.float32, device=device)
+    for board, frame in zip(boards, frames, strict=True):
+        unpack_frames(frame, board, delay=delay, amplitude=amplitude)
+    return RoundedFrames(delay, amplitude, refused)
 
 
 def drive_focus(focus: FocalPoints, array: ArrayModel | str, *, sound_speed: float = SOUND_SPEED) -> Drives:

@@ -10,7 +10,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TypedDict, Unpack, get_args
 
-from ...datasets.focus_files.frame_reader import WIRE_FRAMES, FrameReader, frame_format
+from ...datasets.focus_files.frame_reader import WIRE_FRAMES, frame_format
 from ...device.array_kind import Emulation
 from ...device.boards.discovery import open_link
 from ...device.clock import Clock, MonotonicClock, VirtualClock
@@ -23,7 +23,7 @@ from ...device.registry import emulated_backend, kind_of
 from ...device.report import LiveStatistics, PlayReport
 from ...device.transports.pyusb import Backend
 from ...device.transports.serial_line import SerialPorts
-from ...kernels import PLAYING_STAGES, uncompiled
+from ...kernels import FOCUS_STAGES, uncompiled
 from ..contour_input import takes_batches
 from ..errors import StrategyError
 from ..runtime.kernel_compiling import compile_now
@@ -31,9 +31,8 @@ from ..sampling.metrics import SamplingCount
 from ..sampling.strategy import SamplingStrategy
 from ..validation import choose
 from .drive import Driver, DriveStrategy
-from .focus_source import ContourRows
-from .frame_source import FrameSource, counted_values
-from .opened_source import Opened, opened, sampled, unchanged
+from .focal_points import ContourRows, FocusSource, contour_source, open_focal_points
+from .frames import MadeFrames, Making, WireFrames, counted_values
 from .placed_arrays import PlacedArray, arrays_of
 from .prepared_frames import PreparedFrames
 
@@ -46,15 +45,8 @@ class Playback:
 
     reports: tuple[PlayReport, ...]
     """The player's report on each array."""
-    sampling: SamplingStrategy | None
-    """None for focal points that were read from a file."""
-    count: SamplingCount | None
-    """Counts of the sampler; of the first repetition if there were several."""
-    refused: int
-    """Focal points of the first repetition that were silenced: out of reach of all arrays, or invalid."""
-    switched: int
-    """Frames of the first repetition that an array without amplitude control played with amplitude 0 or 1."""
-    drive: DriveStrategy
+    making: Making
+    """How its frames were made, and the counts of the first repetition."""
     repeats: int = 1
     """Requested number of repetitions."""
     first_frame_seconds: float | None = field(default=None, compare=False)
@@ -65,6 +57,31 @@ class Playback:
         """One line: the report of each array, jumps and silenced focal points."""
         jumps = "" if self.count is None else f", {sum(self.count.jumps.values())} jumps"
         return f"Playback({', '.join(map(repr, self.reports))}{jumps}, {self.refused} silenced)"
+
+    @property
+    def sampling(self) -> SamplingStrategy | None:
+        """None for focal points that were read from a file."""
+        return self.making.sampling
+
+    @property
+    def count(self) -> SamplingCount | None:
+        """Counts of the sampler; of the first repetition if there were several."""
+        return self.making.count
+
+    @property
+    def refused(self) -> int:
+        """Focal points of the first repetition that were silenced: out of reach of all arrays, or invalid."""
+        return self.making.refused
+
+    @property
+    def switched(self) -> int:
+        """Frames of the first repetition that an array without amplitude control played with amplitude 0 or 1."""
+        return self.making.switched
+
+    @property
+    def drive(self) -> DriveStrategy:
+        """How focal points became drives."""
+        return self.making.drive
 
     @property
     def underruns(self) -> int:
@@ -203,12 +220,10 @@ class _Preparation:
         self._device_stages: tuple[str, tuple[str, ...]] = ("cpu", ())
         self.first_frame_seconds: float | None = None
 
-    def need(self, opened: Opened, driver: Driver, device: str) -> None:
+    def need(self, source: FocusSource, driver: Driver) -> None:
         """Note the kernels of a playback: of sampling, on the CPU, and of drives, on a device."""
-        foci = opened.file.foci if isinstance(opened.file, FrameReader) else 1
-        if opened.sampler is not None:
-            self._stages, foci = PLAYING_STAGES, opened.sampler.strategy.foci
-        self._device_stages = device, driver.kernel_stages(foci)
+        self._stages = () if source.sampling is None else FOCUS_STAGES
+        self._device_stages = driver.device, driver.kernel_stages(source.foci)
 
     def compile(self) -> None:
         """Compile what is missing, so that an array that has been started waits for no compiler."""
@@ -255,10 +270,10 @@ def play_file(
             points has its own rate and takes none.
         drive: conversion of focal points to drives.
         duration: of the playback [s]; needed for a static pose, which has no end.
-        repeats: number of repetitions; up to 64 MB of frames are kept for them, a longer file is read again.
+        repeats: number of repetitions, for each of which the file is read again.
         limits: of on-time and duty cycle; None: the defaults.
         connection: options of the connection to the arrays; or its fields, such as clock="virtual".
-        device: Warp device for solvers of several focal points.
+        device: Warp device on which frames are made.
         watch: called regularly with live statistics of the first array and the number of all frames.
         compiling: called before kernels are compiled, which takes seconds once on a machine, with the number of their
             modules.
@@ -280,13 +295,11 @@ def play_file(
     if frame_format(path) == WIRE_FRAMES:
         with PreparedFrames(path, repeats=repeats) as prepared:
             prepared.require_fitting(arrays, sampling, drive, duration)
-            amount = prepared.frame_count, prepared.update_rate
-            reports = _send(prepared, *amount, arrays, limits, way, watch, preparation)
-            made = prepared.making
-            counts = (made.sampling, made.count, made.refused, made.switched)
-            return Playback(reports, *counts, made.drive, prepared.repeats, preparation.first_frame_seconds)
-    with opened(Path(path), sampling, duration, arrays) as source:
-        return _play(source, arrays, drive, repeats, limits, way, device, watch, preparation)
+            return _play(prepared, arrays, limits, way, watch, preparation)
+    with open_focal_points(Path(path), sampling, duration, arrays) as (source, file):
+        driver = _driver_of(arrays, drive, source, device)
+        preparation.need(source, driver)
+        return _play(MadeFrames(source, driver, repeats=repeats, file=file), arrays, limits, way, watch, preparation)
 
 
 def play_contours(
@@ -304,60 +317,36 @@ def play_contours(
 ) -> Playback:
     """Play contours that are in memory; arguments and errors as for `play_file`."""
     preparation, arrays = _Preparation(None), arrays_of(array)
-    source = sampled(contours, sampling, duration, arrays)
-    return _play(source, arrays, drive, repeats, limits, connection or Connection(), device, watch, preparation)
+    source = contour_source(contours, sampling, duration, arrays)
+    driver = _driver_of(arrays, drive, source, device)
+    preparation.need(source, driver)
+    frames = MadeFrames(source, driver, repeats=repeats)
+    return _play(frames, arrays, limits, connection or Connection(), watch, preparation)
+
+
+def _driver_of(arrays: Sequence[PlacedArray], drive: DriveStrategy | None, source: FocusSource, device: str) -> Driver:
+    models = [placed.model for placed in arrays]
+    return Driver(models, drive, update_rate=source.update_rate, device=device)
 
 
 def _play(
-    opened: Opened,
+    frames: WireFrames,
     arrays: Sequence[PlacedArray],
-    drive: DriveStrategy | None,
-    repeats: int,
     limits: Limits | None,
     connection: Connection,
-    device: str,
     watch: Callable[[LiveStatistics, int], object] | None,
     preparation: _Preparation,
 ) -> Playback:
-    source, sampler, update_rate, file = opened
-    driver = Driver([placed.model for placed in arrays], drive, update_rate=update_rate, device=device)
-    preparation.need(opened, driver, device)
-    frames = FrameSource(source, driver, repeats=repeats, sampler=sampler)
-    blocks = frames if file is None else unchanged(frames, file)
-    reports = _send(blocks, frames.frame_count, update_rate, arrays, limits, connection, watch, preparation)
-    return Playback(
-        reports,
-        None if sampler is None else sampler.strategy,
-        frames.counted if sampler is None or frames.counted is not None else sampler.count,
-        frames.refused,
-        frames.switched,
-        driver.strategy,
-        repeats,
-        preparation.first_frame_seconds,
-    )
-
-
-def _send(
-    blocks: Iterable[tuple[array[int], ...]],
-    frame_count: int,
-    update_rate: float,
-    arrays: Sequence[PlacedArray],
-    limits: Limits | None,
-    connection: Connection,
-    watch: Callable[[LiveStatistics, int], object] | None,
-    preparation: _Preparation,
-) -> tuple[PlayReport, ...]:
     """Play frames, whatever they are made of: the player's limits and the watchdogs hold for all."""
     for placed in arrays:
-        placed.model.divider(update_rate)
+        placed.model.divider(frames.update_rate)
     with connection.all_of(arrays) as links:
         preparation.compile()  # an array that cannot be reached is refused before, and none has been started yet
-        return tuple(
-            play_together(
-                links,
-                preparation.timed(blocks),
-                update_rate=update_rate,
-                limits=limits,
-                watch=None if watch is None else lambda live: watch(live, frame_count),
-            )
+        reports = play_together(
+            links,
+            preparation.timed(frames),
+            update_rate=frames.update_rate,
+            limits=limits,
+            watch=None if watch is None else lambda live: watch(live, frames.frame_count),
         )
+    return Playback(tuple(reports), frames.making, frames.repeats, preparation.first_frame_seconds)

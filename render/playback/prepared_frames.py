@@ -23,31 +23,14 @@ from ..output_file import require_output
 from ..sampling.metrics import SamplingCount
 from ..sampling.strategy import SamplingStrategy
 from ..validation import is_number, known_fields, require_path
-from .device_frames import packer_for
 from .drive import Driver, DriveStrategy
-from .focus_source import BLOCK
-from .frame_source import FrameSource, counted_values, require_repeats
-from .opened_source import Opened, opened, unchanged
+from .focal_points import BLOCK, open_focal_points
+from .frames import MadeFrames, Making, counted_values, require_repeats, wire_bytes
 from .placed_arrays import PlacedArray, arrays_of
 
 SUFFIXES = (".h5", ".hdf5")
 FRAMES = "/wire/frames"
 PACKAGES = ("palpate", "numpy", "warp-lang")  # that decide bytes
-
-
-@dataclass(frozen=True)
-class Making:
-    """How frames were made, and what was counted meanwhile."""
-
-    sampling: SamplingStrategy | None
-    """None for focal points of a file."""
-    count: SamplingCount | None
-    """What the sampler counted; None without one."""
-    refused: int
-    """Focal points that were silenced: out of reach of all arrays, or invalid."""
-    switched: int
-    """Frames whose amplitude an array that can only switch plays as 0 or 1."""
-    drive: DriveStrategy
 
 
 @dataclass(frozen=True)
@@ -107,8 +90,8 @@ def prepare_frames(
     """Write the wire bytes that `play_file` would send for a file, so that playing them only copies them.
 
     Made and written block by block, in bounded memory; the new file is whole or not there
-    (docs/formats/prepared-frames.md). On the CPU they are the bytes that `play_file` sends. On a GPU, frames of a board
-    that `PulsePacker` knows are packed there, with its tolerance; for other arrays the GPU only solves.
+    (docs/formats/prepared-frames.md). They are the bytes that `play_file` sends; a GPU's differ by a step where
+    `Driver` says so.
 
     Args:
         path: contour file, or focal points from a .PTLIST or a sweep.
@@ -134,38 +117,29 @@ def prepare_frames(
         raise StrategyError(f"{out}: a file of frames must end in {' or '.join(SUFFIXES)}")
     require_output(out, overwrite=overwrite, sources=[path])
     arrays = arrays_of(array)
-    with opened(path, sampling, duration, arrays) as source:
+    models = [placed.model for placed in arrays]
+    with open_focal_points(path, sampling, duration, arrays) as (source, file):
+        for model in models:
+            model.divider(source.update_rate)
+        driver = Driver(models, drive, update_rate=source.update_rate, device=device)
         try:
-            return _write(source, out, arrays, drive or DriveStrategy(), device, watch or _unwatched)
+            return _write(MadeFrames(source, driver, file=file), driver, out, watch or _unwatched)
         except OSError as error:
             raise ContourFileError(f"{out}: cannot be written ({error.strerror or error})") from error
 
 
-def _write(
-    source: Opened,
-    out: Path,
-    arrays: Sequence[PlacedArray],
-    drive: DriveStrategy,
-    device: str,
-    watch: Callable[[int, int], object],
-) -> Preparation:
-    models = [placed.model for placed in arrays]
-    for model in models:
-        model.divider(source.update_rate)
-    driver = Driver(models, drive, update_rate=source.update_rate, device=device)
-    packer = packer_for(models, drive, device)
-    frames = FrameSource(source.source, driver, sampler=source.sampler, packer=packer)
+def _write(frames: MadeFrames, driver: Driver, out: Path, watch: Callable[[int, int], object]) -> Preparation:
+    models = driver.arrays
     sizes = [model.frame_bytes for model in models]
-    made_on = device if packer is not None else "cpu"
     attributes: dict[str, dict[str, Attribute]] = {
         "/": {
             "format": WIRE_FRAMES,
             "version": np.array([1, 0], np.int32),
-            "drive": drive.to_json(),
+            "drive": driver.strategy.to_json(),
             "versions": json.dumps({package: version(package) for package in PACKAGES}),
-            "device": made_on,
+            "device": driver.device,
         },
-        "/wire": {"update_rate": source.update_rate},
+        "/wire": {"update_rate": frames.update_rate},
         "/array": {
             "names": json.dumps([model.name for model in models]),
             "identities": json.dumps([model.wire_identity() for model in models]),
@@ -175,17 +149,15 @@ def _write(
     field = FrameField(FRAMES, (sum(sizes),), "byte", "|u1")
     with FrameFile(out, [field], frames.frame_count, attributes=attributes) as file:
         done = 0
-        for block in frames if source.file is None else unchanged(frames, source.file):
+        for block in frames:
             parts = [np.frombuffer(part, np.uint8).reshape(-1, size) for part, size in zip(block, sizes, strict=True)]
             file.append({FRAMES: parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)})
             done += len(parts[0])
             watch(done, frames.frame_count)
-        sampler = source.sampler
-        making = Making(sampler and sampler.strategy, sampler and sampler.count, frames.refused, frames.switched, drive)
+        making = frames.making
         size = file.publish(_counted(making))
-    return Preparation(
-        out, tuple(model.name for model in models), frames.frame_count, source.update_rate, size, made_on, making
-    )
+    names = tuple(model.name for model in models)
+    return Preparation(out, names, frames.frame_count, frames.update_rate, size, driver.device, making)
 
 
 def _counted(making: Making) -> dict[str, dict[str, Attribute]]:
@@ -240,7 +212,7 @@ class PreparedFrames:
         for _ in range(self.repeats):
             for first in range(0, count, BLOCK):
                 self._file.require_unchanged()
-                yield tuple(map(_copied, self._file.wire_frames(first, min(first + BLOCK, count))))
+                yield tuple(map(wire_bytes, self._file.wire_frames(first, min(first + BLOCK, count))))
 
     def require_fitting(
         self,
@@ -268,12 +240,6 @@ class PreparedFrames:
             made, asked = asdict(self.making.drive), asdict(drive)
             name = next(name for name in made if made[name] != asked[name])
             raise StrategyError(f"{path}: holds frames of drives with {name}={made[name]}, not {asked[name]}")
-
-
-def _copied(rows: np.ndarray) -> array[int]:
-    block = array("B")
-    block.frombytes(np.ascontiguousarray(rows).data)
-    return block
 
 
 def _listed(arrays: Sequence[tuple[str, str]]) -> str:

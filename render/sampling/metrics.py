@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -73,16 +73,6 @@ class SamplingCount:
     """Picked places on the skin that had been drawn before (`revisits`)."""
     revisit_time: float = 0.0
     """How long picked places had waited, in vain included [s]."""
-
-    def with_repeated(self, before: "SamplingCount", after: "SamplingCount", times: int) -> "SamplingCount":
-        """The same, and so many times more what came between two counts; what is longest stays so."""
-        out = replace(self)
-        for name in ("samples", "silent", "held", "drawn", "cycles", "revisits", "revisit_time"):
-            setattr(out, name, getattr(self, name) + times * (getattr(after, name) - getattr(before, name)))
-        for name in ("jumps", "jump_lengths", "hops"):
-            own, then, now = (getattr(count, name) for count in (self, before, after))
-            setattr(out, name, {cause: own[cause] + times * (now[cause] - then[cause]) for cause in own})
-        return out
 
     @property
     def jump_length(self) -> float:

@@ -92,7 +92,6 @@ class Sampler:
         self._plans = {pauses: plan_of(strategy, pauses=pauses) for pauses in (False, True)}
         self._sampled = np.zeros(motion_count, np.int64)  # samples so far
         self._watch = RevisitWatch(motion_count, strategy, device, goes_on=goes_on) if revisits else None
-        self._repeated: list[tuple[SamplingCount, SamplingCount, int]] = []
         self._last: _LastPose | None = None  # of `draw`
 
     def __reduce__(self) -> Any:
@@ -107,8 +106,6 @@ class Sampler:
     def count(self) -> SamplingCount:
         """What the only motion's samples are counted as."""
         (count,) = self.counts
-        for before, after, times in self._repeated:
-            count = count.with_repeated(before, after, times)
         return count
 
     @property
@@ -120,10 +117,6 @@ class Sampler:
             for count, number, wait in zip(counts, *self._watch.totals(), strict=True):
                 count.revisits, count.revisit_time = number, wait
         return counts
-
-    def repeat(self, before: SamplingCount, after: SamplingCount, times: int) -> None:
-        """Count again, so many times, what came between two counts of the only motion."""
-        self._repeated.append((before, after, times))
 
     def draw(
         self,

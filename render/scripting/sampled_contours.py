@@ -8,7 +8,7 @@ import numpy as np
 
 from ...datasets.focus_files.ptlist import PointListError, write_ptlist
 from ..batch_rows import BatchRows
-from ..playback.focus_source import ContourSource
+from ..playback.focal_points import ContourSource
 from ..sampling.metrics import FocalPoints, SamplingCount
 from ..sampling.presets import sampling_of
 from ..sampling.sampler import Sampler, joined

@@ -4,14 +4,15 @@ from __future__ import annotations  # array("B") takes no index at run time
 
 from array import array
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from ...device.array import ArrayModel
-from ...device.codec import encode_frames
 from ..focal_spot import SOUND_SPEED
-from ..playback.drive import focus_delays
+from ..playback.drive import Driver
+from ..playback.frames import wire_bytes
+from ..sampling.metrics import FocalPoints
 
 FELT = 200.0  # [Hz] of modulation, where Pacinian corpuscles are most sensitive
 BLOCK_SECONDS = 0.05  # of frames in a block: how exactly a stop in the middle is placed
@@ -73,14 +74,12 @@ class Stimulus:
         """Wire bytes, block by block."""
         rate, count = self.update_rate(model), self.frame_count(model)
         size = max(round(BLOCK_SECONDS * rate), 1)
-        emitting = self.emitting(model).astype(np.float32)
+        driver = Driver(replace(model, gain=model.gain * self.emitting(model)))
         for first in range(0, count, size):
             frame = np.arange(first, min(first + size, count))
-            moving = frame if self.radius else frame[:1]  # a focal point that stays has the delays of one frame
-            delay = focus_delays(self.position(model, moving / rate), model.position, SOUND_SPEED / model.carrier)
-            amplitude = self.level(model, frame)[:, None] * emitting
-            delays = np.broadcast_to(delay, amplitude.shape)
-            yield array("B", encode_frames(delays, amplitude, array=model).tobytes())
+            focus = FocalPoints(self.position(model, frame / rate), self.level(model, frame))
+            (frames,) = driver.pack_host(focus).frames
+            yield wire_bytes(frames.numpy())
 
     def parameters(self, model: ArrayModel) -> dict[str, object]:
         """Everything about it, with the update rate, for a report."""

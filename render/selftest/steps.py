@@ -127,7 +127,7 @@ _FOCUS = Step(
             "none",
             "Nothing is felt, though a tone is heard.",
             "The waves do not meet: the sign of the delay is wrong, or the offsets are.",
-            "`focus_delays` in render/playback/drive.py has the sign; the offsets: " + _OFFSETS,
+            "`delays_to` in kernels/driving/pack.py has the sign; the offsets: " + _OFFSETS,
         ),
     ),
     (Stimulus(10.0, centre=(0.03, -0.02, 0.2)),),

@@ -7,8 +7,8 @@ from ...device.playing.signals import ending_on_signals
 from ..errors import StrategyError
 from ..playback.drive import Driver
 from ..playback.file_playback import CLOCKS, Connection
-from ..playback.focus_source import PointSource
-from ..playback.frame_source import FrameSource
+from ..playback.focal_points import PointSource
+from ..playback.frames import MadeFrames
 from ..playback.placed_arrays import load_rig
 from ..sampling.metrics import FocalPoints
 from ..sampling.strategy import SamplingStrategy
@@ -78,7 +78,8 @@ def run_selftest(options: dict, *, as_json: bool) -> None:
         for name, told in STIMULI.items():
             if not as_json:
                 print_message(f"{told}: hold a palm {height:g} m above the array for {seconds:g} s")
-            frames = FrameSource(PointSource(stimulus(name, height, seconds, sampling)), Driver(models))
+            points = stimulus(name, height, seconds, sampling)
+            frames = MadeFrames(PointSource(points, update_rate=sampling.update_rate), Driver(models))
             results[name] = play_together(links, frames, update_rate=sampling.update_rate)
     values = {
         "array": models[0].name,

@@ -8,7 +8,7 @@ import numpy as np
 from ...datasets.motions.hand_motion import HandMotion
 from ..batch_rows import BatchRows
 from ..contour_batch import ContourBatch
-from ..playback.focus_source import ContourSource
+from ..playback.focal_points import ContourSource
 from ..sampling.draw_frequency import file_frequencies
 from ..sampling.sampler import Sampler
 from ..sampling.strategy import SamplingStrategy

@@ -15,7 +15,7 @@ from wire_decoders import DECODERS, Drive
 
 from palpate.device.array import ArrayModel
 from palpate.device.boards.pat16.layout import with_divider
-from palpate.device.codec import duty, encode_frames, is_emitting, off_frame, round_drives, switched_count
+from palpate.device.codec import duty, encode_frames, is_emitting, off_frame, switched_count
 from palpate.device.errors import FrameError, UnknownArrayError, UpdateRateError
 from palpate.device.registry import array_model, array_names
 
@@ -35,22 +35,6 @@ def read(frame: np.ndarray, model: ArrayModel) -> tuple[np.ndarray, np.ndarray]:
 
 def focus_delay(model: ArrayModel, focus: np.ndarray) -> np.ndarray:
     return np.mod(-np.linalg.norm(model.position - focus, axis=1) / WAVELENGTH, 1).astype(np.float32)
-
-
-@EACH_BOARD
-def test_rounded_drives_are_what_the_bytes_do(name: str) -> None:
-    rng = np.random.default_rng(7)
-    model = array_model(name)
-    delay = rng.random((40, model.transducer_count), np.float32)
-    amplitude = np.concatenate([rng.random(38, np.float32), np.float32([0, 1])])
-    phase, level = round_drives(delay, amplitude, array=model)
-    for row, frame in enumerate(encode_frames(delay, amplitude, array=model)):
-        got_delay, got_amplitude = read(frame, model)
-        assert got_amplitude == pytest.approx(level[row], abs=1e-6)
-        if level[row] > 0:
-            assert turned(got_delay - phase[row] / 256).max() <= 1e-9
-    with pytest.raises(FrameError, match="amplitude"):
-        round_drives(delay, amplitude + 1, array=model)
 
 
 @EACH_BOARD
@@ -199,12 +183,11 @@ def test_no_frames_encode_to_no_frames(name: str) -> None:
 def test_frames_are_encoded_each_on_its_own(name: str) -> None:
     rng = np.random.default_rng(3)
     delay, amplitude = rng.random((513, array_model(name).transducer_count), np.float32), rng.random(513, np.float32)
-    frames, level = encode_frames(delay, amplitude, array=name), round_drives(delay, amplitude, array=name)[1]
+    frames = encode_frames(delay, amplitude, array=name)
     for k in (0, 255, 256, 257, 511, 512):  # about the borders of the chunks in which they are made
         own = slice(k, k + 1)
         assert np.array_equal(encode_frames(delay[own], amplitude[own], array=name), frames[own]), k
         assert duty(frames, array=name)[k] == duty(frames[own], array=name)[0], k
-        assert round_drives(delay[own], amplitude[own], array=name)[1] == level[k], k
 
 
 @pytest.mark.parametrize(

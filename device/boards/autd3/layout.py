@@ -1,24 +1,5 @@
 """Frames of an AUTD3: 249 delays in 1/256 turn, then 249 amplitudes, 0..255 linear in pressure by its own table."""
 
-from __future__ import annotations
+from ...wire_layout import Layout, linear_levels
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ...wire_layout import LINEAR, Frames, Layout, Turns, any_of, level_byte, mean_of, on_wire, phase_byte
-
-
-def _pack(delay: Turns, level: Turns, order: NDArray[np.intp], out: Frames) -> None:
-    out[:, :249] = phase_byte(delay, 256)[:, order]
-    out[:, 249:] = on_wire(level_byte(level), order)
-
-
-def _width(frames: Frames) -> NDArray[np.float32]:
-    return mean_of(LINEAR, frames[:, 249:])
-
-
-def _emitting(frames: Frames) -> NDArray[np.bool_]:
-    return any_of(frames[:, 249:])
-
-
-LAYOUT = Layout(_pack, _width, _emitting, amplitude_steps=255)
+LAYOUT = Layout(turn=256, delay_at=slice(0, 249), levels=linear_levels(255), level_at=slice(249, 498))

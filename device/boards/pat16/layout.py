@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import UpdateRateError
-from ...wire_layout import Frames, Layout, PulseGrid, Turns, any_of, mean_of, on_wire
+from ...wire_layout import Layout, pulse_levels
 
 _MARK = 0x80
 _DIVIDER_BYTE, _LOAD_BYTE = 26, 34
-_DUTY = (np.minimum(np.arange(256) & 0x7F, 64) / 64).astype(np.float32)
 
 
 def with_divider(frames: NDArray[np.uint8], divider: int) -> NDArray[np.uint8]:
@@ -36,42 +35,12 @@ def with_divider(frames: NDArray[np.uint8], divider: int) -> NDArray[np.uint8]:
     return marked
 
 
-def _pulse(delay: Turns, level: Turns) -> tuple[Frames, Turns]:
-    """Start and width of the pulse [turn / 128]."""
-    # Duty shrinks a pulse from its end, so half of what is missing is added to its start: its middle stays.
-    duty = np.rint(np.arcsin(level) * np.float32(128 / np.pi))
-    start = delay * np.float32(128)
-    start += (64 - duty) * np.float32(0.5) + np.float32(0.5)
-    return (start.astype(np.uint16) & 0x7F).astype(np.uint8), duty
-
-
-def _rounded(delay: Turns, level: Turns) -> tuple[Frames, Turns]:
-    start, duty = _pulse(delay, level)
-    middle = 2 * start.astype(np.int16) - (64 - duty).astype(np.int16)  # in 1/256 turn
-    return (middle & 0xFF).astype(np.uint8), np.sin(duty * np.float32(np.pi / 128))
-
-
-def _pack(delay: Turns, level: Turns, order: NDArray[np.intp], out: Frames) -> None:
-    start, duty = _pulse(delay, level)
-    out[:, :256] = start[:, order]
-    out[:, 0] |= _MARK
-    out[:, 256:] = on_wire(duty.astype(np.uint8), order)
-
-
-def _width(frames: Frames) -> NDArray[np.float32]:
-    return mean_of(_DUTY, frames[:, 256:])
-
-
-def _emitting(frames: Frames) -> NDArray[np.bool_]:
-    return any_of(frames[:, 256:] & np.uint8(0x7F))
-
-
-LAYOUT = Layout(  # phases of silent pulses say nothing
-    _pack,
-    _width,
-    _emitting,
-    amplitude_steps=64,
-    off_bits=_MARK,
-    rounded=_rounded,
-    pulses=PulseGrid(turn=128, half=64, mark=_MARK),
+LAYOUT = Layout(  # delays of silent pulses say nothing
+    turn=128,
+    delay_at=slice(0, 256),
+    levels=pulse_levels(64),
+    level_at=slice(256, 512),
+    level_bits=0x7F,
+    fixed={0: _MARK},
+    is_pulse_start=True,
 )

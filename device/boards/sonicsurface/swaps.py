@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from ...errors import UpdateRateError
 from ...link import never
 from ...transports.serial_transport import SerialTransport
-from ...wire_layout import any_of
 
 _START, _SWAP = 0xFE, 0xFD
 _OFF = 32
@@ -140,7 +139,7 @@ class SwapTransport:
     def _swaps(self, data: array[int]) -> array[int]:
         """What makes the board show these frames, one slot each."""
         frames = np.frombuffer(data, np.uint8).reshape(-1, self._frame_bytes)
-        on = any_of(frames[:, 1:-1] < _OFF)
+        on = np.asarray((frames[:, 1:-1] < _OFF).any(axis=1))
         wire = array("B")
         for frame in frames[on][: self._pattern is None]:
             self._pattern = frame.copy()

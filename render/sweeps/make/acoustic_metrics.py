@@ -9,16 +9,15 @@ import numpy as np
 import warp as wp
 
 from ....kernels.acoustics.resonance import DeviceFrames
-from ...acoustics.emission import require_room, round_block
+from ...acoustics.emission import require_alike, require_room
 from ...acoustics.field_metrics import PoseMeter, measure_sample
 from ...acoustics.noise import DURATION_LEAST, NoiseListener
 from ...acoustics.transducers import PRESSURE_AT_1M, Resonance
 from ...contour_batch import ContourBatch
 from ...hands.hand import Hand
 from ...hands.mesh_hand import MeshHand
-from ...playback.device_frames import focus_on, packer_for
 from ...playback.drive import Driver
-from ...playback.focus_source import POINTS_A_READ, ContourRows
+from ...playback.focal_points import POINTS_A_READ, ContourRows
 from ...playback.placed_arrays import PlacedArray
 from ...sampling.metrics import FocalPoints
 from ...sampling.strategy import SamplingStrategy
@@ -29,7 +28,7 @@ from .rendering import arrays_of
 class NoiseMeter:
     """Takes the focal points of a recipe, and predicts the levels of the noise that they make [dB].
 
-    All frames are in memory until then, on the device where `PulsePacker` makes them there. device: Warp's; a GPU's
+    All frames are in memory until then, on the device, Warp's, which makes them. device: of all that is made; a GPU's
     levels are within 0.02 dB of the CPU's. tick: called after every block of periods, as a sign of progress.
     Raises StrategyError for more frames than fit into memory, DeviceError for arrays that cannot play the sampling.
     """
@@ -46,26 +45,21 @@ class NoiseMeter:
         models, drive = arrays_of(recipe.array)
         for model in models:
             model.divider(strategy.update_rate)
+        require_alike(models)
         require_room(frame_count, strategy.update_rate, models)
         self._driver = Driver(models, drive, update_rate=strategy.update_rate, device=device)
-        self._packer, self._device = packer_for(models, drive, device), device
-        place = "cpu" if self._packer is None else device
-        shape = (frame_count, sum(model.transducer_count for model in models))
+        shape = (frame_count, self._driver.transducer_count)
         self._frames = DeviceFrames(
-            wp.empty(shape, dtype=wp.uint8, device=place), wp.zeros(frame_count, dtype=wp.float32, device=place)
+            wp.empty(shape, dtype=wp.uint8, device=device), wp.zeros(frame_count, dtype=wp.float32, device=device)
         )
         self._count, self._rate, self._tick = 0, strategy.update_rate, tick
 
     def take(self, focus: FocalPoints) -> None:
         """Frames of the next focal points."""
         rows = slice(self._count, self._count + len(focus.intensity))
-        delay, level = (own[rows] for own in self._frames)
-        if self._packer is None:
-            round_block(self._driver, focus, delay.numpy(), level.numpy())  # the CPU's arrays, not copies
-        else:
-            found = self._packer.rounded(*focus_on(focus, self._device))
-            wp.copy(delay, found.delay)
-            wp.copy(level, found.level)
+        found = self._driver.rounded_host(focus)
+        wp.copy(self._frames.delay[rows], found.delay)
+        wp.copy(self._frames.level[rows], found.amplitude)
         self._count = rows.stop
 
     def publish(self) -> dict[str, Any]:
@@ -74,8 +68,8 @@ class NoiseMeter:
         duration = self._count / self._rate
         if duration < DURATION_LEAST:
             return {"reason": f"{duration:g} s are too short for a spectrum", "seconds": {}}
-        listener = NoiseListener(self._driver.arrays, device=self._device)
-        frames = DeviceFrames(*(own[: self._count].to(self._device) for own in self._frames))
+        listener = NoiseListener(self._driver.arrays, device=self._driver.device)
+        frames = DeviceFrames(*(own[: self._count] for own in self._frames))
         signal = listener.signal_of(frames, self._rate, lambda *_: self._tick())
         levels = signal.spectrum().levels()
         heard = {f"noise_{name}": level if math.isfinite(level) else None for name, level in levels.items()}

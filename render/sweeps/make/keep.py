@@ -36,7 +36,7 @@ from ...errors import PalpateWarning, StrategyError
 from ...intersection.file_recording import record
 from ...intersection.scene import Scene
 from ...playback.drive import Driver
-from ...playback.focus_source import ContourRows
+from ...playback.focal_points import ContourRows
 from ...sampling.metrics import FocalPoints
 from ...sampling.sampler import joined
 from ...sampling.strategy import SamplingStrategy

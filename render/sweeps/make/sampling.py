@@ -17,7 +17,7 @@ from ...intersection.batch_rendering import rendered_chunks
 from ...intersection.job import ContourJob
 from ...intersection.scene import Scene
 from ...motions.numbers import dwell_grid, sampling_numbers
-from ...playback.focus_source import (
+from ...playback.focal_points import (
     ContourRows,
     ContourSource,
     FocusSource,

@@ -13,7 +13,7 @@ from ....datasets.errors import ContourFileError
 from ....datasets.motions.hand_motion import HandMotion
 from ...intersection.scene import Scene
 from ...motions.numbers import NUMBERS
-from ...playback.focus_source import ContourRows, ContourSource
+from ...playback.focal_points import ContourRows, ContourSource
 from ...sampling.metrics import FocalPoints
 from ...sampling.sampler import Sampler
 from ...sampling.strategy import SamplingStrategy

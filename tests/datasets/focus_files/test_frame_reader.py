@@ -18,7 +18,7 @@ from palpate.device.registry import array_model
 from palpate.render.errors import StrategyError
 from palpate.render.playback.drive import Driver
 from palpate.render.playback.file_playback import Connection, play_file
-from palpate.render.playback.focus_source import BLOCK, KeptSource
+from palpate.render.playback.focal_points import BLOCK, stored_points
 from palpate.render.sampling.metrics import FocalPoints
 from palpate.render.sampling.strategy import SamplingStrategy
 
@@ -66,14 +66,15 @@ def test_kept_focal_points_are_played_as_they_are_at_their_rate(tmp_path):
 def test_they_are_read_block_by_block_and_again(tmp_path):
     path, focus = focal_points(tmp_path / "a.h5", foci=(4,))
     with FrameReader(path) as file:
-        source = KeptSource(file)
+        source = stored_points(file)
         for _ in range(2):
             blocks = list(source)
             assert [len(block.intensity) for block in blocks] == [BLOCK, BLOCK, 7]
             np.testing.assert_array_equal(np.concatenate([block.position for block in blocks]), focus.position)
-        assert (file.foci, KeptSource(file, 0.0101).frame_count, KeptSource(file, 9.0).frame_count) == (4, 51, COUNT)
+        assert file.foci == source.foci == 4
+        assert [stored_points(file, end).frame_count for end in (0.0101, 9.0)] == [51, COUNT]
         with pytest.raises(StrategyError, match="duration must be positive"):
-            KeptSource(file, -1.0)
+            stored_points(file, -1.0)
 
 
 def test_options_that_mean_nothing_are_refused(tmp_path):

@@ -40,6 +40,7 @@ from palpate.device import (
     find_arrays,
     flat_array,
     flat_grid,
+    linear_levels,
     off_frame,
     open_bulk,
     open_link,
@@ -70,18 +71,13 @@ def toy_model() -> ArrayModel:
     )
 
 
-def pack(delay: NDArray, level: NDArray, order: NDArray, out: NDArray) -> None:
-    out[:, 0] = 0xA5  # a frame starts here
-    out[:, 1:17] = np.rint(delay * 255)[:, order]
-    out[:, 17:] = np.rint(np.broadcast_to(level, delay.shape) * 100)[:, order]
-
-
-def width(frames: NDArray) -> NDArray:
-    return (2 / np.pi * np.arcsin(frames[:, 17:] / 100)).mean(axis=1, dtype=np.float32)
-
-
-def emitting(frames: NDArray) -> NDArray:
-    return frames[:, 17:].any(axis=1)
+LAYOUT = Layout(
+    turn=255,  # steps of delay
+    delay_at=slice(1, 17),
+    levels=linear_levels(100),
+    level_at=slice(17, 33),
+    fixed={0: 0xA5},  # a frame starts here
+)
 
 
 class ToyLink(StreamLink):
@@ -123,7 +119,7 @@ class ToyBoard:
 
     @property
     def emitting(self) -> bool:
-        return bool(emitting(self.played[-1:]).any())
+        return bool(self.played[-1:, 17:].any())
 
     def accept(self, data: memoryview, *, since_ns: int | None = None) -> int:
         self.received += data
@@ -147,7 +143,7 @@ TOY = ArrayKind(
     name="toy",
     aliases=("plaything",),
     build=toy_model,
-    layout=Layout(pack, width, emitting, amplitude_steps=100),
+    layout=LAYOUT,
     open_link=open_toy,
     emulate=emulate_toy,
 )
@@ -187,7 +183,7 @@ def test_its_frames_are_its_own(toy: ArrayModel) -> None:
     frames = encode_frames(delay, amplitude, array="toy")
     assert frames.shape == (5, FRAME)
     assert (frames[:, 0] == 0xA5).all()
-    np.testing.assert_array_equal(frames[:, 16:0:-1], np.rint(delay * 255))
+    np.testing.assert_array_equal(frames[:, 16:0:-1], np.rint(delay * 255) % 255)
     np.testing.assert_array_equal(frames[:, 17], np.rint(amplitude * 100))
     assert off_frame(array=toy).tolist() == [0xA5] + [0] * 32
     assert is_emitting(np.stack([frames[0], off_frame(array=toy)]), array=toy).tolist() == [True, False]
@@ -272,7 +268,7 @@ def test_a_kind_that_cannot_be_is_refused(toy: ArrayModel) -> None:
         ({"aliases": "plaything"}, r"aliases of array 'toy' is 'plaything', but it must be a tuple of names"),
         ({"aliases": ("-",)}, r"aliases of array 'toy' is \('-',\)"),
         ({"build": None}, r"build of array 'toy' is None, but it must be a function"),
-        ({"layout": pack}, r"layout of array 'toy' is <function pack .*, but it must be a Layout"),
+        ({"layout": open_toy}, r"layout of array 'toy' is <function open_toy .*, but it must be a Layout"),
         ({"open_link": "usb"}, r"open_link of array 'toy' is 'usb', but it must be a function"),
         ({"emulate": 1}, r"emulate of array 'toy' is 1, but it must be a function or None"),
         ({"calibration_serial": True}, r"calibration_serial of array 'toy' is True, but it must be a function or None"),
@@ -315,6 +311,8 @@ def test_a_model_of_an_unknown_name_is_refused_everywhere() -> None:
 
 def test_the_page_shows_what_is_tried_here() -> None:
     page = PAGE.read_text()
-    for part in (toy_model, pack, width, emitting, ToyLink, open_toy):
+    for part in (toy_model, ToyLink, open_toy):
         assert inspect.getsource(part) in page, part
+    source = Path(__file__).read_text()
+    assert source[source.index("LAYOUT = ") : source.index("class ToyLink")] in page
     assert len(page.splitlines()) <= 100

@@ -16,7 +16,7 @@ from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.motions.hand_motion import HandMotion, exploration
 from palpate.render import MeshObject, Palm, closed_contour
 from palpate.render.intersection.file_recording import record
-from palpate.render.playback.focus_source import ContourSource
+from palpate.render.playback.focal_points import ContourSource
 from palpate.render.sampling.sampler import Sampler, sample_bounds
 from palpate.render.sampling.strategy import SamplingStrategy
 

@@ -8,7 +8,6 @@ from field_oracles import amplitude_error, limit_slew, lock_gauge, solve_frame, 
 from scipy.special import j1
 
 from palpate.kernels.driving import slew
-from palpate.kernels.driving.focus import focus_phases, focus_table
 from palpate.kernels.driving.solve import SIZES, solve_points
 from palpate.kernels.driving.wave import piston_polynomial, transducers_on
 
@@ -21,33 +20,6 @@ def test_piston_polynomial_is_the_directivity_of_a_piston(ka):
     x = np.maximum(ka * np.sqrt(s), 1e-9)
     fitted = 1 + s[:, None] ** np.arange(1, 5) @ piston_polynomial(ka)
     assert np.abs(fitted - 2 * j1(x) / x).max() < 3e-5
-
-
-@pytest.mark.parametrize("name", ARRAYS)
-def test_bytes_of_single_foci_are_the_nearest(name, device, rng):
-    position, _ = ARRAYS[name]()
-    points = np.column_stack([rng.uniform(-0.1, 0.1, (1003, 2)), rng.uniform(0.06, 0.4, 1003)]).astype(np.float32)
-    table = focus_table(position, wavelength=WAVELENGTH, device=device)
-    delay = focus_phases(wp.array(points, dtype=wp.vec3, device=device), table).numpy()
-    assert delay.shape == (1003, len(position))
-    exact = -np.linalg.norm(points[:, None].astype(float) - position.astype(float), axis=-1) / WAVELENGTH
-    assert turned(delay / 256 - exact).max() < 0.52 / 256  # half a byte, and rounding where it is half-way
-
-
-def test_byte_at_an_asymmetric_point_is_the_one_worked_by_hand(device):
-    position = np.float32([[0.07875, -0.07875, 0], [-0.07875, -0.07875, 0]])
-    table = focus_table(position, wavelength=WAVELENGTH, device=device)
-    points = wp.array([[0.03, -0.02, 0.2]], dtype=wp.vec3, device=device)
-    # r = 0.21457 and 0.23520 m: frac(-r / 8.575 mm) = 0.034980 and 0.581574 turns
-    assert focus_phases(points, table).numpy().tolist() == [[9, 149]]
-
-
-def test_focus_needs_room_of_its_own_shape(device):
-    table = focus_table(tilted_array()[0], wavelength=WAVELENGTH, device=device)
-    points = wp.zeros(3, dtype=wp.vec3, device=device)
-    assert focus_phases(points, table, out=wp.empty((3, 256), dtype=wp.uint8, device=device)).shape == (3, 249)
-    with pytest.raises(ValueError, match=r"\(3, 256\), not \(3, 249\)"):
-        focus_phases(points, table, out=wp.empty((3, 249), dtype=wp.uint8, device=device))
 
 
 def solved(device, array, points, target, solver):

@@ -20,7 +20,7 @@ from palpate.datasets.focus_files.ptlist import write_ptlist
 from palpate.render import MeshObject, Palm, closed_contour, record, render
 from palpate.render.cli.app import app
 from palpate.render.cli.play_commands import _too_fast
-from palpate.render.playback import focus_source as source_module
+from palpate.render.playback import focal_points as source_module
 from palpate.render.sampling.strategy import SamplingStrategy
 
 STORM = int(os.environ.get("PALPATE_STORM", "12"))  # 240 were run for docs/develop/tiers.md

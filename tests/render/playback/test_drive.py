@@ -13,8 +13,7 @@ from palpate.device.registry import array_model
 from palpate.render import ContourBatch, MeshObject, Palm, closed_contour, open_contour, render
 from palpate.render.errors import RenderError
 from palpate.render.intersection.file_recording import record
-from palpate.render.playback import drive as drive_module
-from palpate.render.playback.drive import drive_focus, focus_delays
+from palpate.render.playback.drive import drive_focus
 from palpate.render.playback.file_playback import Connection, play_file
 from palpate.render.sampling.metrics import FocalPoints
 from palpate.render.sampling.strategy import SamplingStrategy
@@ -115,29 +114,24 @@ def test_speed_of_sound_moves_the_phases_and_is_checked():
         drive_focus(focus_at((0, 0, 0.2)), array, sound_speed=34300.0)
 
 
-def one_delay(point, place, wavelength):
+def one_delay(point, place, per_metre):
     """The delay of one transducer, each operation rounded to float32."""
     x, y, z = (np.float32(p - t) * np.float32(p - t) for p, t in zip(point, place, strict=True))
-    turns = np.sqrt(np.float32(np.float32(x + y) + z)) * np.float32(1 / wavelength)
+    turns = np.sqrt(np.float32(np.float32(x + y) + z)) * np.float32(per_metre)
     return np.float32(np.ceil(turns) - turns)
 
 
-@pytest.mark.parametrize("level", [True, False])
-@pytest.mark.parametrize("transducers", [1, 2, 249, 996])
-def test_a_delay_depends_on_its_own_point_and_transducer_only(transducers, level, rng, monkeypatch):
-    place = rng.uniform(-0.1, 0.1, (transducers, 3)).astype(np.float32)
-    if level:
-        place[:, 2] = place[0, 2]
-    point = rng.uniform(0.1, 0.2, (700, 3)).astype(np.float32)
-    whole = focus_delays(point, place, 0.0086)
-    for frame, own in zip(rng.integers(0, 700, 100), rng.integers(0, transducers, 100), strict=True):
-        assert whole[frame, own] == one_delay(point[frame], place[own], 0.0086)
+@pytest.mark.parametrize("name", ["emulator", "autd3", "tilted"])
+def test_a_delay_depends_on_its_own_point_and_transducer_only(name, rng):
+    pose = [0.01, 0.02, 0.05, 0.0, 0.17364818, 0.0, 0.98480775]
+    array = array_model("pat16").placed(pose) if name == "tilted" else array_model(name)
+    focus = focus_at(*rng.uniform([-0.04, -0.04, 0.15], [0.04, 0.04, 0.3], (700, 3)))
+    whole = drive_focus(focus, array).delay
+    for frame, own in zip(rng.integers(0, 700, 100), rng.integers(0, 249, 100), strict=True):
+        assert whole[frame, own] == one_delay(focus.position[frame], array.position[own], array.carrier / 343)
     for frames in (1, 2, 3, 513):
-        np.testing.assert_array_equal(focus_delays(point[-frames:], place, 0.0086), whole[-frames:])
-    np.testing.assert_array_equal(focus_delays(point, place[::-1], 0.0086), whole[:, ::-1])
-    for most in (1, 5000):
-        monkeypatch.setattr(drive_module, "DISTANCES_AT_ONCE", most)
-        np.testing.assert_array_equal(focus_delays(point, place, 0.0086), whole)
+        part = drive_focus(focus_at(*focus.position[-frames:]), array).delay
+        np.testing.assert_array_equal(part, whole[-frames:])
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,7 @@ def array(geometry):
     """An array whose transducers stand where theirs do."""
     position = np.asarray(geometry[0].positions(), np.float64) * 1e-3
     normal = np.tile(np.float32([0, 0, 1]), (len(position), 1))
-    return replace(array_model("emulator"), position=position.astype(np.float32), normal=normal)
+    return replace(array_model("autd3"), position=position.astype(np.float32), normal=normal)
 
 
 def monopoles(array, points):

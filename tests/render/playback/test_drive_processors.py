@@ -22,7 +22,6 @@ import numpy as np
 from palpate.datasets.motions.rotation_vectors import dot, length_of
 from palpate.device.registry import array_model
 from palpate.render.playback.drive import Driver, DriveStrategy
-from palpate.render.playback.drive import focus_delays
 from palpate.render.sampling.metrics import FocalPoints
 
 def print_digest(name, *arrays):
@@ -30,9 +29,6 @@ def print_digest(name, *arrays):
 
 rng = np.random.default_rng(3)
 point = rng.uniform([-0.06, -0.06, 0.1], [0.06, 0.06, 0.25], (700, 3)).astype(np.float32)
-for count in (1, 2, 249):
-    place = rng.uniform(-0.1, 0.1, (count, 3)).astype(np.float32)
-    print_digest(f"focus on {count}", focus_delays(point, place, 0.0086))
 turned = array_model("pat16").placed([0.01, 0.02, 0.35, *(np.array([20.0, 2, 3, 4]) / np.sqrt(429))])
 for arrays in ("emulator", turned):
     drives = Driver(arrays, DriveStrategy()).drive(FocalPoints(point, np.ones(700, np.float32)))

@@ -15,13 +15,13 @@ from palpate.device.codec import encode_frames
 from palpate.device.errors import DeviceBusyError, DeviceLostError, UpdateRateError
 from palpate.device.registry import array_model, emulated_backend
 from palpate.render import MeshObject, Palm, closed_contour, record, render
+from palpate.render.contour_batch import ContourBatch
 from palpate.render.errors import PoseError, StrategyError
-from palpate.render.playback import focus_source as source_module
+from palpate.render.playback import focal_points as source_module
 from palpate.render.playback.drive import Driver, DriveStrategy
 from palpate.render.playback.file_playback import Connection, play_file
-from palpate.render.playback.focus_source import ContourSource, PointSource
-from palpate.render.playback.frame_source import FrameSource
-from palpate.render.playback.opened_source import usual_rate
+from palpate.render.playback.focal_points import ContourSource, PointSource, usual_rate
+from palpate.render.playback.frames import MadeFrames
 from palpate.render.playback.placed_arrays import PlacedArray, load_rig
 from palpate.render.sampling.metrics import FocalPoints
 from palpate.render.sampling.presets import preset
@@ -120,12 +120,17 @@ def test_the_revisit_rate_of_a_static_pose_is_that_of_every_place(sampling, stat
     assert sampler.count.revisit_rate == pytest.approx(every.count.revisit_rate, rel=0.01)
 
 
-def test_blocks_of_a_static_pose_are_encoded_once(static):
+def test_a_static_pose_is_sampled_as_a_motion_is(static):
+    """Cycle for cycle its focal points are the same, and all of them are counted."""
     with ContourFile(static) as file:
         source = ContourSource(file, Sampler(SamplingStrategy()), duration=3.0)
-        blocks = list(FrameSource(source, Driver(array_model("emulator"))))
-    assert len({id(block[0]) for block in blocks}) <= 2
-    assert sum(len(block[0]) for block in blocks) == 30_000 * 512
+        focus = joined(list(source))
+        batch, pose = ContourBatch.from_arrays(file.contours(0, 1)), file.motion(0, 1)["pose"][0]
+    cycle = Sampler(SamplingStrategy()).cycle(batch, pose)
+    assert source.count.samples == source.frame_count == len(focus.intensity) == 30_000
+    again = np.resize(cycle.position, (30_000, 3))
+    np.testing.assert_allclose(focus.position, again, atol=1e-7)
+    assert source.count.revisits > 0
 
 
 def test_repeats_play_the_same_frames_again_without_the_file(moving):
@@ -141,16 +146,15 @@ def test_repeats_play_the_same_frames_again_without_the_file(moving):
     assert playback.as_dict()["repeats"] == 3
 
 
-@pytest.mark.exhaustive
-def test_repeats_of_what_does_not_fit_are_read_again(moving, monkeypatch):
-    monkeypatch.setattr("palpate.render.playback.frame_source.KEPT_BYTES_MOST", 1000)
+def test_repeats_are_counted_once(moving):
     sampler = Sampler(SamplingStrategy(update_rate=1000.0))
     with ContourFile(moving) as file:
-        frames = FrameSource(ContourSource(file, sampler), Driver(array_model("emulator")), repeats=2, sampler=sampler)
+        frames = MadeFrames(ContourSource(file, sampler), Driver(array_model("emulator")), repeats=2)
         count = sum(len(block[0]) for block in frames) // 512
-    assert count == frames.frame_count == sampler.count.samples == 2 * frames.counted.samples
+    assert count == frames.frame_count == 2 * sampler.count.samples
+    assert frames.making.count == sampler.count
     playback = play_file(moving, sampling=sampler.strategy, repeats=2, connection=VIRTUAL)
-    assert playback.count == frames.counted  # what is told is of one time
+    assert playback.count == sampler.count
     assert playback.played.frames == 2 * playback.count.samples
 
 
@@ -159,20 +163,19 @@ def test_a_slew_limit_reaches_across_blocks_and_repeats():
     ends_elsewhere = np.concatenate([there_and_back, np.repeat(there_and_back[:2], 1500, axis=0)])
     far = FocalPoints(ends_elsewhere, np.ones(6000, np.float32))
     driver = Driver(array_model("emulator"), DriveStrategy(slew=1e-3), update_rate=10_000.0)
-    blocks = list(FrameSource(PointSource(far), driver, repeats=2))
+    blocks = list(MadeFrames(PointSource(far, update_rate=10e3), driver, repeats=2))
     wire = np.concatenate([np.frombuffer(block[0], np.uint8).reshape(-1, 512) for block in blocks])
     step = np.abs((np.diff(wire[:, 0::2].astype(int), axis=0) + 128) % 256 - 128)
     assert len(wire) == 12_000
     assert 1 <= step.max() <= 2  # 4 periods of 1e-3 turns are 1.02 of 256
 
 
-def test_refused_points_and_switched_frames_are_counted_the_first_time_only_though_all_are_made_anew(monkeypatch):
-    monkeypatch.setattr("palpate.render.playback.frame_source.KEPT_BYTES_MOST", 0)
+def test_refused_points_and_switched_frames_are_counted_the_first_time_only_though_all_are_made_anew():
     position = np.array([[0, 0, 0.2], [9, 9, 9], [np.nan] * 3, [0, 0, 0.2], [0, 0, 0.2]], np.float32)
-    source = PointSource(FocalPoints(position, np.float32([0.7, 1, 1, 0.7, 0.7])))
-    frames = FrameSource(source, Driver(array_model("sonicsurface")), repeats=3)
+    source = PointSource(FocalPoints(position, np.float32([0.7, 1, 1, 0.7, 0.7])), update_rate=100.0)
+    frames = MadeFrames(source, Driver(array_model("sonicsurface")), repeats=3)
     assert len(list(frames)) == 3
-    assert (frames.refused, frames.switched) == (2, 3)
+    assert (frames.making.refused, frames.making.switched) == (2, 3)
 
 
 def test_arrays_are_let_go_of_when_playing_ends_and_when_another_cannot_be_opened():

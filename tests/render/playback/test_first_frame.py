@@ -12,7 +12,7 @@ from palpate.device.boards.emulator.link import UsbLink
 from palpate.device.clock import VirtualClock
 from palpate.device.errors import DeviceError
 from palpate.device.registry import emulated_backend
-from palpate.kernels import PLAYING_STAGES
+from palpate.kernels import BYTE_STAGES, PLAYING_STAGES
 from palpate.render import DriveStrategy, Palm, closed_contour, record
 from palpate.render.playback import file_playback
 from palpate.render.playback.drive import Driver
@@ -64,13 +64,13 @@ def test_no_kernel_is_loaded_that_was_not_compiled_before_the_start(sampling, dr
     assert {"sampling.tracks", "sampling.focus"} <= set(loaded)
 
 
-def test_a_point_list_needs_no_kernel(tmp_path, monkeypatch):
+def test_a_point_list_needs_the_kernels_of_wire_bytes_only(tmp_path, monkeypatch):
     asked = []
     monkeypatch.setattr(file_playback, "uncompiled", lambda stages: asked.append(stages) or ())
     path = tmp_path / "points.PTLIST"
     write_ptlist(path, [[0.0, 0.0, 0.2]] * 10, [1.0] * 10, update_rate=10e3)
     play_file(path, connection=VIRTUAL)
-    assert asked == [()]
+    assert asked == [BYTE_STAGES]
 
 
 def test_kernels_are_compiled_between_opening_an_array_and_starting_it(still, monkeypatch):
@@ -102,5 +102,8 @@ def test_the_time_of_compiling_is_part_of_the_first_frames_and_makes_no_frame_la
     assert (playback.underruns, playback.played.lateness.max) == (0, 0.0)
 
 
-def test_frames_of_one_focal_point_take_no_kernel():
-    assert [Driver("emulator").kernel_stages(foci) for foci in (1, 2)] == [(), ("driving.solve", "driving.slew")]
+def test_frames_of_one_focal_point_take_no_solver():
+    several = (*BYTE_STAGES, "driving.solve", "driving.slew")
+    assert [Driver("emulator").kernel_stages(foci) for foci in (1, 2)] == [BYTE_STAGES, several]
+    limited = Driver("emulator", DriveStrategy(slew=0.01), update_rate=10e3)
+    assert limited.kernel_stages(1) == (*BYTE_STAGES, "driving.slew")

@@ -13,7 +13,7 @@ from palpate.datasets.focus_files.frame_reader import FrameReader
 from palpate.device.clock import VirtualClock
 from palpate.device.registry import emulated_backend
 from palpate.render import MeshObject, Palm, closed_contour, record
-from palpate.render.playback import focus_source as source_module
+from palpate.render.playback import focal_points as source_module
 from palpate.render.playback.file_playback import Connection, play_file
 
 

@@ -36,10 +36,7 @@ from palpate.render import (
 )
 from palpate.render.errors import StrategyError
 from palpate.render.playback import prepared_frames
-from palpate.render.playback.device_frames import PulsePacker
-from palpate.render.playback.drive import Driver, DriveStrategy
-from palpate.render.playback.frame_source import FrameSource
-from palpate.render.playback.opened_source import opened
+from palpate.render.playback.drive import DriveStrategy
 from palpate.render.playback.prepared_frames import PreparedFrames
 from palpate.render.sampling.strategy import SamplingStrategy
 
@@ -140,25 +137,6 @@ def test_focal_points_of_a_file_are_prepared_too(tmp_path):
     wanted, _ = played(tmp_path / "a.ptlist", duration=0.5)
     np.testing.assert_array_equal(found, wanted)
     assert (made.frames, playback.refused, playback.sampling) == (2500, 1, None)
-
-
-@pytest.mark.parametrize("sampling", ["stm", "multi-focus"])
-def test_the_device_packs_what_the_driver_makes(contours, sampling):
-    """As on a GPU, here on the CPU: starts within one step, widths equal."""
-    arrays, drive = (PlacedArray(array_model("pat16")),), DriveStrategy()
-    blocks = []
-    for packer in (None, PulsePacker("pat16", drive, device="cpu")):
-        with opened(contours, sampling, 0.3, arrays) as source:
-            driver = Driver(arrays[0].model, drive, update_rate=source.update_rate)
-            frames = FrameSource(source.source, driver, packer=packer)
-            blocks.append(np.concatenate([np.frombuffer(block[0], np.uint8) for block in frames]).reshape(-1, 512))
-    host, packed = (block.astype(int) for block in blocks)
-    np.testing.assert_array_equal(packed[:, 256:], host[:, 256:])
-    drawn = host[:, 256:].any(axis=1)
-    apart = (packed[drawn, :256] - host[drawn, :256] + 64) % 128 - 64
-    assert drawn.mean() > 0.5
-    assert np.abs(apart).max() <= 1
-    assert np.count_nonzero(apart) < 1e-3 * apart.size
 
 
 def test_another_array_rate_drive_or_sampling_is_refused(frames, tmp_path):

@@ -39,7 +39,9 @@ def test_what_is_to_be_changed_is_there(step):
     for answer in step.answers[1:]:
         assert answer.meaning.endswith(".")
         assert answer.change.endswith((".", ")"))
-        named = [ROOT / name for name in re.findall(r"(?:device|render|docs)/[\w/-]+\.(?:py|md)", answer.change)]
+        named = [
+            ROOT / name for name in re.findall(r"(?:device|kernels|render|docs)/[\w/-]+\.(?:py|md)", answer.change)
+        ]
         text = "".join(path.read_text() for path in named)
         known = {field.name for field in fields(PlayReport)} | {"failure"} | {one.name for one in STEPS}
         known |= {one.key for one in step.answers}

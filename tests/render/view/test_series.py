@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.render import ContourFile, exploration, render, static_pose
-from palpate.render.playback.focus_source import ContourSource
+from palpate.render.playback.focal_points import ContourSource
 from palpate.render.sampling.sampler import Sampler
 from palpate.render.view.file_scene import FileScene
 from palpate.render.view.series import longest_pose, overview_of, steps_in, window_around, window_rows

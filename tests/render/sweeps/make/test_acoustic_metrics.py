@@ -9,10 +9,9 @@ from sweep_recipes import explored, random_motion, recipe_of, recorded, sampling
 from palpate.datasets import HandMotion
 from palpate.datasets.sweeps.shard import read_shard
 from palpate.datasets.sweeps.table import load_table
-from palpate.render import Palm, PulsePacker, exploration, predict_noise, pressure_metrics, render
+from palpate.render import Palm, exploration, predict_noise, pressure_metrics, render
 from palpate.render.hands.mesh_hand import MeshHand
 from palpate.render.sampling.metrics import FocalPoints
-from palpate.render.sweeps.make import acoustic_metrics
 from palpate.render.sweeps.make.acoustic_metrics import NoiseMeter, measure_pressure
 from palpate.render.sweeps.make.rendering import sampling_of as sampling_strategy
 from palpate.render.sweeps.make.sampling import RenderedContours
@@ -93,9 +92,6 @@ def circles(count=1050):
 def test_noise_on_a_device_and_of_packed_frames_is_that_of_the_cpu(array, device, monkeypatch):
     """Packed: frames made where they are listened to, as on a GPU."""
 
-    def pack(models, drive, device):
-        return PulsePacker(models[0], drive, device=device)
-
     def levels(place):
         recipe, focus = recipe_of("cube", array=array), circles()
         meter = NoiseMeter(recipe, sampling_strategy(recipe.sampling), len(focus.intensity), device=place)
@@ -106,9 +102,6 @@ def test_noise_on_a_device_and_of_packed_frames_is_that_of_the_cpu(array, device
     host = levels("cpu")
     if device != "cpu":
         assert levels(device) == pytest.approx(host, abs=0.02)  # [dB]
-    if array != "emulator":
-        monkeypatch.setattr(acoustic_metrics, "packer_for", pack)
-        assert levels(device) == pytest.approx(host, abs=0.02)
     assert host["noise_db_300_10k"] > 0.0
 
 

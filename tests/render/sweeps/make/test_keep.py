@@ -24,7 +24,7 @@ from palpate.render import MeshObject, Palm, Scene, record
 from palpate.render.errors import PalpateWarning
 from palpate.render.playback.drive import Driver
 from palpate.render.playback.file_playback import Connection, play_file
-from palpate.render.playback.focus_source import ContourSource
+from palpate.render.playback.focal_points import ContourSource
 from palpate.render.reports.file_summary import summarise
 from palpate.render.sampling.metrics import dwell_map
 from palpate.render.sampling.sampler import Sampler, joined, sample_bounds

@@ -1,0 +1,55 @@
+"""Levels and frames of boards as data: exact thresholds, off frames, what sounds."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from palpate.device import Levels, array_names, linear_levels, pulse_levels
+from palpate.device.registry import array_model, kind_of
+
+
+@pytest.mark.parametrize("count", [1, 64, 100, 255])
+def test_linear_levels_begin_half_way_between_two(count: int) -> None:
+    levels = linear_levels(count)
+    assert levels.count == count
+    for level, least in enumerate(levels.least, 1):
+        assert abs(Fraction(float(least)) - Fraction(2 * level - 1, 2 * count)) < Fraction(1, 10**7)
+    near = np.random.default_rng(count).random(2000, np.float32)
+    exact = [int((Fraction(float(a)) * count + Fraction(1, 2)) // 1) for a in near]
+    assert np.count_nonzero(levels.nearest(near) != exact) <= 2  # where float32 rounds a threshold
+
+
+def test_pulse_levels_are_worked_by_hand() -> None:
+    # sin(pi / 128 * 31.5), sin(pi / 128 * 32) and 2 / pi asin: a half of 64 steps
+    levels = pulse_levels(64)
+    assert levels.least[31] == pytest.approx(0.69838, abs=1e-5)
+    assert levels.amplitude[32] == pytest.approx(0.70711, abs=1e-5)
+    assert levels.width[32] == 0.5
+    assert levels.nearest([0.0, 0.5, 1.0]).tolist() == [0, 21, 64]  # asin(1/2) is a third of pi / 2
+
+
+@pytest.mark.parametrize("levels", [linear_levels(255), linear_levels(100), pulse_levels(64)])
+def test_no_threshold_is_so_near_to_a_float32s_border_that_a_library_could_round_it_otherwise(levels: Levels) -> None:
+    # float64 values, whose last bits a library decides, are 2^-53 apart; the nearest border is 2^-40 away at least
+    for k, least in enumerate(levels.least):
+        if levels.count == 64:
+            exact = np.sin(np.pi / 128 * (k + 0.5))
+            border = (float(np.nextafter(least, np.float32(2))) + float(least)) / 2
+            below = (float(np.nextafter(least, np.float32(-1))) + float(least)) / 2
+            assert min(abs(exact - border), abs(exact - below)) > 2**-40
+        else:
+            assert least == np.float32((k + 0.5) / levels.count)
+
+
+@pytest.mark.parametrize("name", array_names())
+def test_off_frames_do_not_sound_and_have_the_fixed_bits(name: str) -> None:
+    model, layout = array_model(name), kind_of(array_model(name)).layout
+    off = layout.off_frame(model.frame_bytes)
+    assert not layout.emitting(off[None])[0]
+    assert layout.width(off[None])[0] == 0
+    fixed = layout.fixed_bits(model.frame_bytes)
+    assert (off & fixed == fixed).all()
+    loud = off.copy()
+    loud[np.arange(model.frame_bytes)[layout.level_at or layout.delay_at][5]] = 1
+    assert layout.emitting(loud[None])[0]

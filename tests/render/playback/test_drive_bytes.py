@@ -1,0 +1,147 @@
+"""Wire bytes of focal points on every kind of array: those that the codec encodes of the drives, bit for bit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import warp as wp
+from hypothesis import given
+from hypothesis import strategies as st
+
+from palpate.device import array_model, array_names, encode_frames
+from palpate.render import Driver, DriveStrategy, FocalPoints
+from palpate.render.errors import StrategyError
+from palpate.render.playback.drive import REST, Drives, round_drives
+
+PLACE = np.array([0.02, -0.01, 0.05, 0.0, 0.17364818, 0.0, 0.98480775])
+EACH_BOARD = pytest.mark.parametrize("name", array_names())
+
+
+def orbits(rng, foci, count=300):
+    """Focal points that move as contours do, some out of reach, silent or none for a while."""
+    time, phase = np.arange(count)[:, None] / count, rng.uniform(0, 6.28, foci)
+    around = [0.05 * np.cos(9 * time + phase), 0.05 * np.sin(8 * time + phase), 0.2 + 0.04 * np.sin(5 * time + phase)]
+    position = np.stack(around, axis=-1).astype(np.float32)
+    intensity = np.clip(0.5 + 0.6 * np.sin(40 * time + phase), 0, 1).astype(np.float32)
+    position[:2], position[50:60], position[200:210, 0] = 0, 9, np.nan
+    intensity[150:170], intensity[250, -1] = 0, np.nan
+    return FocalPoints(position, intensity)
+
+
+def calibrated(name, rng):
+    model = array_model(name)
+    count = model.transducer_count
+    order = rng.permutation(count) if name != "autd3" else model.wire_order
+    return replace(model, delay_offset=rng.random(count, np.float32), gain=model.gain * 0.9, wire_order=order)
+
+
+def bytes_of(driver, focus, cuts=()):
+    parts = []
+    for first, stop in zip([0, *cuts], [*cuts, len(focus.intensity)], strict=True):
+        packed = driver.pack_host(FocalPoints(focus.position[first:stop], focus.intensity[first:stop]))
+        parts.append([frames.numpy() for frames in packed.frames])
+    return [np.concatenate(own) for own in zip(*parts, strict=True)]
+
+
+@pytest.mark.parametrize("foci", [1, 3])
+@pytest.mark.parametrize("slew", [None, 0.004])
+@EACH_BOARD
+def test_bytes_are_those_of_the_drives(name, slew, foci, rng, device):
+    strategy = DriveStrategy(amplitude="force", level_max=0.9, slew=slew)
+    model, focus = calibrated(name, rng).placed(PLACE), orbits(rng, foci)
+    first, second = (Driver(model, strategy, update_rate=10e3, device=device) for _ in range(2))
+    drives, (found,) = first.drive(focus), bytes_of(second, focus, cuts=(1, 120, 121))
+    np.testing.assert_array_equal(found, encode_frames(drives.delay, drives.amplitude, array=model))
+    assert drives.refused > 0
+    assert np.count_nonzero(drives.amplitude) > 100
+
+
+def test_several_arrays_have_their_own_bytes_of_one_drive(rng, device):
+    arrays = [array_model("pat16"), array_model("emulator").placed([0, 0, 0.4, 1, 0, 0, 0]), array_model("autd3")]
+    for foci in (1, 4):
+        focus = orbits(rng, foci)
+        driver = Driver(arrays, device=device)
+        parts = driver.split(driver.drive(focus))
+        driver.reset()
+        found = bytes_of(driver, focus)
+        for model, part, own in zip(arrays, parts, found, strict=True):
+            np.testing.assert_array_equal(own, encode_frames(part.delay, part.amplitude, array=model))
+
+
+@given(seed=st.integers(0, 2**32 - 1), cuts=st.sets(st.integers(1, 59), max_size=6))
+def test_bytes_do_not_depend_on_how_frames_are_cut(seed, cuts):
+    rng = np.random.default_rng(seed)
+    focus = FocalPoints(
+        rng.uniform([-0.2, -0.2, 0], [0.2, 0.2, 0.6], (60, 3)).astype(np.float32),
+        np.where(rng.random(60) < 0.3, 0, rng.uniform(0, 1.1, 60)).astype(np.float32),
+    )
+    whole, cut = bytes_of(Driver("pat16"), focus), bytes_of(Driver("pat16"), focus, sorted(cuts))
+    np.testing.assert_array_equal(cut[0], whole[0])
+
+
+def test_a_silent_frame_aims_where_the_last_focal_point_was(device):
+    place, aside = [0.03, -0.02, 0.2], [0.0, 0.01, 0.3]
+    focus = FocalPoints(np.float32([[9, 9, 9], place, [9, 9, 9], [np.nan, 0, 0], aside]), np.float32([1, 1, 1, 1, 0]))
+    drives = Driver("emulator", device=device).drive(focus)
+    aims = [REST, place, place, place, aside]
+    wanted = Driver("emulator", device=device).drive(FocalPoints(np.float32(aims), np.ones(5, np.float32)))
+    np.testing.assert_array_equal(drives.delay, wanted.delay)
+    assert drives.amplitude.tolist() == [0, 1, 0, 0, 0]
+    assert drives.refused == 3
+
+
+def test_frames_begin_from_rest_where_they_are_told_to(rng, device):
+    focus, driver = orbits(rng, 1), Driver("pat16", device=device)
+    points = wp.array(focus.position[:, 0], dtype=wp.vec3, device=device)
+    level = wp.array(focus.intensity[:, 0], dtype=wp.float32, device=device)
+    starts = np.array([0, 55, 160, 205])
+    found = driver.pack(points, level, rest_start=starts).frames[0].numpy()
+    parts = []
+    for first, stop in zip(starts, [*starts[1:], 300], strict=True):
+        driver.reset()
+        parts.append(driver.pack(points[first:stop], level[first:stop]).frames[0].numpy())
+    np.testing.assert_array_equal(found, np.concatenate(parts))
+
+
+def steps_of(name, drives):
+    """Drives in the steps of a board, in float64: the nearest delay in 1/256 turn, and the amplitude."""
+    turns, levels = {"emulator": (256, 255), "pat16": (256, 64), "sonicsurface": (32, 1), "autd3": (256, 255)}[name]
+    amplitude = drives.amplitude.astype(float)
+    if name == "pat16":  # the nearest width of a pulse, whose start is in 1/128 turn
+        width = np.rint(np.arcsin(amplitude) * 128 / np.pi)
+        start = np.floor(128 * drives.delay.astype(float) + (64 - width[:, None]) / 2 + 0.5)
+        return (2 * start - (64 - width[:, None])) % 256, np.sin(width * np.pi / 128)
+    steps = np.floor(drives.delay.astype(float) * turns + 0.5) * (256 // turns)
+    return steps % 256, np.floor(amplitude * levels + 0.5) / levels
+
+
+@pytest.mark.parametrize("foci", [1, 4])
+@EACH_BOARD
+def test_rounded_frames_are_the_steps_of_the_board_without_its_calibration(name, foci, rng, device):
+    model, focus = calibrated(name, rng), orbits(rng, foci)
+    drives = Driver(model, device=device).drive(focus)
+    delay, level = steps_of(name, drives)
+    ways = [Driver(model, device=device).rounded_host(focus), round_drives(drives, [model], device=device)]
+    for found in ways:
+        np.testing.assert_allclose(found.amplitude.numpy(), level, atol=1e-6)
+        apart = (found.delay.numpy() - delay + 128) % 256 - 128
+        assert np.mean(apart[level > 0] != 0) < 1e-3  # where float32 rounds a half
+        assert found.refused == drives.refused
+
+
+def test_rounded_drives_of_arrays_stand_side_by_side(rng):
+    arrays = [array_model("emulator"), array_model("autd3")]
+    delay = rng.random((5, 505), np.float32)
+    found = round_drives(Drives(delay, np.ones(5, np.float32), 0), arrays).delay.numpy()
+    np.testing.assert_array_equal(found, np.floor(delay * 256 + np.float32(0.5)).astype(int) % 256)
+
+
+def test_shapes_that_are_none_are_refused():
+    driver = Driver("pat16")
+    for shape, message in (((5, 9), r"\[frame, 1\.\.8\], not \(5, 9\)"), ((5, 2, 2), "must be")):
+        with pytest.raises(StrategyError, match=message):
+            driver.pack(wp.zeros(shape, dtype=wp.vec3, device="cpu"), wp.zeros(shape, dtype=wp.float32, device="cpu"))
+    with pytest.raises(StrategyError, match=r"not \(5, 2\), \(5,\)"):
+        driver.pack(wp.zeros((5, 2), dtype=wp.vec3, device="cpu"), wp.zeros(5, dtype=wp.float32, device="cpu"))
+    with pytest.raises(StrategyError, match="must be vec3 and intensity float32, not vec3d, float32"):
+        driver.pack(wp.zeros(2, dtype=wp.vec3d, device="cpu"), wp.ones(2, dtype=wp.float32, device="cpu"))

@@ -118,7 +118,7 @@ def _restarted(path: Path, sampling: SamplingStrategy) -> PlayedFrames:
             [batch[k : k + 1]], batch.motion.pose[k : k + 1], np.zeros(1), seconds, Sampler(sampling)
         )
         for focus in blocks:
-            rounded = driver.rounded_host(focus)
+            rounded = driver.rounded(focus)
             delay.append(rounded.delay.numpy())
             level.append(rounded.amplitude.numpy())
     return PlayedFrames(np.concatenate(delay), np.concatenate(level), sampling.update_rate)

@@ -23,9 +23,10 @@ class Levels:
     """Steps of amplitude of a board: level 0 is off, the last one is full pressure.
 
     >>> from palpate.device import linear_levels
-    >>> linear_levels(4)
+    >>> levels = linear_levels(4)
+    >>> levels
     Levels(4 above off)
-    >>> linear_levels(4).nearest([0.0, 0.2, 0.9]).tolist()
+    >>> levels.nearest([0.0, 0.2, 0.9]).tolist()
     [0, 1, 4]
     """
 

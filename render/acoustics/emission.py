@@ -53,7 +53,7 @@ def played_frames(source: FocusSource, driver: Driver) -> PlayedFrames:
     level = np.zeros(frame_count, np.float32)
     first = 0
     for focus in source:
-        rounded = driver.rounded_host(focus)
+        rounded = driver.rounded(focus)
         stop = first + len(focus.intensity)
         delay[first:stop], level[first:stop] = rounded.delay.numpy(), rounded.amplitude.numpy()
         first = stop

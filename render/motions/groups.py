@@ -32,7 +32,7 @@ from ..playback.drive import Driver, PackedFrames
 from ..playback.focal_points import require_increasing
 from ..playback.pose_insertion import require_insertion
 from ..runtime.span_workers import warp_device
-from ..sampling.metrics import dwell_maps
+from ..sampling.metrics import FocalPoints, dwell_maps
 from ..sampling.plan import plan_of
 from ..sampling.presets import sampling_of
 from ..sampling.sampler import ROWS_A_POINT, ROWS_MOST, MotionSamples, sample_motions
@@ -149,7 +149,7 @@ class MotionGroup:
             for first in range(begin, end, block):
                 stop = min(first + block, end)
                 rests = starts[(starts >= first) & (starts < stop)] - first if together else None
-                yield driver.pack(points[first:stop], levels[first:stop], rest_start=rests)
+                yield driver.pack(FocalPoints(points[first:stop], levels[first:stop]), rest_start=rests)
 
 
 def render_motions(

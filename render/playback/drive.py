@@ -246,11 +246,12 @@ class Driver:
         """Drives of the next frames.
 
         focus: position [m], common frame, shape [frame, 3], or [frame, focus, 3] with up to 8 focal points a frame;
-        intensity 0..1, shape [frame] or [frame, focus]. Points that no array can reach, that are not finite, or have
-        an intensity outside 0..1 get intensity 0 and are counted; phases then aim at the point's last valid position.
-        Raises StrategyError for other shapes.
+        intensity 0..1, shape [frame] or [frame, focus]; or Warp arrays on the device, vec3 and float32, of the same
+        shapes without the 3. Points that no array can reach, that are not finite, or have an intensity outside 0..1 get
+        intensity 0 and are counted; phases then aim at the point's last valid position.
+        Raises StrategyError for other shapes and types.
         """
-        position, intensity = self._on_device(focus)
+        position, intensity = self._taken(focus)
         delay = np.empty((len(position), self.transducer_count), np.float32)
         amplitude, refused = np.empty(len(position), np.float32), 0
         for rows, held in self._spans(position, intensity):
@@ -263,66 +264,57 @@ class Driver:
         ends = np.cumsum([array.transducer_count for array in self.arrays])[:-1]
         return [Drives(delay, drives.amplitude, drives.refused) for delay in np.split(drives.delay, ends, axis=1)]
 
-    def pack(self, position: Any, intensity: Any, *, rest_start: np.ndarray | None = None) -> PackedFrames:
-        """Wire bytes of the next frames of focal points [m], vec3, with intensities 0..1, float32, on the device.
+    def pack(self, focus: FocalPoints, *, rest_start: np.ndarray | None = None) -> PackedFrames:
+        """Wire bytes of the next frames, on the device; focus: as for `drive`.
 
-        Both have the shape [frame], or [frame, focus] with up to 8 focal points a frame, and are taken as by `drive`.
         rest_start: numbers of frames that begin from rest, as after `reset`, where there is one focal point a frame and
-        no slew limit. Raises StrategyError for other shapes and types.
+        no slew limit.
 
-        >>> import warp as wp
-        >>> from palpate.render import Driver
-        >>> points = wp.array([[0.0, 0.0, 0.2], [0.0, 0.0, 9.0]], dtype=wp.vec3, device="cpu")  # one is too far
-        >>> packed = Driver("pat16").pack(points, wp.ones(2, dtype=wp.float32, device="cpu"))
+        >>> from palpate.render import Driver, FocalPoints
+        >>> focus = FocalPoints([[0.0, 0.0, 0.2], [0.0, 0.0, 9.0]], [1.0, 1.0])  # the second one is too far
+        >>> packed = Driver("pat16").pack(focus)
         >>> (frames,) = packed.frames
         >>> frames.shape, packed.refused, frames.numpy()[:, 256:].max(axis=1).tolist()  # widths of pulses
         ((2, 512), 1, [64, 0])
         """
-        return self._packed(position, intensity, self.boards, rest_start)
+        return self._packed(focus, self.boards, rest_start)
 
-    def pack_host(self, focus: FocalPoints) -> PackedFrames:
-        """The same from focal points on the host, as `drive` takes them; the bytes are on the device."""
-        return self.pack(*self._on_device(focus))
-
-    def rounded(self, position: Any, intensity: Any) -> RoundedFrames:
-        """The same as delays and amplitudes in the boards' steps, their calibration aside, as predictions take them.
+    def rounded(self, focus: FocalPoints) -> RoundedFrames:
+        """The next frames as delays and amplitudes in the boards' steps, their calibration aside, for predictions.
 
         Instead of `pack`, not beside it: frames depend on those before. Arrays have the same levels.
         """
-        packed = self._packed(position, intensity, self.plain_boards)
+        packed = self._packed(focus, self.plain_boards)
         return _unpacked(packed.frames, self.plain_boards, packed.refused)
 
-    def rounded_host(self, focus: FocalPoints) -> RoundedFrames:
-        """The same from focal points on the host."""
-        return self.rounded(*self._on_device(focus))
-
-    def _on_device(self, focus: FocalPoints) -> tuple[Any, Any]:
-        """Focal points of the host on the device, shape [frame, focus]."""
-        position, intensity = np.asarray(focus.position, np.float32), np.asarray(focus.intensity, np.float32)
-        if position.ndim == 2:
-            position, intensity = position[:, None], intensity[..., None]
-        if position.ndim != 3 or position.shape[2] != 3 or not 1 <= position.shape[1] <= POINTS_MOST:
-            raise StrategyError(f"position must be [frame, 3] or [frame, 1..{POINTS_MOST}, 3], not {position.shape}")
-        if intensity.shape != position.shape[:2]:
-            raise StrategyError(f"intensity must have shape {position.shape[:2]}, not {intensity.shape}")
-        # on the CPU without a copy
-        place = wp.array(np.ascontiguousarray(position), dtype=wp.vec3, device=self.device, copy=False)
-        return place, wp.array(np.ascontiguousarray(intensity), dtype=wp.float32, device=self.device, copy=False)
-
-    def _packed(
-        self, position: Any, intensity: Any, boards: Sequence[Any], rest_start: np.ndarray | None = None
-    ) -> PackedFrames:
-        if position.shape != intensity.shape or position.ndim > 2:
-            raise StrategyError(
-                f"position and intensity must be [frame] or [frame, focus], not {position.shape}, {intensity.shape}"
-            )
+    def _taken(self, focus: FocalPoints) -> tuple[Any, Any]:
+        """Positions and intensities on the device, shape [frame, focus]."""
+        position: Any = focus.position
+        intensity: Any = focus.intensity
+        if not isinstance(position, wp.array):
+            position, intensity = np.asarray(position, np.float32), np.asarray(intensity, np.float32)
+            if position.shape[-1:] != (3,):
+                raise StrategyError(
+                    f"position must be [frame, 3] or [frame, 1..{POINTS_MOST}, 3], not {position.shape}"
+                )
+            # on the CPU without a copy
+            position = wp.array(np.ascontiguousarray(position), dtype=wp.vec3, device=self.device, copy=False)
+            intensity = wp.array(np.ascontiguousarray(intensity), dtype=wp.float32, device=self.device, copy=False)
         if position.dtype is not wp.vec3 or intensity.dtype is not wp.float32:
             types = f"{position.dtype.__name__}, {intensity.dtype.__name__}"
             raise StrategyError(f"position must be vec3 and intensity float32, not {types}")
-        if position.ndim == 2 and not 1 <= position.shape[1] <= POINTS_MOST:
-            raise StrategyError(f"position must be [frame, 1..{POINTS_MOST}], not {position.shape}")
+        if position.shape != intensity.shape or position.ndim not in (1, 2):
+            raise StrategyError(
+                f"position and intensity must be [frame] or [frame, focus], not {position.shape}, {intensity.shape}"
+            )
         if position.ndim == 1:
-            position, intensity = (own.contiguous().reshape((-1, 1)) for own in (position, intensity))
+            return position.contiguous().reshape((-1, 1)), intensity.contiguous().reshape((-1, 1))
+        if not 1 <= position.shape[1] <= POINTS_MOST:
+            raise StrategyError(f"position must have 1..{POINTS_MOST} focal points a frame, not {position.shape[1]}")
+        return position, intensity
+
+    def _packed(self, focus: FocalPoints, boards: Sequence[Any], rest_start: np.ndarray | None = None) -> PackedFrames:
+        position, intensity = self._taken(focus)
         count = len(position)
         frames = tuple(wp.empty((count, own.frame_bytes), dtype=wp.uint8, device=self.device) for own in boards)
         amplitude, refused = wp.empty(count, dtype=wp.float32, device=self.device), 0

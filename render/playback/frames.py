@@ -91,7 +91,7 @@ class MadeFrames:
         """Blocks of frames, one array("B") for each array."""
         for number in range(self.repeats):
             for focus in self._source:
-                packed = self._driver.pack_host(focus)
+                packed = self._driver.pack(focus)
                 if number == 0:
                     self._count(packed.amplitude.numpy(), packed.refused)
                 if self._file is not None:

@@ -78,7 +78,7 @@ class Stimulus:
         for first in range(0, count, size):
             frame = np.arange(first, min(first + size, count))
             focus = FocalPoints(self.position(model, frame / rate), self.level(model, frame))
-            (frames,) = driver.pack_host(focus).frames
+            (frames,) = driver.pack(focus).frames
             yield wire_bytes(frames.numpy())
 
     def parameters(self, model: ArrayModel) -> dict[str, object]:

@@ -57,7 +57,7 @@ class NoiseMeter:
     def take(self, focus: FocalPoints) -> None:
         """Frames of the next focal points."""
         rows = slice(self._count, self._count + len(focus.intensity))
-        found = self._driver.rounded_host(focus)
+        found = self._driver.rounded(focus)
         wp.copy(self._frames.delay[rows], found.delay)
         wp.copy(self._frames.level[rows], found.amplitude)
         self._count = rows.stop

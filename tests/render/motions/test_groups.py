@@ -179,7 +179,7 @@ def test_frames_are_those_that_the_driver_makes_of_each_motion(cells, device):
     driver, wanted = Driver("pat16", **cells), []
     for motion in range(2):
         driver.reset()
-        wanted.append(driver.pack_host(group.samples.focus(motion)).frames[0].numpy())
+        wanted.append(driver.pack(group.samples.focus(motion)).frames[0].numpy())
     assert len(blocks) in (10, 11, 12)  # of at most 1,024 frames each
     assert frames.shape == (10_000, 512)
     np.testing.assert_array_equal(frames, np.concatenate(wanted))

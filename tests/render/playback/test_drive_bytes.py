@@ -38,7 +38,7 @@ def calibrated(name, rng):
 def bytes_of(driver, focus, cuts=()):
     parts = []
     for first, stop in zip([0, *cuts], [*cuts, len(focus.intensity)], strict=True):
-        packed = driver.pack_host(FocalPoints(focus.position[first:stop], focus.intensity[first:stop]))
+        packed = driver.pack(FocalPoints(focus.position[first:stop], focus.intensity[first:stop]))
         parts.append([frames.numpy() for frames in packed.frames])
     return [np.concatenate(own) for own in zip(*parts, strict=True)]
 
@@ -95,11 +95,11 @@ def test_frames_begin_from_rest_where_they_are_told_to(rng, device):
     points = wp.array(focus.position[:, 0], dtype=wp.vec3, device=device)
     level = wp.array(focus.intensity[:, 0], dtype=wp.float32, device=device)
     starts = np.array([0, 55, 160, 205])
-    found = driver.pack(points, level, rest_start=starts).frames[0].numpy()
+    found = driver.pack(FocalPoints(points, level), rest_start=starts).frames[0].numpy()
     parts = []
     for first, stop in zip(starts, [*starts[1:], 300], strict=True):
         driver.reset()
-        parts.append(driver.pack(points[first:stop], level[first:stop]).frames[0].numpy())
+        parts.append(driver.pack(FocalPoints(points[first:stop], level[first:stop])).frames[0].numpy())
     np.testing.assert_array_equal(found, np.concatenate(parts))
 
 
@@ -121,7 +121,7 @@ def test_rounded_frames_are_the_steps_of_the_board_without_its_calibration(name,
     model, focus = calibrated(name, rng), orbits(rng, foci)
     drives = Driver(model, device=device).drive(focus)
     delay, level = steps_of(name, drives)
-    ways = [Driver(model, device=device).rounded_host(focus), round_drives(drives, [model], device=device)]
+    ways = [Driver(model, device=device).rounded(focus), round_drives(drives, [model], device=device)]
     for found in ways:
         np.testing.assert_allclose(found.amplitude.numpy(), level, atol=1e-6)
         apart = (found.delay.numpy() - delay + 128) % 256 - 128
@@ -138,10 +138,18 @@ def test_rounded_drives_of_arrays_stand_side_by_side(rng):
 
 def test_shapes_that_are_none_are_refused():
     driver = Driver("pat16")
-    for shape, message in (((5, 9), r"\[frame, 1\.\.8\], not \(5, 9\)"), ((5, 2, 2), "must be")):
-        with pytest.raises(StrategyError, match=message):
-            driver.pack(wp.zeros(shape, dtype=wp.vec3, device="cpu"), wp.zeros(shape, dtype=wp.float32, device="cpu"))
-    with pytest.raises(StrategyError, match=r"not \(5, 2\), \(5,\)"):
-        driver.pack(wp.zeros((5, 2), dtype=wp.vec3, device="cpu"), wp.zeros(5, dtype=wp.float32, device="cpu"))
-    with pytest.raises(StrategyError, match="must be vec3 and intensity float32, not vec3d, float32"):
-        driver.pack(wp.zeros(2, dtype=wp.vec3d, device="cpu"), wp.ones(2, dtype=wp.float32, device="cpu"))
+
+    def zeros(*shape, kind=wp.float32):
+        return wp.zeros(shape, dtype=kind, device="cpu")
+
+    for place, level, message in (
+        (zeros(5, 9, kind=wp.vec3), zeros(5, 9), "must have 1..8 focal points a frame, not 9"),
+        (zeros(5, 2, 2, kind=wp.vec3), zeros(5, 2, 2), r"must be \[frame\] or \[frame, focus\], not \(5, 2, 2\)"),
+        (zeros(5, 2, kind=wp.vec3), zeros(5), r"not \(5, 2\), \(5,\)"),
+        (zeros(2, kind=wp.vec3d), zeros(2), "must be vec3 and intensity float32, not vec3d, float32"),
+        (np.zeros((4, 2)), np.zeros(4), r"position must be \[frame, 3\] or \[frame, 1..8, 3\], not \(4, 2\)"),
+        (np.zeros((4, 3)), np.zeros(5), r"not \(4,\), \(5,\)"),
+    ):
+        for use in (driver.pack, driver.drive, driver.rounded):
+            with pytest.raises(StrategyError, match=message):
+                use(FocalPoints(place, level))

@@ -111,11 +111,12 @@ def write_bytes(
 
 
 @wp.func
-def write_places(board: WireBoard, delay: Sixteen, amplitude: wp.float32, group: int, row: wp.array[wp.uint8]):
-    """Write the bytes of 16 transducers; the first ones of a frame write what belongs to none, too."""
-    first = group * PLACES
+def write_places(
+    board: WireBoard, delay: Sixteen, amplitude: wp.float32, whole: wp.float32, first: int, row: wp.array[wp.uint8]
+):
+    """Write the bytes of 16 transducers; whole: level of one whose gain is 1."""
     most = wp.float32(board.level_least.shape[0])
-    level = Sixteen(wp.float32(level_of(board, amplitude)))
+    level = Sixteen(whole)
     if board.gain.shape[0] > 0:
         for k in range(PLACES):
             level[k] = wp.float32(level_of(board, amplitude * board.gain[first + k]))
@@ -127,9 +128,15 @@ def write_places(board: WireBoard, delay: Sixteen, amplitude: wp.float32, group:
     else:
         write_bytes(level, board.level_bits, board.level_begin, board.level_step, first, board.count, row)
     write_bytes(value, board.delay_bits, board.delay_begin, board.delay_step, first, board.count, row)
+
+
+@wp.func
+def begin_frame(board: WireBoard, amplitude: wp.float32, group: int, row: wp.array[wp.uint8]):
+    """The level of a frame; the thread of its first transducers writes the bytes that belong to none."""
     if group == 0:
         for n in range(board.other.shape[0]):
             row[board.other[n]] = board.other_bits[n]
+    return wp.float32(level_of(board, amplitude))
 
 
 @wp.kernel
@@ -137,12 +144,15 @@ def _pack_points(
     point: wp.array[wp.vec3],  # [m]
     amplitude: wp.array[wp.float32],
     board: WireBoard,
+    step: int,  # transducers from one sixteen of a thread to the next
     frame: wp.array2d[wp.uint8],
 ):
-    """Bytes of 16 transducers of a frame that focuses at a point."""
+    """Bytes of a frame that focuses at a point."""
     i, group = wp.tid()
-    delay = delays_to(point[i], board.position, group * PLACES, board.per_metre)
-    write_places(board, delay, amplitude[i], group, frame[i])
+    whole = begin_frame(board, amplitude[i], group, frame[i])
+    for first in range(group * PLACES, board.position.shape[0], step):
+        delay = delays_to(point[i], board.position, first, board.per_metre)
+        write_places(board, delay, amplitude[i], whole, first, frame[i])
 
 
 @wp.kernel
@@ -150,27 +160,32 @@ def _pack_delays(
     delay: wp.array2d[wp.float32],  # [turns], 0..1, shape [frame, transducer]
     amplitude: wp.array[wp.float32],
     board: WireBoard,
+    step: int,  # transducers from one sixteen of a thread to the next
     frame: wp.array2d[wp.uint8],
 ):
-    """Bytes of 16 transducers of a frame."""
+    """Bytes of a frame of these delays."""
     i, group = wp.tid()
-    own = Sixteen()
-    for k in range(PLACES):
-        own[k] = delay[i, board.column[group * PLACES + k]]
-    write_places(board, own, amplitude[i], group, frame[i])
+    whole = begin_frame(board, amplitude[i], group, frame[i])
+    for first in range(group * PLACES, board.position.shape[0], step):
+        own = Sixteen()
+        for k in range(PLACES):
+            own[k] = delay[i, board.column[first + k]]
+        write_places(board, own, amplitude[i], whole, first, frame[i])
 
 
 @wp.kernel
 def _focus_delays(
     point: wp.array[wp.vec3],  # [m]
     board: WireBoard,
+    step: int,  # transducers from one sixteen of a thread to the next
     delay: wp.array2d[wp.float32],  # [turns], shape [frame, transducer]
 ):
-    """Delays of 16 transducers that focus at a point."""
+    """Delays of a frame that focuses at a point."""
     i, group = wp.tid()
-    own = delays_to(point[i], board.position, group * PLACES, board.per_metre)
-    for k in range(PLACES):
-        delay[i, board.column[group * PLACES + k]] = own[k]  # spare transducers repeat the last one
+    for first in range(group * PLACES, board.position.shape[0], step):
+        own = delays_to(point[i], board.position, first, board.per_metre)
+        for k in range(PLACES):
+            delay[i, board.column[first + k]] = own[k]  # spare transducers repeat the last one
 
 
 @wp.kernel
@@ -246,8 +261,9 @@ def unpack_frames(frame: wp.array, board: WireBoard, *, delay: wp.array, amplitu
 
 
 def _launch(kernel: wp.Kernel, inputs: list[Any], out: wp.array, board: WireBoard) -> None:
-    groups = len(out), board.position.shape[0] // PLACES
-    wp.launch(kernel, groups, inputs, [out], device=out.device, block_dim=THREADS)
+    # a thread of a CPU makes a whole frame, whose level it looks up once; one of a GPU 16 transducers
+    groups = 1 if out.device.is_cpu else board.position.shape[0] // PLACES
+    wp.launch(kernel, (len(out), groups), [*inputs, groups * PLACES], [out], device=out.device, block_dim=THREADS)
 
 
 def board_on(

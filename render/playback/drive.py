@@ -178,7 +178,7 @@ class Driver:
 
     def reset(self) -> None:
         """Forget the frames so far: the next one starts from rest."""
-        self._held: tuple[Any, ...] | None = None  # points and targets of the last frame, shape [focus]
+        self._held: tuple[int, Any, Any] | None = None  # focal points of the last frame; points and targets
         self._gauge = Gauge()
         self._driven: Any = None  # delays of the last frame [turns], shape [transducer]
 
@@ -216,6 +216,10 @@ class Driver:
     def plain_boards(self) -> list[Any]:
         """The same without calibration and fixed bits, for predictions."""
         return boards_on(self.arrays, self.strategy.sound_speed, self.device, plain=True)
+
+    @cached_property
+    def _no_rests(self) -> Any:
+        return wp.empty(0, dtype=wp.int32, device=self.device)
 
     @cached_property
     def _transducers(self) -> Any:
@@ -336,25 +340,27 @@ class Driver:
         """Frames that fit into memory together, weighed and held; shape [frame, focus]."""
         frame_count, count = position.shape
         (boxes, rule), device = self._zones, self.device
-        rests = np.zeros(0, np.int64) if rest_start is None else np.asarray(rest_start, np.int64)
         for first in range(0, frame_count, FRAMES_AT_ONCE):
             rows = slice(first, min(first + FRAMES_AT_ONCE, frame_count))
-            if self._held is None or len(self._held[0]) != count:
+            if self._held is None or self._held[0] != count:
                 points = wp.array(np.tile(np.float32(REST), (count, 1)), dtype=wp.vec3, device=device)
-                self._held = points, wp.ones(count, dtype=wp.float32, device=device)
+                self._held = count, points, wp.ones(count, dtype=wp.float32, device=device)
             size = next(size for size in (1, *SIZES) if size >= count)
-            starts = rests[(rests >= first) & (rests < rows.stop)] - first
+            starts = self._no_rests
+            if rest_start is not None:
+                own = rest_start[(rest_start >= first) & (rest_start < rows.stop)] - first
+                starts = wp.array(own, dtype=wp.int32, device=device)
             held = hold_points(
                 position[rows],
                 intensity[rows],
                 boxes,
                 rule,
-                self._held,
+                self._held[1:],
                 size=size,
-                rest_start=wp.array(starts, dtype=wp.int32, device=device),
+                rest_start=starts,
                 rest=REST,
             )
-            self._held = tuple(wp.clone(own[-1:]).flatten()[:count] for own in (held.point, held.target))
+            self._held = count, *(own[len(own) - 1] for own in (held.point, held.target))
             yield rows, held
 
     def _delays(self, held: HeldFrames) -> Any:

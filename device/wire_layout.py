@@ -104,8 +104,6 @@ class Layout:
     levels: Levels
     level_at: slice | None = None
     """Bytes of levels; None: a transducer of level 0 has `turn` for its delay, which is off."""
-    level_bits: int = 0xFF
-    """Bits of a level's byte that belong to the level."""
     fixed: Mapping[int, int] = field(default_factory=lambda: MappingProxyType({}))
     """Bits that certain bytes have in every frame."""
     is_pulse_start: bool = False
@@ -139,8 +137,7 @@ class Layout:
         """Which frames, shape [frame, frame_bytes], make any sound, shape [frame]."""
         if self.level_at is None:
             return np.asarray((frames[:, self.delay_at] < self.turn).any(axis=1))
-        level = frames[:, self.level_at]
-        return np.asarray((level if self.level_bits == 0xFF else level & np.uint8(self.level_bits)).any(axis=1))
+        return np.asarray(frames[:, self.level_at].any(axis=1))
 
     def width(self, frames: Frames) -> Numbers:
         """Mean width of a pulse over all transducers, 0..1 in parts of half a period, shape [frame]."""
@@ -148,7 +145,7 @@ class Layout:
         if self.level_at is None:
             table, at = (value < self.turn).astype(np.float32), self.delay_at
         else:
-            table, at = self.levels.width[np.minimum(value & self.level_bits, self.levels.count)], self.level_at
+            table, at = self.levels.width[np.minimum(value, self.levels.count)], self.level_at
         mean = np.empty(len(frames), np.float32)
         for start in range(0, len(frames), _CHUNK_FRAMES):
             rows = slice(start, start + _CHUNK_FRAMES)

@@ -40,7 +40,6 @@ LAYOUT = Layout(  # delays of silent pulses say nothing
     delay_at=slice(0, 256),
     levels=pulse_levels(64),
     level_at=slice(256, 512),
-    level_bits=0x7F,
     fixed={0: _MARK},
     is_pulse_start=True,
 )

@@ -90,6 +90,13 @@ def test_a_silent_frame_aims_where_the_last_focal_point_was(device):
     assert drives.refused == 3
 
 
+def test_a_point_in_reach_of_any_array_is_driven(device):
+    arrays = [array_model("emulator"), array_model("emulator").placed([0.5, 0, 0, 0, 0, 0, 1])]
+    place = np.float32([[0.0, 0, 0.2], [0.5, 0, 0.2], [0.25, 0, 0.2]])
+    drives = Driver(arrays, device=device).drive(FocalPoints(place, np.ones(3, np.float32)))
+    assert (drives.amplitude.tolist(), drives.refused) == ([1, 1, 0], 1)
+
+
 def test_frames_begin_from_rest_where_they_are_told_to(rng, device):
     focus, driver = orbits(rng, 1), Driver("pat16", device=device)
     points = wp.array(focus.position[:, 0], dtype=wp.vec3, device=device)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...datasets.contour_file.reader import ContourFile
 from ..errors import StrategyError
-from ..playback.focal_points import open_focal_points
+from ..playback.focal_points import open_focal_points, sampling_for
 from ..playback.placed_arrays import PlacedArray
 from ..sampling.metrics import FocalPoints
 from ..sampling.sampler import joined
@@ -23,7 +23,7 @@ def played_between(
 ) -> FocalPoints:
     """Frames first..stop of a file's playback, sampled from its beginning; raises StrategyError for none."""
     parts, done = [], 0
-    rate = arrays[0].model.update_rate(arrays[0].model.divider_default) if sampling is None else sampling.update_rate
+    rate = sampling_for(sampling, arrays).update_rate
     with ContourFile(path) as file:
         static = file.pose_count == 1
     with open_focal_points(path, sampling, stop / rate if static else None, arrays) as (source, _):

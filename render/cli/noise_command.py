@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from ...datasets.errors import ContourFileError, name_nothing
+from ...datasets.focus_files.frame_reader import frame_format
 from ...datasets.known_names import likely_file
 from ...device.array import ArrayModel
 from ..acoustics.noise import NoiseListener, NoiseModel, NoiseSignal
@@ -103,7 +104,7 @@ def _signals(files: list[Path], options: dict, *, as_json: bool) -> dict[Path, N
             frames = frames_of(
                 file,
                 arrays,
-                sampling=sampling_of(options, arrays, file),
+                sampling=sampling_of(options, arrays, file, frame_format(file)),
                 drive=drive,
                 duration=options["duration"],
                 device=options["device"],

@@ -58,6 +58,7 @@ def run_play(file: Path, options: dict, *, as_json: bool) -> int:
         options["array"], serial=options["serial"], calibration=options["calibration"], baud=options["baud"]
     )
     require_device(options["device"])
+    form, drive = frame_format(file), drive_of(options)
     names = ", ".join(f"{placed.model.name} {placed.serial or ''}".strip() for placed in arrays)
     line_of_progress = bars.playback_line(f"playing {file} to {names}", quiet=as_json, elapsed=console.since_start)
     before = console.since_start()
@@ -65,8 +66,8 @@ def run_play(file: Path, options: dict, *, as_json: bool) -> int:
         playback = play_file(
             file,
             array=arrays,
-            sampling=sampling_of(options, arrays, file),
-            drive=asked_drive(options, file),
+            sampling=sampling_of(options, arrays, file, form),
+            drive=None if form == WIRE_FRAMES and drive == DriveStrategy() else drive,
             duration=options["duration"],
             repeats=options["repeats"],
             limits=limits_of(options),
@@ -122,7 +123,7 @@ def run_prepare(file: Path, out: Path, options: dict, *, as_json: bool) -> None:
             file,
             out,
             array=arrays,
-            sampling=sampling_of(options, arrays, file),
+            sampling=sampling_of(options, arrays, file, frame_format(file)),
             drive=drive_of(options),
             duration=options["duration"],
             device=options["device"],
@@ -199,12 +200,17 @@ def require_device(device: str) -> None:
         raise StrategyError(f"unknown device {device!r}; known: {known}") from error
 
 
-def sampling_of(options: dict, arrays: tuple[PlacedArray, ...], file: Path) -> SamplingStrategy | None:
-    """The sampling strategy asked for: a preset or a file, with other fields where options say so."""
+def sampling_of(
+    options: dict, arrays: tuple[PlacedArray, ...], file: Path, form: str | None
+) -> SamplingStrategy | None:
+    """The sampling strategy asked for: a preset or a file, with other fields where options say so.
+
+    form: of the file, as `frame_format` has it.
+    """
     changes = {name: options[name] for name in ("speed", "update_rate") if options[name] is not None}
-    if (kind := frame_format(file)) == WIRE_FRAMES:
+    if form == WIRE_FRAMES:
         return _sampling_of_frames(options, changes, file)
-    if is_point_list(file) or kind == FOCAL_POINTS:
+    if is_point_list(file) or form == FOCAL_POINTS:
         if changes or options["sampling"] is not None:
             asked = _sampling_names(options, changes)
             raise StrategyError(f"{file}: holds focal points at a rate of its own, so {asked} cannot be asked for")
@@ -234,12 +240,6 @@ def _sampling_of_frames(options: dict, changes: dict, file: Path) -> None:
         with FrameReader(file) as frames:
             if rate != frames.update_rate:
                 raise StrategyError(f"{file}: holds frames at {frames.update_rate:g} Hz, so not at {rate:g} Hz")
-
-
-def asked_drive(options: dict, file: Path) -> DriveStrategy | None:
-    """How focal points become drives; None for prepared frames if no option asks for anything but defaults."""
-    drive = drive_of(options)
-    return None if drive == DriveStrategy() and frame_format(file) == WIRE_FRAMES else drive
 
 
 def drive_of(options: dict) -> DriveStrategy:

@@ -360,7 +360,8 @@ class Driver:
                 rest_start=starts,
                 rest=REST,
             )
-            self._held = count, *(own[len(own) - 1] for own in (held.point, held.target))
+            last = len(held.point) - 1
+            self._held = count, held.point[last], held.target[last]
             yield rows, held
 
     def _delays(self, held: HeldFrames) -> Any:

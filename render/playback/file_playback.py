@@ -10,7 +10,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TypedDict, Unpack, get_args
 
-from ...datasets.focus_files.frame_reader import WIRE_FRAMES, frame_format
+from ...datasets.focus_files.frame_reader import FOCAL_POINTS, WIRE_FRAMES, frame_format
 from ...device.array_kind import Emulation
 from ...device.boards.discovery import open_link
 from ...device.clock import Clock, MonotonicClock, VirtualClock
@@ -292,11 +292,12 @@ def play_file(
     if connection is not None and fields:
         raise StrategyError(f"{min(fields)} is a field of connection, which is given, too")
     way = connection or Connection(**fields)
-    if frame_format(path) == WIRE_FRAMES:
+    form = frame_format(path)
+    if form == WIRE_FRAMES:
         with PreparedFrames(path, repeats=repeats) as prepared:
             prepared.require_fitting(arrays, sampling, drive, duration)
             return _play(prepared, arrays, limits, way, watch, preparation)
-    with open_focal_points(Path(path), sampling, duration, arrays) as (source, file):
+    with open_focal_points(Path(path), sampling, duration, arrays, has_points=form == FOCAL_POINTS) as (source, file):
         driver = _driver_of(arrays, drive, source, device)
         preparation.need(source, driver)
         return _play(MadeFrames(source, driver, repeats=repeats, file=file), arrays, limits, way, watch, preparation)

@@ -210,15 +210,21 @@ class ContourSource:
 
 @contextmanager
 def open_focal_points(
-    path: Path, sampling: SamplingStrategy | str | None, duration: float | None, arrays: Sequence[PlacedArray]
+    path: Path,
+    sampling: SamplingStrategy | str | None,
+    duration: float | None,
+    arrays: Sequence[PlacedArray],
+    *,
+    has_points: bool | None = None,
 ) -> Iterator[tuple[FocusSource, ContourFile | FrameReader | None]]:
     """Open a file: what gives its focal points, and what is read meanwhile, None if all was read before.
 
-    By default the update rate is the first array's. Raises StrategyError for a file that is not finished, for a
+    has_points: whether its `frame_format` is FOCAL_POINTS, if that is known. By default the update rate is the first array's. Raises StrategyError for a file that is not finished, for a
     sampling of focal points that are there, for more focal points a frame than can be solved, and as `ContourSource`.
     """
-    kept = frame_format(path) == FOCAL_POINTS
-    if sampling is not None and (kept or is_point_list(path)):
+    if has_points is None:
+        has_points = frame_format(path) == FOCAL_POINTS
+    if sampling is not None and (has_points or is_point_list(path)):
         raise StrategyError(f"{path}: holds focal points, which no sampling strategy changes")
     if is_point_list(path):
         points = read_ptlist(path)
@@ -226,7 +232,7 @@ def open_focal_points(
         count = None if duration is None else frame_count(duration, points.update_rate, path)
         focus = FocalPoints(points.position, points.intensity * np.float32(points.intensity_peak))
         yield PointSource(focus, update_rate=points.update_rate, frame_count=count), None
-    elif kept:
+    elif has_points:
         with FrameReader(path) as reader:
             yield stored_points(reader, duration), reader
     else:

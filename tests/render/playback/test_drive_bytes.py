@@ -68,6 +68,19 @@ def test_several_arrays_have_their_own_bytes_of_one_drive(rng, device):
             np.testing.assert_array_equal(own, encode_frames(part.delay, part.amplitude, array=model))
 
 
+@pytest.mark.parametrize("strategy", [DriveStrategy(), DriveStrategy(slew=0.01)])
+def test_a_gpu_is_at_most_a_step_apart_but_where_solutions_are_as_good(strategy, rng, device):
+    """On the CPU nothing is apart; a GPU's roots and sums round otherwise."""
+    focus = orbits(rng, 4)
+    host, own = (
+        Driver("emulator", strategy, update_rate=10e3, device=place).pack(focus).frames[0].numpy().astype(int)
+        for place in ("cpu", device)
+    )
+    np.testing.assert_array_equal(own[:, 1::2], host[:, 1::2])
+    apart = np.abs((own[:, 0::2] - host[:, 0::2] + 128) % 256 - 128)
+    assert np.mean(apart <= 1) > (0.99 if device != "cpu" else 1 - 1e-9)
+
+
 @given(seed=st.integers(0, 2**32 - 1), cuts=st.sets(st.integers(1, 59), max_size=6))
 def test_bytes_do_not_depend_on_how_frames_are_cut(seed, cuts):
     rng = np.random.default_rng(seed)

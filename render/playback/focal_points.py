@@ -219,8 +219,9 @@ def open_focal_points(
 ) -> Iterator[tuple[FocusSource, ContourFile | FrameReader | None]]:
     """Open a file: what gives its focal points, and what is read meanwhile, None if all was read before.
 
-    has_points: whether its `frame_format` is FOCAL_POINTS, if that is known. By default the update rate is the first array's. Raises StrategyError for a file that is not finished, for a
-    sampling of focal points that are there, for more focal points a frame than can be solved, and as `ContourSource`.
+    By default the update rate is the first array's. has_points: whether its `frame_format` is FOCAL_POINTS, if that is
+    known. Raises StrategyError for a file that is not finished, for a sampling of focal points that are there, for more
+    focal points a frame than can be solved, and as `ContourSource`.
     """
     if has_points is None:
         has_points = frame_format(path) == FOCAL_POINTS

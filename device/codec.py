@@ -69,7 +69,10 @@ def _pack(turns: Numbers, level: Numbers, model: ArrayModel, out: Frames) -> Non
     steps = layout.levels.nearest(level if (model.gain == 1).all() else level * model.gain)
     later = (layout.levels.count - steps).astype(np.float32) * np.float32(layout.later) + np.float32(0.5)
     delay = (turns * np.float32(layout.turn) + later).astype(np.uint16)
-    delay %= np.uint16(layout.turn)
+    if layout.turn & (layout.turn - 1) == 0:
+        delay &= np.uint16(layout.turn - 1)
+    else:
+        delay %= np.uint16(layout.turn)
     if layout.level_at is None:
         delay[np.broadcast_to(steps == 0, delay.shape)] = layout.turn
     else:

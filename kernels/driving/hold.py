@@ -6,9 +6,9 @@ import warp as wp
 
 from ..offsets import BLOCK
 from ..one_device import on_one_device
-from ..patch import SELDOM
+from ..patch import EXACT
 
-wp.set_module_options(SELDOM)
+wp.set_module_options(EXACT)
 
 TARGET_STEPS = 1 << 16  # pressure ratios are rounded to 1 / this, so that modulated frames with equal ratios stay equal
 

@@ -358,6 +358,8 @@ def sample_contours(
             for k in range(0, end - begin, block):
                 yield FocalPoints(focus.position[k : k + block], focus.intensity[k : k + block])
         index += len(batch)
+    if index < len(time):
+        raise PoseError(f"there are contours of {index} poses, fewer than the {len(time)} times and poses")
 
 
 def spans_of(bounds: np.ndarray, most: int) -> Iterator[tuple[int, int, int, int]]:

@@ -79,13 +79,6 @@ class Cursor:
         intensity = None if track.intensity is None else np.interp(knot, track.knot, track.intensity)
         return track.at(knot), intensity, track.pieces_at(knot)
 
-    def samples_to_end(self) -> int:
-        """Samples until the polyline under way ends."""
-        ends = self.track.knot[1:][(np.diff(self.track.knot) <= 0) & (self.track.step != 0).any(axis=1)]
-        last = self.last
-        ahead = np.append(ends[ends > last + 1e-12], self.track.period)[0]
-        return int((ahead - last) / self.one_sample * (1 - 1e-9)) if self.one_sample > 0 else 0
-
 
 class Sampler:
     """Draws one pose after another; keeps where the focal points are and counts what happens.
@@ -99,7 +92,6 @@ class Sampler:
         self._path: Path | None = None  # of the last sample
         self._before: Path | None = None  # whose contours were entered last
         self._cursor: Cursor | None = None
-        self._finishing = 0  # samples of an earlier pose's contours still to be drawn
         self._shown = np.tile(np.array(REST), (strategy.foci, 1))  # the last focal points
         self._place = Place(np.array(REST), None)  # of the first on its track: not held or reordered, no small circle
         self._drawn = False  # something has been drawn
@@ -112,7 +104,6 @@ class Sampler:
         self._on_track = 0  # samples on the track under way
         self._cycles_before = 0.0  # on tracks before it
         self._ordinary = strategy.step_ordinary  # longest step along them [m]
-        self._ordinary_before = self._ordinary  # along the contours before
 
     def __repr__(self) -> str:
         """One line."""
@@ -138,13 +129,13 @@ class Sampler:
         gain = self._gain(sample_count, age, hold)
         if path is None or sample_count == 0:
             return self._rest(sample_count)
-        position, intensity, new = self._run(path, sample_count, gain)
+        position, intensity, is_new = self._run(path, sample_count, gain)
         if self.strategy.lm is not None:
             position += circle_offsets(self.strategy, pose, first, sample_count)[:, None]
         if gain is not None:
             intensity = gain[:, None] if intensity is None else intensity * gain[:, None]
         drawn = None if intensity is None else np.max(intensity, axis=1) > 0
-        self._count_jumps(position, drawn, new)
+        self._count_jumps(position, drawn, is_new)
         if drawn is not None:
             self.count.silent += int(np.count_nonzero(~drawn))
         self._silent, self._drawn = drawn is not None and not drawn[-1:].any(), True
@@ -172,43 +163,15 @@ class Sampler:
         self.count.held += int(np.count_nonzero(over > 0))
         return np.clip(1.0 - over / fade_ticks(self.strategy.fade, rate), 0.0, 1.0)
 
-    def _run(
-        self, path: Path, sample_count: int, gain: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray | None, int | None]:
-        """The next samples on tracks, and which is the first of a new pose's contours (None: none is)."""
-        new = None
-        if path is not self._path:
-            self._plan_finish(path)
-            self._path = path
-            if self._finishing == 0:
-                self._cursor, new = self._enter(path, self._silent), 0
-        parts, left = [], sample_count
-        while left > 0:
-            count = min(left, self._finishing or left)
-            done = sample_count - left
-            parts.append(self._advance(count, None if gain is None else gain[done : done + count]))
-            left -= count
-            if self._finishing:
-                self._finishing -= count
-                if self._finishing == 0 and left > 0:
-                    last, shown = sample_count - left - 1, parts[-1][1]
-                    silent = (gain is not None and gain[last] <= 0) or (shown is not None and not shown[-1].any())
-                    self._cursor, new = self._enter(path, silent), sample_count - left
-                elif self._finishing == 0:
-                    self._path = None  # the next samples, of whatever pose, enter its contours
-        if len(parts) == 1:
-            return *parts[0], new
-        intensity = None
-        if any(part[1] is not None for part in parts):
-            full = [np.ones(part[0].shape[:2]) if part[1] is None else part[1] for part in parts]
-            intensity = np.concatenate(full)
-        return np.concatenate([part[0] for part in parts]), intensity, new
+    def _run(self, path: Path, count: int, gain: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None, bool]:
+        """The next samples on a track, and whether the first is also the first on a new pose's contours.
 
-    def _advance(self, count: int, gain: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
-        """The next samples on the track under way; gain: what fading leaves of them."""
-        cursor = self._cursor
-        if cursor is None:  # a path has been entered by then
-            raise RuntimeError("no contour has been entered")
+        gain: what fading leaves of them.
+        """
+        is_new, cursor = path is not self._path, self._cursor
+        if is_new or cursor is None:
+            self._path = path
+            cursor = self._cursor = self._enter(path, self._silent)
         position, intensity, piece = cursor.take(count)
         felt = count if gain is None else int(np.count_nonzero(gain > 0))  # a fade falls
         if felt > 0:
@@ -223,14 +186,7 @@ class Sampler:
         self._on_track += count
         if self.strategy.pace.kind != "still":
             self.count.cycles = self._cycles_before + track.turns * self._on_track / track.repeat_count
-        return position, intensity
-
-    def _plan_finish(self, path: Path) -> None:
-        """With continuity "finish": how much of the piece under way is drawn before new contours are entered."""
-        if self.strategy.continuity != "finish" or self._silent or self._finishing or self._path is None:
-            return
-        if self._cursor is not None and other_contours(self._path, path):
-            self._finishing = self._cursor.samples_to_end()
+        return position, intensity, is_new
 
     def _enter(self, path: Path, silent: bool) -> Cursor:
         """Where drawing goes on along the contours of a new pose; `silent`: the sample before is."""
@@ -240,7 +196,6 @@ class Sampler:
         if track.route is not None:
             self._absences.enter(track.route)
             self._route = track.route
-        self._ordinary_before = self._ordinary
         if strategy.pace.kind in ("frequency", "capped"):  # the contours' length decides how fast it runs
             self._ordinary = track.step_ordinary + strategy.circle_step
         index = 0 if silent else 1  # after a silence at the nearest point, else one sample on
@@ -257,12 +212,12 @@ class Sampler:
         """Silence where the focal points are."""
         self.count.silent += sample_count
         if sample_count > 0:
-            self._silent, self._path, self._finishing = True, None, 0
+            self._silent, self._path = True, None
             self._absences.lose(sample_count)
         position = np.repeat(self._shown[None], sample_count, axis=0)
         return focal_points(self.strategy, position, np.zeros(position.shape[:2]), 0)
 
-    def _count_jumps(self, position: np.ndarray, drawn: np.ndarray | None, new: int | None) -> None:
+    def _count_jumps(self, position: np.ndarray, drawn: np.ndarray | None, is_new: bool) -> None:
         """Count steps that are too long, by cause."""
         step = np.empty_like(position)
         step[0] = position[0] - self._shown
@@ -273,31 +228,19 @@ class Sampler:
             before = np.append(not self._silent, now[:-1])  # whether the sample before is drawn
             again = now & ~before
             again[0] &= self._drawn  # at the very first sample nothing comes back
-            self._count_reentries(np.where(again[:, None], length, 0.0), new)
+            self._add("re-entry", np.where(again[:, None], length, 0.0), self._ordinary)
             length[~(now & before)] = 0.0
         self.count.step_longest = max(self.count.step_longest, float(length.max()))
-        self._count_far(length, new)
+        self._count_far(length, is_new)
 
-    def _count_reentries(self, length: np.ndarray, new: int | None) -> None:
-        """Count steps to a sample that is drawn after one that is silent [m], shape [sample, focus], 0 at others."""
-        entered = 0 if new is None else new
-        self._add("re-entry", length[:entered], self._ordinary_before)
-        self._add("re-entry", length[entered:], self._ordinary)
-
-    def _count_far(self, length: np.ndarray, new: int | None) -> None:
-        """Count jumps and hops among steps [m], shape [sample, focus]; new: the first of a new pose's contours."""
-        least = min(self._ordinary, self._ordinary_before)
-        if float(length.max()) <= min(2 * least, self.strategy.jump_threshold):
-            return
+    def _count_far(self, length: np.ndarray, is_new: bool) -> None:
+        """Count jumps and hops among steps [m], shape [sample, focus]; is_new: the first leads to a new pose."""
         cause = "order" if self.strategy.pace.points is not None else "polyline"
-        if new is None:
-            self._add(cause, length, self._ordinary)
-            return
-        self._add(cause, length[:new], self._ordinary_before)
-        moved = 2 * self._moved() >= length[new]  # else it is the way between two that is long
-        self._add("pose", length[new][moved], self._ordinary)
-        self._add(cause, length[new][~moved], self._ordinary)
-        self._add(cause, length[new + 1 :], self._ordinary)
+        if is_new:
+            moved = 2 * self._moved() >= length[0]  # else the contours themselves have a step as long there
+            self._add("pose", length[0][moved], self._ordinary)
+            self._add(cause, length[0][~moved], self._ordinary)
+        self._add(cause, length[1:] if is_new else length, self._ordinary)
 
     def _moved(self) -> np.ndarray:
         """From where each focal point was to where it entered the contours of the pose [m]; infinite if anywhere."""

@@ -80,7 +80,7 @@ SWEEP_STAGES = (
     "patterns.section_sums",
 )  # poses made where they are used, and sums over them
 PLAYING_STAGES = (
-    "sampling.tracks",
+    "sampling.cycles",
     "sampling.entry",
     "sampling.focus",
     "sampling.visits",

@@ -18,11 +18,11 @@ from palpate.render.sampling.strategy import Order, SamplingStrategy
 
 from .continuity import Place, entered, place_on
 from .contour_absence import AbsenceWatch
+from .cycle import Cycle, lay_cycle
 from .fading import TICKS, fade_ticks, ticks_of
 from .path import Path
 from .revisits import RevisitWatch
 from .route import Route
-from .track import Track, lay_track
 
 REST = (0.0, 0.0, 0.2)  # [m] where a focal point of intensity 0 is before there was any
 LENGTH_UNIT = 2.0**-32  # [m], 0.2 nm: sums of whole ones are exact in any order, up to 2,000 km
@@ -38,46 +38,46 @@ def shown_order(order: Order, points: int) -> np.ndarray:
 
 
 class Cursor:
-    """A place on a track: samples since a knot that it was entered at."""
+    """A place on a cycle: samples since the curve parameter at which it was entered."""
 
-    def __init__(self, track: Track, knot: float, index: int, strategy: SamplingStrategy) -> None:
-        self.track, self._strategy = track, strategy
-        self._anchor, self._index = knot, index  # the next sample
+    def __init__(self, cycle: Cycle, parameter: float, index: int, strategy: SamplingStrategy) -> None:
+        self.cycle, self._strategy = cycle, strategy
+        self._anchor, self._index = parameter, index  # the next sample
         points = strategy.pace.points
         self._table = None if points is None else shown_order(strategy.order, points)
 
     @property
     def last(self) -> float:
-        """Knot of the sample drawn last, before points are held or reordered."""
-        return float(self._knots(np.array(self._index - 1)))
+        """Parameter of the sample drawn last, before points are held or reordered."""
+        return float(self._parameters(np.array(self._index - 1)))
 
     @property
     def one_sample(self) -> float:
-        """How far a sample is from the next, in knots."""
-        return 0.0 if self._strategy.pace.kind == "still" else self.track.one_sample
+        """Curve parameter from a sample to the next."""
+        return 0.0 if self._strategy.pace.kind == "still" else self.cycle.one_sample
 
-    def _knots(self, index: np.ndarray) -> np.ndarray:
-        """Knots of samples, within 0..period."""
-        knot = self._anchor + self.one_sample * (index % self.track.repeat_count)
-        if self.track.turns > 1:
-            return knot % self.track.period
-        return np.where(knot < self.track.period, knot, knot - self.track.period)
+    def _parameters(self, index: np.ndarray) -> np.ndarray:
+        """Parameters of samples, within 0..period."""
+        parameter = self._anchor + self.one_sample * (index % self.cycle.repeat_count)
+        if self.cycle.turns > 1:
+            return parameter % self.cycle.period
+        return np.where(parameter < self.cycle.period, parameter, parameter - self.cycle.period)
 
     def take(self, count: int) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
         """The next samples: points [m], shape [sample, focus, 3], intensities, shape [sample, focus] or None, and the
         polylines' numbers in the route, shape [sample, focus], -1 between two, None on the only one.
         """
-        track, foci = self.track, self._strategy.foci
-        knot = self._knots(np.arange(self._index, self._index + count))[:, None]
+        cycle, foci = self.cycle, self._strategy.foci
+        parameter = self._parameters(np.arange(self._index, self._index + count))[:, None]
         self._index += count
         if foci > 1:
-            knot = (knot + track.period * np.arange(foci) / foci) % track.period
+            parameter = (parameter + cycle.period * np.arange(foci) / foci) % cycle.period
         if self._table is not None:
-            share = len(self._table) / track.period
-            turn = np.floor(knot * share + 1e-9).astype(np.int64) % len(self._table)
-            knot = self._table[turn] / share
-        intensity = None if track.intensity is None else np.interp(knot, track.knot, track.intensity)
-        return track.at(knot), intensity, track.pieces_at(knot)
+            share = len(self._table) / cycle.period
+            turn = np.floor(parameter * share + 1e-9).astype(np.int64) % len(self._table)
+            parameter = self._table[turn] / share
+        intensity = None if cycle.intensity is None else np.interp(parameter, cycle.parameter, cycle.intensity)
+        return cycle.at(parameter), intensity, cycle.pieces_at(parameter)
 
 
 class Sampler:
@@ -93,16 +93,16 @@ class Sampler:
         self._before: Path | None = None  # whose contours were entered last
         self._cursor: Cursor | None = None
         self._shown = np.tile(np.array(REST), (strategy.foci, 1))  # the last focal points
-        self._place = Place(np.array(REST), None)  # of the first on its track: not held or reordered, no small circle
+        self._place = Place(np.array(REST), None)  # of the first on its cycle: not held or reordered, no small circle
         self._drawn = False  # something has been drawn
         self._silent = True  # the last sample was
         self._revisits = RevisitWatch(self.count, strategy.update_rate)
         self._absences = AbsenceWatch(self.count, strategy.update_rate)
         self._route: Route | None = None  # of the contours that were entered last
-        self._last = self._shown  # where they were on their track, shape [focus, 3]: see `_place`
-        self._entry: tuple[Track, float, np.ndarray] | None = None  # the knot, and where the focal points were [m]
-        self._on_track = 0  # samples on the track under way
-        self._cycles_before = 0.0  # on tracks before it
+        self._last = self._shown  # where they were on their cycle, shape [focus, 3]: see `_place`
+        self._entry: tuple[Cycle, float, np.ndarray] | None = None  # the parameter, and where the focal points were [m]
+        self._on_cycle = 0  # samples on the current cycle
+        self._cycles_before = 0.0  # on cycles before it
         self._ordinary = strategy.step_ordinary  # longest step along them [m]
 
     def __repr__(self) -> str:
@@ -148,7 +148,7 @@ class Sampler:
         Starts where a new sampler would; changes nothing. pose: needed for small circles only, shape [7].
         None where no whole number of samples up to `limit` is a period of everything.
         """
-        count = period_count(self.strategy, lay_track(path, self.strategy).repeat_count, limit)
+        count = period_count(self.strategy, lay_cycle(path, self.strategy).repeat_count, limit)
         if count is None:
             return None
         return Sampler(self.strategy).draw(path, np.array([0, 0, 0, 0, 0, 0, 1.0]) if pose is None else pose, count)
@@ -164,7 +164,7 @@ class Sampler:
         return np.clip(1.0 - over / fade_ticks(self.strategy.fade, rate), 0.0, 1.0)
 
     def _run(self, path: Path, count: int, gain: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None, bool]:
-        """The next samples on a track, and whether the first is also the first on a new pose's contours.
+        """The next samples on a cycle, and whether the first is also the first on a new pose's contours.
 
         gain: what fading leaves of them.
         """
@@ -178,35 +178,35 @@ class Sampler:
             self._absences.watch(felt, piece if piece is None else piece[:felt])
         if felt < count:
             self._absences.lose(count - felt)
-        track, last = cursor.track, cursor.last
+        cycle, last = cursor.cycle, cursor.last
         held = self.strategy.pace.points is not None
-        self._last = track.at(self._spread(track, last)) if held else position[-1].copy()
-        self._place = place_on(track, last, self._last[0], self.strategy.jump_threshold)
+        self._last = cycle.at(self._spread(cycle, last)) if held else position[-1].copy()
+        self._place = place_on(cycle, last, self._last[0], self.strategy.jump_threshold)
         self.count.drawn += count
-        self._on_track += count
+        self._on_cycle += count
         if self.strategy.pace.kind != "still":
-            self.count.cycles = self._cycles_before + track.turns * self._on_track / track.repeat_count
+            self.count.cycles = self._cycles_before + cycle.turns * self._on_cycle / cycle.repeat_count
         return position, intensity, is_new
 
     def _enter(self, path: Path, silent: bool) -> Cursor:
         """Where drawing goes on along the contours of a new pose; `silent`: the sample before is."""
-        strategy, track = self.strategy, lay_track(path, self.strategy, self._route)
+        strategy, cycle = self.strategy, lay_cycle(path, self.strategy, self._route)
         before, self._before = self._before if self._drawn else None, path
-        self._cycles_before, self._on_track = self.count.cycles, 0
-        if track.route is not None:
-            self._absences.enter(track.route)
-            self._route = track.route
+        self._cycles_before, self._on_cycle = self.count.cycles, 0
+        if cycle.route is not None:
+            self._absences.enter(cycle.route)
+            self._route = cycle.route
         if strategy.pace.kind in ("frequency", "capped"):  # the contours' length decides how fast it runs
-            self._ordinary = track.step_ordinary + strategy.circle_step
+            self._ordinary = cycle.step_ordinary + strategy.circle_step
         index = 0 if silent else 1  # after a silence at the nearest point, else one sample on
         self._entry = None
         if not self._drawn:
-            return Cursor(track, 0.0, 0, strategy)
+            return Cursor(cycle, 0.0, 0, strategy)
         if strategy.continuity == "jump" and before is not None and other_contours(before, path):
-            return Cursor(track, 0.0, 0, strategy)
-        knot = entered(track, self._place, strategy.jump_threshold, self._ordinary)
-        self._entry = track, knot, self._last
-        return Cursor(track, knot, index, strategy)
+            return Cursor(cycle, 0.0, 0, strategy)
+        parameter = entered(cycle, self._place, strategy.jump_threshold, self._ordinary)
+        self._entry = cycle, parameter, self._last
+        return Cursor(cycle, parameter, index, strategy)
 
     def _rest(self, sample_count: int) -> FocalPoints:
         """Silence where the focal points are."""
@@ -246,16 +246,16 @@ class Sampler:
         """From where each focal point was to where it entered the contours of the pose [m]; infinite if anywhere."""
         if self._entry is None:
             return np.full(self.strategy.foci, np.inf)
-        track, knot, points = self._entry
-        knots = self._spread(track, knot)
-        before = np.nextafter(np.where(knots > 0, knots, track.period), 0.0)
-        around = track.at(np.stack([knots, before]))  # at a jump, both its sides
+        cycle, parameter, points = self._entry
+        parameters = self._spread(cycle, parameter)
+        before = np.nextafter(np.where(parameters > 0, parameters, cycle.period), 0.0)
+        around = cycle.at(np.stack([parameters, before]))  # at a jump, both its sides
         return np.linalg.norm(around - points, axis=2).min(axis=0)
 
-    def _spread(self, track: Track, knot: float) -> np.ndarray:
-        """Knots of all focal points, of which the first is at this one."""
+    def _spread(self, cycle: Cycle, parameter: float) -> np.ndarray:
+        """Parameters of all focal points, of which the first is at this one."""
         foci = self.strategy.foci
-        return (knot + track.period * np.arange(foci) / foci) % track.period if foci > 1 else np.array([knot])
+        return (parameter + cycle.period * np.arange(foci) / foci) % cycle.period if foci > 1 else np.array([parameter])
 
     def _add(self, cause: str, length: np.ndarray, ordinary: float) -> None:
         """Count which of these steps [m] are jumps, and which hops: longer than twice an ordinary one [m]."""

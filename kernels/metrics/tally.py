@@ -30,9 +30,9 @@ class Pacing:
     speed: wp.float64  # [m/s]
     return_speed: wp.float64  # [m/s] along chords; infinite where they take no time
     update_rate: wp.float64  # [Hz]
-    turns: wp.float64  # times that the whole way is gone in a cycle
-    again: wp.float64  # times that open polylines are gone once more
-    chord: wp.float64  # times that the chords of open polylines are gone at the speed
+    turns: wp.float64  # times that all contours are drawn in a cycle
+    again: wp.float64  # times that open polylines are drawn once more
+    chord: wp.float64  # times that the chords of open polylines are drawn at the speed
     samples_least: wp.float64  # a cycle
     samples_most: wp.float64  # the same
     seam: wp.float64  # by so much of a sample a cycle may be longer than its samples
@@ -170,12 +170,12 @@ def _pace_poses(
         value[1, pose] = NAN
         return
     nominal = wp.min(wp.max(pacing.speed / own, pacing.nominal_lowest), pacing.nominal_highest)
-    way = own
+    drawn = own
     back = wp.float64(0.0)
     if open_length.shape[0] > 0:
-        way += pacing.again * open_length[pose] + pacing.chord * chord[pose]
+        drawn += pacing.again * open_length[pose] + pacing.chord * chord[pose]
         back = chord[pose] / pacing.return_speed
-    seconds = pacing.turns * way / pacing.speed + back
+    seconds = pacing.turns * drawn / pacing.speed + back
     samples = wp.ceil(seconds * pacing.update_rate - pacing.seam)
     samples = wp.min(wp.max(samples, pacing.samples_least), pacing.samples_most)
     value[0, pose] = wp.float32(nominal)

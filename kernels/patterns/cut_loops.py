@@ -7,7 +7,7 @@ writes points gets from the launch that counts them.
 import warp as wp
 
 from ..patch import Coarse, Frame, output_point
-from ..section.scan_search import CrossingPoint, crossing_point, rough_point
+from ..section.scan_search import CrossingPoint, crossing_point, point_if_clear
 from ..section.segment_clipping import NONE, corners_left, needs_left, segment_of, side_point
 from ..section.triangle_walk import point_of
 from .loop_table import CROSSING_BITS, KEY, PLACE, LoopTable, crossing_of, next_of, place_vertices
@@ -81,7 +81,7 @@ def bit_of(k: int):
 
 
 @wp.func
-def keep_cut(word: wp.array2d[wp.uint64], section: int, cut: CutLoops, exact: bool):
+def store_cut(word: wp.array2d[wp.uint64], section: int, cut: CutLoops, exact: bool):
     """Write what drawing needs of a section's cut loops, shape [4, section]; exact: whether `cut_loops` was."""
     word[0, section] = cut.pieces
     word[1, section] = cut.enter_side
@@ -91,14 +91,14 @@ def keep_cut(word: wp.array2d[wp.uint64], section: int, cut: CutLoops, exact: bo
 
 
 @wp.func
-def kept_exactly(word: wp.array2d[wp.uint64], section: int):
+def is_drawn_exactly(word: wp.array2d[wp.uint64], section: int):
     """Whether a section's cut loops must be drawn exactly, too."""
     return (word[3, section] >> EXACT_SHIFT) != wp.uint64(0)
 
 
 @wp.func
-def kept_cut(word: wp.array2d[wp.uint64], section: int):
-    """What `keep_cut` wrote."""
+def stored_cut(word: wp.array2d[wp.uint64], section: int):
+    """The cut loops that `store_cut` wrote."""
     cut = CutLoops()
     cut.pieces = word[0, section]
     cut.enter_side = word[1, section]
@@ -236,7 +236,7 @@ def cut_crossing(memory: wp.array[wp.float64], f: Frame, g: Coarse, side: wp.vec
     c = crossing_of(memory, packed)
     if exact:
         return crossing_point(f, g, c, side)
-    return rough_point(g, c, side)
+    return point_if_clear(g, c, side)
 
 
 @wp.func

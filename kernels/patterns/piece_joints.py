@@ -163,7 +163,7 @@ def joint_after(
 
 
 @wp.func
-def rough_end(table: LoopTable, half: wp.vec2d, memory: wp.array[wp.float64], cut: CutLoops, k: int, side: int):
+def side_crossing(table: LoopTable, half: wp.vec2d, memory: wp.array[wp.float64], cut: CutLoops, k: int, side: int):
     """Where segment k crosses a side, without a division: x / d along the side [m]; y is not set."""
     packed = packed_at(table, cut, k)
     c = crossing_of(memory, packed)
@@ -200,11 +200,11 @@ def are_apart(table: LoopTable, g: Coarse, half: wp.vec2d, memory: wp.array[wp.f
         sides = sides & (sides - 1)
         leaves = wp.uint64(segments_at(c.leaves, c.leave_low, c.leave_high, side))
         while leaves != wp.uint64(0):
-            p = rough_end(table, half, memory, cut, lowest_bit(leaves), side)
+            p = side_crossing(table, half, memory, cut, lowest_bit(leaves), side)
             leaves = leaves & (leaves - ONE)
             rest = wp.uint64(segments_at(c.enters, c.enter_low, c.enter_high, side))
             while rest != wp.uint64(0):
-                q = rough_end(table, half, memory, cut, lowest_bit(rest), side)
+                q = side_crossing(table, half, memory, cut, lowest_bit(rest), side)
                 rest = rest & (rest - ONE)
                 room = wp.float64(2.0 * g.unsure) * wp.abs(p.d * q.d)  # as in `moves`
                 if wp.abs(p.x * q.d - q.x * p.d) <= room:

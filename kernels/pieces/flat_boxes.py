@@ -177,15 +177,15 @@ def packed_frame(surface: Surface, g: Coarse, w: Window):
 
 
 @wp.func
-def crossed_halves(surface: Surface, frame: wp.array[Frame], row: int, p: PackedFrame, node: int):
+def crossed_halves(surface: Surface, frame: wp.array[Frame], query: int, p: PackedFrame, node: int):
     """Which half-edge of each of a leaf's faces runs down through the plane: `packed_crossings` with certainty.
 
-    frame: of each row, of which few faces need that of theirs.
+    frame: of each query, of which few faces need that of theirs.
     """
     first = (node - surface.leaf_first) << LEAF_BITS
     codes = packed_crossings(surface.packed_box, surface.packed_face, p, node, first)
     if (codes & UNSURE) != 0:
-        f = frame[row]
+        f = frame[query]
         g = coarse_frame(f, wp.vec2d(), surface.reach)
         k = int(0)
         while (codes & UNSURE) != 0:

@@ -10,7 +10,7 @@ import warp as wp
 from ...datasets.motions.hand_motion import PALM_DOWN
 from ...kernels.pieces.finding import method_for
 from ...kernels.section.graph_room import GraphRoom
-from ...kernels.section.kept_room import Room, RoomSize, room_bytes
+from ...kernels.section.recorded_launches import Room, RoomSize, room_bytes
 from ..contour_batch import ContourBatch
 from ..coordinate_spacing import warn_of_spacing
 from ..errors import PoseError, StrategyError
@@ -152,7 +152,7 @@ class PreparedContours:
         """The room, with the contours of poses in it; None where they are rendered without it."""
         while self._room is not None and (needed := self._room.fill(pose)) is not None:
             size = self._room.size.doubled_for(needed)
-            if room_bytes(size, self._room.row_count) > ROOM_MOST:
+            if room_bytes(size, self._room.query_count) > ROOM_MOST:
                 return None
             self._room = self._room_of(size)
             self.grown += 1
@@ -175,9 +175,9 @@ class PreparedContours:
             "pose_count": self.pose_count,
             "articulated": self._is_articulated,
         }
-        row_count = self.pose_count * hand.patch_count
-        size = size or RoomSize.for_rows(row_count)
-        return None if room_bytes(size, row_count) > ROOM_MOST else self._room_of(size)
+        query_count = self.pose_count * hand.patch_count
+        size = size or RoomSize.for_sections(query_count)
+        return None if room_bytes(size, query_count) > ROOM_MOST else self._room_of(size)
 
     def _room_of(self, size: RoomSize) -> Room:
         room = Room if self.device == "cpu" else GraphRoom

@@ -188,8 +188,8 @@ class Scene:
             try:
                 width = focal_width(place).width
             except StrategyError as error:
-                way = "give the strategy a step= and its stages their lengths, or move the object"
-                raise StrategyError(f"{solid.name}: {error}; {way}") from error
+                advice = "give the strategy a step= and its stages their lengths, or move the object"
+                raise StrategyError(f"{solid.name}: {error}; {advice}") from error
         strategy = strategy.resolved(width or 1.0, marches=marches)  # 1.0: no option is scaled by it
         return replace(scene, strategy=strategy, focal_width=width)
 

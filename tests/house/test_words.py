@@ -6,58 +6,52 @@ import re
 import pytest
 from rooms import ROOT, SOURCES, tree_of
 
-INSTEAD = {
-    "course": "timing",
+TERMS = {
+    "course": "timing, or cycle",
     "door": "start: a point from which a polyline may be drawn",
-    "doors": "starts",
     "knot": "parameter: the curve parameter",
-    "knots": "parameters",
+    "rough": "float32, or what is left out",
+    "taken": "claimed, or used",
     "track": "cycle: a closed path laid out in time",
-    "tracks": "cycles",
-    "way": "segment, distance, or direction",
-    "ways": "segments",
+    "way": "segment, length or direction",
 }
-FOLDERS = ("kernels/sampling", "render/sampling")
+IN_SECTIONS = {"kept": "stored, drawn or listed", "row": "query: a section that is searched", "roughly": "in float32"}
+SECTIONS = ("section", "pieces", "patterns")
+FOLDERS = {"render/sampling": TERMS} | {f"kernels/{name}": TERMS for name in ("sampling", "metrics")}
+FOLDERS |= {f"kernels/{name}": TERMS | IN_SECTIONS for name in SECTIONS}
 
 
-def words_of(tree):
-    """Words of the names that a module gives to its functions, classes, parameters, variables and fields."""
+def names_of(tree):
+    """Names that a module gives to its functions, classes, parameters, variables and fields."""
     for node in ast.walk(tree):
-        name = (
-            node.name
-            if isinstance(node, ast.FunctionDef | ast.ClassDef)
-            else node.arg
-            if isinstance(node, ast.arg)
-            else node.id
-            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
-            else ""
-        )
-        for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+", name):
-            yield name, word.lower()
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            yield node.name
+        elif isinstance(node, ast.arg):
+            yield node.arg
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.id
+
+
+def words_of(name):
+    """Words of a name, in the singular."""
+    return {word.lower().removesuffix("s") for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+", name)}
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_names_use_the_words_of_the_field(folder):
-    paths = [path for path in SOURCES if path.relative_to(ROOT).as_posix().startswith(f"{folder}/")]
+    terms = FOLDERS[folder]
+    paths = [path for path in SOURCES if path.relative_to(ROOT).parent.as_posix() == folder]
     assert paths
-    found = {
-        f"{path.name}: {name}: {INSTEAD[word]}"
-        for path in paths
-        for name, word in words_of(tree_of(path))
-        if word in INSTEAD
-    }
-    found |= {f"{path.name}: {INSTEAD[path.stem]}" for path in paths if path.stem in INSTEAD}
-    assert found == set()
+    found = {(path.name, name) for path in paths for name in (path.stem, *names_of(tree_of(path)))}
+    assert {(*at, word, terms[word]) for at in found for word in words_of(at[1]) & terms.keys()} == set()
 
 
-def test_words_of_a_name_are_found_whatever_its_kind():
-    text = "class TrackNodes:\n    knot: int\ndef find_way(door): DOOR_ROOM = door"
-    assert sorted({word for _, word in words_of(ast.parse(text))}) == [
-        "door",
-        "find",
-        "knot",
-        "nodes",
-        "room",
-        "track",
-        "way",
+def test_words_are_found_in_names_of_any_kind():
+    tree = ast.parse("class TrackNodes:\n    knot: int\ndef find_ways(door): DOOR_ROOM = door")
+    assert [words_of(name) & TERMS.keys() for name in names_of(tree)] == [
+        {"track"},
+        {"way"},
+        {"knot"},
+        {"door"},
+        {"door"},
     ]

@@ -36,7 +36,7 @@ class ArcSteps:
     """Corners of an arc's polygon, from its start on."""
 
     parameter: wp.array[wp.float64]
-    direction: wp.array[wp.vec2d]  # along the normal and the way of the arc's edge
+    direction: wp.array[wp.vec2d]  # along the normal and the tangent of the arc's edge
 
 
 @wp.struct
@@ -117,9 +117,9 @@ def corner_point(edges: InsetEdges, pieces: OffsetPieces, steps: ArcSteps, i: in
     out = pieces.first[i]
     if step >= 0:
         e = pieces.offset[i] // 2
-        way = edges.way[e]
+        tangent = edges.tangent[e]
         direction = steps.direction[step]
-        out = edges.origin[edges.after[e]] + edges.distance * (direction[0] * left_of(way) + direction[1] * way)
+        out = edges.origin[edges.after[e]] + edges.distance * (direction[0] * left_of(tangent) + direction[1] * tangent)
     return out
 
 

@@ -352,6 +352,6 @@ def find_crossings(
             step = count // 2
             continue
         first, step = first + count, min(2 * step, CHUNK)
-        kept = pair.numpy()[: min(crossing_count, room)]
-        yield first, kept[np.lexsort(kept.T[::-1])]
+        pairs = pair.numpy()[: min(crossing_count, room)]
+        yield first, pairs[np.lexsort(pairs.T[::-1])]
     del tree  # the kernels' hierarchy, until here

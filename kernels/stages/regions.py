@@ -1,4 +1,4 @@
-"""Polylines in the planes of their patches: areas, which polylines bound a region together, and the way back.
+"""Polylines in the planes of their patches: areas, which polylines bound a region together, and points back in space.
 
 Seen from a patch's +n side, inside lies to the left of a closed polyline: an outer loop has a positive area and a hole
 a negative one. A region is an outer loop with the holes that it is the smallest loop around.
@@ -225,7 +225,7 @@ def _lift_polylines(
     if writes:
         at = point_start[line]
         count = wp.where(point_start[line + 1] > at, count, 0)
-    kept = wp.int64(0)
+    distinct = wp.int64(0)
     before = wp.vec3()
     pose, patch = pose_patch_of(r, line_region[line])
     u = patches.u[pose, patch]
@@ -237,13 +237,13 @@ def _lift_polylines(
         x = to_float32(middle + p[0] * u + p[1] * v)
         if k == 0 or differs(x, before):
             if writes:
-                out.points[at + kept] = x
-            kept += wp.int64(1)
+                out.points[at + distinct] = x
+            distinct += wp.int64(1)
         before = x
-    if not writes and kept > wp.int64(1):
-        point_count[line] = kept
+    if not writes and distinct > wp.int64(1):
+        point_count[line] = distinct
         line_count[line] = wp.int64(1)
-    elif writes and kept > wp.int64(0):
+    elif writes and distinct > wp.int64(0):
         own = line_start[line]
         out.polyline_start[own] = at
         out.polyline_patch[own] = patch

@@ -30,7 +30,7 @@ SIDE_BITS = wp.constant(wp.uint64(3))
 
 @wp.struct
 class CutLoops:
-    """Where a patch cuts a section's loops. Segment k runs from crossing k to the next one of its loop.
+    """Cuts of a section's loops by a patch. Segment k runs from crossing k to the next one of its loop.
 
     Pieces are numbered as they are drawn: piece p < WHOLE enters with the segment whose crossing has key p, piece
     WHOLE + k is the loop that begins with crossing k and stays inside.
@@ -71,7 +71,7 @@ def lowest_bit(x: wp.uint64) -> int:
 #endif
 """)
 def bit_count(x: wp.uint64) -> int:
-    """How many bits are set."""
+    """Number of bits that are set."""
 
 
 @wp.func
@@ -163,7 +163,7 @@ def is_near_corner(p: wp.vec2d, q: wp.vec2d, k: int, side: wp.vec2d, room: wp.fl
 
 @wp.struct
 class PassedCorners:
-    """How a segment passes the patch's corners."""
+    """Corners of the patch that a segment passes."""
 
     left: int  # bits of those to its left, or on it
     clear: int  # not 0: where it enters and leaves, it surely differs in float32 from them and from its crossings
@@ -206,7 +206,7 @@ def pass_corners(
     q: CrossingPoint,
     exact: bool,
 ):
-    """How p -> q, packed in `one` and `two`, passes the corners: without a division, if it surely misses all of them.
+    """Corners that p -> q passes, packed in `one` and `two`: without a division, if it surely misses all of them.
 
     The determinant of p, q and a corner is the corner's distance from p -> q times that segment's length, times both
     d. If it exceeds `room` times the root of 2 for each corner, the segment meets no side within `room` of one; and

@@ -24,7 +24,7 @@ REST_THREADS = 2**16  # that take the sections which a split leaves: enough to f
 
 @wp.func
 def query_count(rest: wp.array[wp.int32], rest_count: wp.array[wp.int32], section_count: int):
-    """How many sections are cut and drawn exactly: those in `rest`, or all."""
+    """Number of sections that are cut and drawn exactly: those in `rest`, or all."""
     if rest.shape[0] > 0:
         return rest_count[0]
     return section_count

@@ -131,7 +131,7 @@ def list_crossings(
 def winding_of_lane(
     surface: Surface, frame: wp.array[Frame], query: int, p: PackedFrame, side: wp.vec2d, leaves: BoxList, warp: Warp
 ):
-    """What the faces of the leaves that are a lane's own add to the winding number around corner 0."""
+    """Share of the winding number around corner 0 that the faces of a lane's own leaves add."""
     winding = int(0)
     i = int(warp.lane)
     while i < leaves.count:

@@ -150,7 +150,7 @@ def _list_crossings(
 
 
 class FlatWork(NamedTuple):
-    """What is searched."""
+    """Surface, poses and patches that are searched."""
 
     surface: Any
     pose: wp.array

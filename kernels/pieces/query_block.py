@@ -71,7 +71,7 @@ class FlatSize(NamedTuple):
 
 @wp.struct
 class QueryBlock:
-    """What the groups share that search a block of queries, and their memory."""
+    """Memory of the groups that search a block of queries."""
 
     window: wp.array2d[PackedFrame]  # of each query, by OF_PATCH and, if contours are closed, OF_CORNER
     groups: int

@@ -27,7 +27,7 @@ class PosePieces:
 
 @wp.func
 def pieces_before(schedule: PoseSchedule, pieces: PosePieces, pose: int):
-    """How many pieces the pose of this span has that is drawn before one in its motion; -1: there is none."""
+    """Number of pieces of the pose drawn before one in its motion, within this span; -1: there is none."""
     begin = int(schedule.motion_start[schedule.motion[pose]])
     before = pose - 1
     while before >= begin:

@@ -1,4 +1,4 @@
-"""Where drawing goes on in each pose of a motion: on the pose's cycle, where the focal point is.
+"""Entry: the place on each pose's cycle at which drawing goes on from where the focal point is.
 
 | where the focal point is | where it goes on |
 |---|---|
@@ -66,7 +66,7 @@ WHOLE_SECTION = wp.constant(wp.float64(1e-3))  # [m] that its whole time counts 
 
 @wp.func
 def approach(nodes: CycleNodes, segment: CycleSegment, point: wp.vec3d):
-    """How near a segment comes to a point [m], infinite for jumps, and where, 0..1."""
+    """Distance of a segment from a point [m], infinite for jumps, and the nearest place on it, 0..1."""
     a = nodes.point[segment.a]
     step = step_of(nodes, segment)
     square = squared(step)
@@ -354,7 +354,7 @@ def is_silent_at(
 
 @wp.func
 def shape_of(c: Contours, pose: int):
-    """How many polylines a pose has and which are closed, as one number; beyond 62 of them all but surely."""
+    """A number that says how many polylines a pose has and which are closed; beyond 62 of them all but surely."""
     shape = wp.int64(1)
     line = int(c.pose_start[pose])
     stop = int(c.pose_start[pose + 1])
@@ -371,7 +371,7 @@ def shape_of(c: Contours, pose: int):
 def enter_cycle(
     plan: SamplingPlan, nodes: CycleNodes, cycle: PoseCycle, shape: wp.int64, place: FocusPlace, before: int
 ):
-    """Where drawing goes on along the contours of a new pose of a shape; before: the pose drawn before in the span."""
+    """Entry to the contours of a new pose of a shape; before: the pose drawn before in the span."""
     entry = PoseEntry()
     entry.drawn = 1
     entry.silent = place.silent
@@ -387,7 +387,7 @@ def enter_cycle(
 
 @wp.func
 def place_at(plan: SamplingPlan, nodes: CycleNodes, cycle: PoseCycle, parameter: wp.float64):
-    """Where the focal point is at a parameter of a cycle."""
+    """Place of the focal point at a parameter of a cycle."""
     place = FocusPlace()
     segment = find_segment(nodes, cycle, parameter, CycleSegment())
     place.point = point_on(nodes, segment, parameter)

@@ -50,7 +50,7 @@ POLYLINE, ORDER, POSE, RE_ENTRY = (wp.constant(k) for k in range(4))  # causes o
 
 @wp.struct
 class PiecePassages:
-    """Which samples of a pose are on each of its drawn pieces, by the pieces' rows; -1: none."""
+    """First and last sample of a pose on each of its drawn pieces, by the pieces' rows; -1: none."""
 
     first: wp.array[wp.int32]
     last: wp.array[wp.int32]
@@ -58,7 +58,7 @@ class PiecePassages:
 
 @wp.struct
 class PoseEnds:
-    """Where the focal points are at the last sample of each pose that is drawn [m], shape [pose, focus]."""
+    """Positions of the focal points at the last sample of each pose that is drawn [m], shape [pose, focus]."""
 
     shown: wp.array2d[wp.vec3d]
     last: wp.array2d[wp.vec3d]  # before points are held or reordered, without small circles
@@ -84,7 +84,7 @@ def circle_offset(plan: SamplingPlan, pose: wp.transformd, number: wp.int64):
 
 @wp.func
 def wave_at(plan: SamplingPlan, number: wp.int64):
-    """What amplitude modulation leaves of the intensity at a sample."""
+    """Factor of amplitude modulation at a sample."""
     if plan.wave == 0:
         return ONE
     turns = wp.mod(wp.float64(number) * plan.wave_turns, ONE)
@@ -133,7 +133,7 @@ def _find_ends(
 
 @wp.func
 def shown_before(schedule: PoseSchedule, d: DrawnCycles, ends: PoseEnds, state: SamplerState, pose: int, focus: int):
-    """Where a focal point was before a pose [m]."""
+    """Position of a focal point before a pose [m]."""
     before = d.entries[pose].before
     if before < 0:
         return state.shown[schedule.motion[pose], focus]
@@ -226,7 +226,7 @@ def count_move(
 
 @wp.func
 def gain_at(plan: SamplingPlan, schedule: PoseSchedule, pose: int, sample: int, hold: wp.float64):
-    """What a fade leaves of a sample's intensity, and whether the pose is older than `hold` then, 0 or 1."""
+    """Factor that a fade leaves of a sample's intensity, and 1 if the pose is older than `hold` then, else 0."""
     age = age_of(schedule, pose, sample)
     held = wp.int64(0)
     if age > hold:

@@ -157,7 +157,7 @@ class PoseSchedule:
 
 @wp.struct
 class FocusPlace:
-    """Where the focal point is, such that it can be found on another cycle."""
+    """Place of the focal point, described such that it can be found on another cycle."""
 
     drawn: wp.int32  # 1: something has been drawn
     silent: wp.int32  # 1: the last sample was
@@ -172,7 +172,7 @@ class FocusPlace:
 
 @wp.struct
 class PoseEntry:
-    """Where a pose's drawing begins."""
+    """Start of a pose's drawing."""
 
     drawn: wp.int32  # 1: the pose has contours and samples
     again: wp.int32  # 1: it goes on from the span before
@@ -213,7 +213,7 @@ class StepCount:
 
 @wp.struct
 class MotionState:
-    """Where a motion is after a span, and what its samples are counted as."""
+    """State of a motion after a span, and counts of its samples."""
 
     place: FocusPlace
     anchor: wp.float64  # of the pose drawn last, see PoseEntry

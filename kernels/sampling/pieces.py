@@ -108,13 +108,13 @@ def drawn_level(c: Contours, piece: DrawnPiece, size: int, i: int):
 
 @wp.func
 def start_of(c: Contours, plan: SamplingPlan, piece: DrawnPiece):
-    """Where a piece begins [m]."""
+    """Start of a piece [m]."""
     return drawn_vertex(c, piece, size_of(c, plan, piece.line), 0)
 
 
 @wp.func
 def end_of(c: Contours, plan: SamplingPlan, piece: DrawnPiece):
-    """Where a piece ends [m]: where it begins, if it is a loop or drawn there and back."""
+    """End of a piece [m]: its start, if it is a loop or drawn there and back."""
     if is_loop(c, plan, piece.line) or plan.turns_back == 1:
         return start_of(c, plan, piece)
     size = size_of(c, plan, piece.line)

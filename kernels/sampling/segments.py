@@ -240,7 +240,7 @@ def age_of(schedule: PoseSchedule, pose: int, sample: int):
 
 @wp.func
 def gain_of(plan: SamplingPlan, age: wp.float64, hold: wp.float64):
-    """What a fade leaves of the intensity; age, hold: [ticks]."""
+    """Factor that a fade leaves of the intensity; age, hold: [ticks]."""
     if age <= hold:
         return ONE
     return wp.min(wp.max(ONE - (age - hold) / plan.fade, ZERO), ONE)

@@ -57,7 +57,7 @@ class SpanRoom:
         self._recorded: tuple[Any, Any] = (None, None)  # plan and contours of the launches
         self._counts = 0, 0  # poses and motions of the last span
         self.grown = 0
-        """How often memory was allocated."""
+        """Number of allocations so far."""
         self.state = SamplerState()
         states = np.zeros(motion_count, MotionState.numpy_dtype())
         states["place"]["silent"], states["place"]["rested"], states["lost"] = 1, -1.0, 1

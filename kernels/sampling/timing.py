@@ -179,7 +179,7 @@ def mark_sections(plan: SamplingPlan, nodes: CycleNodes, cycle: PoseCycle, total
 
 @wp.func
 def nodes_before(nodes: CycleNodes, cycle: PoseCycle, parameter: wp.float64):
-    """How many nodes are reached before a parameter."""
+    """Number of nodes that are reached before a parameter."""
     low = int(0)
     high = int(cycle.count)
     while low < high:

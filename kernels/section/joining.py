@@ -329,7 +329,7 @@ def order_pieces(surface: Any, found: Iterable[Any], pose: wp.array, patch: wp.a
 
 
 def _order_each(surface: Any, found: Iterable, pose: wp.array, patch: wp.array, closes: bool) -> Iterator[Ordered]:
-    """What is ordered, whenever further pieces are: before a search that goes on is waited for."""
+    """Order pieces as they are found; yields what is ordered so far, before it waits for a search that goes on."""
     sections, device, ordered = pose.shape[0] * patch.shape[0], pose.device, None
     for pieces in found:  # a search may begin here
         ordered = ordered or Ordered([], *(wp.zeros(sections + 1, dtype=wp.int64, device=device) for _ in range(2)))

@@ -33,7 +33,7 @@ class PieceEnds:
 
 @wp.struct
 class PieceEnd:
-    """Where a piece enters or leaves by a side, on a segment p -> q [m]."""
+    """Point at which a piece enters or leaves by a side, on a segment p -> q [m]."""
 
     p: wp.vec2d
     q: wp.vec2d

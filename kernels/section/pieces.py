@@ -103,7 +103,7 @@ def end_side(side: int, end: int):
 
 @wp.func
 def sides_word(enter: int, leave: int, location: int):
-    """What `ContourPieces.side` holds of a piece that enters and leaves by these sides, -1 for none."""
+    """`ContourPieces.side` of a piece that enters and leaves by these sides, -1 for none."""
     return (enter + 1) | ((leave + 1) << LEAVE) | (location << LOCATION)
 
 

@@ -52,7 +52,7 @@ class RoomSize(NamedTuple):
 
 
 def room_bytes(size: RoomSize, query_count: int) -> int:
-    """What the memory of a `Room` with so many patches of all poses takes, about [byte]."""
+    """Size of the memory of a `Room` with so many patches of all poses, about [byte]."""
     return query_count * (PIECE_BYTES * size.pieces + EVENT_BYTES * size.events) + POINT_BYTES * size.points
 
 

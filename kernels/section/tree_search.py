@@ -262,7 +262,7 @@ def corner_window(g: Coarse):
 
 @wp.func
 def winding_across(surface: Surface, f: Frame, side: wp.vec2d, half: int):
-    """What the segment from a half-edge's crossing adds to the winding number around corner 0."""
+    """Share of the winding number around corner 0 that the segment from a half-edge's crossing adds."""
     c = crossing_at(surface, f, half)
     p = point_of(f, c, side)
     q = point_of(f, crossing_after(surface, f, c), side)

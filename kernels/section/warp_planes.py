@@ -37,7 +37,7 @@ def keep_plane(memory: wp.uint64, lane: int, plane: SectionPlane):
 
 @wp.func
 def start_at(memory: wp.uint64, lane: int):
-    """Where a lane's query begins."""
+    """Index at which a lane's query begins."""
     return long_at(memory, lane * PLANE_WORDS + 15)
 
 

@@ -160,7 +160,7 @@ def record(
 
 
 def polylines_in(path: str | Path) -> int | None:
-    """How many polylines a finished contour file holds; None where there is none, or another file."""
+    """Number of polylines of a finished contour file; None where there is none, or another file."""
     try:
         with ContourFile(path) as file:
             return file.polyline_count if file.sealed else None

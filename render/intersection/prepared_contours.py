@@ -75,7 +75,7 @@ class PreparedContours:
         self.pose_count, self.device = int(pose_count), warp_device(device)
         """Poses of a batch, and where they are rendered."""
         self.grown = 0
-        """How often memory was taken anew."""
+        """Number of times that memory was allocated again."""
         self.struct: Any = None
         """The last contours as kernels take them, in arrays that may have room for more; None where they are not kept,
         or a stage of a user's made them."""

@@ -147,7 +147,7 @@ class Scene:
     focal_width: float = 0.0
     """FWHM of p^2 across the focus at the object's middle, or a moving one's median [m]; 0 if nothing uses it."""
     points: str = "array"
-    """Where points are written: "array", in the array's frame, or "patch", relative to the middle of their patch."""
+    """Frame of written points: "array", the array's, or "patch", relative to the middle of their patch."""
 
     def __repr__(self) -> str:
         """One line."""

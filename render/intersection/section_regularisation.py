@@ -42,7 +42,7 @@ class Loops(NamedTuple):
     start: np.ndarray
     """Offsets into points, int64, shape [loop + 1]; no loop is empty."""
     section: np.ndarray
-    """Which section each loop belongs to, ascending, int64, shape [loop]."""
+    """Section of each loop, ascending, int64, shape [loop]."""
 
     def chosen(self, mask: np.ndarray) -> "Loops":
         """Some of the loops."""
@@ -59,12 +59,12 @@ class Loops(NamedTuple):
         return after
 
     def of_points(self) -> np.ndarray:
-        """Which loop each point belongs to, shape [point]."""
+        """Number of each point's loop, shape [point]."""
         return np.repeat(np.arange(len(self.section)), np.diff(self.start))
 
 
 class Planes(NamedTuple):
-    """Where the patches of some sections are."""
+    """Frames of the patches of some sections."""
 
     frame: np.ndarray
     """Origin [m], u and v, array frame, shape [section, 3, 3]."""
@@ -244,7 +244,7 @@ def _healed(region: Any, gap: float, sides: np.ndarray | None) -> Any:
 
 
 def _mean_width(polygon: np.ndarray) -> float:
-    """How wide a polygon would be if it were a strip as long."""
+    """Width of a strip as long as a polygon and of equal area."""
     p = polygon - polygon[0]
     q = np.roll(p, -1, axis=0)
     return float(2 * abs((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum()) / (2 * np.hypot(*(q - p).T).sum()))

@@ -43,7 +43,7 @@ def file_frequencies(file: ContourFile, rows: np.ndarray, strategy: SamplingStra
 
 
 def file_pauses(file: ContourFile, rows: np.ndarray) -> np.ndarray:
-    """What the contours of some done poses of a file pause in a cycle [s], shape [row]; reads no contours without."""
+    """Duration of pauses in a cycle, of some done poses of a file [s], shape [row]; reads no contours without any."""
     out = np.zeros(len(rows))
     if "dwell" in file.optional:
         for at, batch in _batches_of(file, rows, np.ones(len(rows), bool)):
@@ -52,7 +52,7 @@ def file_pauses(file: ContourFile, rows: np.ndarray) -> np.ndarray:
 
 
 def pauses_of(batch: ContourBatch) -> np.ndarray:
-    """What the contours of each pose pause in a cycle [s], shape [pose]: at a closed one's seam once.
+    """Duration of the pauses that each pose's contours have in a cycle [s], shape [pose]: at a closed one's seam once.
 
     Polylines without length are not drawn, so they do not pause.
     """

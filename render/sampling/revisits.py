@@ -117,7 +117,7 @@ class _Tail:
 def revisit_rate(
     blocks: Iterable[FocalPoints], pose: np.ndarray, bounds: np.ndarray, update_rate: float
 ) -> float | None:
-    """How often a place on the skin is drawn [Hz]; None if none was drawn again.
+    """Rate at which a place on the skin is drawn [Hz]; None if none was drawn again.
 
     blocks, pose, bounds: as for `dwell_map`. update_rate: of the focal points [Hz].
     Raises StrategyError for more samples than `bounds` has.

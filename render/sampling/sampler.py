@@ -443,7 +443,7 @@ def laid_cycles(batch: ContourBatch, strategy: SamplingStrategy) -> np.ndarray:
 
 
 def laid_jumps(contours: ContourBatch, strategy: SamplingStrategy) -> np.ndarray:
-    """Where a focal point jumps in a cycle of one pose [m], from and to, shape [jump, 2, 3]."""
+    """Jumps of a focal point in a cycle of one pose [m], from and to, shape [jump, 2, 3]."""
     room = lay_each(contours, strategy)
     count = int(room.cycles.numpy()[0]["count"])
     parameter, point = (array.numpy()[:count] for array in room.nodes)
@@ -528,7 +528,7 @@ class MotionSamples:
     counts: list[SamplingCount]
     """Of each motion."""
     schedule: Any
-    """Which samples each pose has: a PoseSchedule, which type checkers take for no class, as any struct of Warp's."""
+    """Samples of each pose: a PoseSchedule, which type checkers take for no class, as any struct of Warp's."""
     pose: wp.array
     """Hand frame -> array frame, transformd, shape [pose]."""
 
@@ -596,7 +596,7 @@ def sample_motions(
 
 @dataclass(frozen=True, eq=False)
 class MotionSchedule:
-    """Which samples the poses of motions have."""
+    """Samples of the poses of motions."""
 
     motion_start: np.ndarray  # offsets into poses, int64, shape [motion + 1]
     time: np.ndarray  # of poses [s]

@@ -20,7 +20,7 @@ WHOLE_SECTION = 1e-3  # [m] that a section's whole time counts among passes of t
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Place:
-    """Where a focal point is, told such that it can be found on another cycle."""
+    """Place of a focal point, described such that it can be found on another cycle."""
 
     point: np.ndarray
     """[m], shape [3]."""

@@ -63,7 +63,7 @@ class Cycle:
 
     @property
     def one_sample(self) -> float:
-        """How far a sample is from the next, in the unit of the parameters."""
+        """Curve parameter from a sample to the next."""
         return self.turns * self.period / self.repeat_count
 
     @property
@@ -95,7 +95,7 @@ class Cycle:
     def approach(
         self, point: np.ndarray, direction: np.ndarray | None, slack: float, step: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """How near each segment from node to node comes to a point, and where, 0..1; both of shape [node - 1].
+        """Distance of each segment from a point, and the nearest place on it, 0..1; both of shape [node - 1].
 
         The distance [m] counts `slack` more for segments that run against the direction; jumps and pauses are at
         infinity. So do segments farther than NEAR_STEPS ordinary `step`s [m] where any segment is as near as that: the
@@ -348,7 +348,7 @@ def _in_sections(nodes: TimedNodes, strategy: SamplingStrategy) -> TimedNodes:
 
 
 def _sections_with_corner(nodes: TimedNodes, count: int) -> np.ndarray:
-    """Which of equal sections hold a corner, bool, shape [section]; one near a cut is in both, lest noise decides."""
+    """Equal sections that hold a corner, bool, shape [section]; one near a cut is in both, lest noise decides."""
     parameter = np.concatenate([[0.0], np.cumsum(nodes.duration)])
     at = parameter[nodes.corner] / parameter[-1] * count
     out = np.zeros(count, bool)

@@ -42,7 +42,7 @@ class Ring:
 
 
 class SkinHistory:
-    """Where focal points have been drawn on the skin, as far back as the visit before may be.
+    """Places on the skin at which focal points were drawn, as far back as the visit before may be.
 
     Drawn samples are numbered from 0 here. Groups of them have boxes: a place is compared only with samples in boxes
     near to it.

@@ -53,7 +53,7 @@ class Route:
 
     @cached_property
     def mark(self) -> np.ndarray:
-        """What each polyline is recognised by at the next pose, shape [piece, 4]; see `marks_of`."""
+        """Mark by which each polyline is recognised at the next pose, shape [piece, 4]; see `marks_of`."""
         return marks_of([piece.points for piece in self.pieces])
 
     def redrawn(self, order: np.ndarray, pieces: list[RoutePiece], least: float) -> "Route":
@@ -188,7 +188,7 @@ def _begun(piece: RoutePiece, segment: int, part: float) -> RoutePiece:
 
 
 def _insertion(drawn: list[RoutePiece], piece: RoutePiece, *, back: bool, cyclic: bool) -> tuple[int, RoutePiece]:
-    """Where a piece makes a route least longer, and the piece drawn as it does."""
+    """The place at which a piece adds least to a route, and the piece as it is drawn there."""
     begin = np.array([p.points[0] for p in drawn])
     end = begin if back else np.array([p.points[0] if p.closed else p.points[-1] for p in drawn])
     following = np.roll(begin, -1, axis=0)

@@ -154,7 +154,7 @@ class Sampler:
         return Sampler(self.strategy).draw(path, np.array([0, 0, 0, 0, 0, 0, 1.0]) if pose is None else pose, count)
 
     def _gain(self, sample_count: int, age: float, hold: float) -> np.ndarray | None:
-        """What fading leaves of the intensity, None for all of it."""
+        """Factor that fading leaves of the intensity, None for 1."""
         rate = self.strategy.update_rate
         first = ticks_of(age, rate) - ticks_of(hold, rate)  # by how much the pose is older than `hold`
         if first + TICKS * (sample_count - 1) <= 0:
@@ -189,7 +189,7 @@ class Sampler:
         return position, intensity, is_new
 
     def _enter(self, path: Path, silent: bool) -> Cursor:
-        """Where drawing goes on along the contours of a new pose; `silent`: the sample before is."""
+        """Enter the contours of a new pose, where drawing goes on; `silent`: the sample before is."""
         strategy, cycle = self.strategy, lay_cycle(path, self.strategy, self._route)
         before, self._before = self._before if self._drawn else None, path
         self._cycles_before, self._on_cycle = self.count.cycles, 0
@@ -288,7 +288,7 @@ def turns_of(frequency: float, update_rate: float, first: int, count: int) -> np
 
 
 def wave_of(strategy: SamplingStrategy, first: int, count: int) -> np.ndarray:
-    """What amplitude modulation leaves of the intensity, for samples first.. , shape [sample]."""
+    """Factor of amplitude modulation, for samples first.. , shape [sample]."""
     am = strategy.am
     if am is None:
         return np.ones(count)

@@ -430,7 +430,7 @@ def ramp_rows(
     """Rows that put points at the ends of ramps, as `insert_points` takes them.
 
     reach: along a polyline from a corner to where intensity has fallen [m]. Raises PointLimitError before memory is
-    taken for more points than `point_limit`.
+    allocated for more points than `point_limit`.
     """
     device, count, line_count = lines.arc.device, lines.arc.shape[0], lines.total.shape[0]
     ends = wp.empty(RAMP_ENDS * corners.point.shape[0], dtype=wp.float64, device=device)

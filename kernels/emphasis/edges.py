@@ -207,7 +207,7 @@ def ramp_between_levels(
 
     Where two segments of different intensity meet, the point between them has the higher one, and the weaker segment
     reaches its own within `ramp` [m], or in its middle if it is short. level: 0..1, float64, shape [point], by segment.
-    Raises PointLimitError before memory is taken for more points than `point_limit`.
+    Raises PointLimitError before memory is allocated for more points than `point_limit`.
     """
     device, count = contours.points.device, contours.points.shape[0]
     contours, peak = with_columns(contours, intensity=full_intensity(contours)), wp.empty_like(level)

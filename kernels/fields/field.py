@@ -94,7 +94,7 @@ def share_of(value: Any) -> Any:
     """A wp.func (data, inner, outer, f_inner, f_outer, least) -> root's position from inner (0) to outer (1).
 
     Illinois false position, with bisection where that is slow; it ends once the sign changes within `least`, also for
-    a flat value function. Once the slopes to both ends predict a root within `least`, the next value is taken just
+    a flat value function. Once the slopes to both ends predict a root within `least`, the next value lies just
     beyond the prediction; a change of sign confirms the root. If the sign does not change, all further steps bisect.
     """
 

@@ -283,7 +283,7 @@ def mesh_root(inside: Inside, a: wp.vec3d, b: wp.vec3d):
     """`Field.root` of a closed surface: where the segment from a to b passes through a face.
 
     A single face on it is where it turns. With more, the inside may go on behind one (bodies that overlap), or two
-    share an edge that is met: then the first that leads out is taken if both its sides say so. What fails is halved.
+    share an edge that is met: then the first that leads out counts if both its sides agree. What fails is halved.
     """
     start = a
     end = b

@@ -399,7 +399,7 @@ def find_rows(regions: Regions, filled: wp.array, *, spacing: float, angle: floa
 def find_crossings(o: Outlines, point_limit: int | None = None) -> RowCrossings:
     """Sorted crossings of rows with outlines.
 
-    Raises PointLimitError before memory is taken for more crossings than `point_limit`: most of them become points.
+    Raises PointLimitError before memory is allocated for more crossings than `point_limit`: most of them become points.
     """
     entries = o.region_of.shape[0]
     (c,), (c.start,) = count_then_fill(
@@ -446,7 +446,7 @@ def draw_hatch(
     Polylines of regions are closed, counter-clockwise around the region and clockwise around holes. filled: 0 for
     regions to leave out, uint8, shape [region]. spacing: between lines [m]; angle: of the lines from u towards v [rad];
     connected: lines are joined along the boundary where they can be. A region between two lines gets one through its
-    middle. Raises PointLimitError before memory is taken for more points than `point_limit`.
+    middle. Raises PointLimitError before memory is allocated for more points than `point_limit`.
     """
     o = find_rows(regions, filled, spacing=spacing, angle=angle)
     c = find_crossings(o, point_limit)

@@ -303,7 +303,7 @@ def draw_inset(
     Other arguments as for `draw_hatch`. Of a region, outer loops come first, the largest first. A loop starts near the
     region's first point. Corners of the outline that point inwards are rounded, by 64 segments a turn.
     Returns also where a region's loops are not known, 1, int32, shape [region].
-    Raises PointLimitError before memory is taken for more points than `point_limit`.
+    Raises PointLimitError before memory is allocated for more points than `point_limit`.
     """
     edges, failed = find_edges(regions, filled, distance)
     device, pieces = failed.device, find_pieces(edges, failed)

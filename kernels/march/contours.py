@@ -166,7 +166,7 @@ class _March:
     def traced_again(
         self, lattice: wp.array, bits: wp.array, cut_start: wp.array, before: Traced
     ) -> tuple[Samples, Traced]:
-        """The same with nodes moved onto far tips; what it was before is kept where no node is moved."""
+        """The same with nodes moved onto far tips; as before where no node is moved."""
         moved = follow_tips(self.field, lattice, self.grids, bits, cut_start, before.found)
         samples = resolve_cells(self.field, lattice, self.grids, bits, spare=self.spare)
         trails = walk_sections(samples, self.grids, last_of(samples.cut_start), closes=self.closes)

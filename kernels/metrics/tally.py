@@ -16,7 +16,7 @@ wp.set_module_options(EXACT)
 METRICS = ("length", "length_object", "length_hand", "length_made", "polylines", "area", "length_intensity")
 """Rows that `tally_contours` writes, in this order."""
 STATISTICS = ("count", "sum", "sum of squares", "least", "greatest", "positive")
-"""What is kept of a metric, float64: of values that are finite; the last is how many of them are above 0."""
+"""Sums and bounds of a metric's finite values, float64; the last is the number of those above 0."""
 NAN = wp.constant(wp.float32(float("nan")))
 SOME = wp.constant(8)
 Some = wp.types.vector(length=SOME, dtype=wp.float32)

@@ -94,7 +94,7 @@ def draw_sections(
 ) -> Contours:
     """Write the contours that `cut_sections` counted, other arguments as for it; bit-identical to `draw_contours`.
 
-    Raises PointLimitError, before memory is taken for them, if there are more points than `limit`.
+    Raises PointLimitError, before memory is allocated for them, if there are more points than `limit`.
     """
     (point_start, section_start), (point_count, polyline_count) = scan_counts(cut.points, cut.polylines, limit=limit)
     contours = room_for_contours(section_start, polyline_count, point_count)

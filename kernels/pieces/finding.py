@@ -55,8 +55,8 @@ def find_pieces(
     method: "trace" (for surfaces with a scan path), "seek", "flat" (for any), None: the fastest one.
     draws: whether the pieces will be drawn (`draw_contours`); a scan search then lists what drawing is faster with.
     Raises ValueError for an unknown method, one that the surface does not allow, and poses of another shape.
-    Returns ContourPieces, to be taken once and in this order: of all sections, in one or several; and further ones of
-    sections that had too little room. Scan and flat searches are launched as their ContourPieces are taken.
+    Yields ContourPieces, once and in this order: of all sections, in one or several; and further ones of
+    sections that had too little room. Scan and flat searches are launched when their ContourPieces are asked for.
     """
     device = pose.device
     require_section_poses(pose, patch)
@@ -72,7 +72,7 @@ def find_pieces(
 
 
 def _scanned_pieces(surface: Any, pose: wp.array, patch: wp.array, *, bounded: bool, draws: bool) -> Iterator[Any]:
-    """`find_pieces` by the scan search; queries with too little room are looked for when the first pieces are taken."""
+    """`find_pieces` by the scan search; queries with too little room are searched again after the first yield."""
     device, query_count, lists = pose.device, pose.shape[0] * patch.shape[0], None
     if draws and lists_steps(device):
         lists = room_for_steps(query_count, surface.corner.shape[0] // 3, bounded=bounded, device=device)

@@ -87,7 +87,7 @@ def place_crossing(
         bits = bits | TO_OPEN
     else:
         place = place_of(s, count, following >> 1, stride)
-    x = output_point(f, p)  # kept where the crossing's state and its beginning will be
+    x = output_point(f, p)  # stored where the crossing's state and its beginning will be
     set_state(s, i, (wp.int64(wp.cast(x[1], wp.int32)) << wp.int64(32)) | (wp.int64(wp.cast(x[0], wp.uint32))))
     set_begin(s, i, wp.cast(x[2], wp.int32))
     set_link(s, i, ((place + 1) << PLACE) | bits)

@@ -130,7 +130,7 @@ def plane_loops(
 
     Arguments as for `find_pieces`; bounded: whether points that are flush with a side of a patch lie on it. Loops of a
     section come in the order of their keys, see docs/develop/geometry.md.
-    Raises PointLimitError, before memory is taken for them, if the loops have more points than `limit`.
+    Raises PointLimitError, before memory is allocated for them, if the loops have more points than `limit`.
     """
     device = pose.device
     found = find_pieces(surface, pose, patch, bounded=False, closes=False, method=method, draws=False)

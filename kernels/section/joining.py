@@ -356,7 +356,7 @@ def join_pieces(
 ) -> Joined:
     """As `order_pieces`, and count polylines and points.
 
-    Raises PointLimitError, before any memory is taken for them, if there are more points than `limit`.
+    Raises PointLimitError, before any memory is allocated for them, if there are more points than `limit`.
     """
     each = (_offsets(ordered) for ordered in _order_each(surface, found, pose, patch, closes))
     blocks, section_start, point_start, totals = _last_of(each)

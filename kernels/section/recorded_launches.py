@@ -43,7 +43,7 @@ class RoomSize(NamedTuple):
 
     @classmethod
     def for_sections(cls, query_count: int) -> "RoomSize":
-        """Capacities for so many patches of all poses: most of one alone, since memory is taken for each."""
+        """Capacities for so many patches of all poses: most of one alone, since memory is allocated for each."""
         return cls() if query_count <= FEW else cls(SLOTS, EVENTS_MANY, POINTS_MANY * query_count)
 
     def doubled_for(self, needed: "RoomSize") -> "RoomSize":

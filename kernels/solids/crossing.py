@@ -24,7 +24,7 @@ from .orientation import line_side, plane_side
 wp.set_module_options(SELDOM)
 
 CHUNK = 2**17  # faces a launch: a second or so, then Ctrl-C is heard
-ROOM_LARGEST = 2**22  # pairs a launch; fewer faces are taken where there are more
+ROOM_LARGEST = 2**22  # pairs a launch; fewer faces are tested at once where there are more
 
 
 @wp.struct

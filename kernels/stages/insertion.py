@@ -107,7 +107,7 @@ def divide_rows(contours: Contours, longest: float, point_limit: int | None = No
     """Rows that divide segments into equal parts no longer than `longest` [m], as `insert_points` takes them.
 
     Parts are longer by the rounding of their ends to float32 at most, and dividing again changes nothing.
-    Raises PointLimitError before memory is taken for more points than `point_limit`.
+    Raises PointLimitError before memory is allocated for more points than `point_limit`.
     """
     (share,), (row_start,) = count_then_fill(
         _count_divisions,

@@ -344,7 +344,7 @@ def lift_polylines(
     """Contours of kind "made" of lines drawn for regions, without points that float32 makes equal to the one before.
 
     height: above the plane [m], float64, shape [line], None: 0. patches: `Patches`. Lines of fewer than two points that
-    differ are left out. Raises PointLimitError before memory is taken for more points than `point_limit`.
+    differ are left out. Raises PointLimitError before memory is allocated for more points than `point_limit`.
     """
     device, count = flat.points.device, flat.line_region.shape[0]
     (out,), (_, line_start) = count_then_fill(

@@ -185,7 +185,7 @@ def lay_nodes(pose: wp.array, patch: wp.array, step: float) -> tuple[Grids, wp.a
 def inside_nodes(field: Field, pose: wp.array, patch: wp.array, *, step: float, bounds: np.ndarray) -> Nodes:
     """Nodes of the patches' grids that are inside a field; arguments as `march_patches`.
 
-    Memory is taken for all nodes at once. Raises ValueError for a step that is not positive or too fine.
+    Memory is allocated for all nodes at once. Raises ValueError for a step that is not positive or too fine.
     """
     grids, lattice = lay_nodes(pose, patch, step)
     return Nodes(grids, lattice, sample_nodes(field, lattice, grids, bounds))

@@ -113,7 +113,7 @@ class PoseBlock:
     device: str
     """Warp device."""
     point_limit: int | None = None
-    """Most points: PointLimitError is raised before memory is taken for more."""
+    """Most points: PointLimitError is raised before memory is allocated for more."""
     timing: dict[str, float] | None = None
     """Takes the seconds of each stage."""
 

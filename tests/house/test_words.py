@@ -21,7 +21,7 @@ WITH_MORE = ("kernels/section", "kernels/pieces", "kernels/patterns")
 FOLDERS = {folder_of(path): TERMS for path in SOURCES if folder_of(path).split("/")[0] == "kernels"}
 FOLDERS |= dict.fromkeys(("render/sampling", "render/intersection", "render/stages", "render/hands"), TERMS)
 FOLDERS |= dict.fromkeys(WITH_MORE, TERMS | IN_SECTIONS)
-del FOLDERS["kernels/driving"]  # it is being rewritten
+del FOLDERS["kernels/driving"]  # until the variable `way` in its slew.py has another name
 PUBLIC = {"draw_kept"}
 
 

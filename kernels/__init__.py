@@ -80,7 +80,7 @@ SWEEP_STAGES = (
     "patterns.section_sums",
 )  # poses made where they are used, and sums over them
 FOCUS_STAGES = (
-    "sampling.tracks",
+    "sampling.cycles",
     "sampling.entry",
     "sampling.focus",
     "sampling.visits",
@@ -129,11 +129,11 @@ def uncompiled(stages: tuple[str, ...]) -> tuple[str, ...]:
     """The stages whose kernels Warp's cache lacks for the CPU; Warp must have been started."""
     import warp as wp
 
-    def is_kept(stage: str) -> bool:
+    def is_cached(stage: str) -> bool:
         identifier = wp.get_module(import_module(f".{stage}", __name__).__name__).get_module_identifier(1)
         return any(Path(wp.config.kernel_cache_dir or "", identifier).glob("*.o"))
 
-    return tuple(stage for stage in stages if not is_kept(stage))
+    return tuple(stage for stage in stages if not is_cached(stage))
 
 
 def compile_kernels(device: str = "cpu", stages: tuple[str, ...] = STAGES) -> None:

@@ -98,7 +98,7 @@ def _keep_polylines(old: Contours, line_place: wp.array[wp.int64], place: wp.arr
 
 
 @wp.kernel
-def _list_kept(keep: wp.array[wp.int64], place: wp.array[wp.int64], index: wp.array[wp.int64]):
+def _list_selected(keep: wp.array[wp.int64], place: wp.array[wp.int64], index: wp.array[wp.int64]):
     """Numbers of the rows that stay."""
     i = wp.tid()
     if keep[i] != wp.int64(0):
@@ -159,7 +159,7 @@ def with_room(contours: Contours, points: int, lines: int | None = None) -> Cont
 
 @on_one_device
 def keep_rows(contours: Contours, point_keep: wp.array, polyline_keep: wp.array | None = None) -> Contours:
-    """Contours of the points and polylines whose `keep` is 1, as `number_kept` takes it; None: of all polylines."""
+    """Contours of the points and polylines whose `keep` is 1, as `number_selected` takes it; None: of all polylines."""
     (place, *line_place), totals = scan_counts(point_keep, *(() if polyline_keep is None else (polyline_keep,)))
     out = with_room(contours, *totals)
     launch(_keep_points, contours.points.shape[0], [contours, place], [out])
@@ -171,14 +171,14 @@ def keep_rows(contours: Contours, point_keep: wp.array, polyline_keep: wp.array 
     return out
 
 
-def number_kept(keep: wp.array) -> tuple[wp.array, wp.array]:
+def number_selected(keep: wp.array) -> tuple[wp.array, wp.array]:
     """Numbers of the rows whose `keep` is 1, int64, and how many of them come before each row, int64 [row + 1].
 
     keep: 1 or 0, int64, shape [row + 1]; the last must be 0.
     """
     (place,), (total,) = scan_counts(keep)
     index = wp.empty(total, dtype=wp.int64, device=keep.device)
-    launch(_list_kept, place.shape[0] - 1, [keep, place], [index])
+    launch(_list_selected, place.shape[0] - 1, [keep, place], [index])
     return index, place
 
 

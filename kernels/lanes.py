@@ -1,6 +1,6 @@
 """Lanes: the threads that share one section. On a GPU they are a block; on a CPU there is one.
 
-All lanes of a group take the same way through a kernel where they vote, synchronise or take a row. A kernel is launched
+All lanes of a group take the same branches where they vote, synchronise or claim a query. A kernel is launched
 with `lane_count` threads for each group, and with that many threads a block; a kernel that does not vote may have
 groups of another size (`pieces.flat_ranks`).
 """
@@ -124,12 +124,12 @@ def from_first_lane(x: int) -> int:
 
 
 @wp.func
-def take_row(taken: wp.array[wp.int64], kernel: int, lane: int):
-    """The next row that no group has taken in a kernel."""
-    row = int(0)
+def claim_query(claimed: wp.array[wp.int64], kernel: int, lane: int):
+    """Claim the next query that no group has claimed in a kernel; returns its number."""
+    query = int(0)
     if lane == 0:
-        row = int(wp.atomic_add(taken, kernel, wp.int64(1)))
-    return from_first_lane(row)
+        query = int(wp.atomic_add(claimed, kernel, wp.int64(1)))
+    return from_first_lane(query)
 
 
 def lane_count(device: Any, lanes: int = LANES) -> int:
@@ -137,7 +137,7 @@ def lane_count(device: Any, lanes: int = LANES) -> int:
     return 1 if device.is_cpu else lanes
 
 
-def group_count(device: Any, rows: int) -> int:
-    """Groups that work at once: as many as the device holds, and not more than rows."""
+def group_count(device: Any, queries: int) -> int:
+    """Groups that work at once: as many as the device holds, and not more than queries."""
     held = 1 if device.is_cpu else GROUPS_OF_PROCESSOR * device.sm_count
-    return max(1, min(held, rows))
+    return max(1, min(held, queries))

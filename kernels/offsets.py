@@ -83,7 +83,7 @@ def count_then_fill(
     count: takes the inputs, and writes `columns` arrays of counts, int64, zero-initialised, shape [rows + 1].
     fill: takes the inputs, the counts' offsets and `more`, and writes what `room(*totals)` gives. None: `count` does
     both, and takes inputs, offsets, counts and what `room` gives; while it counts, the offsets have length 0, and
-    `blank` stands for what `room` gives. limit: as of `scan_counts`, before memory is taken.
+    `blank` stands for what `room` gives. limit: as of `scan_counts`, before memory is allocated.
     """
     device, none = device_of(inputs), [None] * columns
     counts = [wp.zeros(rows + 1, dtype=wp.int64, device=device) for _ in none]

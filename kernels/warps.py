@@ -134,7 +134,7 @@ def in_step() -> wp.bool:
     if (left < number && ours[1] < count) {{
         int first = 0;
         if (lane == 0)
-            first = atomicAdd(taken.data, {WARP});
+            first = atomicAdd(claimed.data, {WARP});
         first = __shfl_sync(all, first, 0);
         if (rank >= left)
             place = first + rank - left;
@@ -147,12 +147,12 @@ def in_step() -> wp.bool:
 #endif
     return wp::vec_t<3, int>(wants && place < count ? place : -1, ours[0], ours[1]);
 """)
-def take_place(wants: wp.bool, ours: wp.vec2i, taken: wp.array[wp.int32], count: int) -> wp.vec3i:
+def claim_place(wants: wp.bool, ours: wp.vec2i, claimed: wp.array[wp.int32], count: int) -> wp.vec3i:
     """The next place of a list of `count` for each lane of a warp that wants one, -1 for none; waits for its lanes.
 
-    ours: places that the warp has taken and given to no lane, from the first one to before the second one; they follow
-    in the answer, and the first one is at least `count` when the list is at its end. If there are too few, a GPU takes
-    more from `taken`; a CPU has one lane a place.
+    ours: places that the warp has claimed and given to no lane, from the first one to before the second one; they
+    follow in the answer, and the first one is at least `count` when the list is at its end. If there are too few, a GPU
+    claims more through `claimed`; a CPU has one lane a place.
     """
 
 
@@ -164,7 +164,7 @@ def take_place(wants: wp.bool, ours: wp.vec2i, taken: wp.array[wp.int32], count:
 #endif
 """)
 def first_places(lane: int) -> wp.vec2i:
-    """Places of a list with which `take_place` begins."""
+    """Places of a list with which `claim_place` begins."""
 
 
 @wp.func_native("""
@@ -255,12 +255,12 @@ def set_vec3d(address: wp.uint64, i: int, x: wp.vec3d):
     """Write a vector as the 64 bits number i and those that follow."""
 
 
-def threads_for(device: Any, rows: int) -> int:
-    """Threads for so many rows, whole warps on a GPU."""
-    return rows if device.is_cpu else -(-rows // BLOCK) * BLOCK
+def threads_for(device: Any, count: int) -> int:
+    """Threads for so many items, whole warps on a GPU."""
+    return count if device.is_cpu else -(-count // BLOCK) * BLOCK
 
 
-def taking_lanes(device: Any, places: int, blocks: int) -> int:
+def claiming_lanes(device: Any, places: int, blocks: int) -> int:
     """Lanes to launch to take the places of a list: of as many blocks as the device holds, or one lane a place.
 
     blocks: that a processor of a GPU holds.

@@ -1,6 +1,6 @@
 """Corners of polylines, intensity near them, and pauses at them.
 
-A corner is a vertex where the way within a window behind it turns by more than an angle from that within a window
+A corner is a vertex where the line within a window behind it turns by more than an angle from that within a window
 before it; of several within a window the sharpest, the first of equals. Rounded corners count, finely drawn arcs do
 not.
 
@@ -12,7 +12,7 @@ from typing import Any
 
 import warp as wp
 
-from ..contours import Contours, full_intensity, move_offsets, number_kept, point_at, segment_length, with_columns
+from ..contours import Contours, full_intensity, move_offsets, number_selected, point_at, segment_length, with_columns
 from ..offsets import count_then_fill, launch
 from ..one_device import on_one_device
 from ..patch import EXACT, to_float64
@@ -348,11 +348,11 @@ def _write_ramp_ends(
 
 @wp.func
 def gap_between(lines: MeasuredLines, line: int, a: wp.float64, b: wp.float64):
-    """Way between two arc lengths of a polyline, on a loop the shorter one [m]."""
-    way = wp.abs(a - b)
+    """Distance between two arc lengths of a polyline, on a loop the shorter one [m]."""
+    gap = wp.abs(a - b)
     if is_loop(lines, line):
-        way = wp.min(way, wp.abs(lines.total[line] - way))
-    return way
+        gap = wp.min(gap, wp.abs(lines.total[line] - gap))
+    return gap
 
 
 @wp.kernel
@@ -416,7 +416,7 @@ def find_corners(contours: Contours, *, angle: float, window: float) -> tuple[Me
     launch(_measure_turns, count, [lines, wp.float64(angle), wp.float64(window)], [turn])
     launch(_choose_corners, contours.polyline_closed.shape[0], [lines, wp.float64(window), turn, order], [chosen])
     corners = LineCorners()
-    corners.point, before = number_kept(chosen)
+    corners.point, before = number_selected(chosen)
     corners.start = move_offsets(contours.polyline_start, before)
     corners.arc = wp.empty(corners.point.shape[0], dtype=wp.float64, device=device)
     launch(_gather_arcs, corners.point.shape[0], [lines], [corners])
@@ -430,7 +430,7 @@ def ramp_rows(
     """Rows that put points at the ends of ramps, as `insert_points` takes them.
 
     reach: along a polyline from a corner to where intensity has fallen [m]. Raises PointLimitError before memory is
-    taken for more points than `point_limit`.
+    allocated for more points than `point_limit`.
     """
     device, count, line_count = lines.arc.device, lines.arc.shape[0], lines.total.shape[0]
     ends = wp.empty(RAMP_ENDS * corners.point.shape[0], dtype=wp.float64, device=device)

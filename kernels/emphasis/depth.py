@@ -1,6 +1,6 @@
 """Intensity of contours by how deep the skin is inside a mesh.
 
-The distance from the surface changes by no more than the way between two points. So a patch's deepest grid point is
+The distance from the surface changes by no more than the distance of two points. So a patch's deepest grid point is
 found without asking the mesh about most of them, and a point is on the side of the point before it where the surface is
 too far from both to lie between them. Neither changes a bit of the depth.
 """
@@ -114,7 +114,7 @@ def deepest_in(
     """Depth of the deepest point of a grid over a patch [m], if it is deeper than `best`.
 
     A cell of the grid is left out where no point of it can be deeper than the best one yet: by the depth of its middle
-    and the way from there to its corners.
+    and the distance from there to its corners.
     """
     origin = patches.origin[pose, patch]
     half = patches.half[patch]

@@ -8,7 +8,7 @@ from ..contours import Contours, full_intensity, segment_length, with_columns
 from ..offsets import count_then_fill, launch
 from ..one_device import on_one_device
 from ..patch import EXACT, to_float64
-from ..section.row_walker import HAND, MADE, OBJECT
+from ..section.piece_walker import HAND, MADE, OBJECT
 from ..stages.insertion import insert_points
 from .corners import SHORTEST
 
@@ -57,31 +57,31 @@ def _measure_runs(c: Contours, cosine: wp.float64, run: wp.array[wp.float64]):
     before = wp.vec3d()
     first_stop = base  # of the first run, which is written when it is known whether the last one goes on in it
     first_kind = wp.uint8(0)
-    first_way = wp.vec3d()
+    first_direction = wp.vec3d()
     own_kind = wp.uint8(0)
     for k in range(int(last - base)):
         i = base + wp.int64(k)
         length = segment_length(c.points, i)
         if length > wp.float64(0.0):
-            way = (to_float64(c.points[i + wp.int64(1)]) - to_float64(c.points[i])) / length
+            direction = (to_float64(c.points[i + wp.int64(1)]) - to_float64(c.points[i])) / length
             if runs == 0:
                 first_kind = c.kind[i]
-                first_way = way
-            if runs == 0 or wp.dot(way, before) < cosine or c.kind[i] != own_kind:
+                first_direction = direction
+            if runs == 0 or wp.dot(direction, before) < cosine or c.kind[i] != own_kind:
                 if runs == 1:
                     first_stop = i
                 if runs > 1:
                     write_run(c.points, start, i, extend_run(c.points, start, i, wp.float64(0.0)), run)
                 runs += 1
                 start = i
-            before = way
+            before = direction
             own_kind = c.kind[i]
     if runs == 1:
         write_run(c.points, base, last, extend_run(c.points, base, last, wp.float64(0.0)), run)
     if runs > 1:
         first_total = extend_run(c.points, base, first_stop, wp.float64(0.0))
         last_total = extend_run(c.points, start, last, wp.float64(0.0))
-        goes_on = wp.dot(first_way, before) >= cosine and first_kind == own_kind
+        goes_on = wp.dot(first_direction, before) >= cosine and first_kind == own_kind
         if c.polyline_closed[line] != wp.uint8(0) and goes_on:
             first_total = extend_run(c.points, start, last, first_total)
             last_total = first_total
@@ -207,7 +207,7 @@ def ramp_between_levels(
 
     Where two segments of different intensity meet, the point between them has the higher one, and the weaker segment
     reaches its own within `ramp` [m], or in its middle if it is short. level: 0..1, float64, shape [point], by segment.
-    Raises PointLimitError before memory is taken for more points than `point_limit`.
+    Raises PointLimitError before memory is allocated for more points than `point_limit`.
     """
     device, count = contours.points.device, contours.points.shape[0]
     contours, peak = with_columns(contours, intensity=full_intensity(contours)), wp.empty_like(level)

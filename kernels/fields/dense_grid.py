@@ -32,7 +32,7 @@ def along_last(values: wp.array3d[wp.float32], i: int, j: int, k: int, t: wp.flo
 
 @wp.func
 def clamp_index(x: wp.float64, last: wp.float64):
-    """An index kept within the volume."""
+    """An index clamped to the volume."""
     return wp.min(wp.max(x, wp.float64(0.0)), last)
 
 

@@ -94,33 +94,33 @@ def share_of(value: Any) -> Any:
     """A wp.func (data, inner, outer, f_inner, f_outer, least) -> root's position from inner (0) to outer (1).
 
     Illinois false position, with bisection where that is slow; it ends once the sign changes within `least`, also for
-    a flat value function. Once the slopes to both ends predict a root within `least`, the next value is taken just
+    a flat value function. Once the slopes to both ends predict a root within `least`, the next value lies just
     beyond the prediction; a change of sign confirms the root. If the sign does not change, all further steps bisect.
     """
 
     @wp.func
     def share(data: Any, inner: wp.vec3d, outer: wp.vec3d, f_inner: wp.float64, f_outer: wp.float64, least: wp.float64):
         half = wp.float64(0.5)
-        way = outer - inner
+        span = outer - inner
         fa = wp.float64(f_inner)
         fb = wp.float64(f_outer)
         low = wp.float64(0.0)  # inside
         high = wp.float64(1.0)  # outside
         at = wp.float64(0.0)
         weight = wp.float64(1.0)  # Illinois weight of the inner end's value relative to the outer end's
-        kept = int(0)  # end that moved last; 1: inner, 2: outer
+        moved_last = int(0)  # end; 1: inner, 2: outer
         state = int(0)  # 1: the next value confirms the prediction; 2: bisect
         step = int(0)
         while step < ROOT_STEPS and high - low > least:
             if state == 1:
-                at = wp.where(kept == 1, at + PROOF * least, at - PROOF * least)
+                at = wp.where(moved_last == 1, at + PROOF * least, at - PROOF * least)
             elif state == 2 or step % 4 == 3 or step >= SLOPE_STEPS:
                 at = half * (low + high)
             else:
                 at = low + (high - low) * (weight * fa / (weight * fa - fb))
             # keep this distance from the ends: if one end is the root, the other end can still approach it
             at = wp.clamp(at, low + half * least, high - half * least)
-            f = value(data, inner + at * way)
+            f = value(data, inner + at * span)
             if state == 1:
                 state = int(2)  # bisect unless this value confirms the root, which ends the loop
             elif state == 0:
@@ -130,13 +130,13 @@ def share_of(value: Any) -> Any:
             if f < wp.float64(0.0):
                 low = at
                 fa = f
-                weight = wp.where(kept == 1, wp.float64(2.0) * weight, wp.float64(1.0))
-                kept = int(1)
+                weight = wp.where(moved_last == 1, wp.float64(2.0) * weight, wp.float64(1.0))
+                moved_last = int(1)
             else:
                 high = at
                 fb = f
-                weight = wp.where(kept == 2, half * weight, wp.float64(1.0))
-                kept = int(2)
+                weight = wp.where(moved_last == 2, half * weight, wp.float64(1.0))
+                moved_last = int(2)
             step += int(1)
         return low + (high - low) * (fa / (fa - fb))
 

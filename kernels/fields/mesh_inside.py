@@ -28,7 +28,7 @@ wp.set_module_options(EXACT)
 ROUNDING = wp.constant(wp.float64(4.8e-7))  # 2^-21: of float32 boxes, against the surface's reach
 FAR = wp.constant(wp.float64(1.0e30))  # [m]
 BESIDE = wp.constant(wp.float64(1.0e-9))  # [m]; how far from a crossing both sides of it are asked
-SLACK = wp.constant(wp.float64(1.0e-9))  # of a way; an end may lie on the surface
+SLACK = wp.constant(wp.float64(1.0e-9))  # of a segment; an end may lie on the surface
 ABOVE_0 = wp.constant(0)
 ODD = wp.constant(1)
 RULES = {"winding": 0, "even-odd": 1}  # of `MeshObject.solid`: ABOVE_0, ODD
@@ -219,13 +219,13 @@ class Hits:
     """Intersections of a line segment with a surface."""
 
     count: int  # faces
-    last: wp.float64  # share of the way up to the face that was found last
+    last: wp.float64  # share of the segment up to the face that was found last
     exit: wp.float64  # up to the first through which it leaves the solid; beyond 1 if there is none
 
 
 @wp.func
 def hit_face(hits: Hits, t: Triangle, d: wp.vec3d):
-    """The hits and one face more: t seen from the start of the way, d from there to its end [m]."""
+    """The hits and one face more: t seen from the start of the segment, d from there to its end [m]."""
     zero = wp.float64(0.0)
     one = wp.float64(1.0)
     va = wp.dot(d, wp.cross(t.b, t.c))
@@ -270,7 +270,7 @@ _halved = root_of(mesh_value)
 
 @wp.func
 def precedes(a: wp.vec3d, b: wp.vec3d):
-    """Order of points by their coordinates: which end of a way is asked first must not matter."""
+    """Order of points by their coordinates: which end of a segment is asked first must not matter."""
     if a[0] != b[0]:
         return a[0] < b[0]
     if a[1] != b[1]:
@@ -280,10 +280,10 @@ def precedes(a: wp.vec3d, b: wp.vec3d):
 
 @wp.func
 def mesh_root(inside: Inside, a: wp.vec3d, b: wp.vec3d):
-    """`Field.root` of a closed surface: where the way between a and b passes through a face.
+    """`Field.root` of a closed surface: where the segment from a to b passes through a face.
 
-    A single face on the way is where it turns. With more, the inside may go on behind one (bodies that overlap), or two
-    share an edge that is met: then the first that leads out is taken if both its sides say so. What fails is halved.
+    A single face on it is where it turns. With more, the inside may go on behind one (bodies that overlap), or two
+    share an edge that is met: then the first that leads out counts if both its sides agree. What fails is halved.
     """
     start = a
     end = b

@@ -5,7 +5,7 @@ between its lowest and its highest point; if none does, it has one row through i
 below it, so a line crosses every closed polyline an even number of times.
 
 A *span* is the part of a row inside a region, between two of the row's crossings with the region's outlines. Joined
-spans make a line: from the end of a span to where the same outline next crosses the next row, on either way round, if a
+spans make a line: from the end of a span to where the same outline next crosses the next row, in either direction, if a
 span ends there that is on no line yet.
 """
 
@@ -205,9 +205,9 @@ class SpanSequence:
 
     begin: wp.array[wp.int64]  # the crossing at which a span is entered
     end: wp.array[wp.int64]  # the crossing at which it is left
-    way: wp.array[wp.int32]  # how the boundary leads on to the next span: 1 as it runs, -1 back, 0 not at all
+    direction: wp.array[wp.int32]  # how the boundary leads on to the next span: 1 as it runs, -1 back, 0 not at all
     region: wp.array[wp.int32]
-    points: wp.array[wp.int64]  # number of points of the span and the way to the next; 0: the place is not used
+    points: wp.array[wp.int64]  # number of points of the span and on to the next; 0: the place is not used
     starts: wp.array[wp.int64]  # 1: a line starts with the span
 
 
@@ -236,7 +236,7 @@ def is_ahead(c: RowCrossings, mate: wp.array[wp.int64], at: wp.int64, to: wp.int
 
 @wp.func
 def find_next(c: RowCrossings, mate: wp.array[wp.int64], at: wp.int64):
-    """The neighbour of a crossing on its outline at which a span is entered, -1 if there is none, and the way there."""
+    """The neighbour of a crossing on its outline where a span is entered, -1 if there is none; the direction to it."""
     first = c.start[c.entry[at]]
     stop = c.start[c.entry[at] + 1]
     after = at + wp.int64(1)
@@ -246,21 +246,21 @@ def find_next(c: RowCrossings, mate: wp.array[wp.int64], at: wp.int64):
     if before < first:
         before = stop - wp.int64(1)
     to = wp.int64(-1)
-    way = int(0)
+    direction = int(0)
     if is_ahead(c, mate, at, after):
         to = after
-        way = int(1)
+        direction = int(1)
     elif is_ahead(c, mate, at, before):
         to = before
-        way = int(-1)
-    return to, way
+        direction = int(-1)
+    return to, direction
 
 
 @wp.func
-def count_between(o: Outlines, c: RowCrossings, at: wp.int64, to: wp.int64, way: int):
+def count_between(o: Outlines, c: RowCrossings, at: wp.int64, to: wp.int64, direction: int):
     """Number of vertices between two crossings of an outline."""
-    a = wp.where(way > 0, at, to)
-    b = wp.where(way > 0, to, at)
+    a = wp.where(direction > 0, at, to)
+    b = wp.where(direction > 0, to, at)
     count = wp.int64(c.edge[b]) - wp.int64(c.edge[a])
     if b < a:
         line = o.r.region_line[c.entry[at]]
@@ -285,13 +285,13 @@ def walk_line(
         end = mate[at]
         mate[at] = wp.int64(-1)
         mate[end] = wp.int64(-1)
-        to, way = find_next(c, mate, end)
+        to, direction = find_next(c, mate, end)
         count = wp.int64(2)
-        if way != 0:
-            count += count_between(o, c, end, to, way)
+        if direction != 0:
+            count += count_between(o, c, end, to, direction)
         s.begin[next_place] = at
         s.end[next_place] = end
-        s.way[next_place] = way
+        s.direction[next_place] = direction
         s.region[next_place] = region
         s.points[next_place] = count
         s.starts[next_place] = wp.where(next_place == place, wp.int64(1), wp.int64(0))
@@ -322,7 +322,7 @@ def _join_spans(o: Outlines, c: RowCrossings, connected: int, mate: wp.array[wp.
                 odd = c.row[first] % 2 != 0
                 s.begin[place] = wp.where(odd, last, first)
                 s.end[place] = wp.where(odd, first, last)
-                s.way[place] = 0
+                s.direction[place] = 0
                 s.region[place] = region
                 s.points[place] = wp.int64(2)
                 s.starts[place] = wp.int64(1)
@@ -373,10 +373,10 @@ def _draw_spans(
         base = o.r.polyline_start[line]
         size = o.r.polyline_start[line + 1] - base - wp.int64(1)
         vertex = wp.int64(c.edge[s.end[span]])
-        if s.way[span] > 0:
+        if s.direction[span] > 0:
             vertex += wp.int64(1)
         for k in range(int(count) - 2):
-            own = (vertex + wp.int64(s.way[span] * k) + size) % size  # the polyline goes round
+            own = (vertex + wp.int64(s.direction[span] * k) + size) % size  # the polyline goes round
             points[at + wp.int64(2 + k)] = turn_back(o.points[base + own], cosine, sine)
 
 
@@ -399,7 +399,7 @@ def find_rows(regions: Regions, filled: wp.array, *, spacing: float, angle: floa
 def find_crossings(o: Outlines, point_limit: int | None = None) -> RowCrossings:
     """Sorted crossings of rows with outlines.
 
-    Raises PointLimitError before memory is taken for more crossings than `point_limit`: most of them become points.
+    Raises PointLimitError before memory is allocated for more crossings than `point_limit`: most of them become points.
     """
     entries = o.region_of.shape[0]
     (c,), (c.start,) = count_then_fill(
@@ -430,7 +430,7 @@ def join_spans(o: Outlines, c: RowCrossings, *, connected: bool) -> SpanSequence
     device, total, s = c.x.device, c.x.shape[0], SpanSequence()
     places = total // 2
     s.begin, s.end = (wp.empty(places, dtype=wp.int64, device=device) for _ in range(2))
-    s.way, s.region = (wp.empty(places, dtype=wp.int32, device=device) for _ in range(2))
+    s.direction, s.region = (wp.empty(places, dtype=wp.int32, device=device) for _ in range(2))
     s.points, s.starts = (wp.zeros(places + 1, dtype=wp.int64, device=device) for _ in range(2))
     mate = wp.empty(total, dtype=wp.int64, device=device)
     launch(_join_spans, o.first.shape[0], [o, c, int(connected), mate], [s])
@@ -439,20 +439,14 @@ def join_spans(o: Outlines, c: RowCrossings, *, connected: bool) -> SpanSequence
 
 @on_one_device
 def draw_hatch(
-    regions: Regions,
-    filled: wp.array,
-    *,
-    spacing: float,
-    angle: float,
-    connected: bool,
-    point_limit: int | None = None,
+    regions: Regions, filled: wp.array, *, spacing: float, angle: float, connected: bool, point_limit: int | None = None
 ) -> FlatLines:
     """Parallel lines over what regions enclose, in their planes, through the planes' origin.
 
     Polylines of regions are closed, counter-clockwise around the region and clockwise around holes. filled: 0 for
     regions to leave out, uint8, shape [region]. spacing: between lines [m]; angle: of the lines from u towards v [rad];
     connected: lines are joined along the boundary where they can be. A region between two lines gets one through its
-    middle. Raises PointLimitError before memory is taken for more points than `point_limit`.
+    middle. Raises PointLimitError before memory is allocated for more points than `point_limit`.
     """
     o = find_rows(regions, filled, spacing=spacing, angle=angle)
     c = find_crossings(o, point_limit)

@@ -36,7 +36,7 @@ class ArcSteps:
     """Corners of an arc's polygon, from its start on."""
 
     parameter: wp.array[wp.float64]
-    direction: wp.array[wp.vec2d]  # along the normal and the way of the arc's edge
+    direction: wp.array[wp.vec2d]  # along the normal and the tangent of the arc's edge
 
 
 @wp.struct
@@ -117,9 +117,9 @@ def corner_point(edges: InsetEdges, pieces: OffsetPieces, steps: ArcSteps, i: in
     out = pieces.first[i]
     if step >= 0:
         e = pieces.offset[i] // 2
-        way = edges.way[e]
+        tangent = edges.tangent[e]
         direction = steps.direction[step]
-        out = edges.origin[edges.after[e]] + edges.distance * (direction[0] * left_of(way) + direction[1] * way)
+        out = edges.origin[edges.after[e]] + edges.distance * (direction[0] * left_of(tangent) + direction[1] * tangent)
     return out
 
 
@@ -303,7 +303,7 @@ def draw_inset(
     Other arguments as for `draw_hatch`. Of a region, outer loops come first, the largest first. A loop starts near the
     region's first point. Corners of the outline that point inwards are rounded, by 64 segments a turn.
     Returns also where a region's loops are not known, 1, int32, shape [region].
-    Raises PointLimitError before memory is taken for more points than `point_limit`.
+    Raises PointLimitError before memory is allocated for more points than `point_limit`.
     """
     edges, failed = find_edges(regions, filled, distance)
     device, pieces = failed.device, find_pieces(edges, failed)

@@ -2,8 +2,8 @@
 
 A region's edges run with the inside on their left. Edge e has two offsets: number 2 e is the edge moved to its left,
 and number 2 e + 1 is the arc around the edge's end, there only where the outline turns right. The parameter of a moved
-edge is the way along it [m]; that of an arc grows with the angle (`diamond_angle`), and needs sums, products and roots
-only, so that every device gives the same bits.
+edge is the distance along it [m]; that of an arc grows with the angle (`diamond_angle`), and needs sums, products and
+roots only, so that every device gives the same bits.
 """
 
 import warp as wp
@@ -27,7 +27,7 @@ class InsetEdges:
     region_start: wp.array[wp.int64]  # offsets of each region's entries, which are its polylines
     start: wp.array[wp.int64]  # offsets of each entry's edges
     origin: wp.array[wp.vec2d]  # where an edge starts [m]
-    way: wp.array[wp.vec2d]  # unit vector along it
+    tangent: wp.array[wp.vec2d]  # unit vector along it
     length: wp.array[wp.float64]  # [m]
     before: wp.array[wp.int32]  # the edge before it on its polyline
     after: wp.array[wp.int32]
@@ -65,7 +65,7 @@ def diamond_angle(x: wp.float64, y: wp.float64):
 @wp.func
 def has_arc(edges: InsetEdges, e: int):
     """Whether the outline turns right at the end of an edge."""
-    return cross_of(edges.way[e], edges.way[edges.after[e]]) < wp.float64(0.0)
+    return cross_of(edges.tangent[e], edges.tangent[edges.after[e]]) < wp.float64(0.0)
 
 
 @wp.func
@@ -74,9 +74,9 @@ def offset_end(edges: InsetEdges, offset: int):
     e = offset // 2
     out = edges.length[e]
     if offset % 2 != 0:
-        way = edges.way[e]
-        other = edges.way[edges.after[e]]
-        out = diamond_angle(wp.dot(way, other), -cross_of(way, other))
+        tangent = edges.tangent[e]
+        other = edges.tangent[edges.after[e]]
+        out = diamond_angle(wp.dot(tangent, other), -cross_of(tangent, other))
     return out
 
 
@@ -84,14 +84,14 @@ def offset_end(edges: InsetEdges, offset: int):
 def offset_point(edges: InsetEdges, offset: int, t: wp.float64):
     """The point of an offset at a parameter [m]."""
     e = offset // 2
-    way = edges.way[e]
-    normal = left_of(way)
-    out = edges.origin[e] + edges.distance * normal + t * way
+    tangent = edges.tangent[e]
+    normal = left_of(tangent)
+    out = edges.origin[e] + edges.distance * normal + t * tangent
     if offset % 2 != 0:
         x = wp.float64(1.0) - t
         y = wp.min(t, wp.float64(2.0) - t)
         size = edges.distance / wp.sqrt(x * x + y * y)
-        out = edges.origin[edges.after[e]] + (size * x) * normal + (size * y) * way
+        out = edges.origin[edges.after[e]] + (size * x) * normal + (size * y) * tangent
     return out
 
 
@@ -108,8 +108,8 @@ def edges_of(edges: InsetEdges, region: int):
 def square_distance(edges: InsetEdges, j: int, x: wp.vec2d):
     """Square of a point's distance from an edge [m2]."""
     away = x - edges.origin[j]
-    part = wp.clamp(wp.dot(away, edges.way[j]), wp.float64(0.0), edges.length[j])
-    rest = away - part * edges.way[j]
+    part = wp.clamp(wp.dot(away, edges.tangent[j]), wp.float64(0.0), edges.length[j])
+    rest = away - part * edges.tangent[j]
     return wp.dot(rest, rest)
 
 
@@ -175,11 +175,11 @@ def _write_edges(
         for k in range(count):
             a = r.local[base + wp.int64(k)]
             b = r.local[base + wp.int64(k + 1)]
-            way = wp.vec2d(b[0] - a[0], b[1] - a[1])
-            length = wp.sqrt(way[0] * way[0] + way[1] * way[1])
+            tangent = wp.vec2d(b[0] - a[0], b[1] - a[1])
+            length = wp.sqrt(tangent[0] * tangent[0] + tangent[1] * tangent[1])
             edges.origin[first + k] = wp.vec2d(a[0], a[1])
             edges.length[first + k] = length
-            edges.way[first + k] = way / wp.max(length, wp.float64(1e-30))
+            edges.tangent[first + k] = tangent / wp.max(length, wp.float64(1e-30))
             edges.before[first + k] = first + (k + count - 1) % count
             edges.after[first + k] = first + (k + 1) % count
             edges.region[first + k] = region
@@ -205,7 +205,7 @@ def _find_boxes(edges: InsetEdges):
 @wp.func
 def side_of(edges: InsetEdges, e: int, x: wp.vec2d):
     """Distance of a point to the left of an edge's line [m]."""
-    return cross_of(edges.way[e], x - edges.origin[e])
+    return cross_of(edges.tangent[e], x - edges.origin[e])
 
 
 @wp.kernel
@@ -223,9 +223,9 @@ def _find_crossed_regions(edges: InsetEdges, failed: wp.array[wp.int32]):
         if a < wp.float64(0.0) and b < wp.float64(0.0):  # they cross at an inner point of both
             crossed = int(1)
         j = next_edge(edges, reach, j + 1, stop)
-    way = edges.way[e]
-    other = edges.way[edges.after[e]]
-    if wp.abs(cross_of(way, other)) < STRAIGHT_BACK and wp.dot(way, other) < wp.float64(0.0):
+    tangent = edges.tangent[e]
+    other = edges.tangent[edges.after[e]]
+    if wp.abs(cross_of(tangent, other)) < STRAIGHT_BACK and wp.dot(tangent, other) < wp.float64(0.0):
         crossed = int(1)
     if crossed != 0:
         failed[region] = 1
@@ -257,7 +257,7 @@ def find_edges(regions: Regions, filled: wp.array, distance: float) -> tuple[Ins
 
 def _room_for_edges(count: int, device: wp.Device) -> InsetEdges:
     edges = InsetEdges()
-    for name, dtype in (("origin", wp.vec2d), ("way", wp.vec2d), ("length", wp.float64)):
+    for name, dtype in (("origin", wp.vec2d), ("tangent", wp.vec2d), ("length", wp.float64)):
         setattr(edges, name, wp.empty(count, dtype=dtype, device=device))
     for name in ("before", "after", "region"):
         setattr(edges, name, wp.empty(count, dtype=wp.int32, device=device))

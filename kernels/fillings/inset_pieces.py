@@ -29,7 +29,7 @@ from .inset_edges import (
 wp.set_module_options(EXACT)
 
 TOUCH = wp.constant(wp.float64(1e-9))  # [m]; crossings this far beyond a rectangle's end are crossings, too
-DOUBTFUL = wp.constant(wp.float64(1e-8))  # [m]; of two pieces that run to and fro, this near is no way between them
+DOUBTFUL = wp.constant(wp.float64(1e-8))  # [m]; two pieces that run to and fro, this near, have nothing between them
 OPPOSITE = wp.constant(wp.float64(-0.99))  # cosine between edges that run to and fro
 SHORTEST = wp.constant(wp.float64(1e-7))  # [m]; a shorter piece is rounding
 
@@ -82,12 +82,12 @@ def stadium_interval(edges: InsetEdges, e: int, j: int):
     length = edges.length[j]
     end = edges.length[e]
     out = wp.vec2d(wp.float64(wp.inf), -wp.float64(wp.inf))
-    away = edges.origin[e] + edges.distance * left_of(edges.way[e]) - edges.origin[j]
-    x = wp.dot(away, edges.way[j])
-    ux = wp.dot(edges.way[e], edges.way[j])
+    away = edges.origin[e] + edges.distance * left_of(edges.tangent[e]) - edges.origin[j]
+    x = wp.dot(away, edges.tangent[j])
+    ux = wp.dot(edges.tangent[e], edges.tangent[j])
     if (x > -radius or x + end * ux > -radius) and (x < length + radius or x + end * ux < length + radius):
-        y = cross_of(edges.way[j], away)
-        uy = cross_of(edges.way[j], edges.way[e])
+        y = cross_of(edges.tangent[j], away)
+        uy = cross_of(edges.tangent[j], edges.tangent[e])
         if (y > -radius or y + end * uy > -radius) and (y < radius or y + end * uy < radius):
             a = cap_interval(x, y, ux, uy, radius)
             b = cap_interval(x - length, y, ux, uy, radius)
@@ -115,16 +115,16 @@ def put_crossing(
 ):
     """Keep the parameter of an arc at which it crosses the boundary of a stadium, if it does in a direction.
 
-    direction: along the normal and the way of the arc's edge, a unit vector. cap: -1 or 1: the boundary is that of the
-    disc at the start or end of edge j, 0: a side of the rectangle. base: -1: count only. Returns the new count.
+    direction: a unit vector, by the normal and the tangent of the arc's edge. cap: -1 or 1: the boundary is that of
+    the disc at the start or end of edge j, 0: a side of the rectangle. base: -1: count only. Returns the new count.
     """
     out = count
     t = diamond_angle(direction[0], direction[1])
     if t > wp.float64(0.0) and t < offset_end(edges, offset):
-        way = edges.way[offset // 2]
+        tangent = edges.tangent[offset // 2]
         x = edges.origin[edges.after[offset // 2]] - edges.origin[j]
-        x = x + edges.distance * (direction[0] * left_of(way) + direction[1] * way)
-        along = wp.dot(x, edges.way[j])
+        x = x + edges.distance * (direction[0] * left_of(tangent) + direction[1] * tangent)
+        along = wp.dot(x, edges.tangent[j])
         there = along >= -TOUCH and along <= edges.length[j] + TOUCH
         if cap < 0:
             there = along <= TOUCH
@@ -165,24 +165,18 @@ def put_pair(
 
 @wp.func
 def put_cap_crossings(
-    edges: InsetEdges,
-    offset: int,
-    j: int,
-    cap: int,
-    bounds: wp.array[wp.float64],
-    base: wp.int64,
-    count: int,
+    edges: InsetEdges, offset: int, j: int, cap: int, bounds: wp.array[wp.float64], base: wp.int64, count: int
 ):
     """Keep where an arc crosses the circle around the start, cap -1, or end, cap 1, of an edge; the new count."""
     out = count
     d = edges.distance
-    way = edges.way[offset // 2]
+    tangent = edges.tangent[offset // 2]
     away = edges.origin[j] - edges.origin[edges.after[offset // 2]]
     if cap > 0:
         away = edges.origin[edges.after[j]] - edges.origin[edges.after[offset // 2]]
     size = wp.length(away)
     if size > wp.float64(0.0):
-        axis = wp.vec2d(wp.dot(away, left_of(way)) / size, wp.dot(away, way) / size)
+        axis = wp.vec2d(wp.dot(away, left_of(tangent)) / size, wp.dot(away, tangent) / size)
         cosine = (d * d + size * size - edges.radius * edges.radius) / (wp.float64(2.0) * d * size)
         out = put_pair(edges, offset, j, axis, cosine, cap, bounds, base, out)
     return out
@@ -193,13 +187,13 @@ def put_arc_crossings(edges: InsetEdges, offset: int, j: int, bounds: wp.array[w
     """Keep where an arc crosses the boundary of an edge's stadium; the new count of crossings."""
     out = count
     d = edges.distance
-    way = edges.way[offset // 2]
+    tangent = edges.tangent[offset // 2]
     middle = edges.origin[edges.after[offset // 2]]
     if square_distance(edges, j, middle) < wp.float64(4.0) * d * d:
         out = put_cap_crossings(edges, offset, j, int(-1), bounds, base, out)
         out = put_cap_crossings(edges, offset, j, int(1), bounds, base, out)
-        across = left_of(edges.way[j])
-        axis = wp.vec2d(wp.dot(across, left_of(way)), wp.dot(across, way))
+        across = left_of(edges.tangent[j])
+        axis = wp.vec2d(wp.dot(across, left_of(tangent)), wp.dot(across, tangent))
         height = side_of(edges, j, middle)
         out = put_pair(edges, offset, j, axis, (edges.radius - height) / d, int(0), bounds, base, out)
         out = put_pair(edges, offset, j, axis, (-edges.radius - height) / d, int(0), bounds, base, out)
@@ -382,7 +376,7 @@ def _gather_pieces(edges: InsetEdges, place: wp.array[wp.int64], bounds: wp.arra
 def _find_doubtful_regions(edges: InsetEdges, pieces: OffsetPieces, failed: wp.array[wp.int32]):
     """Find regions a part of which is twice the distance wide: what is left there is no area, or it is rounding.
 
-    There a piece lies on one that runs the other way.
+    There a piece lies on one of opposite direction.
     """
     i = wp.tid()
     offset = pieces.offset[i]
@@ -394,7 +388,7 @@ def _find_doubtful_regions(edges: InsetEdges, pieces: OffsetPieces, failed: wp.a
         reach = reach_of(x, x, most)
         j = next_edge(edges, reach, first, stop)
         while j < stop:
-            if wp.dot(edges.way[e], edges.way[j]) < OPPOSITE and square_distance(edges, j, x) < most * most:
+            if wp.dot(edges.tangent[e], edges.tangent[j]) < OPPOSITE and square_distance(edges, j, x) < most * most:
                 failed[edges.region[e]] = 1
             j = next_edge(edges, reach, j + 1, stop)
 

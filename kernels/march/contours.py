@@ -135,17 +135,17 @@ class _March:
         if traced.found.far_count:
             samples, traced = self.traced_again(lattice, bits, samples.cut_start, traced)
         trails, point, found = traced
-        kept = count_points(trails, point, found.tip)
+        counts = count_points(trails, point, found.tip)
         point_base, polyline_base = self.point_count, self.polyline_count
-        self.point_count += kept.point_count
-        self.polyline_count += kept.polyline_count
+        self.point_count += counts.point_count
+        self.polyline_count += counts.polyline_count
         if self.limit is not None and self.point_count > self.limit:
             raise PointLimitError(self.point_count, self.limit)
         return write_lines(
             trails,
             point,
             found.tip,
-            kept,
+            counts,
             samples.cut_start,
             patch_count=patch_count,
             point_base=point_base,
@@ -166,7 +166,7 @@ class _March:
     def traced_again(
         self, lattice: wp.array, bits: wp.array, cut_start: wp.array, before: Traced
     ) -> tuple[Samples, Traced]:
-        """The same with nodes moved onto far tips; what it was before is kept where no node is moved."""
+        """The same with nodes moved onto far tips; as before where no node is moved."""
         moved = follow_tips(self.field, lattice, self.grids, bits, cut_start, before.found)
         samples = resolve_cells(self.field, lattice, self.grids, bits, spare=self.spare)
         trails = walk_sections(samples, self.grids, last_of(samples.cut_start), closes=self.closes)

@@ -1,7 +1,7 @@
 """Nodes moved onto tips that reach between them, so that the cells there see the tip, and where the grid ends.
 
 A tip that is far from the step it was climbed from may have nodes of its own, around which a loop of its own was found,
-or leave the patch. So along its track each node near it that is not in the region is moved onto the track, where the
+or leave the patch. So along its path each node near it that is not in the region is moved onto the path, where the
 field was asked, and its bit follows; neighbours in the chain of nodes share an edge, so the region holds together. The
 nodes of the patch's boundary move along it, its corners not at all. Then the sections are walked again.
 """
@@ -20,8 +20,8 @@ from .tip import FAR_TIP, FoundTips, Tips
 wp.set_module_options(EXACT)
 
 MOVED_MOST = 64  # nodes of a tip
-SAMPLES = wp.constant(wp.float64(8.0))  # places along the track a grid step that are asked
-BEFORE_END = wp.constant(wp.float64(0.9))  # of the last way of the track: its end is on the surface
+SAMPLES = wp.constant(wp.float64(8.0))  # places along the path a grid step that are asked
+BEFORE_END = wp.constant(wp.float64(0.9))  # of the last part of the path: its end is on the surface
 
 
 @wp.struct
@@ -58,7 +58,7 @@ def set_node(chain: Chain, moved: MovedNodes, n: wp.vec2i, at: wp.vec2d):
 
 @wp.func
 def share_between(one: int, other: int, a: wp.float64, b: wp.float64):
-    """The share of the way from a to b at which the nearest node turns from one to the other, along one axis."""
+    """The share of the line from a to b at which the nearest node turns from one to the other, along one axis."""
     border = wp.float64(0.5) * (wp.float64(one) + wp.float64(other))
     return wp.clamp((border - a) / (b - a), wp.float64(0.0), wp.float64(1.0))
 
@@ -71,7 +71,7 @@ def nearest_node(p: wp.vec2d):
 
 @wp.func
 def exit_share(g: Grid, a: wp.vec2d, b: wp.vec2d):
-    """The share of the way from a place in the grid at which it is left, above 1 if it is not."""
+    """The share of a line from a place in the grid at which it leaves the grid, above 1 if it is not."""
     out = wp.float64(2.0)
     for k in range(2):
         end = wp.float64(wp.where(k == 0, g.nu, g.nv))
@@ -125,7 +125,7 @@ def follow_kernel(inside: Any, data_type: Any) -> Any:
 
     @wp.func
     def left(data: data_type, lat: Lattice, chain: Chain, moved: MovedNodes, at: wp.vec2d):
-        """The chain with a node of the boundary moved along it to where the track leaves the grid."""
+        """The chain with a node of the boundary moved along it to where the path leaves the grid."""
         c = chain
         place = snap_to_boundary(c.grid, at)
         node = nearest_node(place)
@@ -137,7 +137,7 @@ def follow_kernel(inside: Any, data_type: Any) -> Any:
 
     @wp.func
     def along(data: data_type, lat: Lattice, chain: Chain, moved: MovedNodes, a: wp.vec2d, b: wp.vec2d):
-        """The chain at b, nodes near the way from a moved onto it; `stop` is below 0 where that ends."""
+        """The chain at b, nodes near the line from a moved onto it; `stop` is below 0 where that ends."""
         c = chain
         leaves = exit_share(c.grid, a, b)
         count = int(SAMPLES * wp.length(b - a)) + 1
@@ -202,16 +202,16 @@ def follow_kernel(inside: Any, data_type: Any) -> Any:
         room_stop = MOVED_MOST * room[end]
         for turn in range(first, end):
             if tips.what[turn] == FAR_TIP and c.grid.nu > 1 and c.grid.nv > 1:
-                m = tips.track[turn, 0]
+                m = tips.path[turn, 0]
                 c.wanted = inside(data, node_at(lattice[row], m[0], m[1]))
                 c.node = first_node(moved, c, m)
                 if c.node[0] >= 0:
                     c.stop = room_stop
                     a = place_of(moved, row, c.grid.nu + 1, c.node[0], c.node[1])
                     c.place = a
-                    for k in range(tips.track_count[turn]):
-                        b = tips.track[turn, k]
-                        if k + 1 == tips.track_count[turn]:
+                    for k in range(tips.path_count[turn]):
+                        b = tips.path[turn, k]
+                        if k + 1 == tips.path_count[turn]:
                             b = wp.lerp(a, b, BEFORE_END)
                         if c.stop >= 0:
                             c = along(data, lattice[row], c, moved, a, b)
@@ -257,18 +257,18 @@ def _keep_slots(
     start: wp.array[wp.int32],
     value: wp.array[wp.vec3],  # of each slot before
     # Out:
-    kept: wp.array[wp.vec3],
+    result: wp.array[wp.vec3],
 ):
     """Copy what belongs to a slot of a section without moved nodes."""
     slot = wp.tid()
     row = section[slot]
     if is_done(moved, row):
-        kept[slot] = value[slot - start[row] + old_start[row]]
+        result[slot] = value[slot - start[row] + old_start[row]]
 
 
 def keep_slots(
-    section: wp.array, moved: MovedNodes, old_start: wp.array, start: wp.array, value: wp.array, kept: wp.array
+    section: wp.array, moved: MovedNodes, old_start: wp.array, start: wp.array, value: wp.array, result: wp.array
 ) -> None:
     """Copy points, or what else there is of each slot, of sections without moved nodes: they are walked as before."""
     inputs = [section, moved, old_start, start, value]
-    launch(_keep_slots, kept.shape[0], inputs, [kept])
+    launch(_keep_slots, result.shape[0], inputs, [result])

@@ -15,8 +15,8 @@ wp.set_module_options(EXACT)
 LINE = wp.constant(wp.int64(1 << 32))  # counts of points and of polylines in one number
 
 
-class Kept(NamedTuple):
-    """Points of a chunk that are kept."""
+class PointCounts(NamedTuple):
+    """Numbers of the points and polylines that are written of a chunk."""
 
     start: wp.array  # of each slot: points before it + LINE x polylines before it, int64, shape [slot + 1]
     point_count: int
@@ -69,7 +69,7 @@ def _count_points(
     point: wp.array[wp.vec3],
     tip: wp.array[wp.vec3],
     # Out:
-    count: wp.array[wp.int64],  # see Kept.start
+    count: wp.array[wp.int64],  # see PointCounts.start
 ):
     """Count a point where a step of non-zero length starts, its tip, and a line and its last point where one ends."""
     slot = wp.tid()
@@ -94,7 +94,7 @@ def _write_lines(
     section: wp.array[wp.int32],
     point: wp.array[wp.vec3],
     tip: wp.array[wp.vec3],
-    start: wp.array[wp.int64],  # see Kept
+    start: wp.array[wp.int64],  # see PointCounts
     patch_count: int,
     point_base: wp.int64,  # points of the chunks before
     # Out:
@@ -131,7 +131,7 @@ def _write_lines(
 @wp.kernel
 def _write_starts(
     # In:
-    start: wp.array[wp.int64],  # see Kept
+    start: wp.array[wp.int64],  # see PointCounts
     cut_start: wp.array[wp.int32],
     polyline_base: wp.int64,  # polylines of the chunks before
     # Out:
@@ -142,19 +142,19 @@ def _write_starts(
     pose_start[row] = polyline_base + start[cut_start[row]] // LINE
 
 
-def count_points(trails: Trails, point: wp.array, tip: wp.array) -> Kept:
+def count_points(trails: Trails, point: wp.array, tip: wp.array) -> PointCounts:
     """Count what is left without steps of no length; waits for the device. tip: see Found."""
     count = wp.empty(point.shape[0] + 1, dtype=wp.int64, device=point.device)
     launch(_count_points, count.shape[0], [trails.code, trails.after, point, tip], [count])
     (start,), (total,) = scan_counts(count)
-    return Kept(start, total % (1 << 32), total >> 32)
+    return PointCounts(start, total % (1 << 32), total >> 32)
 
 
 def write_lines(
     trails: Trails,
     point: wp.array,
     tip: wp.array,
-    kept: Kept,
+    counts: PointCounts,
     cut_start: wp.array,
     *,
     patch_count: int,
@@ -163,9 +163,9 @@ def write_lines(
 ) -> Contours:
     """Write a chunk's contours; offsets go on from the points and polylines of those before, and end with their end."""
     device = point.device
-    lines = room_for(kept.point_count, kept.polyline_count, device, end=point_base + kept.point_count)
-    inputs = [*trails, point, tip, kept.start, patch_count, wp.int64(point_base)]
+    lines = room_for(counts.point_count, counts.polyline_count, device, end=point_base + counts.point_count)
+    inputs = [*trails, point, tip, counts.start, patch_count, wp.int64(point_base)]
     launch(_write_lines, point.shape[0], inputs, [lines])
     lines.pose_start = wp.empty(cut_start.shape[0], dtype=wp.int64, device=device)
-    launch(_write_starts, cut_start.shape[0], [kept.start, cut_start, wp.int64(polyline_base)], [lines.pose_start])
+    launch(_write_starts, cut_start.shape[0], [counts.start, cut_start, wp.int64(polyline_base)], [lines.pose_start])
     return lines

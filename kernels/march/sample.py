@@ -303,13 +303,7 @@ def resolve_cells(field: Field, lattice: wp.array, grids: Grids, bits: wp.array,
 
 
 def find_roots(
-    field: Field,
-    lattice: wp.array,
-    grids: Grids,
-    code: wp.array,
-    section: wp.array,
-    moved: MovedNodes,
-    point: wp.array,
+    field: Field, lattice: wp.array, grids: Grids, code: wp.array, section: wp.array, moved: MovedNodes, point: wp.array
 ) -> None:
     """Write where the points with these codes lie [m], float32, shape [slot]; those of sections that are done stay."""
     kernel = root_kernel(root_function(field), field.data_type)

@@ -5,14 +5,14 @@ step, and the region of that sign (the solid, or in a notch what is around it) g
 parallel to the step are looked at higher and higher: their ends are roots, and from two of them the next height is
 extrapolated, so straight sides are done after a few, and curved ones converge. Only signs and roots are asked for.
 
-                e          e: the tip, a root on the way from the last section's middle to beyond
+                e          e: the tip, a root between the last section's middle and beyond
                / \\
-              a-x-b        a, b: roots; x: their middle; the way from x to x has the sign of the region all along
+              a-x-b        a, b: roots; x: their middle; from x to x the region's sign holds all along
              /     \\
             p---m---q      p, q: the step
 
-A tip is taken if it is sharp, or farther from the step than TALL: what is round is left as it is. Lengths are in grid
-steps unless said.
+A tip is inserted if it is sharp, or farther from the step than TALL: what is round is left as it is. Lengths are in
+grid steps unless stated.
 
 Climbing starts at steps that turn far: whose directions and those of their neighbours differ by more than MOST_TURN, or
 that have no neighbour on the surface. Only points are compared for this, so smooth contours ask the field nothing.
@@ -39,9 +39,9 @@ SHARP = wp.constant(wp.float64(-0.866))  # cosine of the widest angle that is on
 REACH = wp.constant(wp.float64(24.0))  # a tip farther away is not looked for
 FINE = wp.constant(wp.float64(1e-3))  # width of a section that is as good as the tip
 CLIMBS = wp.constant(14)  # sections at most
-TRACK = 16  # places of a track: the step's middle, sections' middles, the tip
-SHARE = wp.constant(wp.float64(0.9))  # of the way to the extrapolated tip that the next section lies at
-STRIDE = wp.constant(wp.float64(0.25))  # between places that are asked for their sign on the way
+PATH_PLACES = 16  # places of a path: the step's middle, sections' middles, the tip
+SHARE = wp.constant(wp.float64(0.9))  # of the distance to the extrapolated tip at which the next section lies
+STRIDE = wp.constant(wp.float64(0.25))  # between places whose sign is checked
 NEAR_CELL = wp.constant(wp.float64(0.5))  # no other node lies in a tip this near to its step's cell
 HALF = wp.constant(wp.float64(0.5))
 ONE = wp.constant(wp.float64(1.0))
@@ -148,8 +148,8 @@ class Tips:
     """Tips found by climbing from the steps that turn far."""
 
     what: wp.array[wp.int32]  # NO_TIP, TIP, FAR_TIP; shape [turn + 1]
-    track: wp.array2d[wp.vec2d]  # the way to a tip: the step's middle, sections' middles, the tip; shape [turn, TRACK]
-    track_count: wp.array[wp.int32]  # places of it
+    path: wp.array2d[wp.vec2d]  # to a tip: the step's middle, sections' middles, the tip; shape [turn, PATH_PLACES]
+    path_count: wp.array[wp.int32]  # places of it
 
 
 class FoundTips(NamedTuple):
@@ -179,7 +179,7 @@ class Climb:
     height: wp.float64
     ahead: wp.vec2d  # from x to where the tip is expected
     rest: wp.float64  # that in height
-    count: int  # places of the track
+    count: int  # places of the path
 
 
 @wp.func
@@ -191,7 +191,7 @@ def grid_place(lat: Lattice, x: wp.vec3d):
 
 @wp.func
 def angle_cosine(lat: Lattice, a: wp.vec2d, tip: wp.vec2d, b: wp.vec2d):
-    """Cosine of the angle at a tip between the ways to a and b."""
+    """Cosine of the angle at a tip between a and b."""
     p = a - tip
     q = b - tip
     return wp.dot(wp.normalize(p[0] * lat.u + p[1] * lat.v), wp.normalize(q[0] * lat.u + q[1] * lat.v))
@@ -226,11 +226,11 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
 
     @wp.func
     def is_clear(data: data_type, c: Climb, to: wp.vec2d):
-        """Whether the way from the highest section's middle to a place has the region's sign all along."""
-        way = to - c.x
-        count = int(wp.length(way) / STRIDE) + 1
+        """Whether the region's sign holds all along from the highest section's middle to a place."""
+        reach = to - c.x
+        count = int(wp.length(reach) / STRIDE) + 1
         for k in range(count):
-            if not has_sign(data, c.lat, c.x + (wp.float64(k + 1) / wp.float64(count)) * way, c.wanted):
+            if not has_sign(data, c.lat, c.x + (wp.float64(k + 1) / wp.float64(count)) * reach, c.wanted):
                 return False
         return True
 
@@ -239,12 +239,12 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         return grid_place(lat, root(data, node_at(lat, a[0], a[1]), node_at(lat, b[0], b[1])))
 
     @wp.func
-    def first_root(data: data_type, c: Climb, a: wp.vec2d, way: wp.vec2d, most: int):
-        """The root on a way from a place in the region, doubled up to `most` times till it ends outside; else a."""
-        b = a + way
+    def first_root(data: data_type, c: Climb, a: wp.vec2d, reach: wp.vec2d, most: int):
+        """The root within a reach from a, in the region, doubled up to `most` times till it ends outside; else a."""
+        b = a + reach
         k = int(0)
         while k < most and has_sign(data, c.lat, b, c.wanted):
-            b = a + wp.float64(2 << k) * way
+            b = a + wp.float64(2 << k) * reach
             k += 1
         if k == most:
             return a
@@ -291,7 +291,7 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
 
     @wp.func
     def share_ahead(data: data_type, c: Climb):
-        """The share of the way to the expected tip at which the next section can lie, 0 if it cannot."""
+        """The share of the distance to the expected tip at which the next section can lie, 0 if it cannot."""
         share = SHARE
         for _ in range(6):
             if is_clear(data, c, c.x + share * c.ahead):
@@ -316,16 +316,16 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
 
     @wp.func
     def is_straight(data: data_type, c: Climb, tip: wp.vec2d):
-        """Whether the surface keeps near to the ways from the step's ends to the tip, half-way."""
+        """Whether the surface is near, half-way, to the lines from the step's ends to the tip."""
         p = HALF * (tip + c.m - HALF * c.d)
         q = HALF * (tip + c.m + HALF * c.d)
         return is_near(data, c, p, q) and is_near(data, c, q, p)
 
     @wp.func
-    def climb_tip(data: data_type, begin: Climb, track: wp.array2d[wp.vec2d], row: int):
+    def climb_tip(data: data_type, begin: Climb, path: wp.array2d[wp.vec2d], row: int):
         """The highest section; `count` is 0 if there is no tip."""
         c = begin
-        track[row, 0] = c.m
+        path[row, 0] = c.m
         height = lowest_height(c)
         y = c.m + height * c.out
         guess = wp.float64(0.6)
@@ -336,7 +336,7 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
                     c.count = 0
                 return c
             c = n
-            track[row, c.count - 1] = c.x
+            path[row, c.count - 1] = c.x
             size = wp.length(c.d)
             blunt = angle_cosine(c.lat, c.a, c.x + c.ahead, c.b) < SHARP
             if blunt and (c.height + c.rest) * size < TALL:
@@ -364,7 +364,7 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         tips: Tips,
         far: wp.array[wp.int32],  # 1 for a far tip; shape [turn + 1], the last one stays 0
     ):
-        """Climb from a step that turns far; write a tip that is near, and the way to one that is far."""
+        """Climb from a step that turns far; write a tip that is near, and the path to one that is far."""
         row = wp.tid()
         slot = turn[row]
         tips.what[row] = NO_TIP
@@ -375,7 +375,7 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         c = begun(data, lat, p, q, least)
         if c.count == 0:
             return
-        c = climb_tip(data, c, tips.track, row)
+        c = climb_tip(data, c, tips.path, row)
         if c.count == 0:
             return
         end = tip_of(data, c)
@@ -383,8 +383,8 @@ def tip_kernel(inside: Any, root: Any, data_type: Any) -> Any:
         sharp = angle_cosine(lat, c.a, end, c.b) > SHARP
         if end == c.x or high < least or not (sharp or high > TALL):
             return
-        tips.track[row, c.count] = end
-        tips.track_count[row] = c.count + 1
+        tips.path[row, c.count] = end
+        tips.path_count[row] = c.count + 1
         if is_far(grid[section[slot] % grid.shape[0]], c.m, end) or not is_straight(data, c, end):
             tips.what[row] = FAR_TIP
             far[row] = 1
@@ -409,8 +409,8 @@ def find_tips(
         return FoundTips(point, 0)
     tip = wp.clone(point)
     tips = Tips()
-    tips.what, tips.track_count = (wp.empty(count, dtype=wp.int32, device=device) for _ in range(2))
-    tips.track = wp.empty((count, TRACK), dtype=wp.vec2d, device=device)
+    tips.what, tips.path_count = (wp.empty(count, dtype=wp.int32, device=device) for _ in range(2))
+    tips.path = wp.empty((count, PATH_PLACES), dtype=wp.vec2d, device=device)
     far = wp.zeros(count + 1, dtype=wp.int32, device=device)
     inputs = [field.data, lattice, grids.grid, trails.section, trails.after, point, turns.slot, wp.float64(least)]
     launch(tip_kernel(inside_function(field), root_function(field), field.data_type), count, inputs, [tip, tips, far])

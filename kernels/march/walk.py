@@ -16,7 +16,7 @@ import warp as wp
 
 from ..offsets import launch
 from ..patch import EXACT
-from ..section.row_walker import HAND
+from ..section.piece_walker import HAND
 from .grid import TILE_HEIGHT, TILE_WIDTH, Grid, Grids, is_inside, rim_count, rim_node
 from .sample import ALONG_U, ALONG_V, AT_NODE, NO_POINT, Samples, parts_of
 
@@ -52,20 +52,20 @@ class Step:
 
     i: int  # node to its right
     j: int
-    way: int  # direction
+    heading: int  # see `ahead`
     slot: int  # where its point goes
 
 
 @wp.func
-def ahead(way: int):
+def ahead(heading: int):
     """A direction as a step between nodes; to its left lies (-y, x)."""
     x = int(0)
     y = int(0)
-    if way == 0:
+    if heading == 0:
         x = 1
-    elif way == 1:
+    elif heading == 1:
         y = 1
-    elif way == 2:
+    elif heading == 2:
         x = -1
     else:
         y = -1
@@ -75,7 +75,7 @@ def ahead(way: int):
 @wp.func
 def code_of(cells: Cells, s: Step):
     """Code of a step's point, of the object's kind."""
-    m = ahead(s.way)
+    m = ahead(s.heading)
     node = wp.min(s.j, s.j + m[0]) * (cells.grid.nu + 1) + wp.min(s.i, s.i - m[1])
     if m[0] == 0:
         return 8 * node + ALONG_U
@@ -85,7 +85,7 @@ def code_of(cells: Cells, s: Step):
 @wp.func
 def leaves(cells: Cells, s: Step):
     """Whether a step leads out of the grid."""
-    m = ahead(s.way)
+    m = ahead(s.heading)
     i = s.i + m[0]
     j = s.j + m[1]
     return i < 0 or j < 0 or i > cells.grid.nu or j > cells.grid.nv
@@ -94,7 +94,7 @@ def leaves(cells: Cells, s: Step):
 @wp.func
 def step_after(cells: Cells, s: Step):
     """The step out of the cell that a step leads into."""
-    m = ahead(s.way)
+    m = ahead(s.heading)
     left = wp.vec2i(s.i - m[1], s.j + m[0])
     right_in = is_inside(cells.bits, cells.base, cells.grid, s.i + m[0], s.j + m[1])
     left_in = is_inside(cells.bits, cells.base, cells.grid, left[0] + m[0], left[1] + m[1])
@@ -108,13 +108,13 @@ def step_after(cells: Cells, s: Step):
     n.i = s.i
     n.j = s.j
     if goes_right:
-        n.way = (s.way + 3) % 4
+        n.heading = (s.heading + 3) % 4
     elif left_in:
-        n.way = s.way
+        n.heading = s.heading
         n.i = s.i + m[0]
         n.j = s.j + m[1]
     else:
-        n.way = (s.way + 1) % 4
+        n.heading = (s.heading + 1) % 4
         n.i = left[0] + m[0]
         n.j = left[1] + m[1]
     return n
@@ -125,7 +125,7 @@ def write_step(cells: Cells, s: Step, code: wp.array[wp.int32], after: wp.array[
     """Write a step's point; no loop needs to start there any more."""
     code[s.slot] = code_of(cells, s)
     after[s.slot] = s.slot + 1
-    if s.way == DOWN:
+    if s.heading == DOWN:
         byte = cells.base + 4 * ((s.j >> 2) * cells.grid.across + (s.i >> 3)) + (s.j & 3)
         cells.start[byte] = wp.uint8(int(cells.start[byte]) & ~(1 << (s.i & 7)))
 
@@ -137,7 +137,7 @@ def walk_piece(cells: Cells, first: Step, code: wp.array[wp.int32], after: wp.ar
     write_step(cells, s, code, after)
     while not leaves(cells, s):
         n = step_after(cells, s)
-        if n.i == first.i and n.j == first.j and n.way == first.way:
+        if n.i == first.i and n.j == first.j and n.heading == first.heading:
             break
         s = n
         write_step(cells, s, code, after)
@@ -159,13 +159,13 @@ def step_inward(cells: Cells, k: int, slot: int):
     s.i = node[0]
     s.j = node[1]
     s.slot = slot
-    s.way = 1
+    s.heading = 1
     if k >= cells.grid.nu:
-        s.way = 2
+        s.heading = 2
     if k >= cells.grid.nu + cells.grid.nv:
-        s.way = 3
+        s.heading = 3
     if k >= 2 * cells.grid.nu + cells.grid.nv:
-        s.way = 0
+        s.heading = 0
     return s
 
 
@@ -173,11 +173,11 @@ def step_inward(cells: Cells, k: int, slot: int):
 def rim_edge(cells: Cells, s: Step):
     """Edge of the boundary that a step out of the grid crosses."""
     g = cells.grid
-    if s.way == DOWN:
+    if s.heading == DOWN:
         return s.i
-    if s.way == 0:
+    if s.heading == 0:
         return g.nu + s.j
-    if s.way == 1:
+    if s.heading == 1:
         return 2 * g.nu + g.nv - s.i
     return rim_count(g) - s.j
 
@@ -254,7 +254,7 @@ def walk_loops(cells: Cells, tiles: int, first: int, code: wp.array[wp.int32], a
             s = Step()
             s.i = TILE_WIDTH * (t % cells.grid.across) + k % TILE_WIDTH
             s.j = TILE_HEIGHT * (t // cells.grid.across) + k // TILE_WIDTH
-            s.way = DOWN
+            s.heading = DOWN
             s.slot = slot
             last = walk_piece(cells, s, code, after)
             after[last.slot] = slot

@@ -82,11 +82,11 @@ def _find_shifts(
     i = c.polyline_start[line]
     while i + wp.int64(1) < c.polyline_start[line + wp.int64(1)] and far[pose] == wp.uint8(0):
         a = to_float64(c.points[i])
-        way = to_float64(c.points[i + wp.int64(1)]) - a
-        count = int(wp.ceil(wp.length(way) / spacing))
+        step = to_float64(c.points[i + wp.int64(1)]) - a
+        count = int(wp.ceil(wp.length(step) / spacing))
         k = int(0)
         while k <= count:
-            p = a + wp.float64(k) / wp.max(wp.float64(count), wp.float64(1.0)) * way
+            p = a + wp.float64(k) / wp.max(wp.float64(count), wp.float64(1.0)) * step
             square = limit * limit + wp.float64(1.0)
             if found >= wp.int64(0):  # where the point before was near, this one mostly is
                 square = square_to_segment(p, c, found)
@@ -97,7 +97,7 @@ def _find_shifts(
                     return
                 square = square_to_segment(p, c, found)
             k += 1
-            if k < count and square < inner and square_to_segment(a + way, c, found) < inner:
+            if k < count and square < inner and square_to_segment(a + step, c, found) < inner:
                 k = count
         i += wp.int64(1)
 

@@ -16,7 +16,7 @@ wp.set_module_options(EXACT)
 METRICS = ("length", "length_object", "length_hand", "length_made", "polylines", "area", "length_intensity")
 """Rows that `tally_contours` writes, in this order."""
 STATISTICS = ("count", "sum", "sum of squares", "least", "greatest", "positive")
-"""What is kept of a metric, float64: of values that are finite; the last is how many of them are above 0."""
+"""Sums and bounds of a metric's finite values, float64; the last is the number of those above 0."""
 NAN = wp.constant(wp.float32(float("nan")))
 SOME = wp.constant(8)
 Some = wp.types.vector(length=SOME, dtype=wp.float32)
@@ -30,9 +30,9 @@ class Pacing:
     speed: wp.float64  # [m/s]
     return_speed: wp.float64  # [m/s] along chords; infinite where they take no time
     update_rate: wp.float64  # [Hz]
-    turns: wp.float64  # times that the whole way is gone in a cycle
-    again: wp.float64  # times that open polylines are gone once more
-    chord: wp.float64  # times that the chords of open polylines are gone at the speed
+    turns: wp.float64  # times that all contours are drawn in a cycle
+    again: wp.float64  # times that open polylines are drawn once more
+    chord: wp.float64  # times that the chords of open polylines are drawn at the speed
     samples_least: wp.float64  # a cycle
     samples_most: wp.float64  # the same
     seam: wp.float64  # by so much of a sample a cycle may be longer than its samples
@@ -170,12 +170,12 @@ def _pace_poses(
         value[1, pose] = NAN
         return
     nominal = wp.min(wp.max(pacing.speed / own, pacing.nominal_lowest), pacing.nominal_highest)
-    way = own
+    drawn = own
     back = wp.float64(0.0)
     if open_length.shape[0] > 0:
-        way += pacing.again * open_length[pose] + pacing.chord * chord[pose]
+        drawn += pacing.again * open_length[pose] + pacing.chord * chord[pose]
         back = chord[pose] / pacing.return_speed
-    seconds = pacing.turns * way / pacing.speed + back
+    seconds = pacing.turns * drawn / pacing.speed + back
     samples = wp.ceil(seconds * pacing.update_rate - pacing.seam)
     samples = wp.min(wp.max(samples, pacing.samples_least), pacing.samples_most)
     value[0, pose] = wp.float32(nominal)

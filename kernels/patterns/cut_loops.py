@@ -7,7 +7,7 @@ writes points gets from the launch that counts them.
 import warp as wp
 
 from ..patch import Coarse, Frame, output_point
-from ..section.scan_search import CrossingPoint, crossing_point, rough_point
+from ..section.scan_search import CrossingPoint, crossing_point, point_if_clear
 from ..section.segment_clipping import NONE, corners_left, needs_left, segment_of, side_point
 from ..section.triangle_walk import point_of
 from .loop_table import CROSSING_BITS, KEY, PLACE, LoopTable, crossing_of, next_of, place_vertices
@@ -30,7 +30,7 @@ SIDE_BITS = wp.constant(wp.uint64(3))
 
 @wp.struct
 class CutLoops:
-    """Where a patch cuts a section's loops. Segment k runs from crossing k to the next one of its loop.
+    """Cuts of a section's loops by a patch. Segment k runs from crossing k to the next one of its loop.
 
     Pieces are numbered as they are drawn: piece p < WHOLE enters with the segment whose crossing has key p, piece
     WHOLE + k is the loop that begins with crossing k and stays inside.
@@ -71,7 +71,7 @@ def lowest_bit(x: wp.uint64) -> int:
 #endif
 """)
 def bit_count(x: wp.uint64) -> int:
-    """How many bits are set."""
+    """Number of bits that are set."""
 
 
 @wp.func
@@ -81,7 +81,7 @@ def bit_of(k: int):
 
 
 @wp.func
-def keep_cut(word: wp.array2d[wp.uint64], section: int, cut: CutLoops, exact: bool):
+def store_cut(word: wp.array2d[wp.uint64], section: int, cut: CutLoops, exact: bool):
     """Write what drawing needs of a section's cut loops, shape [4, section]; exact: whether `cut_loops` was."""
     word[0, section] = cut.pieces
     word[1, section] = cut.enter_side
@@ -91,14 +91,14 @@ def keep_cut(word: wp.array2d[wp.uint64], section: int, cut: CutLoops, exact: bo
 
 
 @wp.func
-def kept_exactly(word: wp.array2d[wp.uint64], section: int):
+def is_drawn_exactly(word: wp.array2d[wp.uint64], section: int):
     """Whether a section's cut loops must be drawn exactly, too."""
     return (word[3, section] >> EXACT_SHIFT) != wp.uint64(0)
 
 
 @wp.func
-def kept_cut(word: wp.array2d[wp.uint64], section: int):
-    """What `keep_cut` wrote."""
+def stored_cut(word: wp.array2d[wp.uint64], section: int):
+    """The cut loops that `store_cut` wrote."""
     cut = CutLoops()
     cut.pieces = word[0, section]
     cut.enter_side = word[1, section]
@@ -163,7 +163,7 @@ def is_near_corner(p: wp.vec2d, q: wp.vec2d, k: int, side: wp.vec2d, room: wp.fl
 
 @wp.struct
 class PassedCorners:
-    """How a segment passes the patch's corners."""
+    """Corners of the patch that a segment passes."""
 
     left: int  # bits of those to its left, or on it
     clear: int  # not 0: where it enters and leaves, it surely differs in float32 from them and from its crossings
@@ -206,7 +206,7 @@ def pass_corners(
     q: CrossingPoint,
     exact: bool,
 ):
-    """How p -> q, packed in `one` and `two`, passes the corners: without a division, if it surely misses all of them.
+    """Corners that p -> q passes, packed in `one` and `two`: without a division, if it surely misses all of them.
 
     The determinant of p, q and a corner is the corner's distance from p -> q times that segment's length, times both
     d. If it exceeds `room` times the root of 2 for each corner, the segment meets no side within `room` of one; and
@@ -236,7 +236,7 @@ def cut_crossing(memory: wp.array[wp.float64], f: Frame, g: Coarse, side: wp.vec
     c = crossing_of(memory, packed)
     if exact:
         return crossing_point(f, g, c, side)
-    return rough_point(g, c, side)
+    return point_if_clear(g, c, side)
 
 
 @wp.func

@@ -1,4 +1,4 @@
-"""How the patch's boundary joins open pieces to closed contours: as `section.joining` does, without sorted memory.
+"""Open pieces joined to closed contours by the patch's boundary, as in `section.joining`, without sorted memory.
 
 A word of sides holds two bits of each piece, at bits 2 p. Pieces are ordered by sides with a few operations on such
 words; the place along a side counts only among pieces that have that side in common.
@@ -28,7 +28,7 @@ from .side_words import segments_at
 
 @wp.struct
 class PieceJoint:
-    """Where the boundary leads from a piece's end."""
+    """The piece and corners to which the boundary leads from a piece's end."""
 
     piece: int  # the piece that it leads to
     corners: int  # corners of the patch on the way
@@ -38,7 +38,7 @@ class PieceJoint:
 
 @wp.struct
 class JointCounts:
-    """What joints add to a section's open pieces."""
+    """Polylines and steps that joints add to a section's open pieces."""
 
     lines: int  # closed contours
     steps: int  # of non-zero length along the boundary
@@ -65,7 +65,7 @@ def pieces_at(sides: wp.uint64, spread: wp.uint64, side: int):
 
 @wp.func
 def count_before(sides: wp.uint64, spread: wp.uint64, side: int):
-    """How many pieces have a lower side."""
+    """Number of pieces that have a lower side."""
     high = sides >> ONE
     either = wp.where(side == 1, sides | high, wp.where(side == 2, high, sides & high))
     return wp.where(side == 0, 0, bit_count(spread & ~either))
@@ -82,7 +82,7 @@ def end_position(
     side: int,
     leaving: bool,
 ):
-    """How far along its side a piece leaves (or enters) [m]."""
+    """Position along its side at which a piece leaves (or enters) [m]."""
     k = int(0)
     if leaving:
         k = leaving_segment(table, cut, piece)
@@ -106,7 +106,7 @@ def rank_at_side(
     side: int,
     leaving: bool,
 ):
-    """How many of the other pieces at a side (spread bits) leave (or enter) before a piece; at one place, by number."""
+    """Number of other pieces at a side (spread bits) that leave (or enter) before a piece; at one place, by number."""
     rank = int(0)
     own = end_position(table, f, half, memory, cut, piece, side, leaving)
     rest = pieces & ~bit_of(2 * piece)
@@ -163,8 +163,8 @@ def joint_after(
 
 
 @wp.func
-def rough_end(table: LoopTable, half: wp.vec2d, memory: wp.array[wp.float64], cut: CutLoops, k: int, side: int):
-    """Where segment k crosses a side, without a division: x / d along the side [m]; y is not set."""
+def side_crossing(table: LoopTable, half: wp.vec2d, memory: wp.array[wp.float64], cut: CutLoops, k: int, side: int):
+    """Crossing of segment k with a side, without a division: x / d along the side [m]; y is not set."""
     packed = packed_at(table, cut, k)
     c = crossing_of(memory, packed)
     n = crossing_of(memory, packed_at(table, cut, next_of(packed)))
@@ -200,11 +200,11 @@ def are_apart(table: LoopTable, g: Coarse, half: wp.vec2d, memory: wp.array[wp.f
         sides = sides & (sides - 1)
         leaves = wp.uint64(segments_at(c.leaves, c.leave_low, c.leave_high, side))
         while leaves != wp.uint64(0):
-            p = rough_end(table, half, memory, cut, lowest_bit(leaves), side)
+            p = side_crossing(table, half, memory, cut, lowest_bit(leaves), side)
             leaves = leaves & (leaves - ONE)
             rest = wp.uint64(segments_at(c.enters, c.enter_low, c.enter_high, side))
             while rest != wp.uint64(0):
-                q = rough_end(table, half, memory, cut, lowest_bit(rest), side)
+                q = side_crossing(table, half, memory, cut, lowest_bit(rest), side)
                 rest = rest & (rest - ONE)
                 room = wp.float64(2.0 * g.unsure) * wp.abs(p.d * q.d)  # as in `moves`
                 if wp.abs(p.x * q.d - q.x * p.d) <= room:

@@ -11,7 +11,7 @@ import warp as wp
 
 from ..offsets import BLOCK
 from ..patch import EXACT, Patch, coarse_frame, half_extents, require_section_poses, section_frame
-from .cut_loops import CutLoops, bit_count, cut_loops, keep_cut
+from .cut_loops import CutLoops, bit_count, cut_loops, store_cut
 from .loop_table import LoopTable, room_to_remember
 from .piece_joints import JointCounts, join_counts
 from .section_walker import PointCounter, count_section
@@ -23,19 +23,19 @@ REST_THREADS = 2**16  # that take the sections which a split leaves: enough to f
 
 
 @wp.func
-def row_count(rest: wp.array[wp.int32], rest_count: wp.array[wp.int32], section_count: int):
-    """How many sections are cut and drawn exactly: those in `rest`, or all."""
+def query_count(rest: wp.array[wp.int32], rest_count: wp.array[wp.int32], section_count: int):
+    """Number of sections that are cut and drawn exactly: those in `rest`, or all."""
     if rest.shape[0] > 0:
         return rest_count[0]
     return section_count
 
 
 @wp.func
-def section_in(rest: wp.array[wp.int32], row: int):
-    """A row's section."""
+def section_in(rest: wp.array[wp.int32], query: int):
+    """Section of a query."""
     if rest.shape[0] > 0:
-        return rest[row]
-    return row
+        return rest[query]
+    return query
 
 
 @wp.func
@@ -64,7 +64,7 @@ def _cut_clear_sections(
     closes: int,  # 1: CC, 0: OC
     memory: wp.array[wp.float64],  # `room_to_remember`
     # Out:
-    word: wp.array2d[wp.uint64],  # `keep_cut`, shape [4, section]
+    word: wp.array2d[wp.uint64],  # `store_cut`, shape [4, section]
     polylines: wp.array[wp.int64],  # of each section
     points: wp.array[wp.int64],
     rest: wp.array[wp.int32],  # sections for `_cut_sections`, in any order, shape [section]
@@ -82,7 +82,7 @@ def _cut_clear_sections(
         cut.clear = joined.clear
     if cut.clear == 1:
         total = total_of(cut, joined, closes)
-        keep_cut(word, section, cut, False)
+        store_cut(word, section, cut, False)
         polylines[section] = wp.int64(total.lines)
         points[section] = wp.int64(total.points)
     else:
@@ -107,8 +107,8 @@ def _cut_sections(
     points: wp.array[wp.int64],
 ):
     """Cut and count any sections."""
-    for row in range(wp.tid(), row_count(rest, rest_count, word.shape[1]), step):
-        section = section_in(rest, row)
+    for query in range(wp.tid(), query_count(rest, rest_count, word.shape[1]), step):
+        section = section_in(rest, query)
         f = section_frame(pose, patch, section)
         side = half_extents(patch[section % patch.shape[0]], bounded)
         g = coarse_frame(f, side, table.reach)
@@ -120,7 +120,7 @@ def _cut_sections(
         total = total_of(cut, joined, closes)
         if cut.open_count > 0 and (cut.clear & joined.clear) == 0:  # rare
             total = count_section(table, f, side, memory, cut, closes, 0, PointCounter())
-        keep_cut(word, section, cut, True)
+        store_cut(word, section, cut, True)
         polylines[section] = wp.int64(total.lines)
         points[section] = wp.int64(total.points)
 
@@ -128,7 +128,7 @@ def _cut_sections(
 class CutSections(NamedTuple):
     """Sections whose contours are cut and counted, not yet drawn or measured."""
 
-    word: wp.array  # cut loops of each section (`keep_cut`), uint64, shape [4, section]
+    word: wp.array  # cut loops of each section (`store_cut`), uint64, shape [4, section]
     polylines: wp.array  # of each section, int64, shape [section + 1], the last one 0
     points: wp.array
     rest: wp.array | None  # sections that were cut exactly, int32, in any order; None if all were

@@ -9,10 +9,10 @@ from ..contours import Contours
 from ..offsets import BLOCK, scan_counts
 from ..patch import EXACT, Patch, half_extents, section_frame
 from ..section.contour_writing import room_for_contours
-from ..section.row_walker import PolylineWriter
-from .cut_loops import kept_cut, kept_exactly
+from ..section.piece_walker import PolylineWriter
+from .cut_loops import is_drawn_exactly, stored_cut
 from .loop_table import LoopTable, place_vertices, room_to_remember
-from .section_cutting import LAUNCH_BOUNDS, REST_THREADS, CutSections, row_count, section_in
+from .section_cutting import LAUNCH_BOUNDS, REST_THREADS, CutSections, query_count, section_in
 from .section_walker import ClearWriter, draw_clear_section, draw_section
 
 wp.set_module_options(EXACT)
@@ -37,14 +37,14 @@ def _draw_clear_sections(
     section = wp.tid()
     writer = ClearWriter()
     writer.line = section_start[section]
-    if writer.line == section_start[section + 1] or kept_exactly(word, section):
+    if writer.line == section_start[section + 1] or is_drawn_exactly(word, section):
         return
     writer.i = point_start[section]
     writer.patch = section % patch.shape[0]
     f = section_frame(pose, patch, section)
     side = half_extents(patch[writer.patch], bounded)
     place_vertices(table, f, memory)
-    writer = draw_clear_section(table, f, side, memory, kept_cut(word, section), closes, lines, writer)
+    writer = draw_clear_section(table, f, side, memory, stored_cut(word, section), closes, lines, writer)
 
 
 @wp.kernel
@@ -69,8 +69,8 @@ def _draw_sections(
     count = word.shape[1]
     if wp.tid() == 0:
         lines.polyline_start[section_start[count]] = point_start[count]
-    for row in range(wp.tid(), row_count(rest, rest_count, count), step):
-        section = section_in(rest, row)
+    for query in range(wp.tid(), query_count(rest, rest_count, count), step):
+        section = section_in(rest, query)
         writer = PolylineWriter()
         writer.line = section_start[section]
         if writer.line < section_start[section + 1]:
@@ -79,7 +79,7 @@ def _draw_sections(
             f = section_frame(pose, patch, section)
             side = half_extents(patch[writer.patch], bounded)
             place_vertices(table, f, memory)
-            writer = draw_section(table, f, side, memory, kept_cut(word, section), closes, lines, writer)
+            writer = draw_section(table, f, side, memory, stored_cut(word, section), closes, lines, writer)
 
 
 def draw_sections(
@@ -94,7 +94,7 @@ def draw_sections(
 ) -> Contours:
     """Write the contours that `cut_sections` counted, other arguments as for it; bit-identical to `draw_contours`.
 
-    Raises PointLimitError, before memory is taken for them, if there are more points than `limit`.
+    Raises PointLimitError, before memory is allocated for them, if there are more points than `limit`.
     """
     (point_start, section_start), (point_count, polyline_count) = scan_counts(cut.points, cut.polylines, limit=limit)
     contours = room_for_contours(section_start, polyline_count, point_count)

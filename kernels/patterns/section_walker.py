@@ -7,7 +7,7 @@
 | draw_clear_section | Contours | ClearWriter | the same for a section that was not cut exactly |
 | add_section | int: 1 if contours enclose an area | LengthAccumulator | lengths by kind and area vectors |
 
-Points come in the order in which `section.row_walker` passes them, and polylines of no length are left out, so that the
+Points come in the order in which `section.piece_walker` passes them; polylines of no length are left out. So the
 bits are the same.
 """
 
@@ -17,7 +17,7 @@ import warp as wp
 
 from ..contours import Contours
 from ..patch import Frame, corner, output_point
-from ..section.row_walker import (
+from ..section.piece_walker import (
     HAND,
     OBJECT,
     LengthAccumulator,

@@ -9,7 +9,7 @@ UNIT = wp.constant(wp.uint32(1))
 
 @wp.struct
 class SideWords:
-    """What clipping needs of a loop's crossings and segments. Segment k runs from crossing k to the next one."""
+    """Crossings and segments of a loop, as clipping needs them. Segment k runs from crossing k to the next one."""
 
     bottom: wp.uint32  # bit k: crossing k lies on or beyond that side (`outcode`)
     right: wp.uint32
@@ -24,7 +24,7 @@ class SideWords:
 
 @wp.struct
 class ClippedSegments:
-    """Which segments enter and leave, and by which sides; bit k stands for segment k."""
+    """Segments that enter and leave, and their sides; bit k stands for segment k."""
 
     enters: wp.uint32
     enter_low: wp.uint32  # the lower bit of the side's number

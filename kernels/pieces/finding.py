@@ -55,8 +55,8 @@ def find_pieces(
     method: "trace" (for surfaces with a scan path), "seek", "flat" (for any), None: the fastest one.
     draws: whether the pieces will be drawn (`draw_contours`); a scan search then lists what drawing is faster with.
     Raises ValueError for an unknown method, one that the surface does not allow, and poses of another shape.
-    Returns ContourPieces, to be taken once and in this order: of all sections, in one or several; and further ones of
-    sections that had too little room. Scan and flat searches are launched as their ContourPieces are taken.
+    Yields ContourPieces, once and in this order: of all sections, in one or several; and further ones of
+    sections that had too little room. Scan and flat searches are launched when their ContourPieces are asked for.
     """
     device = pose.device
     require_section_poses(pose, patch)
@@ -72,12 +72,12 @@ def find_pieces(
 
 
 def _scanned_pieces(surface: Any, pose: wp.array, patch: wp.array, *, bounded: bool, draws: bool) -> Iterator[Any]:
-    """`find_pieces` by the scan search; rows with too little room are looked for when the first pieces are taken."""
-    device, row_count, lists = pose.device, pose.shape[0] * patch.shape[0], None
+    """`find_pieces` by the scan search; queries with too little room are searched again after the first yield."""
+    device, query_count, lists = pose.device, pose.shape[0] * patch.shape[0], None
     if draws and lists_steps(device):
-        lists = room_for_steps(row_count, surface.corner.shape[0] // 3, bounded=bounded, device=device)
+        lists = room_for_steps(query_count, surface.corner.shape[0] // 3, bounded=bounded, device=device)
     events = walk_sections(surface, pose, patch, None, bounded=bounded, lists=lists)
-    pieces = room_for_sections(row_count, device)
+    pieces = room_for_sections(query_count, device)
     if lists is not None:
         pieces.lists = lists
     clip_events(surface, events, pieces)
@@ -86,7 +86,7 @@ def _scanned_pieces(surface: Any, pose: wp.array, patch: wp.array, *, bounded: b
     yield pieces
     if pieces.excess.numpy()[0] > 0:
         rest = room_for_excess(pieces, device)
-        room = int(count.numpy()[rest.section.numpy()].max())  # events of a row
+        room = int(count.numpy()[rest.section.numpy()].max())  # events of a query
         events = walk_sections(surface, pose, patch, rest.section, bounded=bounded, room=room)
         clip_events(surface, events, rest)
         yield rest

@@ -131,7 +131,7 @@ def meets_packed(boxes: wp.array[wp.vec4i], p: PackedFrame, node: int) -> wp.boo
 def packed_crossings(
     boxes: wp.array[wp.vec4i], faces: wp.array[wp.vec4i], p: PackedFrame, node: int, first: int
 ) -> int:
-    """Which half-edge of each of a leaf's faces runs down through the plane: four bits for each, its corner plus 1, 0
+    """Half-edge of each of a leaf's faces that runs down through the plane: four bits for each, its corner plus 1, 0
     for none, 4 where it is not certain; first: the leaf's first face. Where there is no face, it is 0 or 4."""
 
 
@@ -177,15 +177,15 @@ def packed_frame(surface: Surface, g: Coarse, w: Window):
 
 
 @wp.func
-def crossed_halves(surface: Surface, frame: wp.array[Frame], row: int, p: PackedFrame, node: int):
-    """Which half-edge of each of a leaf's faces runs down through the plane: `packed_crossings` with certainty.
+def crossed_halves(surface: Surface, frame: wp.array[Frame], query: int, p: PackedFrame, node: int):
+    """Half-edge of each of a leaf's faces that runs down through the plane: `packed_crossings` with certainty.
 
-    frame: of each row, of which few faces need that of theirs.
+    frame: of each query, of which few faces need that of theirs.
     """
     first = (node - surface.leaf_first) << LEAF_BITS
     codes = packed_crossings(surface.packed_box, surface.packed_face, p, node, first)
     if (codes & UNSURE) != 0:
-        f = frame[row]
+        f = frame[query]
         g = coarse_frame(f, wp.vec2d(), surface.reach)
         k = int(0)
         while (codes & UNSURE) != 0:
@@ -217,7 +217,7 @@ def _pack_boxes(surface: Surface, packed: wp.array[wp.vec4i]):
 
 @wp.func
 def part_bits(part: wp.uint32, k: int):
-    """Where a face's word has a part: bits 13 to 22, which are a float's highest; 3 to 12; 23 to 31 and 0."""
+    """Bits of a face's word that hold a part: 13 to 22, which are a float's highest; 3 to 12; 23 to 31 and 0."""
     if k == 0:
         return part << wp.uint32(13)
     if k == 1:

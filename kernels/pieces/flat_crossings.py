@@ -99,7 +99,7 @@ def list_leaves(surface: Surface, p: PackedFrame, group: LaneSpace, s: LaneSpace
 
 @wp.func
 def list_crossings(
-    surface: Surface, frame: wp.array[Frame], row: int, p: PackedFrame, s: LaneSpace, leaves: BoxList, warp: Warp
+    surface: Surface, frame: wp.array[Frame], query: int, p: PackedFrame, s: LaneSpace, leaves: BoxList, warp: Warp
 ):
     """List the downward half-edges of the crossed faces of a warp's leaves; returns how many there are."""
     listed = int(0)
@@ -109,7 +109,7 @@ def list_crossings(
         codes = int(0)
         if i < leaves.count:
             node = int_at(leaves.address, i)
-            codes = crossed_halves(surface, frame, row, p, node)
+            codes = crossed_halves(surface, frame, query, p, node)
         crossed = (codes | (codes >> 1)) & 0x1111  # codes are 0 to 3
         numbers = warp_numbers_of((crossed * 0x1111) >> 12 & 15)
         place = listed + numbers[0]
@@ -129,18 +129,18 @@ def list_crossings(
 
 @wp.func
 def winding_of_lane(
-    surface: Surface, frame: wp.array[Frame], row: int, p: PackedFrame, side: wp.vec2d, leaves: BoxList, warp: Warp
+    surface: Surface, frame: wp.array[Frame], query: int, p: PackedFrame, side: wp.vec2d, leaves: BoxList, warp: Warp
 ):
-    """What the faces of the leaves that are a lane's own add to the winding number around corner 0."""
+    """Share of the winding number around corner 0 that the faces of a lane's own leaves add."""
     winding = int(0)
     i = int(warp.lane)
     while i < leaves.count:
         node = int_at(leaves.address, i)
-        codes = crossed_halves(surface, frame, row, p, node)
+        codes = crossed_halves(surface, frame, query, p, node)
         half = (node - surface.leaf_first) * (3 * LEAF) - 1
         while codes != 0:
             if codes & 15 != 0:
-                winding += winding_across(surface, frame[row], side, half + (codes & 15))
+                winding += winding_across(surface, frame[query], side, half + (codes & 15))
             half += 3
             codes = codes >> 4
         i += warp.lanes

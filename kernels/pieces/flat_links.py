@@ -23,7 +23,7 @@ FIRST = wp.constant(16)  # its piece begins with it
 LAST = wp.constant(32)  # its piece ends in the triangle that it enters
 STEP = wp.constant(64)  # the step from it to the next crossing inside the patch has non-zero length
 INSIDE = wp.constant(128)  # it lies on a piece, and so does the next crossing, which is inside the patch
-COURSE = wp.constant(16 + 32 + 64 + 128)  # FIRST, LAST, STEP and INSIDE
+STEP_BITS = wp.constant(16 + 32 + 64 + 128)  # FIRST, LAST, STEP and INSIDE
 ASTRAY = wp.constant(256)  # nothing comes before it, yet no piece begins with it: it lies on none
 LOOP = wp.constant(512)  # it lies on a loop
 ASKS = wp.constant(1024)  # not in a link: the points of its step decide what its other bits are
@@ -87,7 +87,7 @@ def place_crossing(
         bits = bits | TO_OPEN
     else:
         place = place_of(s, count, following >> 1, stride)
-    x = output_point(f, p)  # kept where the crossing's state and its beginning will be
+    x = output_point(f, p)  # stored where the crossing's state and its beginning will be
     set_state(s, i, (wp.int64(wp.cast(x[1], wp.int32)) << wp.int64(32)) | (wp.int64(wp.cast(x[0], wp.uint32))))
     set_begin(s, i, wp.cast(x[2], wp.int32))
     set_link(s, i, ((place + 1) << PLACE) | bits)
@@ -141,7 +141,7 @@ def link_crossing(s: LaneSpace, i: int):
         bits = wp.where((code & code_next) == 0, ASKS, 0)
     elif segment_of(code, code_next, 0).enter != NONE:
         bits = first_bits(code_next)
-    set_link(s, i, (own & ~COURSE) | (bits & ~ASKS))
+    set_link(s, i, (own & ~STEP_BITS) | (bits & ~ASKS))
     return bits
 
 
@@ -157,7 +157,7 @@ def link_by_points(surface: Surface, f: Frame, side: wp.vec2d, s: LaneSpace, i: 
     own = link_at(s, i)
     place = next_of(own)
     code = own & OUTCODE
-    bits = own & COURSE
+    bits = own & STEP_BITS
     c = crossing_at(surface, f, half_at(s, i))
     p = point_of(f, c, side)
     q = point_of(f, crossing_after(surface, f, c), side)
@@ -169,5 +169,5 @@ def link_by_points(surface: Surface, f: Frame, side: wp.vec2d, s: LaneSpace, i: 
             bits = first_bits(code_next)
     elif outcode(q, side) == 0 and not (output_point(f, p) == output_point(f, q)):
         bits = bits | STEP
-    set_link(s, i, (own & ~COURSE) | bits)
+    set_link(s, i, (own & ~STEP_BITS) | bits)
     return bits

@@ -10,7 +10,7 @@ from typing import Any
 
 import warp as wp
 
-from ..lanes import any_lane, lane_count, sync_lanes, take_row
+from ..lanes import any_lane, claim_query, lane_count, sync_lanes
 from ..offsets import BLOCK
 from ..patch import EXACT, Frame, Patch, coarse_frame, half_extents
 from ..section.half_edges import Surface
@@ -48,7 +48,7 @@ from .lane_space import (
     set_state,
     state_at,
 )
-from .row_block import RANKS, STORED, RowBlock, note_lacking
+from .query_block import RANKS, STORED, QueryBlock, note_lacking
 
 MANY_LANES = 128  # of a group, which are the threads of a GPU block
 OTHER_BLOCKS = {f"{__name__}.many": MANY_LANES}  # a Warp module of its own: all kernels of one have blocks of one size
@@ -203,29 +203,23 @@ def open_loops(
 
 
 @wp.func
-def take_slots(block: RowBlock, pieces: ContourPieces, group: int, row: int):
-    """Take as many slots as the row of a group has pieces, or note that there are too few."""
+def claim_slots(block: QueryBlock, pieces: ContourPieces, group: int, query: int):
+    """Claim as many slots as the query of a group has pieces, or note that there are too few."""
     count = high_of(block.stored[group])
     block.stored[group] = wp.int64(0)
     start = wp.atomic_add(block.numbers, STORED, wp.int64(count))
     if start + wp.int64(count) > wp.int64(pieces.half.shape[0]):
-        note_lacking(block, pieces, row)
+        note_lacking(block, pieces, query)
         count = 0
-    pieces.start[row] = start
-    pieces.count[row] = count
+    pieces.start[query] = start
+    pieces.count[query] = count
 
 
 @wp.func
 def store_ranked(
-    surface: Surface,
-    s: LaneSpace,
-    i: int,
-    group: int,
-    row: int,
-    stored: wp.array[wp.int64],
-    pieces: ContourPieces,
+    surface: Surface, s: LaneSpace, i: int, group: int, query: int, stored: wp.array[wp.int64], pieces: ContourPieces
 ):
-    """Store the piece or the loop that ends with a crossing, if any, but for its sides; stored: `RowBlock.stored`."""
+    """Store the piece or the loop that ends with a crossing, if any, but for its sides; stored: `QueryBlock.stored`."""
     link = link_at(s, i)
     is_loop = (link & LOOP) != 0
     first = int(0)
@@ -243,19 +237,19 @@ def store_ranked(
     slot = high_of(before)
     begin = low_of(before)
     set_begin(s, first, begin)
-    pieces.begin[start_of(pieces, row) + wp.int64(slot) * pieces.stride] = begin
+    pieces.begin[start_of(pieces, query) + wp.int64(slot) * pieces.stride] = begin
     if is_loop:
-        store_piece(pieces, row, slot, half, half, NONE, NONE, count, CLOSED + surface.rank[half], 1)
+        store_piece(pieces, query, slot, half, half, NONE, NONE, count, CLOSED + surface.rank[half], 1)
     else:
-        store_piece(pieces, row, slot, half, half_at(s, i), NONE, NONE, count, half, 0)
+        store_piece(pieces, query, slot, half, half_at(s, i), NONE, NONE, count, half, 0)
 
 
 @wp.func
-def store_sides(surface: Surface, f: Frame, side: wp.vec2d, row: int, pieces: ContourPieces, lane: int, lanes: int):
-    """Store the sides by which the open pieces of a row enter and leave: they are few, and a lane's own piece each."""
+def store_sides(surface: Surface, f: Frame, side: wp.vec2d, query: int, pieces: ContourPieces, lane: int, lanes: int):
+    """Store the sides by which a query's open pieces enter and leave: they are few, and a lane's own piece each."""
     slot = int(lane)
-    while slot < pieces.count[row]:
-        own = start_of(pieces, row) + wp.int64(slot) * pieces.stride
+    while slot < pieces.count[query]:
+        own = start_of(pieces, query) + wp.int64(slot) * pieces.stride
         if pieces.key[own] < CLOSED:
             sides = sides_of(surface, f, side, pieces.half[own], pieces.out[own])
             pieces.side[own] = sides_word(sides[0], sides[1], UNLISTED)
@@ -331,21 +325,21 @@ def link_crossings(
 
 
 @wp.func
-def rank_row(
+def rank_section(
     surface: Surface,
     f: Frame,
     side: wp.vec2d,
     s: LaneSpace,
     count: int,
     group: int,
-    row: int,
-    block: RowBlock,
+    query: int,
+    block: QueryBlock,
     pieces: ContourPieces,
     lane: int,
     lanes: int,
 ):
-    """Store the pieces of a row with crossings, and list the half-edges of their steps instead of its crossings."""
-    start = pieces.row_start[row]
+    """Store the pieces of a query with crossings, and list the half-edges of their steps instead of its crossings."""
+    start = pieces.query_start[query]
     if lane == 0:
         block.stored[group] = wp.int64(0)
     i = int(lane)
@@ -360,23 +354,23 @@ def rank_row(
         open_loops(surface, s, count, group, block.stored, lane, lanes)
         jump(s, count, lane, lanes)
     if lane == 0:
-        take_slots(block, pieces, group, row)
+        claim_slots(block, pieces, group, query)
     sync_lanes()
-    if pieces.count[row] > 0:
+    if pieces.count[query] > 0:
         i = lane
         while i < count:
-            store_ranked(surface, s, i, group, row, block.stored, pieces)
+            store_ranked(surface, s, i, group, query, block.stored, pieces)
             i += lanes
         sync_lanes()
         i = lane
         while i < count:
             list_step(s, start, i, pieces.listed)
             i += lanes
-        store_sides(surface, f, side, row, pieces, lane, lanes)
+        store_sides(surface, f, side, query, pieces, lane, lanes)
 
 
 @wp.func
-def rank_rows(
+def rank_sections(
     # In:
     surface: Surface,
     patch: wp.array[Patch],
@@ -385,25 +379,25 @@ def rank_rows(
     lanes: int,  # of a group
     near: LaneSpace,  # memory near the lanes
     # Out:
-    block: RowBlock,
+    block: QueryBlock,
     pieces: ContourPieces,
 ):
-    """Rank the crossings of each row of a block: see `rank_row`."""
+    """Rank the crossings of each query of a block: see `rank_section`."""
     group = thread // lanes
     lane = thread % lanes
-    row = take_row(block.numbers, RANKS, lane)
-    while row < pieces.frame.shape[0]:
-        count = block.count[row]
+    query = claim_query(block.numbers, RANKS, lane)
+    while query < pieces.frame.shape[0]:
+        count = block.count[query]
         if count > 0:
-            f = pieces.frame[row]
-            side = half_extents(patch[section_of(pieces, row) % patch.shape[0]], bounded)
+            f = pieces.frame[query]
+            side = half_extents(patch[section_of(pieces, query) % patch.shape[0]], bounded)
             s = near
             if count > near.most:
                 s = far_space(block.far, group)
-            rank_row(surface, f, side, s, count, group, row, block, pieces, lane, lanes)
+            rank_section(surface, f, side, s, count, group, query, block, pieces, lane, lanes)
         elif lane == 0:
-            pieces.count[row] = 0
-        row = take_row(block.numbers, RANKS, lane)
+            pieces.count[query] = 0
+        query = claim_query(block.numbers, RANKS, lane)
 
 
 @wp.kernel(launch_bounds=(BLOCK, 14))
@@ -412,25 +406,25 @@ def _rank_few_crossings(
     patch: wp.array[Patch],
     bounded: int,
     lanes: int,  # of a group
-    block: RowBlock,
+    block: QueryBlock,
     pieces: ContourPieces,
 ):
-    """Store the pieces of each row of a block, and list the half-edges of their steps, as `rank_rows`."""
+    """Store the pieces of each query of a block, and list the half-edges of their steps, as `rank_sections`."""
     near = near_space(address_of_few(), NEAR_FEW)
-    rank_rows(surface, patch, bounded, wp.tid(), lanes, near, block, pieces)
+    rank_sections(surface, patch, bounded, wp.tid(), lanes, near, block, pieces)
 
 
 @wp.kernel(launch_bounds=(MANY_LANES, 6), module=MANY)
 def _rank_many_crossings(
-    surface: Surface, patch: wp.array[Patch], bounded: int, lanes: int, block: RowBlock, pieces: ContourPieces
+    surface: Surface, patch: wp.array[Patch], bounded: int, lanes: int, block: QueryBlock, pieces: ContourPieces
 ):
     """The same with more memory near the lanes."""
     near = near_space(address_of_many(), NEAR_MANY)
-    rank_rows(surface, patch, bounded, wp.tid(), lanes, near, block, pieces)
+    rank_sections(surface, patch, bounded, wp.tid(), lanes, near, block, pieces)
 
 
 def rank_crossings(surface: Any, patch: wp.array, block: Any, *, many: bool, bounded: bool, pieces: Any) -> None:
-    """Store the pieces of each row of a RowBlock, and list the half-edges of their steps: see `rank_rows`."""
+    """Store the pieces of each query of a QueryBlock, and list the half-edges of their steps: see `rank_sections`."""
     kernel, threads = (_rank_many_crossings, MANY_LANES) if many else (_rank_few_crossings, BLOCK)
     lanes = lane_count(patch.device, threads)
     wp.launch(

@@ -141,7 +141,7 @@ def set_state(s: LaneSpace, i: int, state: wp.int64):
 
 @wp.func
 def begin_at(s: LaneSpace, i: int):
-    """Where the steps of the piece begin of which crossing i is the first; before, z of its output point."""
+    """Beginning of the steps of the piece whose first crossing is i; before that is set, z of its output point."""
     return int_at(s.address, BEGINNINGS * s.most + i)
 
 

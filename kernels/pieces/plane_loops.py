@@ -50,14 +50,14 @@ def _count_crossings(
     # Out:
     crossings: wp.array[wp.int64],  # of each section's loops, zero-initialised, shape [section + 1]
 ):
-    """Count the crossings of all loops of a row."""
-    row = wp.tid()
-    count = entries.count[row] & COUNT
+    """Count the crossings of all loops of a query."""
+    query = wp.tid()
+    count = entries.count[query] & COUNT
     if count == 0:
         return
-    section = section_of(pieces, row)
+    section = section_of(pieces, query)
     f = section_frame(pose, patch, section)
-    base = start_of(pieces, row)
+    base = start_of(pieces, query)
     total = int(0)
     for e in range(count):
         slot = entries.entry[base + wp.int64(e) * pieces.stride] & SLOT
@@ -80,14 +80,14 @@ def _draw_loops(
     points: wp.array[wp.vec2d],
     loop_start: wp.array[wp.int64],
 ):
-    """Write the loops of a row in the order of its entries."""
-    row = wp.tid()
-    section = section_of(pieces, row)
+    """Write the loops of a query in the order of its entries."""
+    query = wp.tid()
+    section = section_of(pieces, query)
     f = section_frame(pose, patch, section)
     side = half_extents(patch[section % patch.shape[0]], bounded)
-    base = start_of(pieces, row)
+    base = start_of(pieces, query)
     i = point_start[section]
-    for e in range(entries.count[row] & COUNT):
+    for e in range(entries.count[query] & COUNT):
         slot = entries.entry[base + wp.int64(e) * pieces.stride] & SLOT
         half = pieces.half[base + wp.int64(slot) * pieces.stride]
         loop_start[section_start[section] + wp.int64(e)] = i
@@ -130,21 +130,21 @@ def plane_loops(
 
     Arguments as for `find_pieces`; bounded: whether points that are flush with a side of a patch lie on it. Loops of a
     section come in the order of their keys, see docs/develop/geometry.md.
-    Raises PointLimitError, before memory is taken for them, if the loops have more points than `limit`.
+    Raises PointLimitError, before memory is allocated for them, if the loops have more points than `limit`.
     """
     device = pose.device
     found = find_pieces(surface, pose, patch, bounded=False, closes=False, method=method, draws=False)
     ordered = order_pieces(surface, found, pose, patch, closes=False)
     crossings = wp.zeros_like(ordered.points)
     launch = partial(wp.launch, device=device, block_dim=BLOCK)
-    for pieces, entries in ordered.rows:
+    for pieces, entries in ordered.blocks:
         inputs = [surface, pose, patch, pieces, entries]
         launch(_count_crossings, pieces.count.shape[0], inputs=inputs, outputs=[crossings])
     (point_start, section_start), totals = scan_counts(crossings, ordered.polylines, limit=limit)
     point_count, loop_count = totals
     points = wp.empty(point_count, dtype=wp.vec2d, device=device)
     loop_start = wp.full(loop_count + 1, point_count, dtype=wp.int64, device=device)
-    for pieces, entries in ordered.rows:
+    for pieces, entries in ordered.blocks:
         inputs = [surface, pose, patch, pieces, entries, int(bounded), section_start, point_start]
         launch(_draw_loops, pieces.count.shape[0], inputs=inputs, outputs=[points, loop_start])
     section_count = pose.shape[0] * patch.shape[0]

@@ -1,1 +1,1 @@
-"""Focal points of many motions at once: routes, tracks and samples of contours on a device."""
+"""Focal points of many motions at once: routes, cycles and samples of contours on a device."""

@@ -46,7 +46,7 @@ def _find_faults(
 
 
 def find_faults(contours: Contours) -> frozenset[str]:
-    """Which of `FAULTS` contours have.
+    """Those of `FAULTS` that contours have.
 
     open_seam: a closed polyline has another intensity or pause at its last point than at its first, which are one
     place. empty: a polyline has no point. not_finite: a point, intensity or pause is no finite number.

@@ -17,7 +17,7 @@ from .layout import (
     STILL,
     TWO,
     ZERO,
-    DrawnTracks,
+    DrawnCycles,
     PoseSchedule,
     SamplerState,
     SamplingPlan,
@@ -25,19 +25,19 @@ from .layout import (
     distance,
     squared,
 )
-from .ways import (
-    TrackWay,
+from .segments import (
+    CycleSegment,
     age_of,
-    cycle_knot,
-    find_way,
-    focus_knot,
+    base_parameter,
+    cycle_point,
+    find_segment,
+    focus_parameter,
     gain_of,
     is_on,
     level_on,
     point_on,
-    shown_knot,
-    track_point,
-    way_piece,
+    segment_piece,
+    shown_parameter,
 )
 
 wp.set_module_options(EXACT)
@@ -50,7 +50,7 @@ POLYLINE, ORDER, POSE, RE_ENTRY = (wp.constant(k) for k in range(4))  # causes o
 
 @wp.struct
 class PiecePassages:
-    """Which samples of a pose are on each of its drawn pieces, by the pieces' rows; -1: none."""
+    """First and last sample of a pose on each of its drawn pieces, by the pieces' rows; -1: none."""
 
     first: wp.array[wp.int32]
     last: wp.array[wp.int32]
@@ -58,7 +58,7 @@ class PiecePassages:
 
 @wp.struct
 class PoseEnds:
-    """Where the focal points are at the last sample of each pose that is drawn [m], shape [pose, focus]."""
+    """Positions of the focal points at the last sample of each pose that is drawn [m], shape [pose, focus]."""
 
     shown: wp.array2d[wp.vec3d]
     last: wp.array2d[wp.vec3d]  # before points are held or reordered, without small circles
@@ -84,7 +84,7 @@ def circle_offset(plan: SamplingPlan, pose: wp.transformd, number: wp.int64):
 
 @wp.func
 def wave_at(plan: SamplingPlan, number: wp.int64):
-    """What amplitude modulation leaves of the intensity at a sample."""
+    """Factor of amplitude modulation at a sample."""
     if plan.wave == 0:
         return ONE
     turns = wp.mod(wp.float64(number) * plan.wave_turns, ONE)
@@ -95,18 +95,18 @@ def wave_at(plan: SamplingPlan, number: wp.int64):
 
 
 @wp.func
-def sample_knot(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: int, sample: int, focus: int):
-    """Knot at which a focal point is shown at a sample of a pose that is drawn."""
-    track = d.tracks[pose]
-    knot = cycle_knot(plan, track, d.entries[pose].anchor, d.entries[pose].index + wp.int64(sample))
-    return shown_knot(plan, schedule.shown, track, focus_knot(plan, track, knot, focus))
+def sample_parameter(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnCycles, pose: int, sample: int, focus: int):
+    """Parameter at which a focal point is shown at a sample of a pose that is drawn."""
+    cycle = d.cycles[pose]
+    parameter = base_parameter(plan, cycle, d.entries[pose].anchor, d.entries[pose].index + wp.int64(sample))
+    return shown_parameter(plan, schedule.shown, cycle, focus_parameter(plan, cycle, parameter, focus))
 
 
 @wp.kernel
 def _find_ends(
     plan: SamplingPlan,
     schedule: PoseSchedule,
-    d: DrawnTracks,
+    d: DrawnCycles,
     ends: PoseEnds,  # out
     passages: PiecePassages,  # out
 ):
@@ -114,26 +114,26 @@ def _find_ends(
     pose = wp.tid()
     if d.entries[pose].drawn == 0:
         return
-    track = d.tracks[pose]
-    for k in range(track.pieces):
-        passages.first[track.line + k] = -1
-        passages.last[track.line + k] = -1
+    cycle = d.cycles[pose]
+    for k in range(cycle.pieces):
+        passages.first[cycle.line + k] = -1
+        passages.last[cycle.line + k] = -1
     sample = schedule.count[pose] - 1
-    cycle = cycle_knot(plan, track, d.entries[pose].anchor, d.entries[pose].index + wp.int64(sample))
+    base = base_parameter(plan, cycle, d.entries[pose].anchor, d.entries[pose].index + wp.int64(sample))
     for focus in range(plan.foci):
-        knot = focus_knot(plan, track, cycle, focus)
-        point = track_point(d.nodes, track, knot)
+        parameter = focus_parameter(plan, cycle, base, focus)
+        point = cycle_point(d.nodes, cycle, parameter)
         ends.last[pose, focus] = point
         if plan.points > 0:
-            point = track_point(d.nodes, track, shown_knot(plan, schedule.shown, track, knot))
+            point = cycle_point(d.nodes, cycle, shown_parameter(plan, schedule.shown, cycle, parameter))
         if plan.circle_radius > ZERO:
             point += circle_offset(plan, d.pose[pose], schedule.number[pose] + wp.int64(sample))
         ends.shown[pose, focus] = point
 
 
 @wp.func
-def shown_before(schedule: PoseSchedule, d: DrawnTracks, ends: PoseEnds, state: SamplerState, pose: int, focus: int):
-    """Where a focal point was before a pose [m]."""
+def shown_before(schedule: PoseSchedule, d: DrawnCycles, ends: PoseEnds, state: SamplerState, pose: int, focus: int):
+    """Position of a focal point before a pose [m]."""
     before = d.entries[pose].before
     if before < 0:
         return state.shown[schedule.motion[pose], focus]
@@ -150,7 +150,7 @@ def below(x: wp.float64):
 def moved_by(
     plan: SamplingPlan,
     schedule: PoseSchedule,
-    d: DrawnTracks,
+    d: DrawnCycles,
     ends: PoseEnds,
     state: SamplerState,
     pose: int,
@@ -163,14 +163,14 @@ def moved_by(
     point = state.last[schedule.motion[pose], focus]
     if entry.before >= 0:
         point = ends.last[entry.before, focus]
-    track = d.tracks[pose]
-    knot = focus_knot(plan, track, entry.anchor, focus)
-    behind = knot
-    if knot <= ZERO:
-        behind = track.period
+    cycle = d.cycles[pose]
+    parameter = focus_parameter(plan, cycle, entry.anchor, focus)
+    behind = parameter
+    if parameter <= ZERO:
+        behind = cycle.period
     return wp.min(  # at a jump, both its sides
-        distance(point, track_point(d.nodes, track, knot)),
-        distance(point, track_point(d.nodes, track, below(behind))),
+        distance(point, cycle_point(d.nodes, cycle, parameter)),
+        distance(point, cycle_point(d.nodes, cycle, below(behind))),
     )
 
 
@@ -191,7 +191,7 @@ def add_step(plan: SamplingPlan, count: StepCount, cause: int, length: wp.float6
 def count_move(
     plan: SamplingPlan,
     schedule: PoseSchedule,
-    d: DrawnTracks,
+    d: DrawnCycles,
     ends: PoseEnds,
     state: SamplerState,
     count: StepCount,
@@ -201,12 +201,12 @@ def count_move(
     length: wp.float64,
     drawn_before: bool,
 ):
-    """Count the way of a focal point to a sample that is drawn [m], by its cause.
+    """Count the step of a focal point to a sample that is drawn [m], by its cause.
 
     drawn_before: whether the sample before is. After one that is not, the step is a re-entry.
     """
     out = count
-    ordinary = d.tracks[pose].ordinary
+    ordinary = d.cycles[pose].ordinary
     if not drawn_before:
         if d.entries[pose].first == 0 or sample > 0:  # at the very first sample nothing comes back
             out = add_step(plan, count, RE_ENTRY, length, ordinary)
@@ -218,7 +218,7 @@ def count_move(
     if plan.points > 0:
         cause = ORDER
     if sample == 0 and d.entries[pose].again == 0:
-        # else it is the way between two samples of a track that is long
+        # else the cycle itself has a step as long between these two samples
         if TWO * moved_by(plan, schedule, d, ends, state, pose, focus) >= length:
             cause = POSE
     return add_step(plan, out, cause, length, ordinary)
@@ -226,7 +226,7 @@ def count_move(
 
 @wp.func
 def gain_at(plan: SamplingPlan, schedule: PoseSchedule, pose: int, sample: int, hold: wp.float64):
-    """What a fade leaves of a sample's intensity, and whether the pose is older than `hold` then, 0 or 1."""
+    """Factor that a fade leaves of a sample's intensity, and 1 if the pose is older than `hold` then, else 0."""
     age = age_of(schedule, pose, sample)
     held = wp.int64(0)
     if age > hold:
@@ -235,16 +235,16 @@ def gain_at(plan: SamplingPlan, schedule: PoseSchedule, pose: int, sample: int, 
 
 
 @wp.func
-def level_at(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: int, sample: int, focus: int):
+def level_at(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnCycles, pose: int, sample: int, focus: int):
     """Intensity of the contours at a focal point of a sample."""
     if d.nodes.intensity.shape[0] == 0:
         return ONE
-    knot = sample_knot(plan, schedule, d, pose, sample, focus)
-    return level_on(d.nodes, find_way(d.nodes, d.tracks[pose], knot, TrackWay()), knot)
+    parameter = sample_parameter(plan, schedule, d, pose, sample, focus)
+    return level_on(d.nodes, find_segment(d.nodes, d.cycles[pose], parameter, CycleSegment()), parameter)
 
 
 @wp.func
-def is_drawn(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, pose: int, sample: int, gain: wp.float64):
+def is_drawn(plan: SamplingPlan, schedule: PoseSchedule, d: DrawnCycles, pose: int, sample: int, gain: wp.float64):
     """Whether a focal point of a sample has an intensity above 0."""
     if d.nodes.intensity.shape[0] == 0:
         return gain > ZERO
@@ -270,7 +270,7 @@ def held_of(plan: SamplingPlan, schedule: PoseSchedule, pose: int, hold: wp.floa
 def rest(
     plan: SamplingPlan,
     schedule: PoseSchedule,
-    d: DrawnTracks,
+    d: DrawnCycles,
     ends: PoseEnds,
     state: SamplerState,
     pose: int,
@@ -294,14 +294,14 @@ def rest(
 
 
 @wp.func
-def pass_piece(passages: PiecePassages, d: DrawnTracks, pose: int, way: TrackWay, sample: int):
-    """Note that a sample is on a way of its pose's track; samples since the last one on the same piece, 0: none was."""
+def pass_piece(passages: PiecePassages, d: DrawnCycles, pose: int, segment: CycleSegment, sample: int):
+    """Note which piece a sample is on; returns the samples since the last one on that piece, 0 if there was none."""
     piece = int(0)
-    if d.tracks[pose].single == 0:
-        piece = way_piece(d.nodes, way.a, way.b)
+    if d.cycles[pose].single == 0:
+        piece = segment_piece(d.nodes, segment.a, segment.b)
     since = int(0)
     if piece >= 0:
-        row = d.tracks[pose].line + piece
+        row = d.cycles[pose].line + piece
         if passages.first[row] < 0:
             passages.first[row] = sample
         else:
@@ -312,7 +312,7 @@ def pass_piece(passages: PiecePassages, d: DrawnTracks, pose: int, way: TrackWay
 
 @wp.func
 def pass_repeated(
-    plan: SamplingPlan, schedule: PoseSchedule, d: DrawnTracks, passages: PiecePassages, pose: int, last: int
+    plan: SamplingPlan, schedule: PoseSchedule, d: DrawnCycles, passages: PiecePassages, pose: int, last: int
 ):
     """Note that the samples of a pose up to the last are on the pieces of the first; most samples between two of them.
 
@@ -321,9 +321,9 @@ def pass_repeated(
     most = int(0)
     if last > 0:
         for focus in range(plan.foci):
-            knot = sample_knot(plan, schedule, d, pose, 0, focus)
-            way = find_way(d.nodes, d.tracks[pose], knot, TrackWay())
-            most = wp.max(most, wp.min(pass_piece(passages, d, pose, way, last), 1))
+            parameter = sample_parameter(plan, schedule, d, pose, 0, focus)
+            segment = find_segment(d.nodes, d.cycles[pose], parameter, CycleSegment())
+            most = wp.max(most, wp.min(pass_piece(passages, d, pose, segment, last), 1))
     return most
 
 
@@ -332,7 +332,7 @@ def _draw_samples(
     # In:
     plan: SamplingPlan,
     schedule: PoseSchedule,
-    d: DrawnTracks,
+    d: DrawnCycles,
     ends: PoseEnds,
     state: SamplerState,
     # Out:
@@ -349,11 +349,11 @@ def _draw_samples(
         return
     count = StepCount()
     rests = plan.pace == STILL and plan.circle_radius == ZERO
-    track = d.tracks[pose]
+    cycle = d.cycles[pose]
     entry = d.entries[pose]
     drawn_before = entry.silent == 0
     previous = wp.zeros(shape=FOCI_MOST, dtype=wp.vec3d)
-    ways = wp.zeros(shape=FOCI_MOST, dtype=TrackWay)
+    segments = wp.zeros(shape=FOCI_MOST, dtype=CycleSegment)
     for focus in range(plan.foci):
         previous[focus] = shown_before(schedule, d, ends, state, pose, focus)
     sample = int(0)
@@ -372,22 +372,22 @@ def _draw_samples(
                 position[row, focus] = position[row - 1, focus]
                 level = level_at(plan, schedule, d, pose, sample, focus)
                 intensity[row, focus] = wp.float32(level * gain * wave)
-        cycle = cycle_knot(plan, track, entry.anchor, entry.index + wp.int64(sample))
+        base = base_parameter(plan, cycle, entry.anchor, entry.index + wp.int64(sample))
         for focus in range(wp.where(rests and sample > 0, 0, plan.foci)):
-            knot = shown_knot(plan, schedule.shown, track, focus_knot(plan, track, cycle, focus))
-            if not is_on(ways[focus], knot):
-                ways[focus] = find_way(d.nodes, track, knot, ways[focus])
-            way = ways[focus]
-            point = point_on(d.nodes, way, knot)
+            parameter = shown_parameter(plan, schedule.shown, cycle, focus_parameter(plan, cycle, base, focus))
+            if not is_on(segments[focus], parameter):
+                segments[focus] = find_segment(d.nodes, cycle, parameter, segments[focus])
+            segment = segments[focus]
+            point = point_on(d.nodes, segment, parameter)
             if plan.circle_radius > ZERO:
                 point += circle_offset(plan, d.pose[pose], number)
             position[row, focus] = to_float32(point)
-            intensity[row, focus] = wp.float32(level_on(d.nodes, way, knot) * gain * wave)
+            intensity[row, focus] = wp.float32(level_on(d.nodes, segment, parameter) * gain * wave)
             length = wp.sqrt(squared(point - previous[focus]))
             if drawn:
                 count = count_move(plan, schedule, d, ends, state, count, pose, sample, focus, length, drawn_before)
             if gain > ZERO:
-                count.absence = wp.max(count.absence, wp.int64(pass_piece(passages, d, pose, way, sample)))
+                count.absence = wp.max(count.absence, wp.int64(pass_piece(passages, d, pose, segment, sample)))
             previous[focus] = point
         drawn_before = drawn
         sample += 1

@@ -1,4 +1,4 @@
-"""What the kernels of sampling share: the strategy as numbers, routes, tracks, and the state that a motion carries.
+"""Structs that the kernels of sampling share: the strategy as numbers, routes, cycles, and the state of a motion.
 
 A motion is sampled span by span. A span has any number of its poses, and begins where the one before ended: what is
 needed of the poses before is the motion's state. So focal points and counts do not depend on how a motion is cut.
@@ -7,14 +7,14 @@ needed of the poses before is the motion's state. So focal points and counts do 
 import warp as wp
 
 ZERO, HALF, ONE, TWO = (wp.constant(wp.float64(value)) for value in (0.0, 0.5, 1.0, 2.0))
-INFINITE = wp.constant(wp.float64(1e300))  # [m]; longer than any way
+INFINITE = wp.constant(wp.float64(1e300))  # [m]; longer than any distance
 SAME_PLACE = wp.constant(wp.float64(1e-24))  # [m^2]
 TINY = wp.constant(wp.float64(1e-30))  # [m^2]; least divisor
 CYCLE_MOST = wp.constant(wp.float64(2.0**53))  # samples; a contour of so many is no contour, but shall not overflow
 SEAM = wp.constant(wp.float64(1e-3))  # of a sample, as in the strategy
 TICKS = wp.constant(wp.float64(1 << 20))  # of a sample: ages are counted in them, as in render/sampling/plan.py
 SPEED, FREQUENCY, CAPPED, STILL = (wp.constant(k) for k in range(4))  # kinds of pace
-AS_GIVEN, REVERSED, BEGUN = (wp.constant(k) for k in range(3))  # ways to draw a piece
+AS_GIVEN, REVERSED, BEGUN = (wp.constant(k) for k in range(3))  # modes of a DrawnPiece
 
 
 @wp.struct
@@ -43,7 +43,7 @@ class SamplingPlan:
     restarts: wp.int32  # continuity "jump"
     plain: wp.int32  # a cycle's duration depends on arc length alone
     shortest: wp.int32  # the route has the shortest jumps; 0: it is as given
-    margin: wp.float64  # share by which the jumps of a kept route may grow
+    margin: wp.float64  # share by which jumps may be longer in the order of the pose before
     closes: wp.int32  # open pieces are closed by their chord
     turns_back: wp.int32  # open pieces are drawn there and back
     returns: wp.int32  # between pieces the focal point runs
@@ -83,44 +83,48 @@ class RouteRows:
     drawn: wp.array[DrawnPiece]  # in the order in which they are drawn; behind them those of the motions' states
     candidate: wp.array[DrawnPiece]  # in the order of the route that was searched for
     span: wp.array[wp.float64]  # length, later duration, of a piece
-    door: wp.array2d[wp.vec3d]  # room for starts that are looked at [m], shape [run, DOORS]
+    start: wp.array2d[wp.vec3d]  # room for candidate starts [m], shape [run, STARTS_MOST]
     room: wp.array[wp.int32]  # room of a search, ROOM a run
     sums: wp.array[wp.float64]  # room of a search [m], SUMS a run
 
 
 @wp.struct
 class DrawnSection:
-    """A part of a track that is passed to and fro an odd number of times before the next one is."""
+    """A part of a cycle that is passed to and fro an odd number of times before the next one is."""
 
-    start: wp.int32  # first node, counted from the track's
+    start: wp.int32  # first node, counted from the cycle's
     stop: wp.int32  # last node
     passes: wp.int32
     corner: wp.int32  # 1: there is one in it
-    begin: wp.float64  # knot
-    scale: wp.float64  # knots that a second takes at the nominal speeds
+    begin: wp.float64  # curve parameter there
+    scale: wp.float64  # by which the nominal duration of each segment is multiplied
 
 
 @wp.struct
-class TrackNodes:
-    """Nodes of the tracks of all poses."""
+class CycleNodes:
+    """Nodes of the cycles of all poses.
 
-    knot: wp.array[wp.float64]  # when each is reached, from 0; with sections how long the way to it takes [s]
+    The curve parameter grows along a cycle as time does: it is the time since the first node at the nominal speeds [s],
+    or the arc length [m] where that alone decides when a node is reached.
+    """
+
+    parameter: wp.array[wp.float64]  # of each node, from 0; with sections the duration of the segment to it [s]
     point: wp.array[wp.vec3d]  # [m]
     intensity: wp.array[wp.float64]  # of length 0 where it is 1 everywhere
     piece: wp.array[wp.int32]  # number of its piece in the route, -1: of none
     pause: wp.array[wp.float64]  # room for the pause there [s]; of length 0 if there is none anywhere
     corner: wp.array[wp.uint8]  # room for whether it is a corner to pause at
-    section: wp.array[DrawnSection]  # of all tracks; of length 0 if there are none
-    stretch: wp.array[wp.float64]  # by which ways on each piece take longer in sections, by the pieces' rows
+    section: wp.array[DrawnSection]  # of all cycles; of length 0 if there are none
+    slowdown: wp.array[wp.float64]  # factor of durations on each piece in sections, by the pieces' rows
 
 
 @wp.struct
-class PoseTrack:
+class PoseCycle:
     """A cycle of focal points over a pose's contours."""
 
     first: wp.int32  # node
     count: wp.int32  # of nodes; 0: nothing is drawn
-    period: wp.float64  # in the unit of the knots
+    period: wp.float64  # in the unit of the curve parameter
     samples: wp.int64  # a cycle
     one_sample: wp.float64  # from a sample to the next, in that unit
     repeat: wp.int64  # samples after which they lie where they lay before
@@ -129,7 +133,7 @@ class PoseTrack:
     single: wp.int32  # 1: every sample is on piece 0
     least: wp.float64  # jumps of the shortest route known [m]
     ordinary: wp.float64  # longest step along it, jumps left out [m]
-    pauses: wp.int32  # ways on which the focal point rests
+    pauses: wp.int32  # segments on which the focal point rests
     sections: wp.int32  # that its nodes are drawn in; 0: they are drawn one after the other
     section: wp.int32  # row of the first section
     line: wp.int32  # row of the first piece
@@ -153,7 +157,7 @@ class PoseSchedule:
 
 @wp.struct
 class FocusPlace:
-    """Where the focal point is, such that it can be found on another track."""
+    """Place of the focal point, described such that it can be found on another cycle."""
 
     drawn: wp.int32  # 1: something has been drawn
     silent: wp.int32  # 1: the last sample was
@@ -168,7 +172,7 @@ class FocusPlace:
 
 @wp.struct
 class PoseEntry:
-    """Where a pose's drawing begins."""
+    """Start of a pose's drawing."""
 
     drawn: wp.int32  # 1: the pose has contours and samples
     again: wp.int32  # 1: it goes on from the span before
@@ -176,16 +180,16 @@ class PoseEntry:
     first: wp.int32  # 1: nothing has been drawn before
     before: wp.int32  # the pose drawn before in this span, -1: none
     found: wp.int32  # 1: drawing goes on from where it was; 0: from the start of the contours
-    anchor: wp.float64  # knot that the samples are counted from
+    anchor: wp.float64  # curve parameter that the samples are counted from
     index: wp.int64  # of the pose's first sample
 
 
 @wp.struct
-class DrawnTracks:
-    """Tracks of all poses, and where drawing begins on each."""
+class DrawnCycles:
+    """Cycles of all poses, and where drawing begins on each."""
 
-    nodes: TrackNodes
-    tracks: wp.array[PoseTrack]
+    nodes: CycleNodes
+    cycles: wp.array[PoseCycle]
     entries: wp.array[PoseEntry]
     pose: wp.array[wp.transformd]  # hand frame -> array frame
     routes: wp.array[DrawnPiece]  # pieces as they are drawn; those of a pose from the row of its first polyline on
@@ -209,11 +213,11 @@ class StepCount:
 
 @wp.struct
 class MotionState:
-    """Where a motion is after a span, and what its samples are counted as."""
+    """State of a motion after a span, and counts of its samples."""
 
     place: FocusPlace
     anchor: wp.float64  # of the pose drawn last, see PoseEntry
-    index: wp.int64  # of the next sample on its track
+    index: wp.int64  # of the next sample on its cycle
     pieces: wp.int32  # in its route
     sizes: wp.int64  # of its polylines, see `sizes_of`
     least: wp.float64  # jumps of the shortest route known [m]
@@ -221,8 +225,8 @@ class MotionState:
     samples: wp.int64
     drawn: wp.int64
     cycles: wp.float64
-    cycles_before: wp.float64  # on tracks before the one under way
-    on_track: wp.int64  # samples on that one
+    cycles_before: wp.float64  # on earlier poses' contours
+    on_cycle: wp.int64  # samples on the current pose's contours
     steps: StepCount
     absence: wp.int64  # most samples from one on a piece that is there from pose to pose to the next on it
 
@@ -253,13 +257,13 @@ def distance(a: wp.vec3d, b: wp.vec3d):
 
 @wp.func
 def part_of(step: wp.vec3d, off: wp.vec3d):
-    """Where on a way the nearest place to a point is, 0..1; off: from the way's start to the point."""
+    """The place on a segment nearest to a point, 0..1; off: from the segment's start to the point [m]."""
     return wp.min(wp.max(wp.dot(off, step) / wp.max(squared(step), TINY), ZERO), ONE)
 
 
 @wp.func
 def without_rounding(step: wp.vec3d, part: wp.float64):
-    """A place on a way, 0..1; one that is an end but for rounding is that end: so a focal point at rest stays there."""
+    """A place on a segment, 0..1; an end but for rounding is that end, so that a focal point at rest stays there."""
     square = squared(step)
     if part * part * square < SAME_PLACE:
         return ZERO

@@ -1,6 +1,6 @@
 """Pieces: polylines of a pose that have a length, as they are drawn, recognised from pose to pose, and entered.
 
-A door is a point at which a piece may be entered.
+A start is a candidate: a point from which a piece may be drawn.
 """
 
 import warp as wp
@@ -27,7 +27,7 @@ from .layout import (
 
 NEARNESS = wp.constant(wp.float64(0.02**2))  # [m^2]; a piece farther from where it was is another: 1.8 m/s at 90 Hz
 MARKS_A_METRE = wp.constant(wp.float64(1e7))  # to which marks are rounded
-DOORS = 258  # most that are looked at: two on each of 128 open pieces
+STARTS_MOST = 258  # candidate starts of all pieces: two on each of 128 open ones
 STARTS_TRIED = wp.constant(16)  # on a loop that is inserted
 NEAR = wp.constant(wp.float64(1e-9))  # [m]; vertices so near to a start are that start
 
@@ -108,13 +108,13 @@ def drawn_level(c: Contours, piece: DrawnPiece, size: int, i: int):
 
 @wp.func
 def start_of(c: Contours, plan: SamplingPlan, piece: DrawnPiece):
-    """Where a piece begins [m]."""
+    """Start of a piece [m]."""
     return drawn_vertex(c, piece, size_of(c, plan, piece.line), 0)
 
 
 @wp.func
 def end_of(c: Contours, plan: SamplingPlan, piece: DrawnPiece):
-    """Where a piece ends [m]: where it begins, if it is a loop or drawn there and back."""
+    """End of a piece [m]: its start, if it is a loop or drawn there and back."""
     if is_loop(c, plan, piece.line) or plan.turns_back == 1:
         return start_of(c, plan, piece)
     size = size_of(c, plan, piece.line)
@@ -173,9 +173,9 @@ def rounded_mark(value: wp.float64):
 
 @wp.func
 def mark_of(c: Contours, plan: SamplingPlan, piece: DrawnPiece):
-    """Middle of a piece and the root of its mean squared distance from there [m], to 1e-7; ways count by their length.
+    """Middle of a piece and the root of its mean squared distance from there [m], to 1e-7, weighted by length.
 
-    A loop that begins between two vertices has one way more, so its mark is not that of the polyline.
+    A loop that begins between two vertices has one segment more, so its mark is not that of the polyline.
     """
     size = size_of(c, plan, piece.line)
     count = drawn_size(c, plan, piece)
@@ -235,13 +235,7 @@ def nearest_mark(mark: wp.vec4d, pieces: wp.array[DrawnPiece], first: int, count
 
 @wp.func
 def match_pieces(
-    c: Contours,
-    plan: SamplingPlan,
-    rows: RouteRows,
-    first: int,
-    count: int,
-    before: int,
-    before_count: int,
+    c: Contours, plan: SamplingPlan, rows: RouteRows, first: int, count: int, before: int, before_count: int
 ):
     """Mark the pieces of a pose and match them with the drawn ones of the pose before; returns how many it had.
 
@@ -272,14 +266,14 @@ def opposite(piece: DrawnPiece):
 
 
 @wp.func
-def begun(c: Contours, plan: SamplingPlan, piece: DrawnPiece, way: int, part: wp.float64):
-    """A loop drawn from a point on: on the way from a vertex to the next, part 0..1."""
+def begun(c: Contours, plan: SamplingPlan, piece: DrawnPiece, segment: int, part: wp.float64):
+    """A loop drawn from a point on a segment on, part 0..1; segment: number of its first vertex."""
     out = piece
     size = size_of(c, plan, piece.line)
-    k = way
+    k = segment
     share = part
     if part >= ONE:
-        k = way + 1
+        k = segment + 1
         share = ZERO
     if share == ZERO and (k == 0 or k == size - 1):
         return out
@@ -309,12 +303,15 @@ def loop_length(c: Contours, line: int, size: int):
 
 
 @wp.func
-def write_doors(c: Contours, plan: SamplingPlan, rows: RouteRows, run: int, line: int, share: int, first: int):
-    """Write the doors of a polyline into the run's room from a place on; returns how many: `share` on a loop."""
+def write_starts(c: Contours, plan: SamplingPlan, rows: RouteRows, run: int, line: int, share: int, first: int):
+    """Write the candidate starts of a polyline into the run's room; returns how many: `share` on a loop, else 2.
+
+    first: where the first one is written.
+    """
     size = size_of(c, plan, line)
-    rows.door[run, first] = vertex(c, line, 0)
+    rows.start[run, first] = vertex(c, line, 0)
     if not is_loop(c, plan, line):
-        rows.door[run, first + 1] = vertex(c, line, size - 1)
+        rows.start[run, first + 1] = vertex(c, line, size - 1)
         return 2
     total = ZERO
     if share > 1:
@@ -334,7 +331,7 @@ def write_doors(c: Contours, plan: SamplingPlan, rows: RouteRows, run: int, line
                 if at != arc:
                     slope = step / (end - arc)
                     point = slope * (at - arc) + a
-                rows.door[run, first + k] = point
+                rows.start[run, first + k] = point
                 k += 1
                 inside = int(1)
         arc = end
@@ -342,70 +339,70 @@ def write_doors(c: Contours, plan: SamplingPlan, rows: RouteRows, run: int, line
 
 
 @wp.func
-def entered_at(c: Contours, plan: SamplingPlan, piece: DrawnPiece, door: int, share: int):
-    """A piece drawn from one of its doors on."""
-    if door == 0:
+def entered_at(c: Contours, plan: SamplingPlan, piece: DrawnPiece, start: int, share: int):
+    """A piece drawn from one of its candidate starts on."""
+    if start == 0:
         return piece
     if not is_loop(c, plan, piece.line):
         return opposite(piece)
     out = piece
     size = size_of(c, plan, piece.line)
-    start = loop_length(c, piece.line, size) * wp.float64(door) / wp.float64(share)
+    begin = loop_length(c, piece.line, size) * wp.float64(start) / wp.float64(share)
     out.mode = BEGUN
     out.before = int(1)
     out.after = int(1)
-    if ZERO >= start - NEAR:
+    if ZERO >= begin - NEAR:
         out.before = int(0)
     arc = ZERO
     for i in range(1, size):
         a = vertex(c, piece.line, i - 1)
         step = vertex(c, piece.line, i) - a
         end = arc + wp.sqrt(squared(step))
-        if end < start - NEAR:
+        if end < begin - NEAR:
             out.before = i + 1
-        if end < start + NEAR:
+        if end < begin + NEAR:
             out.after = i + 1
-        if arc <= start and start < end:
+        if arc <= begin and begin < end:
             out.at = a
             has_levels = c.intensity.shape[0] > 0
             if has_levels:
                 out.level = wp.float64(c.intensity[row_of(c, piece.line, i - 1)])
-            if start != arc:
-                out.at = (step / (end - arc)) * (start - arc) + a
+            if begin != arc:
+                out.at = (step / (end - arc)) * (begin - arc) + a
                 if has_levels:
                     rise = wp.float64(c.intensity[row_of(c, piece.line, i)]) - out.level
-                    out.level = rise / (end - arc) * (start - arc) + out.level
+                    out.level = rise / (end - arc) * (begin - arc) + out.level
         arc = end
     return out
 
 
 @wp.func
-def exit_of(c: Contours, plan: SamplingPlan, line: int, first: int, door: int):
-    """Door at which a piece is left that is entered at one; first: its first door."""
+def exit_of(c: Contours, plan: SamplingPlan, line: int, first: int, start: int):
+    """The candidate at which a piece ends that is drawn from a start on; first: its first candidate."""
     if is_loop(c, plan, line) or plan.turns_back == 1:
-        return door
-    return 2 * first + 1 - door
+        return start
+    return 2 * first + 1 - start
 
 
 @wp.func
 def insertion_of(c: Contours, plan: SamplingPlan, rows: RouteRows, run: int, first: int, count: int, piece: DrawnPiece):
-    """Behind which of the drawn pieces another makes their route least longer, and the door that does."""
-    doors = write_doors(c, plan, rows, run, piece.line, STARTS_TRIED, 0)
+    """The drawn piece behind which another one adds least to the jumps, and the start of the other that does so."""
+    starts = write_starts(c, plan, rows, run, piece.line, STARTS_TRIED, 0)
     least = INFINITE
     best = int(0)
-    best_door = int(0)
+    best_start = int(0)
     for k in range(count):
         end = end_of(c, plan, rows.drawn[first + k])
         following = start_of(c, plan, rows.drawn[first + ((k + 1) % count)])
         direct = distance(end, following)
-        for d in range(doors):
-            to = distance(rows.door[run, d], end)
-            on = distance(rows.door[run, exit_of(c, plan, piece.line, 0, d)], following)
+        for d in range(starts):
+            to = distance(rows.start[run, d], end)
+            on = distance(rows.start[run, exit_of(c, plan, piece.line, 0, d)], following)
             cost = (to + on) - direct
             if plan.pendulum == 1 and k == count - 1:
                 cost = to
             if cost < least:
                 least = cost
                 best = k
-                best_door = d
-    return best, best_door
+                best_start = d
+    return best, best_start

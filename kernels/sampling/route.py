@@ -1,8 +1,8 @@
 """Routes: the order of a pose's pieces, and the start and direction of each, such that jumps are short.
 
-The order of the pose before is kept unless another is shorter by a margin. The search for the shortest route chooses
-an order, and a door of each piece. A place is a piece, or the outside, at no distance from any, where a route that is
-no cycle begins and ends. A route is one door of each place.
+The order of the pose before stays unless another is shorter by a margin. The search for the shortest route chooses an
+order, and one of the candidate starts of each piece. A place is a piece, or the outside, which is at no distance from
+any start; a route that is no cycle begins and ends there. A route is one start of each place.
 """
 
 import warp as wp
@@ -14,7 +14,7 @@ from .layout import (
     ONE,
     ZERO,
     DrawnPiece,
-    PoseTrack,
+    PoseCycle,
     RouteRows,
     SamplingPlan,
     distance,
@@ -33,38 +33,38 @@ from .pieces import (
     size_of,
     start_of,
     vertex,
-    write_doors,
+    write_starts,
 )
 
 PIECES_MOST = wp.constant(128)  # more are drawn in the batch's order
 INSERTED_MOST = wp.constant(16)  # new pieces that are inserted one by one
-JUMP_SLACK = wp.constant(wp.float64(5e-3))  # [m] by which a kept route may be longer whatever its length
+JUMP_SLACK = wp.constant(wp.float64(5e-3))  # [m] by which jumps may be longer in the order of the pose before
 EXACT_MOST = wp.constant(4)  # places; all orders are tried of so many
 SEARCHED_MOST = wp.constant(32)  # pieces; a route through more is not improved
 STARTS = wp.constant(64)  # starts looked at, over all pieces
 GAIN_LEAST = wp.constant(wp.float64(1e-9))  # [m]; a route is not turned for less
-# Sections of a run's room: of each door its place, the door of its way out and that of the other way round; of each
-# place its first door; four routes; the door before each door on the best way to it.
-DOOR_ROOM = 258
+# Sections of a run's room: of each start its place, the candidate at which the piece then ends, and the start of the
+# piece reversed; of each place its first start; four routes; of each start the one before it in the shortest route.
+START_ROOM = 258
 PLACE_ROOM = 131
-PLACE, WAY_OUT, FLIPPED, BACK = (wp.constant(k * DOOR_ROOM) for k in range(4))
-FIRST, ROUTE, TRIAL, BEST, SPARE = (wp.constant(4 * DOOR_ROOM + k * PLACE_ROOM) for k in range(5))
-ROOM = 4 * DOOR_ROOM + 5 * PLACE_ROOM
+PLACE, EXIT, FLIPPED, BACK = (wp.constant(k * START_ROOM) for k in range(4))
+FIRST, ROUTE, TRIAL, BEST, SPARE = (wp.constant(4 * START_ROOM + k * PLACE_ROOM) for k in range(5))
+ROOM = 4 * START_ROOM + 5 * PLACE_ROOM
 ROOM_SIZE = wp.constant(ROOM)
-SUMS = DOOR_ROOM
+SUMS = START_ROOM
 SUMS_SIZE = wp.constant(SUMS)
 
 
 @wp.struct
 class RouteSearch:
-    """The extent of one search for a route: its part of the room, and how many pieces, places and doors it has."""
+    """The extent of one search for a route: its part of the room, and how many pieces, places and starts it has."""
 
     room: int  # start of the run's part of `RouteRows.room`
     sums: int  # of `RouteRows.sums`
     run: wp.int32
     pieces: wp.int32
     places: wp.int32  # pieces, and the outside where the route is no cycle
-    doors: wp.int32
+    starts: wp.int32
 
 
 @wp.func
@@ -81,15 +81,15 @@ def note(rows: RouteRows, s: RouteSearch, section: int, i: int, value: int):
 
 @wp.func
 def jump_between(rows: RouteRows, s: RouteSearch, a: int, b: int):
-    """From the way out of a door to the way in of another [m]."""
-    out = noted(rows, s, WAY_OUT, a)
-    if out < 0 or noted(rows, s, WAY_OUT, b) < 0:
+    """The jump from the end of a piece drawn from one start to another start [m]."""
+    out = noted(rows, s, EXIT, a)
+    if out < 0 or noted(rows, s, EXIT, b) < 0:
         return ZERO
-    return distance(rows.door[s.run, b], rows.door[s.run, out])
+    return distance(rows.start[s.run, b], rows.start[s.run, out])
 
 
 @wp.func
-def open_doors(
+def list_starts(
     c: Contours,
     plan: SamplingPlan,
     rows: RouteRows,
@@ -99,7 +99,7 @@ def open_doors(
     count: int,
     outside: int,
 ):
-    """Write the doors of all places."""
+    """Write the candidate starts of all places."""
     s = RouteSearch()
     s.room = run * ROOM_SIZE
     s.sums = run * SUMS_SIZE
@@ -110,31 +110,31 @@ def open_doors(
     at = int(0)
     for k in range(count):
         line = pieces[first + k].line
-        doors = write_doors(c, plan, rows, run, line, share, at)
+        starts = write_starts(c, plan, rows, run, line, share, at)
         loop = is_loop(c, plan, line)
         note(rows, s, FIRST, k, at)
-        for i in range(doors):
+        for i in range(starts):
             other = at + i
             if not loop:
                 other = at + 1 - i
             note(rows, s, PLACE, at + i, k)
             note(rows, s, FLIPPED, at + i, other)
-            note(rows, s, WAY_OUT, at + i, wp.where(plan.turns_back == 1, at + i, other))
-        at += doors
+            note(rows, s, EXIT, at + i, wp.where(plan.turns_back == 1, at + i, other))
+        at += starts
     if outside == 1:
         note(rows, s, FIRST, count, at)
         note(rows, s, PLACE, at, count)
         note(rows, s, FLIPPED, at, at)
-        note(rows, s, WAY_OUT, at, -1)
+        note(rows, s, EXIT, at, -1)
         at += 1
     note(rows, s, FIRST, s.places, at)
-    s.doors = at
+    s.starts = at
     return s
 
 
 @wp.func
-def reach_doors(rows: RouteRows, s: RouteSearch, before: int, place: int):
-    """The shortest way on from the doors of a place to each door of the next one, and over which of them."""
+def reach_starts(rows: RouteRows, s: RouteSearch, before: int, place: int):
+    """Write the shortest route to each start of a place, and over which start of the place before it leads."""
     for d in range(noted(rows, s, FIRST, place), noted(rows, s, FIRST, place + 1)):
         least = INFINITE
         for h in range(noted(rows, s, FIRST, before), noted(rows, s, FIRST, before + 1)):
@@ -146,10 +146,10 @@ def reach_doors(rows: RouteRows, s: RouteSearch, before: int, place: int):
 
 
 @wp.func
-def best_doors(rows: RouteRows, s: RouteSearch, section: int, best: wp.float64):
-    """Write the doors that make a route of this order shortest into TRIAL, if that is shorter than `best` [m].
+def best_starts(rows: RouteRows, s: RouteSearch, section: int, best: wp.float64):
+    """Write the starts that make a route of this order shortest into TRIAL, if that is shorter than `best` [m].
 
-    section: of a route in that order. Returns the length [m]. By dynamic programming from each door of the first place.
+    section: of a route in that order. Returns the length [m]. Dynamic programming from each start of the first place.
     """
     least = best
     begin = noted(rows, s, PLACE, noted(rows, s, section, 0))
@@ -160,16 +160,16 @@ def best_doors(rows: RouteRows, s: RouteSearch, section: int, best: wp.float64):
             rows.sums[s.sums + d] = jump_between(rows, s, i, d)
         for k in range(2, s.places):
             before = noted(rows, s, PLACE, noted(rows, s, section, k - 1))
-            reach_doors(rows, s, before, noted(rows, s, PLACE, noted(rows, s, section, k)))
+            reach_starts(rows, s, before, noted(rows, s, PLACE, noted(rows, s, section, k)))
         for d in range(noted(rows, s, FIRST, last), noted(rows, s, FIRST, last + 1)):
             length = rows.sums[s.sums + d] + jump_between(rows, s, d, i)
             if length < least:
                 least = length
-                door = int(d)
+                start = int(d)
                 for step in range(1, s.places):
-                    note(rows, s, SPARE, s.places - step, door)
+                    note(rows, s, SPARE, s.places - step, start)
                     if step < s.places - 1:
-                        door = noted(rows, s, BACK, door)
+                        start = noted(rows, s, BACK, start)
                 note(rows, s, SPARE, 0, i)
     if least < best:
         copy_route(rows, s, SPARE, TRIAL)
@@ -185,7 +185,7 @@ def copy_route(rows: RouteRows, s: RouteSearch, source: int, section: int):
 
 @wp.func
 def try_orders(rows: RouteRows, s: RouteSearch):
-    """Find the best doors of up to four places in any order, into BEST."""
+    """Find the best starts of up to four places in any order, into BEST."""
     orders = int(1)
     if s.places == EXACT_MOST:
         orders = int(3)
@@ -199,7 +199,7 @@ def try_orders(rows: RouteRows, s: RouteSearch):
             order = wp.vec4i(0, 2, 1, 3)
         for i in range(s.places):
             note(rows, s, ROUTE, i, noted(rows, s, FIRST, order[i]))
-        length = best_doors(rows, s, ROUTE, least)
+        length = best_starts(rows, s, ROUTE, least)
         if length < least:
             least = length
             copy_route(rows, s, TRIAL, BEST)
@@ -207,18 +207,18 @@ def try_orders(rows: RouteRows, s: RouteSearch):
 
 
 @wp.func
-def nearest_door(rows: RouteRows, s: RouteSearch, door: int, count: int):
-    """The nearest door, from one on, of a place that is not among the first of the route."""
+def nearest_start(rows: RouteRows, s: RouteSearch, start: int, count: int):
+    """The nearest start, from one on, of a place that is not among the first of the route."""
     least = INFINITE
     best = int(-1)
-    for d in range(s.doors):
+    for d in range(s.starts):
         place = noted(rows, s, PLACE, d)
         free = int(1)
         for k in range(count):
             if noted(rows, s, PLACE, noted(rows, s, ROUTE, k)) == place:
                 free = int(0)
         if free == 1:
-            length = jump_between(rows, s, door, d)
+            length = jump_between(rows, s, start, d)
             if length < least or best < 0:  # a jump to a point that is none has no length
                 least = length
                 best = d
@@ -230,8 +230,8 @@ def nearest_route(rows: RouteRows, s: RouteSearch):
     """Write a route: from the shortest jump on, always to the nearest place that is left."""
     least = INFINITE
     start = int(0)
-    for a in range(s.doors):
-        for b in range(s.doors):
+    for a in range(s.starts):
+        for b in range(s.starts):
             if noted(rows, s, PLACE, a) != noted(rows, s, PLACE, b):
                 length = jump_between(rows, s, a, b)
                 if length < least:
@@ -239,12 +239,12 @@ def nearest_route(rows: RouteRows, s: RouteSearch):
                     start = a
     note(rows, s, ROUTE, 0, start)
     for k in range(1, s.places):
-        note(rows, s, ROUTE, k, nearest_door(rows, s, noted(rows, s, ROUTE, k - 1), k))
+        note(rows, s, ROUTE, k, nearest_start(rows, s, noted(rows, s, ROUTE, k - 1), k))
 
 
 @wp.func
-def turn_stretch(rows: RouteRows, s: RouteSearch, i: int, j: int):
-    """Turn the stretch i..j of the route round, and the pieces in it."""
+def reverse_range(rows: RouteRows, s: RouteSearch, i: int, j: int):
+    """Reverse the order of i..j in the route, and each piece in it."""
     a = int(i)
     b = int(j)
     while a <= b:
@@ -256,8 +256,8 @@ def turn_stretch(rows: RouteRows, s: RouteSearch, i: int, j: int):
 
 
 @wp.func
-def gain_of_turn(rows: RouteRows, s: RouteSearch, i: int, j: int):
-    """By how much a route is shorter with its stretch i..j, from 1 on, turned round [m]."""
+def gain_of_reversal(rows: RouteRows, s: RouteSearch, i: int, j: int):
+    """By how much a route is shorter with i..j reversed, from 1 on [m]."""
     before = noted(rows, s, ROUTE, i - 1)
     begin = noted(rows, s, ROUTE, i)
     end = noted(rows, s, ROUTE, j)
@@ -270,7 +270,7 @@ def gain_of_turn(rows: RouteRows, s: RouteSearch, i: int, j: int):
 
 @wp.func
 def uncross(rows: RouteRows, s: RouteSearch):
-    """2-opt: turn stretches of the route round while that shortens it; returns how many were."""
+    """2-opt: reverse ranges of the route while that shortens it; returns how many were."""
     turned = int(0)
     going = int(1)
     while going == 1 and turned < 4 * s.places:
@@ -279,13 +279,13 @@ def uncross(rows: RouteRows, s: RouteSearch):
         best_j = int(1)
         for i in range(1, s.places):
             for j in range(i, s.places):
-                gain = gain_of_turn(rows, s, i, j)
+                gain = gain_of_reversal(rows, s, i, j)
                 if gain > most:
                     most = gain
                     best_i = i
                     best_j = j
         if most > GAIN_LEAST:
-            turn_stretch(rows, s, best_i, best_j)
+            reverse_range(rows, s, best_i, best_j)
             turned += 1
         else:
             going = int(0)
@@ -294,7 +294,7 @@ def uncross(rows: RouteRows, s: RouteSearch):
 
 @wp.func
 def improve_route(rows: RouteRows, s: RouteSearch):
-    """Improve the route by the best doors, and by 2-opt, twice, if not too long for that; returns its length [m]."""
+    """Improve the route by the best starts, and by 2-opt, twice, if not too long for that; returns its length [m]."""
     length = INFINITE
     rounds = int(0)
     while rounds < 2:
@@ -302,7 +302,7 @@ def improve_route(rows: RouteRows, s: RouteSearch):
         if s.pieces <= SEARCHED_MOST:
             turned = uncross(rows, s)
         if turned > 0 or rounds == 0:
-            length = best_doors(rows, s, ROUTE, INFINITE)
+            length = best_starts(rows, s, ROUTE, INFINITE)
             copy_route(rows, s, TRIAL, ROUTE)
         rounds += 1
     return length
@@ -327,7 +327,7 @@ def search_many(rows: RouteRows, s: RouteSearch):
         if k == 0:
             nearest_route(rows, s)
         else:
-            for i in range(s.places):  # in order, each by its first door
+            for i in range(s.places):  # in order, each by its first start
                 note(rows, s, ROUTE, i, noted(rows, s, FIRST, i))
         if k == 1 and s.pieces > SEARCHED_MOST:
             length = length_of(rows, s)
@@ -340,32 +340,24 @@ def search_many(rows: RouteRows, s: RouteSearch):
 
 
 @wp.func
-def search_route(
-    c: Contours,
-    plan: SamplingPlan,
-    rows: RouteRows,
-    run: int,
-    first: int,
-    count: int,
-    outside: int,
-):
+def search_route(c: Contours, plan: SamplingPlan, rows: RouteRows, run: int, first: int, count: int, outside: int):
     """Write the shortest route through 2..128 of the drawn pieces into `candidate`, each as it is drawn."""
-    s = open_doors(c, plan, rows, run, rows.drawn, first, count, outside)
+    s = list_starts(c, plan, rows, run, rows.drawn, first, count, outside)
     if s.places <= EXACT_MOST:
         try_orders(rows, s)
     else:
         search_many(rows, s)
     begin = int(0)  # the outside comes last
     for k in range(s.places):
-        if noted(rows, s, WAY_OUT, noted(rows, s, BEST, k)) < 0:
+        if noted(rows, s, EXIT, noted(rows, s, BEST, k)) < 0:
             begin = k + 1
     share = wp.max(1, STARTS // count)
     for k in range(count):
-        door = noted(rows, s, BEST, (begin + k) % s.places)
-        place = noted(rows, s, PLACE, door)
+        start = noted(rows, s, BEST, (begin + k) % s.places)
+        place = noted(rows, s, PLACE, start)
         piece = rows.drawn[first + place]
         piece.mode = AS_GIVEN
-        entered = entered_at(c, plan, piece, door - noted(rows, s, FIRST, place), share)
+        entered = entered_at(c, plan, piece, start - noted(rows, s, FIRST, place), share)
         rows.candidate[first + k] = entered
 
 
@@ -383,8 +375,8 @@ def jumps_of(c: Contours, plan: SamplingPlan, pieces: wp.array[DrawnPiece], firs
 
 
 @wp.func
-def nearest_way(c: Contours, plan: SamplingPlan, line: int, point: wp.vec3d):
-    """The way of a polyline from vertex to vertex that comes nearest to a point, and where on it, 0..1."""
+def nearest_segment(c: Contours, plan: SamplingPlan, line: int, point: wp.vec3d):
+    """The segment of a polyline nearest to a point, and where on it, 0..1."""
     size = size_of(c, plan, line)
     best = int(0)
     best_part = ZERO
@@ -406,8 +398,8 @@ def nearest_way(c: Contours, plan: SamplingPlan, line: int, point: wp.vec3d):
 def drawn_like(c: Contours, plan: SamplingPlan, piece: DrawnPiece, start: wp.vec3d, end: wp.vec3d):
     """A piece the same way round as between two ends [m]; a loop from the point nearest to the first of them."""
     if is_loop(c, plan, piece.line):
-        way, part = nearest_way(c, plan, piece.line, start)
-        return begun(c, plan, piece, way, part)
+        segment, part = nearest_segment(c, plan, piece.line, start)
+        return begun(c, plan, piece, segment, part)
     size = size_of(c, plan, piece.line)
     a = vertex(c, piece.line, 0)
     b = vertex(c, piece.line, size - 1)
@@ -448,12 +440,12 @@ def insert_new(c: Contours, plan: SamplingPlan, rows: RouteRows, run: int, first
     for k in range(count):
         piece = rows.given[first + k]
         if piece.earlier < 0:
-            place, door = insertion_of(c, plan, rows, run, first, drawn, piece)
+            place, start = insertion_of(c, plan, rows, run, first, drawn, piece)
             i = drawn
             while i > place + 1:
                 rows.drawn[first + i] = rows.drawn[first + i - 1]
                 i -= 1
-            rows.drawn[first + place + 1] = entered_at(c, plan, piece, door, STARTS_TRIED)
+            rows.drawn[first + place + 1] = entered_at(c, plan, piece, start, STARTS_TRIED)
             drawn += 1
 
 
@@ -512,7 +504,7 @@ def lay_route(
     matched: int,
     as_they_come: bool,
     before: int,
-    earlier: PoseTrack,
+    earlier: PoseCycle,
 ):
     """Draw the pieces of a pose; returns the least jumps known [m].
 

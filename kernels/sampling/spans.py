@@ -1,4 +1,4 @@
-"""Spans of motions: contours and poses in, focal points and counts out, on any device, in memory that is kept.
+"""Spans of motions: contours and poses in, focal points and counts out, on any device, in memory that is used again.
 
 A room has the memory, the recorded launches and the motions' states. One motion, pose after pose, is sampled in it
 without taking memory again; a thousand whole motions are sampled in it at once.
@@ -11,29 +11,29 @@ import numpy as np
 import warp as wp
 
 from ..offsets import BLOCK
+from .cycles import PosePieces, _collect_pieces, _lay_cycles, _list_poses
 from .entry import _enter_poses
 from .focus import PiecePassages, PoseEnds, _draw_samples, _find_ends
 from .layout import (
+    CycleNodes,
+    DrawnCycles,
     DrawnPiece,
     DrawnSection,
-    DrawnTracks,
     MotionState,
+    PoseCycle,
     PoseEntry,
     PoseSchedule,
-    PoseTrack,
     RouteRows,
     SamplerState,
     StepCount,
-    TrackNodes,
 )
-from .pieces import DOORS
+from .pieces import STARTS_MOST
 from .route import ROOM, SUMS
 from .sums import _sum_counts
-from .tracks import PosePieces, _collect_pieces, _lay_tracks, _list_poses
 
 REST = (0.0, 0.0, 0.2)  # [m] where focal points of intensity 0 are before there were any
 RUNS_MOST = 16_384  # that are laid at once: the room of a run's searches takes 15 KB
-SPARE = 2  # times what is needed is taken where memory is taken anew, but for the first time
+SPARE = 2  # times what is needed is allocated, but for the first time
 SCHEDULE = {"first": wp.int64, "number": wp.int64, "time": wp.float64, "hold": wp.float64}  # what is not int32
 
 
@@ -46,7 +46,7 @@ class SpanRoom:
     """Memory for spans of motions, and the motions' states.
 
     motion_count: the states begin at rest. foci: focal points a sample. shown: place in a cycle of its points in the
-    order in which they are shown. goes_on: whether further spans follow; else no pieces are kept for them.
+    order in which they are shown. goes_on: whether further spans follow; else their pieces are not stored.
     """
 
     def __init__(self, motion_count: int, foci: int, shown: np.ndarray, device: str, *, goes_on: bool = True) -> None:
@@ -57,7 +57,7 @@ class SpanRoom:
         self._recorded: tuple[Any, Any] = (None, None)  # plan and contours of the launches
         self._counts = 0, 0  # poses and motions of the last span
         self.grown = 0
-        """How often memory was taken."""
+        """Number of allocations so far."""
         self.state = SamplerState()
         states = np.zeros(motion_count, MotionState.numpy_dtype())
         states["place"]["silent"], states["place"]["rested"], states["lost"] = 1, -1.0, 1
@@ -104,13 +104,7 @@ class SpanRoom:
         return self._arrays["position"], self._arrays["intensity"]
 
     def draw_pose(
-        self,
-        plan: Any,
-        contours: Any,
-        pose: np.ndarray,
-        *,
-        line_most: int,
-        **values: float,
+        self, plan: Any, contours: Any, pose: np.ndarray, *, line_most: int, **values: float
     ) -> tuple[wp.array, wp.array]:
         """Draw the next samples of one pose of the only motion, as `draw` does.
 
@@ -160,7 +154,7 @@ class SpanRoom:
         return True
 
     def lay(self, plan: Any, contours: Any, schedule: Mapping[str, np.ndarray]) -> None:
-        """Only lay the tracks of a span's poses; schedule: at least its motions and counts."""
+        """Lay the cycles of a span's poses and draw nothing; schedule: at least its motions and counts."""
         pose_count = len(schedule["count"])
         self._begin(plan, contours, schedule, 0, 0, np.zeros((0, 7)))
         if pose_count > 0:
@@ -184,7 +178,7 @@ class SpanRoom:
             self._record(plan, contours)
 
     def _lay(self, plan: Any, contours: Any, pose_count: int) -> None:
-        """Lay the tracks of all poses: at once those of one piece, then the runs that there are."""
+        """Lay the cycles of all poses: first those of one piece, all at once, then the runs."""
         self._launch("collect", pose_count)
         self._launch("list", pose_count)
         self._launch("single", pose_count)
@@ -198,14 +192,14 @@ class SpanRoom:
             self._launch("runs", min(runs - first, RUNS_MOST))
 
     @property
-    def tracks(self) -> wp.array:
-        """Tracks of the poses of the last span, PoseTrack, in an array that has room for more."""
-        return self._arrays["tracks"]
+    def cycles(self) -> wp.array:
+        """Cycles of the poses of the last span, PoseCycle, in an array that has room for more."""
+        return self._arrays["cycles"]
 
     @property
     def nodes(self) -> tuple[wp.array, wp.array]:
-        """When each node of those tracks is reached, and where [m], in arrays that have room for more."""
-        return self._arrays["knot"], self._arrays["point"]
+        """Curve parameter of each node of those cycles, and its point [m], in arrays that have room for more."""
+        return self._arrays["parameter"], self._arrays["point"]
 
     @property
     def schedule(self) -> Any:
@@ -251,19 +245,19 @@ class SpanRoom:
     def _fit(self, plan: Any, contours: Any, pose_count: int, sample_count: int) -> None:
         """Have memory for a span."""
         points, lines = contours.points.shape[0], contours.polyline_closed.shape[0]
-        kept = lines + self.motion_count * self.state.room
+        drawn_count = lines + self.motion_count * self.state.room
         node_count = plan.passes * (points + 2 * lines) + pose_count * max(plan.sections, 1)
         paused = node_count if has_pauses(plan, contours) else 0
         for name, count, dtype in (
             ("given", lines, DrawnPiece),
-            ("drawn", kept, DrawnPiece),
+            ("drawn", drawn_count, DrawnPiece),
             ("candidate", lines, DrawnPiece),
             ("span", lines, wp.float64),
-            ("stretch", lines if plan.sections > 0 else 0, wp.float64),
+            ("slowdown", lines if plan.sections > 0 else 0, wp.float64),
             ("first", lines, wp.int32),
             ("last", lines, wp.int32),
             ("waits", lines, wp.int64),
-            ("knot", node_count, wp.float64),
+            ("parameter", node_count, wp.float64),
             ("point", node_count, wp.vec3d),
             ("piece", node_count, wp.int32),
             ("level", node_count if contours.intensity is not None else 0, wp.float64),
@@ -272,7 +266,7 @@ class SpanRoom:
             ("section", pose_count * plan.sections, DrawnSection),
             ("piece_count", pose_count, wp.int32),
             ("piece_length", pose_count, wp.float64),
-            ("tracks", pose_count, PoseTrack),
+            ("cycles", pose_count, PoseCycle),
             ("begin", pose_count, wp.int32),
             ("single", pose_count, wp.int32),
             ("runs", 1, wp.int32),
@@ -295,7 +289,7 @@ class SpanRoom:
         """Have memory for the searches of so many runs."""
         self._array("room", runs * ROOM, wp.int32)
         self._array("sums", runs * SUMS, wp.float64)
-        self._array("door", runs, wp.vec3d, DOORS)
+        self._array("start", runs, wp.vec3d, STARTS_MOST)
 
     def _set_schedule(self, schedule: Mapping[str, np.ndarray], pose: np.ndarray | wp.array) -> None:
         """Write the schedule and poses of a span."""
@@ -325,29 +319,31 @@ class SpanRoom:
     def _record(self, plan: Any, contours: Any) -> None:
         """Record the launches of a plan on these contours."""
         own, state, schedule = self._arrays, self.state, self._schedule
-        rows, nodes, pieces, passages, drawn = RouteRows(), TrackNodes(), PosePieces(), PiecePassages(), DrawnTracks()
+        rows, nodes, pieces, passages, drawn = RouteRows(), CycleNodes(), PosePieces(), PiecePassages(), DrawnCycles()
         rows.given, rows.drawn, rows.candidate, rows.span = (own[n] for n in ("given", "drawn", "candidate", "span"))
-        rows.room, rows.sums, rows.door = own["room"], own["sums"], own["door"]
-        nodes.knot, nodes.point, nodes.piece, nodes.section = (own[n] for n in ("knot", "point", "piece", "section"))
+        rows.room, rows.sums, rows.start = own["room"], own["sums"], own["start"]
+        nodes.parameter, nodes.point, nodes.piece, nodes.section = (
+            own[n] for n in ("parameter", "point", "piece", "section")
+        )
         nothing = wp.empty(0, dtype=wp.float64, device=self.device)
         nodes.intensity = own["level"] if contours.intensity is not None else nothing
         nodes.pause = own["pause"] if has_pauses(plan, contours) else nothing
         nodes.corner = own["corner"] if has_pauses(plan, contours) else wp.empty(0, dtype=wp.uint8, device=self.device)
-        nodes.stretch = own["stretch"]
+        nodes.slowdown = own["slowdown"]
         pieces.count, pieces.length = own["piece_count"], own["piece_length"]
         ends = PoseEnds()
         ends.shown, ends.last = own["end_shown"], own["end_last"]
         passages.first, passages.last = own["first"], own["last"]
-        drawn.nodes, drawn.tracks, drawn.entries = nodes, own["tracks"], own["entries"]
+        drawn.nodes, drawn.cycles, drawn.entries = nodes, own["cycles"], own["entries"]
         drawn.pose, drawn.routes = own["pose"], own["drawn"]
-        laid = [rows, nodes, own["tracks"]]
+        laid = [rows, nodes, own["cycles"]]
         given = [contours, plan, schedule, pieces, state, own["single"], own["begin"]]
         for name, kernel, inputs, outputs in (
             ("collect", _collect_pieces, [contours, schedule, state], [rows, pieces, own["runs"]]),
-            ("list", _list_poses, [schedule, pieces, state], [own["tracks"], own["single"], own["begin"], own["runs"]]),
-            ("single", _lay_tracks, [*given, -1], laid),
-            ("runs", _lay_tracks, [*given, 0], laid),
-            ("enter", _enter_poses, [contours, plan, schedule, nodes, own["tracks"]], [state, own["entries"]]),
+            ("list", _list_poses, [schedule, pieces, state], [own["cycles"], own["single"], own["begin"], own["runs"]]),
+            ("single", _lay_cycles, [*given, -1], laid),
+            ("runs", _lay_cycles, [*given, 0], laid),
+            ("enter", _enter_poses, [contours, plan, schedule, nodes, own["cycles"]], [state, own["entries"]]),
             ("ends", _find_ends, [plan, schedule, drawn], [ends, passages]),
             (
                 "draw",

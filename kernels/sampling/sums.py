@@ -8,9 +8,9 @@ from .focus import PiecePassages, PoseEnds
 from .layout import (
     STILL,
     ZERO,
-    DrawnTracks,
+    DrawnCycles,
+    PoseCycle,
     PoseSchedule,
-    PoseTrack,
     SamplerState,
     SamplingPlan,
     StepCount,
@@ -21,11 +21,11 @@ wp.set_module_options(EXACT)
 
 
 @wp.func
-def cycles_within(plan: SamplingPlan, track: PoseTrack, samples: wp.int64):
-    """Cycles that samples on a track are; none of a focal point that stands still."""
+def cycles_within(plan: SamplingPlan, cycle: PoseCycle, samples: wp.int64):
+    """Number of cycles that samples complete; 0 of a focal point that stands still."""
     if plan.pace == STILL:
         return ZERO
-    return wp.float64(wp.int64(track.turns) * samples) / wp.float64(track.repeat)
+    return wp.float64(wp.int64(cycle.turns) * samples) / wp.float64(cycle.repeat)
 
 
 @wp.func
@@ -44,7 +44,7 @@ def add_counts(a: StepCount, b: StepCount):
 
 @wp.func
 def wait_for_pieces(
-    d: DrawnTracks,
+    d: DrawnCycles,
     state: SamplerState,
     passages: PiecePassages,
     waits: wp.array[wp.int64],
@@ -62,13 +62,13 @@ def wait_for_pieces(
     """
     most = wp.int64(1)
     before = d.entries[pose].before
-    for k in range(d.tracks[pose].pieces):
-        row = d.tracks[pose].line + k
+    for k in range(d.cycles[pose].pieces):
+        row = d.cycles[pose].line + k
         since = clock - wp.int64(1)
         earlier = d.routes[row].earlier
         if earlier >= 0 and not lost:
             if before >= 0:
-                since = waits[d.tracks[before].line + earlier]
+                since = waits[d.cycles[before].line + earlier]
             else:
                 since = state.seen[motion * state.room + earlier]
         if passages.first[row] >= 0:
@@ -86,7 +86,7 @@ def _sum_counts(
     c: Contours,
     plan: SamplingPlan,
     schedule: PoseSchedule,
-    d: DrawnTracks,
+    d: DrawnCycles,
     ends: PoseEnds,
     counts: wp.array[StepCount],  # shape [pose]
     passages: PiecePassages,
@@ -106,10 +106,10 @@ def _sum_counts(
         if d.entries[pose].drawn == 1:
             if d.entries[pose].again == 0:
                 out.cycles_before = out.cycles
-                out.on_track = wp.int64(0)
+                out.on_cycle = wp.int64(0)
             out.drawn += samples
-            out.on_track += samples
-            out.cycles = out.cycles_before + cycles_within(plan, d.tracks[pose], out.on_track)
+            out.on_cycle += samples
+            out.cycles = out.cycles_before + cycles_within(plan, d.cycles[pose], out.on_cycle)
             waited = wait_for_pieces(d, state, passages, waits, motion, pose, out.samples, lost, counts[pose].felt)
             out.absence = wp.max(out.absence, wp.max(counts[pose].absence, waited))
             lost = counts[pose].lost == 1
@@ -120,12 +120,12 @@ def _sum_counts(
         pose += 1
     out.lost = wp.where(lost, 1, 0)
     if own >= 0:
-        track = d.tracks[own]
-        out.pieces = wp.min(track.pieces, state.room)  # those that are kept: none if no span follows
+        cycle = d.cycles[own]
+        out.pieces = wp.min(cycle.pieces, state.room)  # those that the state has room for: none if no span follows
         out.sizes = sizes_of(c, own)
-        out.least = track.least
-        for k in range(wp.min(track.pieces, state.room)):
-            row = track.line + k
+        out.least = cycle.least
+        for k in range(wp.min(cycle.pieces, state.room)):
+            row = cycle.line + k
             piece = d.routes[row]
             piece.line -= int(c.pose_start[own])
             state.piece[motion * state.room + k] = piece

@@ -117,13 +117,7 @@ def is_at_rest(skin: SkinSamples, first: int, stop: int):
 
 
 @wp.func
-def box_around(
-    skin: SkinSamples,
-    frame: HandFrame,
-    first: int,
-    stop: int,
-    focus: int,
-):
+def box_around(skin: SkinSamples, frame: HandFrame, first: int, stop: int, focus: int):
     """Least and greatest coordinates of a focal point among samples, where it is drawn [m]."""
     least = wp.vec3d(INFINITE, INFINITE, INFINITE)
     most = -least
@@ -217,10 +211,10 @@ class PickRule:
 
 @wp.struct
 class LookBack:
-    """A walk back in time from a pick, over the visit under way, 0, between visits, 1, or over the one before, 2."""
+    """A walk back in time from a pick, over the latest visit, 0, between visits, 1, or over the one before, 2."""
 
     phase: wp.int32
-    entered: wp.int32  # first sample of the visit under way
+    entered: wp.int32  # first sample of the latest visit
     now: wp.int32  # its moment: the first sample that is nearest to the place
     now_square: wp.float64  # [m^2]
     then: wp.int32  # moment of the visit before
@@ -264,13 +258,7 @@ def pass_rest(schedule: PoseSchedule, skin: SkinSamples, rule: PickRule, look: L
 
 @wp.func
 def pass_samples(
-    schedule: PoseSchedule,
-    skin: SkinSamples,
-    rule: PickRule,
-    before: LookBack,
-    pose: int,
-    last: int,
-    place: wp.vec3d,
+    schedule: PoseSchedule, skin: SkinSamples, rule: PickRule, before: LookBack, pose: int, last: int, place: wp.vec3d
 ):
     """Go on by the samples of a pose from `last` back; box by box, and in boxes nearby one by one."""
     look = before
@@ -300,13 +288,7 @@ def pass_samples(
 
 @wp.func
 def look_back(
-    schedule: PoseSchedule,
-    skin: SkinSamples,
-    rule: PickRule,
-    begin: int,
-    own: int,
-    own_pose: int,
-    place: wp.vec3d,
+    schedule: PoseSchedule, skin: SkinSamples, rule: PickRule, begin: int, own: int, own_pose: int, place: wp.vec3d
 ):
     """Walk back from a sample; begin: first pose of the motion. Phase 4: the visit has lasted for too long."""
     look = LookBack()

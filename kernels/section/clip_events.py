@@ -7,7 +7,7 @@ import warp as wp
 
 from ..offsets import BLOCK
 from ..patch import EXACT
-from .pieces import CLOSED, LEAVE, NO_WRAP, SIDE, UNLISTED, ContourPieces, count_row, list_location, store_listed
+from .pieces import CLOSED, LEAVE, NO_WRAP, SIDE, UNLISTED, ContourPieces, list_location, store_count, store_listed
 from .segment_clipping import segment_of
 from .step_lists import PLACE, StepLists
 
@@ -25,25 +25,25 @@ END = wp.constant(1 << 13)  # the loop is back at its first crossing
 STOP = wp.constant(1 << 14)  # the contour ends at an open edge
 CLEAR = wp.constant(1 << 15)  # in float32 the segment meets no side near a corner or a crossing
 HALF = wp.constant(16)
-EVENTS_MOST = 2**32  # of all rows: kernels count them in 32 bits
+EVENTS_MOST = 2**32  # of all queries: kernels count them in 32 bits
 WINDING = wp.constant(6)  # in `Events.clip`: bits below are those of `ContourPieces.side`, bits above 1 + the winding
 
 
 @wp.struct
 class Events:
-    """Events of each row's section, loop by loop; event k of row r has index r * room + k."""
+    """Events of each query's section, loop by loop; event k of query q has index q * room + k."""
 
-    room: wp.int32  # most events of a row
+    room: wp.int32  # most events of a query
     event: wp.array[wp.vec2i]
-    count: wp.array[wp.int32]  # events of each row, also those beyond its room
+    count: wp.array[wp.int32]  # events of each query, also those beyond its room
     lists: StepLists
-    listed: wp.array[wp.int32]  # length of each row's list, also what is beyond its room, in whole words
+    listed: wp.array[wp.int32]  # length of each query's list, also what is beyond its room, in whole words
     clip: wp.array[wp.uint8]  # how the patch clips a segment (`segment_of`), by the bits CLIP of its event
 
 
 @wp.func_native("""
     if (k < events.room) {
-        const unsigned i = static_cast<unsigned>(row) * static_cast<unsigned>(events.room) + static_cast<unsigned>(k);
+        const unsigned i = static_cast<unsigned>(query) * static_cast<unsigned>(events.room) + static_cast<unsigned>(k);
 #ifdef __CUDA_ARCH__
         asm volatile("st.global.v2.s32 [%0], {%1, %2};" ::"l"(events.event.data + i), "r"(what), "r"(steps) : "memory");
 #else
@@ -51,8 +51,8 @@ class Events:
 #endif
     }
 """)
-def write_event(events: Events, row: int, k: int, what: int, steps: int):
-    """Write event k of a row, if there is room."""
+def write_event(events: Events, query: int, k: int, what: int, steps: int):
+    """Write event k of a query, if there is room."""
 
 
 @wp.func_native("""
@@ -65,7 +65,7 @@ def write_event(events: Events, row: int, k: int, what: int, steps: int):
 #endif
 """)
 def load_pair(event: wp.array[wp.vec2i], pair: int) -> wp.vec4i:
-    """Events 2 pair and 2 pair + 1 of all rows, read with one load on a GPU."""
+    """Events 2 pair and 2 pair + 1 of all queries, read with one load on a GPU."""
 
 
 @wp.func_native("""
@@ -85,11 +85,11 @@ def is_quiet(code_p: int, code_q: int) -> wp.bool:
 
 @wp.struct
 class EventTour:
-    """State of reading a row's events, loop by loop, and the piece that is being read."""
+    """State of reading a query's events, loop by loop, and the piece that is being read."""
 
-    pieces: int  # of the row so far
+    pieces: int  # of the query so far
     winding: int
-    word: int  # with which the list of the loop's steps begins; UNLISTED if the row's list has no room
+    word: int  # with which the list of the loop's steps begins; UNLISTED if the query's list has no room
     passed: int  # steps of the loop so far
     inside: int  # 1 while on a piece
     partial: int  # 1 while on a piece in whose middle the loop begins, or on a closed loop
@@ -119,7 +119,7 @@ def begin_tour(what: int, old: EventTour):
 
 @wp.func
 def end_piece(
-    tour: EventTour, what: int, leave: int, rank: wp.array[wp.int32], events: Events, pieces: ContourPieces, row: int
+    tour: EventTour, what: int, leave: int, rank: wp.array[wp.int32], events: Events, pieces: ContourPieces, query: int
 ):
     """End a piece where it leaves or its loop ends."""
     t = tour
@@ -142,14 +142,14 @@ def end_piece(
             key = CLOSED + rank[t.half]
         location = list_location(t.word, t.first_step, length)
         clear = wp.where((t.clear & last & CLEAR) != 0, 1, 0)
-        store_listed(pieces, row, t.pieces, t.half, last >> HALF, t.enter - 1, by - 1, steps, key, clear, location)
+        store_listed(pieces, query, t.pieces, t.half, last >> HALF, t.enter - 1, by - 1, steps, key, clear, location)
         t.pieces += 1
     return t
 
 
 @wp.func
 def read_event(
-    tour: EventTour, what: int, steps: int, rank: wp.array[wp.int32], events: Events, pieces: ContourPieces, row: int
+    tour: EventTour, what: int, steps: int, rank: wp.array[wp.int32], events: Events, pieces: ContourPieces, query: int
 ):
     """Read one event."""
     if (what & BEGIN) != 0:
@@ -166,7 +166,7 @@ def read_event(
         t.inside = 1
     leave = (clip >> LEAVE) & SIDE
     if t.inside == 1 and (leave != 0 or (what & (END | STOP)) != 0):
-        t = end_piece(t, what, leave, rank, events, pieces, row)
+        t = end_piece(t, what, leave, rank, events, pieces, query)
     return t
 
 
@@ -176,16 +176,16 @@ def _clip_loops(
     events: Events,
     pieces: ContourPieces,
 ):
-    """Find the pieces of each row's section in its events."""
-    row = wp.tid()
-    count = events.count[row]
+    """Find the pieces of each query's section in its events."""
+    query = wp.tid()
+    count = events.count[query]
     tour = EventTour()
     tour.pieces = count  # no more pieces than events
     if count <= events.room:
         tour.pieces = 0
-        tour.word = wp.where(events.listed[row] <= events.lists.steps, 0, UNLISTED)
+        tour.word = wp.where(events.listed[query] <= events.lists.steps, 0, UNLISTED)
         k = int(0)
-        first = row * (events.room / 2)
+        first = query * (events.room / 2)
         pair = wp.vec4i()
         if count > 0:
             pair = load_pair(events.event, first)
@@ -193,12 +193,12 @@ def _clip_loops(
             after = pair
             if k + 2 < count:  # is read before it is needed
                 after = load_pair(events.event, first + (k >> 1) + 1)
-            tour = read_event(tour, pair[0], pair[1], rank, events, pieces, row)
+            tour = read_event(tour, pair[0], pair[1], rank, events, pieces, query)
             if k + 1 < count:
-                tour = read_event(tour, pair[2], pair[3], rank, events, pieces, row)
+                tour = read_event(tour, pair[2], pair[3], rank, events, pieces, query)
             pair = after
             k += 2
-    count_row(pieces, row, tour.pieces, tour.winding)
+    store_count(pieces, query, tour.pieces, tour.winding)
 
 
 @wp.kernel
@@ -222,26 +222,26 @@ def clips_on(device: str) -> wp.array:
 
 
 def clip_events(surface: Any, events: Any, pieces: Any) -> None:
-    """Find the pieces in Events of the same rows; a row with more events than room counts as one with too few slots."""
-    rows, device = events.count.shape[0], events.count.device
-    wp.launch(_clip_loops, rows, inputs=[surface.rank, events], outputs=[pieces], device=device, block_dim=BLOCK)
+    """Find the pieces in Events of the same queries; more events than there is room for count as too few slots."""
+    queries, device = events.count.shape[0], events.count.device
+    wp.launch(_clip_loops, queries, inputs=[surface.rank, events], outputs=[pieces], device=device, block_dim=BLOCK)
 
 
 def room_for_events(count: wp.array, room: int, lists: Any = None) -> Any:
-    """Events with room for so many a row, or one more to have pairs.
+    """Events with room for so many a query, or one more to have pairs.
 
-    count: takes the number of each row's events; lists: takes the steps between them, if any.
+    count: takes the number of each query's events; lists: takes the steps between them, if any.
     """
     events = Events()
-    row_count, device = count.shape[0], count.device
+    query_count, device = count.shape[0], count.device
     room += room % 2
-    if row_count * room >= EVENTS_MOST:
-        raise MemoryError(f"{row_count} rows of {room} events each exceed the limit of {EVENTS_MOST} events")
+    if query_count * room >= EVENTS_MOST:
+        raise MemoryError(f"{query_count} queries of {room} events each exceed the limit of {EVENTS_MOST} events")
     events.room = room
     events.count = count
-    events.event = wp.empty(row_count * room, dtype=wp.vec2i, device=device)
+    events.event = wp.empty(query_count * room, dtype=wp.vec2i, device=device)
     if lists is not None:
         events.lists = lists
-    events.listed = wp.empty(row_count, dtype=wp.int32, device=device)
+    events.listed = wp.empty(query_count, dtype=wp.int32, device=device)
     events.clip = clips_on(str(device))
     return events

@@ -15,9 +15,9 @@ from ..patch import EXACT, Patch, half_extents, output_point, section_frame
 from ..warps import threads_for
 from .half_edges import Surface
 from .joining import COUNT, SLOT, Entries, Joined
-from .listed_drawing import LANE_WORDS, _draw_listed_rows
+from .listed_drawing import LANE_WORDS, _draw_listed_sections
+from .piece_walker import PolylineWriter, draw_section, draw_section_ends
 from .pieces import ContourPieces, section_of, start_of
-from .row_walker import PolylineWriter, draw_row, draw_row_ends
 from .triangle_walk import crossing_at, point_of
 
 wp.set_module_options(EXACT)
@@ -27,28 +27,28 @@ GROUPS_MOST = 2**24  # of lanes that draw; 64 times as many threads have numbers
 
 
 @wp.func
-def write_row(
+def write_section(
     surface: Surface,
     pose: wp.array2d[wp.transform],
     patch: wp.array[Patch],
     pieces: ContourPieces,
     entries: Entries,
-    row: int,
+    query: int,
     bounded: int,
     closes: int,
     section_start: wp.array[wp.int64],
     point_start: wp.array[wp.int64],
     lines: Contours,
 ):
-    """Write a row's polylines by walking its pieces."""
-    section = section_of(pieces, row)
+    """Write a query's polylines by walking its pieces."""
+    section = section_of(pieces, query)
     own = section % patch.shape[0]
     writer = PolylineWriter()
     writer.i = point_start[section]
     writer.line = section_start[section]
     writer.patch = own
     f = section_frame(pose, patch, section)
-    writer = draw_row(surface, f, half_extents(patch[own], bounded), pieces, entries, row, closes, lines, writer)
+    writer = draw_section(surface, f, half_extents(patch[own], bounded), pieces, entries, query, closes, lines, writer)
     if section == section_start.shape[0] - 2:
         lines.polyline_start[section_start[section + 1]] = point_start[section + 1]
 
@@ -68,8 +68,8 @@ def _draw_contours(
     # Out:
     lines: Contours,
 ):
-    """Write each row's polylines."""
-    write_row(surface, pose, patch, pieces, entries, wp.tid(), bounded, closes, section_start, point_start, lines)
+    """Write each query's polylines."""
+    write_section(surface, pose, patch, pieces, entries, wp.tid(), bounded, closes, section_start, point_start, lines)
 
 
 @wp.kernel
@@ -84,15 +84,15 @@ def _draw_rest(
     closes: int,
     section_start: wp.array[wp.int64],
     point_start: wp.array[wp.int64],
-    rest: wp.array[wp.int32],  # rows that `_draw_listed_rows` leaves out
+    rest: wp.array[wp.int32],  # queries that `_draw_listed_sections` leaves out
     rest_count: wp.array[wp.int32],
     # Out:
     lines: Contours,
 ):
-    """Write the polylines of the rows that are left."""
+    """Write the polylines of the queries that are left."""
     if wp.tid() < rest_count[0]:
-        row = rest[wp.tid()]
-        write_row(surface, pose, patch, pieces, entries, row, bounded, closes, section_start, point_start, lines)
+        query = rest[wp.tid()]
+        write_section(surface, pose, patch, pieces, entries, query, bounded, closes, section_start, point_start, lines)
 
 
 @wp.kernel
@@ -110,16 +110,18 @@ def _draw_ends(
     # Out:
     lines: Contours,
 ):
-    """Write each row's polylines but for the points of listed crossings; their places into `ContourPieces.place`."""
-    row = wp.tid()
-    section = section_of(pieces, row)
+    """Write each query's polylines but for the points of listed crossings; their places into `ContourPieces.place`."""
+    query = wp.tid()
+    section = section_of(pieces, query)
     own = section % patch.shape[0]
     writer = PolylineWriter()
     writer.i = point_start[section]
     writer.line = section_start[section]
     writer.patch = own
     f = section_frame(pose, patch, section)
-    writer = draw_row_ends(surface, f, half_extents(patch[own], bounded), pieces, entries, row, closes, lines, writer)
+    writer = draw_section_ends(
+        surface, f, half_extents(patch[own], bounded), pieces, entries, query, closes, lines, writer
+    )
     if section == section_start.shape[0] - 2:
         lines.polyline_start[section_start[section + 1]] = point_start[section + 1]
 
@@ -137,19 +139,19 @@ def _draw_listed(
     # Out:
     points: wp.array[wp.vec3],
 ):
-    """Write the points of the listed crossings of each row's polylines."""
-    row = wp.tid() // lanes
-    lane = wp.tid() - row * lanes
-    while row < entries.count.shape[0]:
-        count = entries.count[row] & COUNT
+    """Write the points of the listed crossings of each query's polylines."""
+    query = wp.tid() // lanes
+    lane = wp.tid() - query * lanes
+    while query < entries.count.shape[0]:
+        count = entries.count[query] & COUNT
         if count > 0:
-            f = pieces.frame[row]
-            side = half_extents(patch[section_of(pieces, row) % patch.shape[0]], bounded)
-            base = start_of(pieces, row)
-            row_start = pieces.row_start[row]
+            f = pieces.frame[query]
+            side = half_extents(patch[section_of(pieces, query) % patch.shape[0]], bounded)
+            base = start_of(pieces, query)
+            query_start = pieces.query_start[query]
             for e in range(count):
                 slot = base + wp.int64(entries.entry[base + wp.int64(e) * pieces.stride] & SLOT) * pieces.stride
-                begin = row_start + wp.int64(pieces.begin[slot])
+                begin = query_start + wp.int64(pieces.begin[slot])
                 place = pieces.place[slot]
                 steps = pieces.steps[slot] // 2
                 k = int(lane)
@@ -158,7 +160,7 @@ def _draw_listed(
                     x = output_point(f, point_of(f, crossing_at(surface, f, half), side))
                     points[place + wp.int64(k)] = x
                     k += lanes
-        row += groups
+        query += groups
 
 
 def draw_contours(
@@ -171,20 +173,20 @@ def draw_contours(
     device = pose.device
     lines = room_for_contours(joined.section_start, joined.polyline_count, joined.point_count)
     launch = partial(wp.launch, device=device, block_dim=BLOCK)
-    for pieces, entries in joined.rows:
+    for pieces, entries in joined.blocks:
         if pieces.lists.words > 0:
-            draw_listed_rows(surface, pose, patch, pieces, entries, joined, lines, bounded=bounded, closes=closes)
+            draw_listed_sections(surface, pose, patch, pieces, entries, joined, lines, bounded=bounded, closes=closes)
             continue
-        row_count, drawn = pieces.count.shape[0], [patch, pieces, entries, int(bounded)]
+        query_count, drawn = pieces.count.shape[0], [patch, pieces, entries, int(bounded)]
         inputs = [surface, pose, *drawn, int(closes), joined.section_start, joined.point_start]
-        launch(_draw_contours if pieces.listed is None else _draw_ends, row_count, inputs=inputs, outputs=[lines])
+        launch(_draw_contours if pieces.listed is None else _draw_ends, query_count, inputs=inputs, outputs=[lines])
         if pieces.listed is not None:
-            lanes, groups = lane_count(device), min(row_count, GROUPS_MOST)
+            lanes, groups = lane_count(device), min(query_count, GROUPS_MOST)
             launch(_draw_listed, groups * lanes, inputs=[surface, *drawn, lanes, groups], outputs=[lines.points])
     return lines
 
 
-def draw_listed_rows(
+def draw_listed_sections(
     surface: Any,
     pose: wp.array,
     patch: wp.array,
@@ -196,15 +198,15 @@ def draw_listed_rows(
     bounded: bool,
     closes: bool,
 ) -> None:
-    """Write rows from listed steps, and those by walking for which that is not enough."""
-    device, row_count = pose.device, pieces.count.shape[0]
-    rest = [wp.empty(row_count, dtype=wp.int32, device=device), wp.zeros(1, dtype=wp.int32, device=device)]
+    """Write queries from listed steps, and those by walking for which that is not enough."""
+    device, query_count = pose.device, pieces.count.shape[0]
+    rest = [wp.empty(query_count, dtype=wp.int32, device=device), wp.zeros(1, dtype=wp.int32, device=device)]
     inputs = [surface, pose, patch, pieces, entries, int(bounded), int(closes)]
     inputs += [joined.section_start, joined.point_start]
     own = wp.empty(LANE_WORDS, dtype=wp.int64, device=device)
     launch = partial(wp.launch, device=device, block_dim=BLOCK)
-    launch(_draw_listed_rows, threads_for(device, row_count), inputs=inputs, outputs=[own, lines, *rest])
-    launch(_draw_rest, row_count, inputs=[*inputs, *rest], outputs=[lines])
+    launch(_draw_listed_sections, threads_for(device, query_count), inputs=inputs, outputs=[own, lines, *rest])
+    launch(_draw_rest, query_count, inputs=[*inputs, *rest], outputs=[lines])
 
 
 def room_for_contours(section_start: wp.array, polyline_count: int, point_count: int) -> Contours:

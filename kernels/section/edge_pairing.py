@@ -109,12 +109,7 @@ def _pair(twin: np.ndarray, one: np.ndarray, two: np.ndarray, tail: np.ndarray) 
 
 
 def _turns(
-    faces: np.ndarray,
-    vertices: np.ndarray,
-    half: np.ndarray,
-    group: np.ndarray,
-    downward: np.ndarray,
-    tolerance: float,
+    faces: np.ndarray, vertices: np.ndarray, half: np.ndarray, group: np.ndarray, downward: np.ndarray, tolerance: float
 ) -> np.ndarray:
     """Rank of each half-edge's triangle by angle around its edge, from one of its triangles; equal if coincident.
 

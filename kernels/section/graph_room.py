@@ -1,4 +1,4 @@
-"""Contours of as many poses each time on a GPU: all launches recorded as one graph, memory kept.
+"""Contours of as many poses each time on a GPU: all launches recorded as one graph, memory reused.
 
 Launching the kernels from Python, taking memory and asking how much is needed take 1.6 to 2.1 ms; a graph is one launch
 and one answer. Numbers of points are not known while it is recorded, so memory has a fixed size, and a batch that needs
@@ -13,7 +13,7 @@ import warp as wp
 from ..offsets import BLOCK
 from ..patch import EXACT
 from .joining import Entries
-from .kept_room import CPU, EXCESS, Launches, Room, RoomSize, first_of
+from .recorded_launches import CPU, EXCESS, Launches, Room, RoomSize, first_of
 
 wp.set_module_options(EXACT)
 
@@ -22,7 +22,7 @@ FITS, POLYLINES, POINTS = range(3)  # answers of a graph
 
 @wp.kernel
 def _sum_up(
-    excess: wp.array[wp.int32],  # rows without room, shape [1]
+    excess: wp.array[wp.int32],  # queries without room, shape [1]
     point_most: wp.int64,
     polyline_start: wp.array[wp.int64],  # offsets of sections, shape [section + 1]
     point_start: wp.array[wp.int64],
@@ -39,7 +39,7 @@ def _sum_up(
 
 
 @wp.kernel
-def _withhold_rows(
+def _withhold_sections(
     # In:
     answer: wp.array[wp.int64],
     patch_count: int,
@@ -50,14 +50,14 @@ def _withhold_rows(
     pose_start: wp.array[wp.int64],  # offsets of poses into polylines, shape [pose + 1]
 ):
     """Leave nothing to be drawn where there is no room; offsets of poses."""
-    row = wp.tid()
+    section = wp.tid()
     if answer[0] == wp.int64(0):
-        polyline_start[row] = wp.int64(0)
-        point_start[row] = wp.int64(0)
-        if row < entries.count.shape[0]:
-            entries.count[row] = 0
-    elif row % patch_count == 0:
-        pose_start[row // patch_count] = polyline_start[row]
+        polyline_start[section] = wp.int64(0)
+        point_start[section] = wp.int64(0)
+        if section < entries.count.shape[0]:
+            entries.count[section] = 0
+    elif section % patch_count == 0:
+        pose_start[section // patch_count] = polyline_start[section]
 
 
 class GraphRoom(Room):
@@ -128,7 +128,12 @@ class GraphRoom(Room):
         outputs = [self._entries, *starts, self._pose_start]
         inputs = [self._answer, self._patch.shape[0]]
         wp.launch(
-            _withhold_rows, self.row_count + 1, inputs=inputs, outputs=outputs, device=self.device, block_dim=BLOCK
+            _withhold_sections,
+            self.query_count + 1,
+            inputs=inputs,
+            outputs=outputs,
+            device=self.device,
+            block_dim=BLOCK,
         )
         self._lines.kind.zero_()
         self._draw.launch()

@@ -240,9 +240,9 @@ def build_scan_path(surface: HalfEdges) -> tuple[np.ndarray, np.ndarray]:
     return np.array(vertices, np.int64), np.array(halves, np.int64)
 
 
-def reduce_groups(function: np.ufunc, rows: np.ndarray, size: int) -> np.ndarray:
-    """Reduce each group of `size` rows by a binary ufunc; ten times as fast as `ufunc.reduce` over a short axis."""
-    return reduce(function, (rows[k::size] for k in range(size)))
+def reduce_groups(function: np.ufunc, values: np.ndarray, size: int) -> np.ndarray:
+    """Reduce each group of `size` values by a binary ufunc; ten times as fast as `ufunc.reduce` over a short axis."""
+    return reduce(function, (values[k::size] for k in range(size)))
 
 
 class Boxes(NamedTuple):

@@ -41,14 +41,14 @@ from .piece_ends import (
     steps_most,
 )
 from .pieces import CLOSED, ContourPieces, enter_side, leave_side, room_of, section_of, start_of
-from .row_planes import PLANE_WORDS, RowPlane, keep_plane, plane_memory, plane_of, start_at
+from .warp_planes import PLANE_WORDS, SectionPlane, keep_plane, plane_memory, plane_of, start_at
 
 wp.set_module_options(EXACT)
 
 BEGIN = wp.constant(1 << 24)  # in an entry: a polyline begins with this piece
 CORNERS = wp.constant(25)  # bits above it: how many corners of the patch follow the piece
 SLOT = wp.constant((1 << 24) - 1)  # bits of the piece's slot
-COUNT = wp.constant((1 << 29) - 1)  # bits of a row's number of entries
+COUNT = wp.constant((1 << 29) - 1)  # bits of a query's number of entries
 WALKED = wp.constant(1 << 29)  # above them: not all points are those that steps, sides and corners have in general
 BOUNDARY = wp.constant(1 << 30)  # above them: the patch's whole boundary follows as a polyline
 
@@ -63,10 +63,10 @@ def number_memory(own: wp.array[wp.int64]) -> wp.uint64:
 
 @wp.struct
 class Entries:
-    """Pieces in the order in which they are drawn; a row's entry e stands where its slot e does."""
+    """Pieces in the order in which they are drawn; a query's entry e stands where its slot e does."""
 
     entry: wp.array[wp.int32]  # slot, BEGIN, corners << CORNERS
-    count: wp.array[wp.int32]  # entries, WALKED, BOUNDARY; shape [row]
+    count: wp.array[wp.int32]  # entries, WALKED, BOUNDARY; shape [query]
     polylines: wp.array[wp.int64]  # of each section, shape [section + 1], the last one stays 0
     points: wp.array[wp.int64]
 
@@ -123,15 +123,17 @@ def loop_steps(pieces: ContourPieces, base: int, first: int, planes: wp.uint64, 
 
 
 @wp.func
-def enter_loop(pieces: ContourPieces, base: int, first: int, kept: bool, ends: PieceEnds, entries: Entries, entry: int):
-    """Mark the pieces of a loop as done, and enter them from entry on if it is kept; returns the next free entry."""
+def enter_loop(
+    pieces: ContourPieces, base: int, first: int, drawn: bool, ends: PieceEnds, entries: Entries, entry: int
+):
+    """Mark the pieces of a loop as done, and enter them from entry on if it is drawn; returns the next free entry."""
     stride = int(pieces.stride)
     n = int(entry)
     slot = int(first)
     while True:
         link = slot_int(ends.link, base + slot * stride)
         set_slot_int(ends.link, base + slot * stride, link | DONE)
-        if kept:
+        if drawn:
             corners = wp.where(corners_after(link) == NO_CORNERS, 0, corners_after(link))
             begin = wp.where(slot == first, BEGIN, 0)
             set_slot_int(entries.entry, base + n * stride, slot | (corners << CORNERS) | begin)
@@ -143,18 +145,18 @@ def enter_loop(pieces: ContourPieces, base: int, first: int, kept: bool, ends: P
 
 
 @wp.func
-def join_row(pieces: ContourPieces, row: int, planes: wp.uint64, closes: int, ends: PieceEnds, entries: Entries):
-    """Order a row's pieces, whose ends are placed; returns its number of entries, of polylines and of points."""
+def join_section(pieces: ContourPieces, query: int, planes: wp.uint64, closes: int, ends: PieceEnds, entries: Entries):
+    """Order a query's pieces, whose ends are placed; returns its number of entries, of polylines and of points."""
     stride = int(pieces.stride)
     base = int(start_at(planes, lane_of_warp()))
-    count = pieces.count[row]
+    count = pieces.count[query]
     lines = int(0)
     points = int(0)
     entry = int(0)
     walked = int(0)
     open_count = int(0)
     if closes == 1:
-        open_count = match_ends(pieces, base, count, pieces.winding[row], ends)
+        open_count = match_ends(pieces, base, count, pieces.winding[query], ends)
     sort_slots(pieces, base, count, BY_KEY, ends, ends.leaving)
     for rank in range(count):
         slot = slot_int(ends.leaving, base + rank * stride)
@@ -167,7 +169,7 @@ def join_row(pieces: ContourPieces, row: int, planes: wp.uint64, closes: int, en
                 lines += 1
                 points += steps[0] - steps[1] + 1
                 walked = wp.where(steps[1] == 0, walked, WALKED)
-    if closes == 1 and open_count == 0 and pieces.winding[row] > 0:
+    if closes == 1 and open_count == 0 and pieces.winding[query] > 0:
         entry = entry | BOUNDARY
         lines += 1
         points += 5
@@ -184,7 +186,7 @@ def place_ends_of_warp(
     total: int,
     ends: PieceEnds,
 ):
-    """Place the ends of all pieces of a warp's rows; firsts: with which number of the warp each row's ends begin."""
+    """Place the ends of all pieces of a warp's queries; firsts: number, in the warp, of each query's first end."""
     k = lane_of_warp()
     while k < total:
         lane = owner_of(firsts, k)
@@ -198,9 +200,9 @@ def place_ends_of_warp(
 
 
 @wp.func
-def write_row(entries: Entries, row: int, section: int, entry: int, lines: int, points: int):
-    """Write a row's number of entries, and its section's number of polylines and points."""
-    entries.count[row] = entry
+def write_section(entries: Entries, query: int, section: int, entry: int, lines: int, points: int):
+    """Write a query's number of entries, and its section's number of polylines and points."""
+    entries.count[query] = entry
     entries.polylines[section] = wp.int64(lines)
     entries.points[section] = wp.int64(points)
 
@@ -210,19 +212,19 @@ def _join_single_pieces(
     pieces: ContourPieces,
     closes: int,  # 1: CC, 0: OC
     entries: Entries,
-    rest: wp.array[wp.int32],  # rows for `_join_pieces`, in any order, shape [row]
-    rest_count: wp.array[wp.int32],  # number of these rows, zero-initialised, shape [1]
+    rest: wp.array[wp.int32],  # queries for `_join_pieces`, in any order, shape [query]
+    rest_count: wp.array[wp.int32],  # number of these queries, zero-initialised, shape [1]
 ):
-    """Join rows with at most one piece if its steps at sides surely have non-zero length; list the others."""
-    row = wp.tid()
-    count = pieces.count[row]
-    inside = closes == 1 and pieces.winding[row] > 0
+    """Join the piece of queries with at most one if its steps at sides surely have non-zero length; list the others."""
+    query = wp.tid()
+    count = pieces.count[query]
+    inside = closes == 1 and pieces.winding[query] > 0
     entry = int(0)
     lines = int(0)
     points = int(0)
     listed = count > 1
     if count == 1:
-        own = int(start_of(pieces, row))
+        own = int(start_of(pieces, query))
         steps = pieces.steps[own] // 2
         corners = int(0)
         listed = pieces.steps[own] & 1 == 0
@@ -244,9 +246,9 @@ def _join_single_pieces(
         lines += 1
         points += 5
     if listed:
-        rest[wp.atomic_add(rest_count, 0, 1)] = row
+        rest[wp.atomic_add(rest_count, 0, 1)] = query
     else:
-        write_row(entries, row, section_of(pieces, row), entry, lines, points)
+        write_section(entries, query, section_of(pieces, query), entry, lines, points)
 
 
 @wp.kernel(launch_bounds=(BLOCK, 12))
@@ -264,26 +266,26 @@ def _join_pieces(
     ends: PieceEnds,  # scratch
     entries: Entries,
 ):
-    """Order each row's pieces, loop by loop, and count polylines and points without steps of zero length.
+    """Order each query's pieces, loop by loop, and count polylines and points without steps of zero length.
 
-    The lanes of a warp share out the pieces of its rows to place their ends.
+    The lanes of a warp share out the pieces of its queries to place their ends.
     """
     lane = lane_of_warp()
-    is_row = wp.tid() < rest_count[0]
-    row = int(0)
+    is_query = wp.tid() < rest_count[0]
+    query = int(0)
     count = int(0)
     planes = plane_memory(own)
     firsts = number_memory(own)
-    plane = RowPlane()
+    plane = SectionPlane()
     section = int(0)
-    if is_row:
-        row = rest[wp.tid()]
-        section = section_of(pieces, row)
-        if pieces.count[row] <= room_of(pieces, row):  # else it has a row with more room elsewhere
-            count = pieces.count[row]
+    if is_query:
+        query = rest[wp.tid()]
+        section = section_of(pieces, query)
+        if pieces.count[query] <= room_of(pieces, query):  # else a later query with more room repeats it
+            count = pieces.count[query]
             plane.f = section_frame(pose, patch, section)
             plane.side = patch[section % patch.shape[0]].half
-            plane.start = start_of(pieces, row)
+            plane.start = start_of(pieces, query)
             keep_plane(planes, lane, plane)
     for slot in range(count):
         i = int(plane.start) + slot * int(pieces.stride)
@@ -293,17 +295,17 @@ def _join_pieces(
     sync_warp()
     place_ends_of_warp(surface, pieces, closes, planes, firsts, numbers[1], ends)
     sync_warp()
-    if is_row:
+    if is_query:
         joined = wp.vec3i()
         if count > 0:
-            joined = join_row(pieces, row, planes, closes, ends, entries)
-        write_row(entries, row, section, joined[0], joined[1], joined[2])
+            joined = join_section(pieces, query, planes, closes, ends, entries)
+        write_section(entries, query, section, joined[0], joined[1], joined[2])
 
 
 class Ordered(NamedTuple):
     """Polylines that are ordered."""
 
-    rows: list[tuple[Any, Any]]  # ContourPieces and Entries
+    blocks: list[tuple[Any, Any]]  # ContourPieces and Entries
     polylines: wp.array  # of each section, int64, shape [section + 1], the last one 0
     points: wp.array  # as polylines
 
@@ -311,7 +313,7 @@ class Ordered(NamedTuple):
 class Joined(NamedTuple):
     """Polylines that are ordered and counted, not yet drawn."""
 
-    rows: list[tuple[Any, Any]]  # ContourPieces and Entries
+    blocks: list[tuple[Any, Any]]  # ContourPieces and Entries
     section_start: wp.array  # offsets of each section's polylines, int64, shape [section + 1]
     point_start: wp.array  # offsets of each section's points
     polyline_count: int
@@ -327,26 +329,26 @@ def order_pieces(surface: Any, found: Iterable[Any], pose: wp.array, patch: wp.a
 
 
 def _order_each(surface: Any, found: Iterable, pose: wp.array, patch: wp.array, closes: bool) -> Iterator[Ordered]:
-    """What is ordered, whenever further pieces are: before a search that goes on is waited for."""
+    """Order pieces as they are found; yields what is ordered so far, before it waits for a search that goes on."""
     sections, device, ordered = pose.shape[0] * patch.shape[0], pose.device, None
     for pieces in found:  # a search may begin here
         ordered = ordered or Ordered([], *(wp.zeros(sections + 1, dtype=wp.int64, device=device) for _ in range(2)))
-        _order_rows(surface, pieces, pose, patch, closes, ordered)
+        _order_block(surface, pieces, pose, patch, closes, ordered)
         yield ordered
 
 
-def _order_rows(surface: Any, pieces: Any, pose: wp.array, patch: wp.array, closes: bool, ordered: Ordered) -> None:
-    """Order the pieces of further rows; memory that only this needs is free again after."""
-    row_count, device = pieces.count.shape[0], pose.device
+def _order_block(surface: Any, pieces: Any, pose: wp.array, patch: wp.array, closes: bool, ordered: Ordered) -> None:
+    """Order the pieces of further queries; memory that only this needs is free again after."""
+    query_count, device = pieces.count.shape[0], pose.device
     launch = partial(wp.launch, device=device, block_dim=BLOCK)
     ends, entries = room_to_join(pieces, device)
     entries.polylines, entries.points = ordered.polylines, ordered.points
     rest, rest_count = wp.empty_like(entries.count), wp.zeros(1, dtype=wp.int32, device=device)
-    launch(_join_single_pieces, row_count, inputs=[pieces, int(closes)], outputs=[entries, rest, rest_count])
+    launch(_join_single_pieces, query_count, inputs=[pieces, int(closes)], outputs=[entries, rest, rest_count])
     inputs = [surface, pieces, pose, patch, int(closes), rest, rest_count]
     outputs = [wp.empty(LANE_WORDS, dtype=wp.int64, device=device), ends, entries]
-    launch(_join_pieces, threads_for(device, row_count), inputs=inputs, outputs=outputs)
-    ordered.rows.append((pieces, entries))
+    launch(_join_pieces, threads_for(device, query_count), inputs=inputs, outputs=outputs)
+    ordered.blocks.append((pieces, entries))
 
 
 def join_pieces(
@@ -354,18 +356,18 @@ def join_pieces(
 ) -> Joined:
     """As `order_pieces`, and count polylines and points.
 
-    Raises PointLimitError, before any memory is taken for them, if there are more points than `limit`.
+    Raises PointLimitError, before any memory is allocated for them, if there are more points than `limit`.
     """
     each = (_offsets(ordered) for ordered in _order_each(surface, found, pose, patch, closes))
-    rows, section_start, point_start, totals = _last_of(each)
+    blocks, section_start, point_start, totals = _last_of(each)
     polyline_count, point_count = (int(total) for total in totals.numpy())
     if limit is not None and point_count > limit:
         raise PointLimitError(point_count, limit)
-    return Joined(rows, section_start, point_start, polyline_count, point_count)
+    return Joined(blocks, section_start, point_start, polyline_count, point_count)
 
 
 def _last_of(each: Iterator[Any]) -> Any:
-    """The last one; those before are not kept. Raises ValueError for none."""
+    """The last one; those before are freed. Raises ValueError for none."""
     last = deque(each, maxlen=1)
     if not last:
         raise ValueError("found has no pieces left: what find_pieces returns can be taken once")
@@ -373,9 +375,9 @@ def _last_of(each: Iterator[Any]) -> Any:
 
 
 def _offsets(ordered: Ordered) -> tuple[list, wp.array, wp.array, wp.array]:
-    """Rows, offsets of each section's polylines and of its points, and both totals, which are not waited for."""
+    """Blocks, offsets of each section's polylines and of its points, and both totals, which are not waited for."""
     starts = offsets_of(ordered.polylines), offsets_of(ordered.points)
-    return ordered.rows, *starts, lasts_of(starts)
+    return ordered.blocks, *starts, lasts_of(starts)
 
 
 def room_to_join(pieces: Any, device: Any) -> tuple[Any, Any]:

@@ -21,7 +21,7 @@ DONE = wp.constant(1 << 30)  # the piece is in a loop that is entered or dropped
 
 @wp.struct
 class PieceEnds:
-    """Ends of a row's open pieces, sorted along the boundary; scratch, by slot."""
+    """Ends of a query's open pieces, sorted along the boundary; scratch, by slot."""
 
     leaving: wp.array[wp.int32]  # piece, in the order of the places where pieces leave; in the end, by key
     entering: wp.array[wp.int32]  # piece, in the order of the places where pieces enter: `Entries.entry`, until entered
@@ -33,7 +33,7 @@ class PieceEnds:
 
 @wp.struct
 class PieceEnd:
-    """Where a piece enters or leaves by a side, on a segment p -> q [m]."""
+    """Point at which a piece enters or leaves by a side, on a segment p -> q [m]."""
 
     p: wp.vec2d
     q: wp.vec2d
@@ -185,15 +185,8 @@ def comes_before(pieces: ContourPieces, a: int, b: int, by: int, ends: PieceEnds
 
 
 @wp.func
-def sort_slots(
-    pieces: ContourPieces,
-    base: int,
-    count: int,
-    by: int,
-    ends: PieceEnds,
-    order: wp.array[wp.int32],
-):
-    """Shell sort of a row's slots, by ends of open pieces only; returns how many there are. For a few it is an
+def sort_slots(pieces: ContourPieces, base: int, count: int, by: int, ends: PieceEnds, order: wp.array[wp.int32]):
+    """Shell sort of a query's slots, by ends of open pieces only; returns how many there are. For a few it is an
     insertion sort."""
     stride = int(pieces.stride)
     n = int(0)

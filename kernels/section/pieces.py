@@ -27,58 +27,60 @@ NO_WRAP = wp.constant((1 << 9) - 1)  # for the length: the piece ends before the
 
 @wp.struct
 class ContourPieces:
-    """Pieces in slots: one row per section; slot s of row r has index start[r] + s * stride."""
+    """Pieces in slots. A query is one section that is searched; slot s of query q has index start[q] + s * stride."""
 
-    section: wp.array[wp.int32]  # section of each row; empty: section of row r = first + r
+    section: wp.array[wp.int32]  # section of each query; empty: section of query q = first + q
     first: int  # 0 unless `section` is empty
-    start: wp.array[wp.int64]  # index of each row's slot 0, shape [row]; empty: start[r] = r
-    room: wp.array[wp.int32]  # number of slots of each row; empty: SLOTS
+    start: wp.array[wp.int64]  # index of each query's slot 0, shape [query]; empty: start[q] = q
+    room: wp.array[wp.int32]  # number of slots of each query; empty: SLOTS
     stride: wp.int64
-    count: wp.array[wp.int32]  # pieces found, also those without a slot, shape [row]
-    winding: wp.array[wp.int32]  # of the solid around the patch's corner 0, shape [row]
-    excess: wp.array[wp.int32]  # number of rows with more pieces than slots, shape [1]
+    count: wp.array[wp.int32]  # pieces found, also those without a slot, shape [query]
+    winding: wp.array[wp.int32]  # of the solid around the patch's corner 0, shape [query]
+    excess: wp.array[wp.int32]  # number of queries with more pieces than slots, shape [1]
     half: wp.array[wp.int32]  # half-edge of the crossing before the piece enters, or of its first crossing inside
     key: wp.array[wp.int32]  # sort key of the pieces of a section: half, or CLOSED + rank
     out: wp.array[wp.int32]  # half-edge of the crossing before the piece leaves
     side: wp.array[wp.int32]  # patch sides by which the piece enters and leaves, and its place in `lists`: see LEAVE
     steps: wp.array[wp.int32]  # 2 * (steps of non-zero length between crossings inside) + 1 if both ends are clear.
     # An end is clear if in float32 it differs from the neighbouring crossings and corners, so steps there are not zero
-    lists: StepLists  # half-edges at which the steps of non-zero length begin, by row; without room if none are listed
+    lists: (
+        StepLists  # half-edges at which the steps of non-zero length begin, by query; without room if none are listed
+    )
     listed: wp.array[wp.int32]  # half-edges at which the steps of non-zero length begin, piece by piece; or empty
-    row_start: wp.array[wp.int64]  # where a row's pieces begin in `listed`, shape [row]
-    begin: wp.array[wp.int32]  # where a piece begins among those of its row
-    frame: wp.array[Frame]  # of each row's section; with `listed`
-    place: wp.array[wp.int64]  # where the first of a piece's listed crossings is drawn, among the points of all rows
+    query_start: wp.array[wp.int64]  # where a query's pieces begin in `listed`, shape [query]
+    begin: wp.array[wp.int32]  # where a piece begins among those of its query
+    frame: wp.array[Frame]  # of each query's section; with `listed`
+    place: wp.array[wp.int64]  # where the first of a piece's listed crossings is drawn, among the points of all queries
 
 
 @wp.func
-def room_of(pieces: ContourPieces, row: int):
-    """Number of slots of a row."""
+def room_of(pieces: ContourPieces, query: int):
+    """Number of slots of a query."""
     if pieces.room.shape[0] == 0:
         return SLOTS
-    return pieces.room[row]
+    return pieces.room[query]
 
 
 @wp.func
-def start_of(pieces: ContourPieces, row: int):
-    """Index of a row's slot 0."""
+def start_of(pieces: ContourPieces, query: int):
+    """Index of a query's slot 0."""
     if pieces.start.shape[0] == 0:
-        return wp.int64(row)
-    return pieces.start[row]
+        return wp.int64(query)
+    return pieces.start[query]
 
 
 @wp.func
-def section_at(section: wp.array[wp.int32], row: int):
-    """Section of a row: see `ContourPieces.section`."""
+def section_at(section: wp.array[wp.int32], query: int):
+    """Section of a query: see `ContourPieces.section`."""
     if section.shape[0] == 0:
-        return row
-    return section[row]
+        return query
+    return section[query]
 
 
 @wp.func
-def section_of(pieces: ContourPieces, row: int):
-    """Section of a row."""
-    return pieces.first + section_at(pieces.section, row)
+def section_of(pieces: ContourPieces, query: int):
+    """Section of a query."""
+    return pieces.first + section_at(pieces.section, query)
 
 
 @wp.func
@@ -101,7 +103,7 @@ def end_side(side: int, end: int):
 
 @wp.func
 def sides_word(enter: int, leave: int, location: int):
-    """What `ContourPieces.side` holds of a piece that enters and leaves by these sides, -1 for none."""
+    """`ContourPieces.side` of a piece that enters and leaves by these sides, -1 for none."""
     return (enter + 1) | ((leave + 1) << LEAVE) | (location << LOCATION)
 
 
@@ -118,7 +120,7 @@ def is_listed(side: int):
 
 
 @wp.func
-def listed_step(pieces: ContourPieces, row: int, i: int, side: int, k: int, last: wp.bool):
+def listed_step(pieces: ContourPieces, query: int, i: int, side: int, k: int, last: wp.bool):
     """Half-edge at which step k of piece i begins, by its `ContourPieces.side`; or if it is the last, `out`."""
     word = (side >> LOCATION) & UNLISTED
     place = ((side >> (LOCATION + LIST)) & NO_WRAP) + k
@@ -126,13 +128,13 @@ def listed_step(pieces: ContourPieces, row: int, i: int, side: int, k: int, last
     if place >= length:
         place -= length
     lists = pieces.lists
-    return listed_half(lists.word, lists.words, row, (word << PLACE) + place, pieces.out, i, last)
+    return listed_half(lists.word, lists.words, query, (word << PLACE) + place, pieces.out, i, last)
 
 
 @wp.func
 def store_piece(
     pieces: ContourPieces,
-    row: int,
+    query: int,
     slot: int,
     half: int,
     out: int,
@@ -143,13 +145,13 @@ def store_piece(
     clear: int,
 ):
     """`store_listed` for a piece that is not listed."""
-    store_listed(pieces, row, slot, half, out, enter, leave, steps, key, clear, UNLISTED)
+    store_listed(pieces, query, slot, half, out, enter, leave, steps, key, clear, UNLISTED)
 
 
 @wp.func
 def store_listed(
     pieces: ContourPieces,
-    row: int,
+    query: int,
     slot: int,
     half: int,
     out: int,
@@ -160,9 +162,9 @@ def store_listed(
     clear: int,
     location: int,
 ):
-    """Store a piece if its row has the slot; clear: 1 if its ends are (`ContourPieces.steps`), 0 if that is unknown."""
-    if slot < room_of(pieces, row):
-        i = start_of(pieces, row) + wp.int64(slot) * pieces.stride
+    """Store a piece if its query has the slot; clear: 1 if its ends are (`ContourPieces.steps`), 0 if unknown."""
+    if slot < room_of(pieces, query):
+        i = start_of(pieces, query) + wp.int64(slot) * pieces.stride
         pieces.half[i] = half
         pieces.out[i] = out
         pieces.key[i] = key
@@ -171,18 +173,18 @@ def store_listed(
 
 
 @wp.func
-def count_row(pieces: ContourPieces, row: int, count: int, winding: int):
-    """Write a row's number of pieces and winding number; count the row in `excess` if it has too few slots."""
-    pieces.count[row] = count
-    pieces.winding[row] = winding
-    if count > room_of(pieces, row):
+def store_count(pieces: ContourPieces, query: int, count: int, winding: int):
+    """Write a query's number of pieces and winding number; count the query in `excess` if it has too few slots."""
+    pieces.count[query] = count
+    pieces.winding[query] = winding
+    if count > room_of(pieces, query):
         wp.atomic_add(pieces.excess, 0, 1)
 
 
 def room_for_sections(section_count: int, device: Any, section: wp.array | None = None) -> Any:
-    """ContourPieces with one row per section and SLOTS slots per row; equal slots of neighbouring rows are adjacent.
+    """ContourPieces with a query per section and SLOTS slots per query; equal slots of all queries are adjacent.
 
-    section: those of the rows if they are not all.
+    section: those of the queries if they are not all.
     """
     pieces = ContourPieces()
     pieces.section = wp.empty(0, dtype=wp.int32, device=device) if section is None else section
@@ -193,23 +195,23 @@ def room_for_sections(section_count: int, device: Any, section: wp.array | None 
 
 
 def room_for_excess(found: Any, device: Any) -> Any:
-    """ContourPieces for the rows of `found` with too few slots; each row gets as many slots as it has pieces."""
+    """ContourPieces for the queries of `found` with too few slots; each query gets as many slots as it has pieces."""
     count = found.count.numpy()
-    row = np.flatnonzero(count > SLOTS)
-    section = row if found.section.shape[0] == 0 else found.section.numpy()[row]
-    start = np.concatenate([[0], np.cumsum(count[row], dtype=np.int64)])
+    query = np.flatnonzero(count > SLOTS)
+    section = query if found.section.shape[0] == 0 else found.section.numpy()[query]
+    start = np.concatenate([[0], np.cumsum(count[query], dtype=np.int64)])
     pieces = ContourPieces()
     pieces.section = wp.array(section.astype(np.int32), device=device)
     pieces.start = wp.array(start[:-1], dtype=wp.int64, device=device)
-    pieces.room = wp.array(count[row], dtype=wp.int32, device=device)
+    pieces.room = wp.array(count[query], dtype=wp.int32, device=device)
     pieces.stride = 1
-    return with_slots(pieces, len(row), int(start[-1]), device)
+    return with_slots(pieces, len(query), int(start[-1]), device)
 
 
-def with_slots(pieces: Any, row_count: int, slot_count: int, device: Any) -> Any:
+def with_slots(pieces: Any, query_count: int, slot_count: int, device: Any) -> Any:
     """Allocate the arrays of `pieces`; returns it."""
-    pieces.count = wp.empty(row_count, dtype=wp.int32, device=device)
-    pieces.winding = wp.empty(row_count, dtype=wp.int32, device=device)
+    pieces.count = wp.empty(query_count, dtype=wp.int32, device=device)
+    pieces.winding = wp.empty(query_count, dtype=wp.int32, device=device)
     pieces.excess = wp.zeros(1, dtype=wp.int32, device=device)
     for field in ("half", "out", "key", "side", "steps"):
         setattr(pieces, field, wp.empty(slot_count, dtype=wp.int32, device=device))

@@ -1,8 +1,8 @@
 """Scan search, for small surfaces: test every scanned edge, then walk every loop in the plane once.
 
 The walk lists the segments that clipping must test, and another kernel clips them: all lanes of a GPU walk alike, but
-clipping diverges and would make the other lanes wait. Closed surfaces are scanned and walked in float32 (`rough_scan`,
-`rough_walk`), and the few rows for which that is not exact enough in float64.
+clipping diverges and would make the other lanes wait. Closed surfaces are scanned and walked in
+float32 (`float32_scan`, `float32_walk`), and the few queries for which that is not exact enough in float64.
 """
 
 from functools import partial
@@ -28,7 +28,7 @@ from ..patch import (
     output_point,
     section_frame,
 )
-from ..warps import first_places, in_step, take_place, taking_lanes, warp_votes_of
+from ..warps import claim_place, claiming_lanes, first_places, in_step, warp_votes_of
 from .clip_events import (
     BEGIN,
     CLEAR,
@@ -43,10 +43,10 @@ from .clip_events import (
     write_event,
 )
 from .edge_pairing import OPEN
+from .float32_scan import Scans, fetch_words, held, held_vec3, is_marked, mark, room_for_scans, scan_in_float32
+from .float32_walk import ENDED, REST, Float32Frame, Float32Walk, begin_loop, float32_frame, is_walking, step_in_float32
 from .half_edges import MASK_WORDS, Surface
 from .pieces import section_at
-from .rough_scan import Scans, fetch_words, held, held_vec3, is_marked, mark, room_for_scans, scan_roughly
-from .rough_walk import ENDED, REST, RoughFrame, RoughWalk, begin_loop, is_walking, rough_frame, step_roughly
 from .segment_clipping import corners_left, needs_left
 from .step_lists import end_list, list_half
 from .triangle_walk import Crossing, chain_start, crossing_after, crossing_at, link_of, load_vec4, point_of, vertex_of
@@ -55,14 +55,14 @@ wp.set_module_options(EXACT)
 
 LISTED = 32  # scanned crossings that one scan lists; a further scan lists the next ones
 WALK_BLOCKS = 10  # that walk at once on a processor; more have too few registers, and spill into the cache of edges
-FEW_WALK = wp.constant(16)  # lanes of a warp: if no more are walking, the others take rows
+FEW_WALK = wp.constant(16)  # lanes of a warp: if no more are walking, the others claim queries
 
 
 @wp.struct
 class ScanResult:
     """Scanned crossings found by a scan along the scan path."""
 
-    kept: int  # number of listed ones
+    listed: int  # number of listed ones
     step: int  # step of the last listed one
     count: int  # number of all
 
@@ -77,9 +77,9 @@ def scan_crossings(surface: Surface, f: Frame, g: Coarse, start: int, halves: wp
         if side != was:
             half = surface.scan_path_half[i][wp.where(was, 0, 1)]
             if half != OPEN:
-                if found.kept < LISTED:
-                    halves[found.kept] = half
-                    found.kept += 1
+                if found.listed < LISTED:
+                    halves[found.listed] = half
+                    found.listed += 1
                     found.step = i
                 found.count += 1
         was = side
@@ -92,7 +92,7 @@ class Walk:
 
     events: int  # number of events
     scanned: int  # scanned crossings passed
-    listed: int  # steps of the row that are listed so far, and of the loops before
+    listed: int  # steps of the query that are listed so far, and of the loops before
     ended: int  # 1 if it ended at an open edge, so it is a chain and no loop
 
 
@@ -108,7 +108,7 @@ class CrossingPoint:
 
 
 @wp.func
-def rough_point(g: Coarse, c: Crossing, side: wp.vec2d):
+def point_if_clear(g: Coarse, c: Crossing, side: wp.vec2d):
     """The point of a crossing; its outcode is right if it is clear."""
     t = CrossingPoint()
     t.d = c.upper[2] - c.lower[2]
@@ -128,7 +128,7 @@ def rough_point(g: Coarse, c: Crossing, side: wp.vec2d):
 @wp.func
 def crossing_point(f: Frame, g: Coarse, c: Crossing, side: wp.vec2d):
     """The point of a crossing; if it may be flush with a side, which is not clear, `point_of` gives the outcode."""
-    t = rough_point(g, c, side)
+    t = point_if_clear(g, c, side)
     if t.clear == 0:
         near = (f.flush + ON) * t.d
         if wp.abs(wp.abs(t.x) - side[0] * t.d) <= near or wp.abs(wp.abs(t.y) - side[1] * t.d) <= near:
@@ -155,20 +155,20 @@ def walk_loop(
     chain: bool,
     mask: wp.array[wp.uint32],
     events: Events,
-    row: int,
+    query: int,
     start: int,
     listed: int,
 ):
     """Walk from a crossing around its loop, or to the end of its chain; writes events from number `start` on.
 
     A segment is an event unless it stays inside, or stays outside without winding around the patch (`is_quiet`).
-    listed: with which number of the row's list the steps' half-edges begin.
+    listed: number, in the query's list, of the first step's half-edge.
     """
     out = Walk()
     c = crossing_at(surface, f, half)
     p = crossing_point(f, g, c, side)
     begin = wp.where(chain, BEGIN | STOP, BEGIN)
-    write_event(events, row, start, (half << HALF) | begin | (p.code << FROM) | p.code, 0)
+    write_event(events, query, start, (half << HALF) | begin | (p.code << FROM) | p.code, 0)
     out.events = 1
     if chain:
         out.scanned = 1
@@ -190,7 +190,7 @@ def walk_loop(
         if (p.code | q.code) == 0:
             if moves(f, g, side, c, p, n, q):
                 steps += 1
-                word = list_half(events.lists, row, k, word, c.half, True)
+                word = list_half(events.lists, query, k, word, c.half, True)
                 k += 1
         if last != 0 or not is_quiet(p.code, q.code):
             what = (c.half << HALF) | last | (p.code << FROM) | q.code
@@ -198,14 +198,14 @@ def walk_loop(
                 what |= corners_left(point_of(f, c, side), point_of(f, n, side), side) << CORNERS
             else:
                 what |= p.clear & q.clear
-            write_event(events, row, start + out.events, what, steps)
+            write_event(events, query, start + out.events, what, steps)
             out.events += 1
             steps = 0
         c = n
         p = q
     if last == STOP:
         out.ended = 1
-    out.listed = end_list(events.lists, row, k, word)
+    out.listed = end_list(events.lists, query, k, word)
     return out
 
 
@@ -216,43 +216,43 @@ def _scan_sections(
     pose: wp.array2d[wp.transform],  # of the hand or of each patch -> array frame, shape [pose, 1 or patch]
     patch: wp.array[Patch],
     bounded: int,  # 0: the whole plane
-    section: wp.array[wp.int32],  # of each row; empty if rows are sections
+    section: wp.array[wp.int32],  # of each query; empty if queries are sections
     # Out:
     scans: Scans,
-    event_count: wp.array[wp.int32],  # 0 for rows whose planes miss the surface, shape [row]
-    doubtful: wp.array[wp.int32],  # rows that need float64, in any order, shape [row]
+    event_count: wp.array[wp.int32],  # 0 for queries whose planes miss the surface, shape [query]
+    doubtful: wp.array[wp.int32],  # queries that need float64, in any order, shape [query]
     doubtful_count: wp.array[wp.int32],  # zero-initialised, shape [1]
 ):
-    """Scan the scan path for each row's plane, if the surface is closed; list the rows that must be walked."""
-    row = wp.tid()
+    """Scan the scan path for each query's plane, if the surface is closed; list the queries that must be walked."""
+    query = wp.tid()
     sure = surface.is_open == 0
     crossings = int(0)
     if sure:
-        own = section_at(section, row)
+        own = section_at(section, query)
         side = half_extents(patch[own % patch.shape[0]], bounded)
         g = coarse_frame(section_frame(pose, patch, own), side, surface.reach)
         unsure = held(g.unsure)
-        found = scan_roughly(surface, held_vec3(g.n), held(g.distance), scans, row)
+        found = scan_in_float32(surface, held_vec3(g.n), held(g.distance), scans, query)
         sure = found.least > unsure
         crossings = found.count
     if not sure:
-        doubtful[wp.atomic_add(doubtful_count, 0, 1)] = row
+        doubtful[wp.atomic_add(doubtful_count, 0, 1)] = query
     elif crossings > 0:
-        scans.listed[wp.atomic_add(scans.count, 0, 1)] = wp.vec2i(row, crossings)
+        scans.listed[wp.atomic_add(scans.count, 0, 1)] = wp.vec2i(query, crossings)
     else:
-        event_count[row] = 0
+        event_count[query] = 0
 
 
 @wp.func
-def finish_row(walk: RoughWalk, events: Events, doubtful: wp.array[wp.int32], doubtful_count: wp.array[wp.int32]):
-    """Leave the row of a walk; returns whether another loop of it is to be walked instead."""
+def finish_section(walk: Float32Walk, events: Events, doubtful: wp.array[wp.int32], doubtful_count: wp.array[wp.int32]):
+    """End the query of a walk; returns whether another loop of it is to be walked instead."""
     if walk.steps >= 0 and walk.events >= REST:
         return False
     if walk.steps >= 0:
-        events.count[walk.row] = walk.events
-        events.listed[walk.row] = end_list(events.lists, walk.row, walk.listed, walk.word)
+        events.count[walk.query] = walk.events
+        events.listed[walk.query] = end_list(events.lists, walk.query, walk.listed, walk.word)
     else:
-        doubtful[wp.atomic_add(doubtful_count, 0, 1)] = walk.row
+        doubtful[wp.atomic_add(doubtful_count, 0, 1)] = walk.query
     return True
 
 
@@ -270,41 +270,41 @@ def _walk_loops(
     doubtful: wp.array[wp.int32],
     doubtful_count: wp.array[wp.int32],
 ):
-    """Walk around all loops of the listed rows. A lane that is done takes another row, once there are several such."""
+    """Walk around all loops of the listed queries. Lanes that are done claim others, once there are several."""
     count = scans.count[0]
     ours = first_places(wp.tid())
-    g = RoughFrame()
-    walk = RoughWalk()
-    walk.row = OPEN
+    g = Float32Frame()
+    walk = Float32Walk()
+    walk.query = OPEN
     walk.steps = ENDED
     works = bool(True)
     while works:
-        if walk.row != OPEN and not is_walking(walk):
-            if finish_row(walk, events, doubtful, doubtful_count):
-                walk.row = OPEN
-        place = take_place(walk.row == OPEN, ours, scans.taken, count)
+        if walk.query != OPEN and not is_walking(walk):
+            if finish_section(walk, events, doubtful, doubtful_count):
+                walk.query = OPEN
+        place = claim_place(walk.query == OPEN, ours, scans.claimed, count)
         ours = wp.vec2i(place[1], place[2])
         if place[0] != OPEN:
-            walk.row = scans.listed[place[0]][0]
+            walk.query = scans.listed[place[0]][0]
             walk.events = REST * scans.listed[place[0]][1]
             walk.listed = 0
-            own = section_at(section, walk.row)
+            own = section_at(section, walk.query)
             side = half_extents(patch[own % patch.shape[0]], bounded)
-            g = rough_frame(section_frame(pose, patch, own), side, surface.reach)
-            walk.words = fetch_words(surface, scans, walk.row)
-        if walk.row != OPEN and not is_walking(walk):
+            g = float32_frame(section_frame(pose, patch, own), side, surface.reach)
+            walk.words = fetch_words(surface, scans, walk.query)
+        if walk.query != OPEN and not is_walking(walk):
             walk = begin_loop(surface, g, events, walk)
         few = wp.where(ours[0] < count, FEW_WALK, 0)
         while warp_votes_of(is_walking(walk))[1] > few:
-            walk = step_roughly(surface, g, events, walk)
+            walk = step_in_float32(surface, g, events, walk)
             if in_step():  # lanes vote after every second step
-                walk = step_roughly(surface, g, events, walk)
-        works = warp_votes_of(walk.row != OPEN)[1] > 0
+                walk = step_in_float32(surface, g, events, walk)
+        works = warp_votes_of(walk.query != OPEN)[1] > 0
 
 
 @wp.func
-def walk_all_loops(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, events: Events, row: int):
-    """Walk around all loops of a row; returns the row's number of events."""
+def walk_all_loops(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, events: Events, query: int):
+    """Walk around all loops of a query; returns the query's number of events."""
     halves = wp.zeros(shape=LISTED, dtype=wp.int32)
     mask = wp.zeros(shape=MASK_WORDS, dtype=wp.uint32)
     found = scan_crossings(surface, f, g, 0, halves)
@@ -313,23 +313,23 @@ def walk_all_loops(surface: Surface, f: Frame, g: Coarse, side: wp.vec2d, events
     scanned = int(0)
     listed = int(0)
     k = int(0)
-    while scanned < total and found.kept > 0:
-        if k == found.kept:
+    while scanned < total and found.listed > 0:
+        if k == found.listed:
             found = scan_crossings(surface, f, g, found.step, halves)
             k = 0
-        while k < found.kept and is_marked(mask, surface.rank[halves[k]]):
+        while k < found.listed and is_marked(mask, surface.rank[halves[k]]):
             k += 1
-        if k < found.kept:
+        if k < found.listed:
             half = halves[k]
             chain = link_of(load_vec4(surface.corner, half)) == OPEN
-            walk = walk_loop(surface, f, g, side, half, chain, mask, events, row, count, listed)
+            walk = walk_loop(surface, f, g, side, half, chain, mask, events, query, count, listed)
             if walk.ended == 1 and not chain:
                 half = chain_start(surface, f, half)
-                walk = walk_loop(surface, f, g, side, half, True, mask, events, row, count, listed)
+                walk = walk_loop(surface, f, g, side, half, True, mask, events, query, count, listed)
             count += walk.events
             scanned += walk.scanned
             listed = walk.listed
-    events.listed[row] = listed
+    events.listed[query] = listed
     return count
 
 
@@ -346,14 +346,14 @@ def _walk_doubtful_loops(
     # Out:
     events: Events,
 ):
-    """Walk in float64 around all loops of rows that float32 cannot decide, and around those of an open surface."""
+    """Walk in float64 around all loops of queries that float32 cannot decide, and around those of an open surface."""
     if wp.tid() < doubtful_count[0]:
-        row = doubtful[wp.tid()]
-        own = section_at(section, row)
+        query = doubtful[wp.tid()]
+        own = section_at(section, query)
         f = section_frame(pose, patch, own)
         side = half_extents(patch[own % patch.shape[0]], bounded)
         g = coarse_frame(f, side, surface.reach)
-        events.count[row] = walk_all_loops(surface, f, g, side, events, row)
+        events.count[query] = walk_all_loops(surface, f, g, side, events, query)
 
 
 def walk_sections(
@@ -368,19 +368,19 @@ def walk_sections(
 ) -> Any:
     """Walk the loops of sections of a surface that has a scan path; returns their Events.
 
-    section: those of the rows, None for all; lists: StepLists of the rows, if any; room: most events of a row.
+    section: those of the queries, None for all; lists: StepLists of the queries, if any; room: most events of a query.
     """
     device = pose.device
-    row_count = pose.shape[0] * patch.shape[0] if section is None else section.shape[0]
+    query_count = pose.shape[0] * patch.shape[0] if section is None else section.shape[0]
     launch = partial(wp.launch, device=device, block_dim=BLOCK)
     counters = wp.zeros(3, dtype=wp.int32, device=device)
-    scans = room_for_scans(surface, row_count, counters, device)
-    doubts = [wp.empty(row_count, dtype=wp.int32, device=device), counters[2:]]
-    count = wp.empty(row_count, dtype=wp.int32, device=device)
+    scans = room_for_scans(surface, query_count, counters, device)
+    doubts = [wp.empty(query_count, dtype=wp.int32, device=device), counters[2:]]
+    count = wp.empty(query_count, dtype=wp.int32, device=device)
     inputs = [surface, pose, patch, int(bounded), section]
-    launch(_scan_sections, row_count, inputs=inputs, outputs=[scans, count, *doubts])
+    launch(_scan_sections, query_count, inputs=inputs, outputs=[scans, count, *doubts])
     events = room_for_events(count, room, lists)
-    lanes = taking_lanes(device, row_count, WALK_BLOCKS)
+    lanes = claiming_lanes(device, query_count, WALK_BLOCKS)
     launch(_walk_loops, lanes, inputs=[*inputs, scans], outputs=[events, *doubts])
-    launch(_walk_doubtful_loops, row_count, inputs=[*inputs, *doubts], outputs=[events])
+    launch(_walk_doubtful_loops, query_count, inputs=[*inputs, *doubts], outputs=[events])
     return events

@@ -10,8 +10,8 @@ from ..offsets import BLOCK
 from ..patch import EXACT, Patch, half_extents, section_frame
 from .half_edges import Surface
 from .joining import Entries, Ordered
+from .piece_walker import LengthAccumulator, add_section
 from .pieces import ContourPieces, section_of
-from .row_walker import LengthAccumulator, add_row
 
 wp.set_module_options(EXACT)
 
@@ -22,8 +22,8 @@ def _tally_pieces(
     surface: Surface,
     pose: wp.array2d[wp.transform],
     patch: wp.array[Patch],
-    own: int,  # the patch whose rows are added
-    whole: int,  # 1: rows are all sections, and only those of the patch are launched
+    own: int,  # the patch whose queries are added
+    whole: int,  # 1: queries are all sections, and only those of the patch are launched
     pieces: ContourPieces,
     entries: Entries,
     bounded: int,  # 0: the whole plane
@@ -31,13 +31,13 @@ def _tally_pieces(
     # Out:
     total: wp.array2d[wp.float64],  # by kind [m], twice the area that CC encloses [m^2]; goes on, shape [pose, 3]
 ):
-    """Add what a row's polylines come to to its pose; launched patch by patch, which is their order."""
-    row = wp.tid()
+    """Add the lengths of a query's polylines to its pose's; launched patch by patch, which is their order."""
+    query = wp.tid()
     if whole == 1:
-        row = row * patch.shape[0] + own
-    if entries.count[row] == 0:
+        query = query * patch.shape[0] + own
+    if entries.count[query] == 0:
         return
-    section = section_of(pieces, row)
+    section = section_of(pieces, query)
     if section % patch.shape[0] != own:
         return
     at = section // patch.shape[0]
@@ -45,7 +45,7 @@ def _tally_pieces(
     sums.outline = total[at, 0]
     sums.side = total[at, 1]
     f = section_frame(pose, patch, section)
-    sums = add_row(surface, f, half_extents(patch[own], bounded), pieces, entries, row, closes, closes, sums)
+    sums = add_section(surface, f, half_extents(patch[own], bounded), pieces, entries, query, closes, closes, sums)
     total[at, 0] = sums.outline
     if closes == 1:
         total[at, 1] = sums.side
@@ -93,11 +93,11 @@ def tally_pieces(
     launch = partial(wp.launch, device=device, block_dim=BLOCK)
     total = wp.zeros((pose_count, 3), dtype=wp.float64, device=device)
     for own in range(patch_count):
-        for pieces, entries in ordered.rows:  # a section has entries in one row only
-            row_count, whole = pieces.count.shape[0], pieces.count.shape[0] == pose_count * patch_count
+        for pieces, entries in ordered.blocks:  # a section has entries in one block only
+            query_count, whole = pieces.count.shape[0], pieces.count.shape[0] == pose_count * patch_count
             whole = whole and not pieces.section
             inputs = [surface, pose, patch, own, int(whole), pieces, entries, int(bounded), int(closes)]
-            launch(_tally_pieces, pose_count if whole else row_count, inputs=inputs, outputs=[total])
+            launch(_tally_pieces, pose_count if whole else query_count, inputs=inputs, outputs=[total])
     inputs = [total, ordered.polylines, patch_count, int(closes)]
     launch(_write_poses, pose_count, inputs=inputs, outputs=[value, length])
 

@@ -23,10 +23,10 @@ from .half_edges import LEAF, Surface
 from .pieces import (
     CLOSED,
     ContourPieces,
-    count_row,
     room_for_excess,
     room_for_sections,
     section_of,
+    store_count,
     store_piece,
 )
 from .segment_clipping import NONE, corners_left, segment_of, winding_step
@@ -156,7 +156,7 @@ class TreeResult:
 
 @wp.func
 def piece_from(
-    surface: Surface, f: Frame, side: wp.vec2d, half: int, enter: int, pieces: ContourPieces, row: int, slot: int
+    surface: Surface, f: Frame, side: wp.vec2d, half: int, enter: int, pieces: ContourPieces, query: int, slot: int
 ):
     """Walk an open piece from where it enters or starts, and store it; returns the scanned crossings inside, passed."""
     c = crossing_at(surface, f, half)
@@ -186,12 +186,12 @@ def piece_from(
     leave = int(NONE)
     if code_q != 0:
         leave = segment_of(code, code_q, corners_left(p, q, side)).leave
-    store_piece(pieces, row, slot, half, out, enter, leave, steps, half, 0)
+    store_piece(pieces, query, slot, half, out, enter, leave, steps, half, 0)
     return passed
 
 
 @wp.func
-def loop_from(surface: Surface, f: Frame, side: wp.vec2d, half: int, pieces: ContourPieces, row: int, slot: int):
+def loop_from(surface: Surface, f: Frame, side: wp.vec2d, half: int, pieces: ContourPieces, query: int, slot: int):
     """Walk a loop that never leaves the patch, and store it; returns the scanned crossings passed."""
     c = crossing_at(surface, f, half)
     x = output_point(f, point_of(f, c, side))
@@ -207,13 +207,13 @@ def loop_from(surface: Surface, f: Frame, side: wp.vec2d, half: int, pieces: Con
         passed += c.scanned
         if c.half == half:
             done = 1
-    store_piece(pieces, row, slot, half, half, NONE, NONE, steps, CLOSED + surface.rank[half], 1)
+    store_piece(pieces, query, slot, half, half, NONE, NONE, steps, CLOSED + surface.rank[half], 1)
     return passed
 
 
 @wp.func
 def process_crossing(
-    surface: Surface, f: Frame, side: wp.vec2d, half: int, found: TreeResult, pieces: ContourPieces, row: int
+    surface: Surface, f: Frame, side: wp.vec2d, half: int, found: TreeResult, pieces: ContourPieces, query: int
 ):
     """Process a crossed face: count its crossing if scanned and inside; walk the piece that begins there, if any."""
     out = found
@@ -228,7 +228,7 @@ def process_crossing(
         q = point_of(f, crossing_after(surface, f, c), side)
         enter = segment_of(code_p, outcode(q, side), corners_left(p, q, side)).enter
     if enter != NONE or (code_p == 0 and link == OPEN):
-        out.passed += piece_from(surface, f, side, half, enter, pieces, row, out.count)
+        out.passed += piece_from(surface, f, side, half, enter, pieces, query, out.count)
         out.count += 1
     return out
 
@@ -262,7 +262,7 @@ def corner_window(g: Coarse):
 
 @wp.func
 def winding_across(surface: Surface, f: Frame, side: wp.vec2d, half: int):
-    """What the segment from a half-edge's crossing adds to the winding number around corner 0."""
+    """Share of the winding number around corner 0 that the segment from a half-edge's crossing adds."""
     c = crossing_at(surface, f, half)
     p = point_of(f, c, side)
     q = point_of(f, crossing_after(surface, f, c), side)
@@ -292,9 +292,9 @@ def _tree_search_pieces(
     closes: int,  # 1: compute the winding number
     pieces: ContourPieces,
 ):
-    """Find the pieces of each row's section: first open pieces, then loops whose crossings lie on no piece yet."""
-    row = wp.tid()
-    section = section_of(pieces, row)
+    """Find the pieces of each query's section: first open pieces, then loops whose crossings lie on no piece yet."""
+    query = wp.tid()
+    section = section_of(pieces, query)
     f = section_frame(pose, patch, section)
     side = half_extents(patch[section % patch.shape[0]], bounded)
     g = coarse_frame(f, side, surface.reach)
@@ -306,7 +306,7 @@ def _tree_search_pieces(
     while at.node != 0:
         at = traverse(surface, f, g, w, at, halves)
         for k in range(at.listed):
-            found = process_crossing(surface, f, side, halves[k], found, pieces, row)
+            found = process_crossing(surface, f, side, halves[k], found, pieces, query)
     at = Cursor()
     at.node = 1
     while at.node != 0 and found.passed < found.total:
@@ -315,13 +315,13 @@ def _tree_search_pieces(
         while k < at.listed and found.passed < found.total:
             half = halves[k]
             if is_candidate(surface, f, side, half) and is_first(surface, f, half, side):
-                found.passed += loop_from(surface, f, side, half, pieces, row, found.count)
+                found.passed += loop_from(surface, f, side, half, pieces, query, found.count)
                 found.count += 1
             k += 1
     winding = int(0)
     if closes == 1:
         winding = winding_at_corner(surface, f, g, side, halves)
-    count_row(pieces, row, found.count, winding)
+    store_count(pieces, query, found.count, winding)
 
 
 def tree_search_pieces(
@@ -335,17 +335,11 @@ def tree_search_pieces(
 
 
 def tree_pieces(
-    surface: Any,
-    pose: wp.array,
-    patch: wp.array,
-    section: wp.array | None = None,
-    *,
-    bounded: bool,
-    closes: bool,
+    surface: Any, pose: wp.array, patch: wp.array, section: wp.array | None = None, *, bounded: bool, closes: bool
 ) -> list:
     """ContourPieces of some sections, or all, and further ones of those with more than SLOTS pieces."""
-    row_count = pose.shape[0] * patch.shape[0] if section is None else section.shape[0]
-    found = [room_for_sections(row_count, pose.device, section)]
+    query_count = pose.shape[0] * patch.shape[0] if section is None else section.shape[0]
+    found = [room_for_sections(query_count, pose.device, section)]
     tree_search_pieces(surface, pose, patch, found[0], bounded=bounded, closes=closes)
     if found[0].excess.numpy()[0] > 0:
         found.append(room_for_excess(found[0], pose.device))

@@ -47,7 +47,7 @@ def link_of(x: wp.vec4):
 
 @wp.func
 def corner_of(half: int):
-    """Which half-edge of its triangle it is; unsigned numbers need no look at the sign."""
+    """Number of a half-edge within its triangle; unsigned numbers need no look at the sign."""
     return wp.uint32(half) % wp.uint32(3)
 
 

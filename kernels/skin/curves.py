@@ -220,7 +220,7 @@ def _list_curves(
 def list_curves(skin: Any, inside: wp.array, *, closes: bool, limit: int | None = None) -> Drafts:
     """Find all curves between the vertices inside and outside, in order.
 
-    inside: see `sign_vertices`. Raises PointLimitError, before memory for points is taken, beyond `limit` of them.
+    inside: see `sign_vertices`. Raises PointLimitError, before memory for points is allocated, beyond `limit` of them.
     """
     device, pose_count = inside.device, inside.shape[0]
     group_count = -(-skin.scan.shape[0] // SCANNED) + 1
@@ -286,7 +286,7 @@ def skin_contours(
     [2, 3]: vertices beyond them are taken to be outside. All points are of patch 0; a section is a pose.
     The inside lies to the left seen from inside the hand. Points lie on edges of the (refined) triangles; between
     them a curve is straight, so it is right to the triangles' size where skin or surface bend.
-    Raises PointLimitError before memory for points is taken; `limit` counts points that may then fall together, too.
+    Raises PointLimitError before memory for them is allocated; `limit` counts points that may then fall together, too.
     """
     posed = Posed(pose, skin, vertex)
     inside = sign_vertices(field, posed, bounds)

@@ -24,7 +24,7 @@ from .orientation import line_side, plane_side
 wp.set_module_options(SELDOM)
 
 CHUNK = 2**17  # faces a launch: a second or so, then Ctrl-C is heard
-ROOM_LARGEST = 2**22  # pairs a launch; fewer faces are taken where there are more
+ROOM_LARGEST = 2**22  # pairs a launch; fewer faces are tested at once where there are more
 
 
 @wp.struct
@@ -352,6 +352,6 @@ def find_crossings(
             step = count // 2
             continue
         first, step = first + count, min(2 * step, CHUNK)
-        kept = pair.numpy()[: min(crossing_count, room)]
-        yield first, kept[np.lexsort(kept.T[::-1])]
+        pairs = pair.numpy()[: min(crossing_count, room)]
+        yield first, pairs[np.lexsort(pairs.T[::-1])]
     del tree  # the kernels' hierarchy, until here

@@ -17,7 +17,7 @@ wp.set_module_options(SELDOM)
 FAR = wp.constant(4.0)  # above every box: scaled, they lie within 1
 POINTS = 2**16  # a launch
 HITS = 2**20  # room of a launch at first
-HITS_LARGEST = 2**24  # fewer points are taken where there are more
+HITS_LARGEST = 2**24  # fewer points are tested at once where there are more
 
 
 @wp.func

@@ -1,6 +1,6 @@
-"""Contours with some of their segments, or parts of segments, taken out.
+"""Contours with some of their segments, or parts of segments, removed.
 
-A segment is divided into *parts*, each kept or removed. What is kept of a polyline falls into pieces:
+A segment is divided into *parts*, each of which stays or is removed. What stays of a polyline falls into pieces:
 
 | polyline | parts removed | becomes |
 |---|---|---|
@@ -9,7 +9,7 @@ A segment is divided into *parts*, each kept or removed. What is kept of a polyl
 | closed | some | open pieces, beginning after its first removed part; one goes on across the seam |
 | any | all | nothing |
 
-Directions, kinds and patches are kept; a piece that ends within a segment ends on it, with the intensity there.
+Directions, kinds and patches stay; a piece that ends within a segment ends on it, with the intensity there.
 """
 
 import warp as wp
@@ -83,7 +83,7 @@ def _divide_segments(c: Contours, longest: wp.float64, start: wp.array[wp.int64]
 
 @wp.kernel
 def _spread_keep(parts: Parts, keep: wp.array[wp.uint8], part_keep: wp.array[wp.uint8]):
-    """Keep a part as its segment is kept."""
+    """Keep a part if its segment stays."""
     part = wp.tid()
     part_keep[part] = keep[parts.segment[part]]
 

@@ -107,7 +107,7 @@ def divide_rows(contours: Contours, longest: float, point_limit: int | None = No
     """Rows that divide segments into equal parts no longer than `longest` [m], as `insert_points` takes them.
 
     Parts are longer by the rounding of their ends to float32 at most, and dividing again changes nothing.
-    Raises PointLimitError before memory is taken for more points than `point_limit`.
+    Raises PointLimitError before memory is allocated for more points than `point_limit`.
     """
     (share,), (row_start,) = count_then_fill(
         _count_divisions,
@@ -125,7 +125,7 @@ def divide_rows(contours: Contours, longest: float, point_limit: int | None = No
 def insert_points(contours: Contours, row_start: wp.array, share: wp.array) -> Inserted:
     """Contours with points put into their segments; at these, intensity is linear along the segment, and the dwell 0.
 
-    row_start: offsets of each point's rows, int64 [point + 1]; share: how far each row lies on the way to the next
+    row_start: offsets of each point's rows, int64 [point + 1]; share: how far each row lies towards the next
     point, float64 [row], 0 for a point's first row, which is the point itself, and ascending from there. Rows at 0 or 1
     that are not a point's first are left out, as are those that rounding makes equal to a neighbour.
     """

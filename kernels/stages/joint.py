@@ -16,7 +16,7 @@ from ..contours import Contours, find_poses
 from ..offsets import count_then_fill, launch
 from ..one_device import on_one_device
 from ..patch import EXACT, Frame, Patch, corner, patch_coordinates, require_section_poses, section_frame
-from ..section.row_walker import HAND
+from ..section.piece_walker import HAND
 from ..section.segment_clipping import side_position
 from .cut import Parts, room_for_parts
 
@@ -110,7 +110,7 @@ class SideInterval:
 
 
 @wp.func
-def stretch_of(f: Frame, half: wp.vec2d, x: wp.vec3, y: wp.vec3):
+def interval_of(f: Frame, half: wp.vec2d, x: wp.vec3, y: wp.vec3):
     """The segment x -> y as an interval of a patch's side."""
     out = SideInterval()
     out.side = NONE
@@ -164,12 +164,12 @@ def is_dropped(s: SideInterval, stop: wp.float64, own: int, row: int, hand: Hand
 
 
 @wp.func
-def stretch_at(c: Contours, f: Frame, half: wp.vec2d, i: wp.int64):
+def interval_at(c: Contours, f: Frame, half: wp.vec2d, i: wp.int64):
     """The segment that starts at a point, if it is of the hand."""
     s = SideInterval()
     s.side = NONE
     if int(c.kind[i]) == HAND:
-        s = stretch_of(f, half, c.points[i], c.points[i + wp.int64(1)])
+        s = interval_of(f, half, c.points[i], c.points[i + wp.int64(1)])
     return s
 
 
@@ -184,7 +184,7 @@ def _count_joint_parts(c: Contours, line_pose: wp.array[wp.int32], hand: HandPat
     for k in range(int(c.polyline_start[line + 1] - base) - 1):
         i = base + wp.int64(k)
         parts = int(1)
-        s = stretch_at(c, f, hand.patch[own].half, i)
+        s = interval_at(c, f, hand.patch[own].half, i)
         if s.side != NONE:
             t = next_end(s, own, row, hand)
             while t < s.stop:
@@ -214,7 +214,7 @@ def _divide_joints(
     for k in range(int(c.polyline_start[line + 1] - base) - 1):
         i = base + wp.int64(k)
         first = start[i]
-        s = stretch_at(c, f, hand.patch[own].half, i)
+        s = interval_at(c, f, hand.patch[own].half, i)
         begin = s.start
         for n in range(int(start[i + wp.int64(1)] - first)):
             part = first + wp.int64(n)

@@ -359,7 +359,7 @@ def draw_ovals(
 ) -> Contours:
     """Polygons of exactly the ovals' areas, counter-clockwise from an end of the first semi-axis, in the array's frame.
 
-    patches: `Patches`. Raises PointLimitError before memory is taken for more points than `point_limit`.
+    patches: `Patches`. Raises PointLimitError before memory is allocated for more points than `point_limit`.
     """
     device, count = ovals.oval.device, ovals.oval.shape[0]
     size, region = wp.zeros(count + 1, dtype=wp.int64, device=device), wp.empty(count, dtype=wp.int32, device=device)

@@ -36,13 +36,13 @@ def _make_point_kernel(func: Any) -> Any:
         here = func(x)
         moved[i] = here
         if i + 1 < deviation.shape[0]:
-            way = points[i + 1] - x
-            if wp.length(way) > length_least:
+            step = points[i + 1] - x
+            if wp.length(step) > length_least:
                 ahead = func(points[i + 1])
                 most = wp.float32(0.0)
                 for k in range(3):
                     straight = here + PLACES[k] * (ahead - here)
-                    most = wp.max(most, wp.length(func(x + PLACES[k] * way) - straight))
+                    most = wp.max(most, wp.length(func(x + PLACES[k] * step) - straight))
                 deviation[i] = most
 
     return _map_points
@@ -67,13 +67,13 @@ def _make_intensity_kernel(func: Any) -> Any:
         here = wp.float32(func(x))
         intensity[i] = here
         if i + 1 < deviation.shape[0]:
-            way = points[i + 1] - x
-            if wp.length(way) > length_least:
+            step = points[i + 1] - x
+            if wp.length(step) > length_least:
                 ahead = wp.float32(func(points[i + 1]))
                 most = wp.float32(0.0)
                 for k in range(3):
                     straight = here + PLACES[k] * (ahead - here)
-                    most = wp.max(most, wp.abs(wp.float32(func(x + PLACES[k] * way)) - straight))
+                    most = wp.max(most, wp.abs(wp.float32(func(x + PLACES[k] * step)) - straight))
                 deviation[i] = most
 
     return _map_intensity

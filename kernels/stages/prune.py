@@ -58,10 +58,10 @@ def _place_patches(pose: wp.array[wp.transform], rest: Patches, placed: Patches)
 
 @wp.struct
 class Line:
-    """A segment in a patch's frame: from start, over way."""
+    """A segment in a patch's frame: from start by a step."""
 
     start: wp.vec3d
-    way: wp.vec3d
+    step: wp.vec3d
 
 
 @wp.func
@@ -73,14 +73,14 @@ def beyond(p: wp.float64, half: wp.float64):
 @wp.func
 def off_patch(line: Line, half: wp.vec2d, t: wp.float64):
     """From the nearest point of the patch to the segment's point at t, in the patch's frame [m]."""
-    x = line.start + t * line.way
+    x = line.start + t * line.step
     return wp.vec3d(beyond(x[0], half[0]), beyond(x[1], half[1]), x[2])
 
 
 @wp.func
 def slope_at(line: Line, half: wp.vec2d, t: wp.float64):
     """Half the derivative of the squared distance along the segment; it never falls, since the patch is convex."""
-    return wp.dot(off_patch(line, half, t), line.way)
+    return wp.dot(off_patch(line, half, t), line.step)
 
 
 @wp.func
@@ -130,7 +130,7 @@ def near_span(line: Line, half: wp.vec2d, distance: wp.float64):
             span[0] = border_between(line, half, nearest, wp.float64(0.0), distance)
         if not ends:
             span[1] = border_between(line, half, nearest, wp.float64(1.0), distance)
-        if (span[1] - span[0]) * wp.length(line.way) > SLACK:
+        if (span[1] - span[0]) * wp.length(line.step) > SLACK:
             return span
     return wp.vec2d(wp.float64(2.0), wp.float64(2.0))
 
@@ -144,7 +144,7 @@ def span_near(patches: Patches, pose: int, patch: int, a: wp.vec3d, b: wp.vec3d,
     n = patches.n[pose, patch]
     line = Line()
     line.start = wp.vec3d(wp.dot(u, a - o), wp.dot(v, a - o), wp.dot(n, a - o))
-    line.way = wp.vec3d(wp.dot(u, b - a), wp.dot(v, b - a), wp.dot(n, b - a))
+    line.step = wp.vec3d(wp.dot(u, b - a), wp.dot(v, b - a), wp.dot(n, b - a))
     return near_span(line, patches.half[patch], distance)
 
 
@@ -216,14 +216,14 @@ def _keep_long(c: Contours, least: wp.vec2d, keep: wp.array[wp.uint8]):
     length = wp.float64(0.0)
     for i in range(int(c.polyline_start[line]), int(c.polyline_start[line + 1]) - 1):
         length += segment_length(c.points, wp.int64(i))
-    kept = wp.uint8(int(length >= least[int(c.polyline_closed[line])]))
+    stays = wp.uint8(int(length >= least[int(c.polyline_closed[line])]))
     for i in range(int(c.polyline_start[line]), int(c.polyline_start[line + 1])):
-        keep[i] = kept
+        keep[i] = stays
 
 
 @wp.kernel
 def _keep_patches(c: Contours, patch_keep: wp.array2d[wp.uint8], keep: wp.array[wp.uint8]):
-    """Keep points of polylines of patches that are kept."""
+    """Keep points of polylines of the patches that stay."""
     pose = wp.tid()
     for line in range(int(c.pose_start[pose]), int(c.pose_start[pose + 1])):
         for i in range(int(c.polyline_start[line]), int(c.polyline_start[line + 1])):
@@ -272,7 +272,7 @@ def keep_long(contours: Contours, least_open: float, least_closed: float) -> wp.
 
 @on_one_device
 def keep_patches(contours: Contours, patch_keep: wp.array) -> wp.array:
-    """Whether a point is on a kept patch: uint8 [pose, patch] -> uint8 [point]."""
+    """Whether a point is on a patch that stays: uint8 [pose, patch] -> uint8 [point]."""
     keep = wp.empty(contours.points.shape[0], dtype=wp.uint8, device=contours.points.device)
     launch(_keep_patches, contours.pose_start.shape[0] - 1, [contours, patch_keep], [keep])
     return keep

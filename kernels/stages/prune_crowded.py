@@ -1,14 +1,14 @@
 """Removal of contour parts that run too close beside others; of two, the one on the shorter line is removed.
 
-A part runs beside another one if from its start, middle or end to the nearest point of the other, or the other way
-round, it is less than `distance`, their directions differ by less than an angle either way round, and the way between
-them leads across, not along: within 45 degrees of square to both. Two pieces of a line, one behind the other, do not
-run beside each other.
+A part runs beside another one if from its start, middle or end to the nearest point of the other, or from the other's
+to its own, it is less than `distance`, their directions or opposites differ by less than an angle, and the vector
+between them leads across, not along: within 45 degrees of square to both. Two pieces of a line, one behind the other,
+do not run beside each other.
 
 | the other part is on | compared |
 |---|---|
 | a longer line of the pose (of equal ones the first) | always |
-| the same line, further to its start | unless joined by what is kept of it, no more than `apart` along it |
+| the same line, further to its start | unless joined by what stays of it, no more than `apart` along it |
 | another patch | only if patches are to be compared with each other |
 
 A *line* is a closed polyline, or open polylines that touch end to end, one after the other, so that the result is the
@@ -51,7 +51,7 @@ class Bits:
     part: wp.array[wp.int64]  # which one of all parts
     patch: wp.array[wp.int32]
     middle: wp.array[wp.vec3d]  # [m]
-    way: wp.array[wp.vec3d]  # from start to end, as its polyline runs [m]
+    chord: wp.array[wp.vec3d]  # from start to end, as its polyline runs [m]
     along: wp.array[wp.float64]  # of the middle, from the line's start [m]
     broken: wp.array[wp.int64]  # parts removed before it on its line
     keep: wp.array[wp.uint8]
@@ -138,7 +138,7 @@ def write_parts(c: Contours, parts: Parts, end: int, rank: wp.int64, passed: wp.
         own = rank + wp.int64(k)
         bits.part[own] = part
         bits.patch[own] = c.polyline_patch[end // 2]
-        bits.way[own] = span * (b - a)
+        bits.chord[own] = span * (b - a)
         bits.middle[own] = a + (parts.share[part] + wp.float64(0.5) * span) * (b - a)
         length = span * segment_length(c.points, i)
         bits.along[own] = passed + wp.float64(0.5) * length
@@ -197,7 +197,7 @@ def _join_lines(
 
 @wp.func
 def is_beside(x: wp.vec3d, a: wp.vec3d, middle: wp.vec3d, b: wp.vec3d, distance: wp.float64):
-    """Whether a point of a part with direction a lies beside another part, given by its middle and way."""
+    """Whether a point of a part with direction a lies beside another part, given by its middle and chord."""
     share = wp.dot(x - middle, b) / wp.max(wp.dot(b, b), wp.float64(1.0e-30))
     d = x - middle - wp.clamp(share, wp.float64(-0.5), wp.float64(0.5)) * b
     gap = wp.length(d)
@@ -208,8 +208,8 @@ def is_beside(x: wp.vec3d, a: wp.vec3d, middle: wp.vec3d, b: wp.vec3d, distance:
 @wp.func
 def runs_beside(bits: Bits, own: wp.int64, other: wp.int64, rule: Beside):
     """Whether start, middle or end of either of two parts lies beside the other."""
-    a = bits.way[own]
-    b = bits.way[other]
+    a = bits.chord[own]
+    b = bits.chord[other]
     p = bits.middle[own]
     q = bits.middle[other]
     reach = rule.distance + wp.float64(0.5) * (wp.length(a) + wp.length(b))
@@ -224,7 +224,7 @@ def runs_beside(bits: Bits, own: wp.int64, other: wp.int64, rule: Beside):
 
 @wp.func
 def is_joined(bits: Bits, lines: Lines, line: int, own: wp.int64, before: wp.int64, rule: Beside):
-    """Whether two parts of a line are joined by a short way along what is kept of it."""
+    """Whether two parts of a line are joined by a short distance along what stays of it."""
     gap = bits.along[own] - bits.along[before]
     if bits.broken[own] == bits.broken[before] and gap <= rule.apart:
         return True
@@ -242,7 +242,7 @@ def is_longer(lines: Lines, one: int, other: int):
 
 @wp.func
 def is_crowded(bits: Bits, lines: Lines, line: int, own: wp.int64, other: int, rule: Beside):
-    """Whether a part runs beside a kept one of a line: a longer one, or its own further to the start."""
+    """Whether a part runs beside a part of a line that stays: a longer one, or its own further to the start."""
     first = lines.first[other]
     count = int(lines.count[other])
     if other == line:
@@ -258,7 +258,7 @@ def is_crowded(bits: Bits, lines: Lines, line: int, own: wp.int64, other: int, r
 
 @wp.func
 def prune_line(bits: Bits, lines: Lines, line: int, begin: int, end: int, rule: Beside):
-    """Remove the parts of a line that run beside kept ones; 1 if there were any."""
+    """Remove the parts of a line that run beside parts that stay; 1 if there were any."""
     removed = int(0)
     broken = wp.int64(0)
     for k in range(lines.count[line]):
@@ -299,7 +299,7 @@ def _thin_poses(c: Contours, rule: Beside, lines: Lines, bits: Bits):
 
 @wp.kernel
 def _write_keep(bits: Bits, keep: wp.array[wp.uint8]):
-    """Write what is kept in the order of all parts."""
+    """Write what stays in the order of all parts."""
     i = wp.tid()
     keep[bits.part[i]] = bits.keep[i]
 
@@ -315,7 +315,7 @@ def thin_contours(contours: Contours, parts: Parts, rule: Beside) -> wp.array:
     bits, lines, ends = Bits(), Lines(), Ends()
     bits.part = wp.empty(count, dtype=wp.int64, device=device)
     bits.patch = wp.empty(count, dtype=wp.int32, device=device)
-    bits.middle, bits.way = (wp.empty(count, dtype=wp.vec3d, device=device) for _ in range(2))
+    bits.middle, bits.chord = (wp.empty(count, dtype=wp.vec3d, device=device) for _ in range(2))
     bits.along = wp.empty(count, dtype=wp.float64, device=device)
     bits.broken = wp.zeros(count, dtype=wp.int64, device=device)
     bits.keep = wp.full(count, 1, dtype=wp.uint8, device=device)

@@ -39,16 +39,16 @@ def face_point(aperture: Aperture, k: int):
 
 
 @wp.func
-def is_blocked(patches: Patches, pose: int, x: wp.vec3d, way: wp.vec3d):
-    """Whether the straight way from x passes through a patch, beyond CLEAR; a NaN patch blocks nothing."""
+def is_blocked(patches: Patches, pose: int, x: wp.vec3d, ray: wp.vec3d):
+    """Whether a ray from x, as long as its vector, passes through a patch, beyond CLEAR; a NaN patch blocks nothing."""
     for patch in range(patches.half.shape[0]):
         d = x - patches.origin[pose, patch]
         n = patches.n[pose, patch]
-        fall = wp.dot(n, way)
+        fall = wp.dot(n, ray)
         if fall != wp.float64(0.0):
             t = -wp.dot(n, d) / fall
-            if t * wp.length(way) > CLEAR and t < wp.float64(1.0):
-                y = d + t * way
+            if t * wp.length(ray) > CLEAR and t < wp.float64(1.0):
+                y = d + t * ray
                 p = wp.abs(wp.dot(patches.u[pose, patch], y))
                 q = wp.abs(wp.dot(patches.v[pose, patch], y))
                 if p < patches.half[patch][0] and q < patches.half[patch][1]:
@@ -82,10 +82,10 @@ def count_past_mesh(x: wp.vec3d, mesh: wp.uint64, back: wp.transform, aperture: 
     a = wp.transform_point(back, to_float32(x))
     seen = int(0)
     for p in range(aperture.count * aperture.count):
-        way = wp.transform_point(back, to_float32(face_point(aperture, p))) - a
-        reach = wp.length(way)
-        way = way / wp.max(reach, clear)
-        hit = wp.mesh_query_ray(mesh, a + clear * way, way, reach - clear)
+        ray = wp.transform_point(back, to_float32(face_point(aperture, p))) - a
+        reach = wp.length(ray)
+        ray = ray / wp.max(reach, clear)
+        hit = wp.mesh_query_ray(mesh, a + clear * ray, ray, reach - clear)
         if not hit.result:
             seen += 1
     return seen

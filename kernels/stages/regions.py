@@ -1,4 +1,4 @@
-"""Polylines in the planes of their patches: areas, which polylines bound a region together, and the way back.
+"""Polylines in the planes of their patches: areas, which polylines bound a region together, and points back in space.
 
 Seen from a patch's +n side, inside lies to the left of a closed polyline: an outer loop has a positive area and a hole
 a negative one. A region is an outer loop with the holes that it is the smallest loop around.
@@ -14,7 +14,7 @@ from ..contours import Contours, find_poses, room_for
 from ..offsets import count_then_fill, launch, scan_counts
 from ..one_device import on_one_device
 from ..patch import EXACT, to_float32, to_float64
-from ..section.row_walker import MADE
+from ..section.piece_walker import MADE
 from .prune import Patches
 
 wp.set_module_options(EXACT)
@@ -225,7 +225,7 @@ def _lift_polylines(
     if writes:
         at = point_start[line]
         count = wp.where(point_start[line + 1] > at, count, 0)
-    kept = wp.int64(0)
+    distinct = wp.int64(0)
     before = wp.vec3()
     pose, patch = pose_patch_of(r, line_region[line])
     u = patches.u[pose, patch]
@@ -237,13 +237,13 @@ def _lift_polylines(
         x = to_float32(middle + p[0] * u + p[1] * v)
         if k == 0 or differs(x, before):
             if writes:
-                out.points[at + kept] = x
-            kept += wp.int64(1)
+                out.points[at + distinct] = x
+            distinct += wp.int64(1)
         before = x
-    if not writes and kept > wp.int64(1):
-        point_count[line] = kept
+    if not writes and distinct > wp.int64(1):
+        point_count[line] = distinct
         line_count[line] = wp.int64(1)
-    elif writes and kept > wp.int64(0):
+    elif writes and distinct > wp.int64(0):
         own = line_start[line]
         out.polyline_start[own] = at
         out.polyline_patch[own] = patch
@@ -344,7 +344,7 @@ def lift_polylines(
     """Contours of kind "made" of lines drawn for regions, without points that float32 makes equal to the one before.
 
     height: above the plane [m], float64, shape [line], None: 0. patches: `Patches`. Lines of fewer than two points that
-    differ are left out. Raises PointLimitError before memory is taken for more points than `point_limit`.
+    differ are left out. Raises PointLimitError before memory is allocated for more points than `point_limit`.
     """
     device, count = flat.points.device, flat.line_region.shape[0]
     (out,), (_, line_start) = count_then_fill(

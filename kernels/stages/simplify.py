@@ -82,7 +82,7 @@ def keep_triangle(c: Contours, most: VertexTolerance, first: wp.int64, last: wp.
 
 @wp.kernel
 def _simplify_polylines(c: Contours, most: VertexTolerance, keep: wp.array[wp.int64]):
-    """Keep the farthest vertex between two that are kept, until none is farther than the tolerance."""
+    """Keep the farthest vertex between two that stay, until none is farther than the tolerance."""
     line = wp.tid()
     first = c.polyline_start[line]
     last = c.polyline_start[line + 1] - wp.int64(1)

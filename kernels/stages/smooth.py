@@ -87,7 +87,7 @@ def cut_corners(contours: Contours, *, reach: float, rounds: int, point_limit: i
 
     Ends of open polylines stay. A cut at a corner is of the kind of the segment before it, and a pause at the corner
     comes behind the cut. Polylines without a segment get no points.
-    Raises PointLimitError before memory is taken for more points than `point_limit`.
+    Raises PointLimitError before memory is allocated for more points than `point_limit`.
     """
     lines, counts = contours.polyline_closed.shape[0], []
     for k in range(rounds):

@@ -1,4 +1,4 @@
-"""Which nodes of the grids over a hand's patches are inside an object, and which of these are kept; a bit per node."""
+"""Nodes of the grids over a hand's patches that are inside an object, and the thinned ones; a bit per node."""
 
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ from ..patch import EXACT, to_float64
 wp.set_module_options(EXACT)
 
 OFF = wp.constant(wp.float64(1.0e-3))  # [step]; contours are rounded by less
-NEARLY = 1.0 - 1e-6  # of the separation: nodes that lie it apart by their steps are kept, whatever rounds
+NEARLY = 1.0 - 1e-6  # of the separation: nodes that lie it apart by their steps are chosen, whatever rounds
 
 
 class Nodes(NamedTuple):
@@ -95,7 +95,7 @@ def _fill_outlines(
 
 @wp.struct
 class Disc:
-    """What a node that is kept excludes around it: rows of nodes, by how many rows they lie off."""
+    """What a node that is chosen excludes around it: rows of nodes, by how many rows they lie off."""
 
     reach: wp.array[wp.int32]  # columns to either side
     du: wp.float64  # from column to column [m]
@@ -109,8 +109,8 @@ def lowest_bit(word: wp.uint32):
 
 
 @wp.func
-def exclude_around(bits: wp.array[wp.uint32], base: int, g: Grid, disc: Disc, i: int, j: int, kept: int):
-    """Clear the nodes around a kept one; if it is the first, returns the farthest: 32 x its tile + its bit; else -1."""
+def exclude_around(bits: wp.array[wp.uint32], base: int, g: Grid, disc: Disc, i: int, j: int, chosen: int):
+    """Clear the nodes around a chosen one; if it is the first, returns the farthest, 32 x tile + bit; else -1."""
     far = wp.float64(0.0)
     farthest = int(-1)
     most = disc.reach.shape[0] - 1
@@ -124,7 +124,7 @@ def exclude_around(bits: wp.array[wp.uint32], base: int, g: Grid, disc: Disc, i:
             tile = (row >> 2) * g.across + across
             word = bits[base + tile]
             bits[base + tile] = word & (~mask)
-            gone = wp.where(kept == 0, word & mask, wp.uint32(0))
+            gone = wp.where(chosen == 0, word & mask, wp.uint32(0))
             while gone != wp.uint32(0):
                 bit = lowest_bit(gone)
                 gone = gone & (gone - wp.uint32(1))
@@ -143,13 +143,13 @@ def _thin_nodes(
     disc: Disc,
     # In and out:
     bits: wp.array[wp.uint32],
-    count: wp.array[wp.int32],  # of each pose's nodes that are kept
+    count: wp.array[wp.int32],  # of each pose's nodes that are chosen
 ):
-    """Keep nodes that are not too near to one kept before; where but one is left, the farthest from it too."""
+    """Keep nodes that are not too near to one chosen before; where but one is left, the farthest from it too."""
     pose = wp.tid()
     base = pose * tile_count
     g = grid[0]
-    kept = int(0)
+    chosen = int(0)
     farthest = int(-1)
     for tile in range(tile_count):
         i = TILE_WIDTH * (tile % g.across)
@@ -160,17 +160,17 @@ def _thin_nodes(
         while word != wp.uint32(0):
             bit = lowest_bit(word)
             own = own | (wp.uint32(1) << wp.uint32(bit))
-            found = exclude_around(bits, base, g, disc, i + (bit & 7), j + (bit >> 3), kept)
-            if kept == 0:
+            found = exclude_around(bits, base, g, disc, i + (bit & 7), j + (bit >> 3), chosen)
+            if chosen == 0:
                 farthest = found
-            kept += 1
+            chosen += 1
             word = bits[base + tile] & (~done)
         bits[base + tile] = own
-    if kept == 1 and farthest >= 0:
+    if chosen == 1 and farthest >= 0:
         place = base + (farthest >> 5)
         bits[place] = bits[place] | (wp.uint32(1) << wp.uint32(farthest & 31))
-        kept = 2
-    count[pose] = kept
+        chosen = 2
+    count[pose] = chosen
 
 
 @on_one_device
@@ -185,7 +185,7 @@ def lay_nodes(pose: wp.array, patch: wp.array, step: float) -> tuple[Grids, wp.a
 def inside_nodes(field: Field, pose: wp.array, patch: wp.array, *, step: float, bounds: np.ndarray) -> Nodes:
     """Nodes of the patches' grids that are inside a field; arguments as `march_patches`.
 
-    Memory is taken for all nodes at once. Raises ValueError for a step that is not positive or too fine.
+    Memory is allocated for all nodes at once. Raises ValueError for a step that is not positive or too fine.
     """
     grids, lattice = lay_nodes(pose, patch, step)
     return Nodes(grids, lattice, sample_nodes(field, lattice, grids, bounds))
@@ -215,7 +215,7 @@ def nodes_of_pose(nodes: Nodes, pose: int) -> Nodes:
 def thin_nodes(nodes: Nodes, *, separation: float) -> tuple[Nodes, wp.array]:
     """Thin the nodes of a hand of one patch as `thin_points` thins points, by their steps in the grid.
 
-    Returns the nodes that are kept, and how many they are at each pose, int32. separation: [m].
+    Returns the nodes that are chosen, and how many they are at each pose, int32. separation: [m].
     """
     device = nodes.bits.device
     g = nodes.grids.grid.numpy()[0]

@@ -1,4 +1,4 @@
-"""Points of each pose, thinned by an exclusion radius: each is kept if no kept one is nearer than the separation."""
+"""Points of each pose, thinned: one is chosen if no point chosen before is nearer than the separation."""
 
 from collections.abc import Callable
 from math import ceil, floor, log10
@@ -30,10 +30,10 @@ def _thin_points(
     separation: wp.float64,  # [m]
     most: wp.int64,  # to keep; one more shows that there are more
     # In and out:
-    point: wp.array[wp.vec3],  # those kept come first in each pose's range
-    count: wp.array[wp.int64],  # kept, shape [pose + 1], the last one stays 0
+    point: wp.array[wp.vec3],  # those chosen come first in each pose's range
+    count: wp.array[wp.int64],  # chosen, shape [pose + 1], the last one stays 0
 ):
-    """Keep points that are not too near to one kept before; where but one is left, the farthest from it too."""
+    """Keep points that are not too near to one chosen before; where but one is left, the farthest from it too."""
     pose = wp.tid()
     first = start[pose]
     n = wp.int64(0)
@@ -62,12 +62,12 @@ def _thin_points(
 
 @wp.kernel
 def _gather_points(
-    point: wp.array[wp.vec3], start: wp.array[wp.int64], kept_start: wp.array[wp.int64], kept: wp.array[wp.vec3]
+    point: wp.array[wp.vec3], start: wp.array[wp.int64], chosen_start: wp.array[wp.int64], chosen: wp.array[wp.vec3]
 ):
     """Move what each pose keeps together."""
     pose = wp.tid()
-    for k in range(int(kept_start[pose + 1] - kept_start[pose])):
-        kept[kept_start[pose] + wp.int64(k)] = point[start[pose] + wp.int64(k)]
+    for k in range(int(chosen_start[pose + 1] - chosen_start[pose])):
+        chosen[chosen_start[pose] + wp.int64(k)] = point[start[pose] + wp.int64(k)]
 
 
 class TooManyPointsError(ValueError):
@@ -86,7 +86,7 @@ def thin_points(point: wp.array, start: wp.array, *, separation: float) -> tuple
     """Thin each pose's points until none is nearer to another than `separation` [m]; they keep their order.
 
     point: vec3 [m], shape [point]; start: offsets of each pose's points, int64, shape [pose + 1].
-    Where but one would be left, the point farthest from it is kept too, so that there is something to draw.
+    Where but one would be left, the point farthest from it is chosen too, so that there is something to draw.
     Returns the points that are left and their offsets. Raises ValueError for a separation that is not positive,
     TooManyPointsError for the first pose where more than POINTS_MOST would be left.
     """
@@ -100,10 +100,10 @@ def thin_points(point: wp.array, start: wp.array, *, separation: float) -> tuple
     if len(over):
         pose = int(over[0])
         raise TooManyPointsError(pose, int(np.diff(start.numpy()[pose : pose + 2])[0]), separation)
-    (kept_start,), (total,) = scan_counts(count)
-    kept = wp.empty(total, dtype=wp.vec3, device=device)
-    launch(_gather_points, pose_count, [scratch, start, kept_start], [kept])
-    return kept, kept_start
+    (chosen_start,), (total,) = scan_counts(count)
+    chosen = wp.empty(total, dtype=wp.vec3, device=device)
+    launch(_gather_points, pose_count, [scratch, start, chosen_start], [chosen])
+    return chosen, chosen_start
 
 
 def separation_that_fits(fits: Callable[[float], bool], separation: float) -> float:

@@ -18,7 +18,7 @@ from ..contours import Contours, room_for
 from ..offsets import launch, scan_counts
 from ..one_device import on_one_device
 from ..patch import EXACT
-from ..section.row_walker import MADE
+from ..section.piece_walker import MADE
 
 wp.set_module_options(EXACT)
 
@@ -28,7 +28,7 @@ LEAST_GAIN = wp.constant(1.0e-6)  # [m]; what shortens by less is left
 
 @wp.struct
 class Tour:
-    """One pose's path under way, a cycle; rows of the arrays are shared by all poses.
+    """One pose's path, a cycle; rows of the arrays are shared by all poses.
 
     Places and points are counted from the pose's first ones. An open path is a cycle through one more point, `count`,
     which is at no distance from any.
@@ -39,7 +39,7 @@ class Tour:
     place: wp.array[wp.int16]  # of each point in the order
     step: wp.array[wp.float32]  # from each place to the next [m]
     near: wp.array[wp.int16]  # its nearest points, the nearest first, NEAR a point
-    way: wp.array[wp.float32]  # to them [m]
+    distance: wp.array[wp.float32]  # to them [m]
     awake: wp.array[wp.uint8]  # whether an exchange is looked for from the point
     first: int  # of the pose's points
     row: int  # of the pose's order, places and so on
@@ -66,7 +66,7 @@ def square_of(tour: Tour, a: int, b: int):
 
 
 @wp.func
-def way_of(tour: Tour, a: int, b: int):
+def distance_of(tour: Tour, a: int, b: int):
     """Distance of two points of the path; 0 to the point that opens it [m]."""
     return wp.sqrt(square_of(tour, a, b))
 
@@ -96,7 +96,7 @@ def step_beside(tour: Tour, a: int, onward: int):
 def measure_step(tour: Tour, i: int):
     """Find the length of the step from place i on."""
     a = int(tour.order[tour.row + i])
-    tour.step[tour.row + i] = way_of(tour, a, int(tour.order[tour.row + place_beside(tour, i, 1)]))
+    tour.step[tour.row + i] = distance_of(tour, a, int(tour.order[tour.row + place_beside(tour, i, 1)]))
 
 
 @wp.func
@@ -187,7 +187,7 @@ def seek_third(tour: Tour, best: Choice, a: int, b: int, c: int, d: int, gain: f
     most = best.gain
     which = best.code
     for k in range(tour.known):
-        left = gain - tour.way[row + k]
+        left = gain - tour.distance[row + k]
         if left <= most:
             break
         e = int(tour.near[row + k])
@@ -196,7 +196,7 @@ def seek_third(tour: Tour, best: Choice, a: int, b: int, c: int, d: int, gain: f
             f = beside(tour, e, wp.where(within, onward, 1 - onward))
             left += step_beside(tour, e, wp.where(within, onward, 1 - onward))
             if f != d and left > most:
-                left -= way_of(tour, f, b)
+                left -= distance_of(tour, f, b)
                 if left > most:
                     most = left
                     which = code + 4 * (k + 1)
@@ -207,24 +207,24 @@ def seek_third(tour: Tour, best: Choice, a: int, b: int, c: int, d: int, gain: f
 
 
 @wp.func
-def seek_from(tour: Tour, a: int, c: int, way: float):
-    """The best exchange by a step from a to c; way: its length [m]."""
+def seek_from(tour: Tour, a: int, c: int, distance: float):
+    """The best exchange by a step from a to c; distance: its length [m]."""
     best = Choice()
     best.gain = LEAST_GAIN
     best.code = -1
-    for way_on in range(4):
-        onward = way_on & 1
+    for variant in range(4):
+        onward = variant & 1
         b = beside(tour, a, 1 - onward)
-        saved = step_beside(tour, a, 1 - onward) - way
+        saved = step_beside(tour, a, 1 - onward) - distance
         if saved > 0.0:
-            d = beside(tour, c, wp.where(way_on >= 2, onward, 1 - onward))
-            gain = saved + step_beside(tour, c, wp.where(way_on >= 2, onward, 1 - onward))
+            d = beside(tour, c, wp.where(variant >= 2, onward, 1 - onward))
+            gain = saved + step_beside(tour, c, wp.where(variant >= 2, onward, 1 - onward))
             if gain > best.gain and d != a:
-                closed = gain - way_of(tour, d, b)
-                if way_on < 2 and closed > best.gain:
+                closed = gain - distance_of(tour, d, b)
+                if variant < 2 and closed > best.gain:
                     best.gain = closed
-                    best.code = way_on
-                best = seek_third(tour, best, a, b, c, d, gain, way_on)
+                    best.code = variant
+                best = seek_third(tour, best, a, b, c, d, gain, variant)
     return best
 
 
@@ -233,21 +233,21 @@ def shorten_at(tour: Tour, a: int):
     """Make the best exchange by the first step from a that gives one; returns 1 if there was one, else 0."""
     longest = wp.max(step_beside(tour, a, 0), step_beside(tour, a, 1))
     row = NEAR * (tour.row + a)
-    last = tour.way[row + tour.known - 1]
+    last = tour.distance[row + tour.known - 1]
     total = tour.known
     if last < longest:  # seldom: then all points are looked at after those that a knows
         total += tour.length
     for k in range(total):
         c = int(0)
-        way = float(0.0)
+        distance = float(0.0)
         if k < tour.known:
             c = int(tour.near[row + k])
-            way = tour.way[row + k]
+            distance = tour.distance[row + k]
         else:
             c = k - tour.known
-            way = way_of(tour, a, c)
-        if way < longest and c != a and (k < tour.known or way >= last):
-            found = seek_from(tour, a, c, way)
+            distance = distance_of(tour, a, c)
+        if distance < longest and c != a and (k < tour.known or distance >= last):
+            found = seek_from(tour, a, c, distance)
             if found.code >= 0:
                 apply_choice(tour, a, c, found.code)
                 return 1
@@ -290,7 +290,7 @@ def know_nearest(tour: Tour):
         for k in range(NEAR):
             if k < tour.known:
                 tour.near[row + k] = wp.int16(nearest[k] & wp.uint64(0xFFFF))
-                tour.way[row + k] = wp.sqrt(wp.cast(wp.uint32(nearest[k] >> wp.uint64(32)), wp.float32))
+                tour.distance[row + k] = wp.sqrt(wp.cast(wp.uint32(nearest[k] >> wp.uint64(32)), wp.float32))
 
 
 @wp.func
@@ -341,7 +341,7 @@ def _order_points(
     place: wp.array[wp.int16],
     step: wp.array[wp.float32],  # scratch
     near: wp.array[wp.int16],  # shape [NEAR * (point + pose)]
-    way: wp.array[wp.float32],
+    distance: wp.array[wp.float32],
     awake: wp.array[wp.uint8],  # shape [point + pose]
 ):
     """Find a short path through each pose's points."""
@@ -352,7 +352,7 @@ def _order_points(
     tour.place = place
     tour.step = step
     tour.near = near
-    tour.way = way
+    tour.distance = distance
     tour.awake = awake
     tour.first = int(start[pose])
     tour.row = tour.first + pose
@@ -440,9 +440,9 @@ def tour_points(point: wp.array, start: wp.array, *, closes: bool) -> Tours:
     order, place = (wp.empty(rows, dtype=wp.int16, device=device) for _ in range(2))
     step = wp.empty(rows, dtype=wp.float32, device=device)
     near = wp.empty(int(NEAR) * rows, dtype=wp.int16, device=device)
-    way = wp.empty(int(NEAR) * rows, dtype=wp.float32, device=device)
+    distance = wp.empty(int(NEAR) * rows, dtype=wp.float32, device=device)
     awake = wp.empty(rows, dtype=wp.uint8, device=device)
-    launch(_order_points, pose_count, [point, start, int(closes)], [order, place, step, near, way, awake])
+    launch(_order_points, pose_count, [point, start, int(closes)], [order, place, step, near, distance, awake])
     counts = [wp.zeros(pose_count + 1, dtype=wp.int64, device=device) for _ in range(2)]
     launch(_count_tours, pose_count, [start, int(closes)], counts)
     (point_start, line_start), (point_count, line_count) = scan_counts(*counts)

@@ -31,15 +31,15 @@ def checked_hand(name: str, vertices: np.ndarray, faces: np.ndarray, glabrous: n
     vertices = checked_vertices(name, vertices)
     faces = checked_faces(name, faces, vertices.shape[1])
     glabrous = checked_region(name, glabrous, len(faces))
-    kept, number = welded(vertices, faces)
-    vertices, faces = vertices[:, kept], number[faces]
+    welded_from, number = welded(vertices, faces)
+    vertices, faces = vertices[:, welded_from], number[faces]
     alive = living_faces(name, vertices, faces)
     faces, glabrous = faces[alive], glabrous[alive]
     used, faces = np.unique(faces, return_inverse=True)
-    vertices, kept, faces = vertices[:, used], kept[used], faces.reshape(-1, 3)
+    vertices, welded_from, faces = vertices[:, used], welded_from[used], faces.reshape(-1, 3)
     if not glabrous.any():
         raise MeshError(f"{name}: the glabrous region has no triangle: curves are drawn on it alone")
-    require_manifold(name, faces, kept)
+    require_manifold(name, faces, welded_from)
     twin = twins_of(faces)
     if not (twin == OPEN).any() and volume_of(vertices[0], faces) < 0:
         text = f"{name}: faces inwards; all {len(faces)} triangles were turned over"

@@ -47,8 +47,8 @@ def contact_contours(
 
     pose: hand frame -> array frame, float32, shape [pose, 7], rows `first`.. of the motion.
     step: between the points that are looked at on a patch, or the longest edge of a hand mesh [m]; separation: least
-    distance of those that are kept [m]; closes: back to the first.
-    Where only one point would be kept, the one farthest from it is, too. A pose with no more than one point inside
+    distance of those that stay [m]; closes: back to the first.
+    Where only one point would stay, the one farthest from it stays, too. A pose with no more than one point inside
     stays empty; these are counted in a PalpateWarning.
     Raises StrategyError for a step or separation that is not positive or too small, and for a pose that keeps more than
     2,000 points; MeshError for an object without an inside.
@@ -64,7 +64,7 @@ def contact_contours(
     try:
         for begin in range(0, len(pose), size):
             rows = slice(begin, min(begin + size, len(pose)))
-            parts.append(skin.kept(pose[rows], first + begin, separation))
+            parts.append(skin.thinned_inside(pose[rows], first + begin, separation))
         point, start = joined_points(parts, device)
         return toured(point, start, closes=closes, patch_count=hand.patch_count, name="contact")
     except (MeshError, StrategyError):
@@ -124,12 +124,12 @@ class _Skin:
         cut, _ = intersect(cast(MeshObject, self.solid), self.hand, section, CLOSED)
         return outlined_nodes(cut.struct, section, self.patch, step=self.step)
 
-    def kept(self, pose: np.ndarray, first: int, separation: float) -> tuple[wp.array, wp.array]:
-        """Points inside the object that are kept, and where each pose's start; raises as `thinned`."""
+    def thinned_inside(self, pose: np.ndarray, first: int, separation: float) -> tuple[wp.array, wp.array]:
+        """Thinned points inside the object, and where each pose's start; raises as `thinned`."""
         if self.patch is None or self.hand.patch_count > 1:
             return thinned(*self.inside(pose, first), separation=separation, first=first, name="contact")
         nodes = self.nodes(pose, first)
-        kept, count = thin_nodes(nodes, separation=separation)
+        thin, count = thin_nodes(nodes, separation=separation)
         over = np.flatnonzero(count.numpy() > POINTS_MOST)
         if len(over):
             own = nodes_of_pose(nodes, row := int(over[0]))
@@ -139,7 +139,7 @@ class _Skin:
                 separation,
                 lambda wider: thin_nodes(own, separation=wider)[1].numpy()[0] <= POINTS_MOST,
             )
-        return list_nodes(kept)
+        return list_nodes(thin)
 
     def _sections(self, pose: np.ndarray, first: int) -> wp.array:
         poses = self.hand.section_poses(pose, first)

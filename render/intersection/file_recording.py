@@ -151,16 +151,16 @@ def record(
                 removed_any |= removes_any(chunk.removed)
                 job.report(done)
                 raise_if_interrupted()
-        if (rendered or earlier) and not drawn and (kept := polylines_in(path)):
+        if (rendered or earlier) and not drawn and (old_count := polylines_in(path)):
             writer.close()
             discard_tree(folder)
-            raise ContourFileError(kept_text(path, kept, scene, motion, removed_any=removed_any))
+            raise ContourFileError(unchanged_text(path, old_count, scene, motion, removed_any=removed_any))
         writer.seal(gzip=gzip)
         return Recording(Path(path), len(motion), rendered, writer.repairs)
 
 
 def polylines_in(path: str | Path) -> int | None:
-    """How many polylines a finished contour file holds; None where there is none, or another file."""
+    """Number of polylines of a finished contour file; None where there is none, or another file."""
     try:
         with ContourFile(path) as file:
             return file.polyline_count if file.sealed else None
@@ -168,10 +168,10 @@ def polylines_in(path: str | Path) -> int | None:
         return None
 
 
-def kept_text(path: str | Path, kept: int, scene: Scene, motion: HandMotion, *, removed_any: bool) -> str:
+def unchanged_text(path: str | Path, old_count: int, scene: Scene, motion: HandMotion, *, removed_any: bool) -> str:
     """The sentence on a file with contours that an empty rendering does not replace, with the likely cause.
 
-    kept: polylines of the file; removed_any: whether prune stages removed contours.
+    old_count: polylines of the file; removed_any: whether prune stages removed contours.
     """
     cause = (
         "the prune stages removed every contour"
@@ -180,7 +180,7 @@ def kept_text(path: str | Path, kept: int, scene: Scene, motion: HandMotion, *, 
         if scene.object_pose is not None
         else apart_text(scene.solid.bounds, motion.pose)
     )
-    return f"{path}: stays as it is, with its {kept:,} polylines, as the new rendering has none: {cause}"
+    return f"{path}: stays as it is, with its {old_count:,} polylines, as the new rendering has none: {cause}"
 
 
 def save_contours(
@@ -200,13 +200,13 @@ def save_contours(
     path = Path(path)
     if path.suffix.lower() not in (".h5", ".hdf5"):
         raise ContourFileError(f"{path}: a contour file must end in .h5 or .hdf5")
-    kept = polylines_in(path)
-    overwrite = overwrite or kept == 0
+    old_count = polylines_in(path)
+    overwrite = overwrite or old_count == 0
     if (path.exists() or path.is_symlink()) and not overwrite:
         raise ContourFileError(f"{path} exists already: overwrite=True replaces it once the new one is whole")
     batch = batch.numpy()
-    if kept and not batch.polyline_count:
-        raise ContourFileError(kept_text(path, kept, scene, motion, removed_any=removes_any(removed)))
+    if old_count and not batch.polyline_count:
+        raise ContourFileError(unchanged_text(path, old_count, scene, motion, removed_any=removes_any(removed)))
     header = file_header(scene, motion, "cpu")
     with ContourWriter(path, header, mode="overwrite" if overwrite else "create") as writer:
         for first in range(0, len(batch), POSES_AT_ONCE):

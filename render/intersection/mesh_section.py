@@ -53,7 +53,7 @@ def intersect(
 
     pose: wp.transform, hand frame -> array frame, shape [pose]; or as `Hand.section_poses`, shape [pose, 1 or patch].
     strategy: only "outside", "close" and `flush` count here. point_limit: more points than this raise
-    `PointLimitError` before memory is taken for them. method: how contours are looked for, PATTERN or see
+    `PointLimitError` before memory is allocated for them. method: how contours are looked for, PATTERN or see
     `find_pieces`; the result is the same, and ValueError is raised for one that the mesh does not allow. timing: takes
     the seconds of each stage, which are then waited for one by one. farthest, relative: see `patches_for`.
     """

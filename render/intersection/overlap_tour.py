@@ -34,7 +34,7 @@ def overlap_contours(
 
     hand: a MeshHand whose mesh is closed, see `hand_solids`; pose: hand frame -> array frame, float32, shape [pose, 7],
     rows `first`.. of the motion. step: of the lattice that is searched [m], see `overlap_points`; separation: least
-    distance of the points that are kept [m]; closes: back to the first.
+    distance of the points that stay [m]; closes: back to the first.
     Poses where a single point is shared are counted in a PalpateWarning.
     Raises StrategyError for a hand without an inside, a step or a separation that cannot be used, and for a pose that
     keeps more than 2,000 points; MeshError for a hand mesh that is not closed and an object without an inside.

@@ -10,7 +10,7 @@ import warp as wp
 from ...datasets.motions.hand_motion import PALM_DOWN
 from ...kernels.pieces.finding import method_for
 from ...kernels.section.graph_room import GraphRoom
-from ...kernels.section.kept_room import Room, RoomSize, room_bytes
+from ...kernels.section.recorded_launches import Room, RoomSize, room_bytes
 from ..contour_batch import ContourBatch
 from ..coordinate_spacing import warn_of_spacing
 from ..errors import PoseError, StrategyError
@@ -27,7 +27,7 @@ from .named_inputs import hand_of, motion_of, solid_of
 from .scene import PoseBlock, Scene
 
 POSES_MOST = 2**20  # of a batch; launching takes no time beside computing then
-ROOM_MOST = 2**31  # [byte] of memory that is kept
+ROOM_MOST = 2**31  # [byte] of a room
 
 
 class PreparedContours:
@@ -35,9 +35,9 @@ class PreparedContours:
 
     solid, hand, strategy: as in `render`; the hand must be rigid, but for one pose on the CPU a `PlaneHand` may be
     articulated. pose_count: of each batch. device: Warp's; on a GPU all launches are one graph. method: how a mesh is
-    searched, see `find_pieces`; only "trace" and "seek" are prepared, which are taken in place of others. size: first
+    searched, see `find_pieces`; only "trace" and "seek" are prepared, which replace others. size: first
     capacities.
-    Only sections of a mesh by planes are prepared: memory is taken when made, and anew, twice as much, when a batch
+    Only sections of a mesh by planes are prepared: memory is allocated when made, and anew, twice as much, when a batch
     needs more. Stages that follow ("joined" of hands of planes is one) run on these as in `render`. The rest is
     rendered as `render` does, in milliseconds: batches that need more than 2 GB, meshes that cross themselves, hand
     meshes, voxels and functions. Not for two threads at once.
@@ -75,16 +75,16 @@ class PreparedContours:
         self.pose_count, self.device = int(pose_count), warp_device(device)
         """Poses of a batch, and where they are rendered."""
         self.grown = 0
-        """How often memory was taken anew."""
+        """Number of times that memory was allocated again."""
         self.struct: Any = None
-        """The last contours as kernels take them, in arrays that may have room for more; None where they are not kept,
+        """The last contours as kernels take them, in arrays that may have room for more; None where none are stored,
         or a stage of a user's made them."""
         self._scene = Scene.of(solid, hand, strategy)
         self._room: Room | None = None
         warn_of_spacing(solid.name, solid.bounds)
         middle = np.array([*solid.bounds.mean(axis=0), *PALM_DOWN], np.float32)
         poses = np.tile(middle, (self.pose_count, 1))
-        if self._scene.is_cut_plainly:  # drawn by kernels alone, in memory that can be kept
+        if self._scene.is_cut_plainly:  # drawn by kernels alone, in memory that can be reused
             self._room = self._first_room(cast(MeshObject, solid), cast(PatchHand, hand), poses[:1], method, size)
         if (room := self._fitting_room(hand.section_poses(poses) if self._is_articulated else poses)) is not None:
             room.warm()
@@ -152,7 +152,7 @@ class PreparedContours:
         """The room, with the contours of poses in it; None where they are rendered without it."""
         while self._room is not None and (needed := self._room.fill(pose)) is not None:
             size = self._room.size.doubled_for(needed)
-            if room_bytes(size, self._room.row_count) > ROOM_MOST:
+            if room_bytes(size, self._room.query_count) > ROOM_MOST:
                 return None
             self._room = self._room_of(size)
             self.grown += 1
@@ -161,7 +161,7 @@ class PreparedContours:
     def _first_room(
         self, solid: MeshObject, hand: PatchHand, pose: np.ndarray, method: str | None, size: RoomSize | None
     ) -> Room | None:
-        """Memory for a batch, of a size that is likely enough; None if that is more than is kept."""
+        """Memory for a batch, of a size that is likely enough; None if that exceeds ROOM_MOST."""
         strategy, device = self._scene.strategy, self.device
         section = wp.array(hand.section_poses(pose), dtype=wp.transform, device=device)
         intersect(solid, hand, section, strategy, method=method)  # refuses what cannot be done
@@ -175,9 +175,9 @@ class PreparedContours:
             "pose_count": self.pose_count,
             "articulated": self._is_articulated,
         }
-        row_count = self.pose_count * hand.patch_count
-        size = size or RoomSize.for_rows(row_count)
-        return None if room_bytes(size, row_count) > ROOM_MOST else self._room_of(size)
+        query_count = self.pose_count * hand.patch_count
+        size = size or RoomSize.for_sections(query_count)
+        return None if room_bytes(size, query_count) > ROOM_MOST else self._room_of(size)
 
     def _room_of(self, size: RoomSize) -> Room:
         room = Room if self.device == "cpu" else GraphRoom

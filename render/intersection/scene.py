@@ -113,7 +113,7 @@ class PoseBlock:
     device: str
     """Warp device."""
     point_limit: int | None = None
-    """Most points: PointLimitError is raised before memory is taken for more."""
+    """Most points: PointLimitError is raised before memory is allocated for more."""
     timing: dict[str, float] | None = None
     """Takes the seconds of each stage."""
 
@@ -147,7 +147,7 @@ class Scene:
     focal_width: float = 0.0
     """FWHM of p^2 across the focus at the object's middle, or a moving one's median [m]; 0 if nothing uses it."""
     points: str = "array"
-    """Where points are written: "array", in the array's frame, or "patch", relative to the middle of their patch."""
+    """Frame of written points: "array", the array's, or "patch", relative to the middle of their patch."""
 
     def __repr__(self) -> str:
         """One line."""
@@ -188,8 +188,8 @@ class Scene:
             try:
                 width = focal_width(place).width
             except StrategyError as error:
-                way = "give the strategy a step= and its stages their lengths, or move the object"
-                raise StrategyError(f"{solid.name}: {error}; {way}") from error
+                advice = "give the strategy a step= and its stages their lengths, or move the object"
+                raise StrategyError(f"{solid.name}: {error}; {advice}") from error
         strategy = strategy.resolved(width or 1.0, marches=marches)  # 1.0: no option is scaled by it
         return replace(scene, strategy=strategy, focal_width=width)
 

@@ -17,7 +17,7 @@ import warp as wp
 
 from ...kernels.pieces.near_corners import have_near_corners
 from ...kernels.pieces.plane_loops import PlaneLoops
-from ...kernels.section.row_walker import HAND, OBJECT
+from ...kernels.section.piece_walker import HAND, OBJECT
 from ..contour_batch import ContourBatch, join_batches, object_part
 from ..errors import MeshError
 
@@ -42,15 +42,15 @@ class Loops(NamedTuple):
     start: np.ndarray
     """Offsets into points, int64, shape [loop + 1]; no loop is empty."""
     section: np.ndarray
-    """Which section each loop belongs to, ascending, int64, shape [loop]."""
+    """Section of each loop, ascending, int64, shape [loop]."""
 
-    def chosen(self, kept: np.ndarray) -> "Loops":
+    def chosen(self, mask: np.ndarray) -> "Loops":
         """Some of the loops."""
-        if kept.all():
+        if mask.all():
             return self
         count = np.diff(self.start)
-        start = np.concatenate([[0], np.cumsum(count[kept])])
-        return Loops(self.points[np.repeat(kept, count)], start, self.section[kept])
+        start = np.concatenate([[0], np.cumsum(count[mask])])
+        return Loops(self.points[np.repeat(mask, count)], start, self.section[mask])
 
     def following(self) -> np.ndarray:
         """Index of the point that follows each around its loop, shape [point]."""
@@ -59,12 +59,12 @@ class Loops(NamedTuple):
         return after
 
     def of_points(self) -> np.ndarray:
-        """Which loop each point belongs to, shape [point]."""
+        """Number of each point's loop, shape [point]."""
         return np.repeat(np.arange(len(self.section)), np.diff(self.start))
 
 
 class Planes(NamedTuple):
-    """Where the patches of some sections are."""
+    """Frames of the patches of some sections."""
 
     frame: np.ndarray
     """Origin [m], u and v, array frame, shape [section, 3, 3]."""
@@ -244,7 +244,7 @@ def _healed(region: Any, gap: float, sides: np.ndarray | None) -> Any:
 
 
 def _mean_width(polygon: np.ndarray) -> float:
-    """How wide a polygon would be if it were a strip as long."""
+    """Width of a strip as long as a polygon and of equal area."""
     p = polygon - polygon[0]
     q = np.roll(p, -1, axis=0)
     return float(2 * abs((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum()) / (2 * np.hypot(*(q - p).T).sum()))
@@ -302,14 +302,14 @@ def _without_still_steps(
     moves[:-1] &= (points[1:] != points[:-1]).any(axis=1)
     line = np.repeat(np.arange(len(section)), np.diff(line_start))
     drawn = np.bincount(line[moves], minlength=len(section)) > 0
-    kept = moves | (last & drawn[line])
-    start = np.concatenate([[0], np.cumsum(kept)])[line_start]
+    mask = moves | (last & drawn[line])
+    start = np.concatenate([[0], np.cumsum(mask)])[line_start]
     start = np.concatenate([[0], start[1:][drawn]]).astype(np.int64)
-    kind = kind[kept]
+    kind = kind[mask]
     kind[start[1:] - 1] = kind[start[1:] - 2]
     count = np.bincount(section[drawn] // shape[1], minlength=shape[0])
     return ContourBatch(
-        points=points[kept],
+        points=points[mask],
         kind=kind,
         polyline_start=start,
         polyline_patch=(section[drawn] % shape[1]).astype(np.int32),

@@ -1,7 +1,7 @@
 """Draw frequency of poses: how often per second their contours are drawn while the pose lasts.
 
-It is the update rate over the whole number of samples that one cycle has, as the sampler draws it: pauses, returns and
-ways back included. Everything that shows a draw frequency takes it from here; sweeps compute the same on the device.
+It is the update rate over the whole number of samples that one cycle has, as the sampler draws it: pauses and
+returns included. Everything that shows a draw frequency takes it from here; sweeps compute the same on the device.
 """
 
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ import numpy as np
 
 from ...datasets.contour_file.reader import ContourFile
 from ..contour_batch import ContourBatch
-from .sampler import laid_tracks
+from .sampler import laid_cycles
 from .strategy import DEFAULT, SEAM, SamplingStrategy
 
 POSES_AT_ONCE = 512  # whose contours are read from a file
@@ -18,10 +18,10 @@ POSES_AT_ONCE = 512  # whose contours are read from a file
 
 def pose_frequencies(batch: ContourBatch, strategy: SamplingStrategy = DEFAULT) -> np.ndarray:
     """Draw frequency of each pose of a batch on the host [Hz], shape [pose]; NaN without contours, 0 if still."""
-    if not needs_tracks(strategy):
+    if not needs_cycles(strategy):
         return frequencies_by_time(batch.length(), pauses_of(batch), strategy)
-    tracks = laid_tracks(batch, strategy)
-    return np.where(tracks["count"] > 0, strategy.update_rate / np.maximum(tracks["samples"], 1), np.nan)
+    cycles = laid_cycles(batch, strategy)
+    return np.where(cycles["count"] > 0, strategy.update_rate / np.maximum(cycles["samples"], 1), np.nan)
 
 
 def file_frequencies(file: ContourFile, rows: np.ndarray, strategy: SamplingStrategy = DEFAULT) -> np.ndarray:
@@ -33,7 +33,7 @@ def file_frequencies(file: ContourFile, rows: np.ndarray, strategy: SamplingStra
     done = np.zeros(len(rows), bool)
     for first, stop in file.done:
         done |= (rows >= first) & (rows < stop)
-    if needs_tracks(strategy):
+    if needs_cycles(strategy):
         for at, batch in _batches_of(file, rows, done):
             out[at] = pose_frequencies(batch, strategy)
         return out
@@ -43,7 +43,7 @@ def file_frequencies(file: ContourFile, rows: np.ndarray, strategy: SamplingStra
 
 
 def file_pauses(file: ContourFile, rows: np.ndarray) -> np.ndarray:
-    """What the contours of some done poses of a file pause in a cycle [s], shape [row]; reads no contours without."""
+    """Duration of pauses in a cycle, of some done poses of a file [s], shape [row]; reads no contours without any."""
     out = np.zeros(len(rows))
     if "dwell" in file.optional:
         for at, batch in _batches_of(file, rows, np.ones(len(rows), bool)):
@@ -52,7 +52,7 @@ def file_pauses(file: ContourFile, rows: np.ndarray) -> np.ndarray:
 
 
 def pauses_of(batch: ContourBatch) -> np.ndarray:
-    """What the contours of each pose pause in a cycle [s], shape [pose]: at a closed one's seam once.
+    """Duration of the pauses that each pose's contours have in a cycle [s], shape [pose]: at a closed one's seam once.
 
     Polylines without length are not drawn, so they do not pause.
     """
@@ -68,7 +68,7 @@ def pauses_of(batch: ContourBatch) -> np.ndarray:
     return np.bincount(pose, paused, len(batch.pose_start) - 1)
 
 
-def needs_tracks(strategy: SamplingStrategy) -> bool:
+def needs_cycles(strategy: SamplingStrategy) -> bool:
     """Whether the samples of a cycle follow from more than lengths and the contours' own pauses."""
     return not strategy.plain and strategy.pace.kind in ("speed", "capped")
 
@@ -78,7 +78,7 @@ def frequencies_by_time(
 ) -> np.ndarray:
     """Draw frequency of contours by their lengths [m] and pauses in a cycle [s]: [Hz], NaN where there are none.
 
-    strategy: one that needs no tracks.
+    strategy: one that needs no cycles.
     """
     length = np.asarray(length, np.float64)
     seconds = length / strategy.speed + pause
@@ -98,7 +98,7 @@ def _runs_of(rows: np.ndarray) -> Iterator[tuple[int, int]]:
 def _batches_of(file: ContourFile, rows: np.ndarray, done: np.ndarray) -> Iterator[tuple[np.ndarray, ContourBatch]]:
     """Contours of the done ones among some poses: which rows, and a batch of these."""
     where = np.flatnonzero(done)
-    taken = 0
+    begin = 0
     for first, stop in _runs_of(rows[done]):
-        yield where[taken : taken + stop - first], ContourBatch.from_arrays(file.contours(first, stop))
-        taken += stop - first
+        yield where[begin : begin + stop - first], ContourBatch.from_arrays(file.contours(first, stop))
+        begin += stop - first

@@ -71,7 +71,7 @@ LINES = {
     "step": "40 points a cycle, every third next",
     "random": "40 points a cycle in random order",
 }
-"""What each preset draws."""
+"""Description of each preset."""
 
 
 def preset(name: str, **changes: object) -> SamplingStrategy:

@@ -24,7 +24,7 @@ COUNTED_AT_ONCE = 1 << 18  # focal points that wait to be counted
 class RevisitWatch:
     """Picks places as focal points come, and counts visits; how samples are cut into spans changes nothing.
 
-    goes_on: whether each motion has more than one span; then focal points are kept on the host for two limits.
+    goes_on: whether each motion has more than one span; then focal points stay on the host for two limits.
     """
 
     def __init__(self, motion_count: int, strategy: SamplingStrategy, device: str, *, goes_on: bool = True) -> None:
@@ -109,7 +109,7 @@ class _Tail:
 
     def __init__(self) -> None:
         self.parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
-        self.first = 0  # number of the first sample that is kept
+        self.first = 0  # number of the first sample that is held
         self.pick = 0  # number of the next pick
         self.waiting = 0  # focal points that are not counted yet
 
@@ -117,7 +117,7 @@ class _Tail:
 def revisit_rate(
     blocks: Iterable[FocalPoints], pose: np.ndarray, bounds: np.ndarray, update_rate: float
 ) -> float | None:
-    """How often a place on the skin is drawn [Hz]; None if none was drawn again.
+    """Rate at which a place on the skin is drawn [Hz]; None if none was drawn again.
 
     blocks, pose, bounds: as for `dwell_map`. update_rate: of the focal points [Hz].
     Raises StrategyError for more samples than `bounds` has.

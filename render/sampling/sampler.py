@@ -243,7 +243,7 @@ class Sampler:
         Starts where a new sampler would; changes nothing. contours: of one pose, which has some. pose: needed for small
         circles only, shape [7]. None where no whole number of samples up to `limit` is a period of everything.
         """
-        repeat = int(laid_tracks(contours, self.strategy)["repeat"][0])
+        repeat = int(laid_cycles(contours, self.strategy)["repeat"][0])
         count = period_count(self.strategy, repeat, limit)
         if count is None:
             return None
@@ -351,6 +351,8 @@ def sample_contours(
             for k in range(0, end - begin, block):
                 yield FocalPoints(focus.position[k : k + block], focus.intensity[k : k + block])
         index += len(batch)
+    if index < len(time):
+        raise PoseError(f"there are contours of {index} poses, fewer than the {len(time)} times and poses")
 
 
 def spans_of(bounds: np.ndarray, most: int) -> Iterator[tuple[int, int, int, int]]:
@@ -425,26 +427,26 @@ def has_contours(batch: ContourBatch) -> bool:
     return bool((batch.length() > 0).any())
 
 
-def laid_tracks(batch: ContourBatch, strategy: SamplingStrategy) -> np.ndarray:
-    """The tracks of poses as each is drawn first, PoseTrack, shape [pose]; `count` is 0 for one without contours.
+def laid_cycles(batch: ContourBatch, strategy: SamplingStrategy) -> np.ndarray:
+    """The cycles of poses as each is drawn first, PoseCycle, shape [pose]; `count` is 0 for one without contours.
 
     `samples`: of a cycle; `repeat`: samples after which they lie where they lay before.
     """
-    return lay_each(batch, strategy).tracks.numpy()[: len(batch)]
+    return lay_each(batch, strategy).cycles.numpy()[: len(batch)]
 
 
 def laid_jumps(contours: ContourBatch, strategy: SamplingStrategy) -> np.ndarray:
-    """Where a focal point jumps in a cycle of one pose [m], from and to, shape [jump, 2, 3]."""
+    """Jumps of a focal point in a cycle of one pose [m], from and to, shape [jump, 2, 3]."""
     room = lay_each(contours, strategy)
-    count = int(room.tracks.numpy()[0]["count"])
-    knot, point = (array.numpy()[:count] for array in room.nodes)
-    at = np.flatnonzero((np.diff(knot) <= 0) & (np.diff(point, axis=0) != 0).any(axis=1))
-    ways = np.stack([point[at], point[at + 1]], axis=1)
-    return np.concatenate([ways, point[None, [-1, 0]]]) if count else ways
+    count = int(room.cycles.numpy()[0]["count"])
+    parameter, point = (array.numpy()[:count] for array in room.nodes)
+    at = np.flatnonzero((np.diff(parameter) <= 0) & (np.diff(point, axis=0) != 0).any(axis=1))
+    jumps = np.stack([point[at], point[at + 1]], axis=1)
+    return np.concatenate([jumps, point[None, [-1, 0]]]) if count else jumps
 
 
 def lay_each(batch: ContourBatch, strategy: SamplingStrategy, device: str = "cpu") -> SpanRoom:
-    """A room with the tracks of poses, each as it is drawn first."""
+    """A room with the cycles of poses, each as it is drawn first."""
     device = str(batch.points.device) if batch.on_device else device
     batch = drawable_contours(batch.to(device))
     poses = np.arange(len(batch))
@@ -519,7 +521,7 @@ class MotionSamples:
     counts: list[SamplingCount]
     """Of each motion."""
     schedule: Any
-    """Which samples each pose has: a PoseSchedule, which type checkers take for no class, as any struct of Warp's."""
+    """Samples of each pose: a PoseSchedule, which type checkers take for no class, as any struct of Warp's."""
     pose: wp.array
     """Hand frame -> array frame, transformd, shape [pose]."""
 
@@ -587,7 +589,7 @@ def sample_motions(
 
 @dataclass(frozen=True, eq=False)
 class MotionSchedule:
-    """Which samples the poses of motions have."""
+    """Samples of the poses of motions."""
 
     motion_start: np.ndarray  # offsets into poses, int64, shape [motion + 1]
     time: np.ndarray  # of poses [s]

@@ -311,7 +311,7 @@ class SamplingStrategy:
         """Longest step along a contour at the nominal speeds, fast returns and small circles included [m].
 
         A step longer than twice this is a hop, or a jump above `jump_threshold`. For pace.kind "frequency" and "capped"
-        the speed depends on the contours: see `PoseTrack.ordinary`.
+        the speed depends on the contours: see `PoseCycle.ordinary`.
         """
         return self._fastest / self.update_rate + self.circle_step
 

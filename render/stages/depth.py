@@ -14,20 +14,20 @@ from ..contour_batch import ContourBatch
 from ..objects.solid import Solid
 from .registry import Option, Setting, transform_stage
 
-MESHES_KEPT = 4  # of objects whose depth was asked last
+CACHE_SIZE = 4  # meshes, of the objects whose depth was asked last
 _MESHES: OrderedDict[tuple[str, str], wp.Mesh] = OrderedDict()
 _LOCK = Lock()
 
 
 def mesh_of(solid: Solid, device: str) -> wp.Mesh:
-    """The object's outline on a device, kept for the next batch."""
+    """The object's outline on a device, cached for the next batch."""
     key = (solid.described()["hash"], device)
     with _LOCK:
         mesh = _MESHES.get(key)
         if mesh is None:
             mesh = _MESHES[key] = mesh_for_depth(*solid.outline_mesh(), device)
         _MESHES.move_to_end(key)
-        while len(_MESHES) > MESHES_KEPT:
+        while len(_MESHES) > CACHE_SIZE:
             _MESHES.popitem(last=False)
         return mesh
 

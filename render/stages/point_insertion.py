@@ -9,7 +9,7 @@ def divide_batch(batch: ContourBatch, longest: float, point_limit: int | None = 
 
     Parts are longer by the rounding of their ends to float32 at most, and dividing again changes nothing. Intensity is
     linear along a segment, new points have no dwell.
-    Raises PointLimitError before memory is taken for more points than `point_limit`.
+    Raises PointLimitError before memory is allocated for more points than `point_limit`.
     """
     there = batch if batch.on_device else batch.to("cpu")
     out = ContourBatch.from_struct(divide_contours(there.struct, longest, point_limit), batch.raw_error)

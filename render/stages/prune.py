@@ -124,22 +124,22 @@ def prune_small(batch: ContourBatch, setting: Setting, *, perimeter: float, leng
 def prune_turned_away(batch: ContourBatch, setting: Setting, *, angle: float) -> Pruned:
     """Remove the contours of patches whose skin faces away from the array.
 
-    angle: the most between the skin's normal and the way from the patch's middle to the array's [rad]. A hand mesh
+    angle: the most between the skin's normal and the line from the patch's middle to the array's [rad]. A hand mesh
     counts as its palm's plane.
     """
     facing = facing_angle(setting.frames, setting.array_position)
-    kept = wp.array((facing <= angle).astype(np.uint8), dtype=wp.uint8, device=setting.device)
-    return cut_batch(batch, keep_patches(batch.struct, kept))
+    stays = wp.array((facing <= angle).astype(np.uint8), dtype=wp.uint8, device=setting.device)
+    return cut_batch(batch, keep_patches(batch.struct, stays))
 
 
 def facing_angle(frames: PatchFrames, array_position: np.ndarray) -> np.ndarray:
-    """Angle between a patch's skin normal, -n, and the way from its middle to a point [rad], shape [pose, patch].
+    """Angle between a patch's skin normal, -n, and the line from its middle to a point [rad], shape [pose, patch].
 
     NaN for a patch that is not there; 0 for one that lies in the point.
     """
-    way = np.asarray(array_position, np.float64) - frames.origin
-    along = -np.sum(frames.n * way, axis=-1)
-    return np.arctan2(np.linalg.norm(np.cross(frames.n, way), axis=-1), along)
+    to_point = np.asarray(array_position, np.float64) - frames.origin
+    along = -np.sum(frames.n * to_point, axis=-1)
+    return np.arctan2(np.linalg.norm(np.cross(frames.n, to_point), axis=-1), along)
 
 
 @prune_stage(

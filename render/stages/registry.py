@@ -228,9 +228,11 @@ def register_stage(entry: StageEntry) -> None:
         raise StrategyError(f"a stage's name must be a text of one character at least, not {entry.name!r}")
     require_choice(f"stage {entry.name!r}: on", entry.on, ("host", "device"))
     with _LOCK:
-        taken = _ENTRIES.get(entry.name)
-        if taken is not None and (taken.role != entry.role or origin_of(taken.function) != origin_of(entry.function)):
-            raise StrategyError(f"there is a {taken.role} stage {entry.name!r} already: {taken.line}")
+        present = _ENTRIES.get(entry.name)
+        if present is not None and (
+            present.role != entry.role or origin_of(present.function) != origin_of(entry.function)
+        ):
+            raise StrategyError(f"there is a {present.role} stage {entry.name!r} already: {present.line}")
         if not entry.own:  # its function and files have their SHA-256 taken now, before values in it change
             files = file_digests([place_of(entry.function), caller_file()])
             texts = [digest_of(entry.function), *sorted(set(files.values()))]

@@ -165,7 +165,7 @@ def schedule_of_motions(counts, device="cpu"):
 
 
 def drawn_room(batch, time, duration, strategy, device="cpu", hold=np.inf):
-    """The room of a whole motion that has been drawn; its tracks, nodes and state are to be looked at."""
+    """The room of a whole motion that has been drawn; its cycles, nodes and state are to be looked at."""
     schedule = MotionSchedule.of(time, [0, len(time)], [duration], strategy, np.array([hold]))
     batch, points = batch.to(device), strategy.pace.points
     shown = np.zeros(0, np.int64) if points is None else shown_order(strategy.order, points)
@@ -180,9 +180,9 @@ def drawn_room(batch, time, duration, strategy, device="cpu", hold=np.inf):
 
 
 def without_folds(batch, strategy):
-    """A batch where loops through two places are a point: such a loop has pairs of doors at one place.
+    """A batch where loops through two places are a point: such a loop has pairs of candidate starts at one place.
 
-    Which door of such a pair is taken is decided by rounding, and so it may differ from sampler to sampler.
+    Rounding decides which start of such a pair is chosen, and so it may differ from sampler to sampler.
     """
     points = batch.points.copy()
     for (a, b), closed in zip(pairwise(batch.polyline_start.tolist()), batch.polyline_closed, strict=True):

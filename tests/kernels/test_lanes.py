@@ -7,10 +7,11 @@ import warp as wp
 from palpate.kernels.lanes import any_lane, from_first_lane, numbers_of_warps, sync_lanes, votes_of
 from palpate.kernels.offsets import BLOCK
 from palpate.kernels.section.joining import number_memory
-from palpate.kernels.section.row_planes import PLANE_WORDS
+from palpate.kernels.section.warp_planes import PLANE_WORDS
 from palpate.kernels.warps import (
     WARP,
     bits_to,
+    claim_place,
     first_places,
     in_step,
     lane_of_warp,
@@ -19,7 +20,6 @@ from palpate.kernels.warps import (
     set_int,
     sums_of_warp,
     sync_warp,
-    take_place,
     warp_numbers_of,
     warp_size,
     warp_votes_of,
@@ -72,7 +72,7 @@ def _take(count: int, taken: wp.array[wp.int32], who: wp.array[wp.int32]):
     turn = wp.int32(0)
     works = wp.bool(True)
     while works:
-        place = take_place((i + turn) % 3 != 0 or warp_size() == 1, ours, taken, count)
+        place = claim_place((i + turn) % 3 != 0 or warp_size() == 1, ours, taken, count)
         ours = wp.vec2i(place[1], place[2])
         if place[0] >= 0:
             wp.atomic_add(who, place[0], 1)
@@ -123,7 +123,7 @@ def test_lanes_tell_each_other_what_they_have(device, lanes, rng):
 
 
 @pytest.mark.parametrize("count", [0, 1, 31, 32, 33, 64, 1000])
-def test_each_place_is_taken_once(count, device, lanes):
+def test_each_place_is_claimed_once(count, device, lanes):
     who, taken = wp.zeros(max(count, 1), dtype=wp.int32, device=device), wp.zeros(1, dtype=wp.int32, device=device)
     size = max(count, 1) if lanes[0] == 1 else LANES
     wp.launch(_take, size, inputs=[count, taken], outputs=[who], device=device, block_dim=BLOCK)

@@ -1,4 +1,4 @@
-"""Rows that are counted, then written: offsets, memory for all, and a limit checked before memory is taken."""
+"""Rows that are counted, then written: offsets, memory for all, and a limit checked before memory is allocated."""
 
 import numpy as np
 import pytest
@@ -51,7 +51,7 @@ def test_rows_are_written_behind_each_other(sizes, both, device):
     if sum(sizes):
         with pytest.raises(PointLimitError, match=f"{sum(sizes)} points exceed the limit of {sum(sizes) - 1}"):
             count_then_fill(*kernels, len(sizes), [asked], room, rows=len(sizes), limit=sum(sizes) - 1, **more)
-        assert len(taken) == 1  # no memory was taken
+        assert len(taken) == 1  # no memory was allocated
 
 
 def test_the_limit_is_that_of_the_first_counts(device):

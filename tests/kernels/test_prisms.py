@@ -7,7 +7,7 @@ from drawing import LEVEL_AXES, METHODS, assert_same_bits, draw, patch_array, st
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from palpate.kernels.section.row_walker import HAND
+from palpate.kernels.section.piece_walker import HAND
 
 once_a_device = settings(max_examples=120, suppress_health_check=[HealthCheck.function_scoped_fixture])
 grid = st.integers(-12, 12).map(

@@ -121,21 +121,21 @@ def drawn_slowly(poses, counts, speed, rate, slack):
 
 def nearest_slowly(ring, arcs, point, direction, slack, reach):
     """Arc length of the nearest point in the same direction; beyond `reach`, if anything is nearer, in any."""
-    ways = []
+    segments = []
     for a, b, arc in zip(ring[:-1], ring[1:], arcs[:-1], strict=True):
-        way = [y - x for x, y in zip(a, b, strict=True)]
+        segment = [y - x for x, y in zip(a, b, strict=True)]
         long = distance(a, b)
-        part = sum((p - x) * w for p, x, w in zip(point, a, way, strict=True)) / long**2
+        part = sum((p - x) * w for p, x, w in zip(point, a, segment, strict=True)) / long**2
         part = min(max(part, 0.0), 1.0)
-        off = distance(point, [x + part * w for x, w in zip(a, way, strict=True)])
-        against = sum(x * y for x, y in zip(way, direction, strict=True)) < -1e-9 * long * math.hypot(*direction)
-        ways.append((off, against, arc + part * long))
-    beyond = reach if min(off for off, _, _ in ways) <= reach else math.inf
-    return min((off + slack * (against or off > beyond), k, at) for k, (off, against, at) in enumerate(ways))[2]
+        off = distance(point, [x + part * w for x, w in zip(a, segment, strict=True)])
+        against = sum(x * y for x, y in zip(segment, direction, strict=True)) < -1e-9 * long * math.hypot(*direction)
+        segments.append((off, against, arc + part * long))
+    beyond = reach if min(off for off, _, _ in segments) <= reach else math.inf
+    return min((off + slack * (against or off > beyond), k, at) for k, (off, against, at) in enumerate(segments))[2]
 
 
 class NotingSampler(Sampler):
-    """The sampler in NumPy, which notes the track, knot and index of each pose's contours that it enters."""
+    """The sampler in NumPy, which notes the cycle, parameter and index of each pose's contours that it enters."""
 
     def __init__(self, strategy):
         super().__init__(strategy)
@@ -143,12 +143,12 @@ class NotingSampler(Sampler):
 
     def _enter(self, path, silent):
         cursor = super()._enter(path, silent)
-        self.entries.append((cursor.track, cursor._anchor, cursor._index))
+        self.entries.append((cursor.cycle, cursor._anchor, cursor._index))
         return cursor
 
 
 def entered_by_numpy(batch, time, duration, strategy):
-    """Track, knot and index of the first sample on the contours of each pose that has some and samples."""
+    """Cycle, parameter and index of the first sample on the contours of each pose that has some and samples."""
     sampler = NotingSampler(strategy)
     list(sample_contours([batch], still(len(time)), time, duration, sampler))
     return sampler.entries

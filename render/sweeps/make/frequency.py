@@ -1,4 +1,4 @@
-"""Draw frequency of many poses at once, from their lengths where a track need not be laid.
+"""Draw frequency of many poses at once, from their lengths where a cycle need not be laid.
 
 | strategy | samples a cycle follow from |
 |---|---|
@@ -6,8 +6,8 @@
 | gap "jump", no pauses | the length; twice that for order "pendulum" |
 | gap "pendulum", no pauses | the length, open polylines twice |
 | gap "close", no pauses | the length and the chords of open polylines |
-| gap "return", no pauses | the same for poses of one polyline; of several, the route's jumps: a track |
-| pauses, at pace "speed" or "capped" | where the corners are: a track |
+| gap "return", no pauses | the same for poses of one polyline; of several, the route's jumps: a cycle |
+| pauses, at pace "speed" or "capped" | where the corners are: a cycle |
 """
 
 import math
@@ -19,7 +19,7 @@ import warp as wp
 
 from ....kernels.metrics.tally import Pacing, measure_gaps, pace_poses
 from ...contour_batch import ContourBatch
-from ...sampling.sampler import laid_tracks
+from ...sampling.sampler import laid_cycles
 from ...sampling.strategy import SEAM, SamplingStrategy
 
 AGES, INSTANT = 1e9, 1e-9  # [s]; cycles longer and shorter than any
@@ -76,12 +76,12 @@ class Pacer:
         """
         gaps = self._gaps_of() if needs_gaps(strategy) else None
         value = pace_poses(pacing_of(strategy), self.length, None if gaps is None else gaps[:2], value)
-        rows = self._rows_of_tracks(strategy)
+        rows = self._rows_of_cycles(strategy)
         if len(rows):
             host = value.numpy()
-            tracks = laid_tracks(self._contours(), strategy)[rows]
+            cycles = laid_cycles(self._contours(), strategy)[rows]
             host[1, rows] = np.where(
-                tracks["count"] > 0, strategy.update_rate / np.maximum(tracks["samples"], 1), np.nan
+                cycles["count"] > 0, strategy.update_rate / np.maximum(cycles["samples"], 1), np.nan
             )
             value.assign(host)
         return value
@@ -92,8 +92,8 @@ class Pacer:
             self._gaps = measure_gaps(self._contours().struct)
         return self._gaps
 
-    def _rows_of_tracks(self, strategy: SamplingStrategy) -> np.ndarray:
-        """Poses whose samples are known only from a track."""
+    def _rows_of_cycles(self, strategy: SamplingStrategy) -> np.ndarray:
+        """Poses whose samples are known only from a cycle."""
         if is_fixed(strategy):
             return np.zeros(0, np.int64)
         paused = self.batch is not None and self.batch.dwell is not None

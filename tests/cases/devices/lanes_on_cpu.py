@@ -21,7 +21,7 @@ import palpate.kernels.section
 from palpate.kernels import lanes, warps
 
 GPU = SimpleNamespace(is_cpu=False, is_cuda=True, sm_count=1)
-ASKED = ("lane_count", "group_count", "threads_for", "taking_lanes", "lists_steps")
+ASKED = ("lane_count", "group_count", "threads_for", "claiming_lanes", "lists_steps")
 """Functions of the house that ask a device how many lanes it has."""
 
 INDEX = "payload->block_first + (size_t)lane;"

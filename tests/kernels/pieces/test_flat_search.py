@@ -12,7 +12,7 @@ from tally_outputs import empty
 from palpate.kernels.pieces import finding, flat_search
 from palpate.kernels.pieces.finding import find_pieces
 from palpate.kernels.pieces.flat_search import flat_search_pieces
-from palpate.kernels.pieces.row_block import FlatSize
+from palpate.kernels.pieces.query_block import FlatSize
 from palpate.kernels.section.contour_writing import draw_contours
 from palpate.kernels.section.joining import join_pieces, order_pieces
 from palpate.kernels.section.pieces import SLOTS
@@ -67,17 +67,17 @@ def assert_found(surface, poses, patch, strategy, size):
     assert_same_bits(draw(surface, poses, patch, strategy, "seek"), flat)
     blocks = [pieces for pieces in found if not pieces.section]
     again = [pieces for pieces in found if pieces.section]
-    rows = [pieces.first + np.arange(pieces.count.shape[0]) for pieces in blocks]
-    np.testing.assert_array_equal(np.concatenate(rows), np.arange(count))
+    sections = [pieces.first + np.arange(pieces.count.shape[0]) for pieces in blocks]
+    np.testing.assert_array_equal(np.concatenate(sections), np.arange(count))
     holders = np.zeros(count, int)
-    for pieces, section in [*zip(blocks, rows, strict=True), *((own, own.section.numpy()) for own in again)]:
+    for pieces, section in [*zip(blocks, sections, strict=True), *((own, own.section.numpy()) for own in again)]:
         counted, room = pieces.count.numpy(), pieces.room.numpy() if pieces.room.shape[0] else SLOTS
         np.add.at(holders, section[(counted > 0) & (counted <= room)], 1)
     assert holders.max() == 1
     return blocks, again
 
 
-def test_each_row_takes_as_many_slots_as_it_has_pieces(device):
+def test_each_query_takes_as_many_slots_as_it_has_pieces(device):
     surface, patch = surface_on(comb(), device), patch_array([0.0425, 0.0425], device)
     for listed in (400.0, 600.0):  # few lanes, and many
         size = FlatSize(4000, listed, 2**20, 20.0)
@@ -99,8 +99,8 @@ def test_each_row_takes_as_many_slots_as_it_has_pieces(device):
     ],
     ids=["space", "crossings", "slots", "all"],
 )
-def test_only_rows_without_room_are_searched_again(size, device):
-    """Too little space for a section, for all rows' crossings, and for their pieces."""
+def test_only_queries_without_room_are_searched_again(size, device):
+    """Too little space for a section, for all queries' crossings, and for their pieces."""
     poses = generic_poses(120, 3)
     poses[::3, 2] += np.float32(1.0)  # away from the solid
     for name in ("comb", "sphere", "torn dog"):
@@ -121,7 +121,7 @@ def test_patches_inside_a_solid_whose_winding_numbers_find_no_space(device):
     assert (block.winding.numpy()[inside] == 0).all()
 
 
-def test_blocks_of_a_few_rows(device):
+def test_blocks_of_a_few_queries(device):
     surface, patch = surface_on(blob(12), device), patch_array([0.0425, 0.0425], device)
     for strategy in STRATEGIES:
         blocks, again = assert_found(surface, generic_poses(60, 3), patch, strategy, FlatSize(4000, 100.0, 700))
@@ -141,7 +141,7 @@ def test_a_section_with_too_many_crossings_is_searched_by_walking(device, monkey
             assert again[-1].listed is None  # found by walking
 
 
-def test_sums_of_rows_that_are_searched_again(device, monkeypatch):
+def test_sums_of_queries_that_are_searched_again(device, monkeypatch):
     monkeypatch.setattr(finding, "flat_search_pieces", partial(flat_search_pieces, size=FlatSize(60, 0.5, 60, 0.1)))
     test_sums_without_points_are_those_of_pieces_found_by_walking("comb", device)
 
@@ -197,12 +197,12 @@ def test_slots_may_come_in_any_order(device):
 
 
 def turn_slots(pieces):
-    """Reverse the slots of each row."""
+    """Reverse the slots of each query."""
     count, start = pieces.count.numpy(), pieces.start.numpy()
     for field in ("half", "out", "key", "side", "steps", "begin"):
         array = getattr(pieces, field)
         values = array.numpy().copy()
-        for row, stored in enumerate(count):
-            slots = start[row] + np.arange(stored)
+        for query, stored in enumerate(count):
+            slots = start[query] + np.arange(stored)
             values[slots] = values[slots[::-1]]
         array.assign(values)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.kernels.sampling.route import PIECES_MOST
-from palpate.render.sampling.sampler import Sampler, laid_jumps, laid_tracks
+from palpate.render.sampling.sampler import Sampler, laid_cycles, laid_jumps
 from palpate.render.sampling.strategy import Gap, Order, SamplingStrategy
 
 place = st.tuples(*[st.integers(-50, 50)] * 3).map(lambda p: np.array(p) * 1e-3)
@@ -104,9 +104,9 @@ def test_every_piece_is_in_the_route_once_and_whole(lines, back, cyclic):
     assert found <= given_ + 1e-7
     batch, strategy = batch_of([lines]), strategy_of(back=back, cyclic=cyclic)
     assert sorted(drawn_pieces(batch, strategy)["line"].tolist()) == list(range(len(lines)))
-    ways = (1 + np.array([back and not closed for _, closed in lines])) * (1 if cyclic else 2)
-    cycle = strategy.samples_a_cycle(float(ways @ lengths(lines)))
-    assert laid_tracks(batch, strategy)["samples"][0] == pytest.approx(cycle, abs=1)
+    passes = (1 + np.array([back and not closed for _, closed in lines])) * (1 if cyclic else 2)
+    cycle = strategy.samples_a_cycle(float(passes @ lengths(lines)))
+    assert laid_cycles(batch, strategy)["samples"][0] == pytest.approx(cycle, abs=1)
 
 
 def lengths(lines):
@@ -135,6 +135,6 @@ def test_very_many_pieces_stay_in_the_order_given():
     most = int(PIECES_MOST)
     assert jump_total(rungs(most + 1)) == pytest.approx(jump_total(rungs(most + 1), route="given"))
     assert jump_total(rungs(most)) < 0.3 * jump_total(rungs(most), route="given")
-    track = laid_tracks(batch_of([rungs(most + 1)]), SamplingStrategy())[0]
-    assert track["count"] == 2 * (most + 1)
-    assert track["samples"] == SamplingStrategy().samples_a_cycle(0.01 * (most + 1))
+    cycle = laid_cycles(batch_of([rungs(most + 1)]), SamplingStrategy())[0]
+    assert cycle["count"] == 2 * (most + 1)
+    assert cycle["samples"] == SamplingStrategy().samples_a_cycle(0.01 * (most + 1))

@@ -103,6 +103,6 @@ def test_more_runs_than_are_laid_at_once_are_all_laid(device, monkeypatch):
     batch, motions = batch_of(rings(3) * 7), np.arange(7)
     schedule = {"motion_start": np.arange(8), "motion": motions, "count": np.ones(7, np.int64), "goes_on": 0 * motions}
     room.lay(PLAN, batch.to(device).struct, schedule)
-    tracks = room.tracks.numpy()[:7]
-    assert tracks["pieces"].tolist() == [3] * 7
-    assert tracks["period"] == pytest.approx(tracks["period"][0])
+    cycles = room.cycles.numpy()[:7]
+    assert cycles["pieces"].tolist() == [3] * 7
+    assert cycles["period"] == pytest.approx(cycles["period"][0])

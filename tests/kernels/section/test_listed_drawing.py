@@ -31,35 +31,35 @@ def assert_same(surface, poses, patch, strategy):
     assert_same_bits(sought, traced)
 
 
-def joined_rows(surface, poses, patch, strategy):
-    """ContourPieces with lists, and the entries of their rows."""
+def joined_block(surface, poses, patch, strategy):
+    """ContourPieces with lists, and the entries of their queries."""
     bounded, closes = STRATEGIES[strategy]
     pose = pose_array(poses, surface.corner.device)
     found = find_pieces(surface, pose, patch, bounded=bounded, closes=closes, method="trace")
-    return join_pieces(surface, found, pose, patch, closes=closes).rows[0]
+    return join_pieces(surface, found, pose, patch, closes=closes).blocks[0]
 
 
 def walked_share(surface, poses, patch, strategy):
-    """Share of the rows with pieces that are drawn by walking."""
-    count = joined_rows(surface, poses, patch, strategy)[1].count.numpy()
+    """Share of the queries with pieces that are drawn by walking."""
+    count = joined_block(surface, poses, patch, strategy)[1].count.numpy()
     return np.mean((count[count > 0] & int(WALKED)) != 0)
 
 
-def test_nearly_all_rows_are_drawn_from_lists(device):
+def test_nearly_all_queries_are_drawn_from_lists(device):
     for name in set(CLOSED) - {"comb"}:
         surface, poses = surface_on(MESHES[name](), device), generic_poses(60, 1)
         for strategy in STRATEGIES:
             assert walked_share(surface, poses, patch_array(HALF, device), strategy) < 0.4  # long loops of the egg box
 
 
-def test_rows_with_steps_of_zero_length_at_sides_are_walked(device):
+def test_queries_with_steps_of_zero_length_at_sides_are_walked(device):
     mesh = MESHES["cube"]()
     surface, patch = surface_on(mesh, device), patch_array([0.0425, 0.0425], device)
     poses = np.array(list(degenerate_poses(mesh, 20, seed=4).values()))
     assert 0 < walked_share(surface, poses, patch, "cc") < 1
 
 
-def test_rows_with_more_steps_than_their_list_has_room_for_are_walked(device, monkeypatch):
+def test_queries_with_more_steps_than_their_list_has_room_for_are_walked(device, monkeypatch):
     for words in (1, 3, 7):
         monkeypatch.setattr(step_lists, "BOUNDED", (1000.0, words))
         monkeypatch.setattr(step_lists, "UNBOUNDED", (1000.0, words))
@@ -82,7 +82,7 @@ def test_sections_with_many_pieces_are_walked(device):
     surface, patch = surface_on(MESHES["comb"](), device), patch_array([0.0425, 0.0425], device)
     for strategy in STRATEGIES:
         assert_same(surface, generic_poses(200, 8), patch, strategy)
-    pieces, entries = joined_rows(surface, generic_poses(200, 8), patch, "cc")
+    pieces, entries = joined_block(surface, generic_poses(200, 8), patch, "cc")
     many = pieces.count.numpy() > SLOTS
     assert many.any()
     assert (entries.count.numpy()[many] == 0).all()
@@ -92,12 +92,12 @@ def test_threads_are_whole_blocks_on_a_gpu():
     class Gpu:
         is_cpu = False
 
-    assert [threads_for(Gpu, rows) for rows in (0, 1, 64, 65)] == [0, 64, 64, 128]
+    assert [threads_for(Gpu, count) for count in (0, 1, 64, 65)] == [0, 64, 64, 128]
     assert threads_for(wp.get_device("cpu"), 65) == 65
 
 
 def test_pieces_that_were_taken_are_missed(device):
-    """What `find_pieces` returns can be taken once; joining what is left of it is refused, or the same again."""
+    """What `find_pieces` returns can be used once; joining what is left of it is refused, or the same again."""
     surface = surface_on(MESHES["sphere"](), device)
     pose, patch = pose_array(generic_poses(5, 1), device), patch_array(HALF, device)
     for method in ("trace", "seek", "flat"):
@@ -112,5 +112,5 @@ def test_pieces_that_were_taken_are_missed(device):
 
 def test_more_events_than_32_bits_count_are_refused(device):
     count = wp.empty(2**20, dtype=wp.int32, device=device)
-    with pytest.raises(MemoryError, match=r"1048576 rows of 4096 events each exceed the limit of 4294967296 events"):
+    with pytest.raises(MemoryError, match=r"1048576 queries of 4096 events each exceed the limit of 4294967296 events"):
         room_for_events(count, 4095)

@@ -1,4 +1,4 @@
-"""How long contours that are there go undrawn: the longest time from one passage of the focal point to the next."""
+"""Absence: the longest time for which a contour that is there is not drawn, from one passage to the next."""
 
 import numpy as np
 

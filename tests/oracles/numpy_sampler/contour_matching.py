@@ -1,4 +1,4 @@
-"""Which polyline of a pose is which of the pose before: recognised by where its middle is and how large it is."""
+"""Polylines of a pose matched with those of the pose before, by their middles and sizes."""
 
 import numpy as np
 

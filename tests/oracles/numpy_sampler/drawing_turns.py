@@ -15,7 +15,7 @@ SHARE_LEAST = 1 / 8  # of a step that a polyline takes at least: so all have bee
 def longest_passages(duration: np.ndarray, piece: np.ndarray) -> np.ndarray:
     """Time of the longest passage along each polyline that a cycle has, shape [polyline]; NaN for one that it has not.
 
-    duration: of each way from node to node; piece: number of the polyline that it is on, -1 between two; shape [way].
+    duration: of each segment; piece: number of the polyline that it is on, -1 between two; shape [segment].
     """
     first = np.flatnonzero(np.append(True, np.diff(piece) != 0))
     took, of = np.add.reduceat(duration, first), piece[first]

@@ -28,5 +28,5 @@ def age_at(sample: int, time: float, update_rate: float) -> float:
 
 
 def fade_ticks(fade: float, update_rate: float) -> float:
-    """How long a fade takes, in ticks; at least one. fade: [s]."""
+    """Duration of a fade in ticks, at least one. fade: [s]."""
     return max(float(ticks_of(max(fade, FADE_LEAST), update_rate)), 1.0)

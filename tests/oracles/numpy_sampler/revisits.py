@@ -24,7 +24,7 @@ class Ring:
     """The newest columns of an array that grows; each is stored twice, so that consecutive columns are one slice."""
 
     def __init__(self, size: int, rows: int, dtype: type = np.float64) -> None:
-        """size: columns that are kept."""
+        """size: columns that are remembered."""
         self._size, self._twice = size, np.zeros((rows, 2 * size), dtype)
 
     def write(self, first: int, columns: np.ndarray) -> None:
@@ -42,7 +42,7 @@ class Ring:
 
 
 class SkinHistory:
-    """Where focal points have been drawn on the skin, as far back as the visit before may be.
+    """Places on the skin at which focal points were drawn, as far back as the visit before may be.
 
     Drawn samples are numbered from 0 here. Groups of them have boxes: a place is compared only with samples in boxes
     near to it.
@@ -55,9 +55,9 @@ class SkinHistory:
         """
         self._limit, self._group, self._foci = limit, group, foci
         boxes = (2 * limit + BLOCK) // group + 2  # a visit lasts one limit at most, and so does the wait before it
-        self._kept = boxes * group
-        self._number = Ring(self._kept, 1, np.int64)  # of each drawn sample among all
-        self._skin = Ring(self._kept, 3 * foci)  # [m], hand frame
+        self._remembered = boxes * group
+        self._number = Ring(self._remembered, 1, np.int64)  # of each drawn sample among all
+        self._skin = Ring(self._remembered, 3 * foci)  # [m], hand frame
         self._low, self._high = Ring(boxes, 3), Ring(boxes, 3)  # [m]
         self._count = 0  # drawn samples so far
 
@@ -99,11 +99,11 @@ class SkinHistory:
 
     def _first_from(self, sample: int) -> int:
         """The first drawn sample, of those remembered, that is not before a sample."""
-        oldest = max(-(-self._count // self._group) * self._group - self._kept, 0)  # its whole box is remembered
+        oldest = max(-(-self._count // self._group) * self._group - self._remembered, 0)  # its whole box is remembered
         return oldest + int(self._number.columns(oldest, self._count)[0].searchsorted(sample))
 
     def _visits(self, last: int, place: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-        """The visit to a place that is under way at a drawn sample, and the visit before, if the limit holds it.
+        """The visit to a place that goes on at a drawn sample, and the visit before, if the limit holds it.
 
         Returns the samples near the place, their square distances [m^2], and where among them visits begin. None, at
         times, where the visit has lasted for longer than the limit.

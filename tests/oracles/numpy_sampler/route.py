@@ -8,14 +8,14 @@ import numpy as np
 
 from .contour_matching import marks_of, matches_of
 
-# A pose lasts 11 ms, and laying its track must leave time to play it: none takes 5 ms of a core.
+# A pose lasts 11 ms, and laying its cycle must leave time to play it: none takes 5 ms of a core.
 SEARCHED_MOST = 32  # pieces; the route through more is not searched for: that grows with their square and beyond
 PIECES_MOST = 128  # more are drawn in the batch's order
-DOORS = 64  # starts looked at, over all polylines: 32 on each of two loops, 2 on each of 32, else the given one
+STARTS = 64  # starts looked at, over all polylines: 32 on each of two loops, 2 on each of 32, else the given one
 
-INSERTED_MOST = 16  # new pieces in a route that is kept; an insertion among 128 takes 0.15 ms
-STARTS_TRIED = 16  # on a loop that is new in a route that is kept
-JUMP_SLACK = 5e-3  # [m] by which a kept route may be longer whatever its length: what is no longer is no jump
+INSERTED_MOST = 16  # new pieces in the order of the pose before; an insertion among 128 takes 0.15 ms
+STARTS_TRIED = 16  # on a loop that is new in the order of the pose before
+JUMP_SLACK = 5e-3  # [m] by which jumps may be longer in the order of the pose before: what is no longer is no jump
 
 # All orders of a cycle of so many; the other way round, every piece turned, one is as long.
 CYCLES = {2: [[0, 1]], 3: [[0, 1, 2]], 4: [[0, 1, 2, 3], [0, 1, 3, 2], [0, 2, 1, 3]]}
@@ -53,7 +53,7 @@ class Route:
 
     @cached_property
     def mark(self) -> np.ndarray:
-        """What each polyline is recognised by at the next pose, shape [piece, 4]; see `marks_of`."""
+        """Mark by which each polyline is recognised at the next pose, shape [piece, 4]; see `marks_of`."""
         return marks_of([piece.points for piece in self.pieces])
 
     def redrawn(self, order: np.ndarray, pieces: list[RoutePiece], least: float) -> "Route":
@@ -66,17 +66,17 @@ class Route:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Doors:
-    """Ways to draw each piece: where one comes in and goes out. All pieces' doors stand one after the other."""
+class Starts:
+    """Candidate starts of each piece. All pieces' starts stand one after the other."""
 
     piece: np.ndarray
-    """Whose it is, shape [door]."""
+    """Whose it is, shape [start]."""
     flipped: np.ndarray
-    """The door of the same piece drawn the other way round, shape [door]."""
+    """The start of the same piece drawn the other way round, shape [start]."""
     jump: np.ndarray
-    """From the way out of one door to the way in of another [m], shape [door, door]."""
+    """Jump from the end of a piece drawn from one start to another start [m], shape [start, start]."""
     of: list[np.ndarray]
-    """Doors of each piece."""
+    """Starts of each piece."""
 
 
 def jump_total(pieces: list[RoutePiece], *, back: bool = False, cyclic: bool = True) -> float:
@@ -106,18 +106,18 @@ def steady_route(
         return given
     if before is None or np.count_nonzero(given.earlier >= 0) < 2:  # there is no order to keep
         return given.redrawn(*_found(pieces, back=back, cyclic=cyclic))
-    order, kept = _kept(given, before)
-    length = jump_total(kept, back=back, cyclic=cyclic)
+    order, drawn = _known_pieces(given, before)
+    length = jump_total(drawn, back=back, cyclic=cyclic)
     least = min(before.least, length)
     if length > (1.0 + margin) * least + JUMP_SLACK:
         known = [pieces[k] for k in order]
         other, shortest, least = _found(known, back=back, cyclic=cyclic)
         if length > (1.0 + margin) * least + JUMP_SLACK:
-            order, kept = order[other], shortest
-    return given.redrawn(*_with_new(order, kept, given, back=back, cyclic=cyclic), least)
+            order, drawn = order[other], shortest
+    return given.redrawn(*_with_new(order, drawn, given, back=back, cyclic=cyclic), least)
 
 
-def _kept(given: Route, before: Route) -> tuple[np.ndarray, list[RoutePiece]]:
+def _known_pieces(given: Route, before: Route) -> tuple[np.ndarray, list[RoutePiece]]:
     """Order at the pose before of the pieces that it had, and these as they were drawn then."""
     order = np.argsort(given.earlier, kind="stable")
     known = order[given.earlier[order] >= 0]
@@ -125,13 +125,13 @@ def _kept(given: Route, before: Route) -> tuple[np.ndarray, list[RoutePiece]]:
 
 
 def _with_new(
-    known: np.ndarray, kept: list[RoutePiece], given: Route, *, back: bool, cyclic: bool
+    known: np.ndarray, drawn: list[RoutePiece], given: Route, *, back: bool, cyclic: bool
 ) -> tuple[np.ndarray, list[RoutePiece]]:
     """A route of the pieces that are known, with the new ones where they cost least: all in order, and as drawn.
 
     More than INSERTED_MOST new ones come last, by a route of their own: to insert them one by one takes too long.
     """
-    order, pieces = known.tolist(), list(kept)
+    order, pieces = known.tolist(), list(drawn)
     new = np.flatnonzero(given.earlier < 0)
     if len(new) > INSERTED_MOST:
         other, added, _ = _found([given.pieces[k] for k in new], back=back, cyclic=False)
@@ -158,8 +158,8 @@ def _drawn_like(pieces: list[RoutePiece], before: list[RoutePiece]) -> list[Rout
     out = []
     for piece, then, a, n in zip(pieces, before, first.tolist(), count.tolist(), strict=True):
         if piece.closed:
-            way = int(apart[a : a + n - 1].argmin())
-            out.append(_begun(piece, way, float(part[a + way])))
+            segment = int(apart[a : a + n - 1].argmin())
+            out.append(_begun(piece, segment, float(part[a + segment])))
         else:
             ends, ends_then = piece.points[[0, -1]], then.points[[0, -1]]
             same, turned = (np.linalg.norm(e - ends_then, axis=1).sum() for e in (ends, ends[::-1]))
@@ -167,17 +167,17 @@ def _drawn_like(pieces: list[RoutePiece], before: list[RoutePiece]) -> list[Rout
     return out
 
 
-def _begun(piece: RoutePiece, way: int, part: float) -> RoutePiece:
-    """A loop drawn from a point on: on the way from a vertex to the next, part 0..1."""
-    way, part = (way + 1, 0.0) if part >= 1.0 else (way, part)
-    if part == 0.0 and way in (0, len(piece.points) - 1):
+def _begun(piece: RoutePiece, segment: int, part: float) -> RoutePiece:
+    """A loop drawn from a point on: on the segment from a vertex to the next, part 0..1."""
+    segment, part = (segment + 1, 0.0) if part >= 1.0 else (segment, part)
+    if part == 0.0 and segment in (0, len(piece.points) - 1):
         return piece
-    ahead = way + 1 if part > 0 else way  # the next vertex, or the one that it starts at
+    ahead = segment + 1 if part > 0 else segment  # the next vertex, or the one that it starts at
 
     def begun(values: np.ndarray) -> np.ndarray:
         if part == 0.0:
-            return np.concatenate([values[way:], values[1 : way + 1]])
-        start = values[way : way + 1] + part * (values[ahead : ahead + 1] - values[way : way + 1])
+            return np.concatenate([values[segment:], values[1 : segment + 1]])
+        start = values[segment : segment + 1] + part * (values[ahead : ahead + 1] - values[segment : segment + 1])
         return np.concatenate([start, values[ahead:], values[1:ahead], start])
 
     dwell = None if piece.dwell is None else begun(piece.dwell)
@@ -187,19 +187,19 @@ def _begun(piece: RoutePiece, way: int, part: float) -> RoutePiece:
     return RoutePiece(begun(piece.points), True, None if piece.intensity is None else begun(piece.intensity), dwell)
 
 
-def _insertion(kept: list[RoutePiece], piece: RoutePiece, *, back: bool, cyclic: bool) -> tuple[int, RoutePiece]:
-    """Where a piece makes a route least longer, and the piece in the way that does."""
-    start = np.array([p.points[0] for p in kept])
-    end = start if back else np.array([p.points[0] if p.closed else p.points[-1] for p in kept])
-    following = np.roll(start, -1, axis=0)
+def _insertion(drawn: list[RoutePiece], piece: RoutePiece, *, back: bool, cyclic: bool) -> tuple[int, RoutePiece]:
+    """The place at which a piece adds least to a route, and the piece as it is drawn there."""
+    begin = np.array([p.points[0] for p in drawn])
+    end = begin if back else np.array([p.points[0] if p.closed else p.points[-1] for p in drawn])
+    following = np.roll(begin, -1, axis=0)
     into = _starts_of(piece.points, STARTS_TRIED) if piece.closed else piece.points[[0, -1]]
     out = into if piece.closed or back else into[::-1]
     to, on = (np.linalg.norm(a[:, None] - b[None], axis=2) for a, b in ((end, into), (following, out)))
     cost = to + on - np.linalg.norm(following - end, axis=1)[:, None]
     if not cyclic:  # behind the last one nothing follows
         cost[-1] = to[-1]
-    place, door = np.unravel_index(int(cost.argmin()), cost.shape)
-    return int(place) + 1, _entered(piece, int(door), STARTS_TRIED)
+    place, start = np.unravel_index(int(cost.argmin()), cost.shape)
+    return int(place) + 1, _entered(piece, int(start), STARTS_TRIED)
 
 
 def _found(pieces: list[RoutePiece], *, back: bool, cyclic: bool) -> tuple[np.ndarray, list[RoutePiece], float]:
@@ -212,9 +212,9 @@ def shortest_route(pieces: list[RoutePiece], *, back: bool = False, cyclic: bool
     """The pieces in an order that makes `jump_total` small: loops start anywhere, open pieces run either way.
 
     Exact for up to four pieces, three where it is no cycle, but for the choice of starts on loops: 32 on each of two,
-    16 on each of four. Up to SEARCHED_MOST: nearest neighbour and the given order, each mended by 2-opt, then the best
-    doors for that order. Beyond: nearest neighbour, loops from where they are given. Never longer than the given route;
-    more than PIECES_MOST pieces stay as they are.
+    16 on each of four. Up to SEARCHED_MOST: nearest neighbour and the given order, each improved by 2-opt, then the
+    best starts for that order. Beyond: nearest neighbour, loops from where they are given. Never longer than the given
+    route; more than PIECES_MOST pieces stay as they are.
     """
     return pieces if not 1 < len(pieces) <= PIECES_MOST else _shortest(pieces, back=back, cyclic=cyclic)[1]
 
@@ -222,27 +222,27 @@ def shortest_route(pieces: list[RoutePiece], *, back: bool = False, cyclic: bool
 def _shortest(pieces: list[RoutePiece], *, back: bool, cyclic: bool) -> tuple[np.ndarray, list[RoutePiece]]:
     """Numbers of the pieces in the order of the shortest route, and the pieces as it draws them."""
     searched = len(pieces) <= SEARCHED_MOST
-    share = max(1, DOORS // len(pieces))
-    doors = _doors_of(pieces, share, back=back, outside=not cyclic)
-    place_count = len(doors.of)
+    share = max(1, STARTS // len(pieces))
+    starts = _list_starts(pieces, share, back=back, outside=not cyclic)
+    place_count = len(starts.of)
     if place_count <= 4:
-        chosen = min((_best_doors(order, doors) for order in CYCLES[place_count]), key=lambda found: found[0])[1]
+        chosen = min((_best_starts(order, starts) for order in CYCLES[place_count]), key=lambda found: found[0])[1]
     else:
-        given, nearest = np.array([of[0] for of in doors.of]), _nearest_first(doors)
+        given, nearest = np.array([of[0] for of in starts.of]), _nearest_first(starts)
         if searched:
-            routes = [_improved(nearest, doors), _improved(given, doors)]
+            routes = [_improved(nearest, starts), _improved(given, starts)]
         else:
-            routes = [_best_of_order(nearest, doors), (float(doors.jump[given, np.roll(given, -1)].sum()), given)]
+            routes = [_best_of_order(nearest, starts), (float(starts.jump[given, np.roll(given, -1)].sum()), given)]
         chosen = min(routes, key=lambda found: found[0])[1]
     if not cyclic:  # the outside comes last
-        chosen = np.roll(chosen, -1 - int(np.argmax(doors.piece[chosen])))
-    picked = [(int(doors.piece[door]), int(door)) for door in chosen if doors.piece[door] < len(pieces)]
-    route = [_entered(pieces[i], door - int(doors.of[i][0]), share) for i, door in picked]
+        chosen = np.roll(chosen, -1 - int(np.argmax(starts.piece[chosen])))
+    picked = [(int(starts.piece[start]), int(start)) for start in chosen if starts.piece[start] < len(pieces)]
+    route = [_entered(pieces[i], start - int(starts.of[i][0]), share) for i, start in picked]
     return np.array([i for i, _ in picked]), route
 
 
-def _doors_of(pieces: list[RoutePiece], share: int, *, back: bool, outside: bool) -> Doors:
-    """All doors; `outside` adds a place at no distance from any, where a route that is no cycle begins and ends."""
+def _list_starts(pieces: list[RoutePiece], share: int, *, back: bool, outside: bool) -> Starts:
+    """All starts; `outside` adds a place at no distance from any, where a route that is no cycle begins and ends."""
     entries, exits, of, flipped = [], [], [], []
     count = 0
     for piece in pieces:
@@ -268,47 +268,47 @@ def _doors_of(pieces: list[RoutePiece], share: int, *, back: bool, outside: bool
         jump = np.pad(jump, (0, 1))
         of.append(np.array([count]))
         flipped.append(np.array([count]))
-    piece_of = np.repeat(np.arange(len(of)), [len(doors) for doors in of])
-    return Doors(piece_of, np.concatenate(flipped), jump, of)
+    piece_of = np.repeat(np.arange(len(of)), [len(starts) for starts in of])
+    return Starts(piece_of, np.concatenate(flipped), jump, of)
 
 
-def _improved(chosen: np.ndarray, doors: Doors) -> tuple[float, np.ndarray]:
-    """A route after 2-opt and the best doors, twice, and its length [m]."""
+def _improved(chosen: np.ndarray, starts: Starts) -> tuple[float, np.ndarray]:
+    """A route after 2-opt and the best starts, twice, and its length [m]."""
     length = np.inf
     for _ in range(2):
-        better = _uncrossed(chosen, doors)
+        better = _uncrossed(chosen, starts)
         if better is chosen and length < np.inf:  # a second look at the same
             break
-        length, chosen = _best_of_order(better, doors)
+        length, chosen = _best_of_order(better, starts)
     return length, chosen
 
 
-def _best_of_order(chosen: np.ndarray, doors: Doors) -> tuple[float, np.ndarray]:
-    """A route through the best doors in its order, and its length [m]."""
-    return _best_doors(doors.piece[chosen].tolist(), doors)
+def _best_of_order(chosen: np.ndarray, starts: Starts) -> tuple[float, np.ndarray]:
+    """A route through the best starts in its order, and its length [m]."""
+    return _best_starts(starts.piece[chosen].tolist(), starts)
 
 
-def _nearest_first(doors: Doors) -> np.ndarray:
-    """One door of each piece: from the shortest jump on, always to the nearest piece that is left."""
-    other = doors.piece[:, None] != doors.piece[None]
-    start = int(np.argmin(np.where(other, doors.jump, np.inf))) // len(doors.piece)
-    chosen, free = [start], doors.piece != doors.piece[start]
+def _nearest_first(starts: Starts) -> np.ndarray:
+    """One start of each piece: from the shortest jump on, always to the nearest piece that is left."""
+    other = starts.piece[:, None] != starts.piece[None]
+    first = int(np.argmin(np.where(other, starts.jump, np.inf))) // len(starts.piece)
+    chosen, free = [first], starts.piece != starts.piece[first]
     while free.any():
-        door = int(np.argmin(np.where(free, doors.jump[chosen[-1]], np.inf)))
-        chosen.append(door)
-        free &= doors.piece != doors.piece[door]
+        start = int(np.argmin(np.where(free, starts.jump[chosen[-1]], np.inf)))
+        chosen.append(start)
+        free &= starts.piece != starts.piece[start]
     return np.array(chosen)
 
 
-def _uncrossed(chosen: np.ndarray, doors: Doors) -> np.ndarray:
-    """2-opt: turn stretches of the route round, the pieces in them too, while that shortens it."""
+def _uncrossed(chosen: np.ndarray, starts: Starts) -> np.ndarray:
+    """2-opt: reverse ranges of the route, and the pieces in them, while that shortens it."""
     count = len(chosen)
     for _ in range(4 * count):
-        after, turned = np.roll(chosen, -1), doors.flipped[chosen]
-        now = doors.jump[chosen, after]
-        # A stretch i..j, 1 <= i <= j: its way in comes from i - 1, its way out goes to j + 1.
+        after, turned = np.roll(chosen, -1), starts.flipped[chosen]
+        now = starts.jump[chosen, after]
+        # Of a range i..j, 1 <= i <= j, the jumps from i - 1 and to j + 1 change.
         gain = now[:-1, None] + now[None, 1:]
-        gain -= doors.jump[chosen[:-1, None], turned[None, 1:]] + doors.jump[turned[1:, None], after[None, 1:]]
+        gain -= starts.jump[chosen[:-1, None], turned[None, 1:]] + starts.jump[turned[1:, None], after[None, 1:]]
         gain = np.triu(gain)
         i, j = np.unravel_index(int(np.argmax(gain)), gain.shape)
         if gain[i, j] <= 1e-9:
@@ -317,51 +317,51 @@ def _uncrossed(chosen: np.ndarray, doors: Doors) -> np.ndarray:
     return chosen
 
 
-def _best_doors(order: list[int], doors: Doors) -> tuple[float, np.ndarray]:
-    """The doors that make a cycle of pieces in this order shortest, and its length [m]: dynamic programming."""
-    of = [doors.of[piece] for piece in order]
-    total = _jumps(doors, of[0], of[1])  # shortest from each first door to each door here
+def _best_starts(order: list[int], starts: Starts) -> tuple[float, np.ndarray]:
+    """The starts that make a cycle of pieces in this order shortest, and its length [m]: dynamic programming."""
+    of = [starts.of[piece] for piece in order]
+    total = _jumps(starts, of[0], of[1])  # shortest from each first start to each start here
     back = []
     for a, b in itertools.pairwise(of[1:]):
-        through = total[:, None, :] + _jumps(doors, a, b).T[None]
+        through = total[:, None, :] + _jumps(starts, a, b).T[None]
         back.append(through.argmin(axis=2))
         total = through.min(axis=2)
-    total = total + _jumps(doors, of[-1], of[0]).T
-    first, door = (int(i) for i in np.unravel_index(int(total.argmin()), total.shape))
-    chosen = [int(of[-1][door])]
+    total = total + _jumps(starts, of[-1], of[0]).T
+    first, start = (int(i) for i in np.unravel_index(int(total.argmin()), total.shape))
+    chosen = [int(of[-1][start])]
     for k in range(len(back) - 1, -1, -1):
-        door = int(back[k][first, door])
-        chosen.append(int(of[k + 1][door]))
+        start = int(back[k][first, start])
+        chosen.append(int(of[k + 1][start]))
     return float(total.min()), np.array([int(of[0][first]), *chosen[::-1]])
 
 
-def _jumps(doors: Doors, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Jumps from doors of one piece to those of another, which stand side by side."""
-    return doors.jump[a[0] : a[-1] + 1, b[0] : b[-1] + 1]
+def _jumps(starts: Starts, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Jumps from starts of one piece to those of another, which stand side by side."""
+    return starts.jump[a[0] : a[-1] + 1, b[0] : b[-1] + 1]
 
 
-def _entered(piece: RoutePiece, door: int, share: int) -> RoutePiece:
-    """The piece drawn from one of its doors on."""
-    if door == 0:
+def _entered(piece: RoutePiece, start: int, share: int) -> RoutePiece:
+    """The piece drawn from one of its starts on."""
+    if start == 0:
         return piece
     if not piece.closed:
         return _reversed(piece)
     arc = _arc_of(piece.points)
-    start = arc[-1] * door / share
-    before = int(np.searchsorted(arc, start - 1e-9))  # vertices before the start; the first is also the last
-    after = int(np.searchsorted(arc, start + 1e-9))
+    begin = arc[-1] * start / share
+    before = int(np.searchsorted(arc, begin - 1e-9))  # vertices before the start; the first is also the last
+    after = int(np.searchsorted(arc, begin + 1e-9))
 
     def turned(values: np.ndarray, at: np.ndarray) -> np.ndarray:
         return np.concatenate([at, values[after:], values[1:before], at])
 
     intensity = piece.intensity
     if intensity is not None:
-        intensity = turned(intensity, np.interp([start], arc, intensity))
+        intensity = turned(intensity, np.interp([begin], arc, intensity))
     dwell = piece.dwell
     if dwell is not None:
         dwell = turned(dwell, np.zeros(1))
         dwell[-1] = piece.dwell[before:after].sum() if piece.dwell is not None else 0.0
-    points = turned(piece.points, _between(piece.points, arc, np.array([start])))
+    points = turned(piece.points, _between(piece.points, arc, np.array([begin])))
     return replace(piece, points=points, intensity=intensity, dwell=dwell)
 
 

@@ -18,11 +18,11 @@ from palpate.render.sampling.strategy import Order, SamplingStrategy
 
 from .continuity import Place, entered, place_on
 from .contour_absence import AbsenceWatch
+from .cycle import Cycle, lay_cycle
 from .fading import TICKS, fade_ticks, ticks_of
 from .path import Path
 from .revisits import RevisitWatch
 from .route import Route
-from .track import Track, lay_track
 
 REST = (0.0, 0.0, 0.2)  # [m] where a focal point of intensity 0 is before there was any
 LENGTH_UNIT = 2.0**-32  # [m], 0.2 nm: sums of whole ones are exact in any order, up to 2,000 km
@@ -38,53 +38,46 @@ def shown_order(order: Order, points: int) -> np.ndarray:
 
 
 class Cursor:
-    """A place on a track: samples since a knot that it was entered at."""
+    """A place on a cycle: samples since the curve parameter at which it was entered."""
 
-    def __init__(self, track: Track, knot: float, index: int, strategy: SamplingStrategy) -> None:
-        self.track, self._strategy = track, strategy
-        self._anchor, self._index = knot, index  # the next sample
+    def __init__(self, cycle: Cycle, parameter: float, index: int, strategy: SamplingStrategy) -> None:
+        self.cycle, self._strategy = cycle, strategy
+        self._anchor, self._index = parameter, index  # the next sample
         points = strategy.pace.points
         self._table = None if points is None else shown_order(strategy.order, points)
 
     @property
     def last(self) -> float:
-        """Knot of the sample drawn last, before points are held or reordered."""
-        return float(self._knots(np.array(self._index - 1)))
+        """Parameter of the sample drawn last, before points are held or reordered."""
+        return float(self._parameters(np.array(self._index - 1)))
 
     @property
     def one_sample(self) -> float:
-        """How far a sample is from the next, in knots."""
-        return 0.0 if self._strategy.pace.kind == "still" else self.track.one_sample
+        """Curve parameter from a sample to the next."""
+        return 0.0 if self._strategy.pace.kind == "still" else self.cycle.one_sample
 
-    def _knots(self, index: np.ndarray) -> np.ndarray:
-        """Knots of samples, within 0..period."""
-        knot = self._anchor + self.one_sample * (index % self.track.repeat_count)
-        if self.track.turns > 1:
-            return knot % self.track.period
-        return np.where(knot < self.track.period, knot, knot - self.track.period)
+    def _parameters(self, index: np.ndarray) -> np.ndarray:
+        """Parameters of samples, within 0..period."""
+        parameter = self._anchor + self.one_sample * (index % self.cycle.repeat_count)
+        if self.cycle.turns > 1:
+            return parameter % self.cycle.period
+        return np.where(parameter < self.cycle.period, parameter, parameter - self.cycle.period)
 
     def take(self, count: int) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
         """The next samples: points [m], shape [sample, focus, 3], intensities, shape [sample, focus] or None, and the
         polylines' numbers in the route, shape [sample, focus], -1 between two, None on the only one.
         """
-        track, foci = self.track, self._strategy.foci
-        knot = self._knots(np.arange(self._index, self._index + count))[:, None]
+        cycle, foci = self.cycle, self._strategy.foci
+        parameter = self._parameters(np.arange(self._index, self._index + count))[:, None]
         self._index += count
         if foci > 1:
-            knot = (knot + track.period * np.arange(foci) / foci) % track.period
+            parameter = (parameter + cycle.period * np.arange(foci) / foci) % cycle.period
         if self._table is not None:
-            share = len(self._table) / track.period
-            turn = np.floor(knot * share + 1e-9).astype(np.int64) % len(self._table)
-            knot = self._table[turn] / share
-        intensity = None if track.intensity is None else np.interp(knot, track.knot, track.intensity)
-        return track.at(knot), intensity, track.pieces_at(knot)
-
-    def samples_to_end(self) -> int:
-        """Samples until the polyline under way ends."""
-        ends = self.track.knot[1:][(np.diff(self.track.knot) <= 0) & (self.track.step != 0).any(axis=1)]
-        last = self.last
-        ahead = np.append(ends[ends > last + 1e-12], self.track.period)[0]
-        return int((ahead - last) / self.one_sample * (1 - 1e-9)) if self.one_sample > 0 else 0
+            share = len(self._table) / cycle.period
+            turn = np.floor(parameter * share + 1e-9).astype(np.int64) % len(self._table)
+            parameter = self._table[turn] / share
+        intensity = None if cycle.intensity is None else np.interp(parameter, cycle.parameter, cycle.intensity)
+        return cycle.at(parameter), intensity, cycle.pieces_at(parameter)
 
 
 class Sampler:
@@ -99,20 +92,18 @@ class Sampler:
         self._path: Path | None = None  # of the last sample
         self._before: Path | None = None  # whose contours were entered last
         self._cursor: Cursor | None = None
-        self._finishing = 0  # samples of an earlier pose's contours still to be drawn
         self._shown = np.tile(np.array(REST), (strategy.foci, 1))  # the last focal points
-        self._place = Place(np.array(REST), None)  # of the first on its track: not held or reordered, no small circle
+        self._place = Place(np.array(REST), None)  # of the first on its cycle: not held or reordered, no small circle
         self._drawn = False  # something has been drawn
         self._silent = True  # the last sample was
         self._revisits = RevisitWatch(self.count, strategy.update_rate)
         self._absences = AbsenceWatch(self.count, strategy.update_rate)
         self._route: Route | None = None  # of the contours that were entered last
-        self._last = self._shown  # where they were on their track, shape [focus, 3]: see `_place`
-        self._entry: tuple[Track, float, np.ndarray] | None = None  # the knot, and where the focal points were [m]
-        self._on_track = 0  # samples on the track under way
-        self._cycles_before = 0.0  # on tracks before it
+        self._last = self._shown  # where they were on their cycle, shape [focus, 3]: see `_place`
+        self._entry: tuple[Cycle, float, np.ndarray] | None = None  # the parameter, and where the focal points were [m]
+        self._on_cycle = 0  # samples on the current cycle
+        self._cycles_before = 0.0  # on cycles before it
         self._ordinary = strategy.step_ordinary  # longest step along them [m]
-        self._ordinary_before = self._ordinary  # along the contours before
 
     def __repr__(self) -> str:
         """One line."""
@@ -138,13 +129,13 @@ class Sampler:
         gain = self._gain(sample_count, age, hold)
         if path is None or sample_count == 0:
             return self._rest(sample_count)
-        position, intensity, new = self._run(path, sample_count, gain)
+        position, intensity, is_new = self._run(path, sample_count, gain)
         if self.strategy.lm is not None:
             position += circle_offsets(self.strategy, pose, first, sample_count)[:, None]
         if gain is not None:
             intensity = gain[:, None] if intensity is None else intensity * gain[:, None]
         drawn = None if intensity is None else np.max(intensity, axis=1) > 0
-        self._count_jumps(position, drawn, new)
+        self._count_jumps(position, drawn, is_new)
         if drawn is not None:
             self.count.silent += int(np.count_nonzero(~drawn))
         self._silent, self._drawn = drawn is not None and not drawn[-1:].any(), True
@@ -157,13 +148,13 @@ class Sampler:
         Starts where a new sampler would; changes nothing. pose: needed for small circles only, shape [7].
         None where no whole number of samples up to `limit` is a period of everything.
         """
-        count = period_count(self.strategy, lay_track(path, self.strategy).repeat_count, limit)
+        count = period_count(self.strategy, lay_cycle(path, self.strategy).repeat_count, limit)
         if count is None:
             return None
         return Sampler(self.strategy).draw(path, np.array([0, 0, 0, 0, 0, 0, 1.0]) if pose is None else pose, count)
 
     def _gain(self, sample_count: int, age: float, hold: float) -> np.ndarray | None:
-        """What fading leaves of the intensity, None for all of it."""
+        """Factor that fading leaves of the intensity, None for 1."""
         rate = self.strategy.update_rate
         first = ticks_of(age, rate) - ticks_of(hold, rate)  # by how much the pose is older than `hold`
         if first + TICKS * (sample_count - 1) <= 0:
@@ -172,97 +163,61 @@ class Sampler:
         self.count.held += int(np.count_nonzero(over > 0))
         return np.clip(1.0 - over / fade_ticks(self.strategy.fade, rate), 0.0, 1.0)
 
-    def _run(
-        self, path: Path, sample_count: int, gain: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray | None, int | None]:
-        """The next samples on tracks, and which is the first of a new pose's contours (None: none is)."""
-        new = None
-        if path is not self._path:
-            self._plan_finish(path)
-            self._path = path
-            if self._finishing == 0:
-                self._cursor, new = self._enter(path, self._silent), 0
-        parts, left = [], sample_count
-        while left > 0:
-            count = min(left, self._finishing or left)
-            done = sample_count - left
-            parts.append(self._advance(count, None if gain is None else gain[done : done + count]))
-            left -= count
-            if self._finishing:
-                self._finishing -= count
-                if self._finishing == 0 and left > 0:
-                    last, shown = sample_count - left - 1, parts[-1][1]
-                    silent = (gain is not None and gain[last] <= 0) or (shown is not None and not shown[-1].any())
-                    self._cursor, new = self._enter(path, silent), sample_count - left
-                elif self._finishing == 0:
-                    self._path = None  # the next samples, of whatever pose, enter its contours
-        if len(parts) == 1:
-            return *parts[0], new
-        intensity = None
-        if any(part[1] is not None for part in parts):
-            full = [np.ones(part[0].shape[:2]) if part[1] is None else part[1] for part in parts]
-            intensity = np.concatenate(full)
-        return np.concatenate([part[0] for part in parts]), intensity, new
+    def _run(self, path: Path, count: int, gain: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None, bool]:
+        """The next samples on a cycle, and whether the first is also the first on a new pose's contours.
 
-    def _advance(self, count: int, gain: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
-        """The next samples on the track under way; gain: what fading leaves of them."""
-        cursor = self._cursor
-        if cursor is None:  # a path has been entered by then
-            raise RuntimeError("no contour has been entered")
+        gain: what fading leaves of them.
+        """
+        is_new, cursor = path is not self._path, self._cursor
+        if is_new or cursor is None:
+            self._path = path
+            cursor = self._cursor = self._enter(path, self._silent)
         position, intensity, piece = cursor.take(count)
         felt = count if gain is None else int(np.count_nonzero(gain > 0))  # a fade falls
         if felt > 0:
             self._absences.watch(felt, piece if piece is None else piece[:felt])
         if felt < count:
             self._absences.lose(count - felt)
-        track, last = cursor.track, cursor.last
+        cycle, last = cursor.cycle, cursor.last
         held = self.strategy.pace.points is not None
-        self._last = track.at(self._spread(track, last)) if held else position[-1].copy()
-        self._place = place_on(track, last, self._last[0], self.strategy.jump_threshold)
+        self._last = cycle.at(self._spread(cycle, last)) if held else position[-1].copy()
+        self._place = place_on(cycle, last, self._last[0], self.strategy.jump_threshold)
         self.count.drawn += count
-        self._on_track += count
+        self._on_cycle += count
         if self.strategy.pace.kind != "still":
-            self.count.cycles = self._cycles_before + track.turns * self._on_track / track.repeat_count
-        return position, intensity
-
-    def _plan_finish(self, path: Path) -> None:
-        """With continuity "finish": how much of the piece under way is drawn before new contours are entered."""
-        if self.strategy.continuity != "finish" or self._silent or self._finishing or self._path is None:
-            return
-        if self._cursor is not None and other_contours(self._path, path):
-            self._finishing = self._cursor.samples_to_end()
+            self.count.cycles = self._cycles_before + cycle.turns * self._on_cycle / cycle.repeat_count
+        return position, intensity, is_new
 
     def _enter(self, path: Path, silent: bool) -> Cursor:
-        """Where drawing goes on along the contours of a new pose; `silent`: the sample before is."""
-        strategy, track = self.strategy, lay_track(path, self.strategy, self._route)
+        """Enter the contours of a new pose, where drawing goes on; `silent`: the sample before is."""
+        strategy, cycle = self.strategy, lay_cycle(path, self.strategy, self._route)
         before, self._before = self._before if self._drawn else None, path
-        self._cycles_before, self._on_track = self.count.cycles, 0
-        if track.route is not None:
-            self._absences.enter(track.route)
-            self._route = track.route
-        self._ordinary_before = self._ordinary
+        self._cycles_before, self._on_cycle = self.count.cycles, 0
+        if cycle.route is not None:
+            self._absences.enter(cycle.route)
+            self._route = cycle.route
         if strategy.pace.kind in ("frequency", "capped"):  # the contours' length decides how fast it runs
-            self._ordinary = track.step_ordinary + strategy.circle_step
+            self._ordinary = cycle.step_ordinary + strategy.circle_step
         index = 0 if silent else 1  # after a silence at the nearest point, else one sample on
         self._entry = None
         if not self._drawn:
-            return Cursor(track, 0.0, 0, strategy)
+            return Cursor(cycle, 0.0, 0, strategy)
         if strategy.continuity == "jump" and before is not None and other_contours(before, path):
-            return Cursor(track, 0.0, 0, strategy)
-        knot = entered(track, self._place, strategy.jump_threshold, self._ordinary)
-        self._entry = track, knot, self._last
-        return Cursor(track, knot, index, strategy)
+            return Cursor(cycle, 0.0, 0, strategy)
+        parameter = entered(cycle, self._place, strategy.jump_threshold, self._ordinary)
+        self._entry = cycle, parameter, self._last
+        return Cursor(cycle, parameter, index, strategy)
 
     def _rest(self, sample_count: int) -> FocalPoints:
         """Silence where the focal points are."""
         self.count.silent += sample_count
         if sample_count > 0:
-            self._silent, self._path, self._finishing = True, None, 0
+            self._silent, self._path = True, None
             self._absences.lose(sample_count)
         position = np.repeat(self._shown[None], sample_count, axis=0)
         return focal_points(self.strategy, position, np.zeros(position.shape[:2]), 0)
 
-    def _count_jumps(self, position: np.ndarray, drawn: np.ndarray | None, new: int | None) -> None:
+    def _count_jumps(self, position: np.ndarray, drawn: np.ndarray | None, is_new: bool) -> None:
         """Count steps that are too long, by cause."""
         step = np.empty_like(position)
         step[0] = position[0] - self._shown
@@ -273,46 +228,34 @@ class Sampler:
             before = np.append(not self._silent, now[:-1])  # whether the sample before is drawn
             again = now & ~before
             again[0] &= self._drawn  # at the very first sample nothing comes back
-            self._count_reentries(np.where(again[:, None], length, 0.0), new)
+            self._add("re-entry", np.where(again[:, None], length, 0.0), self._ordinary)
             length[~(now & before)] = 0.0
         self.count.step_longest = max(self.count.step_longest, float(length.max()))
-        self._count_far(length, new)
+        self._count_far(length, is_new)
 
-    def _count_reentries(self, length: np.ndarray, new: int | None) -> None:
-        """Count steps to a sample that is drawn after one that is silent [m], shape [sample, focus], 0 at others."""
-        entered = 0 if new is None else new
-        self._add("re-entry", length[:entered], self._ordinary_before)
-        self._add("re-entry", length[entered:], self._ordinary)
-
-    def _count_far(self, length: np.ndarray, new: int | None) -> None:
-        """Count jumps and hops among steps [m], shape [sample, focus]; new: the first of a new pose's contours."""
-        least = min(self._ordinary, self._ordinary_before)
-        if float(length.max()) <= min(2 * least, self.strategy.jump_threshold):
-            return
+    def _count_far(self, length: np.ndarray, is_new: bool) -> None:
+        """Count jumps and hops among steps [m], shape [sample, focus]; is_new: the first leads to a new pose."""
         cause = "order" if self.strategy.pace.points is not None else "polyline"
-        if new is None:
-            self._add(cause, length, self._ordinary)
-            return
-        self._add(cause, length[:new], self._ordinary_before)
-        moved = 2 * self._moved() >= length[new]  # else it is the way between two that is long
-        self._add("pose", length[new][moved], self._ordinary)
-        self._add(cause, length[new][~moved], self._ordinary)
-        self._add(cause, length[new + 1 :], self._ordinary)
+        if is_new:
+            moved = 2 * self._moved() >= length[0]  # else the contours themselves have a step as long there
+            self._add("pose", length[0][moved], self._ordinary)
+            self._add(cause, length[0][~moved], self._ordinary)
+        self._add(cause, length[1:] if is_new else length, self._ordinary)
 
     def _moved(self) -> np.ndarray:
         """From where each focal point was to where it entered the contours of the pose [m]; infinite if anywhere."""
         if self._entry is None:
             return np.full(self.strategy.foci, np.inf)
-        track, knot, points = self._entry
-        knots = self._spread(track, knot)
-        before = np.nextafter(np.where(knots > 0, knots, track.period), 0.0)
-        around = track.at(np.stack([knots, before]))  # at a jump, both its sides
+        cycle, parameter, points = self._entry
+        parameters = self._spread(cycle, parameter)
+        before = np.nextafter(np.where(parameters > 0, parameters, cycle.period), 0.0)
+        around = cycle.at(np.stack([parameters, before]))  # at a jump, both its sides
         return np.linalg.norm(around - points, axis=2).min(axis=0)
 
-    def _spread(self, track: Track, knot: float) -> np.ndarray:
-        """Knots of all focal points, of which the first is at this one."""
+    def _spread(self, cycle: Cycle, parameter: float) -> np.ndarray:
+        """Parameters of all focal points, of which the first is at this one."""
         foci = self.strategy.foci
-        return (knot + track.period * np.arange(foci) / foci) % track.period if foci > 1 else np.array([knot])
+        return (parameter + cycle.period * np.arange(foci) / foci) % cycle.period if foci > 1 else np.array([parameter])
 
     def _add(self, cause: str, length: np.ndarray, ordinary: float) -> None:
         """Count which of these steps [m] are jumps, and which hops: longer than twice an ordinary one [m]."""
@@ -345,7 +288,7 @@ def turns_of(frequency: float, update_rate: float, first: int, count: int) -> np
 
 
 def wave_of(strategy: SamplingStrategy, first: int, count: int) -> np.ndarray:
-    """What amplitude modulation leaves of the intensity, for samples first.. , shape [sample]."""
+    """Factor of amplitude modulation, for samples first.. , shape [sample]."""
     am = strategy.am
     if am is None:
         return np.ones(count)

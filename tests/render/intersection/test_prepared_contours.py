@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 
 from palpate.kernels.section import graph_room
-from palpate.kernels.section.kept_room import RoomSize
+from palpate.kernels.section.recorded_launches import RoomSize
 from palpate.render import (
     IntersectionStrategy,
     Palm,

@@ -61,7 +61,7 @@ def test_no_kernel_is_loaded_that_was_not_compiled_before_the_start(sampling, dr
     monkeypatch.setattr(file_playback, "uncompiled", lambda stages: ahead.extend(stages) or ())
     play_file(still, duration=0.02, sampling=sampling, drive=drive, connection=VIRTUAL)
     assert set(loaded) <= set(ahead), set(loaded) - set(ahead)
-    assert {"sampling.tracks", "sampling.focus"} <= set(loaded)
+    assert {"sampling.cycles", "sampling.focus"} <= set(loaded)
 
 
 def test_a_point_list_needs_the_kernels_of_wire_bytes_only(tmp_path, monkeypatch):

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from palpate.datasets import HandMotion, exploration
 from palpate.datasets.errors import MotionError
 from palpate.datasets.motions.hand_motion import PALM_DOWN
-from palpate.kernels.section.kept_room import RoomSize
+from palpate.kernels.section.recorded_launches import RoomSize
 from palpate.render import (
     IntersectionStrategy,
     MeshObject,

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sampling_oracle import drawn_slowly
 
+from palpate.render.errors import PoseError
 from palpate.render.sampling.sampler import Sampler, sample_contours
 from palpate.render.sampling.strategy import Order, SamplingStrategy
 
@@ -178,3 +179,12 @@ def test_hold_is_twice_the_median_interval_of_slow_poses():
     _, intensity, _ = sampled([ring] * 6, time, 1.6)
     assert intensity[:10_000].min() == 1  # 0.6 + 2 x 0.2
     assert intensity[10_205:12_000].max() == 0
+
+
+@pytest.mark.parametrize(
+    ("given", "message"), [(1, "contours of 1 poses, fewer than the 2"), (3, "contours of more than 2 poses")]
+)
+def test_contours_of_fewer_or_more_poses_than_times_are_refused(given, message):
+    batches = [batch_of([[(square(0.05), True)]])] * given
+    with pytest.raises(PoseError, match=message):
+        list(sample_contours(batches, still(2), np.array([0.0, 0.01]), 0.02, Sampler("stm")))

@@ -93,5 +93,5 @@ def test_an_exploration_with_pauses_has_one_draw_frequency_in_figure_facts_and_w
     rows, returns = np.flatnonzero(drawn)[::2], preset("fast-return")
     with ContourFile(path) as file:
         np.testing.assert_allclose(file_frequencies(file, rows), expected[rows], rtol=1e-6)
-        by_tracks = file_frequencies(file, rows, returns)
-    np.testing.assert_allclose(by_tracks, pose_frequencies(batch.numpy(), returns)[rows], rtol=1e-6)
+        by_cycles = file_frequencies(file, rows, returns)
+    np.testing.assert_allclose(by_cycles, pose_frequencies(batch.numpy(), returns)[rows], rtol=1e-6)

@@ -30,12 +30,12 @@ def paused(poses, rests):
 def rest_of(batch, strategy=STRATEGY):
     """Time of a cycle that the focal point rests at each vertex [s], and the cycle's length [s]."""
     room = lay_each(batch, strategy)
-    track = room.tracks.numpy()[0]
-    knot, point = (nodes.numpy()[: track["count"]] for nodes in room.nodes)
-    spent = np.where((np.diff(point, axis=0) == 0).all(axis=1), np.diff(knot), 0.0)
+    cycle = room.cycles.numpy()[0]
+    parameter, point = (nodes.numpy()[: cycle["count"]] for nodes in room.nodes)
+    spent = np.where((np.diff(point, axis=0) == 0).all(axis=1), np.diff(parameter), 0.0)
     points = batch.points.astype(np.float64)
     near = [np.linalg.norm(point[:-1] - p, axis=1) < 1e-9 for p in points]
-    return np.array([spent[there].sum() for there in near]), track["period"]
+    return np.array([spent[there].sum() for there in near]), cycle["period"]
 
 
 @pytest.mark.parametrize("point", [0, 2])

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.render.sampling.presets import preset
-from palpate.render.sampling.sampler import Sampler, laid_tracks, sample_bounds, sample_contours
+from palpate.render.sampling.sampler import Sampler, laid_cycles, sample_bounds, sample_contours
 from palpate.render.sampling.strategy import Dwell, Gap, Order, Pace, SamplingStrategy
 
 RING = (circle(0.03), True)
@@ -245,5 +245,5 @@ def test_rest_at_a_corner_that_is_gone_ends_unless_another_is_hardly_farther_tha
 
 
 def test_sections_take_the_cycle_and_no_more():
-    track = laid_tracks(batch_of([[RING, LEFT]]), preset("stp"))[0]
-    assert track["period"] == pytest.approx(2.0, rel=1e-12)
+    cycle = laid_cycles(batch_of([[RING, LEFT]]), preset("stp"))[0]
+    assert cycle["period"] == pytest.approx(2.0, rel=1e-12)

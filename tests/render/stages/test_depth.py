@@ -8,7 +8,7 @@ from transform_cases import a_setting, assert_equal, near_poses, random_regions,
 
 from palpate.render import MeshObject, Palm, PlaneHand, Scene, Stage, static_pose
 from palpate.render.hands.flat_hand import flat_hand
-from palpate.render.stages.depth import MESHES_KEPT, mesh_of
+from palpate.render.stages.depth import CACHE_SIZE, mesh_of
 from palpate.render.strategies.presets import closed_then
 
 DEFAULTS = {"shallow": 0.0, "deep": 0.02, "lowest": 0.3, "grid": 9, "spacing": 0.004}
@@ -73,7 +73,7 @@ def test_a_batch_without_contours_stays_one(at, device, rng):
 
 
 def test_a_mesh_is_made_once_for_an_object_and_the_oldest_go(device):
-    solids = [MeshObject.load("cube", at=(0, 0, 0.2 + 0.01 * k)) for k in range(MESHES_KEPT + 1)]
+    solids = [MeshObject.load("cube", at=(0, 0, 0.2 + 0.01 * k)) for k in range(CACHE_SIZE + 1)]
     first = mesh_of(solids[0], device)
     assert mesh_of(MeshObject.load("cube", at=(0, 0, 0.2)), device) is first
     for solid in solids[1:]:

@@ -1,17 +1,17 @@
-"""Draw frequencies of many poses at once are those of the tracks that the sampler in NumPy lays, by strategy."""
+"""Draw frequencies of many poses at once are those of the cycles that the sampler in NumPy lays, by strategy."""
 
 import numpy as np
 import pytest
 import warp as wp
 from mesh_cases import bodies, generic_poses, shell
+from numpy_sampler.cycle import lay_cycle
 from numpy_sampler.path import paths_of
-from numpy_sampler.track import lay_track
 
 from palpate.kernels.metrics.tally import METRICS, tally_contours
 from palpate.render import MeshObject, Palm, SamplingStrategy, closed_contour, load_strategy, open_contour
 from palpate.render.intersection.scene import Scene
 from palpate.render.sampling.presets import PRESETS
-from palpate.render.sampling.sampler import laid_tracks
+from palpate.render.sampling.sampler import laid_cycles
 from palpate.render.sampling.strategy import Dwell, Gap, Order, Pace
 from palpate.render.sweeps.make import frequency as frequency_module
 from palpate.render.sweeps.make.frequency import Pacer
@@ -46,12 +46,12 @@ def pacer_of(batch, device):
 
 
 def wanted(batch, strategy):
-    """By the tracks of every pose."""
+    """By the cycles of every pose."""
     nominal, actual = [], []
     still = strategy.pace.kind == "still"
     for path in paths_of(batch.numpy()):
         nominal.append(np.nan if path is None else strategy.draw_frequency(path.length))
-        count = np.nan if path is None else lay_track(path, strategy).sample_count
+        count = np.nan if path is None else lay_cycle(path, strategy).sample_count
         actual.append(0.0 * count if still else strategy.update_rate / count)
     return np.array(nominal), np.array(actual, np.float32)
 
@@ -73,7 +73,7 @@ def poses():
 
 @pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", STRATEGIES)
-def test_draw_frequencies_are_those_of_the_tracks(name, poses, device):
+def test_draw_frequencies_are_those_of_the_cycles(name, poses, device):
     for thing, strategy in ((MeshObject.load("tube"), closed_contour()), (MeshObject(*bodies()), open_contour())):
         actual = assert_as_sampled(batch_of(thing, strategy, poses, device), STRATEGIES[name], device)
         assert np.isnan(actual).any()
@@ -90,14 +90,14 @@ def test_pauses_of_the_contours_count(name, poses, device):
 
 @pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", STRATEGIES)
-def test_tracks_are_laid_only_where_nothing_else_tells(name, poses, device, monkeypatch):
+def test_cycles_are_laid_only_where_nothing_else_tells(name, poses, device, monkeypatch):
     laid = []
 
     def counted(batch, strategy):
         laid.append(len(batch))
-        return laid_tracks(batch, strategy)
+        return laid_cycles(batch, strategy)
 
-    monkeypatch.setattr(frequency_module, "laid_tracks", counted)
+    monkeypatch.setattr(frequency_module, "laid_cycles", counted)
     batch = batch_of(MeshObject(*shell()), open_contour(), poses, device)
     pacer_of(batch, device).frequencies(STRATEGIES[name])
     needed = name in ("fast-return", "returns within", "pauses", "share of pauses")

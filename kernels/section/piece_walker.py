@@ -1,12 +1,12 @@
-"""Walking the ordered pieces of a row: one generated function either writes points or accumulates lengths.
+"""Walking the ordered pieces of a query: one generated function either writes points or accumulates lengths.
 
 | function | sink | state | result |
 |---|---|---|---|
-| draw_row | Contours | PolylineWriter | points, kinds and polylines in arrays |
-| draw_row_ends | Contours | PolylineWriter | the same but for points of crossings that `ContourPieces.listed` holds |
-| add_row | int: 1 if contours enclose an area | LengthAccumulator | lengths by kind and area vectors, in the state |
+| draw_section | Contours | PolylineWriter | points, kinds and polylines in arrays |
+| draw_section_ends | Contours | PolylineWriter | the same but for points of crossings in `ContourPieces.listed` |
+| add_section | int: 1 if contours enclose an area | LengthAccumulator | lengths by kind, area vectors, in the state |
 
-Both use the same float32 points in the same order, so `add_row` gives the same bits as `tally` on the written points.
+Both use the same float32 points in the same order, so `add_section` gives the same bits as `tally` on written points.
 The functions take flags (`draws`, `begins`, ...) instead of being called in a branch: around a branch, Warp on a CPU
 would select whole structs through memory.
 """
@@ -74,11 +74,11 @@ def add_to(encloses: int, sums: LengthAccumulator, y: wp.vec3, draws: bool):
     """Go to point y if `draws`, and add the segment to it unless its length is zero."""
     out = sums
     if draws and not (sums.x == y):
-        way = wp.length(to_float64(y - sums.x))
+        length = wp.length(to_float64(y - sums.x))
         if sums.kind == OBJECT:
-            out.outline = sums.outline + way
+            out.outline = sums.outline + length
         else:
-            out.side = sums.side + way
+            out.side = sums.side + length
         if encloses == 1:
             origin = to_float64(sums.first)
             out.own = sums.own + wp.cross(to_float64(sums.x) - origin, to_float64(y) - origin)
@@ -154,8 +154,10 @@ def add_boundary(encloses: int, sums: LengthAccumulator, f: Frame, half: wp.vec2
     return end_sum(encloses, out, draws)
 
 
-def row_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: Any, boundary: Any, piece: Any = None) -> Any:
-    """A wp.func that walks a row's pieces: it passes each point to `to`, each polyline's begin and end to `begin` and
+def piece_walker(
+    sink_type: Any, state_type: Any, to: Any, begin: Any, end: Any, boundary: Any, piece: Any = None
+) -> Any:
+    """A wp.func that walks a query's pieces: it passes each point to `to`, each polyline's begin and end to `begin` and
     `end`, and the patch's whole boundary to `boundary`. Signatures as the functions of PolylineWriter above.
 
     piece: passes the points of one piece, as `draw_piece` does, which walks from crossing to crossing."""
@@ -214,21 +216,21 @@ def row_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: Any, b
         return out
 
     @wp.func
-    def draw_row(
+    def draw_section(
         surface: Surface,
         f: Frame,
         side: wp.vec2d,
         pieces: ContourPieces,
         entries: Entries,
-        row: int,
+        query: int,
         closes: int,
         sink: sink_type,
         state: state_type,
     ):
-        """Draw a row's polylines; a closed one repeats its first point at its end."""
-        base = start_of(pieces, row)
+        """Draw a query's polylines; a closed one repeats its first point at its end."""
+        base = start_of(pieces, query)
         out = state
-        count = entries.count[row] & COUNT
+        count = entries.count[query] & COUNT
         for e in range(count):
             code = entries.entry[base + wp.int64(e) * pieces.stride]
             slot = base + wp.int64(code & SLOT) * pieces.stride
@@ -246,9 +248,9 @@ def row_walker(sink_type: Any, state_type: Any, to: Any, begin: Any, end: Any, b
                 ends = (entries.entry[base + wp.int64(e + 1) * pieces.stride] & BEGIN) != 0
             out = to(sink, out, out.first, ends and closes == 1)
             out = end(sink, out, ends)
-        return boundary(sink, out, f, side, entries.count[row] >= BOUNDARY)
+        return boundary(sink, out, f, side, entries.count[query] >= BOUNDARY)
 
-    return draw_row
+    return draw_section
 
 
 @wp.func
@@ -301,6 +303,8 @@ def draw_piece_ends(
     return write_to(lines, out, x, True)
 
 
-draw_row = row_walker(Contours, PolylineWriter, write_to, begin_line, end_line, draw_boundary)
-draw_row_ends = row_walker(Contours, PolylineWriter, write_to, begin_line, end_line, draw_boundary, draw_piece_ends)
-add_row = row_walker(int, LengthAccumulator, add_to, begin_sum, end_sum, add_boundary)
+draw_section = piece_walker(Contours, PolylineWriter, write_to, begin_line, end_line, draw_boundary)
+draw_section_ends = piece_walker(
+    Contours, PolylineWriter, write_to, begin_line, end_line, draw_boundary, draw_piece_ends
+)
+add_section = piece_walker(int, LengthAccumulator, add_to, begin_sum, end_sum, add_boundary)

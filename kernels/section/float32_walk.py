@@ -8,7 +8,7 @@ heights exceed 2 e. So t / d is wrong by at most e + 2 e |u - l| / d, and by 2.4
 Corner C of the patch is to the left of a segment P -> Q if (P - C) x (Q - C) is not negative. If P and Q are wrong by
 at most p and q along each axis, this product is wrong by at most p |Q - C| + q |P - C| + 2 p q, where |.| sums absolute
 coordinates. Only corners between P and Q matter. So C is not farther away than the farthest vertex, where half a
-spacing of float32 is e / 8 at most. `RoughCrossing.room` / d exceeds the error of P by 2.6 e, which contains the
+spacing of float32 is e / 8 at most. `Float32Crossing.room` / d exceeds the error of P by 2.6 e, which contains the
 rounding of P - C, and it exceeds 6 e, so that a quarter more of the bound contains the rounding of the product.
 """
 
@@ -18,14 +18,14 @@ from ..patch import Frame, coarse_frame
 from ..warps import in_step
 from .clip_events import BEGIN, CLEAR, CORNERS, END, FROM, HALF, Events, is_quiet, write_event
 from .edge_pairing import OPEN
+from .float32_scan import clear_bit, float32_sum, half_at, lowest_left
 from .half_edges import Surface
-from .rough_scan import clear_bit, half_at, lowest_left, rough_sum
 from .segment_clipping import needs_left
 from .step_lists import end_list, list_half
 from .triangle_walk import half_after, load_vec4, vertex_of
 
-REST = wp.constant(1 << 16)  # more than a row's events: a surface with a scan path has 24,000 half-edges at most
-# In `RoughWalk.steps`: no loop has so many steps, so that some may be added.
+REST = wp.constant(1 << 16)  # more than a query's events: a surface with a scan path has 24,000 half-edges at most
+# In `Float32Walk.steps`: no loop has so many steps, so that some may be added.
 ENDED = wp.constant(1 << 29)  # the lane is on no loop
 UNSURE = wp.constant(-(1 << 30))  # neither, as float32 could not decide
 
@@ -37,7 +37,7 @@ UNSURE = wp.constant(-(1 << 30))  # neither, as float32 could not decide
     return a * b - c * d;
 #endif
 """)
-def rough_difference(a: float, b: float, c: float, d: float) -> float:
+def float32_difference(a: float, b: float, c: float, d: float) -> float:
     """About a b - c d."""
 
 
@@ -48,7 +48,7 @@ def rough_difference(a: float, b: float, c: float, d: float) -> float:
     return a * b + c;
 #endif
 """)
-def rough_product(a: float, b: float, c: float) -> float:
+def float32_product(a: float, b: float, c: float) -> float:
     """About a b + c."""
 
 
@@ -103,7 +103,7 @@ def link_after(hop: wp.vec4, up: wp.bool) -> int:
 
 
 @wp.struct
-class RoughFrame:
+class Float32Frame:
     """A patch's frame in float32."""
 
     u: wp.vec3
@@ -116,7 +116,7 @@ class RoughFrame:
 
 
 @wp.struct
-class RoughCrossing:
+class Float32Crossing:
     """A crossing's point (x / d, y / d), where it may be instead, and its outcode."""
 
     x: float  # [m^2]
@@ -128,7 +128,7 @@ class RoughCrossing:
 
 
 @wp.struct
-class RoughCorners:
+class Float32Corners:
     """Corners of the patch."""
 
     left: int  # bits as of `corners_left`
@@ -136,34 +136,34 @@ class RoughCorners:
 
 
 @wp.struct
-class RoughWalk:
-    """State of a walk around the loops of a row, one after another."""
+class Float32Walk:
+    """State of a walk around the loops of a query, one after another."""
 
-    row: int  # OPEN for none
-    events: int  # of the row, and above them REST times the crossings that the scan counted and no walk has passed
+    query: int  # OPEN for none
+    events: int  # of the query, and above them REST times the crossings that the scan counted and no walk has passed
     words: wp.uint64  # address of what is left of its scan
     first: int  # half-edge of the loop's first crossing
     bit: int  # its bit in the scan
     now: int  # half-edge of the latest crossing
     upper: wp.vec3  # its ends
     lower: wp.vec3
-    crossing: RoughCrossing
+    crossing: Float32Crossing
     steps: int  # of non-zero length since the latest event, ENDED or UNSURE, or more than these
-    listed: int  # steps of the row that are listed so far, and of the loops before
+    listed: int  # steps of the query that are listed so far, and of the loops before
     word: wp.uint64  # what is filled of the list's latest word
 
 
 @wp.func
-def is_walking(walk: RoughWalk):
+def is_walking(walk: Float32Walk):
     """Whether a lane is on a loop."""
     return wp.uint32(walk.steps) < wp.uint32(ENDED)
 
 
 @wp.func
-def rough_frame(f: Frame, half: wp.vec2d, reach: float):
+def float32_frame(f: Frame, half: wp.vec2d, reach: float):
     """The frame in float32; arguments as of `coarse_frame`."""
     g = coarse_frame(f, half, reach)
-    out = RoughFrame()
+    out = Float32Frame()
     out.u = g.u
     out.v = g.v
     out.n = g.n
@@ -176,32 +176,32 @@ def rough_frame(f: Frame, half: wp.vec2d, reach: float):
 
 
 @wp.func
-def rough_position(g: RoughFrame, x: wp.vec3):
+def float32_position(g: Float32Frame, x: wp.vec3):
     """Coordinates of a vertex along u, v and n [m]."""
     o = g.from_origin
-    return wp.vec3(rough_sum(g.u, x, o[0]), rough_sum(g.v, x, o[1]), rough_sum(g.n, x, o[2]))
+    return wp.vec3(float32_sum(g.u, x, o[0]), float32_sum(g.v, x, o[1]), float32_sum(g.n, x, o[2]))
 
 
 @wp.func
-def rough_crossing(g: RoughFrame, upper: wp.vec3, lower: wp.vec3):
+def float32_crossing(g: Float32Frame, upper: wp.vec3, lower: wp.vec3):
     """The crossing of an edge."""
-    c = RoughCrossing()
+    c = Float32Crossing()
     c.d = upper[2] - lower[2]
-    c.x = rough_difference(lower[0], upper[2], upper[0], lower[2])
-    c.y = rough_difference(lower[1], upper[2], upper[1], lower[2])
+    c.x = float32_difference(lower[0], upper[2], upper[0], lower[2])
+    c.y = float32_difference(lower[1], upper[2], upper[1], lower[2])
     wide = wp.abs(upper[0] - lower[0]) + wp.abs(upper[1] - lower[1])
-    c.room = rough_product(g.near, c.d, g.flat * wide)
-    right = rough_product(g.minus_half[0], c.d, wp.abs(c.x))
-    top = rough_product(g.minus_half[1], c.d, wp.abs(c.y))
+    c.room = float32_product(g.near, c.d, g.flat * wide)
+    right = float32_product(g.minus_half[0], c.d, wp.abs(c.x))
+    top = float32_product(g.minus_half[1], c.d, wp.abs(c.y))
     c.code = code_of_signs(right, c.x, top, c.y)
     c.sure = wp.min(wp.abs(right), wp.abs(top)) > c.room
     return c
 
 
 @wp.func
-def rough_corners(g: RoughFrame, p: RoughCrossing, q: RoughCrossing):
+def float32_corners(g: Float32Frame, p: Float32Crossing, q: Float32Crossing):
     """The patch's corners between the ends of the segment p -> q and to the left of it."""
-    out = RoughCorners()
+    out = Float32Corners()
     out.sure = True
     apart = p.code ^ q.code
     between = apart & ((apart << 1) | (apart >> 3))
@@ -209,11 +209,11 @@ def rough_corners(g: RoughFrame, p: RoughCrossing, q: RoughCrossing):
         corner = between & -between
         x = wp.where((corner & 6) != 0, g.minus_half[0], -g.minus_half[0])  # minus the corner's coordinates
         y = wp.where((corner & 12) != 0, g.minus_half[1], -g.minus_half[1])
-        from_p = wp.vec2(rough_product(x, p.d, p.x), rough_product(y, p.d, p.y))
-        from_q = wp.vec2(rough_product(x, q.d, q.x), rough_product(y, q.d, q.y))
-        turn = rough_difference(from_p[0], from_q[1], from_p[1], from_q[0])
+        from_p = wp.vec2(float32_product(x, p.d, p.x), float32_product(y, p.d, p.y))
+        from_q = wp.vec2(float32_product(x, q.d, q.x), float32_product(y, q.d, q.y))
+        turn = float32_difference(from_p[0], from_q[1], from_p[1], from_q[0])
         room = p.room * (wp.abs(from_q[0]) + wp.abs(from_q[1]))
-        room += q.room * rough_product(2.0, p.room, wp.abs(from_p[0]) + wp.abs(from_p[1]))
+        room += q.room * float32_product(2.0, p.room, wp.abs(from_p[0]) + wp.abs(from_p[1]))
         out.sure = both(out.sure, wp.abs(turn) > 1.25 * room)
         out.left |= wp.where(turn > 0.0, corner, 0)
         between ^= corner
@@ -221,21 +221,21 @@ def rough_corners(g: RoughFrame, p: RoughCrossing, q: RoughCrossing):
 
 
 @wp.func
-def begin_loop(surface: Surface, g: RoughFrame, events: Events, walk: RoughWalk):
-    """Begin the row's next loop, at its lowest crossing that no walk has passed."""
+def begin_loop(surface: Surface, g: Float32Frame, events: Events, walk: Float32Walk):
+    """Begin the query's next loop, at its lowest crossing that no walk has passed."""
     t = walk
-    t.listed = end_list(events.lists, t.row, t.listed, t.word)
+    t.listed = end_list(events.lists, t.query, t.listed, t.word)
     t.bit = lowest_left(surface, t.words)
     t.first = OPEN
     if t.bit != OPEN:
         t.first = half_at(surface, g.n, -g.from_origin[2], t.bit)
     t.steps = UNSURE
     if t.first != OPEN:
-        t.upper = rough_position(g, vertex_of(load_vec4(surface.corner, t.first)))
-        t.lower = rough_position(g, vertex_of(load_vec4(surface.corner, half_after(t.first))))
-        t.crossing = rough_crossing(g, t.upper, t.lower)
+        t.upper = float32_position(g, vertex_of(load_vec4(surface.corner, t.first)))
+        t.lower = float32_position(g, vertex_of(load_vec4(surface.corner, half_after(t.first))))
+        t.crossing = float32_crossing(g, t.upper, t.lower)
         code = t.crossing.code
-        write_event(events, t.row, t.events & (REST - 1), (t.first << HALF) | BEGIN | (code << FROM) | code, 0)
+        write_event(events, t.query, t.events & (REST - 1), (t.first << HALF) | BEGIN | (code << FROM) | code, 0)
         t.events += 1
         t.now = t.first
         if t.crossing.sure and wp.min(t.upper[2], -t.lower[2]) > g.flat:
@@ -244,7 +244,7 @@ def begin_loop(surface: Surface, g: RoughFrame, events: Events, walk: RoughWalk)
 
 
 @wp.func
-def step_roughly(surface: Surface, g: RoughFrame, events: Events, walk: RoughWalk):
+def step_in_float32(surface: Surface, g: Float32Frame, events: Events, walk: Float32Walk):
     """Walk to the loop's next crossing; writes the events that `walk_loop` writes.
 
     A lane that does not walk goes on around its loop and leaves no trace: that takes fewer instructions than to stand.
@@ -253,19 +253,19 @@ def step_roughly(surface: Surface, g: RoughFrame, events: Events, walk: RoughWal
     walks = is_walking(t)
     p = t.crossing
     hop = load_vec4(surface.hop, t.now)
-    x = rough_position(g, vertex_of(hop))
+    x = float32_position(g, vertex_of(hop))
     up = x[2] > 0.0
     t.upper = wp.where(up, x, t.upper)
     t.lower = wp.where(up, t.lower, x)
-    q = rough_crossing(g, t.upper, t.lower)
+    q = float32_crossing(g, t.upper, t.lower)
     inside = (p.code | q.code) == 0
     # Whether the float32 output points of p and q surely differ, though each may be moved onto a side.
-    apart = wp.max(wp.abs(rough_difference(p.x, q.d, q.x, p.d)), wp.abs(rough_difference(p.y, q.d, q.y, p.d)))
-    moves = apart > rough_product(p.room, q.d, q.room * p.d)
+    apart = wp.max(wp.abs(float32_difference(p.x, q.d, q.x, p.d)), wp.abs(float32_difference(p.y, q.d, q.y, p.d)))
+    moves = apart > float32_product(p.room, q.d, q.room * p.d)
     sure = both(both(q.sure, wp.abs(x[2]) > g.flat), either(not inside, moves))
     t.steps += wp.where(inside, 1, 0)
     listed = both(inside, walks)
-    t.word = list_half(events.lists, t.row, t.listed, t.word, t.now, listed)
+    t.word = list_half(events.lists, t.query, t.listed, t.word, t.now, listed)
     t.listed += wp.where(listed, 1, 0)
     link = link_after(hop, up)
     now = t.now
@@ -275,12 +275,12 @@ def step_roughly(surface: Surface, g: RoughFrame, events: Events, walk: RoughWal
     if both(walks, either(last != 0, not is_quiet(p.code, q.code))):
         what = (now << HALF) | last | (p.code << FROM) | q.code
         if needs_left(p.code, q.code):
-            corners = rough_corners(g, p, q)
+            corners = float32_corners(g, p, q)
             what |= corners.left << CORNERS
             sure = both(sure, corners.sure)
         else:
             what |= CLEAR
-        write_event(events, t.row, t.events & (REST - 1), what, t.steps)
+        write_event(events, t.query, t.events & (REST - 1), what, t.steps)
         t.events += 1
         t.steps = wp.where(last != 0, ENDED, 0)
     scanned = both(walks, (link & 1) != 0)

@@ -1,15 +1,15 @@
-"""Tracks, routes, sections and entries of random motions are those of the sampler in NumPy, but for rounding."""
+"""Cycles, routes, sections and entries of random motions are those of the sampler in NumPy, but for rounding."""
 
 import numpy as np
 import pytest
 from contour_random import random_strokes
 from numpy_sampler import continuity, contour_matching, drawing_turns, sampler
+from numpy_sampler import cycle as numpy_cycle
 from numpy_sampler import route as numpy_route
-from numpy_sampler import track as numpy_track
 from sampling_cases import drawn_room, with_pauses, without_folds
 from sampling_oracle import entered_by_numpy
 
-from palpate.kernels.sampling import course, entry, focus, layout, pieces, route, ways
+from palpate.kernels.sampling import entry, focus, layout, pieces, route, segments, timing
 from palpate.render.sampling import plan
 from palpate.render.sampling.presets import preset
 from palpate.render.sampling.strategy import Dwell, Gap, Order, Pace, SamplingStrategy, Sections
@@ -32,7 +32,7 @@ STRATEGIES = {
 
 @pytest.mark.exhaustive(after=3)
 @pytest.mark.parametrize("name", STRATEGIES)
-def test_tracks_and_entries_are_those_of_the_sampler_in_numpy(name, device):
+def test_cycles_and_entries_are_those_of_the_sampler_in_numpy(name, device):
     strategy, count = STRATEGIES[name], 30
     time, duration = np.arange(count) / 90, count / 90
     for seed in range(4):
@@ -45,52 +45,52 @@ def test_tracks_and_entries_are_those_of_the_sampler_in_numpy(name, device):
         expected = entered_by_numpy(batch, time, duration, strategy)
         entered = np.flatnonzero(arrays["entries"]["drawn"][:count])
         assert len(entered) == len(expected) > 1
-        for pose, (track, knot, index) in zip(entered.tolist(), expected, strict=True):
-            own, begin = arrays["tracks"][pose], arrays["entries"][pose]
-            scale = own["period"] / track.period  # a plain track's knots are lengths; those of NumPy's one are, too
+        for pose, (cycle, parameter, index) in zip(entered.tolist(), expected, strict=True):
+            own, begin = arrays["cycles"][pose], arrays["entries"][pose]
+            scale = own["period"] / cycle.period  # both in metres where arc length alone decides, else in seconds
             assert scale == pytest.approx(1.0, rel=1e-12)
-            assert own["repeat"] == track.repeat_count
-            assert own["one_sample"] == pytest.approx(track.one_sample, rel=1e-12)
-            assert begin["anchor"] == pytest.approx(knot, rel=1e-9, abs=1e-12)
+            assert own["repeat"] == cycle.repeat_count
+            assert own["one_sample"] == pytest.approx(cycle.one_sample, rel=1e-12)
+            assert begin["anchor"] == pytest.approx(parameter, rel=1e-9, abs=1e-12)
             assert begin["index"] == index
             first = int(batch.pose_start[pose])
             routes = arrays["drawn"][first : first + own["pieces"]]
-            assert routes["earlier"].tolist() == track.route.earlier.tolist()
+            assert routes["earlier"].tolist() == cycle.route.earlier.tolist()
             check = assert_same_nodes if strategy.sections is None else assert_same_sections
-            check(arrays, own, track)
+            check(arrays, own, cycle)
 
 
-def assert_same_nodes(arrays, own, track):
-    """A track has the nodes of NumPy's one."""
+def assert_same_nodes(arrays, own, cycle):
+    """A cycle has the nodes of NumPy's one."""
     rows = slice(int(own["first"]), int(own["first"] + own["count"]))
-    assert arrays["knot"][rows] == pytest.approx(track.knot, rel=1e-12, abs=1e-12)
-    assert arrays["point"][rows] == pytest.approx(track.points, rel=1e-12, abs=1e-12)
-    if track.intensity is not None:
-        assert arrays["level"][rows] == pytest.approx(track.intensity, rel=1e-9, abs=1e-9)
+    assert arrays["parameter"][rows] == pytest.approx(cycle.parameter, rel=1e-12, abs=1e-12)
+    assert arrays["point"][rows] == pytest.approx(cycle.points, rel=1e-12, abs=1e-12)
+    if cycle.intensity is not None:
+        assert arrays["level"][rows] == pytest.approx(cycle.intensity, rel=1e-9, abs=1e-9)
 
 
-def assert_same_sections(arrays, own, track):
-    """Sections begin, end and last as those of NumPy's track, which has the nodes of every pass."""
+def assert_same_sections(arrays, own, cycle):
+    """Sections begin, end and last as those of NumPy's cycle, which has the nodes of every pass."""
     first, count = int(own["section"]), int(own["sections"])
     rows = arrays["section"][first : first + count]
-    assert [*rows["begin"], own["period"]] == pytest.approx(track.section.tolist(), rel=1e-12, abs=1e-12)
-    assert ((rows["stop"] - rows["start"]) * rows["passes"]).sum() + count - 1 == len(track.step)
-    at = np.searchsorted(track.knot, track.section[:-1], side="right") - 1
-    assert arrays["point"][own["first"] + rows["start"]] == pytest.approx(track.points[at], rel=1e-9, abs=1e-9)
-    assert own["ordinary"] == pytest.approx(track.step_ordinary, rel=1e-9)
+    assert [*rows["begin"], own["period"]] == pytest.approx(cycle.section.tolist(), rel=1e-12, abs=1e-12)
+    assert ((rows["stop"] - rows["start"]) * rows["passes"]).sum() + count - 1 == len(cycle.step)
+    at = np.searchsorted(cycle.parameter, cycle.section[:-1], side="right") - 1
+    assert arrays["point"][own["first"] + rows["start"]] == pytest.approx(cycle.points[at], rel=1e-9, abs=1e-9)
+    assert own["ordinary"] == pytest.approx(cycle.step_ordinary, rel=1e-9)
 
 
 def test_numbers_of_the_kernels_are_those_of_the_sampler_in_numpy_and_of_the_plan():
     assert float(pieces.NEARNESS) == contour_matching.NEARNESS**2
-    assert (int(route.STARTS), int(pieces.STARTS_TRIED)) == (numpy_route.DOORS, numpy_route.STARTS_TRIED)
-    assert pieces.DOORS == route.DOOR_ROOM > 2 * numpy_route.PIECES_MOST
+    assert (int(route.STARTS), int(pieces.STARTS_TRIED)) == (numpy_route.STARTS, numpy_route.STARTS_TRIED)
+    assert pieces.STARTS_MOST == route.START_ROOM > 2 * numpy_route.PIECES_MOST
     assert int(route.SEARCHED_MOST) == numpy_route.SEARCHED_MOST
     assert (int(route.PIECES_MOST), int(route.INSERTED_MOST)) == (numpy_route.PIECES_MOST, numpy_route.INSERTED_MOST)
     assert float(route.JUMP_SLACK) == numpy_route.JUMP_SLACK
-    assert float(course.SHARE_LEAST) == drawing_turns.SHARE_LEAST
-    assert float(course.NOISE_SHARE) == numpy_track.NOISE_SHARE
+    assert float(timing.SHARE_LEAST) == drawing_turns.SHARE_LEAST
+    assert float(timing.NOISE_SHARE) == numpy_cycle.NOISE_SHARE
     assert float(focus.LENGTH_UNIT) == sampler.LENGTH_UNIT
-    assert float(course.NEAR_CUT) == numpy_track.NEAR_CUT
-    assert int(course.PASSES_MOST) == numpy_track.PASSES_MOST
+    assert float(timing.NEAR_CUT) == numpy_cycle.NEAR_CUT
+    assert int(timing.PASSES_MOST) == numpy_cycle.PASSES_MOST
     assert float(entry.WHOLE_SECTION) == continuity.WHOLE_SECTION
-    assert float(layout.TICKS) == float(ways.TICKS) == plan.TICKS
+    assert float(layout.TICKS) == float(segments.TICKS) == plan.TICKS

@@ -21,18 +21,18 @@ NONE_SET = wp.constant(wp.uint32(0))
 
 @wp.struct
 class Scans:
-    """Scans of rows, and the rows whose planes cross the surface. Word k of row r has index r * row + k * step."""
+    """Scans of queries, and those whose planes cross the surface. Word k of query q has index q * stride + k * step."""
 
     word: wp.array[wp.uint32]
-    row: wp.int64
+    stride: wp.int64
     step: wp.int64
-    listed: wp.array[wp.vec2i]  # rows that have crossings, and how many, in any order, shape [row]
-    count: wp.array[wp.int32]  # number of these rows, zero-initialised, shape [1]
-    taken: wp.array[wp.int32]  # how many of them lanes of a GPU have taken to walk, zero-initialised, shape [1]
+    listed: wp.array[wp.vec2i]  # queries that have crossings, and how many, in any order, shape [query]
+    count: wp.array[wp.int32]  # number of these queries, zero-initialised, shape [1]
+    claimed: wp.array[wp.int32]  # how many of them lanes of a GPU have claimed, zero-initialised, shape [1]
 
 
 @wp.struct
-class RoughScan:
+class Float32Scan:
     """Result of a scan."""
 
     count: int  # crossings
@@ -46,7 +46,7 @@ class RoughScan:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + c;
 #endif
 """)
-def rough_sum(a: wp.vec3, b: wp.vec3, c: float) -> float:
+def float32_sum(a: wp.vec3, b: wp.vec3, c: float) -> float:
     """About the scalar product of a and b, plus c."""
 
 
@@ -119,9 +119,9 @@ def bit_in_word(bit: int) -> wp.uint32:
 #endif
 """)
 def address_of_words(far: wp.array[wp.uint32], first: wp.int64) -> wp.uint64:
-    """Address of the words of the row that a lane walks.
+    """Address of the words of the query that a lane walks.
 
-    A GPU keeps such words near its lanes; a CPU changes those of `Scans`, where the row's first has index `first`.
+    A GPU keeps such words near its lanes; a CPU changes those of `Scans`, where the query's first has index `first`.
     """
 
 
@@ -151,9 +151,9 @@ def get_word(address: wp.uint64, k: int) -> wp.uint32:
 
 
 @wp.func
-def fetch_words(surface: Surface, scans: Scans, row: int):
-    """Take the words of a row to walk it; returns their address."""
-    first = wp.int64(row) * scans.row
+def fetch_words(surface: Surface, scans: Scans, query: int):
+    """Fetch the words of a query to walk it; returns their address."""
+    first = wp.int64(query) * scans.stride
     address = address_of_words(scans.word, first)
     for k in range(surface.scan_words):
         set_word(address, k, scans.word[first + wp.int64(k) * scans.step])
@@ -162,14 +162,14 @@ def fetch_words(surface: Surface, scans: Scans, row: int):
 
 @wp.func
 def clear_bit(address: wp.uint64, bit: int, passes: wp.bool):
-    """Note in the words of a row that its walk passes a crossing, if it does."""
+    """Note in the words of a query that its walk passes a crossing, if it does."""
     k = bit >> 5
     set_word(address, k, get_word(address, k) & (ALL ^ wp.where(passes, bit_in_word(bit), NONE_SET)))
 
 
 @wp.func
 def lowest_left(surface: Surface, address: wp.uint64):
-    """The lowest bit that is set in the words of a row; OPEN for none."""
+    """The lowest bit that is set in the words of a query; OPEN for none."""
     out = int(OPEN)
     k = int(0)
     while out == OPEN and k < surface.scan_words:
@@ -183,11 +183,11 @@ def lowest_left(surface: Surface, address: wp.uint64):
 @wp.func
 def scan_height(n: wp.vec3, distance: float, x: wp.vec4):
     """Height of a vertex above the plane [m]."""
-    return rough_sum(n, vertex_of(x), -distance)
+    return float32_sum(n, vertex_of(x), -distance)
 
 
 @wp.func
-def scan_roughly(surface: Surface, n: wp.vec3, distance: float, scans: Scans, row: int):
+def scan_in_float32(surface: Surface, n: wp.vec3, distance: float, scans: Scans, query: int):
     """Note and count the crossings of the scan path with a plane."""
     height = scan_height(n, distance, load_vec4(surface.scan_path, 0))
     least = wp.abs(height)
@@ -203,8 +203,8 @@ def scan_roughly(surface: Surface, n: wp.vec3, distance: float, scans: Scans, ro
             word |= bit
             count += wp.where(bit != NONE_SET, 1, 0)
             height = now
-        scans.word[wp.int64(row) * scans.row + wp.int64(k) * scans.step] = word
-    found = RoughScan()
+        scans.word[wp.int64(query) * scans.stride + wp.int64(k) * scans.step] = word
+    found = Float32Scan()
     found.count = count
     found.least = least
     return found
@@ -212,7 +212,7 @@ def scan_roughly(surface: Surface, n: wp.vec3, distance: float, scans: Scans, ro
 
 @wp.func
 def half_at(surface: Surface, n: wp.vec3, distance: float, bit: int):
-    """Half-edge of the first crossing among the steps of a bit, if `scan_roughly` was sure; OPEN for none."""
+    """Half-edge of the first crossing among the steps of a bit, if `scan_in_float32` was sure; OPEN for none."""
     half = int(OPEN)
     i = bit * surface.scan_group
     stop = wp.min(i + surface.scan_group + 1, surface.scan_path.shape[0])
@@ -244,12 +244,12 @@ def mark(mask: wp.array[wp.uint32], rank: int):
     """Mark the scanned edge of that rank as passed."""
 
 
-def room_for_scans(surface: Any, row_count: int, counters: Any, device: Any) -> Any:
-    """Memory for scans of rows; counters: two of int32, zero-initialised, shape [2]."""
+def room_for_scans(surface: Any, query_count: int, counters: Any, device: Any) -> Any:
+    """Memory for scans of queries; counters: two of int32, zero-initialised, shape [2]."""
     scans = Scans()
     words = surface.scan_words
-    scans.row, scans.step = (words, 1) if device.is_cpu else (1, row_count)
-    scans.word = wp.empty(row_count * words, dtype=wp.uint32, device=device)
-    scans.listed = wp.empty(row_count, dtype=wp.vec2i, device=device)
-    scans.count, scans.taken = counters[:1], counters[1:2]
+    scans.stride, scans.step = (words, 1) if device.is_cpu else (1, query_count)
+    scans.word = wp.empty(query_count * words, dtype=wp.uint32, device=device)
+    scans.listed = wp.empty(query_count, dtype=wp.vec2i, device=device)
+    scans.count, scans.claimed = counters[:1], counters[1:2]
     return scans

@@ -1,30 +1,30 @@
-"""Planes of a warp's rows, kept where all its lanes can read them: any lane computes points of any row."""
+"""Planes of a warp's queries, where all its lanes can read them: any lane computes points of any query."""
 
 import warp as wp
 
 from ..patch import Frame
 from ..warps import long_at, memory_of_warp, set_long, set_vec3d, vec3d_at
 
-PLANE_WORDS = 17  # of a row, 64 bits each: odd, so that lanes which read different rows seldom wait for each other
+PLANE_WORDS = 17  # of a query, 64 bits each: odd, so that lanes which read different queries seldom wait for each other
 
 
 @wp.func_native(memory_of_warp(PLANE_WORDS))
 def plane_memory(own: wp.array[wp.int64]) -> wp.uint64:
-    """Address of the planes of the warp's rows; own: a CPU's memory."""
+    """Address of the planes of the warp's queries; own: a CPU's memory."""
 
 
 @wp.struct
-class RowPlane:
-    """What points of a row are computed with."""
+class SectionPlane:
+    """Frame, extents and place of a query, from which its points are computed."""
 
     f: Frame
     side: wp.vec2d  # half extents of the patch [m]
-    start: wp.int64  # where the row begins, among points or slots
+    start: wp.int64  # where the query begins, among points or slots
 
 
 @wp.func
-def keep_plane(memory: wp.uint64, lane: int, plane: RowPlane):
-    """Write the plane of a lane's row."""
+def keep_plane(memory: wp.uint64, lane: int, plane: SectionPlane):
+    """Write the plane of a lane's query."""
     i = lane * PLANE_WORDS
     set_vec3d(memory, i, plane.f.origin)
     set_vec3d(memory, i + 3, plane.f.u)
@@ -37,14 +37,14 @@ def keep_plane(memory: wp.uint64, lane: int, plane: RowPlane):
 
 @wp.func
 def start_at(memory: wp.uint64, lane: int):
-    """Where a lane's row begins."""
+    """Index at which a lane's query begins."""
     return long_at(memory, lane * PLANE_WORDS + 15)
 
 
 @wp.func
 def plane_of(memory: wp.uint64, lane: int):
-    """The plane of a lane's row."""
-    plane = RowPlane()
+    """The plane of a lane's query."""
+    plane = SectionPlane()
     i = lane * PLANE_WORDS
     plane.f.origin = vec3d_at(memory, i)
     plane.f.u = vec3d_at(memory, i + 3)

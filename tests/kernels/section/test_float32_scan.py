@@ -1,4 +1,4 @@
-"""Scans in float32 against heights in float64, and walks of rows whose crossings share bits."""
+"""Scans in float32 against heights in float64, and walks of queries whose crossings share bits."""
 
 import numpy as np
 import pytest
@@ -10,15 +10,15 @@ from scipy.spatial.transform import Rotation
 
 from palpate.kernels.section import half_edges
 from palpate.kernels.section.edge_pairing import OPEN
-from palpate.kernels.section.rough_scan import room_for_scans
+from palpate.kernels.section.float32_scan import room_for_scans
 from palpate.kernels.section.scan_search import _scan_sections
 
 
 def scan(surface, poses, device):
-    """Words, listed rows with their numbers of crossings, and doubtful rows, of palms."""
-    rows, counters = len(poses), wp.zeros(3, dtype=wp.int32, device=device)
-    scans = room_for_scans(surface, rows, counters, wp.get_device(device))
-    events, doubtful = (wp.full(rows, -1, dtype=wp.int32, device=device) for _ in range(2))
+    """Words, listed queries with their numbers of crossings, and doubtful queries, of palms."""
+    queries, counters = len(poses), wp.zeros(3, dtype=wp.int32, device=device)
+    scans = room_for_scans(surface, queries, counters, wp.get_device(device))
+    events, doubtful = (wp.full(queries, -1, dtype=wp.int32, device=device) for _ in range(2))
     inputs = [
         surface,
         pose_array(poses, device),
@@ -26,8 +26,8 @@ def scan(surface, poses, device):
         1,
         wp.empty(0, dtype=wp.int32, device=device),
     ]
-    wp.launch(_scan_sections, rows, inputs=inputs, outputs=[scans, events, doubtful, counters[2:]], device=device)
-    words = scans.word.numpy()[np.arange(rows)[:, None] * scans.row + np.arange(surface.scan_words) * scans.step]
+    wp.launch(_scan_sections, queries, inputs=inputs, outputs=[scans, events, doubtful, counters[2:]], device=device)
+    words = scans.word.numpy()[np.arange(queries)[:, None] * scans.stride + np.arange(surface.scan_words) * scans.step]
     listed, count = scans.listed.numpy(), counters.numpy()
     return words, dict(listed[: count[0]].tolist()), set(doubtful.numpy()[: count[2]].tolist()), events.numpy()
 
@@ -49,16 +49,16 @@ def test_a_scan_notes_the_steps_that_cross_the_plane(name, words, device, monkey
     surface = half_edges.upload_surface(edges, device)
     assert surface.scan_words <= words
     noted, listed, doubtful, events = scan(surface, poses, device)
-    for row in set(range(len(poses))) - doubtful:
-        bits, count = crossed_bits(edges, surface.scan_group, poses[row])
-        assert {k for k in range(32 * surface.scan_words) if noted[row, k // 32] >> (k % 32) & 1} == bits
-        assert listed.get(row, 0) == count
-        assert count > 0 or events[row] == 0
+    for query in set(range(len(poses))) - doubtful:
+        bits, count = crossed_bits(edges, surface.scan_group, poses[query])
+        assert {k for k in range(32 * surface.scan_words) if noted[query, k // 32] >> (k % 32) & 1} == bits
+        assert listed.get(query, 0) == count
+        assert count > 0 or events[query] == 0
     assert len(doubtful) < len(poses) // 4
 
 
 @pytest.mark.parametrize("name", CLOSED)
-def test_rows_whose_crossings_share_bits_keep_their_contours(name, device, monkeypatch):
+def test_queries_whose_crossings_share_bits_keep_their_contours(name, device, monkeypatch):
     monkeypatch.setattr(half_edges, "SCAN_WORDS", 1)
     surface, poses, patch = surface_on(MESHES[name](), device), exact_poses(200, 4), patch_array(HALF, device)
     for strategy in STRATEGIES:

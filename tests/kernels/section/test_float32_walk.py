@@ -84,13 +84,13 @@ def test_what_float32_decides_is_what_float64_decides(name, poses_of, count, dev
         assert len(traced.points) > count
 
 
-def test_few_rows_are_walked_in_float64(device, monkeypatch):
+def test_few_queries_are_walked_in_float64(device, monkeypatch):
     """At any poses float32 nearly always suffices, so that a GPU's lanes walk alike."""
     own, kept = scan_search.room_for_scans, []
 
-    def room_for_scans(surface, row_count, counters, device):
+    def room_for_scans(surface, query_count, counters, device):
         kept.append(counters)
-        return own(surface, row_count, counters, device)
+        return own(surface, query_count, counters, device)
 
     monkeypatch.setattr(scan_search, "room_for_scans", room_for_scans)
     for name in SOLIDS:

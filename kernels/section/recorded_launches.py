@@ -12,12 +12,12 @@ import warp as wp
 
 from ..contours import Contours
 from ..offsets import BLOCK
-from ..warps import taking_lanes, threads_for
+from ..warps import claiming_lanes, threads_for
 from .clip_events import _clip_loops, room_for_events
 from .contour_writing import _draw_contours
+from .float32_scan import room_for_scans
 from .joining import LANE_WORDS, _join_pieces, _join_single_pieces, room_to_join
 from .pieces import SLOTS, ContourPieces, with_slots
-from .rough_scan import room_for_scans
 from .scan_search import WALK_BLOCKS, _scan_sections, _walk_doubtful_loops, _walk_loops
 from .tree_search import _tree_search_pieces
 
@@ -25,8 +25,8 @@ CPU = "cpu"
 FEW = 32  # patches of all poses that get the largest capacities
 EVENTS_MANY, POINTS_MANY = 24, 48  # of a patch
 PIECE_BYTES, EVENT_BYTES, POINT_BYTES = 120, 8, 13
-# Counters of patches: those to walk, those taken to walk, in float64, of several pieces to join, without room.
-CROSSED, TAKEN, DOUBTFUL, LISTED, EXCESS = range(5)
+# Counters of patches: those to walk, those claimed, those for float64, of several pieces to join, without room.
+CROSSED, CLAIMED, DOUBTFUL, LISTED, EXCESS = range(5)
 
 Launches = list[tuple[wp.Launch, int | None]]  # each with the counter that must not be 0 for it to do anything
 
@@ -42,18 +42,18 @@ class RoomSize(NamedTuple):
     """Of all poses."""
 
     @classmethod
-    def for_rows(cls, row_count: int) -> "RoomSize":
-        """Capacities for so many patches of all poses: most of one alone, since memory is taken for each."""
-        return cls() if row_count <= FEW else cls(SLOTS, EVENTS_MANY, POINTS_MANY * row_count)
+    def for_sections(cls, query_count: int) -> "RoomSize":
+        """Capacities for so many patches of all poses: most of one alone, since memory is allocated for each."""
+        return cls() if query_count <= FEW else cls(SLOTS, EVENTS_MANY, POINTS_MANY * query_count)
 
     def doubled_for(self, needed: "RoomSize") -> "RoomSize":
         """Twice what is needed, of what there is not enough."""
         return RoomSize(*(own if own >= need else 2 * need for own, need in zip(self, needed, strict=True)))
 
 
-def room_bytes(size: RoomSize, row_count: int) -> int:
-    """What the memory of a `Room` with so many patches of all poses takes, about [byte]."""
-    return row_count * (PIECE_BYTES * size.pieces + EVENT_BYTES * size.events) + POINT_BYTES * size.points
+def room_bytes(size: RoomSize, query_count: int) -> int:
+    """Size of the memory of a `Room` with so many patches of all poses, about [byte]."""
+    return query_count * (PIECE_BYTES * size.pieces + EVENT_BYTES * size.events) + POINT_BYTES * size.points
 
 
 class Room:
@@ -82,15 +82,15 @@ class Room:
     ) -> None:
         self.size = size._replace(events=max(size.events, size.pieces))
         self._surface, self._patch, self._pose_count = surface, patch, pose_count
-        self.row_count = pose_count * patch.shape[0]
+        self.query_count = pose_count * patch.shape[0]
         self._stages = [int(outside), int(close)]
         shape = pose_count, patch.shape[0] if articulated else 1
         self._pose = wp.full(shape, wp.transform_identity(), dtype=wp.transform, device=self.device)
         self._counters = wp.zeros(5, dtype=wp.int32, device=self.device)
-        self._rest = wp.zeros(self.row_count, dtype=wp.int32, device=self.device)
-        self._polylines, self._points = (Offsets(self.row_count, self.device) for _ in range(2))
+        self._rest = wp.zeros(self.query_count, dtype=wp.int32, device=self.device)
+        self._polylines, self._points = (Offsets(self.query_count, self.device) for _ in range(2))
         self._pieces = self._room_for_pieces()
-        count = wp.empty(self.row_count, dtype=wp.int32, device=self.device)
+        count = wp.empty(self.query_count, dtype=wp.int32, device=self.device)
         self._events = room_for_events(count, self.size.events)
         self._events.count.zero_()  # seeking leaves them so
         self._lines = self._room_for_lines()
@@ -106,7 +106,7 @@ class Room:
         self._section_start = self._polylines.host[:: self._patch.shape[0]]
         pose_start = wp.zeros(self._pose_count + 1, dtype=wp.int64, device=self.device)
         self._pose_start = pose_start.numpy()
-        self._pose_rows, self._count = self._pose.numpy(), self._counters.numpy()
+        self._pose_view, self._count = self._pose.numpy(), self._counters.numpy()
         self.struct = Contours()
         columns = {field: getattr(lines, field) for field in fields}
         for name, column in (columns | {"pose_start": pose_start}).items():
@@ -117,7 +117,7 @@ class Room:
 
         pose: of the hand, shape [pose, 7], or of each patch where the room is made for that, [pose, patch, 7].
         """
-        self._pose_rows[:] = pose if pose.ndim == 3 else pose.reshape(-1, 1, 7)
+        self._pose_view[:] = pose if pose.ndim == 3 else pose.reshape(-1, 1, 7)
         self._count.fill(0)
         self._launch(self._find)
         if self._count.item(EXCESS):
@@ -169,20 +169,20 @@ class Room:
                 launch.launch()
 
     def _room_for_pieces(self) -> Any:
-        room, rows = self.size.pieces, self.row_count
-        beside = self.device == CPU  # slots of a row beside each other; on a GPU equal slots of all rows
+        room, queries = self.size.pieces, self.query_count
+        beside = self.device == CPU  # slots of a query beside each other; on a GPU equal slots of all queries
         pieces = ContourPieces()
         pieces.section = wp.empty(0, dtype=wp.int32, device=self.device)
-        pieces.start = wp.array(np.arange(rows) * (room if beside else 1), dtype=wp.int64, device=self.device)
-        pieces.room = wp.full(rows, room, dtype=wp.int32, device=self.device)
-        pieces.stride = 1 if beside else rows
-        with_slots(pieces, rows, rows * room, self.device)
+        pieces.start = wp.array(np.arange(queries) * (room if beside else 1), dtype=wp.int64, device=self.device)
+        pieces.room = wp.full(queries, room, dtype=wp.int32, device=self.device)
+        pieces.stride = 1 if beside else queries
+        with_slots(pieces, queries, queries * room, self.device)
         pieces.excess = self._counters[EXCESS:]
         return pieces
 
     def _room_for_lines(self) -> Any:
         """Allocate the output arrays of contours."""
-        line_most = self.row_count * (self.size.pieces + 1)  # one a piece, and the patch's boundary
+        line_most = self.query_count * (self.size.pieces + 1)  # one a piece, and the patch's boundary
         lines = Contours()
         for field, size, dtype in (
             ("points", self.size.points, wp.vec3),
@@ -197,11 +197,11 @@ class Room:
     def _scan_search(self) -> Launches:
         section = [self._surface, self._pose, self._patch, self._stages[0], self._pieces.section]
         scans = room_for_scans(
-            self._surface, self.row_count, self._counters[CROSSED:], device := wp.get_device(self.device)
+            self._surface, self.query_count, self._counters[CROSSED:], device := wp.get_device(self.device)
         )
         doubtful, events = [self._rest, self._counters[DOUBTFUL:]], self._events
         walk = self._record(
-            _walk_loops, [*section, scans], [events, *doubtful], taking_lanes(device, self.row_count, WALK_BLOCKS)
+            _walk_loops, [*section, scans], [events, *doubtful], claiming_lanes(device, self.query_count, WALK_BLOCKS)
         )
         return [
             (self._record(_scan_sections, section, [scans, events.count, *doubtful]), None),
@@ -219,7 +219,7 @@ class Room:
         self._entries = entries
         entries.polylines, entries.points = self._polylines.count, self._points.count
         own = wp.empty(LANE_WORDS, dtype=wp.int64, device=self.device)
-        lanes_to_join = threads_for(wp.get_device(self.device), self.row_count)
+        lanes_to_join = threads_for(wp.get_device(self.device), self.query_count)
         rest = [self._rest, self._counters[LISTED:]]
         single = [self._pieces, self._stages[1]]
         several = [self._surface, self._pieces, self._pose, self._patch, self._stages[1], *rest]
@@ -231,7 +231,7 @@ class Room:
 
     def _record(self, kernel: Any, inputs: list, outputs: list, lanes: int | None = None) -> wp.Launch:
         options = {"device": self.device, "block_dim": BLOCK, "record_cmd": True}
-        return cast(wp.Launch, wp.launch(kernel, lanes or self.row_count, inputs=inputs, outputs=outputs, **options))
+        return cast(wp.Launch, wp.launch(kernel, lanes or self.query_count, inputs=inputs, outputs=outputs, **options))
 
 
 def first_of(array: wp.array, count: int) -> wp.array:

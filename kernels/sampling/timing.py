@@ -1,8 +1,8 @@
-"""Courses: nodes of a pose's cycle, and when each is reached; one thread lays the track of a pose.
+"""Timing: the nodes of a pose's cycle, and when each is reached; one thread lays the cycle of a pose.
 
 Whatever a strategy asks for comes down to nodes and when each is reached. Between two nodes the focal point runs
-evenly; no time between two places is a jump, no way in some time is a pause. A course with sections keeps its nodes,
-with the duration of the way to each, and ways are gone through in the order of the passes (`next_way` in ways.py).
+evenly: a segment of no duration is a jump, one of no length is a pause. In a cycle with sections each node holds the
+duration of the segment to it, and `next_segment` in segments.py goes through the segments in the order of the passes.
 """
 
 import warp as wp
@@ -17,21 +17,29 @@ from .layout import (
     STILL,
     TWO,
     ZERO,
+    CycleNodes,
     DrawnPiece,
-    PoseTrack,
+    PoseCycle,
     RouteRows,
     SamplingPlan,
-    TrackNodes,
     distance,
     samples_of,
     squared,
 )
 from .pieces import drawn_level, drawn_size, drawn_vertex, is_loop, row_of, size_of, source_of
 from .route import PIECES_MOST
-from .ways import has_next, next_way, plain_way, section_duration, section_way, way_at, way_piece
+from .segments import (
+    cycle_segment,
+    has_next,
+    next_segment,
+    section_duration,
+    section_segment,
+    segment_at,
+    segment_piece,
+)
 
 SHARE_LEAST = wp.constant(wp.float64(1 / 8))  # of a step that a piece takes at least
-NOISE_SHARE = wp.constant(wp.float64(1e-3))  # of a sample: rounding would decide the speed on shorter ways
+NOISE_SHARE = wp.constant(wp.float64(1e-3))  # of a sample: rounding would decide the speed on shorter segments
 NEAR_CUT = wp.constant(wp.float64(0.1))  # of a section's length
 PASSES_MOST = wp.constant(199)
 SAME_TIME = wp.constant(wp.float64(1e-12))  # [s]; a cut so near to a node is there
@@ -56,7 +64,7 @@ def drawn_dwell(c: Contours, plan: SamplingPlan, piece: DrawnPiece, size: int, i
 
 
 @wp.func
-def no_pause(nodes: TrackNodes, at: int):
+def no_pause(nodes: CycleNodes, at: int):
     """Let there be no pause at a node."""
     if nodes.pause.shape[0] > 0:
         nodes.pause[at] = ZERO
@@ -64,16 +72,16 @@ def no_pause(nodes: TrackNodes, at: int):
 
 
 @wp.func
-def mark_corners(plan: SamplingPlan, nodes: TrackNodes, first: int, count: int, loop: bool):
+def mark_corners(plan: SamplingPlan, nodes: CycleNodes, first: int, count: int, loop: bool):
     """Mark the nodes of a piece where it turns by more than an angle, and open ends.
 
     A loop's first node is marked at its end; for sections at its start, too.
     """
     if plan.dwell_time == ZERO and plan.dwell_ratio == ZERO:
         return
-    begin = wp.vec3d(ZERO, ZERO, ZERO)  # direction of the first way
+    begin = wp.vec3d(ZERO, ZERO, ZERO)  # direction of the first segment
     before = begin
-    last = int(0)  # node at the end of the way before
+    last = int(0)  # node at the end of the segment before
     for i in range(1, count):
         a = nodes.point[first + i - 1]
         b = nodes.point[first + i]
@@ -96,10 +104,10 @@ def mark_corners(plan: SamplingPlan, nodes: TrackNodes, first: int, count: int, 
 
 
 @wp.func
-def insert_pauses(plan: SamplingPlan, nodes: TrackNodes, first: int, count: int):
+def insert_pauses(plan: SamplingPlan, nodes: CycleNodes, first: int, count: int):
     """Repeat each node at which the focal point pauses; returns how many there are then.
 
-    count: of nodes, each with the duration of the way to it, which for a repeated one is the pause.
+    count: of nodes, each with the duration of the segment to it, which for a repeated one is the pause.
     """
     marked = int(0)
     for i in range(count):
@@ -108,7 +116,7 @@ def insert_pauses(plan: SamplingPlan, nodes: TrackNodes, first: int, count: int)
     if each == ZERO and marked > 0:
         total = ZERO
         for i in range(1, count):
-            total += nodes.knot[first + i]
+            total += nodes.parameter[first + i]
         each = plan.dwell_ratio * total / wp.float64(marked)
     more = int(0)
     for i in range(count):
@@ -124,59 +132,59 @@ def insert_pauses(plan: SamplingPlan, nodes: TrackNodes, first: int, count: int)
         if pause > ZERO:
             move_node(nodes, source, to, pause)
             to -= 1
-        move_node(nodes, source, to, nodes.knot[source])
+        move_node(nodes, source, to, nodes.parameter[source])
         to -= 1
     return count + more
 
 
 @wp.func
-def move_node(nodes: TrackNodes, source: int, at: int, duration: wp.float64):
-    """Write a node as another, with the duration of the way to it [s]."""
+def move_node(nodes: CycleNodes, source: int, at: int, duration: wp.float64):
+    """Write a node as another, with the duration of the segment to it [s]."""
     nodes.point[at] = nodes.point[source]
     nodes.piece[at] = nodes.piece[source]
-    nodes.knot[at] = duration
+    nodes.parameter[at] = duration
     if nodes.intensity.shape[0] > 0:
         nodes.intensity[at] = nodes.intensity[source]
 
 
-# Sections: a course cut into parts of equal time, each passed to and fro many times before the next one is.
+# Sections: a cycle cut into parts of equal time, each drawn to and fro many times before the next one is.
 
 
 @wp.func
-def mark_section(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, place: wp.float64):
+def mark_section(plan: SamplingPlan, nodes: CycleNodes, cycle: PoseCycle, place: wp.float64):
     """Mark the section at a place as one that holds a corner; place: in sections from the start."""
     k = wp.min(wp.max(int(wp.floor(place)), 0), plan.sections - 1)
-    nodes.section[track.section + k].corner = 1
+    nodes.section[cycle.section + k].corner = 1
 
 
 @wp.func
-def mark_sections(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, total: wp.float64):
+def mark_sections(plan: SamplingPlan, nodes: CycleNodes, cycle: PoseCycle, total: wp.float64):
     """Mark the sections that hold a corner, both where one is near a cut; returns how many do.
 
     total: when the last node is reached [s].
     """
     for k in range(plan.sections):
-        nodes.section[track.section + k].corner = 0
-    for i in range(wp.where(nodes.corner.shape[0] > 0, track.count, 0)):
-        at = track.first + i
+        nodes.section[cycle.section + k].corner = 0
+    for i in range(wp.where(nodes.corner.shape[0] > 0, cycle.count, 0)):
+        at = cycle.first + i
         if int(nodes.corner[at]) == 1:
-            place = nodes.knot[at] / total * wp.float64(plan.sections)
-            mark_section(plan, nodes, track, place - NEAR_CUT)
-            mark_section(plan, nodes, track, place + NEAR_CUT)
+            place = nodes.parameter[at] / total * wp.float64(plan.sections)
+            mark_section(plan, nodes, cycle, place - NEAR_CUT)
+            mark_section(plan, nodes, cycle, place + NEAR_CUT)
     marked = int(0)
     for k in range(plan.sections):
-        marked += nodes.section[track.section + k].corner
+        marked += nodes.section[cycle.section + k].corner
     return marked
 
 
 @wp.func
-def nodes_before(nodes: TrackNodes, track: PoseTrack, knot: wp.float64):
-    """How many nodes are reached before a knot."""
+def nodes_before(nodes: CycleNodes, cycle: PoseCycle, parameter: wp.float64):
+    """Number of nodes that are reached before a parameter."""
     low = int(0)
-    high = int(track.count)
+    high = int(cycle.count)
     while low < high:
         middle = (low + high) // 2
-        if nodes.knot[track.first + middle] < knot:
+        if nodes.parameter[cycle.first + middle] < parameter:
             low = middle + 1
         else:
             high = middle
@@ -184,21 +192,21 @@ def nodes_before(nodes: TrackNodes, track: PoseTrack, knot: wp.float64):
 
 
 @wp.func
-def place_cuts(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, total: wp.float64):
+def place_cuts(plan: SamplingPlan, nodes: CycleNodes, cycle: PoseCycle, total: wp.float64):
     """Write when each section begins, and the node at or behind that; returns how many begin at no node.
 
     Those have `passes` 1, the others 0, until the passes are known.
     """
     more = int(0)
     for k in range(plan.sections):
-        row = track.section + k
+        row = cycle.section + k
         cut = total * wp.float64(k) / wp.float64(plan.sections)
         near = int(0)
         new = int(0)
         if k > 0:
-            near = wp.min(nodes_before(nodes, track, cut), track.count - 1)
-            below = nodes.knot[track.first + near - 1]
-            above = nodes.knot[track.first + near]
+            near = wp.min(nodes_before(nodes, cycle, cut), cycle.count - 1)
+            below = nodes.parameter[cycle.first + near - 1]
+            above = nodes.parameter[cycle.first + near]
             if wp.abs(cut - below) < SAME_TIME:
                 cut = below
             elif wp.abs(above - cut) < SAME_TIME:
@@ -213,50 +221,50 @@ def place_cuts(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, total: w
 
 
 @wp.func
-def write_cut(nodes: TrackNodes, behind: int, at: int, knot: wp.float64):
-    """Write a node at a knot on the way to a node."""
+def write_cut(nodes: CycleNodes, behind: int, at: int, parameter: wp.float64):
+    """Write a node at a parameter on the segment to a node."""
     a = behind - 1
-    begin = nodes.knot[a]
-    took = nodes.knot[behind] - begin
-    point = ((nodes.point[behind] - nodes.point[a]) / took) * (knot - begin) + nodes.point[a]
-    piece = way_piece(nodes, a, behind)
+    begin = nodes.parameter[a]
+    took = nodes.parameter[behind] - begin
+    point = ((nodes.point[behind] - nodes.point[a]) / took) * (parameter - begin) + nodes.point[a]
+    piece = segment_piece(nodes, a, behind)
     if nodes.intensity.shape[0] > 0:
         level = nodes.intensity[a]
-        nodes.intensity[at] = (nodes.intensity[behind] - level) / took * (knot - begin) + level
+        nodes.intensity[at] = (nodes.intensity[behind] - level) / took * (parameter - begin) + level
     nodes.point[at] = point
     nodes.piece[at] = piece
-    nodes.knot[at] = knot
+    nodes.parameter[at] = parameter
 
 
 @wp.func
-def insert_cuts(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, more: int):
+def insert_cuts(plan: SamplingPlan, nodes: CycleNodes, cycle: PoseCycle, more: int):
     """Insert nodes where sections begin at none; more: how many."""
-    to = track.first + track.count + more - 1
-    source = track.count - 1
+    to = cycle.first + cycle.count + more - 1
+    source = cycle.count - 1
     for i in range(1, plan.sections):
-        own = nodes.section[track.section + plan.sections - i]
+        own = nodes.section[cycle.section + plan.sections - i]
         if own.passes == 1:
             while source >= own.start:
-                at = track.first + source
-                move_node(nodes, at, to, nodes.knot[at])
+                at = cycle.first + source
+                move_node(nodes, at, to, nodes.parameter[at])
                 to -= 1
                 source -= 1
-            write_cut(nodes, track.first + own.start, to, own.begin)
+            write_cut(nodes, cycle.first + own.start, to, own.begin)
             to -= 1
 
 
 @wp.func
-def bound_sections(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack):
+def bound_sections(plan: SamplingPlan, nodes: CycleNodes, cycle: PoseCycle):
     """Write the first and the last node of each section; jumps between two sections are in neither."""
-    last = track.count - 1
+    last = cycle.count - 1
     for i in range(plan.sections):
-        row = track.section + plan.sections - 1 - i
+        row = cycle.section + plan.sections - 1 - i
         nodes.section[row].stop = last
         cut = nodes.section[row].begin
         start = int(0)
         if i + 1 < plan.sections:
-            start = way_at(nodes.knot, track.first, track.count, cut)
-            last = nodes_before(nodes, track, cut)
+            start = segment_at(nodes.parameter, cycle.first, cycle.count, cut)
+            last = nodes_before(nodes, cycle, cut)
         nodes.section[row].start = start
 
 
@@ -273,18 +281,18 @@ def time_of(plan: SamplingPlan, corner: int, marked: int):
 
 
 @wp.func
-def plan_passes(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, marked: int):
+def plan_passes(plan: SamplingPlan, nodes: CycleNodes, cycle: PoseCycle, marked: int):
     """Write how often each section is passed, and how fast."""
     for k in range(plan.sections):
-        row = track.section + k
+        row = cycle.section + k
         own = nodes.section[row]
-        stop = track.count - 1
+        stop = cycle.count - 1
         if k + 1 < plan.sections:
             stop = nodes.section[row + 1].start
-        way = track.first + own.start + 1
+        segment = cycle.first + own.start + 1
         once = ZERO
         for i in range(stop - own.start):
-            once += nodes.knot[way + i]
+            once += nodes.parameter[segment + i]
         once = wp.max(once, TIME_LEAST)
         time = time_of(plan, own.corner, marked)
         wanted = time * plan.section_speed / (once * plan.speed)
@@ -295,61 +303,61 @@ def plan_passes(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack, marked:
 
 
 @wp.func
-def divide_course(plan: SamplingPlan, nodes: TrackNodes, whole: PoseTrack):
-    """The track of a course whose nodes hold when each is reached, divided into sections."""
-    track = whole
-    total = nodes.knot[track.first + track.count - 1]
-    marked = mark_sections(plan, nodes, track, total)
-    more = place_cuts(plan, nodes, track, total)
-    insert_cuts(plan, nodes, track, more)
-    track.count += more
-    track.sections = plan.sections
-    bound_sections(plan, nodes, track)
-    for i in range(1, track.count):
-        at = track.first + track.count - i
-        nodes.knot[at] = nodes.knot[at] - nodes.knot[at - 1]
-    plan_passes(plan, nodes, track, marked)
-    for k in range(track.pieces):
-        nodes.stretch[track.line + k] = ONE
-    return track
+def divide_cycle(plan: SamplingPlan, nodes: CycleNodes, whole: PoseCycle):
+    """A cycle whose nodes hold when each is reached, divided into sections."""
+    cycle = whole
+    total = nodes.parameter[cycle.first + cycle.count - 1]
+    marked = mark_sections(plan, nodes, cycle, total)
+    more = place_cuts(plan, nodes, cycle, total)
+    insert_cuts(plan, nodes, cycle, more)
+    cycle.count += more
+    cycle.sections = plan.sections
+    bound_sections(plan, nodes, cycle)
+    for i in range(1, cycle.count):
+        at = cycle.first + cycle.count - i
+        nodes.parameter[at] = nodes.parameter[at] - nodes.parameter[at - 1]
+    plan_passes(plan, nodes, cycle, marked)
+    for k in range(cycle.pieces):
+        nodes.slowdown[cycle.line + k] = ONE
+    return cycle
 
 
 @wp.func
-def begin_sections(nodes: TrackNodes, track: PoseTrack):
-    """Write the knot at which each section begins, added way by way; returns that of the end."""
-    knot = ZERO
-    for k in range(track.sections):
-        own = nodes.section[track.section + k]
-        nodes.section[track.section + k].begin = knot
-        ways = own.stop - own.start
+def begin_sections(nodes: CycleNodes, cycle: PoseCycle):
+    """Write the parameter at which each section begins, a sum segment by segment; returns that of the end."""
+    parameter = ZERO
+    for k in range(cycle.sections):
+        own = nodes.section[cycle.section + k]
+        nodes.section[cycle.section + k].begin = parameter
+        segments = own.stop - own.start
         for i in range(own.passes):
-            for j in range(ways):
+            for j in range(segments):
                 behind = wp.where(i % 2 == 0, own.start + j + 1, own.stop - j)
-                knot += section_duration(nodes, track, own.scale, track.first + behind)
-    return knot
+                parameter += section_duration(nodes, cycle, own.scale, cycle.first + behind)
+    return parameter
 
 
 @wp.func
-def fastest_in_sections(nodes: TrackNodes, track: PoseTrack, least: wp.float64):
-    """Greatest speed on a way that takes longer than a least time, in metres a knot."""
+def fastest_in_sections(nodes: CycleNodes, cycle: PoseCycle, least: wp.float64):
+    """Greatest speed on a segment that takes longer than a least time [m/s]."""
     fastest = ZERO
-    for k in range(track.sections):
-        own = nodes.section[track.section + k]
+    for k in range(cycle.sections):
+        own = nodes.section[cycle.section + k]
         for i in range(own.start + 1, own.stop + 1):
-            at = track.first + i
-            took = section_duration(nodes, track, own.scale, at)
+            at = cycle.first + i
+            took = section_duration(nodes, cycle, own.scale, at)
             if took > least:
                 step = nodes.point[at] - nodes.point[at - 1]
                 fastest = wp.max(fastest, wp.sqrt(squared(step)) / took)
     return fastest
 
 
-# Courses.
+# The whole cycle.
 
 
 @wp.func
 def first_node(c: Contours, plan: SamplingPlan, pose: int):
-    """First node of a pose's track; before it is room for every earlier pose's."""
+    """First node of a pose's cycle; before it is room for every earlier pose's."""
     line = int(c.pose_start[pose])
     own = pose * wp.max(plan.sections, 1)
     return plan.passes * (int(c.polyline_start[line]) + 2 * line) + own
@@ -357,7 +365,7 @@ def first_node(c: Contours, plan: SamplingPlan, pose: int):
 
 @wp.func
 def has_short(plan: SamplingPlan, rows: RouteRows, first: int, count: int, length: wp.float64):
-    """Whether a piece is shorter than the way from sample to sample."""
+    """Whether a piece is shorter than the step from sample to sample."""
     step = length / wp.float64(samples_of(plan, length / plan.speed))
     found = int(0)
     for k in range(count):
@@ -377,7 +385,7 @@ def is_plain(c: Contours, plan: SamplingPlan, rows: RouteRows, pose: int, count:
 
 
 @wp.func
-def lay_plain(c: Contours, plan: SamplingPlan, nodes: TrackNodes, pose: int):
+def lay_plain(c: Contours, plan: SamplingPlan, nodes: CycleNodes, pose: int):
     """Write the vertices of a pose as nodes that are reached by arc length; returns how many there are."""
     at = first_node(c, plan, pose)
     count = int(0)
@@ -393,7 +401,7 @@ def lay_plain(c: Contours, plan: SamplingPlan, nodes: TrackNodes, pose: int):
             if at > begin:
                 arc += wp.sqrt(squared(point - nodes.point[at - 1]))
             nodes.point[at] = point
-            nodes.knot[at] = arc
+            nodes.parameter[at] = arc
             if c.intensity.shape[0] > 0:
                 nodes.intensity[at] = wp.float64(c.intensity[row])
             at += 1
@@ -409,18 +417,18 @@ def lay_plain(c: Contours, plan: SamplingPlan, nodes: TrackNodes, pose: int):
 
 
 @wp.func
-def write_node(nodes: TrackNodes, at: int, point: wp.vec3d, level: wp.float64, piece: int, duration: wp.float64):
-    """Write a node and how long the way to it takes [s]."""
+def write_node(nodes: CycleNodes, at: int, point: wp.vec3d, level: wp.float64, piece: int, duration: wp.float64):
+    """Write a node and the duration of the segment to it [s]."""
     nodes.point[at] = point
     nodes.piece[at] = piece
-    nodes.knot[at] = duration
+    nodes.parameter[at] = duration
     if nodes.intensity.shape[0] > 0:
         nodes.intensity[at] = level
     no_pause(nodes, at)
 
 
 @wp.func
-def copy_node(nodes: TrackNodes, source: int, at: int, piece: int, duration: wp.float64):
+def copy_node(nodes: CycleNodes, source: int, at: int, piece: int, duration: wp.float64):
     """Write a node at the place of another."""
     level = ONE
     if nodes.intensity.shape[0] > 0:
@@ -432,7 +440,7 @@ def copy_node(nodes: TrackNodes, source: int, at: int, piece: int, duration: wp.
 
 
 @wp.func
-def write_piece(c: Contours, plan: SamplingPlan, rows: RouteRows, nodes: TrackNodes, row: int, first: int, k: int):
+def write_piece(c: Contours, plan: SamplingPlan, rows: RouteRows, nodes: CycleNodes, row: int, first: int, k: int):
     """Write the nodes of a route's k-th piece, there and back if it is so drawn; returns how many there are."""
     piece = rows.drawn[row]
     size = size_of(c, plan, piece.line)
@@ -465,8 +473,8 @@ def write_piece(c: Contours, plan: SamplingPlan, rows: RouteRows, nodes: TrackNo
 
 
 @wp.func
-def write_course(c: Contours, plan: SamplingPlan, rows: RouteRows, nodes: TrackNodes, pose: int, pieces: int):
-    """Write the drawn pieces of a pose as nodes with the duration of the way to each; returns how many there are."""
+def write_nodes(c: Contours, plan: SamplingPlan, rows: RouteRows, nodes: CycleNodes, pose: int, pieces: int):
+    """Write a pose's drawn pieces as nodes, each with the duration of the segment to it; returns how many there are."""
     first = first_node(c, plan, pose)
     count = int(0)
     for k in range(pieces):
@@ -475,184 +483,183 @@ def write_course(c: Contours, plan: SamplingPlan, rows: RouteRows, nodes: TrackN
     if plan.pendulum == 1:
         for i in range(1, count):
             source = last - i
-            way = nodes.knot[source + 1]
-            copy_node(nodes, source, last + i, nodes.piece[source], way)
+            copy_node(nodes, source, last + i, nodes.piece[source], nodes.parameter[source + 1])
         no_pause(nodes, first)
         count += count - 1
     elif plan.returns == 1:
-        way = distance(nodes.point[last], nodes.point[first]) / plan.return_speed
-        copy_node(nodes, first, last + 1, -1, way)
+        duration = distance(nodes.point[last], nodes.point[first]) / plan.return_speed
+        copy_node(nodes, first, last + 1, -1, duration)
         no_pause(nodes, last + 1)
         count += 1
     return count
 
 
 @wp.func
-def first_duration(nodes: TrackNodes, track: PoseTrack):
-    """The first way of a track, from knot 0 to how long it takes; its knots are no sums yet."""
-    if track.sections > 0:
-        return section_way(nodes, track, 0, 0, ZERO)
-    way = plain_way(nodes, track, 0)
-    way.begin = ZERO
-    return way
+def first_duration(nodes: CycleNodes, cycle: PoseCycle):
+    """The first segment of a cycle whose nodes hold durations: from parameter 0 to its duration."""
+    if cycle.sections > 0:
+        return section_segment(nodes, cycle, 0, 0, ZERO)
+    segment = cycle_segment(nodes, cycle, 0)
+    segment.begin = ZERO
+    return segment
 
 
 @wp.func
-def measure_passages(nodes: TrackNodes, rows: RouteRows, track: PoseTrack):
-    """Write the time of the longest passage along each piece, 0 for one that has none; returns that of all ways."""
-    for k in range(track.pieces):
-        rows.span[track.line + k] = ZERO
-    way = first_duration(nodes, track)
+def measure_passages(nodes: CycleNodes, rows: RouteRows, cycle: PoseCycle):
+    """Write the time of the longest passage along each piece, 0 for one that has none; returns that of the cycle."""
+    for k in range(cycle.pieces):
+        rows.span[cycle.line + k] = ZERO
+    segment = first_duration(nodes, cycle)
     total = ZERO
     left = int(1)
     while left == 1:
-        piece = way_piece(nodes, way.a, way.b)
+        piece = segment_piece(nodes, segment.a, segment.b)
         took = ZERO
         same = int(1)
         while same == 1:
-            took += way.end
-            left = wp.where(has_next(nodes, track, way), 1, 0)
+            took += segment.end
+            left = wp.where(has_next(nodes, cycle, segment), 1, 0)
             if left == 1:
-                way.end = ZERO  # the next one begins at knot 0, so its end is how long it takes
-                way = next_way(nodes, track, way)
-            same = wp.where(left == 1 and way_piece(nodes, way.a, way.b) == piece, 1, 0)
+                segment.end = ZERO  # the next one begins at parameter 0, so its end is its duration
+                segment = next_segment(nodes, cycle, segment)
+            same = wp.where(left == 1 and segment_piece(nodes, segment.a, segment.b) == piece, 1, 0)
         total += took
         if piece >= 0:
-            rows.span[track.line + piece] = wp.max(rows.span[track.line + piece], took)
+            rows.span[cycle.line + piece] = wp.max(rows.span[cycle.line + piece], took)
     return total
 
 
 @wp.func
-def lengthen_short(nodes: TrackNodes, rows: RouteRows, track: PoseTrack, least: wp.float64):
+def lengthen_short(nodes: CycleNodes, rows: RouteRows, cycle: PoseCycle, least: wp.float64):
     """Lengthen the durations on pieces whose passages take less than a least time."""
-    for k in range(track.pieces):
-        longest = rows.span[track.line + k]
+    for k in range(cycle.pieces):
+        longest = rows.span[cycle.line + k]
         if longest > ZERO and longest < least:
-            rows.span[track.line + k] = least / longest
+            rows.span[cycle.line + k] = least / longest
         else:
-            rows.span[track.line + k] = ONE
-        if track.sections > 0:
-            nodes.stretch[track.line + k] = rows.span[track.line + k]
-    for i in range(wp.where(track.sections > 0, 0, track.count - 1)):
-        piece = way_piece(nodes, track.first + i, track.first + i + 1)
+            rows.span[cycle.line + k] = ONE
+        if cycle.sections > 0:
+            nodes.slowdown[cycle.line + k] = rows.span[cycle.line + k]
+    for i in range(wp.where(cycle.sections > 0, 0, cycle.count - 1)):
+        piece = segment_piece(nodes, cycle.first + i, cycle.first + i + 1)
         if piece >= 0:
-            at = track.first + i + 1
-            nodes.knot[at] = nodes.knot[at] * rows.span[track.line + piece]
+            at = cycle.first + i + 1
+            nodes.parameter[at] = nodes.parameter[at] * rows.span[cycle.line + piece]
 
 
 @wp.func
-def draw_by_turns(plan: SamplingPlan, nodes: TrackNodes, rows: RouteRows, track: PoseTrack):
-    """A track on whose samples every piece is drawn, some not in every cycle.
+def draw_by_turns(plan: SamplingPlan, nodes: CycleNodes, rows: RouteRows, cycle: PoseCycle):
+    """A cycle on whose samples every piece is drawn, some not in every cycle.
 
     One cycle where each piece takes a step at least. Else those that take less than SHARE_LEAST of a step are
     lengthened to it, and there is one sample more in as many cycles as let every piece be drawn, or one less where a
     draw frequency has a lower bound. The numbers of samples and of cycles then have no divisor in common, so the
     samples of all these cycles lie evenly: a piece that takes 1 / n of a step has one in one of about n cycles.
     """
-    out = track
-    samples = wp.float64(track.samples)
-    step = measure_passages(nodes, rows, track) / samples
+    out = cycle
+    samples = wp.float64(cycle.samples)
+    step = measure_passages(nodes, rows, cycle) / samples
     least = INFINITE  # time of the longest passage along the piece that has the shortest one
-    for k in range(track.pieces):
-        span = rows.span[track.line + k]
+    for k in range(cycle.pieces):
+        span = rows.span[cycle.line + k]
         if span > ZERO:
             least = wp.min(least, span)
     if least >= step * (ONE - wp.float64(1e-9)):
         return out
     if least < SHARE_LEAST * step:
         least = SHARE_LEAST * step
-        lengthen_short(nodes, rows, track, least)
-        step = measure_passages(nodes, rows, track) / samples
+        lengthen_short(nodes, rows, cycle, least)
+        step = measure_passages(nodes, rows, cycle) / samples
     turns = wp.int64(wp.ceil(step / least + ONE / samples))
     more = wp.int64(1)
     if plan.pace == CAPPED:
-        if plan.rate * wp.float64(turns) < plan.lowest * wp.float64(track.samples * turns + wp.int64(1)):
+        if plan.rate * wp.float64(turns) < plan.lowest * wp.float64(cycle.samples * turns + wp.int64(1)):
             more = wp.int64(-1)
     out.turns = int(turns)
-    out.repeat = track.samples * turns + more
+    out.repeat = cycle.samples * turns + more
     return out
 
 
 @wp.func
-def sum_durations(nodes: TrackNodes, track: PoseTrack):
-    """Sum the durations of ways up to when each node is reached."""
-    knot = ZERO
-    nodes.knot[track.first] = knot
-    for i in range(1, track.count):
-        knot += nodes.knot[track.first + i]
-        nodes.knot[track.first + i] = knot
+def sum_durations(nodes: CycleNodes, cycle: PoseCycle):
+    """Sum the durations of segments up to when each node is reached."""
+    parameter = ZERO
+    nodes.parameter[cycle.first] = parameter
+    for i in range(1, cycle.count):
+        parameter += nodes.parameter[cycle.first + i]
+        nodes.parameter[cycle.first + i] = parameter
 
 
 @wp.func
-def longest_step(plan: SamplingPlan, nodes: TrackNodes, track: PoseTrack):
-    """Longest step between two samples on the same way of a track, small circles included [m]."""
+def longest_step(plan: SamplingPlan, nodes: CycleNodes, cycle: PoseCycle):
+    """Longest step between two samples on the same segment of a cycle, small circles included [m]."""
     if plan.pace != FREQUENCY and plan.pace != CAPPED:
         return plan.ordinary
     fastest = ZERO
-    if track.sections > 0:
-        fastest = fastest_in_sections(nodes, track, NOISE_SHARE * track.one_sample)
-        return fastest * track.one_sample + plan.circle_step
-    for i in range(track.count - 1):
-        at = track.first + i
-        took = nodes.knot[at + 1] - nodes.knot[at]
-        if took > NOISE_SHARE * track.one_sample:
+    if cycle.sections > 0:
+        fastest = fastest_in_sections(nodes, cycle, NOISE_SHARE * cycle.one_sample)
+        return fastest * cycle.one_sample + plan.circle_step
+    for i in range(cycle.count - 1):
+        at = cycle.first + i
+        took = nodes.parameter[at + 1] - nodes.parameter[at]
+        if took > NOISE_SHARE * cycle.one_sample:
             step = nodes.point[at + 1] - nodes.point[at]
             fastest = wp.max(fastest, wp.sqrt(squared(step)) / took)
-    return fastest * track.one_sample + plan.circle_step
+    return fastest * cycle.one_sample + plan.circle_step
 
 
 @wp.func
-def time_course(plan: SamplingPlan, nodes: TrackNodes, rows: RouteRows, course: PoseTrack):
-    """The track of a course whose nodes hold the duration of the way to each: pauses or sections, and its cycle."""
-    track = course
+def time_cycle(plan: SamplingPlan, nodes: CycleNodes, rows: RouteRows, untimed: PoseCycle):
+    """A cycle whose nodes hold durations, with its pauses or sections, its samples and its period."""
+    cycle = untimed
     if plan.sections > 0:
-        sum_durations(nodes, track)
-        track = divide_course(plan, nodes, track)
+        sum_durations(nodes, cycle)
+        cycle = divide_cycle(plan, nodes, cycle)
     elif nodes.pause.shape[0] > 0:
-        track.count = insert_pauses(plan, nodes, track.first, course.count)
-        track.pauses = track.count - course.count
+        cycle.count = insert_pauses(plan, nodes, cycle.first, untimed.count)
+        cycle.pauses = cycle.count - untimed.count
     total = ZERO
-    for i in range(1, track.count):
-        total += nodes.knot[track.first + i]
-    track.samples = samples_of(plan, total)
-    track.repeat = track.samples
-    if plan.points == 0 and plan.pace != STILL and track.pieces > 1:
-        track = draw_by_turns(plan, nodes, rows, track)
-    if track.sections > 0:
-        track.period = begin_sections(nodes, track)
+    for i in range(1, cycle.count):
+        total += nodes.parameter[cycle.first + i]
+    cycle.samples = samples_of(plan, total)
+    cycle.repeat = cycle.samples
+    if plan.points == 0 and plan.pace != STILL and cycle.pieces > 1:
+        cycle = draw_by_turns(plan, nodes, rows, cycle)
+    if cycle.sections > 0:
+        cycle.period = begin_sections(nodes, cycle)
     else:
-        sum_durations(nodes, track)
-        track.period = nodes.knot[track.first + track.count - 1]
-    return track
+        sum_durations(nodes, cycle)
+        cycle.period = nodes.parameter[cycle.first + cycle.count - 1]
+    return cycle
 
 
 @wp.func
-def lay_course(
+def lay_cycle(
     c: Contours,
     plan: SamplingPlan,
     rows: RouteRows,
-    nodes: TrackNodes,
+    nodes: CycleNodes,
     pose: int,
     pieces: int,
     plain: bool,
     seconds: wp.float64,
 ):
-    """The track of a pose whose route is drawn; seconds: what a plain cycle takes [s]."""
-    track = PoseTrack()
-    track.first = first_node(c, plan, pose)
-    track.pieces = pieces
-    track.line = int(c.pose_start[pose])
-    track.section = pose * plan.sections
-    track.turns = 1
+    """The cycle of a pose whose route is drawn; seconds: what a plain cycle takes [s]."""
+    cycle = PoseCycle()
+    cycle.first = first_node(c, plan, pose)
+    cycle.pieces = pieces
+    cycle.line = int(c.pose_start[pose])
+    cycle.section = pose * plan.sections
+    cycle.turns = 1
     if plain:
-        track.count = lay_plain(c, plan, nodes, pose)
-        track.single = wp.where(int(c.pose_start[pose + 1]) - int(c.pose_start[pose]) == 1, 1, 0)
-        track.samples = samples_of(plan, seconds)
-        track.repeat = track.samples
-        track.period = nodes.knot[track.first + track.count - 1]
+        cycle.count = lay_plain(c, plan, nodes, pose)
+        cycle.single = wp.where(int(c.pose_start[pose + 1]) - int(c.pose_start[pose]) == 1, 1, 0)
+        cycle.samples = samples_of(plan, seconds)
+        cycle.repeat = cycle.samples
+        cycle.period = nodes.parameter[cycle.first + cycle.count - 1]
     else:
-        track.count = write_course(c, plan, rows, nodes, pose, pieces)
-        track = time_course(plan, nodes, rows, track)
-    track.one_sample = wp.float64(track.turns) * track.period / wp.float64(track.repeat)
-    track.ordinary = longest_step(plan, nodes, track)
-    return track
+        cycle.count = write_nodes(c, plan, rows, nodes, pose, pieces)
+        cycle = time_cycle(plan, nodes, rows, cycle)
+    cycle.one_sample = wp.float64(cycle.turns) * cycle.period / wp.float64(cycle.repeat)
+    cycle.ordinary = longest_step(plan, nodes, cycle)
+    return cycle

@@ -1,18 +1,18 @@
-"""Tracks of all poses, laid at once where they do not depend on each other.
+"""Cycles of all poses, laid in parallel where they do not depend on each other.
 
 The route through several polylines keeps the order of the pose before, if that has several, too. So poses form runs: a
 run begins at a pose of several polylines behind one that has at most one, and ends at the next pose that has one. One
-thread lays the tracks of a run in turn. Any other pose has one polyline and a thread of its own.
+thread lays the cycles of a run in turn. Any other pose has one polyline and a thread of its own.
 """
 
 import warp as wp
 
 from ..contours import Contours
 from ..patch import EXACT
-from .course import is_plain, lay_course
-from .layout import PoseSchedule, PoseTrack, RouteRows, SamplerState, SamplingPlan, TrackNodes
+from .layout import CycleNodes, PoseCycle, PoseSchedule, RouteRows, SamplerState, SamplingPlan
 from .pieces import collect_pieces, goes_on, mark_ends, mark_pieces, match_pieces
 from .route import lay_route
+from .timing import is_plain, lay_cycle
 
 wp.set_module_options(EXACT)
 
@@ -27,7 +27,7 @@ class PosePieces:
 
 @wp.func
 def pieces_before(schedule: PoseSchedule, pieces: PosePieces, pose: int):
-    """How many pieces the pose of this span has that is drawn before one in its motion; -1: there is none."""
+    """Number of pieces of the pose drawn before one in its motion, within this span; -1: there is none."""
     begin = int(schedule.motion_start[schedule.motion[pose]])
     before = pose - 1
     while before >= begin:
@@ -79,14 +79,14 @@ def _list_poses(
     pieces: PosePieces,
     state: SamplerState,
     # Out:
-    tracks: wp.array[PoseTrack],  # shape [pose]
-    single: wp.array[wp.int32],  # 1: the pose has one piece, and its track depends on no other, shape [pose]
+    cycles: wp.array[PoseCycle],  # shape [pose]
+    single: wp.array[wp.int32],  # 1: the pose has one piece, and its cycle depends on no other, shape [pose]
     begin: wp.array[wp.int32],  # first pose of each run, in any order
     runs: wp.array[wp.int32],  # how many there are, shape [1], zero before
 ):
-    """Find out whether the track of a pose can be laid alone, or a run begins with it."""
+    """Find out whether the cycle of a pose can be laid alone, or a run begins with it."""
     pose = wp.tid()
-    tracks[pose] = PoseTrack()
+    cycles[pose] = PoseCycle()
     single[pose] = 0
     count = pieces.count[pose]
     before = pieces_before(schedule, pieces, pose)
@@ -121,11 +121,11 @@ def draw_pieces(
     pose: int,
     plain: bool,
     before: int,
-    earlier: PoseTrack,
+    earlier: PoseCycle,
 ):
     """Draw the pieces of a pose that does not go on; returns the least jumps known [m].
 
-    before, earlier: row of the first piece drawn before in the run, and its track.
+    before, earlier: row of the first piece drawn before in the run, and its cycle.
     """
     first = int(c.pose_start[pose])
     count = pieces.count[pose]
@@ -139,7 +139,7 @@ def draw_pieces(
 
 
 @wp.kernel
-def _lay_tracks(
+def _lay_cycles(
     # In:
     c: Contours,
     plan: SamplingPlan,
@@ -151,10 +151,10 @@ def _lay_tracks(
     first: int,  # run of the first thread; -1: each thread has a pose
     # Out:
     rows: RouteRows,
-    nodes: TrackNodes,
-    tracks: wp.array[PoseTrack],  # shape [pose]
+    nodes: CycleNodes,
+    cycles: wp.array[PoseCycle],  # shape [pose]
 ):
-    """Lay the track of a pose that depends on no other, or the tracks of a run of poses in turn."""
+    """Lay the cycle of a pose that depends on no other, or the cycles of a run of poses in turn."""
     run = wp.tid()
     pose = run
     if first < 0:
@@ -164,7 +164,7 @@ def _lay_tracks(
         pose = begin[first + run]
     motion = schedule.motion[pose]
     stop = int(schedule.motion_start[motion + 1])
-    earlier = PoseTrack()
+    earlier = PoseCycle()
     before = int(c.pose_start[pose])
     if pieces_before(schedule, pieces, pose) < 0:
         before = row_of_state(rows, state, motion)
@@ -180,9 +180,9 @@ def _lay_tracks(
                 restore_pieces(c, rows, state, motion, pose, count)
             else:
                 least = draw_pieces(c, plan, pieces, rows, run, pose, plain, before, earlier)
-            earlier = lay_course(c, plan, rows, nodes, pose, count, plain, length / plan.speed)
+            earlier = lay_cycle(c, plan, rows, nodes, pose, count, plain, length / plan.speed)
             earlier.least = least
-            tracks[pose] = earlier
+            cycles[pose] = earlier
             before = int(c.pose_start[pose])
             if count == 1:
                 stop = pose

@@ -1,7 +1,7 @@
-"""Track: one cycle of focal points over a path, laid out in time.
+"""One cycle of focal points over a path, laid out in time.
 
 Whatever a strategy asks for comes down to nodes and when each is reached. Between two nodes the focal point runs
-evenly; no time between two places is a jump, no way in some time is a pause.
+evenly: a segment of no duration is a jump, one of no length is a pause.
 """
 
 from dataclasses import dataclass, replace
@@ -16,15 +16,15 @@ from .route import PIECES_MOST, Route, RoutePiece, steady_route
 
 NEAR_CUT = 0.1  # of a section's length
 NEAR_STEPS = 3.0  # ordinary steps: by so much contours may move between inserted poses, see `pose_insertion`
-NOISE_SHARE = 1e-3  # of a sample: ways that take less say nothing of the speed, for rounding is as large
+NOISE_SHARE = 1e-3  # of a sample: segments that take less say nothing of the speed, for rounding is as large
 PASSES_MOST = 199  # through a section; more only on contours far smaller than a focal point
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Track:
+class Cycle:
     """Nodes of a cycle."""
 
-    knot: np.ndarray
+    parameter: np.ndarray
     """When each node is reached, in any unit that the strategy's speed makes even, from 0, shape [node]."""
     points: np.ndarray
     """[m], shape [node, 3]."""
@@ -39,11 +39,11 @@ class Track:
     pause: np.ndarray | None = None
     """Whether the focal point rests from each node to the next, bool, shape [node - 1]; None: nowhere."""
     section: np.ndarray | None = None
-    """Knots at which sections start, and the period, shape [section + 1]; None: there are none."""
+    """Parameters at which sections start, and the period, shape [section + 1]; None: there are none."""
     route: Route | None = None
-    """The polylines in the order in which they are drawn; None where a track is made by hand."""
+    """The polylines in the order in which they are drawn; None where a cycle is made by hand."""
     piece: np.ndarray | None = None
-    """Number in the route of the polyline that each way from node to node is on, -1 between two of them, shape
+    """Number in the route of the polyline that each segment from node to node is on, -1 between two of them, shape
     [node - 1]; None: all are on polyline 0."""
     turns: int = 1
     """Cycles after which the samples lie where they lay before. More than one where a polyline is shorter than a step:
@@ -53,8 +53,8 @@ class Track:
 
     @property
     def period(self) -> float:
-        """Of a cycle, in the unit of the knots."""
-        return float(self.knot[-1])
+        """Of a cycle, in the unit of the parameters."""
+        return float(self.parameter[-1])
 
     @property
     def repeat_count(self) -> int:
@@ -63,43 +63,43 @@ class Track:
 
     @property
     def one_sample(self) -> float:
-        """How far a sample is from the next, in the unit of the knots."""
+        """Curve parameter from a sample to the next."""
         return self.turns * self.period / self.repeat_count
 
     @property
     def step_ordinary(self) -> float:
-        """Greatest distance between two samples on the same way of the track, jumps left out [m]."""
-        took = np.diff(self.knot)
+        """Greatest distance between two samples on the same segment of the cycle, jumps left out [m]."""
+        took = np.diff(self.parameter)
         moves = took > NOISE_SHARE * self.one_sample
         length = np.sqrt(np.einsum("ij,ij->i", self.step[moves], self.step[moves]))
         return float((length / took[moves]).max(initial=0.0)) * self.one_sample
 
-    def pieces_at(self, knot: np.ndarray) -> np.ndarray | None:
-        """Number in the route of the polyline at knots within 0..period, -1 between two; None: on the only one."""
+    def pieces_at(self, parameter: np.ndarray) -> np.ndarray | None:
+        """Number in the route of the polyline at parameters within 0..period, -1 between two; None: on the only one."""
         if self.piece is None:
             return None
-        way = np.searchsorted(self.knot, knot, side="right") - 1
-        return self.piece[np.minimum(way, len(self.piece) - 1)]
+        segment = np.searchsorted(self.parameter, parameter, side="right") - 1
+        return self.piece[np.minimum(segment, len(self.piece) - 1)]
 
-    def at(self, knot: np.ndarray) -> np.ndarray:
-        """Points [m] at knots within 0..period, shape [..., 3]; at a jump the one behind it."""
-        out = np.empty((*knot.shape, 3))
+    def at(self, parameter: np.ndarray) -> np.ndarray:
+        """Points [m] at parameters within 0..period, shape [..., 3]; at a jump the one behind it."""
+        out = np.empty((*parameter.shape, 3))
         for axis in range(3):
-            out[..., axis] = np.interp(knot, self.knot, self.points[:, axis])
+            out[..., axis] = np.interp(parameter, self.parameter, self.points[:, axis])
         return out
 
     def along(self, i: int, part: float) -> float:
-        """Knot on the way from a node to the next, part 0..1."""
-        return float(self.knot[i] + part * (self.knot[i + 1] - self.knot[i]))
+        """Parameter on the segment from a node to the next, part 0..1."""
+        return float(self.parameter[i] + part * (self.parameter[i + 1] - self.parameter[i]))
 
     def approach(
         self, point: np.ndarray, direction: np.ndarray | None, slack: float, step: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """How near each way from node to node comes to a point, and where, 0..1; both of shape [node - 1].
+        """Distance of each segment from a point, and the nearest place on it, 0..1; both of shape [node - 1].
 
-        The distance [m] counts `slack` more for ways that run against the direction; jumps and pauses are at infinity.
-        So do ways farther than NEAR_STEPS ordinary `step`s [m] where any way is as near as that: the direction is no
-        reason for a step that is longer. With pauses and sections it is, lest these be left out or made twice.
+        The distance [m] counts `slack` more for segments that run against the direction; jumps and pauses are at
+        infinity. So do segments farther than NEAR_STEPS ordinary `step`s [m] where any segment is as near as that: the
+        direction is no reason for a longer step. With pauses and sections it is, lest these be left out or made twice.
         """
         square = np.einsum("ij,ij->i", self.step, self.step)
         off = point - self.points[:-1]
@@ -107,7 +107,7 @@ class Track:
         part = np.minimum(np.maximum(part, 0.0), 1.0)
         off -= part[:, None] * self.step
         cost = np.sqrt(np.einsum("ij,ij->i", off, off))
-        cost[(self.knot[1:] <= self.knot[:-1]) | (square == 0)] = np.inf
+        cost[(self.parameter[1:] <= self.parameter[:-1]) | (square == 0)] = np.inf
         if direction is not None:
             worse = (self.step * direction).sum(axis=1) < -1e-9 * np.sqrt(square)
             if self.pause is None and self.section is None and cost.min() <= NEAR_STEPS * step:
@@ -116,7 +116,7 @@ class Track:
         return cost, part
 
 
-def lay_track(path: Path, strategy: SamplingStrategy, before: Route | None = None) -> Track:
+def lay_cycle(path: Path, strategy: SamplingStrategy, before: Route | None = None) -> Cycle:
     """One cycle of a strategy over the polylines of a pose; before: route of the pose before, see `steady_route`."""
     single = len(path.first) == 1
     in_order = not 1 < len(path.first) <= PIECES_MOST or strategy.order.route == "given"
@@ -124,9 +124,9 @@ def lay_track(path: Path, strategy: SamplingStrategy, before: Route | None = Non
     if strategy.plain and in_order and path.dwell is None and (single or not _has_short(path, strategy)):
         seconds = path.length / strategy.speed
         count = strategy.samples_of(seconds)
-        piece = None if single else _piece_of_ways(_numbers_of(path))
+        piece = None if single else _piece_of_segments(_numbers_of(path))
         route = Route(pieces, before)
-        return Track(path.arc, path.points, path.step, path.intensity, count, seconds, route=route, piece=piece)
+        return Cycle(path.arc, path.points, path.step, path.intensity, count, seconds, route=route, piece=piece)
     if strategy.gap.kind == "close":
         pieces = [_closed(piece) for piece in pieces]
     back, cyclic = strategy.gap.kind == "pendulum", strategy.order.kind != "pendulum"
@@ -134,24 +134,24 @@ def lay_track(path: Path, strategy: SamplingStrategy, before: Route | None = Non
         route = steady_route(pieces, before, margin=strategy.order.margin, back=back, cyclic=cyclic)
     else:
         route = Route(pieces, before)
-    course = _course_of(route.pieces, strategy)
+    nodes = _nodes_of(route.pieces, strategy)
     if strategy.sections is not None:
-        course = _in_sections(course, strategy)
-    elif strategy.dwell.time > 0 or strategy.dwell.share > 0 or course.dwell is not None:
-        course = _with_pauses(course, strategy)
-    return _timed(course, route, strategy)
+        nodes = _in_sections(nodes, strategy)
+    elif strategy.dwell.time > 0 or strategy.dwell.share > 0 or nodes.dwell is not None:
+        nodes = _with_pauses(nodes, strategy)
+    return _timed(nodes, route, strategy)
 
 
 def _has_short(path: Path, strategy: SamplingStrategy) -> bool:
-    """Whether a polyline of a path is shorter than the way from sample to sample."""
+    """Whether a polyline of a path is shorter than the step from sample to sample."""
     length = np.diff(np.append(path.arc[path.first], path.arc[-1]))
     step = path.length / strategy.samples_of(path.length / strategy.speed)
     return bool((length[length > 0] < step).any())
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Course:
-    """Nodes and how long each way between two of them takes."""
+class TimedNodes:
+    """Nodes and how long each segment between two of them takes."""
 
     points: np.ndarray  # [m], shape [node, 3]
     duration: np.ndarray  # [s], shape [node - 1]
@@ -162,40 +162,40 @@ class Course:
     section: np.ndarray | None = None  # first node of each section, and the last of all
     dwell: np.ndarray | None = None  # pause that the contours have there [s], shape [node]
 
-    def picked(self, index: np.ndarray, duration: np.ndarray) -> "Course":
+    def picked(self, index: np.ndarray, duration: np.ndarray) -> "TimedNodes":
         """Nodes by number, with other times between them."""
         intensity, dwell = (None if values is None else values[index] for values in (self.intensity, self.dwell))
-        return Course(self.points[index], duration, self.corner[index], intensity, self.piece[index], dwell=dwell)
+        return TimedNodes(self.points[index], duration, self.corner[index], intensity, self.piece[index], dwell=dwell)
 
 
-def _timed(course: Course, route: Route, strategy: SamplingStrategy) -> Track:
-    """The track of a course: when each node is reached, and on how many samples the cycle is drawn."""
-    knot = _summed(course.duration)
-    seconds = float(knot[-1])
+def _timed(nodes: TimedNodes, route: Route, strategy: SamplingStrategy) -> Cycle:
+    """The cycle of nodes with durations: when each node is reached, and on how many samples the cycle is drawn."""
+    parameter = _summed(nodes.duration)
+    seconds = float(parameter[-1])
     count = strategy.samples_of(seconds)
-    piece = _piece_of_ways(course.piece)
+    piece = _piece_of_segments(nodes.piece)
     turns, turn_samples = 1, 0
     if strategy.pace.points is None and strategy.pace.kind != "still" and len(route.pieces) > 1:
-        duration, turns, turn_samples = by_turns(course.duration, piece, count, strategy)
-        if duration is not course.duration:
-            knot = _summed(duration)
-    section = None if course.section is None else knot[course.section]
-    step = np.diff(course.points, axis=0)
-    return Track(
-        knot, course.points, step, course.intensity, count, seconds, course.pause, section,
+        duration, turns, turn_samples = by_turns(nodes.duration, piece, count, strategy)
+        if duration is not nodes.duration:
+            parameter = _summed(duration)
+    section = None if nodes.section is None else parameter[nodes.section]
+    step = np.diff(nodes.points, axis=0)
+    return Cycle(
+        parameter, nodes.points, step, nodes.intensity, count, seconds, nodes.pause, section,
         route, piece, turns, turn_samples,
     )  # fmt: skip
 
 
 def _summed(duration: np.ndarray) -> np.ndarray:
     """When each node is reached, from 0."""
-    knot = np.zeros(len(duration) + 1)
-    np.cumsum(duration, out=knot[1:])
-    return knot
+    parameter = np.zeros(len(duration) + 1)
+    np.cumsum(duration, out=parameter[1:])
+    return parameter
 
 
-def _piece_of_ways(piece: np.ndarray) -> np.ndarray:
-    """Number of the polyline that each way from node to node is on, -1 between two; piece: of each node."""
+def _piece_of_segments(piece: np.ndarray) -> np.ndarray:
+    """Number of the polyline that each segment from node to node is on, -1 between two; piece: of each node."""
     return np.where(piece[:-1] == piece[1:], piece[:-1], -1)
 
 
@@ -229,8 +229,8 @@ def _closed(piece: RoutePiece) -> RoutePiece:
     return RoutePiece(np.vstack([piece.points, piece.points[:1]]), True, intensity, dwell)
 
 
-def _course_of(pieces: list[RoutePiece], strategy: SamplingStrategy) -> Course:
-    """The pieces one after the other, with the ways between them, and the way back where the order asks for it."""
+def _nodes_of(pieces: list[RoutePiece], strategy: SamplingStrategy) -> TimedNodes:
+    """The pieces one after the other, with the segments between them, and back where the order asks for it."""
     corners = [_corners_of(piece, strategy) for piece in pieces]
     if strategy.gap.kind == "pendulum":
         corners = [c if p.closed else _there_and_back(c, strategy) for p, c in zip(pieces, corners, strict=True)]
@@ -253,12 +253,12 @@ def _course_of(pieces: list[RoutePiece], strategy: SamplingStrategy) -> Course:
     length = np.linalg.norm(np.diff(points, axis=0), axis=1)
     duration = length / strategy.speed
     duration[gap] = length[gap] / strategy.gap.speed if returns else 0.0
-    course = Course(points, duration, corner, intensity, number, dwell=dwell)
+    nodes = TimedNodes(points, duration, corner, intensity, number, dwell=dwell)
     if pendulum:
         index = np.concatenate([np.arange(len(points)), np.arange(len(points) - 2, -1, -1)])
-        back = course.picked(index, np.concatenate([duration, duration[::-1]]))
-        course = replace(back, corner=_there_and_back(corner, strategy), dwell=_paused_once(back.dwell))
-    return course
+        back = nodes.picked(index, np.concatenate([duration, duration[::-1]]))
+        nodes = replace(back, corner=_there_and_back(corner, strategy), dwell=_paused_once(back.dwell))
+    return nodes
 
 
 def _returned(piece: RoutePiece) -> RoutePiece:
@@ -271,7 +271,7 @@ def _returned(piece: RoutePiece) -> RoutePiece:
 
 
 def _paused_once(dwell: np.ndarray | None) -> np.ndarray | None:
-    """Pauses of a way that ends where it starts: there only at the end."""
+    """Pauses of a piece that ends where it starts: there only at the end."""
     return None if dwell is None else np.concatenate([[0.0], dwell[1:]])
 
 
@@ -305,75 +305,75 @@ def _corners_of(piece: RoutePiece, strategy: SamplingStrategy) -> np.ndarray:
     return corner
 
 
-def _with_pauses(course: Course, strategy: SamplingStrategy) -> Course:
+def _with_pauses(nodes: TimedNodes, strategy: SamplingStrategy) -> TimedNodes:
     """A pause at every corner, and where the contours have one of their own."""
-    dwell, count = strategy.dwell, int(np.count_nonzero(course.corner))
-    pause = np.zeros(len(course.points)) if course.dwell is None else course.dwell.copy()
+    dwell, count = strategy.dwell, int(np.count_nonzero(nodes.corner))
+    pause = np.zeros(len(nodes.points)) if nodes.dwell is None else nodes.dwell.copy()
     if count > 0:
-        share = dwell.share / (1.0 - dwell.share) * float(course.duration.sum()) / count
-        pause[course.corner] += dwell.time or share
+        share = dwell.share / (1.0 - dwell.share) * float(nodes.duration.sum()) / count
+        pause[nodes.corner] += dwell.time or share
     if not pause.any():
-        return course
-    index = np.repeat(np.arange(len(course.points)), 1 + (pause > 0))
-    moving = course.duration[np.minimum(index[:-1], len(course.duration) - 1)]
+        return nodes
+    index = np.repeat(np.arange(len(nodes.points)), 1 + (pause > 0))
+    moving = nodes.duration[np.minimum(index[:-1], len(nodes.duration) - 1)]
     rests = np.diff(index) == 0
-    return replace(course.picked(index, np.where(rests, pause[index[:-1]], moving)), pause=rests)
+    return replace(nodes.picked(index, np.where(rests, pause[index[:-1]], moving)), pause=rests)
 
 
-def _in_sections(course: Course, strategy: SamplingStrategy) -> Course:
+def _in_sections(nodes: TimedNodes, strategy: SamplingStrategy) -> TimedNodes:
     """Each section there and back an odd number of times; see `Sections`."""
     sections = strategy.sections
     if sections is None:
-        return course
-    corner = _sections_with_corner(course, sections.count)
-    course, start, stop = _cut(course, sections.count)
+        return nodes
+    corner = _sections_with_corner(nodes, sections.count)
+    nodes, start, stop = _cut(nodes, sections.count)
     time = np.full(sections.count, 1.0 / sections.count)
     share, marked = strategy.dwell.share, int(np.count_nonzero(corner))
     if share > 0 and 0 < marked < sections.count:
         time = np.where(corner, share / marked, (1.0 - share) / (sections.count - marked))
     time /= strategy.pace.frequency
-    once = np.add.reduceat(course.duration, start)  # ways from section to section take no time
+    once = np.add.reduceat(nodes.duration, start)  # segments from section to section take no time
     wanted = time * sections.speed / (np.maximum(once, 1e-12) * strategy.speed)
     passes = 1 + 2 * np.clip(np.rint((wanted - 1) / 2), 0, PASSES_MOST // 2).astype(np.int64)
-    ways = stop - start
-    nodes = ways * passes + 1
-    section = np.repeat(np.arange(sections.count), nodes)
-    first = np.cumsum(nodes) - nodes
-    turn = (np.arange(len(section)) - first[section]) % (2 * ways[section])
-    index = start[section] + np.minimum(turn, 2 * ways[section] - turn)
+    segments = stop - start
+    node_count = segments * passes + 1
+    section = np.repeat(np.arange(sections.count), node_count)
+    first = np.cumsum(node_count) - node_count
+    turn = (np.arange(len(section)) - first[section]) % (2 * segments[section])
+    index = start[section] + np.minimum(turn, 2 * segments[section] - turn)
     scale = time / (np.maximum(once, 1e-12) * passes)
-    duration = course.duration[np.minimum(index[:-1], index[1:])] * scale[section[:-1]]
+    duration = nodes.duration[np.minimum(index[:-1], index[1:])] * scale[section[:-1]]
     duration[first[1:] - 1] = 0.0
-    return replace(course.picked(index, duration), section=np.append(first, len(index) - 1))
+    return replace(nodes.picked(index, duration), section=np.append(first, len(index) - 1))
 
 
-def _sections_with_corner(course: Course, count: int) -> np.ndarray:
-    """Which of equal sections hold a corner, bool, shape [section]; one near a cut is in both, lest noise decides."""
-    knot = np.concatenate([[0.0], np.cumsum(course.duration)])
-    at = knot[course.corner] / knot[-1] * count
+def _sections_with_corner(nodes: TimedNodes, count: int) -> np.ndarray:
+    """Equal sections that hold a corner, bool, shape [section]; one near a cut is in both, lest noise decides."""
+    parameter = np.concatenate([[0.0], np.cumsum(nodes.duration)])
+    at = parameter[nodes.corner] / parameter[-1] * count
     out = np.zeros(count, bool)
     out[np.clip(np.floor(at - NEAR_CUT).astype(int), 0, count - 1)] = True
     out[np.clip(np.floor(at + NEAR_CUT).astype(int), 0, count - 1)] = True
     return out
 
 
-def _cut(course: Course, count: int) -> tuple[Course, np.ndarray, np.ndarray]:
-    """A course with nodes at its cuts into equal parts, and the first and last node of each part."""
-    knot = np.concatenate([[0.0], np.cumsum(course.duration)])
-    cut = knot[-1] * np.arange(1, count) / count
-    near = np.searchsorted(knot, cut)
-    below, above = np.abs(cut - knot[near - 1]), np.abs(knot[np.minimum(near, len(knot) - 1)] - cut)
-    cut = np.where(below < 1e-12, knot[near - 1], np.where(above < 1e-12, knot[near], cut))
-    new = cut[~np.isin(cut, knot)]
-    place = np.searchsorted(knot, new)
-    points = np.stack([np.interp(new, knot, course.points[:, axis]) for axis in range(3)], axis=1)
-    intensity = course.intensity
+def _cut(nodes: TimedNodes, count: int) -> tuple[TimedNodes, np.ndarray, np.ndarray]:
+    """Nodes with more of them at cuts into equal parts, and the first and last node of each part."""
+    parameter = np.concatenate([[0.0], np.cumsum(nodes.duration)])
+    cut = parameter[-1] * np.arange(1, count) / count
+    near = np.searchsorted(parameter, cut)
+    below, above = np.abs(cut - parameter[near - 1]), np.abs(parameter[np.minimum(near, len(parameter) - 1)] - cut)
+    cut = np.where(below < 1e-12, parameter[near - 1], np.where(above < 1e-12, parameter[near], cut))
+    new = cut[~np.isin(cut, parameter)]
+    place = np.searchsorted(parameter, new)
+    points = np.stack([np.interp(new, parameter, nodes.points[:, axis]) for axis in range(3)], axis=1)
+    intensity = nodes.intensity
     if intensity is not None:
-        intensity = np.insert(intensity, place, np.interp(new, knot, intensity))
-    knots = np.insert(knot, place, new)
-    corner = np.insert(course.corner, place, False)
-    piece = np.insert(course.piece, place, _piece_of_ways(course.piece)[place - 1])
-    out = Course(np.insert(course.points, place, points, axis=0), np.diff(knots), corner, intensity, piece)
-    start = np.concatenate([[0], np.searchsorted(knots, cut, side="right") - 1])
-    stop = np.concatenate([np.searchsorted(knots, cut, side="left"), [len(knots) - 1]])
+        intensity = np.insert(intensity, place, np.interp(new, parameter, intensity))
+    parameters = np.insert(parameter, place, new)
+    corner = np.insert(nodes.corner, place, False)
+    piece = np.insert(nodes.piece, place, _piece_of_segments(nodes.piece)[place - 1])
+    out = TimedNodes(np.insert(nodes.points, place, points, axis=0), np.diff(parameters), corner, intensity, piece)
+    start = np.concatenate([[0], np.searchsorted(parameters, cut, side="right") - 1])
+    stop = np.concatenate([np.searchsorted(parameters, cut, side="left"), [len(parameters) - 1]])
     return out, start, stop

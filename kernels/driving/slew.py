@@ -112,12 +112,12 @@ def _limit_slew(
         return
     for frame in range(first, wp.min(first + chunk, target.shape[0])):
         wanted = target[frame, n]
-        way = wanted - now
-        way -= wp.floor(way + 0.5)
-        if wp.abs(way) <= step:
+        apart = wanted - now
+        apart -= wp.floor(apart + 0.5)
+        if wp.abs(apart) <= step:
             now = wanted
         else:
-            now += wp.where(way > 0.0, step, -step)
+            now += wp.where(apart > 0.0, step, -step)
             now -= wp.floor(now)
         if repairs == 1:
             if now == delay[frame, n]:

@@ -255,7 +255,7 @@ class Driver:
         intensity 0 and are counted; phases then aim at the point's last valid position.
         Raises StrategyError for other shapes and types.
         """
-        position, intensity = self._taken(focus)
+        position, intensity = self._on_device(focus)
         delay = np.empty((len(position), self.transducer_count), np.float32)
         amplitude, refused = np.empty(len(position), np.float32), 0
         for rows, held in self._spans(position, intensity):
@@ -291,7 +291,7 @@ class Driver:
         packed = self._packed(focus, self.plain_boards)
         return _unpacked(packed.frames, self.plain_boards, packed.refused)
 
-    def _taken(self, focus: FocalPoints) -> tuple[Any, Any]:
+    def _on_device(self, focus: FocalPoints) -> tuple[Any, Any]:
         """Positions and intensities on the device, shape [frame, focus]."""
         position: Any = focus.position
         intensity: Any = focus.intensity
@@ -318,7 +318,7 @@ class Driver:
         return position, intensity
 
     def _packed(self, focus: FocalPoints, boards: Sequence[Any], rest_start: np.ndarray | None = None) -> PackedFrames:
-        position, intensity = self._taken(focus)
+        position, intensity = self._on_device(focus)
         count = len(position)
         frames = tuple(wp.empty((count, own.frame_bytes), dtype=wp.uint8, device=self.device) for own in boards)
         amplitude, refused = wp.empty(count, dtype=wp.float32, device=self.device), 0

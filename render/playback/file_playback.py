@@ -167,8 +167,8 @@ class Connection:
                 emulated=emulated,
             )
         except CalibrationError as error:
-            ways = "" if model.calibrated else " (calibration=BOARD.pat, emulate=True or uncalibrated=True)"
-            raise StrategyError(f"{error}{ways}") from error
+            advice = "" if model.calibrated else " (calibration=BOARD.pat, emulate=True or uncalibrated=True)"
+            raise StrategyError(f"{error}{advice}") from error
 
     @contextmanager
     def all_of(self, arrays: Sequence[PlacedArray]) -> Iterator[list[Link]]:
@@ -291,16 +291,18 @@ def play_file(
     preparation, arrays = _Preparation(compiling), arrays_of(array)
     if connection is not None and fields:
         raise StrategyError(f"{min(fields)} is a field of connection, which is given, too")
-    way = connection or Connection(**fields)
+    connection = connection or Connection(**fields)
     form = frame_format(path)
     if form == WIRE_FRAMES:
         with PreparedFrames(path, repeats=repeats) as prepared:
             prepared.require_fitting(arrays, sampling, drive, duration)
-            return _play(prepared, arrays, limits, way, watch, preparation)
+            return _play(prepared, arrays, limits, connection, watch, preparation)
     with open_focal_points(Path(path), sampling, duration, arrays, has_points=form == FOCAL_POINTS) as (source, file):
         driver = _driver_of(arrays, drive, source, device)
         preparation.need(source, driver)
-        return _play(MadeFrames(source, driver, repeats=repeats, file=file), arrays, limits, way, watch, preparation)
+        return _play(
+            MadeFrames(source, driver, repeats=repeats, file=file), arrays, limits, connection, watch, preparation
+        )
 
 
 def play_contours(

@@ -111,7 +111,9 @@ class Instant:
         if (struct := self._intersection.struct) is None:
             focus = self.sampler.draw(contours, self._pose, count, age=age, hold=self._hold)
         else:
-            focus = self.sampler.draw_kept(struct, contours.polyline_count, self._pose, count, age=age, hold=self._hold)
+            focus = self.sampler.draw_struct(
+                struct, contours.polyline_count, self._pose, count, age=age, hold=self._hold
+            )
         self._drawn += count
         return joined([*late, focus])
 

@@ -158,7 +158,7 @@ class Sampler:
             self._last = _LastPose(contours, batch.struct, batch.dwell is not None, batch.polyline_count)
         return self._draw_last(place, sample_count, age, hold)
 
-    def draw_kept(
+    def draw_struct(
         self, struct: Any, line_count: int, pose: np.ndarray, sample_count: int, *, age: float, hold: float
     ) -> FocalPoints:
         """The next samples of a new pose, whose contours are in a `Contours` that later ones overwrite.

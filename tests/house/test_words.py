@@ -19,10 +19,9 @@ TERMS = {
 IN_SECTIONS = {"row": "query: a section that is searched", "roughly": "in float32"}
 WITH_MORE = ("kernels/section", "kernels/pieces", "kernels/patterns")
 FOLDERS = {folder_of(path): TERMS for path in SOURCES if folder_of(path).split("/")[0] == "kernels"}
-FOLDERS |= dict.fromkeys(("render/sampling", "render/intersection", "render/stages", "render/hands"), TERMS)
+RENDERING = "sampling", "intersection", "stages", "hands", "playback"
+FOLDERS |= dict.fromkeys((f"render/{folder}" for folder in RENDERING), TERMS)
 FOLDERS |= dict.fromkeys(WITH_MORE, TERMS | IN_SECTIONS)
-del FOLDERS["kernels/driving"]  # until the variable `way` in its slew.py has another name
-PUBLIC = {"draw_kept"}
 
 
 def names_of(tree):
@@ -46,9 +45,7 @@ def test_names_use_the_words_of_the_field(folder):
     terms = FOLDERS[folder]
     paths = [path for path in SOURCES if folder_of(path) == folder]
     assert paths
-    found = {
-        (path.name, name) for path in paths for name in (path.stem, *names_of(tree_of(path))) if name not in PUBLIC
-    }
+    found = {(path.name, name) for path in paths for name in (path.stem, *names_of(tree_of(path)))}
     assert {(*at, word, terms[word]) for at in found for word in words_of(at[1]) & terms.keys()} == set()
 
 

@@ -333,7 +333,7 @@ def test_a_pose_that_other_contours_have_followed_is_drawn_as_a_new_one():
 
 def test_no_contours_behind_kept_ones_are_silent():
     batch, pose, sampler = batch_of([[(square(0.02), True)]]).to("cpu"), still(1)[0], Sampler("stm")
-    sampler.draw_kept(batch.struct, 1, pose, 10, age=0.0, hold=np.inf)
+    sampler.draw_struct(batch.struct, 1, pose, 10, age=0.0, hold=np.inf)
     assert not sampler.draw(None, pose, 10).intensity.any()
 
 

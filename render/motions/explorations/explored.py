@@ -182,7 +182,7 @@ class ExploredPoses:
         return HandMotion(self.time, pose, seed=self.seed, provenance=self.provenance)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=64)  # thousands of motions that are made together share one array
 def clock_of(count: int, rate: float) -> np.ndarray:
     """Times of poses at a rate [Hz], k / rate [s]."""
     time = np.arange(count) / rate

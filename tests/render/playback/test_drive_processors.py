@@ -19,7 +19,7 @@ PROCESSORS = {
 DIGESTS = """
 import hashlib
 import numpy as np
-from palpate.datasets.motions.rotation_vectors import dot, length_of
+from palpate.render.motions.explorations.control_points import dot, length_of
 from palpate.device.registry import array_model
 from palpate.render.playback.drive import Driver, DriveStrategy
 from palpate.render.playback.drive import focus_delays

@@ -16,7 +16,7 @@ import warp as wp
 from turns import seconds_by_turns
 
 from palpate.render import ContourBatch, MeshObject, Palm, SamplingStrategy, Scene
-from palpate.render.motions.explored import ExploredPoses, explored_rows
+from palpate.render.motions.explorations.explored import ExploredPoses, explored_rows
 from palpate.render.sampling.presets import load_sampling
 from palpate.render.sampling.sampler import MotionSamples, sample_motions
 

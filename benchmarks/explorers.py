@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import warp as wp
 
-from palpate.datasets import HandMotion, exploration, explorer_habits
+from palpate.datasets import HandMotion
 from palpate.datasets.motions.facing import SHARE_ANGLES, facing_angles
 from palpate.datasets.rigid import quaternion_product
-from palpate.render import MeshObject, Palm, closed_contour, render
+from palpate.render import MeshObject, Palm, closed_contour, exploration, explorer_habits, render
 
 OBJECTS = ("cube", "tube", "dog")
 DURATION, RATE = 30.0, 90.0  # [s], [Hz]

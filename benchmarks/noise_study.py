@@ -81,7 +81,7 @@ REMEDIES: dict[str, Remedy] = {
 
 def render_files(folder: Path, explorers: int, seconds: float) -> None:
     """Contours of the cube for each explorer: OC, CC, and both with poses in between; those that are there stay."""
-    from palpate.datasets import exploration
+    from palpate.render import exploration
     from palpate.render.playback.pose_insertion import insert_poses
 
     folder.mkdir(parents=True, exist_ok=True)

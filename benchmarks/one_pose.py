@@ -29,7 +29,7 @@ import numpy as np
 import warp as wp
 from turns import seconds_by_turns
 
-from palpate.datasets import exploration, load_recording, write_sample
+from palpate.datasets import load_recording, write_sample
 from palpate.render import (
     ContourBatch,
     ContourFile,
@@ -38,6 +38,7 @@ from palpate.render import (
     Palm,
     PlaneHand,
     SamplingStrategy,
+    exploration,
     flat_hand,
     record,
 )

@@ -13,8 +13,7 @@ import numpy as np
 import warp as wp
 from scipy.optimize import brentq
 
-from palpate.datasets.motions.hand_motion import exploration
-from palpate.render import MeshObject, Palm, closed_contour, render
+from palpate.render import MeshObject, Palm, closed_contour, exploration, render
 from palpate.render.reports.file_summary import length_ratio
 
 PAPER = {"cube": 2.54, "tube": 1.48, "dog": 1.36}

@@ -29,8 +29,7 @@ import warp as wp
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests/device/tiers"))  # the emulated bus is theirs
 from umockdev_session import Plug, run, write_pat_file
 
-from palpate.datasets.motions.hand_motion import exploration
-from palpate.render import MeshObject, Palm, closed_contour
+from palpate.render import MeshObject, Palm, closed_contour, exploration
 from palpate.render.intersection.file_recording import record
 
 WORKER = [sys.executable, str(Path(__file__).with_name("playback_worker.py"))]

@@ -21,7 +21,7 @@ from poses import random_poses
 from turns import seconds_by_turns
 
 from palpate.render import ContourBatch, MeshObject, Palm, Scene
-from palpate.render.motions.explored import ExploredPoses, explored_rows
+from palpate.render.motions.explorations.explored import ExploredPoses, explored_rows
 
 PRESETS = (
     "simplified", "smooth", "corners", "edges", "depth", "ellipse", "circle", "centroid", "hatch", "inset",

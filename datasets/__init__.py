@@ -13,8 +13,7 @@ if TYPE_CHECKING:
     from .focus_files.ptlist import read_ptlist, write_ptlist
     from .hand_model.shape import HandShape, hand_shape
     from .hand_model.skinning import posed_vertices
-    from .motions.explorer_habits import ExplorerHabits, explorer_habits
-    from .motions.hand_motion import HandMotion, exploration, static_pose
+    from .motions.hand_motion import HandMotion, static_pose
     from .recordings.alignment import Y_UP
     from .recordings.files import load_recording
     from .recordings.recording import HandRecording
@@ -33,8 +32,7 @@ _ROOMS = {
     "focus_files.ptlist": "read_ptlist write_ptlist",
     "hand_model.shape": "HandShape hand_shape",
     "hand_model.skinning": "posed_vertices",
-    "motions.explorer_habits": "ExplorerHabits explorer_habits",
-    "motions.hand_motion": "HandMotion exploration static_pose",
+    "motions.hand_motion": "HandMotion static_pose",
     "recordings.alignment": "Y_UP",
     "recordings.files": "load_recording",
     "recordings.recording": "HandRecording",
@@ -53,15 +51,12 @@ __all__ = [
     "Y_UP",
     "ContourFile",
     "ContourWriter",
-    "ExplorerHabits",
     "HandMotion",
     "HandRecording",
     "HandShape",
     "ShardRow",
     "SweepStore",
     "check_file",
-    "exploration",
-    "explorer_habits",
     "hand_shape",
     "load_pose_table",
     "load_recording",

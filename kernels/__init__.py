@@ -69,16 +69,15 @@ FILLING_STAGES = (
 PREPARED_STAGES = ("section.graph_room",)  # batches of as many poses, again and again, on GPUs
 MOTION_STAGES = ("metrics.contour_shift", "motions.halving")  # from pose to pose
 OBJECT_STAGES = ("solids.crossing", "solids.nesting", "solids.voxelise")  # what is made of objects before
+EXPLORATION_STAGES = ("motions.over_array", "motions.around")  # synthetic motions, over an array and around objects
 SWEEP_STAGES = (
-    "motions.around",
-    "motions.over_array",
     "metrics.facing",
     "metrics.random_pose",
     "metrics.histogram",
     "metrics.tally",
     "section.tally_undrawn",
     "patterns.section_sums",
-)  # poses made where they are used, and sums over them
+)  # random poses, and sums over poses
 FOCUS_STAGES = (
     "sampling.cycles",
     "sampling.entry",
@@ -108,6 +107,7 @@ STAGES = (
     *PREPARED_STAGES,
     *MOTION_STAGES,
     *OBJECT_STAGES,
+    *EXPLORATION_STAGES,
     *SWEEP_STAGES,
     *SAMPLING_STAGES,
     *DRIVE_STAGES,

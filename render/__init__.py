@@ -20,8 +20,7 @@ if TYPE_CHECKING:
         ShapeError,
         SweepStoreError,
     )
-    from ..datasets.motions.explorer_habits import ExplorerHabits, explorer_habits
-    from ..datasets.motions.hand_motion import HandMotion, exploration, static_pose
+    from ..datasets.motions.hand_motion import HandMotion, static_pose
     from ..datasets.recordings.files import load_recording
     from ..datasets.shapes.built_in import shape_names
     from .acoustics.emission import PlayedFrames
@@ -63,7 +62,8 @@ if TYPE_CHECKING:
     from .intersection.patch_points import array_points
     from .intersection.prepared_contours import PreparedContours
     from .intersection.scene import Scene
-    from .motions.explored import ExploredPoses
+    from .motions.explorations.explored import ExploredPoses, exploration
+    from .motions.explorations.habits import ExplorerHabits, explorer_habits
     from .motions.groups import MotionGroup, render_motions
     from .objects.functions.expression import box, capsule, cylinder, half_space, sphere, torus
     from .objects.functions.expression_json import expression_from_json, expression_to_json, load_expression
@@ -110,8 +110,7 @@ _ROOMS = {
     ".datasets.contour_file.reader": "ContourFile",
     ".datasets.errors": "DatasetError ContourFileError Hdf5Error MotionError ShapeError RecordingError "
     "SweepStoreError NotStoreError RecordingWarning",
-    ".datasets.motions.explorer_habits": "ExplorerHabits explorer_habits",
-    ".datasets.motions.hand_motion": "HandMotion exploration static_pose",
+    ".datasets.motions.hand_motion": "HandMotion static_pose",
     ".datasets.recordings.files": "load_recording",
     ".datasets.shapes.built_in": "shape_names",
     "acoustics.emission": "PlayedFrames",
@@ -150,7 +149,8 @@ _ROOMS = {
     "objects.voxels.voxel_object": "VoxelObject",
     "objects.voxels.voxeliser": "voxelise",
     "motions.groups": "MotionGroup render_motions",
-    "motions.explored": "ExploredPoses",
+    "motions.explorations.explored": "ExploredPoses exploration",
+    "motions.explorations.habits": "ExplorerHabits explorer_habits",
     "playback.drive": "Driver DriveStrategy drive_focus",
     "playback.file_playback": "Connection play_file",
     "playback.live": "Instant",

@@ -1,4 +1,4 @@
-"""Hand motions: poses of one palm over time, recorded, given, or from a synthetic exploration of an object.
+"""Hand motions: poses of one palm over time: recorded, given, or made by a synthetic exploration.
 
 Hand frame (OpenXR palm axes; Leap's palm basis is the same): +Y out of the back of the hand, +Z to the wrist, +X by the
 right-hand rule; origin in the middle of the palm's skin, which faces -Y. Array frame: +z up out of the array. A pose
@@ -10,25 +10,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..bounded_file import FileBoundError, require_bytes
 from ..errors import MotionError, RecordingWarning
 from ..rigid import NORM_TOLERANCE, POSITION_FARTHEST
-from ..shapes.built_in import shape
 from ..user_warnings import warn_user
-from .exploration_options import (
-    EXPLORATION_MODELS,
-    POSE_BYTES,
-    SECOND_BYTES,
-    ExplorationOptions,
-    check_options,
-    way_over_array,
-)
-from .exploration_strokes import Progress, unheard
 from .last_pose import end_of_motion, usual_interval
 from .motion_file import MotionRows, read_rows, row_place, write_rows
 from .suspicious_values import rounding, suspicious_units
@@ -36,32 +25,8 @@ from .suspicious_values import rounding, suspicious_units
 PALM_DOWN = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
 """Quaternion xyzw of a hand above the array: palm down, fingers pointing away from the user (+y of the array)."""
 
-BOUNDS_FARTHEST = 100.0
-"""Largest coordinate of the bounds of an exploration [m]; larger ones are probably in wrong units."""
-POSES_MOST = 1e9
-"""Most poses of one exploration, whatever the memory budget."""
-DURATION, RATE, SEED = 30.0, 90.0, 1
-EXPLORATION_DEFAULTS = {"duration": DURATION, "rate": RATE, "seed": SEED}
-"""Duration [s], rate [Hz] and seed of an exploration for which none are given."""
-EXPLORATION_OPTIONS = (*EXPLORATION_DEFAULTS, "model", "explorer", "facing", "workspace")
-"""Everything that can be chosen of an exploration."""
-RANDOM_SIZE, RANDOM_AT = 0.13, (0.0, 0.0, 0.2)
-"""Side of the cube in which random poses lie, and its centre [m]: around the built-in objects."""
-SEED_MOST = 2**63 - 1
-"""Largest seed: HDF5 stores it as a signed 64-bit integer."""
-
 _ROWS_AT_ONCE = 65536  # rows are checked in float64 block by block; all at once would take twice the memory
 _NORM_ROUNDING = 1e-7  # float32 rounding of a norm; within it quaternions stay, so that rereading a file changes no bit
-
-
-@runtime_checkable
-class HasBounds(Protocol):
-    """An object of `palpate.render`."""
-
-    @property
-    def bounds(self) -> NDArray[np.float64]:
-        """Lowest and highest coordinates [m], shape [2, 3]."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,115 +152,14 @@ def static_pose(position: ArrayLike, quaternion: ArrayLike = PALM_DOWN) -> HandM
     >>> motion, motion.pose[0, :3]
     (HandMotion(1 pose), array([0. , 0. , 0.2], dtype=float32))
     """
-    row = [_numbers(position, "position", (3,)), _numbers(quaternion, "quaternion", (4,))]
-    return _motion(None, np.concatenate(row)[None, :])
+    row = [require_shape(position, "position", (3,)), require_shape(quaternion, "quaternion", (4,))]
+    return HandMotion(None, np.concatenate(row)[None, :])  # pyright: ignore[reportArgumentType]  # checked, then cast
 
 
-def exploration(
-    bounds: ArrayLike | HasBounds | str,
-    duration: float = DURATION,
-    *,
-    rate: float = RATE,
-    seed: int = SEED,
-    model: str = EXPLORATION_MODELS[0],
-    explorer: int | None = None,
-    facing: float | None = None,
-    workspace: ArrayLike | None = None,
-    progress: Progress = unheard,
-) -> HandMotion:
-    """Make a synthetic exploration that imitates a person's: a palm that wanders over an array.
-
-    bounds: the object (also a mesh of trimesh or PyVista, or the name of a built-in one), or its smallest and largest
-    x y z [m], shape [2, 3]. duration [s]; rate: poses per second [Hz]. seed: which trial of the person.
-    model: "over-array", a palm in one workspace, whatever the object is, which faces the array (`over_array` describes
-    it; bounds only decide whether the object can be reached); or "around", a hand that comes to the object from every
-    side, also with its back to the array (`exploration_path`), the only model of before version 0.2.
-    Of "over-array" alone: explorer, which person, by number (`explorer_habits`), by default 1; facing: largest angle
-    between the skin's normal and the direction to the array's centre [rad], by default pi / 3; workspace: lowest and
-    highest x y z of the palm's centre [m], shape [2, 3], by default 60 mm around and above the paper's 130 mm cube.
-    progress: called at intervals with (done, total).
-    Duration and rate only sample the path, at k / rate < duration. Raises MotionError for a bad argument, for an
-    object that no hand reaches, and for a motion that takes more memory than the budget of one file
-    (`PALPATE_READ_MB`).
-
-    >>> from palpate.render import exploration
-    >>> exploration([[-0.06, -0.06, 0.14], [0.06, 0.06, 0.26]], duration=2.0)
-    HandMotion(180 poses, 2 s at 90 Hz)
-    """
-    checked = check_exploration(
-        bounds, duration, rate=rate, seed=seed, model=model, explorer=explorer, facing=facing, workspace=workspace
-    )
-    time = np.arange(checked.pose_count) / rate
-    made = checked.options.provenance(float(duration), float(rate), seed)
-    return _motion(time, checked.options.path(checked.box, time, seed, progress), seed=seed, provenance=made)
-
-
-class CheckedExploration(NamedTuple):
-    """What `exploration` makes poses of."""
-
-    options: ExplorationOptions
-    box: NDArray[np.float64]
-    """The object's smallest and largest x y z [m], shape [2, 3]."""
-    pose_count: int
-
-
-def check_exploration(
-    bounds: ArrayLike | HasBounds | str,
-    duration: float,
-    *,
-    rate: float,
-    seed: int,
-    model: str = EXPLORATION_MODELS[0],
-    explorer: int | None = None,
-    facing: float | None = None,
-    workspace: ArrayLike | None = None,
-) -> CheckedExploration:
-    """Check the arguments of `exploration` and raise what it raises, without making a pose."""
-    box = _numbers(_bounds_of(bounds), "bounds", (2, 3))
-    if not (np.abs(box) <= BOUNDS_FARTHEST).all() or (box[0] > box[1]).any():
-        raise MotionError(
-            f"bounds must be finite, minimum before maximum and within {BOUNDS_FARTHEST:g} m, got {box.tolist()}"
-            + way_over_array(box)
-        )
-    options = check_options(model, explorer, facing, workspace)
-    options.require_reachable(box)
-    for name, value in (("duration", duration), ("rate", rate)):
-        if isinstance(value, str) or not (math.isfinite(value) and value > 0.0):
-            raise MotionError(f"{name} must be finite and greater than 0, got {value!r}")
-    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed <= SEED_MOST:  # pyright: ignore[reportUnnecessaryIsInstance]  # scripts pass floats
-        raise MotionError(f"seed must be an integer of 0 to {SEED_MOST}, got {seed!r}")
-    return CheckedExploration(options, box, _pose_count(duration, rate, options.model))
-
-
-def _pose_count(duration: float, rate: float, model: str) -> int:
-    """Number of poses of an exploration; raises MotionError for more than palpate makes or memory holds."""
-    if duration * rate > POSES_MOST:
-        raise MotionError(f"{duration:g} s at {rate:g} Hz are more than {POSES_MOST:g} poses")
-    count = max(1, math.ceil(duration * rate - 1e-9))  # 1e-9: 0.1 s x 30 Hz is three poses
+def require_shape(value: ArrayLike, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Numbers as a new array; raises MotionError, by the name, for other values and other shapes."""
     try:
-        size = POSE_BYTES[model] * count + SECOND_BYTES[model] * math.ceil(duration)
-        require_bytes(size, f"a motion of {count} poses (duration {duration:g} s at rate {rate:g} Hz)")
-    except FileBoundError as error:
-        raise MotionError(str(error)) from error
-    return count
-
-
-def _bounds_of(thing: ArrayLike | HasBounds | str) -> Any:
-    """Smallest and largest x y z of an object, a built-in object's name, or these themselves."""
-    if isinstance(thing, str | PathLike):
-        if Path(thing).suffix:
-            raise MotionError(f"{thing}: of a file, give the object: exploration(MeshObject.load({str(thing)!r}))")
-        vertices, _ = shape(str(thing))
-        return vertices.min(axis=0), vertices.max(axis=0)
-    if not isinstance(thing, HasBounds):
-        return thing
-    box: Any = thing.bounds
-    return np.reshape(box, (3, 2)).T if hasattr(box, "x_min") else box  # PyVista's are x, x, y, y, z, z
-
-
-def _numbers(value: ArrayLike, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    try:
-        array = np.asarray(value, dtype=np.float64)
+        array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
         raise MotionError(f"{name} must be numbers of shape {list(shape)}, got {value!r}") from None
     if array.shape != shape:
@@ -380,13 +244,3 @@ def _validate_time(
 def _first(flag: ArrayLike) -> int | None:
     hits = np.flatnonzero(flag)
     return int(hits[0]) if hits.size else None
-
-
-def _motion(
-    time: NDArray[np.float64] | None,
-    pose: NDArray[np.float64],
-    *,
-    seed: int | None = None,
-    provenance: Mapping[str, Any] | None = None,
-) -> HandMotion:
-    return HandMotion(time, pose, seed=seed, provenance=provenance)  # pyright: ignore[reportArgumentType]  # checked in float64, then cast

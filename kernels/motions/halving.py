@@ -17,7 +17,6 @@ import warp as wp
 
 from ..offsets import BLOCK, last_of, scan_counts
 from ..patch import EXACT
-from .around import is_doubtful
 
 wp.set_module_options(EXACT)
 
@@ -68,8 +67,8 @@ def summed(x: wp.vec4d):
 
 @wp.func
 def is_unsure(x: wp.float64):
-    """Whether the rounding of a number is doubtful: 0 is exact in both ways of computing it."""
-    return x != ZERO and is_doubtful(x, DOUBT)
+    """Whether a number so near to another may round to another float32 number; 0 is exact in both computations."""
+    return x != ZERO and wp.float32(x - DOUBT) != wp.float32(x + DOUBT)
 
 
 @wp.kernel

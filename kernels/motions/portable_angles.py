@@ -1,4 +1,8 @@
-"""Sines, arcs and the hyperbolic tangent from + - * / and square roots alone: those of datasets/motions, to the bit."""
+"""Sines, arcs and the hyperbolic tangent from + - * / and square roots alone: the same bits on every device.
+
+The libraries of CPUs and GPUs round such functions in different ways, so a pose made by one would differ from that made
+by the other. All values are within 1e-15 of the functions, those of the hyperbolic tangent within 1e-14.
+"""
 
 import math
 from typing import Any
@@ -11,18 +15,19 @@ def coefficients_of(values: list[float]) -> Any:
     return wp.constant(wp.types.vector(length=len(values), dtype=wp.float64)(*values))
 
 
+# Taylor's coefficients. Beyond them, terms are below 1e-19 for angles up to pi / 4, and arcs up to tan(pi / 16).
 SINE = coefficients_of([(-1.0) ** k / math.factorial(2 * k + 1) for k in range(9)])
 COSINE = coefficients_of([(-1.0) ** k / math.factorial(2 * k) for k in range(10)])
 ARC = coefficients_of([(-1.0) ** k / (2 * k + 1) for k in range(12)])
 EXPONENT = coefficients_of([1.0 / math.factorial(k) for k in range(13)])
-HALVINGS = wp.constant(7)
+HALVINGS = wp.constant(7)  # of an exponent, squared as often afterwards: up to 40 becomes 0.32
 
 ZERO, ONE, TWO, FOUR = (wp.constant(wp.float64(value)) for value in (0.0, 1.0, 2.0, 4.0))
 QUARTER = wp.constant(wp.float64(0.25))
 PI = wp.constant(wp.float64(math.pi))
 HALF_PI = wp.constant(wp.float64(math.pi / 2.0))
 QUARTERS_A_RADIAN = wp.constant(wp.float64(2.0 / math.pi))
-QUARTER_HIGH = wp.constant(wp.float64(1.5707963267341256))
+QUARTER_HIGH = wp.constant(wp.float64(1.5707963267341256))  # 33 bits, so its product with a small integer is exact
 QUARTER_LOW = wp.constant(wp.float64(6.077100506506192e-11))
 SCALE = wp.constant(wp.float64(2.0**7))
 
@@ -58,7 +63,7 @@ def turned(quarter: wp.float64, rest: wp.float64):
 
 @wp.func
 def sine_cosine(angle: wp.float64):
-    """Sine and cosine of an angle [rad]."""
+    """Sine and cosine of an angle [rad] of up to 800,000."""
     quarter = wp.rint(angle * QUARTERS_A_RADIAN)
     return turned(quarter, (angle - quarter * QUARTER_HIGH) - quarter * QUARTER_LOW)
 
@@ -80,7 +85,7 @@ def arc_tangent(across: wp.float64, along: wp.float64):
     if larger == ZERO:
         larger = ONE
     x = wp.min(across, flat) / larger
-    for _turn in range(2):
+    for _turn in range(2):  # half the angle
         x = x / (ONE + wp.sqrt(ONE + x * x))
     angle = FOUR * (x * horner(ARC, x * x))
     if steep:

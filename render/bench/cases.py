@@ -5,9 +5,9 @@ import re
 import numpy as np
 
 from ...datasets.known_names import likely_name, unknown_name
-from ...datasets.motions.hand_motion import exploration
 from ...datasets.shapes.built_in import CENTRE, SIZE, shape_name, shape_names
 from ..errors import StrategyError
+from ..motions.explorations.explored import exploration
 from ..objects.mesh.solid_mesh import MeshObject
 
 BLOB_FREQUENCY_MOST = 1000  # 20 million triangles

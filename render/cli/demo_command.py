@@ -4,11 +4,11 @@ from pathlib import Path
 from time import perf_counter
 
 from ...datasets.errors import ContourFileError
-from ...datasets.motions.hand_motion import exploration
 from ...kernels import PLAYING_STAGES
 from ..errors import StrategyError
 from ..hands.hand import Palm
 from ..intersection.file_recording import record
+from ..motions.explorations.explored import exploration
 from ..objects.mesh.solid_mesh import MeshObject
 from ..playback.file_playback import CLOCKS, Connection, play_file
 from ..reports.contour_figure import draw_figure

@@ -27,7 +27,7 @@ from ...datasets.errors import MotionError, RecordingWarning
 from ...datasets.hand_model.shape import hand_shape
 from ...datasets.hand_model.skinning import posed_vertices
 from ...datasets.known_names import find_name, likely_file, likely_name
-from ...datasets.motions.hand_motion import EXPLORATION_DEFAULTS, EXPLORATION_OPTIONS, HandMotion, exploration
+from ...datasets.motions.hand_motion import HandMotion
 from ...datasets.motions.motion_file import is_pose_table
 from ...datasets.motions.suspicious_values import suspicious_directions
 from ...datasets.recordings.files import JOINT_SUFFIXES, load_recording
@@ -38,6 +38,8 @@ from ..hands.flat_hand import flat_hand
 from ..hands.hand import Hand, Palm
 from ..hands.mesh_hand import MeshHand
 from ..hands.plane_hand import PlaneHand
+from ..motions.explorations.explored import exploration
+from ..motions.explorations.options import EXPLORATION_OPTIONS
 from ..objects.functions.expression import Expression
 from ..objects.functions.implicit_object import ImplicitObject, is_function_name
 from ..objects.level_of_detail import Detail, simplify
@@ -225,7 +227,7 @@ def load_motion(source: str, solid: Solid, options: dict[str, Any], watch: Watch
     if is_exploration(source):
         try:
             progress = partial(watch, "exploration")
-            return exploration(solid.bounds, **{**EXPLORATION_DEFAULTS, **given}, progress=progress)
+            return exploration(solid.bounds, **given, progress=progress)
         except MotionError as error:
             raise StrategyError(f"{EXPLORATION}: {error}") from error
     if given:

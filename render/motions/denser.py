@@ -10,7 +10,7 @@ import warp as wp
 
 from ..intersection.scene import Scene
 from ..playback.pose_insertion import ShiftTest, insert_into_all
-from .explored import TimedPoses, joined_rows
+from .explorations.explored import TimedPoses, joined_rows
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,7 +41,7 @@ from ..strategies.intersection_strategy import IntersectionStrategy
 from ..strategies.user_stage_sources import has_own_stages
 from ..validation import value_text
 from .denser import denser_motions
-from .explored import ExploredPoses, HostPoses, TimedPoses, joined_rows
+from .explorations.explored import ExploredPoses, HostPoses, TimedPoses, joined_rows
 from .numbers import dwell_grid, sampling_numbers
 
 GPU_SHARE = 4  # of a GPU's memory, a group takes a quarter unless told another

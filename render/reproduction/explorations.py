@@ -5,8 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...datasets.motions.hand_motion import HandMotion, exploration
+from ...datasets.motions.hand_motion import HandMotion
 from ..hands.hand import Palm
+from ..motions.explorations.explored import exploration
 from ..objects.mesh.solid_mesh import MeshObject
 from ..scripting.rendering import render
 from ..strategies.intersection_strategy import closed_contour

@@ -20,7 +20,7 @@ FOLDER = Path(next(iter(palpate.kernels.__path__)))
 LAUNCHES = ("launch", "launch_tiled", "partial")
 CONSTANTS = {name for name in dir(wp) if isinstance(getattr(wp, name), int | float)}
 RENDER = """
-from palpate.datasets import exploration
+from palpate.render import exploration
 from palpate.render import MeshObject, Palm, closed_contour, render
 tube = MeshObject.load("tube")
 render(tube, Palm(), exploration(tube.bounds, duration=0.5, seed=1), closed_contour()).lengths()

@@ -8,10 +8,9 @@ import pytest
 import trimesh
 from typer.testing import CliRunner
 
-from palpate.datasets import exploration
 from palpate.datasets.recordings.alignment import write_alignment
 from palpate.datasets.recordings.sample import write_sample
-from palpate.render import VoxelObject, save_voxels
+from palpate.render import VoxelObject, exploration, save_voxels
 from palpate.render.cli.app import app
 from palpate.render.exports import csv_file
 from palpate.render.file_kinds import NOT_READ, described_file

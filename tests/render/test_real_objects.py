@@ -9,9 +9,20 @@ import numpy as np
 import pytest
 import warp as wp
 
-from palpate.datasets import check_file, exploration
+from palpate.datasets import check_file
 from palpate.datasets.shapes.built_in import shape
-from palpate.render import MeshObject, Palm, Placement, VoxelObject, closed_contour, play_file, record, render, voxelise
+from palpate.render import (
+    MeshObject,
+    Palm,
+    Placement,
+    VoxelObject,
+    closed_contour,
+    exploration,
+    play_file,
+    record,
+    render,
+    voxelise,
+)
 from palpate.render.errors import MeshError, PalpateWarning
 from palpate.render.playback.file_playback import Connection
 

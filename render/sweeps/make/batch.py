@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from ...intersection.batch_rendering import CPU_SPAN_BYTES, POINT_BYTES
-from ...motions.explored import joined_rows
+from ...motions.explorations.explored import joined_rows
 from ...sampling.strategy import SamplingStrategy
 from ..plan.recipe import Recipe, is_user_metric
 from .metrics import Measured

@@ -19,7 +19,7 @@ import numpy as np
 from ....datasets.motions.hand_motion import HandMotion
 from ....datasets.storage.hdf5 import Hdf5Reader
 from ...errors import SweepError
-from ...motions.explored import ExploredPoses, HostPoses
+from ...motions.explorations.explored import ExploredPoses, HostPoses
 from ..plan.recipe import Recipe, digest_source
 from .task import CHUNK_POSES
 

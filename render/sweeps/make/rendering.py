@@ -13,7 +13,6 @@ from threading import RLock
 from typing import Any, Generic, TypeVar
 
 from ....datasets.errors import MotionError
-from ....datasets.motions.hand_motion import EXPLORATION_OPTIONS, RANDOM_AT, RANDOM_SIZE
 from ....device.array import ArrayModel
 from ...errors import StrategyError, SweepError
 from ...hands.hand import Hand
@@ -26,7 +25,8 @@ from ...intersection.named_inputs import (
     simplified,
 )
 from ...intersection.scene import Scene
-from ...motions.explored import ExploredPoses, HostPoses
+from ...motions.explorations.explored import ExploredPoses, HostPoses
+from ...motions.explorations.options import EXPLORATION_OPTIONS
 from ...objects.mesh.placement import Placement
 from ...objects.solid import Solid
 from ...playback.drive import DriveStrategy
@@ -35,7 +35,7 @@ from ...sampling.strategy import SamplingStrategy
 from ...strategies.intersection_strategy import IntersectionStrategy, read_strategy
 from ...strategies.user_stage_sources import has_own_stages, stage_sources
 from ...trust.permission import AllowCode
-from ..plan.recipe import PARTS, Recipe, RecipePart, model_of
+from ..plan.recipe import PARTS, RANDOM_AT, RANDOM_SIZE, Recipe, RecipePart, model_of
 from .poses import ARTICULATED, EXPLORATION, RANDOM, Poses, RandomPoses, require_unchanged
 
 Thing = TypeVar("Thing")

@@ -11,21 +11,22 @@ from typing import Annotated, Any, NamedTuple, cast
 from pydantic import BaseModel, BeforeValidator, ConfigDict, create_model
 
 from ....datasets.errors import MotionError
-from ....datasets.motions.exploration_options import (
+from ....kernels.driving.solve import POINTS_MOST
+from ...errors import RenderError, StrategyError
+from ...hands.hand import LARGEST, SMALLEST, Palm
+from ...motions.explorations.habits import NUMBER_MOST
+from ...motions.explorations.options import (
     AROUND,
+    EXPLORATION_DEFAULTS,
     EXPLORATION_MODELS,
     FACING_LEAST,
     FACING_MOST,
     OPTION_DEFAULTS,
+    POSES_MOST,
     VERSIONS,
     check_options,
     check_workspace,
 )
-from ....datasets.motions.explorer_habits import EXPLORER_MOST
-from ....datasets.motions.hand_motion import EXPLORATION_DEFAULTS, POSES_MOST, RANDOM_AT, RANDOM_SIZE, SEED_MOST
-from ....kernels.driving.solve import POINTS_MOST
-from ...errors import RenderError, StrategyError
-from ...hands.hand import LARGEST, SMALLEST, Palm
 from ...objects.mesh.placement import SIZE_LARGEST, UP_AXES
 from ...objects.mesh.solid_mesh import SOLID_RULES
 from ...objects.voxels.files import UNITS
@@ -34,7 +35,7 @@ from ...playback.drive import AMPLITUDES, SOLVERS, Driver, DriveStrategy
 from ...playback.placed_arrays import load_rig
 from ...sampling.strategy import SamplingStrategy
 from ...strategies.intersection_strategy import FLUSH_HIGHEST, STEP_HIGHEST, STEP_LOWEST
-from .recipe import RecipePart, model_of
+from .recipe import RANDOM_AT, RANDOM_SIZE, RecipePart, model_of
 from .sources import PlanSource, alignments, sources_of
 from .values import Check, ChoiceCheck, LabelCheck, NumberCheck, TextCheck, Values, VectorCheck, refuse, swept
 
@@ -81,9 +82,9 @@ KEYS: dict[str, dict[str, AxisKey]] = {
     "motion": {
         "duration": AxisKey(NumberCheck(1e-3, 1e9, "s"), of=("exploration",)),
         "rate": AxisKey(NumberCheck(1e-3, 1e6, "Hz"), of=("exploration", "recording")),
-        "seed": AxisKey(NumberCheck(0, SEED_MOST, whole=True), of=("exploration", "random")),
+        "seed": AxisKey(NumberCheck(0, NUMBER_MOST, whole=True), of=("exploration", "random")),
         "model": AxisKey(ChoiceCheck(EXPLORATION_MODELS), EXPLORATION_MODELS[0], of=("exploration",)),
-        "explorer": AxisKey(NumberCheck(0, EXPLORER_MOST, whole=True), of=("exploration",)),
+        "explorer": AxisKey(NumberCheck(0, NUMBER_MOST, whole=True), of=("exploration",)),
         "facing": AxisKey(NumberCheck(FACING_LEAST, FACING_MOST, "rad"), of=("exploration",)),
         "workspace": AxisKey(VectorCheck(6, PLACE), of=("exploration",)),
         "count": AxisKey(NumberCheck(1, COUNT_MOST, whole=True), of=("random",)),

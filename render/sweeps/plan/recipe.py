@@ -20,10 +20,12 @@ from typing import Any, Protocol
 from urllib.parse import unquote
 
 from ....datasets.bounded_file import file_beside, open_regular, read_content, read_json
-from ....datasets.motions.exploration_options import AROUND
 from ...errors import PlanError
+from ...motions.explorations.options import AROUND
 
 FORMAT = "palpate recipe 1"
+RANDOM_SIZE, RANDOM_AT = 0.13, (0.0, 0.0, 0.2)
+"""Side of the cube in which random poses lie by default, and its centre [m]: around the built-in objects."""
 PARTS = ("thing", "hand", "motion", "strategy", "sampling", "array")
 _PLACE = {name: place for place, name in enumerate(PARTS)}
 RENDERING, SAMPLED, DRIVEN = PARTS[:4], PARTS[:5], PARTS

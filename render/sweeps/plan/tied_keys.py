@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict
 
 from ....datasets.known_names import likely_name
-from ....datasets.motions.hand_motion import SEED_MOST
+from ...motions.explorations.habits import NUMBER_MOST
 from ...validation import value_text
 from .axes import KEYS, AxisTable, Tie
 from .line_search import Place
@@ -70,7 +70,7 @@ class SampleTable(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
     method: Annotated[str, BeforeValidator(ChoiceCheck(METHODS))]
     count: Annotated[int, BeforeValidator(NumberCheck(1, COUNT_MOST, whole=True))]
-    seed: Annotated[int, BeforeValidator(NumberCheck(0, SEED_MOST, whole=True))] = 1
+    seed: Annotated[int, BeforeValidator(NumberCheck(0, NUMBER_MOST, whole=True))] = 1
 
     def points(self, dimension_count: int) -> NDArray[np.float64]:
         """Points of the unit cube; shape [count, dimension]. Raises PlanFault for a Sobol count that is no power of 2.

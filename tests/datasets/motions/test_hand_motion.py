@@ -11,7 +11,8 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from palpate.datasets.errors import MotionError, RecordingWarning
-from palpate.datasets.motions.hand_motion import PALM_DOWN, HandMotion, exploration, static_pose
+from palpate.datasets.motions.hand_motion import PALM_DOWN, HandMotion, static_pose
+from palpate.render import exploration
 
 BOUNDS = np.array([[-0.065, -0.065, 0.135], [0.065, 0.065, 0.265]])
 FLAT = [0.1, -0.2, 0.3, 0.0, 0.0, 0.0, 1.0]

@@ -13,8 +13,8 @@ import pytest
 from umockdev_session import Plug, run, write_pat_file
 
 from palpate.datasets.contour_file.reader import ContourFile
-from palpate.datasets.motions.hand_motion import HandMotion, exploration
-from palpate.render import MeshObject, Palm, closed_contour
+from palpate.datasets.motions.hand_motion import HandMotion
+from palpate.render import MeshObject, Palm, closed_contour, exploration
 from palpate.render.intersection.file_recording import record
 from palpate.render.playback.focal_points import ContourSource
 from palpate.render.sampling.sampler import Sampler, sample_bounds

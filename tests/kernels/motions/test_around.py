@@ -1,51 +1,48 @@
-"""Poses on splines: the bits of the model in NumPy, but where they are listed as doubtful."""
+"""Poses on splines: the float64 model's, rounded to float32, of motions in any company."""
 
 import numpy as np
+from exploration_models import around as around_model
 
-from palpate.datasets.motions.exploration import control_count, control_turns, spline_poses
-from palpate.datasets.motions.exploration_strokes import ControlPoints, control_points
-from palpate.kernels.motions.around import place_on_splines, spline_ranges
+from palpate.kernels.motions.around import place_on_splines
 
 BOX = np.array([[-0.065, -0.065, 0.135], [0.065, 0.065, 0.265]])
+INTERVAL = around_model.INTERVAL
+
+
+def controls(seeds, ends):
+    """Control points of each seed up to a time [s]."""
+    made = zip(seeds, ends, strict=True)
+    return [around_model.control_points(BOX, np.random.default_rng(k), int(end / INTERVAL) + 4) for k, end in made]
 
 
 def placed(control, rate, first, count, device):
     """Poses first..first + count of each motion."""
-    turn = np.concatenate([control_turns(control.quaternion), np.zeros((1, 3))])
-    ranges = spline_ranges(control.start[:-1], rate, first)
-    start = np.cumsum([0, *count])
-    pose, doubtful = place_on_splines(control.position, control.quaternion, turn, ranges, start, device=device)
-    return pose.numpy(), np.sort(doubtful.numpy())
+    position, quaternion = (np.concatenate(values) for values in zip(*control, strict=True))
+    turn = np.concatenate([around_model.turns_between(quaternion), np.zeros((1, 3))])
+    start = np.cumsum([0, *(len(own.position) for own in control)])
+    ranges = list(zip(start.tolist(), rate, first, strict=False))
+    bounds = np.cumsum([0, *count])
+    return place_on_splines(position, quaternion, turn, ranges, bounds, interval=INTERVAL, device=device).numpy()
 
 
-def model(control, motion, rate, first, count):
-    rows = slice(control.start[motion], control.start[motion + 1])
-    own = ControlPoints(control.position[rows], control.quaternion[rows], np.array([0, 1]))
-    return spline_poses(own, (first + np.arange(count)) / rate).astype(np.float32)
-
-
-def test_bits_are_those_of_the_model_but_where_they_are_doubtful(device):
+def test_poses_are_those_of_the_model_rounded_once(device):
+    """A number may be rounded the other way only where it lies halfway, within 1e-14, between two of float32."""
     rate, first, count = np.array([90.0, 90.0, 7.3, 4e4]), np.array([0, 500, 3, 100]), [15_000, 2200, 150, 8_000]
-    ends = (first + count) / rate
-    control = control_points(np.repeat(BOX[None], 4, axis=0), [1, 2, 3, 4], [control_count(end) for end in ends])
-    pose, doubtful = placed(control, rate, first, count, device)
-    wanted = np.concatenate([model(control, k, rate[k], first[k], count[k]) for k in range(4)])
-    sure = np.setdiff1d(np.arange(len(pose)), doubtful)
-    np.testing.assert_array_equal(pose[sure], wanted[sure])
-    assert len(doubtful) < 20
+    control = controls([1, 2, 3, 4], (first + count) / rate)
+    pose = placed(control, rate, first, count, device)
+    wanted = np.concatenate(
+        [around_model.spline(control[k], (first[k] + np.arange(count[k])) / rate[k]) for k in range(4)]
+    )
+    assert (np.abs(pose - wanted) <= 0.5 * np.spacing(np.abs(wanted).astype(np.float32)) + 1e-14).all()
+    assert np.count_nonzero(pose != wanted.astype(np.float32)) < 3
 
 
-def test_numbers_between_two_of_float32_are_doubtful_and_a_hand_at_rest_is_not(device):
-    half = np.float64(np.float32(0.1)) + 0.5 * np.spacing(np.float32(0.1))
-    for x, doubts in ((half, 2), (0.1, 0)):
-        quaternion = np.tile([0.5, -0.5, 0.5, 0.5], (6, 1))
-        control = ControlPoints(np.full((6, 3), x), quaternion, np.array([0, 6]))
-        pose, doubtful = placed(control, np.array([10.0]), np.array([0]), [2], device)
-        assert len(doubtful) == doubts
-        np.testing.assert_array_equal(pose[:, 3:], quaternion[:2])
+def test_a_hand_at_rest_stays_where_it_is(device):
+    quaternion = np.tile([0.5, -0.5, 0.5, 0.5], (6, 1))
+    still = around_model.Stroke(np.full((6, 3), 0.1), quaternion)
+    pose = placed([still], np.array([10.0]), np.array([0]), [2], device)
+    np.testing.assert_array_equal(pose, np.tile(np.float32([0.1, 0.1, 0.1, 0.5, -0.5, 0.5, 0.5]), (2, 1)))
 
 
 def test_no_pose_is_none(device):
-    control = control_points(BOX[None], [1], [10])
-    pose, doubtful = placed(control, np.array([90.0]), np.array([0]), [0], device)
-    assert len(pose) == len(doubtful) == 0
+    assert len(placed(controls([1], [1.0]), np.array([90.0]), np.array([0]), [0], device)) == 0

@@ -7,8 +7,7 @@ import pytest
 from command_line import MISUSED, answer, refused, run
 from PIL import Image
 
-from palpate.datasets.motions.hand_motion import exploration
-from palpate.render import MeshObject, render
+from palpate.render import MeshObject, exploration, render
 
 
 @pytest.fixture(scope="module")

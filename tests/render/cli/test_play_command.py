@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from palpate.datasets import HandMotion, exploration
+from palpate.datasets import HandMotion
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.focus_files.ptlist import write_ptlist
-from palpate.render import MeshObject, Palm, closed_contour, record, render
+from palpate.render import MeshObject, Palm, closed_contour, exploration, record, render
 from palpate.render.cli.app import app
 from palpate.render.cli.play_commands import _too_fast
 from palpate.render.playback import focal_points as source_module

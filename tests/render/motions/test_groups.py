@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.datasets import HandMotion, exploration
+from palpate.datasets import HandMotion
 from palpate.datasets.errors import MotionError
 from palpate.datasets.recordings.files import load_recording
 from palpate.datasets.recordings.sample import write_sample
@@ -21,6 +21,7 @@ from palpate.render import (
     StrategyError,
     closed_contour,
     dwell_map,
+    exploration,
     load_sampling,
     render,
     render_motions,

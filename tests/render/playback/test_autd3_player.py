@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 from palpate.datasets.contour_file.reader import ContourFile
-from palpate.datasets.motions.hand_motion import HandMotion, exploration
+from palpate.datasets.motions.hand_motion import HandMotion
 from palpate.device.boards.autd3.link import Autd3Link, open_autd3
 from palpate.device.boards.discovery import open_link
 from palpate.device.codec import encode_frames
 from palpate.device.errors import DeviceLostError, DeviceNotFoundError, NoBackendError
 from palpate.device.playing.player import Player
 from palpate.device.registry import array_model
-from palpate.render import ContourBatch, MeshObject, Palm, closed_contour, render
+from palpate.render import ContourBatch, MeshObject, Palm, closed_contour, exploration, render
 from palpate.render.intersection.file_recording import record
 from palpate.render.playback.drive import drive_focus
 from palpate.render.sampling.metrics import FocalPoints

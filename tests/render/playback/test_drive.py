@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 from scipy.special import j1
 
-from palpate.datasets.motions.hand_motion import exploration
 from palpate.device.boards.emulator.model import decode_frames, slot_position
 from palpate.device.boards.emulator.usb_side import EmulatorBackend
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames
 from palpate.device.registry import array_model
-from palpate.render import ContourBatch, MeshObject, Palm, closed_contour, open_contour, render
+from palpate.render import ContourBatch, MeshObject, Palm, closed_contour, exploration, open_contour, render
 from palpate.render.errors import RenderError
 from palpate.render.intersection.file_recording import record
 from palpate.render.playback.drive import drive_focus

@@ -33,7 +33,7 @@ if "KERNELS_FOR" in os.environ:
     warp.config.use_precompiled_headers = False  # they are for the processor that it is
     for options in (patch.EXACT, patch.SELDOM):
         options["cpu_compiler_flags"] = "-target-cpu " + os.environ["KERNELS_FOR"]
-from palpate.datasets.motions.rotation_vectors import dot, length_of
+from palpate.render.motions.explorations.control_points import dot, length_of
 from palpate.device.registry import array_model
 from palpate.render.playback.drive import Driver, DriveStrategy
 from palpate.render.sampling.metrics import FocalPoints

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.datasets import HandMotion, exploration
+from palpate.datasets import HandMotion
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.focus_files.ptlist import write_ptlist
 from palpate.device.boards.emulator.usb_side import Fault, FaultKind
@@ -14,7 +14,7 @@ from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames
 from palpate.device.errors import DeviceBusyError, DeviceLostError, UpdateRateError
 from palpate.device.registry import array_model, emulated_backend
-from palpate.render import MeshObject, Palm, closed_contour, record, render
+from palpate.render import MeshObject, Palm, closed_contour, exploration, record, render
 from palpate.render.contour_batch import ContourBatch
 from palpate.render.errors import PoseError, StrategyError
 from palpate.render.playback import focal_points as source_module

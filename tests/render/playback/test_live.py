@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from mesh_cases import CLOSED, MESHES, MIDDLE, generic_poses
 from scipy.spatial.transform import Rotation
 
-from palpate.datasets import HandMotion, exploration
+from palpate.datasets import HandMotion
 from palpate.datasets.errors import MotionError
 from palpate.datasets.motions.hand_motion import PALM_DOWN
 from palpate.kernels.section.recorded_launches import RoomSize
@@ -22,6 +22,7 @@ from palpate.render import (
     MeshObject,
     Palm,
     closed_contour,
+    exploration,
     flat_hand,
     load_strategy,
     open_contour,

@@ -6,13 +6,13 @@ import shutil
 import numpy as np
 import pytest
 
-from palpate.datasets import HandMotion, exploration
+from palpate.datasets import HandMotion
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.errors import ContourFileError
 from palpate.datasets.focus_files.frame_reader import FrameReader
 from palpate.device.clock import VirtualClock
 from palpate.device.registry import emulated_backend
-from palpate.render import MeshObject, Palm, closed_contour, record
+from palpate.render import MeshObject, Palm, closed_contour, exploration, record
 from palpate.render.playback import focal_points as source_module
 from palpate.render.playback.file_playback import Connection, play_file
 

@@ -7,10 +7,19 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from palpate.datasets import exploration
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.motions.hand_motion import PALM_DOWN, HandMotion
-from palpate.render import MeshObject, Palm, Scene, closed_contour, load_strategy, open_contour, record, render
+from palpate.render import (
+    MeshObject,
+    Palm,
+    Scene,
+    closed_contour,
+    exploration,
+    load_strategy,
+    open_contour,
+    record,
+    render,
+)
 from palpate.render.errors import PoseError, StrategyError
 from palpate.render.playback import pose_insertion
 from palpate.render.playback.pose_insertion import ShiftTest, insert_into_all, insert_poses

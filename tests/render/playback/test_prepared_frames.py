@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from command_line import FAILED, MISUSED, answer, refused
 
-from palpate.datasets import HandMotion, exploration
+from palpate.datasets import HandMotion
 from palpate.datasets.contour_file.unknown_content import unknown_content
 from palpate.datasets.errors import ContourFileError
 from palpate.datasets.focus_files.frame_reader import FrameReader, check_frames
@@ -29,6 +29,7 @@ from palpate.render import (
     Palm,
     PlacedArray,
     closed_contour,
+    exploration,
     play_file,
     prepare_frames,
     record,

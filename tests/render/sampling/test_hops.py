@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from contour_shapes import batch_of, circle, still
 
-from palpate.datasets import exploration
-from palpate.render import IntersectionStrategy, MeshObject, Palm, Stage, closed_contour, render
+from palpate.render import IntersectionStrategy, MeshObject, Palm, Stage, closed_contour, exploration, render
 from palpate.render.sampling.presets import preset
 from palpate.render.sampling.sampler import Sampler, joined, sample_contours
 from palpate.render.sampling.strategy import Gap, LateralModulation, Order, Pace, SamplingStrategy

@@ -5,10 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from palpate.datasets import exploration
 from palpate.datasets.errors import MotionError
-from palpate.render import MeshObject
-from palpate.render.motions.explored import ExploredPoses, HostPoses, explored_rows
+from palpate.render import MeshObject, exploration
+from palpate.render.motions.explorations.explored import ExploredPoses, HostPoses, explored_rows
 from palpate.render.sweeps.make.batch import PoseRange, poses_of
 from palpate.render.sweeps.make.poses import RandomPoses
 

@@ -145,7 +145,7 @@ UNCHANGED = [
 CHANGED = [
     ("kernels/patch.py", '"fuse_fp": False', '"fuse_fp": True'),
     ("render/stages/fill.py", "return ", "return 0, "),
-    ("datasets/motions/exploration.py", "3.0", "4.0"),
+    ("render/motions/explorations/control_points.py", "0.15", "0.25"),
     ("datasets/shapes/dog.py", "0.", "1."),
     ("device/boards/emulator/geometry.py", "0.", "1."),
     ("render/strategies/presets.py", '"', '"x'),

@@ -1,7 +1,5 @@
-"""Explorations over an array: in one workspace, within the facing limit, smooth, as fast as people, strokes alone."""
+"""Explorations over an array: in one workspace, within the facing limit, smooth, as fast as people."""
 
-import hashlib
-import itertools
 import os
 from pathlib import Path
 
@@ -11,25 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from palpate.datasets import exploration, explorer_habits
-from palpate.datasets.errors import MotionError
-from palpate.datasets.motions.exploration_options import check_options
 from palpate.datasets.motions.facing import facing_angles
-from palpate.datasets.motions.over_array import (
-    FACING,
-    WORKSPACE,
-    ExplorerTrial,
-    make_strokes,
-    over_array_path,
-    stroke_counts,
-)
 from palpate.datasets.shapes.built_in import shape_names
-from palpate.render.terminal.wording import Wording
+from palpate.render import exploration
+from palpate.render.motions.explorations.options import WORKSPACE
 
 BOUNDS = np.array([[-0.065, -0.065, 0.135], [0.065, 0.065, 0.265]])
 DATA = os.environ.get("PALPATE_TEST_DATA", "")
 CLIPS = ("HandSplay-110fps", "grab", "rollAndPitchCropped", "test-paddle-rightwards")
-GOLDEN = "4182e2785b8069445e161ccebccc54b36b319cf8d6324ec580c317e1998d4b08"
 SMOOTHED = 5  # frames of a clip, whose tracker is noisy
 
 
@@ -70,7 +57,7 @@ def test_the_motion_is_smooth():
     for explorer in range(4):
         step = []
         for rate in (200.0, 800.0):
-            path = check_options("over-array", explorer).path(BOUNDS, np.arange(20.0 * rate) / rate, 1, lambda *_: None)
+            path = exploration(BOUNDS, 20.0, rate=rate, explorer=explorer).pose.astype(float)
             step.append(np.abs(np.diff(np.diff(path, axis=0) * rate, axis=0)).max(axis=0))
         assert (step[1] < 0.4 * step[0]).all()
 
@@ -88,92 +75,6 @@ def test_seed_and_explorer_change_the_motion_and_the_object_does_not():
     assert all(np.array_equal(pose, motions[0]) for pose in motions)
     others = [exploration("cube", 2.0, seed=seed, explorer=explorer).pose for seed, explorer in ((1, 1), (2, 2))]
     assert not any(np.array_equal(pose, motions[0]) for pose in others)
-
-
-def test_poses_are_what_they_were():
-    """Of version 1 of the model; rounded to 1 um, as libraries may round sines in other ways."""
-    pose = exploration(BOUNDS, duration=20.0, rate=90.0, seed=7, explorer=3).pose[::100].astype(float)
-    assert hashlib.sha256(np.rint(pose * 1e6).astype("<i8").tobytes()).hexdigest() == GOLDEN
-
-
-def test_a_stroke_is_made_without_those_before_it():
-    space = np.array(WORKSPACE)
-    trial = ExplorerTrial(4, 9, explorer_habits(4), space, FACING)
-    visit = np.arange(3)
-    numbers = [(v, s) for v, count in zip(visit, stroke_counts(trial, visit), strict=True) for s in range(count)]
-    lasting = [make_strokes(trial, np.array([v]), np.array([s])) for v, s in numbers]
-    begin = 0
-    for before, own in itertools.pairwise(lasting):
-        begin += int(before.moving[0] + before.pause[0])
-        np.testing.assert_array_equal(before.goal.position, own.start.position)
-        np.testing.assert_array_equal(before.goal.angles, own.start.angles)
-        pose = over_array_path(trial, np.array([0.0, begin / 1e3]), lambda *_: None)[1]
-        assert np.abs(pose[:3] - own.start.position[0]).max() < 1.3e-3  # sway
-    together = make_strokes(trial, *np.array(numbers).T)
-    for k, own in enumerate(lasting):
-        assert (own.moving[0], own.pause[0]) == (together.moving[k], together.pause[k])
-        np.testing.assert_array_equal(own.goal.position[0], together.goal.position[k])
-
-
-def test_visits_enter_from_above_and_the_sides_mostly_the_preferred_one():
-    for explorer in range(1, 9):
-        habits, space = explorer_habits(explorer), np.array(WORKSPACE)
-        trial = ExplorerTrial(explorer, 1, habits, space, FACING)
-        place = make_strokes(trial, np.arange(400), np.zeros(400, int)).start.position
-        sides = {
-            "above": np.isclose(place[:, 2], space[1, 2], atol=2e-3),
-            "front": np.isclose(place[:, 1], space[0, 1], atol=2e-3),
-            "left": np.isclose(place[:, 0], space[0, 0], atol=2e-3),
-            "right": np.isclose(place[:, 0], space[1, 0], atol=2e-3),
-        }
-        assert np.logical_or.reduce(list(sides.values())).all()
-        assert max(sides, key=lambda side: sides[side].sum()) == habits.side
-        assert min(own.mean() for own in sides.values()) > 0.1
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (
-            {"bounds": BOUNDS + np.array([0.5, 0, 0])},
-            r"bounds: the object's box \(0.435 .* 0.265\) m does not meet the workspace \(-0.125",
-        ),
-        (
-            {"model": "over-arrow"},
-            r"model must be one of over-array, around, not 'over-arrow' \(did you mean 'over-array'",
-        ),
-        ({"explorer": -1}, "explorer must be an integer of 0 to 9223372036854775807, got -1"),
-        ({"explorer": 1.5}, "explorer must be an integer"),
-        ({"facing": 60}, "facing must lie in 0.0873..1.57 rad, not 60; 60 degrees are 1.047 rad"),
-        ({"facing": float("nan")}, "facing must lie in"),
-        ({"workspace": [0, 0, 0.1]}, r"workspace must have shape \[2, 3\], got \[3\]"),
-        ({"workspace": [[0, 0, 0.1], [0.1, 0.1, 0.11]]}, "0.02 m apart at least along each axis"),
-        ({"workspace": [[0, 0, 0.01], [0.1, 0.1, 0.2]]}, "workspace must begin at z = 0.06 m .* got 0.01 m"),
-        ({"workspace": [[0, 0, 0.1], [100, 100, 110]]}, "workspace must be finite and within 2 m"),
-        ({"model": "around", "explorer": 1}, "explorer is of the model over-array, not of around"),
-        ({"model": "around", "facing": 1.0}, "facing is of the model over-array"),
-    ],
-)
-def test_bad_options_are_refused_with_value_and_bound(change, said):
-    arguments = {"bounds": BOUNDS, "duration": 1.0, **change}
-    with pytest.raises(MotionError, match=said):
-        exploration(arguments.pop("bounds"), **arguments)
-
-
-def test_an_object_beside_the_workspace_is_told_the_options_that_join_them():
-    """The box of BOUNDS half a metre aside, grown by the 60 mm that a palm of 85 mm reaches."""
-    beside = BOUNDS + np.array([0.5, 0, 0])
-    with pytest.raises(MotionError) as refused:
-        exploration(beside, 1.0)
-    options = Wording(["at", "workspace"])(str(refused.value))
-    asked = (
-        "--at 0 0 0.2 puts its middle over the array, --workspace 0.375 -0.125 0.075 0.625 0.125 0.325 the hand around"
-    )
-    assert asked in options
-    workspace = [float(text) for text in asked.split("--workspace ")[1].split()[:6]]
-    assert exploration(beside, 1.0, workspace=workspace).pose[:, 0].min() > 0.37
-    with pytest.raises(MotionError, match=r"over the array$"):  # no workspace may be farther than 2 m
-        exploration(BOUNDS + np.array([50.0, 0, 0]), 1.0)
 
 
 def test_a_motion_keeps_what_made_it_in_its_file(tmp_path):

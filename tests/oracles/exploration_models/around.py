@@ -1,7 +1,7 @@
 """The exploration around an object as it was first written: one motion, stroke by stroke, each by itself."""
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-VERSION = 1
-"""Of the model: another version makes other poses of the same numbers."""
 INTERVAL = 0.15  # between control points [s]: a hand changes its mind no faster
 MARGIN = 0.06  # the palm's centre stays within the bounds grown by this [m] ...
 FLOOR = 0.06  # ... and this high above the array [m]
@@ -20,17 +18,6 @@ TURN_SPEED = 1.6  # mean angular speed of one stroke at most [rad/s]
 TILT = np.radians(15.0)  # how far the skin strays from facing the object, one sigma [rad]
 TREMOR = 0.0015  # of each control point, one sigma [m], cut off at two
 _NEXT, _AFTER_NEXT = np.array([1, 2, 0]), np.array([2, 0, 1])  # of each axis
-_STROKES_TOLD = 1 << 8  # strokes between two words about progress: a tenth of a second
-_BLOCK = 1 << 16  # poses evaluated at once: bounds the memory of long motions
-
-
-Progress = Callable[[int, int], None]
-"""Takes how much is done and how much there is."""
-
-
-def unheard(done: int, total: int) -> None:
-    """A `Progress` that does nothing."""
-    del done, total
 
 
 class _Space(NamedTuple):
@@ -42,36 +29,19 @@ class _Space(NamedTuple):
     high: Array
 
 
-class _Stroke(NamedTuple):
+class Stroke(NamedTuple):
     """Control points of one stroke: positions [m], shape [control, 3], and quaternions xyzw, shape [control, 4]."""
 
     position: Array
     quaternion: Array
 
 
-def exploration_path(bounds: Array, time: Array, seed: int, progress: Progress = unheard) -> Array:
+def exploration_path(bounds: Array, time: Array, seed: int) -> Array:
     """Poses at the given times [s] of the exploration that `bounds` ([2, 3] [m]) and `seed` define; shape [pose, 7].
 
-    progress: called now and then with how many control points are drawn, and how many there will be.
-
-    The model. A person feels an object in visits. Each visit comes from one direction; every eight visits in a row
-    take the eight octants in random order, at random inside the octant. Fingers point away from the user (+y), or up
-    where the hand comes from the front or the back. A visit is a series of strokes: around the object to a stand-off;
-    on to the surface of the box; two to four sweeps to random depths, from just outside to beyond the middle (nothing
-    resists), half of them followed by lingering of 0.2 to 0.7 s; a little back. The skin faces the way the hand came
-    from the object, tilted and turned anew for each stroke. A stroke has a log-normal mean speed and the minimum-jerk
-    profile of human reaching (Flash and Hogan 1985); tremor is added.
-
-    The path is the uniform cubic B-spline of the strokes' control points, cumulative for quaternions (Kim, Kim and
-    Shin 1995): twice continuously differentiable, inside the convex workspace, and no faster than the control points
-    step. Strokes are drawn one after another from one generator, so a later time never changes an earlier pose.
+    render/motions/explorations/control_points.py describes the model.
     """
-    space = _space(bounds)
-    control = _control_points(space, np.random.default_rng(seed), int(time[-1] / INTERVAL) + 4, progress)
-    poses = np.empty((len(time), 7))
-    for first in range(0, len(time), _BLOCK):
-        poses[first : first + _BLOCK] = _spline(control, time[first : first + _BLOCK])
-    return poses
+    return spline(control_points(bounds, np.random.default_rng(seed), int(time[-1] / INTERVAL) + 4), time)
 
 
 def _space(bounds: Array) -> _Space:
@@ -80,8 +50,9 @@ def _space(bounds: Array) -> _Space:
     return _Space(bounds.mean(axis=0), (bounds[1] - bounds[0]) / 2.0, low, high)
 
 
-def _control_points(space: _Space, rng: np.random.Generator, count: int, progress: Progress) -> _Stroke:
-    """The first `count` control points of all visits, kept in the workspace."""
+def control_points(bounds: Array, rng: np.random.Generator, count: int) -> Stroke:
+    """At least the first `count` control points of all visits, within the workspace."""
+    space = _space(bounds)
     position: list[Array] = []
     quaternion: list[Array] = []
     found = 0
@@ -89,19 +60,17 @@ def _control_points(space: _Space, rng: np.random.Generator, count: int, progres
         position.append(stroke.position)
         quaternion.append(stroke.quaternion)
         found += len(stroke.position)
-        if len(position) % _STROKES_TOLD == 0:
-            progress(min(found, count), count)
         if found >= count:
             break
     # Clipping to a box never lengthens a step, so the limit on speed holds.
-    return _Stroke(np.clip(np.concatenate(position), space.low, space.high), np.concatenate(quaternion))
+    return Stroke(np.clip(np.concatenate(position), space.low, space.high), np.concatenate(quaternion))
 
 
-def _strokes(space: _Space, rng: np.random.Generator) -> Iterator[_Stroke]:
+def _strokes(space: _Space, rng: np.random.Generator) -> Iterator[Stroke]:
     direction = _octant_direction(int(rng.integers(8)), rng)
     here = space.centre + _reach(space, direction, STANDOFF)
     turn = _facing(direction, rng)
-    yield _Stroke(here[None, :], turn[None, :])
+    yield Stroke(here[None, :], turn[None, :])
     for octant in itertools.chain.from_iterable(rng.permutation(8) for _ in itertools.count()):
         direction = _octant_direction(int(octant), rng)
         for stroke in _visit(space, direction, here, turn, rng):
@@ -110,9 +79,9 @@ def _strokes(space: _Space, rng: np.random.Generator) -> Iterator[_Stroke]:
             yield stroke._replace(position=stroke.position + tremor)
 
 
-def _visit(space: _Space, direction: Array, here: Array, turn: Array, rng: np.random.Generator) -> Iterator[_Stroke]:
+def _visit(space: _Space, direction: Array, here: Array, turn: Array, rng: np.random.Generator) -> Iterator[Stroke]:
     """One visit from a direction, beginning at `here` with the orientation `turn`."""
-    stroke = _stroke(_way_around(space, here, direction), turn, _facing(direction, rng), _speed(rng, 0.32))
+    stroke = _stroke(_arc_around(space, here, direction), turn, _facing(direction, rng), _speed(rng, 0.32))
     yield stroke
     deep = _reach(space, direction, 0.0)
     depths = [rng.uniform(0.8, 1.1), *rng.uniform(-0.25, 1.1, int(rng.integers(2, 5)))]  # 0 middle, 1 surface
@@ -122,31 +91,31 @@ def _visit(space: _Space, direction: Array, here: Array, turn: Array, rng: np.ra
         yield stroke
         if index > 0 and rng.random() < 0.5:
             count = max(1, round(rng.uniform(0.2, 0.7) / INTERVAL))
-            yield _Stroke(*(np.tile(rows[-1], (count, 1)) for rows in stroke))
+            yield Stroke(*(np.tile(rows[-1], (count, 1)) for rows in stroke))
     back = stroke.position[-1] + (1.0 - depths[-1]) * deep + direction * rng.uniform(0.01, STANDOFF)
     yield _straight(stroke, back, _facing(direction, rng), _speed(rng, 0.25))
 
 
-def _straight(before: _Stroke, there: Array, goal: Array, speed: float) -> _Stroke:
+def _straight(before: Stroke, there: Array, goal: Array, speed: float) -> Stroke:
     return _stroke(np.stack([before.position[-1], there]), before.quaternion[-1], goal, speed)
 
 
-def _stroke(way: Array, turn: Array, goal: Array, speed: float) -> _Stroke:
+def _stroke(path: Array, turn: Array, goal: Array, speed: float) -> Stroke:
     """Control points along a polyline, first one left out, with the minimum-jerk profile.
 
     The quaternions go on from `turn` without a change of sign, and so does the whole path.
     """
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     rotation = _logarithm(_product(_conjugate(turn), goal))
     seconds = max(length[-1] / speed, _length(rotation).item() / TURN_SPEED)
     count = max(1, int(np.ceil(seconds / INTERVAL)))
     s = np.arange(1, count + 1) / count
     s = s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
-    columns: list[Array] = [np.interp(s * length[-1], length, way[:, axis]) for axis in range(3)]
-    return _Stroke(np.stack(columns, axis=1), _product(turn, _exponential(s[:, None] * rotation)))
+    columns: list[Array] = [np.interp(s * length[-1], length, path[:, axis]) for axis in range(3)]
+    return Stroke(np.stack(columns, axis=1), _product(turn, _exponential(s[:, None] * rotation)))
 
 
-def _way_around(space: _Space, here: Array, direction: Array) -> Array:
+def _arc_around(space: _Space, here: Array, direction: Array) -> Array:
     """Polyline from `here` to the stand-off in `direction`, on the great arc, keeping to grown boxes; [33, 3] [m]."""
     out = here - space.centre
     distance = _length(out).item()
@@ -206,25 +175,27 @@ def _from_axes(axes: Array) -> Array:
     return row / _length(row)
 
 
-def _spline(control: _Stroke, time: Array) -> Array:
+def spline(control: Stroke, time: Array) -> Array:
+    """Poses at times [s] on the uniform cubic B-spline, cumulative for quaternions, shape [pose, 7]."""
     first = np.floor(time / INTERVAL).astype(np.int64)
     u = (time / INTERVAL - first)[:, None]
-    weight = (  # cumulative cubic B-spline basis
+    weight = (
         (5.0 + 3.0 * u - 3.0 * u**2 + u**3) / 6.0,
         (1.0 + 3.0 * u + 3.0 * u**2 - 2.0 * u**3) / 6.0,
         u**3 / 6.0,
     )
-    position = control.position[first].copy()
-    quaternion = control.quaternion[first].copy()
-    near = _Stroke(*(rows[first[0] : first[-1] + 4] for rows in control))  # many poses share the steps between these
-    move = np.diff(near.position, axis=0)
-    turn = _logarithm(_product(_conjugate(near.quaternion[:-1]), near.quaternion[1:]))
-    first -= first[0]
+    position, quaternion = control.position[first].copy(), control.quaternion[first]
+    move, turn = np.diff(control.position, axis=0), turns_between(control.quaternion)
     for step in range(3):
         position += weight[step] * move[first + step]
         quaternion = _product(quaternion, _exponential(weight[step] * turn[first + step]))
     quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
     return np.hstack([position, quaternion])
+
+
+def turns_between(quaternion: Array) -> Array:
+    """Rotation vectors from each orientation to the next [rad], shape [control - 1, 3]."""
+    return _logarithm(_product(_conjugate(quaternion[:-1]), quaternion[1:]))
 
 
 def _product(a: Array, b: Array) -> Array:

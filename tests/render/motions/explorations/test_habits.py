@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from palpate.datasets import explorer_habits
 from palpate.datasets.errors import MotionError
-from palpate.datasets.motions.explorer_habits import SIDES
+from palpate.render import explorer_habits
+from palpate.render.motions.explorations.habits import SIDES
 
 
 def test_a_population_has_the_distributions_of_the_table():

@@ -1,33 +1,31 @@
 """Persons who explore objects over an array: the size of the hand and the habits of each, by number."""
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from ..errors import MotionError
-from .counter_random import bell, uniform
+from ....datasets.errors import MotionError
 
-EXPLORER_MOST = 2**63 - 1
-"""Largest number of an explorer: HDF5 stores it as a signed 64-bit integer."""
+NUMBER_MOST = 2**63 - 1
+"""Largest number of a person and largest seed: HDF5 stores them as signed 64-bit integers."""
 SIDES = ("above", "front", "left", "right")
 """Where a visit enters the workspace from: not from behind, where the user cannot reach, and not through the array."""
 
 PERSON_KEY = 2**64 - 1  # second word of the key of a person's numbers; trials have their seed there, which is less
 BREADTHS = ((0.0904, 0.0042), (0.0794, 0.0038))  # mean and standard deviation of men and women [m]
 LENGTH_SHARE = 100.0 / 85.0  # length of a palm in breadths
-PITCH_SD, ROLL_SD = np.radians(6.0), np.radians(4.5)  # between persons, and again between waypoints [rad]
-YAW_HABIT_SD, YAW_SD = np.radians(20.0), np.radians(6.0)  # between persons; between waypoints [rad]
+PITCH_SD, ROLL_SD, YAW_SD = (math.radians(degrees) for degrees in (6.0, 4.5, 20.0))  # between persons [rad]
 SPEED_LOW, SPEED_HIGH = 0.07, 0.30  # of persons' mean stroke [m/s]
 PAUSE_LOW, PAUSE_HIGH = 0.2, 0.6  # share of strokes that end with a pause, of persons
-PREFERENCE = 0.5  # share of the visits that enter at the preferred side
 
 
 @dataclass(frozen=True)
 class ExplorerHabits:
     """The hand and the habits of one person; `explorer_habits` makes them of a number.
 
-    >>> from palpate.datasets import explorer_habits
+    >>> from palpate.render import explorer_habits
     >>> person = explorer_habits(7)
     >>> person
     ExplorerHabits(palm 78 x 92 mm, 0.10 m/s, from the front)
@@ -74,33 +72,37 @@ def explorer_habits(explorer: int) -> ExplorerHabits:
     bound how far and how fast hands turn and move. Numbers beyond two standard deviations are set to two.
     Raises MotionError for what is no integer of 0 to 2^63 - 1.
 
-    >>> from palpate.datasets import explorer_habits
+    >>> from palpate.render import explorer_habits
     >>> [explorer_habits(number).side for number in range(1, 6)]
     ['right', 'right', 'left', 'above', 'above']
     """
-    require_explorer(explorer)
+    require_whole("explorer", explorer)
     return _habits(int(explorer))
 
 
 @lru_cache(maxsize=4096)  # a sweep asks for the same persons again and again
 def _habits(explorer: int) -> ExplorerHabits:
-    key = (explorer, PERSON_KEY)
-    first = uniform(key, 0)
+    # The generator of the kernels. NumPy adds 1 to the counter first: these are the numbers of the counters 0 to 4.
+    words = np.random.Philox(key=explorer + (PERSON_KEY << 64), counter=2**256 - 1).random_raw(20).reshape(5, 4)
+    uniform = (words >> np.uint64(11)) * 2.0**-53
+    # A sum of four is nearly normal, and needs no logarithm. Its standard deviation is 0.97, as 4 % are set to 2.
+    bell = np.clip((uniform.sum(axis=1) - 2.0) * math.sqrt(3.0), -2.0, 2.0).tolist()
+    first = uniform[0].tolist()
     mean, deviation = BREADTHS[int(2.0 * first[0])]
-    width = mean + deviation * float(bell(key, 1))
+    width = mean + deviation * bell[1]
     return ExplorerHabits(
         palm_width=width,
         palm_length=LENGTH_SHARE * width,
-        pitch=float(PITCH_SD * bell(key, 2)),
-        roll=float(ROLL_SD * bell(key, 3)),
-        yaw=float(YAW_HABIT_SD * bell(key, 4)),
-        speed=float(SPEED_LOW + (SPEED_HIGH - SPEED_LOW) * first[1]),
-        pause_share=float(PAUSE_LOW + (PAUSE_HIGH - PAUSE_LOW) * first[2]),
+        pitch=PITCH_SD * bell[2],
+        roll=ROLL_SD * bell[3],
+        yaw=YAW_SD * bell[4],
+        speed=SPEED_LOW + (SPEED_HIGH - SPEED_LOW) * first[1],
+        pause_share=PAUSE_LOW + (PAUSE_HIGH - PAUSE_LOW) * first[2],
         side=SIDES[int(len(SIDES) * first[3])],
     )
 
 
-def require_explorer(explorer: object) -> None:
-    """Raise MotionError unless it is an integer of 0 to `EXPLORER_MOST`."""
-    if isinstance(explorer, bool) or not isinstance(explorer, int) or not 0 <= explorer <= EXPLORER_MOST:
-        raise MotionError(f"explorer must be an integer of 0 to {EXPLORER_MOST}, got {explorer!r}")
+def require_whole(name: str, value: object) -> None:
+    """Raise MotionError unless it is an integer of 0 to `NUMBER_MOST`."""
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= NUMBER_MOST:
+        raise MotionError(f"{name} must be an integer of 0 to {NUMBER_MOST}, got {value!r}")

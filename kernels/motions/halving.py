@@ -1,8 +1,8 @@
 """Intervals between poses of many motions, halved where another pose is wanted; then all poses in the order of time.
 
 A pose in the middle has the position halfway and the rotation halfway along the shorter arc, in float64, rounded to
-float32. Two ways of computing it, this one and slerp by sines, round alike but where the float64 number is nearly
-halfway between two float32 ones; those poses are listed as doubtful, one in a million, for the caller to decide.
+float32: sums, products and roots alone, which round alike on every processor and GPU. Of two rotations half a turn
+apart, both arcs are as short; the first one's sign decides.
 
 A row is a pose that contours are compared at; the intervals of a level are those between a row and the next. Its key
 orders it: the number of the tracker's pose before it, times 2^32, and the time since, as a share of the interval.
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ..offsets import BLOCK, last_of, scan_counts
+from ..offsets import BLOCK, scan_counts
 from ..patch import EXACT
 
 wp.set_module_options(EXACT)
@@ -23,10 +23,6 @@ wp.set_module_options(EXACT)
 LEVELS_MOST = 32  # of halving; an interval of 30 hours is then shorter than 50 us
 KEY_BITS = wp.constant(wp.int64(LEVELS_MOST))
 ZERO, HALF, ONE, TWO = (wp.constant(wp.float64(value)) for value in (0.0, 0.5, 1.0, 2.0))
-DOUBT = wp.constant(wp.float64(4e-15))  # more than the two ways of computing a unit quaternion differ
-NEARLY_RIGHT = wp.constant(wp.float64(1e-12))  # cosine of an angle at which either arc may count as the shorter
-
-vec5d: Any = wp.types.vector(length=5, dtype=wp.float64)
 
 
 @wp.struct
@@ -47,10 +43,6 @@ class HalvedIntervals:
     """Ends and middles of the intervals: IntervalRows."""
     middle: Any
     """The middles alone."""
-    place: wp.array
-    """Row of each middle, int64."""
-    doubtful: wp.array
-    """Numbers of the middles whose rounding is to be decided, int32."""
 
 
 @wp.func
@@ -63,12 +55,6 @@ def widened(q: wp.quat):
 def summed(x: wp.vec4d):
     """Sum in the order of NumPy."""
     return ((x[0] + x[1]) + x[2]) + x[3]
-
-
-@wp.func
-def is_unsure(x: wp.float64):
-    """Whether a number so near to another may round to another float32 number; 0 is exact in both computations."""
-    return x != ZERO and wp.float32(x - DOUBT) != wp.float32(x + DOUBT)
 
 
 @wp.kernel
@@ -103,22 +89,13 @@ def _count_rows(
 
 @wp.func
 def middle_turn(q: wp.quat, r: wp.quat):
-    """Halfway between two rotations along the shorter arc, and, last, 1 where its rounding is doubtful, else 0."""
+    """Halfway between two rotations along the shorter arc."""
     a = widened(q)
     b = widened(r)
-    cosine = summed(wp.cw_mul(a, b))
-    if cosine < ZERO:
+    if summed(wp.cw_mul(a, b)) < ZERO:
         b = -b
     both = a + b
-    length = wp.sqrt(summed(wp.cw_mul(both, both)))
-    x = both[0] / length
-    y = both[1] / length
-    z = both[2] / length
-    w = both[3] / length
-    doubt = ZERO
-    if wp.abs(cosine) < NEARLY_RIGHT or is_unsure(x) or is_unsure(y) or is_unsure(z) or is_unsure(w):
-        doubt = ONE
-    return vec5d(x, y, z, w, doubt)
+    return both / wp.sqrt(summed(wp.cw_mul(both, both)))
 
 
 @wp.func
@@ -141,8 +118,6 @@ def _halve_intervals(
     # Out:
     out: IntervalRows,
     middle: IntervalRows,
-    place: wp.array[wp.int64],  # of each middle among the rows
-    doubtful: wp.array[wp.int32],  # shape [interval + 1]; their count comes last
 ):
     """Write the ends and the middles of intervals."""
     i = wp.tid()
@@ -156,8 +131,6 @@ def _halve_intervals(
     p = rows.pose[i]
     q = rows.pose[i + 1]
     x = middle_turn(wp.transform_get_rotation(p), wp.transform_get_rotation(q))
-    if x[4] > ZERO:
-        doubtful[wp.atomic_add(doubtful, doubtful.shape[0] - 1, 1)] = wp.int32(k)
     turn = wp.quat(wp.float32(x[0]), wp.float32(x[1]), wp.float32(x[2]), wp.float32(x[3]))
     one = wp.transform_get_translation(p)
     two = wp.transform_get_translation(q)
@@ -168,7 +141,6 @@ def _halve_intervals(
     pose = wp.transform(position, turn)
     time = HALF * (rows.time[i] + rows.time[i + 1])
     key = rows.key[i] + step
-    place[k] = at + wp.int64(1)
     write_row(out, at + wp.int64(1), time, pose, key, wp.uint8(1))
     write_row(middle, k, time, pose, key, wp.uint8(0))
 
@@ -222,12 +194,9 @@ def halve_intervals(rows: Any, far: wp.array, level: int, *, hold: float, least:
     wp.launch(_count_rows, count, inputs=[chosen], outputs=[counted], device=device, block_dim=BLOCK)
     (start,), (total,) = scan_counts(counted)
     out, middle = empty_rows(total, device), empty_rows(middles, device)
-    place = wp.empty(middles, dtype=wp.int64, device=device)
-    doubtful = wp.zeros(middles + 1, dtype=wp.int32, device=device)
     inputs = [rows, chosen, number, start, 1 << (LEVELS_MOST - 1 - level)]
-    outputs = [out, middle, place, doubtful]
-    wp.launch(_halve_intervals, count, inputs=inputs, outputs=outputs, device=device, block_dim=BLOCK)
-    return HalvedIntervals(out, middle, place, doubtful[: last_of(doubtful)])
+    wp.launch(_halve_intervals, count, inputs=inputs, outputs=[out, middle], device=device, block_dim=BLOCK)
+    return HalvedIntervals(out, middle)
 
 
 def ordered_rows(parts: Sequence[Any], motion_start: np.ndarray) -> tuple[wp.array, wp.array, np.ndarray]:

@@ -26,7 +26,7 @@ import warp as wp
 from ...datasets.motions.hand_motion import HandMotion
 from ...datasets.motions.suspicious_values import likely_time_unit
 from ...kernels.metrics.contour_shift import find_shifts
-from ...kernels.motions.halving import HalvedIntervals, given_rows, halve_intervals, ordered_rows
+from ...kernels.motions.halving import given_rows, halve_intervals, ordered_rows
 from ...kernels.offsets import PointLimitError
 from ..errors import PoseError, StrategyError
 from ..hands.hand import Hand
@@ -173,8 +173,8 @@ def insert_into_all(
     """Insert poses into many motions at once, level by level of halving; the poses of each do not depend on the others.
 
     time: of all poses, increasing within a motion [s], shape [pose]; pose: float32, shape [pose, 7], or wp.transform
-    [pose] on the device; motion_start: offsets of motions into poses. hold: see `insert_poses`. Nothing but counts, and
-    one pose in a million, leaves the device, unless the object moves.
+    [pose] on the device; motion_start: offsets of motions into poses. hold: see `insert_poses`. Nothing but counts
+    leaves the device, unless the object moves.
     """
     compared = _compared(time, motion_start, hold)
     for first, stop in itertools.pairwise(motion_start.tolist()):
@@ -186,7 +186,6 @@ def insert_into_all(
         halved = halve_intervals(rows, far, level, hold=HOLD, least=INTERVAL_LEAST)
         if halved is None:
             break
-        _decide_rounding(halved)
         parts.append(halved.middle)
         count += len(halved.middle.time)
         if count > POSES_MOST * (len(motion_start) - 1):
@@ -222,15 +221,3 @@ def _compared(time: np.ndarray, motion_start: np.ndarray, hold: float) -> np.nda
         if len(lasting):
             out[first : stop - 1] = lasting <= max(hold, 2.0 * float(np.median(lasting)))
     return out
-
-
-def _decide_rounding(halved: HalvedIntervals) -> None:
-    """Compute the doubtful middles by slerp, which decides how they are rounded."""
-    if len(halved.doubtful) == 0:
-        return
-    for k in halved.doubtful.numpy().tolist():
-        place = int(halved.place[k : k + 1].numpy()[0])
-        ends = halved.rows.pose[place - 1 : place + 2].numpy()[::2].astype(np.float64)
-        middle = between(np.arange(2.0), ends, np.array([0.5]))
-        halved.middle.pose[k : k + 1].assign(middle)
-        halved.rows.pose[place : place + 1].assign(middle)

@@ -1,4 +1,4 @@
-"""Intervals between poses, halved: the bits of slerp, but where they are listed as doubtful; rows in order of time."""
+"""Intervals between poses, halved: those of slerp by sines, but for a last bit; rows in order of time."""
 
 import itertools
 
@@ -26,24 +26,24 @@ def halved(pose, far, device, *, time=None, compared=None, level=0, hold=1.0, le
 
 
 @pytest.mark.parametrize("spread", [1e-8, 1e-4, 0.1, 2.0])
-def test_middles_have_the_bits_of_slerp_but_where_they_are_doubtful(spread, device):
+def test_middles_are_those_of_slerp_but_for_the_last_bit_of_one_in_a_thousand(spread, device):
     pose = random_poses(3000, spread)
     _, out = halved(pose, np.ones(3000), device)
-    made, doubtful = out.middle.pose.numpy(), out.doubtful.numpy()
+    made = out.middle.pose.numpy()
     assert len(made) == 2999
-    assert len(doubtful) < 3
     wanted = np.array([middle(p, q) for p, q in itertools.pairwise(pose)])
-    sure = np.setdiff1d(np.arange(2999), doubtful)
-    np.testing.assert_array_equal(made[sure], wanted[sure])
+    other = made != wanted
+    assert np.count_nonzero(other) <= 3
+    assert (np.abs(made - wanted)[other] <= np.spacing(np.abs(wanted[other]))).all()
     np.testing.assert_array_equal(out.middle.time.numpy(), np.arange(2999) + 0.5)
 
 
-def test_rotations_half_a_turn_apart_are_doubtful(device):
-    turns = np.array([[0, 0, 0, 1], [1, 0, 0, 0], [0.6, 0, 0, 0.8], [0.6, 0, 0, -0.8]])
-    pose = np.concatenate([np.zeros((4, 3)), turns], axis=1).astype(np.float32)
-    _, out = halved(pose, [1, 1, 1, 0], device)
-    assert out.doubtful.numpy().tolist() == [0]
-    assert out.place.numpy().tolist() == [1, 3, 5]
+def test_of_rotations_half_a_turn_apart_the_signs_decide(device):
+    turns = np.array([[0, 0, 0, 1], [1, 0, 0, 0], [0.6, 0, 0, 0.8], [0.6, 0, 0, -0.8], [-1, 0, 0, 0], [0, 0, 0, 1]])
+    pose = np.concatenate([np.zeros((6, 3)), turns], axis=1).astype(np.float32)
+    _, out = halved(pose, [1, 1, 1, 1, 1, 0], device)
+    found, half = out.middle.pose.numpy()[:, [3, 6]], np.sqrt(0.5)
+    np.testing.assert_allclose(found[[0, 4]], [[half, half], [-half, half]], atol=1e-7)
 
 
 def test_rows_are_the_ends_and_middles_of_chosen_intervals(device):
@@ -54,7 +54,6 @@ def test_rows_are_the_ends_and_middles_of_chosen_intervals(device):
     assert out.rows.time.numpy().tolist() == [0, 0.5, 1, 1.5, 2, 4, 5, 6]
     assert out.rows.compared.numpy().tolist() == [1, 1, 1, 1, 0, 1, 1, 0]
     assert out.middle.time.numpy().tolist() == [0.5, 1.5, 5]
-    np.testing.assert_array_equal(out.place.numpy(), [1, 3, 6])
     times, pose, start = ordered_rows([rows, out.middle], np.array([0, 3, 3, 5, 7]))
     assert times.numpy().tolist() == [0, 0.5, 1, 1.5, 2, 3, 4, 5, 6, 6.15]
     np.testing.assert_array_equal(pose.numpy()[[0, 2, 4]], rows.pose.numpy()[:3])

@@ -200,7 +200,7 @@ def test_old_contours_are_near_the_new_ones_and_a_part_that_appears_may_be_farth
 
 
 def test_motions_together_have_the_poses_of_each_alone(monkeypatch, device):
-    """Also in small batches, and where the middle's rounding is doubtful: two poses half a turn apart."""
+    """Also in small batches, and with two poses half a turn apart, between which both arcs are as short."""
     motions = [sideways(steps) for steps in ([4e-2, 2e-3], [], [2e-4], [2e-2] * 2)]
     pose = motions[3].pose.copy()
     pose[2, 3:] = [-pose[1, 6], pose[1, 5], -pose[1, 4], pose[1, 3]]

@@ -24,7 +24,7 @@ GOLDEN = {
     "over-array": "6343aae115a64dd702793e75d6f57f61f18f04eb08d8731949557a736fe166e4",
     "around": "dbcb9c876851ab013a9d10a797cb82953d3c3335a6828646a3d020afd74d573d",
 }
-# NumPy leaves out instructions that are there, and so does the C library.
+# NumPy leaves out instructions that are there, and so does the C library; LLVM compiles kernels for another processor.
 PROCESSORS = {
     "as it is": {},
     "without AVX-512": {"NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL"},
@@ -32,10 +32,18 @@ PROCESSORS = {
         "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL X86_V3",
         "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX512F,-AVX2,-FMA,-FMA4,-AVX",
         "OPENBLAS_CORETYPE": "Nehalem",
+        "KERNELS_FOR": "x86-64",
     },
+    "AVX2 and fused products": {"KERNELS_FOR": "x86-64-v3"},
 }
 DIGESTS = """
-import hashlib
+import hashlib, os
+import warp
+from palpate.kernels import patch
+if "KERNELS_FOR" in os.environ:
+    warp.config.use_precompiled_headers = False  # they are for the processor that it is
+    for options in (patch.EXACT, patch.SELDOM):
+        options["cpu_compiler_flags"] = "-target-cpu " + os.environ["KERNELS_FOR"]
 from palpate.render import ExploredPoses
 from palpate.render.motions.explorations.explored import explored_rows
 for model in ("over-array", "around"):

@@ -50,9 +50,10 @@ def encode_frames(delay: ArrayLike, amplitude: ArrayLike, *, array: ArrayModel |
         raise FrameError(
             f"amplitude has shape {level.shape}, but delay {turns.shape} takes {turns.shape[:1]} or the same"
         )
-    _require_unit_range("delay", turns, "turns")
-    _require_unit_range("amplitude", level, "of full pressure")
+    require_unit_range("delay", turns, "turns")
+    require_unit_range("amplitude", level, "of full pressure")
     level = level[:, None] if level.ndim == 1 else level
+    layout.bytes_of(model.frame_bytes, model.transducer_count)  # raises ArrayKindError
     frame = np.tile(layout.fixed_bits(model.frame_bytes), (len(turns), 1))
     for start in range(0, len(turns), CHUNK_FRAMES):
         rows = slice(start, start + CHUNK_FRAMES)
@@ -130,7 +131,8 @@ def _whole(frames: NDArray[np.uint8], model: ArrayModel) -> NDArray[np.uint8]:
     return frames
 
 
-def _require_unit_range(name: str, value: NDArray[np.float32], unit: str) -> None:
+def require_unit_range(name: str, value: NDArray[np.float32], unit: str) -> None:
+    """Raise FrameError, with the index, for a value outside 0..1."""
     # NaN fails both comparisons of the extremes, so one test finds it too.
     if value.size == 0 or (value.min() >= 0 and value.max() <= 1):
         return

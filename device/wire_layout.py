@@ -8,10 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from .errors import ArrayKindError
 
 Frames = NDArray[np.uint8]
 Numbers = NDArray[np.float32]
@@ -89,6 +92,7 @@ class Layout:
     """One board's frames: a byte for the delay of each transducer, as a rule another for its level, and fixed bits.
 
     A delay is rounded to the nearest step, half up. Slices go over the bytes of a frame, in the order of the wire.
+    Raises ArrayKindError for a number of steps or levels that does not fit, with the bound.
 
     >>> from palpate.device import encode_frames
     >>> from palpate.device.boards.emulator.layout import LAYOUT
@@ -98,7 +102,7 @@ class Layout:
     """
 
     turn: int
-    """Steps of delay in a turn, 256 at most."""
+    """Steps of delay in a turn: 1..256, or 1..255 without levels' bytes."""
     delay_at: slice
     """Bytes of delays."""
     levels: Levels
@@ -109,6 +113,28 @@ class Layout:
     is_pulse_start: bool = False
     """Whether a delay's byte is the start of a pulse, and levels are widths in the same steps: a pulse narrower than
     the widest starts later by half of what it lacks, so its middle stays."""
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        most = 255 if self.level_at is None else 256
+        if not 1 <= self.turn <= most:
+            raise ArrayKindError(f"turn must lie in 1..{most} steps, not {self.turn}")
+        count, least = self.levels.count, self.levels.least
+        shapes = self.levels.amplitude.shape, self.levels.width.shape
+        if not 1 <= count <= 255 or set(shapes) != {(count + 1,)}:
+            raise ArrayKindError(f"levels must be 1..255, with an amplitude and a width of each and of 0, not {count}")
+        if not (least[0] > 0 and least[-1] <= 1 and (np.diff(least) >= 0).all()):
+            raise ArrayKindError(f"least must rise from above 0 to 1 at most, not from {least[0]:g} to {least[-1]:g}")
+        if count * self.later > self.turn / 2:
+            raise ArrayKindError(f"levels of pulses must be at most turn = {self.turn}, not {count}")
+
+    def bytes_of(self, frame_bytes: int, transducer_count: int) -> tuple[range, range | None]:
+        """Bytes of the delays and of the levels of transducers in a frame.
+
+        Raises ArrayKindError for slices that have not as many, go backwards or overlap, and for fixed bits that belong
+        to delays or levels.
+        """
+        return _bytes_of(self, frame_bytes, transducer_count)
 
     def __repr__(self) -> str:
         """One line."""
@@ -151,3 +177,25 @@ class Layout:
             rows = slice(start, start + _CHUNK_FRAMES)
             table[frames[rows, at]].mean(axis=1, dtype=np.float32, out=mean[rows])
         return mean
+
+
+@lru_cache(maxsize=64)
+def _bytes_of(layout: Layout, frame_bytes: int, transducer_count: int) -> tuple[range, range | None]:
+    found: dict[str, range] = {}
+    for name, at in (("delay_at", layout.delay_at), ("level_at", layout.level_at)):
+        if at is not None:
+            own = found[name] = range(*at.indices(frame_bytes))
+            if len(own) != transducer_count or own.step < 1:
+                raise ArrayKindError(
+                    f"{name} is {at}: {len(own)} bytes of a frame of {frame_bytes}, in steps of {own.step}, but "
+                    f"{transducer_count} transducers need as many, in steps of 1 or more"
+                )
+    delay, level = found["delay_at"], found.get("level_at")
+    if level is not None and (both := set(delay) & set(level)):
+        raise ArrayKindError(f"byte {min(both)} of a frame has a delay and a level")
+    own_bits = (1 << (layout.turn - (layout.level_at is not None)).bit_length()) - 1  # of delays, and of off
+    for byte, bits in layout.fixed.items():
+        taken = own_bits if byte in delay else 0xFF if level is not None and byte in level else 0
+        if not (0 <= byte < frame_bytes and 0 <= bits <= 255) or bits & taken:
+            raise ArrayKindError(f"fixed bits {bits:#x} of byte {byte} do not fit into a frame of {frame_bytes} bytes")
+    return delay, level

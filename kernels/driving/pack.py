@@ -273,8 +273,8 @@ def board_on(
     offset: np.ndarray,
     gain: np.ndarray,
     levels: tuple[np.ndarray, np.ndarray],
-    delay_at: slice,
-    level_at: slice | None,
+    delay_at: range,
+    level_at: range | None,
     fixed: np.ndarray,
     per_metre: float,
     turn: int,
@@ -284,16 +284,18 @@ def board_on(
     """A board on a device; arrays and numbers as `WireBoard` has them, without spare transducers; gain: of each.
 
     levels: least amplitude of each level from 1 on, and amplitude of each from 0 on. delay_at, level_at: bytes of a
-    frame, in the order of transducers. fixed: bits of all bytes, shape [frame_bytes]. Raises ValueError for bytes that
+    frame, in steps of 1 or more, in the order of transducers; None: there are no levels. fixed: bits of all bytes, shape [frame_bytes]. Raises ValueError for bytes that
     are not as many as transducers, and for numbers of steps and levels that a byte cannot hold.
     """
-    count, byte = len(position), np.arange(len(fixed))
+    count, frame_bytes = len(position), len(fixed)
     if not 1 <= turn <= 256 or not 1 <= len(levels[0]) <= 255:
         raise ValueError(f"a turn must have 1..256 steps and 1..255 levels, not {turn} and {len(levels[0])}")
     for name, at in (("delays", delay_at), ("levels", level_at)):
-        if at is not None and (len(byte[at]) != count or (at.step or 1) < 1):
-            raise ValueError(f"{at} of a frame of {len(fixed)} bytes has not the {name} of {count} transducers")
-    spare, used = -count % PLACES, [byte[at] for at in (delay_at, level_at) if at is not None]
+        if at is not None and (len(at) != count or at.step < 1 or not 0 <= at[0] <= at[-1] < frame_bytes):
+            raise ValueError(f"{name} of {count} transducers must be in a frame of {frame_bytes} bytes, not at {at}")
+    if later * len(levels[0]) > turn / 2:
+        raise ValueError(f"pulses that start {later:g} steps later for each of {len(levels[0])} levels leave a turn")
+    spare, used = -count % PLACES, [*delay_at, *(level_at or ())]
     board, device = WireBoard(), wp.get_device(device)
 
     def padded(values: np.ndarray, kind: type) -> wp.array:  # spare transducers repeat the last one
@@ -304,13 +306,13 @@ def board_on(
     if (gain != 1).any():
         board.gain = padded(gain, wp.float32)
     board.level_least, board.level_amplitude = (wp.array(own, dtype=wp.float32, device=device) for own in levels)
-    board.delay_bits = padded(fixed[delay_at], wp.uint8)
-    board.level_bits = padded(fixed[delay_at if level_at is None else level_at], wp.uint8)
-    other = np.setdiff1d(byte, np.concatenate(used))
+    board.delay_bits = padded(fixed[list(delay_at)], wp.uint8)
+    board.level_bits = padded(fixed[list(delay_at if level_at is None else level_at)], wp.uint8)
+    other = np.setdiff1d(np.arange(frame_bytes), used)
     board.other = wp.array(other, dtype=wp.int32, device=device)
     board.other_bits = wp.array(fixed[other], dtype=wp.uint8, device=device)
-    board.count, board.frame_bytes = count, len(fixed)
-    board.delay_begin, board.delay_step = delay_at.start or 0, delay_at.step or 1
-    board.level_begin, board.level_step = (0, 0) if level_at is None else (level_at.start or 0, level_at.step or 1)
+    board.count, board.frame_bytes = count, frame_bytes
+    board.delay_begin, board.delay_step = delay_at.start, delay_at.step
+    board.level_begin, board.level_step = (0, 0) if level_at is None else (level_at.start, level_at.step)
     board.per_metre, board.turn, board.later = per_metre, float(turn), later
     return board

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...device.array import ArrayModel
-from ...device.registry import kind_of
 from ..errors import StrategyError
-from ..playback.drive import Driver
+from ..playback.drive import Driver, require_alike
 from ..playback.focal_points import FocusSource
 
 BYTES_MOST = 4 << 30  # of frames in memory: 7 minutes of 256 transducers at 40 kHz
@@ -47,7 +46,7 @@ class PlayedFrames:
 
 def played_frames(source: FocusSource, driver: Driver) -> PlayedFrames:
     """Frames of all focal points, rounded as each board rounds them."""
-    require_alike(driver.arrays)
+    require_alike(driver.arrays)  # before memory is asked for
     frame_count = source.frame_count
     delay = np.empty((frame_count, driver.transducer_count), np.uint8)
     level = np.zeros(frame_count, np.float32)
@@ -58,14 +57,6 @@ def played_frames(source: FocusSource, driver: Driver) -> PlayedFrames:
         delay[first:stop], level[first:stop] = rounded.delay.numpy(), rounded.amplitude.numpy()
         first = stop
     return PlayedFrames(delay[:first], level[:first], source.update_rate)
-
-
-def require_alike(arrays: Sequence[ArrayModel]) -> None:
-    """Raise StrategyError for arrays that round amplitudes differently: a frame has one amplitude here."""
-    steps = {kind_of(array).layout.levels.count for array in arrays}
-    if len(steps) > 1:
-        names = ", ".join(dict.fromkeys(array.name for array in arrays))
-        raise StrategyError(f"arrays {names} have other steps of amplitude; predict arrays of one kind together")
 
 
 def require_room(frame_count: int, update_rate: float, models: Sequence[ArrayModel]) -> None:

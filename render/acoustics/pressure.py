@@ -12,7 +12,7 @@ from ..errors import StrategyError
 from ..focal_spot import PISTON_RADIUS, SOUND_SPEED
 from ..playback.drive import Drives, round_drives
 from ..validation import require_number
-from .emission import PlayedFrames, require_alike
+from .emission import PlayedFrames
 from .transducers import PRESSURE_AT_1M, Resonance, TransducerSet
 
 NEAREST = 5e-3  # [m] of a point to a transducer's face: nearer, a piston is no point
@@ -127,7 +127,6 @@ def complex_drives(drives: AnyDrives, transducers: TransducerSet, *, quantised: 
         if isinstance(drives, PlayedFrames):
             delay = delay.astype(np.float32) / np.float32(256)
         elif quantised:
-            require_alike(transducers.arrays)
             rounded = round_drives(Drives(delay, level, 0), transducers.arrays)
             delay, level = rounded.delay.numpy() / np.float32(256), rounded.amplitude.numpy()
         turn = np.float32(-2 * np.pi) * (delay - np.rint(delay))

@@ -11,6 +11,7 @@ import warp as wp
 
 from ...datasets.rigid import conjugate, matrix_of
 from ...device.array import ArrayModel
+from ...device.codec import require_unit_range
 from ...device.registry import array_model, kind_of
 from ...kernels import BYTE_STAGES
 from ...kernels.driving.hold import FocalBox, HeldFrames, IntensityRule, hold_points
@@ -20,6 +21,7 @@ from ...kernels.driving.solve import POINTS_MOST, SIZES, solve_points
 from ...kernels.driving.wave import transducers_on
 from ..errors import StrategyError
 from ..focal_spot import PISTON_RADIUS, SOUND_SPEED
+from ..runtime.span_workers import warp_device
 from ..sampling.metrics import FocalPoints
 from ..validation import read_fields, require_choice, require_number
 
@@ -168,7 +170,7 @@ class Driver:
         if len(carriers) != 1:
             raise StrategyError(f"arrays must be at least one and of one carrier, not {carriers} Hz")
         self._step = self._slew_step(carriers[0], update_rate)  # [turns a frame]; None: no limit
-        self.device = device
+        self.device = warp_device(device)
         """Warp's, where kernels run."""
         self.reset()
 
@@ -271,8 +273,8 @@ class Driver:
     def pack(self, focus: FocalPoints, *, rest_start: np.ndarray | None = None) -> PackedFrames:
         """Wire bytes of the next frames, on the device; focus: as for `drive`.
 
-        rest_start: numbers of frames that begin from rest, as after `reset`, where there is one focal point a frame and
-        no slew limit.
+        rest_start: increasing numbers of frames that begin from rest, as after `reset`; raises StrategyError for them
+        where phases follow the frames before: with several focal points a frame, or a slew limit.
 
         >>> from palpate.render import Driver, FocalPoints
         >>> focus = FocalPoints([[0.0, 0.0, 0.2], [0.0, 0.0, 9.0]], [1.0, 1.0])  # the second one is too far
@@ -286,8 +288,9 @@ class Driver:
     def rounded(self, focus: FocalPoints) -> RoundedFrames:
         """The next frames as delays and amplitudes in the boards' steps, their calibration aside, for predictions.
 
-        Instead of `pack`, not beside it: frames depend on those before. Arrays have the same levels.
+        Instead of `pack`, not beside it: frames depend on those before. Raises StrategyError for arrays of other levels.
         """
+        require_alike(self.arrays)
         packed = self._packed(focus, self.plain_boards)
         return _unpacked(packed.frames, self.plain_boards, packed.refused)
 
@@ -296,14 +299,16 @@ class Driver:
         position: Any = focus.position
         intensity: Any = focus.intensity
         if not isinstance(position, wp.array):
-            position, intensity = np.asarray(position, np.float32), np.asarray(intensity, np.float32)
+            position = np.asarray(position, np.float32)
             if position.shape[-1:] != (3,):
                 raise StrategyError(
                     f"position must be [frame, 3] or [frame, 1..{POINTS_MOST}, 3], not {position.shape}"
                 )
             # on the CPU without a copy
             position = wp.array(np.ascontiguousarray(position), dtype=wp.vec3, device=self.device, copy=False)
-            intensity = wp.array(np.ascontiguousarray(intensity), dtype=wp.float32, device=self.device, copy=False)
+        if not isinstance(intensity, wp.array):
+            values = np.ascontiguousarray(intensity, np.float32)
+            intensity = wp.array(values, dtype=wp.float32, device=self.device, copy=False)
         if position.dtype is not wp.vec3 or intensity.dtype is not wp.float32:
             types = f"{position.dtype.__name__}, {intensity.dtype.__name__}"
             raise StrategyError(f"position must be vec3 and intensity float32, not {types}")
@@ -323,6 +328,10 @@ class Driver:
         frames = tuple(wp.empty((count, own.frame_bytes), dtype=wp.uint8, device=self.device) for own in boards)
         amplitude, refused = wp.empty(count, dtype=wp.float32, device=self.device), 0
         is_direct = position.shape[1] == 1 and self._step is None  # bytes need no delays of all arrays before
+        if rest_start is not None:
+            if not is_direct:
+                raise StrategyError("rest_start is for one focal point a frame without a slew limit")
+            rest_start = np.asarray(rest_start, np.int64)
         for rows, held in self._spans(position, intensity, rest_start):
             delay = None if is_direct else self._delays(held)
             for board, frame in zip(boards, frames, strict=True):
@@ -407,8 +416,11 @@ def boards_on(arrays: Sequence[ArrayModel], sound_speed: float, device: str, *, 
     boards, first = [], 0
     for array in arrays:
         layout, order = kind_of(array).layout, array.wire_order
-        if len(order) != array.transducer_count:
-            raise StrategyError(f"{array!r} has {len(order)} places on its wire")
+        delay_at, level_at = layout.bytes_of(array.frame_bytes, array.transducer_count)
+        if not np.array_equal(np.sort(order), np.arange(array.transducer_count)):
+            raise StrategyError(f"the wire order of {array!r} must have each of its transducers once")
+        if not (np.isfinite(array.gain).all() and np.isfinite(array.delay_offset).all()):
+            raise StrategyError(f"gains and delay offsets of {array!r} must be finite")
         boards.append(
             board_on(
                 array.position[order],
@@ -416,8 +428,8 @@ def boards_on(arrays: Sequence[ArrayModel], sound_speed: float, device: str, *, 
                 offset=np.zeros(len(order), np.float32) if plain else array.delay_offset[order],
                 gain=np.ones(len(order), np.float32) if plain else array.gain[order],
                 levels=(layout.levels.least, layout.levels.amplitude),
-                delay_at=layout.delay_at,
-                level_at=layout.level_at,
+                delay_at=delay_at,
+                level_at=level_at,
                 fixed=np.zeros(array.frame_bytes, np.uint8) if plain else layout.fixed_bits(array.frame_bytes),
                 per_metre=array.carrier / sound_speed,
                 turn=layout.turn,
@@ -430,14 +442,32 @@ def boards_on(arrays: Sequence[ArrayModel], sound_speed: float, device: str, *, 
 
 
 def round_drives(drives: Drives, arrays: Sequence[ArrayModel], *, device: str = "cpu") -> RoundedFrames:
-    """Drives of arrays side by side as their boards play them: in their steps, their calibration aside."""
+    """Drives of arrays side by side as their boards play them: in their steps, their calibration aside.
+
+    Raises StrategyError for arrays of other levels and for other shapes, FrameError for a value outside 0..1.
+    """
+    require_alike(arrays)
+    turns, level = np.ascontiguousarray(drives.delay, np.float32), np.ascontiguousarray(drives.amplitude, np.float32)
+    count = sum(array.transducer_count for array in arrays)
+    if turns.ndim != 2 or turns.shape[1] != count or level.shape != turns.shape[:1]:
+        shapes = f"{turns.shape}, {level.shape}"
+        raise StrategyError(f"delay and amplitude must be [frame, {count}] and [frame], not {shapes}")
+    require_unit_range("delay", turns, "turns")
+    require_unit_range("amplitude", level, "of full pressure")
     boards = boards_on(arrays, SOUND_SPEED, device, plain=True)
-    delay = wp.array(np.ascontiguousarray(drives.delay, np.float32), device=device)
-    amplitude = wp.array(np.ascontiguousarray(drives.amplitude, np.float32), device=device)
+    delay, amplitude = wp.array(turns, device=device), wp.array(level, device=device)
     frames = tuple(wp.empty((len(delay), board.frame_bytes), dtype=wp.uint8, device=device) for board in boards)
     for board, frame in zip(boards, frames, strict=True):
         pack_delays(delay, amplitude, board, out=frame)
     return _unpacked(frames, boards, drives.refused)
+
+
+def require_alike(arrays: Sequence[ArrayModel]) -> None:
+    """Raise StrategyError for arrays of other levels: rounded frames have one amplitude for all."""
+    levels = {kind_of(array).layout.levels.amplitude.tobytes() for array in arrays}
+    if len(levels) > 1:
+        names = ", ".join(dict.fromkeys(array.name for array in arrays))
+        raise StrategyError(f"arrays {names} have other steps of amplitude; predict arrays of one kind together")
 
 
 def _unpacked(frames: Sequence[Any], boards: Sequence[Any], refused: int) -> RoundedFrames:

@@ -12,9 +12,9 @@ import numpy as np
 from ...datasets.contour_file.reader import ContourFile
 from ...datasets.focus_files.frame_reader import FrameReader
 from ...device.registry import kind_of
-from ..errors import StrategyError
 from ..sampling.metrics import SamplingCount
 from ..sampling.strategy import SamplingStrategy
+from ..validation import require_number
 from .drive import Driver, DriveStrategy
 from .focal_points import FocusSource
 
@@ -83,16 +83,18 @@ class MadeFrames:
         self.repeats, self.update_rate = repeats, source.update_rate
         self.frame_count = source.frame_count * repeats
         self._source, self._driver, self._file = source, driver, file
-        self._refused = self._switched = 0
+        self._refused = self._switched = self._times = 0
         self._peak = 0.0  # greatest amplitude
         self._switches = sum(kind_of(array).layout.levels.count == 1 for array in driver.arrays)
 
     def __iter__(self) -> Iterator[tuple[array[int], ...]]:
         """Blocks of frames, one array("B") for each array."""
-        for number in range(self.repeats):
+        for _ in range(self.repeats):
+            self._times += 1
+            is_first = self._times == 1
             for focus in self._source:
                 packed = self._driver.pack(focus)
-                if number == 0:
+                if is_first:
                     self._count(packed.amplitude.numpy(), packed.refused)
                 if self._file is not None:
                     self._file.require_unchanged()
@@ -130,9 +132,8 @@ def wire_bytes(rows: np.ndarray) -> array[int]:
 
 
 def require_repeats(repeats: int) -> None:
-    """Raise StrategyError for less than one repetition."""
-    if repeats < 1:
-        raise StrategyError(f"repeats must be at least 1, not {repeats}")
+    """Raise StrategyError for less than one repetition, and for what is no whole number."""
+    require_number("repeats", repeats, 1, 1e9, whole=True)
 
 
 def counted_values(count: SamplingCount, strategy: SamplingStrategy) -> dict[str, Any]:

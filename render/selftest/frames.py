@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from ...device.array import ArrayModel
+from ...device.array import ArrayModel, FocalZone
 from ..focal_spot import SOUND_SPEED
 from ..playback.drive import Driver
 from ..playback.frames import wire_bytes
@@ -16,6 +16,7 @@ from ..sampling.metrics import FocalPoints
 
 FELT = 200.0  # [Hz] of modulation, where Pacinian corpuscles are most sensitive
 BLOCK_SECONDS = 0.05  # of frames in a block: how exactly a stop in the middle is placed
+EVERYWHERE = FocalZone(lateral=10.0, z_min=-10.0, z_max=10.0)  # a self-test plays what it is asked for
 CORNER_HEIGHT = 0.08  # [m] of a quarter's focal point above its middle
 
 
@@ -74,7 +75,7 @@ class Stimulus:
         """Wire bytes, block by block."""
         rate, count = self.update_rate(model), self.frame_count(model)
         size = max(round(BLOCK_SECONDS * rate), 1)
-        driver = Driver(replace(model, gain=model.gain * self.emitting(model)))
+        driver = Driver(replace(model, gain=model.gain * self.emitting(model), focal_zone=EVERYWHERE))
         for first in range(0, count, size):
             frame = np.arange(first, min(first + size, count))
             focus = FocalPoints(self.position(model, frame / rate), self.level(model, frame))

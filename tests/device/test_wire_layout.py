@@ -1,11 +1,12 @@
 """Levels and frames of boards as data: exact thresholds, off frames, what sounds."""
 
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 import pytest
 
-from palpate.device import Levels, array_names, linear_levels, pulse_levels
+from palpate.device import ArrayKindError, Layout, Levels, array_names, linear_levels, pulse_levels
 from palpate.device.registry import array_model, kind_of
 
 
@@ -53,3 +54,45 @@ def test_off_frames_do_not_sound_and_have_the_fixed_bits(name: str) -> None:
     loud = off.copy()
     loud[np.arange(model.frame_bytes)[layout.level_at or layout.delay_at][5]] = 1
     assert layout.emitting(loud[None])[0]
+
+
+PULSES = {"turn": 128, "levels": pulse_levels(64), "is_pulse_start": True}
+PLAIN = {"turn": 256, "delay_at": slice(0, 16), "levels": linear_levels(100), "level_at": slice(16, 32)}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"turn": 257}, r"turn must lie in 1\.\.256 steps, not 257"),
+        ({"turn": 256, "level_at": None}, r"turn must lie in 1\.\.255 steps, not 256"),
+        ({"turn": 0}, r"turn must lie in 1\.\.256 steps, not 0"),
+        ({"levels": linear_levels(256)}, "levels must be 1..255, .* not 256"),
+        ({"levels": Levels(np.ones(3, np.float32), np.zeros(2, np.float32), np.ones(3, np.float32))}, "from 0 to 0"),
+        ({"turn": 64, "levels": linear_levels(255), "is_pulse_start": True}, "at most turn = 64, not 255"),
+    ],
+)
+def test_numbers_that_do_not_fit_are_refused(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ArrayKindError, match=message):
+        Layout(**PLAIN | changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"delay_at": slice(0, 15)}, "delay_at is slice.*: 15 bytes of a frame of 33, in steps of 1, but 16 trans"),
+        ({"level_at": slice(32, 16, -1)}, "level_at is slice.*: 16 bytes of a frame of 33, in steps of -1"),
+        ({"level_at": slice(10, 26)}, "byte 10 of a frame has a delay and a level"),
+        ({"fixed": {33: 1}}, "fixed bits 0x1 of byte 33 do not fit into a frame of 33 bytes"),
+        ({"fixed": {20: 0x80}}, "fixed bits 0x80 of byte 20 do not fit"),
+        ({**PULSES, "fixed": {3: 0x40}}, "fixed bits 0x40 of byte 3 do not fit"),
+    ],
+)
+def test_bytes_that_do_not_fit_are_refused_when_they_are_used(changes: dict[str, Any], message: str) -> None:
+    layout = Layout(**PLAIN | changes)
+    with pytest.raises(ArrayKindError, match=message):
+        layout.bytes_of(33, 16)
+
+
+def test_bytes_may_be_counted_from_the_end_and_delays_may_have_marks() -> None:
+    layout = Layout(**PLAIN | PULSES | {"delay_at": slice(-32, -16), "level_at": slice(-16, None), "fixed": {1: 0x80}})
+    assert layout.bytes_of(33, 16) == (range(1, 17), range(17, 33))

@@ -9,14 +9,14 @@ import numpy as np
 import warp as wp
 
 from ....kernels.acoustics.resonance import DeviceFrames
-from ...acoustics.emission import require_alike, require_room
+from ...acoustics.emission import require_room
 from ...acoustics.field_metrics import PoseMeter, measure_sample
 from ...acoustics.noise import DURATION_LEAST, NoiseListener
 from ...acoustics.transducers import PRESSURE_AT_1M, Resonance
 from ...contour_batch import ContourBatch
 from ...hands.hand import Hand
 from ...hands.mesh_hand import MeshHand
-from ...playback.drive import Driver
+from ...playback.drive import Driver, require_alike
 from ...playback.focal_points import POINTS_A_READ, ContourRows
 from ...playback.placed_arrays import PlacedArray
 from ...sampling.metrics import FocalPoints

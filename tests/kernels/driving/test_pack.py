@@ -25,7 +25,7 @@ def board_of(rng, device, *, places=32, calibrated=True, column=None, **changes)
     }
     fixed = np.zeros(2 * places, np.uint8)
     fixed[0] = MARK
-    grid = {"delay_at": slice(0, places), "level_at": slice(places, 2 * places), "fixed": fixed}
+    grid = {"delay_at": range(places), "level_at": range(places, 2 * places), "fixed": fixed}
     options = {**values, **grid, "levels": PULSES, "turn": 128, "later": 0.5, "per_metre": PER_METRE, **changes}
     return values, board_on(options.pop("position"), options.pop("column"), **options, device=device)
 
@@ -68,7 +68,7 @@ def exact_byte(point, place, per_metre):
 def test_bytes_are_those_of_exact_arithmetic_but_where_a_delay_lies_between_two(device, rng):
     values, board = board_of(
         rng, device, calibrated=False, turn=256, later=0.0, levels=LINEAR,
-        delay_at=slice(0, 64, 2), level_at=slice(1, 64, 2), fixed=np.zeros(64, np.uint8),
+        delay_at=range(0, 64, 2), level_at=range(1, 64, 2), fixed=np.zeros(64, np.uint8),
     )  # fmt: skip
     points = random_points(rng, 40)
     frames = packed(points, np.ones(40), board, device)
@@ -86,7 +86,7 @@ def test_bytes_are_those_of_exact_arithmetic_but_where_a_delay_lies_between_two(
 def test_a_switched_board_has_the_delay_or_off_and_its_marks(device, rng):
     fixed = np.zeros(34, np.uint8)
     fixed[[0, 33]] = 0xFE, 0xFD
-    options = {"turn": 32, "later": 0.0, "levels": SWITCH, "delay_at": slice(1, 33), "level_at": None, "fixed": fixed}
+    options = {"turn": 32, "later": 0.0, "levels": SWITCH, "delay_at": range(1, 33), "level_at": None, "fixed": fixed}
     values, board = board_of(rng, device, **options)
     delay = rng.uniform(0, 1, (100, 32)).astype(np.float32)
     amplitude = rng.uniform(0.4, 1, 100).astype(np.float32)
@@ -146,12 +146,15 @@ def test_what_frames_play_is_read_back(form, device, rng):
     assert np.abs(apart[level.numpy() > 0]).max() <= 0.5 / ways[form].get("turn", 128) + 1e-6
 
 
-def test_bytes_that_are_not_as_many_as_transducers_are_refused(device, rng):
+def test_bytes_and_numbers_that_do_not_fit_are_refused(device, rng):
     for changes, message in (
-        ({"delay_at": slice(0, 31)}, r"slice\(0, 31, None\) of a frame of 64 bytes has not the delays of 32"),
-        ({"level_at": slice(40, 72)}, r"slice\(40, 72, None\) of a frame of 64 bytes has not the levels of 32"),
+        ({"delay_at": range(31)}, r"delays of 32 transducers must be in a frame of 64 bytes, not at range\(0, 31\)"),
+        ({"level_at": range(40, 72)}, r"levels of 32 transducers .*, not at range\(40, 72\)"),
+        ({"level_at": range(63, 31, -1)}, r"levels of 32 transducers .*, not at range\(63, 31, -1\)"),
+        ({"delay_at": range(-32, 0)}, r"delays of 32 transducers .*, not at range\(-32, 0\)"),
         ({"turn": 257}, "1..256 steps and 1..255 levels, not 257 and 64"),
         ({"levels": (np.ones(256), np.ones(257))}, "not 128 and 256"),
+        ({"turn": 32}, "start 0.5 steps later for each of 64 levels leave a turn"),
     ):
         with pytest.raises(ValueError, match=message):
             board_of(rng, device, **changes)

@@ -8,9 +8,24 @@ import warp as wp
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.device import array_model, array_names, encode_frames
+from palpate.device import (
+    ArrayKind,
+    ArrayKindError,
+    FrameError,
+    Layout,
+    array_model,
+    array_names,
+    encode_frames,
+    flat_array,
+    flat_grid,
+    linear_levels,
+    pulse_levels,
+    register_array,
+    remove_array,
+)
 from palpate.render import Driver, DriveStrategy, FocalPoints
 from palpate.render.errors import StrategyError
+from palpate.render.playback import drive as drive_module
 from palpate.render.playback.drive import REST, Drives, round_drives
 
 PLACE = np.array([0.02, -0.01, 0.05, 0.0, 0.17364818, 0.0, 0.98480775])
@@ -103,6 +118,63 @@ def test_a_silent_frame_aims_where_the_last_focal_point_was(device):
     assert drives.refused == 3
 
 
+ODD_LAYOUTS = {
+    "counted from the end": {"turn": 255, "delay_at": slice(-26, -13), "level_at": slice(-13, None)},
+    "interleaved": {
+        "turn": 100,
+        "delay_at": slice(1, 27, 2),
+        "level_at": slice(2, 28, 2),
+        "levels": linear_levels(255),
+    },
+    "pulses": {"turn": 77, "levels": pulse_levels(38), "is_pulse_start": True},
+    "switched": {"turn": 77, "levels": linear_levels(1), "level_at": None},
+}
+
+
+@pytest.mark.parametrize("form", ODD_LAYOUTS)
+def test_arrays_of_other_layouts_have_the_bytes_of_their_drives(form, rng, device):
+    model = flat_array("odd", flat_grid(13, 1, 5e-3), rng.permutation(13), frame_bytes=28, fifo_frames=64)
+    model = replace(model, delay_offset=rng.uniform(-2, 2, 13).astype(np.float32), gain=rng.random(13, np.float32))
+    plain = {"turn": 64, "delay_at": slice(1, 14), "level_at": slice(14, 27), "levels": linear_levels(255)}
+    layout = Layout(**plain | ODD_LAYOUTS[form], fixed={0: 0xA5})
+    register_array(ArrayKind(name="odd", build=lambda: model, layout=layout, open_link=lambda *_: None))
+    try:
+        for foci, slew in ((1, None), (3, None), (1, 0.01)):
+            strategy, focus = DriveStrategy(slew=slew), orbits(rng, foci)
+            first, second = (Driver(model, strategy, update_rate=10e3, device=device) for _ in range(2))
+            drives, (found,) = first.drive(focus), bytes_of(second, focus)
+            np.testing.assert_array_equal(found, encode_frames(drives.delay, drives.amplitude, array=model))
+    finally:
+        remove_array("odd")
+
+
+def test_arrays_that_are_none_are_refused(rng):
+    model = array_model("emulator")
+    for changes, message in (
+        ({"wire_order": np.zeros(256, np.intp)}, "must have each of its transducers once"),
+        ({"gain": np.full(256, np.nan, np.float32)}, "must be finite"),
+        ({"frame_bytes": 500}, r"delay_at is slice\(0, 512, 2\): 250 bytes of a frame of 500"),
+    ):
+        with pytest.raises((StrategyError, ArrayKindError), match=message):
+            Driver(replace(model, **changes)).pack(orbits(rng, 1))
+    with pytest.raises(StrategyError, match="no device 'xyz' on this machine"):
+        Driver("emulator", device="xyz")
+
+
+def test_rounded_frames_are_for_arrays_of_the_same_levels_and_drives_in_bounds(rng):
+    with pytest.raises(StrategyError, match="arrays emulator, sonicsurface have other steps of amplitude"):
+        Driver(["emulator", "sonicsurface"]).rounded(orbits(rng, 1))
+    model, ones = array_model("emulator"), np.ones(2, np.float32)
+    for delay, amplitude, message in (
+        (np.zeros((2, 255)), ones, r"must be \[frame, 256\] and \[frame\], not \(2, 255\), \(2,\)"),
+        (np.zeros((2, 256)), np.ones(1), r"not \(2, 256\), \(1,\)"),
+        (np.full((2, 256), np.nan), ones, r"delay\[0, 0\] is nan, outside 0..1 turns"),
+        (np.zeros((2, 256)), 3 * ones, r"amplitude\[0\] is 3, outside 0..1 of full pressure"),
+    ):
+        with pytest.raises((StrategyError, FrameError), match=message):
+            round_drives(Drives(delay, amplitude, 0), [model])
+
+
 def test_a_point_in_reach_of_any_array_is_driven(device):
     arrays = [array_model("emulator"), array_model("emulator").placed([0.5, 0, 0, 0, 0, 0, 1])]
     place = np.float32([[0.0, 0, 0.2], [0.5, 0, 0.2], [0.25, 0, 0.2]])
@@ -110,7 +182,9 @@ def test_a_point_in_reach_of_any_array_is_driven(device):
     assert (drives.amplitude.tolist(), drives.refused) == ([1, 1, 0], 1)
 
 
-def test_frames_begin_from_rest_where_they_are_told_to(rng, device):
+@pytest.mark.parametrize("at_once", [drive_module.FRAMES_AT_ONCE, 7])
+def test_frames_begin_from_rest_where_they_are_told_to(at_once, rng, device, monkeypatch):
+    monkeypatch.setattr(drive_module, "FRAMES_AT_ONCE", at_once)
     focus, driver = orbits(rng, 1), Driver("pat16", device=device)
     points = wp.array(focus.position[:, 0], dtype=wp.vec3, device=device)
     level = wp.array(focus.intensity[:, 0], dtype=wp.float32, device=device)
@@ -121,6 +195,9 @@ def test_frames_begin_from_rest_where_they_are_told_to(rng, device):
         driver.reset()
         parts.append(driver.pack(FocalPoints(points[first:stop], level[first:stop])).frames[0].numpy())
     np.testing.assert_array_equal(found, np.concatenate(parts))
+    for other in (Driver("pat16", DriveStrategy(slew=0.01), update_rate=10e3), Driver("pat16")):
+        with pytest.raises(StrategyError, match="rest_start is for one focal point a frame without a slew limit"):
+            other.pack(orbits(rng, 1 if other.strategy.slew else 2), rest_start=[3])
 
 
 def steps_of(name, drives):

@@ -288,7 +288,8 @@ class Driver:
     def rounded(self, focus: FocalPoints) -> RoundedFrames:
         """The next frames as delays and amplitudes in the boards' steps, their calibration aside, for predictions.
 
-        Instead of `pack`, not beside it: frames depend on those before. Raises StrategyError for arrays of other levels.
+        Instead of `pack`, not beside it: frames depend on those before. Raises StrategyError for arrays whose levels
+        differ.
         """
         require_alike(self.arrays)
         packed = self._packed(focus, self.plain_boards)

@@ -102,7 +102,7 @@ def test_repeats_play_the_frames_again(frames, contours):
     found, playback = played(frames, repeats=3)
     np.testing.assert_array_equal(found, wanted)
     assert (playback.frames, playback.repeats, playback.count) == (6000, 3, source.count)
-    with pytest.raises(StrategyError, match="repeats must lie in 1.*, not 0"):
+    with pytest.raises(StrategyError, match=r"repeats must lie in 1\.\..*, not 0"):
         play_file(frames, repeats=0)
 
 

@@ -124,7 +124,7 @@ OF_A_BATCH = {
     "a part of a file's batch": (lambda b: load_contours(b.save("n.h5"))[1:3].save("m.h5"), "a part of n.h5"),
     "no sampling": (lambda b: b.sample(None), "sampling must be a SamplingStrategy, or the name or file of one"),
     "an empty part": (lambda b: b[5:5].to_pandas(), "this batch has no poses"),
-    "no repeats": (lambda b: b.play(clock="virtual", repeats=0), "repeats must be at least 1"),
+    "no repeats": (lambda b: b.play(clock="virtual", repeats=0), "repeats must lie in 1.."),
     "a suffix": (lambda b: b.save("tube.txt"), "must end in .h5 or .hdf5"),
     "a missing folder": (lambda b: b.save("no/tube.h5"), "there is no folder"),
     "a picture": (lambda b: b.figure("a.gif"), "one of .png, .svg, .pdf"),

@@ -9,7 +9,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -108,7 +107,7 @@ class Layout:
     levels: Levels
     level_at: slice | None = None
     """Bytes of levels; None: a transducer of level 0 has `turn` for its delay, which is off."""
-    fixed: Mapping[int, int] = field(default_factory=lambda: MappingProxyType({}))
+    fixed: Mapping[int, int] = field(default_factory=dict[int, int])
     """Bits that certain bytes have in every frame."""
     is_pulse_start: bool = False
     """Whether a delay's byte is the start of a pulse, and levels are widths in the same steps: a pulse narrower than

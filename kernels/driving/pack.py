@@ -284,7 +284,7 @@ def board_on(
     """A board on a device; arrays and numbers as `WireBoard` has them, without spare transducers; gain: of each.
 
     levels: least amplitude of each level from 1 on, and amplitude of each from 0 on. delay_at, level_at: bytes of a
-    frame, in steps of 1 or more, in the order of transducers; None: there are no levels. fixed: bits of all bytes, shape
+    frame, in steps of 1 or more, in the order of transducers; None: no levels. fixed: bits of all bytes, shape
     [frame_bytes]. Raises ValueError for bytes that are not as many as transducers or not in a frame, and for numbers of
     steps and levels that a byte cannot hold.
     """

@@ -1,5 +1,6 @@
 """Levels and frames of boards as data: exact thresholds, off frames, what sounds."""
 
+import pickle
 from fractions import Fraction
 from typing import Any
 
@@ -96,3 +97,13 @@ def test_bytes_that_do_not_fit_are_refused_when_they_are_used(changes: dict[str,
 def test_bytes_may_be_counted_from_the_end_and_delays_may_have_marks() -> None:
     layout = Layout(**PLAIN | PULSES | {"delay_at": slice(-32, -16), "level_at": slice(-16, None), "fixed": {1: 0x80}})
     assert layout.bytes_of(33, 16) == (range(1, 17), range(17, 33))
+
+
+@pytest.mark.parametrize("name", array_names())
+def test_a_layout_goes_to_another_process_as_the_watchdog_sends_it(name: str) -> None:
+    layout = kind_of(array_model(name)).layout
+    sent = pickle.loads(pickle.dumps(layout))
+    assert (sent.turn, sent.delay_at, sent.level_at, sent.fixed) == (
+        layout.turn, layout.delay_at, layout.level_at, layout.fixed,
+    )  # fmt: skip
+    np.testing.assert_array_equal(sent.levels.least, layout.levels.least)

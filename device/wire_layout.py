@@ -39,6 +39,17 @@ class Levels:
     width: Numbers
     """Width of the pulse that has the amplitude, in parts of half a period, shape [level + 1]."""
 
+    def __eq__(self, other: object) -> bool:
+        """Whether the same amplitudes have the same levels."""
+        return isinstance(other, Levels) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        """By the values."""
+        return hash(self._key())
+
+    def _key(self) -> tuple[bytes, bytes, bytes]:
+        return self.amplitude.tobytes(), self.least.tobytes(), self.width.tobytes()
+
     def __repr__(self) -> str:
         """One line."""
         return f"Levels({self.count} above off)"
@@ -86,7 +97,7 @@ def _levels(*columns: list[float]) -> Levels:
     return Levels(*(np.array(column, np.float32) for column in columns))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True)
 class Layout:
     """One board's frames: a byte for the delay of each transducer, as a rule another for its level, and fixed bits.
 
@@ -134,6 +145,10 @@ class Layout:
         to delays or levels.
         """
         return _bytes_of(self, frame_bytes, transducer_count)
+
+    def __hash__(self) -> int:
+        """By what can be hashed: slices and dictionaries cannot."""
+        return hash((self.turn, self.levels))
 
     def __repr__(self) -> str:
         """One line."""

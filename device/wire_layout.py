@@ -65,7 +65,7 @@ class Levels:
 
 
 def linear_levels(count: int) -> Levels:
-    """So many levels, linear in pressure, the nearest of which is taken.
+    """So many levels, linear in pressure, the nearest of which is used.
 
     >>> from palpate.device import linear_levels
     >>> linear_levels(4).amplitude.tolist(), linear_levels(4).least.tolist()
@@ -79,7 +79,7 @@ def linear_levels(count: int) -> Levels:
 
 
 def pulse_levels(half: int) -> Levels:
-    """Widths of a pulse up to half a period, which has so many steps; the nearest to 2 / pi asin(a) is taken.
+    """Widths of a pulse up to half a period, which has so many steps; the nearest to 2 / pi asin(a) is used.
 
     >>> from palpate.device import pulse_levels
     >>> pulse_levels(2).width.tolist(), [round(a, 3) for a in pulse_levels(2).amplitude.tolist()]
@@ -209,7 +209,10 @@ def _bytes_of(layout: Layout, frame_bytes: int, transducer_count: int) -> tuple[
         raise ArrayKindError(f"byte {min(both)} of a frame has a delay and a level")
     own_bits = (1 << (layout.turn - (layout.level_at is not None)).bit_length()) - 1  # of delays, and of off
     for byte, bits in layout.fixed.items():
-        taken = own_bits if byte in delay else 0xFF if level is not None and byte in level else 0
-        if not (0 <= byte < frame_bytes and 0 <= bits <= 255) or bits & taken:
-            raise ArrayKindError(f"fixed bits {bits:#x} of byte {byte} do not fit into a frame of {frame_bytes} bytes")
+        used = own_bits if byte in delay else 0xFF if level is not None and byte in level else 0
+        if not (0 <= byte < frame_bytes and 0 <= bits <= 255) or bits & used:
+            raise ArrayKindError(
+                f"fixed bits {bits:#x} of byte {byte} must be of a byte of the frame, 0..{frame_bytes - 1}, and not "
+                f"among its delay's or level's bits {used:#x}"
+            )
     return delay, level

@@ -58,7 +58,7 @@ def run_play(file: Path, options: dict, *, as_json: bool) -> int:
         options["array"], serial=options["serial"], calibration=options["calibration"], baud=options["baud"]
     )
     require_device(options["device"])
-    form, drive = frame_format(file), drive_of(options)
+    form = frame_format(file)
     names = ", ".join(f"{placed.model.name} {placed.serial or ''}".strip() for placed in arrays)
     line_of_progress = bars.playback_line(f"playing {file} to {names}", quiet=as_json, elapsed=console.since_start)
     before = console.since_start()
@@ -67,7 +67,7 @@ def run_play(file: Path, options: dict, *, as_json: bool) -> int:
             file,
             array=arrays,
             sampling=sampling_of(options, arrays, file, form),
-            drive=None if form == WIRE_FRAMES and drive == DriveStrategy() else drive,
+            drive=drive_of(options),
             duration=options["duration"],
             repeats=options["repeats"],
             limits=limits_of(options),

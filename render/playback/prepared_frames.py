@@ -223,7 +223,7 @@ class PreparedFrames:
     ) -> None:
         """Refuse arrays other than those that the frames are for, and another sampling, drive or duration.
 
-        Raises StrategyError.
+        A field of the drive that has its default asks for nothing. Raises StrategyError.
         """
         path = self._file.path
         found = [(placed.model.name, placed.model.wire_identity()) for placed in arrays]
@@ -237,9 +237,10 @@ class PreparedFrames:
         if duration is not None:
             raise StrategyError(f"{path}: holds frames, which are played to their end, so duration cannot be asked for")
         if drive is not None and drive != self.making.drive:
-            made, asked = asdict(self.making.drive), asdict(drive)
-            name = next(name for name in made if made[name] != asked[name])
-            raise StrategyError(f"{path}: holds frames of drives with {name}={made[name]}, not {asked[name]}")
+            made, asked, default = (asdict(one) for one in (self.making.drive, drive, DriveStrategy()))
+            for name in made:
+                if asked[name] not in (made[name], default[name]):
+                    raise StrategyError(f"{path}: holds frames of drives with {name}={made[name]}, not {asked[name]}")
 
 
 def _listed(arrays: Sequence[tuple[str, str]]) -> str:

@@ -9,6 +9,7 @@ from ...device.playing.signals import ending_on_signals
 from ..errors import StrategyError
 from ..playback.file_playback import CLOCKS, Connection
 from ..playback.placed_arrays import PlacedArray, load_rig
+from ..runtime.warp_start import start_warp
 from ..terminal import console
 from ..validation import choose
 from .answers import AT_ALL_TIMES, InputEnded, Questioner, Reply
@@ -24,6 +25,7 @@ def run_acceptance(options: dict, *, as_json: bool) -> int:
     Raises StrategyError for options that mean nothing and for a script's line that is no answer, InputEnded,
     DeviceError and KeyboardInterrupt (PlayInterrupted) as they happen: the array is off and the report kept by then.
     """
+    start_warp()
     placed, connection = _asked_for(options)
     questioner = Questioner()
     session = BoardSession(placed, connection, questioner.note)

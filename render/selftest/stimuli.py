@@ -10,6 +10,7 @@ from ..playback.file_playback import CLOCKS, Connection
 from ..playback.focal_points import PointSource
 from ..playback.frames import MadeFrames
 from ..playback.placed_arrays import load_rig
+from ..runtime.warp_start import start_warp
 from ..sampling.metrics import FocalPoints
 from ..sampling.strategy import SamplingStrategy
 from ..terminal import console
@@ -51,6 +52,7 @@ def stimulus(name: str, height: float, seconds: float, sampling: SamplingStrateg
 
 def run_selftest(options: dict, *, as_json: bool) -> None:
     """Play them all and report."""
+    start_warp()
     if options["overwrite"]:
         raise StrategyError("--overwrite means nothing without --acceptance REPORT.json")
     arrays = load_rig(

@@ -84,9 +84,9 @@ def test_numbers_that_do_not_fit_are_refused(changes: dict[str, Any], message: s
         ({"delay_at": slice(0, 15)}, "delay_at is slice.*: 15 bytes of a frame of 33, in steps of 1, but 16 trans"),
         ({"level_at": slice(32, 16, -1)}, "level_at is slice.*: 16 bytes of a frame of 33, in steps of -1"),
         ({"level_at": slice(10, 26)}, "byte 10 of a frame has a delay and a level"),
-        ({"fixed": {33: 1}}, "fixed bits 0x1 of byte 33 do not fit into a frame of 33 bytes"),
-        ({"fixed": {20: 0x80}}, "fixed bits 0x80 of byte 20 do not fit"),
-        ({**PULSES, "fixed": {3: 0x40}}, "fixed bits 0x40 of byte 3 do not fit"),
+        ({"fixed": {33: 1}}, r"fixed bits 0x1 of byte 33 must be of a byte of the frame, 0\.\.32,"),
+        ({"fixed": {20: 0x80}}, "fixed bits 0x80 of byte 20 must be .* level.s bits 0xff"),
+        ({**PULSES, "fixed": {3: 0x40}}, "fixed bits 0x40 of byte 3 must be .* bits 0x7f"),
     ],
 )
 def test_bytes_that_do_not_fit_are_refused_when_they_are_used(changes: dict[str, Any], message: str) -> None:

@@ -53,7 +53,7 @@ def exploration(
     model: "over-array", a palm in one workspace, whatever the object is, which faces the array
     (`kernels/motions/over_array.py` describes it; bounds only decide whether the object can be reached); or "around", a
     hand that comes to the object from every side, also with its back to the array (described by
-    `render/motions/explorations/control_points.py`), the only model of before version 0.2.
+    `render/motions/explorations/control_points.py`).
     Of "over-array" alone: explorer, which person, by number (`explorer_habits`), by default 1; facing: largest angle
     between the skin's normal and the direction to the array's centre [rad], by default pi / 3; workspace: lowest and
     highest x y z of the palm's centre [m], shape [2, 3], by default 60 mm around and above the paper's 130 mm cube.

@@ -2,7 +2,10 @@
 was written from the documents, and put into a field by `board_field`, in float64. No answer is looked at here.
 """
 
+import json
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -175,3 +178,10 @@ def test_the_array_is_off_after_each_step_and_within_a_tenth_of_a_second_of_a_st
     frames, time_ns = steps["stopping"]
     off_ns = time_ns[np.flatnonzero(amplitudes(array, frames))[-1] + 1]
     assert -200_000_000 < off_ns - stop_ns <= 100_000_000  # it was stopped while it played, or hardly later
+
+
+@pytest.mark.exhaustive
+def test_a_new_process_prints_json_and_nothing_else():
+    words = [sys.executable, "-m", "palpate.render.cli", "selftest", "--emulate", "--clock", "virtual", "--json"]
+    done = subprocess.run([*words, "--duration", "0.1"], check=True, capture_output=True, text=True)
+    assert json.loads(done.stdout)["point_frames"] == 1000

@@ -14,7 +14,7 @@ against the asked ratio, median of the frames, by the case's own model of a tran
 import argparse
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -76,8 +76,7 @@ def grid() -> np.ndarray:
 
 def single_kernel(points: np.ndarray, device: str) -> Ready:
     position, count = grid(), len(points)
-    board = boards_on([array_model("emulator")], SOUND_SPEED, device)[0]
-    board.position = wp.array(position[array_model("emulator").wire_order], dtype=wp.vec3, device=device)
+    (board,) = boards_on((replace(array_model("emulator"), position=position),), SOUND_SPEED, device)
     on_device, amplitude = wp.array(points, dtype=wp.vec3, device=device), wp.full(count, 1.0, device=device)
     out = wp.empty((count, 512), dtype=wp.uint8, device=device)
 

@@ -2,7 +2,7 @@
 
 A delay is made in float32 in one order, ((dx^2 + dy^2) + dz^2) and so on, by additions, products, a root and `floor`
 alone, which IEEE 754 rounds in one way, and is rounded to the nearest step, half up. So a focal point has the same
-bytes on every processor and every GPU. Nothing here may be fused or approximated (EXACT).
+bytes on every processor and GPU: nothing here may be fused or approximated (EXACT; a test reads the code for a GPU).
 """
 
 from typing import Any, NamedTuple

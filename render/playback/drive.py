@@ -139,10 +139,10 @@ class PackedFrames(NamedTuple):
 class Driver:
     """Makes drives and wire bytes of one array, or of several side by side, block after block, by Warp kernels.
 
-    One focal point a frame: the bytes are the same on every processor and GPU. Several, or a slew limit: the same on
-    every processor; a GPU rounds otherwise, so some delays are a step apart. A frame depends on the frames before it
-    (held positions, common phase, slew limit), not on their division into blocks. A silent frame aims where the last
-    one that sounds did.
+    One focal point a frame: the bytes are the same on every processor, and on a GPU, whose code has the same
+    operations. Several, or a slew limit: the same on every processor; a GPU rounds otherwise, so some delays are a step
+    apart. A frame depends on the frames before it (held positions, common phase, slew limit), not on their division
+    into blocks. A focal point that cannot be played aims where it did last.
 
     Raises StrategyError for no array, arrays of different carriers, a slew limit without update rate, and an update
     rate so low that the slew limit has no effect.

@@ -1,5 +1,6 @@
 """Wire bytes made by kernels, against exact arithmetic in float64 and fractions."""
 
+import re
 from fractions import Fraction
 from math import isqrt
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 import warp as wp
 
+from palpate.kernels.driving import pack
 from palpate.kernels.driving.pack import board_on, focus_delays, pack_delays, pack_points, unpack_frames
 
 PER_METRE, MARK = 40_000.0 / 343.0, 0x80
@@ -81,6 +83,17 @@ def test_bytes_are_those_of_exact_arithmetic_but_where_a_delay_lies_between_two(
             near += is_between
             assert byte == exact or (is_between and (byte - exact) % 256 in (1, 255))
     assert near < 40  # of 1,280
+
+
+@pytest.mark.exhaustive
+def test_the_code_for_a_gpu_rounds_each_operation_as_ieee_754_does(tmp_path):
+    """NVRTC's text for an H100: roots are rounded, and nothing is fused, approximated or flushed to zero."""
+    if 90 not in wp.get_cuda_supported_archs():
+        pytest.skip("this Warp has no compiler for an H100")
+    wp.compile_aot_module(pack, device=None, arch=90, module_dir=str(tmp_path), use_ptx=True)
+    (text,) = (path.read_text() for path in tmp_path.rglob("*.ptx"))
+    assert text.count("sqrt.rn.f32") >= 16  # of a point and 16 transducers
+    assert re.findall(r"\bfma\.\S+|\S+\.approx\S*|\S+\.ftz\S*", text) == []
 
 
 def test_a_switched_board_has_the_delay_or_off_and_its_marks(device, rng):

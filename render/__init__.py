@@ -77,7 +77,7 @@ if TYPE_CHECKING:
     from .objects.voxels.voxeliser import voxelise
     from .playback.drive import Driver, DriveStrategy, drive_focus
     from .playback.file_playback import Connection, play_file
-    from .playback.live import Instant
+    from .live.instant import Instant
     from .playback.placed_arrays import PlacedArray, load_rig
     from .playback.prepared_frames import prepare_frames
     from .reports.contour_animation import draw_animation
@@ -153,7 +153,7 @@ _ROOMS = {
     "motions.explorations.habits": "ExplorerHabits explorer_habits",
     "playback.drive": "Driver DriveStrategy drive_focus",
     "playback.file_playback": "Connection play_file",
-    "playback.live": "Instant",
+    "live.instant": "Instant",
     "playback.placed_arrays": "PlacedArray load_rig",
     "playback.prepared_frames": "prepare_frames",
     "reports.contour_animation": "draw_animation",

@@ -177,6 +177,29 @@ class Guard:
             self._silent_since_ns = now_ns
         self._duty_last = 0.0
 
+    def near(self, now_ns: int, share: float) -> list[str]:
+        """Limits of which more than a share is used up, a sentence each that begins with the field."""
+        sentences: list[str] = []
+        limits, is_on = self.limits, self._on_since_ns is not None and self._silent_since_ns is None
+        on_time = (now_ns - (self._on_since_ns or 0)) * 1e-9 if is_on else 0.0
+        if limits.on_time_max is not None and on_time > share * limits.on_time_max:
+            left = max(limits.on_time_max - on_time, 0.0)
+            sentences.append(
+                f"on_time_max: it will be stopped in {left:.0f} s unless it is silent for {limits.pause_min:g} s"
+            )
+        used = self._driven_ns / (limits.duty_window * 1e9)
+        if limits.duty_max is not None and used > share * limits.duty_max:
+            sentences.append(
+                f"duty_max: its mean duty over {limits.duty_window:g} s is {used:.2g}, and it will be stopped above "
+                f"{limits.duty_max:g}"
+            )
+        return sentences
+
+    @property
+    def model(self) -> ArrayModel:
+        """The array."""
+        return self._model
+
     def _hold_until(self, now_ns: int) -> None:
         """The last frame has played on until now; what is older than the window no longer counts."""
         if self._duty_last and now_ns > self._end_ns:

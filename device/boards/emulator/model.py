@@ -156,6 +156,16 @@ class Board:
         """When each of `played` began, by the board's clock [ns], shape [frame]."""
         return self._look(lambda: np.array([began for _, began in self._record], np.int64))
 
+    def began_ns(self, number: int) -> int | None:
+        """When a frame began, by the board's clock [ns]; `number` counts from power-up, 0 for the first one played.
+
+        None before it is played, and for one that is no longer recorded.
+        """
+        with self._lock:
+            self._play_due()
+            place = number - self._frames_played
+            return self._record[place][1] if -len(self._record) <= place < 0 else None
+
     def _look(self, what: Callable[[], T]) -> T:
         with self._lock:
             self._play_due()

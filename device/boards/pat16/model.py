@@ -257,6 +257,16 @@ class PatBoard:
         """When each of `played` began, by the board's clock [ns], shape [frame]."""
         return self._look(lambda: np.array([began for _, began, _ in self._record], np.int64))
 
+    def began_ns(self, number: int) -> int | None:
+        """When a frame began, by the board's clock [ns]; `number` counts from power-up, 0 for the first one played.
+
+        None before it is played, and for one that is no longer recorded.
+        """
+        with self._lock:
+            self._play_until(self.clock.now_ns())
+            place = number - self._frames_played
+            return self._record[place][1] if -len(self._record) <= place < 0 else None
+
     @property
     def lateness_ns(self) -> NDArray[np.int64]:
         """How much later than due each of `played` began [ns], shape [frame]; 0 for a frame that follows silence."""

@@ -32,7 +32,7 @@ from palpate.render.errors import MeshError, PoseError, StrategyError
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand
 from palpate.render.intersection.named_inputs import motion_of
 from palpate.render.intersection.prepared_contours import PreparedContours
-from palpate.render.playback.live import DRAWN_MOST, Instant, checked_pose
+from palpate.render.live.instant import DRAWN_MOST, Instant, checked_pose
 from palpate.render.sampling.sampler import Sampler, sample_bounds, sample_contours
 from palpate.render.sampling.strategy import AmplitudeModulation, LateralModulation, SamplingStrategy
 

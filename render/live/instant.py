@@ -62,13 +62,21 @@ class Instant:
             raise StrategyError(f"interval must lie in {low:g}..{high:g} s, not {interval}")
         sampling = sampling_of(sampling or SamplingStrategy())
         self.interval = interval
+        self._intersection = PreparedContours(solid, hand, strategy)
+        self._rate = sampling.update_rate
+        self.hold = max(sampling.hold, 2.0 * interval)
+        """Age at which a pose starts to fade [s]."""
+        self._restart(sampling)
+
+    def reset(self) -> None:
+        """Forget all poses: the next one is the first."""
+        self._restart(self.sampler.strategy)
+
+    def _restart(self, sampling: SamplingStrategy) -> None:
         self.sampler = Sampler(sampling, revisits=False)
         """Its `count` has what was drawn, revisits left out."""
         self.contours: ContourBatch | None = None
         """Of the last pose, on the host, in memory that the next pose writes over: copy what shall last."""
-        self._intersection = PreparedContours(solid, hand, strategy)
-        self._rate = sampling.update_rate
-        self._hold = max(sampling.hold, 2.0 * interval)
         self._began = 0.0  # when the first pose came [s]
         self._came = 0.0  # when the last one did, from there on [s]
         self._pose = np.zeros(7)
@@ -109,10 +117,10 @@ class Instant:
         self._began, self._came, self._pose = began, time - began, row.astype(np.float64)
         count, age = max(stop - self._drawn, 0), age_at(self._drawn, self._came, self._rate)
         if (struct := self._intersection.struct) is None:
-            focus = self.sampler.draw(contours, self._pose, count, age=age, hold=self._hold)
+            focus = self.sampler.draw(contours, self._pose, count, age=age, hold=self.hold)
         else:
             focus = self.sampler.draw_struct(
-                struct, contours.polyline_count, self._pose, count, age=age, hold=self._hold
+                struct, contours.polyline_count, self._pose, count, age=age, hold=self.hold
             )
         self._drawn += count
         return joined([*late, focus])
@@ -143,7 +151,7 @@ class Instant:
     def _samples(self, stop: int) -> FocalPoints:
         """Samples of the last pose up to sample `stop`."""
         count, age = max(stop - self._drawn, 0), age_at(self._drawn, self._came, self._rate)
-        focus = self.sampler.draw_on(self._pose, count, age=age, hold=self._hold)
+        focus = self.sampler.draw_on(self._pose, count, age=age, hold=self.hold)
         self._drawn += count
         return focus
 

@@ -1,0 +1,138 @@
+"""Memory shared by the process that draws and the one that writes: frames in order, each with its time."""
+
+from __future__ import annotations
+
+import mmap
+import os
+import struct
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+from ..playing.limits import Dose
+
+_HEADER: Final = struct.Struct("<qqqq")  # first, count, pose number or -1, stamp
+_DOSE: Final = struct.Struct("<qqdd")  # first on or -1, last on or -1, sum of duties, last duty
+_CONTROL_BYTES: Final = 4096
+_WRITTEN, _TAKEN, _START_NS = range(3)
+
+
+class Slice(NamedTuple):
+    """Consecutive frames, drawn at a time."""
+
+    first: int
+    """Number of the first one's sample."""
+    count: int
+    pose_number: int | None
+    """The pose that the first of them is the first of; None: they go on with the pose before."""
+    stamp_ns: int
+    """When that pose's hand was there, on the monotonic clock [ns]."""
+    blocks: tuple[memoryview, ...] | None
+    """Frames of each array, in memory that is reused after `done`; None: all are silent."""
+    doses: tuple[Dose, ...]
+    """What they do, of each array."""
+
+
+class FrameRing:
+    """Slices of frames from one process to another, without a lock: one puts, one takes.
+
+    frame_bytes: of each array. frame_count: of a slice at most. slot_count: slices that wait at most. fd: of the memory
+    that another process made; None makes it.
+
+    >>> from palpate.device.live.ring import FrameRing
+    >>> ring = FrameRing((4,), frame_count=2)
+    >>> ring.put(0, 2, [bytes(8)], [])
+    True
+    >>> ring.take().count, ring.take()
+    (2, None)
+    """
+
+    def __init__(
+        self, frame_bytes: Sequence[int], *, frame_count: int, slot_count: int = 64, fd: int | None = None
+    ) -> None:
+        self.frame_bytes, self.frame_count, self.slot_count = tuple(frame_bytes), frame_count, slot_count
+        self._dose_at = _HEADER.size
+        self._data_at = self._dose_at + _DOSE.size * len(self.frame_bytes)
+        self._slot_bytes = self._data_at + frame_count * sum(self.frame_bytes)
+        size = _CONTROL_BYTES + slot_count * self._slot_bytes
+        self.fd = os.memfd_create("palpate-frames") if fd is None else fd
+        if fd is None:
+            os.ftruncate(self.fd, size)
+        self._map = mmap.mmap(self.fd, size)
+        self._memory = memoryview(self._map)
+        self._control = self._memory[:_CONTROL_BYTES].cast("q")
+
+    def put(
+        self,
+        first: int,
+        count: int,
+        blocks: Sequence[bytes | bytearray | memoryview] | None,
+        doses: Sequence[Dose],
+        *,
+        pose_number: int | None = None,
+        stamp_ns: int = 0,
+    ) -> bool:
+        """Add a slice; False, and nothing is added, if the other process has not made room.
+
+        Raises ValueError for more frames than a slot has.
+        """
+        if not 0 < count <= self.frame_count:
+            raise ValueError(f"a slice must have 1..{self.frame_count} frames, not {count}")
+        written = self._control[_WRITTEN]
+        if written - self._control[_TAKEN] >= self.slot_count:
+            return False
+        at = self._slot(written)
+        number = -1 if pose_number is None else pose_number
+        _HEADER.pack_into(self._map, at, first, -count if blocks is None else count, number, stamp_ns)
+        for place, dose in enumerate(doses):
+            on = (-1, -1) if dose.first_on is None or dose.last_on is None else (dose.first_on, dose.last_on)
+            _DOSE.pack_into(self._map, at + self._dose_at + place * _DOSE.size, *on, dose.duty_sum, dose.duty_last)
+        start = at + self._data_at
+        for block in blocks or ():
+            view = memoryview(block).cast("B")
+            self._memory[start : start + len(view)] = view
+            start += len(view)
+        self._control[_WRITTEN] = written + 1  # after the content, which the other process reads from then on
+        return True
+
+    def take(self) -> Slice | None:
+        """The oldest slice that was not taken, in memory that may be written over after `done`; None if there is none."""
+        taken = self._control[_TAKEN]
+        if taken == self._control[_WRITTEN]:
+            return None
+        at = self._slot(taken)
+        first, count, number, stamp_ns = _HEADER.unpack_from(self._map, at)
+        is_silent, count = count < 0, abs(count)
+        doses = []
+        for place in range(len(self.frame_bytes)):
+            first_on, last_on, total, last = _DOSE.unpack_from(self._map, at + self._dose_at + place * _DOSE.size)
+            on = (None, None) if first_on < 0 else (first_on, last_on)
+            doses.append(Dose(count, *on, total, last))
+        blocks, start = [], at + self._data_at
+        for size in () if is_silent else self.frame_bytes:
+            blocks.append(self._memory[start : start + count * size])
+            start += count * size
+        found = None if is_silent else tuple(blocks)
+        return Slice(first, count, None if number < 0 else number, stamp_ns, found, tuple(doses))
+
+    def done(self) -> None:
+        """The slice that `take` gave is no longer needed."""
+        self._control[_TAKEN] += 1
+
+    @property
+    def start_ns(self) -> int:
+        """When sample 0 is due, on the monotonic clock [ns]; 0 before the process that draws has begun."""
+        return self._control[_START_NS]
+
+    @start_ns.setter
+    def start_ns(self, value: int) -> None:
+        self._control[_START_NS] = value
+
+    def close(self) -> None:
+        """Let go of the memory."""
+        self._control.release()
+        self._memory.release()
+        self._map.close()
+        os.close(self.fd)
+
+    def _slot(self, number: int) -> int:
+        return _CONTROL_BYTES + number % self.slot_count * self._slot_bytes

@@ -1,0 +1,148 @@
+"""What a live run is judged by: the time from a hand's place to the first focal point, frames dropped, ages of poses."""
+
+import threading
+from array import array
+from collections import Counter
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Times:
+    """Of some durations [s]: the middle, the 99 % quantile, the longest; NaN of none."""
+
+    p50: float
+    p99: float
+    longest: float
+
+    @classmethod
+    def of(cls, seconds: Any) -> "Times":
+        """Of durations [s]."""
+        if not len(seconds):
+            return cls(np.nan, np.nan, np.nan)
+        p50, p99 = np.quantile(seconds, (0.5, 0.99))
+        return cls(float(p50), float(p99), float(np.max(seconds)))
+
+    def __repr__(self) -> str:
+        """In milliseconds."""
+        return f"Times({self.p50 * 1e3:.1f}, {self.p99 * 1e3:.1f}, {self.longest * 1e3:.1f} ms)"
+
+
+@dataclass(frozen=True)
+class LiveStatistics:
+    """Of a live run, so far or at its end."""
+
+    seconds: float
+    """Since the first focal point [s]."""
+    latency: Times
+    """From the time stamp of a pose to its first focal point [s]."""
+    latency_recent: Times
+    """The same of the last 200 poses."""
+    age: Times
+    """How old the pose is that is played when the next one takes over [s]."""
+    poses: int
+    """Poses whose focal points were played."""
+    superseded: int
+    """Poses that a newer one overtook before they were drawn."""
+    refused: int
+    """Poses that could not be drawn: `faults` says why."""
+    skipped: int
+    """Frames of the tracker that its source left out: late, too many, or wrong."""
+    frames: int
+    """Frames that the array took."""
+    dropped: int
+    """Frames that were not played as drawn: those that came late, and those in whose place the writer faded."""
+    dropped_seconds: int
+    """Seconds of the run in which at least one was."""
+    stalls: int
+    """How often nothing came for longer than the writer's hold."""
+    emission: str
+    """Where the times of focal points come from: "board" (a model of the board says) or "estimate"."""
+    realtime: bool
+    """Whether writer and renderer have real-time scheduling."""
+    pose_seconds: float
+    """What a pose takes from its arrival to its frames, the middle of those tried at the start [s]."""
+    faults: dict[str, int] = field(default_factory=dict)
+    """What went wrong, and how often."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+class LiveCounts:
+    """Gathers statistics from what processes tell; may be asked from another thread.
+
+    Of many poses the last 400,000 count: over an hour.
+    """
+
+    MOST = 400_000
+
+    def __init__(self, *, period: float, emission: str) -> None:
+        self._period, self._emission = period, emission
+        self._lock = threading.Lock()
+        self._latency, self._age = array("d"), array("d")
+        self._stamp_ns: int | None = None  # of the pose that is played
+        self._first_ns = self._last_ns = 0
+        self._seconds: set[int] = set()
+        self._counts: Counter[str] = Counter()
+        self._faults: Counter[str] = Counter()
+        self.realtime = True
+        self.pose_seconds = np.nan
+
+    def add_poses(self, rows: list[list[int]]) -> None:
+        """Numbers, stamps and times of the first focal points [ns]."""
+        with self._lock:
+            for _, stamp_ns, began_ns in rows:
+                self._first_ns = self._first_ns or began_ns
+                self._last_ns = began_ns
+                self._latency.append((began_ns - stamp_ns) * 1e-9)
+                if self._stamp_ns is not None:
+                    self._age.append((began_ns - self._stamp_ns) * 1e-9)
+                self._stamp_ns = stamp_ns
+            if len(self._latency) > 2 * self.MOST:
+                del self._latency[: self.MOST], self._age[: self.MOST]
+
+    def add_skipped(self, rows: list[list[int]]) -> None:
+        """First sample and count of frames that were not played."""
+        with self._lock:
+            for first, count, _ in rows:
+                self._seconds.update(range(int(first * self._period), int((first + count) * self._period) + 1))
+
+    def set_counts(self, counts: dict[str, int]) -> None:
+        """Counts so far, by their names."""
+        with self._lock:
+            self._counts.update(dict.fromkeys(counts, 0))
+            for name, count in counts.items():
+                self._counts[name] = count
+
+    def add_fault(self, text: str) -> None:
+        """Something that went wrong."""
+        with self._lock:
+            if text in self._faults or len(self._faults) < 100:
+                self._faults[text] += 1
+
+    def statistics(self) -> LiveStatistics:
+        """So far."""
+        with self._lock:
+            counts, latency = self._counts, np.array(self._latency)
+            return LiveStatistics(
+                seconds=(self._last_ns - self._first_ns) * 1e-9,
+                latency=Times.of(latency),
+                latency_recent=Times.of(latency[-200:]),
+                age=Times.of(np.array(self._age)),
+                poses=len(latency),
+                superseded=counts["superseded"],
+                refused=counts["refused"],
+                skipped=counts["skipped"],
+                frames=counts["frames"],
+                dropped=counts["late"] + counts["faded"],
+                dropped_seconds=len(self._seconds),
+                stalls=counts["stalls"],
+                emission=self._emission,
+                realtime=self.realtime,
+                pose_seconds=self.pose_seconds,
+                faults=dict(self._faults),
+            )

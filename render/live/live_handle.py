@@ -1,0 +1,236 @@
+"""`Live`: an object, a hand that moves now, an array."""
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from dataclasses import replace
+from types import TracebackType
+from typing import Any, Self, Unpack
+
+from ...device.playing.limits import Limits
+from ..errors import StrategyError
+from ..hands.hand import Hand
+from ..intersection.named_inputs import solid_of
+from ..objects.solid import Solid
+from ..playback.drive import DriveStrategy
+from ..playback.file_playback import Connection, ConnectionFields
+from ..playback.focal_points import sampling_for
+from ..playback.placed_arrays import PlacedArray, arrays_of
+from ..sampling.presets import sampling_of, sets_rate
+from ..sampling.strategy import SamplingStrategy
+from ..strategies.intersection_strategy import IntersectionStrategy, strategy_of
+from .held_arrays import LEAD, HeldArrays
+from .live_counts import LiveStatistics
+from .live_run import LiveRun, require_intensity
+from .recorder import RunRecorder
+from .renderer_process import Rendering
+from .sources.hand_frame import PoseSource
+from .live_source import source_settings
+
+POLL = 0.05  # [s]
+
+
+class Live:
+    """An object on a hand that moves now: from its tracker's poses to the array, in a few milliseconds.
+
+    A context manager: the array is opened when it is made, focal points go out within its context, and the array is off
+    afterwards, whatever ends it. Source, drawing and writing are processes of their own; if this process is killed,
+    they end, and the array is off.
+
+    Args:
+        solid: an object, or a name or file that the command line takes.
+        hand: "palm", "planes" (moved by the source's joints) or "skin" (moved as a whole), or a hand.
+        strategy: an intersection strategy, its name or its JSON file.
+        sampling: a sampling strategy, its name or its JSON file; its update rate is that of the array.
+        source: where poses come from: "exploration", a file of a recording or a motion, "udp", "udp:HOST:PORT",
+            "ultraleap", "ultraleap:ws://HOST:PORT/v6.json", "MODULE:NAME", or a `PoseSource`.
+        array: name of an array, a file of several, or placed arrays.
+        drive: conversion of focal points to drives.
+        lead: how far ahead of the present focal points go to the array [s]. A machine may stall for as long as that
+            before one is dropped; a pose is felt later by as much.
+        intensity: of all focal points, 0..1.
+        limits: of on-time and duty; None: the defaults.
+        record: contour file that everything is saved to at the end; None: nothing is saved.
+        overwrite: whether `record` may replace a file.
+        realtime: whether real-time scheduling is asked for.
+        told: called with sentences on what goes wrong.
+        side, alignment, prediction, smoothing: of the source, see `source_settings`.
+        connection: options of the connection to the arrays; or its fields, such as emulate=True.
+
+    Raises:
+        StrategyError, MeshError, PoseError: what cannot be rendered.
+        DeviceError: an array cannot be opened, or failed (when the context is left).
+
+    >>> from palpate.render import Live
+    >>> with Live("tube", strategy="cc", array="emulator", source="exploration") as live:
+    ...     live.wait(0.5)
+    ...     live.change(solid="cube")
+    ...     live.set_intensity(0.5)
+    ...     live.wait(0.5)
+    >>> live.outcome["off_confirmed"]
+    True
+    """
+
+    def __init__(
+        self,
+        solid: Solid | str,
+        *,
+        hand: Hand | str = "palm",
+        strategy: IntersectionStrategy | str = "cc",
+        sampling: SamplingStrategy | str | None = None,
+        source: str | PoseSource = "exploration",
+        array: str | Sequence[PlacedArray] = "emulator",
+        drive: DriveStrategy | None = None,
+        lead: float = LEAD,
+        intensity: float = 1.0,
+        limits: Limits | None = None,
+        record: str | Path | None = None,
+        overwrite: bool = False,
+        realtime: bool = True,
+        told: Callable[[str], object] | None = None,
+        side: str | None = None,
+        alignment: Any = None,
+        prediction: float = 0.0,
+        smoothing: float = 0.0,
+        connection: Connection | None = None,
+        **fields: Unpack[ConnectionFields],
+    ) -> None:
+        require_intensity(intensity)
+        if connection is not None and fields:
+            raise StrategyError(f"{min(fields)} is a field of connection, which is given, too")
+        path = None if record is None else Path(record)
+        if path is not None and path.exists() and not overwrite:
+            raise StrategyError(f"{path}: exists already; overwrite=True replaces it")
+        arrays = arrays_of(array)
+        solid, sampling = solid_of(solid), sampling_for(sampling, arrays)
+        settings, own_hand = source_settings(
+            source,
+            hand=hand,
+            solid=solid,
+            side=side,
+            alignment=alignment,
+            prediction=prediction,
+            smoothing=smoothing,
+            realtime=realtime,
+        )
+        rendering = Rendering(
+            solid=solid,
+            hand=own_hand,
+            strategy=strategy_of(strategy),
+            sampling=sampling,
+            drive=drive or DriveStrategy(),
+        )
+        self.files: list[Path] = []
+        """What was recorded; several files where the rendering was changed."""
+        self._held = held = HeldArrays(
+            arrays,
+            connection or Connection(**fields),
+            update_rate=sampling.update_rate,
+            lead=lead,
+            limits=limits,
+            realtime=realtime,
+            told=told,
+        )
+        try:
+            self._run = LiveRun(
+                [rendering], settings, held, intensity=intensity, realtime=realtime, is_recorded=path is not None
+            )
+        except BaseException:
+            held.close()
+            raise
+        if path is not None:
+            held.recorder = RunRecorder(
+                path,
+                overwrite=overwrite,
+                source=str(source),
+                array=held.names,
+                lead=lead,
+                realtime=held.counts.realtime,
+                emission=held.emission,
+            )
+
+    def __repr__(self) -> str:
+        """One line."""
+        return f"Live({self._run.rendering.solid.name}, {self.statistics().latency!r})"
+
+    def __enter__(self) -> Self:
+        """Begin: focal points go out with the next pose."""
+        self._run.begin(recorder=self._held.recorder)
+        self._note("began", "")
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        held = self._held
+        if held.is_running:
+            self._run.fade()
+            time.sleep(held.lead)
+        held.close(self._run.end)
+        if held.recorder is not None:
+            self.files = held.recorder.save()
+        if held.error is not None and error is None:
+            raise held.error
+
+    @property
+    def outcome(self) -> dict[str, Any]:
+        """What the writer reported at its end: counts, and of each array whether it is off; empty before."""
+        return self._held.outcome
+
+    def statistics(self) -> LiveStatistics:
+        """So far; after the end, of all."""
+        return self._held.counts.statistics()
+
+    @property
+    def is_running(self) -> bool:
+        """Whether focal points may still go out: no array failed, no limit was reached."""
+        return self._held.is_running
+
+    def wait(self, duration: float) -> None:
+        """Wait for a time [s]; raises what ended the run before."""
+        end = time.monotonic() + duration
+        while (left := end - time.monotonic()) > 0:
+            self._held.require_running()
+            time.sleep(min(left, POLL))
+
+    def change(
+        self,
+        *,
+        solid: Solid | str | None = None,
+        strategy: IntersectionStrategy | str | None = None,
+        sampling: SamplingStrategy | str | None = None,
+        drive: DriveStrategy | None = None,
+    ) -> None:
+        """Render something else from now on, prepared beside what runs; returns when it does.
+
+        Raises what `Live` raises, and StrategyError for a sampling of another update rate; then what runs goes on.
+        """
+        rate = self._run.rendering.sampling.update_rate
+        fields: dict[str, Any] = {
+            "solid": None if solid is None else solid_of(solid),
+            "strategy": None if strategy is None else strategy_of(strategy),
+            "sampling": None if sampling is None else sampling_at(sampling, rate),
+            "drive": drive,
+        }
+        given = {name: value for name, value in fields.items() if value is not None}
+        self._run.change(**given)
+        self._note("change", ", ".join(f"{name} {value!r}" for name, value in given.items()))
+
+    def set_intensity(self, intensity: float) -> None:
+        """Intensity of all focal points, 0..1."""
+        self._run.set_intensity(intensity)
+        self._note("intensity", f"{intensity:g}")
+
+    def _note(self, kind: str, text: str) -> None:
+        if self._held.recorder is not None:
+            self._held.recorder.add_event(time.monotonic(), kind, text)
+
+
+def sampling_at(sampling: SamplingStrategy | str, rate: float) -> SamplingStrategy:
+    """A sampling strategy; names take the rate [Hz] that an array runs at."""
+
+
+
+
+    own = sampling_of(sampling)
+    return own if isinstance(sampling, SamplingStrategy) or sets_rate(sampling) else replace(own, update_rate=rate)

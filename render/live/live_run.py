@@ -1,0 +1,179 @@
+"""A live run on an opened array: a source of poses, the process that draws, its successor when something changes."""
+
+import os
+import threading
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from ..errors import StrategyError
+from ..validation import require_number
+from .drawn_log import PIPE_BYTES, LogReader
+from .held_arrays import HeldArrays
+from .recorder import RunRecorder
+from .renderer_handle import RendererHandle, slow_text
+from .renderer_process import Rendering
+from .sources.source_process import SourceSettings, start_source
+
+NUMBERS_EACH = 1 << 40  # pose numbers of a renderer
+STOP_TIMEOUT = 2.0  # [s]
+
+
+class LiveRun:
+    """Poses of a source, drawn for an array: one of several renderings at a time, or one that changes.
+
+    Raises what a renderer's process failed with.
+    """
+
+    def __init__(
+        self,
+        renderings: Sequence[Rendering],
+        source: SourceSettings,
+        held: HeldArrays,
+        *,
+        intensity: float,
+        realtime: bool,
+        is_recorded: bool,
+    ) -> None:
+        require_intensity(intensity)
+        self._held, self._writer, self._supervisor = held, held.writer, held.supervisor
+        self._realtime, self._is_recorded = realtime, is_recorded
+        self.intensity = intensity
+        self._made = 0  # renderers
+        self._recorder: RunRecorder | None = None
+        self._stopped = threading.Event()
+        self._stopped_at: int | None = None
+        self._changing = threading.Lock()
+        self._source = start_source(source)
+        try:
+            self._renderer = self._prepare(renderings)
+        except BaseException:
+            self._source.close()
+            raise
+        self._renderer.send("listen")
+
+    @property
+    def rendering(self) -> Rendering:
+        """What is rendered, where there is one rendering."""
+        return self._renderer.renderings[0]
+
+    def begin(self, index: int = 0, recorder: RunRecorder | None = None) -> None:
+        """Draw a rendering from the next pose on. recorder: gets all that is drawn."""
+        self._recorder = recorder
+        own = self._renderer
+        own.segment = None if recorder is None else recorder.segment(own.renderings[index])
+        self._writer.ring.start_ns = 0
+        self._writer.send("live")
+        own.send("go", base=None, index=index)
+
+    def change(self, **fields: Any) -> None:
+        """Another object, hand, strategy, sampling or drive, prepared beside what runs, which fades into it in 20 ms.
+
+        Raises StrategyError for a sampling of another update rate, which the array was started with, and what the new
+        rendering is refused for; then what runs goes on.
+        """
+        with self._changing:
+            old = self._renderer
+            rendering = replace(self.rendering, **fields)
+            rate = self.rendering.sampling.update_rate
+            if rendering.sampling.update_rate != rate:
+                raise StrategyError(
+                    f"sampling.update_rate must be {rate:g} Hz, at which the array runs, not "
+                    f"{rendering.sampling.update_rate:g} Hz: end the run to change it"
+                )
+            new = self._prepare([rendering])
+            new.segment = None if self._recorder is None else self._recorder.segment(rendering)
+            self._stopped.clear()
+            old.send("stop", hands_over=True)
+            self._stopped.wait(STOP_TIMEOUT)
+            self._renderer = new
+            new.send("go", base=self._stopped_at)
+            self._end(old)
+
+    def set_intensity(self, intensity: float) -> None:
+        """Intensity of all focal points from now on, 0..1, reached within 10 ms."""
+        require_intensity(intensity)
+        self.intensity = intensity
+        self._renderer.send("intensity", value=intensity)
+
+    def fade(self) -> None:
+        """Fade within 10 ms, and draw nothing more."""
+        self._stopped.clear()
+        self._renderer.send("stop")
+        self._stopped.wait(STOP_TIMEOUT)
+
+    def end(self) -> None:
+        """End the source and the renderer; the writer goes on, silent."""
+        with self._changing:
+            self._end(self._renderer)
+            self._source.close()
+
+    def _prepare(self, renderings: Sequence[Rendering]) -> RendererHandle:
+        """A renderer that is ready."""
+        renderer = RendererHandle(
+            renderings,
+            self._writer,
+            pose_fd=self._source.socket_fd,
+            first_number=self._made * NUMBERS_EACH,
+            intensity=self.intensity,
+            realtime=self._realtime,
+            is_recorded=self._is_recorded,
+        )
+        self._made += 1
+        try:
+            ready = renderer.await_ready()
+        except BaseException:
+            renderer.end()
+            renderer.release()
+            raise
+        self._held.counts.realtime &= ready["realtime"]
+        self._held.counts.pose_seconds = ready["pose_seconds"]
+        names = ", ".join(dict.fromkeys(own.solid.name for own in renderings))
+        if (text := slow_text(names, ready["pose_seconds"], self._writer.pace.lead)) is not None:
+            self._held.tell(text)
+        self._supervisor.watch(renderer.fileno(), lambda: self._hear(renderer))
+        if (log_fd := renderer.log_fd) is not None:
+            reader = LogReader()
+            self._supervisor.watch(log_fd, lambda: _read_log(log_fd, reader, renderer))
+        return renderer
+
+    def _end(self, renderer: RendererHandle) -> None:
+        renderer.end()
+        self._supervisor.settle()
+        self._supervisor.forget(renderer.fileno())
+        if renderer.log_fd is not None:
+            self._supervisor.forget(renderer.log_fd)
+        renderer.release()
+
+    def _hear(self, renderer: RendererHandle) -> bool:
+        for message in renderer.messages():
+            match message.pop("event"):
+                case "began":
+                    if renderer.segment is not None:
+                        renderer.segment.begin(message["base"], self._writer.ring.start_ns)
+                case "stopped":
+                    self._stopped_at = message["at"]
+                    self._stopped.set()
+                case "poses":
+                    self._held.counts.set_counts(message)
+                case "fault":
+                    self._held.counts.add_fault(message["text"])
+                    self._held.tell(message["text"])
+                case "failed":
+                    self._held.tell(f"the process that draws failed: {message['kind']}: {message['text']}")
+                case "gone":
+                    return False
+        return True
+
+
+def _read_log(descriptor: int, reader: LogReader, renderer: RendererHandle) -> bool:
+    data = os.read(descriptor, PIPE_BYTES)
+    for record in reader.feed(data):
+        if renderer.segment is not None:
+            renderer.segment.add(record)
+    return bool(data)
+
+
+def require_intensity(value: float) -> None:
+    """Raise StrategyError for an intensity outside 0..1."""
+    require_number("intensity", value, 0.0, 1.0)

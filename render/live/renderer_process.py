@@ -1,0 +1,446 @@
+"""The process that draws: the newest pose becomes contours, focal points and frames, no further ahead than wanted.
+
+It draws in slices of a millisecond up to `lead` ahead of the present, and at once when a pose comes. So a pose takes
+effect at the first sample that was not drawn before, and nothing that was drawn is ever replaced. While no pose comes,
+the last one is held, fades and is silent, as `SamplingStrategy.hold` and `.fade` say.
+
+| told | |
+|---|---|
+| `go` | begin rendering `index` with the next pose; `base`: the number of its first sample in the ring, None where a run begins |
+| `listen` | take poses of the source already, so that the last one is known |
+| `intensity` | of all focal points from now on, 0..1; reached within 10 ms |
+| `stop` | fade within 10 ms, then draw nothing more; `hands_over`: leave the source's poses to another process |
+| `end` | the end of the process |
+
+| tells | |
+|---|---|
+| `ready` | prepared: how long a pose takes, and whether the process is scheduled in real time |
+| `poses` | counts of poses that were drawn, superseded, refused or lost, a few times a second |
+| `fault` | what is wrong with the source or a pose |
+| `began` | the number of the first sample in the ring |
+| `stopped` | the number of the first sample in the ring that was not drawn |
+| `failed` | kind of the error and its sentence |
+"""
+
+import json
+import os
+import pickle
+import select
+import signal
+import socket
+import sys
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...datasets.errors import DatasetError
+from ...datasets.motions.hand_motion import PALM_DOWN
+from ...device.array import ArrayModel
+from ...device.array_kind import ArrayKind
+from ...device.live.realtime import RENDERER_PRIORITY, enter_realtime, stop_collecting
+from ...device.live.ring import FrameRing
+from ...device.playing.limits import Guard, Limits
+from ...device.registry import array_kinds, register_array
+from ..errors import RenderError
+from ..hands.hand import Hand
+from ..hands.plane_hand import PlaneHand
+from ..objects.solid import Solid
+from ..playback.drive import Driver, DriveStrategy
+from ..runtime.warp_start import start_warp
+from ..sampling.metrics import FocalPoints
+from ..sampling.strategy import SamplingStrategy
+from ..strategies.intersection_strategy import IntersectionStrategy
+from .drawn_log import DrawnLog, DrawnPoints, DrawnPose
+from .instant import Instant, checked_pose
+from .sources.messages import PoseMessage, received_messages
+
+SLICE_NS = 1_000_000  # between slices while no pose comes
+FRESH_NS = 30_000_000  # a pose so young is where the hand is
+START_NS = 2_000_000  # from the first pose to sample 0
+RAMP = 10e-3  # [s] in which an intensity changes
+STATE_PERIOD = 0.25  # [s]
+TRIED_POSES = 40
+QUICK_SHARE = 0.5  # of the lead that a pose may take
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rendering:
+    """What is rendered."""
+
+    solid: Solid
+    hand: Hand
+    strategy: IntersectionStrategy
+    sampling: SamplingStrategy
+    drive: DriveStrategy
+
+
+@dataclass(frozen=True, kw_only=True)
+class RendererSettings:
+    """All that the process is started with."""
+
+    renderings: tuple[Rendering, ...]
+    kinds: tuple[ArrayKind, ...]
+    arrays: tuple[ArrayModel, ...]
+    lead: float
+    intensity: float
+    first_number: int
+    """Of its poses; numbers of all processes of a run differ."""
+    realtime: bool
+    slice_frames: int
+    ring_fd: int
+    wake_fd: int
+    pose_fd: int
+    control_fd: int
+    log_fd: int | None
+
+
+class LiveRenderer:
+    """Draws poses into a ring; `step` is called when something came, or when it says so.
+
+    clock_ns: gives the time [ns]; a test passes one of its own.
+    """
+
+    def __init__(
+        self, settings: RendererSettings, ring: FrameRing, log: DrawnLog | None, *, clock_ns: Any = time.monotonic_ns
+    ) -> None:
+        self.counts = {"drawn": 0, "superseded": 0, "refused": 0, "skipped": 0, "slices_lost": 0}
+        self.faults: list[str] = []
+        self._settings, self._ring, self._log, self._clock_ns = settings, ring, log, clock_ns
+        (self._rate,) = {own.sampling.update_rate for own in settings.renderings}
+        self._period_ns = round(1e9 / self._rate)
+        self._lead_ns = round(settings.lead * 1e9)
+        self._guards = [Guard(Limits(on_time_max=None, duty_max=None), model) for model in settings.arrays]
+        self._base: int | None = None  # number in the ring of sample 0; None: not begun
+        self._drawn = 0  # samples
+        self._pose_number = settings.first_number
+        self._newest: PoseMessage | None = None
+        self._wanted = self._gain = settings.intensity
+        self._is_stopping = False
+        self._was_silent = True
+        self._asked_base: int | None = None
+        self._is_waiting = False  # for the first pose, from which it draws
+        self._all = [self._made(own) for own in settings.renderings]
+        self._instant, self._driver = self._all[0]
+
+    def _made(self, own: Rendering) -> tuple[Instant, Driver]:
+        instant = Instant(own.solid, own.hand, own.strategy, own.sampling)
+        return instant, Driver(self._settings.arrays, own.drive, update_rate=self._rate)
+
+    def try_poses(self) -> dict[str, float]:
+        """Draw poses about the objects' middles, so that memory and code are there; how long the slowest takes [s]."""
+        tried = [self._tried(own, *made) for own, made in zip(self._settings.renderings, self._all, strict=True)]
+        p50, longest = np.max(tried, axis=0).tolist()
+        return {"pose_seconds": p50, "pose_seconds_max": longest}
+
+    def _tried(self, own: Rendering, instant: Instant, driver: Driver) -> tuple[float, float]:
+        """Middle and longest duration of a pose [s]."""
+        self._driver = driver
+        middle = own.solid.bounds.mean(axis=0)
+        rng, times = np.random.default_rng(0), []
+        is_articulated = isinstance(own.hand, PlaneHand) and own.hand.patch_pose is not None
+        patch_pose = own.hand.patch_pose[0] if is_articulated else None
+        count = max(1, SLICE_NS // self._period_ns)
+        for number in range(TRIED_POSES):
+            offset = np.diff(own.solid.bounds, axis=0)[0] * rng.uniform(-0.3, 0.3, 3)
+            began = time.perf_counter()
+            focus = instant.draw(
+                np.array([*(middle + offset), *PALM_DOWN]),
+                time=number * count / self._rate,
+                until=(number + 1) * count / self._rate,
+                patch_pose=patch_pose,
+            )
+            self._packed(focus)
+            times.append(time.perf_counter() - began)
+        instant.reset()
+        driver.reset()
+        warm = sorted(times[TRIED_POSES // 4 :])
+        return warm[len(warm) // 2], warm[-1]
+
+    def begin(self, base: int | None, index: int = 0) -> None:
+        """Draw a rendering from the next pose on, or from one that is fresh."""
+        self._instant, self._driver = self._all[index]
+        self._base, self._drawn, self._asked_base = None, 0, base
+        self._gain = self._wanted = self._settings.intensity
+        self._is_waiting, self._is_stopping, self._was_silent = True, False, True
+        if self._newest is not None and self._clock_ns() - self._newest.stamp_ns > FRESH_NS:
+            self._newest = None
+
+    def rest(self) -> None:
+        """Be ready to begin again."""
+        for instant, driver in self._all:
+            if instant.contours is not None:
+                instant.reset()
+                driver.reset()
+
+    def stop(self) -> None:
+        """Fade, then draw nothing more."""
+        self._wanted, self._is_stopping = 0.0, True
+
+    def set_intensity(self, value: float) -> None:
+        """Intensity of all focal points from now on."""
+        self._wanted = value
+
+    @property
+    def base(self) -> int | None:
+        """Number in the ring of sample 0; None before it."""
+        return self._base
+
+    @property
+    def stopped_at(self) -> int | None:
+        """Number in the ring of the first sample that is not drawn any more, once all has faded."""
+        if not self._is_stopping or (self._base is not None and self._gain > 0):
+            return None
+        return self._drawn + (self._base or 0)
+
+    def take(self, messages: list[PoseMessage]) -> None:
+        """Note what the source has sent: the newest pose wins."""
+        for message in messages:
+            self.counts["skipped"] += message.skipped
+            if message.fault:
+                self.faults.append(message.fault)
+            if message.pose is not None:
+                self.counts["superseded"] += self._newest is not None and self._base is not None
+                self._newest = message
+
+    def step(self) -> int:
+        """Draw what is wanted by now; returns when to be called again at the latest [ns]."""
+        now_ns = self._clock_ns()
+        if self._log is not None:
+            self._log.flush()
+        if self._base is None and not self._start(now_ns):
+            return now_ns + round(STATE_PERIOD * 1e9)
+        if self.stopped_at is not None:
+            return now_ns + round(STATE_PERIOD * 1e9)
+        until = self._due(now_ns + self._lead_ns)
+        while self._drawn < until:
+            late = min(self._due(now_ns) - self._drawn, round(self._rate))
+            if late > 0 and self._instant.contours is not None:
+                self._draw_late(self._drawn + late)
+            else:
+                self._draw(min(until, self._drawn + self._settings.slice_frames))
+            if self._base is None:
+                return now_ns + round(STATE_PERIOD * 1e9)
+        return self._start_ns + (self._drawn * self._period_ns) - self._lead_ns + SLICE_NS
+
+    def _start(self, now_ns: int) -> bool:
+        """Begin with the first pose; False while there is none."""
+        if self._newest is None or not self._is_waiting:
+            return False
+        self._is_waiting = False
+        if self._asked_base is None:
+            self._base = 0
+            self._ring.start_ns = now_ns + START_NS
+        else:
+            passed = -((self._ring.start_ns - now_ns - self._lead_ns) // self._period_ns)
+            self._base, self._gain = max(self._asked_base, passed), 0.0
+        self._start_ns = self._ring.start_ns + self._base * self._period_ns
+        return True
+
+    def _due(self, time_ns: int) -> int:
+        """Samples that are due before a time [ns]."""
+        return -((self._start_ns - time_ns) // self._period_ns)
+
+    def _draw_late(self, stop: int) -> None:
+        """Draw what is too late to be played, so that what follows is what it would have been; nothing is packed."""
+        focus = self._instant.go_on(stop / self._rate)
+        if self._log is not None:
+            self._log.add_points(DrawnPoints(self._drawn, *focus, self._gains(stop - self._drawn)))
+        self._drawn = stop
+
+    def _draw(self, stop: int) -> None:
+        """Draw and hand over up to a sample, the newest pose from the first of them on."""
+        first, message, number, stamp_ns = self._drawn, self._newest, None, 0
+        focus: FocalPoints | None = None
+        if message is not None and message.pose is not None:
+            self._newest = None
+            try:
+                pose = settled_pose(message.pose)
+                focus = self._instant.draw(
+                    pose, time=first / self._rate, until=stop / self._rate, patch_pose=message.patch_pose
+                )
+                number, stamp_ns = self._pose_number, message.stamp_ns
+                self._pose_number += 1
+                self.counts["drawn"] += 1
+                if self._log is not None:
+                    self._log.add_pose(DrawnPose(first, number, stamp_ns, pose, message.patch_pose))
+            except (RenderError, DatasetError) as error:
+                self.counts["refused"] += 1
+                self.faults.append(str(error))
+        if focus is None:
+            if self._instant.contours is None:  # the first pose was refused: wait for another
+                self._base, self._is_waiting = None, True
+                return
+            focus = self._instant.go_on(stop / self._rate)
+        self._drawn = stop
+        gain = self._gains(stop - first)
+        if self._log is not None:
+            self._log.add_points(DrawnPoints(first, *focus, gain))
+        self._put(first, focus, gain, number, stamp_ns)
+
+    def _gains(self, count: int) -> np.ndarray | None:
+        """The person's intensity for the next samples; None where it is 1."""
+        if self._gain == self._wanted == 1.0:
+            return None
+        step = (1.0 if self._wanted > self._gain else -1.0) / (RAMP * self._rate)
+        ramp = self._gain + step * np.arange(1, count + 1)
+        low, high = sorted((self._gain, self._wanted))
+        gains = np.clip(ramp, low, high)
+        self._gain = float(gains[-1])
+        return gains.astype(np.float32)
+
+    def _put(self, first: int, focus: FocalPoints, gain: np.ndarray | None, number: int | None, stamp_ns: int) -> None:
+        """Hand samples to the writer."""
+        if gain is not None:
+            shaped = gain.reshape(-1, *[1] * (focus.intensity.ndim - 1))
+            focus = focus._replace(intensity=focus.intensity * shaped)
+        at = first + (self._base or 0)
+        count = len(focus.intensity)
+        if focus.intensity.any():
+            if self._was_silent:
+                self._driver.reset()  # no frame comes from what was before the silence
+            blocks, doses = self._packed(focus)
+            self._was_silent = False
+        else:
+            blocks, doses = None, ()
+            self._was_silent = True
+        most = self._settings.slice_frames
+        for start in range(0, count, most):
+            end = min(start + most, count)
+            part = blocks if blocks is None or count <= most else [block[start:end] for block in blocks]
+            own = doses if count <= most or blocks is None else self._doses(part)
+            is_put = self._ring.put(
+                at + start, end - start, part, own, pose_number=number if start == 0 else None, stamp_ns=stamp_ns
+            )
+            self.counts["slices_lost"] += not is_put
+        os.eventfd_write(self._settings.wake_fd, 1)
+
+    def _packed(self, focus: FocalPoints) -> tuple[list[Any], list[Any]]:
+        """Wire bytes for each array, shape [frame, frame_bytes], and what they do."""
+        blocks = [frames.numpy() for frames in self._driver.pack(focus).frames]
+        return blocks, self._doses(blocks)
+
+    def _doses(self, blocks: Any) -> list[Any]:
+        return [guard.measure(block, len(block))[0] for guard, block in zip(self._guards, blocks, strict=True)]
+
+
+def settled_pose(pose: np.ndarray) -> np.ndarray:
+    """A pose as `motion_of` leaves it however often it is applied: a file's pose is checked again where it is drawn."""
+    row = checked_pose(pose)
+    for _ in range(4):
+        again = checked_pose(row)
+        if np.array_equal(again, row):
+            break
+        row = again
+    return row
+
+
+class _Process:
+    """The process's loop: what comes from the source and from the parent."""
+
+    def __init__(self, settings: RendererSettings) -> None:
+        self._settings = settings
+        self._control = socket.socket(fileno=settings.control_fd)
+        self._control.setblocking(False)
+        os.set_blocking(settings.pose_fd, False)
+        self._is_ending = False
+        self._listens = self._is_asked = self._is_stopping = False
+        self._state_at = 0.0
+
+    def run(self) -> None:
+        own = self._settings
+        try:
+            ring = FrameRing([model.frame_bytes for model in own.arrays], frame_count=own.slice_frames, fd=own.ring_fd)
+            log = None if own.log_fd is None else DrawnLog(own.log_fd)
+            self._renderer = renderer = LiveRenderer(own, ring, log)
+            cost = renderer.try_poses()
+            is_realtime = own.realtime and enter_realtime(RENDERER_PRIORITY)
+            stop_collecting()
+            self._tell("ready", realtime=is_realtime, **cost)
+            self._loop(renderer)
+        except Exception as error:  # whatever it is, the parent is told: the writer switches off by itself
+            self._tell("failed", kind=type(error).__name__, text=str(error) or type(error).__name__)
+
+    def _loop(self, renderer: LiveRenderer) -> None:
+        own = self._settings
+        while not self._is_ending:
+            next_ns = renderer.step()
+            if renderer.base is not None and self._is_asked:
+                self._is_asked = False
+                self._tell("began", base=renderer.base)
+            if (at := renderer.stopped_at) is not None and self._is_stopping:
+                self._is_stopping = False
+                self._tell("stopped", at=at)
+                renderer.rest()
+            if (now := time.monotonic()) >= self._state_at:
+                self._tell_state(now)
+            watched = [own.control_fd, own.pose_fd] if self._listens else [own.control_fd]
+            wait = max(next_ns - time.monotonic_ns(), 0) * 1e-9
+            ready, _, _ = select.select(watched, [], [], min(wait, STATE_PERIOD))
+            if own.control_fd in ready:
+                self._obey()
+            if own.pose_fd in ready:
+                try:
+                    renderer.take(received_messages(own.pose_fd))
+                except EOFError:
+                    self._listens = False
+                    renderer.faults.append("the source of poses has ended")
+
+    def _obey(self) -> None:
+        while not self._is_ending:
+            try:
+                data = self._control.recv(65536)
+            except BlockingIOError:
+                return
+            except OSError:
+                data = b""
+            if not data:
+                self._is_ending = True
+                return
+            message = json.loads(data)
+            match message["do"]:
+                case "go":
+                    self._listens = self._is_asked = True
+                    self._renderer.begin(message["base"], message.get("index", 0))
+                case "listen":
+                    self._listens = True
+                case "intensity":
+                    self._renderer.set_intensity(message["value"])
+                case "stop":
+                    self._renderer.stop()
+                    self._is_stopping = True
+                    self._listens = not message.get("hands_over", False)
+                case "end":
+                    self._is_ending = True
+
+    def _tell_state(self, now: float) -> None:
+        self._state_at = now + STATE_PERIOD
+        faults, self._renderer.faults = self._renderer.faults, []
+        for fault in dict.fromkeys(faults[:20]):
+            self._tell("fault", text=fault[:1000])
+        self._tell("poses", **self._renderer.counts)
+
+    def _tell(self, event: str, **values: Any) -> None:
+        try:
+            self._control.send(json.dumps({"event": event, **values}).encode())
+        except OSError:
+            return
+
+
+def main() -> int:
+    """Read the settings from standard input, and run."""
+    for signum in (signal.SIGINT, signal.SIGHUP):  # the terminal's signals are for the process that started this one
+        signal.signal(signum, signal.SIG_IGN)
+    start_warp()
+    # a pipe of our own, from the process that started this one
+    settings: RendererSettings = pickle.load(sys.stdin.buffer)
+    for kind in settings.kinds:
+        if kind not in array_kinds():
+            register_array(kind)
+    _Process(settings).run()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

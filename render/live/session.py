@@ -1,0 +1,409 @@
+"""A session: an array that stays open, stimuli that are ready, and each of them on it within milliseconds."""
+
+import threading
+import time
+from array import array as byte_array
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple, Self, Unpack
+
+import numpy as np
+
+from ...datasets.focus_files.frame_reader import FOCAL_POINTS, WIRE_FRAMES, frame_format
+from ...device.errors import DeviceBusyError, DeviceTimeoutError
+from ...device.playing.limits import Dose, Guard, Limits
+from ..errors import StrategyError
+from ..hands.hand import Hand
+from ..intersection.named_inputs import solid_of
+from ..objects.solid import Solid
+from ..playback.drive import Driver, DriveStrategy
+from ..playback.file_playback import Connection, ConnectionFields
+from ..playback.focal_points import open_focal_points, require_duration, sampling_for
+from ..playback.frames import MadeFrames, WireFrames
+from ..playback.placed_arrays import PlacedArray, arrays_of
+from ..playback.prepared_frames import PreparedFrames
+from ..sampling.strategy import SamplingStrategy
+from ..strategies.intersection_strategy import IntersectionStrategy, strategy_of
+from .held_arrays import LEAD, HeldArrays
+from .live_counts import LiveStatistics
+from .live_run import LiveRun
+from .live_source import source_settings
+from .recorder import RunRecorder
+from .renderer_process import Rendering
+from .sources.hand_frame import PoseSource
+
+ONSET_TIMEOUT = 2.0  # [s] for a stimulus that is stored; a live one waits for a hand
+BYTES_MOST = 1 << 32  # of all stored stimuli
+
+
+@dataclass(frozen=True)
+class Stimulus:
+    """A contour file, focal points or prepared frames, as `play_file` takes them.
+
+    >>> from palpate.render import Stimulus
+    >>> Stimulus("tube-cc.h5", duration=2.0)
+    Stimulus(path='tube-cc.h5', sampling=None, drive=None, duration=2.0)
+    """
+
+    path: str | Path
+    sampling: SamplingStrategy | str | None = None
+    drive: DriveStrategy | None = None
+    duration: float | None = None
+    """Of the playback [s]; needed for a static pose, which has no end."""
+
+
+@dataclass(frozen=True)
+class LiveStimulus:
+    """An object that a hand explores for a time, from when it is played.
+
+    >>> from palpate.render import LiveStimulus
+    >>> LiveStimulus("tube", duration=7.0, strategy="oc")
+    LiveStimulus(solid='tube', duration=7.0, hand='palm', strategy='oc', sampling=None, drive=None)
+    """
+
+    solid: Solid | str
+    duration: float
+    """[s]"""
+    hand: Hand | str = "palm"
+    strategy: IntersectionStrategy | str = "cc"
+    sampling: SamplingStrategy | str | None = None
+    drive: DriveStrategy | None = None
+
+
+class Onset(NamedTuple):
+    """When a stimulus began."""
+
+    time: float
+    """Of its first focal point, on the array's clock [s]: for real arrays and models CLOCK_MONOTONIC, that of
+    `time.monotonic()`."""
+    latency: float
+    """From the call of `play` to then [s]."""
+    is_estimate: bool
+    """Whether the time is that at which the frame was due, as an array that does not answer cannot say it."""
+
+
+@dataclass
+class _Current:
+    """What plays."""
+
+    number: int
+    is_live: bool
+    begun: threading.Event = field(default_factory=threading.Event)
+    ended: threading.Event = field(default_factory=threading.Event)
+    onset_ns: int = 0
+    end_at: float = float("inf")  # of a live one
+    recorder: RunRecorder | None = None
+
+
+class Session:
+    """An array that stays open: stimuli are loaded once, and each begins within 10 ms of its call.
+
+    A context manager: the array is silent between stimuli, and off when the context is left, whatever ends it. One
+    process writes to the array; if this one is killed, it switches the array off and ends.
+
+    Args:
+        array: name of an array, a file of several, or placed arrays.
+        update_rate: of all stimuli [Hz]; None: the array's usual one.
+        source: of the hand that live stimuli are explored with, as in `Live`.
+        lead: how far ahead of the present frames are written [s].
+        limits: of on-time and duty, across all stimuli; None: the defaults.
+        realtime: whether real-time scheduling is asked for.
+        told: called with sentences on what goes wrong.
+        side, alignment, prediction, smoothing: of the source, as in `Live`.
+        connection: options of the connection to the arrays; or its fields, such as emulate=True.
+
+    >>> from palpate.render import LiveStimulus, Session, Stimulus, render, static_pose
+    >>> path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save("cube.h5", overwrite=True)
+    >>> with Session("emulator") as session:
+    ...     cube, tube = session.load([Stimulus(path, duration=0.2), LiveStimulus("tube", duration=0.3)])
+    ...     onset = session.play(cube)
+    ...     session.wait()
+    ...     _ = session.play(tube)
+    ...     session.wait()
+    >>> onset.is_estimate  # the emulated board says when it began
+    False
+    """
+
+    def __init__(
+        self,
+        array: str | Sequence[PlacedArray] = "emulator",
+        *,
+        update_rate: float | None = None,
+        source: str | PoseSource = "exploration",
+        lead: float = LEAD,
+        limits: Limits | None = None,
+        realtime: bool = True,
+        told: Callable[[str], object] | None = None,
+        side: str | None = None,
+        alignment: Any = None,
+        prediction: float = 0.0,
+        smoothing: float = 0.0,
+        connection: Connection | None = None,
+        **fields: Unpack[ConnectionFields],
+    ) -> None:
+        if connection is not None and fields:
+            raise StrategyError(f"{min(fields)} is a field of connection, which is given, too")
+        self._arrays = arrays_of(array)
+        rate = sampling_for(None, self._arrays).update_rate if update_rate is None else update_rate
+        self._source, self._source_options = source, dict(
+            side=side, alignment=alignment, prediction=prediction, smoothing=smoothing, realtime=realtime
+        )
+        self._stimuli: list[Stimulus | LiveStimulus] = []
+        self._numbers: list[int] = []  # of the writer, or of the renderer
+        self._run: LiveRun | None = None
+        self._bytes = 0
+        self._current: _Current | None = None
+        self._loaded = threading.Event()
+        self._playing = threading.Lock()
+        self._realtime = realtime
+        self._held = HeldArrays(
+            self._arrays,
+            connection or Connection(**fields),
+            update_rate=rate,
+            lead=lead,
+            limits=limits,
+            realtime=realtime,
+            told=told,
+            heard=self._hear,
+        )
+        self._writer = self._held.writer
+        self.update_rate = self._writer.update_rate
+        """Of all stimuli [Hz]."""
+
+    def __repr__(self) -> str:
+        """One line."""
+        names = ", ".join(placed.model.name for placed in self._arrays)
+        return f"Session({names}, {len(self._stimuli)} stimuli at {self.update_rate:g} Hz)"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+        if self._held.error is not None and error is None:
+            raise self._held.error
+
+    @property
+    def stimuli(self) -> tuple[Stimulus | LiveStimulus, ...]:
+        """What was loaded, in the order of their numbers."""
+        return tuple(self._stimuli)
+
+    def load(self, stimuli: Sequence[Stimulus | LiveStimulus | str | Path]) -> list[int]:
+        """Make stimuli ready; returns the number of each, for `play`. A path stands for a `Stimulus`.
+
+        Live stimuli are prepared together: they are loaded in one call, as a session draws in one process.
+        Raises StrategyError for a stimulus of another update rate, and for live ones after others; what `play_file` and
+        `Live` raise; then nothing was loaded of this call.
+        """
+        given = [own if isinstance(own, Stimulus | LiveStimulus) else Stimulus(own) for own in stimuli]
+        live = [own for own in given if isinstance(own, LiveStimulus)]
+        if live and self._run is not None:
+            raise StrategyError("live stimuli are loaded in one call: this session has some already")
+        stored = [self._frames_of(own) for own in given if isinstance(own, Stimulus)]
+        self._bytes += sum(len(block) for frames, _ in stored for block in frames)
+        if self._bytes > BYTES_MOST:
+            raise StrategyError(f"stimuli of {self._bytes:,} bytes of frames are more than {BYTES_MOST:,}")
+        if live:
+            self._prepare(live)
+        numbers, index = [], iter(range(len(live)))
+        rows = iter(stored)
+        for own in given:
+            numbers.append(len(self._stimuli))
+            self._stimuli.append(own)
+            if isinstance(own, LiveStimulus):
+                self._numbers.append(next(index))
+                continue
+            self._loaded.clear()
+            self._numbers.append(self._writer.load(*next(rows)))
+            while not self._loaded.wait(0.1):
+                self._held.require_running()
+        return numbers
+
+    def play(
+        self, number: int, *, repeats: int = 1, record: str | Path | None = None, timeout: float = ONSET_TIMEOUT
+    ) -> Onset:
+        """Play a stimulus; returns when its first focal point has been played.
+
+        repeats: of a stored one. record: contour file that a live one is saved to at its end. timeout: how long a live
+        one waits for a hand [s].
+        Raises DeviceBusyError while another one plays, StrategyError for a number that there is not, DeviceTimeoutError
+        where none of a live one's poses came in time, and what ended the writer.
+        """
+        called = time.monotonic()
+        if not (isinstance(number, int | np.integer) and 0 <= number < len(self._stimuli)):
+            raise StrategyError(f"number must be one of the {len(self._stimuli)} stimuli loaded, from 0, not {number!r}")
+        if not 1 <= repeats <= 1_000_000:
+            raise StrategyError(f"repeats must be 1..1000000, not {repeats!r}")
+        self._held.require_running()
+        stimulus = self._stimuli[number]
+        with self._playing:
+            if self._current is not None and not self._current.ended.is_set():
+                raise DeviceBusyError(f"stimulus {self._current.number} plays: wait() for it, or stop() it")
+            self._current = current = _Current(number, isinstance(stimulus, LiveStimulus))
+            if isinstance(stimulus, LiveStimulus) and self._run is not None:
+                if record is not None:
+                    current.recorder = self._held.recorder = self._recorder(Path(record))
+                self._run.begin(self._numbers[number], current.recorder)
+            else:
+                self._writer.send("play", number=self._numbers[number], repeats=repeats)
+        while not current.begun.wait(0.05):
+            self._held.require_running()
+            if time.monotonic() - called > timeout:
+                self.stop()
+                reason = "no pose came from the source" if current.is_live else "the array has played nothing"
+                raise DeviceTimeoutError(f"stimulus {number} did not begin within {timeout:g} s: {reason}")
+        onset = current.onset_ns * 1e-9
+        if isinstance(stimulus, LiveStimulus):
+            current.end_at = onset + stimulus.duration
+            threading.Thread(target=self._end_in_time, args=(current,), name="palpate-stimulus", daemon=True).start()
+        return Onset(onset, onset - called, self._held.emission == "estimate")
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Wait until what plays has ended, for `timeout` [s] at most; whether it has."""
+        end = float("inf") if timeout is None else time.monotonic() + timeout
+        current = self._current
+        while current is not None and not current.ended.wait(0.02):
+            self._held.require_running()
+            if time.monotonic() >= end:
+                return False
+        return True
+
+    def stop(self) -> None:
+        """End what plays now; the array is silent when this returns, but for the lead, which is played."""
+        current = self._current
+        if current is None or current.ended.is_set():
+            return
+        if current.is_live:
+            current.end_at = 0.0
+            if not current.begun.is_set():
+                self._end_live(current)
+        else:
+            self._writer.send("stop")
+        current.ended.wait(2.0)
+
+    def statistics(self) -> LiveStatistics:
+        """Of all live stimuli so far."""
+        return self._held.counts.statistics()
+
+    def close(self) -> None:
+        """Off, and everything ended."""
+        if self._held.is_running:
+            self.stop()
+        self._held.close(lambda: None if self._run is None else self._run.end())
+
+    def _prepare(self, live: Sequence[LiveStimulus]) -> None:
+        """A run with a rendering for each live stimulus."""
+        first = live[0]
+        renderings = []
+        for own in live:
+            require_duration(own.duration)
+            sampling = sampling_for(own.sampling, self._arrays)
+            if sampling.update_rate != self.update_rate:
+                raise self._other_rate(f"live stimulus of {own.solid!r}", sampling.update_rate)
+            solid = solid_of(own.solid)
+            settings, hand = source_settings(self._source, hand=own.hand, solid=solid, **self._source_options)
+            if own is first:
+                chosen = settings
+            elif own.hand != first.hand:
+                raise StrategyError("live stimuli of one session must have the same hand, as they have one source")
+            renderings.append(
+                Rendering(
+                    solid=solid,
+                    hand=hand,
+                    strategy=strategy_of(own.strategy),
+                    sampling=sampling,
+                    drive=own.drive or DriveStrategy(),
+                )
+            )
+        self._run = LiveRun(
+            renderings,
+            chosen,
+            self._held,
+            intensity=1.0,
+            realtime=self._realtime,
+            is_recorded=True,
+        )
+
+    def _frames_of(self, stimulus: Stimulus) -> tuple[list[memoryview], list[list[Dose]]]:
+        """Frames of a stored stimulus for each array, and what slices of them do."""
+        with self._opened(stimulus) as frames:
+            if frames.update_rate != self.update_rate:
+                raise self._other_rate(str(stimulus.path), frames.update_rate)
+            blocks: list[list[Any]] = [[] for _ in self._arrays]
+            for row in frames:
+                for own, block in zip(blocks, row, strict=True):
+                    own.append(block)
+        joined = [memoryview(b"".join(own)) for own in blocks]
+        doses = []
+        for data, placed in zip(joined, self._arrays, strict=True):
+            guard = Guard(Limits(on_time_max=None, duty_max=None), placed.model)
+            doses.append(guard.measure(byte_array("B", data), self._writer.slice_frames))
+        return joined, doses
+
+    @contextmanager
+    def _opened(self, stimulus: Stimulus) -> Iterator[WireFrames]:
+        form = frame_format(stimulus.path)
+        if form == WIRE_FRAMES:
+            with PreparedFrames(stimulus.path, repeats=1) as prepared:
+                prepared.require_fitting(self._arrays, stimulus.sampling, stimulus.drive, stimulus.duration)
+                yield prepared
+            return
+        sampling = stimulus.sampling
+        with open_focal_points(
+            Path(stimulus.path), sampling, stimulus.duration, self._arrays, has_points=form == FOCAL_POINTS
+        ) as (points, file):
+            driver = Driver(
+                [placed.model for placed in self._arrays], stimulus.drive, update_rate=points.update_rate
+            )
+            yield MadeFrames(points, driver, file=file)
+
+    def _other_rate(self, what: str, rate: float) -> StrategyError:
+        return StrategyError(
+            f"{what}: update_rate is {rate:g} Hz, but this session's array runs at {self.update_rate:g} Hz: give "
+            f"Session(update_rate=...), or the sampling that rate"
+        )
+
+    def _recorder(self, path: Path) -> RunRecorder:
+        if path.exists():
+            raise StrategyError(f"{path}: exists already")
+        return RunRecorder(
+            path,
+            overwrite=False,
+            source=str(self._source),
+            array=self._held.names,
+            lead=self._held.lead,
+            realtime=self._held.counts.realtime,
+            emission=self._held.emission,
+        )
+
+    def _end_in_time(self, current: _Current) -> None:
+        """End a live stimulus when its time is over, or `stop` has said so."""
+        while (left := current.end_at - time.monotonic()) > 0:
+            time.sleep(min(left, 5e-3))
+        self._end_live(current)
+
+    def _end_live(self, current: _Current) -> None:
+        if self._run is not None:
+            self._run.fade()
+        time.sleep(self._held.lead)
+        self._writer.send("stop")
+        if current.recorder is not None:
+            self._held.supervisor.settle()
+            current.recorder.save()
+            self._held.recorder = None
+        current.ended.set()
+
+    def _hear(self, event: str, message: dict[str, Any]) -> None:
+        current = self._current
+        if event == "loaded":
+            self._loaded.set()
+        elif event == "began" and current is not None:
+            current.onset_ns = message["onset_ns"]
+            current.begun.set()
+        elif event == "ended" and current is not None:
+            current.ended.set()

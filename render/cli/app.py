@@ -23,6 +23,7 @@ try:
     from .options.export import export
     from .options.field import field
     from .options.figure import figure
+    from .options.live import live
     from .options.noise import noise
     from .options.output import Json, Overwrite, Quiet, run_job
     from .options.play import play
@@ -293,6 +294,9 @@ app.command(short_help="Show renderings in the browser.")(view)
 
 
 app.command(short_help="Sample a contour file and stream it to an array.")(play)
+
+
+app.command(short_help="Render an object on a hand that moves now.")(live)
 
 
 app.command(short_help="Write wire bytes, which play only copies.")(prepare)

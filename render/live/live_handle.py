@@ -173,6 +173,16 @@ class Live:
             raise held.error
 
     @property
+    def intensity(self) -> float:
+        """Of all focal points, 0..1."""
+        return self._run.intensity
+
+    def described(self) -> str:
+        """What is rendered now, in a few words."""
+        own = self._run.rendering
+        return f"{own.solid.name} on {own.hand!r}"
+
+    @property
     def outcome(self) -> dict[str, Any]:
         """What the writer reported at its end: counts, and of each array whether it is off; empty before."""
         return self._held.outcome

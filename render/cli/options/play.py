@@ -10,6 +10,14 @@ from .drive import Amplitude, LevelMax, Slew, Solver, SoundSpeed
 from .output import Json, Quiet, run_job
 from .sampling import Duration, Sampling, Speed, UpdateRate
 
+OnTimeMax = Annotated[
+    float, typer.Option(metavar="SECONDS", help="Longest emission without a pause of 1 s [s]; 0 lifts the limit.")
+]
+DutyMax = Annotated[
+    float, typer.Option(metavar="SHARE", help="Highest mean duty over 10 min, 1 being full drive; 0 lifts the limit.")
+]
+Transport = Annotated[str, typer.Option(metavar="KIND", help="USB writes: queued, sync, or auto.")]
+
 
 def play(
     file: Annotated[
@@ -30,15 +38,10 @@ def play(
     solver: Solver = "gs-pat+wgs",
     slew: Slew = None,
     level_max: LevelMax = 1.0,
-    on_time_max: Annotated[
-        float, typer.Option(metavar="SECONDS", help="Longest emission without a pause of 1 s [s]; 0 lifts the limit.")
-    ] = 120.0,
-    duty_max: Annotated[
-        float,
-        typer.Option(metavar="SHARE", help="Highest mean duty over 10 min, 1 being full drive; 0 lifts the limit."),
-    ] = 0.5,
+    on_time_max: OnTimeMax = 120.0,
+    duty_max: DutyMax = 0.5,
     sound_speed: SoundSpeed = 343.0,
-    transport: Annotated[str, typer.Option(metavar="KIND", help="USB writes: queued, sync, or auto.")] = "auto",
+    transport: Transport = "auto",
     watchdog: Watchdog = False,
     uncalibrated: Uncalibrated = False,
     device: Annotated[

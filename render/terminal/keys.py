@@ -1,0 +1,32 @@
+"""Single keys of a terminal, without Enter."""
+
+import contextlib
+import os
+import select
+import sys
+from collections.abc import Callable, Iterator
+
+
+@contextlib.contextmanager
+def pressed_keys() -> Iterator[Callable[[], str]]:
+    """Yields a function that gives the keys pressed since it was called last; always none where there is no terminal."""
+    try:
+        import termios
+        import tty
+
+        descriptor = sys.stdin.fileno()
+        before = termios.tcgetattr(descriptor)
+    except (ImportError, OSError, ValueError, AttributeError, termios.error):  # no terminal, or no standard input
+        yield lambda: ""
+        return
+    tty.setcbreak(descriptor)
+    try:
+        yield lambda: _read(descriptor)
+    finally:
+        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+
+
+def _read(descriptor: int) -> str:
+    if not select.select([descriptor], [], [], 0)[0]:
+        return ""
+    return os.read(descriptor, 64).decode(errors="replace")

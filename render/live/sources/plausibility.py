@@ -1,10 +1,12 @@
 """Whether a frame can be of a hand over an array; if not, the value, the bound and the likely cause are reported."""
 
+import math
+
 import numpy as np
 
 from ....datasets.errors import RecordingError
 from ....datasets.hand_model.frames import BREADTH_SHARE, knuckle_width, side_from_axes
-from ....datasets.hand_model.joints import JOINT_COUNT, JOINT_NAMES
+from ....datasets.hand_model.joints import JOINT_COUNT, JOINT_NAMES, Joint
 from ....datasets.recordings.conventions import PALM_LEAST, palm_agreement, palm_quaternion, require_agreement
 from ....datasets.recordings.recording import BREADTH_LEAST, BREADTH_MOST
 from ....datasets.rigid import Numbers
@@ -15,6 +17,7 @@ NORM_TOLERANCE = 1e-2
 FARTHEST = 3.0
 """Farther from the array's centre than this [m] is no hand over an array, and most likely millimetres."""
 RADIUS_MOST = BREADTH_MOST / 2
+_KNUCKLES = (Joint.WRIST, Joint.INDEX_PROXIMAL, Joint.MIDDLE_PROXIMAL, Joint.LITTLE_PROXIMAL)
 
 
 class Implausible(ValueError):
@@ -69,6 +72,28 @@ def unit_joints(joints: Numbers, radius: Numbers | None) -> tuple[Numbers, Numbe
 
 def require_hand(joints: Numbers, stated: str | None) -> None:
     """Raise Implausible unless joints [26, 7] are of a hand's size, of the stated side, and turned as OpenXR's."""
+    if not _is_hand(joints, stated):
+        _refuse_hand(joints, stated)
+
+
+def _is_hand(joints: Numbers, stated: str | None) -> bool:
+    """Whether joints are surely a hand's: in plain numbers, which takes 15 us where `_refuse_hand` takes 300."""
+    wrist, index, middle, little = (joints[k, :3].tolist() for k in _KNUCKLES)
+    x, y, z, w = joints[Joint.PALM, 3:].tolist()
+    across = [b - a for a, b in zip(index, little, strict=True)]
+    along = [b - a for a, b in zip(wrist, middle, strict=True)]
+    palm_x = (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y))
+    palm_z = (2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y))
+    breadth = BREADTH_SHARE * math.hypot(*across)
+    to_little = sum(a * b for a, b in zip(across, palm_x, strict=True))
+    to_tips = -sum(a * b for a, b in zip(along, palm_z, strict=True))
+    is_right = stated in (None, "right" if to_little > 0.0 else "left")
+    is_turned = to_tips >= PALM_LEAST * math.hypot(*along)  # a NaN compares false
+    return is_right and is_turned and BREADTH_LEAST <= breadth <= BREADTH_MOST
+
+
+def _refuse_hand(joints: Numbers, stated: str | None) -> None:
+    """Raise Implausible with what is wrong; what is not known is not wrong."""
     position, quaternion = joints[None, :, :3], joints[None, :, 3:]
     breadth = BREADTH_SHARE * knuckle_width(position)
     if breadth < BREADTH_LEAST or breadth > BREADTH_MOST:  # not known is NaN, which compares false

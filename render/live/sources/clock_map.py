@@ -13,7 +13,7 @@ from typing import NamedTuple
 from .hand_frame import MONOTONIC, SourceFault
 
 WINDOW = 4.0
-"""[s]; a clock that runs slow by 100 ppm makes stamps up to 0.4 ms late, the longest drift within the window."""
+"""[s]; a source's clock that runs slow by 100 ppm makes stamps up to 0.4 ms early: the drift within the window."""
 JUMP_AHEAD = 1.0
 """A clock that is ahead by more than this [s] has jumped; one that is ahead by less is followed at once."""
 JUMP_BACK = 1.0

@@ -10,7 +10,7 @@ MONOTONIC, OWN = "monotonic", "own"
 """Clocks of a source: this host's CLOCK_MONOTONIC (`time.monotonic()`), or one of its own, which is mapped to it."""
 
 
-class HandFrame(NamedTuple):
+class SeenHand(NamedTuple):
     """One hand at one time, in the tracker's frame; without pose and joints: the tracker sees no hand at that time."""
 
     time: float
@@ -42,7 +42,7 @@ class SourceFault(NamedTuple):
     """One sentence, with value and bound."""
 
 
-Seen = HandFrame | SourceFault | Sequence[HandFrame]
+Seen = SeenHand | SourceFault | Sequence[SeenHand]
 """What a source yields: a frame; frames of several hands at the same time; or a fault."""
 
 
@@ -55,7 +55,7 @@ class PoseSource(Protocol):
     before: its text is reported, and the array fades. A source that can take a flood of frames leaves old ones out.
 
     >>> import math, time
-    >>> from palpate.render.live.sources.hand_frame import HandFrame
+    >>> from palpate.render.live.sources.hand_frame import SeenHand
     >>> class Circle:  # ten poses on a circle 200 mm above the array, 100 a second, palm down
     ...     clock = "monotonic"
     ...     def __enter__(self):
@@ -66,7 +66,7 @@ class PoseSource(Protocol):
     ...         for k in range(10):
     ...             time.sleep(0.01)
     ...             x, y = 0.03 * math.cos(k / 10), 0.03 * math.sin(k / 10)
-    ...             yield HandFrame(time.monotonic(), "right", pose=[x, y, 0.2, 0.5**0.5, 0.0, 0.0, 0.5**0.5])
+    ...             yield SeenHand(time.monotonic(), "right", pose=[x, y, 0.2, 0.5**0.5, 0.0, 0.0, 0.5**0.5])
     >>> with Circle() as source:
     ...     print(len(list(source)))
     10

@@ -12,7 +12,7 @@ from ....datasets.recordings.recording import GAP_MOST
 from ....datasets.rigid import Numbers, pose_inverse, quaternion_of, rotate
 from ...errors import StrategyError
 from ...hands.joint_planes import PHALANGES
-from .hand_frame import HandFrame
+from .hand_frame import SeenHand
 from .plausibility import require_hand, require_near, unit_joints, unit_pose
 
 MEASURED = 30
@@ -61,7 +61,7 @@ class HandPoses:
         self._local = np.full((JOINT_COUNT, 7), np.nan)
         self._seen = np.full(JOINT_COUNT, -np.inf)
 
-    def posed(self, frame: HandFrame) -> tuple[Numbers | None, np.ndarray | None]:
+    def posed(self, frame: SeenHand) -> tuple[Numbers | None, np.ndarray | None]:
         """The palm's pose, float64 [7], and those of the patches, float32 [patch, 7], None for a rigid hand.
 
         The palm's is None where the tracker does not see it. Raises Implausible for a frame that can be of no hand.
@@ -90,7 +90,7 @@ class HandPoses:
             pose = np.concatenate(mirrored(pose[..., :3], pose[..., 3:]), axis=-1)
         return moved(self._alignment.pose, pose) if self._is_aligned else pose
 
-    def _joints(self, frame: HandFrame) -> tuple[Numbers, Numbers]:
+    def _joints(self, frame: SeenHand) -> tuple[Numbers, Numbers]:
         """Joints in the array's frame and their radii, what is missing derived as in a recording."""
         joints, radius = unit_joints(frame.joints, frame.radius)  # pyright: ignore[reportArgumentType]  # not None here
         joints = self._aligned(joints)

@@ -14,6 +14,8 @@ from .hand_frame import SourceFault
 
 NORM_TOLERANCE = 1e-2
 """Largest difference of a quaternion's norm from 1: trackers send few digits. Poses are normalised."""
+NORM_ROUNDING = 1e-7
+"""float32's rounding of a norm, which is left alone, as `HandMotion` does: so a motion is replayed bit for bit."""
 FARTHEST = 3.0
 """Farther from the array's centre than this [m] is no hand over an array, and most likely millimetres."""
 RADIUS_MOST = BREADTH_MOST / 2
@@ -41,7 +43,8 @@ def unit_pose(pose: Numbers, name: str = "pose") -> Numbers:
         raise Implausible(
             f"{name} norm", f"{name}: the quaternion's norm must be 1 within {NORM_TOLERANCE:g}, not {norm:.6g}"
         )
-    row[3:] /= norm
+    if abs(norm - 1.0) > NORM_ROUNDING:
+        row[3:] /= norm
     return row
 
 

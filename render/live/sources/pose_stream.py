@@ -10,7 +10,7 @@ from typing import Protocol
 from ....datasets.recordings.alignment import Alignment
 from ....datasets.rigid import Numbers
 from .clock_map import ClockMap
-from .hand_frame import HandFrame, Seen, SourceFault
+from .hand_frame import Seen, SeenHand, SourceFault
 from .hand_poses import HandPoses, PatchLayout
 from .messages import PoseMessage
 from .plausibility import Implausible
@@ -85,8 +85,8 @@ class PoseStream:
         """Messages for what came at a time [ns]; none as long as there is nothing to send."""
         if isinstance(seen, SourceFault):
             return self._reports(seen, arrival_ns)
-        if isinstance(seen, HandFrame):
-            hands: Sequence[HandFrame] = (seen,)
+        if isinstance(seen, SeenHand):
+            hands: Sequence[SeenHand] = (seen,)
             if self._selection.ignores(seen):
                 return []
         else:
@@ -119,7 +119,7 @@ class PoseStream:
         self._is_lost = True
         return self._counted(PoseMessage(stamp_ns, self._clock.last, None))
 
-    def _message(self, hand: HandFrame, stamp_ns: int) -> PoseMessage:
+    def _message(self, hand: SeenHand, stamp_ns: int) -> PoseMessage:
         """The message for the hand that is followed; raises Implausible."""
         if hand.is_lost:
             return self.lost(stamp_ns)

@@ -13,7 +13,7 @@ from ....datasets.motions.last_pose import end_of_motion
 from ....datasets.recordings.recording import HandRecording
 from ....datasets.rigid import Numbers
 from ...errors import PoseError
-from .hand_frame import MONOTONIC, HandFrame
+from .hand_frame import MONOTONIC, SeenHand
 
 START_DELAY = 0.05  # [s] from the first request to the first pose: whatever the process still imports is done then
 
@@ -83,7 +83,7 @@ class ReplaySource:
     ) -> None:
         """Nothing is open."""
 
-    def __iter__(self) -> Iterator[HandFrame]:
+    def __iter__(self) -> Iterator[SeenHand]:
         """Frames at their times from now on."""
         start = time.monotonic() + START_DELAY - float(self.time[0])
         while True:
@@ -98,11 +98,11 @@ class ReplaySource:
                 return
             start += max(self.duration - float(self.time[0]), 1e-3)
 
-    def frame_at(self, frame: int, at: float) -> HandFrame:
+    def frame_at(self, frame: int, at: float) -> SeenHand:
         """A frame by number, said to be seen at a time [s]."""
         pose = self.pose[frame]
         if np.isnan(pose).any():
-            return HandFrame(at, self.side)
+            return SeenHand(at, self.side)
         if self.joints is None or self.radius is None:
-            return HandFrame(at, self.side, "1", pose)
-        return HandFrame(at, self.side, "1", pose, self.joints[frame], self.radius[frame])
+            return SeenHand(at, self.side, "1", pose)
+        return SeenHand(at, self.side, "1", pose, self.joints[frame], self.radius[frame])

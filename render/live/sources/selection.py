@@ -13,7 +13,7 @@ its own, is gone after ABSENT.
 from collections.abc import Sequence
 from typing import Final
 
-from .hand_frame import HandFrame
+from .hand_frame import SeenHand
 
 ANY: Final = "any"
 SIDES: Final = ("any", "left", "right")
@@ -34,7 +34,7 @@ class HandSelection:
         """Id of the hand that is followed; empty for none."""
         return "" if self._followed is None else self._followed[1]
 
-    def ignores(self, hand: HandFrame) -> bool:
+    def ignores(self, hand: SeenHand) -> bool:
         """Whether a hand that comes on its own is another one than the hand that is followed."""
         if hand.is_lost:
             return False
@@ -43,16 +43,16 @@ class HandSelection:
         is_other = self._followed is not None and (hand.side, hand.hand_id) != self._followed
         return is_other and abs(hand.time - self._seen) <= ABSENT
 
-    def chosen(self, hands: Sequence[HandFrame], time: float) -> HandFrame:
+    def chosen(self, hands: Sequence[SeenHand], time: float) -> SeenHand:
         """The hand that is followed, among all of one time [s]; a frame without hand if there is none."""
         there = [hand for hand in hands if not hand.is_lost and self._is_wanted(hand)]
         same = [hand for hand in there if (hand.side, hand.hand_id) == self._followed]
         hand = next(iter(same or there), None)
         if hand is None:
             self._followed = None
-            return HandFrame(time)
+            return SeenHand(time)
         self._followed, self._seen = (hand.side, hand.hand_id), time
         return hand
 
-    def _is_wanted(self, hand: HandFrame) -> bool:
+    def _is_wanted(self, hand: SeenHand) -> bool:
         return self._side == ANY or hand.side in (None, self._side)

@@ -29,8 +29,6 @@ from .messages import PoseSender, message_pair
 from .pose_stream import PoseShaper, PoseStream
 from .selection import ANY, SIDES
 
-PRIORITY = 15
-"""Of SCHED_FIFO: below the writer, above the process that draws."""
 EXIT_FAILED = 1
 _LENGTH = struct.Struct("<I")
 _END_TIMEOUT = 2.0  # [s]
@@ -182,7 +180,9 @@ def main() -> int:
         return EXIT_FAILED
     threading.Thread(target=_end_with, args=(pipe,), name="palpate-source-end", daemon=True).start()
     if settings.realtime:
-        _enter_realtime()
+        from ....device.live.realtime import SOURCE_PRIORITY, enter_realtime
+
+        enter_realtime(SOURCE_PRIORITY)
     return run_source(settings, sender)
 
 
@@ -214,14 +214,6 @@ def run_source(settings: SourceSettings, sender: PoseSender) -> int:
 
 def _send_all(sender: PoseSender, stream: PoseStream, seen: Seen) -> bool:
     return all(sender.send(message) for message in stream.taken(seen, time.monotonic_ns()))
-
-
-def _enter_realtime() -> None:
-    try:
-        from ....device.live.realtime import enter_realtime
-    except ImportError:
-        return
-    enter_realtime(PRIORITY)
 
 
 def _end_with(pipe: int) -> None:

@@ -21,7 +21,7 @@ import numpy as np
 from ....datasets.hand_model.joints import JOINT_COUNT
 from ....datasets.rigid import Numbers
 from ...errors import StrategyError
-from .hand_frame import OWN, HandFrame, Seen, SourceFault
+from .hand_frame import OWN, Seen, SeenHand, SourceFault
 
 HOST, PORT = "127.0.0.1", 5005
 DATAGRAM_BYTES = 65536
@@ -51,7 +51,7 @@ class DatagramError(ValueError):
         return re.sub(r"[0-9]+", "", str(self).split(", not", 1)[0].split(":", 1)[0])
 
 
-def frames_of(data: bytes) -> HandFrame | list[HandFrame]:
+def frames_of(data: bytes) -> SeenHand | list[SeenHand]:
     """All hands of a datagram, or a frame without hand; a single one is of a JSON object without `hands`.
 
     Raises DatagramError.
@@ -63,7 +63,7 @@ def frames_of(data: bytes) -> HandFrame | list[HandFrame]:
     raise DatagramError(f"a datagram must begin with {{ (JSON) or {MAGIC.decode()} (binary), not with {data[:8]!r}")
 
 
-def packed_frames(frames: list[HandFrame]) -> bytes:
+def packed_frames(frames: list[SeenHand]) -> bytes:
     """The binary datagram of hands at one time, or of none: a frame without hand."""
     there = [frame for frame in frames if not frame.is_lost]
     parts = [HEAD.pack(MAGIC, VERSION, len(there), frames[0].time)]
@@ -155,7 +155,7 @@ def _newest(opened: socket.socket) -> tuple[list[bytes], int]:
     return list(found), count - len(found)
 
 
-def _json_frames(data: bytes) -> HandFrame | list[HandFrame]:
+def _json_frames(data: bytes) -> SeenHand | list[SeenHand]:
     try:
         content = json.loads(data)
     except (ValueError, RecursionError) as error:
@@ -169,10 +169,10 @@ def _json_frames(data: bytes) -> HandFrame | list[HandFrame]:
     if not isinstance(listed, list) or len(listed) > HANDS_MOST:
         raise DatagramError(f"hands: must be a list of at most {HANDS_MOST}, not {listed!r:.60}")
     frames = [_json_hand(hand, at) for hand in listed]
-    return [frame for frame in frames if not frame.is_lost] or [HandFrame(at)]
+    return [frame for frame in frames if not frame.is_lost] or [SeenHand(at)]
 
 
-def _json_hand(hand: Any, at: float) -> HandFrame:
+def _json_hand(hand: Any, at: float) -> SeenHand:
     if not isinstance(hand, dict):
         raise DatagramError(f"hands: each must be an object, not {hand!r:.60}")
     side, hand_id = hand.get("side"), hand.get("id", "")
@@ -181,7 +181,7 @@ def _json_hand(hand: Any, at: float) -> HandFrame:
     if isinstance(hand_id, bool) or not isinstance(hand_id, str | int):
         raise DatagramError(f"id: must be a text or a whole number, not {hand_id!r:.60}")
     palm, joints, radius = (hand.get(name) for name in ("palm", "joints", "radius"))
-    return HandFrame(
+    return SeenHand(
         at,
         side,
         str(hand_id),
@@ -213,7 +213,7 @@ def _numbers(value: Any, name: str, shape: tuple[int, ...]) -> Numbers:
     return found
 
 
-def _binary_frames(data: bytes) -> list[HandFrame]:
+def _binary_frames(data: bytes) -> list[SeenHand]:
     if len(data) < HEAD.size:
         raise DatagramError(f"a binary datagram has {HEAD.size} bytes at least, not {len(data)}")
     _, version, count, at = HEAD.unpack_from(data)
@@ -221,7 +221,7 @@ def _binary_frames(data: bytes) -> list[HandFrame]:
         raise DatagramError(f"version: must be {VERSION}, not {version}")
     if count > HANDS_MOST:
         raise DatagramError(f"number of hands: must be at most {HANDS_MOST}, not {count}")
-    frames: list[HandFrame] = []
+    frames: list[SeenHand] = []
     offset = HEAD.size
     for _ in range(count):
         if len(data) < offset + HAND.size:
@@ -234,12 +234,12 @@ def _binary_frames(data: bytes) -> list[HandFrame]:
         if len(data) < offset + size:
             raise DatagramError(f"a datagram of {count} hands ends after {len(data)} bytes, within a hand")
         if content == PALM:
-            frames.append(HandFrame(at, SIDES[side], str(hand_id), np.frombuffer(data, "<f8", 7, offset)))
+            frames.append(SeenHand(at, SIDES[side], str(hand_id), np.frombuffer(data, "<f8", 7, offset)))
         else:
             joints = np.frombuffer(data, "<f4", JOINT_COUNT * _JOINT_VALUES, offset).reshape(JOINT_COUNT, _JOINT_VALUES)
             joints = joints.astype(np.float64)
-            frames.append(HandFrame(at, SIDES[side], str(hand_id), None, joints[:, :7], joints[:, 7]))
+            frames.append(SeenHand(at, SIDES[side], str(hand_id), None, joints[:, :7], joints[:, 7]))
         offset += size
     if offset != len(data):
         raise DatagramError(f"a datagram of {count} hands has {offset} bytes, not {len(data)}")
-    return frames or [HandFrame(at)]
+    return frames or [SeenHand(at)]

@@ -19,7 +19,7 @@ from ....datasets.errors import RecordingError
 from ....datasets.recordings.clip import Sighting
 from ....datasets.recordings.leapjs import frame_hands
 from ...errors import StrategyError
-from .hand_frame import OWN, HandFrame, Seen, SourceFault
+from .hand_frame import OWN, Seen, SeenHand, SourceFault
 
 URL = "ws://localhost:6437/v6.json"
 VERSIONS = (6, 7)
@@ -80,7 +80,7 @@ class UltraleapSource:
             except (OSError, WebSocketException) as error:
                 why = getattr(error, "strerror", None) or str(error) or type(error).__name__
                 if last is not None:
-                    yield HandFrame(last + 1e-6)  # no hand is seen any more
+                    yield SeenHand(last + 1e-6)  # no hand is seen any more
                     last = None
                 text = f"no connection to the tracking service at {self.url}: {why}; it is tried again"
                 yield SourceFault("connection", text)
@@ -89,22 +89,20 @@ class UltraleapSource:
 
 def _newest(connection: Any) -> str | bytes:
     """Wait for a message; of several that wait, the newest frame, or the first that is none."""
+    from websockets.exceptions import ConnectionClosed
+
     data = connection.recv()
     for _ in range(_LINE_UP_MOST):
-        if not _is_frame(data):
+        if not (isinstance(data, str) and '"timestamp"' in data):  # no frame: it is reported
             break
         try:
             data = connection.recv(timeout=0)
-        except TimeoutError:
+        except (TimeoutError, ConnectionClosed):  # the next call raises the latter again
             break
     return data
 
 
-def _is_frame(data: str | bytes) -> bool:
-    return '"timestamp"' in data if isinstance(data, str) else False
-
-
-def seen_in(data: str | bytes) -> list[HandFrame] | SourceFault | None:
+def seen_in(data: str | bytes) -> list[SeenHand] | SourceFault | None:
     """All hands of a message, or a frame without any; a fault; None for what need not be reported."""
     try:
         content = json.loads(data)
@@ -121,7 +119,7 @@ def seen_in(data: str | bytes) -> list[HandFrame] | SourceFault | None:
         return SourceFault("frame", str(error))
     if found is None:
         return None
-    return [_hand(found[0], one) for one in found[1]] or [HandFrame(found[0])]
+    return [_hand(found[0], one) for one in found[1]] or [SeenHand(found[0])]
 
 
 def _notice(content: dict[str, Any]) -> SourceFault | None:
@@ -138,6 +136,6 @@ def _notice(content: dict[str, Any]) -> SourceFault | None:
     return None
 
 
-def _hand(at: float, one: Sighting) -> HandFrame:
+def _hand(at: float, one: Sighting) -> SeenHand:
     joints = np.concatenate([one.position, one.quaternion], axis=1)
-    return HandFrame(at, one.side, one.hand_id, None, joints, one.radius)
+    return SeenHand(at, one.side, one.hand_id, None, joints, one.radius)

@@ -11,7 +11,15 @@ MONOTONIC, OWN = "monotonic", "own"
 
 
 class SeenHand(NamedTuple):
-    """One hand at one time, in the tracker's frame; without pose and joints: the tracker sees no hand at that time."""
+    """One hand at one time, in the tracker's frame; without pose and joints: the tracker sees no hand at that time.
+
+    >>> from palpate.render import SeenHand
+    >>> hand = SeenHand(12.5, "right", "1", pose=[0.0, 0.0, 0.2, 0.5**0.5, 0.0, 0.0, 0.5**0.5])  # palm down
+    >>> SeenHand(12.6).is_lost
+    True
+    >>> hand
+    SeenHand(12.5 s, right hand '1', pose)
+    """
 
     time: float
     """When it was there [s], on the source's clock."""
@@ -19,9 +27,9 @@ class SeenHand(NamedTuple):
     """`left` or `right`; None if the tracker does not say."""
     hand_id: str = ""
     """Name of the hand: the same as long as the tracker follows it."""
-    pose: Numbers | None = None
-    """Hand frame -> tracker's frame, x y z [m] and quaternion xyzw, float64, shape [7]: the middle of the palm's skin,
-    +Y out of the back of the hand, +Z to the wrist. None: it follows from the joints."""
+    pose: Numbers | Sequence[float] | None = None
+    """Hand frame -> tracker's frame, x y z [m] and quaternion xyzw, shape [7]: the middle of the palm's skin, +Y out of
+    the back of the hand, +Z to the wrist. None: it follows from the joints."""
     joints: Numbers | None = None
     """OpenXR's 26 joints in its order and axes, x y z [m] and quaternion xyzw, shape [26, 7]; NaN where missing."""
     radius: Numbers | None = None
@@ -32,9 +40,20 @@ class SeenHand(NamedTuple):
         """Whether there is no hand."""
         return self.pose is None and self.joints is None
 
+    def __repr__(self) -> str:
+        """One line."""
+        given = [name for name in ("pose", "joints") if getattr(self, name) is not None] or ["not seen"]
+        return f"SeenHand({self.time:.6g} s, {self.side or 'a'} hand {self.hand_id!r}, {' and '.join(given)})"
+
 
 class SourceFault(NamedTuple):
-    """What a source yields in place of a frame where something is wrong with it or with what it received."""
+    """What a source yields in place of a frame if something is wrong with it, or with what it received.
+
+    >>> from palpate.render import SourceFault
+    >>> fault = SourceFault("battery", "battery: 3 % are left, and tracking stops at 2 %")
+    >>> fault
+    SourceFault(kind='battery', text='battery: 3 % are left, and tracking stops at 2 %')
+    """
 
     kind: str
     """Faults of one kind are reported once, then counted."""
@@ -43,33 +62,43 @@ class SourceFault(NamedTuple):
 
 
 Seen = SeenHand | SourceFault | Sequence[SeenHand]
-"""What a source yields: a frame; frames of several hands at the same time; or a fault."""
+"""What a source yields: a hand; all hands of one time; or a fault."""
 
 
 @runtime_checkable
 class PoseSource(Protocol):
-    """A source of live poses: something to enter, and then to iterate over. It runs in a process of its own.
+    """A source of live poses: an object to enter, and then to iterate over, in a process of its own.
 
-    So its class is in a module that another process can import, and it can be pickled before it is entered. What
-    waits for a tracker waits in the iterator. The source ends when its iterator does, and may raise any exception
-    before: its text is reported, and the array fades. A source that can take a flood of frames leaves old ones out.
+    Its class is in a module that another process can import, and it can be pickled before it is entered. What waits for
+    a tracker waits in the iterator. The source ends when its iterator does, or with any exception, whose text is
+    reported: then there is no hand any more. A list of hands has all that the tracker sees; a hand on its own says
+    nothing about others. A source that can be flooded leaves old frames out.
 
-    >>> import math, time
-    >>> from palpate.render.live.sources.hand_frame import SeenHand
-    >>> class Circle:  # ten poses on a circle 200 mm above the array, 100 a second, palm down
+    >>> import time
+    >>> from palpate.render import PoseSource, SeenHand
+    >>> class Still:
+    ...     '''A palm 200 mm above the array, palm down, a hundred times a second.'''
     ...     clock = "monotonic"
+    ...
     ...     def __enter__(self):
     ...         return self
+    ...
     ...     def __exit__(self, *error):
     ...         pass
+    ...
     ...     def __iter__(self):
-    ...         for k in range(10):
+    ...         while True:
     ...             time.sleep(0.01)
-    ...             x, y = 0.03 * math.cos(k / 10), 0.03 * math.sin(k / 10)
-    ...             yield SeenHand(time.monotonic(), "right", pose=[x, y, 0.2, 0.5**0.5, 0.0, 0.0, 0.5**0.5])
-    >>> with Circle() as source:
-    ...     print(len(list(source)))
-    10
+    ...             yield SeenHand(time.monotonic(), "right", "1", [0.0, 0.0, 0.2, 0.5**0.5, 0.0, 0.0, 0.5**0.5])
+    ...
+    ...     def __repr__(self):
+    ...         return "Still()"
+    >>> source = Still()
+    >>> isinstance(source, PoseSource)
+    True
+    >>> with source:
+    ...     next(iter(source)).side
+    'right'
     """
 
     clock: str
@@ -86,5 +115,5 @@ class PoseSource(Protocol):
         ...
 
     def __iter__(self) -> Iterator[Seen]:
-        """Frames as they come, oldest first, for as long as the source lasts."""
+        """Hands as they come, oldest first, for as long as the source lasts."""
         ...

@@ -129,9 +129,10 @@ def start_source(settings: SourceSettings) -> SourceProcess:
         raise StrategyError(f"the source's process cannot be started: {error}") from error
     finally:
         os.close(sender)
-    pipe = cast("IO[bytes]", process.stdin)
+    pipe, rest = cast("IO[bytes]", process.stdin), memoryview(content)
     with contextlib.suppress(BrokenPipeError):  # it has ended already, which `is_alive` shows
-        pipe.write(content)
+        while rest:
+            rest = rest[pipe.write(rest) :]
     return SourceProcess(process, receiver)
 
 

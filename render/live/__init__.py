@@ -1,1 +1,1 @@
-"""A hand that moves now: from its tracker to an array, with a stated latency."""
+"""A hand that moves now: poses from its tracker, drawn and handed to the array within milliseconds."""

@@ -1,10 +1,13 @@
 """Poses of the palm and of patches from joints of one frame, beside those of whole recordings, which are other code."""
 
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 from live_senders import joint_frames, palm_at
 
-from palpate.datasets import Y_UP, HandRecording
+from palpate.datasets import Y_UP, HandRecording, load_recording
 from palpate.datasets.hand_model.joints import Joint
 from palpate.datasets.recordings.conventions import mirrored
 from palpate.datasets.recordings.sample import sample_recording
@@ -15,6 +18,9 @@ from palpate.render.live.sources.hand_frame import SeenHand
 from palpate.render.live.sources.hand_poses import MEASURED, HandPoses, PatchLayout, moved, phalanx_poses
 from palpate.render.live.sources.live_hands import patch_layout
 from palpate.render.live.sources.plausibility import Implausible
+
+DATA = Path(os.environ.get("PALPATE_TEST_DATA", ""))
+needs_data = pytest.mark.skipif("PALPATE_TEST_DATA" not in os.environ, reason="set PALPATE_TEST_DATA")
 
 
 def recorded(*, is_left=False, frame_count=40):
@@ -184,3 +190,17 @@ def test_frames_of_joints_are_posed_as_quickly_as_a_live_hand_needs():
 def test_joint_frames_of_the_stand_in_are_of_its_side():
     (frame,) = joint_frames(1.0, 1.0, is_left=True)
     assert HandPoses(Y_UP).posed(frame)[0] is not None
+
+
+@needs_data
+@pytest.mark.exhaustive(after=1)
+@pytest.mark.parametrize("name", ["grab", "rollAndPitchCropped", "HandSplay-110fps", "test-paddle-rightwards"])
+def test_recorded_hands_frame_by_frame_have_the_palms_of_the_whole_recording(name):
+    """Real hands, of which each frame is posed without the others."""
+    recording = load_recording(DATA / "leap" / f"{name}.npz").transformed(Y_UP)
+    poses, skin = HandPoses(), recording.skin_pose()
+    frames = np.flatnonzero(recording.present)[: MEASURED + 100]
+    found = np.array([poses.posed(frame_of(recording, k))[0] for k in frames])
+    away = np.linalg.norm(found[:, :3] - skin[: len(frames), :3], axis=1)
+    assert away[MEASURED:].max() < 4e-3
+    assert np.allclose(found[:, 3:], skin[: len(frames), 3:], atol=1e-12)

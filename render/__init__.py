@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from .intersection.patch_points import array_points
     from .intersection.prepared_contours import PreparedContours
     from .intersection.scene import Scene
+    from .live.sources.hand_frame import PoseSource, SeenHand, SourceFault
     from .motions.explorations.explored import ExploredPoses, exploration
     from .motions.explorations.habits import ExplorerHabits, explorer_habits
     from .motions.groups import MotionGroup, render_motions
@@ -148,6 +149,7 @@ _ROOMS = {
     "objects.voxels.files": "save_voxels",
     "objects.voxels.voxel_object": "VoxelObject",
     "objects.voxels.voxeliser": "voxelise",
+    "live.sources.hand_frame": "PoseSource SeenHand SourceFault",
     "motions.groups": "MotionGroup render_motions",
     "motions.explorations.explored": "ExploredPoses exploration",
     "motions.explorations.habits": "ExplorerHabits explorer_habits",
@@ -229,6 +231,7 @@ __all__ = [
     "PlaneHand",
     "PlayedFrames",
     "PoseError",
+    "PoseSource",
     "PreparedContours",
     "PressureMetrics",
     "RecordingError",
@@ -241,7 +244,9 @@ __all__ = [
     "Sampler",
     "SamplingStrategy",
     "Scene",
+    "SeenHand",
     "ShapeError",
+    "SourceFault",
     "Stage",
     "StrategyError",
     "SweepError",

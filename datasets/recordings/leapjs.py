@@ -39,18 +39,28 @@ def leapjs_frames(content: Json, *, is_left_handed: bool = False) -> Clip:
     time: list[float] = []
     seen: list[Sighting] = []
     for frame in _unpacked(_frames(content)):
-        index = len(time)
-        place = frame_place(index)
-        if "hands" not in mapping(frame, place) and ("event" in frame or "version" in frame):
-            continue  # what a service says about itself and its devices
-        time.append(number(entry(frame, "timestamp", place), f"{place}, timestamp") * _SECOND)
-        fingers: dict[str, list[Json]] = {}
-        for finger in items(optional(frame, "pointables", place) or [], f"{place}, pointables"):
-            if not optional(finger, "tool", place):
-                fingers.setdefault(str(optional(finger, "handId", place)), []).append(finger)
-        for hand in items(entry(frame, "hands", place), f"{place}, hands"):
-            seen.append(_sighting(hand, fingers, index, is_left_handed=is_left_handed))
+        found = frame_hands(frame, len(time), is_left_handed=is_left_handed)
+        if found is not None:
+            time.append(found[0])
+            seen += found[1]
     return Clip(time, seen, frame_place)
+
+
+def frame_hands(frame: Json, index: int, *, is_left_handed: bool = False) -> tuple[float, list[Sighting]] | None:
+    """Time [s] and hands of one frame; None for what a service says about itself and its devices.
+
+    index: what the frame is called where it is refused.
+    """
+    place = frame_place(index)
+    if "hands" not in mapping(frame, place) and ("event" in frame or "version" in frame):
+        return None
+    time = number(entry(frame, "timestamp", place), f"{place}, timestamp") * _SECOND
+    fingers: dict[str, list[Json]] = {}
+    for finger in items(optional(frame, "pointables", place) or [], f"{place}, pointables"):
+        if not optional(finger, "tool", place):
+            fingers.setdefault(str(optional(finger, "handId", place)), []).append(finger)
+    hands = items(entry(frame, "hands", place), f"{place}, hands")
+    return time, [_sighting(hand, fingers, index, is_left_handed=is_left_handed) for hand in hands]
 
 
 def _frames(content: Json) -> list[Json]:

@@ -37,6 +37,8 @@ EXPRESSIONS = {
     "palpate.render.InProcess": "InProcess()",
     "palpate.render.PatchJoint": "PatchJoint(0, 3, 1, 1)",
     "palpate.render.SamplingStrategy": "SamplingStrategy()",
+    "palpate.render.SeenHand": 'SeenHand(12.5, "right", "1", [0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0])',
+    "palpate.render.SourceFault": 'SourceFault("battery", "battery: 3 % are left")',
     "palpate.render.SweepResult": "sweep('study.toml', {'motion.source': 'still.csv'})",
     "palpate.datasets.ContourWriter": None,
     "palpate.device.Clock": "VirtualClock()",

@@ -1,0 +1,245 @@
+"""Poses by UDP: JSON for whoever tries something out, a binary form for whoever sends much; both in live-poses.md.
+
+A datagram is one frame of the tracker: all hands that it sees, or none. What cannot be read is reported with its reason
+and left out.
+"""
+
+import json
+import math
+import re
+import socket
+import struct
+import time
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Any, Final, Self
+
+import numpy as np
+
+from ....datasets.hand_model.joints import JOINT_COUNT
+from ....datasets.rigid import Numbers
+from ...errors import StrategyError
+from .hand_frame import OWN, Seen, SeenHand, SourceFault
+
+HOST, PORT = "127.0.0.1", 5005
+DATAGRAM_BYTES = 65536
+HANDS_MOST = 8
+MAGIC: Final = b"palp"
+VERSION: Final = 1
+HEAD = struct.Struct("<4sBBxxd")
+"""Of a binary datagram: magic, version, number of hands, time [s]."""
+HAND = struct.Struct("<BBxxI")
+"""Of each hand: side, what follows, id."""
+SIDES: Final = (None, "left", "right")
+PALM, JOINTS = 1, 2
+"""What follows: the palm's pose, seven float64; 26 joints with radii, each eight float32."""
+
+_BURST = 4  # of more datagrams than these at a time, the newest are read
+_ROUND = 1e-3  # [s] between two readings of the socket, so that a flood costs little
+_JOINT_VALUES = 8
+_ADDRESS = re.compile(r"(?:(?P<host>.*):)?(?P<port>[0-9]+)")
+
+
+class DatagramError(ValueError):
+    """A datagram that cannot be read."""
+
+    @property
+    def kind(self) -> str:
+        """What is wrong, without the values."""
+        return re.sub(r"[0-9]+", "", str(self).split(", not", 1)[0].split(":", 1)[0])
+
+
+def frames_of(data: bytes) -> SeenHand | list[SeenHand]:
+    """All hands of a datagram, or a frame without hand; a single one is of a JSON object without `hands`.
+
+    Raises DatagramError.
+    """
+    if data[:4] == MAGIC:
+        return _binary_frames(data)
+    if data[:1] == b"{":
+        return _json_frames(data)
+    raise DatagramError(f"a datagram must begin with {{ (JSON) or {MAGIC.decode()} (binary), not with {data[:8]!r}")
+
+
+def packed_frames(frames: list[SeenHand]) -> bytes:
+    """The binary datagram of hands at one time, or of none: a frame without hand."""
+    there = [frame for frame in frames if not frame.is_lost]
+    parts = [HEAD.pack(MAGIC, VERSION, len(there), frames[0].time)]
+    for frame in there:
+        content = JOINTS if frame.joints is not None else PALM
+        hand_id = int(frame.hand_id) if frame.hand_id.isdecimal() else 0
+        parts.append(HAND.pack(SIDES.index(frame.side), content, hand_id))
+        if frame.joints is None:
+            parts.append(np.asarray(frame.pose, "<f8").tobytes())
+            continue
+        radius = np.full(JOINT_COUNT, np.nan) if frame.radius is None else frame.radius
+        parts.append(np.concatenate([frame.joints, radius[:, None]], axis=1).astype("<f4").tobytes())
+    return b"".join(parts)
+
+
+@dataclass
+class UdpSource:
+    """Receives frames at an address.
+
+    host: of this machine; 127.0.0.1 takes datagrams of this machine alone, 0.0.0.0 those of anybody who can reach it.
+    """
+
+    host: str = HOST
+    port: int = PORT
+    clock: str = OWN
+    _socket: socket.socket | None = field(default=None, repr=False)
+
+    @classmethod
+    def at(cls, address: str) -> Self:
+        """The source at `HOST:PORT`, `PORT` or, for an empty text, the default; raises StrategyError."""
+        found = _ADDRESS.fullmatch(address or str(PORT))
+        if not found or not 0 <= int(found["port"]) <= 65535:
+            raise StrategyError(f"the address for UDP must be HOST:PORT with a port of 0..65535, not {address!r:.60}")
+        return cls((found["host"] or HOST).strip("[]"), int(found["port"]))
+
+    def __enter__(self) -> Self:
+        """Bind the address; raises OSError where it is taken or not of this machine."""
+        kind, _, _, _, address = socket.getaddrinfo(self.host, self.port, type=socket.SOCK_DGRAM)[0]
+        opened = socket.socket(kind, socket.SOCK_DGRAM)
+        try:
+            opened.bind(address)
+        except OSError as error:
+            opened.close()
+            raise OSError(error.errno, f"cannot listen at {self.host}:{self.port}: {error.strerror}") from None
+        self.port = opened.getsockname()[1]
+        self._socket = opened
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Close the socket."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def __iter__(self) -> Iterator[Seen]:
+        """Frames and faults as they come, for ever."""
+        if self._socket is None:
+            raise RuntimeError("UdpSource is iterated over inside its `with`")
+        ready = 0.0
+        while True:
+            time.sleep(max(ready - time.monotonic(), 0.0))
+            data, left_out = _newest(self._socket)
+            ready = time.monotonic() + _ROUND if len(data) == _BURST else 0.0
+            if left_out:
+                yield SourceFault(
+                    "flood", f"more than {_BURST} datagrams came at a time: the newest {_BURST} were read"
+                )
+            for one in data:
+                try:
+                    yield frames_of(one)
+                except DatagramError as error:
+                    yield SourceFault(error.kind, str(error))
+
+
+def _newest(opened: socket.socket) -> tuple[list[bytes], int]:
+    """Wait for a datagram; the newest that are there, oldest first, and how many older ones were left out."""
+    opened.setblocking(True)
+    found = deque([opened.recv(DATAGRAM_BYTES)], _BURST)
+    count = 1
+    opened.setblocking(False)
+    try:
+        while count < 4096:
+            found.append(opened.recv(DATAGRAM_BYTES))
+            count += 1
+    except BlockingIOError:
+        pass
+    return list(found), count - len(found)
+
+
+def _json_frames(data: bytes) -> SeenHand | list[SeenHand]:
+    try:
+        content = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise DatagramError(f"a datagram is no JSON: {error}") from None
+    if not isinstance(content, dict):
+        raise DatagramError("a datagram must be one JSON object")
+    at = _number(content.get("time"), "time")
+    if "hands" not in content:
+        return _json_hand(content, at)
+    listed = content["hands"]
+    if not isinstance(listed, list) or len(listed) > HANDS_MOST:
+        raise DatagramError(f"hands: must be a list of at most {HANDS_MOST}, not {listed!r:.60}")
+    frames = [_json_hand(hand, at) for hand in listed]
+    return [frame for frame in frames if not frame.is_lost] or [SeenHand(at)]
+
+
+def _json_hand(hand: Any, at: float) -> SeenHand:
+    if not isinstance(hand, dict):
+        raise DatagramError(f"hands: each must be an object, not {hand!r:.60}")
+    side, hand_id = hand.get("side"), hand.get("id", "")
+    if side not in SIDES:
+        raise DatagramError(f"side: must be left or right, not {side!r:.60}")
+    if isinstance(hand_id, bool) or not isinstance(hand_id, str | int):
+        raise DatagramError(f"id: must be a text or a whole number, not {hand_id!r:.60}")
+    palm, joints, radius = (hand.get(name) for name in ("palm", "joints", "radius"))
+    return SeenHand(
+        at,
+        side,
+        str(hand_id),
+        None if palm is None else _numbers(palm, "palm", (7,)),
+        None if joints is None else _numbers(joints, "joints", (JOINT_COUNT, 7)),
+        None if radius is None else _numbers(radius, "radius", (JOINT_COUNT,)),
+    )
+
+
+def _number(value: Any, name: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise DatagramError(f"{name}: must be a number, not {value!r:.60}")
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+
+
+def _numbers(value: Any, name: str, shape: tuple[int, ...]) -> Numbers:
+    """Numbers of a shape; null, a joint that is null and NaN are unknown."""
+    if len(shape) == 2 and isinstance(value, list):
+        value = [[None] * shape[1] if row is None else row for row in value]
+    try:
+        found = np.array(value, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise DatagramError(f"{name}: must be numbers of shape {list(shape)}, not {value!r:.60}") from None
+    if found.shape != shape:
+        raise DatagramError(f"{name}: must have shape {list(shape)}, not {list(found.shape)}")
+    return found
+
+
+def _binary_frames(data: bytes) -> list[SeenHand]:
+    if len(data) < HEAD.size:
+        raise DatagramError(f"a binary datagram has {HEAD.size} bytes at least, not {len(data)}")
+    _, version, count, at = HEAD.unpack_from(data)
+    if version != VERSION:
+        raise DatagramError(f"version: must be {VERSION}, not {version}")
+    if count > HANDS_MOST:
+        raise DatagramError(f"number of hands: must be at most {HANDS_MOST}, not {count}")
+    frames: list[SeenHand] = []
+    offset = HEAD.size
+    for _ in range(count):
+        if len(data) < offset + HAND.size:
+            raise DatagramError(f"a datagram of {count} hands ends after {len(data)} bytes, within a hand")
+        side, content, hand_id = HAND.unpack_from(data, offset)
+        offset += HAND.size
+        if side >= len(SIDES) or content not in (PALM, JOINTS):
+            raise DatagramError(f"side and content: must be 0..2 and 1 or 2, not {side} and {content}")
+        size = 7 * 8 if content == PALM else JOINT_COUNT * _JOINT_VALUES * 4
+        if len(data) < offset + size:
+            raise DatagramError(f"a datagram of {count} hands ends after {len(data)} bytes, within a hand")
+        if content == PALM:
+            frames.append(SeenHand(at, SIDES[side], str(hand_id), np.frombuffer(data, "<f8", 7, offset)))
+        else:
+            joints = np.frombuffer(data, "<f4", JOINT_COUNT * _JOINT_VALUES, offset).reshape(JOINT_COUNT, _JOINT_VALUES)
+            joints = joints.astype(np.float64)
+            frames.append(SeenHand(at, SIDES[side], str(hand_id), None, joints[:, :7], joints[:, 7]))
+        offset += size
+    if offset != len(data):
+        raise DatagramError(f"a datagram of {count} hands has {offset} bytes, not {len(data)}")
+    return frames or [SeenHand(at)]

@@ -1,0 +1,206 @@
+"""Poses of the palm and of patches from joints of one frame, beside those of whole recordings, which are other code."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from live_senders import joint_frames, palm_at
+
+from palpate.datasets import Y_UP, HandRecording, load_recording
+from palpate.datasets.hand_model.joints import Joint
+from palpate.datasets.recordings.conventions import mirrored
+from palpate.datasets.recordings.sample import sample_recording
+from palpate.datasets.rigid import pose_product
+from palpate.render.errors import StrategyError
+from palpate.render.hands.plane_hand import PlaneHand
+from palpate.render.live.sources.hand_frame import SeenHand
+from palpate.render.live.sources.hand_poses import MEASURED, HandPoses, PatchLayout, moved, phalanx_poses
+from palpate.render.live.sources.live_hands import patch_layout
+from palpate.render.live.sources.plausibility import Implausible
+
+DATA = Path(os.environ.get("PALPATE_TEST_DATA", ""))
+needs_data = pytest.mark.skipif("PALPATE_TEST_DATA" not in os.environ, reason="set PALPATE_TEST_DATA")
+
+
+def recorded(*, is_left=False, frame_count=40):
+    return sample_recording(frame_count=frame_count, rate=100.0, is_left=is_left).transformed(Y_UP)
+
+
+def planes_of(recording):
+    return PlaneHand.from_joints(recording.joints_in_hand(), recording.radii(), is_left=recording.is_left)
+
+
+HANDS = {is_left: planes_of(recorded(is_left=is_left)) for is_left in (False, True)}
+
+
+def frame_of(recording, k, **changes):
+    side = "left" if recording.is_left else "right"
+    values = {"side": side, "hand_id": "1", "joints": recording.joint_pose[k], "radius": recording.joint_radius}
+    return SeenHand(float(recording.time[k]), **(values | changes))
+
+
+@pytest.mark.parametrize("is_left", [False, True], ids=["right", "left"])
+def test_palm_and_patches_are_those_of_the_recording(is_left):
+    recording = recorded(is_left=is_left)
+    hand = HANDS[is_left]
+    poses = HandPoses(None, patch_layout(hand))
+    skin = recording.skin_pose()
+    for k in range(len(recording)):
+        pose, patch_pose = poses.posed(frame_of(recording, k))
+        assert patch_pose.dtype == np.float32
+        if k < MEASURED - 1:
+            continue
+        assert np.allclose(pose, skin[k], atol=2e-4)  # a median over the first frames, beside one over all
+        exact, patch_pose = poses.posed(frame_of(recording, k, pose=skin[k]))
+        assert np.array_equal(exact, skin[k])
+        expected = hand.patch_pose[k]
+        flip = np.sign(np.sum(expected[:, 3:] * patch_pose[:, 3:], axis=1, keepdims=True))
+        assert np.allclose(patch_pose[:, :3], expected[:, :3], atol=1e-6)
+        assert np.allclose(patch_pose[:, 3:] * flip, expected[:, 3:], atol=1e-6)
+
+
+def test_the_skin_is_where_a_recording_has_it_from_the_first_frame_on():
+    recording = recorded()
+    one = HandRecording(recording.time[:1], recording.joint_pose[:1], recording.joint_radius)
+    pose, patch_pose = HandPoses().posed(frame_of(recording, 0))
+    assert patch_pose is None
+    assert np.allclose(pose, one.skin_pose()[0], atol=1e-12)
+
+
+def test_what_is_measured_of_a_hand_stays_and_is_measured_anew_for_another():
+    recording = recorded(frame_count=MEASURED + 5)
+    poses = HandPoses()
+    for k in range(MEASURED):
+        poses.posed(frame_of(recording, k))
+    thick = frame_of(recording, MEASURED, radius=recording.joint_radius * 2.0)
+    palm = recording.joint_pose[MEASURED, Joint.PALM]
+    kept, _ = poses.posed(thick)
+    assert np.linalg.norm(kept[:3] - palm[:3]) < 1.5 * recording.joint_radius[0] + 0.03
+    poses.restart()
+    anew, _ = poses.posed(thick)
+    assert anew[2] - kept[2] == pytest.approx(-recording.joint_radius[0], abs=2e-3)  # palm down: its skin is lower
+
+
+@pytest.mark.parametrize("alignment", [Y_UP, "y-up", [0.1, 0.2, 0.0, 0.0, 0.0, 1.0, 0.0]])
+def test_poses_are_aligned_as_a_recording_is(alignment):
+    made = sample_recording(frame_count=3)
+    pose, _ = HandPoses(alignment).posed(frame_of(made, 1))
+    one = HandRecording(made.time[:1], made.joint_pose[1:2], made.joint_radius).transformed(
+        Y_UP if isinstance(alignment, str) else alignment
+    )
+    assert np.allclose(pose, one.skin_pose()[0], atol=1e-12)
+
+
+def test_a_left_handed_frame_is_mirrored():
+    made = sample_recording(frame_count=1)
+    position, quaternion = mirrored(made.joint_pose[0, :, :3], made.joint_pose[0, :, 3:])
+    frame = frame_of(made, 0, joints=np.concatenate([position, quaternion], axis=1))
+    assert np.allclose(HandPoses("unity").posed(frame)[0], HandPoses(Y_UP).posed(frame_of(made, 0))[0], atol=1e-12)
+    with pytest.raises(Implausible, match="the frame is left-handed, as Unity's: alignment=unity"):
+        HandPoses("y-up").posed(frame)
+
+
+def test_what_a_tracker_does_not_give_is_derived():
+    """Leap gives no place of PALM; a tracker of points gives no orientations, metacarpals and radii."""
+    recording = recorded()
+    whole, _ = HandPoses().posed(frame_of(recording, 0))
+    leap = recording.joint_pose[0].copy()
+    leap[Joint.PALM, :3] = np.nan
+    points = recording.joint_pose[0].copy()
+    points[:, 3:] = np.nan
+    points[[Joint.PALM, Joint.INDEX_METACARPAL, Joint.MIDDLE_METACARPAL]] = np.nan
+    for joints, tolerance in ((leap, 3e-3), (points, 10e-3)):
+        pose, _ = HandPoses().posed(frame_of(recording, 0, joints=joints, radius=None))
+        assert np.linalg.norm(pose[:3] - whole[:3]) < tolerance
+        assert abs(pose[3:] @ whole[3:]) > 0.99
+
+
+def test_a_frame_without_what_the_palm_follows_from_has_no_pose():
+    recording = recorded()
+    joints = recording.joint_pose[0].copy()
+    joints[:11] = np.nan
+    joints[Joint.MIDDLE_METACARPAL :: 1][:2] = np.nan
+    assert HandPoses().posed(frame_of(recording, 0, joints=joints)) == (None, None)
+
+
+def test_a_joint_that_is_missing_keeps_its_place_for_a_tenth_of_a_second():
+    recording = recorded()
+    hand = HANDS[False]
+    poses = HandPoses(None, patch_layout(hand))
+    tip = hand.patch_index("index-distal")
+    joints = recording.joint_pose.copy()
+    joints[1:, Joint.INDEX_TIP] = np.nan
+    there = []
+    for k in range(20):
+        frame = frame_of(recording, k, joints=joints[k])
+        there.append(not np.isnan(poses.posed(frame)[1][tip]).any())
+    assert there == [k <= 10 for k in range(20)]  # at 100 Hz
+
+
+def test_a_palm_alone_has_its_fingers_at_rest():
+    layout = patch_layout(HANDS[False])
+    pose, patch_pose = HandPoses(None, layout).posed(SeenHand(0.0, "right", "1", palm_at(0.0)))
+    assert np.array_equal(pose, palm_at(0.0))
+    assert np.array_equal(patch_pose, layout.rest)
+
+
+def test_a_patch_that_no_bone_moves_is_refused():
+    with pytest.raises(StrategyError, match="patch 'nose' lies under no bone; live patches are: palm, thumb-proximal"):
+        PatchLayout.of(("palm", "nose"), np.zeros((2, 7)))
+
+
+def test_planes_of_bones_without_length_or_joints_are_not_there():
+    joints = recorded().joints_in_hand()[0]
+    joints[Joint.INDEX_INTERMEDIATE] = joints[Joint.INDEX_PROXIMAL]
+    joints[Joint.RING_DISTAL] = np.nan
+    starts = np.array([Joint.INDEX_PROXIMAL, Joint.RING_INTERMEDIATE, Joint.RING_DISTAL, Joint.LITTLE_PROXIMAL])
+    found = phalanx_poses(joints, np.full(26, 0.01), starts)
+    assert np.isnan(found).all(axis=1).tolist() == [True, True, True, False]
+    assert np.isfinite(found[3]).all()
+
+
+def test_poses_are_moved_as_by_the_product_of_poses():
+    rng = np.random.default_rng(4)
+    poses = rng.normal(size=(9, 7))
+    poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+    assert np.allclose(moved(poses[0], poses), pose_product(poses[0], poses), atol=1e-14)
+    assert np.allclose(moved(poses[0], poses[1]), pose_product(poses[0], poses[1]), atol=1e-14)
+
+
+def test_frames_of_joints_are_posed_as_quickly_as_a_live_hand_needs():
+    """0.35 ms of processor time were measured; a tenth of a 120 Hz frame is 0.83 ms."""
+    import time
+
+    recording = recorded(frame_count=MEASURED)
+    poses = HandPoses(
+        None, patch_layout(PlaneHand.from_joints(recording.joints_in_hand(), recording.radii(), is_left=False))
+    )
+    frames = [frame_of(recording, k) for k in range(MEASURED)]
+    for frame in frames:
+        poses.posed(frame)
+    spent = []
+    for frame in frames:
+        before = time.thread_time()
+        poses.posed(frame)
+        spent.append(time.thread_time() - before)
+    assert np.median(spent) < 0.83e-3
+
+
+def test_joint_frames_of_the_stand_in_are_of_its_side():
+    (frame,) = joint_frames(1.0, 1.0, is_left=True)
+    assert HandPoses(Y_UP).posed(frame)[0] is not None
+
+
+@needs_data
+@pytest.mark.exhaustive(after=1)
+@pytest.mark.parametrize("name", ["grab", "rollAndPitchCropped", "HandSplay-110fps", "test-paddle-rightwards"])
+def test_recorded_hands_frame_by_frame_have_the_palms_of_the_whole_recording(name):
+    """Real hands, of which each frame is posed without the others."""
+    recording = load_recording(DATA / "leap" / f"{name}.npz").transformed(Y_UP)
+    poses, skin = HandPoses(), recording.skin_pose()
+    frames = np.flatnonzero(recording.present)[: MEASURED + 100]
+    found = np.array([poses.posed(frame_of(recording, k))[0] for k in frames])
+    away = np.linalg.norm(found[:, :3] - skin[: len(frames), :3], axis=1)
+    assert away[MEASURED:].max() < 4e-3
+    assert np.allclose(found[:, 3:], skin[: len(frames), 3:], atol=1e-12)

@@ -1,0 +1,180 @@
+"""Datagrams: both forms as docs/formats/live-poses.md has them; what cannot be read is reported with its reason.
+
+Binary datagrams are written here by `struct` from the document's table, not by the code under test.
+"""
+
+import itertools
+import json
+import socket
+import struct
+
+import numpy as np
+import pytest
+from live_senders import joint_frames, palm_at, palm_frames
+
+from palpate.render.errors import StrategyError
+from palpate.render.live.sources.hand_frame import SeenHand, SourceFault
+from palpate.render.live.sources.udp import DatagramError, UdpSource, frames_of, packed_frames
+
+POSE = palm_at(0.5)
+JOINTS = np.arange(26 * 8, dtype=np.float32).reshape(26, 8)
+
+
+def binary(*hands, version=1, at=3.5, count=None):
+    head = struct.pack("<4sBBxxd", b"palp", version, len(hands) if count is None else count, at)
+    return head + b"".join(hands)
+
+
+PALM_HAND = struct.pack("<BBxxI7d", 2, 1, 41, *POSE)
+JOINTS_HAND = struct.pack("<BBxxI208f", 1, 2, 42, *JOINTS.ravel())
+
+
+def test_json_gives_a_palm_alone():
+    frame = frames_of(json.dumps({"time": 1.5, "side": "left", "id": 9, "palm": POSE.tolist()}).encode())
+    assert frame[:3] == (1.5, "left", "9")
+    assert np.array_equal(frame.pose, POSE)
+    assert frame.joints is None
+
+
+def test_json_gives_joints_of_which_some_are_not_known():
+    joints = [None if k == 4 else row[:7] for k, row in enumerate(JOINTS.tolist())]
+    frame = frames_of(json.dumps({"time": 2, "joints": joints, "radius": [0.01] * 25 + [None]}).encode())
+    assert frame[:3] == (2.0, None, "")
+    assert np.isnan(frame.joints[4]).all()
+    assert np.array_equal(np.delete(frame.joints, 4, axis=0), np.delete(JOINTS[:, :7], 4, axis=0))
+    assert np.isnan(frame.radius[25])
+
+
+def test_json_gives_several_hands_or_none_of_a_time():
+    hands = [{"side": "left", "id": "a", "palm": POSE.tolist()}, {"side": "right", "id": "b", "palm": POSE.tolist()}]
+    frames = frames_of(json.dumps({"time": 2.0, "hands": hands}).encode())
+    assert [frame[:3] for frame in frames] == [(2.0, "left", "a"), (2.0, "right", "b")]
+    assert frames_of(b'{"time": 3.0, "hands": []}') == [SeenHand(3.0)]
+    assert frames_of(b'{"time": 3.0}') == SeenHand(3.0)
+    assert frames_of(b'{"time": 3.0, "palm": null}').is_lost
+
+
+def test_the_binary_form_gives_hands_or_none():
+    palm, joints = frames_of(binary(PALM_HAND, JOINTS_HAND))
+    assert palm[:3] == (3.5, "right", "41")
+    assert np.array_equal(palm.pose, POSE)
+    assert joints[:3] == (3.5, "left", "42")
+    assert np.array_equal(joints.joints, JOINTS[:, :7])
+    assert np.array_equal(joints.radius, JOINTS[:, 7])
+    assert frames_of(binary(at=4.0)) == [SeenHand(4.0)]
+
+
+def test_what_is_packed_is_the_documented_form():
+    assert packed_frames([SeenHand(3.5, "right", "41", POSE)]) == binary(PALM_HAND)
+    hand = SeenHand(3.5, "left", "42", None, JOINTS[:, :7], JOINTS[:, 7])
+    assert packed_frames([hand]) == binary(JOINTS_HAND)
+    assert packed_frames([SeenHand(3.5)]) == binary()
+    (given,) = joint_frames(10.0, 0.1)
+    (back,) = frames_of(packed_frames([given]))
+    assert np.allclose(back.joints, given.joints, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (b"", "must begin with {"),
+        (b"\xff\x00\x01", "must begin with {"),
+        (b"{", "no JSON"),
+        (b'{"time": 1' + b"[" * 100_000, "no JSON"),
+        (b'{"palm": []}', "time: must be a number, not None"),
+        (b'{"time": true}', "time: must be a number, not True"),
+        (b'{"time": 1, "hands": 3}', "hands: must be a list of at most 8, not 3"),
+        (b'{"time": 1, "hands": [4]}', "each must be an object, not 4"),
+        (b'{"time": 1, "side": "both"}', "side: must be left or right, not 'both'"),
+        (b'{"time": 1, "side": [1]}', r"side: must be left or right, not \[1\]"),
+        (b'{"time": 1, "id": 1.5}', "id: must be a text or a whole number, not 1.5"),
+        (b'{"time": 1, "palm": [1, 2, 3]}', r"palm: must have shape \[7\], not \[3\]"),
+        (b'{"time": 1, "palm": "here"}', "palm: must be numbers"),
+        (b'{"time": 1, "palm": {"x": 1}}', "palm: must be numbers"),
+        (b'{"time": 1, "joints": [[1], [1, 2]]}', "joints: must be numbers"),
+        (b'{"time": 1, "radius": [1]}', r"radius: must have shape \[26\], not \[1\]"),
+        (b"palp", "has 16 bytes at least, not 4"),
+        (binary(version=2), "version: must be 1, not 2"),
+        (binary(count=9), "number of hands: must be at most 8, not 9"),
+        (binary(count=1), "ends after 16 bytes, within a hand"),
+        (binary(PALM_HAND[:-1]), "ends after 79 bytes, within a hand"),
+        (binary(b"\x03" + PALM_HAND[1:]), "must be 0..2 and 1 or 2, not 3 and 1"),
+        (binary(PALM_HAND) + b"x", "has 80 bytes, not 81"),
+    ],
+)
+def test_a_datagram_that_cannot_be_read_is_refused_with_its_reason(data, reason):
+    with pytest.raises(DatagramError, match=reason):
+        frames_of(data)
+
+
+def test_faults_of_one_kind_have_one_name_whatever_their_values():
+    kinds = []
+    for data in (b'{"time": 1, "side": "both"}', b'{"time": 1, "side": 4}', b"x", b"y", b'{"time": null}'):
+        with pytest.raises(DatagramError) as refused:
+            frames_of(data)
+        kinds.append(refused.value.kind)
+    assert kinds[0] == kinds[1]
+    assert kinds[2] == kinds[3]
+    assert len(set(kinds)) == 3
+
+
+def test_random_bytes_raise_nothing_else():
+    rng = np.random.default_rng(5)
+    whole = [binary(PALM_HAND, JOINTS_HAND), b'{"time": 1, "side": "left", "palm": [0,0,0.2,0,0,0,1]}']
+    refused = 0
+    for k in range(400):
+        data = bytearray(whole[k % 2])
+        for at in rng.integers(0, len(data), 3):
+            data[at] = rng.integers(256)
+        try:
+            frames_of(bytes(data[: rng.integers(1, len(data) + 1)]))
+        except DatagramError:
+            refused += 1
+    assert refused > 200
+
+
+@pytest.mark.parametrize(
+    ("text", "host", "port"),
+    [("", "127.0.0.1", 5005), ("6000", "127.0.0.1", 6000), ("0.0.0.0:7", "0.0.0.0", 7), ("[::1]:8", "::1", 8)],
+)
+def test_addresses_are_read(text, host, port):
+    source = UdpSource.at(text)
+    assert (source.host, source.port) == (host, port)
+
+
+@pytest.mark.parametrize("text", ["host", "127.0.0.1:", "1:70000", "a:b"])
+def test_an_address_without_a_port_is_refused(text):
+    with pytest.raises(StrategyError, match=r"must be HOST:PORT with a port of 0\.\.65535, not "):
+        UdpSource.at(text)
+
+
+@pytest.fixture
+def listening():
+    with UdpSource(port=0) as source, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        yield source, lambda data: sender.sendto(data, ("127.0.0.1", source.port))
+
+
+def test_datagrams_come_as_frames_and_garbage_as_faults(listening):
+    source, send = listening
+    for data in (binary(PALM_HAND), b"nonsense", b'{"time": 4.0}'):
+        send(data)
+    first, fault, last = itertools.islice(source, 3)
+    assert first[0].hand_id == "41"
+    assert isinstance(fault, SourceFault)
+    assert last == SeenHand(4.0)
+
+
+def test_of_a_flood_the_newest_are_read_and_it_is_reported(listening):
+    source, send = listening
+    for frame in palm_frames(10_000.0, 0.02):
+        send(packed_frames([frame]))
+    fault, *frames = itertools.islice(source, 5)
+    assert fault.kind == "flood"
+    assert "the newest 4 were read" in fault.text
+    assert [frame[0].time for frame in frames] == pytest.approx([500.0196, 500.0197, 500.0198, 500.0199])
+
+
+def test_an_address_that_is_taken_is_named(listening):
+    source, _ = listening
+    with pytest.raises(OSError, match=f"cannot listen at 127.0.0.1:{source.port}: Address already in use"):
+        UdpSource(port=source.port).__enter__()

@@ -20,6 +20,7 @@ from ..hands.hand import Palm
 from ..intersection.named_inputs import load_solid
 from ..live.live_counts import LiveStatistics
 from ..live.live_handle import Live
+from ..live.sources.selection import ANY
 from ..objects.mesh.placement import Placement
 from ..objects.solid import Solid
 from ..playback.file_playback import Connection
@@ -84,10 +85,11 @@ def run_live(options: dict[str, Any], *, as_json: bool) -> int:
         overwrite=options["overwrite"],
         realtime=options["realtime"],
         told=console.warn,
-        side=options["side"],
+        side=options["side"] or ANY,
         alignment=options["alignment"],
         prediction=options["prediction"],
         smoothing=options["smoothing"],
+        allow_code=options["allow_code"],
         connection=Connection(
             emulate=options["emulate"],
             transport=cast("TransportKind", choose("transport", options["transport"], get_args(TransportKind))),

@@ -7,6 +7,7 @@ from dataclasses import replace
 from types import TracebackType
 from typing import Any, Self, Unpack
 
+from ...datasets.recordings.alignment import Alignment
 from ...device.playing.limits import Limits
 from ..errors import StrategyError
 from ..hands.hand import Hand
@@ -19,13 +20,16 @@ from ..playback.placed_arrays import PlacedArray, arrays_of
 from ..sampling.presets import sampling_of, sets_rate
 from ..sampling.strategy import SamplingStrategy
 from ..strategies.intersection_strategy import IntersectionStrategy, strategy_of
+from ..trust.permission import AllowCode
 from .held_arrays import LEAD, HeldArrays
 from .live_counts import LiveStatistics
 from .live_run import LiveRun, require_intensity
 from .recorder import RunRecorder
 from .renderer_process import Rendering
+from .shaping import shaping_of
 from .sources.hand_frame import PoseSource
-from .live_source import source_settings
+from .sources.named_sources import settings_and_hand
+from .sources.selection import ANY
 
 POLL = 0.05  # [s]
 
@@ -54,7 +58,11 @@ class Live:
         overwrite: whether `record` may replace a file.
         realtime: whether real-time scheduling is asked for.
         told: called with sentences on what goes wrong.
-        side, alignment, prediction, smoothing: of the source, see `source_settings`.
+        side: which hand of the source: any, left or right.
+        alignment: from the tracker's frame to the array's, as `load_recording` takes it.
+        prediction: how far ahead of the tracker poses are predicted [s], see `Prediction`; 0: they are not.
+        smoothing: cutoff of a low-pass of poses [Hz], see `Smoothing`; 0: there is none.
+        allow_code: whether a module that `source` names may run.
         connection: options of the connection to the arrays; or its fields, such as emulate=True.
 
     Raises:
@@ -88,10 +96,11 @@ class Live:
         overwrite: bool = False,
         realtime: bool = True,
         told: Callable[[str], object] | None = None,
-        side: str | None = None,
-        alignment: Any = None,
+        side: str = ANY,
+        alignment: Alignment | None = None,
         prediction: float = 0.0,
         smoothing: float = 0.0,
+        allow_code: AllowCode = False,
         connection: Connection | None = None,
         **fields: Unpack[ConnectionFields],
     ) -> None:
@@ -103,15 +112,16 @@ class Live:
             raise StrategyError(f"{path}: exists already; overwrite=True replaces it")
         arrays = arrays_of(array)
         solid, sampling = solid_of(solid), sampling_for(sampling, arrays)
-        settings, own_hand = source_settings(
+        settings, own_hand = settings_and_hand(
             source,
-            hand=hand,
-            solid=solid,
+            hand,
+            solid,
             side=side,
             alignment=alignment,
-            prediction=prediction,
-            smoothing=smoothing,
+            loops=True,
+            shaper=shaping_of(prediction, smoothing),
             realtime=realtime,
+            allow_code=allow_code,
         )
         rendering = Rendering(
             solid=solid,

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, Self, Unpack
 import numpy as np
 
 from ...datasets.focus_files.frame_reader import FOCAL_POINTS, WIRE_FRAMES, frame_format
+from ...datasets.recordings.alignment import Alignment
 from ...device.errors import DeviceBusyError, DeviceTimeoutError
 from ...device.playing.limits import Dose, Guard, Limits
 from ..errors import StrategyError
@@ -27,13 +28,16 @@ from ..playback.placed_arrays import PlacedArray, arrays_of
 from ..playback.prepared_frames import PreparedFrames
 from ..sampling.strategy import SamplingStrategy
 from ..strategies.intersection_strategy import IntersectionStrategy, strategy_of
+from ..trust.permission import AllowCode
 from .held_arrays import LEAD, HeldArrays
 from .live_counts import LiveStatistics
 from .live_run import LiveRun
-from .live_source import source_settings
 from .recorder import RunRecorder
 from .renderer_process import Rendering
+from .shaping import shaping_of
 from .sources.hand_frame import PoseSource
+from .sources.named_sources import settings_and_hand
+from .sources.selection import ANY
 
 ONSET_TIMEOUT = 2.0  # [s] for a stimulus that is stored; a live one waits for a hand
 BYTES_MOST = 1 << 32  # of all stored stimuli
@@ -112,7 +116,7 @@ class Session:
         limits: of on-time and duty, across all stimuli; None: the defaults.
         realtime: whether real-time scheduling is asked for.
         told: called with sentences on what goes wrong.
-        side, alignment, prediction, smoothing: of the source, as in `Live`.
+        side, alignment, prediction, smoothing, allow_code: of the source, as in `Live`.
         connection: options of the connection to the arrays; or its fields, such as emulate=True.
 
     >>> from palpate.render import LiveStimulus, Session, Stimulus, render, static_pose
@@ -137,10 +141,11 @@ class Session:
         limits: Limits | None = None,
         realtime: bool = True,
         told: Callable[[str], object] | None = None,
-        side: str | None = None,
-        alignment: Any = None,
+        side: str = ANY,
+        alignment: Alignment | None = None,
         prediction: float = 0.0,
         smoothing: float = 0.0,
+        allow_code: AllowCode = False,
         connection: Connection | None = None,
         **fields: Unpack[ConnectionFields],
     ) -> None:
@@ -148,9 +153,14 @@ class Session:
             raise StrategyError(f"{min(fields)} is a field of connection, which is given, too")
         self._arrays = arrays_of(array)
         rate = sampling_for(None, self._arrays).update_rate if update_rate is None else update_rate
-        self._source, self._source_options = source, dict(
-            side=side, alignment=alignment, prediction=prediction, smoothing=smoothing, realtime=realtime
-        )
+        self._source, self._source_options = source, {
+            "side": side,
+            "alignment": alignment,
+            "loops": True,
+            "shaper": shaping_of(prediction, smoothing),
+            "realtime": realtime,
+            "allow_code": allow_code,
+        }
         self._stimuli: list[Stimulus | LiveStimulus] = []
         self._numbers: list[int] = []  # of the writer, or of the renderer
         self._run: LiveRun | None = None
@@ -306,7 +316,7 @@ class Session:
             if sampling.update_rate != self.update_rate:
                 raise self._other_rate(f"live stimulus of {own.solid!r}", sampling.update_rate)
             solid = solid_of(own.solid)
-            settings, hand = source_settings(self._source, hand=own.hand, solid=solid, **self._source_options)
+            settings, hand = settings_and_hand(self._source, own.hand, solid, **self._source_options)
             if own is first:
                 chosen = settings
             elif own.hand != first.hand:

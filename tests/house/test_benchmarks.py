@@ -7,11 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from batch_sampling import measure as measure_sampling
 from explorers import CASES as EXPLORER_CASES
 from explorers import measure as measure_explorers
+from live_prediction import Clip, cells, cost, jitter
+from live_prediction import measure as measure_prediction
 from one_pose import CASES as POSE_CASES
 from one_pose import measure as measure_pose
 from one_pose import measure_file, row_of
@@ -33,6 +36,7 @@ from transforms import measure as measure_transforms
 from wire_bytes import measure as measure_bytes
 
 from palpate.render import MeshObject
+from palpate.render.live.shaping import PoseShaping, Prediction
 
 
 @pytest.mark.exhaustive
@@ -140,6 +144,23 @@ def test_one_pose_to_its_focal_points_is_measured(case):
     assert figures["contours_us"]["p50"] < figures["wall_us"]["p50"]
     assert row_of(figures).count("|") == 8
     assert (os.sched_getscheduler(0), gc.isenabled()) == (scheduler, True)
+
+
+def test_errors_of_prediction_are_measured():
+    """A hand that moves at 0.5 m/s and turns at 2 rad/s: unpredicted, it errs by what it does in 20 ms."""
+    time = np.arange(60) / 110
+    turn = Rotation.from_rotvec(np.outer(2.0 * time, [0, 1, 0])).as_quat()
+    clip = Clip(time, np.column_stack([0.5 * time, 0 * time, 0 * time + 0.2, turn]))
+    assert np.diff(clip.thinned(60.0).time).mean() == pytest.approx(1 / 60, rel=0.05)
+    none = measure_prediction([clip], PoseShaping(), 0.02, 90.0).figures
+    assert none == pytest.approx((10.0, 10.0, np.degrees(0.04), np.degrees(0.04)))
+    predicted = measure_prediction([clip], PoseShaping(Prediction(0.02, 0.0)), 0.02, 60.0)
+    assert predicted.position[1:] == pytest.approx(0, abs=1e-9)  # of the first pose no velocity is known
+    assert predicted.angle[1:] == pytest.approx(0, abs=1e-4)
+    assert cells(predicted).count("mm") == 1
+    assert jitter([clip], PoseShaping()) == pytest.approx((0, 0), abs=1e-4)
+    median, most = cost([clip], PoseShaping())
+    assert 0 < median <= most
 
 
 def test_focal_points_of_a_file_are_measured_beside_its_contours():

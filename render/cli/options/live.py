@@ -11,6 +11,7 @@ from .completion import complete_hand, complete_object, complete_sampling, compl
 from .drive import Amplitude, LevelMax, Slew, Solver, SoundSpeed
 from .output import Json, Overwrite, Quiet, run_job
 from .play import DutyMax, OnTimeMax, Transport
+from .trust import AllowCode
 
 SOURCE_HELP = (
     "Where poses come from: exploration, a recording or motion file, udp[:HOST:PORT], ultraleap[:ws://...], or "
@@ -101,6 +102,7 @@ def live(
     realtime: Annotated[
         bool, typer.Option("--realtime/--no-realtime", help="Ask for real-time scheduling and locked memory.")
     ] = True,
+    allow_code: AllowCode = False,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     json: Json = False,

@@ -19,6 +19,8 @@ from ..storage.schema import (
     FIELDS,
     HAND,
     KIND_NAMES,
+    LIVE,
+    LIVE_MARKS,
     METRICS,
     MOTION,
     OBJECT,
@@ -28,8 +30,9 @@ from ..storage.schema import (
     count_problems,
     shape_problem,
 )
-from .header import get_header, get_texts, recipe_differences
+from .header import get_header, get_live, get_texts, recipe_differences
 from .header_hand import hand_problem
+from .header_live import require_live
 from .part_reader import PartReader
 from .reader import ContourFile
 from .timing import get_timing
@@ -115,7 +118,9 @@ def _check_open(file: ContourFile) -> list[str]:
     check.fields(MOTION)
     check.fields(OBJECT)
     check.fields(HAND)
+    check.fields(LIVE)
     check.header(header)
+    check.live(header)
     check.digests(header)
     try:
         for part, pose_count in parts:
@@ -143,7 +148,7 @@ class _PartCheck:
     def header(self, part: Hdf5Reader) -> None:
         """Attributes, and whether recipe and hashes are of what the file holds."""
         try:
-            header = get_header(part)
+            header = get_header(part, with_live=False)
             header.validate()
             stored, found = get_texts(part, "/", "recipe"), header.recipe
             if changed := recipe_differences(stored, {**found, "format": stored.get("format", "absent")}):
@@ -153,6 +158,14 @@ class _PartCheck:
                 self._report("/object: hash is not of vertices and faces")
             if problem := hand_problem(header.hand, header.hand_arrays):
                 self._report(problem)
+        except ContourFileError as error:
+            self.findings.add(str(error))
+
+    def live(self, part: Hdf5Reader) -> None:
+        """Whether the arrays of a live run are as its description says."""
+        try:
+            rows = {spec.name: self.shapes[spec.path][0] for spec in LIVE if spec.path in self.shapes}
+            require_live(get_live(part), rows, part.layout("/motion/pose")[1][0])
         except ContourFileError as error:
             self.findings.add(str(error))
 
@@ -246,7 +259,8 @@ def _value_flags(spec: Field, rows: NDArray[Any]) -> list[tuple[str, Flags]]:
     return flags
 
 
-_MAY_LACK = ("seconds", "patch_pose")  # a stage that a chunk had not, a patch that a pose has not: NaN
+_MAY_LACK = ("seconds", "patch_pose", "emitted")
+"""Where NaN is right: a stage that a chunk had not, a patch that a pose has not, a pose that was never emitted."""
 _RANGE: dict[str, tuple[float, float]] = {
     "kind": (0, len(KIND_NAMES) - 1),
     "intensity": (0, 1),
@@ -257,6 +271,8 @@ _RANGE: dict[str, tuple[float, float]] = {
     "polyline_patch": (0, np.inf),
     "faces": (0, np.inf),
     "polylines": (0, np.inf),
+    "gain": (0, np.inf),
+    "mark": (0, len(LIVE_MARKS) - 1),
     **{spec.name: (0, np.inf) for spec in METRICS},
 }
 _STEP = {

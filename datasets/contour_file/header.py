@@ -18,8 +18,19 @@ from numpy.typing import NDArray
 from ..errors import ContourFileError
 from ..json_text import parse_json
 from ..storage.hdf5 import Attribute, Hdf5Reader, get_version
-from ..storage.schema import DIGESTS_SINCE, FORMAT_NAME, FORMAT_VERSION, HAND, MOTION, OBJECT, Arrays, validate_fields
+from ..storage.schema import (
+    DIGESTS_SINCE,
+    FORMAT_NAME,
+    FORMAT_VERSION,
+    HAND,
+    LIVE,
+    MOTION,
+    OBJECT,
+    Arrays,
+    validate_fields,
+)
 from .header_hand import require_hand, require_quaternions
+from .header_live import require_live
 
 
 class TextSource(Protocol):
@@ -82,6 +93,10 @@ class FileHeader:
     """JSON, what made a synthetic motion; not in the recipe, which has the poses."""
     raw_error: float | None = None
     """How far the raw intersection can be from the exact one [m]; None where that is not known; not in the recipe."""
+    live: Mapping[str, Any] | None = None
+    """JSON of the live run that this is the recording of (`LiveRun`); not in the recipe, which has the poses."""
+    live_arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict[str, NDArray[Any]])
+    """Arrays of /live by name; empty for what is no live run."""
     created: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="microseconds"))
     """ISO 8601 time of creation; together with the recipe it identifies a run."""
 
@@ -132,7 +147,7 @@ class FileHeader:
         arrays = self.arrays()
         if unknown := sorted(set(self.hand_arrays) - {spec.name for spec in HAND}):
             raise ContourFileError(f"/hand has no field {unknown[0]!r}")
-        for group in (MOTION, OBJECT, HAND):
+        for group in (MOTION, OBJECT, HAND, LIVE):
             names = {spec.name for spec in group}
             validate_fields({name: array for name, array in arrays.items() if name in names}, group)
         if self.pose_count == 0:
@@ -151,6 +166,7 @@ class FileHeader:
                 raise ContourFileError(f"/object/moved must be {self.pose_count} poses, as many as /motion/pose")
             require_quaternions("/object/moved", self.moved)
         require_hand(self.hand, self.hand_arrays, self.pose_count)
+        require_live(self.live, {name: len(array) for name, array in self.live_arrays.items()}, self.pose_count)
         if self.raw_error is not None and not 0.0 <= self.raw_error < math.inf:
             raise ContourFileError(f"raw_error must be a finite length, not {self.raw_error!r} m")
         if not math.isfinite(self.time_offset):
@@ -163,8 +179,9 @@ class FileHeader:
             json_text(getattr(self, name), name)
 
     def arrays(self) -> Arrays:
-        """The arrays of /motion, /object and /hand by their names, those that are there."""
+        """The arrays of /motion, /object, /hand and /live by their names, those that are there."""
         arrays: Arrays = {"pose": self.pose, "vertices": self.vertices, "faces": self.faces, **self.hand_arrays}
+        arrays |= self.live_arrays
         optional = {"time": self.time, "moved": self.moved}
         return arrays | {name: array for name, array in optional.items() if array is not None}
 
@@ -222,11 +239,22 @@ def header_attributes(header: FileHeader) -> dict[str, dict[str, Attribute]]:
     motion: dict[str, Attribute] = {"offset": header.time_offset}
     if header.provenance is not None:
         motion["provenance"] = json_text(header.provenance, "provenance")
-    return {"/": root, "/motion": motion, "/hand": {"description": hand}, "/object": placed}
+    groups: dict[str, dict[str, Attribute]] = {
+        "/": root,
+        "/motion": motion,
+        "/hand": {"description": hand},
+        "/object": placed,
+    }
+    if header.live is not None:
+        groups["/live"] = {"run": json_text(header.live, "live")}
+    return groups
 
 
-def get_header(file: Hdf5Reader) -> FileHeader:
-    """Read the header back, arrays included; raises ContourFileError where it is missing or damaged."""
+def get_header(file: Hdf5Reader, *, with_live: bool = True) -> FileHeader:
+    """Read the header back, arrays included; raises ContourFileError where it is missing or damaged.
+
+    with_live: whether what is known of a live run is read, too, which may be many arrays of a hundred megabytes.
+    """
     return FileHeader(
         pose=file.read("/motion/pose"),
         time=file.read("/motion/time") if "/motion/time" in file else None,
@@ -247,6 +275,8 @@ def get_header(file: Hdf5Reader) -> FileHeader:
         inserted=file.whole("/", "poses_inserted") or 0,
         provenance=get_provenance(file),
         raw_error=file.number("/", "raw_error"),
+        live=get_live(file) if with_live else None,
+        live_arrays={spec.name: file.read(spec.path) for spec in LIVE if with_live and spec.path in file},
         created=file.text("/", "created"),
     )
 
@@ -266,6 +296,11 @@ def get_provenance(file: Hdf5Reader) -> dict[str, Any] | None:
     """What made a synthetic motion; None for another, and for a file older than 1.3."""
     is_there = file.attribute("/motion", "provenance") is not None
     return get_json(file, "/motion", "provenance") if is_there else None
+
+
+def get_live(file: Hdf5Reader) -> dict[str, Any] | None:
+    """JSON of the live run that a file is the recording of; None for any other file."""
+    return get_json(file, "/live", "run") if file.attribute("/live", "run") is not None else None
 
 
 def get_texts(file: TextSource, name: str, key: str) -> dict[str, str]:

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from ..counted import counted
 from ..errors import ContourFileError
 from ..storage.hdf5 import Hdf5Reader, require_fitting
-from ..storage.schema import CONTOURS, FIELDS, HAND, METRICS, MOTION, Arrays, Field
+from ..storage.schema import CONTOURS, FIELDS, HAND, LIVE, METRICS, MOTION, Arrays, Field
 from .header import (
     FileHeader,
     get_header,
     get_json,
+    get_live,
     get_provenance,
     get_representation,
     get_texts,
@@ -27,6 +28,7 @@ from .header import (
     recipe_hash,
     refuse_foreign,
 )
+from .header_live import LiveRun, require_live
 from .part_reader import PartReader
 from .parts import HEADER_NAME, readable_parts, work_folder
 from .timing import Timing, get_timing, join_timing
@@ -187,6 +189,26 @@ class ContourFile:
         notes = {name: file.whole("/", name) for name in ("seed", "poses_inserted")}
         notes |= {"raw_error": file.number("/", "raw_error"), "motion": get_provenance(file)}
         return attributes | {name: value for name, value in notes.items() if value is not None}
+
+    @cached_property
+    def live_run(self) -> LiveRun | None:
+        """The live run that this is the recording of; None for any other file."""
+        if (described := get_live(self._header_file)) is None:
+            return None
+        try:
+            rows = {spec.name: self._header_file.layout(spec.path)[1][0] for spec in LIVE if self.has_live(spec.name)}
+            require_live(described, rows, self.pose_count)
+            return LiveRun.from_json(described)
+        except ContourFileError as error:
+            raise ContourFileError(f"{self.path}: {error}") from None
+
+    def has_live(self, name: str) -> bool:
+        """Whether the file has an array of /live."""
+        return f"/live/{name}" in self._header_file
+
+    def live_rows(self, name: str, first: int = 0, stop: int | None = None) -> NDArray[Any]:
+        """Rows `first` to `stop` (all) of an array of /live by its name (docs/formats/file-format.md)."""
+        return self._header_file.read(f"/live/{name}", first, stop)
 
     def header(self) -> FileHeader:
         """The header: everything that the writer got before the first pose was rendered."""

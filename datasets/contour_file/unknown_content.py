@@ -24,6 +24,7 @@ _CONTOURS: Mapping[str, Set[str]] = {
     "/motion": {"offset", "provenance"},
     "/object": {"name", "hash", "placement", "attributes", "representation"},
     "/hand": {"description"},
+    "/live": {"run"},
     "/timing": {"stages"},
     **{spec.path: _OF_FIELDS for spec in (*FIELDS, DIGESTS)},
 }

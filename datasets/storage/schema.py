@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..errors import ContourFileError
 
 FORMAT_NAME = "palpate contours"
-FORMAT_VERSION = (1, 3)
+FORMAT_VERSION = (1, 4)
 """(major, minor). Readers of an older major version refuse the file; a minor version adds what they may ignore."""
 
 DIGESTS_SINCE = (1, 2)
@@ -102,7 +102,18 @@ HAND = (
     Field("hand", "skin_faces", _I4, ("skin face", 3), optional=True),
     Field("hand", "skin_glabrous", _U1, ("skin face",), optional=True),
 )
-HEADER = (*MOTION, *OBJECT, *HAND)
+LIVE = (
+    Field("live", "stamp", _F8, ("pose",), "s", optional=True),
+    Field("live", "emitted", _F8, ("pose",), "s", optional=True),
+    Field("live", "position", _F4, ("focal point", 3), "m", "array", optional=True),
+    Field("live", "intensity", _F4, ("focal point",), optional=True),
+    Field("live", "gain", _F4, ("sample",), optional=True),
+    Field("live", "mark", _U1, ("sample",), optional=True),
+    Field("live", "events", _U1, ("byte",), optional=True),
+)
+LIVE_MARKS = ("emitted", "dropped", "held", "faded")
+"""Names of a sample's `mark`: what the array emitted when the sample was due."""
+HEADER = (*MOTION, *OBJECT, *HAND, *LIVE)
 TIMING = (
     Field("timing", "first", _I8, ("chunk",)),
     Field("timing", "stop", _I8, ("chunk",)),

@@ -8,6 +8,7 @@ from time import perf_counter
 from ...datasets.contour_file.check import check_file, unproven_content
 from ...datasets.contour_file.parts import work_folder
 from ...datasets.contour_file.unknown_content import unknown_content
+from ...datasets.counted import counted
 from ...datasets.errors import ContourFileError, name_nothing
 from ...datasets.focus_files.frame_reader import check_frames, frame_format
 from ...datasets.known_names import likely_file, likely_name
@@ -227,6 +228,16 @@ def show_info(file: Path, options: dict, pressure: bool, *, as_json: bool) -> No
     if pressure:
         summary["pressure"] = pressure_summary(file, as_json=as_json)
     console.show_values(summary, as_json=as_json, title=str(file))
+    if run := summary.get("live"):
+        console.conclude(live_text(run), as_json=as_json)
+
+
+def live_text(run: dict) -> str:
+    """A sentence on the live run that a file is the recording of; run: as `summarise_run` gives it."""
+    p50, p99 = run["latency_p50"], run["latency_p99"]
+    latency = "its latency is not known" if p50 is None else f"latency p50 {1e3 * p50:.1f} ms, p99 {1e3 * p99:.1f} ms"
+    dropped = f"{run['dropped']} of {counted(run['samples'], 'sample')} dropped"
+    return f"The recording of a live run of {run['duration']:.6g} s: {latency}, {dropped}."
 
 
 def pressure_summary(file: Path, *, as_json: bool) -> dict:

@@ -20,7 +20,7 @@ from ..errors import StrategyError
 from ..file_kinds import is_point_list
 from ..playback.drive import AMPLITUDES, SOLVERS, DriveStrategy
 from ..playback.file_playback import CLOCKS, Connection, Playback, play_file
-from ..playback.focal_points import usual_rate
+from ..playback.focal_points import live_run_of, sampling_of_run, usual_rate
 from ..playback.frames import Making
 from ..playback.placed_arrays import PlacedArray, load_rig
 from ..playback.prepared_frames import prepare_frames
@@ -216,8 +216,9 @@ def sampling_of(
             raise StrategyError(f"{file}: holds focal points at a rate of its own, so {asked} cannot be asked for")
         return None
     source = "stm" if options["sampling"] is None else options["sampling"]
-    sampling = load_sampling(source)
-    if "update_rate" not in changes and not sets_rate(source):
+    run = live_run_of(file) if options["sampling"] is None and form is None else None
+    sampling = load_sampling(source) if run is None else sampling_of_run(run)
+    if "update_rate" not in changes and run is None and not sets_rate(source):
         changes["update_rate"] = usual_rate(arrays[0].model, sampling)
     if "speed" in changes and sampling.pace.kind in ("frequency", "still"):
         raise StrategyError(f"speed changes nothing in sampling {source!r}: its pace.kind is {sampling.pace.kind!r}")

@@ -13,7 +13,7 @@ from ...datasets.focus_files.frame_reader import FOCAL_POINTS, FrameReader, fram
 from ...datasets.focus_files.ptlist import read_ptlist
 from ...datasets.storage.schema import Arrays
 from ..errors import StrategyError
-from ..playback.focal_points import ContourSource
+from ..playback.focal_points import ContourSource, sampling_of_run
 from ..sampling.metrics import FocalPoints
 from ..sampling.presets import sampling_of
 from ..sampling.sampler import Sampler, joined
@@ -98,13 +98,15 @@ def sample_focus(
     Raises StrategyError for more than the format takes, and several at once; PoseError for poses without times.
     """
     changes = {name: getattr(asked, name) for name in ("speed", "update_rate")}
-    strategy = sampling_of("stm" if asked.sampling is None else asked.sampling)
+    run = file.live_run if len(chosen) == file.pose_count else None  # chosen poses are a motion of their own
+    default = "stm" if run is None else sampling_of_run(run)
+    strategy = sampling_of(default if asked.sampling is None else asked.sampling)
     sampler = Sampler(replace(strategy, **{name: value for name, value in changes.items() if value is not None}))
     if sampler.strategy.foci > 1:
         raise _several(target, sampler.strategy.foci)
     rate = sampler.strategy.update_rate
     target.require_rate(rate)
-    source = ContourSource(ChosenRows(file, chosen), sampler, asked.duration)
+    source = ContourSource(ChosenRows(file, chosen), sampler, asked.duration, run=run)
     if source.frame_count > target.count_most:
         moving = chosen if asked.duration is None else chosen[:1]
         fitting = _fitting(file, moving, source.duration, rate, target)

@@ -1,5 +1,6 @@
 """Focal points of a playback, block by block: those of contours, sampled as they are read, or those of a file."""
 
+import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -9,7 +10,9 @@ from typing import Protocol
 
 import numpy as np
 
+from ...datasets.contour_file.header_live import LiveRun
 from ...datasets.contour_file.reader import ContourFile
+from ...datasets.errors import ContourFileError
 from ...datasets.focus_files.frame_reader import FOCAL_POINTS, FrameReader, frame_format
 from ...datasets.focus_files.ptlist import read_ptlist
 from ...datasets.motions.last_pose import INTERVALS_LOOKED_AT, end_of_motion, usual_interval
@@ -135,6 +138,8 @@ class ContourSource:
         block: focal points of a block at most.
         duration: when to stop [s]; a motion ends by itself, a static pose does not. None is the motion's end
             (`end_of_motion`).
+        run: the live run that the contours are the recording of, if they are of one: then its poses fade at the same
+            ages, and end when it ended, so that its own sampling strategy gives its focal points, bit for bit.
 
     Raises:
         StrategyError: a duration that is none, one static pose without one, or not one frame.
@@ -142,7 +147,13 @@ class ContourSource:
     """
 
     def __init__(
-        self, file: ContourRows, sampler: Sampler, duration: float | None = None, *, block: int = BLOCK
+        self,
+        file: ContourRows,
+        sampler: Sampler,
+        duration: float | None = None,
+        *,
+        block: int = BLOCK,
+        run: LiveRun | None = None,
     ) -> None:
         require_duration(duration)
         self._block = block
@@ -151,10 +162,12 @@ class ContourSource:
         self.update_rate = sampler.strategy.update_rate
         self._times = 0  # that the focal points were asked for
         self._interval: float | None = None  # [s]; None for one static pose
-        self.duration = self._duration(duration)
+        self.duration = self._duration(duration, run)
         """When the playing ends [s]."""
         self.hold = None if self._interval is None else max(sampler.strategy.hold, 2.0 * self._interval)
         """Age at which a pose starts to fade [s]; None for one static pose, which does not."""
+        if run is not None:
+            self.hold = max(sampler.strategy.hold, run.hold)
         self.frame_count = frame_count(self.duration, self.update_rate, file.path)
 
     @property
@@ -171,9 +184,9 @@ class ContourSource:
         """Blocks of focal points."""
         self._times += 1
         sampler = self.sampler if self._times == 1 else Sampler(self.sampling, revisits=False)
-        if self.hold is None:
+        if self.is_static:
             batch, pose = self._rows(0, 1)
-            time, hold = np.zeros(1), np.inf
+            time, hold = np.zeros(1), np.inf if self.hold is None else self.hold
             yield from sample_contours([batch], pose, time, self.duration, sampler, block=self._block, hold=hold)
             return
         for first, stop in self._file.blocks(point_limit=POINTS_A_READ):
@@ -191,12 +204,14 @@ class ContourSource:
         batch = ContourBatch.from_arrays(self._file.contours(first, stop))
         return batch, self._file.motion(first, stop)["pose"]
 
-    def _duration(self, asked: float | None) -> float:
+    def _duration(self, asked: float | None, run: LiveRun | None) -> float:
         path, count = self._file.path, self._file.pose_count
         head = self._file.motion(0, INTERVALS_LOOKED_AT + 1)
         if "time" not in head or count == 1:
             if count > 1:
                 raise PoseError(f"{path}: has {count} poses without times, which cannot be played")
+            if asked is None and run is not None:
+                return run.duration
             if asked is None:
                 raise StrategyError(f"{path}: holds one static pose: say how long to play it with duration=SECONDS")
             return asked
@@ -205,6 +220,7 @@ class ContourSource:
         end = end_of_motion(head["time"], float(self._file.motion(count - 1, count)["time"][0]))
         if not np.isfinite(end):
             raise PoseError(f"{path}: the last of /motion/time is not finite; palpate check tells where")
+        end = end if run is None else run.duration
         return end if asked is None else min(end, asked)
 
 
@@ -266,10 +282,12 @@ def contour_source(
     duration: float | None,
     arrays: Sequence[PlacedArray],
 ) -> ContourSource:
-    """Focal points of contours; sampling: None and names take the first array's rate."""
-    strategy = sampling_for(sampling, arrays)
+    """Focal points of contours; sampling: names take the first array's rate; None is stm at this rate, or the sampling
+    of the live run that a file is the recording of."""
+    run = contours.live_run if isinstance(contours, ContourFile) else None
+    strategy = sampling_for(sampling, arrays) if run is None or sampling is not None else sampling_of_run(run)
     _require_solvable(strategy.foci)
-    source = ContourSource(contours, Sampler(strategy), duration)
+    source = ContourSource(contours, Sampler(strategy), duration, run=run)
     for placed in arrays:
         _require_one_pattern(contours, source, strategy, placed.model)
     return source
@@ -281,6 +299,20 @@ def sampling_for(sampling: SamplingStrategy | str | None, arrays: Sequence[Place
     if isinstance(sampling, SamplingStrategy) or (sampling is not None and sets_rate(sampling)):
         return strategy
     return replace(strategy, update_rate=usual_rate(arrays[0].model, strategy))
+
+
+def sampling_of_run(run: LiveRun) -> SamplingStrategy:
+    """The sampling strategy of a live run; raises StrategyError for one that this version does not know."""
+    return SamplingStrategy.from_json(json.dumps(dict(run.sampling)))
+
+
+def live_run_of(path: Path) -> LiveRun | None:
+    """The live run that a contour file is the recording of; None for any other file, or what cannot be read."""
+    try:
+        with ContourFile(path) as file:
+            return file.live_run
+    except ContourFileError:
+        return None
 
 
 def _require_one_pattern(

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...datasets.contour_file.live_summary import summarise_run
 from ...datasets.contour_file.reader import ContourFile
 from ...datasets.focus_files.frame_reader import DRIVES, WIRE_FRAMES, FrameReader
 from ...datasets.motions.facing import SHARE_ANGLES, facing_angles
@@ -116,6 +117,8 @@ def summarise(path: str | Path) -> dict:
         if isinstance(transform, list) and "close" in transform:
             out["r"] = length_ratio(totals[0], totals[1])
         out["fused_share"] = fused_share(file)
+        if (run := summarise_run(file)) is not None:
+            out["live"] = run
         if file.sealed:
             out["bytes"] = Path(path).stat().st_size
             out["bytes_per_pose"] = out["bytes"] / max(file.pose_count, 1)

@@ -44,7 +44,7 @@ def make_header(pose_count: int, **changes: Any) -> FileHeader:
 
 
 def everything(pose_count: int) -> dict[str, Any]:
-    """What a header may have besides: a moving object, a hand with poses of patches, a skin."""
+    """What a header may have besides: a moving object, a hand with poses of patches, a skin, a live run."""
     rng = np.random.default_rng(1)
     pose = np.tile(np.array([0, 0, 0.2, 0, 0, 0, 1], np.float32), (pose_count, 1))
     hand_arrays = {
@@ -58,7 +58,27 @@ def everything(pose_count: int) -> dict[str, Any]:
         "hand": {"kind": "of a later version"},  # no known one has poses of patches and a skin
         "hand_arrays": hand_arrays,
         "representation": {"representation": "voxels", "hash": "0"},
+        **live_run(pose_count),
     }
+
+
+def live_run(pose_count: int, *, samples: int = 9, foci: int = 2) -> dict[str, Any]:
+    """A header's part of a live run: no pose but the last was emitted, and samples have every mark in turn."""
+    rng = np.random.default_rng(2)
+    run = {
+        "sampling": {"speed": 7.0, "foci": foci}, "update_rate": 100.0, "hold": 0.1, "samples": samples, "foci": foci,
+        "source": "udp", "array": "emulator", "lead": 0.008, "realtime": True, "emission": "estimate",
+    }  # fmt: skip
+    arrays = {
+        "stamp": np.arange(pose_count) / 90 - 0.006,
+        "emitted": np.where(np.arange(pose_count) == pose_count - 1, 1.0, np.nan),
+        "position": rng.normal(size=(samples * foci, 3)).astype(np.float32),
+        "intensity": rng.random(samples * foci, np.float32),
+        "gain": np.full(samples, 0.5, np.float32),
+        "mark": (np.arange(samples) % 4).astype(np.uint8),
+        "events": np.frombuffer(b'[0.5, "lost", "no hand"]\n', np.uint8),
+    }
+    return {"live": run, "live_arrays": arrays}
 
 
 def make_contours(

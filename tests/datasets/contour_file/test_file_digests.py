@@ -139,7 +139,7 @@ def test_a_file_without_digests_is_read_if_it_is_older_than_they(sealed, contour
     with h5py.File(sealed, "r+") as file:
         del file.attrs["digests"]
         del file["/digests"]
-    with pytest.raises(ContourFileError, match=r"attribute digests of / is missing, which format 1\.3 has"):
+    with pytest.raises(ContourFileError, match=r"attribute digests of / is missing, which format 1\.4 has"):
         ContourFile(sealed)
     with h5py.File(sealed, "r+") as file:
         file.attrs["version"] = np.array([1, 1], np.int32)

@@ -119,7 +119,7 @@ def test_the_header_is_read_back_as_it_was_given(folder):
         assert (got.object_attributes, got.placement) == ({"mended": [1]}, {"scale": 1.0})
         assert file.object()["hash"] == header.object_hash
         assert list(file.motion()) == ["pose"]
-        assert file.attributes["version"] == [1, 3]
+        assert file.attributes["version"] == [1, 4]
         assert (file.strategy, file.hand) == (header.strategy, header.hand)
 
 
@@ -256,7 +256,7 @@ def test_the_file_is_laid_out_as_it_always_was(folder):
         describe("", file)
         file.visititems(describe)
         assert file.attrs["format"] == b"palpate contours"
-        assert file.attrs["version"].tolist() == [1, 3]
+        assert file.attrs["version"].tolist() == [1, 4]
     assert "\n".join(lines) + "\n" == STRUCTURE
 
 

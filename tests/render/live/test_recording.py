@@ -1,0 +1,176 @@
+"""The file of a live run: rendering and sampling its poses gives the focal points of the run, bit for bit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from contour_cases import make_contours, write_file
+
+from palpate.datasets.contour_file.check import check_file
+from palpate.datasets.contour_file.reader import ContourFile
+from palpate.datasets.errors import ContourFileError
+from palpate.render import Palm, closed_contour, exploration, flat_hand, play_file
+from palpate.render.errors import PoseError, StrategyError
+from palpate.render.intersection.named_inputs import solid_of
+from palpate.render.live.recording import (
+    DROPPED,
+    EMITTED,
+    FADED,
+    HELD,
+    LiveComparison,
+    LiveRecording,
+    LiveSegment,
+    save_segment,
+)
+from palpate.render.playback.focal_points import open_focal_points
+from palpate.render.playback.live import Instant
+from palpate.render.playback.placed_arrays import arrays_of
+from palpate.render.reports.file_summary import summarise
+from palpate.render.sampling.strategy import AmplitudeModulation, SamplingStrategy
+
+RATE = 10_000.0
+MOTION = exploration("tube", duration=1.2, rate=150.0, seed=1)
+
+
+def run_live(first, *, sampling=None, hand=None, patch_pose=None, last=300, interval=1 / 90, pose=None):
+    """A live run of poses that take effect at samples `first`; the last pose lasts `last` samples."""
+    sampling, hand = sampling or SamplingStrategy(), hand or Palm()
+    first = np.asarray(first)
+    time, pose = first / sampling.update_rate, MOTION.pose[50 : 50 + len(first)] if pose is None else pose
+    instant = Instant(solid_of("tube"), hand, closed_contour(), sampling, interval=interval)
+    until = np.append(time[1:], (first[-1] + last) / sampling.update_rate)
+    own = [None] * len(first) if patch_pose is None else patch_pose
+    blocks = [instant.draw(pose[i], time[i], until=until[i], patch_pose=own[i]) for i in range(len(first))]
+    position, intensity = (np.concatenate(part) for part in zip(*blocks, strict=True))
+    assert intensity.any()
+    return LiveSegment(
+        solid=solid_of("tube"), hand=hand, strategy=closed_contour(), sampling=sampling,
+        hold=max(sampling.hold, 2 * interval), time=time, pose=pose, patch_pose=patch_pose,
+        stamp=time - 0.006, emitted=time + 0.001, position=position, intensity=intensity, gain=None,
+        mark=np.zeros(len(intensity), np.uint8), events=[(-0.25, "lost", "no hand, \N{GREEK SMALL LETTER MU}")],
+        source="udp", array="emulator", lead=0.008, realtime=True, emission="estimate",
+    )  # fmt: skip
+
+
+def regular(rate, count, jitter=0.0):
+    """First samples of poses that come at a rate [Hz], each late by up to `jitter` [s]."""
+    late = np.random.default_rng(3).uniform(0, jitter, count)
+    first = np.ceil((np.arange(count) / rate + late) * RATE).astype(int)
+    return first - first[0]
+
+
+GAP = np.append(regular(90, 8), regular(90, 8) + 6000)  # tracking is lost for half a second
+RUNS = {
+    "a gap": {"first": GAP},
+    "a gap, fading slowly": {"first": GAP, "sampling": SamplingStrategy(hold=0.05, fade=0.2)},
+    "90 Hz, jitter": {"first": regular(90, 30, 0.008)},
+    "60 Hz, jitter": {"first": regular(60, 20, 0.01)},
+    "120 Hz, jitter": {"first": regular(120, 40, 0.006)},
+    "2 samples apart": {"first": np.arange(40) * 2},
+    "one pose": {"first": [0], "last": 2500},
+    "slower than expected": {"first": regular(4, 4), "interval": 1 / 90, "last": 4000},
+    "three foci": {"first": GAP, "sampling": SamplingStrategy(foci=3, am=AmplitudeModulation())},
+}
+
+
+@pytest.mark.exhaustive(after=1)
+@pytest.mark.parametrize("run", RUNS.values(), ids=RUNS)
+def test_each_sample_of_a_run_is_given_again_bit_for_bit(run, tmp_path):
+    segment = run_live(**run)
+    with LiveRecording(save_segment(tmp_path / "run.h5", segment)) as recording:
+        assert recording.compare() == LiveComparison(len(segment.intensity), 0, None)
+        np.testing.assert_array_equal(recording.position, segment.position, strict=True)
+        np.testing.assert_array_equal(recording.intensity, segment.intensity, strict=True)
+    assert check_file(tmp_path / "run.h5") == []
+
+
+@pytest.mark.exhaustive
+def test_an_articulated_hand_is_recorded_with_its_patches_and_given_again(tmp_path):
+    hand, first = flat_hand(), regular(90, 12, 0.004)
+    rest = np.array([patch.pose for patch in hand.patches], np.float32)
+    patch_pose = np.tile(rest, (len(first), 1, 1))
+    patch_pose[:, 1:, 1] += np.linspace(0, 0.01, len(first), dtype=np.float32)[:, None]  # fingers bend away
+    patch_pose[4:7, 3] = np.nan  # a finger that the tracker lost
+    segment = run_live(first, hand=replace(hand, patch_pose=patch_pose[:1]), patch_pose=patch_pose)
+    with LiveRecording(save_segment(tmp_path / "run.h5", segment)) as recording:
+        assert recording.compare().differing == 0
+        np.testing.assert_array_equal(recording.patch_pose, patch_pose, strict=True)
+
+
+def test_everything_of_a_run_is_read_back(tmp_path):
+    segment = run_live(regular(90, 6))
+    count = len(segment.intensity)
+    segment.mark[10:13], segment.mark[20:25], segment.mark[-7:] = DROPPED, HELD, FADED
+    segment = replace(segment, gain=np.full(count, 0.5, np.float32), emitted=segment.time + np.nan)
+    segment.emitted[1:4] = segment.time[1:4] + np.array([0.001, 0.002, 0.003])
+    with LiveRecording(save_segment(tmp_path / "run.h5", segment)) as recording:
+        for name in ("time", "pose", "patch_pose", "stamp", "emitted", "gain", "mark", "events"):
+            np.testing.assert_array_equal(getattr(recording, name), getattr(segment, name), err_msg=name)
+        assert recording.sampling == segment.sampling
+        assert recording.run == segment.run()
+        assert recording.latency[1:4] == pytest.approx([0.007, 0.008, 0.009])
+        summary = recording.summary()
+    assert (summary["latency_p50"], summary["latency_max"]) == pytest.approx((0.008, 0.009))
+    assert {name: summary[name] for name in ("emitted", "dropped", "held", "faded")} == {
+        "emitted": count - 15, "dropped": 3, "held": 5, "faded": 7
+    }  # fmt: skip
+    assert (summary["poses_emitted"], summary["seconds_dropped"]) == (3, 1)
+    assert summarise(tmp_path / "run.h5")["live"] == summary
+    assert EMITTED == 0
+
+
+@pytest.mark.parametrize(("name", "sample"), [("position", 77), ("intensity", 80)])
+def test_a_single_bit_that_differs_is_found(tmp_path, name, sample):
+    segment = run_live(regular(90, 3))
+    bits = getattr(segment, name).view(np.uint32)
+    bits[sample] ^= np.uint32(1)
+    with LiveRecording(save_segment(tmp_path / "run.h5", segment)) as recording:
+        comparison = recording.compare()
+    assert comparison == LiveComparison(len(segment.intensity), 1, sample)
+    assert repr(comparison) == f"LiveComparison(1 of {len(segment.intensity)} samples differ, from sample {sample} on)"
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("run", ["slower than expected", "one pose", "a gap"])
+def test_a_playback_without_a_sampling_draws_what_the_run_drew(tmp_path, run):
+    segment = run_live(**RUNS[run])
+    path = save_segment(tmp_path / "run.h5", segment)
+    with open_focal_points(path, None, None, arrays_of("emulator")) as (source, _):
+        position, intensity = (np.concatenate(part) for part in zip(*source, strict=True))
+        assert source.frame_count == len(intensity)
+    np.testing.assert_array_equal(position, segment.position, strict=True)
+    np.testing.assert_array_equal(intensity, segment.intensity, strict=True)
+    assert play_file(path, clock="virtual").frames == len(intensity)
+    assert play_file(path, sampling="stm", duration=0.01, clock="virtual").frames == 100
+
+
+BAD = {
+    "time": ([0.0, 0.01003, 0.02], "time of poses must begin at 0 s and be those of samples"),
+    "stamp": (np.zeros(2), r"stamp must have shape \[3\], not \[2\]"),
+    "mark": (np.zeros(5, np.uint8), r"mark must have shape \[\d+\], not \[5\]"),
+    "hold": (0.01, "hold must be 0.1 s or more, as sampling has it, not 0.01"),
+    "emission": ("guess", "emission must be board or estimate, not 'guess'"),
+    "patch_pose": (np.zeros((3, 1, 7)), "patch_pose is of a hand of planes, not of Palm"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_segment_whose_arrays_do_not_fit_is_refused(tmp_path, name):
+    value, sentence = BAD[name]
+    segment = replace(run_live(regular(90, 3)), **{name: value})
+    with pytest.raises((PoseError, StrategyError), match=sentence):
+        save_segment(tmp_path / "run.h5", segment)
+    assert not list(tmp_path.iterdir())
+
+
+def test_another_contour_file_is_no_live_recording_and_a_file_stays_unless_it_may_be_replaced(tmp_path):
+    segment = run_live(regular(90, 3))
+    path = save_segment(tmp_path / "run.h5", segment)
+    with pytest.raises(ContourFileError, match="exists already"):
+        save_segment(path, segment)
+    save_segment(path, segment, overwrite=True)
+    with ContourFile(path) as file:
+        assert file.live_run == segment.run()
+    write_file(plain := tmp_path / "plain.h5", make_contours(1))
+    with pytest.raises(ContourFileError, match=r"plain\.h5 is a contour file, but not the recording of a live run"):
+        LiveRecording(plain)

@@ -45,8 +45,8 @@ from palpate.render import (
 from palpate.render.bench.cases import bench_object
 from palpate.render.intersection.named_inputs import hand_of
 from palpate.render.intersection.prepared_contours import PreparedContours
-from palpate.render.playback.focal_points import POINTS_A_READ, ContourSource
 from palpate.render.live.instant import POSE_INTERVAL, Instant
+from palpate.render.playback.focal_points import POINTS_A_READ, ContourSource
 from palpate.render.sampling.sampler import Sampler
 from palpate.render.strategies.intersection_strategy import PRESETS
 

@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from .intersection.patch_points import array_points
     from .intersection.prepared_contours import PreparedContours
     from .intersection.scene import Scene
+    from .live.instant import Instant
     from .live.sources.hand_frame import PoseSource, SeenHand, SourceFault
     from .motions.explorations.explored import ExploredPoses, exploration
     from .motions.explorations.habits import ExplorerHabits, explorer_habits
@@ -78,7 +79,6 @@ if TYPE_CHECKING:
     from .objects.voxels.voxeliser import voxelise
     from .playback.drive import Driver, DriveStrategy, drive_focus
     from .playback.file_playback import Connection, play_file
-    from .live.instant import Instant
     from .playback.placed_arrays import PlacedArray, load_rig
     from .playback.prepared_frames import prepare_frames
     from .reports.contour_animation import draw_animation

@@ -95,7 +95,7 @@ class FrameRing:
         return True
 
     def take(self) -> Slice | None:
-        """The oldest slice that was not taken, in memory that may be written over after `done`; None if there is none."""
+        """The oldest slice that was not taken, in memory that is free again after `done`; None if there is none."""
         taken = self._control[_TAKEN]
         if taken == self._control[_WRITTEN]:
             return None

@@ -84,7 +84,9 @@ class WriterHandle:
         )
         self._folder = tempfile.TemporaryDirectory(prefix="palpate-stimuli-")
         self._stimulus_count = 0
-        self._process = start_process("palpate.device.live.writer_process", (_kinds(arrays), self._settings), other, self.ring.fd, self.wake_fd)
+        self._process = start_process(
+            "palpate.device.live.writer_process", (_kinds(arrays), self._settings), other, self.ring.fd, self.wake_fd
+        )
         other.close()
         try:
             self.ready = self._await_ready()

@@ -124,7 +124,7 @@ class _Process:
             self._switch_off()
 
     def _open(self, stack: ExitStack) -> Callable[[int], int | None] | None:
-        """Open and start all arrays; returns what tells when a frame of the first one began, if its board is a model."""
+        """Open and start all arrays; returns what tells when a frame of the first one began, if that is a model."""
         began_ns = None
         for request in self._settings.arrays:
             bus = None
@@ -164,8 +164,8 @@ class _Process:
             pace=settings.pace,
             limits=settings.limits,
             began_ns=began_ns,
-            emitted=lambda *pose: self._note_emission(*pose),
-            skipped=lambda *span: self._skipped.append(span),
+            emitted=self._note_emission,
+            skipped=lambda first, count, why: self._skipped.append((first, count, why)),
         )
         self._base = [link.status() for link in self._links]
         is_realtime = settings.realtime and enter_realtime(WRITER_PRIORITY, lock_memory=True)
@@ -222,13 +222,14 @@ class _Process:
             mapped = memoryview(mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ))
         with open(f"{path}.doses", "rb") as file:
             doses = [[Dose(*row) for row in own] for own in json.load(file)]
-        frames, start = [], 0
+        frames: list[memoryview] = []
+        start = 0
         for size in counts:
             frames.append(mapped[start : start + size])
             start += size
         for block in frames:  # read now: a page fault would cost a deadline
             for place in range(0, len(block), mmap.PAGESIZE):
-                block[place]
+                _ = block[place]
         self._stimuli.append((frames, doses, self._settings.slice_frames))
         self._tell("loaded", number=len(self._stimuli) - 1)
 
@@ -276,7 +277,7 @@ class _Process:
 
     def _switch_off(self) -> None:
         """Off, whatever was before; then the last message."""
-        outcomes = []
+        outcomes: list[dict[str, Any]] = []
         for link in self._links:
             outcome: dict[str, Any] = {"array": link.array.name, "serial": link.serial}
             try:

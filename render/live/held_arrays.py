@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from ...device.errors import DeviceError
-from ...device.live.writer_handle import WriterHandle, error_of
 from ...device.live.paced_writer import Pace
+from ...device.live.writer_handle import WriterHandle, error_of
 from ...device.live.writer_process import ArrayRequest
 from ...device.playing.limits import Limits
 from ...device.playing.watchdog import is_watchable

@@ -1,4 +1,4 @@
-"""What a live run is judged by: the time from a hand's place to the first focal point, frames dropped, ages of poses."""
+"""What a live run is judged by: time from a hand's place to the first focal point, frames dropped, ages of poses."""
 
 import threading
 from array import array

@@ -2,8 +2,8 @@
 
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from dataclasses import replace
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, Unpack
 
@@ -248,9 +248,6 @@ class Live:
 
 def sampling_at(sampling: SamplingStrategy | str, rate: float) -> SamplingStrategy:
     """A sampling strategy; names take the rate [Hz] that an array runs at."""
-
-
-
 
     own = sampling_of(sampling)
     return own if isinstance(sampling, SamplingStrategy) or sets_rate(sampling) else replace(own, update_rate=rate)

@@ -6,7 +6,7 @@ the last one is held, fades and is silent, as `SamplingStrategy.hold` and `.fade
 
 | told | |
 |---|---|
-| `go` | begin rendering `index` with the next pose; `base`: the number of its first sample in the ring, None where a run begins |
+| `go` | begin rendering `index` with the next pose; `base`: its first sample in the ring, None where a run begins |
 | `listen` | take poses of the source already, so that the last one is known |
 | `intensity` | of all focal points from now on, 0..1; reached within 10 ms |
 | `stop` | fade within 10 ms, then draw nothing more; `hands_over`: leave the source's poses to another process |
@@ -139,8 +139,9 @@ class LiveRenderer:
         self._driver = driver
         middle = own.solid.bounds.mean(axis=0)
         rng, times = np.random.default_rng(0), []
-        is_articulated = isinstance(own.hand, PlaneHand) and own.hand.patch_pose is not None
-        patch_pose = own.hand.patch_pose[0] if is_articulated else None
+        patch_pose = None
+        if isinstance(own.hand, PlaneHand) and own.hand.patch_pose is not None:
+            patch_pose = own.hand.patch_pose[0]
         count = max(1, SLICE_NS // self._period_ns)
         for number in range(TRIED_POSES):
             offset = np.diff(own.solid.bounds, axis=0)[0] * rng.uniform(-0.3, 0.3, 3)

@@ -153,14 +153,17 @@ class Session:
             raise StrategyError(f"{min(fields)} is a field of connection, which is given, too")
         self._arrays = arrays_of(array)
         rate = sampling_for(None, self._arrays).update_rate if update_rate is None else update_rate
-        self._source, self._source_options = source, {
-            "side": side,
-            "alignment": alignment,
-            "loops": True,
-            "shaper": shaping_of(prediction, smoothing),
-            "realtime": realtime,
-            "allow_code": allow_code,
-        }
+        self._source, self._source_options = (
+            source,
+            {
+                "side": side,
+                "alignment": alignment,
+                "loops": True,
+                "shaper": shaping_of(prediction, smoothing),
+                "realtime": realtime,
+                "allow_code": allow_code,
+            },
+        )
         self._stimuli: list[Stimulus | LiveStimulus] = []
         self._numbers: list[int] = []  # of the writer, or of the renderer
         self._run: LiveRun | None = None
@@ -246,7 +249,9 @@ class Session:
         """
         called = time.monotonic()
         if not (isinstance(number, int | np.integer) and 0 <= number < len(self._stimuli)):
-            raise StrategyError(f"number must be one of the {len(self._stimuli)} stimuli loaded, from 0, not {number!r}")
+            raise StrategyError(
+                f"number must be one of the {len(self._stimuli)} stimuli loaded, from 0, not {number!r}"
+            )
         if not 1 <= repeats <= 1_000_000:
             raise StrategyError(f"repeats must be 1..1000000, not {repeats!r}")
         self._held.require_running()
@@ -308,7 +313,7 @@ class Session:
 
     def _prepare(self, live: Sequence[LiveStimulus]) -> None:
         """A run with a rendering for each live stimulus."""
-        first = live[0]
+        first, chosen = live[0], None
         renderings = []
         for own in live:
             require_duration(own.duration)
@@ -317,7 +322,7 @@ class Session:
                 raise self._other_rate(f"live stimulus of {own.solid!r}", sampling.update_rate)
             solid = solid_of(own.solid)
             settings, hand = settings_and_hand(self._source, own.hand, solid, **self._source_options)
-            if own is first:
+            if chosen is None:
                 chosen = settings
             elif own.hand != first.hand:
                 raise StrategyError("live stimuli of one session must have the same hand, as they have one source")
@@ -330,6 +335,7 @@ class Session:
                     drive=own.drive or DriveStrategy(),
                 )
             )
+        assert chosen is not None  # there is one live stimulus at least
         self._run = LiveRun(
             renderings,
             chosen,
@@ -367,9 +373,7 @@ class Session:
         with open_focal_points(
             Path(stimulus.path), sampling, stimulus.duration, self._arrays, has_points=form == FOCAL_POINTS
         ) as (points, file):
-            driver = Driver(
-                [placed.model for placed in self._arrays], stimulus.drive, update_rate=points.update_rate
-            )
+            driver = Driver([placed.model for placed in self._arrays], stimulus.drive, update_rate=points.update_rate)
             yield MadeFrames(points, driver, file=file)
 
     def _other_rate(self, what: str, rate: float) -> StrategyError:

@@ -4,19 +4,18 @@ import contextlib
 import os
 import select
 import sys
+import termios
+import tty
 from collections.abc import Callable, Iterator
 
 
 @contextlib.contextmanager
 def pressed_keys() -> Iterator[Callable[[], str]]:
-    """Yields a function that gives the keys pressed since it was called last; always none where there is no terminal."""
+    """Yields a function that gives the keys pressed since it was called last; none where there is no terminal."""
     try:
-        import termios
-        import tty
-
         descriptor = sys.stdin.fileno()
         before = termios.tcgetattr(descriptor)
-    except (ImportError, OSError, ValueError, AttributeError, termios.error):  # no terminal, or no standard input
+    except (OSError, ValueError, AttributeError, termios.error):  # no terminal, or no standard input
         yield lambda: ""
         return
     tty.setcbreak(descriptor)

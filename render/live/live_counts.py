@@ -124,6 +124,11 @@ class LiveCounts:
             if text in self._faults or len(self._faults) < 100:
                 self._faults[text] += 1
 
+    def latencies(self) -> np.ndarray:
+        """From the time stamp of each pose to its first focal point [s], in their order."""
+        with self._lock:
+            return np.array(self._latency)
+
     def statistics(self) -> LiveStatistics:
         """So far."""
         with self._lock:

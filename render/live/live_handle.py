@@ -7,6 +7,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, Unpack
 
+import numpy as np
+
 from ...datasets.recordings.alignment import Alignment
 from ...device.playing.limits import Limits
 from ..errors import StrategyError
@@ -200,6 +202,10 @@ class Live:
     def statistics(self) -> LiveStatistics:
         """So far; after the end, of all."""
         return self._held.counts.statistics()
+
+    def latencies(self) -> np.ndarray:
+        """From the time stamp of each pose to its first focal point [s], in their order; of the last 400,000 poses."""
+        return self._held.counts.latencies()
 
     @property
     def is_running(self) -> bool:

@@ -134,6 +134,6 @@ def slow_text(name: str, seconds: float, lead: float) -> str | None:
         return None
     return (
         f"a pose of {name} takes {seconds * 1e3:.1f} ms here, but focal points go out {lead * 1e3:g} ms "
-        f"ahead: frames will be dropped. lead={2 * seconds:.2g} leaves it the time; a simplified object or another hand "
-        "takes less"
+        f"ahead: frames will be dropped. lead={2 * seconds:.2g} leaves it the time; a simplified object or another "
+        "hand takes less"
     )

@@ -41,7 +41,7 @@ from ...device.array import ArrayModel
 from ...device.array_kind import ArrayKind
 from ...device.live.realtime import RENDERER_PRIORITY, enter_realtime, stop_collecting
 from ...device.live.ring import FrameRing
-from ...device.playing.limits import Guard, Limits
+from ...device.playing.limits import Dose, Guard, Limits
 from ...device.registry import array_kinds, register_array
 from ..errors import RenderError
 from ..hands.hand import Hand
@@ -62,6 +62,7 @@ START_NS = 2_000_000  # from the first pose to sample 0
 RAMP = 10e-3  # [s] in which an intensity changes
 STATE_PERIOD = 0.25  # [s]
 TRIED_POSES = 40
+SLOW_SHARE = 0.15  # of the lead that a pose takes, from which on samples of the pose before go first
 QUICK_SHARE = 0.5  # of the lead that a pose may take
 
 
@@ -116,11 +117,14 @@ class LiveRenderer:
         self._drawn = 0  # samples
         self._pose_number = settings.first_number
         self._newest: PoseMessage | None = None
+        self._begun: tuple[int | None, int] = None, 0  # number and stamp of a pose none of whose samples was put
+        self._pose_first = -1  # sample of the last pose
         self._wanted = self._gain = settings.intensity
         self._is_stopping = False
         self._was_silent = True
         self._asked_base: int | None = None
         self._is_waiting = False  # for the first pose, from which it draws
+        self._is_slow = False  # whether a pose takes so long that the writer needs more samples before
         self._all = [self._made(own) for own in settings.renderings]
         self._instant, self._driver = self._all[0]
 
@@ -132,6 +136,7 @@ class LiveRenderer:
         """Draw poses about the objects' middles, so that memory and code are there; how long the slowest takes [s]."""
         tried = [self._tried(own, *made) for own, made in zip(self._settings.renderings, self._all, strict=True)]
         p50, longest = np.max(tried, axis=0).tolist()
+        self._is_slow = p50 > SLOW_SHARE * self._settings.lead
         return {"pose_seconds": p50, "pose_seconds_max": longest}
 
     def _tried(self, own: Rendering, instant: Instant, driver: Driver) -> tuple[float, float]:
@@ -162,7 +167,7 @@ class LiveRenderer:
     def begin(self, base: int | None, index: int = 0) -> None:
         """Draw a rendering from the next pose on, or from one that is fresh."""
         self._instant, self._driver = self._all[index]
-        self._base, self._drawn, self._asked_base = None, 0, base
+        self._base, self._drawn, self._pose_first, self._asked_base = None, 0, -1, base
         self._gain = self._wanted = self._settings.intensity
         self._is_waiting, self._is_stopping, self._was_silent = True, False, True
         if self._newest is not None and self._clock_ns() - self._newest.stamp_ns > FRESH_NS:
@@ -214,15 +219,15 @@ class LiveRenderer:
             return now_ns + round(STATE_PERIOD * 1e9)
         if self.stopped_at is not None:
             return now_ns + round(STATE_PERIOD * 1e9)
-        until = self._due(now_ns + self._lead_ns)
-        while self._drawn < until:
-            late = min(self._due(now_ns) - self._drawn, round(self._rate))
-            if late > 0 and self._instant.contours is not None:
-                self._draw_late(self._drawn + late)
-            else:
-                self._draw(min(until, self._drawn + self._settings.slice_frames))
-            if self._base is None:
-                return now_ns + round(STATE_PERIOD * 1e9)
+        if self._newest is not None and self._drawn > self._pose_first:
+            if self._is_slow and self._instant.contours is not None:
+                self._draw_until(now_ns)  # so that the writer has samples while the pose is worked out
+            self._meet(self._newest)
+            now_ns = self._clock_ns()
+        if self._instant.contours is None:  # the first pose was refused: wait for another
+            self._base, self._is_waiting = None, True
+            return now_ns + round(STATE_PERIOD * 1e9)
+        self._draw_until(now_ns)
         return self._start_ns + (self._drawn * self._period_ns) - self._lead_ns + SLICE_NS
 
     def _start(self, now_ns: int) -> bool:
@@ -243,42 +248,42 @@ class LiveRenderer:
         """Samples that are due before a time [ns]."""
         return -((self._start_ns - time_ns) // self._period_ns)
 
-    def _draw_late(self, stop: int) -> None:
-        """Draw what is too late to be played, so that what follows is what it would have been; nothing is packed."""
-        focus = self._instant.go_on(stop / self._rate)
+    def _meet(self, message: PoseMessage) -> None:
+        """Take a pose, from the next sample on; one that is refused leaves the pose before."""
+        self._newest = None
+        time = self._drawn / self._rate
+        try:
+            pose = settled_pose(message.pose)
+            self._instant.draw(pose, time=time, until=time, patch_pose=message.patch_pose)
+        except (RenderError, DatasetError) as error:
+            self.counts["refused"] += 1
+            self.faults.append(str(error))
+            return
+        self.counts["drawn"] += 1
+        self._begun = self._pose_number, message.stamp_ns
+        self._pose_first = self._drawn
         if self._log is not None:
-            self._log.add_points(DrawnPoints(self._drawn, *focus, self._gains(stop - self._drawn)))
-        self._drawn = stop
+            self._log.add_pose(DrawnPose(self._drawn, self._pose_number, message.stamp_ns, pose, message.patch_pose))
+        self._pose_number += 1
 
-    def _draw(self, stop: int) -> None:
-        """Draw and hand over up to a sample, the newest pose from the first of them on."""
-        first, message, number, stamp_ns = self._drawn, self._newest, None, 0
-        focus: FocalPoints | None = None
-        if message is not None and message.pose is not None:
-            self._newest = None
-            try:
-                pose = settled_pose(message.pose)
-                focus = self._instant.draw(
-                    pose, time=first / self._rate, until=stop / self._rate, patch_pose=message.patch_pose
-                )
-                number, stamp_ns = self._pose_number, message.stamp_ns
-                self._pose_number += 1
-                self.counts["drawn"] += 1
-                if self._log is not None:
-                    self._log.add_pose(DrawnPose(first, number, stamp_ns, pose, message.patch_pose))
-            except (RenderError, DatasetError) as error:
-                self.counts["refused"] += 1
-                self.faults.append(str(error))
-        if focus is None:
-            if self._instant.contours is None:  # the first pose was refused: wait for another
-                self._base, self._is_waiting = None, True
-                return
+    def _draw_until(self, now_ns: int) -> None:
+        """Draw what is due before `lead` from now, and hand it over.
+
+        What is late already is drawn, so that what follows is what it would have been, but not packed.
+        """
+        until = self._due(now_ns + self._lead_ns)
+        late = self._due(now_ns)
+        while self._drawn < until:
+            is_late = self._drawn < late
+            most = round(self._rate) if is_late else self._settings.slice_frames
+            stop = min(late if is_late else until, self._drawn + most)
             focus = self._instant.go_on(stop / self._rate)
-        self._drawn = stop
-        gain = self._gains(stop - first)
-        if self._log is not None:
-            self._log.add_points(DrawnPoints(first, *focus, gain))
-        self._put(first, focus, gain, number, stamp_ns)
+            first, self._drawn = self._drawn, stop
+            gain = self._gains(stop - first)
+            if self._log is not None:
+                self._log.add_points(DrawnPoints(first, *focus, gain))
+            if not is_late:
+                self._put(first, focus, gain)
 
     def _gains(self, count: int) -> np.ndarray | None:
         """The person's intensity for the next samples; None where it is 1."""
@@ -291,39 +296,30 @@ class LiveRenderer:
         self._gain = float(gains[-1])
         return gains.astype(np.float32)
 
-    def _put(self, first: int, focus: FocalPoints, gain: np.ndarray | None, number: int | None, stamp_ns: int) -> None:
-        """Hand samples to the writer."""
+    def _put(self, first: int, focus: FocalPoints, gain: np.ndarray | None) -> None:
+        """Hand samples to the writer, no more than fit a slice."""
         if gain is not None:
             shaped = gain.reshape(-1, *[1] * (focus.intensity.ndim - 1))
             focus = focus._replace(intensity=focus.intensity * shaped)
-        at = first + (self._base or 0)
-        count = len(focus.intensity)
+        blocks, doses = None, []
         if focus.intensity.any():
             if self._was_silent:
                 self._driver.reset()  # no frame comes from what was before the silence
             blocks, doses = self._packed(focus)
-            self._was_silent = False
-        else:
-            blocks, doses = None, ()
-            self._was_silent = True
-        most = self._settings.slice_frames
-        for start in range(0, count, most):
-            end = min(start + most, count)
-            part = blocks if blocks is None or count <= most else [block[start:end] for block in blocks]
-            own = doses if count <= most or blocks is None else self._doses(part)
-            is_put = self._ring.put(
-                at + start, end - start, part, own, pose_number=number if start == 0 else None, stamp_ns=stamp_ns
-            )
-            self.counts["slices_lost"] += not is_put
-        os.eventfd_write(self._settings.wake_fd, 1)
+        self._was_silent = blocks is None
+        number, stamp_ns = self._begun
+        is_put = self._ring.put(
+            first + (self._base or 0), len(focus.intensity), blocks, doses, pose_number=number, stamp_ns=stamp_ns
+        )
+        self.counts["slices_lost"] += not is_put
+        if is_put:
+            self._begun = None, 0
+            os.eventfd_write(self._settings.wake_fd, 1)
 
-    def _packed(self, focus: FocalPoints) -> tuple[list[Any], list[Any]]:
+    def _packed(self, focus: FocalPoints) -> tuple[list[Any], list[Dose]]:
         """Wire bytes for each array, shape [frame, frame_bytes], and what they do."""
         blocks = [frames.numpy() for frames in self._driver.pack(focus).frames]
-        return blocks, self._doses(blocks)
-
-    def _doses(self, blocks: Any) -> list[Any]:
-        return [guard.measure(block, len(block))[0] for guard, block in zip(self._guards, blocks, strict=True)]
+        return blocks, [guard.measure(own, len(own))[0] for guard, own in zip(self._guards, blocks, strict=True)]
 
 
 def settled_pose(pose: np.ndarray) -> np.ndarray:

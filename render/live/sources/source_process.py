@@ -198,10 +198,10 @@ def run_source(settings: SourceSettings, sender: PoseSender) -> int:
         shaper=settings.shaper,
     )
     code, reason = 0, "the source has ended"
+    gc.collect()
+    gc.freeze()  # what has been imported stays: each collection would look at all of it again
     try:
         with source:
-            gc.collect()
-            gc.freeze()
             for seen in source:
                 if not _send_all(sender, stream, seen):
                     return 0

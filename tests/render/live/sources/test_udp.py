@@ -11,6 +11,7 @@ import struct
 import numpy as np
 import pytest
 from live_senders import joint_frames, palm_at, palm_frames
+from page_blocks import ROOT, blocks_of
 
 from palpate.render.errors import StrategyError
 from palpate.render.live.sources.hand_frame import SeenHand, SourceFault
@@ -178,6 +179,20 @@ def test_of_a_flood_the_newest_are_read_and_it_is_reported(listening):
     assert [fault.left_out for fault in faults] == [196] * 4
     assert [bool(fault.text) for fault in faults] == [False, False, True, True]  # once may be a busy machine
     assert "the newest 4 are read" in faults[2].text
+
+
+def test_the_senders_of_the_document_are_understood(listening):
+    source, _ = listening
+    page = blocks_of(ROOT / "docs/formats/live-poses.md")
+    program = "".join(block.text for block in page if block.language == "python" and not block.name)
+    names = {}
+    exec(program.replace("5005", str(source.port)).replace("range(90)", "range(2)"), names)
+    names["sender"].close()
+    first, second, gone, binary_hand = list(itertools.islice(source, 4))
+    assert np.allclose(first.pose, [0.03, 0.0, 0.2, 0.5**0.5, 0.0, 0.0, 0.5**0.5])
+    assert (second.side, second.hand_id) == ("right", "1")
+    assert gone[0].is_lost
+    assert np.allclose(binary_hand[0].pose, [0.0, 0.0, 0.2, 0.5**0.5, 0.0, 0.0, 0.5**0.5])
 
 
 def test_an_address_that_is_taken_is_named(listening):

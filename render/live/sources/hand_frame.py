@@ -52,13 +52,15 @@ class SourceFault(NamedTuple):
     >>> from palpate.render import SourceFault
     >>> fault = SourceFault("battery", "battery: 3 % are left, and tracking stops at 2 %")
     >>> fault
-    SourceFault(kind='battery', text='battery: 3 % are left, and tracking stops at 2 %')
+    SourceFault(kind='battery', text='battery: 3 % are left, and tracking stops at 2 %', left_out=0)
     """
 
     kind: str
     """Faults of one kind are reported once, then counted."""
     text: str
-    """One sentence, with value and bound."""
+    """One sentence, with value and bound; empty: nothing is reported, only `left_out` counted."""
+    left_out: int = 0
+    """Frames that the source left out, because newer ones had come."""
 
 
 Seen = SeenHand | SourceFault | Sequence[SeenHand]

@@ -84,6 +84,7 @@ class PoseStream:
     def taken(self, seen: Seen, arrival_ns: int) -> list[PoseMessage]:
         """Messages for what came at a time [ns]; none as long as there is nothing to send."""
         if isinstance(seen, SourceFault):
+            self._skipped += seen.left_out
             return self._reports(seen, arrival_ns)
         if isinstance(seen, SeenHand):
             hands: Sequence[SeenHand] = (seen,)
@@ -148,7 +149,7 @@ class PoseStream:
 
     def _reports(self, fault: SourceFault | None, now_ns: int) -> list[PoseMessage]:
         """A message with a fault and no pose, which says nothing about the hand; none if it is only counted."""
-        text = "" if fault is None else self._faults.reported(fault, now_ns)
+        text = "" if fault is None or not fault.text else self._faults.reported(fault, now_ns)
         return [self._counted(PoseMessage(now_ns, self._clock.last, None, fault=text))] if text else []
 
     def _counted(self, message: PoseMessage) -> PoseMessage:

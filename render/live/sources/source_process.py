@@ -180,6 +180,8 @@ def main() -> int:
         _send_all(sender, stream, SourceFault("start", f"the source cannot be made in its process: {error}"))
         return EXIT_FAILED
     threading.Thread(target=_end_with, args=(pipe,), name="palpate-source-end", daemon=True).start()
+    gc.collect()
+    gc.freeze()  # what has been imported stays: each collection would look at all of it again
     if settings.realtime:
         from ....device.live.realtime import SOURCE_PRIORITY, enter_realtime
 
@@ -200,8 +202,6 @@ def run_source(settings: SourceSettings, sender: PoseSender) -> int:
     code, reason = 0, "the source has ended"
     try:
         with source:
-            gc.collect()
-            gc.freeze()
             for seen in source:
                 if not _send_all(sender, stream, seen):
                     return 0

@@ -37,6 +37,7 @@ PALM, JOINTS = 1, 2
 """What follows: the palm's pose, seven float64; 26 joints with radii, each eight float32."""
 
 _BURST = 4  # of more datagrams than these at a time, the newest are read
+_FLOOD = 3  # readings one after the other that left datagrams out: one alone is that of a machine that was busy
 _ROUND = 1e-3  # [s] between two readings of the socket, so that a flood costs little
 _JOINT_VALUES = 8
 _ADDRESS = re.compile(r"(?:(?P<host>.*):)?(?P<port>[0-9]+)")
@@ -124,15 +125,15 @@ class UdpSource:
         """Frames and faults as they come, for ever."""
         if self._socket is None:
             raise RuntimeError("UdpSource is iterated over inside its `with`")
-        ready = 0.0
+        ready, floods = 0.0, 0
         while True:
             time.sleep(max(ready - time.monotonic(), 0.0))
             data, left_out = _newest(self._socket)
             ready = time.monotonic() + _ROUND if len(data) == _BURST else 0.0
+            floods = floods + 1 if left_out else 0
             if left_out:
-                yield SourceFault(
-                    "flood", f"more than {_BURST} datagrams came at a time: the newest {_BURST} were read"
-                )
+                text = f"more than {_BURST} datagrams came at a time, again and again: the newest {_BURST} are read"
+                yield SourceFault("flood", text if floods >= _FLOOD else "", left_out)
             for one in data:
                 try:
                     yield frames_of(one)

@@ -175,6 +175,13 @@ def test_faults_of_a_source_are_reported_and_go_on_being_counted():
     assert texts == ["too many came", *["too many came (100 times since it was reported last)"] * 2]
 
 
+def test_frames_that_a_source_left_out_are_counted_with_and_without_a_report():
+    stream = PoseStream("own")
+    assert stream.taken(SourceFault("flood", "", 5), SECOND) == []
+    (report,) = stream.taken(SourceFault("flood", "too many", 2), 2 * SECOND)
+    assert (report.fault, report.skipped) == ("too many", 7)
+
+
 def test_faults_that_a_source_invents_do_not_fill_the_memory():
     log = FaultLog()
     reported = [log.reported(SourceFault(str(k), "x"), k) for k in range(1000)]

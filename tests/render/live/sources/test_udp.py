@@ -11,6 +11,7 @@ import struct
 import numpy as np
 import pytest
 from live_senders import joint_frames, palm_at, palm_frames
+from page_blocks import ROOT, blocks_of
 
 from palpate.render.errors import StrategyError
 from palpate.render.live.sources.hand_frame import SeenHand, SourceFault
@@ -166,12 +167,32 @@ def test_datagrams_come_as_frames_and_garbage_as_faults(listening):
 
 def test_of_a_flood_the_newest_are_read_and_it_is_reported(listening):
     source, send = listening
-    for frame in palm_frames(10_000.0, 0.02):
-        send(packed_frames([frame]))
-    fault, *frames = itertools.islice(source, 5)
-    assert fault.kind == "flood"
-    assert "the newest 4 were read" in fault.text
-    assert [frame[0].time for frame in frames] == pytest.approx([500.0196, 500.0197, 500.0198, 500.0199])
+    seen, faults = iter(source), []
+    for start in (500.0, 501.0, 502.0, 503.0):
+        for frame in palm_frames(10_000.0, 0.02, start=start):
+            send(packed_frames([frame]))
+        fault, *frames = itertools.islice(seen, 5)
+        faults.append(fault)
+        times = [frame[0].time - start for frame in frames]
+        assert times == pytest.approx([0.0196, 0.0197, 0.0198, 0.0199])
+    assert [fault.kind for fault in faults] == ["flood"] * 4
+    assert [fault.left_out for fault in faults] == [196] * 4
+    assert [bool(fault.text) for fault in faults] == [False, False, True, True]  # once may be a busy machine
+    assert "the newest 4 are read" in faults[2].text
+
+
+def test_the_senders_of_the_document_are_understood(listening):
+    source, _ = listening
+    page = blocks_of(ROOT / "docs/formats/live-poses.md")
+    program = "".join(block.text for block in page if block.language == "python" and not block.name)
+    names = {}
+    exec(program.replace("5005", str(source.port)).replace("range(90)", "range(2)"), names)
+    names["sender"].close()
+    first, second, gone, binary_hand = list(itertools.islice(source, 4))
+    assert np.allclose(first.pose, [0.03, 0.0, 0.2, 0.5**0.5, 0.0, 0.0, 0.5**0.5])
+    assert (second.side, second.hand_id) == ("right", "1")
+    assert gone[0].is_lost
+    assert np.allclose(binary_hand[0].pose, [0.0, 0.0, 0.2, 0.5**0.5, 0.0, 0.0, 0.5**0.5])
 
 
 def test_an_address_that_is_taken_is_named(listening):

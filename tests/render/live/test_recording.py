@@ -37,6 +37,7 @@ RUNS = {
     "60 Hz, jitter": {"first": regular(60, 20, 0.01)},
     "120 Hz, jitter": {"first": regular(120, 40, 0.006)},
     "2 samples apart": {"first": np.arange(40) * 2},
+    "a last pose without a sample": {"first": regular(90, 4), "last": 0},
     "one pose": {"first": [0], "last": 2500},
     "three foci": {"first": GAP, "sampling": SamplingStrategy(foci=3, am=AmplitudeModulation())},
 }

@@ -14,7 +14,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from ...datasets.contour_file.header_live import LiveRun
+from ...datasets.contour_file.header_live import RecordedRun
 from ...datasets.contour_file.live_summary import summarise_run
 from ...datasets.contour_file.reader import ContourFile
 from ...datasets.contour_file.writer import ContourWriter
@@ -79,9 +79,9 @@ class LiveSegment:
     emission: str
     """Whose times `emitted` are: "board" or "estimate"."""
 
-    def run(self) -> LiveRun:
+    def run(self) -> RecordedRun:
         """Description of the run, for its file."""
-        return LiveRun(
+        return RecordedRun(
             sampling=self.sampling.described(),
             update_rate=float(self.sampling.update_rate),
             hold=float(self.hold),

@@ -94,7 +94,7 @@ class FileHeader:
     raw_error: float | None = None
     """How far the raw intersection can be from the exact one [m]; None where that is not known; not in the recipe."""
     live: Mapping[str, Any] | None = None
-    """JSON of the live run that this is the recording of (`LiveRun`); not in the recipe, which has the poses."""
+    """JSON of the live run that this is the recording of (`RecordedRun`); not in the recipe, which has the poses."""
     live_arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict[str, NDArray[Any]])
     """Arrays of /live by name; empty for what is no live run."""
     created: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="microseconds"))

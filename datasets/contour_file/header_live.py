@@ -15,7 +15,7 @@ OPTIONAL_ARRAYS = ("gain",)
 
 
 @dataclass(frozen=True, kw_only=True)
-class LiveRun:
+class RecordedRun:
     """Everything of a live run but its arrays."""
 
     sampling: Mapping[str, Any]
@@ -49,7 +49,7 @@ class LiveRun:
         return asdict(self)
 
     @classmethod
-    def from_json(cls, values: Mapping[str, Any]) -> LiveRun:
+    def from_json(cls, values: Mapping[str, Any]) -> RecordedRun:
         """Read back what `described` gave, without names that this version does not know; raises ContourFileError."""
         names = [own.name for own in fields(cls)]
         if missing := next((name for name in names if name not in values), None):
@@ -79,7 +79,7 @@ def require_live(described: Mapping[str, Any] | None, rows: Mapping[str, int], p
         if rows:
             raise ContourFileError(f"/live/{min(rows)} is there, but /live has no attribute run")
         return
-    run = LiveRun.from_json(described)
+    run = RecordedRun.from_json(described)
     for name in (spec.name for spec in LIVE if spec.name not in OPTIONAL_ARRAYS):
         if name not in rows:
             raise ContourFileError(f"/live/{name} is missing")

@@ -28,7 +28,7 @@ from .header import (
     recipe_hash,
     refuse_foreign,
 )
-from .header_live import LiveRun, require_live
+from .header_live import RecordedRun, require_live
 from .part_reader import PartReader
 from .parts import HEADER_NAME, readable_parts, work_folder
 from .timing import Timing, get_timing, join_timing
@@ -191,14 +191,14 @@ class ContourFile:
         return attributes | {name: value for name, value in notes.items() if value is not None}
 
     @cached_property
-    def live_run(self) -> LiveRun | None:
+    def live_run(self) -> RecordedRun | None:
         """The live run that this is the recording of; None for any other file."""
         if (described := get_live(self._header_file)) is None:
             return None
         try:
             rows = {spec.name: self._header_file.layout(spec.path)[1][0] for spec in LIVE if self.has_live(spec.name)}
             require_live(described, rows, self.pose_count)
-            return LiveRun.from_json(described)
+            return RecordedRun.from_json(described)
         except ContourFileError as error:
             raise ContourFileError(f"{self.path}: {error}") from None
 

@@ -5,7 +5,6 @@ The contours come from rendering the run's poses as `record` does. The focal poi
 """
 
 import json
-from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -15,7 +14,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from ...datasets.contour_file.header_live import LiveRun
+from ...datasets.contour_file.header_live import RecordedRun
 from ...datasets.contour_file.live_summary import summarise_run
 from ...datasets.contour_file.reader import ContourFile
 from ...datasets.contour_file.writer import ContourWriter
@@ -80,9 +79,9 @@ class LiveSegment:
     emission: str
     """Whose times `emitted` are: "board" or "estimate"."""
 
-    def run(self) -> LiveRun:
+    def run(self) -> RecordedRun:
         """Description of the run, for its file."""
-        return LiveRun(
+        return RecordedRun(
             sampling=self.sampling.described(),
             update_rate=float(self.sampling.update_rate),
             hold=float(self.hold),
@@ -220,7 +219,10 @@ class LiveRecording:
     @cached_property
     def sampling(self) -> SamplingStrategy:
         """The run's sampling strategy."""
-        return sampling_of_run(self.run)
+        strategy = sampling_of_run(self.run)
+        if (strategy.foci, strategy.update_rate) != (self.run.foci, self.run.update_rate):
+            raise ContourFileError(f"{self.path}: /live: foci and update_rate are not those of sampling")
+        return strategy
 
     @cached_property
     def time(self) -> np.ndarray:
@@ -297,17 +299,18 @@ class LiveRecording:
         Positions and intensities count as equal if all their bits are.
         """
         differing, first_differing, done = 0, None, 0
-        for block in self._sampled_again():
+        sampler = Sampler(self.sampling, revisits=False)
+        for block in ContourSource(self.file, sampler, self.run.duration, block=1 << 16, run=self.run):
             count = len(block.intensity)
-            differs = self._differing(block, done, min(done + count, self.run.samples))
+            differs = self._differing(block, done, done + count)
             if first_differing is None and differs.any():
                 first_differing = done + int(np.flatnonzero(differs)[0])
             differing += int(np.count_nonzero(differs))
             done += count
+        if done < self.run.samples:  # the contours ended before the run did: a sample that is missing differs
+            first_differing = done if first_differing is None else first_differing
+            differing += self.run.samples - done
         return LiveComparison(self.run.samples, differing, first_differing)
-
-    def _sampled_again(self) -> Iterator[FocalPoints]:
-        yield from ContourSource(self.file, Sampler(self.sampling, revisits=False), block=1 << 16, run=self.run)
 
     def _differing(self, block: FocalPoints, first: int, stop: int) -> np.ndarray:
         """Which samples of a block differ from those of the run, bool, shape [sample]."""

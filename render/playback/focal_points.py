@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ...datasets.contour_file.header_live import LiveRun
+from ...datasets.contour_file.header_live import RecordedRun
 from ...datasets.contour_file.reader import ContourFile
 from ...datasets.errors import ContourFileError
 from ...datasets.focus_files.frame_reader import FOCAL_POINTS, FrameReader, frame_format
@@ -153,7 +153,7 @@ class ContourSource:
         duration: float | None = None,
         *,
         block: int = BLOCK,
-        run: LiveRun | None = None,
+        run: RecordedRun | None = None,
     ) -> None:
         require_duration(duration)
         self._block = block
@@ -204,7 +204,7 @@ class ContourSource:
         batch = ContourBatch.from_arrays(self._file.contours(first, stop))
         return batch, self._file.motion(first, stop)["pose"]
 
-    def _duration(self, asked: float | None, run: LiveRun | None) -> float:
+    def _duration(self, asked: float | None, run: RecordedRun | None) -> float:
         path, count = self._file.path, self._file.pose_count
         head = self._file.motion(0, INTERVALS_LOOKED_AT + 1)
         if "time" not in head or count == 1:
@@ -301,12 +301,12 @@ def sampling_for(sampling: SamplingStrategy | str | None, arrays: Sequence[Place
     return replace(strategy, update_rate=usual_rate(arrays[0].model, strategy))
 
 
-def sampling_of_run(run: LiveRun) -> SamplingStrategy:
+def sampling_of_run(run: RecordedRun) -> SamplingStrategy:
     """The sampling strategy of a live run; raises StrategyError for one that this version does not know."""
     return SamplingStrategy.from_json(json.dumps(dict(run.sampling)))
 
 
-def live_run_of(path: Path) -> LiveRun | None:
+def live_run_of(path: Path) -> RecordedRun | None:
     """The live run that a contour file is the recording of; None for any other file, or what cannot be read."""
     try:
         with ContourFile(path) as file:

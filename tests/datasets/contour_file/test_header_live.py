@@ -5,7 +5,7 @@ import pytest
 from contour_cases import live_run, make_contours, write_file
 
 from palpate.datasets.contour_file.check import check_file
-from palpate.datasets.contour_file.header_live import LiveRun, require_live
+from palpate.datasets.contour_file.header_live import RecordedRun, require_live
 from palpate.datasets.contour_file.live_summary import summarise_run
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.contour_file.unknown_content import unknown_content
@@ -21,7 +21,7 @@ def test_a_live_run_is_read_back_in_parts_and_summed_up(tmp_path):
     write_file(tmp_path / "a.h5", make_contours(3), **given)
     assert check_file(tmp_path / "a.h5") == unknown_content(tmp_path / "a.h5") == []
     with ContourFile(tmp_path / "a.h5", verify=True) as file:
-        assert file.live_run == LiveRun.from_json(given["live"])
+        assert file.live_run == RecordedRun.from_json(given["live"])
         assert file.live_run.duration == 0.09
         for name, rows in given["live_arrays"].items():
             np.testing.assert_array_equal(file.live_rows(name), rows, strict=True)

@@ -4,14 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from command_line import answer, run
 from contour_cases import make_contours, write_file
+from live_cases import RATE, regular, run_live
 
 from palpate.datasets.contour_file.check import check_file
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.errors import ContourFileError
-from palpate.render import Palm, closed_contour, exploration, flat_hand, play_file
+from palpate.datasets.focus_files.ptlist import read_ptlist
+from palpate.render import flat_hand, play_file
 from palpate.render.errors import PoseError, StrategyError
-from palpate.render.intersection.named_inputs import solid_of
 from palpate.render.live.recording import (
     DROPPED,
     EMITTED,
@@ -19,56 +21,24 @@ from palpate.render.live.recording import (
     HELD,
     LiveComparison,
     LiveRecording,
-    LiveSegment,
     save_segment,
 )
 from palpate.render.playback.focal_points import open_focal_points
-from palpate.render.playback.live import Instant
 from palpate.render.playback.placed_arrays import arrays_of
 from palpate.render.reports.file_summary import summarise
 from palpate.render.sampling.strategy import AmplitudeModulation, SamplingStrategy
 
-RATE = 10_000.0
-MOTION = exploration("tube", duration=1.2, rate=150.0, seed=1)
-
-
-def run_live(first, *, sampling=None, hand=None, patch_pose=None, last=300, interval=1 / 90, pose=None):
-    """A live run of poses that take effect at samples `first`; the last pose lasts `last` samples."""
-    sampling, hand = sampling or SamplingStrategy(), hand or Palm()
-    first = np.asarray(first)
-    time, pose = first / sampling.update_rate, MOTION.pose[50 : 50 + len(first)] if pose is None else pose
-    instant = Instant(solid_of("tube"), hand, closed_contour(), sampling, interval=interval)
-    until = np.append(time[1:], (first[-1] + last) / sampling.update_rate)
-    own = [None] * len(first) if patch_pose is None else patch_pose
-    blocks = [instant.draw(pose[i], time[i], until=until[i], patch_pose=own[i]) for i in range(len(first))]
-    position, intensity = (np.concatenate(part) for part in zip(*blocks, strict=True))
-    assert intensity.any()
-    return LiveSegment(
-        solid=solid_of("tube"), hand=hand, strategy=closed_contour(), sampling=sampling,
-        hold=max(sampling.hold, 2 * interval), time=time, pose=pose, patch_pose=patch_pose,
-        stamp=time - 0.006, emitted=time + 0.001, position=position, intensity=intensity, gain=None,
-        mark=np.zeros(len(intensity), np.uint8), events=[(-0.25, "lost", "no hand, \N{GREEK SMALL LETTER MU}")],
-        source="udp", array="emulator", lead=0.008, realtime=True, emission="estimate",
-    )  # fmt: skip
-
-
-def regular(rate, count, jitter=0.0):
-    """First samples of poses that come at a rate [Hz], each late by up to `jitter` [s]."""
-    late = np.random.default_rng(3).uniform(0, jitter, count)
-    first = np.ceil((np.arange(count) / rate + late) * RATE).astype(int)
-    return first - first[0]
-
-
 GAP = np.append(regular(90, 8), regular(90, 8) + 6000)  # tracking is lost for half a second
 RUNS = {
+    "slower than expected, longer at the end": {"first": regular(4, 4), "interval": 1 / 90, "last": 4000},
     "a gap": {"first": GAP},
     "a gap, fading slowly": {"first": GAP, "sampling": SamplingStrategy(hold=0.05, fade=0.2)},
     "90 Hz, jitter": {"first": regular(90, 30, 0.008)},
     "60 Hz, jitter": {"first": regular(60, 20, 0.01)},
     "120 Hz, jitter": {"first": regular(120, 40, 0.006)},
     "2 samples apart": {"first": np.arange(40) * 2},
+    "a last pose without a sample": {"first": regular(90, 4), "last": 0},
     "one pose": {"first": [0], "last": 2500},
-    "slower than expected": {"first": regular(4, 4), "interval": 1 / 90, "last": 4000},
     "three foci": {"first": GAP, "sampling": SamplingStrategy(foci=3, am=AmplitudeModulation())},
 }
 
@@ -131,7 +101,7 @@ def test_a_single_bit_that_differs_is_found(tmp_path, name, sample):
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("run", ["slower than expected", "one pose", "a gap"])
+@pytest.mark.parametrize("run", ["slower than expected, longer at the end", "one pose", "a gap"])
 def test_a_playback_without_a_sampling_draws_what_the_run_drew(tmp_path, run):
     segment = run_live(**RUNS[run])
     path = save_segment(tmp_path / "run.h5", segment)
@@ -174,3 +144,24 @@ def test_another_contour_file_is_no_live_recording_and_a_file_stays_unless_it_ma
     write_file(plain := tmp_path / "plain.h5", make_contours(1))
     with pytest.raises(ContourFileError, match=r"plain\.h5 is a contour file, but not the recording of a live run"):
         LiveRecording(plain)
+
+
+@pytest.mark.exhaustive
+def test_commands_take_the_recording_as_any_contour_file(tmp_path):
+    segment = run_live(GAP)
+    segment.mark[:3] = DROPPED
+    path, count = save_segment(tmp_path / "run.h5", segment), len(segment.intensity)
+    info = run("info", path).output
+    assert f"latency p50 7.0 ms, p99 7.0 ms, 3 of {count} samples dropped" in " ".join(info.split())
+    assert answer("info", path)["live"]["dropped"] == 3
+    assert answer("check", path)["whole"]
+    assert answer("play", path, "--clock", "virtual")["frames"] == count
+    assert answer("play", path, "--clock", "virtual", "--update-rate", 20_000)["frames"] == 2 * count
+    assert answer("prepare", path, "-o", tmp_path / "frames.h5")["frames"] == count
+    assert answer("noise", path)["files"][0]["duration"] == count / RATE
+    assert answer("view", path, "--export", tmp_path / "page.html")["poses"] == [len(GAP)]
+    assert answer("render", "tube", path, "-o", tmp_path / "again.h5")["poses"] == len(GAP)
+    answer("export", path, "-o", tmp_path / "points.ptlist")
+    points = read_ptlist(tmp_path / "points.ptlist")
+    np.testing.assert_array_equal(points.position, segment.position)
+    assert points.update_rate == RATE

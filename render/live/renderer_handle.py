@@ -15,7 +15,7 @@ from ...device.live.writer_handle import WriterHandle, start_process
 from ..errors import StrategyError
 from .drawn_log import PIPE_BYTES
 from .recorder import SegmentRecorder
-from .renderer_process import QUICK_SHARE, RendererSettings, Rendering
+from .renderer_process import QUICK_SHARE, LiveRendering, RendererSettings
 
 READY_TIMEOUT = 180.0  # [s]: kernels may have to be compiled
 END_TIMEOUT = 5.0  # [s]
@@ -31,7 +31,7 @@ class RendererHandle:
 
     def __init__(
         self,
-        renderings: Sequence[Rendering],
+        renderings: Sequence[LiveRendering],
         writer: WriterHandle,
         *,
         pose_fd: int,
@@ -134,6 +134,6 @@ def slow_text(name: str, seconds: float, lead: float) -> str | None:
         return None
     return (
         f"a pose of {name} takes {seconds * 1e3:.1f} ms here, but focal points go out {lead * 1e3:g} ms "
-        f"ahead: frames will be dropped. lead={2 * seconds:.2g} leaves it the time; a simplified object or another hand "
-        "takes less"
+        f"ahead: frames will be dropped. lead={2 * seconds:.2g} leaves it the time; a simplified object or another "
+        "hand takes less"
     )

@@ -52,7 +52,7 @@ from ..runtime.warp_start import start_warp
 from ..sampling.metrics import FocalPoints
 from ..sampling.strategy import SamplingStrategy
 from ..strategies.intersection_strategy import IntersectionStrategy
-from .drawn_log import DrawnLog, DrawnPoints, DrawnPose
+from .drawn_log import DrawnLog, LoggedPoints, LoggedPose
 from .instant import Instant, checked_pose
 from .sources.messages import PoseMessage, received_messages
 
@@ -66,7 +66,7 @@ QUICK_SHARE = 0.5  # of the lead that a pose may take
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rendering:
+class LiveRendering:
     """What is rendered."""
 
     solid: Solid
@@ -80,7 +80,7 @@ class Rendering:
 class RendererSettings:
     """All that the process is started with."""
 
-    renderings: tuple[Rendering, ...]
+    renderings: tuple[LiveRendering, ...]
     kinds: tuple[ArrayKind, ...]
     arrays: tuple[ArrayModel, ...]
     lead: float
@@ -124,7 +124,7 @@ class LiveRenderer:
         self._all = [self._made(own) for own in settings.renderings]
         self._instant, self._driver = self._all[0]
 
-    def _made(self, own: Rendering) -> tuple[Instant, Driver]:
+    def _made(self, own: LiveRendering) -> tuple[Instant, Driver]:
         instant = Instant(own.solid, own.hand, own.strategy, own.sampling)
         return instant, Driver(self._settings.arrays, own.drive, update_rate=self._rate)
 
@@ -134,7 +134,7 @@ class LiveRenderer:
         p50, longest = np.max(tried, axis=0).tolist()
         return {"pose_seconds": p50, "pose_seconds_max": longest}
 
-    def _tried(self, own: Rendering, instant: Instant, driver: Driver) -> tuple[float, float]:
+    def _tried(self, own: LiveRendering, instant: Instant, driver: Driver) -> tuple[float, float]:
         """Middle and longest duration of a pose [s]."""
         self._driver = driver
         middle = own.solid.bounds.mean(axis=0)
@@ -247,7 +247,7 @@ class LiveRenderer:
         """Draw what is too late to be played, so that what follows is what it would have been; nothing is packed."""
         focus = self._instant.go_on(stop / self._rate)
         if self._log is not None:
-            self._log.add_points(DrawnPoints(self._drawn, *focus, self._gains(stop - self._drawn)))
+            self._log.add_points(LoggedPoints(self._drawn, *focus, self._gains(stop - self._drawn)))
         self._drawn = stop
 
     def _draw(self, stop: int) -> None:
@@ -265,7 +265,7 @@ class LiveRenderer:
                 self._pose_number += 1
                 self.counts["drawn"] += 1
                 if self._log is not None:
-                    self._log.add_pose(DrawnPose(first, number, stamp_ns, pose, message.patch_pose))
+                    self._log.add_pose(LoggedPose(first, number, stamp_ns, pose, message.patch_pose))
             except (RenderError, DatasetError) as error:
                 self.counts["refused"] += 1
                 self.faults.append(str(error))
@@ -277,7 +277,7 @@ class LiveRenderer:
         self._drawn = stop
         gain = self._gains(stop - first)
         if self._log is not None:
-            self._log.add_points(DrawnPoints(first, *focus, gain))
+            self._log.add_points(LoggedPoints(first, *focus, gain))
         self._put(first, focus, gain, number, stamp_ns)
 
     def _gains(self, count: int) -> np.ndarray | None:
@@ -337,7 +337,7 @@ def settled_pose(pose: np.ndarray) -> np.ndarray:
     return row
 
 
-class _Process:
+class _RendererProcess:
     """The process's loop: what comes from the source and from the parent."""
 
     def __init__(self, settings: RendererSettings) -> None:
@@ -439,7 +439,7 @@ def main() -> int:
     for kind in settings.kinds:
         if kind not in array_kinds():
             register_array(kind)
-    _Process(settings).run()
+    _RendererProcess(settings).run()
     return 0
 
 

@@ -12,6 +12,7 @@ from palpate.datasets.errors import ContourFileError
 from palpate.render import Palm, closed_contour, exploration, flat_hand, play_file
 from palpate.render.errors import PoseError, StrategyError
 from palpate.render.intersection.named_inputs import solid_of
+from palpate.render.live.instant import Instant
 from palpate.render.live.recording import (
     DROPPED,
     EMITTED,
@@ -23,7 +24,6 @@ from palpate.render.live.recording import (
     save_segment,
 )
 from palpate.render.playback.focal_points import open_focal_points
-from palpate.render.playback.live import Instant
 from palpate.render.playback.placed_arrays import arrays_of
 from palpate.render.reports.file_summary import summarise
 from palpate.render.sampling.strategy import AmplitudeModulation, SamplingStrategy

@@ -32,7 +32,14 @@ class Durations:
 
 @dataclass(frozen=True)
 class RunStatistics:
-    """Of a live run, so far or at its end."""
+    """Of a live run, so far or at its end: `Live.statistics` and `Session.statistics` give it.
+
+    >>> from palpate.render import Session
+    >>> with Session("emulator") as session:
+    ...     statistics = session.statistics()
+    >>> statistics.poses  # no live stimulus was played
+    0
+    """
 
     seconds: float
     """Since the first focal point [s]."""
@@ -66,6 +73,13 @@ class RunStatistics:
     """What a pose takes from its arrival to its frames, the middle of those tried at the start [s]."""
     faults: dict[str, int] = field(default_factory=dict)
     """What went wrong, and how often."""
+
+    def __repr__(self) -> str:
+        """One line."""
+        return (
+            f"RunStatistics({self.seconds:.3g} s, {self.poses} poses, latency {self.latency!r}, {self.dropped} of "
+            f"{self.frames} frames dropped)"
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""

@@ -78,7 +78,12 @@ class LiveStimulus:
 
 
 class Onset(NamedTuple):
-    """When a stimulus began."""
+    """When a stimulus began.
+
+    >>> from palpate.render import Onset
+    >>> Onset(time=12.5, latency=0.004, is_estimate=False)
+    Onset(time=12.5, latency=0.004, is_estimate=False)
+    """
 
     time: float
     """Of its first focal point, on the array's clock [s]: for real arrays and models CLOCK_MONOTONIC, that of
@@ -124,9 +129,9 @@ class Session:
     >>> with Session("emulator") as session:
     ...     cube, tube = session.load([Stimulus(path, duration=0.2), LiveStimulus("tube", duration=0.3)])
     ...     onset = session.play(cube)
-    ...     session.wait()
+    ...     _ = session.wait()
     ...     _ = session.play(tube)
-    ...     session.wait()
+    ...     _ = session.wait()
     >>> onset.is_estimate  # the emulated board says when it began
     False
     """

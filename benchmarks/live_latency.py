@@ -28,7 +28,7 @@ from palpate.datasets.recordings.sample import sample_recording
 from palpate.datasets.rigid import pose_inverse, pose_product
 from palpate.device import Limits
 from palpate.render import SamplingStrategy, exploration
-from palpate.render.live.live_handle import Live
+from palpate.render.live.handle import Live
 from palpate.render.live.sources.hand_frame import SeenHand
 from palpate.render.live.sources.udp import UdpSource, packed_frames
 

@@ -62,7 +62,12 @@ if TYPE_CHECKING:
     from .intersection.patch_points import array_points
     from .intersection.prepared_contours import PreparedContours
     from .intersection.scene import Scene
+    from .live.counts import RunStatistics
+    from .live.handle import Live
     from .live.instant import Instant
+    from .live.recording import LiveRecording
+    from .live.session import LiveStimulus, Onset, Session, Stimulus
+    from .live.shaping import PoseShaping, Prediction, Smoothing
     from .live.sources.hand_frame import PoseSource, SeenHand, SourceFault
     from .motions.explorations.explored import ExploredPoses, exploration
     from .motions.explorations.habits import ExplorerHabits, explorer_habits
@@ -149,13 +154,18 @@ _ROOMS = {
     "objects.voxels.files": "save_voxels",
     "objects.voxels.voxel_object": "VoxelObject",
     "objects.voxels.voxeliser": "voxelise",
+    "live.counts": "RunStatistics",
+    "live.handle": "Live",
+    "live.instant": "Instant",
+    "live.recording": "LiveRecording",
+    "live.session": "LiveStimulus Onset Session Stimulus",
+    "live.shaping": "PoseShaping Prediction Smoothing",
     "live.sources.hand_frame": "PoseSource SeenHand SourceFault",
     "motions.groups": "MotionGroup render_motions",
     "motions.explorations.explored": "ExploredPoses exploration",
     "motions.explorations.habits": "ExplorerHabits explorer_habits",
     "playback.drive": "Driver DriveStrategy drive_focus",
     "playback.file_playback": "Connection play_file",
-    "live.instant": "Instant",
     "playback.placed_arrays": "PlacedArray load_rig",
     "playback.prepared_frames": "prepare_frames",
     "reports.contour_animation": "draw_animation",
@@ -210,6 +220,9 @@ __all__ = [
     "Instant",
     "IntersectionStrategy",
     "KernelCacheError",
+    "Live",
+    "LiveRecording",
+    "LiveStimulus",
     "MeshError",
     "MeshHand",
     "MeshObject",
@@ -221,6 +234,7 @@ __all__ = [
     "NoiseSignal",
     "NoiseSpectrum",
     "NotStoreError",
+    "Onset",
     "Palm",
     "PalpateWarning",
     "PatchJoint",
@@ -231,7 +245,9 @@ __all__ = [
     "PlaneHand",
     "PlayedFrames",
     "PoseError",
+    "PoseShaping",
     "PoseSource",
+    "Prediction",
     "PreparedContours",
     "PressureMetrics",
     "RecordingError",
@@ -240,14 +256,18 @@ __all__ = [
     "RenderedBatch",
     "RepairError",
     "Resonance",
+    "RunStatistics",
     "SampledContours",
     "Sampler",
     "SamplingStrategy",
     "Scene",
     "SeenHand",
+    "Session",
     "ShapeError",
+    "Smoothing",
     "SourceFault",
     "Stage",
+    "Stimulus",
     "StrategyError",
     "SweepError",
     "SweepResult",

@@ -27,7 +27,7 @@ _EARLY_NS: Final = 400_000  # before the array is dry, the writer fills
 
 
 @dataclass(frozen=True)
-class Pace:
+class WriterPace:
     """How far ahead frames are written, and what happens when none come. Times in [s].
 
     An array holds its last frame while nothing comes, for `hold`; then the writer plays it at falling levels for
@@ -76,7 +76,7 @@ class PacedWriter:
         links: Sequence[Link],
         divider: int,
         *,
-        pace: Pace,
+        pace: WriterPace,
         limits: Limits,
         began_ns: Callable[[int], int | None] | None = None,
         emitted: Callable[[int, int, int], object] = lambda number, stamp_ns, began_ns: None,

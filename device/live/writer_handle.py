@@ -19,10 +19,9 @@ from types import TracebackType
 from typing import Any, Final, Self
 
 from .. import errors
-from ..array_kind import ArrayKind
 from ..errors import DeviceError, DeviceTimeoutError, UpdateRateError
 from ..playing.limits import Dose, Limits
-from .paced_writer import Pace
+from .paced_writer import WriterPace
 from .ring import FrameRing
 from .writer_process import MESSAGE_MOST, ArrayRequest, WriterSettings
 
@@ -51,7 +50,7 @@ class WriterHandle:
         arrays: Sequence[ArrayRequest],
         *,
         update_rate: float,
-        pace: Pace | None = None,
+        pace: WriterPace | None = None,
         limits: Limits | None = None,
         realtime: bool = True,
     ) -> None:
@@ -68,7 +67,7 @@ class WriterHandle:
         self.slice_frames = max(1, round(SLICE_DURATION * self.update_rate))
         self.ring = FrameRing([model.frame_bytes for model in models], frame_count=self.slice_frames)
         self.wake_fd = os.eventfd(0, os.EFD_NONBLOCK)
-        self.pace = pace or Pace()
+        self.pace = pace or WriterPace()
         self._own, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._lock = threading.Lock()
         self._settings = WriterSettings(
@@ -84,8 +83,9 @@ class WriterHandle:
         )
         self._folder = tempfile.TemporaryDirectory(prefix="palpate-stimuli-")
         self._stimulus_count = 0
+        kinds = [request.kind for request in arrays]  # the process registers them before it reads the arrays' models
         self._process = start_process(
-            "palpate.device.live.writer_process", (_kinds(arrays), self._settings), other, self.ring.fd, self.wake_fd
+            "palpate.device.live.writer_process", (kinds, self._settings), other, self.ring.fd, self.wake_fd
         )
         other.close()
         try:
@@ -197,7 +197,3 @@ def error_of(message: dict[str, Any]) -> DeviceError:
     if not (isinstance(kind, type) and issubclass(kind, DeviceError)):
         return DeviceError(f"the process that writes to the array failed: {message['kind']}: {message['text']}")
     return kind(message["text"])
-
-
-def _kinds(arrays: Sequence[ArrayRequest]) -> list[ArrayKind]:
-    return [request.kind for request in arrays]

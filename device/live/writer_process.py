@@ -50,7 +50,7 @@ from ..playing.watchdog import Watchdog
 from ..registry import array_kinds, emulated_backend, register_array
 from ..silence import is_switched_off, wait_silent
 from .content import DrawnContent, StoredContent
-from .paced_writer import Pace, PacedWriter
+from .paced_writer import PacedWriter, WriterPace
 from .realtime import WRITER_PRIORITY, enter_realtime, stop_collecting
 from .ring import FrameRing
 
@@ -81,7 +81,7 @@ class WriterSettings:
 
     arrays: tuple[ArrayRequest, ...]
     divider: int
-    pace: Pace = field(default_factory=Pace)
+    pace: WriterPace = field(default_factory=WriterPace)
     limits: Limits = field(default_factory=Limits)
     realtime: bool = True
     control_fd: int

@@ -18,8 +18,8 @@ from ...device.playing.signals import ending_on_signals
 from ..errors import StrategyError
 from ..hands.hand import Palm
 from ..intersection.named_inputs import load_solid
-from ..live.live_counts import LiveStatistics
-from ..live.live_handle import Live
+from ..live.counts import RunStatistics
+from ..live.handle import Live
 from ..live.sources.selection import ANY
 from ..objects.mesh.placement import Placement
 from ..objects.solid import Solid
@@ -110,7 +110,11 @@ def run_live(options: dict[str, Any], *, as_json: bool) -> int:
         except KeyboardInterrupt as interruption:
             ended_by = str(interruption)
     statistics = run.statistics()
-    values = _values(statistics) | {
+    values = statistics.as_dict()
+    for name in ("latency", "latency_recent", "age"):
+        times = values.pop(name)
+        values |= {f"{name}_{which}": times[which] for which in ("p50", "p99", "longest")}
+    values |= {
         "off_confirmed": run.outcome.get("off_confirmed"),
         "arrays": run.outcome.get("arrays"),
         "files": [str(path) for path in run.files],
@@ -230,16 +234,7 @@ def _line(run: Live) -> str:
     )
 
 
-def _values(statistics: LiveStatistics) -> dict[str, Any]:
-    """Statistics, their times side by side."""
-    values = statistics.as_dict()
-    for name in ("latency", "latency_recent", "age"):
-        times = values.pop(name)
-        values |= {f"{name}_{which}": times[which] for which in ("p50", "p99", "longest")}
-    return values
-
-
-def _meaning(own: LiveStatistics) -> str:
+def _meaning(own: RunStatistics) -> str:
     if not own.poses:
         return "no pose came, so the array was silent."
     where = "a model of the board says" if own.emission == "board" else "the writer estimates"

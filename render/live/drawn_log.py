@@ -15,7 +15,7 @@ PIPE_BYTES = 1 << 20  # 1.6 s at 40 kHz, of which the reader may sleep
 BACKLOG_MOST = 1 << 28  # [byte] that wait for a reader that is slower still
 
 
-class DrawnPose(NamedTuple):
+class LoggedPose(NamedTuple):
     """A pose that was taken."""
 
     first: int
@@ -28,7 +28,7 @@ class DrawnPose(NamedTuple):
     patch_pose: np.ndarray | None
 
 
-class DrawnPoints(NamedTuple):
+class LoggedPoints(NamedTuple):
     """Consecutive focal points."""
 
     first: int
@@ -51,13 +51,13 @@ class DrawnLog:
         self.lost = 0
         """Records that the reader was too slow for."""
 
-    def add_pose(self, pose: DrawnPose) -> None:
+    def add_pose(self, pose: LoggedPose) -> None:
         """Send a pose."""
         patches = b"" if pose.patch_pose is None else np.ascontiguousarray(pose.patch_pose, "<f4").tobytes()
         head = _POSE.pack(pose.first, pose.number, pose.stamp_ns, len(patches) // 28)
         self._add(b"P", head + np.ascontiguousarray(pose.pose, "<f4").tobytes() + patches)
 
-    def add_points(self, points: DrawnPoints) -> None:
+    def add_points(self, points: LoggedPoints) -> None:
         """Send focal points."""
         count = len(points.intensity)
         foci = points.intensity.size // max(count, 1)
@@ -93,7 +93,7 @@ class LogReader:
     def __init__(self) -> None:
         self._data = bytearray()
 
-    def feed(self, data: bytes) -> Iterator[DrawnPose | DrawnPoints]:
+    def feed(self, data: bytes) -> Iterator[LoggedPose | LoggedPoints]:
         """The records that these bytes complete."""
         self._data += data
         at = 0
@@ -107,14 +107,14 @@ class LogReader:
         del self._data[:at]
 
 
-def _pose_of(body: bytes) -> DrawnPose:
+def _pose_of(body: bytes) -> LoggedPose:
     first, number, stamp_ns, patches = _POSE.unpack_from(body)
     values = np.frombuffer(body, "<f4", offset=_POSE.size)
-    return DrawnPose(first, number, stamp_ns, values[:7], values[7:].reshape(patches, 7) if patches else None)
+    return LoggedPose(first, number, stamp_ns, values[:7], values[7:].reshape(patches, 7) if patches else None)
 
 
-def _points_of(body: bytes) -> DrawnPoints:
+def _points_of(body: bytes) -> LoggedPoints:
     first, count, foci, has_gain = _POINTS.unpack_from(body)
     values, row = np.frombuffer(body, "<f4", offset=_POINTS.size), count * foci
     position, intensity = values[: 3 * row].reshape(count, foci, 3), values[3 * row : 4 * row].reshape(count, foci)
-    return DrawnPoints(first, position, intensity, values[4 * row :] if has_gain else None)
+    return LoggedPoints(first, position, intensity, values[4 * row :] if has_gain else None)

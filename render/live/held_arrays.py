@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from ...device.errors import DeviceError
-from ...device.live.paced_writer import Pace
+from ...device.live.paced_writer import WriterPace
 from ...device.live.writer_handle import WriterHandle, error_of
 from ...device.live.writer_process import ArrayRequest
 from ...device.playing.limits import Limits
@@ -15,7 +15,7 @@ from ..errors import StrategyError
 from ..playback.file_playback import Connection
 from ..playback.placed_arrays import PlacedArray
 from ..validation import require_number
-from .live_counts import LiveCounts
+from .counts import LiveCounts
 from .recorder import RunRecorder
 from .supervisor import Supervisor
 
@@ -62,7 +62,7 @@ class HeldArrays:
         self._told_at: dict[str, float] = {}
         self._is_closed = False
         self.writer = WriterHandle(
-            requests, update_rate=update_rate, pace=Pace(lead=lead), limits=limits, realtime=realtime
+            requests, update_rate=update_rate, pace=WriterPace(lead=lead), limits=limits, realtime=realtime
         )
         ready = self.writer.ready
         self.emission: str = ready["emission"]

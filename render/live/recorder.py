@@ -6,28 +6,28 @@ from typing import Any
 
 import numpy as np
 
-from .drawn_log import DrawnPoints, DrawnPose
+from .drawn_log import LoggedPoints, LoggedPose
 from .recording import LiveSegment, save_segment
-from .renderer_process import Rendering
+from .renderer_process import LiveRendering
 
 
 class SegmentRecorder:
     """Poses and focal points of one rendering."""
 
-    def __init__(self, rendering: Rendering) -> None:
+    def __init__(self, rendering: LiveRendering) -> None:
         self.rendering = rendering
         self._base: int | None = None
         self._start_ns = 0
-        self._poses: list[DrawnPose] = []
-        self._points: list[DrawnPoints] = []
+        self._poses: list[LoggedPose] = []
+        self._points: list[LoggedPoints] = []
 
     def begin(self, base: int, start_ns: int) -> None:
         """Number of the first sample in the ring, and when the ring's first one is due [ns]."""
         self._base, self._start_ns = base, start_ns
 
-    def add(self, record: DrawnPose | DrawnPoints) -> None:
+    def add(self, record: LoggedPose | LoggedPoints) -> None:
         """What was drawn next."""
-        if isinstance(record, DrawnPose):
+        if isinstance(record, LoggedPose):
             self._poses.append(record)
         else:
             self._points.append(record)
@@ -85,7 +85,7 @@ class RunRecorder:
         self._skipped: list[list[int]] = []
         self._events: list[tuple[float, str, str]] = []
 
-    def segment(self, rendering: Rendering) -> SegmentRecorder:
+    def segment(self, rendering: LiveRendering) -> SegmentRecorder:
         """Where the poses of another rendering go."""
         segment = SegmentRecorder(rendering)
         self._segments.append(segment)

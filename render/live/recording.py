@@ -185,6 +185,13 @@ class LiveRecording:
     """A live run read from its file; use it in a `with`, or `close()` it.
 
     Raises ContourFileError for a file that cannot be read, and for one that is not of a live run.
+
+    >>> from palpate.render import Live, LiveRecording
+    >>> with Live("tube", record="run.h5", overwrite=True) as live:
+    ...     live.wait(0.5)
+    >>> with LiveRecording("run.h5") as recording:
+    ...     recording.compare().differing  # of all focal points
+    0
     """
 
     def __init__(self, path: str | Path) -> None:

@@ -15,7 +15,7 @@ from ...device.live.writer_handle import WriterHandle, start_process
 from ..errors import StrategyError
 from .drawn_log import PIPE_BYTES
 from .recorder import SegmentRecorder
-from .renderer_process import QUICK_SHARE, RendererSettings, Rendering
+from .renderer_process import QUICK_SHARE, LiveRendering, RendererSettings
 
 READY_TIMEOUT = 180.0  # [s]: kernels may have to be compiled
 END_TIMEOUT = 5.0  # [s]
@@ -31,7 +31,7 @@ class RendererHandle:
 
     def __init__(
         self,
-        renderings: Sequence[Rendering],
+        renderings: Sequence[LiveRendering],
         writer: WriterHandle,
         *,
         pose_fd: int,

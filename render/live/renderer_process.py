@@ -52,7 +52,7 @@ from ..runtime.warp_start import start_warp
 from ..sampling.metrics import FocalPoints
 from ..sampling.strategy import SamplingStrategy
 from ..strategies.intersection_strategy import IntersectionStrategy
-from .drawn_log import DrawnLog, DrawnPoints, DrawnPose
+from .drawn_log import DrawnLog
 from .instant import Instant, checked_pose
 from .sources.messages import PoseMessage, received_messages
 
@@ -67,7 +67,7 @@ QUICK_SHARE = 0.5  # of the lead that a pose may take
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rendering:
+class LiveRendering:
     """What is rendered."""
 
     solid: Solid
@@ -81,7 +81,7 @@ class Rendering:
 class RendererSettings:
     """All that the process is started with."""
 
-    renderings: tuple[Rendering, ...]
+    renderings: tuple[LiveRendering, ...]
     kinds: tuple[ArrayKind, ...]
     arrays: tuple[ArrayModel, ...]
     lead: float
@@ -128,7 +128,7 @@ class LiveRenderer:
         self._all = [self._made(own) for own in settings.renderings]
         self._instant, self._driver = self._all[0]
 
-    def _made(self, own: Rendering) -> tuple[Instant, Driver]:
+    def _made(self, own: LiveRendering) -> tuple[Instant, Driver]:
         instant = Instant(own.solid, own.hand, own.strategy, own.sampling)
         return instant, Driver(self._settings.arrays, own.drive, update_rate=self._rate)
 
@@ -139,7 +139,7 @@ class LiveRenderer:
         self._is_slow = p50 > SLOW_SHARE * self._settings.lead
         return {"pose_seconds": p50, "pose_seconds_max": longest}
 
-    def _tried(self, own: Rendering, instant: Instant, driver: Driver) -> tuple[float, float]:
+    def _tried(self, own: LiveRendering, instant: Instant, driver: Driver) -> tuple[float, float]:
         """Middle and longest duration of a pose [s]."""
         self._driver = driver
         middle = own.solid.bounds.mean(axis=0)
@@ -263,7 +263,7 @@ class LiveRenderer:
         self._begun = self._pose_number, message.stamp_ns
         self._pose_first = self._drawn
         if self._log is not None:
-            self._log.add_pose(DrawnPose(self._drawn, self._pose_number, message.stamp_ns, pose, message.patch_pose))
+            self._log.add_pose(LoggedPose(self._drawn, self._pose_number, message.stamp_ns, pose, message.patch_pose))
         self._pose_number += 1
 
     def _draw_until(self, now_ns: int) -> None:
@@ -281,7 +281,7 @@ class LiveRenderer:
             first, self._drawn = self._drawn, stop
             gain = self._gains(stop - first)
             if self._log is not None:
-                self._log.add_points(DrawnPoints(first, *focus, gain))
+                self._log.add_points(LoggedPoints(first, *focus, gain))
             if not is_late:
                 self._put(first, focus, gain)
 
@@ -333,7 +333,7 @@ def settled_pose(pose: np.ndarray) -> np.ndarray:
     return row
 
 
-class _Process:
+class _RendererProcess:
     """The process's loop: what comes from the source and from the parent."""
 
     def __init__(self, settings: RendererSettings) -> None:
@@ -435,7 +435,7 @@ def main() -> int:
     for kind in settings.kinds:
         if kind not in array_kinds():
             register_array(kind)
-    _Process(settings).run()
+    _RendererProcess(settings).run()
     return 0
 
 

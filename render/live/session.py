@@ -29,11 +29,11 @@ from ..playback.prepared_frames import PreparedFrames
 from ..sampling.strategy import SamplingStrategy
 from ..strategies.intersection_strategy import IntersectionStrategy, strategy_of
 from ..trust.permission import AllowCode
+from .counts import RunStatistics
+from .drawing_run import DrawingRun
 from .held_arrays import LEAD, HeldArrays
-from .live_counts import LiveStatistics
-from .live_run import LiveRun
 from .recorder import RunRecorder
-from .renderer_process import Rendering
+from .renderer_process import LiveRendering
 from .shaping import shaping_of
 from .sources.hand_frame import PoseSource
 from .sources.named_sources import settings_and_hand
@@ -78,7 +78,12 @@ class LiveStimulus:
 
 
 class Onset(NamedTuple):
-    """When a stimulus began."""
+    """When a stimulus began.
+
+    >>> from palpate.render import Onset
+    >>> Onset(time=12.5, latency=0.004, is_estimate=False)
+    Onset(time=12.5, latency=0.004, is_estimate=False)
+    """
 
     time: float
     """Of its first focal point, on the array's clock [s]: for real arrays and models CLOCK_MONOTONIC, that of
@@ -124,9 +129,9 @@ class Session:
     >>> with Session("emulator") as session:
     ...     cube, tube = session.load([Stimulus(path, duration=0.2), LiveStimulus("tube", duration=0.3)])
     ...     onset = session.play(cube)
-    ...     session.wait()
+    ...     _ = session.wait()
     ...     _ = session.play(tube)
-    ...     session.wait()
+    ...     _ = session.wait()
     >>> onset.is_estimate  # the emulated board says when it began
     False
     """
@@ -166,7 +171,7 @@ class Session:
         )
         self._stimuli: list[Stimulus | LiveStimulus] = []
         self._numbers: list[int] = []  # of the writer, or of the renderer
-        self._run: LiveRun | None = None
+        self._run: DrawingRun | None = None
         self._bytes = 0
         self._current: _Current | None = None
         self._loaded = threading.Event()
@@ -301,7 +306,7 @@ class Session:
             self._writer.send("stop")
         current.ended.wait(2.0)
 
-    def statistics(self) -> LiveStatistics:
+    def statistics(self) -> RunStatistics:
         """Of all live stimuli so far."""
         return self._held.counts.statistics()
 
@@ -327,7 +332,7 @@ class Session:
             elif own.hand != first.hand:
                 raise StrategyError("live stimuli of one session must have the same hand, as they have one source")
             renderings.append(
-                Rendering(
+                LiveRendering(
                     solid=solid,
                     hand=hand,
                     strategy=strategy_of(own.strategy),
@@ -336,7 +341,7 @@ class Session:
                 )
             )
         assert chosen is not None  # there is one live stimulus at least
-        self._run = LiveRun(
+        self._run = DrawingRun(
             renderings,
             chosen,
             self._held,

@@ -55,7 +55,7 @@ class Prediction:
     x(t + h) = x(t) + v (1 - exp(-d h)) / d for the horizon h and the damping d, and rotations alike with the angular
     velocity. The velocity is the slope of the line through the newest pose that fits the poses of the last 25 ms best.
 
-    >>> from palpate.render.live.shaping import Prediction
+    >>> from palpate.render import Prediction
     >>> Prediction(horizon=0.01, damping=0.0)
     Prediction(horizon=0.01, damping=0.0)
     """
@@ -84,8 +84,9 @@ class Smoothing:
     the cutoff is right within 4 % at up to 140 poses a second. Cutoffs above half the rate of the poses do little.
     After a gap of more than 0.1 s, and after a jump, the filter starts at rest at the next pose (`PoseShaping`).
 
-    >>> from palpate.render.live.shaping import Smoothing
-    >>> round(Smoothing(cutoff=15.0, order=2).delay, 4)
+    >>> from palpate.render import Smoothing
+    >>> smoothing = Smoothing(cutoff=15.0, order=2)
+    >>> round(smoothing.delay, 4)
     0.015
     """
 
@@ -143,7 +144,7 @@ class PoseShaping:
     (a step faster than 2 m/s or 20 rad/s; steps that take under 5 ms count as 5 ms), and after `reset`. Patch poses of
     an articulated hand are given in its frame: they stay as they are.
 
-    >>> from palpate.render.live.shaping import PoseShaping, Prediction
+    >>> from palpate.render import PoseShaping, Prediction
     >>> shaping = PoseShaping(Prediction(horizon=0.02, damping=0.0))
     >>> poses = [[0.001 * k, 0, 0.2, 0, 0, 0, 1] for k in range(3)]
     >>> [round(float(shaping.shaped(0.01 * k, pose)[0]), 6) for k, pose in enumerate(poses)]  # at 0.1 m/s

@@ -19,7 +19,7 @@ from ..errors import StrategyError
 from ..playback.file_playback import CLOCKS, Connection, emulated_bus
 from ..playback.placed_arrays import PlacedArray
 from ..terminal import console
-from .frames import Stimulus
+from .frames import FeltStimulus
 from .question import Step
 
 Note = Callable[[str], object]
@@ -94,7 +94,7 @@ class BoardSession:
                     raise
                 self._note(f"The program says: {log[-1]['error']}.")
 
-    def _play_one(self, stimulus: Stimulus, step: Step, log: list[dict[str, object]]) -> None:
+    def _play_one(self, stimulus: FeltStimulus, step: Step, log: list[dict[str, object]]) -> None:
         entry: dict[str, object] = {"parameters": stimulus.parameters(self.model), "report": None, "error": None}
         log.append(entry)
         link, player = self._link_and_player
@@ -114,7 +114,7 @@ class BoardSession:
         entry |= {"report": report.as_dict(), "stopped_within": (ended_ns - stops[0]) * 1e-9 if stops else None}
         self._note(counters(report, stimulus.frame_count(self.model), stopped=bool(stops)))
 
-    def _blocks(self, stimulus: Stimulus, step: Step, stops: list[int]) -> Iterator[array[int]]:
+    def _blocks(self, stimulus: FeltStimulus, step: Step, stops: list[int]) -> Iterator[array[int]]:
         """Wire bytes of a stimulus; what the step does in the middle happens while they are taken."""
         if step.act == "stop":
             yield from stimulus.blocks(self.model)

@@ -21,7 +21,7 @@ CORNER_HEIGHT = 0.08  # [m] of a quarter's focal point above its middle
 
 
 @dataclass(frozen=True)
-class Stimulus:
+class FeltStimulus:
     """A focal point that stays or goes round, its pressure amplitude |sin(pi f t)|: the square of that is one tone.
 
     An array whose update rate is below 4 f gets a quarter of that rate instead of f.

@@ -6,7 +6,7 @@ from typing import Literal
 
 from ...device.array import ArrayModel
 from ...device.registry import array_model, array_names
-from .frames import Stimulus
+from .frames import FeltStimulus
 
 Act = Literal["play", "stop", "unplug", "replug"]
 """What is done: play to the end, stop in the middle, have the plug pulled meanwhile, or plugged in again before."""
@@ -60,7 +60,7 @@ class Step:
     question: str
     answers: tuple[Answer, ...]
     """The expected one first."""
-    stimuli: tuple[Stimulus, ...] = ()
+    stimuli: tuple[FeltStimulus, ...] = ()
     """What is played, one after the other."""
     act: Act = "play"
     suits: Callable[[ArrayModel], bool] = any_array

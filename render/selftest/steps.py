@@ -4,7 +4,7 @@ docs/guide/first-contact.md is the same for people; a test holds that both agree
 """
 
 from ...device.array import ArrayModel
-from .frames import Stimulus
+from .frames import FeltStimulus
 from .question import HEARD, SLOW_DIVIDER, TURN_RADIUS, Answer, Step, carries_tones, has_plug, is_behind_a_chip
 
 
@@ -55,7 +55,7 @@ _CORNERS = (
             ),
             Answer("none", "Nothing is heard or felt.", "No frame reaches the transducers.", _NOTHING),
         ),
-        (Stimulus(6.0, corner=(-1, -1)),),
+        (FeltStimulus(6.0, corner=(-1, -1)),),
     ),
     Step(
         "corner-x",
@@ -72,7 +72,7 @@ _CORNERS = (
             Answer("elsewhere", "It is elsewhere, or in several places.", "Columns of transducers are mixed.", _WIRING),
             Answer("none", "Nothing is heard or felt.", "That quarter has no supply, or no data.", "Its cables."),
         ),
-        (Stimulus(6.0, corner=(1, -1)),),
+        (FeltStimulus(6.0, corner=(1, -1)),),
     ),
     Step(
         "corner-y",
@@ -89,7 +89,7 @@ _CORNERS = (
             Answer("elsewhere", "It is elsewhere, or in several places.", "Rows of transducers are mixed.", _WIRING),
             Answer("none", "Nothing is heard or felt.", "That quarter has no supply, or no data.", "Its cables."),
         ),
-        (Stimulus(6.0, corner=(-1, 1)),),
+        (FeltStimulus(6.0, corner=(-1, 1)),),
     ),
 )
 
@@ -130,7 +130,7 @@ _FOCUS = Step(
             "`delays_to` in kernels/driving/pack.py has the sign; the offsets: " + _OFFSETS,
         ),
     ),
-    (Stimulus(10.0, centre=(0.03, -0.02, 0.2)),),
+    (FeltStimulus(10.0, centre=(0.03, -0.02, 0.2)),),
 )
 
 _TURN = Step(
@@ -148,7 +148,7 @@ _TURN = Step(
         ),
         Answer("none", "Nothing is felt.", "The waves do not meet.", _OFFSETS),
     ),
-    (Stimulus(8.0, radius=TURN_RADIUS),),
+    (FeltStimulus(8.0, radius=TURN_RADIUS),),
 )
 
 _OFF_ANSWERS = (
@@ -172,7 +172,7 @@ _OFF = (
         "A focal point plays for 3 s and ends. Watch the screen and listen: a line says when it has ended.",
         "Had the sound ended when the line came?",
         (Answer("ended", "It had ended, or ended with the line."), *_OFF_ANSWERS),
-        (Stimulus(3.0, modulation=HEARD),),
+        (FeltStimulus(3.0, modulation=HEARD),),
     ),
     Step(
         "stopping",
@@ -191,7 +191,7 @@ _OFF = (
                 ),
             ),
         ),
-        (Stimulus(3.0),),
+        (FeltStimulus(3.0),),
         act="stop",
     ),
 )
@@ -217,7 +217,7 @@ _CLOCK = (
             ),
             Answer("none", "No tone is heard.", "The board plays one frame only, or none.", _NOTHING),
         ),
-        (Stimulus(4.0, modulation=HEARD),),
+        (FeltStimulus(4.0, modulation=HEARD),),
         suits=carries_tones,
     ),
     Step(
@@ -250,7 +250,7 @@ _CLOCK = (
             ),
             Answer("none", "No tone is heard.", "The board plays one frame only, or none.", _NOTHING),
         ),
-        (Stimulus(4.0, modulation=HEARD), Stimulus(4.0, modulation=None, divider=SLOW_DIVIDER)),
+        (FeltStimulus(4.0, modulation=HEARD), FeltStimulus(4.0, modulation=None, divider=SLOW_DIVIDER)),
         suits=carries_tones,
     ),
     Step(
@@ -267,7 +267,7 @@ _CLOCK = (
             ),
             Answer("none", "No tone is heard.", "The board plays one frame only, or none.", _NOTHING),
         ),
-        (Stimulus(10.0, modulation=HEARD, divider=3),),
+        (FeltStimulus(10.0, modulation=HEARD, divider=3),),
         suits=is_behind_a_chip,
     ),
     Step(
@@ -298,7 +298,7 @@ _CLOCK = (
                 "The supply's current limit; the report's `failure`; then play with `--on-time-max 30`.",
             ),
         ),
-        (Stimulus(60.0, modulation=HEARD),),
+        (FeltStimulus(60.0, modulation=HEARD),),
     ),
 )
 
@@ -325,7 +325,7 @@ _PLUG = (
                 "`_MEANING` in device/errors.py: the number that this host gives for it is missing there.",
             ),
         ),
-        (Stimulus(30.0),),
+        (FeltStimulus(30.0),),
         act="unplug",
         suits=has_plug,
     ),
@@ -352,7 +352,7 @@ _PLUG = (
                 ),
             ),
         ),
-        (Stimulus(6.0, centre=(0.03, -0.02, 0.2)),),
+        (FeltStimulus(6.0, centre=(0.03, -0.02, 0.2)),),
         act="replug",
         suits=has_plug,
     ),

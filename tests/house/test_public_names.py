@@ -12,6 +12,7 @@ ROOT = Path(__file__).parents[2]
 PACKAGES = ("palpate.render", "palpate.datasets", "palpate.device")
 OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 SLOW = {"ImplicitObject", "overlap_points", "isosurface", "draw_animation", "draw_figure", "simplify", "predict_noise"}
+SLOW |= {"Live", "LiveRecording", "RunStatistics", "Session"}
 """Names whose examples take over 0.2 s."""
 
 
@@ -36,6 +37,8 @@ EXPRESSIONS = {
     "palpate.render.Hand": "Palm()",
     "palpate.render.InProcess": "InProcess()",
     "palpate.render.PatchJoint": "PatchJoint(0, 3, 1, 1)",
+    "palpate.render.LiveRecording": None,
+    "palpate.render.Onset": "Onset(time=12.5, latency=0.004, is_estimate=False)",
     "palpate.render.SamplingStrategy": "SamplingStrategy()",
     "palpate.render.SeenHand": 'SeenHand(12.5, "right", "1", [0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 1.0])',
     "palpate.render.SourceFault": 'SourceFault("battery", "battery: 3 % are left")',

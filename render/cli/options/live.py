@@ -8,9 +8,9 @@ import typer
 from . import object as objects
 from .array import Array, Baud, Calibration, Emulate, Serial, Uncalibrated, Watchdog
 from .completion import complete_hand, complete_object, complete_sampling, complete_strategy
-from .drive import Amplitude, LevelMax, Slew, Solver, SoundSpeed
 from .output import Json, Overwrite, Quiet, run_job
 from .play import DutyMax, OnTimeMax, Transport
+from .sampling import Amplitude, LevelMax, Slew, Solver, SoundSpeed
 from .trust import AllowCode
 
 SOURCE_HELP = (

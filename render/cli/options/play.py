@@ -6,9 +6,8 @@ from typing import Annotated
 import typer
 
 from .array import Array, Baud, Calibration, Clock, Emulate, Serial, Uncalibrated, Watchdog
-from .drive import Amplitude, LevelMax, Slew, Solver, SoundSpeed
 from .output import Json, Quiet, run_job
-from .sampling import Duration, Sampling, Speed, UpdateRate
+from .sampling import Amplitude, Duration, LevelMax, Sampling, Slew, Solver, SoundSpeed, Speed, UpdateRate
 
 OnTimeMax = Annotated[
     float, typer.Option(metavar="SECONDS", help="Longest emission without a pause of 1 s [s]; 0 lifts the limit.")

@@ -6,9 +6,8 @@ from typing import Annotated
 import typer
 
 from .array import Array, Baud, Calibration
-from .drive import Amplitude, LevelMax, Slew, Solver, SoundSpeed
 from .output import Json, Overwrite, Quiet, run_job
-from .sampling import Duration, Sampling, Speed, UpdateRate
+from .sampling import Amplitude, Duration, LevelMax, Sampling, Slew, Solver, SoundSpeed, Speed, UpdateRate
 
 
 def prepare(

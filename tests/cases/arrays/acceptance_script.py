@@ -86,8 +86,9 @@ class Emulated:
 
 def shorten(monkeypatch, most):
     """Play at most so many frames of each stimulus."""
-    whole = acceptance_frames.Stimulus.frame_count
-    monkeypatch.setattr(acceptance_frames.Stimulus, "frame_count", lambda self, model: min(whole(self, model), most))
+    stimulus = acceptance_frames.FeltStimulus
+    whole = stimulus.frame_count
+    monkeypatch.setattr(stimulus, "frame_count", lambda self, model: min(whole(self, model), most))
 
 
 def spend_hour(capsys, monkeypatch, path, lines, *, array="pat16", record=0, look=None, is_person=False, **options):

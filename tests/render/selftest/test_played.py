@@ -16,7 +16,7 @@ from wire_decoders import DECODERS, GRID
 from palpate.device.playing.player import Player
 from palpate.device.registry import array_model
 from palpate.render import SamplingStrategy
-from palpate.render.selftest.frames import Stimulus
+from palpate.render.selftest.frames import FeltStimulus
 from palpate.render.selftest.stimuli import stimulus
 
 MOST = 12_000  # frames of a stimulus: 1.2 s at 10 kHz, more than a turn
@@ -96,15 +96,15 @@ def plane(height, half=0.06, step=2e-3):
 
 def test_a_stimulus_has_its_corner_its_turn_and_its_tone():
     model = array_model("pat16")
-    corner = Stimulus(1.0, corner=NEAR_LEFT)
+    corner = FeltStimulus(1.0, corner=NEAR_LEFT)
     assert (model.position[corner.emitting(model), :2] < 0).all()
     assert corner.emitting(model).sum() == 64
     assert corner.position(model, np.zeros(1))[0] * 1e3 == pytest.approx([-QUARTER, -QUARTER, 80.0], abs=1e-3)
-    turn = Stimulus(1.0, centre=(0.0, 0.0, 0.2), radius=0.02)
+    turn = FeltStimulus(1.0, centre=(0.0, 0.0, 0.2), radius=0.02)
     quarters = turn.position(model, np.array([0.0, 0.25, 0.5]))[:, :2]
     assert quarters == pytest.approx(np.array([[0.02, 0.0], [0.0, 0.02], [-0.02, 0.0]]), abs=1e-6)  # anticlockwise
     frame = np.arange(2000)
-    level = Stimulus(0.2, modulation=440.0).level(model, frame)
+    level = FeltStimulus(0.2, modulation=440.0).level(model, frame)
     assert tone(level, frame * 100_000) == pytest.approx(440, abs=5)  # frames at 10 kHz
 
 

@@ -6,7 +6,7 @@ import signal
 import pytest
 from acceptance_script import Emulated, answers_of, shorten, spend_hour, steps_of
 
-from palpate.render.selftest.frames import Stimulus
+from palpate.render.selftest.frames import FeltStimulus
 
 FAILED = 1
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
@@ -41,7 +41,7 @@ def test_a_signal_in_the_middle_of_a_step(step, signum, array, capsys, monkeypat
     """It comes while the step's frames are taken; the board's own model says whether it emits, 10 s later."""
     shorten(monkeypatch, 3000)
     before, answers = steps_of(array).index(step), answers_of(array)
-    whole, asked = Stimulus.blocks, []
+    whole, asked = FeltStimulus.blocks, []
 
     def blocks(self, model):
         for number, block in enumerate(whole(self, model)):
@@ -49,7 +49,7 @@ def test_a_signal_in_the_middle_of_a_step(step, signum, array, capsys, monkeypat
                 os.kill(os.getpid(), signum)
             yield block
 
-    monkeypatch.setattr(Stimulus, "blocks", blocks)
+    monkeypatch.setattr(FeltStimulus, "blocks", blocks)
     done = spend_hour(capsys, monkeypatch, tmp_path / "r.json", answers, array=array, look=asked.append)
     assert done.code == FAILED
     assert (done.report["ended_by"], done.report["steps"][-1]["step"]) == (signum.name, step)

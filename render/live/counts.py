@@ -10,7 +10,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Times:
+class Durations:
     """Of some durations [s]: the middle, the 99 % quantile, the longest; NaN of none."""
 
     p50: float
@@ -18,7 +18,7 @@ class Times:
     longest: float
 
     @classmethod
-    def of(cls, seconds: Any) -> "Times":
+    def of(cls, seconds: Any) -> "Durations":
         """Of durations [s]."""
         if not len(seconds):
             return cls(np.nan, np.nan, np.nan)
@@ -27,20 +27,27 @@ class Times:
 
     def __repr__(self) -> str:
         """In milliseconds."""
-        return f"Times({self.p50 * 1e3:.1f}, {self.p99 * 1e3:.1f}, {self.longest * 1e3:.1f} ms)"
+        return f"Durations({self.p50 * 1e3:.1f}, {self.p99 * 1e3:.1f}, {self.longest * 1e3:.1f} ms)"
 
 
 @dataclass(frozen=True)
-class LiveStatistics:
-    """Of a live run, so far or at its end."""
+class RunStatistics:
+    """Of a live run, so far or at its end: `Live.statistics` and `Session.statistics` give it.
+
+    >>> from palpate.render import Session
+    >>> with Session("emulator") as session:
+    ...     statistics = session.statistics()
+    >>> statistics.poses  # no live stimulus was played
+    0
+    """
 
     seconds: float
     """Since the first focal point [s]."""
-    latency: Times
+    latency: Durations
     """From the time stamp of a pose to its first focal point [s]."""
-    latency_recent: Times
+    latency_recent: Durations
     """The same of the last 200 poses."""
-    age: Times
+    age: Durations
     """How old the pose is that is played when the next one takes over [s]."""
     poses: int
     """Poses whose focal points were played."""
@@ -66,6 +73,13 @@ class LiveStatistics:
     """What a pose takes from its arrival to its frames, the middle of those tried at the start [s]."""
     faults: dict[str, int] = field(default_factory=dict)
     """What went wrong, and how often."""
+
+    def __repr__(self) -> str:
+        """One line."""
+        return (
+            f"RunStatistics({self.seconds:.3g} s, {self.poses} poses, latency {self.latency!r}, {self.dropped} of "
+            f"{self.frames} frames dropped)"
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
@@ -129,15 +143,15 @@ class LiveCounts:
         with self._lock:
             return np.array(self._latency)
 
-    def statistics(self) -> LiveStatistics:
+    def statistics(self) -> RunStatistics:
         """So far."""
         with self._lock:
             counts, latency = self._counts, np.array(self._latency)
-            return LiveStatistics(
+            return RunStatistics(
                 seconds=(self._last_ns - self._first_ns) * 1e-9,
-                latency=Times.of(latency),
-                latency_recent=Times.of(latency[-200:]),
-                age=Times.of(np.array(self._age)),
+                latency=Durations.of(latency),
+                latency_recent=Durations.of(latency[-200:]),
+                age=Durations.of(np.array(self._age)),
                 poses=len(latency),
                 superseded=counts["superseded"],
                 refused=counts["refused"],

@@ -12,14 +12,14 @@ from .drawn_log import PIPE_BYTES, LogReader
 from .held_arrays import HeldArrays
 from .recorder import RunRecorder
 from .renderer_handle import RendererHandle, slow_text
-from .renderer_process import Rendering
+from .renderer_process import LiveRendering
 from .sources.source_process import SourceSettings, start_source
 
 NUMBERS_EACH = 1 << 40  # pose numbers of a renderer
 STOP_TIMEOUT = 2.0  # [s]
 
 
-class LiveRun:
+class DrawingRun:
     """Poses of a source, drawn for an array: one of several renderings at a time, or one that changes.
 
     Raises what a renderer's process failed with.
@@ -27,7 +27,7 @@ class LiveRun:
 
     def __init__(
         self,
-        renderings: Sequence[Rendering],
+        renderings: Sequence[LiveRendering],
         source: SourceSettings,
         held: HeldArrays,
         *,
@@ -53,7 +53,7 @@ class LiveRun:
         self._renderer.send("listen")
 
     @property
-    def rendering(self) -> Rendering:
+    def rendering(self) -> LiveRendering:
         """What is rendered, where there is one rendering."""
         return self._renderer.renderings[0]
 
@@ -108,7 +108,7 @@ class LiveRun:
             self._end(self._renderer)
             self._source.close()
 
-    def _prepare(self, renderings: Sequence[Rendering]) -> RendererHandle:
+    def _prepare(self, renderings: Sequence[LiveRendering]) -> RendererHandle:
         """A renderer that is ready."""
         renderer = RendererHandle(
             renderings,

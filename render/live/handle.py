@@ -23,11 +23,11 @@ from ..sampling.presets import sampling_of, sets_rate
 from ..sampling.strategy import SamplingStrategy
 from ..strategies.intersection_strategy import IntersectionStrategy, strategy_of
 from ..trust.permission import AllowCode
+from .counts import RunStatistics
+from .drawing_run import DrawingRun, require_intensity
 from .held_arrays import LEAD, HeldArrays
-from .live_counts import LiveStatistics
-from .live_run import LiveRun, require_intensity
 from .recorder import RunRecorder
-from .renderer_process import Rendering
+from .renderer_process import LiveRendering
 from .shaping import shaping_of
 from .sources.hand_frame import PoseSource
 from .sources.named_sources import settings_and_hand
@@ -125,7 +125,7 @@ class Live:
             realtime=realtime,
             allow_code=allow_code,
         )
-        rendering = Rendering(
+        rendering = LiveRendering(
             solid=solid,
             hand=own_hand,
             strategy=strategy_of(strategy),
@@ -144,7 +144,7 @@ class Live:
             told=told,
         )
         try:
-            self._run = LiveRun(
+            self._run = DrawingRun(
                 [rendering], settings, held, intensity=intensity, realtime=realtime, is_recorded=path is not None
             )
         except BaseException:
@@ -199,7 +199,7 @@ class Live:
         """What the writer reported at its end: counts, and of each array whether it is off; empty before."""
         return self._held.outcome
 
-    def statistics(self) -> LiveStatistics:
+    def statistics(self) -> RunStatistics:
         """So far; after the end, of all."""
         return self._held.counts.statistics()
 

@@ -2,11 +2,12 @@
 
 import os
 import threading
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from ..errors import StrategyError
+from ..errors import RenderError, StrategyError
 from ..validation import require_number
 from .drawn_log import PIPE_BYTES, LogReader
 from .held_arrays import HeldArrays
@@ -40,6 +41,7 @@ class DrawingRun:
         self._realtime, self._is_recorded = realtime, is_recorded
         self.intensity = intensity
         self._made = 0  # renderers
+        self._counts_before: Counter[str] = Counter()  # of renderers that have ended
         self._recorder: RunRecorder | None = None
         self._stopped = threading.Event()
         self._stopped_at: int | None = None
@@ -61,7 +63,7 @@ class DrawingRun:
         """Draw a rendering from the next pose on. recorder: gets all that is drawn."""
         self._recorder = recorder
         own = self._renderer
-        own.segment = None if recorder is None else recorder.segment(own.renderings[index])
+        own.segment = None if recorder is None else recorder.segment(own.renderings[index], own.numbers)
         self._writer.ring.start_ns = 0
         self._writer.send("live")
         own.send("go", base=None, index=index)
@@ -82,13 +84,14 @@ class DrawingRun:
                     f"{rendering.sampling.update_rate:g} Hz: end the run to change it"
                 )
             new = self._prepare([rendering])
-            new.segment = None if self._recorder is None else self._recorder.segment(rendering)
+            new.segment = None if self._recorder is None else self._recorder.segment(rendering, new.numbers)
             self._stopped.clear()
             old.send("stop", hands_over=True)
             self._stopped.wait(STOP_TIMEOUT)
             self._renderer = new
             new.send("go", base=self._stopped_at)
             self._end(old)
+            self._counts_before += old.counts
 
     def set_intensity(self, intensity: float) -> None:
         """Intensity of all focal points from now on, 0..1, reached within 10 ms."""
@@ -114,7 +117,7 @@ class DrawingRun:
             renderings,
             self._writer,
             pose_fd=self._source.socket_fd,
-            first_number=self._made * NUMBERS_EACH,
+            numbers=range(self._made * NUMBERS_EACH, (self._made + 1) * NUMBERS_EACH),
             intensity=self.intensity,
             realtime=self._realtime,
             is_recorded=self._is_recorded,
@@ -134,7 +137,7 @@ class DrawingRun:
         self._supervisor.watch(renderer.fileno(), lambda: self._hear(renderer))
         if (log_fd := renderer.log_fd) is not None:
             reader = LogReader()
-            self._supervisor.watch(log_fd, lambda: _read_log(log_fd, reader, renderer))
+            self._supervisor.watch(log_fd, lambda: self._read_log(log_fd, reader, renderer))
         return renderer
 
     def _end(self, renderer: RendererHandle) -> None:
@@ -149,29 +152,33 @@ class DrawingRun:
         for message in renderer.messages():
             match message.pop("event"):
                 case "began":
-                    if renderer.segment is not None:
-                        renderer.segment.begin(message["base"], self._writer.ring.start_ns)
+                    if self._recorder is not None and renderer.segment is not None:
+                        self._recorder.begin(renderer.segment, message["base"], self._writer.ring.start_ns)
                 case "stopped":
                     self._stopped_at = message["at"]
                     self._stopped.set()
                 case "poses":
-                    self._held.counts.set_counts(message)
+                    renderer.counts = Counter(message)
+                    self._held.counts.set_counts(self._counts_before + renderer.counts)
                 case "fault":
                     self._held.counts.add_fault(message["text"])
                     self._held.tell(message["text"])
                 case "failed":
-                    self._held.tell(f"the process that draws failed: {message['kind']}: {message['text']}")
+                    self._held.error = RenderError(f"the process that draws failed: {message['text']}")
                 case "gone":
+                    if not renderer.is_ending and self._held.is_running:
+                        self._held.error = RenderError(
+                            "the process that draws ended without a word: the array was faded and switched off"
+                        )
                     return False
         return True
 
-
-def _read_log(descriptor: int, reader: LogReader, renderer: RendererHandle) -> bool:
-    data = os.read(descriptor, PIPE_BYTES)
-    for record in reader.feed(data):
-        if renderer.segment is not None:
-            renderer.segment.add(record)
-    return bool(data)
+    def _read_log(self, descriptor: int, reader: LogReader, renderer: RendererHandle) -> bool:
+        data = os.read(descriptor, PIPE_BYTES)
+        for record in reader.feed(data):
+            if self._recorder is not None and renderer.segment is not None:
+                self._recorder.add(renderer.segment, record)
+        return bool(data)
 
 
 def require_intensity(value: float) -> None:

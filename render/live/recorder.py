@@ -1,115 +1,173 @@
-"""What a live run did, gathered while it runs, saved as contour files at its end: one of each rendering."""
+"""What a live run does, kept on the disk while it runs, and made contour files at its end: one of each rendering."""
 
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from ...datasets.errors import ContourFileError
 from .drawn_log import LoggedPoints, LoggedPose
-from .recording import LiveSegment, save_segment
+from .recording import EMITTED
 from .renderer_process import LiveRendering
+from .spool import LiveSpool
+
+Event = tuple[float, str, str]
 
 
 class SegmentRecorder:
-    """Poses and focal points of one rendering."""
+    """Poses and focal points of one rendering, from when its first sample has a number.
 
-    def __init__(self, rendering: LiveRendering) -> None:
-        self.rendering = rendering
-        self._base: int | None = None
-        self._start_ns = 0
-        self._poses: list[LoggedPose] = []
-        self._points: list[LoggedPoints] = []
+    numbers: of its poses. made: gives the spool.
+    """
+
+    def __init__(self, rendering: LiveRendering, numbers: range, made: Callable[[], LiveSpool]) -> None:
+        self.rendering, self.numbers = rendering, numbers
+        self.spool: LiveSpool | None = None
+        self._made = made
+        self._waiting: list[LoggedPose | LoggedPoints] = []  # drawn before the first sample's number is known
+        self._base = 0
+        self.origin_ns = 0
+        """When its first sample was due, of CLOCK_MONOTONIC [ns]."""
 
     def begin(self, base: int, start_ns: int) -> None:
         """Number of the first sample in the ring, and when the ring's first one is due [ns]."""
-        self._base, self._start_ns = base, start_ns
+        rate = self.rendering.sampling.update_rate
+        self._base, self.origin_ns = base, start_ns + base * round(1e9 / rate)
+        self.spool = self._made()
+        for record in self._waiting:
+            self.add(record)
+        self._waiting.clear()
 
     def add(self, record: LoggedPose | LoggedPoints) -> None:
         """What was drawn next."""
-        if isinstance(record, LoggedPose):
-            self._poses.append(record)
+        if self.spool is None:
+            self._waiting.append(record)
+        elif isinstance(record, LoggedPose):
+            self.spool.add_pose(
+                record.first, record.number, self._seconds(record.stamp_ns), record.pose, record.patch_pose
+            )
         else:
-            self._points.append(record)
+            self.spool.add_samples(record.first, record.position, record.intensity, record.gain)
 
-    def made(
-        self, began_ns: dict[int, int], skipped: list[list[int]], events: list[tuple[float, str, str]], **fields: Any
-    ) -> LiveSegment | None:
-        """All of it; None where nothing was drawn. began_ns: when poses were played, by number."""
-        if self._base is None or not self._poses:
-            return None
-        own, rate = self.rendering, self.rendering.sampling.update_rate
-        period_ns = round(1e9 / rate)
-        origin_ns = self._start_ns + self._base * period_ns
-        position = np.concatenate([points.position for points in self._points])
-        intensity = np.concatenate([points.intensity for points in self._points])
-        gains = [np.ones(len(p.intensity), np.float32) if p.gain is None else p.gain for p in self._points]
-        mark = np.zeros(len(intensity), np.uint8)
-        for first, count, why in skipped:
-            low = max(first - self._base, 0)
-            mark[low : max(first - self._base + count, low)] = why
-        if position.shape[1] == 1:
-            position, intensity = position[:, 0], intensity[:, 0]
-        has_gain = any(points.gain is not None for points in self._points)
-        numbers = [pose.number for pose in self._poses]
-        return LiveSegment(
-            solid=own.solid,
-            hand=own.hand,
-            strategy=own.strategy,
-            sampling=own.sampling,
-            hold=max(own.sampling.hold, 2.0 / 90.0),
-            time=np.array([pose.first for pose in self._poses]) / rate,
-            pose=np.array([pose.pose for pose in self._poses], np.float32),
-            patch_pose=None
-            if self._poses[0].patch_pose is None
-            else np.array([pose.patch_pose for pose in self._poses], np.float32),
-            stamp=np.array([(pose.stamp_ns - origin_ns) * 1e-9 for pose in self._poses]),
-            emitted=np.array([(began_ns[n] - origin_ns) * 1e-9 if n in began_ns else np.nan for n in numbers]),
-            position=position,
-            intensity=intensity,
-            gain=np.concatenate(gains) if has_gain else None,
-            mark=mark,
-            events=[(time - origin_ns * 1e-9, kind, text) for time, kind, text in events],
-            **fields,
-        )
+    def add_emitted(self, number: int, began_ns: int) -> None:
+        """When a pose was played [ns]; one of another rendering is left out."""
+        if self.spool is not None and number in self.numbers:
+            self.spool.add_emitted(number, self._seconds(began_ns))
+
+    def add_mark(self, first: int, count: int, mark: int) -> None:
+        """Samples, by their numbers in the ring, that were not played as drawn; those of other renderings are clipped."""
+        if self.spool is not None and mark != EMITTED:
+            self.spool.add_mark(first - self._base, count, mark)
+
+    def add_event(self, event: Event) -> None:
+        """Something that happened, its time of CLOCK_MONOTONIC [s]."""
+        if self.spool is not None:
+            self.spool.add_event(event[0] - self.origin_ns * 1e-9, event[1], event[2])
+
+    def _seconds(self, time_ns: int) -> float:
+        return (time_ns - self.origin_ns) * 1e-9
 
 
 class RunRecorder:
-    """A run of one rendering or several: `path`, and further files of the same name with a number."""
+    """A run of one rendering or several: `path`, and further files of the same name with a number.
+
+    While it runs, everything is in folders beside the files, so that a run that is killed leaves what it drew until
+    then: `finish_spool` makes its file. fields: of a LiveSegment, known before.
+    Raises ContourFileError where such a folder is there already, or a file is and `overwrite` is not given.
+    """
 
     def __init__(self, path: Path, *, overwrite: bool, **fields: Any) -> None:
         self.path, self.overwrite, self._fields = path, overwrite, fields
+        self.error: BaseException | None = None
+        """What kept it from going on; the run itself goes on."""
         self._lock = threading.Lock()
         self._segments: list[SegmentRecorder] = []
-        self._began_ns: dict[int, int] = {}
-        self._skipped: list[list[int]] = []
-        self._events: list[tuple[float, str, str]] = []
+        self._events: list[Event] = []
+        for own in (path, spool_folder(path)):
+            if own.exists() and not (own == path and overwrite):
+                raise ContourFileError(
+                    f"{own}: exists already; "
+                    + (
+                        "overwrite=True replaces it"
+                        if own == path
+                        else "a run that was killed left it: finish it first"
+                    )
+                )
 
-    def segment(self, rendering: LiveRendering) -> SegmentRecorder:
+    def segment(self, rendering: LiveRendering, numbers: range) -> SegmentRecorder:
         """Where the poses of another rendering go."""
-        segment = SegmentRecorder(rendering)
+        place = len(self._segments)
+        segment = SegmentRecorder(rendering, numbers, lambda: self._spool(rendering, place))
         self._segments.append(segment)
         return segment
 
+    def begin(self, segment: SegmentRecorder, base: int, start_ns: int) -> None:
+        """Number of a segment's first sample in the ring, and when the ring's first one is due [ns]."""
+        self._guarded(lambda: self._begin(segment, base, start_ns))
+
+    def add(self, segment: SegmentRecorder, record: LoggedPose | LoggedPoints) -> None:
+        """What was drawn next of a segment."""
+        self._guarded(lambda: segment.add(record))
+
     def add_poses(self, rows: list[list[int]]) -> None:
         """Numbers of poses, their stamps, and when they were played [ns]."""
-        self._began_ns.update({number: began_ns for number, _, began_ns in rows})
+        self._each(lambda segment: [segment.add_emitted(number, began_ns) for number, _, began_ns in rows])
 
     def add_skipped(self, rows: list[list[int]]) -> None:
         """First sample in the ring, count, and why they were not played."""
-        self._skipped += rows
+        self._each(lambda segment: [segment.add_mark(*row) for row in rows])
 
     def add_event(self, time: float, kind: str, text: str) -> None:
         """Something that happened; time: of CLOCK_MONOTONIC [s]."""
         self._events.append((time, kind, text))
+        self._each(lambda segment: segment.add_event((time, kind, text)))
 
     def save(self) -> list[Path]:
-        """Write the files; returns their paths."""
+        """Make the files; returns their paths. Raises what kept the recorder from going on, once they are made."""
         paths = []
-        for segment in self._segments:
-            made = segment.made(self._began_ns, self._skipped, self._events, **self._fields)
-            if made is not None:
-                name = self.path.stem if not paths else f"{self.path.stem}-{len(paths) + 1}"
-                path = self.path.with_name(name + self.path.suffix)
-                paths.append(save_segment(path, made, overwrite=self.overwrite))
+        for place, segment in enumerate(self._segments):
+            if segment.spool is not None:
+                made = segment.spool.finish(numbered(self.path, place), overwrite=self.overwrite)
+                paths += [] if made is None else [made]
+        if self.error is not None:
+            raise self.error
         return paths
+
+    def _spool(self, rendering: LiveRendering, place: int) -> LiveSpool:
+        own = rendering
+        return LiveSpool(
+            spool_folder(numbered(self.path, place)),
+            solid=own.solid,
+            hand=own.hand,
+            strategy=own.strategy,
+            sampling=own.sampling,
+            hold=own.hold,
+            **self._fields,
+        )
+
+    def _begin(self, segment: SegmentRecorder, base: int, start_ns: int) -> None:
+        segment.begin(base, start_ns)
+        for event in self._events:
+            segment.add_event(event)
+
+    def _each(self, add: Callable[[SegmentRecorder], object]) -> None:
+        self._guarded(lambda: [add(segment) for segment in self._segments])
+
+    def _guarded(self, add: Callable[[], object]) -> None:
+        """Add, unless something failed before: a full disk ends the record, not the run."""
+        with self._lock:
+            if self.error is None:
+                try:
+                    add()
+                except ContourFileError as error:
+                    self.error = error
+
+
+def numbered(path: Path, place: int) -> Path:
+    """The file of a rendering, by its place in the run."""
+    return path if place == 0 else path.with_name(f"{path.stem}-{place + 1}{path.suffix}")
+
+
+def spool_folder(path: Path) -> Path:
+    """Where a run is kept until its file is made."""
+    return path.with_name(f"{path.name}.live")

@@ -8,6 +8,7 @@ import select
 import socket
 import subprocess
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -25,7 +26,7 @@ _SET_PIPE_SIZE = 1031  # F_SETPIPE_SZ
 class RendererHandle:
     """A process that draws renderings, one at a time, into the ring of a writer; made, it prepares itself.
 
-    pose_fd: where pose messages come from. first_number: of its poses. is_recorded: whether it sends all that it draws
+    pose_fd: where pose messages come from. numbers: of its poses. is_recorded: whether it sends all that it draws
     through `log_fd`.
     """
 
@@ -35,12 +36,16 @@ class RendererHandle:
         writer: WriterHandle,
         *,
         pose_fd: int,
-        first_number: int,
+        numbers: range,
         intensity: float,
         realtime: bool,
         is_recorded: bool,
     ) -> None:
-        self.renderings = tuple(renderings)
+        self.renderings, self.numbers = tuple(renderings), numbers
+        self.counts: Counter[str] = Counter()
+        """Of poses, as it told them last."""
+        self.is_ending = False
+        """Whether it was told to end."""
         self.segment: SegmentRecorder | None = None
         """Where what it draws is recorded now."""
         self._own, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -54,7 +59,7 @@ class RendererHandle:
             arrays=tuple(request.model for request in writer.arrays),
             lead=writer.pace.lead,
             intensity=intensity,
-            first_number=first_number,
+            first_number=numbers.start,
             realtime=realtime,
             slice_frames=writer.slice_frames,
             ring_fd=writer.ring.fd,
@@ -112,6 +117,7 @@ class RendererHandle:
 
     def end(self) -> None:
         """End the process and wait for it."""
+        self.is_ending = True
         self.send("end")
         with contextlib.suppress(OSError):
             self._own.shutdown(socket.SHUT_WR)

@@ -52,8 +52,8 @@ from ..runtime.warp_start import start_warp
 from ..sampling.metrics import FocalPoints
 from ..sampling.strategy import SamplingStrategy
 from ..strategies.intersection_strategy import IntersectionStrategy
-from .drawn_log import DrawnLog
-from .instant import Instant, checked_pose
+from .drawn_log import DrawnLog, LoggedPoints, LoggedPose
+from .instant import POSE_INTERVAL, Instant, checked_pose
 from .sources.messages import PoseMessage, received_messages
 
 SLICE_NS = 1_000_000  # between slices while no pose comes
@@ -75,6 +75,11 @@ class LiveRendering:
     strategy: IntersectionStrategy
     sampling: SamplingStrategy
     drive: DriveStrategy
+
+    @property
+    def hold(self) -> float:
+        """Age from which a pose fades [s], as `Instant` has it."""
+        return max(self.sampling.hold, 2.0 * POSE_INTERVAL)
 
 
 @dataclass(frozen=True, kw_only=True)

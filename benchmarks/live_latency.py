@@ -1,4 +1,4 @@
-"""From a hand's place to the first focal point, as a model of a board plays it, while another process keeps a core busy.
+"""From a hand's place to the first focal point, as a board's model plays it, while another process keeps a core busy.
 
     python benchmarks/live_latency.py                                     # three arrays, three hands, a minute each
     python benchmarks/live_latency.py --duration 600 --arrays emulator-10 --hands palm

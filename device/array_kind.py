@@ -112,6 +112,10 @@ class ArrayKind:
     not_listed: str | None = None
     """Sentence without its end on why `palpate devices` cannot list it, and how it is named instead; None: it can."""
 
+    not_live: str | None = None
+    """Sentence without its end on why it cannot follow a hand that moves now; None: a frame plays as
+    soon as it has been written and those before it have been played."""
+
     def __repr__(self) -> str:
         """One line."""
         called = f", also called {', '.join(self.aliases)}" if self.aliases else ""

@@ -14,14 +14,14 @@ def summarise_run(file: ContourFile) -> dict[str, Any] | None:
     """Poses, samples by their mark, and latency [s] of the live run that a file is the recording of; None for others.
 
     Latency is the time from the hand's being there to the pose's first focal point; None where no pose's is known.
-    `seconds_dropped` is the number of seconds, counted from sample 0, that hold a dropped sample.
+    `seconds_dropped` is the number of seconds, counted from sample 0, with a sample that was not emitted as sampled.
     """
     if (run := file.live_run) is None:
         return None
     latency, mark = file.live_rows("emitted") - file.live_rows("stamp"), file.live_rows("mark")
     known = latency[np.isfinite(latency)]
     latencies = [float(part) for part in np.quantile(known, [0.5, 0.99, 1.0])] if len(known) else [None] * 3
-    dropped = np.flatnonzero(mark == LIVE_MARKS.index("dropped"))
+    dropped = np.flatnonzero(mark != LIVE_MARKS.index("emitted"))
     return {
         "poses": file.pose_count,
         "poses_emitted": len(known),

@@ -236,7 +236,7 @@ def live_text(run: dict) -> str:
     """A sentence on the live run that a file is the recording of; run: as `summarise_run` gives it."""
     p50, p99 = run["latency_p50"], run["latency_p99"]
     latency = "its latency is not known" if p50 is None else f"latency p50 {1e3 * p50:.1f} ms, p99 {1e3 * p99:.1f} ms"
-    dropped = f"{run['dropped']} of {counted(run['samples'], 'sample')} dropped"
+    dropped = f"{run['samples'] - run['emitted']} of {counted(run['samples'], 'sample')} were not played as drawn"
     return f"The recording of a live run of {run['duration']:.6g} s: {latency}, {dropped}."
 
 

@@ -20,7 +20,9 @@ from ..hands.hand import Palm
 from ..intersection.named_inputs import load_solid
 from ..live.counts import RunStatistics
 from ..live.handle import Live
+from ..live.recorder import spool_folder
 from ..live.sources.selection import ANY
+from ..live.spool import finish_spool
 from ..objects.mesh.placement import Placement
 from ..objects.solid import Solid
 from ..playback.file_playback import Connection
@@ -70,6 +72,8 @@ def run_live(options: dict[str, Any], *, as_json: bool) -> int:
     record: Path | None = options["record"]
     if record is not None and record.suffix not in (".h5", ".hdf5"):
         raise StrategyError(f"{record}: a contour file must end in .h5 or .hdf5")
+    if options["finish"]:
+        return _finish(choices.solids[0], record, overwrite=options["overwrite"], as_json=as_json)
     run = Live(
         choices.solids[0],
         hand=Palm(*options["palm"]) if options["palm"] else options["hand"],
@@ -125,6 +129,16 @@ def run_live(options: dict[str, Any], *, as_json: bool) -> int:
     if ended_by in (None, "", "SIGINT"):
         return console.DONE
     return 128 + signal.Signals[ended_by]
+
+
+def _finish(solid: Solid, record: Path | None, *, overwrite: bool, as_json: bool) -> int:
+    """Make the file of a run that was killed, of the object that it rendered first."""
+    if record is None:
+        raise StrategyError("--finish needs --record, the file of the run that was killed")
+    made = finish_spool(spool_folder(record), record, solid=solid, overwrite=overwrite)
+    console.show_values({"files": [] if made is None else [str(made)]}, as_json=as_json, title="live")
+    console.conclude("nothing had been drawn." if made is None else f"{made} has what was drawn.", as_json=as_json)
+    return console.DONE
 
 
 def _choices(options: dict[str, Any], arrays: tuple[PlacedArray, ...], *, as_json: bool) -> Choices:

@@ -25,7 +25,7 @@ from ..strategies.intersection_strategy import IntersectionStrategy, strategy_of
 from ..trust.permission import AllowCode
 from .counts import RunStatistics
 from .drawing_run import DrawingRun, require_intensity
-from .held_arrays import LEAD, HeldArrays
+from .held_arrays import HeldArrays
 from .recorder import RunRecorder
 from .renderer_process import LiveRendering
 from .shaping import shaping_of
@@ -53,7 +53,7 @@ class Live:
         array: name of an array, a file of several, or placed arrays.
         drive: conversion of focal points to drives.
         lead: how far ahead of the present focal points go to the array [s]. A machine may stall for as long as that
-            before one is dropped; a pose is felt later by as much.
+            before one is dropped; a pose is felt later by as much. None: 6 ms, or four frames where those take longer.
         intensity: of all focal points, 0..1.
         limits: of on-time and duty; None: the defaults.
         record: contour file that everything is saved to at the end; None: nothing is saved.
@@ -91,7 +91,7 @@ class Live:
         source: str | PoseSource = "exploration",
         array: str | Sequence[PlacedArray] = "emulator",
         drive: DriveStrategy | None = None,
-        lead: float = LEAD,
+        lead: float | None = None,
         intensity: float = 1.0,
         limits: Limits | None = None,
         record: str | Path | None = None,
@@ -156,7 +156,7 @@ class Live:
                 overwrite=overwrite,
                 source=str(source),
                 array=held.names,
-                lead=lead,
+                lead=held.lead,
                 realtime=held.counts.realtime,
                 emission=held.emission,
             )

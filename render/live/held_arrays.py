@@ -28,7 +28,8 @@ AGAIN = 5.0  # [s] until a sentence is told again
 class HeldArrays:
     """Arrays open until `close`, silent while nothing plays.
 
-    lead: how far ahead of the present frames are written [s]. told: called with sentences for people. heard: called
+    lead: how far ahead of the present frames are written [s]; None: 6 ms, or four frames where those take longer. told:
+    called with sentences for people. heard: called
     with the name of a message of the writer, and its values.
     Raises StrategyError for a lead out of its range, and for options that a live run has not; DeviceError where an
     array cannot be opened.
@@ -40,7 +41,7 @@ class HeldArrays:
         connection: Connection,
         *,
         update_rate: float,
-        lead: float = LEAD,
+        lead: float | None = None,
         limits: Limits | None = None,
         realtime: bool = True,
         told: Callable[[str], object] | None = None,
@@ -48,6 +49,7 @@ class HeldArrays:
     ) -> None:
         least = max(LEAD_RANGE[0], LEAD_PERIODS / update_rate)
         bound = f"s ({LEAD_PERIODS} frames at {update_rate:g} Hz at least)"
+        lead = max(LEAD, least) if lead is None else lead
         require_number("lead", lead, least, LEAD_RANGE[1], unit=bound)
         requests = [_request_for(placed, connection) for placed in arrays]
         self.names = ", ".join(placed.model.name for placed in arrays)
@@ -140,6 +142,8 @@ class HeldArrays:
 
 def _request_for(placed: PlacedArray, connection: Connection) -> ArrayRequest:
     model = placed.model
+    if (reason := kind_of(model).not_live) is not None:
+        raise StrategyError(reason)
     if connection.clock != "monotonic":
         raise StrategyError(f"clock={connection.clock} is not for live runs, whose poses come in real time")
     if connection.backend is not None:

@@ -55,7 +55,7 @@ class SegmentRecorder:
             self.spool.add_emitted(number, self._seconds(began_ns))
 
     def add_mark(self, first: int, count: int, mark: int) -> None:
-        """Samples, by their numbers in the ring, that were not played as drawn; those of other renderings are clipped."""
+        """Samples, by their numbers in the ring, that were not played as drawn; others' are left out when it ends."""
         if self.spool is not None and mark != EMITTED:
             self.spool.add_mark(first - self._base, count, mark)
 
@@ -83,16 +83,12 @@ class RunRecorder:
         self._lock = threading.Lock()
         self._segments: list[SegmentRecorder] = []
         self._events: list[Event] = []
-        for own in (path, spool_folder(path)):
-            if own.exists() and not (own == path and overwrite):
-                raise ContourFileError(
-                    f"{own}: exists already; "
-                    + (
-                        "overwrite=True replaces it"
-                        if own == path
-                        else "a run that was killed left it: finish it first"
-                    )
-                )
+        if path.exists() and not overwrite:
+            raise ContourFileError(f"{path}: exists already; overwrite=True replaces it")
+        if (folder := spool_folder(path)).exists():
+            raise ContourFileError(
+                f"{folder}: a run that was killed left it; `palpate live OBJECT --record {path} --finish` makes its file"
+            )
 
     def segment(self, rendering: LiveRendering, numbers: range) -> SegmentRecorder:
         """Where the poses of another rendering go."""

@@ -35,8 +35,8 @@ from ..sampling.strategy import SamplingStrategy
 from ..strategies.intersection_strategy import IntersectionStrategy
 
 EMITTED, DROPPED, HELD, FADED = range(len(LIVE_MARKS))
-"""Marks of a sample: emitted as sampled; dropped, it came too late; held, the writer repeated the last frame in its
-place; faded, the writer faded or was silent in its place."""
+"""Marks of a sample: emitted as sampled; dropped, it came too late; held, nothing came in time, and the array held the
+frame before; faded, nothing came for longer, so the writer faded or was silent in its place."""
 EMISSIONS = ("board", "estimate")
 TIME_OFF = 1e-6  # samples by which a pose's time may differ from a sample's
 

@@ -31,7 +31,7 @@ from ..strategies.intersection_strategy import IntersectionStrategy, strategy_of
 from ..trust.permission import AllowCode
 from .counts import RunStatistics
 from .drawing_run import DrawingRun
-from .held_arrays import LEAD, HeldArrays
+from .held_arrays import HeldArrays
 from .recorder import RunRecorder
 from .renderer_process import LiveRendering
 from .shaping import shaping_of
@@ -117,7 +117,7 @@ class Session:
         array: name of an array, a file of several, or placed arrays.
         update_rate: of all stimuli [Hz]; None: the array's usual one.
         source: of the hand that live stimuli are explored with, as in `Live`.
-        lead: how far ahead of the present frames are written [s].
+        lead: how far ahead of the present frames are written [s], as in `Live`.
         limits: of on-time and duty, across all stimuli; None: the defaults.
         realtime: whether real-time scheduling is asked for.
         told: called with sentences on what goes wrong.
@@ -142,7 +142,7 @@ class Session:
         *,
         update_rate: float | None = None,
         source: str | PoseSource = "exploration",
-        lead: float = LEAD,
+        lead: float | None = None,
         limits: Limits | None = None,
         realtime: bool = True,
         told: Callable[[str], object] | None = None,

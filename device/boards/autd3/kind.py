@@ -26,5 +26,7 @@ KIND = ArrayKind(
     layout=LAYOUT,
     open_link=_open_link,
     emulates_itself=True,
+    not_live="an autd3 gathers frames in banks of 0.1 s before it plays them, so it cannot follow a hand that moves "
+    "now, nor begin a stimulus at once: record to a file, and play that",
     not_listed="an autd3 cannot be listed: serial=INTERFACE names the network interface that it hangs on",
 )

@@ -74,16 +74,19 @@ def live(
         float | None, typer.Option(metavar="SECONDS", help="End after this time [s]; else key q or Ctrl-C ends it.")
     ] = None,
     lead: Annotated[
-        float,
+        float | None,
         typer.Option(
             metavar="SECONDS",
-            help="How far ahead focal points go out [s]: what the machine may stall, and what is felt later.",
+            help="How far ahead focal points go out [s], by default 0.006: as long may the machine stall.",
         ),
-    ] = 6e-3,
+    ] = None,
     intensity: Annotated[float, typer.Option(metavar="SHARE", help="Of all focal points, 0..1; keys + and -.")] = 1.0,
     record: Annotated[
         Path | None, typer.Option(metavar="OUT.h5", help="Contour file of all that was drawn, with its latency.")
     ] = None,
+    finish: Annotated[
+        bool, typer.Option("--finish", help="Make the file --record of a run that was killed, and run nothing.")
+    ] = False,
     amplitude: Amplitude = "pressure",
     solver: Solver = "gs-pat+wgs",
     slew: Slew = None,

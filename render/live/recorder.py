@@ -6,9 +6,22 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import StrategyError
 from .drawn_log import LoggedPoints, LoggedPose
 from .recording import LiveSegment, save_segment
 from .renderer_process import LiveRendering
+
+
+def record_path(record: str | Path, *, overwrite: bool) -> Path:
+    """The path of a recording; raises StrategyError, before anything runs, for one that cannot be written at its end."""
+    path = Path(record)
+    if path.suffix not in (".h5", ".hdf5"):
+        raise StrategyError(f"{path}: a contour file must end in .h5 or .hdf5")
+    if path.exists() and not overwrite:
+        raise StrategyError(f"{path}: exists already; overwrite=True replaces it")
+    if not path.parent.is_dir():
+        raise StrategyError(f"{path}: there is no folder {path.parent}")
+    return path
 
 
 class SegmentRecorder:

@@ -183,9 +183,8 @@ class DrawingRun:
                     self._held.counts.add_fault(message["text"])
                     self._held.tell(message["text"])
                 case "failed":
-                    self._held.fail(
-                        StrategyError(f"the process that draws failed: {message['kind']}: {message['text']}")
-                    )
+                    reason = f"{message['kind']}: {message['text']}"
+                    self._held.fail(StrategyError(f"the process that draws failed: {reason}"))
                 case "gone":
                     if renderer in self._running:
                         self._held.fail(StrategyError("the process that draws ended without a word; the array is off"))

@@ -13,7 +13,7 @@ from .renderer_process import LiveRendering
 
 
 def record_path(record: str | Path, *, overwrite: bool) -> Path:
-    """The path of a recording; raises StrategyError, before anything runs, for one that cannot be written at its end."""
+    """The path of a recording; raises StrategyError, before anything runs, for one that cannot be written later."""
     path = Path(record)
     if path.suffix not in (".h5", ".hdf5"):
         raise StrategyError(f"{path}: a contour file must end in .h5 or .hdf5")

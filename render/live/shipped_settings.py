@@ -12,7 +12,7 @@ from typing import Any
 import warp as wp
 
 from ..errors import StrategyError
-from ..stages.registry import StageEntry, find_stage, known_stages, register_stage
+from ..stages.registry import Stage, StageEntry, find_stage, known_stages, register_stage
 from ..strategies.intersection_strategy import IntersectionStrategy
 
 UNPICKLABLE = (pickle.PickleError, AttributeError, ImportError, TypeError, ValueError)
@@ -25,7 +25,7 @@ def ship(settings: object, strategies: list[IntersectionStrategy]) -> bytes:
     """
     stages = [("prune", own) for strategy in strategies for own in strategy.prune]
     stages += [("transform", own) for strategy in strategies for own in strategy.transform]
-    entries = [find_stage(role, stage.name) for role, stage in stages]
+    entries = [find_stage(role, Stage.read(own, role).name) for role, own in stages]
     folders: list[str] = []
     parts = []
     for part in ([entry for entry in entries if not entry.own], settings):
@@ -37,7 +37,7 @@ def ship(settings: object, strategies: list[IntersectionStrategy]) -> bytes:
             raise
         except UNPICKLABLE as error:
             raise StrategyError(
-                f"this cannot be given to the process that draws: {error}; functions must stand in a module of their own"
+                f"this cannot be given to the process that draws: {error}; put functions into a module of their own"
             ) from error
         folders += pickler.folders()
         parts.append(buffer.getvalue())

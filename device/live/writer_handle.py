@@ -92,6 +92,7 @@ class WriterHandle:
             self.ready = self._await_ready()
         except BaseException:
             self.close()
+            self.release()
             raise
 
     def __enter__(self) -> Self:
@@ -177,6 +178,7 @@ def start_process(module: str, settings: object, *files: Any) -> subprocess.Pope
     files: descriptors, or what has `fileno`. The process is in a session of its own: the terminal's signals are not for
     it.
     """
+    content = pickle.dumps(settings)  # before anything runs: it may be refused
     shared = [file if isinstance(file, int) else file.fileno() for file in files]
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", module],  # -P: no module of the current folder is imported
@@ -186,7 +188,7 @@ def start_process(module: str, settings: object, *files: Any) -> subprocess.Pope
     )
     if process.stdin is not None:
         with contextlib.suppress(BrokenPipeError):  # it has ended: its other pipes say so
-            process.stdin.write(pickle.dumps(settings))
+            process.stdin.write(content)
             process.stdin.close()
     return process
 

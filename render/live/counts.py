@@ -106,6 +106,11 @@ class LiveCounts:
         self.realtime = True
         self.pose_seconds = np.nan
 
+    def begin(self) -> None:
+        """Poses of another run follow: the last one of the run before has no age when the first one comes."""
+        with self._lock:
+            self._stamp_ns = None
+
     def add_poses(self, rows: list[list[int]]) -> None:
         """Numbers, stamps and times of the first focal points [ns]."""
         with self._lock:
@@ -123,14 +128,13 @@ class LiveCounts:
         """First sample and count of frames that were not played."""
         with self._lock:
             for first, count, _ in rows:
-                self._seconds.update(range(int(first * self._period), int((first + count) * self._period) + 1))
+                last = first + count - 1
+                self._seconds.update(range(int(first * self._period), int(last * self._period) + 1))
 
     def set_counts(self, counts: dict[str, int]) -> None:
         """Counts so far, by their names."""
         with self._lock:
-            self._counts.update(dict.fromkeys(counts, 0))
-            for name, count in counts.items():
-                self._counts[name] = count
+            dict.update(self._counts, counts)  # a Counter's own `update` would add
 
     def add_fault(self, text: str) -> None:
         """Something that went wrong."""

@@ -40,8 +40,9 @@ class DrawingRun:
         self._held, self._writer, self._supervisor = held, held.writer, held.supervisor
         self._realtime, self._is_recorded = realtime, is_recorded
         self.intensity = intensity
-        self._made = 0  # renderers
-        self._counts_before: Counter[str] = Counter()  # of renderers that have ended
+        self._made: list[RendererHandle] = []
+        self._running: list[RendererHandle] = []  # two of them while one takes over from the other
+        self._is_ending = False
         self._recorder: RunRecorder | None = None
         self._stopped = threading.Event()
         self._stopped_at: int | None = None
@@ -63,6 +64,7 @@ class DrawingRun:
         """Draw a rendering from the next pose on. recorder: gets all that is drawn."""
         self._recorder = recorder
         own = self._renderer
+        self._held.counts.begin()
         own.segment = None if recorder is None else recorder.segment(own.renderings[index], own.numbers)
         self._writer.ring.start_ns = 0
         self._writer.send("live")
@@ -84,14 +86,18 @@ class DrawingRun:
                     f"{rendering.sampling.update_rate:g} Hz: end the run to change it"
                 )
             new = self._prepare([rendering])
-            new.segment = None if self._recorder is None else self._recorder.segment(rendering, new.numbers)
-            self._stopped.clear()
-            old.send("stop", hands_over=True)
-            self._stopped.wait(STOP_TIMEOUT)
+            try:
+                new.segment = None if self._recorder is None else self._recorder.segment(rendering, new.numbers)
+                self._stopped.clear()
+                old.send("stop", hands_over=True)
+                has_stopped = self._stopped.wait(STOP_TIMEOUT)
+            except BaseException:  # Ctrl-C while it waits
+                self._end(new)
+                raise
             self._renderer = new
-            new.send("go", base=self._stopped_at)
+            new.send("intensity", value=self.intensity)  # it may have changed while this one was prepared
+            new.send("go", base=self._stopped_at if has_stopped else 0)  # 0: from the present on
             self._end(old)
-            self._counts_before += old.counts
 
     def set_intensity(self, intensity: float) -> None:
         """Intensity of all focal points from now on, 0..1, reached within 10 ms."""
@@ -106,9 +112,14 @@ class DrawingRun:
         self._stopped.wait(STOP_TIMEOUT)
 
     def end(self) -> None:
-        """End the source and the renderer; the writer goes on, silent."""
+        """End the source and the renderers; the writer goes on, silent."""
+        self._is_ending = True
+        for renderer in list(self._running):
+            if renderer is not self._renderer:  # a change under way waits for it no longer
+                renderer.kill()
         with self._changing:
-            self._end(self._renderer)
+            for renderer in list(self._running):
+                self._end(renderer)
             self._source.close()
 
     def _prepare(self, renderings: Sequence[LiveRendering]) -> RendererHandle:
@@ -117,17 +128,19 @@ class DrawingRun:
             renderings,
             self._writer,
             pose_fd=self._source.socket_fd,
-            numbers=range(self._made * NUMBERS_EACH, (self._made + 1) * NUMBERS_EACH),
+            numbers=range(len(self._made) * NUMBERS_EACH, (len(self._made) + 1) * NUMBERS_EACH),
             intensity=self.intensity,
             realtime=self._realtime,
             is_recorded=self._is_recorded,
         )
-        self._made += 1
+        self._made.append(renderer)
+        self._running.append(renderer)
+        if self._is_ending:
+            renderer.kill()
         try:
             ready = renderer.await_ready()
         except BaseException:
-            renderer.end()
-            renderer.release()
+            self._end(renderer)
             raise
         self._held.counts.realtime &= ready["realtime"]
         self._held.counts.pose_seconds = ready["pose_seconds"]
@@ -141,6 +154,7 @@ class DrawingRun:
         return renderer
 
     def _end(self, renderer: RendererHandle) -> None:
+        self._running.remove(renderer)  # first: that it is gone is no failure from here on
         renderer.end()
         self._supervisor.settle()
         self._supervisor.forget(renderer.fileno())
@@ -158,23 +172,30 @@ class DrawingRun:
                     self._stopped_at = message["at"]
                     self._stopped.set()
                 case "poses":
-                    renderer.counts = Counter(message)
-                    self._held.counts.set_counts(self._counts_before + renderer.counts)
+                    if message["records_lost"] > renderer.counts.get("records_lost", 0):
+                        self._held.tell("this process was too slow to read all that was drawn: its record has gaps")
+                    renderer.counts = message
+                    total: Counter[str] = Counter()
+                    for own in self._made:
+                        total.update(own.counts)
+                    self._held.counts.set_counts(total)
                 case "fault":
                     self._held.counts.add_fault(message["text"])
                     self._held.tell(message["text"])
                 case "failed":
-                    self._held.error = RenderError(f"the process that draws failed: {message['text']}")
+                    reason = f"{message['kind']}: {message['text']}"
+                    self._held.fail(RenderError(f"the process that draws failed: {reason}"))
                 case "gone":
-                    if not renderer.is_ending and self._held.is_running:
-                        self._held.error = RenderError(
-                            "the process that draws ended without a word: the array was faded and switched off"
-                        )
+                    if renderer in self._running:
+                        self._held.fail(RenderError("the process that draws ended without a word; the array is off"))
                     return False
         return True
 
     def _read_log(self, descriptor: int, reader: LogReader, renderer: RendererHandle) -> bool:
-        data = os.read(descriptor, PIPE_BYTES)
+        try:
+            data = os.read(descriptor, PIPE_BYTES)
+        except BlockingIOError:  # it was another descriptor of that number that could be read
+            return True
         for record in reader.feed(data):
             if self._recorder is not None and renderer.segment is not None:
                 self._recorder.add(renderer.segment, record)

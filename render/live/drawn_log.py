@@ -1,7 +1,9 @@
 """What the process that draws sends for a record: every pose that it took, every focal point that it drew."""
 
 import os
+import select
 import struct
+import time
 from collections import deque
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -48,6 +50,7 @@ class DrawnLog:
         os.set_blocking(descriptor, False)
         self._waiting: deque[memoryview] = deque()
         self._waiting_bytes = 0
+        self._has_reader = True
         self.lost = 0
         """Records that the reader was too slow for."""
 
@@ -70,7 +73,10 @@ class DrawnLog:
         while self._waiting:
             try:
                 sent = os.write(self._descriptor, self._waiting[0])
-            except (BlockingIOError, BrokenPipeError):
+            except BlockingIOError:
+                return
+            except BrokenPipeError:  # nobody reads any more
+                self._has_reader = False
                 return
             self._waiting_bytes -= sent
             if sent < len(self._waiting[0]):
@@ -78,8 +84,19 @@ class DrawnLog:
                 return
             self._waiting.popleft()
 
+    def drain(self, timeout: float) -> None:
+        """Write all that waits, for `timeout` [s] at most; what is left then is lost, and counted."""
+        end = time.monotonic() + timeout
+        poll = select.poll()
+        poll.register(self._descriptor, select.POLLOUT)
+        self.flush()
+        while self._waiting and (left := end - time.monotonic()) > 0 and self._has_reader:
+            poll.poll(left * 1e3)
+            self.flush()
+        self.lost += len(self._waiting)
+
     def _add(self, kind: bytes, body: bytes) -> None:
-        if self._waiting_bytes > BACKLOG_MOST:
+        if self._waiting_bytes > BACKLOG_MOST or not self._has_reader:
             self.lost += 1
             return
         self._waiting.append(memoryview(_HEAD.pack(kind, len(body)) + body))

@@ -26,7 +26,7 @@ from ..trust.permission import AllowCode
 from .counts import RunStatistics
 from .drawing_run import DrawingRun, require_intensity
 from .held_arrays import HeldArrays
-from .recorder import RunRecorder
+from .recorder import RunRecorder, record_path
 from .renderer_process import LiveRendering
 from .shaping import shaping_of
 from .sources.hand_frame import PoseSource
@@ -109,9 +109,7 @@ class Live:
         require_intensity(intensity)
         if connection is not None and fields:
             raise StrategyError(f"{min(fields)} is a field of connection, which is given, too")
-        path = None if record is None else Path(record)
-        if path is not None and path.exists() and not overwrite:
-            raise StrategyError(f"{path}: exists already; overwrite=True replaces it")
+        path = None if record is None else record_path(record, overwrite=overwrite)
         arrays = arrays_of(array)
         solid, sampling = solid_of(solid), sampling_for(sampling, arrays)
         settings, own_hand = settings_and_hand(
@@ -174,15 +172,23 @@ class Live:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
+        self.close()
+        ended_by = self._held.error or self._held.supervisor.error
+        if ended_by is not None and error is None:
+            raise ended_by
+
+    def close(self) -> None:
+        """Fade, off, and everything ended; then save what was recorded. Closing twice does nothing."""
         held = self._held
-        if held.is_running:
-            self._run.fade()
-            time.sleep(held.lead)
-        held.close(self._run.end)
+        try:
+            if held.is_running:
+                self._run.fade()
+                time.sleep(held.lead)
+        finally:  # a second Ctrl-C, too
+            held.close(self._run.end)
         if held.recorder is not None:
-            self.files = held.recorder.save()
-        if held.error is not None and error is None:
-            raise held.error
+            recorder, held.recorder = held.recorder, None
+            self.files = recorder.save()
 
     @property
     def intensity(self) -> float:

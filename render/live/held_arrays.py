@@ -47,6 +47,9 @@ class HeldArrays:
         told: Callable[[str], object] | None = None,
         heard: Callable[[str, dict[str, Any]], object] = lambda event, message: None,
     ) -> None:
+        if not update_rate * LEAD_RANGE[1] >= LEAD_PERIODS:  # a NaN compares false
+            least_rate = LEAD_PERIODS / LEAD_RANGE[1]
+            raise StrategyError(f"update_rate of a live run must be {least_rate:g} Hz or more, not {update_rate}")
         least = max(LEAD_RANGE[0], LEAD_PERIODS / update_rate)
         bound = f"s ({LEAD_PERIODS} frames at {update_rate:g} Hz at least)"
         lead = max(LEAD, least) if lead is None else lead
@@ -55,7 +58,7 @@ class HeldArrays:
         self.names = ", ".join(placed.model.name for placed in arrays)
         self.lead = lead
         self.error: BaseException | None = None
-        """What ended the writer."""
+        """What ended the run: of the writer, of the process that draws, or of the user's function."""
         self.outcome: dict[str, Any] = {}
         """What the writer reported at its end: counts, and of each array whether it is off."""
         self.recorder: RunRecorder | None = None
@@ -78,12 +81,12 @@ class HeldArrays:
     @property
     def is_running(self) -> bool:
         """Whether the writer runs."""
-        return self.error is None and not self.outcome
+        return self.error is None and self.supervisor.error is None and not self.outcome
 
     def require_running(self) -> None:
-        """Raise what ended the writer."""
-        if self.error is not None:
-            raise self.error
+        """Raise what ended the run."""
+        if (error := self.error or self.supervisor.error) is not None:
+            raise error
         if self.outcome:
             raise DeviceError(f"array {self.names} is not held any more: it was switched off")
 
@@ -94,7 +97,14 @@ class HeldArrays:
             self.recorder.add_event(now, "told", sentence)
         if now - self._told_at.get(sentence, -AGAIN) >= AGAIN:
             self._told_at[sentence] = now
-            self._told(sentence)
+            try:
+                self._told(sentence)
+            except BaseException as error:  # of the user's function: it ends the run, in the user's thread
+                self.fail(error)
+
+    def fail(self, error: BaseException) -> None:
+        """Let the run end with an error, unless another one has ended it."""
+        self.error = self.error or error
 
     def close(self, ended: Callable[[], object] = lambda: None) -> None:
         """Off; then `ended` is called, all that was told is heard, and the memory is let go."""

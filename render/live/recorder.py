@@ -6,12 +6,29 @@ from pathlib import Path
 from typing import Any
 
 from ...datasets.errors import ContourFileError
+from ..errors import StrategyError
 from .drawn_log import LoggedPoints, LoggedPose
 from .recording import EMITTED
 from .renderer_process import LiveRendering
 from .spool import LiveSpool
 
 Event = tuple[float, str, str]
+
+
+def record_path(record: str | Path, *, overwrite: bool) -> Path:
+    """The path of a recording; raises StrategyError, before anything runs, for one that cannot be written later."""
+    path = Path(record)
+    if path.suffix not in (".h5", ".hdf5"):
+        raise StrategyError(f"{path}: a contour file must end in .h5 or .hdf5")
+    if path.exists() and not overwrite:
+        raise StrategyError(f"{path}: exists already; overwrite=True replaces it")
+    if not path.parent.is_dir():
+        raise StrategyError(f"{path}: there is no folder {path.parent}")
+    if (folder := spool_folder(path)).exists():
+        raise StrategyError(
+            f"{folder}: a run that was killed left it: `palpate live OBJECT --record {path} --finish` makes its file"
+        )
+    return path
 
 
 class SegmentRecorder:
@@ -73,7 +90,6 @@ class RunRecorder:
 
     While it runs, everything is in folders beside the files, so that a run that is killed leaves what it drew until
     then: `finish_spool` makes its file. fields: of a LiveSegment, known before.
-    Raises ContourFileError where such a folder is there already, or a file is and `overwrite` is not given.
     """
 
     def __init__(self, path: Path, *, overwrite: bool, **fields: Any) -> None:
@@ -83,12 +99,6 @@ class RunRecorder:
         self._lock = threading.Lock()
         self._segments: list[SegmentRecorder] = []
         self._events: list[Event] = []
-        if path.exists() and not overwrite:
-            raise ContourFileError(f"{path}: exists already; overwrite=True replaces it")
-        if (folder := spool_folder(path)).exists():
-            raise ContourFileError(
-                f"{folder}: a run that was killed left it; `palpate live OBJECT --record {path} --finish` makes its file"
-            )
 
     def segment(self, rendering: LiveRendering, numbers: range) -> SegmentRecorder:
         """Where the poses of another rendering go."""

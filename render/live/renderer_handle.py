@@ -8,15 +8,16 @@ import select
 import socket
 import subprocess
 import time
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 from ...device.live.writer_handle import WriterHandle, start_process
-from ..errors import StrategyError
+from .. import errors
+from ..errors import RenderError, StrategyError
 from .drawn_log import PIPE_BYTES
 from .recorder import SegmentRecorder
 from .renderer_process import QUICK_SHARE, LiveRendering, RendererSettings
+from .shipped_settings import ship
 
 READY_TIMEOUT = 180.0  # [s]: kernels may have to be compiled
 END_TIMEOUT = 5.0  # [s]
@@ -42,14 +43,14 @@ class RendererHandle:
         is_recorded: bool,
     ) -> None:
         self.renderings, self.numbers = tuple(renderings), numbers
-        self.counts: Counter[str] = Counter()
-        """Of poses, as it told them last."""
-        self.is_ending = False
-        """Whether it was told to end."""
         self.segment: SegmentRecorder | None = None
         """Where what it draws is recorded now."""
+        self.counts: dict[str, int] = {}
+        """What it has counted, as it told last."""
         self._own, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.log_fd, log_end = os.pipe() if is_recorded else (None, None)
+        if self.log_fd is not None:
+            os.set_blocking(self.log_fd, False)
         if log_end is not None:
             with contextlib.suppress(OSError):  # a user may have all pipes that large
                 fcntl.fcntl(log_end, _SET_PIPE_SIZE, PIPE_BYTES)
@@ -69,10 +70,16 @@ class RendererHandle:
             log_fd=log_end,
         )
         files = [other, pose_fd, writer.ring.fd, writer.wake_fd, *([] if log_end is None else [log_end])]
-        self._process = start_process("palpate.render.live.renderer_process", settings, *files)
-        other.close()
-        if log_end is not None:
-            os.close(log_end)
+        try:
+            content = ship(settings, [own.strategy for own in renderings])
+            self._process = start_process("palpate.render.live.renderer_process", (other.fileno(), content), *files)
+        except BaseException:
+            self.release()
+            raise
+        finally:
+            other.close()
+            if log_end is not None:
+                os.close(log_end)
 
     def fileno(self) -> int:
         """Of the socket that messages come through."""
@@ -92,7 +99,9 @@ class RendererHandle:
                     case "ready":
                         return message
                     case "failed":
-                        raise StrategyError(message["text"])
+                        kind = getattr(errors, message["kind"], StrategyError)
+                        is_known = isinstance(kind, type) and issubclass(kind, RenderError)
+                        raise (kind if is_known else StrategyError)(message["text"])
                     case "gone":
                         raise StrategyError("the process that draws ended before it was ready")
         raise StrategyError(f"the process that draws was not ready after {READY_TIMEOUT:g} s")
@@ -104,7 +113,9 @@ class RendererHandle:
 
     def messages(self, timeout: float = 0.0) -> Iterator[dict[str, Any]]:
         """What it has told; waits for the first message for `timeout` [s] at most. The last one is `gone`."""
-        while select.select([self._own], [], [], timeout)[0]:
+        poll = select.poll()  # `select` refuses descriptors from 1,024 on
+        poll.register(self._own, select.POLLIN)
+        while poll.poll(timeout * 1e3):
             timeout = 0.0
             try:
                 data = self._own.recv(65536)
@@ -115,9 +126,12 @@ class RendererHandle:
                 return
             yield json.loads(data)
 
+    def kill(self) -> None:
+        """End the process at once: `await_ready` then fails."""
+        self._process.kill()
+
     def end(self) -> None:
         """End the process and wait for it."""
-        self.is_ending = True
         self.send("end")
         with contextlib.suppress(OSError):
             self._own.shutdown(socket.SHUT_WR)

@@ -54,6 +54,7 @@ from ..sampling.strategy import SamplingStrategy
 from ..strategies.intersection_strategy import IntersectionStrategy
 from .drawn_log import DrawnLog, LoggedPoints, LoggedPose
 from .instant import POSE_INTERVAL, Instant, checked_pose
+from .shipped_settings import unship
 from .sources.messages import PoseMessage, received_messages
 
 SLICE_NS = 1_000_000  # between slices while no pose comes
@@ -63,6 +64,7 @@ RAMP = 10e-3  # [s] in which an intensity changes
 STATE_PERIOD = 0.25  # [s]
 TRIED_POSES = 40
 SLOW_SHARE = 0.15  # of the lead that a pose takes, from which on samples of the pose before go first
+DRAIN_TIMEOUT = 3.0  # [s] that a reader of records has at the end
 QUICK_SHARE = 0.5  # of the lead that a pose may take
 
 
@@ -111,7 +113,9 @@ class LiveRenderer:
     def __init__(
         self, settings: RendererSettings, ring: FrameRing, log: DrawnLog | None, *, clock_ns: Any = time.monotonic_ns
     ) -> None:
-        self.counts = {"drawn": 0, "superseded": 0, "refused": 0, "skipped": 0, "slices_lost": 0}
+        self.counts = {
+            "drawn": 0, "superseded": 0, "refused": 0, "skipped": 0, "slices_lost": 0, "records_lost": 0
+        }  # fmt: skip
         self.faults: list[str] = []
         self._settings, self._ring, self._log, self._clock_ns = settings, ring, log, clock_ns
         (self._rate,) = {own.sampling.update_rate for own in settings.renderings}
@@ -124,7 +128,7 @@ class LiveRenderer:
         self._newest: PoseMessage | None = None
         self._begun: tuple[int | None, int] = None, 0  # number and stamp of a pose none of whose samples was put
         self._pose_first = -1  # sample of the last pose
-        self._wanted = self._gain = settings.intensity
+        self._intensity = self._wanted = self._gain = settings.intensity
         self._is_stopping = False
         self._was_silent = True
         self._asked_base: int | None = None
@@ -173,13 +177,14 @@ class LiveRenderer:
         """Draw a rendering from the next pose on, or from one that is fresh."""
         self._instant, self._driver = self._all[index]
         self._base, self._drawn, self._pose_first, self._asked_base = None, 0, -1, base
-        self._gain = self._wanted = self._settings.intensity
+        self._gain = self._wanted = self._intensity
         self._is_waiting, self._is_stopping, self._was_silent = True, False, True
         if self._newest is not None and self._clock_ns() - self._newest.stamp_ns > FRESH_NS:
             self._newest = None
 
     def rest(self) -> None:
         """Be ready to begin again."""
+        self._base, self._is_waiting = None, False
         for instant, driver in self._all:
             if instant.contours is not None:
                 instant.reset()
@@ -188,10 +193,13 @@ class LiveRenderer:
     def stop(self) -> None:
         """Fade, then draw nothing more."""
         self._wanted, self._is_stopping = 0.0, True
+        self._is_waiting = False  # a pose that comes now begins nothing
 
     def set_intensity(self, value: float) -> None:
-        """Intensity of all focal points from now on."""
-        self._wanted = value
+        """Intensity of all focal points from now on, 0..1; while they fade to a stop, of those after the next start."""
+        self._intensity = value
+        if not self._is_stopping:
+            self._wanted = value
 
     @property
     def base(self) -> int | None:
@@ -240,7 +248,7 @@ class LiveRenderer:
         if self._newest is None or not self._is_waiting:
             return False
         self._is_waiting = False
-        if self._asked_base is None:
+        if self._asked_base is None or not self._ring.start_ns:  # the second: nothing has been drawn by others yet
             self._base = 0
             self._ring.start_ns = now_ns + START_NS
         else:
@@ -354,13 +362,16 @@ class _RendererProcess:
         own = self._settings
         try:
             ring = FrameRing([model.frame_bytes for model in own.arrays], frame_count=own.slice_frames, fd=own.ring_fd)
-            log = None if own.log_fd is None else DrawnLog(own.log_fd)
+            self._log = log = None if own.log_fd is None else DrawnLog(own.log_fd)
             self._renderer = renderer = LiveRenderer(own, ring, log)
             cost = renderer.try_poses()
             is_realtime = own.realtime and enter_realtime(RENDERER_PRIORITY)
             stop_collecting()
             self._tell("ready", realtime=is_realtime, **cost)
             self._loop(renderer)
+            if log is not None:
+                log.drain(DRAIN_TIMEOUT)
+            self._tell_state(time.monotonic())
         except Exception as error:  # whatever it is, the parent is told: the writer switches off by itself
             self._tell("failed", kind=type(error).__name__, text=str(error) or type(error).__name__)
 
@@ -418,16 +429,23 @@ class _RendererProcess:
 
     def _tell_state(self, now: float) -> None:
         self._state_at = now + STATE_PERIOD
+        if self._log is not None:
+            self._renderer.counts["records_lost"] = self._log.lost
         faults, self._renderer.faults = self._renderer.faults, []
         for fault in dict.fromkeys(faults[:20]):
             self._tell("fault", text=fault[:1000])
         self._tell("poses", **self._renderer.counts)
 
     def _tell(self, event: str, **values: Any) -> None:
-        try:
-            self._control.send(json.dumps({"event": event, **values}).encode())
-        except OSError:
-            return
+        tell(self._control, event, **values)
+
+
+def tell(control: socket.socket, event: str, **values: Any) -> None:
+    """Send a message to the parent; one that it has no room for, or that nobody hears any more, is lost."""
+    try:
+        control.send(json.dumps({"event": event, **values}).encode())
+    except OSError:
+        return
 
 
 def main() -> int:
@@ -436,10 +454,15 @@ def main() -> int:
         signal.signal(signum, signal.SIG_IGN)
     start_warp()
     # a pipe of our own, from the process that started this one
-    settings: RendererSettings = pickle.load(sys.stdin.buffer)
-    for kind in settings.kinds:
-        if kind not in array_kinds():
-            register_array(kind)
+    control_fd, content = pickle.load(sys.stdin.buffer)
+    try:
+        settings: RendererSettings = unship(content)
+        for kind in settings.kinds:
+            if kind not in array_kinds():
+                register_array(kind)
+    except Exception as error:  # of a user's module, perhaps
+        tell(socket.socket(fileno=control_fd), "failed", kind=type(error).__name__, text=str(error))
+        return 1
     _RendererProcess(settings).run()
     return 0
 

@@ -17,7 +17,7 @@ from ...datasets.recordings.alignment import Alignment
 from ...device.errors import DeviceBusyError, DeviceTimeoutError
 from ...device.playing.limits import Dose, Guard, Limits
 from ..errors import StrategyError
-from ..hands.hand import Hand
+from ..hands.hand import Hand, Palm
 from ..intersection.named_inputs import solid_of
 from ..objects.solid import Solid
 from ..playback.drive import Driver, DriveStrategy
@@ -31,14 +31,16 @@ from ..strategies.intersection_strategy import IntersectionStrategy, strategy_of
 from ..trust.permission import AllowCode
 from .counts import RunStatistics
 from .drawing_run import DrawingRun
+from .handle import sampling_at
 from .held_arrays import HeldArrays
-from .recorder import RunRecorder
+from .recorder import RunRecorder, record_path
 from .renderer_process import LiveRendering
 from .shaping import shaping_of
 from .sources.hand_frame import PoseSource
 from .sources.named_sources import settings_and_hand
 from .sources.selection import ANY
 
+STOP_TIMEOUT = 5.0  # [s]
 ONSET_TIMEOUT = 2.0  # [s] for a stimulus that is stored; a live one waits for a hand
 BYTES_MOST = 1 << 32  # of all stored stimuli
 
@@ -101,10 +103,11 @@ class _Current:
     number: int
     is_live: bool
     begun: threading.Event = field(default_factory=threading.Event)
+    stopping: threading.Event = field(default_factory=threading.Event)
     ended: threading.Event = field(default_factory=threading.Event)
     onset_ns: int = 0
-    end_at: float = float("inf")  # of a live one
     recorder: RunRecorder | None = None
+    error: BaseException | None = None  # of saving what was recorded
 
 
 class Session:
@@ -222,12 +225,15 @@ class Session:
         live = [own for own in given if isinstance(own, LiveStimulus)]
         if live and self._run is not None:
             raise StrategyError("live stimuli are loaded in one call: this session has some already")
-        stored = [self._frames_of(own) for own in given if isinstance(own, Stimulus)]
-        self._bytes += sum(len(block) for frames, _ in stored for block in frames)
-        if self._bytes > BYTES_MOST:
-            raise StrategyError(f"stimuli of {self._bytes:,} bytes of frames are more than {BYTES_MOST:,}")
+        self._held.require_running()
+        stored, byte_count = [], self._bytes
+        for own in given:
+            if isinstance(own, Stimulus):
+                stored.append(self._frames_of(own, BYTES_MOST - byte_count))
+                byte_count += sum(len(block) for block in stored[-1][0])
         if live:
             self._prepare(live)
+        self._bytes = byte_count
         numbers, index = [], iter(range(len(live)))
         rows = iter(stored)
         for own in given:
@@ -261,14 +267,21 @@ class Session:
             raise StrategyError(f"repeats must be 1..1000000, not {repeats!r}")
         self._held.require_running()
         stimulus = self._stimuli[number]
+        is_live = isinstance(stimulus, LiveStimulus)
+        if record is not None and not is_live:
+            raise StrategyError(f"record is for live stimuli: stimulus {number} is stored already")
+        path = None if record is None else record_path(record, overwrite=False)
         with self._playing:
             if self._current is not None and not self._current.ended.is_set():
                 raise DeviceBusyError(f"stimulus {self._current.number} plays: wait() for it, or stop() it")
-            self._current = current = _Current(number, isinstance(stimulus, LiveStimulus))
+            self._current = current = _Current(number, is_live)
             if isinstance(stimulus, LiveStimulus) and self._run is not None:
-                if record is not None:
-                    current.recorder = self._held.recorder = self._recorder(Path(record))
+                if path is not None:
+                    current.recorder = self._held.recorder = self._recorder(path)
                 self._run.begin(self._numbers[number], current.recorder)
+                threading.Thread(
+                    target=self._end_in_time, args=(current, stimulus.duration), name="palpate-stimulus", daemon=True
+                ).start()
             else:
                 self._writer.send("play", number=self._numbers[number], repeats=repeats)
         while not current.begun.wait(0.05):
@@ -278,9 +291,6 @@ class Session:
                 reason = "no pose came from the source" if current.is_live else "the array has played nothing"
                 raise DeviceTimeoutError(f"stimulus {number} did not begin within {timeout:g} s: {reason}")
         onset = current.onset_ns * 1e-9
-        if isinstance(stimulus, LiveStimulus):
-            current.end_at = onset + stimulus.duration
-            threading.Thread(target=self._end_in_time, args=(current,), name="palpate-stimulus", daemon=True).start()
         return Onset(onset, onset - called, self._held.emission == "estimate")
 
     def wait(self, timeout: float | None = None) -> bool:
@@ -291,6 +301,9 @@ class Session:
             self._held.require_running()
             if time.monotonic() >= end:
                 return False
+        if current is not None and current.error is not None:
+            error, current.error = current.error, None
+            raise error
         return True
 
     def stop(self) -> None:
@@ -298,13 +311,12 @@ class Session:
         current = self._current
         if current is None or current.ended.is_set():
             return
-        if current.is_live:
-            current.end_at = 0.0
-            if not current.begun.is_set():
-                self._end_live(current)
-        else:
+        current.stopping.set()
+        if not current.is_live:
             self._writer.send("stop")
-        current.ended.wait(2.0)
+        end = time.monotonic() + STOP_TIMEOUT
+        while not current.ended.wait(0.02) and self._held.is_running and time.monotonic() < end:
+            pass
 
     def statistics(self) -> RunStatistics:
         """Of all live stimuli so far."""
@@ -322,14 +334,14 @@ class Session:
         renderings = []
         for own in live:
             require_duration(own.duration)
-            sampling = sampling_for(own.sampling, self._arrays)
+            sampling = sampling_at(own.sampling or "stm", self.update_rate)
             if sampling.update_rate != self.update_rate:
                 raise self._other_rate(f"live stimulus of {own.solid!r}", sampling.update_rate)
             solid = solid_of(own.solid)
             settings, hand = settings_and_hand(self._source, own.hand, solid, **self._source_options)
             if chosen is None:
                 chosen = settings
-            elif own.hand != first.hand:
+            elif own.hand is not first.hand and not (isinstance(own.hand, str | Palm) and own.hand == first.hand):
                 raise StrategyError("live stimuli of one session must have the same hand, as they have one source")
             renderings.append(
                 LiveRendering(
@@ -350,8 +362,8 @@ class Session:
             is_recorded=True,
         )
 
-    def _frames_of(self, stimulus: Stimulus) -> tuple[list[memoryview], list[list[Dose]]]:
-        """Frames of a stored stimulus for each array, and what slices of them do."""
+    def _frames_of(self, stimulus: Stimulus, room: int) -> tuple[list[memoryview], list[list[Dose]]]:
+        """Frames of a stored stimulus for each array, in `room` [byte] at most, and what slices of them do."""
         with self._opened(stimulus) as frames:
             if frames.update_rate != self.update_rate:
                 raise self._other_rate(str(stimulus.path), frames.update_rate)
@@ -359,6 +371,12 @@ class Session:
             for row in frames:
                 for own, block in zip(blocks, row, strict=True):
                     own.append(block)
+                    room -= memoryview(block).nbytes
+                if room < 0:
+                    raise StrategyError(
+                        f"{stimulus.path}: all stimuli of a session may have {BYTES_MOST:,} bytes of frames; a shorter "
+                        "duration makes fewer"
+                    )
         joined = [memoryview(b"".join(own)) for own in blocks]
         doses = []
         for data, placed in zip(joined, self._arrays, strict=True):
@@ -375,6 +393,8 @@ class Session:
                 yield prepared
             return
         sampling = stimulus.sampling
+        if isinstance(sampling, str):
+            sampling = sampling_at(sampling, self.update_rate)
         with open_focal_points(
             Path(stimulus.path), sampling, stimulus.duration, self._arrays, has_points=form == FOCAL_POINTS
         ) as (points, file):
@@ -388,8 +408,6 @@ class Session:
         )
 
     def _recorder(self, path: Path) -> RunRecorder:
-        if path.exists():
-            raise StrategyError(f"{path}: exists already")
         return RunRecorder(
             path,
             overwrite=False,
@@ -400,28 +418,31 @@ class Session:
             emission=self._held.emission,
         )
 
-    def _end_in_time(self, current: _Current) -> None:
-        """End a live stimulus when its time is over, or `stop` has said so."""
-        while (left := current.end_at - time.monotonic()) > 0:
-            time.sleep(min(left, 5e-3))
-        self._end_live(current)
-
-    def _end_live(self, current: _Current) -> None:
-        if self._run is not None:
-            self._run.fade()
-        time.sleep(self._held.lead)
-        self._writer.send("stop")
-        if current.recorder is not None:
-            self._held.supervisor.settle()
-            current.recorder.save()
-            self._held.recorder = None
-        current.ended.set()
+    def _end_in_time(self, current: _Current, duration: float) -> None:
+        """End a live stimulus when its time [s] is over, or `stop` has said so."""
+        while not current.begun.wait(0.02) and not current.stopping.is_set() and self._held.is_running:
+            pass
+        if current.begun.is_set():
+            current.stopping.wait(max(current.onset_ns * 1e-9 + duration - time.monotonic(), 0.0))
+        try:
+            if self._run is not None and self._held.is_running:
+                self._run.fade()
+                time.sleep(self._held.lead)
+                self._writer.send("stop")
+            self._held.supervisor.settle()  # what was drawn belongs to this stimulus, not to the next
+            if current.recorder is not None:
+                self._held.recorder = None
+                current.recorder.save()
+        except BaseException as error:  # `wait` raises it in the user's thread
+            current.error = error
+        finally:
+            current.ended.set()
 
     def _hear(self, event: str, message: dict[str, Any]) -> None:
         current = self._current
         if event == "loaded":
             self._loaded.set()
-        elif event == "began" and current is not None:
+        elif event == "began" and current is not None and not current.begun.is_set():
             current.onset_ns = message["onset_ns"]
             current.begun.set()
         elif event == "ended" and current is not None:

@@ -1,0 +1,146 @@
+"""Arrays held open for a live run: what is refused before a process is started, and what ends a run."""
+
+import threading
+from contextlib import contextmanager
+from types import SimpleNamespace
+
+import pytest
+
+from palpate.device.errors import DeviceError, SafetyLimitError
+from palpate.device.playing.limits import Limits
+from palpate.render import Connection
+from palpate.render.errors import StrategyError
+from palpate.render.live import held_arrays
+from palpate.render.live.held_arrays import HeldArrays
+from palpate.render.playback.placed_arrays import arrays_of
+
+REFUSED = {
+    "lead of microseconds": ({"lead": 1e-9}, r"lead must lie in 0\.002\.\.0\.1 s .*, not 1e-09"),
+    "lead that is no number": ({"lead": float("nan")}, r"lead must .*0\.002\.\.0\.1 s .*nan"),
+    "lead of a second": ({"lead": 1.0}, r"lead must lie in .*, not 1"),
+    "lead of few frames": ({"lead": 0.003, "update_rate": 1000.0}, r"lead must lie in 0\.004\.\.0\.1 s"),
+    "rate": ({"update_rate": 20.0}, "update_rate of a live run must be 40 Hz or more, not 20"),
+    "virtual clock": ({"connection": Connection(clock="virtual")}, "clock=virtual is not for live runs"),
+    "backend": ({"connection": Connection(backend=object())}, "backend is not for live runs"),
+    "watchdog of what is emulated": ({"connection": Connection(watchdog=True)}, "a watchdog is for real arrays"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_a_live_run_has_not_is_refused_before_anything_is_started(case, monkeypatch):
+    monkeypatch.setattr(held_arrays, "WriterHandle", None)  # calling it would fail
+    fields, sentence = REFUSED[case]
+    fields = {"connection": Connection(), "update_rate": 10e3, "lead": 6e-3} | fields
+    connection = fields.pop("connection")
+    with pytest.raises(StrategyError, match=sentence):
+        HeldArrays(arrays_of("emulator"), connection, **fields)
+
+
+class Writer:
+    """A writer's messages, given by a test."""
+
+    def __init__(self, requests, **fields):
+        self.ready = {"emission": "board", "realtime": True}
+        self.update_rate = fields["update_rate"]
+        self.told, self.closed = [], []
+        self.pace = fields["pace"]
+
+    def fileno(self):
+        return self.end
+
+    def messages(self):
+        told, self.told = self.told, []
+        return iter(told)
+
+    def close(self):
+        self.closed.append("close")
+
+    def release(self):
+        self.closed.append("release")
+
+
+@contextmanager
+def held(monkeypatch, **fields):
+    monkeypatch.setattr(held_arrays, "WriterHandle", Writer)
+    watching = SimpleNamespace(
+        __enter__=lambda: None, watch=lambda *_: None, settle=lambda: None, __exit__=lambda: None, error=None
+    )
+    monkeypatch.setattr(held_arrays, "Supervisor", lambda: watching)
+    Writer.end = 0
+    yield HeldArrays(arrays_of("emulator"), Connection(), update_rate=10e3, **fields)
+
+
+def hear(own, *messages):
+    own.writer.told += [dict(message) for message in messages]
+    return own._hear()
+
+
+OFF = {"event": "off", "arrays": [{"off_confirmed": True}, {"off_confirmed": None}], "frames": 7, "late": 1}
+
+
+def test_messages_become_counts_events_and_an_outcome(monkeypatch):
+    heard, told = [], []
+    with held(monkeypatch, heard=lambda *message: heard.append(message), told=told.append) as own:
+        assert hear(own, {"event": "poses", "rows": [[0, 0, 5_000_000]]}, {"event": "skipped", "rows": [[3, 2, 2]]})
+        assert hear(own, {"event": "warning", "text": "near"}, {"event": "warning", "text": "near"})
+        own.require_running()
+        assert hear(own, OFF)
+        assert hear(own, {"event": "gone"}) is False
+        assert told == ["near"]  # not the same sentence again and again
+        assert (own.counts.statistics().poses, own.counts.statistics().frames) == (1, 7)
+        assert own.outcome["off_confirmed"] is True  # an array that cannot say is no array that is on
+        assert [event for event, _ in heard] == ["poses", "skipped", "warning", "warning", "off"]
+        assert own.error is None
+        with pytest.raises(DeviceError, match="not held any more"):
+            own.require_running()
+
+
+def test_an_array_that_is_not_off_is_not_confirmed(monkeypatch):
+    with held(monkeypatch) as own:
+        hear(own, {"event": "off", "arrays": [{"off_confirmed": True}, {"off_confirmed": False}]})
+        assert own.outcome["off_confirmed"] is False
+
+
+def test_a_limit_is_the_error_that_a_playback_raises(monkeypatch):
+    with held(monkeypatch, limits=Limits(on_time_max=0.1)) as own:
+        hear(own, {"event": "failed", "kind": "SafetyLimitError", "text": "too long"}, OFF, {"event": "gone"})
+        assert not own.is_running
+        with pytest.raises(SafetyLimitError, match="too long"):
+            own.require_running()
+
+
+def test_a_writer_that_ends_without_a_word_may_leave_the_array_on(monkeypatch):
+    with held(monkeypatch) as own:
+        hear(own, {"event": "gone"})
+        with pytest.raises(DeviceError, match="may be emitting, switch it off"):
+            own.require_running()
+
+
+def test_what_a_users_function_raises_ends_the_run(monkeypatch):
+    def told(sentence):
+        raise ZeroDivisionError(sentence)
+
+    with held(monkeypatch, told=told) as own:
+        assert hear(own, {"event": "warning", "text": "near"}, OFF)  # the rest is still heard
+        assert own.outcome["off_confirmed"]
+        with pytest.raises(ZeroDivisionError, match="near"):
+            own.require_running()
+
+
+def test_closing_twice_is_closing_once(monkeypatch):
+    ended = []
+    with held(monkeypatch) as own:
+        own.close(lambda: ended.append(1))
+        own.close(lambda: ended.append(2))
+        assert own.writer.closed == ["close", "release"]
+        assert ended == [1]
+
+
+@pytest.mark.exhaustive
+def test_an_array_is_held_open_and_off_at_the_end():
+    before = threading.active_count()
+    own = HeldArrays(arrays_of("emulator"), Connection(), update_rate=10e3, realtime=False)
+    own.require_running()
+    own.close()
+    assert own.outcome["off_confirmed"] is True
+    assert threading.active_count() == before

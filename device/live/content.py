@@ -75,7 +75,7 @@ class StoredContent:
         repeats: int = 1,
         start_ns: int,
     ) -> None:
-        self.start_ns = start_ns
+        self.start_ns: int = start_ns
         self._frames, self._frame_bytes, self._doses, self._slice = frames, frame_bytes, doses, slice_frames
         self._count = len(frames[0]) // frame_bytes[0]
         self.end = self._count * repeats

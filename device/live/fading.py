@@ -17,7 +17,7 @@ def faded_frames(frame: bytes, model: ArrayModel, step_count: int) -> list[bytes
         return [off] * step_count
     delays, levels = layout.bytes_of(model.frame_bytes, model.transducer_count)
     pairs = list(zip(delays, levels or (), strict=True))
-    steps = []
+    steps: list[bytes] = []
     for number in range(1, step_count):
         faded = bytearray(frame)
         for delay_at, level_at in pairs:

@@ -14,11 +14,14 @@ from .content import Content
 from .fading import faded_frames
 from .ring import Slice
 
-LATE, FADED = 2, 3
-"""Why a frame was not played: it came too late, while the array held the one before; the writer faded or was silent."""
+LATE, HELD, FADED = 1, 2, 3
+"""Why a frame was not played: it came too late, or its array is behind; nothing came, and the array held the one
+before; nothing came for longer, and the writer faded or was silent."""
 
 _SLICES_A_STEP: Final = 2
 _FADE_STEPS: Final = 16
+_UNKNOWN_NS: Final = 1_000_000_000  # after which a frame that no board has played is given up
+_BEHIND_NS: Final = 2_000_000  # of frames under way beyond the lead: the array's clock is slower than the host's
 _OFF_NS: Final = 1_000_000  # [ns] of off frames at a time, while nothing comes
 _IDLE_NS: Final = 200_000  # between looks at an array that is dry and holds
 _KEEP_ALIVE_NS: Final = 200_000_000  # a pat16 forgets in 0.8 s
@@ -46,7 +49,7 @@ class Tally:
     frames: int = 0
     """Frames of content that arrays took."""
     late: int = 0
-    """Frames left out because they came too late, while the array held the one before."""
+    """Frames left out because they came too late, or not at all, while the array held the one before."""
     faded: int = 0
     """Frames in whose place the writer faded or was silent."""
     stalls: int = 0
@@ -92,7 +95,9 @@ class PacedWriter:
         self._began_ns, self._emitted, self._skipped = began_ns, emitted, skipped
         self._off = [link.off_bytes[: link.array.frame_bytes] for link in links]
         self._content: Content | None = None
-        self._start_ns = self._head = self._end = 0
+        self._start_ns: int = 0
+        self._head: int = 0
+        self._end: int = 0  # behind the last frame of content
         self._written = 0  # frames that the first link took since it was started
         self._last = list(self._off)  # frame that each array plays when nothing new comes
         self._fading: list[list[bytes]] = []
@@ -127,7 +132,10 @@ class PacedWriter:
             number, stamp_ns, frame, due_ns = self._marks[0]
             began_ns = due_ns if self._began_ns is None else self._began_ns(frame)
             if began_ns is None:
-                return
+                if self._clock.now_ns() - due_ns < _UNKNOWN_NS:
+                    return
+                self._marks.popleft()  # a board that plays nothing, or has forgotten when
+                continue
             self._marks.popleft()
             self._emitted(number, stamp_ns, began_ns)
 
@@ -168,11 +176,11 @@ class PacedWriter:
     def _write(self, piece: Slice) -> None:
         """Write a slice, but for what is late; hold the last frame until its time if it comes early."""
         now_ns = self._clock.now_ns()
-        self._pass_by(self._due(now_ns), now_ns)
+        self._pass_by(self._due(now_ns), now_ns, LATE)
         skip = self._head - piece.first
         if piece.pose_number is not None:
             self._pose = piece.pose_number, piece.stamp_ns
-        if skip >= piece.count:
+        if skip >= piece.frame_count:
             return
         if skip < 0:
             self._repeat(self._last, -skip)
@@ -181,10 +189,13 @@ class PacedWriter:
         if self._pose is not None:
             self._marks.append((*self._pose, self._written, self._start_ns + self._head * self._period_ns))
             self._pose = None
-        count = piece.count - skip
+        count = piece.frame_count - skip
+        if (behind := min(self._behind(), count - 1)) > 0:
+            self._skip(behind, LATE)
+            skip, count = skip + behind, count - behind
         for place, link in enumerate(self._links):
             size = link.array.frame_bytes
-            dose = piece.doses[place] if piece.blocks else _SILENCE._replace(frames=piece.count)
+            dose = piece.doses[place] if piece.blocks else _SILENCE._replace(frames=piece.frame_count)
             self.guards[place].admit(dose, self._start_ns + piece.first * self._period_ns, self._period_ns)
             if piece.blocks is None:
                 data = array("B", self._off[place] * count)
@@ -198,7 +209,16 @@ class PacedWriter:
         self._end = self._head
         self.tally.frames += count
 
-    def _pass_by(self, due: int, now_ns: int) -> None:
+    def _behind(self) -> int:
+        """Frames that wait on their way to an array beyond the lead: to be left out, or they would add up to a lag."""
+        most = 0
+        for link in self._links:
+            waiting = link.bytes_under_way // link.array.frame_bytes
+            room = self._lead_ns // self._period_ns - link.array.fifo_frames
+            most = max(most, waiting - max(room, 0) - _BEHIND_NS // self._period_ns)
+        return most
+
+    def _pass_by(self, due: int, now_ns: int, why: int) -> None:
         """The arrays are dry: what was due in the meantime is not played any more."""
         if due <= self._head:
             return
@@ -206,9 +226,15 @@ class PacedWriter:
             for guard in self.guards:
                 guard.hold(now_ns)
         if self.tally.frames:
-            self.tally.late += due - self._head
-            self._skipped(self._head, due - self._head, LATE)
-        self._head = due
+            self._skip(due - self._head, why)
+        else:
+            self._head = due
+
+    def _skip(self, count: int, why: int) -> None:
+        """Leave so many frames out."""
+        self.tally.late += count
+        self._skipped(self._head, count, why)
+        self._head += count
 
     def _fill(self, now_ns: int) -> None:
         """Where nothing has come for the hold: fade, then off frames, as far ahead as little as it takes."""
@@ -216,7 +242,7 @@ class PacedWriter:
         stalled_ns = now_ns - (self._start_ns + self._end * self._period_ns)
         if stalled_ns < self._hold_ns or dry_ns - now_ns > _EARLY_NS:
             return
-        self._pass_by(self._due(now_ns), now_ns)
+        self._pass_by(self._due(now_ns), now_ns, HELD)
         count = max(1, _OFF_NS // self._period_ns)
         if not self._is_stalled:
             self._is_stalled = True

@@ -21,7 +21,7 @@ class Slice(NamedTuple):
 
     first: int
     """Number of the first one's sample."""
-    count: int
+    frame_count: int
     pose_number: int | None
     """The pose that the first of them is the first of; None: they go on with the pose before."""
     stamp_ns: int
@@ -42,7 +42,7 @@ class FrameRing:
     >>> ring = FrameRing((4,), frame_count=2)
     >>> ring.put(0, 2, [bytes(8)], [])
     True
-    >>> ring.take().count, ring.take()
+    >>> ring.take().frame_count, ring.take()
     (2, None)
     """
 
@@ -102,12 +102,13 @@ class FrameRing:
         at = self._slot(taken)
         first, count, number, stamp_ns = _HEADER.unpack_from(self._map, at)
         is_silent, count = count < 0, abs(count)
-        doses = []
+        doses: list[Dose] = []
         for place in range(len(self.frame_bytes)):
             first_on, last_on, total, last = _DOSE.unpack_from(self._map, at + self._dose_at + place * _DOSE.size)
             on = (None, None) if first_on < 0 else (first_on, last_on)
             doses.append(Dose(count, *on, total, last))
-        blocks, start = [], at + self._data_at
+        blocks: list[memoryview] = []
+        start = at + self._data_at
         for size in () if is_silent else self.frame_bytes:
             blocks.append(self._memory[start : start + count * size])
             start += count * size

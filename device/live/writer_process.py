@@ -34,6 +34,7 @@ import signal
 import socket
 import sys
 import time
+from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
@@ -59,6 +60,7 @@ _STATE_PERIOD: Final = 0.25  # [s]
 _RECORDED_FRAMES: Final = 4096  # by a model of a board: 0.1 s at 40 kHz
 _READY_NS: Final = 200_000  # from an order to play to the first frame
 _SKIPS_MOST: Final = 256  # of a message
+_LAST_WORD: Final = 2.0  # [s] that the other side has to make room for it
 _NEAR: Final = 0.8  # part of a limit from which on it is warned of
 
 
@@ -107,6 +109,7 @@ class _Process:
         self._stimuli: list[tuple[list[memoryview], list[list[Dose]], int]] = []
         self._poses: list[tuple[int, int, int]] = []
         self._skipped: list[tuple[int, int, int]] = []
+        self._untold: deque[bytes] = deque()
         self._state_at = 0.0
         self._near: set[str] = set()
         self._playing: int | None = None  # number of the stimulus
@@ -152,8 +155,7 @@ class _Process:
             self._links.append(link)
             link.start(self._settings.divider)
             if bus is not None and len(self._links) == 1:
-                board: Any = bus.board()  # pyright: ignore[reportAttributeAccessIssue]  # of every bus that has boards
-                began_ns = _numbered(board)
+                began_ns = _numbered(bus)
         return began_ns
 
     def _begin(self, began_ns: Callable[[int], int | None] | None) -> None:
@@ -268,6 +270,7 @@ class _Process:
                 self._tell(name, rows=news[:_SKIPS_MOST])
                 del news[:_SKIPS_MOST]
         self._tell("state", **asdict(self._writer.tally))
+        self._tell_waiting()
         now_ns = self._links[0].clock.now_ns()
         for guard in self._writer.guards:
             for sentence in guard.near(now_ns, _NEAR):
@@ -307,20 +310,33 @@ class _Process:
             self._tell("off", arrays=outcomes, **asdict(writer.tally))
         else:
             self._tell("off", arrays=outcomes)
+        self._control.settimeout(_LAST_WORD)
+        self._tell_waiting()
 
     def _tell(self, event: str, **values: Any) -> None:
-        """Tell the other side; what it has no room for is lost, and so is what nobody hears any more."""
-        try:
-            self._control.send(json.dumps({"event": event, **values}).encode())
-        except OSError:
-            return
+        """Tell the other side; while it has no room, all waits in order, but for counts, which come again."""
+        if event != "state" or not self._untold:
+            self._untold.append(json.dumps({"event": event, **values}).encode())
+        self._tell_waiting()
+
+    def _tell_waiting(self) -> None:
+        while self._untold:
+            try:
+                self._control.send(self._untold[0])
+            except BlockingIOError:
+                return
+            except OSError:  # nobody hears any more
+                self._untold.clear()
+                return
+            self._untold.popleft()
 
 
-def _numbered(board: Any) -> Callable[[int], int | None] | None:
+def _numbered(bus: object) -> Callable[[int], int | None] | None:
     """When a frame of a model began, counted from now on; None for a model that does not tell."""
+    board: Any = getattr(bus, "board", lambda: None)()
     if not hasattr(board, "began_ns"):
         return None
-    first = board.frames_played
+    first: int = board.frames_played
     return lambda number: board.began_ns(first + number)
 
 

@@ -233,14 +233,15 @@ class LiveRenderer:
         if self.stopped_at is not None:
             return now_ns + round(STATE_PERIOD * 1e9)
         if self._newest is not None and self._drawn > self._pose_first:
-            if self._is_slow and self._instant.contours is not None:
-                self._draw_until(now_ns)  # so that the writer has samples while the pose is worked out
+            if self._instant.contours is not None:
+                # what is late is of the pose before; a slow pose is worked out while the writer has samples
+                self._draw_until(now_ns, now_ns + self._lead_ns if self._is_slow else now_ns)
             self._meet(self._newest)
             now_ns = self._clock_ns()
         if self._instant.contours is None:  # the first pose was refused: wait for another
             self._base, self._is_waiting = None, True
             return now_ns + round(STATE_PERIOD * 1e9)
-        self._draw_until(now_ns)
+        self._draw_until(now_ns, now_ns + self._lead_ns)
         return self._start_ns + (self._drawn * self._period_ns) - self._lead_ns + SLICE_NS
 
     def _start(self, now_ns: int) -> bool:
@@ -279,13 +280,12 @@ class LiveRenderer:
             self._log.add_pose(LoggedPose(self._drawn, self._pose_number, message.stamp_ns, pose, message.patch_pose))
         self._pose_number += 1
 
-    def _draw_until(self, now_ns: int) -> None:
-        """Draw what is due before `lead` from now, and hand it over.
+    def _draw_until(self, now_ns: int, until_ns: int) -> None:
+        """Draw what is due before a time [ns], and hand it over.
 
         What is late already is drawn, so that what follows is what it would have been, but not packed.
         """
-        until = self._due(now_ns + self._lead_ns)
-        late = self._due(now_ns)
+        until, late = self._due(until_ns), self._due(now_ns)
         while self._drawn < until:
             is_late = self._drawn < late
             most = round(self._rate) if is_late else self._settings.slice_frames

@@ -4,8 +4,8 @@ import numpy as np
 
 from palpate.render import Palm, closed_contour, exploration
 from palpate.render.intersection.named_inputs import solid_of
+from palpate.render.live.instant import Instant
 from palpate.render.live.recording import LiveSegment
-from palpate.render.playback.live import Instant
 from palpate.render.sampling.strategy import SamplingStrategy
 
 RATE = 10_000.0

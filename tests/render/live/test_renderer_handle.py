@@ -43,7 +43,7 @@ def handle(drive=None, **fields):
         sampling=SamplingStrategy(),
         drive=drive or DriveStrategy(),
     )
-    fields = {"pose_fd": 0, "first_number": 0, "intensity": 1.0, "realtime": False, "is_recorded": True} | fields
+    fields = {"pose_fd": 0, "numbers": range(100), "intensity": 1.0, "realtime": False, "is_recorded": True} | fields
     return RendererHandle([rendering], writer(), **fields)
 
 

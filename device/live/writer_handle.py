@@ -195,7 +195,7 @@ def start_process(module: str, settings: object, *files: Any) -> subprocess.Pope
 
 def error_of(message: dict[str, Any]) -> DeviceError:
     """The error that a `failed` message tells of."""
-    kind = getattr(errors, message["kind"], DeviceError)
+    kind = getattr(errors, message["kind"], None)
     if not (isinstance(kind, type) and issubclass(kind, DeviceError)):
         return DeviceError(f"the process that writes to the array failed: {message['kind']}: {message['text']}")
     return kind(message["text"])

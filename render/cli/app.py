@@ -14,7 +14,6 @@ try:
     from .options.bench import bench
     from .options.command_group import MainGroup
     from .options.completion import (
-        complete_hand,
         complete_motion,
         complete_object,
         complete_sampling,
@@ -55,7 +54,6 @@ MOTION_HELP = (
     "CSV or HDF5 of poses, a recording of a hand (Leap, OpenXR, WebXR, MediaPipe), or the word exploration for a "
     "synthetic one."
 )
-HAND_HELP = "palm: one rectangle; planes: palm and phalanges; skin: palpate's own hand; or a file of a hand's mesh."
 INTERPOLATE_HELP = (
     "Insert poses until every contour point has one of the next pose within this; 0.0007 (speed / rate) leaves no hops."
 )
@@ -100,11 +98,8 @@ def render(
         typer.Option(metavar="METRES", help="Of the grid on the skin, if one is needed; by default a quarter focus."),
     ] = None,
     flush: Annotated[float | None, typer.Option(metavar="METRES", help=FLUSH_HELP)] = None,
-    hand: Annotated[str, typer.Option(metavar="KIND|FILE", help=HAND_HELP, autocompletion=complete_hand)] = "palm",
-    palm: Annotated[
-        tuple[float, float] | None,
-        typer.Option(metavar="WIDTH LENGTH", help="Size of the palm [m], by default 0.085 0.085."),
-    ] = None,
+    hand: objects.HandKind = "palm",
+    palm: objects.PalmSize = None,
     scale: objects.Scale = 1.0,
     up: objects.Up = "z",
     fit: objects.Fit = None,

@@ -7,10 +7,10 @@ import typer
 
 from . import object as objects
 from .array import Array, Baud, Calibration, Emulate, Serial, Uncalibrated, Watchdog
-from .completion import complete_hand, complete_object, complete_sampling, complete_strategy
+from .completion import complete_object, complete_sampling, complete_strategy
 from .output import Json, Overwrite, Quiet, run_job
 from .play import DutyMax, OnTimeMax, Transport
-from .sampling import Amplitude, LevelMax, Slew, Solver, SoundSpeed
+from .sampling import Amplitude, LevelMax, Slew, Solver, SoundSpeed, UpdateRate
 from .trust import AllowCode
 
 SOURCE_HELP = (
@@ -41,17 +41,8 @@ def live(
         ),
     ] = None,
     source: Annotated[str, typer.Option(metavar="SOURCE", help=SOURCE_HELP)] = "exploration",
-    hand: Annotated[
-        str,
-        typer.Option(
-            metavar="HAND",
-            help="palm, planes (moved by the source's joints), skin, or a file.",
-            autocompletion=complete_hand,
-        ),
-    ] = "palm",
-    palm: Annotated[
-        tuple[float, float] | None, typer.Option(metavar="WIDTH LENGTH", help="Size of --hand palm [m].")
-    ] = None,
+    hand: objects.HandKind = "palm",
+    palm: objects.PalmSize = None,
     side: Annotated[
         str | None, typer.Option(metavar="left|right", help="Which hand of the source; by default whichever is seen.")
     ] = None,
@@ -67,9 +58,7 @@ def live(
     calibration: Calibration = None,
     baud: Baud = None,
     emulate: Emulate = False,
-    update_rate: Annotated[
-        float | None, typer.Option(metavar="HZ", help="Focal points a second [Hz]; by default the array's usual rate.")
-    ] = None,
+    update_rate: UpdateRate = None,
     duration: Annotated[
         float | None, typer.Option(metavar="SECONDS", help="End after this time [s]; else key q or Ctrl-C ends it.")
     ] = None,

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from .completion import complete_hand
+
 Three = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]
 Kind = Annotated[str | None, typer.Option(metavar="KIND", help="Of a volume: occupancy, distance, intensity, label.")]
@@ -31,6 +33,12 @@ Rotate = Annotated[Three, typer.Option(metavar="X Y Z", help="Turn about the arr
 At = Annotated[Three | None, typer.Option(metavar="X Y Z", help="Where the middle of the object goes [m].")]
 Bounds = Annotated[
     Six | None, typer.Option(metavar="X Y Z X Y Z", help="Of a function: lowest and highest coordinates [m].")
+]
+HAND_HELP = "palm: one rectangle; planes: palm and phalanges; skin: palpate's own hand; or a file of a hand's mesh."
+HandKind = Annotated[str, typer.Option(metavar="KIND|FILE", help=HAND_HELP, autocompletion=complete_hand)]
+PalmSize = Annotated[
+    tuple[float, float] | None,
+    typer.Option(metavar="WIDTH LENGTH", help="Size of the palm [m], by default 0.085 0.085."),
 ]
 Alignment = Annotated[
     Path | None,

@@ -23,7 +23,7 @@ MISTAKES = {
     "render json:nosuch m.csv -o new.h5 --allow-code --bounds 0 0 0 1 1 1": "has no 'nosuch'",
     "render nosuch:f m.csv -o new.h5 --allow-code --bounds 0 0 0 1 1 1": "there is no module 'nosuch'",
     "render cube m.csv -o new.h5 --simplify 1": "1 mm are 0.001",
-    "render cube m.csv -o new.h5 --sampling stm": "No such option: --sampling, which is of play, prepare, export",
+    "render cube m.csv -o new.h5 --sampling stm": "No such option: --sampling, which is of play, live, prepare, export",
     "render cube m.csv -o new.h5 --strategy stm": "is for sample and play",
     "sampling cc": "is the strategy that render takes",
     "play cube.h5 --array pat16 --calibration nosuch.pat": "nosuch.pat: cannot be read",

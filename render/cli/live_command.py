@@ -42,7 +42,8 @@ LINE_PERIOD = 0.25  # [s]
 INTENSITY_STEP = 0.1
 KEYS = "keys: o object, s strategy, m sampling, + - intensity, space none, q end"
 SHOWN = (
-    "seconds", "latency_p50", "latency_p99", "latency_longest", "age_p50", "age_p99", "poses", "superseded", "refused",
+    "seconds", "latency_p50", "latency_p99", "latency_longest", "age_p50", "age_p99", "poses", "superseded",
+    "poses_refused",
     "skipped", "frames", "dropped", "dropped_seconds", "stalls", "emission", "realtime", "pose_seconds", "faults",
     "off_confirmed", "files",
 )  # fmt: skip
@@ -115,6 +116,7 @@ def run_live(options: dict[str, Any], *, as_json: bool) -> int:
             ended_by = str(interruption)
     statistics = run.statistics()
     values = statistics.as_dict()
+    values["poses_refused"] = values.pop("refused")  # "refused" are focal points, in other tables
     for name in ("latency", "latency_recent", "age"):
         times = values.pop(name)
         values |= {f"{name}_{which}": times[which] for which in ("p50", "p99", "longest")}
@@ -243,8 +245,8 @@ def _line(run: Live) -> str:
         return "waiting for a hand"
     recent = own.latency_recent
     return (
-        f"{run.described()}: {recent.p50 * 1e3:.1f} ms from hand to array (99 %: {recent.p99 * 1e3:.1f}), "
-        f"{own.dropped} of {own.frames} frames dropped, intensity {run.intensity:g}"
+        f"{run.described()}, intensity {run.intensity:g}: {recent.p50 * 1e3:.1f} ms from hand to array "
+        f"(99 %: {recent.p99 * 1e3:.1f}), {own.dropped} of {own.frames} frames dropped"
     )
 
 

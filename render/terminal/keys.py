@@ -22,10 +22,14 @@ def pressed_keys() -> Iterator[Callable[[], str]]:
     try:
         yield lambda: _read(descriptor)
     finally:
-        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+        with contextlib.suppress(termios.error):  # the terminal is gone
+            termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
 
 
 def _read(descriptor: int) -> str:
     if not select.select([descriptor], [], [], 0)[0]:
         return ""
-    return os.read(descriptor, 64).decode(errors="replace")
+    try:
+        return os.read(descriptor, 64).decode(errors="replace")
+    except OSError:  # the terminal is gone
+        return ""

@@ -20,6 +20,10 @@ UNITS = {
     "duration": "s",
     "elapsed": "s",
     "seconds": "s",
+    **dict.fromkeys(
+        [f"{name}_{which}" for name in ("latency", "latency_recent", "age") for which in ("p50", "p99", "longest")], "s"
+    ),
+    "pose_seconds": "s",
     "render_seconds": "s",
     "starved": "s",
     "silenced": "s",

@@ -53,7 +53,9 @@ def require_number(name: str, value: object, low: float, high: float, *, unit: s
 def unit_hint(value: float, low: float, high: float, unit: str) -> str:
     """The number in the SI unit, as part of a sentence, if it is in bounds when taken as one in a usual other unit."""
     other, factor, what = OTHER_UNITS.get(unit.split(" ")[0], ("", 0.0, ""))
-    if not other or abs(value) > 1e12 or value < 0 <= low:  # of no unit; an int may be too large for a float
+    if not other:
+        return ""
+    if abs(value) > 1e12 or value < 0 <= low:  # of no unit; an int may be too large for a float
         return ""
     is_wrong = abs(value) >= max(high, 1.0) if factor < 1.0 else value < low
     if not is_wrong or not low <= abs(value) * factor <= high:

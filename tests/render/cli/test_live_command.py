@@ -160,7 +160,7 @@ def test_a_signal_ends_the_run_and_the_report_follows():
 
 
 @pytest.mark.exhaustive
-def test_keys_of_a_terminal_change_what_runs(tmp_path):
+def test_keys_of_a_terminal_change_what_runs(tmp_path, request):
     """Keys o, s, m, +, -, space and q, typed into a pseudoterminal."""
     record = tmp_path / "run.h5"
     words = ["cube", "tube", "--strategy", "cc", "--strategy", "oc", "--sampling", "stm", "--sampling", "pendulum"]
@@ -173,6 +173,7 @@ def test_keys_of_a_terminal_change_what_runs(tmp_path):
         stderr=terminal,
         text=True,
     )
+    request.addfinalizer(process.kill)  # if a key did not do what it should
     os.close(terminal)
     shown = []
 

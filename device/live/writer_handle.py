@@ -69,6 +69,7 @@ class WriterHandle:
         self.wake_fd = os.eventfd(0, os.EFD_NONBLOCK)
         self.pace = pace or WriterPace()
         self._own, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._own.settimeout(OFF_TIMEOUT)  # a process that hangs and reads nothing must not keep `close` from its end
         self._lock = threading.Lock()
         self._settings = WriterSettings(
             arrays=self.arrays,

@@ -124,6 +124,7 @@ class _Process:
                 self._loop()
             except BaseException as error:  # whatever it is, the arrays are switched off, and the other side is told
                 self._tell("failed", kind=type(error).__name__, text=str(error) or type(error).__name__)
+            signal.signal(signal.SIGTERM, signal.SIG_IGN)  # a second one would leave arrays on
             self._switch_off()
 
     def _open(self, stack: ExitStack) -> Callable[[int], int | None] | None:
@@ -286,12 +287,12 @@ class _Process:
             try:
                 link.cancel()
                 link.clear()
-            except DeviceError:
+            except Exception:  # whatever one array does, the others are switched off, too
                 pass  # what follows switches it off, or says that it may be on
             try:
                 outcome["off_sent"] = is_switched_off(link)
                 outcome["off_confirmed"] = wait_silent(link, self._settings.divider) if outcome["off_sent"] else False
-            except DeviceError as error:
+            except Exception as error:
                 outcome |= {"off_sent": False, "off_confirmed": False, "text": str(error)}
             outcomes.append(outcome)
         if hasattr(self, "_writer"):

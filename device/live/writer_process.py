@@ -225,6 +225,8 @@ class _Process:
             mapped = memoryview(mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ))
         with open(f"{path}.doses", "rb") as file:
             doses = [[Dose(*row) for row in own] for own in json.load(file)]
+        for name in (path, f"{path}.doses"):  # so that nothing is left where the other side is killed
+            os.unlink(name)
         frames: list[memoryview] = []
         start = 0
         for size in counts:

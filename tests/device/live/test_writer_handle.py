@@ -4,6 +4,8 @@ import os
 import signal
 import time
 
+import pytest
+
 from palpate.device import array_model
 from palpate.device.live import writer_handle
 from palpate.device.live.writer_handle import WriterHandle
@@ -11,6 +13,7 @@ from palpate.device.live.writer_process import ArrayRequest
 from palpate.device.registry import kind_of
 
 
+@pytest.mark.exhaustive
 def test_a_process_that_hangs_and_reads_no_orders_is_ended(monkeypatch):
     monkeypatch.setattr(writer_handle, "OFF_TIMEOUT", 0.1)
     model = array_model("emulator")

@@ -64,6 +64,7 @@ def is_alive(pid):
     return True
 
 
+@pytest.mark.exhaustive
 def test_a_stimulus_begins_at_once_and_the_array_is_off_at_the_end():
     with WriterHandle([request()], update_rate=RATE, realtime=False) as handle:
         assert handle.ready["emission"] == "board"
@@ -132,6 +133,7 @@ def test_a_writer_whose_parent_is_killed_ends():
         assert not is_alive(writer)
 
 
+@pytest.mark.exhaustive
 def test_an_array_that_is_not_there_raises_what_opening_it_raises():
     with pytest.raises((DeviceNotFoundError, NoBackendError)):
         WriterHandle([request("pat16", emulated=False, uncalibrated=True)], update_rate=RATE)

@@ -193,6 +193,10 @@ def test_keys_of_a_terminal_change_what_runs(tmp_path, request):
             time.sleep(0.05)
         assert text in b"".join(shown), b"".join(shown)[-2000:]
 
+    def processes():
+        found = Path(f"/proc/{process.pid}/task").glob("*/children")
+        return {child for path in found for child in path.read_text().split()}
+
     wait_for(b"cube on")
     os.write(master, b"--")
     wait_for(b"intensity 0.8")
@@ -202,10 +206,13 @@ def test_keys_of_a_terminal_change_what_runs(tmp_path, request):
     wait_for(b"intensity 0.9")
     os.write(master, b"o")
     wait_for(b"tube on")
+    time.sleep(1.0)  # the process that drew the cube ends
     for key in (b"s", b"m"):
-        time.sleep(0.3)
+        before, end = processes(), time.monotonic() + 60
         os.write(master, key)
-        time.sleep(6.0)
+        while time.monotonic() < end and (len(processes()) != 3 or processes() == before):
+            time.sleep(0.1)  # one that draws takes over from the other
+        time.sleep(0.5)
     os.write(master, b"q")
     output = process.communicate(timeout=30)[0]
     os.close(master)

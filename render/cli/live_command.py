@@ -129,7 +129,7 @@ def run_live(options: dict[str, Any], *, as_json: bool) -> int:
     console.show_values(values, as_json=as_json, title="live", shown_names=SHOWN, unknown=("off_confirmed",))
     console.conclude(_meaning(statistics), as_json=as_json)
     if ended_by in (None, "", "SIGINT"):
-        return console.DONE
+        return console.FAILED if statistics.faults and not statistics.poses else console.DONE
     return 128 + signal.Signals[ended_by]
 
 
@@ -137,6 +137,9 @@ def _finish(solid: Solid, record: Path | None, *, overwrite: bool, as_json: bool
     """Make the file of a run that was killed, of the object that it rendered first."""
     if record is None:
         raise StrategyError("--finish needs --record, the file of the run that was killed")
+    if not spool_folder(record).exists():
+        whole = "is there, so its run was not killed" if record.exists() else "is not there, nor is what a run left"
+        raise StrategyError(f"{record} {whole}: there is nothing to finish")
     made = finish_spool(spool_folder(record), record, solid=solid, overwrite=overwrite)
     console.show_values({"files": [] if made is None else [str(made)]}, as_json=as_json, title="live")
     console.conclude("nothing had been drawn." if made is None else f"{made} has what was drawn.", as_json=as_json)
@@ -252,10 +255,11 @@ def _line(run: Live) -> str:
 
 def _meaning(own: RunStatistics) -> str:
     if not own.poses:
-        return "no pose came, so the array was silent."
+        return "no pose could be drawn, so the array was silent."
+    met = "" if own.frames_on else " The hand never met the object, so the array was silent."
     where = "a model of the board says" if own.emission == "board" else "the writer estimates"
     return (
         f"{counted(own.poses, 'pose')} in {own.seconds:.3g} s; from the time stamp of a pose to its first focal point "
         f"{own.latency.p50 * 1e3:.1f} ms, for 99 % at most {own.latency.p99 * 1e3:.1f} ms, as {where}; "
-        f"{counted(own.dropped, 'frame')} dropped, in {counted(own.dropped_seconds, 'second')}."
+        f"{counted(own.dropped, 'frame')} dropped, in {counted(own.dropped_seconds, 'second')}.{met}"
     )

@@ -1,5 +1,6 @@
 """What a live run is judged by: time from a hand's place to the first focal point, frames dropped, ages of poses."""
 
+import re
 import threading
 from array import array
 from collections import Counter
@@ -7,6 +8,9 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
+
+AGAIN = re.compile(r" \(([\d,]+) times since it was reported last\)$")
+FAULTS_MOST = 100  # that are told apart
 
 
 @dataclass(frozen=True)
@@ -71,6 +75,8 @@ class RunStatistics:
     """Whether writer and renderer have real-time scheduling."""
     pose_seconds: float
     """What a pose takes from its arrival to its frames, the middle of those tried at the start [s]."""
+    frames_on: int = 0
+    """Frames in which something is drawn: the hand met the object."""
     faults: dict[str, int] = field(default_factory=dict)
     """What went wrong, and how often."""
 
@@ -137,10 +143,13 @@ class LiveCounts:
             dict.update(self._counts, counts)  # a Counter's own `update` would add
 
     def add_fault(self, text: str) -> None:
-        """Something that went wrong."""
+        """Something that went wrong; a source reports one again with how often it was since."""
+        again = AGAIN.search(text)
+        count = int(again[1].replace(",", "")) if again else 1
+        text = text[: again.start()] if again else text
         with self._lock:
-            if text in self._faults or len(self._faults) < 100:
-                self._faults[text] += 1
+            if text in self._faults or len(self._faults) < FAULTS_MOST:
+                self._faults[text] += count
 
     def latencies(self) -> np.ndarray:
         """From the time stamp of each pose to its first focal point [s], in their order."""
@@ -166,6 +175,7 @@ class LiveCounts:
                 stalls=counts["stalls"],
                 emission=self._emission,
                 realtime=self.realtime,
+                frames_on=counts["frames_on"],
                 pose_seconds=self.pose_seconds,
                 faults=dict(self._faults),
             )

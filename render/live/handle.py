@@ -198,7 +198,7 @@ class Live:
     def described(self) -> str:
         """What is rendered now, in a few words."""
         own = self._run.rendering
-        return f"{own.solid.name} on {own.hand!r}"
+        return own.solid.name
 
     @property
     def outcome(self) -> dict[str, Any]:

@@ -114,7 +114,7 @@ class LiveRenderer:
         self, settings: RendererSettings, ring: FrameRing, log: DrawnLog | None, *, clock_ns: Any = time.monotonic_ns
     ) -> None:
         self.counts = {
-            "drawn": 0, "superseded": 0, "refused": 0, "skipped": 0, "slices_lost": 0, "records_lost": 0
+            "drawn": 0, "superseded": 0, "refused": 0, "skipped": 0, "slices_lost": 0, "frames_on": 0, "records_lost": 0
         }  # fmt: skip
         self.faults: list[str] = []
         self._settings, self._ring, self._log, self._clock_ns = settings, ring, log, clock_ns
@@ -320,6 +320,7 @@ class LiveRenderer:
                 self._driver.reset()  # no frame comes from what was before the silence
             blocks, doses = self._packed(focus)
         self._was_silent = blocks is None
+        self.counts["frames_on"] += 0 if blocks is None else len(focus.intensity)
         number, stamp_ns = self._begun
         is_put = self._ring.put(
             first + (self._base or 0), len(focus.intensity), blocks, doses, pose_number=number, stamp_ns=stamp_ns

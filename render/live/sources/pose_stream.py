@@ -89,7 +89,8 @@ class PoseStream:
         if isinstance(seen, SeenHand):
             hands: Sequence[SeenHand] = (seen,)
             if self._selection.ignores(seen):
-                return []
+                is_alone = not self._selection.followed and seen.side is not None
+                return self._reports(self._other_side(seen.side), arrival_ns) if is_alone else []
         else:
             hands = seen
         if not hands:
@@ -105,8 +106,7 @@ class PoseStream:
         hand = self._selection.chosen(hands, time)
         others = [other.side for other in hands if hand.is_lost and not other.is_lost]
         if others:
-            only = f"side: only a {others[0]} hand is seen, and a {self._side} one is asked for"
-            messages += self._reports(SourceFault("other side", only), arrival_ns)
+            messages += self._reports(self._other_side(others[0]), arrival_ns)
         try:
             return [*messages, self._message(hand, mapped.stamp_ns)]
         except Implausible as error:
@@ -134,6 +134,9 @@ class PoseStream:
             pose = self._shaper.shaped(stamp_ns * 1e-9, pose)
         self._is_lost = False
         return self._counted(PoseMessage(stamp_ns, hand.time, pose, patch_pose))
+
+    def _other_side(self, side: str | None) -> SourceFault:
+        return SourceFault("other side", f"side: only a {side} hand is seen, and a {self._side} one is asked for")
 
     def _restart(self) -> None:
         self._poses.restart()

@@ -43,6 +43,9 @@ _JOINT_VALUES = 8
 _ADDRESS = re.compile(r"(?:(?P<host>.*):)?(?P<port>[0-9]+)")
 
 
+KNOWN_ENTRIES = frozenset({"time", "side", "id", "palm", "joints", "radius", "hands"})
+
+
 class DatagramError(ValueError):
     """A datagram that cannot be read."""
 
@@ -182,6 +185,8 @@ def _json_hand(hand: Any, at: float) -> SeenHand:
     if isinstance(hand_id, bool) or not isinstance(hand_id, str | int):
         raise DatagramError(f"id: must be a text or a whole number, not {hand_id!r:.60}")
     palm, joints, radius = (hand.get(name) for name in ("palm", "joints", "radius"))
+    if palm is None and joints is None and (unknown := sorted(set(hand) - KNOWN_ENTRIES)):
+        raise DatagramError(f"palm: neither it nor joints is there, but {unknown[0]!r:.60}, which means nothing here")
     return SeenHand(
         at,
         side,

@@ -197,7 +197,7 @@ def test_keys_of_a_terminal_change_what_runs(tmp_path, request):
         found = Path(f"/proc/{process.pid}/task").glob("*/children")
         return {child for path in found for child in path.read_text().split()}
 
-    wait_for(b"cube on")
+    wait_for(b"cube, ")
     os.write(master, b"--")
     wait_for(b"intensity 0.8")
     os.write(master, b" ")
@@ -205,7 +205,7 @@ def test_keys_of_a_terminal_change_what_runs(tmp_path, request):
     os.write(master, b" +")
     wait_for(b"intensity 0.9")
     os.write(master, b"o")
-    wait_for(b"tube on")
+    wait_for(b"tube, ")
     time.sleep(1.0)  # the process that drew the cube ends
     for key in (b"s", b"m"):
         before, end = processes(), time.monotonic() + 60

@@ -78,3 +78,10 @@ def test_of_many_poses_the_last_ones_count(monkeypatch):
     counts.add_poses([[k, 0, k * MS] for k in range(25)])
     assert counts.statistics().latency.longest == pytest.approx(0.024)
     assert 10 <= counts.statistics().poses <= 20
+
+
+def test_a_fault_that_is_reported_again_counts_as_often_as_it_came():
+    counts = LiveCounts(period=1e-4, emission="board")
+    counts.add_fault("the palm is too far")
+    counts.add_fault("the palm is too far (1,861 times since it was reported last)")
+    assert counts.statistics().faults == {"the palm is too far": 1862}

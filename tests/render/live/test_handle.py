@@ -13,7 +13,7 @@ import pytest
 from palpate.device.errors import DeviceError, SafetyLimitError
 from palpate.device.playing.limits import Limits
 from palpate.render import Connection, Live, LiveRecording, SamplingStrategy
-from palpate.render.errors import StrategyError
+from palpate.render.errors import RenderError, StrategyError
 from palpate.render.live import handle
 from palpate.render.live.handle import sampling_at
 
@@ -136,7 +136,7 @@ def test_a_process_that_is_killed_ends_the_run_with_an_error(who, nothing_left):
             os.kill(victim.process_id, signal.SIGKILL)
             live.wait(3.0)
 
-    with pytest.raises(StrategyError if who == "renderer" else DeviceError, match=sentence):
+    with pytest.raises(RenderError if who == "renderer" else DeviceError, match=sentence):
         run()
     assert not live.is_running
     if who == "renderer":

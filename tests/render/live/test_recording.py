@@ -152,7 +152,7 @@ def test_commands_take_the_recording_as_any_contour_file(tmp_path):
     segment.mark[:3] = DROPPED
     path, count = save_segment(tmp_path / "run.h5", segment), len(segment.intensity)
     info = run("info", path).output
-    assert f"latency p50 7.0 ms, p99 7.0 ms, 3 of {count} samples dropped" in " ".join(info.split())
+    assert f"latency p50 7.0 ms, p99 7.0 ms, 3 of {count} samples were not played as drawn" in " ".join(info.split())
     assert answer("info", path)["live"]["dropped"] == 3
     assert answer("check", path)["whole"]
     assert answer("play", path, "--clock", "virtual")["frames"] == count

@@ -218,3 +218,10 @@ def test_a_source_that_ends_leaves_no_hand():
     message = stream.lost(5 * SECOND)
     assert message.is_lost
     assert message.source_time == pytest.approx(500.0 + 8 / 90)
+
+
+def test_a_hand_of_the_other_side_alone_is_named():
+    stream = PoseStream("monotonic", side="right")
+    seen = SeenHand(1.0, "left", "1", np.array([0, 0, 0.2, 0.5**0.5, 0, 0, 0.5**0.5]))
+    (message,) = stream.taken(seen, 1_000_000_000)
+    assert message.fault == "side: only a left hand is seen, and a right one is asked for"

@@ -199,3 +199,9 @@ def test_an_address_that_is_taken_is_named(listening):
     source, _ = listening
     with pytest.raises(OSError, match=f"cannot listen at 127.0.0.1:{source.port}: Address already in use"):
         UdpSource(port=source.port).__enter__()
+
+
+def test_a_hand_of_entries_that_mean_nothing_is_no_lost_hand():
+    with pytest.raises(DatagramError, match=r"palm: neither it nor joints is there, but 'pose'"):
+        frames_of(b'{"time": 1, "pose": [0, 0, 0.2, 0, 0, 0, 1]}')
+    assert frames_of(b'{"time": 1, "id": 7}').is_lost

@@ -194,7 +194,7 @@ def test_joint_frames_of_the_stand_in_are_of_its_side():
 
 
 @needs_data
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", ["grab", "rollAndPitchCropped", "HandSplay-110fps", "test-paddle-rightwards"])
 def test_recorded_hands_frame_by_frame_have_the_palms_of_the_whole_recording(name):
     """Real hands as the tracker gave them: what is missing is derived in each frame alone."""

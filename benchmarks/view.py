@@ -1,12 +1,11 @@
-"""Latency and drawing rate of the live viewer, in a real browser on this machine.
+"""Latency and drawing rate of the viewer, in a real browser on this machine.
 
     python benchmarks/view.py FILE [FILE] [--steps 100] [--pause 0.1]
 
-An arrow key moves the slider, as often as `--steps` says, `--pause` [s] after the answer to the one before. `answer` is
-from the message that the page sends then to the data of the new pose at the page, by the browser's own clock (DevTools
-protocol, of the worker that has the connection).
-`drawn` is how many frames a second the page draws while the file plays, which depends on the machine's graphics: here
-it may be software. `sent` is how many the viewer sends meanwhile.
+The slider is moved to poses all over the file, as often as `--steps` says, `--pause` [s] after the answer to the one
+before. `answer` is from the slider's event to the data of the new pose in the page's hands, by the page's own clock;
+`drawn` is until the picture of it is drawn, which depends on the machine's graphics: here it may be software.
+`drawn_hz` is how many frames a second the page draws while the file plays, `sent_hz` how many poses the viewer sends.
 """
 
 import argparse
@@ -14,7 +13,6 @@ import json
 import sys
 import tempfile
 import threading
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -23,50 +21,32 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "cases" / "pages"))
 from browser import Browser
 
-from palpate.render.view.live.session import view_files
+from palpate.render.view.served.viewing import view_files
 
-DATA_BYTES = 500  # of a message in base64: the numbers of a pose alone are longer
 PLAYED = 3.0  # [s]
-LONGEST = 60.0  # [s], for one answer on a busy machine
-
-
-class WatchedBrowser(Browser):
-    """A browser that notes the messages of the page's WebSocket, which a worker of the page has."""
-
-    def __init__(self, folder: str) -> None:
-        self.messages: list[tuple[bool, float, int]] = []
-        """Whether it was sent by the page, when [s], and how long it was."""
-        self._workers: list[str] = []
-        super().__init__(folder)
-        self.call("Target.setAutoAttach", autoAttach=True, waitForDebuggerOnStart=True, flatten=True)
-
-    def watch_workers(self) -> None:
-        """Listen to the workers that were started since."""
-        page = self._session
-        while self._workers:
-            self._session = self._workers.pop()
-            self.call("Network.enable")
-            self.call("Runtime.runIfWaitingForDebugger")
-            self._session = page
-
-    def wait_data(self) -> tuple[float, float] | None:
-        """When [s] the page sent its first message since `messages` was cleared, and when data came after it."""
-        end = time.monotonic() + LONGEST
-        while time.monotonic() < end:
-            asked = [when for is_sent, when, _ in self.messages if is_sent][:1]
-            came = [when for is_sent, when, size in self.messages if not is_sent and size > DATA_BYTES]
-            if later := [when for when in came if asked and when > asked[0]]:
-                return asked[0], later[0]
-            self.settle(0.01)
-        return None
-
-    def _note(self, method, params) -> None:
-        if method == "Target.attachedToTarget" and params["targetInfo"]["type"] == "worker":
-            self._workers.append(params["sessionId"])
-        elif method in ("Network.webSocketFrameSent", "Network.webSocketFrameReceived"):
-            text = params["response"]["payloadData"]
-            self.messages.append((method.endswith("Sent"), params["timestamp"], len(text)))
-        super()._note(method, params)
+STEPS = """(async () => {
+  const slider = document.getElementById("time"), found = [];
+  const pause = (seconds) => new Promise((done) => setTimeout(done, 1000 * seconds));
+  const frame = () => new Promise((done) => requestAnimationFrame(() => setTimeout(done)));
+  let arrived = () => {};
+  const take = WebSocket.prototype.send;  // the page's socket: its next message is the pose
+  WebSocket.prototype.send = function (text) {
+    this.addEventListener("message", () => arrived(performance.now()), { once: true });
+    return take.call(this, text);
+  };
+  for (let step = 0; step < COUNT; step++) {
+    await pause(PAUSE);
+    const at = new Promise((done) => (arrived = done));
+    const begun = performance.now();
+    slider.value = (step * 24989 + 17) % (Number(slider.max) + 1);
+    slider.dispatchEvent(new Event("input"));
+    const answered = await at;
+    await frame();
+    found.push([answered - begun, performance.now() - begun]);
+  }
+  WebSocket.prototype.send = take;
+  return found;
+})()"""
 
 
 def measure(paths: Sequence[str | Path], steps: int = 100, pause: float = 0.1) -> dict[str, float]:
@@ -81,45 +61,31 @@ def measure(paths: Sequence[str | Path], steps: int = 100, pause: float = 0.1) -
     server.start()
     ready.wait(120)
     try:
-        with tempfile.TemporaryDirectory() as folder, WatchedBrowser(folder) as browser:
-            browser.call("Page.navigate", url=address[0])
-            while not browser.run("document.body?.innerText.includes('of 0..') ?? false"):
-                browser.settle(0.2)
-                browser.watch_workers()
-            browser.settle(5.0)
-            return _answers(browser, steps, pause) | _rates(browser)
+        with tempfile.TemporaryDirectory() as folder, Browser(folder) as browser:
+            browser.open(address[0])
+            browser.wait("document.querySelector('[data-ready]')")
+            browser.settle(3.0)
+            found = browser.run(STEPS.replace("COUNT", str(steps)).replace("PAUSE", str(pause)))
+            answer, drawn = np.percentile(found, [50, 95], axis=0).T
+            names = ("answer_p50_ms", "answer_p95_ms", "drawn_p50_ms", "drawn_p95_ms")
+            figures = dict(zip(names, (*answer.tolist(), *drawn.tolist()), strict=True))
+            return {"answers": len(found), **figures, **_rates(browser)}
     finally:
         stop.set()
         server.join()
 
 
-def _answers(browser: WatchedBrowser, steps: int, pause: float) -> dict[str, float]:
-    browser.run("document.querySelectorAll('[role=slider]')[0].focus()")
-    found = []
-    for _ in range(steps):
-        browser.messages.clear()
-        browser.press("ArrowRight")
-        if (times := browser.wait_data()) is not None:
-            found.append(1e3 * (times[1] - times[0]))
-        browser.settle(pause)
-    if not found:
-        raise SystemExit("no answer was seen: the viewer's page has changed")
-    middle, late = np.percentile(found, [50, 95])
-    return {"answers": len(found), "answer_p50_ms": float(middle), "answer_p95_ms": float(late)}
-
-
-def _rates(browser: WatchedBrowser) -> dict[str, float]:
-    browser.messages.clear()
-    browser.run("[...document.querySelectorAll('button')].find((b) => b.innerText === 'play').click()")
-    browser.wait_data()
-    browser.messages.clear()
+def _rates(browser: Browser) -> dict[str, float]:
+    browser.press("Home")
+    browser.settle(0.5)
+    browser.press(" ")
+    browser.received.clear()
     drawn = browser.run(
         f"new Promise((done) => {{ let count = 0; const end = performance.now() + {1e3 * PLAYED};"
         "const tick = () => { count += 1; performance.now() < end ? requestAnimationFrame(tick) : done(count) };"
         "requestAnimationFrame(tick) })"
     )
-    sent = sum(not is_sent and size > DATA_BYTES for is_sent, _, size in browser.messages)
-    return {"drawn_hz": drawn / PLAYED, "sent_hz": sent / PLAYED}
+    return {"drawn_hz": drawn / PLAYED, "sent_hz": len(browser.received) / PLAYED}
 
 
 if __name__ == "__main__":

@@ -107,8 +107,8 @@ if TYPE_CHECKING:
     from .sweeps.run.engine import InProcess
     from .sweeps.run.parent import run_sweep
     from .sweeps.study import SweepResult, sweep
-    from .view.live.session import view_files
     from .view.page.export import export_page
+    from .view.served.viewing import view_files
 
 
 _ROOMS = {
@@ -189,7 +189,7 @@ _ROOMS = {
     "sweeps.run.parent": "run_sweep",
     "sweeps.report.table": "tidy_columns",
     "sweeps.study": "SweepResult sweep",
-    "view.live.session": "view_files",
+    "view.served.viewing": "view_files",
     "view.page.export": "export_page",
 }
 """What each module has that scripts use: it is imported when that is asked for, as a command needs few of them."""

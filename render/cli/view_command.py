@@ -17,8 +17,8 @@ from ..strategies.intersection_strategy import closed_contour, open_contour
 from ..terminal import bars, console
 from ..terminal.foreign_text import print_message, write_output
 from ..validation import refuse_object
-from ..view.live.session import open_browser, view_files
 from ..view.page.export import LIMIT, export_page
+from ..view.served.viewing import open_browser, view_files
 
 POSES_PREVIEWED = 10_000
 MOTION_SUFFIXES = (".csv", *JOINT_SUFFIXES)

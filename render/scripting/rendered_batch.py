@@ -206,7 +206,7 @@ class RenderedBatch(LikelyMembers, ContourBatch):
 
     def view(self, *, port: int | None = None, array: str = "emulator") -> None:
         """Show the contours in the browser until Ctrl-C; port, array, and errors as for `view_files`."""
-        from ..view.live.session import open_browser, view_files
+        from ..view.served.viewing import open_browser, view_files
 
         view_files([self], port=port, array=array, ready=open_browser)
 

@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ..acoustics.drawn_frames import cycle_along, drives_of
+from ..acoustics.field_metrics import sampling_for
 from ..acoustics.pressure import NEAREST, PressureSum, complex_drives
 from ..acoustics.radiation import AIR_DENSITY, mean_square
 from ..acoustics.sampled_places import SampledPlane, sample_plane
@@ -16,12 +18,14 @@ from ..playback.placed_arrays import PlacedArray
 from ..sampling.metrics import FocalPoints
 from ..sampling.strategy import SamplingStrategy
 from .file_scene import Moment
+from .packing import Packer
 
 FRAMES_MOST = 256
 """Frames of a draw cycle that stand for it: more change a print by less than a viewer shows, and take longer."""
 SPACING = 2e-3  # [m] between points of a print
 PLANE_SIDE = 0.2  # [m] of the plane through the palm
-PLACES = ("off", "skin", "plane")
+PLACES = ("skin", "plane")
+LIFT = 5e-4  # [m] of a print off the palm, towards the array
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,10 +47,13 @@ class PressurePrint:
 
 
 class PressurePrinter:
-    """Computes prints with one array, or several, on the CPU; a print of a palm takes about half a second."""
+    """Computes prints with one array, or several, on the CPU; a print of a palm takes about half a second.
 
-    def __init__(self, arrays: Sequence[PlacedArray], sampling: SamplingStrategy) -> None:
-        self._sampling = sampling
+    sampling: how the focal point draws; None: stm, at a rate that the arrays have.
+    """
+
+    def __init__(self, arrays: Sequence[PlacedArray], sampling: SamplingStrategy | None = None) -> None:
+        sampling = self._sampling = sampling_for(sampling, arrays)
         models = [placed.model for placed in arrays]
         self._driver = Driver(models, update_rate=sampling.update_rate)
         strategy = self._driver.strategy
@@ -74,6 +81,40 @@ class PressurePrinter:
         if clear.any() and len(drive):
             mean[clear], _ = mean_square(self._field, place[clear], drive)
         return mean * PRESSURE_AT_1M**2 / (AIR_DENSITY * SOUND_SPEED**2)
+
+
+def pack_prints(prints: Sequence[PressurePrint], peak: float, packer: Packer) -> dict[str, Any]:
+    """Pack prints of some poses: rectangles with a number 0..255 for each cell, or numbers of a mesh's vertices.
+
+    peak: radiation pressure that 255 means [Pa]; 255 x the share of it is rounded.
+    """
+    scale = 255.0 / max(peak, 1e-12)
+    planes = [plane for each in prints for plane in each.planes]
+    values = [part.reshape(-1) for each in prints for part in each.on_planes]
+    values += [each.on_vertices for each in prints if each.on_vertices is not None]
+    numbers = np.round(scale * np.concatenate([np.zeros(0), *values]))
+    return {
+        "peak": round(peak, 4),
+        "plane_count": packer.numbers(np.array([len(each.planes) for each in prints]), "u2"),
+        "corners": packer.positions(np.concatenate([np.zeros((0, 3)), *map(_corners, planes)])),
+        "shape": packer.numbers(np.array([plane.shape for plane in planes]).reshape(-1, 2), "u2"),
+        "values": packer.numbers(numbers, "u1"),
+        "colours": packer.numbers(_colours(), "u1"),
+    }
+
+
+def _corners(plane: SampledPlane) -> np.ndarray:
+    """Of a rectangle [m], just over the skin, shape [4, 3]: where u and v are least, then along u, v, and back."""
+    u, v = plane.u * plane.extent[0] / 2, plane.v * plane.extent[1] / 2
+    middle = plane.origin - LIFT * np.cross(plane.u, plane.v)
+    return np.stack([middle - u - v, middle + u - v, middle + u + v, middle - u + v])
+
+
+def _colours() -> np.ndarray:
+    """Colours of 0..255, uint8, shape [256, 3]; as in `palpate field`'s pictures."""
+    from matplotlib import colormaps  # 0.2 s that only a print costs
+
+    return (255 * colormaps["inferno"](np.arange(256))[:, :3]).round().astype(np.uint8)
 
 
 def planes_of_patches(patches: np.ndarray, spacing: float = SPACING) -> list[SampledPlane]:

@@ -31,12 +31,6 @@ class Overview:
     """Number of each bin's first pose, int64, shape [bin]."""
     longest: np.ndarray
     """Longest length in each bin [m]; NaN where no pose is rendered yet; float64, shape [bin]."""
-    mean: np.ndarray
-    """Mean length in each bin [m], shape [bin]."""
-
-    def places(self, *, by_time: bool) -> np.ndarray:
-        """Where the bins stand on an axis of times [s], or of numbers of poses."""
-        return self.time if by_time else self.pose.astype(np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +48,6 @@ class PoseWindow:
     tilt: np.ndarray
     """Angle between the palm's skin and the array's face [rad], shape [pose]."""
 
-    def places(self, *, by_time: bool) -> np.ndarray:
-        """Where the poses stand on an axis of times [s], or of their numbers."""
-        return self.time if by_time else np.arange(self.first, self.first + len(self.time), dtype=np.float64)
-
 
 @dataclass(frozen=True, eq=False)
 class Steps:
@@ -73,18 +63,15 @@ def overview_of(scene: FileScene, bins: int = BINS) -> Overview:
     """The whole file in bins, read block by block; a pose that is not rendered is in no bin."""
     count = min(bins, scene.pose_count)
     edge = np.linspace(0, scene.pose_count, count + 1).astype(np.int64)
-    longest, total, poses = np.full(count, np.nan), np.zeros(count), np.zeros(count)
+    longest = np.full(count, np.nan)
     for first, stop in scene.file.done:
         for begin in range(first, stop, BLOCK):
             end = min(begin + BLOCK, stop)
             length = scene.file.metrics(begin, end)["length"].astype(np.float64)
             number = np.searchsorted(edge, np.arange(begin, end), side="right") - 1
             np.fmax.at(longest, number, length)
-            np.add.at(total, number, length)
-            np.add.at(poses, number, 1)
-    mean = np.divide(total, poses, out=np.full(count, np.nan), where=poses > 0)
     time = np.concatenate([scene.times(int(i), int(i) + 1) for i in edge[:-1]])
-    return Overview(time, edge[:-1], longest, mean)
+    return Overview(time, edge[:-1], longest)
 
 
 def longest_pose(scene: FileScene, overview: Overview) -> int:

@@ -26,6 +26,7 @@ class SweepRows:
 
     def __init__(self, store: Path) -> None:
         self.store = store
+        self._made: dict[int, Path] = {}
         file = store / TABLE
         if not file.is_file():
             raise ViewError(f"{store} has no {TABLE}: a sweep that ends writes one")
@@ -82,15 +83,15 @@ class SweepRows:
         allow_code: AllowCode = frozenset(),
         progress: Callable[[int, int], None] | None = None,
     ) -> Path:
-        """The contour file of a row: the one that the sweep kept, or one that is rendered into `folder` now.
+        """The contour file of a row: the one that the sweep kept, or one that is rendered into `folder` once.
 
         progress: called with the poses that are done, and all. Raises what rendering raises, UntrustedCodeError for a
         recipe that names code, and ViewError for more than two million poses.
         """
         recipe = read_recipe(str(self.columns["recipe"][row]))
-        kept = contours_at(self.store, recipe.key("contours"))
-        if kept.is_file():
-            return kept
+        for found in (self._made.get(row), contours_at(self.store, recipe.key("contours"))):
+            if found is not None and found.is_file():
+                return found
         count = pose_count(recipe)
         if count > POSES_MOST:
             raise ViewError(f"row {row} has {count} poses, {POSES_MOST} at most are rendered again to be looked at")
@@ -108,6 +109,7 @@ class SweepRows:
             device=device,
             progress=progress,
         )
+        self._made[row] = path
         return path
 
 

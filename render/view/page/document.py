@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import json
+from collections.abc import Sequence
 from html import escape
 from importlib.resources import files
 from typing import Any
@@ -13,16 +14,24 @@ from ...terminal.foreign_text import visible
 ASSETS = ("page.js", "page.css", "LICENCES.txt")
 
 
-def document(described: dict[str, Any], content: str, title: str) -> str:
+def served_document(sockets: list[str]) -> str:
+    """The page without data, which it asks for over one of these WebSockets."""
+    return document({"served": True}, "", "palpate", sockets)
+
+
+def document(described: dict[str, Any], content: str, title: str, sockets: Sequence[str] = ()) -> str:
     """The page. described: what JSON takes, all foreign text in it. content: base64 of its arrays.
+
+    sockets: addresses of WebSockets that it may open; without any, it connects to nothing.
 
     The browser runs and applies exactly the script and the style whose SHA-256 the page names, and fetches nothing
     (Content-Security-Policy). Names are data: they stand in JSON without `<`, and the script shows them as text.
     """
     script, style, licences = (_asset(name) for name in ASSETS)
+    connected = " ".join(sockets) or "'none'"
     policy = (
         f"default-src 'none'; script-src {_digest(script)}; style-src {_digest(style)}; img-src data:; "
-        "base-uri 'none'; form-action 'none'"
+        f"connect-src {connected}; base-uri 'none'; form-action 'none'"
     )
     # JSON in ASCII in which nothing can end the element that it stands in, or begin a comment.
     json_text = json.dumps(described, separators=(",", ":"), allow_nan=False)

@@ -3,13 +3,11 @@
 import math
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ....datasets.rigid import rotate
 from ....datasets.storage.durable import write_file
 from ....device.array import ArrayModel
 from ...contour_input import takes_batches
@@ -17,22 +15,19 @@ from ...errors import StrategyError, ViewError
 from ...exports.pose_choice import Ends, choose_poses
 from ...output_file import require_output
 from ...playback.placed_arrays import PlacedArray, load_rig
-from ...reports.rendering_labels import labels_of
 from ...sampling.strategy import SamplingStrategy
-from ...terminal.foreign_text import visible
 from ...user_warnings import warn_user
 from ...validation import require_number, require_path, value_text
 from ..file_scene import FileScene
+from ..packing import Packer
 from .document import document
-from .packing import Packer
-from .payload import pack_file
+from .payload import describe_page, file_names, pack_file
 
 LIMIT = 20.0
 """Largest page [MB] unless another limit is given: what a mail takes, and what a phone opens."""
 FILES_MOST = 2
 SAMPLED = 64  # poses of a file that the size of a page of many more is estimated from
 MARGIN = 0.85  # of what an estimate promises to fit
-_SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 
 
 @takes_batches
@@ -140,57 +135,12 @@ def _document(
     sampling: SamplingStrategy | None,
 ) -> str:
     packer = Packer()
-    paths = [scene.path for scene in scenes]
-    short = [path.name for path in paths]
-    if len(set(short)) < len(short):  # alike: with their folders
-        short = [str(path) for path in paths]
-    names = [
-        name if scene.is_sealed else f"{name} (unfinished: {scene.done_count} of {scene.pose_count} poses are rendered)"
-        for name, scene in zip(short, scenes, strict=True)
-    ]
-    packed = [
+    files = [
         pack_file(scene, list(poses), packer, name=name, sampling=sampling)
-        for scene, poses, name in zip(scenes, rows, names, strict=True)
+        for scene, poses, name in zip(scenes, rows, file_names(scenes), strict=True)
     ]
-    for file, label in zip(packed, labels_of([scene.file for scene in scenes]), strict=True):
-        file["label"] = visible(label)
-    head = title or _title(packed)
-    boxes = np.stack([scene.bounds() for scene in scenes])
-    described = {
-        "title": visible(head),
-        "version": version("palpate"),
-        "files": packed,
-        "arrays": [_array(model, packer) for model in models],
-        "bounds": [boxes[:, 0].min(axis=0).round(5).tolist(), boxes[:, 1].max(axis=0).round(5).tolist()],
-    }
-    return document(described, packer.text(), head)
-
-
-def _title(packed: list[dict[str, Any]]) -> str:
-    objects, labels = (" and ".join(dict.fromkeys(file[name] for file in packed)) for name in ("object", "label"))
-    return f"{objects}, {labels}"
-
-
-def _array(model: ArrayModel, packer: Packer) -> dict[str, Any]:
-    """Transducers as discs that nearly touch, the plate under them, and the focal zone's corners, low ones first."""
-    own = model.unplaced or model
-    zone, place = own.focal_zone, own.position.astype(np.float64)
-    apart = np.linalg.norm(place[1:] - place[0], axis=1).min() if len(place) > 1 else 0.01
-    low, high = place.min(axis=0) - apart / 2, place.max(axis=0) + apart / 2
-    plate = [[x, y, 0.0] for x, y in ((low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1]))]
-    box = [[zone.lateral * x, zone.lateral * y, z] for z in (zone.z_min, zone.z_max) for x, y in _SQUARE]
-    return {
-        "name": visible(model.name),
-        "transducers": packer.positions(model.position),
-        "normals": packer.numbers(model.normal, "f4"),
-        "radius": round(0.46 * float(apart), 6),
-        "plate": _placed(plate, model),
-        "zone": _placed(box, model),
-    }
-
-
-def _placed(corners: list[list[float]], model: ArrayModel) -> list[list[float]]:
-    return (model.pose[:3] + rotate(model.pose[3:], np.array(corners))).round(6).tolist()
+    described = describe_page(files, scenes, models, packer, title)
+    return document(described, packer.text(), described["title"])
 
 
 def spread(chosen: range, most: int) -> list[int]:

@@ -1,20 +1,24 @@
 """What a page shows of one contour file: its arrays, packed, and their descriptions."""
 
+from collections.abc import Sequence
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
 from ....datasets.rigid import rotate, unit
+from ....device.array import ArrayModel
 from ...contour_batch import ContourBatch
 from ...errors import StrategyError
-from ...reports.rendering_labels import hand_text, strategy_name_of
+from ...hands.hand_look import HandLooks
+from ...reports.rendering_labels import hand_text, labels_of, strategy_name_of
 from ...sampling.draw_frequency import pose_frequencies
 from ...sampling.presets import PRESETS
 from ...sampling.strategy import SamplingStrategy
 from ...terminal.foreign_text import visible
 from ..file_scene import FileScene, Moment
 from ..focal_path import FocalPath, focal_path
-from .packing import Packer
+from ..packing import Packer
 
 FOCUS_MOST = 512  # samples of the focal point a pose: every 2nd, every 3rd, ... of a pose that has more
 JUMP, HOP = 1, 2
@@ -31,39 +35,154 @@ def pack_file(
     rows: numbers of the poses, increasing. name: the file's, as the page shows it. Raises ContourFileError where the
     file cannot be read, StrategyError where the sampling strategy can draw none of the poses.
     """
-    moments = [scene.moment(row) for row in rows]
-    pose = np.stack([moment.hand_pose for moment in moments])
+    constant = pack_constants(scene, packer, name=name, sampling=sampling)
+    block, refused = pack_poses(scene, rows, packer, sampling)
+    if refused is not None:
+        raise refused
+    return merged(constant, block)
+
+
+def merged(constant: dict[str, Any], block: dict[str, Any]) -> dict[str, Any]:
+    """One description of what is constant in a file and of some of its poses."""
+    parts = {name: constant[name] | block[name] for name in ("solid", "skin")}
+    return constant | block | parts
+
+
+def pack_constants(
+    scene: FileScene, packer: Packer, *, name: str, sampling: SamplingStrategy | None = None
+) -> dict[str, Any]:
+    """Pack what all poses of a file share: names, the object's mesh, and the hand's topology."""
     strategy = sampling or scene.sampling
-    preset = next((name for name, make in PRESETS.items() if make() == strategy), "options of its own")
     return {
         "name": visible(name),
-        "object": visible(scene.object_name),
         "hand": visible(hand_text(scene.file.hand)),
-        "strategy": visible(strategy_name_of(scene.strategy)),
-        "sampling": visible(f"{preset}: {strategy.speed:g} m/s at {strategy.update_rate / 1e3:g} kHz"),
         "pose_count": scene.pose_count,
         "has_time": scene.has_time,
-        "solid": _pack_solid(scene, moments, packer),
-        "skin": _pack_hand(scene, moments, pose, packer),
-        "poses": _pack_poses(scene, moments, pose, strategy, packer),
-        "contours": _pack_contours([moment.contours for moment in moments], packer),
-        "focus": _pack_focus(_paths(scene, moments, strategy), packer),
+        **pack_looks(scene.moment(0), scene.vertices, scene.faces, scene.looks, packer),
+        **names_of(scene.object_name, strategy_name_of(scene.strategy), strategy),
     }
 
 
-def _pack_poses(
-    scene: FileScene, moments: list[Moment], pose: np.ndarray, strategy: SamplingStrategy, packer: Packer
-) -> dict[str, Any]:
-    length = np.array([_length(scene, moment) for moment in moments])
-    frequency = np.concatenate([pose_frequencies(moment.contours, strategy) for moment in moments])
-    time = [moment.index if moment.time is None else moment.time for moment in moments]
+def names_of(solid: str, strategy: str, sampling: SamplingStrategy) -> dict[str, str]:
+    """Names of an object and of both strategies, as the page shows them."""
+    preset = next((name for name, make in PRESETS.items() if make() == sampling), "options of its own")
     return {
-        "index": packer.numbers(np.array([moment.index for moment in moments]), "u4"),
-        "time": packer.numbers(np.array(time, np.float64), "f8"),
-        "hand_pose": packer.numbers(pose, "f4"),
-        "length": packer.numbers(length, "f4"),
-        "draw_frequency": packer.numbers(frequency, "f4"),
-        "tilt": packer.numbers(np.degrees([moment.tilt for moment in moments]), "f4"),
+        "object": visible(solid),
+        "strategy": visible(strategy),
+        "sampling": visible(f"{preset}: {sampling.speed:g} m/s at {sampling.update_rate / 1e3:g} kHz"),
+    }
+
+
+def pack_looks(
+    moment: Moment, vertices: np.ndarray, faces: np.ndarray, looks: HandLooks, packer: Packer
+) -> dict[str, Any]:
+    """Pack the object's mesh [m], and the hand's: its vertices in the hand's frame if its shape never changes."""
+    corners = moment.hand.vertices
+    skin: dict[str, Any] = {
+        "vertex_count": len(corners),
+        "is_rigid": looks.is_rigid,
+        "is_rendered": moment.hand.is_rendered,
+        "faces": packer.indices(looks.faces, len(corners)),
+        "glabrous": packer.numbers(looks.glabrous, "u1"),
+    }
+    if looks.is_rigid:
+        skin["vertices"] = packer.positions(_in_hand(corners, moment.hand_pose))
+    return {"solid": _pack_solid(vertices, faces, packer), "skin": skin}
+
+
+def pack_poses(
+    scene: FileScene, rows: list[int], packer: Packer, sampling: SamplingStrategy | None = None
+) -> tuple[dict[str, Any], StrategyError | None]:
+    """Pack some poses of a file, and say why the focal point cannot draw them where it can draw none of them."""
+    strategy = sampling or scene.sampling
+    moments = [scene.moment(row) for row in rows]
+    paths, refused = _paths(scene, moments, strategy)
+    lengths = np.array([_length(scene, moment) for moment in moments])
+    return pack_moments(moments, lengths, paths, strategy, packer, is_rigid=scene.looks.is_rigid), refused
+
+
+def pack_moments(
+    moments: list[Moment],
+    lengths: np.ndarray,
+    paths: Sequence[FocalPath | None],
+    sampling: SamplingStrategy,
+    packer: Packer,
+    *,
+    is_rigid: bool,
+) -> dict[str, Any]:
+    """Pack poses, their contours and their focal points. lengths: of their contours [m], NaN where not rendered."""
+    frequency = np.concatenate([pose_frequencies(moment.contours, sampling) for moment in moments])
+    time = [moment.index if moment.time is None else moment.time for moment in moments]
+    moved = [moment.object_pose for moment in moments]
+    solid = None
+    if any(pose is not None for pose in moved):
+        solid = packer.numbers(np.stack([pose for pose in moved if pose is not None]), "f4")
+    return {
+        "poses": {
+            "index": packer.numbers(np.array([moment.index for moment in moments]), "u4"),
+            "time": packer.numbers(np.array(time, np.float64), "f8"),
+            "hand_pose": packer.numbers(np.stack([moment.hand_pose for moment in moments]), "f4"),
+            "length": packer.numbers(lengths, "f4"),
+            "draw_frequency": packer.numbers(frequency, "f4"),
+            "tilt": packer.numbers(np.degrees([moment.tilt for moment in moments]), "f4"),
+        },
+        "solid": {"pose": solid},
+        "skin": _pack_skin(moments, packer, is_rigid=is_rigid),
+        "contours": _pack_contours([moment.contours for moment in moments], packer),
+        "focus": _pack_focus(paths, packer),
+    }
+
+
+def file_names(scenes: Sequence[FileScene]) -> list[str]:
+    """Names of files as the page shows them: with their folders where they are alike, and whether one is unfinished."""
+    names = [scene.path.name for scene in scenes]
+    if len(set(names)) < len(names):
+        names = [str(scene.path) for scene in scenes]
+    return [
+        name if scene.is_sealed else f"{name} (unfinished: {scene.done_count} of {scene.pose_count} poses are rendered)"
+        for name, scene in zip(names, scenes, strict=True)
+    ]
+
+
+def describe_page(
+    files: list[dict[str, Any]],
+    scenes: Sequence[FileScene],
+    arrays: Sequence[ArrayModel],
+    packer: Packer,
+    title: str | None = None,
+) -> dict[str, Any]:
+    """What a page shows: packed files, their labels, the arrays under them, and the box around all of it."""
+    for file, label in zip(files, labels_of([scene.file for scene in scenes]), strict=True):
+        file["label"] = visible(label)
+    boxes = np.stack([scene.bounds() for scene in scenes])
+    objects, labels = (" and ".join(dict.fromkeys(file[name] for file in files)) for name in ("object", "label"))
+    return {
+        "title": visible(title or f"{objects}, {labels}"),
+        "version": version("palpate"),
+        "files": files,
+        "arrays": [pack_array(model, packer) for model in arrays],
+        "bounds": [boxes[:, 0].min(axis=0).round(5).tolist(), boxes[:, 1].max(axis=0).round(5).tolist()],
+    }
+
+
+def pack_array(model: ArrayModel, packer: Packer) -> dict[str, Any]:
+    """Transducers as discs that nearly touch, the plate under them, and the focal zone's corners, low ones first."""
+    own = model.unplaced or model
+    zone, place = own.focal_zone, own.position.astype(np.float64)
+    apart = np.linalg.norm(place[1:] - place[0], axis=1).min() if len(place) > 1 else 0.01
+    low, high = place.min(axis=0) - apart / 2, place.max(axis=0) + apart / 2
+    plate = [[x, y, 0.0] for x, y in ((low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1]))]
+    square = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    box = [[zone.lateral * x, zone.lateral * y, z] for z in (zone.z_min, zone.z_max) for x, y in square]
+    plate, box = (rotate(model.pose[3:], np.array(corners)) + model.pose[:3] for corners in (plate, box))
+    return {
+        "name": visible(model.name),
+        "transducers": packer.positions(model.position),
+        "normals": packer.numbers(model.normal, "f4"),
+        "radius": round(0.46 * float(apart), 6),
+        "plate": plate.round(6).tolist(),
+        "zone": box.round(6).tolist(),
+        "zone_text": f"focal zone of {visible(model.name)}: {1e3 * zone.z_min:g} to {1e3 * zone.z_max:g} mm high",
     }
 
 
@@ -74,40 +193,31 @@ def _length(scene: FileScene, moment: Moment) -> float:
     return float(scene.file.metrics(moment.index, moment.index + 1)["length"][0])
 
 
-def _pack_solid(scene: FileScene, moments: list[Moment], packer: Packer) -> dict[str, Any]:
-    vertices, faces, tolerance = simplified_for_display(scene.vertices, scene.faces)
-    described = packer.positions(vertices - scene.middle)
-    packed = {
-        "vertices": described,
-        "step": described["step"],
-        "faces": packer.indices(faces, len(vertices)),
-        "face_count": len(scene.faces),
-        "tolerance": tolerance,
-        "middle": scene.middle.tolist(),
-        "pose": None,
-    }
-    poses = [moment.object_pose for moment in moments]
-    if any(pose is not None for pose in poses):
-        packed["pose"] = packer.numbers(np.stack([pose for pose in poses if pose is not None]), "f4")
-    return packed
-
-
-def _pack_hand(scene: FileScene, moments: list[Moment], pose: np.ndarray, packer: Packer) -> dict[str, Any]:
-    """Planes of skin in the array's frame; the mesh in the hand's, once if its shape stays the same."""
-    looks = scene.looks
-    shown = moments[:1] if looks.is_rigid else moments
-    vertices = np.stack([_in_hand(moment.hand.vertices, moment.hand_pose) for moment in shown])
-    patches = [moment.hand.patches for moment in moments]
+def _pack_solid(vertices: np.ndarray, faces: np.ndarray, packer: Packer) -> dict[str, Any]:
+    middle = (vertices.min(axis=0).astype(np.float64) + vertices.max(axis=0)) / 2
+    shown, shown_faces, tolerance = simplified_for_display(vertices, faces)
+    described = packer.positions(shown - middle)
     return {
-        "vertices": packer.positions(vertices[0] if looks.is_rigid else vertices.reshape(len(vertices), -1)),
-        "vertex_count": vertices.shape[1],
-        "is_rigid": looks.is_rigid,
-        "is_rendered": moments[0].hand.is_rendered,
-        "faces": packer.indices(looks.faces, vertices.shape[1]),
-        "glabrous": packer.numbers(looks.glabrous, "u1"),
+        "vertices": described,
+        "step": described.get("step", 0.0),
+        "faces": packer.indices(shown_faces, len(shown)),
+        "face_count": len(faces),
+        "tolerance": tolerance,
+        "middle": middle.tolist(),
+    }
+
+
+def _pack_skin(moments: list[Moment], packer: Packer, *, is_rigid: bool) -> dict[str, Any]:
+    """Planes of skin in the array's frame; vertices of a mesh that changes its shape in the hand's."""
+    patches = [moment.hand.patches for moment in moments]
+    packed: dict[str, Any] = {
         "patch_count": packer.numbers(np.array([len(each) for each in patches]), "u2"),
         "corners": packer.positions(np.concatenate(patches).reshape(-1, 3)),
     }
+    if not is_rigid:
+        vertices = np.stack([_in_hand(moment.hand.vertices, moment.hand_pose) for moment in moments])
+        packed["vertices"] = packer.positions(vertices.reshape(len(vertices), -1))
+    return packed
 
 
 def _in_hand(vertices: np.ndarray, pose: np.ndarray) -> np.ndarray:
@@ -122,7 +232,7 @@ def _pack_contours(batches: list[ContourBatch], packer: Packer) -> dict[str, Any
         "polyline_count": packer.numbers(np.array([batch.polyline_count for batch in batches]), "u4"),
         "point_count": packer.numbers(counts, "u4"),
         "points": (described := packer.positions(points)),
-        "step": described["step"],
+        "step": described.get("step", 0.0),
         "kind": packer.numbers(np.concatenate([batch.kind for batch in batches]), "u1"),
         "intensity": None,
     }
@@ -132,7 +242,9 @@ def _pack_contours(batches: list[ContourBatch], packer: Packer) -> dict[str, Any
     return packed
 
 
-def _paths(scene: FileScene, moments: list[Moment], strategy: SamplingStrategy) -> list[FocalPath | None]:
+def _paths(
+    scene: FileScene, moments: list[Moment], strategy: SamplingStrategy
+) -> tuple[list[FocalPath | None], StrategyError | None]:
     """Focal points of each pose; None where there are none, or where a pose lasts less than a sample."""
     paths: list[FocalPath | None] = []
     refused: StrategyError | None = None
@@ -142,12 +254,10 @@ def _paths(scene: FileScene, moments: list[Moment], strategy: SamplingStrategy) 
         except StrategyError as error:
             refused = error
             paths.append(None)
-    if refused is not None and all(path is None for path in paths):
-        raise refused
-    return paths
+    return paths, refused if all(path is None for path in paths) else None
 
 
-def _pack_focus(paths: list[FocalPath | None], packer: Packer) -> dict[str, Any]:
+def _pack_focus(paths: Sequence[FocalPath | None], packer: Packer) -> dict[str, Any]:
     """Samples of all poses in one, at most FOCUS_MOST a pose: of more, every second, every third, ..."""
     strides = [0 if path is None else -(-len(path.position) // FOCUS_MOST) for path in paths]
     found = [(path, stride) for path, stride in zip(paths, strides, strict=True) if path is not None and stride]

@@ -63,6 +63,10 @@ class Browser:
         """Errors and warnings of the console, and exceptions that no script caught."""
         self.requested: list[str] = []
         """URLs of every request that the page began, blocked ones and WebSockets included; no data: URL."""
+        self.sent: list[float] = []
+        """When the page sent messages over WebSockets [s], by the browser's clock."""
+        self.received: list[tuple[float, int]] = []
+        """When it received messages, and how many bytes they have in base64."""
         self._rest, self._number, self._session = b"", 0, None
         self._profile = tempfile.mkdtemp(prefix="profile", dir=folder)
         self._start([name, *FLAGS, *flags, f"--user-data-dir={self._profile}", "about:blank"])
@@ -232,6 +236,10 @@ class Browser:
             self.requested.append(params["request"]["url"])
         elif method == "Network.webSocketCreated":
             self.requested.append(params["url"])
+        elif method == "Network.webSocketFrameSent":
+            self.sent.append(params["timestamp"])
+        elif method == "Network.webSocketFrameReceived":
+            self.received.append((params["timestamp"], len(params["response"]["payloadData"])))
         elif method == "Runtime.exceptionThrown":
             self.errors.append(_exception(params["exceptionDetails"]))
         elif method == "Runtime.consoleAPICalled" and params["type"] in ("error", "warning", "assert"):

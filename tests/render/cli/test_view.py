@@ -8,15 +8,12 @@ import threading
 import urllib.request
 
 import pytest
-
-pytest.importorskip("viser")
-
 from typer.testing import CliRunner
 
-from palpate.render import exploration, render  # after the skip
+from palpate.render import exploration, render
 from palpate.render.cli import view_command
 from palpate.render.cli.app import app
-from palpate.render.view.live.session import view_files
+from palpate.render.view.served.viewing import view_files
 
 
 @pytest.fixture(scope="module")
@@ -94,12 +91,3 @@ def test_damaged_files_and_newer_ones_are_refused_before_a_page_is_made(file, tm
         assert result.exit_code == 1
         assert path.name in result.output
     assert "newer" in result.output
-
-
-def test_it_says_what_is_missing_without_viser(file, monkeypatch):
-    monkeypatch.setitem(sys.modules, "viser", None)
-    for name in [name for name in sys.modules if name.startswith("palpate.render.view.live.")]:
-        monkeypatch.delitem(sys.modules, name)
-    result = CliRunner().invoke(app, ["view", "--no-browser", str(file)])
-    assert result.exit_code == 1
-    assert "pip install -e '.[view]'" in result.output

@@ -3,6 +3,7 @@
 import * as colours from "./colours.js";
 import { element } from "./element.js";
 import { LAYERS } from "./file_scene.js";
+import { counted, STEP_WORDS } from "./tooltip.js";
 
 const SPEEDS = [1, 2, 5, 10, 20, 50, 100, 1000]; // times slower than it was
 const SLOWEST = 1000;
@@ -17,13 +18,20 @@ export function heading(page, recordings) {
       element("b", {}, file.object),
       element("span", {}, `strategy ${file.strategy}`),
       element("span", {}, `hand ${file.hand}`),
-      element("span", { class: "quiet" }, `${file.name}, ${posesText(file)}`),
+      element("span", { class: "quiet" }, element("span", { class: "file-name" }, file.name), posesText(file)),
+      ...(page.titles?.[i] ? [element("span", { class: "quiet" }, page.titles[i])] : []),
     ),
   );
-  return element("header", {}, element("h1", {}, page.title), element("ul", { class: "files" }, ...files));
+  const back = location.hash ? [element("a", { href: "#" }, "back to the table")] : [];
+  return element("header", {}, ...back, element("h1", {}, page.title), element("ul", { class: "files" }, ...files));
 }
 
 function posesText(file) {
+  if (!file.isStored) return file.pose_count ? `, ${file.pose_count.toLocaleString("en")} poses` : "";
+  return `, ${storedText(file)}`;
+}
+
+function storedText(file) {
   const index = file.poses.index;
   const [first, last] = [index[0], index[index.length - 1]];
   if (index.length === file.pose_count) return `${file.pose_count} pose${file.pose_count > 1 ? "s" : ""}`;
@@ -34,72 +42,105 @@ function posesText(file) {
 
 // Numbers of the shown pose of each file, over its view.
 export class Readouts {
-  constructor(host, recordings, clock) {
+  constructor(host, recordings) {
     this.recordings = recordings;
-    this.clock = clock;
     this.boxes = recordings.map((file, i) => {
       const lines = { label: element("b", {}, file.label), pose: element("output"), numbers: element("output") };
       const names = recordings.length > 1 ? [lines.label] : [];
       host.append(element("div", { class: `readout view${i} file${i}` }, ...names, lines.pose, lines.numbers));
       return lines;
     });
-    clock.onChange(() => this.show());
   }
 
   show() {
     this.recordings.forEach((file, i) => {
-      const row = file.rowAt(this.clock.time);
+      const { row, steps } = file;
       const { index, length, draw_frequency, tilt, time } = file.poses;
       const when = file.has_time ? ` · ${time[row].toFixed(3)} s` : "";
-      const { jump, hop } = file.steps;
-      this.boxes[i].pose.value = `pose ${index[row]}${file.pose_count > 1 ? ` of 0..${file.pose_count - 1}` : ""}${when}`;
+      this.boxes[i].pose.value = file.words ?? `pose ${index[row]}${file.pose_count > 1 ? ` of 0..${file.pose_count - 1}` : ""}${when}`;
       const frequency = draw_frequency[row] > 0 ? ` · ${draw_frequency[row].toFixed(1)} Hz` : ""; // foci may stand still
       const drawn = length[row] > 0 ? `${(1000 * length[row]).toFixed(1)} mm${frequency}` : "no contour";
-      const steps = `${counted(jump[row], "jump")}${counted(hop[row], "hop")}`;
+      const counts = [counted(steps.jump[row], "jump"), counted(steps.hop[row], "hop")].filter(Boolean);
       this.boxes[i].numbers.value = Number.isNaN(length[row])
         ? "not rendered yet"
-        : `${drawn} · tilt ${tilt[row].toFixed(1)}°${steps}`;
+        : [drawn, `tilt ${tilt[row].toFixed(1)}°`, ...counts].join(" · ");
     });
   }
 }
 
-const counted = (count, name) => (count ? ` · ${count} ${name}${count > 1 ? "s" : ""}` : "");
+// What the colours mean, of all that was shown so far.
+export class Legend {
+  constructor(host, recordings) {
+    this.recordings = recordings;
+    this.host = element("ul", { class: "legend" });
+    host.append(this.host);
+  }
 
-export function legend(recordings) {
-  const rows = colours.KINDS.flatMap((colour, kind) =>
-    recordings.some((file) => file.hasKind(kind)) ? [legendRow("line", colour, colours.KIND_NAMES[kind])] : [],
-  );
-  if (recordings.some((file) => file.contours.intensity)) rows.push(legendRow("fade", null, "paler: weaker"));
-  if (recordings.some((file) => file.focus.position.length)) rows.push(legendRow("dot", colours.FOCUS, "focal point and trail"));
-  if (recordings.some((file) => file.steps.jump.some(Boolean))) rows.push(legendRow("dash", colours.JUMP, "jump"));
-  if (recordings.some((file) => file.steps.hop.some(Boolean))) rows.push(legendRow("dash", colours.HOP, "hop"));
-  return element("ul", { class: "legend" }, ...rows);
+  show() {
+    const seen = new Set(this.recordings.flatMap((file) => [...file.seen]));
+    const print = this.recordings.map(({ pressure }) => pressure).find(Boolean);
+    const stamp = [...seen, print?.peak].join();
+    if (stamp === this.stamp) return;
+    this.stamp = stamp;
+    const rows = colours.KINDS.flatMap((colour, kind) => (seen.has(`kind${kind}`) ? [legendRow("line", colour, colours.KIND_NAMES[kind])] : []));
+    if (seen.has("fade")) rows.push(legendRow("fade", null, "paler: weaker"));
+    if (seen.has("focus")) rows.push(legendRow("dot", colours.FOCUS, "focal point and trail"));
+    if (seen.has("jump")) rows.push(legendRow("dash", colours.JUMP, "jump", STEP_WORDS.jump));
+    if (seen.has("hop")) rows.push(legendRow("dash", colours.HOP, "hop", STEP_WORDS.hop));
+    if (print) rows.push(scaleRow(print));
+    this.host.replaceChildren(...rows);
+  }
 }
 
-function legendRow(kind, colour, text) {
+function legendRow(kind, colour, text, words = "") {
   const mark = element("i", { class: kind });
   if (colour) mark.style.setProperty("--colour", colour);
-  return element("li", {}, mark, text);
+  return element("li", { title: words }, mark, text);
 }
 
-export function layerSwitches(recordings, onSwitch) {
+// The scale of a print of pressure: colours from 0 to its peak.
+function scaleRow({ colours: table, peak }) {
+  const mark = element("i", { class: "scale" });
+  const stops = Array.from({ length: 9 }, (_, i) => `rgb(${table.slice(3 * Math.round((255 * i) / 8), 3 * Math.round((255 * i) / 8) + 3).join()})`);
+  mark.style.background = `linear-gradient(to right, ${stops.join()})`;
+  const words = "Mean radiation pressure of one draw cycle, predicted; right to some 50 %";
+  return element("li", { title: words, class: "pressure" }, "0", mark, `${peak.toPrecision(3)} Pa`);
+}
+
+export function layerSwitches(recordings, poses, stage) {
   const shown = LAYERS.filter((name) => recordings.some((file) => has(file, name)));
   const boxes = shown.map((name) => {
     const box = element("input", { type: "checkbox", name: `layer-${name.replace(" ", "-")}`, checked: true });
-    box.addEventListener("change", () => onSwitch(name, box.checked));
+    box.addEventListener("change", () => stage.setVisible(name, box.checked));
     const colour = colours.LAYERS[name];
     const mark = element("i", { class: colour ? "patch" : "none" });
     if (colour) mark.style.setProperty("--colour", colour);
-    return element("label", {}, box, mark, name);
+    return element("label", { title: `Key ${shown.indexOf(name) + 1}` }, box, mark, name);
   });
-  return element("fieldset", { class: "layers" }, element("legend", {}, "Show"), ...boxes);
+  const more = poses.setPressure ? [pressureChoice(poses), noiseButton(poses)] : [];
+  return element("fieldset", { class: "layers" }, element("legend", {}, "Show"), ...boxes, ...more);
 }
 
+function pressureChoice(poses) {
+  const places = { "": "off", skin: "on the skin", plane: "in a plane" };
+  const choice = element("select", { id: "pressure" }, ...Object.entries(places).map(([value, text]) => element("option", { value }, text)));
+  choice.addEventListener("change", () => poses.setPressure(choice.value || null));
+  return element("label", { title: "Predicted mean radiation pressure of one draw cycle" }, "pressure", choice);
+}
+
+function noiseButton(poses) {
+  const words = "Predicts how loud the four seconds around this moment are";
+  return element("button", { id: "noise", type: "button", title: words, onclick: () => poses.noise() }, "Predict noise");
+}
+
+// Layers that something shown now, or later, can be in.
 function has(file, layer) {
+  const isLater = !file.isStored;
   if (layer === "hand") return file.skin.vertex_count > 0 && !file.skin.is_rendered;
-  if (layer === "skin") return file.skin.corners.length > 0 || file.skin.is_rendered;
-  if (layer === "jumps") return file.focus.step.some(Boolean);
-  if (layer === "focal point") return file.focus.position.length > 0;
+  if (layer === "skin") return isLater || file.seen.has("skin");
+  if (layer === "jumps") return isLater || file.seen.has("jump") || file.seen.has("hop");
+  if (layer === "focal point") return isLater || file.seen.has("focus");
+  if (layer === "pressure") return file.isStored && file.pressure !== null; // a served page has a choice for it
   return true;
 }
 
@@ -115,8 +156,7 @@ export function timeline(clock, focus) {
   const now = element("output", { id: "now" });
   clock.onChange(() => {
     slider.value = clock.at;
-    const time = clock.moments[clock.at];
-    now.value = clock.byPose ? `pose ${time}` : `${time.toFixed(3)} s`;
+    now.value = clock.text;
     slider.setAttribute("aria-valuetext", now.value);
     play.textContent = clock.isPlaying ? "Pause" : "Play";
   });
@@ -157,35 +197,72 @@ export function listenToKeys(clock, stage) {
       Home: () => clock.goTo(0),
       End: () => clock.goTo(clock.last),
       r: () => stage?.look(),
+      "?": () => document.getElementById("help").showModal(),
+      "<": () => stepOption("speed", 1),
+      ">": () => stepOption("speed", -1),
     };
+    if (/^[1-9]$/.test(event.key)) document.querySelectorAll(".layers input")[event.key - 1]?.click();
     if (!actions[event.key]) return;
     if (!event.target.closest("button")) event.preventDefault();
     actions[event.key]();
   });
 }
 
+function stepOption(id, count) {
+  const choice = document.getElementById(id);
+  choice.selectedIndex = Math.min(Math.max(choice.selectedIndex + count, 0), choice.options.length - 1);
+  choice.dispatchEvent(new Event("change"));
+}
+
 // Sliders take arrows, Home and End for themselves; boxes, choices and what unfolds take the space bar, too.
 function isOfControl({ target, key }) {
   if (target.closest("input[type=range]")) return key !== " " && key !== "r";
-  return target.closest("input, select, summary") !== null;
+  return target.closest("input, select, summary, dialog") !== null;
+}
+
+const KEYS = [
+  ["Space", "plays, and stops"],
+  ["← →", "one pose back, or on; with Shift ten"],
+  ["Home End", "the first pose, the last one"],
+  ["< >", "slower, faster"],
+  ["1 … 9", "shows a layer, or hides it"],
+  ["R", "turns the view back"],
+  ["?", "shows this list"],
+];
+
+function help() {
+  const rows = KEYS.map(([keys, words]) => element("tr", {}, element("th", {}, keys), element("td", {}, words)));
+  const close = element("button", { type: "button", onclick: () => dialog.close() }, "Close");
+  const words = "Drag turns the view, the wheel zooms, the right button moves it. Click or drag in a plot to move the time.";
+  const dialog = element("dialog", { id: "help" }, element("table", {}, ...rows), element("p", {}, words), close);
+  return dialog;
+}
+
+// More poses of unfinished files are done, or a file is whole by now.
+export function showNews({ names }) {
+  document.querySelectorAll(".file-name").forEach((node, i) => (node.textContent = names[i]));
 }
 
 export function footer(page, recordings, licences) {
   const notes = recordings.flatMap((file) => notesOf(file)).filter((note, i, all) => all.indexOf(note) === i);
+  const made = page.titles ? `Shown by palpate ${page.version}. ` : `Made with palpate ${page.version} from ${recordings.map(({ name }) => name).join(" and ")}. `;
+  const dialog = help();
   return element(
     "footer",
     {},
-    element("p", {}, `Made with palpate ${page.version} from ${recordings.map(({ name }) => name).join(" and ")}. `, ...notes.map((note) => `${note} `)),
-    element("p", {}, "Drag turns the view, the wheel zooms, R resets it. Space plays, the arrow keys step, with shift ten poses."),
+    element("p", {}, made, ...notes.map((note) => `${note} `)),
+    element("button", { type: "button", class: "plain", onclick: () => dialog.showModal() }, "Keys (?)"),
     element("details", {}, element("summary", {}, "Licences"), element("pre", {}, licences)),
+    dialog,
   );
 }
 
 function notesOf(file) {
   const { solid, focus, contours, sampling } = file;
-  const step = Math.max(contours.step, solid.step);
-  const notes = [`Places are rounded to ${(1000 * step).toPrecision(2)} mm.`];
-  if (focus.position.length) notes.push(`The focal point follows ${sampling}${focus.stride > 1 ? `; of poses with many samples, up to every ${focus.stride}th is shown` : ""}.`);
+  const notes = [];
+  if (contours) notes.push(`Places are rounded to ${(1000 * Math.max(contours.step, solid.step)).toPrecision(2)} mm.`);
+  if (!focus) notes.push(`The focal point follows ${sampling}, from two poses before the shown one on.`);
+  else if (focus.position.length) notes.push(`The focal point follows ${sampling}${focus.stride > 1 ? `; of poses with many samples, up to every ${focus.stride}th is shown` : ""}.`);
   if (solid.tolerance) notes.push(`The object is shown with ${solid.faces.length / 3} of ${solid.face_count} triangles.`);
   return notes;
 }

@@ -22,9 +22,10 @@ import {
 } from "three";
 import * as colours from "./colours.js";
 import { HOP, JUMP } from "./recording.js";
+import { Prints } from "./prints.js";
 import { Segments } from "./segments.js";
 
-export const LAYERS = ["object", "hand", "skin", "contours", "focal point", "jumps", "array", "zone"];
+export const LAYERS = ["object", "hand", "skin", "pressure", "contours", "focal point", "jumps", "array", "zone"];
 const TRAIL = 60; // samples behind the focal point
 const FOCUS_RADIUS = 0.0028; // [m]
 
@@ -72,6 +73,8 @@ export class FileScene {
     this.scene.add(sun);
     this.addSolid();
     this.addHand();
+    this.prints = new Prints(this.layers.pressure);
+    this.edges = this.addSegments("contours", 7, 5, { opacity: 0.85 }); // of white, so that contours stand out from any skin
     this.contours = this.addSegments("contours", 3.5, 6);
     this.trail = this.addSegments("focal point", 3, 7, { blending: MultiplyBlending, premultipliedAlpha: true }); // white is none
     this.jumps = this.addSegments("jumps", 1.75, 5, { dashed: true, dashSize: 0.003, gapSize: 0.002 });
@@ -87,11 +90,10 @@ export class FileScene {
   }
 
   addSolid() {
-    const { vertices, faces, middle, pose } = this.recording.solid;
+    const { vertices, faces, middle } = this.recording.solid;
     this.solid = translucent(geometryOf(vertices, faces), colours.SOLID, 0.32);
     this.solid.renderOrder = 1;
     this.solid.position.fromArray(middle);
-    this.isMoving = pose !== null;
     this.layers.object.add(this.solid);
   }
 
@@ -99,7 +101,7 @@ export class FileScene {
     const { vertices, vertex_count, faces, is_rendered } = this.recording.skin;
     this.hand = null;
     if (vertex_count) {
-      const geometry = geometryOf(vertices.subarray(0, 3 * vertex_count), faces);
+      const geometry = geometryOf((vertices ?? new Float32Array(3 * vertex_count)).subarray(0, 3 * vertex_count), faces);
       this.hand = translucent(geometry, is_rendered ? colours.PALM : colours.HAND, is_rendered ? 0.4 : 0.34);
       this.hand.renderOrder = 2;
       this.layers[is_rendered ? "skin" : "hand"].add(this.hand);
@@ -145,11 +147,14 @@ export class FileScene {
     this.layers[layer].visible = isVisible;
   }
 
-  show(row) {
-    if (this.isMoving) place(this.solid, this.recording.solid.pose, row);
+  // Shows the recording's pose.
+  show() {
+    const { solid, row } = this.recording;
+    if (solid.pose) place(this.solid, solid.pose, row);
     this.showHand(row);
-    this.showContours(row);
-    this.showJumps(row);
+    this.showContours();
+    this.showJumps();
+    this.prints.show(this.recording, this.hand);
   }
 
   showHand(row) {
@@ -178,36 +183,43 @@ export class FileScene {
     }
   }
 
-  showContours(row) {
-    const { contours, pointStart, polylineStart } = this.recording;
+  showContours() {
+    const { contours, pointStart, polylineStart, row } = this.recording;
     const { points, kind, intensity } = contours;
-    this.contours.begin(pointStart[polylineStart[row + 1]] - pointStart[polylineStart[row]]);
+    const most = pointStart[polylineStart[row + 1]] - pointStart[polylineStart[row]];
     const pale = (point) => (intensity ? 0.85 * (1 - intensity[point] / 255) : 0);
-    this.recording.forSegments(row, (a, b) => {
+    this.contours.begin(most);
+    this.edges.begin(most);
+    this.recording.forSegments((a, b) => {
       const colour = KINDS[kind[a]];
       this.contours.add(points, a, b, mixed(colour, PAPER, pale(a)), mixed(colour, PAPER, pale(b)));
+      this.edges.add(points, a, b, PAPER, PAPER);
     });
     this.contours.end();
+    this.edges.end();
   }
 
-  showJumps(row) {
+  showJumps() {
     const { position, step, focus_count } = this.recording.focus;
-    const { first, stop } = this.recording.focusOf(row);
+    const { first, stop } = this.recording.shownFocus;
+    this.jumped = []; // from and to of each, as numbers of places, and what it is
     this.jumps.begin((stop - first) * focus_count);
     for (let i = first + 1; i < stop; i++) {
       if (!step[i]) continue;
       const colour = step[i] === JUMP ? JUMPED : HOPPED;
       for (let k = 0; k < focus_count; k++) {
-        this.jumps.add(position, (i - 1) * focus_count + k, i * focus_count + k, colour, colour);
+        const [from, to] = [(i - 1) * focus_count + k, i * focus_count + k];
+        this.jumps.add(position, from, to, colour, colour);
+        this.jumped.push({ from, to, name: step[i] === JUMP ? "jump" : "hop", sample: i - first });
       }
     }
     this.jumps.end();
   }
 
   // seconds: since the pose began; frame: how far the point goes from one picture to the next [s].
-  showFocus(row, seconds, frame) {
+  showFocus(seconds, frame) {
     const { position, intensity, step, focus_count } = this.recording.focus;
-    const { first, stop, rate } = this.recording.focusOf(row);
+    const { first, stop, rate } = this.recording.shownFocus;
     const now = Math.min(first + Math.floor(seconds * rate), stop - 1);
     const length = Math.max(TRAIL, Math.ceil(2 * frame * rate));
     const from = Math.max(first, now - length);

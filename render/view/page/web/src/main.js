@@ -1,61 +1,98 @@
-// The page: reads its data, builds what is seen, and lets two times run: the hand's, and the focal point's.
+// The page: takes its data from itself or from a server, builds what is seen, and lets two times run: the hand's, and
+// the focal point's.
 
 import { Clock } from "./clock.js";
 import * as controls from "./controls.js";
 import { decode, inflate } from "./decode.js";
 import { element } from "./element.js";
+import { Link } from "./link.js";
+import { LivePoses } from "./live_poses.js";
 import { Plots } from "./plots.js";
 import { Recording } from "./recording.js";
+import { ServedPoses } from "./served_poses.js";
 import { Stage } from "./stage.js";
+import { StoredPoses } from "./stored_poses.js";
+import { openTable } from "./table.js";
 import "../node_modules/uplot/dist/uPlot.min.css";
 import "./page.css";
 
 const text = (id) => document.getElementById(id).textContent;
 const LONGEST_FRAME = 0.1; // [s]: after a pause of drawing, time goes on from where it was
+const host = document.getElementById("page");
+const message = element("p", { class: "message", role: "status", hidden: true });
 
 async function start() {
-  const host = document.getElementById("page");
   if (typeof DecompressionStream === "undefined") {
     host.textContent = "This page needs a browser of 2023 or newer.";
     return;
   }
-  const page = decode(JSON.parse(text("described")), await inflate(text("content")));
+  const described = JSON.parse(text("described"));
+  if (described.served) return openServed();
+  const page = decode(described, await inflate(text("content")));
   const byPose = !page.files.every((file) => file.has_time);
   const recordings = page.files.map((file) => new Recording(file, byPose));
-  const clock = new Clock(recordings, byPose);
+  build(page, recordings, new StoredPoses(recordings, byPose));
+}
+
+async function openServed() {
+  const link = new Link(showMessage);
+  host.replaceChildren(message);
+  await link.opened;
+  const page = await openTable(link, host, message, showMessage);
+  if (!page) return; // the table is shown
+  document.title = page.title;
+  const byPose = page.timeline?.by_pose ?? false;
+  const recordings = page.files.map((file) => new Recording(file, byPose));
+  const show = { message: showMessage, news: controls.showNews };
+  build(page, recordings, new (page.kind === "live" ? LivePoses : ServedPoses)(link, page, recordings, show));
+}
+
+function showMessage(sentence, isFailure = false) {
+  message.textContent = sentence;
+  message.hidden = !sentence;
+  message.classList.toggle("failure", isFailure);
+}
+
+function build(page, recordings, poses) {
+  const clock = new Clock(poses);
   const focus = { slowness: 100, seconds: 0 };
   const scene = element("div", { class: "scene" });
   const plots = element("div", { class: "plots" });
   const side = element("aside", {}, plots);
+  host.dataset.files = recordings.length;
   host.replaceChildren(
     controls.heading(page, recordings),
+    message,
     element("main", {}, scene, side),
     controls.timeline(clock, focus),
     controls.footer(page, recordings, text("licences")),
   );
-  host.dataset.files = recordings.length;
-  scene.append(controls.legend(recordings));
-  const readouts = new controls.Readouts(scene, recordings, clock);
-  const stage = makeStage(scene, recordings, page);
-  if (stage) side.prepend(controls.layerSwitches(recordings, (layer, isShown) => stage.setVisible(layer, isShown)));
   const lines = new Plots(plots, recordings, clock);
-  controls.listenToKeys(clock, stage);
-  if (!stage) scene.querySelector(".legend").remove();
-  if (stage) run(clock, focus, recordings, stage);
-  else run(clock, focus, [], { draw: () => {} });
-  readouts.show();
-  lines.showTime();
-  clock.seek(longestMoment(recordings[0]));
-  host.dataset.ready = "true";
+  let isBuilt = false;
+  clock.onChange(() => {
+    if (!isBuilt) {
+      isBuilt = true; // the first pose is there
+      buildScene(page, recordings, poses, clock, focus, scene, side);
+    }
+    lines.showTime();
+    host.dataset.ready = "true";
+  });
+  poses.begun(lines);
+  clock.goTo(poses.start);
 }
 
-// When the longest contours of a file are shown: a hand that touches nothing shows little.
-function longestMoment({ clock, poses }) {
-  let [longest, most] = [0, 0];
-  poses.length.forEach((length, pose) => {
-    if (length > most) [longest, most] = [pose, length]; // a pose that is not rendered has none
+function buildScene(page, recordings, poses, clock, focus, scene, side) {
+  const legend = new controls.Legend(scene, recordings);
+  const readouts = new controls.Readouts(scene, recordings);
+  const stage = makeStage(scene, recordings, page);
+  if (stage) side.prepend(controls.layerSwitches(recordings, poses, stage));
+  else legend.host.remove();
+  controls.listenToKeys(clock, stage);
+  clock.onChange(() => {
+    readouts.show();
+    legend.show();
   });
-  return clock[longest];
+  run(clock, focus, recordings, stage);
 }
 
 function makeStage(scene, recordings, page) {
@@ -73,12 +110,11 @@ function run(clock, focus, recordings, stage) {
   const isStill = matchMedia("(prefers-reduced-motion: reduce)");
   const shown = recordings.map(() => -1);
   let before = performance.now();
-  const showRows = () => {
+  const showPoses = () => {
     recordings.forEach((recording, i) => {
-      const row = recording.rowAt(clock.time);
-      if (row === shown[i]) return;
-      shown[i] = row;
-      stage.files[i].show(row);
+      if (recording.stamp === shown[i]) return;
+      shown[i] = recording.stamp;
+      stage.files[i].show();
       stage.isStale = true;
       if (clock.isPlaying && focus.slowness <= clock.slowness) focus.seconds = 0; // the pose's samples begin with it
     });
@@ -87,22 +123,25 @@ function run(clock, focus, recordings, stage) {
     const seconds = Math.min((now - before) / 1000, LONGEST_FRAME);
     before = now;
     clock.advance(seconds);
-    showRows();
+    clock.poses.advance(seconds, clock);
+    if (stage) showPoses();
     if (clock.isPlaying || !isStill.matches) focus.seconds += seconds / focus.slowness;
-    recordings.forEach((recording, i) => {
-      const { first, stop, rate } = recording.focusOf(shown[i]);
-      if (stop === first && !stage.isStale) return;
-      const lasts = (stop - first) / rate || 1;
-      stage.files[i].showFocus(shown[i], focus.seconds % lasts, seconds / focus.slowness);
-      stage.isStale ||= stop - first > 1 && (clock.isPlaying || !isStill.matches);
-    });
-    stage.draw();
+    if (stage) {
+      recordings.forEach((recording, i) => {
+        const { first, stop, rate } = recording.shownFocus;
+        if (stop === first && !stage.isStale) return;
+        const lasts = (stop - first) / rate || 1;
+        stage.files[i].showFocus(focus.seconds % lasts, seconds / focus.slowness);
+        stage.isStale ||= stop - first > 1 && (clock.isPlaying || !isStill.matches);
+      });
+      stage.draw();
+    }
     requestAnimationFrame(frame);
   };
   requestAnimationFrame(frame);
 }
 
 start().catch((error) => {
-  document.getElementById("page").textContent = `This page cannot be shown (${error.message}).`;
+  host.textContent = `This page cannot be shown (${error.message}).`;
   throw error;
 });

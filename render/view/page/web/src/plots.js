@@ -1,50 +1,52 @@
-// Length, draw frequency and tilt over the clock; a click or a drag moves the time.
+// Length, draw frequency and tilt over the clock; a click or a drag moves the time. Where a file has more poses than the
+// plots show, one more has the longest contours of the whole recording.
 
 import uPlot from "uplot";
 import * as colours from "./colours.js";
 import { element } from "./element.js";
+import { lastNotAfter } from "./stored_poses.js";
+import { counted, showTooltip } from "./tooltip.js";
 
 const FREQUENCY_SHOWN = 1000; // [Hz]; contours of a few millimetres would stretch the axis a hundredfold
+const FEW = 40; // poses, which are dots on their line
 const PLOTS = [
   { name: "length", title: "Length of contours", unit: "mm", factor: 1000, digits: 1 },
   { name: "draw_frequency", title: "Draw frequency", unit: "Hz", factor: 1, digits: 1, logarithmic: true },
   { name: "tilt", title: "Tilt of the palm", unit: "°", factor: 1, digits: 1 },
 ];
+const OVERVIEW = { name: "overview", title: "Whole recording: longest contours", unit: "mm", factor: 1000 };
+const NOISE = { name: "noise", title: "Predicted noise", unit: "dB(A)", factor: 1 };
 const AXIS = { stroke: "#6b7280", font: "11px system-ui, sans-serif", ticks: { show: false }, border: { show: false } };
 const GRID = { stroke: "#e8eaed", width: 1 };
 
 export class Plots {
   constructor(host, recordings, clock) {
+    this.host = host;
     this.clock = clock;
     this.recordings = recordings;
-    this.lines = PLOTS.map((plot) => this.addPlot(host, plot));
-    clock.onChange(() => this.showTime());
-    const resize = new ResizeObserver(() => this.resize());
-    for (const { area } of this.lines) resize.observe(area);
+    this.series = recordings.map(() => ({ clock: [], jump: [], hop: [] }));
+    this.watcher = new ResizeObserver(() => this.resize());
+    this.lines = [];
+    for (const plot of PLOTS) this.addPlot(plot);
   }
 
-  addPlot(host, plot) {
-    const values = this.recordings.map(() => element("output"));
+  addPlot(plot) {
+    const values = this.recordings.map((_, i) => element("b", { class: this.recordings.length > 1 ? `file${i}` : "" }));
     const area = element("div", { class: "plot-area" });
-    const title = element("figcaption", {}, element("span", {}, plot.title, " ", element("i", {}, plot.unit)));
-    values.forEach((value, i) => {
-      if (values.length > 1) title.append(element("b", { class: `file${i}` }, value));
-      else title.append(element("b", {}, value));
-    });
-    host.append(element("figure", { class: "plot", id: `plot-${plot.name}` }, title, area));
-    const tables = this.recordings.map(({ clock, poses }) => [
-      Array.from(clock),
-      Array.from(poses[plot.name], (value) => (isShown(plot, value) ? value * plot.factor : null)),
-    ]);
-    const chart = new uPlot(this.optionsOf(plot, tables), uPlot.join(tables), area);
+    const title = element("figcaption", {}, element("span", {}, plot.title, " ", element("i", {}, plot.unit)), ...values);
+    const figure = element("figure", { class: "plot", id: `plot-${plot.name}` }, title, area);
+    this.host[plot === OVERVIEW ? "prepend" : "append"](figure);
+    const chart = new uPlot(this.optionsOf(plot), [[], ...this.recordings.map(() => [])], area);
     const cursor = element("div", { class: "now" });
     chart.over.append(cursor);
-    this.listen(chart);
-    return { chart, area, cursor, values, plot };
+    this.listen(chart, plot);
+    this.watcher.observe(area);
+    const line = { chart, area, cursor, values, plot, caption: title.firstChild };
+    this.lines.push(line);
+    return line;
   }
 
-  optionsOf(plot, tables) {
-    const isSingle = this.clock.last === 0;
+  optionsOf(plot) {
     return {
       width: 320,
       height: 120,
@@ -52,29 +54,58 @@ export class Plots {
       cursor: { drag: { x: false, y: false }, points: { show: false }, x: false, y: false },
       padding: [6, 8, 0, 0],
       scales: {
-        x: { time: false, range: (_, low, high) => (isSingle ? [low - 1, low + 1] : [low, high]) },
-        y: plot.logarithmic ? { distr: 3, range: decades } : { range: fromZero },
+        x: { time: false, range: (_, low, high) => (low === high ? [low - 1, low + 1] : [low, high]) },
+        y: plot.logarithmic ? { distr: 3, range: decades } : { range: plot === NOISE ? undefined : fromZero },
       },
       axes: [
-        { ...AXIS, grid: GRID, size: 24, gap: 5, space: 60, values: (_, splits) => splits.map(this.clockText()) },
+        { ...AXIS, grid: GRID, size: 24, gap: 5, space: 60, values: (_, splits) => splits.map((value) => this.clockText(value)) },
         { ...AXIS, grid: GRID, size: 42, gap: 4, space: 26, values: (_, splits) => splits.map((v) => (v === null ? "" : `${v}`)) },
       ],
       series: [
         {},
-        ...tables.map((_, i) => ({
+        ...this.recordings.map((_, i) => ({
           stroke: colours.FILES[i],
-          width: 1.25,
-          points: { show: this.clock.last < 40, size: isSingle ? 8 : 4, fill: colours.FILES[i] },
+          width: i ? 2 : 1.25,
+          dash: i ? [5, 4] : undefined, // the first file's line shows between the dashes of one that lies on it
+          points: { show: (chart) => chart.data[0].length < FEW, size: 5, fill: colours.FILES[i] },
         })),
       ],
-      hooks: plot.name === "length" ? { draw: [(chart) => this.markSteps(chart)] } : {},
+      hooks: { draw: [(chart) => plot.name === "length" && this.markSteps(chart), () => this.showTime()] },
     };
   }
 
-  clockText() {
-    const { byPose, moments, last } = this.clock;
-    const isShown = (value) => value !== null && (last > 0 || value === moments[0]) && (!byPose || Number.isInteger(value));
-    return (value) => (isShown(value) ? `${value}${byPose ? "" : " s"}` : "");
+  clockText(value) {
+    const { poses } = this.clock;
+    if (value === null || (poses.byPose && !Number.isInteger(value))) return "";
+    return poses.count === 1 && value !== poses.begin ? "" : `${value}${poses.byPose ? "" : " s"}`;
+  }
+
+  // Shows these poses of each file: clock, length, draw_frequency, tilt, and how often the focal point jumps and hops.
+  fill(series) {
+    this.series = series;
+    for (const line of this.lines) if (PLOTS.includes(line.plot)) this.draw(line, series);
+  }
+
+  draw({ chart, plot }, series) {
+    const tables = series.map((each) => [
+      Array.from(each.clock),
+      Array.from(each[plot.name], (value) => (isShown(plot, value) ? value * plot.factor : null)),
+    ]);
+    chart.setData(tables.every(([clock]) => clock.length) ? uPlot.join(tables) : [[], ...tables.map(() => [])]);
+  }
+
+  fillOverview(files) {
+    if (files.every(({ time }) => time.length < 2)) return;
+    const line = this.lines.find(({ plot }) => plot === OVERVIEW) ?? this.addPlot(OVERVIEW);
+    this.draw(line, files.map(({ time, length }) => ({ clock: time, overview: length })));
+  }
+
+  // files: level over the clock; text: what they come to.
+  fillNoise({ files, text }) {
+    const line = this.lines.find(({ plot }) => plot === NOISE) ?? this.addPlot(NOISE);
+    this.draw(line, files.map(({ clock, level }) => ({ clock, noise: level })));
+    line.caption.textContent = `${NOISE.title}: ${text}`;
+    line.area.parentElement.scrollIntoView({ block: "nearest" });
   }
 
   // Poses whose focal point jumps or hops, as ticks along the plot's lower edge.
@@ -84,8 +115,8 @@ export class Plots {
     ctx.save();
     for (const [name, colour, rise] of [["hop", colours.HOP, 1], ["jump", colours.JUMP, 0]]) {
       ctx.fillStyle = colour;
-      for (const { steps, clock } of this.recordings) {
-        steps[name].forEach((count, row) => {
+      for (const { clock, ...each } of this.series) {
+        each[name].forEach((count, row) => {
           if (!count) return;
           const x = chart.valToPos(clock[row], "x", true);
           ctx.fillRect(x - devicePixelRatio / 2, bbox.top + bbox.height - (rise + 1) * tick, devicePixelRatio, tick);
@@ -95,22 +126,44 @@ export class Plots {
     ctx.restore();
   }
 
-  listen(chart) {
-    const seek = (event) => this.clock.seek(chart.posToVal(event.clientX - chart.over.getBoundingClientRect().left, "x"));
+  listen(chart, plot) {
+    const timeAt = (event) => chart.posToVal(event.clientX - chart.over.getBoundingClientRect().left, "x");
     chart.over.addEventListener("pointerdown", (event) => {
       chart.over.setPointerCapture(event.pointerId);
       this.clock.isPlaying = false;
-      seek(event);
+      this.clock.seek(timeAt(event));
     });
-    chart.over.addEventListener("pointermove", (event) => event.buttons & 1 && seek(event));
+    chart.over.addEventListener("pointermove", (event) => {
+      if (event.buttons & 1) this.clock.seek(timeAt(event));
+      showTooltip(event.buttons || plot === NOISE ? "" : this.wordsAt(timeAt(event), plot, chart), event);
+    });
+    chart.over.addEventListener("pointerleave", (event) => showTooltip("", event));
+  }
+
+  // What is at a time: the value of each file, and jumps and hops of its poses.
+  wordsAt(time, plot, chart) {
+    const [clock, ...values] = chart.data;
+    if (!clock.length) return "";
+    const at = lastNotAfter(clock, time);
+    const words = values.flatMap((value) => (Number.isFinite(value[at]) ? [`${value[at].toFixed(1)} ${plot.unit}`] : []));
+    if (plot.name === "length") {
+      for (const each of this.series) {
+        const row = lastNotAfter(each.clock, time);
+        words.push(counted(each.jump[row], "jump"), counted(each.hop[row], "hop"));
+      }
+    }
+    return [this.clockText(Number(clock[at].toFixed(3))), ...words].filter(Boolean).join(" · ");
   }
 
   showTime() {
     for (const { chart, cursor, values, plot } of this.lines) {
       cursor.style.transform = `translateX(${chart.valToPos(this.clock.time, "x")}px)`;
-      this.recordings.forEach((recording, i) => {
-        const value = recording.poses[plot.name][recording.rowAt(this.clock.time)];
-        values[i].value = isShown(plot, value) ? `${(value * plot.factor).toFixed(plot.digits)}${plot.unit === "°" ? "" : " "}${plot.unit}` : "–";
+      cursor.hidden = !chart.data[0].length;
+      if (!PLOTS.includes(plot)) continue;
+      this.recordings.forEach(({ poses, row }, i) => {
+        const value = poses?.[plot.name][row];
+        const unit = plot.unit === "°" ? "°" : ` ${plot.unit}`;
+        values[i].textContent = isShown(plot, value) ? `${(value * plot.factor).toFixed(plot.digits)}${unit}` : "–";
       });
     }
   }

@@ -1,4 +1,5 @@
-// One file's poses: where each begins in the arrays, and what is shown of it.
+// One file's poses: where each begins in the arrays, and which is shown. A page that was exported takes all poses at
+// once, one that is served takes each when it is shown.
 
 export const JUMP = 1;
 export const HOP = 2;
@@ -12,41 +13,59 @@ const startsOf = (counts) => {
 export class Recording {
   constructor(file, byPose) {
     Object.assign(this, file);
-    this.count = file.poses.index.length;
-    this.clock = byPose ? Float64Array.from(file.poses.index) : file.poses.time;
-    this.polylineStart = startsOf(file.contours.polyline_count);
-    this.pointStart = startsOf(file.contours.point_count);
-    this.sampleStart = startsOf(file.focus.sample_count);
-    this.patchStart = startsOf(file.skin.patch_count);
+    this.byPose = byPose;
+    this.isStored = file.poses !== undefined;
+    this.seen = new Set(); // what the legend must explain
+    this.stamp = 0; // counts changes of what is shown
+    this.row = 0;
+    this.pressure = file.pressure ?? null;
+    if (this.isStored) this.take(file);
+  }
+
+  take({ poses, solid, skin, contours, focus }) {
+    Object.assign(this.solid, solid);
+    Object.assign(this.skin, skin);
+    Object.assign(this, { poses, contours, focus });
+    this.count = poses.index.length;
+    this.clock = this.byPose ? Float64Array.from(poses.index) : poses.time;
+    this.polylineStart = startsOf(contours.polyline_count);
+    this.pointStart = startsOf(contours.point_count);
+    this.sampleStart = startsOf(focus.sample_count);
+    this.patchStart = startsOf(this.skin.patch_count);
     this.steps = this.countSteps();
+    if (!this.isStored) this.pressure = null; // it was of another pose
+    this.look();
   }
 
-  // Row of the pose that is shown at a time: the last one that has begun, or the first.
-  rowAt(time) {
-    let [low, high] = [0, this.count];
-    while (high - low > 1) {
-      const middle = (low + high) >> 1;
-      if (this.clock[middle] <= time) low = middle;
-      else high = middle;
-    }
-    return low;
+  takePressure(print) {
+    this.pressure = print;
+    this.stamp += 1;
   }
 
-  // Range of the pose's samples of the focal point, and how many there are a second.
-  focusOf(row) {
-    return { first: this.sampleStart[row], stop: this.sampleStart[row + 1], rate: this.focus.rate[row] };
+  show(row) {
+    if (row !== this.row || !this.isStored) this.stamp += 1;
+    this.row = row;
   }
 
-  // Calls back with both ends of each segment of a pose's contours, as numbers of points.
-  forSegments(row, callback) {
-    for (let line = this.polylineStart[row]; line < this.polylineStart[row + 1]; line++) {
+  // Range of the shown pose's samples of the focal point, and how many there are a second.
+  get shownFocus() {
+    return { first: this.sampleStart[this.row], stop: this.sampleStart[this.row + 1], rate: this.focus.rate[this.row] };
+  }
+
+  // Calls back with both ends of each segment of the shown contours, as numbers of points.
+  forSegments(callback) {
+    for (let line = this.polylineStart[this.row]; line < this.polylineStart[this.row + 1]; line++) {
       for (let point = this.pointStart[line]; point + 1 < this.pointStart[line + 1]; point++) callback(point, point + 1);
     }
   }
 
-  // Whether a contour of a kind (0 object, 1 hand, 2 made) is in any pose.
-  hasKind(kind) {
-    return this.contours.kind.includes(kind);
+  look() {
+    const { kind, intensity } = this.contours;
+    for (const each of new Set(kind)) this.seen.add(`kind${each}`);
+    if (intensity) this.seen.add("fade");
+    if (this.focus.position.length) this.seen.add("focus");
+    for (const name of ["jump", "hop"]) if (this.steps[name].some(Boolean)) this.seen.add(name);
+    if (this.skin.corners.length || this.skin.is_rendered) this.seen.add("skin");
   }
 
   countSteps() {

@@ -3,12 +3,15 @@
 import { Box3, PerspectiveCamera, Sphere, Vector3, WebGLRenderer } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import * as colours from "./colours.js";
+import { element } from "./element.js";
 import { FileScene } from "./file_scene.js";
+import { showTooltip, STEP_WORDS } from "./tooltip.js";
 
 const ELEVATION = (34 * Math.PI) / 180;
 const AZIMUTH = (-60 * Math.PI) / 180;
 
 const STACKED = 520; // [pixel] of width: two views stand one above the other
+const NEAR = 7; // [pixel] from a jump, where the pointer is on it
 
 export class Stage {
   constructor(host, recordings, arrays, bounds) {
@@ -27,6 +30,12 @@ export class Stage {
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
     this.controls.addEventListener("change", () => (this.isStale = true));
     this.ball = ballOf(bounds, arrays, recordings);
+    this.zones = this.files.flatMap((_, view) =>
+      arrays.map(({ zone, zone_text }) => ({ view, corners: zone, label: element("span", { class: "zone-label" }, zone_text) })),
+    );
+    host.append(...this.zones.map(({ label }) => label));
+    canvas.addEventListener("pointermove", (event) => showTooltip(event.buttons ? "" : this.wordsAt(event), event));
+    canvas.addEventListener("pointerleave", (event) => showTooltip("", event));
     this.isStale = true;
     new ResizeObserver(() => this.resize()).observe(host);
     this.resize();
@@ -68,6 +77,7 @@ export class Stage {
 
   setVisible(layer, isVisible) {
     for (const file of this.files) file.setVisible(layer, isVisible);
+    if (layer === "zone") for (const { label } of this.zones) label.hidden = !isVisible;
     this.isStale = true;
   }
 
@@ -82,7 +92,47 @@ export class Stage {
       this.renderer.setScissor(left, bottom, width, height);
       this.renderer.render(this.files[i].scene, this.camera);
     });
+    for (const { view, corners, label } of this.zones) {
+      const { left, width, height } = this.views[view];
+      const inside = corners.map((corner) => this.pixelOf(corner, view)).filter(([x, y]) => x > left && x < left + width && y > 80 && y < height - 40);
+      const [x, y] = inside.reduce((last, each) => (each[1] > last[1] ? each : last), [left + 12, 80]);
+      label.style.transform = `translate(${Math.min(x + 6, left + width - label.offsetWidth - 6)}px, ${y}px)`;
+    }
   }
+
+  // Where a place [m] is in a view [pixel, from the scene's left upper corner].
+  pixelOf(place, view) {
+    const { left, bottom, width, height } = this.views[view];
+    const { x, y } = new Vector3(...place).project(this.camera);
+    return [left + ((x + 1) / 2) * width, this.host.clientHeight - bottom - ((y + 1) / 2) * height];
+  }
+
+  // What is under the pointer: a jump or a hop.
+  wordsAt({ offsetX, offsetY }) {
+    const view = this.views.findIndex(({ left, bottom, width, height }) => {
+      const up = this.host.clientHeight - offsetY - bottom;
+      return offsetX >= left && offsetX < left + width && up >= 0 && up < height;
+    });
+    const file = this.files[view];
+    if (!file?.jumped || !file.layers.jumps.visible) return "";
+    const { position, stride } = file.recording.focus;
+    const at = (number) => Array.from(position.subarray(3 * number, 3 * number + 3));
+    for (const { from, to, name, sample } of file.jumped) {
+      const [a, b] = [at(from), at(to)];
+      if (distance([offsetX, offsetY], this.pixelOf(a, view), this.pixelOf(b, view)) > NEAR) continue;
+      const far = (1000 * Math.hypot(...a.map((value, axis) => b[axis] - value))).toFixed(1);
+      const between = stride > 1 ? `between shown samples ${sample - 1} and ${sample}` : `from sample ${sample - 1} to ${sample}`;
+      return `${far} mm ${between} of this pose. A ${STEP_WORDS[name].replace(":", " is")}.`;
+    }
+    return "";
+  }
+}
+
+// Of a point from a segment [pixel].
+function distance([x, y], [ax, ay], [bx, by]) {
+  const [dx, dy] = [bx - ax, by - ay];
+  const share = Math.min(Math.max(((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy || 1), 0), 1);
+  return Math.hypot(x - ax - share * dx, y - ay - share * dy);
 }
 
 // Around the object, wherever it moves, the hand's places, and the arrays.

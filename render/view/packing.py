@@ -20,9 +20,11 @@ class Packer:
     | steps | whole numbers n of origin + n * step, 0..65535; see `steps` |
 
     An array whose bytes are there already is not stored again, as the mesh of two renderings of one object.
+    exact: positions stay float32, for a page on the same machine, where bytes cost less than packing them.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, exact: bool = False) -> None:
+        self._exact = exact
         self._blocks: list[bytes] = []
         self._size = 0
         self._known: dict[bytes, int] = {}
@@ -37,6 +39,8 @@ class Packer:
 
         values: shape [row, column]; rows that are close to those before them take few bytes.
         """
+        if self._exact:
+            return self.numbers(values, "f4")
         values = np.asarray(values, np.float64)
         origin = float(values.min()) if values.size else 0.0
         extent = float(values.max()) - origin if values.size else 0.0
@@ -74,6 +78,10 @@ class Packer:
             self._size += len(content)
         return self._known[digest]
 
+    def content(self) -> bytes:
+        """All that was stored."""
+        return b"".join(self._blocks)
+
     def text(self) -> str:
         """All that was stored, as base64 of a zlib stream."""
-        return base64.b64encode(zlib.compress(b"".join(self._blocks), 9)).decode("ascii")
+        return base64.b64encode(zlib.compress(self.content(), 9)).decode("ascii")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from page_oracle import array_of
 
-from palpate.render.view.page.packing import STEP, Packer
+from palpate.render.view.packing import STEP, Packer
 
 
 def through(store, *arguments):

@@ -5,17 +5,21 @@ import threading
 import webbrowser
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from ....datasets.sweeps.check import is_sweep_data
 from ...contour_input import takes_batches
-from ...errors import StrategyError, ViewError
+from ...errors import StrategyError
 from ...playback.placed_arrays import load_rig
-from ...reports.rendering_labels import labels_of
+from ...runtime.warp_start import start_warp
 from ...trust.permission import AllowCode
 from ..file_scene import FileScene
+from ..page.document import served_document
+from ..page.export import FILES_MOST
 from ..sweep_rows import SweepRows
-
-FILES_MOST = 2
+from .files_page import FilesPage
+from .page_server import Page, PageServer
+from .sweep_page import SweepPage
 
 
 @takes_batches
@@ -31,8 +35,8 @@ def view_files(
 ) -> None:
     """Show one contour file, two side by side, or a sweep's store on a local page until `stop` is set, or Ctrl-C.
 
-    ready: called with the page's address once it can be opened. Raises ViewError for a port that is taken and where
-    viser is not installed, StrategyError for more than two files, ContourFileError for a file that cannot be read.
+    ready: called with the page's address once it can be opened. Raises ViewError for a port that is taken,
+    StrategyError for more than two files, ContourFileError for a file that cannot be read.
 
     >>> from threading import Event
     >>> from palpate.render import render, static_pose, view_files
@@ -44,26 +48,20 @@ def view_files(
     files = [Path(path) for path in paths]
     if not 1 <= len(files) <= FILES_MOST:
         raise StrategyError(f"the viewer shows one file, or {FILES_MOST} side by side, not {len(files)}")
-    is_store = len(files) == 1 and files[0].is_dir() and is_sweep_data(files[0])
-    try:
-        from .guarded_server import HOST, start_server
-        from .sweep_page import SweepPage
-        from .viewer import Viewer
-    except ImportError as error:
-        raise ViewError(f"the viewer needs viser ({error}): pip install -e '.[view]' in palpate's folder") from error
     arrays = load_rig(array, calibration=calibration)
+    start_warp()
     with contextlib.ExitStack() as stack:
-        scenes = [] if is_store else [stack.enter_context(FileScene(path)) for path in files]
-        rows = SweepRows(files[0]) if is_store else None
-        server = start_server("palpate", port)
-        stack.callback(server.stop)
-        if rows is None:
-            page = Viewer(server, scenes, labels_of([scene.file for scene in scenes]), arrays)
+        if len(files) == 1 and files[0].is_dir() and is_sweep_data(files[0]):
+            rows = SweepRows(files[0])
+            folder = Path(stack.enter_context(TemporaryDirectory(prefix="palpate-view-")))
+            page = Page(served_document, lambda: SweepPage(rows, arrays, folder, allow_code=allow_code))
         else:
-            page = SweepPage(server, rows, arrays, allow_code=allow_code)
+            shown = FilesPage([stack.enter_context(FileScene(path)) for path in files], arrays)
+            page = Page(served_document, lambda: shown)
+        server = stack.enter_context(PageServer({"/": page}, port))
         if ready is not None:
-            ready(f"http://{HOST}:{server.get_port()}")
-        page.run(stop or threading.Event())
+            ready(server.address())
+        (stop or threading.Event()).wait()
 
 
 def open_browser(address: str) -> bool:

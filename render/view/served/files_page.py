@@ -1,0 +1,178 @@
+"""The page of one contour file, or of two side by side: each pose is read when the page asks for it."""
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ...playback.placed_arrays import PlacedArray
+from ...terminal.foreign_text import visible
+from ..file_scene import FileScene
+from ..packing import Packer
+from ..page.payload import describe_page, file_names, pack_constants, pack_poses
+from ..pressure_print import PLACES, PressurePrinter, pack_prints
+from ..series import longest_pose, overview_of, steps_in, window_around
+from .noise_levels import predict_levels
+from .page_server import PageRequest, Send
+
+
+class FilesPage:
+    """Answers for open files, which stay the caller's; it keeps nothing of a page, so that many can be open at once.
+
+    arrays: shown under each file's hand; pressure and noise are predicted for them. titles: more words on each file.
+
+    | a page asks | it gets |
+    |---|---|
+    | open | what stays the same, and the whole recording in some hundred points |
+    | moment: `pose` of the first file, or `time` | the pose of each file that is shown then |
+    | series: `pose` | length, draw frequency and tilt of the poses around it |
+    | news: `done` | how many poses are done, if that are others than `done` says |
+    | pressure: `poses`, `where` | prints of pressure |
+    | noise: `poses` | levels of noise around them |
+    """
+
+    def __init__(self, scenes: Sequence[FileScene], arrays: Sequence[PlacedArray], titles: Sequence[str] = ()) -> None:
+        self._scenes, self._arrays, self._titles = list(scenes), tuple(arrays), list(titles)
+        self._by_time = all(scene.has_time for scene in scenes)
+
+    def close(self) -> None:
+        """Nothing: the files are the caller's."""
+
+    def answer(self, request: PageRequest, send: Send) -> None:
+        """Answer one request; raises StrategyError for a request or a value that cannot be."""
+        packer = Packer(exact=True)
+        match request.choice("ask", ("open", "moment", "series", "news", "pressure", "noise")):
+            case "open":
+                described = self._opened(packer)
+            case "moment":
+                described = self._moment(request, packer)
+            case "series":
+                described = self._series(request.integers("pose", 1, self._counts[:1])[0], packer)
+            case "news":
+                described = self._news(request, packer)
+            case "pressure":
+                described = self._pressure(request, packer)
+            case _:
+                poses = request.integers("poses", len(self._scenes), self._counts)
+                described = {"kind": "noise", **predict_levels(self._scenes, poses, self._labels, self._arrays, packer)}
+        send(described, packer)
+
+    @cached_property
+    def _counts(self) -> tuple[int, ...]:
+        return tuple(scene.pose_count for scene in self._scenes)
+
+    @cached_property
+    def _labels(self) -> list[str]:
+        return [str(file["label"]) for file in self._opened(Packer(exact=True))["files"]]
+
+    def _opened(self, packer: Packer) -> dict[str, Any]:
+        files = [
+            pack_constants(scene, packer, name=name)
+            for scene, name in zip(self._scenes, file_names(self._scenes), strict=True)
+        ]
+        models = [placed.model for placed in self._arrays]
+        first = self._scenes[0]
+        last = first.pose_count - 1
+        return {
+            "kind": "files",
+            **describe_page(files, self._scenes, models, packer),
+            "titles": [visible(title) for title in self._titles],
+            "timeline": {
+                "count": first.pose_count,
+                "by_pose": not self._by_time,
+                "begin": self._clock_of(0),
+                "end": self._clock_of(last),
+                "start": longest_pose(first, overview_of(first)),  # a hand that touches nothing shows little
+            },
+            **self._progress(packer),
+        }
+
+    def _clock_of(self, pose: int) -> float:
+        """What the page's clock shows when a pose of the first file begins [s], or the pose where files lack times."""
+        time = self._scenes[0].time_of(pose) if self._by_time else None
+        return float(pose) if time is None else time
+
+    def _progress(self, packer: Packer) -> dict[str, Any]:
+        overviews = [overview_of(scene) for scene in self._scenes]
+        return {
+            "names": [visible(name) for name in file_names(self._scenes)],
+            "done": [scene.done_count for scene in self._scenes],
+            "is_sealed": all(scene.is_sealed for scene in self._scenes),
+            "overview": [
+                {
+                    "time": packer.numbers(each.time if self._by_time else each.pose, "f8"),
+                    "length": packer.numbers(each.longest, "f4"),
+                }
+                for each in overviews
+            ],
+        }
+
+    def _moment(self, request: PageRequest, packer: Packer) -> dict[str, Any]:
+        count = self._counts[0]
+        if request.has("time"):
+            time = request.number("time", -1e12, 1e12)
+            first = self._scenes[0].pose_at(time) if self._by_time else min(max(int(time), 0), count - 1)
+        else:
+            first = request.integers("pose", 1, (count,))[0]
+            time = self._clock_of(first)
+        shown = [first] + [
+            scene.pose_at(time) if self._by_time else min(first, scene.pose_count - 1) for scene in self._scenes[1:]
+        ]
+        packed = [pack_poses(scene, [pose], packer) for scene, pose in zip(self._scenes, shown, strict=True)]
+        return {
+            "kind": "moment",
+            "poses": shown,
+            "time": self._clock_of(first),
+            "files": [block for block, _ in packed],
+            "notes": [visible(str(refused)) for _, refused in packed if refused is not None],
+        }
+
+    def _series(self, pose: int, packer: Packer) -> dict[str, Any]:
+        clock = self._clock_of(pose)
+        files = []
+        for scene in self._scenes:
+            row = scene.pose_at(clock) if self._by_time else min(pose, scene.pose_count - 1)
+            window = window_around(scene, row, np.inf)
+            steps = steps_in(scene, window)
+            number = np.arange(window.first, window.first + len(window.time), dtype=np.float64)
+            files.append(
+                {
+                    "clock": packer.numbers(window.time if self._by_time else number, "f8"),
+                    "length": packer.numbers(window.length, "f4"),
+                    "draw_frequency": packer.numbers(window.draw_frequency, "f4"),
+                    "tilt": packer.numbers(np.degrees(window.tilt), "f4"),
+                    "jump": packer.numbers(_counts_in(window.time, steps.jump), "u2"),
+                    "hop": packer.numbers(_counts_in(window.time, steps.hop), "u2"),
+                    "is_whole": len(window.time) == scene.pose_count,
+                }
+            )
+        return {"kind": "series", "files": files}
+
+    def _news(self, request: PageRequest, packer: Packer) -> dict[str, Any]:
+        for scene in self._scenes:
+            scene.refresh()
+        limits = tuple(count + 1 for count in self._counts)
+        known = request.integers("done", len(self._scenes), limits)
+        is_same = known == [scene.done_count for scene in self._scenes]
+        if is_same and not all(scene.is_sealed for scene in self._scenes):
+            return {"kind": "same"}
+        return {"kind": "news", **self._progress(packer)}
+
+    def _pressure(self, request: PageRequest, packer: Packer) -> dict[str, Any]:
+        poses = request.integers("poses", len(self._scenes), self._counts)
+        where = request.choice("where", PLACES)
+        moments = [scene.moment(pose) for scene, pose in zip(self._scenes, poses, strict=True)]
+        prints = [self._printer.compute(moment, where) for moment in moments]
+        peak = max(each.peak for each in prints)
+        return {"kind": "pressure", "poses": poses, "files": [pack_prints([each], peak, packer) for each in prints]}
+
+    @cached_property
+    def _printer(self) -> PressurePrinter:
+        return PressurePrinter(self._arrays)
+
+
+def _counts_in(time: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """How many of the found times [s] fall into each pose, shape [pose]."""
+    pose = np.searchsorted(time, found, side="right") - 1
+    return np.bincount(pose[pose >= 0], minlength=len(time))[: len(time)]

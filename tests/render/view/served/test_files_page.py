@@ -1,0 +1,184 @@
+"""What the page gets for each request, decoded by an oracle, beside the files."""
+
+import json
+
+import numpy as np
+import pytest
+from page_oracle import decoded
+
+from palpate.render import ContourFile, HandMotion, exploration, load_rig, record, render, static_pose
+from palpate.render.errors import StrategyError
+from palpate.render.view.file_scene import FileScene
+from palpate.render.view.series import POSES_MOST
+from palpate.render.view.served.files_page import FilesPage
+from palpate.render.view.served.page_server import PageRequest, message_of
+
+
+@pytest.fixture(scope="module")
+def paths(tmp_path_factory):
+    """The same motion at 90 and at 60 poses a second, and a pose without time."""
+    folder = tmp_path_factory.mktemp("served")
+    made = []
+    for name, rate in (("cc", 90.0), ("oc", 60.0)):
+        motion = exploration("tube", duration=1.0, rate=rate, seed=1)
+        made.append(render("tube", "palm", motion, name).save(folder / f"{name}.h5"))
+    return [*made, render("tube", "palm", static_pose([0, 0, 0.2]), "cc").save(folder / "still.h5")]
+
+
+@pytest.fixture
+def page(paths):
+    """A page of some of the files, by their numbers."""
+    opened = []
+
+    def show(*numbers):
+        scenes = [FileScene(paths[number]) for number in numbers]
+        opened.extend(scenes)
+        return FilesPage(scenes, load_rig("emulator"))
+
+    yield show
+    for scene in opened:
+        scene.close()
+
+
+def ask(page, **request):
+    sent = []
+    page.answer(PageRequest(request), lambda described, packer: sent.append(message_of(described, packer)))
+    assert len(sent) == 1
+    size = int.from_bytes(sent[0][:4], "little")
+    return decoded(json.loads(sent[0][4 : 4 + size]), sent[0][4 + size :])
+
+
+def test_a_pose_has_the_contours_of_the_file_exactly(page, paths):
+    answer = ask(page(0), ask="moment", pose=[54])
+    with ContourFile(paths[0]) as file:
+        arrays, motion, metrics = file.contours(54, 55), file.motion(54, 55), file.metrics(54, 55)
+    (block,) = answer["files"]
+    assert answer["poses"] == [54]
+    assert answer["time"] == motion["time"][0] == block["poses"]["time"][0]
+    assert block["contours"]["points"].tolist() == arrays["points"].tolist()
+    assert block["contours"]["kind"].tolist() == arrays["kind"].tolist()
+    assert block["poses"]["length"][0] == metrics["length"][0]
+    assert block["poses"]["hand_pose"].tolist() == motion["pose"].tolist()
+
+
+def test_both_files_show_the_same_time(page):
+    both = page(0, 1)
+    for pose in (0, 45, 89):
+        assert ask(both, ask="moment", pose=[pose])["poses"] == [pose, int(pose / 90 * 60 + 1e-9)]
+    assert ask(both, ask="moment", time=0.5)["poses"] == [45, 30]
+    assert ask(both, ask="moment", time=-5)["poses"] == [0, 0]
+    assert ask(both, ask="moment", time=1e9)["poses"] == [89, 59]
+
+
+def test_beside_a_file_without_times_poses_go_by_their_number(page):
+    both = page(0, 2)
+    opened = ask(both, ask="open")["timeline"]
+    assert (opened["by_pose"], opened["begin"], opened["end"]) == (True, 0, 89)
+    assert ask(both, ask="moment", pose=[7])["poses"] == [7, 0]
+    assert ask(both, ask="moment", time=7.9)["poses"] == [7, 0]
+
+
+def test_it_opens_with_names_labels_and_the_longest_pose(page, paths):
+    opened = ask(page(0, 1), ask="open")
+    with ContourFile(paths[0]) as file:
+        length, last = file.metrics()["length"], file.motion()["time"][-1]
+    assert [file["name"] for file in opened["files"]] == ["cc.h5", "oc.h5"]
+    assert [file["label"] for file in opened["files"]] == ["cc", "oc"]
+    assert opened["timeline"] == {
+        "count": 90,
+        "by_pose": False,
+        "begin": 0.0,
+        "end": last,
+        "start": int(length.argmax()),
+    }
+    assert (opened["done"], opened["is_sealed"]) == ([90, 60], True)
+    assert opened["overview"][0]["length"].max() == length.max()
+
+
+def test_plots_have_the_numbers_of_the_file(page, paths):
+    (series,) = ask(page(0), ask="series", pose=[10])["files"]
+    with ContourFile(paths[0]) as file:
+        assert series["length"].tolist() == file.metrics()["length"].tolist()
+        assert series["clock"].tolist() == file.motion()["time"].tolist()
+    assert series["is_whole"]
+    drawn = series["length"] > 0
+    samples = np.ceil(series["length"][drawn] / 7.0 * 10_000 - 1e-3)
+    np.testing.assert_allclose(series["draw_frequency"][drawn], 10_000 / samples, rtol=1e-6)
+    assert series["jump"].sum() > 0
+    assert not series["jump"][~drawn].any()
+
+
+def test_of_more_poses_than_plots_show_those_around_the_moment_are_given(tmp_path):
+    poses = np.tile(np.array([0, 0, 0.2, 0, 0, 0, 1.0]), (POSES_MOST + 500, 1))
+    motion = HandMotion(np.arange(len(poses)) / 1000.0, poses)
+    path = render("cube", "palm", motion, "cc").save(tmp_path / "long.h5")
+    with FileScene(path) as scene:
+        (series,) = ask(FilesPage([scene], load_rig("emulator")), ask="series", pose=[1200])["files"]
+    assert not series["is_whole"]
+    assert series["clock"][[0, -1]].tolist() == pytest.approx([0.2, 2.2])
+
+
+@pytest.mark.parametrize(
+    ("request_values", "sentence"),
+    [
+        ({"ask": "other"}, "ask must be one of open, moment"),
+        ({"ask": "moment", "pose": [90]}, r"pose must be 1 whole numbers of 0\.\.89, not \[90\]"),
+        ({"ask": "moment", "time": "now"}, "time must be a number"),
+        ({"ask": "pressure", "poses": [1], "where": "off"}, "where must be one of skin, plane"),
+        ({"ask": "noise", "poses": []}, r"0\.\.89, not \[\]"),
+        ({"ask": "news", "done": [91]}, r"0\.\.90, not \[91\]"),
+    ],
+)
+def test_absurd_values_are_refused_by_name(page, request_values, sentence):
+    with pytest.raises(StrategyError, match=sentence):
+        ask(page(0), **request_values)
+
+
+def test_a_whole_file_has_no_news_but_that_it_is_whole(page):
+    assert ask(page(0), ask="news", done=[90])["is_sealed"]
+
+
+@pytest.mark.exhaustive
+def test_a_file_that_grows_has_news(tmp_path):
+    motion, path = exploration("tube", duration=60.0, seed=1), tmp_path / "growing.h5"
+
+    class StopError(Exception):
+        pass
+
+    def stop_early(done, total):
+        if done:
+            raise StopError
+
+    with pytest.raises(StopError):
+        record(path, "tube", "palm", motion, "cc", memory=5_000_000, progress=stop_early)
+    with FileScene(path) as scene:
+        page = FilesPage([scene], load_rig("emulator"))
+        opened = ask(page, ask="open")
+        assert not opened["is_sealed"]
+        (done,) = opened["done"]
+        assert 0 < done < 5400
+        assert "unfinished" in opened["names"][0]
+        assert np.isnan(ask(page, ask="moment", pose=[5399])["files"][0]["poses"]["length"]).all()
+        assert ask(page, ask="news", done=[done]) == {"kind": "same"}
+        record(path, "tube", "palm", motion, "cc", mode="resume")
+        news = ask(page, ask="news", done=[done])
+        assert (news["done"], news["is_sealed"], news["names"]) == ([5400], True, ["growing.h5"])
+        assert np.isfinite(ask(page, ask="moment", pose=[5399])["files"][0]["poses"]["length"]).all()
+
+
+@pytest.mark.exhaustive
+def test_pressure_is_highest_where_the_contour_is(page):
+    answer = ask(page(0), ask="pressure", poses=[54], where="skin")
+    (printed,) = answer["files"]
+    rows, columns = printed["shape"][0]
+    values = printed["values"].reshape(int(rows), int(columns))
+    corners = printed["corners"].reshape(-1, 3)
+    points = ask(page(0), ask="moment", pose=[54])["files"][0]["contours"]["points"]
+    u, v = corners[1] - corners[0], corners[3] - corners[0]
+    along = ((points - corners[0]) @ np.stack([u / (u @ u), v / (v @ v)], axis=1) * [columns, rows]).astype(int)
+    inside = ((along >= 0) & (along < [columns, rows])).all(axis=1)
+    on = values[along[inside, 1], along[inside, 0]]
+    assert values.max() == 255
+    assert printed["peak"] > 0.1
+    assert np.median(on) > 1.5 * np.median(values)
+    assert printed["colours"].shape == (256, 3)

@@ -10,7 +10,7 @@ from ....datasets.rigid import rotate, unit
 from ....device.array import ArrayModel
 from ...contour_batch import ContourBatch
 from ...errors import StrategyError
-from ...hands.hand_look import HandLooks
+from ...hands.hand_look import HandLook
 from ...reports.rendering_labels import hand_text, labels_of, strategy_name_of
 from ...sampling.draw_frequency import pose_frequencies
 from ...sampling.presets import PRESETS
@@ -52,15 +52,18 @@ def pack_constants(
     scene: FileScene, packer: Packer, *, name: str, sampling: SamplingStrategy | None = None
 ) -> dict[str, Any]:
     """Pack what all poses of a file share: names, the object's mesh, and the hand's topology."""
-    strategy = sampling or scene.sampling
+    strategy, first = sampling or scene.sampling, scene.moment(0)
     return {
         "name": visible(name),
         "hand": visible(hand_text(scene.file.hand)),
         "pose_count": scene.pose_count,
         "has_time": scene.has_time,
-        **pack_looks(scene.moment(0), scene.vertices, scene.faces, scene.looks, packer),
+        **pack_looks(
+            first.hand, first.hand_pose, scene.vertices, scene.faces, scene.looks.faces, packer,
+            is_rigid=scene.looks.is_rigid,
+        ),
         **names_of(scene.object_name, strategy_name_of(scene.strategy), strategy),
-    }
+    }  # fmt: skip
 
 
 def names_of(solid: str, strategy: str, sampling: SamplingStrategy) -> dict[str, str]:
@@ -74,19 +77,24 @@ def names_of(solid: str, strategy: str, sampling: SamplingStrategy) -> dict[str,
 
 
 def pack_looks(
-    moment: Moment, vertices: np.ndarray, faces: np.ndarray, looks: HandLooks, packer: Packer
+    hand: HandLook,
+    hand_pose: np.ndarray,
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    hand_faces: np.ndarray,
+    packer: Packer,
+    *,
+    is_rigid: bool,
 ) -> dict[str, Any]:
     """Pack the object's mesh [m], and the hand's: its vertices in the hand's frame if its shape never changes."""
-    corners = moment.hand.vertices
     skin: dict[str, Any] = {
-        "vertex_count": len(corners),
-        "is_rigid": looks.is_rigid,
-        "is_rendered": moment.hand.is_rendered,
-        "faces": packer.indices(looks.faces, len(corners)),
-        "glabrous": packer.numbers(looks.glabrous, "u1"),
+        "vertex_count": len(hand.vertices),
+        "is_rigid": is_rigid,
+        "is_rendered": hand.is_rendered,
+        "faces": packer.indices(hand_faces, len(hand.vertices)),
     }
-    if looks.is_rigid:
-        skin["vertices"] = packer.positions(_in_hand(corners, moment.hand_pose))
+    if is_rigid:
+        skin["vertices"] = packer.positions(_in_hand(hand.vertices, hand_pose))
     return {"solid": _pack_solid(vertices, faces, packer), "skin": skin}
 
 

@@ -163,9 +163,10 @@ export function timeline(clock, focus) {
   const speed = element("select", { id: "speed" }, ...SPEEDS.map((each) => element("option", { value: each }, ratioText(each))));
   speed.addEventListener("change", () => (clock.slowness = Number(speed.value)));
   for (const part of [play, slider]) part.disabled = clock.last === 0;
+  if (clock.poses.isLive) focus.slowness = 1; // the newest focal points, as fast as they are drawn
   return element(
     "div",
-    { class: "timeline" },
+    { class: "timeline", hidden: clock.poses.isLive === true },
     play,
     step(-1, "‹", "One pose back (left arrow)"),
     step(1, "›", "One pose on (right arrow)"),

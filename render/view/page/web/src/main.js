@@ -122,11 +122,9 @@ function run(clock, focus, recordings, stage) {
   const frame = (now) => {
     const seconds = Math.min((now - before) / 1000, LONGEST_FRAME);
     before = now;
-    clock.advance(seconds);
-    clock.poses.advance(seconds, clock);
-    if (stage) showPoses();
     if (clock.isPlaying || !isStill.matches) focus.seconds += seconds / focus.slowness;
-    if (stage) {
+    if (stage && !clock.poses.isAwaited) {
+      showPoses();
       recordings.forEach((recording, i) => {
         const { first, stop, rate } = recording.shownFocus;
         if (stop === first && !stage.isStale) return;
@@ -136,6 +134,8 @@ function run(clock, focus, recordings, stage) {
       });
       stage.draw();
     }
+    clock.advance(seconds);
+    clock.poses.advance(seconds, clock);
     requestAnimationFrame(frame);
   };
   requestAnimationFrame(frame);

@@ -15,6 +15,7 @@ export class ServedPoses {
     this.onFound = () => {};
     this.wish = null; // the newest that has not been asked for
     this.isBusy = false;
+    this.isAwaited = false; // a pose is under way: a picture of the one before would only delay it
     this.poses = []; // of each file, that are shown
     this.window = null; // of the clock, that plots show
     this.where = null; // of the print of pressure that is wanted
@@ -31,6 +32,7 @@ export class ServedPoses {
     if (this.isBusy || !this.wish) return;
     const { at, time } = this.wish;
     this.wish = null;
+    this.isAwaited = true;
     await this.asking(async () => {
       const answer = await this.link.ask(at === undefined ? { ask: "moment", time } : { ask: "moment", pose: [at] });
       answer.files.forEach((block, i) => {
@@ -42,6 +44,7 @@ export class ServedPoses {
       [this.rested, this.isSettled] = [0, false];
       this.onFound({ at: answer.poses[0], time: at === undefined ? undefined : answer.time });
     });
+    this.isAwaited = false;
     this.next();
   }
 
@@ -70,7 +73,7 @@ export class ServedPoses {
     this.plotted += seconds;
     if (this.isBusy || this.wish || !this.poses.length) return;
     if (!this.news.is_sealed && this.looked > REFRESH) this.look();
-    else if (this.isOutside(clock.time) && (this.plotted > OFTEN || this.rested > REST)) this.fillPlots();
+    else if (this.isOutside(clock.time) && (clock.isPlaying ? this.plotted > OFTEN : this.rested > REST)) this.fillPlots();
     else if (!this.isSettled && !clock.isPlaying && this.rested > REST) this.settle();
   }
 

@@ -121,6 +121,8 @@ class DrawingRun:
 
     def moment(self) -> LiveMoment | None:
         """What is drawn now; None while nothing is. The first call may wait for 50 ms, later ones do not wait."""
+        if not self._held.is_running:  # what was copied last would stay for ever
+            return None
         renderer = self._renderer
         slot, end_ns = renderer.moments, time.monotonic_ns() + round(MOMENT_TIMEOUT * 1e9)
         slot.ask(now_ns := time.monotonic_ns())

@@ -4,11 +4,13 @@
     python benchmarks/live_latency.py --duration 600 --arrays emulator-10 --hands palm
     python benchmarks/live_latency.py --no-realtime --leads 0.005 0.01 0.02 0.04
     python benchmarks/live_latency.py --cores 0 1                         # on two cores of a larger machine
+    python benchmarks/live_latency.py --duration 20 --hands palm --view 3 # three pairs: without and with a viewer
 
 A process of its own sends a hand by UDP at 90 Hz, with the time of CLOCK_MONOTONIC at which it is sent, which the
 source takes as it is. The object is the tube, the strategy CC. Prints a line of JSON for each run, and a table as
 docs/measured/live.md has it: latency in milliseconds, of all poses and of the first and the last tenth of the run;
-frames dropped, and seconds that hold one.
+frames dropped, and seconds that hold one. With `--view` each run is made so many times without and with a thread that
+reads moments 30 times a second, in turn.
 """
 
 import argparse
@@ -18,6 +20,7 @@ import os
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -36,6 +39,7 @@ RATE = 90.0  # [Hz] of poses
 ARRAYS = {"emulator-10": ("emulator", 10e3), "emulator-40": ("emulator", 40e3), "pat16-10": ("pat16", 10e3)}
 HANDS = {"palm": "palm", "planes": "planes", "skin": "skin"}
 BUSY = "while True: pass"
+VIEW_RATE = 30.0  # [Hz] at which a viewer reads moments
 
 
 def send_hands(port: int, hand: str, duration: float) -> None:
@@ -76,10 +80,43 @@ def processes(*commands: Sequence[str]) -> Iterator[None]:
             process.wait()
 
 
+class Viewer(threading.Thread):
+    """Reads moments of a run 30 times a second until `stop`, with the hand's look, as a page needs it."""
+
+    def __init__(self, live: Live) -> None:
+        super().__init__(daemon=True)
+        self._live, self._stopping = live, threading.Event()
+        self.numbers: set[int] = set()
+        """Of the moments that were read."""
+        self.times: list[float] = []
+        """What each reading took [s]."""
+
+    def run(self) -> None:
+        """Read until `stop`."""
+        due = time.monotonic()
+        while not self._stopping.wait(max(due - time.monotonic(), 0.0)):
+            due += 1 / VIEW_RATE
+            began = time.perf_counter()
+            if (moment := self._live.moment()) is not None and moment.hand is not None:
+                self.numbers.add(moment.number)
+            self.times.append(time.perf_counter() - began)
+
+    def stop(self) -> dict[str, Any]:
+        """End the thread; how many moments it has read, and what reading one takes."""
+        self._stopping.set()
+        self.join()
+        return {
+            "moments": len(self.numbers),
+            "moments_per_second": round(len(self.numbers) * VIEW_RATE / len(self.times), 1),
+            "read_p50_us": round(float(np.median(self.times)) * 1e6),
+            "read_p99_us": round(float(np.quantile(self.times, 0.99)) * 1e6),
+        }
+
+
 def measure(
-    array: str, hand: str, *, duration: float, lead: float, realtime: bool, busy_core: int | None
+    array: str, hand: str, *, duration: float, lead: float, realtime: bool, busy_core: int | None, is_viewed: bool
 ) -> dict[str, Any]:
-    """One run."""
+    """One run; is_viewed: with a viewer that reads moments."""
     (name, rate), port = ARRAYS[array], free_port()
     sender = [sys.executable, __file__, "--send", str(port), hand, str(duration + 30)]
     busy = [sys.executable, "-c", BUSY]
@@ -99,7 +136,11 @@ def measure(
     with processes(sender, busy), live:
         while not live.statistics().poses:
             live.wait(0.1)
+        viewer = Viewer(live) if is_viewed else None
+        if viewer is not None:
+            viewer.start()
         live.wait(duration)
+        viewed = {} if viewer is None else viewer.stop()
     own, latency = live.statistics(), live.latencies() * 1e3
     tenth = max(len(latency) // 10, 1)
     return {
@@ -121,6 +162,7 @@ def measure(
         "superseded": own.superseded,
         "pose_ms": round(own.pose_seconds * 1e3, 2),
         "off_confirmed": live.outcome["off_confirmed"],
+        **viewed,
     }
 
 
@@ -132,8 +174,9 @@ HEAD = (
 
 def row_of(run: dict[str, Any]) -> str:
     """A row of the table."""
+    hand = f"{run['hand']}, viewed" if "moments" in run else run["hand"]
     return (
-        f"| {run['array']} kHz | {run['hand']} | {run['lead_ms']:g} | {run['p50_ms']} | {run['p99_ms']} | "
+        f"| {run['array']} kHz | {hand} | {run['lead_ms']:g} | {run['p50_ms']} | {run['p99_ms']} | "
         f"{run['longest_ms']} | {run['first_p50_ms']}, {run['last_p50_ms']} | {run['dropped']} of {run['frames']} | "
         f"{run['dropped_seconds']} of {run['seconds']:.0f} |"
     )
@@ -148,6 +191,7 @@ def main() -> None:
     parser.add_argument("--leads", type=float, nargs="+", default=[6e-3], help="[s]")
     parser.add_argument("--no-realtime", action="store_true")
     parser.add_argument("--cores", type=int, nargs=2, help="run on these two, the second of which is kept busy")
+    parser.add_argument("--view", type=int, metavar="PAIRS", help="each run so often without and with a viewer")
     parser.add_argument("--send", nargs=3, metavar=("PORT", "HAND", "SECONDS"), help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.send:
@@ -159,16 +203,18 @@ def main() -> None:
     for array in options.arrays:
         for hand in options.hands:
             for lead in options.leads:
-                run = measure(
-                    array,
-                    hand,
-                    duration=options.duration,
-                    lead=lead,
-                    realtime=not options.no_realtime,
-                    busy_core=options.cores[1] if options.cores else None,
-                )
-                runs.append(run)
-                print(json.dumps(run), flush=True)
+                for is_viewed in [False, True] * options.view if options.view else [False]:
+                    run = measure(
+                        array,
+                        hand,
+                        duration=options.duration,
+                        lead=lead,
+                        realtime=not options.no_realtime,
+                        busy_core=options.cores[1] if options.cores else None,
+                        is_viewed=is_viewed,
+                    )
+                    runs.append(run)
+                    print(json.dumps(run), flush=True)
     print("\n".join([HEAD, *map(row_of, runs)]))
 
 

@@ -65,6 +65,7 @@ if TYPE_CHECKING:
     from .live.counts import RunStatistics
     from .live.handle import Live
     from .live.instant import Instant
+    from .live.moment import LiveMoment, LiveScene
     from .live.recording import LiveRecording
     from .live.session import LiveStimulus, Onset, Session, Stimulus
     from .live.shaping import PoseShaping, Prediction, Smoothing
@@ -157,6 +158,7 @@ _ROOMS = {
     "live.counts": "RunStatistics",
     "live.handle": "Live",
     "live.instant": "Instant",
+    "live.moment": "LiveMoment LiveScene",
     "live.recording": "LiveRecording",
     "live.session": "LiveStimulus Onset Session Stimulus",
     "live.shaping": "PoseShaping Prediction Smoothing",
@@ -221,7 +223,9 @@ __all__ = [
     "IntersectionStrategy",
     "KernelCacheError",
     "Live",
+    "LiveMoment",
     "LiveRecording",
+    "LiveScene",
     "LiveStimulus",
     "MeshError",
     "MeshHand",

@@ -156,6 +156,13 @@ class LiveCounts:
         with self._lock:
             return np.array(self._latency)
 
+    def recent(self) -> dict[str, Any]:
+        """What a viewer shows 30 times a second: latency of the last 200 poses, and counts so far, by their names."""
+        with self._lock:
+            latency, counts, poses = np.array(self._latency[-200:]), self._counts, len(self._latency)
+            frames, dropped = counts["frames"], counts["late"] + counts["faded"]
+        return {"latency": Durations.of(latency), "poses": poses, "frames": frames, "dropped": dropped}
+
     def statistics(self) -> RunStatistics:
         """So far."""
         with self._lock:

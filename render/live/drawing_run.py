@@ -2,6 +2,7 @@
 
 import os
 import threading
+import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,6 +12,8 @@ from ..errors import RenderError, StrategyError
 from ..validation import require_number
 from .drawn_log import PIPE_BYTES, LogReader
 from .held_arrays import HeldArrays
+from .moment import LiveMoment, LiveScene, moment_of
+from .moment_slot import COPY_NS, DRAWING
 from .recorder import RunRecorder
 from .renderer_handle import RendererHandle, slow_text
 from .renderer_process import LiveRendering
@@ -18,6 +21,7 @@ from .sources.source_process import SourceSettings, start_source
 
 NUMBERS_EACH = 1 << 40  # pose numbers of a renderer
 STOP_TIMEOUT = 2.0  # [s]
+MOMENT_TIMEOUT = 0.05  # [s] that a first moment may take
 
 
 class DrawingRun:
@@ -47,6 +51,8 @@ class DrawingRun:
         self._stopped = threading.Event()
         self._stopped_at: int | None = None
         self._changing = threading.Lock()
+        self._index = 0  # of the rendering that is drawn
+        self._scenes: dict[int, LiveScene] = {}  # of renderings of the renderer that draws
         self._source = start_source(source)
         try:
             self._renderer = self._prepare(renderings)
@@ -62,7 +68,7 @@ class DrawingRun:
 
     def begin(self, index: int = 0, recorder: RunRecorder | None = None) -> None:
         """Draw a rendering from the next pose on. recorder: gets all that is drawn."""
-        self._recorder = recorder
+        self._recorder, self._index = recorder, index
         own = self._renderer
         self._held.counts.begin()
         own.segment = None if recorder is None else recorder.segment(own.renderings[index], own.numbers)
@@ -104,6 +110,40 @@ class DrawingRun:
         require_intensity(intensity)
         self.intensity = intensity
         self._renderer.send("intensity", value=intensity)
+
+    def scene(self, index: int | None = None) -> LiveScene:
+        """What a viewer draws of a rendering, by default the one that is drawn; it is worked out once."""
+        rendering = self._renderer.renderings[self._index if index is None else index]
+        if id(rendering) not in self._scenes:
+            there = {id(own): self._scenes[id(own)] for own in self._renderer.renderings if id(own) in self._scenes}
+            self._scenes = there | {id(rendering): LiveScene.of(rendering)}
+        return self._scenes[id(rendering)]
+
+    def moment(self) -> LiveMoment | None:
+        """What is drawn now; None while nothing is. The first call may wait for 50 ms, later ones do not wait."""
+        if not self._held.is_running:  # what was copied last would stay for ever
+            return None
+        renderer = self._renderer
+        slot, end_ns = renderer.moments, time.monotonic_ns() + round(MOMENT_TIMEOUT * 1e9)
+        slot.ask(now_ns := time.monotonic_ns())
+        copied, noted = slot.read(), slot.noted()
+        while noted[0] == DRAWING and (copied is None or now_ns - copied.copied_ns > 2 * COPY_NS) and now_ns < end_ns:
+            time.sleep(1e-3)
+            copied, noted, now_ns = slot.read(), slot.noted(), time.monotonic_ns()
+        if renderer is not self._renderer:  # another rendering has taken over meanwhile
+            return self.moment()
+        number = renderer.numbers.start + (0 if copied is None else copied.number)
+        index = self._index if copied is None else copied.index
+        rendering = renderer.renderings[index]
+        return moment_of(
+            copied,
+            noted,
+            self.scene(index),
+            hold=rendering.hold,
+            now_ns=now_ns,
+            number=number,
+            **self._held.counts.recent(),
+        )
 
     def fade(self) -> None:
         """Fade within 10 ms, and draw nothing more."""

@@ -26,6 +26,7 @@ from ..trust.permission import AllowCode
 from .counts import RunStatistics
 from .drawing_run import DrawingRun, require_intensity
 from .held_arrays import HeldArrays
+from .moment import LiveMoment, LiveScene
 from .recorder import RunRecorder, record_path
 from .renderer_process import LiveRendering
 from .shaping import shaping_of
@@ -212,6 +213,18 @@ class Live:
     def latencies(self) -> np.ndarray:
         """From the time stamp of each pose to its first focal point [s], in their order; of the last 400,000 poses."""
         return self._held.counts.latencies()
+
+    def scene(self) -> LiveScene:
+        """What a viewer draws and what stays the same until `change`: object, hand, strategy."""
+        return self._run.scene()
+
+    def moment(self) -> LiveMoment | None:
+        """What is drawn now, for a viewer that asks again and again, from any thread; None while nothing is drawn.
+
+        While somebody asks, at least twice a second, the process that draws copies what it draws at most 30 times a
+        second, so asking more often gives the same again. A first call may take 50 ms, later ones do not wait.
+        """
+        return self._run.moment()
 
     @property
     def is_running(self) -> bool:

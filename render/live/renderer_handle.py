@@ -15,6 +15,7 @@ from ...device.live.writer_handle import WriterHandle, start_process
 from .. import errors
 from ..errors import RenderError, StrategyError
 from .drawn_log import PIPE_BYTES
+from .moment_slot import MomentSlot
 from .recorder import SegmentRecorder
 from .renderer_process import QUICK_SHARE, LiveRendering, RendererSettings
 from .shipped_settings import ship
@@ -47,6 +48,8 @@ class RendererHandle:
         """Where what it draws is recorded now."""
         self.counts: dict[str, int] = {}
         """What it has counted, as it told last."""
+        self.moments = MomentSlot(max(own.hand.patch_count for own in self.renderings))
+        """What it draws now, for viewers."""
         self._own, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.log_fd, log_end = os.pipe() if is_recorded else (None, None)
         if self.log_fd is not None:
@@ -68,8 +71,10 @@ class RendererHandle:
             pose_fd=pose_fd,
             control_fd=other.fileno(),
             log_fd=log_end,
+            moment_fd=self.moments.fd,
         )
-        files = [other, pose_fd, writer.ring.fd, writer.wake_fd, *([] if log_end is None else [log_end])]
+        shared = [writer.ring.fd, writer.wake_fd, self.moments.fd]
+        files = [other, pose_fd, *shared, *([] if log_end is None else [log_end])]
         try:
             content = ship(settings, [own.strategy for own in renderings])
             self._process = start_process("palpate.render.live.renderer_process", (other.fileno(), content), *files)
@@ -144,6 +149,7 @@ class RendererHandle:
     def release(self) -> None:
         """Close what nobody reads any more."""
         self._own.close()
+        self.moments.close()
         if self.log_fd is not None:
             os.close(self.log_fd)
 

@@ -54,6 +54,7 @@ from ..sampling.strategy import SamplingStrategy
 from ..strategies.intersection_strategy import IntersectionStrategy
 from .drawn_log import DrawnLog, LoggedPoints, LoggedPose
 from .instant import POSE_INTERVAL, Instant, checked_pose
+from .moment_slot import DRAWING, RESTING, WAITING, MomentSlot, MomentTap
 from .shipped_settings import unship
 from .sources.messages import PoseMessage, received_messages
 
@@ -102,22 +103,40 @@ class RendererSettings:
     pose_fd: int
     control_fd: int
     log_fd: int | None
+    moment_fd: int | None = None
+    """Memory for moments that a viewer shows, with room for `patch_most` patches; None: nobody can look."""
+
+    @property
+    def patch_most(self) -> int:
+        """Most patches of a hand."""
+        return max(own.hand.patch_count for own in self.renderings)
 
 
 class LiveRenderer:
     """Draws poses into a ring; `step` is called when something came, or when it says so.
 
-    clock_ns: gives the time [ns]; a test passes one of its own.
+    tap: lets a viewer see what is drawn. clock_ns: gives the time [ns]; a test passes one of its own.
     """
 
     def __init__(
-        self, settings: RendererSettings, ring: FrameRing, log: DrawnLog | None, *, clock_ns: Any = time.monotonic_ns
+        self,
+        settings: RendererSettings,
+        ring: FrameRing,
+        log: DrawnLog | None,
+        *,
+        tap: MomentTap | None = None,
+        clock_ns: Any = time.monotonic_ns,
     ) -> None:
         self.counts = {
             "drawn": 0, "superseded": 0, "refused": 0, "skipped": 0, "slices_lost": 0, "frames_on": 0, "records_lost": 0
         }  # fmt: skip
         self.faults: list[str] = []
+        self.is_lost = False
+        """The tracker sees no hand, or its source has ended."""
         self._settings, self._ring, self._log, self._clock_ns = settings, ring, log, clock_ns
+        self._tap = tap
+        self._index = 0  # of the rendering
+        self._last: LoggedPose | None = None  # the pose that is drawn
         (self._rate,) = {own.sampling.update_rate for own in settings.renderings}
         self._period_ns = round(1e9 / self._rate)
         self._lead_ns = round(settings.lead * 1e9)
@@ -176,6 +195,9 @@ class LiveRenderer:
     def begin(self, base: int | None, index: int = 0) -> None:
         """Draw a rendering from the next pose on, or from one that is fresh."""
         self._instant, self._driver = self._all[index]
+        self._index, self._last = index, None
+        if self._tap is not None:
+            self._tap.begin()
         self._base, self._drawn, self._pose_first, self._asked_base = None, 0, -1, base
         self._gain = self._wanted = self._intensity
         self._is_waiting, self._is_stopping, self._was_silent = True, False, True
@@ -222,6 +244,9 @@ class LiveRenderer:
             if message.pose is not None:
                 self.counts["superseded"] += self._newest is not None and self._base is not None
                 self._newest = message
+                self.is_lost = False
+            elif message.is_lost:
+                self.is_lost = True
 
     def step(self) -> int:
         """Draw what is wanted by now; returns when to be called again at the latest [ns]."""
@@ -276,9 +301,27 @@ class LiveRenderer:
         self.counts["drawn"] += 1
         self._begun = self._pose_number, message.stamp_ns
         self._pose_first = self._drawn
+        self._last = LoggedPose(self._drawn, self._pose_number, message.stamp_ns, pose, message.patch_pose)
         if self._log is not None:
-            self._log.add_pose(LoggedPose(self._drawn, self._pose_number, message.stamp_ns, pose, message.patch_pose))
+            self._log.add_pose(self._last)
         self._pose_number += 1
+
+    def show(self) -> None:
+        """Let a viewer see what is drawn, once all that is due has been handed to the writer."""
+        if (tap := self._tap) is None:
+            return
+        state, due_ns, last = RESTING, 0, self._last
+        if self._base is None:
+            state = WAITING if self._is_waiting else RESTING
+        elif last is not None and self.stopped_at is None:
+            state, due_ns = DRAWING, self._start_ns + last.first * self._period_ns
+        now_ns = self._clock_ns()
+        if not tap.is_due(state, is_lost=self.is_lost, pose_due_ns=due_ns, now_ns=now_ns):
+            return
+        contours = self._instant.contours
+        if last is not None and contours is not None:
+            time = ((self._base or 0) + self._drawn) / self._rate
+            tap.copy(last, contours, index=self._index, time=time, now_ns=now_ns)
 
     def _draw_until(self, now_ns: int, until_ns: int) -> None:
         """Draw what is due before a time [ns], and hand it over.
@@ -314,6 +357,8 @@ class LiveRenderer:
         if gain is not None:
             shaped = gain.reshape(-1, *[1] * (focus.intensity.ndim - 1))
             focus = focus._replace(intensity=focus.intensity * shaped)
+        if self._tap is not None:
+            self._tap.add_points(focus)
         blocks, doses = None, []
         if focus.intensity.any():
             if self._was_silent:
@@ -364,7 +409,11 @@ class _RendererProcess:
         try:
             ring = FrameRing([model.frame_bytes for model in own.arrays], frame_count=own.slice_frames, fd=own.ring_fd)
             self._log = log = None if own.log_fd is None else DrawnLog(own.log_fd)
-            self._renderer = renderer = LiveRenderer(own, ring, log)
+            tap = None
+            if own.moment_fd is not None:
+                (rate,) = {rendering.sampling.update_rate for rendering in own.renderings}
+                tap = MomentTap(MomentSlot(own.patch_most, fd=own.moment_fd), rate)
+            self._renderer = renderer = LiveRenderer(own, ring, log, tap=tap)
             cost = renderer.try_poses()
             is_realtime = own.realtime and enter_realtime(RENDERER_PRIORITY)
             stop_collecting()
@@ -380,6 +429,7 @@ class _RendererProcess:
         own = self._settings
         while not self._is_ending:
             next_ns = renderer.step()
+            renderer.show()
             if renderer.base is not None and self._is_asked:
                 self._is_asked = False
                 self._tell("began", base=renderer.base)
@@ -399,6 +449,7 @@ class _RendererProcess:
                     renderer.take(received_messages(own.pose_fd))
                 except EOFError:
                     self._listens = False
+                    renderer.is_lost = True
                     renderer.faults.append("the source of poses has ended")
 
     def _obey(self) -> None:

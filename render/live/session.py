@@ -33,6 +33,7 @@ from .counts import RunStatistics
 from .drawing_run import DrawingRun
 from .handle import sampling_at
 from .held_arrays import HeldArrays
+from .moment import LiveMoment, LiveScene
 from .recorder import RunRecorder, record_path
 from .renderer_process import LiveRendering
 from .shaping import shaping_of
@@ -321,6 +322,14 @@ class Session:
     def statistics(self) -> RunStatistics:
         """Of all live stimuli so far."""
         return self._held.counts.statistics()
+
+    def scene(self) -> LiveScene | None:
+        """What a viewer draws of the live stimulus that plays, or that played last; None where none is loaded."""
+        return None if self._run is None else self._run.scene()
+
+    def moment(self) -> LiveMoment | None:
+        """What is drawn now of a live stimulus, as `Live.moment`; None while none is drawn."""
+        return None if self._run is None else self._run.moment()
 
     def close(self) -> None:
         """Off, and everything ended."""

@@ -8,11 +8,12 @@ import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from palpate.device.errors import DeviceError, SafetyLimitError
 from palpate.device.playing.limits import Limits
-from palpate.render import Connection, Live, LiveRecording, SamplingStrategy
+from palpate.render import Connection, Live, LiveRecording, PlaneHand, SamplingStrategy, render
 from palpate.render.errors import RenderError, StrategyError
 from palpate.render.live import handle
 from palpate.render.live.handle import sampling_at
@@ -116,6 +117,62 @@ def test_everything_changes_while_it_runs_and_another_rate_is_refused(tmp_path, 
 
 
 @pytest.mark.exhaustive
+@pytest.mark.parametrize("hand", ["palm", "planes", "skin"])
+def test_a_moment_has_the_contours_of_its_pose_bit_for_bit(hand, nothing_left):
+    with Live("tube", hand=hand, source="exploration", realtime=False) as live:
+        live.wait(0.3)
+        first, found = live.moment(), []
+        while len(found) < 8:
+            live.wait(0.04)
+            found.append(live.moment())
+        scene = live.scene()
+    assert live.moment() is None
+    assert first.number < found[0].number < found[-1].number
+    assert first.time < found[-1].time < 1.5
+    for moment in found:
+        own = scene.hand
+        if moment.patch_pose is not None:
+            own = PlaneHand(own.patches, own.joints, moment.patch_pose[None])
+        again = render("tube", own, moment.hand_pose[None], "cc").arrays()
+        for name, value in moment.contours.arrays().items():
+            np.testing.assert_array_equal(value, again[name])
+        assert moment.scene is scene
+        assert moment.latency.p50 < 0.1
+    assert any(moment.state == "tracking" for moment in found)
+
+
+@pytest.mark.exhaustive
+def test_a_viewer_in_another_thread_sees_another_object_and_no_error_while_everything_changes(nothing_left):
+    seen, is_over, errors = [], threading.Event(), []
+
+    def look(live):
+        try:
+            while not is_over.wait(0.002):
+                seen.append(live.moment())
+        except Exception as error:
+            errors.append(error)
+
+    with Live("tube", realtime=False) as live:
+        viewer = threading.Thread(target=look, args=(live,))
+        viewer.start()
+        live.wait(0.3)
+        for solid in ("cube", "tube"):
+            live.change(solid=solid)
+            live.wait(0.3)
+    time.sleep(0.05)
+    is_over.set()
+    viewer.join()
+    assert not errors
+    assert seen[-1] is None
+    there = [moment for moment in seen if moment is not None]
+    numbers = [moment.number for moment in there]
+    assert numbers == sorted(numbers)
+    assert len(set(numbers)) > 15
+    names = [moment.scene.object_name for moment in there]
+    assert [name for k, name in enumerate(names) if not k or name != names[k - 1]] == ["tube", "cube", "tube"]
+
+
+@pytest.mark.exhaustive
 def test_a_change_before_the_first_pose_is_drawn_when_a_pose_comes(nothing_left):
     with Live("tube", realtime=False) as live:
         live.change(solid="cube")
@@ -133,12 +190,14 @@ def test_a_process_that_is_killed_ends_the_run_with_an_error(who, nothing_left):
         with live:
             live.wait(0.2)
             victim = live._run._renderer if who == "renderer" else live._held.writer
+            assert live.moment() is not None
             os.kill(victim.process_id, signal.SIGKILL)
             live.wait(3.0)
 
     with pytest.raises(RenderError if who == "renderer" else DeviceError, match=sentence):
         run()
     assert not live.is_running
+    assert live.moment() is None
     if who == "renderer":
         assert live.outcome["off_confirmed"] is True
 
@@ -151,6 +210,7 @@ def test_a_source_that_ends_is_told_and_the_array_falls_silent(tmp_path, nothing
         os.kill(live._run._source.process_id, signal.SIGKILL)
         live.wait(0.6)
         assert live.is_running
+        assert live.moment().state == "no hand"
     assert [sentence for sentence in told if "source" in sentence and "ended" in sentence]
     assert live.outcome["off_confirmed"] is True
 

@@ -16,6 +16,7 @@ from palpate.render import Palm, SamplingStrategy, render
 from palpate.render.intersection.named_inputs import solid_of
 from palpate.render.live.drawn_log import LoggedPose
 from palpate.render.live.instant import POSE_INTERVAL
+from palpate.render.live.moment_slot import DRAWING, RESTING, WAITING, MomentSlot, MomentTap
 from palpate.render.live.renderer_process import FRESH_NS, RAMP, LiveRenderer, LiveRendering, RendererSettings
 from palpate.render.live.sources.messages import PoseMessage
 from palpate.render.playback.drive import DriveStrategy
@@ -63,12 +64,15 @@ class Drawing:
             log_fd=None,
         )
         log = SimpleNamespace(add_pose=self.records.append, add_points=self.records.append, flush=lambda: None)
-        self.renderer = LiveRenderer(self.settings, self.ring, log, clock_ns=lambda: self.now_ns)
+        self.moments = MomentSlot(self.settings.patch_most)
+        tap = MomentTap(self.moments, RATE)
+        self.renderer = LiveRenderer(self.settings, self.ring, log, tap=tap, clock_ns=lambda: self.now_ns)
 
     def step(self, milliseconds=0.0):
         """Let time pass, draw, and take what was drawn as a writer does; returns when it wants to be called again."""
         self.now_ns += round(milliseconds * MS)
         next_ns = self.renderer.step()
+        self.renderer.show()
         self.take()
         return next_ns
 
@@ -125,6 +129,7 @@ def drawing(*renderings, **fields):
         yield own
     finally:
         own.ring.close()
+        own.moments.close()
         os.close(own.wake_fd)
 
 
@@ -374,3 +379,75 @@ def test_poses_are_tried_before_anything_is_drawn_and_leave_nothing_behind():
             one.feel(pose_at(0))
             one.step()
         assert own.slices == fresh.slices
+
+
+def test_without_a_viewer_nothing_is_copied_and_with_one_the_newest_pose_as_it_is_rendered():
+    with drawing(rendering(), rendering("cube", "corners")) as own:
+        own.renderer.begin(None, index=1)
+        own.step()
+        assert own.moments.noted()[0] == WAITING
+        move(own, 0.1)
+        assert own.moments.copied == 0
+        for count in (1, 2):
+            own.moments.ask(own.now_ns)
+            own.feel(pose_at(0.03 * count))
+            own.step(40)
+            read, last = own.moments.read(), own.poses[-1]
+            assert (own.moments.copied, read.number, read.index) == (count, count, 1)
+            assert read.pose[:3] == last[:3]
+            own_rendering = own.settings.renderings[1]
+            again = render(own_rendering.solid, Palm(), last.pose[None], own_rendering.strategy)
+            given, found = again.arrays(), read.contours.arrays()
+            assert given.keys() == found.keys()
+            for name, value in given.items():
+                np.testing.assert_array_equal(found[name], value)
+        assert len(read.contours.points) > 4
+        assert read.time * RATE == own.points[-1].first + len(own.points[-1].intensity)
+        due_ns = own.ring.start_ns + last.first * MS // 10
+        assert own.moments.noted() == (DRAWING, False, due_ns)
+        own.renderer.take([PoseMessage(own.now_ns, 0.0, None)])
+        own.step(1)
+        assert own.moments.noted() == (DRAWING, True, due_ns)
+        own.feel(pose_at(0))
+        own.step(1)
+        assert own.moments.noted()[1] is False
+
+
+def test_a_viewer_sees_the_focal_points_that_are_handed_over():
+    with drawing(intensity=0.5) as own:
+        own.renderer.begin(None)
+        own.feel(pose_at(0))
+        own.step()
+        own.moments.ask(own.now_ns)
+        own.step(0)
+        for _ in range(40):
+            own.feel(pose_at(0))
+            own.moments.ask(own.now_ns)
+            own.step(1)
+        focus = own.moments.read().focus
+        drawn = np.concatenate([row.position for row in own.points])
+        last = round(own.moments.read().time * RATE)
+        np.testing.assert_array_equal(focus.position, drawn[last - len(focus.position) : last])
+        assert len(focus.position) > 300
+        assert set(focus.intensity.tolist()) == {0.5}
+
+
+def test_a_viewer_is_told_that_nothing_is_drawn_any_more():
+    with drawing() as own:
+        own.renderer.begin(None)
+        own.feel(pose_at(0))
+        own.moments.ask(own.now_ns)
+        own.step()
+        assert own.moments.noted()[0] == DRAWING
+        own.renderer.stop()
+        for _ in range(20):
+            own.step(1)
+        assert own.moments.noted()[0] == RESTING
+        copied = own.moments.copied
+        own.renderer.rest()
+        own.renderer.begin(None)
+        own.moments.ask(own.now_ns)
+        own.step(40)
+        assert own.moments.noted()[0] == WAITING
+        assert own.moments.copied == copied
+        assert own.moments.read() is None  # that of the run before is not shown again

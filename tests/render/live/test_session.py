@@ -42,6 +42,7 @@ def test_stored_and_live_stimuli_are_played_one_after_the_other(path, tmp_path):
         assert "3 stimuli at 10000 Hz" in repr(session)
         for number in (0, 2, 1, 0, 1):
             onset = session.play(number, repeats=1)
+            assert (session.moment() is not None) is (number == 1)  # stored stimuli have no pose
             assert isinstance(onset, Onset)
             assert 0 < onset.latency < (0.2 if number == 1 else 0.05)
             assert not onset.is_estimate
@@ -77,6 +78,7 @@ def test_a_stimulus_of_another_rate_or_too_many_bytes_is_refused_and_the_others_
             with pytest.raises(StrategyError, match="may have 1,000 bytes of frames; a shorter duration"):
                 session.load([Stimulus(path, duration=0.1)])
         assert session.stimuli == ()
+        assert (session.scene(), session.moment()) == (None, None)
         (number,) = session.load([Stimulus(path, sampling="stm", duration=0.1)])
         with pytest.raises(StrategyError, match="record is for live stimuli"):
             session.play(number, record="x.h5")
@@ -119,6 +121,8 @@ def test_a_live_stimulus_is_recorded(tmp_path):
         with pytest.raises(StrategyError, match="must end in"):
             session.play(cube, record=tmp_path / "felt.txt")
         session.play(cube, record=record)
+        assert session.moment().scene is session.scene()
+        assert session.scene().object_name == "cube"
         session.wait()
         with pytest.raises(StrategyError, match="exists already"):
             session.play(cube, record=record)

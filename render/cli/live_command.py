@@ -4,7 +4,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from itertools import cycle
 from pathlib import Path
@@ -110,7 +110,12 @@ def run_live(options: dict[str, Any], *, as_json: bool) -> int:
     ended_by = None
     with ending_on_signals():
         try:
-            with run, _live_line(run, quiet=as_json) as show, pressed_keys() as keys:
+            with (
+                run,
+                _viewer(run, arrays, options),
+                _live_line(run, quiet=as_json) as show,
+                pressed_keys() as keys,
+            ):
                 _follow(run, Keys(run, choices), keys, show, duration)
         except KeyboardInterrupt as interruption:
             ended_by = str(interruption)
@@ -228,6 +233,20 @@ def _follow(
             shown = now
             show()
     keys.finish()
+
+
+def _viewer(run: Live, arrays: tuple[PlacedArray, ...], options: dict[str, Any]) -> AbstractContextManager[object]:
+    """The page of the run, served until the `with` ends; nothing without --view."""
+    if not options["view"]:
+        for name in ("port", "no_browser"):
+            if options[name]:
+                raise StrategyError(f"--{name.replace('_', '-')} is of the page that --view shows")
+        return nullcontext()
+    from ..view.served.viewing import announce, serve_live  # what only looking costs
+
+    server = serve_live(run, arrays, options["port"])
+    announce(server.address(), "the hand that moves now", no_browser=options["no_browser"])
+    return server
 
 
 @contextmanager

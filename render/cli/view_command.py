@@ -15,10 +15,10 @@ from ..playback.placed_arrays import load_rig
 from ..runtime.warp_start import start_warp
 from ..strategies.intersection_strategy import closed_contour, open_contour
 from ..terminal import bars, console
-from ..terminal.foreign_text import print_message, write_output
+from ..terminal.foreign_text import write_output
 from ..validation import refuse_object
 from ..view.page.export import LIMIT, export_page
-from ..view.served.viewing import open_browser, view_files
+from ..view.served.viewing import announce, open_browser, view_files
 
 POSES_PREVIEWED = 10_000
 MOTION_SUFFIXES = (".csv", *JOINT_SUFFIXES)
@@ -85,10 +85,10 @@ def _view(files: list[Path], options: dict[str, Any], *, as_json: bool) -> None:
     def tell(address: str) -> None:
         if as_json:
             write_output(console.json_line({"address": address}))
+            if not options["no_browser"]:
+                open_browser(address)
         else:
-            print_message(f"palpate shows {' and '.join(map(str, files))} on {address} until Ctrl-C")
-        if not options["no_browser"] and not open_browser(address):
-            print_message(f"no browser could be opened here: open {address} in one on this machine")
+            announce(address, " and ".join(map(str, files)), no_browser=options["no_browser"])
 
     try:
         view_files(

@@ -12,6 +12,7 @@ from .output import Json, Overwrite, Quiet, run_job
 from .play import DutyMax, OnTimeMax, Transport
 from .sampling import Amplitude, LevelMax, Slew, Solver, SoundSpeed, UpdateRate
 from .trust import AllowCode
+from .view import NoBrowser, Port
 
 SOURCE_HELP = (
     "Where poses come from: exploration, a recording or motion file, udp[:HOST:PORT], ultraleap[:ws://...], or "
@@ -94,6 +95,11 @@ def live(
     realtime: Annotated[
         bool, typer.Option("--realtime/--no-realtime", help="Ask for real-time scheduling and locked memory.")
     ] = True,
+    view: Annotated[
+        bool, typer.Option("--view", help="Show the hand that moves now, and what is drawn on it, in the browser.")
+    ] = False,
+    port: Port = None,
+    no_browser: NoBrowser = False,
     allow_code: AllowCode = False,
     overwrite: Overwrite = False,
     quiet: Quiet = False,

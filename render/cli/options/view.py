@@ -10,6 +10,12 @@ from .array import Array, Calibration
 from .output import Json, Overwrite, Quiet, run_job
 from .trust import AllowCode
 
+Port = Annotated[
+    int | None,
+    typer.Option(metavar="N", help="Port of 127.0.0.1 for the page; by default the first free one from 8080 on."),
+]
+NoBrowser = Annotated[bool, typer.Option("--no-browser", help="Print the page's address only, and open nothing.")]
+
 
 def view(
     files: Annotated[
@@ -18,10 +24,8 @@ def view(
             metavar="FILE", help="A contour file, two to compare, the store of a sweep; or OBJECT MOTION, a preview."
         ),
     ],
-    port: Annotated[
-        int | None, typer.Option(metavar="N", help="Port of 127.0.0.1; by default the first free one from 8080 on.")
-    ] = None,
-    no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the address only, and open nothing.")] = False,
+    port: Port = None,
+    no_browser: NoBrowser = False,
     array: Array = "emulator",
     calibration: Calibration = None,
     allow_code: AllowCode = False,

@@ -1,12 +1,14 @@
 """The page of a live run: the hand that moves now, what is drawn on it, and how late it is."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
 from ...live.moment import LiveMoment, LiveScene
+from ...live.moment_slot import COPY_NS, FOCUS_MOST
 from ...playback.placed_arrays import PlacedArray
 from ...reports.rendering_labels import hand_text, strategy_name_of
 from ..file_scene import Moment
@@ -34,6 +36,8 @@ class LivePage:
         self, scene: Callable[[], LiveScene], moment: Callable[[], LiveMoment | None], arrays: Sequence[PlacedArray]
     ) -> None:
         self._scene, self._moment, self._arrays = scene, moment, tuple(arrays)
+        self._seen: LiveScene | None = None
+        self._scene_count = 0
 
     def close(self) -> None:
         """Nothing: the run is the caller's."""
@@ -57,7 +61,7 @@ class LivePage:
             "arrays": [pack_array(placed.model, packer) for placed in self._arrays],
             "bounds": [low.tolist(), high.tolist()],
             "titles": [],
-            "scene": id(scene),
+            "scene": self._number_of(scene),
             "files": [
                 {
                     **names,
@@ -81,7 +85,7 @@ class LivePage:
         described: dict[str, Any] = {
             "kind": "now",
             "state": moment.state,
-            "scene": id(moment.scene),
+            "scene": self._number_of(moment.scene),
             "number": moment.number,
             "time": moment.time,
             "latency": [_finite(moment.latency.p50), _finite(moment.latency.p99)],
@@ -103,14 +107,23 @@ class LivePage:
             ]
         return described
 
+    def _number_of(self, scene: LiveScene) -> int:
+        """Another number for each scene, by which a page sees that it shows an old one."""
+        if scene is not self._seen:
+            self._seen = scene
+            self._scene_count += 1
+        return self._scene_count
+
 
 def path_of(moment: LiveMoment) -> FocalPath | None:
     """The newest focal points of a live run; None where there are none."""
     focus, sampling = moment.focus, moment.scene.sampling
     if not len(focus.intensity):
         return None
-    jump, hop = steps_of(focus.position, focus.intensity, sampling)
-    return FocalPath(focus.position, focus.intensity, sampling.update_rate, jump, hop)
+    foci = focus.intensity[0].size
+    rate = sampling.update_rate / np.ceil(COPY_NS * 1e-9 * sampling.update_rate / (FOCUS_MOST // foci))  # thinned
+    jump, hop = steps_of(focus.position, focus.intensity, replace(sampling, update_rate=rate))
+    return FocalPath(focus.position, focus.intensity, rate, jump, hop)
 
 
 def _finite(value: float) -> float | None:

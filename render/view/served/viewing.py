@@ -10,14 +10,17 @@ from tempfile import TemporaryDirectory
 from ....datasets.sweeps.check import is_sweep_data
 from ...contour_input import takes_batches
 from ...errors import StrategyError
-from ...playback.placed_arrays import load_rig
+from ...live.handle import Live
+from ...playback.placed_arrays import PlacedArray, load_rig
 from ...runtime.warp_start import start_warp
+from ...terminal.foreign_text import print_message
 from ...trust.permission import AllowCode
 from ..file_scene import FileScene
 from ..page.document import served_document
 from ..page.export import FILES_MOST
 from ..sweep_rows import SweepRows
 from .files_page import FilesPage
+from .live_page import LivePage
 from .page_server import Page, PageServer
 from .sweep_page import SweepPage
 
@@ -62,6 +65,19 @@ def view_files(
         if ready is not None:
             ready(server.address())
         (stop or threading.Event()).wait()
+
+
+def serve_live(run: Live, arrays: Sequence[PlacedArray], port: int | None = None) -> PageServer:
+    """Serve the page of a live run until the server is closed; raises ViewError for a port that is taken."""
+    shown = LivePage(run.scene, run.moment, arrays)
+    return PageServer({"/": Page(served_document, lambda: shown)}, port)
+
+
+def announce(address: str, what: str, *, no_browser: bool) -> None:
+    """Print a page's address, and open it; without a display or a browser, say what to do instead."""
+    print_message(f"palpate shows {what} on {address} until Ctrl-C")
+    if not no_browser and not open_browser(address):
+        print_message(f"no browser could be opened here: open {address} in one on this machine")
 
 
 def open_browser(address: str) -> bool:

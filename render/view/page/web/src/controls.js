@@ -163,7 +163,6 @@ export function timeline(clock, focus) {
   const speed = element("select", { id: "speed" }, ...SPEEDS.map((each) => element("option", { value: each }, ratioText(each))));
   speed.addEventListener("change", () => (clock.slowness = Number(speed.value)));
   for (const part of [play, slider]) part.disabled = clock.last === 0;
-  if (clock.poses.isLive) focus.slowness = 1; // the newest focal points, as fast as they are drawn
   return element(
     "div",
     { class: "timeline", hidden: clock.poses.isLive === true },
@@ -262,7 +261,8 @@ function notesOf(file) {
   const { solid, focus, contours, sampling } = file;
   const notes = [];
   if (contours) notes.push(`Places are rounded to ${(1000 * Math.max(contours.step, solid.step)).toPrecision(2)} mm.`);
-  if (!focus) notes.push(`The focal point follows ${sampling}, from two poses before the shown one on.`);
+  if (file.isLive) notes.push(`The focal point follows ${sampling}.`);
+  else if (!focus) notes.push(`The focal point follows ${sampling}, from two poses before the shown one on.`);
   else if (focus.position.length) notes.push(`The focal point follows ${sampling}${focus.stride > 1 ? `; of poses with many samples, up to every ${focus.stride}th is shown` : ""}.`);
   if (solid.tolerance) notes.push(`The object is shown with ${solid.faces.length / 3} of ${solid.face_count} triangles.`);
   return notes;

@@ -220,8 +220,9 @@ export class FileScene {
   showFocus(seconds, frame) {
     const { position, intensity, step, focus_count } = this.recording.focus;
     const { first, stop, rate } = this.recording.shownFocus;
-    const now = Math.min(first + Math.floor(seconds * rate), stop - 1);
-    const length = Math.max(TRAIL, Math.ceil(2 * frame * rate));
+    const { isLive } = this.recording; // then the newest focal points are there
+    const now = isLive ? stop - 1 : Math.min(first + Math.floor(seconds * rate), stop - 1);
+    const length = isLive ? TRAIL : Math.max(TRAIL, Math.ceil(2 * frame * rate));
     const from = Math.max(first, now - length);
     this.trail.begin(Math.max(0, now - from) * focus_count);
     this.foci.forEach((mesh, k) => {

@@ -14,6 +14,7 @@ export class LivePoses {
   constructor(link, page, recordings, show) {
     Object.assign(this, { link, recordings, show, scene: page.scene });
     Object.assign(this, { count: 1, begin: 0, end: Infinity, byPose: false, isLive: true, start: 0 });
+    recordings[0].isLive = true;
     this.number = -1;
     this.waited = 0;
     this.plotted = PLOTTED;

@@ -77,7 +77,7 @@ export class Plots {
   clockText(value) {
     const { poses } = this.clock;
     if (value === null || (poses.byPose && !Number.isInteger(value))) return "";
-    return poses.count === 1 && value !== poses.begin ? "" : `${value}${poses.byPose ? "" : " s"}`;
+    return poses.count === 1 && !poses.isLive && value !== poses.begin ? "" : `${value}${poses.byPose ? "" : " s"}`;
   }
 
   // Shows these poses of each file: clock, length, draw_frequency, tilt, and how often the focal point jumps and hops.

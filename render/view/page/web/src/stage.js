@@ -95,7 +95,7 @@ export class Stage {
     for (const { view, corners, label } of this.zones) {
       const { left, width, height } = this.views[view];
       const inside = corners.map((corner) => this.pixelOf(corner, view)).filter(([x, y]) => x > left && x < left + width && y > 80 && y < height - 40);
-      const [x, y] = inside.reduce((last, each) => (each[1] > last[1] ? each : last), [left + 12, 80]);
+      const [x, y] = inside.reduce((last, each) => (each[0] > last[0] ? each : last), [left + 12, 80]); // on the right, no array is under it
       label.style.transform = `translate(${Math.min(x + 6, left + width - label.offsetWidth - 6)}px, ${y}px)`;
     }
   }

@@ -4,7 +4,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from itertools import cycle
 from pathlib import Path
@@ -35,6 +35,7 @@ from ..terminal import bars, console
 from ..terminal.foreign_text import errors, print_message, shows_progress
 from ..terminal.keys import pressed_keys
 from ..validation import choose
+from ..view.served.viewing import LiveViewer, announce
 from .play_commands import drive_of, limits_of
 
 POLL = 0.05  # [s] between looks at the keyboard
@@ -69,12 +70,47 @@ def run_live(options: dict[str, Any], *, as_json: bool) -> int:
         raise StrategyError(f"--duration must be above 0 s, not {duration}")
     if options["palm"] is not None and options["hand"] != "palm":
         raise StrategyError(f"--palm is the size of --hand palm, which {options['hand']} is not")
+    for name in ("port", "no_browser"):
+        if options[name] and not options["view"]:
+            raise StrategyError(f"--{name.replace('_', '-')} is of the page that --view shows")
     choices = _choices(options, arrays, as_json=as_json)
     record: Path | None = options["record"]
     if record is not None and record.suffix not in (".h5", ".hdf5"):
         raise StrategyError(f"{record}: a contour file must end in .h5 or .hdf5")
     if options["finish"]:
         return _finish(choices.solids[0], record, overwrite=options["overwrite"], as_json=as_json)
+    # The port may be taken, so that the page is served before the array is opened.
+    with LiveViewer(options["port"]) if options["view"] else nullcontext() as viewer:
+        run, ended_by = _run_until_ended(choices, arrays, options, viewer, quiet=as_json)
+    statistics = run.statistics()
+    values = statistics.as_dict()
+    values["poses_refused"] = values.pop("refused")  # "refused" are focal points, in other tables
+    for name in ("latency", "latency_recent", "age"):
+        times = values.pop(name)
+        values |= {f"{name}_{which}": times[which] for which in ("p50", "p99", "longest")}
+    values |= {
+        "off_confirmed": run.outcome.get("off_confirmed"),
+        "arrays": run.outcome.get("arrays"),
+        "files": [str(path) for path in run.files],
+        "ended_by": ended_by,
+    }
+    console.show_values(values, as_json=as_json, title="live", shown_names=SHOWN, unknown=("off_confirmed",))
+    console.conclude(_meaning(statistics), as_json=as_json)
+    if ended_by in (None, "", "SIGINT"):
+        return console.FAILED if statistics.faults and not statistics.poses else console.DONE
+    return 128 + signal.Signals[ended_by]
+
+
+def _run_until_ended(
+    choices: Choices,
+    arrays: tuple[PlacedArray, ...],
+    options: dict[str, Any],
+    viewer: LiveViewer | None,
+    *,
+    quiet: bool,
+) -> tuple[Live, str | None]:
+    """Run until the end of the time, key q, or a signal; the run, and the name of the signal."""
+    record: Path | None = options["record"]
     run = Live(
         choices.solids[0],
         hand=Palm(*options["palm"]) if options["palm"] else options["hand"],
@@ -110,32 +146,18 @@ def run_live(options: dict[str, Any], *, as_json: bool) -> int:
     ended_by = None
     with ending_on_signals():
         try:
+            if viewer is not None:
+                viewer.follow(run, arrays)
+                announce(viewer.address, "the hand that moves now", no_browser=options["no_browser"])
             with (
                 run,
-                _viewer(run, arrays, options),
-                _live_line(run, quiet=as_json) as show,
+                _live_line(run, quiet=quiet) as show,
                 pressed_keys() as keys,
             ):
-                _follow(run, Keys(run, choices), keys, show, duration)
+                _follow(run, Keys(run, choices), keys, show, options["duration"])
         except KeyboardInterrupt as interruption:
             ended_by = str(interruption)
-    statistics = run.statistics()
-    values = statistics.as_dict()
-    values["poses_refused"] = values.pop("refused")  # "refused" are focal points, in other tables
-    for name in ("latency", "latency_recent", "age"):
-        times = values.pop(name)
-        values |= {f"{name}_{which}": times[which] for which in ("p50", "p99", "longest")}
-    values |= {
-        "off_confirmed": run.outcome.get("off_confirmed"),
-        "arrays": run.outcome.get("arrays"),
-        "files": [str(path) for path in run.files],
-        "ended_by": ended_by,
-    }
-    console.show_values(values, as_json=as_json, title="live", shown_names=SHOWN, unknown=("off_confirmed",))
-    console.conclude(_meaning(statistics), as_json=as_json)
-    if ended_by in (None, "", "SIGINT"):
-        return console.FAILED if statistics.faults and not statistics.poses else console.DONE
-    return 128 + signal.Signals[ended_by]
+    return run, ended_by
 
 
 def _finish(solid: Solid, record: Path | None, *, overwrite: bool, as_json: bool) -> int:
@@ -233,20 +255,6 @@ def _follow(
             shown = now
             show()
     keys.finish()
-
-
-def _viewer(run: Live, arrays: tuple[PlacedArray, ...], options: dict[str, Any]) -> AbstractContextManager[object]:
-    """The page of the run, served until the `with` ends; nothing without --view."""
-    if not options["view"]:
-        for name in ("port", "no_browser"):
-            if options[name]:
-                raise StrategyError(f"--{name.replace('_', '-')} is of the page that --view shows")
-        return nullcontext()
-    from ..view.served.viewing import announce, serve_live  # what only looking costs
-
-    server = serve_live(run, arrays, options["port"])
-    announce(server.address(), "the hand that moves now", no_browser=options["no_browser"])
-    return server
 
 
 @contextmanager

@@ -6,10 +6,11 @@ import webbrowser
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Self
 
 from ....datasets.sweeps.check import is_sweep_data
 from ...contour_input import takes_batches
-from ...errors import StrategyError
+from ...errors import StrategyError, ViewError
 from ...live.handle import Live
 from ...playback.placed_arrays import PlacedArray, load_rig
 from ...runtime.warp_start import start_warp
@@ -67,10 +68,32 @@ def view_files(
         (stop or threading.Event()).wait()
 
 
-def serve_live(run: Live, arrays: Sequence[PlacedArray], port: int | None = None) -> PageServer:
-    """Serve the page of a live run until the server is closed; raises ViewError for a port that is taken."""
-    shown = LivePage(run.scene, run.moment, arrays)
-    return PageServer({"/": Page(served_document, lambda: shown)}, port)
+class LiveViewer:
+    """The server of a live run's page; use it in a `with`. It serves before there is a run, which it then follows.
+
+    Raises ViewError for a port that is taken, StrategyError for a number of no port.
+    """
+
+    def __init__(self, port: int | None = None) -> None:
+        self._page: LivePage | None = None
+        self._server = PageServer({"/": Page(served_document, self._converse)}, port)
+        self.address = self._server.address()
+        """Of the page."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._server.close()
+
+    def follow(self, run: Live, arrays: Sequence[PlacedArray]) -> None:
+        """Show this run from now on; arrays: shown under the hand."""
+        self._page = LivePage(run.scene, run.moment, arrays)
+
+    def _converse(self) -> LivePage:
+        if self._page is None:
+            raise ViewError("no live run has begun yet")
+        return self._page
 
 
 def announce(address: str, what: str, *, no_browser: bool) -> None:

@@ -42,6 +42,9 @@ REFUSED = {
     "cube --transport fast": "transport must be one of",
     "cube --watchdog": "a watchdog is for real arrays on USB or a serial port, not for emulator",
     "cube --prediction 20": "20 ms are 0.02",
+    "cube --port 8090": "--port is of the page that --view shows",
+    "cube --no-browser": "--no-browser is of the page that --view shows",
+    "cube --view --no-browser --port 70000": "port must be 1 to 65535, not 70000",
 }
 
 
@@ -220,3 +223,29 @@ def test_keys_of_a_terminal_change_what_runs(tmp_path, request):
     assert "off confirmed" in output
     assert "poses refused" in output  # not "silenced", as focal points are
     assert len(list(tmp_path.glob("run*.h5"))) == 4
+
+
+@pytest.mark.exhaustive
+def test_the_page_of_a_run_shows_the_hand_that_moves_now(tmp_path):
+    from browser import Browser
+
+    words = [sys.executable, "-m", "palpate.render.cli", "live", "tube", "--view", "--no-browser"]
+    with subprocess.Popen(words, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as run:
+        try:
+            printed = next(line for line in run.stderr if "palpate shows the hand that moves now on " in line)
+            address = printed.split(" on ")[1].split(" until ")[0]
+            with Browser(tmp_path) as browser:
+                browser.open(address)
+                browser.wait("document.querySelector('[data-ready]')")
+                readout = "document.querySelector('.readout output').value"
+                browser.wait(f"/[0-9.]+ s · tracking · [0-9.]+ ms from hand to array/.test({readout})")
+                before = browser.run(readout)
+                browser.wait(f"{readout} !== {json.dumps(before)}")
+                assert browser.errors == []
+                run.send_signal(signal.SIGINT)
+                browser.wait("document.body.innerText.includes('The viewer has ended')")
+            report = run.communicate(timeout=30)[0]
+        finally:
+            run.kill()
+    assert run.returncode == 0
+    assert "off confirmed    True" in report

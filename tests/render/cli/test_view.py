@@ -1,6 +1,7 @@
 """`palpate view` as a process: it tells its address, ends by Ctrl-C with 0, and refuses what it cannot show."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -39,7 +40,7 @@ def test_it_serves_until_ctrl_c(file):
         address = json.loads(process.stdout.readline())["address"]
         with urllib.request.urlopen(address, timeout=10) as page:
             assert b"<html" in page.read().lower()
-        taken = address.rsplit(":", 1)[1]
+        taken = re.search(r":(\d+)/", address)[1]
         second = CliRunner().invoke(app, ["view", str(file), "--no-browser", "--port", taken])
         assert second.exit_code == 1
         assert f"port {taken} of 127.0.0.1 cannot be had" in second.output

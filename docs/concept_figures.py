@@ -1,17 +1,19 @@
-"""Draws the figures of docs/concepts/ from what palpate computes: `python docs/concept_figures.py`.
+"""Draws the figures of docs/concepts/ and of docs/gallery.md from what palpate computes: `python docs/concept_figures.py`.
 
 A test compares the files with what this draws.
 """
 
+import re
 from collections.abc import Iterable
-from itertools import pairwise
+from itertools import groupby, pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from palpate.render import MeshObject, Palm, render, static_pose
+from palpate.render import MeshObject, Palm, RenderedBatch, render, static_pose
 
-FOLDER = Path(__file__).parent / "concepts"
+DOCS = Path(__file__).parent
 SIDE = 0.085  # of the palm [m]
 POSE = (0.04, 0.0, 0.2)  # of the palm: over a tube, at its rim [m]
 SCALE = 1600.0  # pixels a metre
@@ -29,16 +31,56 @@ SAMPLINGS = {"stm": "stm: round, with jumps", "pendulum": "pendulum: there and b
 def main() -> None:
     """Write the figures."""
     for name, text in figures().items():
-        (FOLDER / name).write_text(text)
+        (DOCS / name).write_text(text)
 
 
 def figures() -> dict[str, str]:
-    """The figures as SVG, by file name."""
-    return {
-        "intersection.svg": picture([_intersection(name) for name in INTERSECTIONS], INTERSECTIONS.values()),
-        "sampling.svg": picture([_cycle(name) for name in SAMPLINGS], SAMPLINGS.values()),
-        "pose-to-wire.svg": _way(),
+    """The figures as SVG, by their path in docs/."""
+    return gallery() | {
+        "concepts/intersection.svg": picture([_intersection(name) for name in INTERSECTIONS], INTERSECTIONS.values()),
+        "concepts/sampling.svg": picture([_cycle(name) for name in SAMPLINGS], SAMPLINGS.values()),
+        "concepts/pose-to-wire.svg": _way(),
     }
+
+
+def gallery() -> dict[str, str]:
+    """The pictures of the gallery: each shows the batches `pictures` that the block of code above it leaves."""
+    found: dict[str, str] = {}
+    names: dict[str, Any] = {}
+    text = (DOCS / "gallery.md").read_text()
+    for code, path in re.findall(r"^```python\n(.*?)^```|^!\[[^\]]*\]\(([^)]+)\)", text, re.MULTILINE | re.DOTALL):
+        if path:
+            found[path] = picture([_on_palm(batch) for batch in names["pictures"]], names["poses"])
+        else:
+            exec(code, names)
+    return found
+
+
+def _on_palm(batch: RenderedBatch) -> str:
+    """The contours of a palm's one pose, seen from the back of the hand with the fingers up: hue by kind, pale where weak."""
+    (pose,) = batch.motion.pose
+    across, back, along = (_turned(pose[3:], axis) for axis in np.eye(3))
+    middle = batch.points - pose[:3]
+    assert np.abs(middle @ back).max(initial=0) < 1e-4  # [m]: on the palm
+    places = np.stack([middle @ across, middle @ along], axis=1)
+    intensity = np.ones(len(places)) if batch.intensity is None else batch.intensity
+    parts = []
+    for first, stop in pairwise(batch.polyline_start):
+        looks = [
+            (KINDS[int(batch.kind[k])], round(max(0.15, (intensity[k] + intensity[k + 1]) / 2), 1))
+            for k in range(first, stop - 1)
+        ]
+        for (colour, opacity), run in groupby(range(len(looks)), key=looks.__getitem__):
+            ends = list(run)
+            parts.append(_line(places[first + ends[0] : first + ends[-1] + 2], colour, 2, opacity))
+    return _palm() + "".join(parts)
+
+
+def _turned(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """A vector turned by a quaternion xyzw."""
+    axis, scalar = quaternion[:3], quaternion[3]
+    twice = 2 * np.cross(axis, vector)
+    return vector + scalar * twice + np.cross(axis, twice)
 
 
 def picture(panels: list[str], captions: Iterable[str]) -> str:
@@ -102,9 +144,10 @@ def _pixels(points: np.ndarray) -> np.ndarray:
     return points * SCALE + PANEL / 2
 
 
-def _line(points: np.ndarray, colour: str, width: float) -> str:
+def _line(points: np.ndarray, colour: str, width: float, opacity: float = 1.0) -> str:
     path = " ".join(f"{x:.1f},{y:.1f}" for x, y in _pixels(points))
-    return f'<polyline points="{path}" fill="none" stroke="{colour}" stroke-width="{width:g}"/>'
+    pale = f' stroke-opacity="{opacity:.2f}"' if opacity < 1 else ""
+    return f'<polyline points="{path}" fill="none" stroke="{colour}" stroke-width="{width:g}"{pale}/>'
 
 
 STEPS = (

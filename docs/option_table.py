@@ -15,8 +15,8 @@ PAGE = Path(__file__).parent / "guide" / "options.md"
 TITLE = """# Options of all commands
 
 Made from the code by `python docs/option_table.py`. The same option has the same name, unit and meaning in every
-command; where its last column differs between commands, each meaning has a row. Arguments stand in the order in which a
-command takes them. [command-line.md](command-line.md) explains what needs more than a line.
+command; where its last column differs between commands, each meaning has a row. [command-line.md](command-line.md) lists
+the commands and explains what needs more than a line.
 """
 
 
@@ -57,10 +57,6 @@ def _takes(option: Any) -> str:
 def page() -> str:
     """The page as text."""
     found = options()
-    arguments = [
-        f"| `palpate {name}` | {' '.join(_cell(f'`{p.metavar}`') for p in inner.params if _is_argument(p)) or 'none'} |"
-        for name, inner in commands()
-    ]
     rows: dict[tuple[str, str, str], list[str]] = {}
     for option in found:
         rows.setdefault((option.names, option.takes, option.help), []).append(option.command)
@@ -70,14 +66,7 @@ def page() -> str:
         f"{'all' if len(having) == everywhere else ', '.join(having)} | {_cell(text)} |"
         for (names, takes, text), having in sorted(rows.items(), key=lambda row: row[0][0].rpartition("--")[2])
     ]
-    parts = [
-        TITLE,
-        "| command | arguments |\n|---|---|",
-        *arguments,
-        "\n| option | commands | does |\n|---|---|---|",
-        *table,
-    ]
-    return "\n".join(parts) + "\n"
+    return "\n".join([TITLE, "| option | commands | does |\n|---|---|---|", *table]) + "\n"
 
 
 def _is_argument(parameter: Any) -> bool:

@@ -97,7 +97,10 @@ PICTURES: dict[str, Callable[[], Figure]] = {
 }
 
 
-ELSEWHERE: tuple[str, ...] = ("concepts/intersection.svg", "concepts/sampling.svg", "concepts/pose-to-wire.svg")
+ELSEWHERE: tuple[str, ...] = (
+    *(f"concepts/{name}.svg" for name in ("intersection", "sampling", "pose-to-wire")),
+    *(f"gallery/{name}.svg" for name in ("oc", "cc", "hatch", "inset", "corners", "depth-hatch", "ellipse", "mammoth")),
+)
 """Pictures of pages that `python docs/concept_figures.py` makes."""
 
 

@@ -29,7 +29,7 @@ NO_RUN = {  # pages with blocks that are marked `no-run`, and what runs them ins
 }
 NOT_HERE = {  # command lines that no test runs, and why
     r"^(python3 -m venv|pip install|apt-get)": "changes the machine; .ci/run runs README's two",
-    r"^(pytest|ruff|pyright|tests/|PALPATE_OPENMPD|PALPATE_SONICSURFACE)": "is how this project is tested",
+    r"^(pytest|ruff|pyright|tests/)": "is how this project is tested",
     r"npm ci": "tests/render/view/page/test_bundle.py runs it, where npm reaches its registry",
     r"^(dask |CUDA_VISIBLE)": "is a program of Dask that does not end by itself",
     r"--device cuda": "needs a GPU",
@@ -194,7 +194,6 @@ def test_a_broken_example_would_be_found(reader):
 
 
 # Words in the text
-
 
 FORMATS = {"contours", "table", "shard", "recipe", "code"}  # `palpate table 1`: a file's format, and no command
 

@@ -15,8 +15,8 @@ PAGE = Path(__file__).parent / "guide" / "options.md"
 TITLE = """# Options of all commands
 
 Made from the code by `python docs/option_table.py`. The same option has the same name, unit and meaning in every
-command; where its last column differs between commands, each meaning has a row. [command-line.md](command-line.md) lists
-the commands and explains what needs more than a line.
+command; where its last column differs between commands, each meaning has a row. [command-line.md](command-line.md)
+lists the commands and explains what needs more than a line.
 """
 
 
@@ -42,7 +42,13 @@ def commands() -> Iterator[tuple[str, Any]]:
 def options() -> list[Option]:
     """Options of all commands."""
     return [
-        Option(name, ", ".join(sorted(p.opts, key=len)) + "".join(f"/{s}" for s in p.secondary_opts), _takes(p), p.help)
+        Option(
+            name,
+            ", ".join(sorted(p.opts, key=len))
+            + "".join(f"/{s}" for s in p.secondary_opts),
+            _takes(p),
+            p.help,
+        )
         for name, command in commands()
         for p in command.params
         if not _is_argument(p)
@@ -51,7 +57,11 @@ def options() -> list[Option]:
 
 def _takes(option: Any) -> str:
     """The word for an option's value; none for a switch."""
-    return "" if option.is_flag else option.metavar + (" (repeatable)" if option.multiple else "")
+    return (
+        ""
+        if option.is_flag
+        else option.metavar + (" (repeatable)" if option.multiple else "")
+    )
 
 
 def page() -> str:
@@ -59,14 +69,20 @@ def page() -> str:
     found = options()
     rows: dict[tuple[str, str, str], list[str]] = {}
     for option in found:
-        rows.setdefault((option.names, option.takes, option.help), []).append(option.command)
+        rows.setdefault((option.names, option.takes, option.help), []).append(
+            option.command
+        )
     everywhere = len(list(commands()))
     table = [
         f"| `{names}`{f' {_cell(takes)}' if takes else ''} | "
         f"{'all' if len(having) == everywhere else ', '.join(having)} | {_cell(text)} |"
-        for (names, takes, text), having in sorted(rows.items(), key=lambda row: row[0][0].rpartition("--")[2])
+        for (names, takes, text), having in sorted(
+            rows.items(), key=lambda row: row[0][0].rpartition("--")[2]
+        )
     ]
-    return "\n".join([TITLE, "| option | commands | does |\n|---|---|---|", *table]) + "\n"
+    return (
+        "\n".join([TITLE, "| option | commands | does |\n|---|---|---|", *table]) + "\n"
+    )
 
 
 def _is_argument(parameter: Any) -> bool:

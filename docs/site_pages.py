@@ -38,7 +38,9 @@ def on_config(config: MkDocsConfig) -> None:
     names.mkdir()
     for package in PACKAGES:
         (names / package).symlink_to(ROOT / package)
-    config.plugins["mkdocstrings"].config.handlers["python"]["paths"] = [str(names.parent)]  # type: ignore[attr-defined]
+    config.plugins["mkdocstrings"].config.handlers["python"]["paths"] = [
+        str(names.parent)
+    ]  # type: ignore[attr-defined]
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -48,7 +50,10 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         made[f"reference/{package}.md"] = names_of(f"palpate.{package}")
     made["reference/kernels.md"] = kernels()
     for path in sorted((ROOT / "docs" / "notebooks").glob("*.ipynb")):
-        made |= {f"notebooks/{name}": content for name, content in notebook_pages.run(path).items()}
+        made |= {
+            f"notebooks/{name}": content
+            for name, content in notebook_pages.run(path).items()
+        }
     for name, content in made.items():
         files.append(File.generated(config, name, content=content))
     return files
@@ -56,14 +61,24 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     """Put the rendering where the first page has a comment for it."""
-    return re.sub(r"<!-- A rendering .*? -->", lambda _: FRAME, markdown) if page.file.src_uri == "index.md" else markdown
+    return (
+        re.sub(r"<!-- A rendering .*? -->", lambda _: FRAME, markdown)
+        if page.file.src_uri == "index.md"
+        else markdown
+    )
 
 
 def rendering() -> str:
     """A palm that explores the dog for 8 s, drawn with closed contours, as one page that loads nothing."""
     with tempfile.TemporaryDirectory() as folder:
         path, out = Path(folder) / "dog.h5", Path(folder) / "dog.html"
-        record(path, "dog", "palm", exploration("dog", duration=8.0, rate=30.0, seed=1), "cc")
+        record(
+            path,
+            "dog",
+            "palm",
+            exploration("dog", duration=8.0, rate=30.0, seed=1),
+            "cc",
+        )
         export_page(path, out)
         return out.read_text()
 
@@ -73,14 +88,27 @@ def names_of(package: str) -> str:
     module = import_module(package)
     found = {name: getattr(module, name) for name in module.__all__}
     told = [name for name, value in found.items() if callable(value)]
-    errors = [name for name in told if isinstance(found[name], type) and issubclass(found[name], BaseException)]
-    places = [f"::: {found[name].__module__}.{name}" for name in told if name not in errors]
+    errors = [
+        name
+        for name in told
+        if isinstance(found[name], type) and issubclass(found[name], BaseException)
+    ]
+    places = [
+        f"::: {found[name].__module__}.{name}" for name in told if name not in errors
+    ]
     purpose = (module.__doc__ or "").partition("\n")[0]
-    listed = "\n".join(f"| `{name}` | {(found[name].__doc__ or '').partition(chr(10))[0]} |" for name in errors)
+    listed = "\n".join(
+        f"| `{name}` | {(found[name].__doc__ or '').partition(chr(10))[0]} |"
+        for name in errors
+    )
     return (
         f"# Names in {package}\n\n{purpose}\n\n`from {package} import NAME`\n\n"
         + "\n\n".join(places)
-        + (f"\n\n## Errors and warnings\n\n| name | means |\n|---|---|\n{listed}\n" if errors else "\n")
+        + (
+            f"\n\n## Errors and warnings\n\n| name | means |\n|---|---|\n{listed}\n"
+            if errors
+            else "\n"
+        )
     )
 
 
@@ -90,12 +118,26 @@ def kernels() -> str:
     for path in sorted((ROOT / "kernels").rglob("[!_]*.py")):
         name = "palpate." + ".".join(path.relative_to(ROOT).with_suffix("").parts)
         for node in ast.parse(path.read_text()).body:
-            text = isinstance(node, ast.FunctionDef) and not node.decorator_list and ast.get_docstring(node)
+            text = (
+                isinstance(node, ast.FunctionDef)
+                and not node.decorator_list
+                and ast.get_docstring(node)
+            )
             if text and not node.name.startswith("_"):
                 rows.append(_row(f"`{name}.{node.name}`", text.split("\n\n")[0]))
     text = "Functions that launch Warp kernels: arrays in, arrays out, on the device of what they are given."
-    return f"# Kernels\n\n{text}\n\n| function | does |\n|---|---|\n" + "\n".join(rows) + "\n"
+    return (
+        f"# Kernels\n\n{text}\n\n| function | does |\n|---|---|\n"
+        + "\n".join(rows)
+        + "\n"
+    )
 
 
 def _row(names: str, text: str) -> str:
-    return "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in (names, text)) + " |"
+    return (
+        "| "
+        + " | ".join(
+            cell.replace("|", "\\|").replace("\n", " ") for cell in (names, text)
+        )
+        + " |"
+    )

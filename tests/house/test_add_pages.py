@@ -1,4 +1,4 @@
-"""The patches docs/develop/add-a-*.diff apply to this source; with them, their tests pass and the examples of their pages run."""
+"""The patches of docs/develop/ apply to this source; with them, their tests pass and their pages' examples run."""
 
 import os
 import re

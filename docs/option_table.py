@@ -15,8 +15,8 @@ PAGE = Path(__file__).parent / "guide" / "options.md"
 TITLE = """# Options of all commands
 
 Made from the code by `python docs/option_table.py`. The same option has the same name, unit and meaning in every
-command; where its last column differs between commands, each meaning has a row. [command-line.md](command-line.md)
-lists the commands and explains what needs more than a line.
+command; where it does something else in some, each meaning follows the commands that have it.
+[command-line.md](command-line.md) lists the commands and explains what needs more than a line.
 """
 
 
@@ -65,23 +65,27 @@ def _takes(option: Any) -> str:
 
 
 def page() -> str:
-    """The page as text."""
-    found = options()
-    rows: dict[tuple[str, str, str], list[str]] = {}
-    for option in found:
-        rows.setdefault((option.names, option.takes, option.help), []).append(
-            option.command
-        )
+    """The page as text: a row for each option; where its meanings differ, each with the commands that have it."""
+    rows: dict[str, dict[tuple[str, str], list[str]]] = {}
+    for option in options():
+        meanings = rows.setdefault(option.names, {})
+        meanings.setdefault((option.takes, option.help), []).append(option.command)
     everywhere = len(list(commands()))
-    table = [
-        f"| `{names}`{f' {_cell(takes)}' if takes else ''} | "
-        f"{'all' if len(having) == everywhere else ', '.join(having)} | {_cell(text)} |"
-        for (names, takes, text), having in sorted(
-            rows.items(), key=lambda row: row[0][0].rpartition("--")[2]
+    table = []
+    for names, meanings in sorted(
+        rows.items(), key=lambda row: row[0].rpartition("--")[2]
+    ):
+        texts = [
+            f"**{'all' if len(having) == everywhere else ', '.join(having)}**: {text}"
+            for (_, text), having in meanings.items()
+        ]
+        takes = " · ".join(dict.fromkeys(takes for takes, _ in meanings if takes))
+        table.append(
+            f"| {f'`{names}` {_cell(takes)}'.strip()} | {_cell(' '.join(texts))} |"
         )
-    ]
     return (
-        "\n".join([TITLE, "| option | commands | does |\n|---|---|---|", *table]) + "\n"
+        "\n".join([TITLE, "| option | commands: what it does |\n|---|---|", *table])
+        + "\n"
     )
 
 

@@ -60,9 +60,8 @@ def gallery() -> dict[str, str]:
         r"^```python\n(.*?)^```|^!\[[^\]]*\]\(([^)]+)\)", text, re.MULTILINE | re.DOTALL
     ):
         if path:
-            found[path] = picture(
-                [_on_palm(batch) for batch in names["pictures"]], names["poses"]
-            )
+            panels = [_on_palm(batch) for batch in names["pictures"]]
+            found[path] = picture(panels, names["poses"], letters=17)
         else:
             exec(code, names)
     return found
@@ -102,8 +101,8 @@ def _turned(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
     return vector + scalar * twice + np.cross(axis, twice)
 
 
-def picture(panels: list[str], captions: Iterable[str]) -> str:
-    """Panels side by side, each over its caption."""
+def picture(panels: list[str], captions: Iterable[str], letters: int = 12) -> str:
+    """Panels side by side, each over its caption; letters: their size [pixel]."""
     parts = []
     for k, (panel, caption) in enumerate(zip(panels, captions, strict=True)):
         parts.append(
@@ -113,17 +112,14 @@ def picture(panels: list[str], captions: Iterable[str]) -> str:
         parts.append(
             f'<text x="{PANEL / 2:g}" y="{PANEL + 22}" text-anchor="middle">{caption}</text></g>'
         )
-    return _svg(
-        len(panels) * (PANEL + MARGIN) + MARGIN,
-        PANEL + MARGIN + CAPTION,
-        "\n".join(parts),
-    )
+    width = len(panels) * (PANEL + MARGIN) + MARGIN
+    return _svg(width, PANEL + MARGIN + CAPTION, "\n".join(parts), letters)
 
 
-def _svg(width: float, height: float, content: str) -> str:
+def _svg(width: float, height: float, content: str, letters: int = 12) -> str:
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:g}" height="{height:g}" '
-        f'viewBox="0 0 {width:g} {height:g}" font-family="sans-serif" font-size="12">\n'
+        f'viewBox="0 0 {width:g} {height:g}" font-family="sans-serif" font-size="{letters}">\n'
         f'<rect width="100%" height="100%" fill="white"/>\n{content}\n</svg>\n'
     )
 

@@ -23,4 +23,6 @@ class ExamplesAsCode(griffe.Extension):
 
 
 def _fence(found: re.Match[str]) -> str:
-    return "```pycon\n{}\n```\n".format(found[0].rstrip().replace("]\\[", "][").replace("] \\[", "] ["))
+    return "```pycon\n{}\n```\n".format(
+        found[0].rstrip().replace("]\\[", "][").replace("] \\[", "] [")
+    )

@@ -18,9 +18,17 @@ def run(path: Path) -> dict[str, str | bytes]:
     """
     book = nbformat.read(path, as_version=4)
     with tempfile.TemporaryDirectory() as folder:
-        sockets = {"transport": "ipc", "ip": f"{folder}/kernel"}  # files in the folder: no port is open
+        sockets = {
+            "transport": "ipc",
+            "ip": f"{folder}/kernel",
+        }  # files in the folder: no port is open
         settings = Config({"KernelManager": sockets})
-        NotebookClient(book, config=settings, timeout=TIME_MOST, resources={"metadata": {"path": folder}}).execute()
+        NotebookClient(
+            book,
+            config=settings,
+            timeout=TIME_MOST,
+            resources={"metadata": {"path": folder}},
+        ).execute()
     files: dict[str, str | bytes] = {}
     parts = []
     for cell in book.cells:

@@ -15,8 +15,8 @@ PAGE = Path(__file__).parent / "guide" / "options.md"
 TITLE = """# Options of all commands
 
 Made from the code by `python docs/option_table.py`. The same option has the same name, unit and meaning in every
-command; where its last column differs between commands, each meaning has a row. Arguments stand in the order in which a
-command takes them. [command-line.md](command-line.md) explains what needs more than a line.
+command; where it does something else in some, each meaning follows the commands that have it.
+[command-line.md](command-line.md) lists the commands and explains what needs more than a line.
 """
 
 
@@ -42,7 +42,13 @@ def commands() -> Iterator[tuple[str, Any]]:
 def options() -> list[Option]:
     """Options of all commands."""
     return [
-        Option(name, ", ".join(sorted(p.opts, key=len)) + "".join(f"/{s}" for s in p.secondary_opts), _takes(p), p.help)
+        Option(
+            name,
+            ", ".join(sorted(p.opts, key=len))
+            + "".join(f"/{s}" for s in p.secondary_opts),
+            _takes(p),
+            p.help,
+        )
         for name, command in commands()
         for p in command.params
         if not _is_argument(p)
@@ -51,33 +57,36 @@ def options() -> list[Option]:
 
 def _takes(option: Any) -> str:
     """The word for an option's value; none for a switch."""
-    return "" if option.is_flag else option.metavar + (" (repeatable)" if option.multiple else "")
+    return (
+        ""
+        if option.is_flag
+        else option.metavar + (" (repeatable)" if option.multiple else "")
+    )
 
 
 def page() -> str:
-    """The page as text."""
-    found = options()
-    arguments = [
-        f"| `palpate {name}` | {' '.join(_cell(f'`{p.metavar}`') for p in inner.params if _is_argument(p)) or 'none'} |"
-        for name, inner in commands()
-    ]
-    rows: dict[tuple[str, str, str], list[str]] = {}
-    for option in found:
-        rows.setdefault((option.names, option.takes, option.help), []).append(option.command)
+    """The page as text: a row for each option; where its meanings differ, each with the commands that have it."""
+    rows: dict[str, dict[tuple[str, str], list[str]]] = {}
+    for option in options():
+        meanings = rows.setdefault(option.names, {})
+        meanings.setdefault((option.takes, option.help), []).append(option.command)
     everywhere = len(list(commands()))
-    table = [
-        f"| `{names}`{f' {_cell(takes)}' if takes else ''} | "
-        f"{'all' if len(having) == everywhere else ', '.join(having)} | {_cell(text)} |"
-        for (names, takes, text), having in sorted(rows.items(), key=lambda row: row[0][0].rpartition("--")[2])
-    ]
-    parts = [
-        TITLE,
-        "| command | arguments |\n|---|---|",
-        *arguments,
-        "\n| option | commands | does |\n|---|---|---|",
-        *table,
-    ]
-    return "\n".join(parts) + "\n"
+    table = []
+    for names, meanings in sorted(
+        rows.items(), key=lambda row: row[0].rpartition("--")[2]
+    ):
+        texts = [
+            f"**{'all' if len(having) == everywhere else ', '.join(having)}**: {text}"
+            for (_, text), having in meanings.items()
+        ]
+        takes = " · ".join(dict.fromkeys(takes for takes, _ in meanings if takes))
+        table.append(
+            f"| {f'`{names}` {_cell(takes)}'.strip()} | {_cell(' '.join(texts))} |"
+        )
+    return (
+        "\n".join([TITLE, "| option | commands: what it does |\n|---|---|", *table])
+        + "\n"
+    )
 
 
 def _is_argument(parameter: Any) -> bool:

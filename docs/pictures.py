@@ -27,9 +27,22 @@ from matplotlib.patches import Patch
 from matplotlib.text import Text
 from PIL import Image, PngImagePlugin
 
-from palpate.render import IntersectionStrategy, MeshObject, Palm, exploration, load_strategy, record, sweep
+from palpate.render import (
+    IntersectionStrategy,
+    MeshObject,
+    Palm,
+    exploration,
+    load_strategy,
+    record,
+    sweep,
+)
 from palpate.render.reports.contour_figure import contour_figure
-from palpate.render.reports.strategy_gallery import Panel, gallery_figure, strategies_figure, strategy_rows
+from palpate.render.reports.strategy_gallery import (
+    Panel,
+    gallery_figure,
+    strategies_figure,
+    strategy_rows,
+)
 from palpate.render.runtime.warp_start import start_warp
 from palpate.render.sweeps.report.figure import sweep_figure
 
@@ -42,7 +55,11 @@ SHOWN = ("OC", "CC")
 
 def block(page: str, language: str, number: int = 0) -> str:
     """A block of code of a page."""
-    blocks = re.findall(rf"^```{language}\b[^\n]*\n(.*?)^```", (DOCS / page).read_text(), re.MULTILINE | re.DOTALL)
+    blocks = re.findall(
+        rf"^```{language}\b[^\n]*\n(.*?)^```",
+        (DOCS / page).read_text(),
+        re.MULTILINE | re.DOTALL,
+    )
     return blocks[number]
 
 
@@ -53,18 +70,24 @@ def dog() -> Figure:
     with tempfile.TemporaryDirectory() as folder:
         files = {name: Path(folder) / f"{name}.h5" for name in SHOWN}
         for name, path in files.items():
-            record(path, mesh, hand, motion, load_strategy(name.lower()), devices=["cpu"])
+            record(
+                path, mesh, hand, motion, load_strategy(name.lower()), devices=["cpu"]
+            )
         return contour_figure(files)
 
 
 def strategies() -> Figure:
     """All presets."""
-    return gallery_figure([Panel(name, line, load_strategy(name)) for name, line in strategy_rows()])
+    return gallery_figure(
+        [Panel(name, line, load_strategy(name)) for name, line in strategy_rows()]
+    )
 
 
 def own_strategy() -> Figure:
     """The JSON example of the page on strategies."""
-    return strategies_figure({"mine": IntersectionStrategy.from_json(block("guide/strategies.md", "json"))})
+    return strategies_figure(
+        {"mine": IntersectionStrategy.from_json(block("guide/strategies.md", "json"))}
+    )
 
 
 def sweep_of_page() -> Figure:
@@ -97,7 +120,22 @@ PICTURES: dict[str, Callable[[], Figure]] = {
 }
 
 
-ELSEWHERE: tuple[str, ...] = ("concepts/intersection.svg", "concepts/sampling.svg", "concepts/pose-to-wire.svg")
+ELSEWHERE: tuple[str, ...] = (
+    *(f"concepts/{name}.svg" for name in ("intersection", "sampling", "pose-to-wire")),
+    *(
+        f"gallery/{name}.svg"
+        for name in (
+            "oc",
+            "cc",
+            "hatch",
+            "inset",
+            "corners",
+            "depth-hatch",
+            "ellipse",
+            "mammoth",
+        )
+    ),
+)
 """Pictures of pages that `python docs/concept_figures.py` makes."""
 
 
@@ -106,7 +144,9 @@ def write(name: str) -> None:
     figure = PICTURES[name]()
     info = PngImagePlugin.PngInfo()
     content = io.BytesIO()
-    figure.savefig(content, dpi=DPI, format="png")  # before `drawn`: layout and limits are settled by drawing
+    figure.savefig(
+        content, dpi=DPI, format="png"
+    )  # before `drawn`: layout and limits are settled by drawing
     info.add_text(DRAWN, json.dumps(drawn(figure)), zip=True)
     with Image.open(content) as image:
         image.convert("RGB").save(DOCS / name, pnginfo=info, optimize=True)
@@ -122,20 +162,33 @@ def problems(name: str) -> list[str]:
     if text is None:
         return [f"{name} does not carry what was drawn"]
     expected = tuple(int(DPI * side) for side in figure.get_size_inches())
-    wrong = [] if np.abs(np.subtract(size, expected)).max() <= 1 else [f"{name}: {size} pixels, not {expected}"]
-    return wrong + [f"{name}: {sentence}" for sentence in differences(json.loads(text), drawn(figure))]
+    wrong = (
+        []
+        if np.abs(np.subtract(size, expected)).max() <= 1
+        else [f"{name}: {size} pixels, not {expected}"]
+    )
+    return wrong + [
+        f"{name}: {sentence}"
+        for sentence in differences(json.loads(text), drawn(figure))
+    ]
 
 
 def drawn(figure: Figure) -> list[dict[str, Any]]:
     """Everything that a figure shows but ticks, in the order in which it was added."""
     entries: list[dict[str, Any]] = [
-        {"kind": "text", "text": text.get_text()} for text in figure.texts if text.get_text()
+        {"kind": "text", "text": text.get_text()}
+        for text in figure.texts
+        if text.get_text()
     ]
     for legend in figure.legends:
-        entries += [{"kind": "legend", "text": text.get_text()} for text in legend.get_texts()]
+        entries += [
+            {"kind": "legend", "text": text.get_text()} for text in legend.get_texts()
+        ]
     for number, axes in enumerate(figure.axes):
         spans = [axes.get_xlim(), axes.get_ylim()]
-        corner, size = np.array([[low, abs(high - low)] for low, high in map(sorted, spans)]).T
+        corner, size = np.array(
+            [[low, abs(high - low)] for low, high in map(sorted, spans)]
+        ).T
         for artist in (*axes.get_children(), *_legend_texts(axes)):
             if artist is axes.patch:
                 continue
@@ -157,46 +210,93 @@ def _entries(artist: Any) -> Iterator[dict[str, Any]]:
         yield {"kind": "text", "text": artist.get_text()}
     elif isinstance(artist, Line2D):
         points = np.array(artist.get_xydata(), float)
-        yield {"kind": "line", "colour": to_hex(artist.get_color()), **_extent(points, artist)}
+        yield {
+            "kind": "line",
+            "colour": to_hex(artist.get_color()),
+            **_extent(points, artist),
+        }
     elif isinstance(artist, Collection):
         paths = artist.get_paths()
         points = np.concatenate([*(path.vertices for path in paths), np.zeros((0, 2))])
-        colours = artist.get_edgecolor() if isinstance(artist, LineCollection) else artist.get_facecolor()
-        mean = np.asarray(colours).reshape(-1, 4).mean(axis=0) if len(colours) else np.zeros(4)
-        yield {"kind": type(artist).__name__, "colour": to_hex(mean.tolist()), **_extent(points, artist)}
+        colours = (
+            artist.get_edgecolor()
+            if isinstance(artist, LineCollection)
+            else artist.get_facecolor()
+        )
+        mean = (
+            np.asarray(colours).reshape(-1, 4).mean(axis=0)
+            if len(colours)
+            else np.zeros(4)
+        )
+        yield {
+            "kind": type(artist).__name__,
+            "colour": to_hex(mean.tolist()),
+            **_extent(points, artist),
+        }
     elif isinstance(artist, Patch) and artist.get_visible():
         points = np.array(artist.get_path().vertices)
-        yield {"kind": "patch", "colour": to_hex(artist.get_facecolor()), **_extent(points, artist)}
+        yield {
+            "kind": "patch",
+            "colour": to_hex(artist.get_facecolor()),
+            **_extent(points, artist),
+        }
 
 
 def _extent(points: np.ndarray, artist: Any) -> dict[str, Any]:
     """Lowest, highest and mean place of points in the units of the axes, where they are in these units."""
     points = points[np.isfinite(points).all(axis=1)]
-    if not len(points) or not artist.get_transform().contains_branch(artist.axes.transData):
+    if not len(points) or not artist.get_transform().contains_branch(
+        artist.axes.transData
+    ):
         return {}
     ends = [points.min(axis=0).tolist(), points.max(axis=0).tolist()]
-    return {"extent": [*ends, points.mean(axis=0).tolist()] if isinstance(artist, Line2D) else ends}
+    return {
+        "extent": [*ends, points.mean(axis=0).tolist()]
+        if isinstance(artist, Line2D)
+        else ends
+    }
 
 
 def differences(stored: list[dict[str, Any]], made: list[dict[str, Any]]) -> list[str]:
     """Sentences on what was drawn once and is drawn otherwise now; the first ten."""
-    wrong = [] if len(stored) == len(made) else [f"{len(stored)} marks and texts, now {len(made)}"]
+    wrong = (
+        []
+        if len(stored) == len(made)
+        else [f"{len(stored)} marks and texts, now {len(made)}"]
+    )
     for old, new in zip(stored, made, strict=False):
-        old_extent, new_extent = (np.array(entry.get("extent", []), float) for entry in (old, new))
-        same = {**old, "extent": None} == {**new, "extent": None} and old_extent.shape == new_extent.shape
-        if not same or (len(old_extent) and np.abs(old_extent - new_extent).max() > TOLERANCE):
+        old_extent, new_extent = (
+            np.array(entry.get("extent", []), float) for entry in (old, new)
+        )
+        same = {**old, "extent": None} == {
+            **new,
+            "extent": None,
+        } and old_extent.shape == new_extent.shape
+        if not same or (
+            len(old_extent) and np.abs(old_extent - new_extent).max() > TOLERANCE
+        ):
             wrong.append(f"was {json.dumps(old)}, is {json.dumps(new)}")
     return wrong[:10]
 
 
 def main() -> None:
     """Entry point."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"pictures; all: {', '.join(PICTURES)}")
-    parser.add_argument("--check", action="store_true", help="compare, and exit with 1 where one differs")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help=f"pictures; all: {', '.join(PICTURES)}"
+    )
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help="compare, and exit with 1 where one differs",
+    )
     options = parser.parse_args()
     if unknown := set(options.names) - set(PICTURES):
-        parser.error(f"unknown picture {sorted(unknown)[0]!r}; known: {', '.join(PICTURES)}")
+        parser.error(
+            f"unknown picture {sorted(unknown)[0]!r}; known: {', '.join(PICTURES)}"
+        )
     start_warp()
     wrong: list[str] = []
     for name in options.names or PICTURES:

@@ -64,7 +64,16 @@ def test_a_reader_s_browser_fetches_nothing_from_elsewhere(site):
 
 
 @pytest.mark.exhaustive
-def test_names_commands_and_notebooks_are_pages(site):
+def test_the_first_page_shows_a_rendering_that_is_a_page_of_its_own(site):
+    (source,) = [name for name in Page(site / "index.html").fetched if name.endswith("dog.html")]
+    shown = (site / source).read_text()
+    assert "palpate" in shown
+    assert 100_000 < len(shown) < 2_000_000
+    assert [name for name in Page(site / source).fetched if not name.startswith("data:")] == []  # it holds everything
+
+
+@pytest.mark.exhaustive
+def test_names_options_and_notebooks_are_pages(site):
     from palpate import device, render
 
     assert {"render", "MeshObject", "Palm"} <= set(render.__all__)
@@ -78,7 +87,7 @@ def test_names_commands_and_notebooks_are_pages(site):
             and not (isinstance(value, type) and issubclass(value, BaseException))
         ]
         assert set(classes) - ends == set()
-    assert "palpate-play" in Page(site / "reference" / "commands" / "index.html").ids
+    assert "options-of-all-commands" in Page(site / "guide" / "options" / "index.html").ids
     for book in NOTEBOOKS:
         pictures = list((site / "notebooks").glob(f"{book.stem}-*.png"))
         assert pictures
@@ -102,7 +111,7 @@ def test_concept_figures_are_what_palpate_draws():
         sys.path.remove(str(ROOT / "docs"))
     assert MeshObject.load("tube").bounds[1, 0] == pytest.approx(0.065)  # what the figures are of
     for name, made in concept_figures.figures().items():
-        assert made == (ROOT / "docs" / "concepts" / name).read_text(), "run: python docs/concept_figures.py"
+        assert made == (ROOT / "docs" / name).read_text(), "run: python docs/concept_figures.py"
 
 
 def test_links_of_pages_at_the_root_lead_somewhere():

@@ -49,8 +49,8 @@ def blocks_of(page: Path) -> list[Block]:
 
 
 def commands_in(block: Block) -> list[str]:
-    """Lines of a block that one types into a shell."""
-    lines = block.text.splitlines() if block.indented or block.language in SHELL else []
+    """Lines of a block that one types into a shell; a line that ends in a backslash goes on in the next."""
+    lines = re.sub(r"\\\n\s*", "", block.text).splitlines() if block.indented or block.language in SHELL else []
     return [line.strip() for line in lines if line.strip() and not line.lstrip().startswith("#")]
 
 

@@ -90,7 +90,14 @@ class ToyLink(StreamLink):
 def open_toy(model: ArrayModel, request: LinkRequest) -> ToyLink:
     usb = open_bulk(model, request, endpoint=0x01)
     off = off_frame(array=model).tobytes()
-    return ToyLink(model, usb.transport, off, serial=usb.serial, clock=usb.clock, device=usb.device)
+    return ToyLink(
+        model,
+        usb.transport,
+        off,
+        serial=usb.serial,
+        clock=usb.clock,
+        device=usb.device,
+    )
 
 
 class ToyBoard:

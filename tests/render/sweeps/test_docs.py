@@ -30,7 +30,7 @@ def blocks(document, language):
 
 def commands(document):
     """Commands of a document, its workflow's included, as words."""
-    text = document.read_text().replace("\n          --", " --")
+    text = re.sub(r"(?: \\)?\n {8,}--", " --", document.read_text())  # lines that go on in the next
     return [shlex.split(line) for line in re.findall(r"^ +(palpate sweep .*)$", text, re.MULTILINE)]
 
 

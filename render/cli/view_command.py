@@ -23,7 +23,7 @@ from ..view.served.viewing import announce, open_browser, view_files
 POSES_PREVIEWED = 10_000
 MOTION_SUFFIXES = (".csv", *JOINT_SUFFIXES)
 NO_PLACEMENT = {"scale": 1.0, "up": "z", "fit": None, "rotate": (0.0, 0.0, 0.0), "at": None}
-OF_A_PAGE = ("poses", "every", "limit", "overwrite")
+OF_A_PAGE = ("poses", "every", "limit", "pressure", "overwrite")
 OF_A_SERVER = ("port", "no_browser", "allow_code")
 
 
@@ -118,6 +118,7 @@ def _export(files: list[Path], options: dict[str, Any], *, as_json: bool) -> Non
             limit=LIMIT if options["limit"] is None else options["limit"],
             overwrite=options["overwrite"],
             array=load_rig(options["array"], calibration=options["calibration"]),
+            pressure=options["pressure"],
         )
     console.show_values(facts, as_json=as_json, title="page")
 

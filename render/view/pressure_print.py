@@ -83,23 +83,26 @@ class PressurePrinter:
         return mean * PRESSURE_AT_1M**2 / (AIR_DENSITY * SOUND_SPEED**2)
 
 
-def pack_prints(prints: Sequence[PressurePrint], peak: float, packer: Packer) -> dict[str, Any]:
+def pack_prints(prints: Sequence[PressurePrint], peaks: Sequence[float], packer: Packer) -> dict[str, Any]:
     """Pack prints of some poses: rectangles with a number 0..255 for each cell, or numbers of a mesh's vertices.
 
-    peak: radiation pressure that 255 means [Pa]; 255 x the share of it is rounded.
+    peaks: radiation pressure that 255 means at each pose [Pa]; 255 x the share of it is rounded.
     """
-    scale = 255.0 / max(peak, 1e-12)
+    from matplotlib import colormaps  # 0.2 s that only a print costs
+
+    colours = colormaps["inferno"](np.arange(256))[:, :3]
+    scale = 255.0 / np.maximum(peaks, 1e-12)
     planes = [plane for each in prints for plane in each.planes]
-    values = [part.reshape(-1) for each in prints for part in each.on_planes]
-    values += [each.on_vertices for each in prints if each.on_vertices is not None]
-    numbers = np.round(scale * np.concatenate([np.zeros(0), *values]))
+    values = [k * part.reshape(-1) for k, each in zip(scale, prints, strict=True) for part in each.on_planes]
+    values += [k * own.on_vertices for k, own in zip(scale, prints, strict=True) if own.on_vertices is not None]
+    numbers = np.round(np.concatenate([np.zeros(0), *values]))
     return {
-        "peak": round(peak, 4),
+        "peak": packer.numbers(np.array(peaks), "f4"),
         "plane_count": packer.numbers(np.array([len(each.planes) for each in prints]), "u2"),
         "corners": packer.positions(np.concatenate([np.zeros((0, 3)), *map(_corners, planes)])),
         "shape": packer.numbers(np.array([plane.shape for plane in planes]).reshape(-1, 2), "u2"),
         "values": packer.numbers(numbers, "u1"),
-        "colours": packer.numbers(_colours(), "u1"),
+        "colours": packer.numbers((255 * colours).round(), "u1"),  # of 0..255, as in `palpate field`'s pictures
     }
 
 
@@ -108,13 +111,6 @@ def _corners(plane: SampledPlane) -> np.ndarray:
     u, v = plane.u * plane.extent[0] / 2, plane.v * plane.extent[1] / 2
     middle = plane.origin - LIFT * np.cross(plane.u, plane.v)
     return np.stack([middle - u - v, middle + u - v, middle + u + v, middle - u + v])
-
-
-def _colours() -> np.ndarray:
-    """Colours of 0..255, uint8, shape [256, 3]; as in `palpate field`'s pictures."""
-    from matplotlib import colormaps  # 0.2 s that only a print costs
-
-    return (255 * colormaps["inferno"](np.arange(256))[:, :3]).round().astype(np.uint8)
 
 
 def planes_of_patches(patches: np.ndarray, spacing: float = SPACING) -> list[SampledPlane]:

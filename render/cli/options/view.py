@@ -39,6 +39,9 @@ def view(
     limit: Annotated[
         float | None, typer.Option(metavar="MB", help="Largest page that is written, by default 20.")
     ] = None,
+    pressure: Annotated[
+        bool, typer.Option("--pressure", help="Predict the pressure on the skin for the page; half a second a pose.")
+    ] = False,
     scale: objects.Scale = 1.0,
     up: objects.Up = "z",
     fit: objects.Fit = None,
@@ -57,7 +60,7 @@ def view(
     placement = {"scale": scale, "up": up, "fit": fit, "rotate": rotate, "at": at}
     options = {
         "port": port, "no_browser": no_browser, "array": array, "calibration": calibration, "allow_code": allow_code,
-        "export": export, "poses": poses, "every": every, "limit": limit, "overwrite": overwrite,
+        "export": export, "poses": poses, "every": every, "limit": limit, "pressure": pressure, "overwrite": overwrite,
         "placement": placement, "alignment": alignment,
     }  # fmt: skip
     run_job(".view_command", "run_view", files, options, json=json, quiet=quiet)

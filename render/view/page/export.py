@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from ....datasets.storage.durable import write_file
-from ....device.array import ArrayModel
 from ...contour_input import takes_batches
 from ...errors import StrategyError, ViewError
 from ...exports.pose_choice import Ends, choose_poses
@@ -20,6 +19,7 @@ from ...user_warnings import warn_user
 from ...validation import require_number, require_path, value_text
 from ..file_scene import FileScene
 from ..packing import Packer
+from ..pressure_print import PressurePrinter, pack_prints
 from .document import document
 from .payload import describe_page, file_names, pack_file
 
@@ -42,12 +42,14 @@ def export_page(
     title: str | None = None,
     sampling: SamplingStrategy | None = None,
     array: str | Sequence[PlacedArray] = "emulator",
+    pressure: bool = False,
 ) -> dict[str, Any]:
     """Write one page that shows a contour file, or two side by side, in any browser; it holds everything itself.
 
     poses: range "FIRST:STOP" of the files' poses; None: all. every: each n-th of them. limit: size that the page must
     not exceed [MB]. title: of the page; None: what was rendered. sampling: how the focal point draws. array: shown
-    under the hand, by name or JSON file (`load_rig`), or arrays as they are placed.
+    under the hand, by name or JSON file (`load_rig`), or arrays as they are placed. pressure: predict for each pose how
+    strongly the arrays press on the skin (half a second of CPU a pose), for a layer of the page.
 
     Positions are rounded to 0.01 mm. Returns `page` (its path), `bytes`, `poses` (how many it holds of each file).
     Raises ViewError for a page that is larger than the limit (the message says what would fit) or cannot be written;
@@ -68,7 +70,8 @@ def export_page(
         raise StrategyError(f"{page}: must end in .html or .htm, not {value_text(page.suffix)}")
     require_output(page, overwrite=overwrite, sources=paths)
     require_number("limit", limit, 0.001, 1e6, unit="MB")
-    models = [placed.model for placed in (load_rig(array) if isinstance(array, str) else array)]
+    arrays = load_rig(array) if isinstance(array, str) else array
+    printer = PressurePrinter(arrays, sampling) if pressure else None
     with ExitStack() as opened:
         scenes = [opened.enter_context(FileScene(path)) for path in paths]
         chosen = [
@@ -80,7 +83,7 @@ def export_page(
                 warn_user(f"{scene.path} holds no contour: the page shows object and hand only")
 
         def made(rows: list[list[int]]) -> bytes:
-            return _document(scenes, rows, models, title, sampling).encode()
+            return _document(scenes, rows, arrays, title, sampling, printer).encode()
 
         content = _fitting(made, chosen, round(1e6 * limit), page)
     try:
@@ -130,17 +133,39 @@ def _too_large(page: Path, size: str, fixed: float, whole: float, limit: int, ch
 def _document(
     scenes: list[FileScene],
     rows: list[list[int]],
-    models: list[ArrayModel],
+    arrays: Sequence[PlacedArray],
     title: str | None,
     sampling: SamplingStrategy | None,
+    printer: PressurePrinter | None,
 ) -> str:
     packer = Packer()
     files = [
         pack_file(scene, list(poses), packer, name=name, sampling=sampling)
         for scene, poses, name in zip(scenes, rows, file_names(scenes), strict=True)
     ]
-    described = describe_page(files, scenes, models, packer, title)
+    if printer is not None:
+        for file, print_ in zip(files, pressure_of(scenes, rows, printer, packer), strict=True):
+            file["pressure"] = print_
+    described = describe_page(files, scenes, [placed.model for placed in arrays], packer, title)
     return document(described, packer.text(), described["title"])
+
+
+def pressure_of(
+    scenes: list[FileScene], rows: list[list[int]], printer: PressurePrinter, packer: Packer
+) -> list[dict[str, Any]]:
+    """Prints of pressure on the skin at the chosen poses of each file.
+
+    Colours go up to the strongest place of the pose, in whichever file; of files with other poses, of all poses.
+    """
+    prints = [
+        [printer.compute(scene.moment(row), "skin") for row in poses] for scene, poses in zip(scenes, rows, strict=True)
+    ]
+    peaks = [[each.peak for each in own] for own in prints]
+    if all(poses == rows[0] for poses in rows):
+        peaks = [[max(same) for same in zip(*peaks, strict=True)]] * len(rows)
+    else:
+        peaks = [[max(map(max, peaks))] * len(poses) for poses in rows]
+    return [pack_prints(own, peak, packer) for own, peak in zip(prints, peaks, strict=True)]
 
 
 def spread(chosen: range, most: int) -> list[int]:

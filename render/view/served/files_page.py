@@ -165,7 +165,7 @@ class FilesPage:
         moments = [scene.moment(pose) for scene, pose in zip(self._scenes, poses, strict=True)]
         prints = [self._printer.compute(moment, where) for moment in moments]
         peak = max(each.peak for each in prints)
-        return {"kind": "pressure", "poses": poses, "files": [pack_prints([each], peak, packer) for each in prints]}
+        return {"kind": "pressure", "poses": poses, "files": [pack_prints([each], [peak], packer) for each in prints]}
 
     @cached_property
     def _printer(self) -> PressurePrinter:

@@ -33,6 +33,7 @@ SEVERAL_MEANINGS = {
     "--strategy": "bench and live take several",
     "--strict": "what is warned of",
     "--workers": "a file, or a sweep",
+    "--pressure": "of a page, or of a sweep",
     "--view": "where a picture is looked at from, or the page of a live run",
 }
 """Options whose values are of one kind, and whose help says more than one sentence could for all commands."""

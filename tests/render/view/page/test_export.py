@@ -20,10 +20,13 @@ from palpate.render import (
     exploration,
     export_page,
     flat_hand,
+    load_rig,
     render,
 )
+from palpate.render.view.file_scene import FileScene
 from palpate.render.view.page import export as module
 from palpate.render.view.page.export import spread, what_fits
+from palpate.render.view.pressure_print import PressurePrinter
 
 
 @pytest.fixture(scope="module")
@@ -231,3 +234,21 @@ def test_what_fits_is_a_part_of_the_range():
     assert what_fits(range(100, 1000, 3), 0.5) == 'every=6, or poses="100:550" with every=3'
     assert what_fits(range(10), 0.05) == ""
     assert what_fits(range(3), 0.7) == 'every=2, or poses="0:2"'
+
+
+def test_pressure_is_that_of_the_printer_and_of_one_scale_for_files_of_the_same_poses(tmp_path):
+    paths = [
+        render("cube", "palm", static_pose([0, 0.05, 0.2]), name).save(tmp_path / f"{name}.h5") for name in ("cc", "oc")
+    ]
+    export_page(paths, tmp_path / "page.html", pressure=True)
+    packed = [file["pressure"] for file in read_page((tmp_path / "page.html").read_text())["files"]]
+    prints = []
+    for path in paths:
+        with FileScene(path) as scene:
+            prints.append(PressurePrinter(load_rig("emulator")).compute(scene.moment(0), "skin"))
+    peak = max(each.peak for each in prints)
+    for own, printed in zip(packed, prints, strict=True):
+        assert own["peak"].tolist() == pytest.approx([peak])
+        assert tuple(own["shape"][0]) == printed.on_planes[0].shape
+        expected = 255 * printed.on_planes[0].ravel() / peak
+        np.testing.assert_allclose(own["values"], expected, atol=0.51)

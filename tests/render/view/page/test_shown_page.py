@@ -231,3 +231,83 @@ def test_a_moving_object_moves(shown, folder):
         grey = np.abs(scene_of(browser)[100:-60].astype(int) - 255).max(axis=2) > 30
         middles.append(np.flatnonzero(grey.any(axis=0)).mean())
     assert middles[1] - middles[0] > 40  # pixels to the right
+
+
+JUMP_MAGENTA = (0xD6, 0x28, 0xA0)
+
+
+def tooltip_at(browser, x, y):
+    browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
+    browser.settle(0.2)
+    return browser.run("document.querySelector('.tooltip:not([hidden])')?.textContent ?? ''")
+
+
+def test_a_jump_under_the_pointer_is_explained_with_its_length(shown, folder):
+    path = render("tube", "palm", exploration("tube", duration=2.0, rate=50.0, seed=3), "oc").save(folder / "open.h5")
+    browser = shown(path)
+    poses = browser.run("document.getElementById('time').max")
+    for pose in range(int(poses)):
+        drag_time_to(browser, pose)
+        if "jump" in browser.run(READOUTS)[1]:
+            break
+    browser.click("input[name=layer-focal-point]")
+    browser.click("input[name=layer-contours]")
+    browser.settle(0.5)
+    left, top, *_ = (int(value) for value in browser.box(".scene canvas"))
+    rows, columns = np.nonzero(np.abs(scene_of(browser).astype(int) - JUMP_MAGENTA).max(axis=2) <= 70)
+    inside = rows < 500  # the legend has the colour, too
+    x, y = left + columns[inside][0], top + rows[inside][0]
+    words = tooltip_at(browser, int(x), int(y))
+    assert "A jump is a step longer than 5 mm" in words
+    assert float(words.split(" mm")[0]) > 5
+    assert tooltip_at(browser, left + 5, top + 300) == ""
+
+
+def test_plots_say_what_is_under_the_pointer(shown, tube):
+    browser = shown(tube)
+    left, top, width, height = browser.box("#plot-length .u-over")
+    with ContourFile(tube) as file:
+        length, time = 1e3 * file.metrics()["length"], file.motion()["time"]
+    words = tooltip_at(browser, left + width / 2, top + height / 2)
+    row = int(np.abs(time - float(words.split(" s")[0])).argmin())
+    assert f" · {length[row]:.1f} mm" in words
+    assert abs(time[row] - time[-1] / 2) < 0.05
+
+
+def test_pressure_is_a_layer_with_its_scale(shown, tube):
+    with ContourFile(tube) as file:
+        longest = int(file.metrics()["length"].argmax())
+    browser = shown(tube, poses=f"{longest}:{longest + 1}", pressure=True)
+    assert "Pa" in browser.run("document.querySelector('.legend').innerText")
+    dark = (scene_of(browser).max(axis=2) < 60).sum()
+    browser.click("input[name=layer-pressure]")
+    browser.settle(0.5)
+    assert (scene_of(browser).max(axis=2) < 60).sum() < dark - 300  # skin that no sound presses on
+
+
+def test_keys_hide_layers_change_the_speed_and_list_themselves(shown, tube):
+    browser = shown(tube)
+    label = "getComputedStyle(document.querySelector('.zone-label')).display"
+    assert browser.run("document.querySelector('.zone-label').textContent").startswith("focal zone of emulator: 50 to")
+    number = browser.run(
+        "[...document.querySelectorAll('.layers input')].findIndex((box) => box.name === 'layer-zone') + 1"
+    )
+    browser.press(str(number))
+    assert browser.run(label) == "none"
+    browser.press(str(number))
+    assert browser.run(label) != "none"
+    browser.press("<")
+    assert browser.run("document.getElementById('speed').value") == "2"
+    browser.press("?")
+    assert browser.run("document.getElementById('help').open")
+
+
+def test_a_narrow_window_needs_no_scrolling_sideways(shown, tube, hatch):
+    for files in ([tube], [tube, hatch]):
+        browser = shown(files)
+        browser.resize(360, 740, touch=True)
+        browser.settle(0.5)
+        assert browser.run("document.documentElement.scrollWidth") <= 360
+        left, _, width, _ = browser.box("#time")
+        assert left >= 0
+        assert left + width <= 360

@@ -78,8 +78,9 @@ export class Legend {
 
   show() {
     const seen = new Set(this.recordings.flatMap((file) => [...file.seen]));
-    const print = this.recordings.map(({ pressure }) => pressure).find(Boolean);
-    const stamp = [...seen, print?.peak].join();
+    const { pressure: print, isStored, row } = this.recordings.find(({ pressure }) => pressure) ?? {};
+    const peak = print?.peak[isStored ? row : 0];
+    const stamp = [...seen, peak].join();
     if (stamp === this.stamp) return;
     this.stamp = stamp;
     const rows = colours.KINDS.flatMap((colour, kind) => (seen.has(`kind${kind}`) ? [legendRow("line", colour, colours.KIND_NAMES[kind])] : []));
@@ -87,7 +88,7 @@ export class Legend {
     if (seen.has("focus")) rows.push(legendRow("dot", colours.FOCUS, "focal point and trail"));
     if (seen.has("jump")) rows.push(legendRow("dash", colours.JUMP, "jump", STEP_WORDS.jump));
     if (seen.has("hop")) rows.push(legendRow("dash", colours.HOP, "hop", STEP_WORDS.hop));
-    if (print) rows.push(scaleRow(print));
+    if (print) rows.push(scaleRow(print.colours, peak));
     this.host.replaceChildren(...rows);
   }
 }
@@ -99,7 +100,7 @@ function legendRow(kind, colour, text, words = "") {
 }
 
 // The scale of a print of pressure: colours from 0 to its peak.
-function scaleRow({ colours: table, peak }) {
+function scaleRow(table, peak) {
   const mark = element("i", { class: "scale" });
   const stops = Array.from({ length: 9 }, (_, i) => `rgb(${table.slice(3 * Math.round((255 * i) / 8), 3 * Math.round((255 * i) / 8) + 3).join()})`);
   mark.style.background = `linear-gradient(to right, ${stops.join()})`;

@@ -221,7 +221,7 @@ class Live:
     def moment(self) -> LiveMoment | None:
         """What is drawn now, for a viewer that asks again and again, from any thread; None while nothing is drawn.
 
-        While somebody asks, at least twice a second, the process that draws copies what it draws at most 30 times a
+        While somebody asks, at least twice a second, the process that draws copies what it draws at most 40 times a
         second, so asking more often gives the same again. A first call may take 50 ms, later ones do not wait.
         """
         return self._run.moment()

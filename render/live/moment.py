@@ -146,7 +146,7 @@ class LiveMoment:
     points_left_out: int = 0
     """Points of further polylines that the memory between the processes had no room for; 0 as a rule."""
     focus: FocalPoints = field(default_factory=lambda: _NO_FOCUS)
-    """The newest focal points, as they are handed to the array: of 1/30 s at most, evenly thinned to 512 at most."""
+    """The newest focal points as they are handed to the array, of the last 1/30 s, evenly thinned to 512 at most."""
     latency: Durations
     """From the time stamp of a pose to its first focal point [s], of the last 200 poses."""
     poses: int

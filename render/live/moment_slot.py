@@ -1,8 +1,9 @@
 """Memory in which the process that draws leaves the newest moment for a viewer in another process.
 
-The process that draws copies a moment at most 30 times a second, and only while a reader has asked within the last half
-second; without a reader it writes a few numbers. Neither process ever waits for the other: there are two slots, the
-older of which is overwritten, and a reader whose slot was written meanwhile reads again.
+The process that draws copies a moment at most 40 times a second, so that a reader at 30 Hz finds another one each time,
+and only while a reader has asked within the last half second; without a reader it writes a few numbers. Neither process
+ever waits for the other: there are two slots, the older of which is overwritten, and a reader whose slot was written
+meanwhile reads again.
 """
 
 import math
@@ -18,7 +19,8 @@ from ..contour_batch import ContourBatch
 from ..sampling.metrics import FocalPoints
 from .drawn_log import LoggedPose
 
-COPY_NS = 33_333_333  # between copies at least, on average
+COPY_NS = 25_000_000  # between copies at least, on average
+FOCUS_SECONDS = 1 / 30  # of focal points in a moment
 ASKED_NS = 500_000_000  # for which a reader's question counts
 POINTS_MOST = 16_384  # of the contours of a moment
 LINES_MOST = 4_096
@@ -49,7 +51,7 @@ class CopiedMoment:
     points_left_out: int
     """Points of polylines for which there was no room."""
     focus: FocalPoints
-    """Drawn since the copy before, in the last 1/30 s at most; evenly thinned where they are many."""
+    """Drawn in the last 1/30 s, evenly thinned where they are many; fewer where a reader has just begun to ask."""
 
 
 class MomentSlot:
@@ -247,7 +249,7 @@ class MomentTap:
 
     def __init__(self, slot: MomentSlot, rate: float) -> None:
         self._slot = slot
-        self._most = round(rate * COPY_NS * 1e-9)
+        self._most = round(rate * FOCUS_SECONDS)
         self._points: list[FocalPoints] = []
         self._is_asked = False
         self._due_ns = 0
@@ -272,16 +274,17 @@ class MomentTap:
         return self._is_asked and now_ns >= self._due_ns
 
     def copy(self, pose: LoggedPose, contours: ContourBatch, *, index: int, time: float, now_ns: int) -> None:
-        """Copy a moment; the next one is due 1/30 s after this one was, or after now where this one is that late."""
+        """Copy a moment; the next one is due 25 ms after this one was, or after now where this one is that late."""
         self._due_ns = (now_ns if now_ns - self._due_ns > COPY_NS else self._due_ns) + COPY_NS
         self._slot.copy(pose, contours, self._thinned(), index=index, time=time, now_ns=now_ns)
-        self._points.clear()
 
     def _thinned(self) -> FocalPoints:
         """The newest focal points, evenly thinned to those that a slot has room for."""
         if not self._points:
             return FocalPoints(np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
-        position, intensity = (np.concatenate(part)[-self._most :] for part in zip(*self._points, strict=True))
+        newest = FocalPoints(*(np.concatenate(part)[-self._most :] for part in zip(*self._points, strict=True)))
+        self._points = [newest]
+        position, intensity = newest
         foci = 1 if intensity.ndim == 1 else intensity.shape[1]
         step = -(-len(intensity) // (FOCUS_MOST // foci))
         return FocalPoints(position[::-step][::-1], intensity[::-step][::-1])

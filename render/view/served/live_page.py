@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...live.moment import LiveMoment, LiveScene
-from ...live.moment_slot import COPY_NS, FOCUS_MOST
+from ...live.moment_slot import FOCUS_MOST, FOCUS_SECONDS
 from ...playback.placed_arrays import PlacedArray
 from ...reports.rendering_labels import hand_text, strategy_name_of
 from ..file_scene import Moment
@@ -121,7 +121,7 @@ def path_of(moment: LiveMoment) -> FocalPath | None:
     if not len(focus.intensity):
         return None
     foci = focus.intensity[0].size
-    rate = sampling.update_rate / np.ceil(COPY_NS * 1e-9 * sampling.update_rate / (FOCUS_MOST // foci))  # thinned
+    rate = sampling.update_rate / np.ceil(FOCUS_SECONDS * sampling.update_rate / (FOCUS_MOST // foci))  # thinned
     jump, hop = steps_of(focus.position, focus.intensity, replace(sampling, update_rate=rate))
     return FocalPath(focus.position, focus.intensity, rate, jump, hop)
 

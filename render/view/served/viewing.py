@@ -88,6 +88,7 @@ class LiveViewer:
 
     def follow(self, run: Live, arrays: Sequence[PlacedArray]) -> None:
         """Show this run from now on; arrays: shown under the hand."""
+        run.scene()  # the outline of a volume takes seconds: now, and not while focal points go out
         self._page = LivePage(run.scene, run.moment, arrays)
 
     def _converse(self) -> LivePage:

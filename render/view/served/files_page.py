@@ -12,7 +12,7 @@ from ..file_scene import FileScene
 from ..packing import Packer
 from ..page.payload import describe_page, file_names, pack_constants, pack_poses
 from ..pressure_print import PLACES, PressurePrinter, pack_prints
-from ..series import longest_pose, overview_of, steps_in, window_around
+from ..series import POSES_MOST, longest_pose, overview_of, steps_in, window_around
 from .noise_levels import predict_levels
 from .page_server import PageRequest, Send
 
@@ -94,19 +94,21 @@ class FilesPage:
         return float(pose) if time is None else time
 
     def _progress(self, packer: Packer) -> dict[str, Any]:
-        overviews = [overview_of(scene) for scene in self._scenes]
-        return {
+        described: dict[str, Any] = {
             "names": [visible(name) for name in file_names(self._scenes)],
             "done": [scene.done_count for scene in self._scenes],
             "is_sealed": all(scene.is_sealed for scene in self._scenes),
-            "overview": [
+            "overview": None,  # plots show all poses
+        }
+        if max(self._counts) > POSES_MOST:
+            described["overview"] = [
                 {
                     "time": packer.numbers(each.time if self._by_time else each.pose, "f8"),
                     "length": packer.numbers(each.longest, "f4"),
                 }
-                for each in overviews
-            ],
-        }
+                for each in map(overview_of, self._scenes)
+            ]
+        return described
 
     def _moment(self, request: PageRequest, packer: Packer) -> dict[str, Any]:
         count = self._counts[0]

@@ -95,7 +95,7 @@ export class Plots {
   }
 
   fillOverview(files) {
-    if (files.every(({ time }) => time.length < 2)) return;
+    if (!files) return; // the other plots show all poses
     const line = this.lines.find(({ plot }) => plot === OVERVIEW) ?? this.addPlot(OVERVIEW);
     this.draw(line, files.map(({ time, length }) => ({ clock: time, overview: length })));
   }

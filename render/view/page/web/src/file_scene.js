@@ -1,25 +1,7 @@
 // Everything that is drawn of one file: layers by name, moved from pose to pose.
 
-import {
-  BufferAttribute,
-  BufferGeometry,
-  CircleGeometry,
-  Color,
-  DirectionalLight,
-  DoubleSide,
-  Group,
-  HemisphereLight,
-  InstancedMesh,
-  Matrix4,
-  Mesh,
-  MeshBasicMaterial,
-  MeshLambertMaterial,
-  MultiplyBlending,
-  Quaternion,
-  Scene,
-  SphereGeometry,
-  Vector3,
-} from "three";
+import { BufferAttribute, BufferGeometry, CircleGeometry, Color, DirectionalLight, DoubleSide, Group, HemisphereLight, InstancedMesh } from "three";
+import { Matrix4, Mesh, MeshBasicMaterial, MeshLambertMaterial, MultiplyBlending, Quaternion, Scene, SphereGeometry, Vector3 } from "three";
 import * as colours from "./colours.js";
 import { HOP, JUMP } from "./recording.js";
 import { Prints } from "./prints.js";
@@ -41,16 +23,9 @@ function geometryOf(vertices, faces) {
   return geometry;
 }
 
-function translucent(geometry, colour, opacity, options = {}) {
-  const material = new MeshLambertMaterial({
-    color: colour,
-    opacity,
-    transparent: true,
-    depthWrite: false, // contours behind stay visible
-    side: DoubleSide,
-    flatShading: true,
-    ...options,
-  });
+function translucent(geometry, color, opacity) {
+  const behind = { transparent: true, depthWrite: false }; // contours behind stay visible
+  const material = new MeshLambertMaterial({ color, opacity, side: DoubleSide, flatShading: true, ...behind });
   const mesh = new Mesh(geometry, material);
   mesh.frustumCulled = false; // its vertices change
   return mesh;
@@ -108,7 +83,6 @@ export class FileScene {
     }
     this.patches = translucent(new BufferGeometry(), colours.PALM, 0.55);
     this.patches.renderOrder = 3;
-    this.patchCount = -1;
     this.layers.skin.add(this.patches);
   }
 
@@ -171,16 +145,9 @@ export class FileScene {
     this.patches.visible = count > 0;
     if (!count) return;
     const corners = skin.corners.subarray(12 * patchStart[row], 12 * patchStart[row + 1]);
-    if (count !== this.patchCount) {
-      const faces = Array.from({ length: count }, (_, i) => [0, 1, 2, 0, 2, 3].map((corner) => 4 * i + corner)).flat();
-      this.patches.geometry.dispose();
-      this.patches.geometry = geometryOf(corners, faces);
-      this.patchCount = count;
-    } else {
-      const position = this.patches.geometry.getAttribute("position");
-      position.array.set(corners);
-      position.needsUpdate = true;
-    }
+    const faces = Array.from({ length: count }, (_, i) => [0, 1, 2, 0, 2, 3].map((corner) => 4 * i + corner)).flat();
+    this.patches.geometry.dispose();
+    this.patches.geometry = geometryOf(corners, faces);
   }
 
   showContours() {

@@ -14,7 +14,7 @@ export class ServedPoses {
     this.news = page;
     this.onFound = () => {};
     this.wish = null; // the newest that has not been asked for
-    this.isBusy = false;
+    this.busy = 0; // requests that are under way
     this.isAwaited = false; // a pose is under way: a picture of the one before would only delay it
     this.poses = []; // of each file, that are shown
     this.window = null; // of the clock, that plots show
@@ -28,13 +28,12 @@ export class ServedPoses {
     this.next();
   }
 
-  async next() {
-    if (this.isBusy || !this.wish) return;
+  next() {
+    if (this.busy || !this.wish) return;
     const { at, time } = this.wish;
     this.wish = null;
     this.isAwaited = true;
-    await this.asking(async () => {
-      const answer = await this.link.ask(at === undefined ? { ask: "moment", time } : { ask: "moment", pose: [at] });
+    this.ask(at === undefined ? { ask: "moment", time } : { ask: "moment", pose: [at] }, (answer) => {
       answer.files.forEach((block, i) => {
         this.recordings[i].take(block);
         this.recordings[i].show(0);
@@ -44,21 +43,19 @@ export class ServedPoses {
       [this.rested, this.isSettled] = [0, false];
       this.onFound({ at: answer.poses[0], time: at === undefined ? undefined : answer.time });
     });
-    this.isAwaited = false;
-    this.next();
   }
 
-  // One request is under way at a time, so that a slider that is dragged waits for no answer but the last.
-  async asking(work) {
-    if (this.isBusy) return;
-    this.isBusy = true;
+  // One request after the other; then the newest moment that was wished for meanwhile.
+  async ask(request, take) {
+    this.busy += 1;
     try {
-      await work();
+      take(await this.link.ask(request));
     } catch (error) {
       this.show.message(error.message, true);
-    } finally {
-      this.isBusy = false;
     }
+    this.busy -= 1;
+    this.isAwaited = false;
+    this.next();
   }
 
   begun(plots) {
@@ -71,7 +68,7 @@ export class ServedPoses {
     this.rested += seconds;
     this.looked += seconds;
     this.plotted += seconds;
-    if (this.isBusy || this.wish || !this.poses.length) return;
+    if (this.busy || this.wish || !this.poses.length) return;
     if (!this.news.is_sealed && this.looked > REFRESH) this.look();
     else if (this.isOutside(clock.time) && (clock.isPlaying ? this.plotted > OFTEN : this.rested > REST)) this.fillPlots();
     else if (!this.isSettled && !clock.isPlaying && this.rested > REST) this.settle();
@@ -84,50 +81,45 @@ export class ServedPoses {
     return !isWhole && (time < from + margin || time > to - margin) && this.poses[0] !== this.plottedAt;
   }
 
-  async fillPlots() {
+  fillPlots() {
     this.plotted = 0;
     this.plottedAt = this.poses[0];
-    await this.asking(async () => {
-      const { files } = await this.link.ask({ ask: "series", pose: [this.poses[0]] });
+    this.ask({ ask: "series", pose: [this.poses[0]] }, ({ files }) => {
       const { clock, is_whole } = files[0];
       this.window = [clock[0], clock[clock.length - 1], is_whole];
       this.plots.fill(files);
     });
-    this.next();
   }
 
-  async settle() {
+  settle() {
     this.isSettled = true;
-    if (!this.where) return;
-    await this.asking(async () => {
-      const { poses } = this;
-      const answer = await this.link.ask({ ask: "pressure", poses, where: this.where });
-      if (poses !== this.poses || !this.where) return; // the hand has gone on, or pressure is switched off
-      answer.files.forEach((print, i) => this.recordings[i].takePressure(print));
-      this.onFound({ at: this.poses[0] });
+    const { poses, where } = this;
+    if (!where) return;
+    this.ask({ ask: "pressure", poses, where }, ({ files }) => {
+      if (where !== this.where) return;
+      files.forEach((print, i) => this.recordings[i].takePressure(print));
+      this.onFound({ at: poses[0] });
     });
-    this.next();
   }
 
   setPressure(where) {
     this.where = where;
     this.isSettled = false;
     for (const recording of this.recordings) recording.takePressure(null);
+    this.onFound({ at: this.poses[0] });
   }
 
   noise() {
-    return this.asking(async () => {
-      this.show.message("Predicting noise ...");
-      const answer = await this.link.ask({ ask: "noise", poses: this.poses });
+    this.show.message("Predicting noise ...");
+    this.ask({ ask: "noise", poses: this.poses }, (answer) => {
       this.show.message("");
       this.plots.fillNoise(answer);
     });
   }
 
-  async look() {
+  look() {
     this.looked = 0;
-    await this.asking(async () => {
-      const answer = await this.link.ask({ ask: "news", done: this.news.done });
+    this.ask({ ask: "news", done: this.news.done }, (answer) => {
       if (answer.kind === "same") return;
       Object.assign(this.news, answer);
       this.show.news(answer);
@@ -135,6 +127,5 @@ export class ServedPoses {
       this.window = this.plottedAt = null;
       this.wish ??= { at: this.poses[0] }; // it may be rendered by now
     });
-    this.next();
   }
 }

@@ -1,6 +1,8 @@
 """`palpate view` as a script calls it: opens files, starts the server, opens the browser, and ends with Ctrl-C."""
 
 import contextlib
+import os
+import sys
 import threading
 import webbrowser
 from collections.abc import Callable, Sequence
@@ -106,6 +108,8 @@ def announce(address: str, what: str, *, no_browser: bool) -> None:
 
 def open_browser(address: str) -> bool:
     """Open a page in the visitor's browser; False where there is none, or no display."""
+    if sys.platform == "linux" and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))):
+        return False  # a browser of the terminal would be found, which draws nothing and takes the keyboard
     try:
         return webbrowser.open(address)
     except webbrowser.Error:

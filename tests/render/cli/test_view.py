@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from palpate.render import exploration, render
 from palpate.render.cli import view_command
 from palpate.render.cli.app import app
-from palpate.render.view.served.viewing import view_files
+from palpate.render.view.served.viewing import announce, view_files
 
 
 @pytest.fixture(scope="module")
@@ -92,3 +92,18 @@ def test_damaged_files_and_newer_ones_are_refused_before_a_page_is_made(file, tm
         assert result.exit_code == 1
         assert path.name in result.output
     assert "newer" in result.output
+
+
+@pytest.mark.parametrize("way", ["no display", "no browser"])
+def test_where_no_page_can_be_opened_its_address_is_printed_with_what_to_do(monkeypatch, capfd, way):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"):
+        monkeypatch.delenv(name, raising=False)
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or False)
+    if way == "no browser":
+        monkeypatch.setenv("DISPLAY", ":0")
+    announce("http://127.0.0.1:8080/?token=x", "tube.h5", no_browser=False)
+    assert opened == ([] if way == "no display" else ["http://127.0.0.1:8080/?token=x"])
+    printed = capfd.readouterr().err
+    assert "palpate shows tube.h5 on http://127.0.0.1:8080/?token=x until Ctrl-C" in printed
+    assert "open http://127.0.0.1:8080/?token=x in one on this machine" in printed

@@ -38,7 +38,6 @@ NOT_HERE = {  # command lines that no test runs, and why
     r"^palpate bench": "takes minutes; tests/render/bench/ runs it small",
 }
 COLUMN = 88  # characters of a line of code
-STILL_WIDE = {"docs/guide/live.md", "docs/guide/view.md"}
 FEW = "--set motion.duration=1.0 --set motion.seed=1 --set object.source=tube"
 ELSEWHERE = {  # what stands in a page -> what stands for it on this machine
     r"^python3 -m venv .* && \.venv/bin/(palpate demo)": r"\1 --clock virtual",
@@ -111,7 +110,6 @@ def test_blocks_fit_their_column():
     wide = [
         f"{block.page.relative_to(ROOT)}: {line}"
         for page in PAGES
-        if page.relative_to(ROOT).as_posix() not in STILL_WIDE
         for block in blocks_of(page)
         for line in block.text.splitlines()
         if len(line) > COLUMN

@@ -38,11 +38,13 @@ class Renderings:
         return np.arange(len(self.moments.pose)) if self.moments.time is None else self.moments.time
 
 
-def opened(paths: Mapping[str, str | Path] | Sequence[str | Path], stack: ExitStack) -> Renderings:
+def opened(
+    paths: Mapping[str, str | Path] | Sequence[str | Path], stack: ExitStack, most: int = FILES_MOST
+) -> Renderings:
     """Open files, which `stack` closes; raises StrategyError for none, too many, and files that do not fit together."""
     files = [stack.enter_context(ContourFile(path)) for path in files_of(paths)]
-    if len(files) > FILES_MOST:
-        raise StrategyError(f"a picture shows up to {FILES_MOST} files, not {len(files)}: draw several pictures")
+    if len(files) > most:
+        raise StrategyError(f"a picture shows up to {most} files, not {len(files)}: draw several pictures")
     _refuse_unlike(files)
     labels = [short_text(str(label)) for label in paths] if isinstance(paths, Mapping) else labels_of(files)
     for file in files:

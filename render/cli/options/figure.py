@@ -35,7 +35,14 @@ def figure(
         float | None, typer.Option(metavar="HZ", help="With --animate: frames a second [Hz], by default up to 12.5.")
     ] = None,
     width: Annotated[
-        int | None, typer.Option(metavar="PIXELS", help="With --animate: width of the picture, by default 720.")
+        str | None,
+        typer.Option(
+            metavar="METRES|NAME",
+            help="Of the picture [m], or single, double, ieee-single, ieee-double; with --animate pixels.",
+        ),
+    ] = None,
+    font_size: Annotated[
+        float | None, typer.Option(metavar="POINTS", help="Of all texts in the picture [pt], by default 8.")
     ] = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,

@@ -14,7 +14,7 @@ COLOURS = {"object": "#b1121f", "hand": "#3d9be0", "made": "#6a4c93", "mesh": "#
 """Of contours by kind: their greys differ, too (lightness 38, 62, 38), and `made` seldom meets `object`."""
 LINES = ("#2b2d42", "#2a9d8f", "#9b5de5", "#bc6c25")  # of lengths and frequencies: not those of the contours
 DASHES = ("-", (0, (4, 1.2)), (0, (1.2, 1)), (0, (5, 1, 1, 1)))  # the same lines in greyscale
-HAND_DASHES = (1.0, 2.4)  # on and off, of a line's width, with round ends: the hand's contours differ in greyscale, too
+HAND_DASHES = (1.2, 2.0)  # on and off, of a line's width, with round ends: the hand's contours differ in greyscale, too
 PALEST = 0.85  # of the way to white: a contour of no intensity, as in the viewer
 INK, FAINT = "#222222", "#6b7280"
 SUFFIXES = (".png", ".svg", ".pdf")

@@ -37,6 +37,7 @@ def test_stages_are_written_with_their_options_and_units():
     assert "hatch, angle 0 rad" not in stages_text(load_strategy("cc"))
 
 
+@pytest.mark.exhaustive
 def test_a_strategy_stands_beside_its_raw_intersection_which_is_drawn_once():
     figure = strategies_figure({"open": load_strategy("oc"), "closed": load_strategy("cc")})
     scenes = [axes for axes in figure.axes if any(isinstance(own, LineCollection) for own in axes.collections)]

@@ -161,32 +161,32 @@ def lay_out(
     if single and len(source.pose) > 1:
         top += page.text("" if clock else moments[0], EDGE, top, page.inner, color=INK)
     top += 0.3 * page.line
-    left, setting = EDGE, None
+    left, setting, wide = EDGE, None, OVERVIEW_NARROW * page.inner
+    beside = overview and narrow and page.legend_width(entries) <= page.inner - wide - GAP  # is the legend
     if overview and narrow:
-        wide = OVERVIEW_NARROW * page.inner
-        high = max(1.15 * wide, page.legend(entries, EDGE + wide + GAP, top, page.inner - wide - GAP))
+        high = max(1.15 * wide, page.legend(entries if beside else [], EDGE + wide + GAP, top, page.inner - wide - GAP))
         setting = page.axes(EDGE, top, wide, high)
         top += high + 0.5 * page.line
     elif overview:
         left += OVERVIEW * page.inner + GAP
-    beside = 0.0 if single or files == 1 else LABEL_LINES * page.line
+    labels = 0.0 if single or files == 1 else LABEL_LINES * page.line  # width
     titles = renderings.labels if single else moments
     first, scenes, run = top, [], files if single else len(poses)
-    room = page.width - EDGE - left - beside
+    room = page.width - EDGE - left - labels
     least = max([SCENE_WIDTH] + [text_width(title, page.font) for title in titles if not single])
     columns = -(-run // -(-run // max(1, int((room + GAP) / (least + GAP)))))  # rows as equal as can be
     wide = (room - GAP * (columns - 1)) / columns
     tall = float(np.clip(wide * half[1] / half[0], SCENE_LEAST, SCENE_MOST))
     for f in range(1 if single else files):
         for row in (range(a, min(a + columns, run)) for a in range(0, run, columns)):
-            lefts = [left + beside + (k - row[0]) * (wide + GAP) for k in row]
+            lefts = [left + labels + (k - row[0]) * (wide + GAP) for k in row]
             look = {"color": INK, "fontweight": "bold" if single else "normal"}
             if f == 0 or columns < run:  # files below the first have its moments, if these fill one row
                 top += page.row([titles[k] for k in row], lefts, top, wide, lines=LABEL_LINES, **look)
             if notes:
                 top += page.row([notes[k] for k in row], lefts, top, wide, lines=NOTE_LINES, color=FAINT)
             scenes += [page.axes(x, top, wide, tall) for x in lefts]
-            if beside and row[0] == 0:
+            if labels and row[0] == 0:
                 text = fit_text(renderings.labels[f], tall, page.font, lines=LABEL_LINES, bold=True)
                 where = {"x": -GAP / 3 / wide, "y": 0.5, "ha": "right", "va": "center", "ma": "center", "rotation": 90}
                 look = {"transform": scenes[-len(row)].transAxes, "fontweight": "bold", "parse_math": False}
@@ -196,7 +196,7 @@ def lay_out(
         high = max(min(top - GAP - first, OVERVIEW_MOST), 0.5 * left)
         setting = page.axes(EDGE, first, OVERVIEW * page.inner, high)
         top = max(top, first + high + GAP)
-    if not (overview and narrow):
+    if not beside:
         top += page.legend(entries, EDGE, top, page.inner)
     top, diagrams = _place_plots(page, renderings, top, (1 if clock else 2) * (len(source.pose) > 1), narrow)
     page.finish(top + EDGE)

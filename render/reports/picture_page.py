@@ -123,6 +123,11 @@ class Page:
         """Add texts beside each other; returns the height of the highest."""
         return max(self.text(text, left, top, width, **look) for text, left in zip(texts, lefts, strict=True))
 
+    def legend_width(self, entries: Sequence[Entry]) -> float:
+        """Width that a legend of one column takes [inch]."""
+        widest = max((text_width(text, self.font) for _, text in entries), default=0.0)
+        return widest + (HANDLE + PAD) * self.font / 72
+
     def legend(self, entries: Sequence[Entry], left: float, top: float, width: float) -> float:
         """Add a legend in as many columns as fit into a width [inch]; returns its height."""
         from matplotlib.legend_handler import HandlerTuple
@@ -132,7 +137,7 @@ class Page:
         em = self.font / 72
         room = width - (HANDLE + PAD) * em
         texts = [fit_text(text, room, self.font) for _, text in entries]
-        widest = max(text_width(text, self.font) for text in texts) + (HANDLE + PAD) * em
+        widest = min(width, self.legend_width(entries))
         columns = max(1, min(len(texts), math.floor((width + COLUMN * em) / (widest + COLUMN * em))))
         rows = -(-len(texts) // columns)
         legend = self.figure.legend(

@@ -16,13 +16,12 @@ from ..errors import StrategyError
 from ..sampling.strategy import DEFAULT
 from ..validation import require_number, require_path
 from .contour_figure import draw_plots, lay_out
-from .contour_lines import draw_contours
 from .figure_legend import legend_entries
 from .opened_renderings import Renderings, files_of, opened
 from .picture_page import EDGE, INCH, Page
 from .picture_style import COLOURS, INK, LINES, require_picture, style, write_picture
-from .scene_drawing import SceneSource, blank, draw_hand, draw_object, draw_scale, extent_of, set_limits
-from .scene_view import SceneView, flat
+from .scene_drawing import SceneSource, blank, draw_object, draw_scale, draw_scene, extent_of, set_limits
+from .scene_view import SceneView
 from .shown_moments import MotionMoments
 
 FRAMES_MOST = 600
@@ -88,14 +87,9 @@ def draw_animation(
     require_number("width", width, WIDTH_LEAST, WIDTH_MOST, unit="pixels", whole=True)
     eye = SceneView.of(view)
     with ExitStack() as stack, mpl.rc_context(style(FONT)):
-        renderings = opened(paths, stack)
-        if len(renderings.sources) > FILES_MOST:
-            raise StrategyError(f"an animated picture shows up to {FILES_MOST} files, not {len(renderings.sources)}")
+        renderings = opened(paths, stack, FILES_MOST)
         frames = frames_of(renderings.moments, start, stop, frame_rate, renderings.sources[0].file.path.name)
-        for source, length in zip(renderings.sources, renderings.lengths, strict=True):
-            if len(missing := frames.poses[np.isnan(length[frames.poses])]):
-                when = renderings.moments.text(int(missing[0]))
-                raise StrategyError(f"{source.file.path}: {when} is not done yet; palpate render --resume goes on")
+        renderings.require_done(frames.poses)
         stage = _Stage(renderings, frames, eye, width)
         content = _gif(stage, frames, progress)
     write_picture(content, picture)
@@ -204,16 +198,9 @@ class _Stage:
         return np.array(self.canvas.buffer_rgba())[..., :3]
 
     def _draw_scene(self, axes: Any, source: SceneSource, index: int) -> None:
-        basis = self.view.basis(source.pose[index])
-        artists: list[Any] = []
-        if not self.still:
-            middle = self.middle if not self.view.follows_palm else extent_of(source, index, self.view).mean(axis=0)
-            set_limits(axes, middle, self.half)
-            artists += draw_object(axes, source.triangles(index), basis)
-        artists += draw_hand(axes, source, index, basis)
-        batch = source.batch(index)
-        if batch.point_count:
-            artists += draw_contours(axes, batch, lambda points: flat(points, basis))
+        if self.view.follows_palm:
+            set_limits(axes, extent_of(source, index, self.view).mean(axis=0), self.half)
+        artists = draw_scene(axes, source, index, self.view, solid=not self.still)
         for artist in artists:
             axes.draw_artist(artist)
         for artist in artists:

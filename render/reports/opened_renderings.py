@@ -37,6 +37,13 @@ class Renderings:
         """Times [s], or numbers of poses."""
         return np.arange(len(self.moments.pose)) if self.moments.time is None else self.moments.time
 
+    def require_done(self, poses: np.ndarray) -> None:
+        """Raise StrategyError where a file lacks one of these poses."""
+        for source, length in zip(self.sources, self.lengths, strict=True):
+            if len(missing := poses[np.isnan(length[poses])]):
+                when = self.moments.text(int(missing[0]))
+                raise StrategyError(f"{source.file.path}: {when} is not done yet; palpate render --resume goes on")
+
 
 def opened(
     paths: Mapping[str, str | Path] | Sequence[str | Path], stack: ExitStack, most: int = FILES_MOST
@@ -98,11 +105,7 @@ def shown_poses(renderings: Renderings, times: Sequence[float] | None, view: Sce
         return distinct_poses(worth, moments, _contours_of(renderings), POSES_SHOWN)
     name = renderings.sources[0].file.path.name
     poses = poses_at(times, moments, name)
-    for source, length in zip(renderings.sources, lengths, strict=True):
-        if len(missing := poses[np.isnan(length[poses])]):
-            raise StrategyError(
-                f"{source.file.path}: {moments.text(int(missing[0]))} is not done yet; palpate render --resume goes on"
-            )
+    renderings.require_done(poses)
     longest = np.nan_to_num(lengths).max(axis=0)
     bare = poses[longest[poses] == 0]
     if len(bare):

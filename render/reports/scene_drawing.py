@@ -47,7 +47,11 @@ class SceneSource:
 
     def skin(self, index: int) -> np.ndarray:
         """Polygons of the skin on which contours are drawn at a pose [m], shape [polygon, corner, 3]."""
-        return skin_at(self.hand, self.pose[index : index + 1], index)
+        pose = self.pose[index : index + 1]
+        if isinstance(self.hand, MeshHand):
+            return self.hand.triangles(pose, index)[0]
+        patches = self.hand.corners(pose, index)[0]
+        return patches[np.isfinite(patches).all(axis=(1, 2))]  # those that are there
 
     @property
     def moves(self) -> bool:
@@ -63,14 +67,6 @@ def object_at(solid: dict, pose: int) -> np.ndarray:
         place = solid["moved"][pose].astype(np.float64)
         vertices = place[:3] + rotate(place[3:], vertices - middle)
     return vertices[solid["faces"]]
-
-
-def skin_at(hand: Hand, pose: np.ndarray, row: int) -> np.ndarray:
-    """Polygons of the skin at a pose [m], shape [polygon, corner, 3]: patches that are there, or triangles."""
-    if isinstance(hand, MeshHand):
-        return hand.triangles(pose, row)[0]
-    patches = hand.corners(pose, row)[0]
-    return patches[np.isfinite(patches).all(axis=(1, 2))]
 
 
 def blank(axes: Any) -> None:
@@ -123,17 +119,19 @@ def draw_hand(axes: Any, source: SceneSource, index: int, basis: np.ndarray) -> 
     return artists
 
 
-def draw_scene(axes: Any, source: SceneSource, index: int, view: SceneView, *, line_width: float = WIDTH) -> None:
-    """Draw a pose's object, hand and contours; line_width: [pt]."""
+def draw_scene(
+    axes: Any, source: SceneSource, index: int, view: SceneView, *, line_width: float = WIDTH, solid: bool = True
+) -> list[Any]:
+    """Draw a pose's object, unless not asked for, hand and contours; returns the artists. line_width: [pt]."""
     basis = view.basis(source.pose[index])
     blank(axes)
-    draw_object(axes, source.triangles(index), basis)
-    draw_hand(axes, source, index, basis)
+    artists = draw_object(axes, source.triangles(index), basis) if solid else []
+    artists += draw_hand(axes, source, index, basis)
     batch = source.batch(index)
     if batch.point_count:
-        draw_contours(axes, batch, lambda points: flat(points, basis), width=line_width)
-    else:
-        axes.text(0.5, 0.02, "no contour", transform=axes.transAxes, ha="center", va="bottom", color=FAINT)
+        return artists + draw_contours(axes, batch, lambda points: flat(points, basis), width=line_width)
+    look = {"transform": axes.transAxes, "ha": "center", "va": "bottom", "color": FAINT}
+    return [*artists, axes.text(0.5, 0.02, "no contour", **look)]
 
 
 def extent_of(source: SceneSource, index: int, view: SceneView, *, hand: bool = True) -> np.ndarray:

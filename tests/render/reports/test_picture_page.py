@@ -93,8 +93,9 @@ def test_a_page_holds_long_names_and_the_check_finds_a_text_that_it_does_not_hol
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("font", [5.0, 12.0])
-@pytest.mark.parametrize("width", ["single", "ieee-double", None, 0.07])
-@pytest.mark.parametrize("count", [1, 4])
+@pytest.mark.parametrize(
+    ("width", "count"), [*((width, 4) for width in (*WIDTHS, None, 0.06, 0.6)), ("single", 1), (None, 1)]
+)
 def test_no_text_runs_into_another_or_a_panel_at_any_size(files, width, font, count):
     for times in (None, [0.5], [0.0, 0.2, 0.4, 0.6, 0.8, 0.9]):
         figure = contour_figure(dict(list(files.items())[:count]), times=times, width=width, font_size=font)

@@ -37,12 +37,7 @@ from palpate.render import (
     sweep,
 )
 from palpate.render.reports.contour_figure import contour_figure
-from palpate.render.reports.strategy_gallery import (
-    Panel,
-    gallery_figure,
-    strategies_figure,
-    strategy_rows,
-)
+from palpate.render.reports.strategy_figure import presets_figure, strategies_figure
 from palpate.render.runtime.warp_start import start_warp
 from palpate.render.sweeps.report.figure import sweep_figure
 
@@ -78,9 +73,7 @@ def dog() -> Figure:
 
 def strategies() -> Figure:
     """All presets."""
-    return gallery_figure(
-        [Panel(name, line, load_strategy(name)) for name, line in strategy_rows()]
-    )
+    return presets_figure()
 
 
 def own_strategy() -> Figure:

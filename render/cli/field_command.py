@@ -24,7 +24,8 @@ from ..errors import StrategyError
 from ..output_file import require_output
 from ..playback.drive import Driver
 from ..playback.placed_arrays import PlacedArray, load_rig
-from ..reports.field_figure import draw_print, draw_volume
+from ..reports.field_figure import FieldPicture, draw_fields, print_picture, volume_picture
+from ..reports.picture_page import font_of, width_of
 from ..reports.picture_style import require_picture
 from ..runtime.warp_start import start_warp
 from ..sampling.sampler import has_contours
@@ -33,6 +34,7 @@ from ..terminal import bars, console
 from ..validation import choose, refuse_object, require_number
 
 PLACES = ("palm", "plane", "volume")
+FILES_MOST = 4
 SIZES = {"plane": 0.2, "volume": 0.12}  # [m]
 SPACINGS = {"palm": 1e-3, "plane": 1e-3, "volume": 4e-3}  # [m]
 LEFT_OUT = "the hand's shadow and echo; pressures are right to some 50 %, forces to a factor of 2"
@@ -60,6 +62,8 @@ class FieldJob:
     update_rate: float | None
     resonance: float | None
     out: Path | None
+    width: str | None
+    font_size: float | None
     overwrite: bool
     device: str
 
@@ -75,6 +79,18 @@ class FieldJob:
             require_number("--size", self.size, 1e-3, 2.0, unit="m")
         if self.out is not None:
             require_picture(self.out, overwrite=self.overwrite, also=(".npz",))
+        given = [
+            option for option, value in (("--width", self.width), ("--font-size", self.font_size)) if value is not None
+        ]
+        if given and not self.draws:
+            raise StrategyError(f"{given[0]} is of a picture: add -o PICTURE (PNG, SVG or PDF)")
+        width_of(self.width)
+        font_of(self.font_size)
+
+    @property
+    def draws(self) -> bool:
+        """Whether a picture is asked for."""
+        return self.out is not None and self.out.suffix.lower() != ".npz"
 
     def strategy(self, arrays: tuple[PlacedArray, ...]) -> SamplingStrategy:
         """How contours become focal points."""
@@ -97,21 +113,37 @@ class AveragedDrives(NamedTuple):
         return PressureSum(self.transducers, device=self.device)
 
 
-def run_field(path: Path, options: dict, *, as_json: bool) -> None:
-    """Compute, draw or write, report."""
-    refuse_object(path)
+def run_field(paths: list[Path], options: dict, *, as_json: bool) -> None:
+    """Compute, draw or write, report; several files into one picture."""
+    for path in paths:
+        refuse_object(path)
+    if len(paths) > FILES_MOST:
+        raise StrategyError(f"up to {FILES_MOST} files are drawn beside each other, not {len(paths)}")
     job = FieldJob(**options)
     if job.out is not None:
-        require_output(job.out, overwrite=job.overwrite, sources=[path])
+        require_output(job.out, overwrite=job.overwrite, sources=paths)
+        if len(paths) > 1 and not job.draws:
+            raise StrategyError(f"{job.out}: numbers are those of one file, not of {len(paths)}: write one for each")
     job = replace(job, where=choose("where", job.where, PLACES), average=choose("average", job.average, AVERAGES))
     start_warp()
     arrays = load_rig(job.array, calibration=job.calibration)
-    with bars.loading_bar(f"sampling {path}", quiet=as_json):
-        emitted = averaged_drives(path, job, arrays)
-    with bars.progress_bar("points", quiet=as_json) as bar:
-        write = _in_volume if job.where == "volume" else _on_planes
-        values = write(path, job, emitted, arrays, bar)
-    console.show_values(values, as_json=as_json, title=str(path), shown_names=SHOWN)
+    found, shown = [], []
+    for path in paths:
+        with bars.loading_bar(f"sampling {path}", quiet=as_json):
+            emitted = averaged_drives(path, job, arrays)
+        with bars.progress_bar("points", quiet=as_json) as bar:
+            compute = _in_volume if job.where == "volume" else _on_planes
+            values, picture = compute(path, job, emitted, arrays, bar)
+        found.append(values)
+        shown.append(picture)
+    if job.out is not None and job.draws:
+        look = {"width": job.width, "font_size": job.font_size}
+        draw_fields(shown, job.out, overwrite=job.overwrite, **look)
+    if as_json and len(found) > 1:
+        console.show_values({"files": found}, as_json=True, title="")
+        return
+    for path, values in zip(paths, found, strict=True):
+        console.show_values(values, as_json=as_json, title=str(path), shown_names=SHOWN)
 
 
 def averaged_drives(path: Path, job: FieldJob, arrays: tuple[PlacedArray, ...]) -> AveragedDrives:
@@ -154,7 +186,7 @@ def _facts(path: Path, job: FieldJob, emitted: AveragedDrives) -> dict:
 
 def _on_planes(
     path: Path, job: FieldJob, emitted: AveragedDrives, arrays: tuple[PlacedArray, ...], bar: Callable[[int, int], None]
-) -> dict:
+) -> tuple[dict, FieldPicture]:
     drawn, spacing = emitted.drawn, job.spacing or SPACINGS[job.where]
     if job.where == "palm":
         planes = planes_of(drawn, spacing)
@@ -167,7 +199,7 @@ def _on_planes(
     lines = drawn.polylines()
     values = _facts(path, job, emitted) | _numbers(skin, drawn, emitted, len(place), job.where == "palm")
     title = f"{path.stem}, pose {drawn.index}, {job.where}, mean over {len(emitted.drive)} frames ({job.average})"
-    if job.out is not None and job.out.suffix.lower() == ".npz":
+    if job.out is not None and not job.draws:
         arrays_kept = {
             "points": place,
             "radiation": np.concatenate([part.ravel() for part in skin.radiation]),
@@ -176,9 +208,7 @@ def _on_planes(
             "contour_start": np.cumsum([0, *map(len, lines)]),
         }
         _write_arrays(job.out, arrays_kept, emitted, place)
-    elif job.out is not None:
-        draw_print(skin, lines, job.out, title=title, overwrite=job.overwrite)
-    return values
+    return values, print_picture(skin, lines, title=title, focal_width=values["focal_width"])
 
 
 def _numbers(
@@ -204,7 +234,7 @@ def _numbers(
 
 def _in_volume(
     path: Path, job: FieldJob, emitted: AveragedDrives, arrays: tuple[PlacedArray, ...], bar: Callable[[int, int], None]
-) -> dict:
+) -> tuple[dict, FieldPicture]:
     centre = _centre(job, emitted.drawn)
     size, spacing = job.size or SIZES["volume"], job.spacing or SPACINGS["volume"]
     coordinates = sample_volume(centre.tolist(), size, spacing)
@@ -212,19 +242,20 @@ def _in_volume(
     place = require_places(np.stack([x, y, z], axis=-1).reshape(-1, 3), emitted.transducers)
     mean, most = mean_square(emitted.field, place, emitted.drive, progress=bar)
     radiation = mean * (PRESSURE_AT_1M**2 / (AIR_DENSITY * emitted.transducers.sound_speed**2))
-    if job.out is not None and job.out.suffix.lower() == ".npz":
+    if job.out is not None and not job.draws:
         kept = dict(zip("xyz", coordinates, strict=True)) | {"radiation": radiation.reshape(x.shape)}
         _write_arrays(job.out, kept, emitted, place)
-    elif job.out is not None:
-        title = f"{path.stem}, pose {emitted.drawn.index}, mean over {len(emitted.drive)} frames ({job.average})"
-        draw_volume(coordinates, radiation.reshape(x.shape), job.out, title=title, overwrite=job.overwrite)
-    return _facts(path, job, emitted) | {
+    title = f"{path.stem}, pose {emitted.drawn.index}, mean over {len(emitted.drive)} frames ({job.average})"
+    width = width_at(emitted.drawn.pose[:3], emitted.transducers)
+    picture = volume_picture(coordinates, radiation.reshape(x.shape), title=title, focal_width=width)
+    values = _facts(path, job, emitted) | {
         "points": len(place),
         "pressure_peak": PRESSURE_AT_1M * float(np.sqrt(most.max())),
         "radiation_peak": float(radiation.max()),
-        "focal_width": width_at(emitted.drawn.pose[:3], emitted.transducers),
+        "focal_width": width,
         "pressure_at_1m": PRESSURE_AT_1M,
     }
+    return values, picture
 
 
 def _centre(job: FieldJob, drawn: DrawnPose) -> np.ndarray:

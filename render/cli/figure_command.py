@@ -9,11 +9,12 @@ from ..errors import StrategyError
 from ..exports.pose_choice import seconds_of
 from ..reports.contour_animation import WIDTH_USUAL, draw_animation
 from ..reports.contour_figure import draw_figure
+from ..reports.picture_page import font_of, width_of
 from ..reports.picture_style import SUFFIXES, require_picture
 from ..terminal import bars, console
 from ..validation import refuse_object
 
-ANIMATION_ONLY = {"seconds": "--seconds", "frame_rate": "--frame-rate", "width": "--width"}
+ANIMATION_ONLY = {"seconds": "--seconds", "frame_rate": "--frame-rate"}
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,8 @@ class FigureJob:
     animate: bool
     seconds: str | None
     frame_rate: float | None
-    width: int | None
+    width: str | None
+    font_size: float | None
     overwrite: bool
 
     def __post_init__(self) -> None:
@@ -39,6 +41,11 @@ class FigureJob:
             raise StrategyError(f"{option} is of a still picture: --animate shows no array")
         if self.animate and self.times is not None:
             raise StrategyError("--times is of a still picture: --seconds chooses what --animate shows")
+        if self.animate and self.font_size is not None:
+            raise StrategyError("--font-size is of a still picture: texts of --animate grow with --width")
+        if not self.animate:
+            width_of(self.width)
+            font_of(self.font_size)
         if self.no_array and self.array is not None:
             raise StrategyError("--array and --no-array exclude each other: one shows an array, the other none")
         given = [option for name, option in ANIMATION_ONLY.items() if getattr(self, name) is not None]
@@ -56,6 +63,12 @@ class FigureJob:
             raise StrategyError(
                 f"--times must be numbers with commas between, as 1.5,7, not {self.times!r:.60}"
             ) from None
+
+    def pixels(self) -> int:
+        """Width of an animated picture; raises StrategyError for what is no whole number."""
+        if self.width is not None and not (self.width.isascii() and self.width.isdigit() and len(self.width) < 9):
+            raise StrategyError(f"--width of an animated picture must be a number of pixels, not {self.width!r:.60}")
+        return WIDTH_USUAL if self.width is None else int(self.width)
 
     def labelled(self, files: Sequence[Path]) -> Sequence[Path] | Mapping[str, Path]:
         """Files by the labels that are asked for, if any; raises StrategyError for too few or equal ones."""
@@ -88,6 +101,8 @@ def _draw(files: list[Path], job: FigureJob, *, as_json: bool) -> dict:
             times=job.moments(),
             view=job.view,
             array=None if job.no_array else job.array or "emulator",
+            width=job.width,
+            font_size=job.font_size,
             overwrite=job.overwrite,
         )
     return {}
@@ -103,7 +118,7 @@ def _animate(files: list[Path], job: FigureJob, *, as_json: bool) -> dict:
             stop=stop,
             frame_rate=job.frame_rate,
             view=job.view,
-            width=WIDTH_USUAL if job.width is None else job.width,
+            width=job.pixels(),
             overwrite=job.overwrite,
             progress=bar,
         )

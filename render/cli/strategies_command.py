@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ..errors import StrategyError
 from ..reports.picture_style import require_picture
-from ..reports.strategy_gallery import draw_gallery, draw_strategies, strategy_rows
+from ..reports.strategy_figure import draw_strategies, strategy_rows
 from ..runtime.warp_start import start_warp
 from ..stages.registry import ROLES, known_stages
 from ..strategies.intersection_strategy import load_strategy
@@ -28,7 +28,7 @@ def run_strategies(names: list[str], out: Path | None, options: dict, *, as_json
     if out is not None:
         start_warp()
         with bars.loading_bar(f"drawing {out}", quiet=as_json):
-            draw_gallery(out, overwrite=options["overwrite"])
+            draw_strategies(out, None, overwrite=options["overwrite"])
         lists["picture"] = str(out)
     if as_json:
         console.show_values(lists, as_json=True, title="strategies")

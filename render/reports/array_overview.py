@@ -32,12 +32,10 @@ def draw_overview(
     poses: np.ndarray,
     view: SceneView,
     models: Sequence[ArrayModel],
-    aspect: float,
 ) -> None:
-    """Draw arrays, the object at the first pose shown, the palm's way, and where it is at the poses shown.
-
-    aspect: width over height of the axes.
-    """
+    """Draw arrays, the object at the first pose shown, the palm's way, and where it is at the poses shown."""
+    box, font = axes.get_window_extent(), axes.xaxis.label.get_size()
+    aspect = box.width / box.height
     blank(axes)
     basis = SceneView(view.elevation, view.azimuth).basis()
     places = [flat(source.triangles(int(poses[0])).reshape(-1, 3), basis)]
@@ -49,9 +47,9 @@ def draw_overview(
     if len(source.pose) > 1:
         axes.plot(way[:, 0], way[:, 1], color=FAINT, lw=0.5, alpha=0.7, zorder=2)
     marks = flat(source.pose[poses, :3], basis)
-    axes.plot(marks[:, 0], marks[:, 1], "o", ms=9, mfc="white", mec=INK, mew=0.7, zorder=4)
+    axes.plot(marks[:, 0], marks[:, 1], "o", ms=1.4 * font, mfc="white", mec=INK, mew=0.7, zorder=4)
     for k, mark in enumerate(marks):
-        axes.annotate(letter(k), mark, ha="center", va="center_baseline", fontsize=6.5, zorder=5)
+        axes.annotate(letter(k), mark, ha="center", va="center_baseline", zorder=5)
     places += [way, marks]
     low, high = (getattr(np.concatenate(places), end)(axis=0) for end in ("min", "max"))
     low = low - FOOT * (high - low) * [0.0, 1.0]

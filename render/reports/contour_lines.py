@@ -1,41 +1,45 @@
-"""Contours as lines in a picture: colour by kind, width and strength of colour by intensity, pauses as dots."""
+"""Contours as lines in a picture: colour and dashes by kind, paler where they are weaker, pauses as dots."""
 
 from typing import Any
 
 import numpy as np
 
 from ...datasets.storage.schema import KIND_NAMES
-from ..contour_batch import ContourBatch
+from ..contour_batch import HAND, ContourBatch
 from ..stages.point_insertion import divide_batch
-from .picture_style import COLOURS, INK
+from .picture_style import COLOURS, HAND_DASHES, INK, paler
 
 FINE = 1e-3  # [m] of the pieces by which varying intensity is shown
-WIDTH = 2.2  # [pt] of full intensity
+WIDTH = 2.2  # [pt]
 HALO = 1.0  # [pt] of white beside lines, which sets them off from what is below
 LEVELS = 20  # of intensity that are shown: neighbours of one level are one line
 
 
-def draw_contours(axes: Any, batch: ContourBatch, place: Any, *, zorder: float = 3.0, full: float = WIDTH) -> list[Any]:
-    """Add the contours of a batch of one pose to axes; returns the artists.
+def draw_contours(axes: Any, batch: ContourBatch, place: Any, *, width: float = WIDTH) -> list[Any]:
+    """Add the contours of a batch of one pose to axes, whose limits are set; returns the artists.
 
-    place: function of points [m], shape [point, 3], that gives them in the picture, shape [point, 2]. full: width of
-    full intensity [pt].
+    place: function of points [m], shape [point, 3], that gives them in the picture, shape [point, 2]. width: [pt].
     """
     from matplotlib.collections import LineCollection
 
     lines, kind, strength = intensity_runs(batch)
-    shown, width = [place(line) for line in lines], 0.4 + (full - 0.4) * strength**1.5
-    colours = [(COLOURS[KIND_NAMES[k]], 0.25 + 0.75 * float(s)) for k, s in zip(kind, strength, strict=True)]
+    shown = [place(line) for line in lines]
+    colours = [paler(COLOURS[KIND_NAMES[k]], s) for k, s in zip(kind, strength, strict=True)]
+    # Dashes go on from line to line, as one contour is many lines where its intensity varies. Units: widths of a line.
+    unit = axes.get_window_extent().width / axes.figure.dpi * 72 / abs(np.subtract(*axes.get_xlim())) / width
+    length = [unit * np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in shown]
+    offset = np.concatenate([[0.0], np.where(kind == HAND, length, 0.0).cumsum()]) % sum(HAND_DASHES)
+    dashes = [(float(at), HAND_DASHES) if k == HAND else "-" for at, k in zip(offset, kind, strict=False)]
     ends = {"capstyle": "round", "joinstyle": "round"}
     artists: list[Any] = [
-        LineCollection(shown, colors=[("white", 0.7)], linewidths=width + HALO, zorder=zorder - 0.1, **ends),
-        LineCollection(shown, colors=colours, linewidths=width, zorder=zorder, **ends),
+        LineCollection(shown, colors=[("white", 0.7)], linewidths=width + HALO, zorder=2.9, **ends),
+        LineCollection(shown, colors=colours, linewidths=width, linestyles=dashes, zorder=3.0, **ends),
     ]
     for artist in artists:
         axes.add_collection(artist, autolim=False)
     if batch.dwell is not None and (batch.dwell > 0).any():
         at = place(batch.points[batch.dwell > 0])
-        look = {"ms": 4.5, "color": INK, "mec": "white", "mew": 0.6, "zorder": zorder + 0.2}
+        look = {"ms": 4.5, "color": INK, "mec": "white", "mew": 0.6, "zorder": 3.2}
         artists += axes.plot(at[:, 0], at[:, 1], "o", **look)
     return artists
 

@@ -37,12 +37,21 @@ class Renderings:
         """Times [s], or numbers of poses."""
         return np.arange(len(self.moments.pose)) if self.moments.time is None else self.moments.time
 
+    def require_done(self, poses: np.ndarray) -> None:
+        """Raise StrategyError where a file lacks one of these poses."""
+        for source, length in zip(self.sources, self.lengths, strict=True):
+            if len(missing := poses[np.isnan(length[poses])]):
+                when = self.moments.text(int(missing[0]))
+                raise StrategyError(f"{source.file.path}: {when} is not done yet; palpate render --resume goes on")
 
-def opened(paths: Mapping[str, str | Path] | Sequence[str | Path], stack: ExitStack) -> Renderings:
+
+def opened(
+    paths: Mapping[str, str | Path] | Sequence[str | Path], stack: ExitStack, most: int = FILES_MOST
+) -> Renderings:
     """Open files, which `stack` closes; raises StrategyError for none, too many, and files that do not fit together."""
     files = [stack.enter_context(ContourFile(path)) for path in files_of(paths)]
-    if len(files) > FILES_MOST:
-        raise StrategyError(f"a picture shows up to {FILES_MOST} files, not {len(files)}: draw several pictures")
+    if len(files) > most:
+        raise StrategyError(f"a picture shows up to {most} files, not {len(files)}: draw several pictures")
     _refuse_unlike(files)
     labels = [short_text(str(label)) for label in paths] if isinstance(paths, Mapping) else labels_of(files)
     for file in files:
@@ -96,11 +105,7 @@ def shown_poses(renderings: Renderings, times: Sequence[float] | None, view: Sce
         return distinct_poses(worth, moments, _contours_of(renderings), POSES_SHOWN)
     name = renderings.sources[0].file.path.name
     poses = poses_at(times, moments, name)
-    for source, length in zip(renderings.sources, lengths, strict=True):
-        if len(missing := poses[np.isnan(length[poses])]):
-            raise StrategyError(
-                f"{source.file.path}: {moments.text(int(missing[0]))} is not done yet; palpate render --resume goes on"
-            )
+    renderings.require_done(poses)
     longest = np.nan_to_num(lengths).max(axis=0)
     bare = poses[longest[poses] == 0]
     if len(bare):

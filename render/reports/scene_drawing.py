@@ -47,7 +47,11 @@ class SceneSource:
 
     def skin(self, index: int) -> np.ndarray:
         """Polygons of the skin on which contours are drawn at a pose [m], shape [polygon, corner, 3]."""
-        return skin_at(self.hand, self.pose[index : index + 1], index)
+        pose = self.pose[index : index + 1]
+        if isinstance(self.hand, MeshHand):
+            return self.hand.triangles(pose, index)[0]
+        patches = self.hand.corners(pose, index)[0]
+        return patches[np.isfinite(patches).all(axis=(1, 2))]  # those that are there
 
     @property
     def moves(self) -> bool:
@@ -63,14 +67,6 @@ def object_at(solid: dict, pose: int) -> np.ndarray:
         place = solid["moved"][pose].astype(np.float64)
         vertices = place[:3] + rotate(place[3:], vertices - middle)
     return vertices[solid["faces"]]
-
-
-def skin_at(hand: Hand, pose: np.ndarray, row: int) -> np.ndarray:
-    """Polygons of the skin at a pose [m], shape [polygon, corner, 3]: patches that are there, or triangles."""
-    if isinstance(hand, MeshHand):
-        return hand.triangles(pose, row)[0]
-    patches = hand.corners(pose, row)[0]
-    return patches[np.isfinite(patches).all(axis=(1, 2))]
 
 
 def blank(axes: Any) -> None:
@@ -123,25 +119,27 @@ def draw_hand(axes: Any, source: SceneSource, index: int, basis: np.ndarray) -> 
     return artists
 
 
-def draw_scene(axes: Any, source: SceneSource, index: int, view: SceneView, *, line_width: float = WIDTH) -> None:
-    """Draw a pose's object, hand and contours; line_width: of full intensity [pt]."""
+def draw_scene(
+    axes: Any, source: SceneSource, index: int, view: SceneView, *, line_width: float = WIDTH, solid: bool = True
+) -> list[Any]:
+    """Draw a pose's object, unless not asked for, hand and contours; returns the artists. line_width: [pt]."""
     basis = view.basis(source.pose[index])
     blank(axes)
-    draw_object(axes, source.triangles(index), basis)
-    draw_hand(axes, source, index, basis)
+    artists = draw_object(axes, source.triangles(index), basis) if solid else []
+    artists += draw_hand(axes, source, index, basis)
     batch = source.batch(index)
     if batch.point_count:
-        draw_contours(axes, batch, lambda points: flat(points, basis), full=line_width)
-    else:
-        axes.text(0.5, 0.02, "no contour", transform=axes.transAxes, ha="center", va="bottom", color=FAINT)
+        return artists + draw_contours(axes, batch, lambda points: flat(points, basis), width=line_width)
+    look = {"transform": axes.transAxes, "ha": "center", "va": "bottom", "color": FAINT}
+    return [*artists, axes.text(0.5, 0.02, "no contour", **look)]
 
 
-def extent_of(source: SceneSource, index: int, view: SceneView) -> np.ndarray:
-    """Lowest and highest places of object, hand and skin in the picture [mm], shape [2, 2]."""
+def extent_of(source: SceneSource, index: int, view: SceneView, *, hand: bool = True) -> np.ndarray:
+    """Lowest and highest places of object and skin, and of the hand if asked, in the picture [mm], shape [2, 2]."""
     basis = view.basis(source.pose[index])
     shown = [source.triangles(index).reshape(-1, 3), source.skin(index).reshape(-1, 3)]
     surface = hand_surface(source.hand, source.pose[index], index)
-    if surface is not None:
+    if hand and surface is not None:
         shown.append(surface[0])
     places = flat(np.concatenate(shown), basis)
     return np.stack([places.min(axis=0), places.max(axis=0)])
@@ -161,13 +159,18 @@ def draw_scale(axes: Any, basis: np.ndarray | None, *, share: float = 0.3) -> No
     length = max((bar for bar in BARS if bar <= share * unit), default=BARS[0])
     x, y = left + 0.02 * wide, low + 0.02 * tall
     axes.plot([x, x + length], [y, y], color=INK, lw=1.6, solid_capstyle="butt", zorder=5)
-    axes.annotate(f"{length} mm", (x, y), (0, 2.5), textcoords="offset points", fontsize=7, color=INK, zorder=5)
+    axes.annotate(f"{length} mm", (x, y), (0, 2.5), textcoords="offset points", color=INK, zorder=5)
     if basis is not None:
-        draw_directions(axes, basis, np.array([left + 0.09 * unit, low + 0.24 * tall]), 0.1 * unit)
+        letter = axes.xaxis.label.get_size() / 72 * axes.figure.dpi * wide / axes.get_window_extent().width  # [mm]
+        arrow = max(0.1 * unit, 1.2 * letter)
+        draw_directions(axes, basis, np.array([x + arrow, y + 2.2 * letter + 0.5 * arrow]), arrow, letter)
 
 
-def draw_directions(axes: Any, basis: np.ndarray, at: np.ndarray, length: float) -> None:
-    """Add arrows along x, y and z from a place [mm]; one that points at the eye or away has none."""
+def draw_directions(axes: Any, basis: np.ndarray, at: np.ndarray, length: float, letter: float) -> None:
+    """Add arrows along x, y and z from a place [mm]; one that points at the eye or away has none.
+
+    letter: height of a text [mm].
+    """
     for name, way in zip("xyz", basis[:2].T, strict=True):
         if np.linalg.norm(way) < 0.15:
             continue
@@ -175,8 +178,8 @@ def draw_directions(axes: Any, basis: np.ndarray, at: np.ndarray, length: float)
         axes.annotate(
             "", at + length * way, at, zorder=5, arrowprops={**arrow, "shrinkA": 0, "shrinkB": 0}, annotation_clip=False
         )
-        tip = at + (length * 1.28) * way
-        axes.text(*tip, name, fontsize=7, color=FAINT, ha="center", va="center", zorder=5)
+        tip = at + (length + 0.55 * letter / np.linalg.norm(way)) * way
+        axes.text(*tip, name, color=FAINT, ha="center", va="center", zorder=5)
 
 
 def _rgb(colour: str) -> tuple[float, float, float]:

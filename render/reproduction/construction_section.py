@@ -5,10 +5,11 @@ from typing import Any
 import numpy as np
 
 from ..contour_batch import HAND, OBJECT, ContourBatch
-from ..hands.hand import Palm, PatchFrames
+from ..hands.hand import Palm
 from ..objects.mesh.solid_mesh import MeshObject
 from ..reports.picture_style import COLOURS
-from ..reports.strategy_gallery import POSE, in_plane
+from ..reports.scene_view import SceneView, flat
+from ..reports.strategy_figure import POSE
 from ..scripting.rendering import render
 from ..strategies.intersection_strategy import IntersectionStrategy, closed_contour, open_contour
 from .pictures import drawing, picture_uri
@@ -32,8 +33,12 @@ def section_solid() -> MeshObject:
 
     ends = [CrossSection.circle(BAR[2], 48).translate(end) for end in BAR[:2]]
     parts = [CrossSection.batch_hull(ends), *(CrossSection.circle(size, 48).translate(at) for size, at in DISCS)]
-    flat = parts[0] + parts[1] + parts[2] + parts[3]
-    mesh = flat.extrude(HEIGHT).translate((0.0, 0.0, 1e3 * float(POSE[0, 2]) - 0.5 * HEIGHT)).to_mesh()
+    mesh = (
+        (parts[0] + parts[1] + parts[2] + parts[3])
+        .extrude(HEIGHT)
+        .translate((0.0, 0.0, 1e3 * float(POSE[0, 2]) - 0.5 * HEIGHT))
+        .to_mesh()
+    )
     return MeshObject(1e-3 * np.asarray(mesh.vert_properties)[:, :3], np.asarray(mesh.tri_verts), name="bar and discs")
 
 
@@ -65,11 +70,11 @@ def construction_section() -> tuple[ReportSection, dict]:
 
 def _picture(steps: dict[str, ContourBatch]) -> ReportPicture:
     titles = ("raw intersection", "pruned: OC", "closed: CC")
-    frames = PALM.frames(POSE)
+    basis = SceneView.of("palm").basis(POSE[0])
     with drawing(9.0, 3.5) as figure:
         panels = figure.subplots(1, 3, sharex=True, sharey=True)
         for axes, title, batch in zip(panels, titles, steps.values(), strict=True):
-            _draw_panel(axes, steps["raw"], batch, frames)
+            _draw_panel(axes, steps["raw"], batch, basis)
             axes.set_title(title, fontsize=10, loc="left")
         figure.legend(handles=_legend(), loc="outside lower center", ncols=4, frameon=False)
         uri = picture_uri(figure)
@@ -77,17 +82,17 @@ def _picture(steps: dict[str, ContourBatch]) -> ReportPicture:
     return ReportPicture(uri, alt, "Raw intersection, OC and CC of one pose (the paper's figure 3).")
 
 
-def _draw_panel(axes: Any, raw: ContourBatch, batch: ContourBatch, frames: PatchFrames) -> None:
+def _draw_panel(axes: Any, raw: ContourBatch, batch: ContourBatch, basis: np.ndarray) -> None:
     """Section and palm as areas, contours as lines by kind."""
     from matplotlib.collections import LineCollection
     from matplotlib.patches import Polygon, Rectangle
 
-    u, v = 1e3 * frames.half[0]
+    u, v = 500 * PALM.width, 500 * PALM.length
     for loop in raw.polylines_of(0):
-        axes.add_patch(Polygon(in_plane(loop, frames), facecolor=COLOURS["mesh"], alpha=0.25, edgecolor="none"))
+        axes.add_patch(Polygon(flat(loop, basis), facecolor=COLOURS["mesh"], alpha=0.25, edgecolor="none"))
     axes.add_patch(Rectangle((-u, -v), 2 * u, 2 * v, facecolor=COLOURS["palm"], alpha=0.25, edgecolor="none"))
     axes.add_patch(Rectangle((-u, -v), 2 * u, 2 * v, fill=False, edgecolor=COLOURS["palm"], lw=1.0, ls=(0, (4, 2))))
-    points = in_plane(batch.points, frames)
+    points = flat(batch.points, basis)
     here = np.setdiff1d(np.arange(batch.point_count), batch.polyline_start[1:] - 1)
     ends = np.stack([points[here], points[here + 1]], axis=1)
     colours = [COLOURS["hand" if kind == HAND else "object"] for kind in batch.kind[here].tolist()]

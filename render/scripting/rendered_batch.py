@@ -118,8 +118,8 @@ class RenderedBatch(LikelyMembers, ContourBatch):
     def figure(self, path: str | Path, **options: Any) -> Path:
         """Draw contours on object and hand, their length and draw frequency, into a PNG, SVG or PDF; returns its path.
 
-        options: times, view, array, overwrite, as for `draw_figure`. A notebook shows the same picture of a batch that
-        is a cell's result; `show` gives it other moments.
+        options: times, view, array, width, font_size, overwrite, as for `draw_figure`. A notebook shows the same
+        picture of a batch that is a cell's result; `show` gives it other moments.
         Raises StrategyError for another kind of picture, and for one that is there unless `overwrite`.
         """
         from ..reports.contour_figure import draw_figure
@@ -134,7 +134,7 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         >>> from palpate.render import exploration, render
         >>> batch = render("cube", "palm", exploration("cube", duration=1.0, seed=1), "cc")
         >>> batch.show(view="palm")
-        ShownPicture(PNG of 1440 x 692 pixels)
+        ShownPicture(PNG of 1440 x 724 pixels)
         """
         with TemporaryDirectory(prefix="palpate-") as folder:
             return ShownPicture(self.figure(Path(folder) / "batch.png", times=times, **options).read_bytes())

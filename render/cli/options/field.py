@@ -6,12 +6,13 @@ from typing import Annotated
 import typer
 
 from .array import Array, Calibration
+from .figure import FontSize, PictureWidth
 from .output import Json, Overwrite, Quiet, run_job
 from .sampling import Sampling, Speed, UpdateRate
 
 
 def field(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Contour file.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE", help="Contour files; several are drawn at one scale.")],
     at: Annotated[
         float | None, typer.Option(metavar="SECONDS", help="Instant of the motion that is shown [s].")
     ] = None,
@@ -50,11 +51,13 @@ def field(
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="FILE", help="Picture (PNG, SVG, PDF), or numbers (.npz).")
     ] = None,
+    width: PictureWidth = None,
+    font_size: FontSize = None,
     overwrite: Overwrite = False,
     device: Annotated[str, typer.Option(metavar="DEVICE", help="Where it is computed: cpu, cuda:0.")] = "cpu",
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
     """Predict how hard ultrasound presses on the palm, in a plane or a volume: the print of a rendering."""
-    options = {name: value for name, value in locals().items() if name not in ("file", "quiet", "json")}
-    run_job(".field_command", "run_field", file, options, json=json, quiet=quiet)
+    options = {name: value for name, value in locals().items() if name not in ("files", "quiet", "json")}
+    run_job(".field_command", "run_field", files, options, json=json, quiet=quiet)

@@ -8,6 +8,17 @@ import typer
 from .array import OptionalArray
 from .output import Json, Overwrite, Quiet, run_job
 
+PictureWidth = Annotated[
+    str | None,
+    typer.Option(
+        metavar="METRES|NAME",
+        help="Of the picture [m], or single, double, ieee-single, ieee-double; of an animated one [pixel].",
+    ),
+]
+FontSize = Annotated[
+    float | None, typer.Option(metavar="POINTS", help="Of all texts in the picture [pt], by default 8.")
+]
+
 
 def figure(
     files: Annotated[list[Path], typer.Argument(metavar="FILE", help="Contour files of one object and motion.")],
@@ -34,9 +45,8 @@ def figure(
     frame_rate: Annotated[
         float | None, typer.Option(metavar="HZ", help="With --animate: frames a second [Hz], by default up to 12.5.")
     ] = None,
-    width: Annotated[
-        int | None, typer.Option(metavar="PIXELS", help="With --animate: width of the picture, by default 720.")
-    ] = None,
+    width: PictureWidth = None,
+    font_size: FontSize = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     json: Json = False,

@@ -60,10 +60,28 @@ def test_field_reports_draws_and_writes(asked, moving, tmp_path):
         (["-o", "print.txt"], "must end in one of"),
         (["--pose", "99"], "pose must lie in"),
         (["--resonance", "1"], "pole must lie in"),
+        (["--width", "single"], "--width is of a picture: add -o PICTURE"),
+        (["-o", "a.npz", "--font-size", "8"], "--font-size is of a picture"),
+        (["-o", "a.png", "--width", "9"], "width must lie in 0.06..0.6 m"),
+        (["-o", "a.png", "--font-size", "0"], "font size must lie in 4..14 points"),
     ],
 )
 def test_field_refuses_what_it_cannot_do(words, message, moving):
     refused(MISUSED, message, "field", moving, *words)
+
+
+@pytest.mark.exhaustive
+def test_a_pair_is_drawn_in_one_picture_and_reported_file_by_file(still, moving, tmp_path):
+    out = tmp_path / "pair.svg"
+    coarse = ("--spacing", 0.006)
+    alone = [answer("field", path, *coarse) for path in (still, moving)]
+    found = answer("field", still, moving, *coarse, "-o", out, "--width", "double", "--font-size", 7)
+    assert [own | {"out": None} for own in found["files"]] == alone
+    content = out.read_text()
+    assert content.count("focal width ") == 2
+    assert "still, pose 0, palm" in content
+    refused(MISUSED, "numbers are those of one file", "field", still, moving, "-o", tmp_path / "pair.npz")
+    refused(MISUSED, "up to 4 files", "field", *[still] * 5)
 
 
 def test_a_picture_is_not_overwritten_unasked(tmp_path):

@@ -33,6 +33,10 @@ def test_a_picture_has_the_times_views_labels_and_array_asked_for(files, tmp_pat
         "closed one",
         "--array",
         "pat16",
+        "--width",
+        "double",
+        "--font-size",
+        "7",
     )
     assert answer("figure", *files[:2], "-o", out, *options) == {"picture": str(out)}
     content = out.read_text()
@@ -83,7 +87,9 @@ MISTAKES = {
     "--label one": "--label must be given once for each file: 1 for 2 files",
     "--label one --label one": "two files are named alike",
     "--seconds 1:2": "--seconds is of an animated picture: add --animate",
-    "--width 300": "--width is of an animated picture",
+    "--width 300": "width must lie in 0.06..0.6 m, not 300.0; lengths are in metres",
+    "--width wide": "unknown width 'wide'",
+    "--font-size 99": "font size must lie in 4..14 points, not 99",
     "--animate": "must end in one of .gif",
 }
 
@@ -102,6 +108,8 @@ ANIMATED = {
     "--seconds 1:0.5": "must end after it begins",
     "--frame-rate 500": "frame rate must lie in 0.5..50 Hz",
     "--width 9": "width must lie in 240..1280",
+    "--width single": "--width of an animated picture must be a number of pixels, not 'single'",
+    "--font-size 8": "--font-size is of a still picture",
 }
 
 
@@ -124,7 +132,7 @@ def test_ones_own_strategy_is_drawn_beside_its_raw_intersection(tmp_path):
     assert told["strategies"]["mine"]["transform"] == MINE["transform"]
     content = out.read_text()
     assert content.count(">raw: section<") == 1  # both begin with it
-    for text in (">mine<", ">cc<", "inset, distance 0.004", "made by a transformation"):
+    for text in (">mine<", ">cc<", "inset, distance 0.004", "made by a stage"):
         assert text in content, text
     assert "pause" not in content  # a mark that is not there is not explained
     refused(MISUSED, "exists", "strategies", mine, "-o", out)

@@ -66,7 +66,7 @@ class Conversation(Protocol):
 
 
 @dataclass(frozen=True)
-class Page:
+class ServedPage:
     """A page and who talks to it."""
 
     document: Callable[[list[str]], str]
@@ -132,7 +132,7 @@ class PageServer:
     number of no port.
     """
 
-    def __init__(self, pages: Mapping[str, Page], port: int | None = None) -> None:
+    def __init__(self, pages: Mapping[str, ServedPage], port: int | None = None) -> None:
         self._pages, self._turn = pages, threading.Lock()
         self._token = secrets.token_urlsafe(24)
         self._connections: WeakSet[ServerConnection] = WeakSet()

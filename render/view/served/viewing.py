@@ -24,7 +24,7 @@ from ..page.export import FILES_MOST
 from ..sweep_rows import SweepRows
 from .files_page import FilesPage
 from .live_page import LivePage
-from .page_server import Page, PageServer
+from .page_server import PageServer, ServedPage
 from .sweep_page import SweepPage
 
 
@@ -60,10 +60,10 @@ def view_files(
         if len(files) == 1 and files[0].is_dir() and is_sweep_data(files[0]):
             rows = SweepRows(files[0])
             folder = Path(stack.enter_context(TemporaryDirectory(prefix="palpate-view-")))
-            page = Page(served_document, lambda: SweepPage(rows, arrays, folder, allow_code=allow_code))
+            page = ServedPage(served_document, lambda: SweepPage(rows, arrays, folder, allow_code=allow_code))
         else:
             shown = FilesPage([stack.enter_context(FileScene(path)) for path in files], arrays)
-            page = Page(served_document, lambda: shown)
+            page = ServedPage(served_document, lambda: shown)
         server = stack.enter_context(PageServer({"/": page}, port))
         if ready is not None:
             ready(server.address())
@@ -78,7 +78,7 @@ class LiveViewer:
 
     def __init__(self, port: int | None = None) -> None:
         self._page: LivePage | None = None
-        self._server = PageServer({"/": Page(served_document, self._converse)}, port)
+        self._server = PageServer({"/": ServedPage(served_document, self._converse)}, port)
         self.address = self._server.address()
         """Of the page."""
 

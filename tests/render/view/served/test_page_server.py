@@ -15,7 +15,7 @@ from websockets.sync.client import connect
 
 from palpate.render.errors import StrategyError, ViewError
 from palpate.render.view.packing import Packer
-from palpate.render.view.served.page_server import HOST, Page, PageRequest, PageServer, refusal
+from palpate.render.view.served.page_server import HOST, PageRequest, PageServer, ServedPage, refusal
 
 
 class Echo:
@@ -46,7 +46,7 @@ def packed(values):
 
 @contextmanager
 def serving(port=None):
-    with PageServer({"/": Page(lambda sockets: f"<html>{sockets}</html>", Echo)}, port) as server:
+    with PageServer({"/": ServedPage(lambda sockets: f"<html>{sockets}</html>", Echo)}, port) as server:
         yield server
 
 
@@ -249,7 +249,7 @@ ASKED = {
 
 @pytest.mark.parametrize("asked", ASKED.values(), ids=ASKED)
 def test_it_stops_at_once_whatever_visitors_send(asked):
-    server = PageServer({"/": Page(lambda _: "x" * 5_000_000, Echo)})
+    server = PageServer({"/": ServedPage(lambda _: "x" * 5_000_000, Echo)})
     with silent_visitor(server) as visitor:
         visitor.sendall(asked.format(f"{HOST}:{server.port}", token_of(server)).encode())
         time.sleep(0.05)

@@ -12,9 +12,12 @@ from ..file_scene import FileScene
 from ..packing import Packer
 from ..page.payload import describe_page, file_names, pack_constants, pack_poses
 from ..pressure_print import PLACES, PressurePrinter, pack_prints
-from ..series import POSES_MOST, longest_pose, overview_of, steps_in, window_around
+from ..series import longest_pose, overview_of, steps_in, window_around
 from .noise_levels import predict_levels
 from .page_server import PageRequest, Send
+
+PLOTTED_MOST = 1000
+"""Poses that plots show: finding jumps of more would delay a slider that is dragged again meanwhile."""
 
 
 class FilesPage:
@@ -100,7 +103,7 @@ class FilesPage:
             "is_sealed": all(scene.is_sealed for scene in self._scenes),
             "overview": None,  # plots show all poses
         }
-        if max(self._counts) > POSES_MOST:
+        if max(self._counts) > PLOTTED_MOST:
             described["overview"] = [
                 {
                     "time": packer.numbers(each.time if self._by_time else each.pose, "f8"),
@@ -135,7 +138,7 @@ class FilesPage:
         files = []
         for scene in self._scenes:
             row = scene.pose_at(clock) if self._by_time else min(pose, scene.pose_count - 1)
-            window = window_around(scene, row, np.inf)
+            window = window_around(scene, row, np.inf, PLOTTED_MOST)
             steps = steps_in(scene, window)
             number = np.arange(window.first, window.first + len(window.time), dtype=np.float64)
             files.append(

@@ -1,6 +1,6 @@
 // Poses that are asked for when they are shown, from a server that has the files: a file may have millions.
 
-const REST = 0.2; // [s] without another pose, before slower things are asked for
+const REST = 0.3; // [s] without another pose, before slower things are asked for
 const REFRESH = 1; // [s] between looks at a file that is still being written
 const OFTEN = 0.4; // [s] between plots while it plays
 

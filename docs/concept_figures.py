@@ -19,9 +19,9 @@ POSE = (0.04, 0.0, 0.2)  # of the palm: over a tube, at its rim [m]
 SCALE = 1600.0  # pixels a metre
 PANEL, MARGIN, CAPTION = 190, 16, 40  # [pixel]
 KINDS = {
-    0: "#00796b",
-    1: "#e65100",
-    2: "#5e35b1",
+    0: "#b1121f",
+    1: "#3d9be0",
+    2: "#6a4c93",
 }  # on the object, on the palm's edge, made by a stage
 INTERSECTIONS = {
     "oc": "oc: the object's skin on the palm",

@@ -6,6 +6,7 @@ from typing import Any
 
 from ...datasets.recordings.files import JOINT_SUFFIXES
 from ...datasets.sweeps.check import is_sweep_data
+from ...device.playing.signals import ending_on_signals
 from ..coordinate_spacing import apart_text, joining_place
 from ..errors import MeshError, StrategyError
 from ..intersection.file_recording import polylines_in, record
@@ -31,13 +32,15 @@ def run_view(files: list[Path], options: dict[str, Any], *, as_json: bool) -> No
     """Serve until Ctrl-C, or export; an object and a motion are rendered first, into a file that is then removed."""
     placement, alignment = options.pop("placement"), options.pop("alignment")
     if is_preview(files):
-        with TemporaryDirectory(prefix="palpate-preview-") as folder:
+        # SIGTERM, too, must end the `with`, else the folder stays.
+        with ending_on_signals(), TemporaryDirectory(prefix="palpate-preview-") as folder:
             made = preview(str(files[0]), str(files[1]), placement, alignment, Path(folder), as_json=as_json)
-            _view([made], options, as_json=as_json)
+            _view([made], options, f"a preview of {files[0]}", as_json=as_json)
         return
     if placement != NO_PLACEMENT or alignment is not None:
         raise StrategyError("--scale, --up, --fit, --rotate, --at and --alignment are of a preview: OBJECT MOTION")
-    _view(files, options, as_json=as_json)
+    with ending_on_signals():
+        _view(files, options, " and ".join(map(str, files)), as_json=as_json)
 
 
 def is_preview(files: list[Path]) -> bool:
@@ -57,7 +60,7 @@ def preview(
         solid = load_solid(source, Placement(**placement), volume={}, mesh={}, bounds=None, watch=watch)
     options: dict[str, Any] = dict.fromkeys(("duration", "rate", "seed"))
     hand, moved = load_hand_and_motion("palm", None, motion, solid, exploration_options=options, alignment=alignment)
-    out = folder / f"{Path(source).stem}.h5"
+    out = folder / f"preview of {Path(source).stem}.h5"
     try:
         solid.require_closed()
         strategy = closed_contour()
@@ -71,7 +74,7 @@ def preview(
     return out
 
 
-def _view(files: list[Path], options: dict[str, Any], *, as_json: bool) -> None:
+def _view(files: list[Path], options: dict[str, Any], what: str, *, as_json: bool) -> None:
     for file in files:
         if not is_sweep_data(file):
             refuse_object(file)
@@ -88,7 +91,7 @@ def _view(files: list[Path], options: dict[str, Any], *, as_json: bool) -> None:
             if not options["no_browser"]:
                 open_browser(address)
         else:
-            announce(address, " and ".join(map(str, files)), no_browser=options["no_browser"])
+            announce(address, what, no_browser=options["no_browser"])
 
     try:
         view_files(

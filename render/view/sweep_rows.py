@@ -56,10 +56,11 @@ class SweepRows:
         return name not in HIDDEN and len({str(value) for value in self.columns[name]}) > 1
 
     def ordered(self, by: str | None = None, *, falling: bool = False, containing: str = "") -> np.ndarray:
-        """Numbers of rows whose axes contain a text, sorted by a column; values that are missing come last."""
+        """Numbers of rows whose axes contain each word of a text, sorted by a column; missing values come last."""
         rows = np.arange(self.count)
-        if wanted := containing.strip().lower():
-            rows = np.array([row for row in rows if wanted in self.title(int(row)).lower()], np.int64)
+        if words := containing.lower().split():
+            titles = [self.title(int(row)).lower() for row in rows]
+            rows = np.array([row for row in rows if all(word in titles[row] for word in words)], np.int64)
         if by is None or not len(rows):
             return rows
         values = self.columns[by][rows]

@@ -95,14 +95,14 @@ def test_the_readmes_python_is_a_page_that_a_newcomer_can_guess_and_runs(tmp_pat
     exec(code.replace("duration=3.0", "duration=1.0"), {})
     said = capsys.readouterr().out
     assert [line.split("(")[0] for line in said.splitlines()] == ["RenderedBatch", "SampledContours", "Playback"]
-    assert {"tube.h5", "tube.png"} == {path.name for path in tmp_path.iterdir()}
+    assert {"short.h5", "tube.png"} == {path.name for path in tmp_path.iterdir()}
 
 
 @pytest.mark.exhaustive
 def test_the_readmes_python_warns_of_nothing(tmp_path):
     _, warned = run_page(README, tmp_path, lambda line, folder: None)
     assert warned == ""
-    assert {"tube.h5", "tube.png"} <= {path.name for path in tmp_path.iterdir()}
+    assert {"short.h5", "tube.png"} <= {path.name for path in tmp_path.iterdir()}
 
 
 def test_blocks_fit_their_column():

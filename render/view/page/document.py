@@ -44,7 +44,7 @@ def document(described: dict[str, Any], content: str, title: str, sockets: Seque
         f"<title>{escape(visible(title))}</title>\n<style>{style}</style>\n</head>\n<body>\n"
         '<div id="page"><noscript>This page draws contours with JavaScript, which this browser has turned off.'
         "</noscript></div>\n"
-        f'<script type="text/plain" id="licences">{escape(licences)}</script>\n'
+        f'<script type="text/plain" id="licences">{licences}</script>\n'
         f'<script type="application/json" id="described">{json_text}</script>\n'
         f'<script type="text/plain" id="content">{content}</script>\n'
         f"<script>{script}</script>\n</body>\n</html>\n"

@@ -9,6 +9,7 @@ import numpy as np
 from ....datasets.rigid import rotate, unit
 from ....device.array import ArrayModel
 from ...contour_batch import ContourBatch
+from ...coordinate_spacing import apart_text
 from ...errors import StrategyError
 from ...hands.hand_look import HandLook
 from ...reports.rendering_labels import hand_text, labels_of, strategy_name_of
@@ -22,6 +23,8 @@ from ..packing import Packer
 
 FOCUS_MOST = 512  # samples of the focal point a pose: every 2nd, every 3rd, ... of a pose that has more
 JUMP, HOP = 1, 2
+WIDE = 2.0  # [m]: an object that no hand reaches around
+POSES_LOOKED_AT = 200  # for where the hand is
 FACES_MOST = 20_000
 """Triangles of an object on a page; of those that have more, manifold3d moves corners together."""
 _SHARES = (2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2)  # of the object's size: tolerances, until few triangles are left
@@ -166,11 +169,27 @@ def describe_page(
     objects, labels = (" and ".join(dict.fromkeys(file[name] for file in files)) for name in ("object", "label"))
     return {
         "title": visible(title or f"{objects}, {labels}"),
+        "notes": list(dict.fromkeys(visible(note) for scene in scenes for note in notes_of(scene))),
         "version": version("palpate"),
         "files": files,
         "arrays": [pack_array(model, packer) for model in arrays],
         "bounds": [boxes[:, 0].min(axis=0).round(5).tolist(), boxes[:, 1].max(axis=0).round(5).tolist()],
     }
+
+
+def notes_of(scene: FileScene) -> list[str]:
+    """Why there may be nothing to see: a hand that never meets the object, lengths that look like millimetres."""
+    notes = []
+    box = np.stack([scene.vertices.min(axis=0), scene.vertices.max(axis=0)]).astype(np.float64)
+    if np.ptp(box, axis=0).max() > WIDE:
+        width = f"{np.ptp(box, axis=0).max():.3g} m"
+        notes.append(f"The object is {width} wide: a mesh in millimetres needs --scale 0.001 of palpate render.")
+    if not scene.file.polyline_count and scene.is_sealed:
+        rows = np.unique(np.linspace(0, scene.pose_count - 1, POSES_LOOKED_AT).astype(np.int64))
+        pose = np.concatenate([scene.file.motion(int(row), int(row) + 1)["pose"] for row in rows])
+        text = apart_text(box, pose)
+        notes.append(f"{text[:1].upper()}{text[1:]}.")
+    return notes
 
 
 def pack_array(model: ArrayModel, packer: Packer) -> dict[str, Any]:

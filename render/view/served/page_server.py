@@ -9,6 +9,7 @@ import contextlib
 import hmac
 import json
 import logging
+import os
 import secrets
 import socket
 import struct
@@ -264,7 +265,7 @@ def _listening_socket(port: int | None) -> socket.socket:
     try:
         return socket.create_server((HOST, port))
     except OSError as error:
-        reason = error.strerror or str(error)
+        reason = os.strerror(error.errno or 0)
         raise ViewError(
             f"port {port} of {HOST} cannot be had ({reason}); without a port the first free one is taken"
         ) from error

@@ -243,7 +243,7 @@ def test_the_page_of_a_run_shows_the_hand_that_moves_now(tmp_path):
                 browser.wait(f"{readout} !== {json.dumps(before)}")
                 assert browser.errors == []
                 run.send_signal(signal.SIGINT)
-                browser.wait("document.body.innerText.includes('The viewer has ended')")
+                browser.wait("document.body.innerText.includes('The run has ended')")
             report = run.communicate(timeout=30)[0]
         finally:
             run.kill()

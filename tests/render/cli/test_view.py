@@ -94,6 +94,20 @@ def test_damaged_files_and_newer_ones_are_refused_before_a_page_is_made(file, tm
     assert "newer" in result.output
 
 
+@pytest.mark.exhaustive
+def test_a_preview_is_named_and_leaves_nothing_behind_when_it_is_ended(tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    with started("cube", "exploration", "--no-browser") as process:
+        line = next(line for line in process.stderr if "palpate shows" in line)
+        assert "palpate shows a preview of cube on http://127.0.0.1:" in line
+        assert list(tmp_path.glob("palpate-preview-*"))
+        process.send_signal(signal.SIGTERM)
+        said, warned = process.communicate(timeout=30)
+    assert (process.returncode, said) == (0, "")
+    assert "Traceback" not in warned
+    assert not list(tmp_path.glob("palpate-preview-*"))
+
+
 @pytest.mark.parametrize("way", ["no display", "no browser"])
 def test_where_no_page_can_be_opened_its_address_is_printed_with_what_to_do(monkeypatch, capfd, way):
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"):

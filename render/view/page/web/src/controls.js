@@ -22,19 +22,20 @@ export function heading(page, recordings) {
       ...(page.titles?.[i] ? [element("span", { class: "quiet" }, page.titles[i])] : []),
     ),
   );
+  const notes = (page.notes ?? []).map((note) => element("p", { class: "message" }, note));
   const back = location.hash ? [element("a", { href: "#" }, "back to the table")] : [];
-  return element("header", {}, ...back, element("h1", {}, page.title), element("ul", { class: "files" }, ...files));
+  return element("header", {}, ...back, element("h1", {}, page.title), element("ul", { class: "files" }, ...files), ...notes);
 }
 
 function posesText(file) {
-  if (!file.isStored) return file.pose_count ? `, ${file.pose_count.toLocaleString("en")} poses` : "";
+  if (!file.isStored) return file.pose_count ? `, ${counted(file.pose_count, "pose")}` : "";
   return `, ${storedText(file)}`;
 }
 
 function storedText(file) {
   const index = file.poses.index;
   const [first, last] = [index[0], index[index.length - 1]];
-  if (index.length === file.pose_count) return `${file.pose_count} pose${file.pose_count > 1 ? "s" : ""}`;
+  if (index.length === file.pose_count) return counted(file.pose_count, "pose");
   const every = index.length > 1 ? index[1] - index[0] : 1;
   const which = every > 1 ? `every ${every}th of poses ${first} to ${last}` : `poses ${first} to ${last}`;
   return `${which} of ${file.pose_count}`;
@@ -105,7 +106,7 @@ function scaleRow(table, peak) {
   const stops = Array.from({ length: 9 }, (_, i) => `rgb(${table.slice(3 * Math.round((255 * i) / 8), 3 * Math.round((255 * i) / 8) + 3).join()})`);
   mark.style.background = `linear-gradient(to right, ${stops.join()})`;
   const words = "Mean radiation pressure of one draw cycle, predicted; right to some 50 %";
-  return element("li", { title: words, class: "pressure" }, "0", mark, `${peak.toPrecision(3)} Pa`);
+  return element("li", { title: words, class: "pressure" }, "pressure 0", mark, `${peak.toPrecision(3)} Pa`);
 }
 
 export function layerSwitches(recordings, poses, stage) {
@@ -123,7 +124,7 @@ export function layerSwitches(recordings, poses, stage) {
 }
 
 function pressureChoice(poses) {
-  const places = { "": "off", skin: "on the skin", plane: "in a plane" };
+  const places = { "": "off", skin: "on the skin", plane: "in a level plane" };
   const choice = element("select", { id: "pressure" }, ...Object.entries(places).map(([value, text]) => element("option", { value }, text)));
   choice.addEventListener("change", () => poses.setPressure(choice.value || null));
   return element("label", { title: "Predicted mean radiation pressure of one draw cycle" }, "pressure", choice);
@@ -189,6 +190,9 @@ function slownessSlider(focus) {
 }
 
 export function listenToKeys(clock, stage) {
+  document.addEventListener("click", ({ detail, target }) => {
+    if (detail) target.closest("button, input[type=checkbox]")?.blur(); // else the space bar would press it again
+  });
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.altKey || event.metaKey || isOfControl(event)) return;
     const actions = {
@@ -226,15 +230,16 @@ const KEYS = [
   ["← →", "one pose back, or on; with Shift ten"],
   ["Home End", "the first pose, the last one"],
   ["< >", "slower, faster"],
-  ["1 … 9", "shows a layer, or hides it"],
+  ["1 … 9", "shows a layer, or hides it, in their order"],
   ["R", "turns the view back"],
   ["?", "shows this list"],
 ];
 
-function help() {
-  const rows = KEYS.map(([keys, words]) => element("tr", {}, element("th", {}, keys), element("td", {}, words)));
+function help(isLive) {
+  const rows = KEYS.slice(isLive ? 4 : 0).map(([keys, words]) => element("tr", {}, element("th", {}, keys), element("td", {}, words)));
   const close = element("button", { type: "button", onclick: () => dialog.close() }, "Close");
-  const words = "Drag turns the view, the wheel zooms, the right button moves it. Click or drag in a plot to move the time.";
+  const mouse = "Drag turns the view, the wheel zooms, the right button moves it.";
+  const words = [mouse, isLive ? "Keys of the terminal change what is drawn." : "Click or drag in a plot to move the time.", ...Object.values(STEP_WORDS).map((each) => `A ${each.replace(":", " is")}.`)].join(" ");
   const dialog = element("dialog", { id: "help" }, element("table", {}, ...rows), element("p", {}, words), close);
   return dialog;
 }
@@ -247,7 +252,7 @@ export function showNews({ names }) {
 export function footer(page, recordings, licences) {
   const notes = recordings.flatMap((file) => notesOf(file)).filter((note, i, all) => all.indexOf(note) === i);
   const made = page.titles ? `Shown by palpate ${page.version}. ` : `Made with palpate ${page.version} from ${recordings.map(({ name }) => name).join(" and ")}. `;
-  const dialog = help();
+  const dialog = help(recordings.some(({ isLive }) => isLive));
   return element(
     "footer",
     {},

@@ -2,20 +2,19 @@
 
 import { decode } from "./decode.js";
 
-const ENDED = "The viewer has ended: start palpate view again, and open its new address.";
-
 export class Link {
   constructor(show) {
     const address = new URL(location.href);
     address.protocol = "ws:";
     address.hash = "";
     this.waiting = [];
+    this.ended = "The viewer has ended: start palpate view again, and open its new address.";
     this.socket = new WebSocket(address);
     this.socket.binaryType = "arraybuffer";
     this.socket.onmessage = ({ data }) => this.take(data);
     this.socket.onclose = () => {
-      for (const { refuse } of this.waiting.splice(0)) refuse(new Error(ENDED));
-      show(ENDED, true);
+      for (const { refuse } of this.waiting.splice(0)) refuse(new Error(this.ended));
+      show(this.ended, true);
     };
     this.opened = new Promise((done) => (this.socket.onopen = done));
   }
@@ -23,7 +22,7 @@ export class Link {
   // The answer to a request; answers come in the order of their requests.
   ask(request, onProgress = () => {}) {
     return new Promise((done, refuse) => {
-      if (this.socket.readyState !== WebSocket.OPEN) return refuse(new Error(ENDED));
+      if (this.socket.readyState !== WebSocket.OPEN) return refuse(new Error(this.ended));
       this.waiting.push({ done, refuse, onProgress });
       this.socket.send(JSON.stringify(request));
     });

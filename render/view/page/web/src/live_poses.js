@@ -15,6 +15,7 @@ export class LivePoses {
     Object.assign(this, { link, recordings, show, scene: page.scene });
     Object.assign(this, { count: 1, begin: 0, end: Infinity, byPose: false, isLive: true, start: 0 });
     recordings[0].isLive = true;
+    link.ended = "The run has ended: palpate live starts another, whose page has a new address.";
     this.number = -1;
     this.waited = 0;
     this.plotted = PLOTTED;
@@ -57,7 +58,7 @@ export class LivePoses {
   take({ number, time, state, files, latency, dropped, frames }) {
     const [recording] = this.recordings;
     const late = latency[0] === null ? "" : ` · ${(1000 * latency[0]).toFixed(1)} ms from hand to array (99 %: ${(1000 * latency[1]).toFixed(1)})`;
-    recording.words = `${time.toFixed(2)} s · ${state}${late} · ${dropped} of ${frames} frames dropped`;
+    recording.words = `${time.toFixed(2)} s · ${state}${late} · ${dropped} of ${frames.toLocaleString("en")} frames dropped`;
     recording.take(files[0]);
     recording.show(0);
     this.number = number;

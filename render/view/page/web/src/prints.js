@@ -3,6 +3,7 @@
 import { BufferAttribute, BufferGeometry, DataTexture, DoubleSide, LinearFilter, Mesh, MeshBasicMaterial, SRGBColorSpace } from "three";
 
 const OPACITY = 0.9;
+const WEAKEST = 110; // of 255: where no sound presses, what is behind shows through
 const CORNERS = new BufferAttribute(Float32Array.from([0, 0, 1, 0, 1, 1, 0, 1]), 2);
 
 export class Prints {
@@ -38,7 +39,7 @@ export class Prints {
 
   addPlane({ corners, shape, colours }, plane, values) {
     const texels = new Uint8Array(4 * values.length).fill(255);
-    values.forEach((value, i) => texels.set(colours.subarray(3 * value, 3 * value + 3), 4 * i));
+    values.forEach((value, i) => texels.set([...colours.subarray(3 * value, 3 * value + 3), WEAKEST + ((255 - WEAKEST) * value) / 255], 4 * i));
     const texture = new DataTexture(texels, shape[2 * plane + 1], shape[2 * plane]);
     texture.colorSpace = SRGBColorSpace;
     texture.magFilter = texture.minFilter = LinearFilter;

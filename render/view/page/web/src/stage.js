@@ -11,6 +11,7 @@ const ELEVATION = (34 * Math.PI) / 180;
 const AZIMUTH = (-60 * Math.PI) / 180;
 
 const STACKED = 520; // [pixel] of width: two views stand one above the other
+const WIDE = 600; // [pixel]: a view that has room for words
 const NEAR = 7; // [pixel] from a jump, where the pointer is on it
 
 export class Stage {
@@ -29,9 +30,12 @@ export class Stage {
     this.camera.up.set(0, 0, 1);
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
     this.controls.addEventListener("change", () => (this.isStale = true));
+    this.controls.enableZoom = window === window.top; // in a frame, the wheel is the outer page's until the view is clicked
+    canvas.addEventListener("pointerdown", () => (this.controls.enableZoom = true));
     this.ball = ballOf(bounds, arrays, recordings);
+    this.camera.far = Math.max(20, 10 * this.ball.radius);
     this.zones = this.files.flatMap((_, view) =>
-      arrays.map(({ zone, zone_text }) => ({ view, corners: zone, label: element("span", { class: "zone-label" }, zone_text) })),
+      arrays.map(({ zone, zone_text }) => ({ view, corners: zone, words: zone_text, label: element("span", { class: "zone-label" }) })),
     );
     host.append(...this.zones.map(({ label }) => label));
     canvas.addEventListener("pointermove", (event) => showTooltip(event.buttons ? "" : this.wordsAt(event), event));
@@ -92,10 +96,12 @@ export class Stage {
       this.renderer.setScissor(left, bottom, width, height);
       this.renderer.render(this.files[i].scene, this.camera);
     });
-    for (const { view, corners, label } of this.zones) {
-      const { left, width, height } = this.views[view];
-      const inside = corners.map((corner) => this.pixelOf(corner, view)).filter(([x, y]) => x > left && x < left + width && y > 80 && y < height - 40);
-      const [x, y] = inside.reduce((last, each) => (each[0] > last[0] ? each : last), [left + 12, 80]); // on the right, no array is under it
+    for (const { view, corners, label, words } of this.zones) {
+      const { left, bottom, width, height } = this.views[view];
+      const top = this.host.clientHeight - bottom - height;
+      const inside = corners.map((corner) => this.pixelOf(corner, view)).filter(([x, y]) => x > left && x < left + width && y > top + 80 && y < top + height - 40);
+      const [x, y] = inside.reduce((last, each) => (each[0] > last[0] ? each : last), [left + 12, top + 80]); // on the right, no array is under it
+      label.textContent = width < WIDE ? "focal zone" : words;
       label.style.transform = `translate(${Math.min(x + 6, left + width - label.offsetWidth - 6)}px, ${y}px)`;
     }
   }

@@ -32,7 +32,7 @@ class Table {
     this.chosen = [];
     this.body = element("div", { class: "table" });
     this.count = element("output");
-    const search = element("input", { type: "search", placeholder: "contains", "aria-label": "Rows whose axes contain" });
+    const search = element("input", { type: "search", placeholder: "words of the axes", "aria-label": "Rows whose axes contain" });
     search.value = this.asked.containing;
     search.addEventListener("input", () => this.ask({ containing: search.value, page: 0 }));
     this.more = element("select", { "aria-label": "Also show a column" });

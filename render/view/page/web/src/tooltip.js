@@ -19,4 +19,4 @@ export const STEP_WORDS = {
   hop: "hop: a step over twice the ordinary one, but no jump",
 };
 
-export const counted = (count, name) => (count ? `${count} ${name}${count > 1 ? "s" : ""}` : "");
+export const counted = (count, name) => (count ? `${count.toLocaleString("en")} ${name}${count > 1 ? "s" : ""}` : "");

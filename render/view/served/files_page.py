@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 
 from ...playback.placed_arrays import PlacedArray
+from ...reports.rendering_labels import labels_of
 from ...terminal.foreign_text import visible
 from ..file_scene import FileScene
 from ..packing import Packer
 from ..page.payload import describe_page, file_names, pack_constants, pack_poses
 from ..pressure_print import PLACES, PressurePrinter, pack_prints
 from ..series import longest_pose, overview_of, steps_in, window_around
-from .noise_levels import predict_levels
+from .noise_levels import predict_levels_apart
 from .page_server import PageRequest, Send
 
 PLOTTED_MOST = 1000
@@ -28,16 +29,19 @@ class FilesPage:
     | a page asks | it gets |
     |---|---|
     | open | what stays the same, and the whole recording in some hundred points |
-    | moment: `pose` of the first file, or `time` | the pose of each file that is shown then |
-    | series: `pose` | length, draw frequency and tilt of the poses around it |
+    | moment: `pose` of the file that lasts longest, or `time` | the pose of each file that is shown then |
+    | series: `poses` | length, draw frequency and tilt of the poses around it |
     | news: `done` | how many poses are done, if that are others than `done` says |
     | pressure: `poses`, `where` | prints of pressure |
     | noise: `poses` | levels of noise around them |
     """
 
+    slow = frozenset({"noise"})
+
     def __init__(self, scenes: Sequence[FileScene], arrays: Sequence[PlacedArray], titles: Sequence[str] = ()) -> None:
         self._scenes, self._arrays, self._titles = list(scenes), tuple(arrays), list(titles)
         self._by_time = all(scene.has_time for scene in scenes)
+        self._labels = labels_of([scene.file for scene in scenes])
 
     def close(self) -> None:
         """Nothing: the files are the caller's."""
@@ -51,23 +55,20 @@ class FilesPage:
             case "moment":
                 described = self._moment(request, packer)
             case "series":
-                described = self._series(request.integers("pose", 1, self._counts[:1])[0], packer)
+                described = self._series(request.integers("poses", len(self._scenes), self._counts), packer)
             case "news":
                 described = self._news(request, packer)
             case "pressure":
                 described = self._pressure(request, packer)
             case _:
                 poses = request.integers("poses", len(self._scenes), self._counts)
-                described = {"kind": "noise", **predict_levels(self._scenes, poses, self._labels, self._arrays, packer)}
+                paths = [scene.path for scene in self._scenes]
+                described = {"kind": "noise", **predict_levels_apart(paths, poses, self._labels, self._arrays)}
         send(described, packer)
 
     @cached_property
     def _counts(self) -> tuple[int, ...]:
         return tuple(scene.pose_count for scene in self._scenes)
-
-    @cached_property
-    def _labels(self) -> list[str]:
-        return [str(file["label"]) for file in self._opened(Packer(exact=True))["files"]]
 
     def _opened(self, packer: Packer) -> dict[str, Any]:
         files = [
@@ -75,26 +76,37 @@ class FilesPage:
             for scene, name in zip(self._scenes, file_names(self._scenes), strict=True)
         ]
         models = [placed.model for placed in self._arrays]
-        first = self._scenes[0]
-        last = first.pose_count - 1
+        leading = self._scenes[self._leading]
         return {
             "kind": "files",
             **describe_page(files, self._scenes, models, packer),
             "titles": [visible(title) for title in self._titles],
             "timeline": {
-                "count": first.pose_count,
+                "file": self._leading,
+                "count": leading.pose_count,
                 "by_pose": not self._by_time,
-                "begin": self._clock_of(0),
-                "end": self._clock_of(last),
-                "start": longest_pose(first, overview_of(first)),  # a hand that touches nothing shows little
+                "begin": min(self._clock_of(k, 0) for k in range(len(self._scenes))),
+                "end": self._clock_of(self._leading, leading.pose_count - 1),
+                "start": longest_pose(leading, overview_of(leading)),  # a hand that touches nothing shows little
             },
             **self._progress(packer),
         }
 
-    def _clock_of(self, pose: int) -> float:
-        """What the page's clock shows when a pose of the first file begins [s], or the pose where files lack times."""
-        time = self._scenes[0].time_of(pose) if self._by_time else None
+    @cached_property
+    def _leading(self) -> int:
+        """Number of the file on whose poses the slider stands: the one that lasts longest."""
+        return max(range(len(self._scenes)), key=lambda k: (self._clock_of(k, self._counts[k] - 1), -k))
+
+    def _clock_of(self, file: int, pose: int) -> float:
+        """What the page's clock shows when a pose of a file begins [s], or the pose where files lack times."""
+        time = self._scenes[file].time_of(pose) if self._by_time else None
         return float(pose) if time is None else time
+
+    def _pose_at(self, file: int, clock: float) -> int:
+        """Number of the pose that a file shows: the first or the last one outside its motion."""
+        if self._by_time:
+            return self._scenes[file].pose_at(clock)
+        return min(max(int(clock), 0), self._counts[file] - 1)
 
     def _progress(self, packer: Packer) -> dict[str, Any]:
         described: dict[str, Any] = {
@@ -114,30 +126,23 @@ class FilesPage:
         return described
 
     def _moment(self, request: PageRequest, packer: Packer) -> dict[str, Any]:
-        count = self._counts[0]
         if request.has("time"):
             time = request.number("time", -1e12, 1e12)
-            first = self._scenes[0].pose_at(time) if self._by_time else min(max(int(time), 0), count - 1)
         else:
-            first = request.integers("pose", 1, (count,))[0]
-            time = self._clock_of(first)
-        shown = [first] + [
-            scene.pose_at(time) if self._by_time else min(first, scene.pose_count - 1) for scene in self._scenes[1:]
-        ]
+            time = self._clock_of(self._leading, request.integers("pose", 1, (self._counts[self._leading],))[0])
+        shown = [self._pose_at(k, time) for k in range(len(self._scenes))]
         packed = [pack_poses(scene, [pose], packer) for scene, pose in zip(self._scenes, shown, strict=True)]
         return {
             "kind": "moment",
             "poses": shown,
-            "time": self._clock_of(first),
+            "time": self._clock_of(self._leading, shown[self._leading]),
             "files": [block for block, _ in packed],
             "notes": [visible(str(refused)) for _, refused in packed if refused is not None],
         }
 
-    def _series(self, pose: int, packer: Packer) -> dict[str, Any]:
-        clock = self._clock_of(pose)
+    def _series(self, poses: list[int], packer: Packer) -> dict[str, Any]:
         files = []
-        for scene in self._scenes:
-            row = scene.pose_at(clock) if self._by_time else min(pose, scene.pose_count - 1)
+        for scene, row in zip(self._scenes, poses, strict=True):
             window = window_around(scene, row, np.inf, PLOTTED_MOST)
             steps = steps_in(scene, window)
             number = np.arange(window.first, window.first + len(window.time), dtype=np.float64)

@@ -32,6 +32,8 @@ class LivePage:
     | now: `after`, the number of the moment that it shows | a newer moment; else only the state of the run |
     """
 
+    slow = frozenset[str]()
+
     def __init__(
         self, scene: Callable[[], LiveScene], moment: Callable[[], LiveMoment | None], arrays: Sequence[PlacedArray]
     ) -> None:

@@ -7,6 +7,7 @@ connection is logged by LOGGER, which prints nothing unless a program gives it a
 
 import contextlib
 import hmac
+import http.client
 import json
 import logging
 import os
@@ -37,16 +38,17 @@ FIRST_PORT, PORTS_TRIED = 8080, 200
 NAMES = (HOST, "localhost")
 """What a browser on this machine calls this server; any other name came from another site's DNS."""
 REQUEST_BYTES_MOST = 1 << 16  # of one message of a page
-CONNECTIONS_MOST = 64  # each has threads of its own
+PAGES_MOST = 64  # that are open: each has threads of its own
+OPEN_SECONDS_MOST = 5  # for a request to come
+CLOSE_SECONDS_MOST = 0.3  # for the port to be closed
 SEND_SECONDS_MOST = 1  # then a page that does not read what it asked for is cut off: others wait meanwhile
-HEADERS = {
+NEW = "new"  # asks for a ticket
+CLOSED = {"Cache-Control": "no-store", "Referrer-Policy": "no-referrer", "Connection": "close"}
+HEADERS = CLOSED | {
     "Content-Type": "text/html; charset=utf-8",
-    "Cache-Control": "no-store",
     "Cross-Origin-Resource-Policy": "same-origin",
-    "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",  # another site must not show the page in a frame and have it clicked
-    "Connection": "close",
 }
 LOGGER = logging.getLogger("palpate.view")
 LOGGER.addHandler(logging.NullHandler())
@@ -58,6 +60,11 @@ Send = Callable[[dict[str, Any], Packer | None], None]
 
 class Conversation(Protocol):
     """What a page that is open in a browser asks, and what it gets."""
+
+    @property
+    def slow(self) -> frozenset[str]:
+        """Requests that a process of its own answers: other pages are answered meanwhile."""
+        ...
 
     def answer(self, request: "PageRequest", send: Send) -> None:
         """Answer one request by one message or several; errors of palpate become a message with their text."""
@@ -137,6 +144,8 @@ class PageServer:
         self._pages, self._turn = pages, threading.Lock()
         self._token = secrets.token_urlsafe(24)
         self._connections: WeakSet[ServerConnection] = WeakSet()
+        self._page_count = 0
+        self._tickets: set[str] = set()
         self._socket = _listening_socket(port)
         self.port: int = self._socket.getsockname()[1]
         self._server = serve(
@@ -145,8 +154,10 @@ class PageServer:
             process_request=self._check_request,
             compression=None,  # loopback carries more bytes a second than deflate packs
             server_header=None,
+            open_timeout=OPEN_SECONDS_MOST,
             max_size=REQUEST_BYTES_MOST,
             close_timeout=1,
+            ping_interval=None,  # a suspended browser is none that has gone
             logger=LOGGER,
             create_connection=self._connection,
         )
@@ -165,8 +176,9 @@ class PageServer:
 
     def close(self) -> None:
         """Stop serving at once: pages that do not read are cut off, others see that the viewer has ended."""
-        self._server.shutdown()
-        self._thread.join()
+        # From version 17 on, `shutdown` waits for all connections, which are cut off only after it has closed the port.
+        threading.Thread(target=self._server.shutdown, daemon=True).start()
+        self._thread.join(CLOSE_SECONDS_MOST)
         for connection in tuple(self._connections):
             with contextlib.suppress(OSError):
                 connection.socket.shutdown(socket.SHUT_RDWR)
@@ -179,18 +191,29 @@ class PageServer:
 
     def _check_request(self, connection: ServerConnection, request: Request) -> Response | None:
         """The page, or why it is refused; None: the connection may become a WebSocket."""
-        target = urlsplit(request.path)
+        try:
+            target = urlsplit(request.path)
+        except ValueError:
+            return connection.respond(HTTPStatus.BAD_REQUEST, "This is no address.\n")
         sentence = refusal(request.headers, self.port)
-        token = parse_qs(target.query).get("token", [""])[0]
+        query = parse_qs(target.query)
+        token = query.get("token", [""])[0]
+        if sentence is None and query.get("ticket", [""])[0] in self._tickets:
+            self._tickets.clear()
+            headers = Headers({"Location": f"{target.path}?token={self._token}", "Content-Length": "0"} | CLOSED)
+            return Response(HTTPStatus.SEE_OTHER, HTTPStatus.SEE_OTHER.phrase, headers)
         if sentence is None and not hmac.compare_digest(token.encode(), self._token.encode()):
             sentence = "This address lacks the token that palpate printed when it started."
         if sentence is not None:
             return connection.respond(HTTPStatus.FORBIDDEN, sentence + "\n")
+        if query.get("ticket") == [NEW]:
+            self._tickets.add(ticket := secrets.token_urlsafe(24))
+            return connection.respond(HTTPStatus.OK, ticket)
         if target.path not in self._pages:
             return connection.respond(HTTPStatus.NOT_FOUND, "This server has no such page.\n")
-        if len(self._connections) > CONNECTIONS_MOST:
-            return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, "Too many pages are open.\n")
-        if request.headers.get("Upgrade") is not None:
+        if request.headers.get_all("Upgrade"):
+            if self._page_count >= PAGES_MOST:
+                return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, "Too many pages are open.\n")
             return None
         sockets = [f"ws://{name}:{self.port}" for name in NAMES]
         body = self._pages[target.path].document(sockets).encode()
@@ -201,23 +224,26 @@ class PageServer:
         """Answer what a page asks until it is closed."""
         assert connection.request is not None  # its handshake is over
         conversation = self._pages[urlsplit(connection.request.path).path].converse()
+        self._page_count += 1
 
         def send(described: dict[str, Any], packer: Packer | None = None) -> None:
             connection.send(message_of(described, packer))
 
         try:
             for message in connection:
-                with self._turn:
-                    self._answer(conversation, message, send)
+                self._answer(conversation, message, send)
         except (ConnectionClosed, OSError):
             LOGGER.debug("a page was closed", exc_info=True)
         finally:
+            self._page_count -= 1
             with self._turn:
                 conversation.close()
 
     def _answer(self, conversation: Conversation, message: str | bytes, send: Send) -> None:
         try:
-            conversation.answer(request_of(message), send)
+            request = request_of(message)
+            with contextlib.nullcontext() if request.ask in conversation.slow else self._turn:
+                conversation.answer(request, send)
         except (ConnectionClosed, TimeoutError):
             raise
         except (RenderError, DatasetError, DeviceError, OSError) as error:
@@ -226,6 +252,23 @@ class PageServer:
             # A fault of ours in one answer must not end the page; the log has its place in the source.
             LOGGER.exception("a request of a page failed")
             send({"kind": "failure", "text": f"this could not be shown ({visible(repr(error))})"}, None)
+
+
+def ticket_address(address: str) -> str:
+    """An address that leads to a page once, and lacks its token: other users may read it, in a browser's command line.
+
+    Raises ViewError where no server of ours answers there.
+    """
+    target = urlsplit(address)
+    asked = http.client.HTTPConnection(target.netloc, timeout=OPEN_SECONDS_MOST)
+    try:
+        asked.request("GET", f"{target.path}?{target.query}&ticket={NEW}")
+        ticket = asked.getresponse().read().decode()
+    except (OSError, http.client.HTTPException) as error:
+        raise ViewError(f"the viewer on {target.netloc} does not answer ({error})") from error
+    finally:
+        asked.close()
+    return f"{target.scheme}://{target.netloc}{target.path}?ticket={ticket}"
 
 
 def refusal(headers: Headers, port: int) -> str | None:

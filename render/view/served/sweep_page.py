@@ -30,6 +30,8 @@ class SweepPage:
     | anything else | what `FilesPage` answers for the rows that are open |
     """
 
+    slow = FilesPage.slow
+
     def __init__(
         self, rows: SweepRows, arrays: Sequence[PlacedArray], folder: Path, *, allow_code: AllowCode = False
     ) -> None:

@@ -24,7 +24,7 @@ from ..page.export import FILES_MOST
 from ..sweep_rows import SweepRows
 from .files_page import FilesPage
 from .live_page import LivePage
-from .page_server import PageServer, ServedPage
+from .page_server import PageServer, ServedPage, ticket_address
 from .sweep_page import SweepPage
 
 
@@ -111,6 +111,6 @@ def open_browser(address: str) -> bool:
     if sys.platform == "linux" and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))):
         return False  # a browser of the terminal would be found, which draws nothing and takes the keyboard
     try:
-        return webbrowser.open(address)
+        return webbrowser.open(ticket_address(address))
     except webbrowser.Error:
         return False

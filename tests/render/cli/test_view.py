@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from palpate.render import exploration, render
 from palpate.render.cli import view_command
 from palpate.render.cli.app import app
+from palpate.render.view.served import viewing
 from palpate.render.view.served.viewing import announce, view_files
 
 
@@ -113,11 +114,12 @@ def test_where_no_page_can_be_opened_its_address_is_printed_with_what_to_do(monk
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"):
         monkeypatch.delenv(name, raising=False)
     opened = []
+    monkeypatch.setattr(viewing, "ticket_address", "the ticket of {}".format)
     monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or False)
     if way == "no browser":
         monkeypatch.setenv("DISPLAY", ":0")
     announce("http://127.0.0.1:8080/?token=x", "tube.h5", no_browser=False)
-    assert opened == ([] if way == "no display" else ["http://127.0.0.1:8080/?token=x"])
+    assert opened == ([] if way == "no display" else ["the ticket of http://127.0.0.1:8080/?token=x"])
     printed = capfd.readouterr().err
     assert "palpate shows tube.h5 on http://127.0.0.1:8080/?token=x until Ctrl-C" in printed
     assert "open http://127.0.0.1:8080/?token=x in one on this machine" in printed

@@ -69,6 +69,16 @@ def test_both_files_show_the_same_time(page):
     assert ask(both, ask="moment", time=1e9)["poses"] == [89, 59]
 
 
+def test_the_slider_reaches_the_end_of_the_file_that_lasts_longest(paths, tmp_path):
+    longer = render("tube", "palm", exploration("tube", duration=3.0, rate=50.0, seed=1), "cc").save(tmp_path / "l.h5")
+    with FileScene(paths[0]) as short, FileScene(longer) as long:
+        page = FilesPage([short, long], load_rig("emulator"))
+        opened = ask(page, ask="open")["timeline"]
+        assert (opened["file"], opened["count"], opened["end"]) == (1, 150, pytest.approx(149 / 50))
+        assert ask(page, ask="moment", pose=[149])["poses"] == [89, 149]
+        assert ask(page, ask="moment", pose=[25])["poses"] == [45, 25]
+
+
 def test_beside_a_file_without_times_poses_go_by_their_number(page):
     both = page(0, 2)
     opened = ask(both, ask="open")["timeline"]
@@ -84,6 +94,7 @@ def test_it_opens_with_names_labels_and_the_longest_pose(page, paths):
     assert [file["name"] for file in opened["files"]] == ["cc.h5", "oc.h5"]
     assert [file["label"] for file in opened["files"]] == ["cc", "oc"]
     assert opened["timeline"] == {
+        "file": 0,
         "count": 90,
         "by_pose": False,
         "begin": 0.0,
@@ -95,7 +106,7 @@ def test_it_opens_with_names_labels_and_the_longest_pose(page, paths):
 
 
 def test_plots_have_the_numbers_of_the_file(page, paths):
-    (series,) = ask(page(0), ask="series", pose=[10])["files"]
+    (series,) = ask(page(0), ask="series", poses=[10])["files"]
     with ContourFile(paths[0]) as file:
         assert series["length"].tolist() == file.metrics()["length"].tolist()
         assert series["clock"].tolist() == file.motion()["time"].tolist()
@@ -113,7 +124,7 @@ def test_of_more_poses_than_plots_show_those_around_the_moment_are_given(tmp_pat
     path = render("cube", "palm", motion, "cc").save(tmp_path / "long.h5")
     with FileScene(path) as scene:
         page = FilesPage([scene], load_rig("emulator"))
-        (series,) = ask(page, ask="series", pose=[700])["files"]
+        (series,) = ask(page, ask="series", poses=[700])["files"]
         (overview,) = ask(page, ask="open")["overview"]
     assert overview["length"].tolist() == pytest.approx([0.34] * 600)
     assert overview["time"][[0, -1]].tolist() == pytest.approx([0.0, 1.497], abs=0.001)

@@ -15,16 +15,21 @@ from websockets.sync.client import connect
 
 from palpate.render.errors import StrategyError, ViewError
 from palpate.render.view.packing import Packer
-from palpate.render.view.served.page_server import HOST, PageRequest, PageServer, ServedPage, refusal
+from palpate.render.view.served.page_server import HOST, PageRequest, PageServer, ServedPage, refusal, ticket_address
 
 
 class Echo:
     """Answers with what was asked; `closed` counts the conversations that have ended."""
 
     closed = 0
+    slow = frozenset({"slow"})
+    released = threading.Event()
 
     def answer(self, request, send):
         match request.ask:
+            case "slow":
+                self.released.wait(10)
+                send({"kind": "slow"})
             case "fault":
                 raise RuntimeError("a fault of ours")
             case "number":
@@ -103,6 +108,19 @@ def test_an_address_without_the_token_gets_nothing(server, query):
         connect(f"ws://{HOST}:{server.port}/{query}", open_timeout=10)
 
 
+def test_a_ticket_leads_to_the_page_once_and_is_not_its_token(server):
+    address = ticket_address(server.address())
+    assert token_of(server) not in address
+    path, host = address.split(str(server.port))[1], {"Host": f"{HOST}:{server.port}"}
+    asked = http.client.HTTPConnection(HOST, server.port, timeout=10)
+    asked.request("GET", path, headers=host)
+    answer = asked.getresponse()
+    assert (answer.status, answer.headers["Location"]) == (303, f"/?{token_of(server)}")
+    asked.close()
+    assert get(server, host, path)[0] == 403
+    assert get(server, host, "/?ticket=new")[0] == 403  # only who has the token gets a ticket
+
+
 def test_each_server_has_a_token_of_its_own_and_other_paths_have_no_page(server):
     with serving() as other:
         assert token_of(other) != token_of(server)
@@ -162,7 +180,7 @@ def test_closed_sockets_and_malformed_messages_print_nothing(server, capfd, capl
         with pytest.raises(ConnectionClosed):
             connection.recv(timeout=10)
     assert get(server, {"Host": f"{HOST}:{server.port}"})[0] == 200  # it still serves
-    deadline = time.monotonic() + 5
+    deadline = time.monotonic() + 8
     while threading.active_count() > thread_count and time.monotonic() < deadline:
         time.sleep(0.01)  # each connection has threads, which log how it ended
     assert capfd.readouterr() == ("", "")
@@ -183,6 +201,14 @@ def test_a_fault_of_ours_is_shown_on_the_page_and_not_in_the_terminal(server, ca
         assert "a fault of ours" in ask(connection, ask="fault")["text"]
         assert ask(connection, ask="hello")["kind"] == "echo"
     assert capfd.readouterr() == ("", "")
+
+
+def test_what_takes_long_lets_other_pages_be_answered(server):
+    with visit(server) as patient, visit(server) as other:
+        patient.send('{"ask": "slow"}')
+        assert ask(other, ask="hello")["kind"] == "echo"
+        Echo.released.set()
+        assert answer_of(patient.recv(timeout=10))["kind"] == "slow"
 
 
 def test_a_conversation_ends_with_its_page():

@@ -1,6 +1,7 @@
 """The served page in a real browser: what it shows is what the files hold, and it asks nobody else for anything."""
 
 import re
+import socket
 import threading
 import time
 from contextlib import contextmanager
@@ -8,6 +9,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from browser import Browser
+from websockets.sync.client import connect
 
 from palpate.render import ContourFile, HandMotion, exploration, record, render
 from palpate.render.view.served.viewing import view_files
@@ -219,8 +221,41 @@ def test_the_page_says_when_the_viewer_has_ended(tmp_path, files):
         browser.wait("document.body.innerText.includes('The viewer has ended')")
 
 
-def test_a_page_without_a_browser_that_reads_it_costs_no_time_at_the_end(files):
-    begun = time.monotonic()
-    with served(files[0]):
-        pass
-    assert time.monotonic() - begun < 20
+def test_the_viewer_ends_at_once_while_pages_are_open(files):
+    ready, stop, found = threading.Event(), threading.Event(), []
+    thread = threading.Thread(
+        target=view_files,
+        args=([files[0]],),
+        kwargs={"stop": stop, "ready": lambda address: (found.append(address), ready.set())},
+    )
+    thread.start()
+    assert ready.wait(60)
+    port = int(re.search(r":(\d+)/", found[0])[1])
+    with (
+        socket.create_connection(("127.0.0.1", port)),
+        connect(found[0].replace("http:", "ws:"), compression=None) as page,
+    ):
+        page.send('{"ask": "open"}')
+        page.recv(timeout=10)
+        begun = time.monotonic()
+        stop.set()
+        thread.join(20)
+        assert time.monotonic() - begun < 2
+
+
+def test_plots_follow_while_a_long_file_plays(tmp_path):
+    motion = exploration("tube", duration=100.0, rate=100.0, seed=1)
+    path = render("tube", "palm", motion, "oc").save(tmp_path / "long.h5")
+    with opened(tmp_path, path) as browser:
+        browser.press("Home")
+        browser.wait(f"{READOUTS}[0].startsWith('pose 0 ')")
+        browser.settle(1.0)
+        browser.run("document.getElementById('time').value = 950")
+        browser.run("document.getElementById('time').dispatchEvent(new Event('input'))")
+        browser.wait(f"{READOUTS}[0].startsWith('pose 950 ')")
+        browser.press(" ")
+        now = "document.querySelector('#plot-length .now').getBoundingClientRect().left"
+        end = "document.querySelector('#plot-length .u-over').getBoundingClientRect().right"
+        browser.wait(f"Number({READOUTS}[0].match(/pose (\\d+)/)[1]) > 1400")
+        browser.wait(f"{now} < {end}", timeout=10)
+        browser.wait("document.getElementById('play').textContent === 'Pause'")

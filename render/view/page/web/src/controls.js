@@ -23,7 +23,7 @@ export function heading(page, recordings) {
     ),
   );
   const notes = (page.notes ?? []).map((note) => element("p", { class: "message" }, note));
-  const back = location.hash ? [element("a", { href: "#" }, "back to the table")] : [];
+  const back = page.titles?.length ? [element("a", { href: "#" }, "back to the table")] : [];
   return element("header", {}, ...back, element("h1", {}, page.title), element("ul", { class: "files" }, ...files), ...notes);
 }
 
@@ -63,7 +63,7 @@ export class Readouts {
       const drawn = length[row] > 0 ? `${(1000 * length[row]).toFixed(1)} mm${frequency}` : "no contour";
       const counts = [counted(steps.jump[row], "jump"), counted(steps.hop[row], "hop")].filter(Boolean);
       this.boxes[i].numbers.value = Number.isNaN(length[row])
-        ? "not rendered yet"
+        ? (file.isLive ? "" : "not rendered yet")
         : [drawn, `tilt ${tilt[row].toFixed(1)}°`, ...counts].join(" · ");
     });
   }
@@ -132,7 +132,13 @@ function pressureChoice(poses) {
 
 function noiseButton(poses) {
   const words = "Predicts how loud the four seconds around this moment are";
-  return element("button", { id: "noise", type: "button", title: words, onclick: () => poses.noise() }, "Predict noise");
+  const button = element("button", { id: "noise", type: "button", title: words }, "Predict noise");
+  button.addEventListener("click", async () => {
+    [button.disabled, button.textContent] = [true, "Predicting noise …"];
+    await poses.noise();
+    [button.disabled, button.textContent] = [false, "Predict noise"];
+  });
+  return button;
 }
 
 // Layers that something shown now, or later, can be in.

@@ -134,6 +134,7 @@ export class FileScene {
   showHand(row) {
     const { skin, poses, patchStart } = this.recording;
     if (this.hand) {
+      this.hand.visible = !this.recording.isLost;
       place(this.hand, poses.hand_pose, row);
       if (!skin.is_rigid) {
         const position = this.hand.geometry.getAttribute("position");

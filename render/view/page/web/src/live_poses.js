@@ -45,6 +45,7 @@ export class LivePoses {
       const answer = await this.link.ask({ ask: "now", after: this.number });
       if (answer.scene && answer.scene !== this.scene) return location.reload(); // another object, hand or strategy
       if (answer.files) this.take(answer);
+      else if (answer.state in STATES) this.lose(answer.state);
       this.show.message([STATES[answer.state], answer.points_left_out ? "Not all contours are shown." : ""].filter(Boolean).join(" "));
       if (this.number < 0) setTimeout(() => this.look(), 1000 * PERIOD); // no picture asks yet
     } catch (error) {
@@ -55,10 +56,23 @@ export class LivePoses {
     }
   }
 
+  // No hand, or nothing is drawn: neither stands there any longer.
+  lose(state) {
+    const [recording] = this.recordings;
+    if (this.number < 0 || recording.isLost) return;
+    recording.lose(state);
+    this.onFound({ at: 0 });
+  }
+
+  isAwaited() {
+    return false;
+  }
+
   take({ number, time, state, files, latency, dropped, frames }) {
     const [recording] = this.recordings;
     const late = latency[0] === null ? "" : ` · ${(1000 * latency[0]).toFixed(1)} ms from hand to array (99 %: ${(1000 * latency[1]).toFixed(1)})`;
     recording.words = `${time.toFixed(2)} s · ${state}${late} · ${dropped} of ${frames.toLocaleString("en")} frames dropped`;
+    recording.isLost = false;
     recording.take(files[0]);
     recording.show(0);
     this.number = number;

@@ -123,7 +123,7 @@ function run(clock, focus, recordings, stage) {
     const seconds = Math.min((now - before) / 1000, LONGEST_FRAME);
     before = now;
     if (clock.isPlaying || !isStill.matches) focus.seconds += seconds / focus.slowness;
-    if (stage && !clock.poses.isAwaited) {
+    if (stage && !clock.poses.isAwaited()) {
       showPoses();
       recordings.forEach((recording, i) => {
         const { first, stop, rate } = recording.shownFocus;
@@ -134,8 +134,8 @@ function run(clock, focus, recordings, stage) {
       });
       stage.draw();
     }
+    clock.poses.advance(seconds, clock); // before the clock asks for the next pose: plots and news have their turn
     clock.advance(seconds);
-    clock.poses.advance(seconds, clock);
     requestAnimationFrame(frame);
   };
   requestAnimationFrame(frame);

@@ -37,6 +37,18 @@ export class Recording {
     this.look();
   }
 
+  // The hand of a live run is gone.
+  lose(words) {
+    this.isLost = true;
+    this.words = words;
+    this.stamp += 1;
+    for (const name of ["length", "draw_frequency", "tilt"]) this.poses[name].fill(NaN);
+    this.polylineStart.fill(0);
+    this.sampleStart.fill(0);
+    this.patchStart.fill(0);
+    for (const name of ["jump", "hop"]) this.steps[name].fill(0);
+  }
+
   takePressure(print) {
     this.pressure = print;
     this.stamp += 1;

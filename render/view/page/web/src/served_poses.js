@@ -2,6 +2,7 @@
 
 const REST = 0.3; // [s] without another pose, before slower things are asked for
 const REFRESH = 1; // [s] between looks at a file that is still being written
+const LONGEST_WAIT = 100; // [ms] for a pose, until the one before is drawn again
 const OFTEN = 0.4; // [s] between plots while it plays
 
 export class ServedPoses {
@@ -11,11 +12,12 @@ export class ServedPoses {
     this.show = show; // shows a failure, a note, or news, which come from the server
     Object.assign(this, page.timeline); // count, begin, end, byPose, start
     this.byPose = page.timeline.by_pose;
+    this.leading = page.timeline.file; // on whose poses the slider stands
     this.news = page;
     this.onFound = () => {};
     this.wish = null; // the newest that has not been asked for
     this.busy = 0; // requests that are under way
-    this.isAwaited = false; // a pose is under way: a picture of the one before would only delay it
+    this.asked = null; // when the pose that is under way was asked for [ms]
     this.poses = []; // of each file, that are shown
     this.window = null; // of the clock, that plots show
     this.where = null; // of the print of pressure that is wanted
@@ -32,7 +34,7 @@ export class ServedPoses {
     if (this.busy || !this.wish) return;
     const { at, time } = this.wish;
     this.wish = null;
-    this.isAwaited = true;
+    this.asked = performance.now();
     this.ask(at === undefined ? { ask: "moment", time } : { ask: "moment", pose: [at] }, (answer) => {
       answer.files.forEach((block, i) => {
         this.recordings[i].take(block);
@@ -41,7 +43,7 @@ export class ServedPoses {
       this.poses = answer.poses;
       this.show.message(answer.notes.join(" "));
       [this.rested, this.isSettled] = [0, false];
-      this.onFound({ at: answer.poses[0], time: at === undefined ? undefined : answer.time });
+      this.onFound({ at: answer.poses[this.leading], time: at === undefined ? undefined : answer.time });
     });
   }
 
@@ -54,13 +56,18 @@ export class ServedPoses {
       this.show.message(error.message, true);
     }
     this.busy -= 1;
-    this.isAwaited = false;
+    this.asked = null;
     this.next();
   }
 
   begun(plots) {
     this.plots = plots;
     plots.fillOverview(this.news.overview);
+  }
+
+  // A pose is under way, and soon there: a picture of the one before would only delay it.
+  isAwaited() {
+    return this.asked !== null && performance.now() - this.asked < LONGEST_WAIT;
   }
 
   // Called for each frame: asks for what takes longer once the time rests, and for news of unfinished files.
@@ -78,15 +85,15 @@ export class ServedPoses {
     if (!this.window) return true;
     const [from, to, isWhole] = this.window;
     const margin = (to - from) / 5;
-    return !isWhole && (time < from + margin || time > to - margin) && this.poses[0] !== this.plottedAt;
+    return !isWhole && (time < from + margin || time > to - margin) && this.poses[this.leading] !== this.plottedAt;
   }
 
   fillPlots() {
     this.plotted = 0;
-    this.plottedAt = this.poses[0];
-    this.ask({ ask: "series", pose: [this.poses[0]] }, ({ files }) => {
-      const { clock, is_whole } = files[0];
-      this.window = [clock[0], clock[clock.length - 1], is_whole];
+    this.plottedAt = this.poses[this.leading];
+    this.ask({ ask: "series", poses: this.poses }, ({ files }) => {
+      const cut = files.filter(({ is_whole }) => !is_whole).map(({ clock }) => clock);
+      this.window = [Math.max(...cut.map((clock) => clock[0])), Math.min(...cut.map((clock) => clock[clock.length - 1])), !cut.length];
       this.plots.fill(files);
     });
   }
@@ -98,7 +105,7 @@ export class ServedPoses {
     this.ask({ ask: "pressure", poses, where }, ({ files }) => {
       if (where !== this.where) return;
       files.forEach((print, i) => this.recordings[i].takePressure(print));
-      this.onFound({ at: poses[0] });
+      this.onFound({ at: poses[this.leading] });
     });
   }
 
@@ -106,15 +113,17 @@ export class ServedPoses {
     this.where = where;
     this.isSettled = false;
     for (const recording of this.recordings) recording.takePressure(null);
-    this.onFound({ at: this.poses[0] });
+    this.onFound({ at: this.poses[this.leading] });
   }
 
-  noise() {
-    this.show.message("Predicting noise ...");
-    this.ask({ ask: "noise", poses: this.poses }, (answer) => {
-      this.show.message("");
-      this.plots.fillNoise(answer);
-    });
+  // A prediction takes seconds: another connection waits for it.
+  async noise() {
+    try {
+      this.twin ??= await this.link.twin();
+      this.plots.fillNoise(await this.twin.ask({ ask: "noise", poses: this.poses }));
+    } catch (error) {
+      this.show.message(error.message, true);
+    }
   }
 
   look() {
@@ -125,7 +134,7 @@ export class ServedPoses {
       this.show.news(answer);
       this.plots.fillOverview(answer.overview);
       this.window = this.plottedAt = null;
-      this.wish ??= { at: this.poses[0] }; // it may be rendered by now
+      this.wish ??= { at: this.poses[this.leading] }; // it may be rendered by now
     });
   }
 }

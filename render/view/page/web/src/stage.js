@@ -31,6 +31,7 @@ export class Stage {
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
     this.controls.addEventListener("change", () => (this.isStale = true));
     this.controls.enableZoom = window === window.top; // in a frame, the wheel is the outer page's until the view is clicked
+    canvas.addEventListener("webglcontextrestored", () => (this.isStale = true));
     canvas.addEventListener("pointerdown", () => (this.controls.enableZoom = true));
     this.ball = ballOf(bounds, arrays, recordings);
     this.camera.far = Math.max(20, 10 * this.ball.radius);

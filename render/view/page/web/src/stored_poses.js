@@ -31,6 +31,10 @@ export class StoredPoses {
   }
 
   advance() {}
+
+  isAwaited() {
+    return false;
+  }
 }
 
 // Number of the last of increasing values that is not after one, or of the first.

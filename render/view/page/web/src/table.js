@@ -3,8 +3,6 @@
 
 import { element } from "./element.js";
 
-const KEPT = "palpate table"; // what was sorted and searched, until the window is closed
-
 // What the server shows: files; null: it has a table, which is shown.
 export async function openTable(link, host, message, showMessage) {
   addEventListener("hashchange", () => location.reload());
@@ -25,10 +23,19 @@ export async function openTable(link, host, message, showMessage) {
   }
 }
 
+function keptOf(key) {
+  try {
+    return JSON.parse(sessionStorage.getItem(key) ?? "{}");
+  } catch {
+    return {};
+  }
+}
+
 class Table {
   constructor(link, host, message, showMessage, page) {
     Object.assign(this, { link, showMessage });
-    this.asked = { by: "", falling: false, containing: "", columns: [], page: 0, ...JSON.parse(sessionStorage.getItem(KEPT) ?? "{}") };
+    this.key = `palpate table of ${page.title}: ${page.columns.map(({ name }) => name)}`; // of what was sorted and searched
+    this.asked = { by: "", falling: false, containing: "", columns: [], page: 0, ...keptOf(this.key) };
     this.chosen = [];
     this.body = element("div", { class: "table" });
     this.count = element("output");
@@ -56,7 +63,7 @@ class Table {
     try {
       const answer = await this.link.ask({ ask: "table", ...this.asked });
       this.asked.page = answer.page;
-      sessionStorage.setItem(KEPT, JSON.stringify(this.asked));
+      sessionStorage.setItem(this.key, JSON.stringify(this.asked));
       this.show(answer);
       this.showMessage("");
     } catch (error) {

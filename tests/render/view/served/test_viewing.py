@@ -140,12 +140,12 @@ def test_pressure_and_noise_are_predicted(tmp_path, files):
         browser.wait("/[0-9.]+ Pa/.test(document.querySelector('.legend').innerText)")
         browser.click("#noise")
         browser.wait("/oc: \\+[0-9.]+ dB\\(A\\)/.test(document.getElementById('plot-noise')?.innerText)")
+    change = np.abs(pixels.astype(int) - before).max(axis=2)
+    assert (change > 40).sum() > 1000  # the print
     bright = [
         ((p[..., 0] > 230) & (p[..., 1] > 90) & (p[..., 1] < 200) & (p[..., 2] < 80)).sum() for p in (before, pixels)
     ]
-    dark = [(p.max(axis=2) < 60).sum() for p in (before, pixels)]
-    assert bright[1] > bright[0] + 20  # the brightest colours of the print
-    assert dark[1] > dark[0] + 500  # skin that no sound presses on
+    assert bright[1] > bright[0] + 20  # its brightest colours
 
 
 def test_a_file_that_is_still_being_written(tmp_path):

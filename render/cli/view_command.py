@@ -76,6 +76,10 @@ def preview(
 
 def _view(files: list[Path], options: dict[str, Any], what: str, *, as_json: bool) -> None:
     for file in files:
+        if file.suffix.lower() in (".html", ".htm"):
+            raise StrategyError(f"{file} is a page: open it in a browser")
+        if len(files) > 1 and file.suffix.lower() in MOTION_SUFFIXES and file.exists():
+            raise StrategyError(f"{file} is a motion: a preview takes the object first, then the motion")
         if not is_sweep_data(file):
             refuse_object(file)
     if options["export"] is not None:

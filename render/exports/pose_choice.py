@@ -102,7 +102,7 @@ def _by_number(file: ContourFile, poses: Ends) -> tuple[int, int]:
     if first != int(first) or stop != int(stop):
         raise StrategyError(f"poses must be whole numbers FIRST:STOP, not {first:g}:{stop:g}")
     first, stop = int(first), int(stop)
-    if first < 0 or stop > file.pose_count:
+    if first < 0 or max(first, stop) > file.pose_count:
         raise StrategyError(f"poses {first}:{stop} are not all in {file.path}, which has poses 0:{file.pose_count}")
     if first >= stop:
         raise StrategyError(f"poses {first}:{stop} are none: the pose after the last must be greater than the first")

@@ -63,6 +63,8 @@ def test_it_serves_until_ctrl_c(file):
         (["FILE", "--export", "a.html", "--port", "0"], 2, "--port is of a page that is served"),
         (["FILE", "--every", "2"], 2, "--every is of a page that --export writes"),
         (["tube"], 2, "tube is an object, not a file"),
+        (["old.html"], 2, "old.html is a page: open it in a browser"),
+        (["wave.csv", "tube"], 2, "wave.csv is a motion: a preview takes the object first, then the motion"),
         (["FILE", "--array", "no-such"], 2, "no-such"),
     ],
 )
@@ -74,6 +76,7 @@ def test_what_cannot_be_shown_is_refused(file, tmp_path, monkeypatch, arguments,
 
     monkeypatch.setattr(view_command, "view_files", view_and_end)  # what is shown by mistake is not served for ever
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "wave.csv").write_text("time,x,y,z,qx,qy,qz,qw\n0,0,0,0.2,0,0,0,1\n")
     given = [str(file) if argument == "FILE" else argument for argument in arguments]
     result = CliRunner().invoke(app, ["view", "--no-browser", *given])
     assert result.exit_code == code

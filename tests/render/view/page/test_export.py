@@ -252,3 +252,9 @@ def test_pressure_is_that_of_the_printer_and_of_one_scale_for_files_of_the_same_
         assert tuple(own["shape"][0]) == printed.on_planes[0].shape
         expected = 255 * printed.on_planes[0].ravel() / peak
         np.testing.assert_allclose(own["values"], expected, atol=0.51)
+
+
+@pytest.mark.parametrize("poses", ["5000:", "5000:6000", "0:6000"])
+def test_poses_beyond_the_file_are_refused_with_those_that_it_has(tube, tmp_path, poses):
+    with pytest.raises(StrategyError, match=r"poses \d+:\d+ are not all in .*, which has poses 0:\d+$"):
+        export_page(tube, tmp_path / "page.html", poses=poses)

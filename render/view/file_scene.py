@@ -60,6 +60,7 @@ class FileScene:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         self._file = ContourFile(self.path)
+        self._inode = self._inode_now()
         try:
             self._read_constants()
         except BaseException:
@@ -77,7 +78,6 @@ class FileScene:
         self.middle = (self.vertices.min(axis=0).astype(np.float64) + self.vertices.max(axis=0)) / 2
         """Of the object's box [m], which `Moment.object_pose` moves."""
         self.strategy = file.strategy
-        self.hand_kind = str(file.hand.get("kind"))
         self.has_time = "time" in file.motion(0, 1)
         self.looks = HandLooks(file)
         self.sampling = SamplingStrategy()
@@ -119,9 +119,21 @@ class FileScene:
             if file.recipe != before.recipe:
                 file.close()
                 raise ContourFileError(f"{self.path}: is another rendering now; open it again")
-            self._file = file
+            self._file, self._inode = file, self._inode_now()
             before.close()
             self.looks = HandLooks(self._file)
+
+    def _inode_now(self) -> tuple[int, int] | None:
+        try:
+            found = self.path.stat()
+        except OSError:
+            return None
+        return found.st_dev, found.st_ino
+
+    @property
+    def is_replaced(self) -> bool:
+        """Another file, or none, is at the path by now: what is shown is the old one."""
+        return self._inode_now() != self._inode
 
     def is_done(self, index: int) -> bool:
         """Whether a pose is rendered."""

@@ -180,6 +180,10 @@ def describe_page(
 def notes_of(scene: FileScene) -> list[str]:
     """Why there may be nothing to see: a hand that never meets the object, lengths that look like millimetres."""
     notes = []
+    if scene.is_replaced:
+        notes.append(
+            f"{scene.path.name} was replaced or removed since palpate view began, which still shows the old one."
+        )
     box = np.stack([scene.vertices.min(axis=0), scene.vertices.max(axis=0)]).astype(np.float64)
     if np.ptp(box, axis=0).max() > WIDE:
         width = f"{np.ptp(box, axis=0).max():.3g} m"

@@ -114,7 +114,8 @@ class PageRequest:
             type(each) is int and 0 <= each < limit for each, limit in zip(listed, limits, strict=False)
         ):
             bounds = " and ".join(f"0..{limit - 1}" for limit in limits)
-            raise StrategyError(f"{name} must be {count} whole numbers of {bounds}, not {_short(value)}")
+            wanted = "one whole number" if count == 1 else f"{count} whole numbers"
+            raise StrategyError(f"{name} must be {wanted} of {bounds}, not {_short(value)}")
         return listed
 
     def text(self, name: str, most: int = 1000) -> str:

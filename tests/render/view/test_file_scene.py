@@ -5,8 +5,9 @@ import pytest
 
 from palpate.datasets import HandMotion
 from palpate.datasets.errors import ContourFileError
-from palpate.render import ContourFile, exploration, record, render, static_pose
+from palpate.render import ContourFile, MeshObject, PalpateWarning, exploration, record, render, static_pose
 from palpate.render.view.file_scene import FileScene, tilts_of
+from palpate.render.view.page.payload import notes_of
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +20,7 @@ def path(tmp_path_factory):
 def test_moments_are_rows_of_the_file(path):
     with FileScene(path) as scene, ContourFile(path) as file:
         motion, length = file.motion(), file.metrics()["length"]
-        assert (scene.pose_count, scene.object_name, scene.hand_kind) == (90, "tube", "palm")
+        assert (scene.pose_count, scene.object_name) == (90, "tube")
         for index in (0, 40, 54, 89):
             moment = scene.moment(index)
             np.testing.assert_array_equal(moment.hand_pose, motion["pose"][index])
@@ -122,3 +123,28 @@ def test_another_rendering_at_the_same_place_is_told(tmp_path):
         record(path, "tube", "palm", motions[1], "cc", mode="overwrite")
         with pytest.raises(ContourFileError, match="is another rendering now"):
             scene.refresh()
+
+
+def test_a_file_that_another_one_replaces_is_noted(tmp_path):
+    batch = render("cube", "palm", static_pose([0, 0, 0.2]), "cc")
+    path, other = batch.save(tmp_path / "a.h5"), batch.save(tmp_path / "b.h5")
+    with FileScene(path) as scene:
+        assert not scene.is_replaced
+        assert not notes_of(scene)
+        other.replace(path)
+        assert scene.is_replaced
+        assert "a.h5 was replaced or removed" in notes_of(scene)[0]
+        assert scene.moment(0).length > 0  # the old one is still there to be shown
+        path.unlink()
+        assert scene.is_replaced
+
+
+def test_what_hides_contours_is_noted(tmp_path):
+    """A mesh in millimetres, and a hand 0.3 m above the cube's upper side at 0.265 m."""
+    far = render("cube", "palm", static_pose([0, 0, 0.265 + 0.3]), "cc").save(tmp_path / "far.h5")
+    with FileScene(far) as scene:
+        assert "0.3 m from it at the nearest" in notes_of(scene)[0]
+    with pytest.warns(PalpateWarning, match="like a file in millimetres"):
+        huge = MeshObject.load("cube", scale=1000.0, at=(0.0, 0.0, 0.2))
+    with FileScene(render(huge, "palm", static_pose([0, 0, 0.2]), "cc").save(tmp_path / "huge.h5")) as scene:
+        assert "The object is 130 m wide: a mesh in millimetres needs --scale 0.001" in notes_of(scene)[0]

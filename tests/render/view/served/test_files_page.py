@@ -136,7 +136,7 @@ def test_of_more_poses_than_plots_show_those_around_the_moment_are_given(tmp_pat
     ("request_values", "sentence"),
     [
         ({"ask": "other"}, "ask must be one of open, moment"),
-        ({"ask": "moment", "pose": [90]}, r"pose must be 1 whole numbers of 0\.\.89, not \[90\]"),
+        ({"ask": "moment", "pose": [90]}, r"pose must be one whole number of 0\.\.89, not \[90\]"),
         ({"ask": "moment", "time": "now"}, "time must be a number"),
         ({"ask": "pressure", "poses": [1], "where": "off"}, "where must be one of skin, plane"),
         ({"ask": "noise", "poses": []}, r"0\.\.89, not \[\]"),

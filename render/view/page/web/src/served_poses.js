@@ -54,6 +54,7 @@ export class ServedPoses {
       take(await this.link.ask(request));
     } catch (error) {
       this.show.message(error.message, true);
+      if (request.ask === "news") this.news.is_sealed = true; // it is gone: there will be no more news
     }
     this.busy -= 1;
     this.asked = null;

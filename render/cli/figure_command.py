@@ -51,6 +51,8 @@ class FigureJob:
         given = [option for name, option in ANIMATION_ONLY.items() if getattr(self, name) is not None]
         if given and not self.animate:
             raise StrategyError(f"{given[0]} is of an animated picture: add --animate")
+        if self.out.suffix.lower() == ".gif" and not self.animate:
+            raise StrategyError(f"{self.out}: a .gif is an animation, which --animate makes")
         require_picture(self.out, overwrite=self.overwrite, only=(".gif",) if self.animate else SUFFIXES)
 
     def moments(self) -> list[float] | None:

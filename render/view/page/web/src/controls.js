@@ -130,7 +130,7 @@ function pressureChoice(poses) {
   return element("label", { title: "Predicted mean radiation pressure of one draw cycle" }, "pressure", choice);
 }
 
-function noiseButton(poses) {
+export function noiseButton(poses) {
   const words = "Predicts how loud the four seconds around this moment are";
   const button = element("button", { id: "noise", type: "button", title: words }, "Predict noise");
   button.addEventListener("click", async () => {

@@ -86,7 +86,10 @@ function buildScene(page, recordings, poses, clock, focus, scene, side) {
   const readouts = new controls.Readouts(scene, recordings);
   const stage = makeStage(scene, recordings, page);
   if (stage) side.prepend(controls.layerSwitches(recordings, poses, stage));
-  else legend.host.remove();
+  else {
+    legend.host.remove();
+    if (poses.noise) side.prepend(controls.noiseButton(poses));
+  }
   controls.listenToKeys(clock, stage);
   clock.onChange(() => {
     readouts.show();

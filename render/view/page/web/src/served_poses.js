@@ -76,6 +76,7 @@ export class ServedPoses {
     this.rested += seconds;
     this.looked += seconds;
     this.plotted += seconds;
+    if (this.asked !== null && performance.now() - this.asked > 10 * LONGEST_WAIT) this.show.message("The viewer is busy with another page ...");
     if (this.busy || this.wish || !this.poses.length) return;
     if (!this.news.is_sealed && this.looked > REFRESH) this.look();
     else if (this.isOutside(clock.time) && (clock.isPlaying ? this.plotted > OFTEN : this.rested > REST)) this.fillPlots();

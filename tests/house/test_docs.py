@@ -58,6 +58,8 @@ def here(line, folder):
         return None
     if line.startswith("palpate view") and "--export" not in line:  # Ctrl-C, which ends it well
         line = f"python -m interrupted_command {line}" + " --no-browser" * ("--no-browser" not in line)
+    if line.startswith("palpate live"):
+        line = re.sub(r"--duration \d+", "--duration 2", line) + " --no-browser" * ("--view" in line)
     if line.startswith("palpate play"):
         if "--array pat16" in line and "--emulate" not in line:
             line = line.replace(" --watchdog", "") + " --emulate"  # which guards real boards

@@ -52,7 +52,7 @@ class FigureJob:
         if given and not self.animate:
             raise StrategyError(f"{given[0]} is of an animated picture: add --animate")
         if self.out.suffix.lower() == ".gif" and not self.animate:
-            raise StrategyError(f"{self.out}: a .gif is an animation, which --animate makes")
+            raise StrategyError(f"{self.out}: must end in one of {', '.join(SUFFIXES)}; --animate makes a .gif")
         require_picture(self.out, overwrite=self.overwrite, only=(".gif",) if self.animate else SUFFIXES)
 
     def moments(self) -> list[float] | None:

@@ -4,6 +4,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import h5py
+
 from ...datasets.recordings.files import JOINT_SUFFIXES
 from ...datasets.sweeps.check import is_sweep_data
 from ...device.playing.signals import ending_on_signals
@@ -76,8 +78,6 @@ def preview(
 
 def _view(files: list[Path], options: dict[str, Any], what: str, *, as_json: bool) -> None:
     for file in files:
-        if file.suffix.lower() in (".html", ".htm"):
-            raise StrategyError(f"{file} is a page: open it in a browser")
         if len(files) > 1 and file.suffix.lower() in MOTION_SUFFIXES and file.exists():
             raise StrategyError(f"{file} is a motion: a preview takes the object first, then the motion")
         if not is_sweep_data(file):
@@ -87,6 +87,9 @@ def _view(files: list[Path], options: dict[str, Any], what: str, *, as_json: boo
         _export(files, options, as_json=as_json)
         return
     _refuse_given(options, OF_A_PAGE, "of a page that --export writes")
+    for file in files:
+        if file.suffix.lower() in (".html", ".htm") and file.exists() and not h5py.is_hdf5(file):
+            raise StrategyError(f"{file} is a page: open it in a browser")
     start_warp()
 
     def tell(address: str) -> None:

@@ -101,7 +101,7 @@ def test_mistakes_are_one_sentence_and_nothing_is_written(files, tmp_path, optio
 
 
 def test_a_gif_without_animate_is_refused_with_the_option(files, tmp_path):
-    refused(MISUSED, "a .gif is an animation, which --animate makes", "figure", *files[:2], "-o", tmp_path / "a.gif")
+    refused(MISUSED, "--animate makes a .gif", "figure", *files[:2], "-o", tmp_path / "a.gif")
 
 
 ANIMATED = {

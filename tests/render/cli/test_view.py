@@ -76,6 +76,7 @@ def test_what_cannot_be_shown_is_refused(file, tmp_path, monkeypatch, arguments,
 
     monkeypatch.setattr(view_command, "view_files", view_and_end)  # what is shown by mistake is not served for ever
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "old.html").write_text("<!DOCTYPE html>")
     (tmp_path / "wave.csv").write_text("time,x,y,z,qx,qy,qz,qw\n0,0,0,0.2,0,0,0,1\n")
     given = [str(file) if argument == "FILE" else argument for argument in arguments]
     result = CliRunner().invoke(app, ["view", "--no-browser", *given])

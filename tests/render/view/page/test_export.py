@@ -236,6 +236,7 @@ def test_what_fits_is_a_part_of_the_range():
     assert what_fits(range(3), 0.7) == 'every=2, or poses="0:2"'
 
 
+@pytest.mark.exhaustive
 def test_pressure_is_that_of_the_printer_and_of_one_scale_for_files_of_the_same_poses(tmp_path):
     paths = [
         render("cube", "palm", static_pose([0, 0.05, 0.2]), name).save(tmp_path / f"{name}.h5") for name in ("cc", "oc")

@@ -14,6 +14,7 @@ from ..hands.hand import Hand
 from ..hands.hand_look import HandLook, hand_around
 from ..hands.plane_hand import PlaneHand
 from ..sampling.metrics import FocalPoints
+from ..sampling.sampler import NOWHERE
 from ..sampling.strategy import SamplingStrategy
 from .counts import Durations
 from .moment_slot import DRAWING, RESTING, CopiedMoment
@@ -141,7 +142,7 @@ class LiveMoment:
     """Hand frame -> array frame: position [m], quaternion xyzw; float32, shape [7]; None without hand."""
     patch_pose: np.ndarray | None = None
     """Patch -> hand frame, of planes that move, float32, shape [patch, 7], NaN for one that is not there; else None."""
-    contours: ContourBatch = field(default_factory=lambda: _NO_CONTOURS)
+    contours: ContourBatch = field(default_factory=lambda: NOWHERE)
     """Of this pose only, on the host; empty without hand."""
     points_left_out: int = 0
     """Points of further polylines that the memory between the processes had no room for; 0 as a rule."""
@@ -212,12 +213,4 @@ def moment_of(
     )
 
 
-_NO_CONTOURS = ContourBatch(
-    points=np.zeros((0, 3), np.float32),
-    kind=np.zeros(0, np.uint8),
-    polyline_start=np.zeros(1, np.int64),
-    polyline_patch=np.zeros(0, np.int32),
-    polyline_closed=np.zeros(0, np.uint8),
-    pose_start=np.zeros(2, np.int64),
-)
 _NO_FOCUS = FocalPoints(np.zeros((0, 3), np.float32), np.zeros(0, np.float32))

@@ -145,7 +145,7 @@ class PageServer:
         self._pages, self._turn = pages, threading.Lock()
         self._token = secrets.token_urlsafe(24)
         self._connections: WeakSet[ServerConnection] = WeakSet()
-        self._page_count = 0
+        self._conversations: set[int] = set()
         self._tickets: set[str] = set()
         self._socket = _listening_socket(port)
         self.port: int = self._socket.getsockname()[1]
@@ -213,7 +213,7 @@ class PageServer:
         if target.path not in self._pages:
             return connection.respond(HTTPStatus.NOT_FOUND, "This server has no such page.\n")
         if request.headers.get_all("Upgrade"):
-            if self._page_count >= PAGES_MOST:
+            if len(self._conversations) >= PAGES_MOST:
                 return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, "Too many pages are open.\n")
             return None
         sockets = [f"ws://{name}:{self.port}" for name in NAMES]
@@ -225,7 +225,7 @@ class PageServer:
         """Answer what a page asks until it is closed."""
         assert connection.request is not None  # its handshake is over
         conversation = self._pages[urlsplit(connection.request.path).path].converse()
-        self._page_count += 1
+        self._conversations.add(id(connection))
 
         def send(described: dict[str, Any], packer: Packer | None = None) -> None:
             connection.send(message_of(described, packer))
@@ -236,7 +236,7 @@ class PageServer:
         except (ConnectionClosed, OSError):
             LOGGER.debug("a page was closed", exc_info=True)
         finally:
-            self._page_count -= 1
+            self._conversations.discard(id(connection))
             with self._turn:
                 conversation.close()
 

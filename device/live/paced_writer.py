@@ -70,7 +70,8 @@ class PacedWriter:
         limits: of each array.
         began_ns: when a frame that the first array took began to play, by its number since `start` [ns]; None before.
             None instead of a function: the time when it is due counts.
-        emitted: called with the number of a pose, its stamp and when its first frame was played, [ns] each.
+        emitted: called with whether a pose is of the content that was played last, its number, its stamp and when its
+            first frame was played, [ns] each.
         skipped: called with first frame, count, and why they were not played.
     """
 
@@ -82,7 +83,7 @@ class PacedWriter:
         pace: WriterPace,
         limits: Limits,
         began_ns: Callable[[int], int | None] | None = None,
-        emitted: Callable[[int, int, int], object] = lambda number, stamp_ns, began_ns: None,
+        emitted: Callable[[bool, int, int, int], object] = lambda is_current, number, stamp_ns, began_ns: None,
         skipped: Callable[[int, int, int], object] = lambda first, count, why: None,
     ) -> None:
         self.tally = Tally()
@@ -95,6 +96,7 @@ class PacedWriter:
         self._began_ns, self._emitted, self._skipped = began_ns, emitted, skipped
         self._off = [link.off_bytes[: link.array.frame_bytes] for link in links]
         self._content: Content | None = None
+        self._newest: Content | None = None  # the content that plays, or that played last
         self._start_ns: int = 0
         self._head: int = 0
         self._end: int = 0  # behind the last frame of content
@@ -107,7 +109,7 @@ class PacedWriter:
         self.dry_ns = self._wrote_ns
         """When the arrays will have played all that was written [ns], if they were dry before the last stop."""
         self._pose: tuple[int, int] | None = None  # number and stamp of one none of whose frames has been written
-        self._marks: deque[tuple[int, int, int, int]] = deque()  # pose number, stamp, frame number, due
+        self._marks: deque[tuple[Content | None, int, int, int, int]] = deque()  # pose number, stamp, frame number, due
 
     @property
     def is_idle(self) -> bool:
@@ -118,7 +120,8 @@ class PacedWriter:
         """Begin a content, in place of the one before."""
         for guard in self.guards:
             guard.start()
-        self._content, self._start_ns, self._is_stalled = content, 0, False
+        self._content = self._newest = content
+        self._start_ns, self._is_stalled, self._pose = 0, False, None
 
     def stop(self) -> None:
         """End the content: off frames follow what has been written."""
@@ -129,7 +132,7 @@ class PacedWriter:
     def report_emission(self) -> None:
         """Tell when first frames of poses were played, as far as that is known."""
         while self._marks:
-            number, stamp_ns, frame, due_ns = self._marks[0]
+            content, number, stamp_ns, frame, due_ns = self._marks[0]
             began_ns = due_ns if self._began_ns is None else self._began_ns(frame)
             if began_ns is None:
                 if self._clock.now_ns() - due_ns < _UNKNOWN_NS:
@@ -137,7 +140,7 @@ class PacedWriter:
                 self._marks.popleft()  # a board that plays nothing, or has forgotten when
                 continue
             self._marks.popleft()
-            self._emitted(number, stamp_ns, began_ns)
+            self._emitted(content is self._newest, number, stamp_ns, began_ns)
 
     def step(self) -> int:
         """Write what is due by now; returns when to be called again at the latest [ns], by the links' clock.
@@ -187,7 +190,9 @@ class PacedWriter:
             skip = 0
         self._is_stalled = False
         if self._pose is not None:
-            self._marks.append((*self._pose, self._written, self._start_ns + self._head * self._period_ns))
+            self._marks.append(
+                (self._newest, *self._pose, self._written, self._start_ns + self._head * self._period_ns)
+            )
             self._pose = None
         count = piece.frame_count - skip
         if (behind := min(self._behind(), count - 1)) > 0:

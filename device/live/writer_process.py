@@ -257,8 +257,8 @@ class _Process:
     def _do_end(self) -> None:
         self._is_ending = True
 
-    def _note_emission(self, number: int, stamp_ns: int, began_ns: int) -> None:
-        if self._awaits_onset:
+    def _note_emission(self, is_current: bool, number: int, stamp_ns: int, began_ns: int) -> None:
+        if self._awaits_onset and is_current:  # the last poses of a content are often known when the next one plays
             self._awaits_onset = False
             self._tell("began", number=self._playing, onset_ns=began_ns)
         if self._playing is None:

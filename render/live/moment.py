@@ -131,7 +131,7 @@ class LiveMoment:
     state: str
     """`tracking`: poses come. `held`: the last one is more than 50 ms old, or the tracker sees no hand any more; its
     contours are drawn on, and fade. `faded`: nothing is drawn until the next pose comes. `no hand`: no pose has come
-    yet, or the tracker has said that it sees none, and the last one has faded."""
+    yet, or none was copied yet, or the tracker has said that it sees none, and the last one has faded."""
     time: float
     """When the newest focal point is due, from the run's first one [s]; 0 before the first pose."""
     pose_number: int | None = None
@@ -182,13 +182,13 @@ def moment_of(
     now_ns: int,
     **counts: Any,
 ) -> LiveMoment | None:
-    """The moment for a viewer; None where nothing is drawn, or nothing was copied yet of what is.
+    """The moment for a viewer; None where nothing is drawn.
 
     copied, noted: as `MomentSlot` gives them. hold: age from which a pose fades [s]. counts: `LiveMoment`'s of the run,
     and its number.
     """
     process_state, is_lost, pose_due_ns = noted
-    if process_state == RESTING or (process_state == DRAWING and copied is None):
+    if process_state == RESTING:
         return None
     age = (now_ns - pose_due_ns) * 1e-9
     state = FADED

@@ -435,8 +435,9 @@ class _RendererProcess:
                 self._tell("began", base=renderer.base)
             if (at := renderer.stopped_at) is not None and self._is_stopping:
                 self._is_stopping = False
-                self._tell("stopped", at=at)
                 renderer.rest()
+                renderer.show()  # before it is told: who hears of it finds no moment of what has ended
+                self._tell("stopped", at=at)
             if (now := time.monotonic()) >= self._state_at:
                 self._tell_state(now)
             watched = [own.control_fd, own.pose_fd] if self._listens else [own.control_fd]
@@ -468,6 +469,7 @@ class _RendererProcess:
                 case "go":
                     self._listens = self._is_asked = True
                     self._renderer.begin(message["base"], message.get("index", 0))
+                    self._renderer.show()  # before anything plays: who hears of the onset finds a moment
                 case "listen":
                     self._listens = True
                 case "intensity":

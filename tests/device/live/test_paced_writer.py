@@ -32,19 +32,23 @@ class Bench:
             link.start(DIVIDER)
         self.board = self.buses[0].board()
         self.base = self.board.frames_played
-        self.emitted, self.skipped = [], []
+        self.emitted, self.skipped, self.of_newest = [], [], []
         self.writer = PacedWriter(
             self.links,
             DIVIDER,
             pace=WriterPace(),
             limits=limits,
             began_ns=lambda number: self.board.began_ns(self.base + number),
-            emitted=lambda *pose: self.emitted.append(pose),
+            emitted=self.note_emission,
             skipped=lambda *span: self.skipped.append(span),
         )
         sizes = [self.model.frame_bytes] * count
         self.ring = FrameRing(sizes, frame_count=40, slot_count=200)
         self.guard = Guard(NO_LIMITS, self.model)
+
+    def note_emission(self, is_current, *pose):
+        self.of_newest.append(is_current)
+        self.emitted.append(pose)
 
     def frames(self, levels):
         """Frames whose amplitudes are these, the same focus in all."""
@@ -119,6 +123,19 @@ def test_contents_follow_each_other_and_repeat():
     assert (level == 128).sum() == 20
 
 
+def test_a_pose_that_is_reported_late_is_none_of_the_content_that_plays_next():
+    bench = Bench()
+    bench.writer.play(bench.stored(on(10)))
+    bench.writer.step()
+    bench.clock.sleep_until_ns(bench.clock.now_ns() + 5 * MS)  # all has been played, and nothing was reported yet
+    bench.writer.play(bench.stored(on(10, 0.5)))
+    bench.run(20)
+    assert bench.of_newest == [False, True]
+    level, began_ns = bench.played
+    starts = [began_ns[np.flatnonzero(level == value)[0]] for value in (255, 128)]
+    assert [when for _, _, when in bench.emitted] == starts
+
+
 def test_a_frame_is_played_at_its_time_and_its_pose_is_reported():
     bench = Bench()
     bench.ring.start_ns = bench.clock.now_ns() + 3 * MS
@@ -130,6 +147,7 @@ def test_a_frame_is_played_at_its_time_and_its_pose_is_reported():
     level, began_ns = bench.played
     first = began_ns[np.flatnonzero(level)[0]]
     assert abs(first - bench.ring.start_ns) <= PERIOD_NS
+    assert bench.of_newest == [True, True]
     second = began_ns[np.flatnonzero(level == 128)[0]]
     assert second - first == 40 * PERIOD_NS
     assert [(number, stamp) for number, stamp, _ in bench.emitted] == [(0, 5), (1, 6)]

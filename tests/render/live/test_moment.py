@@ -130,4 +130,4 @@ def test_the_state_follows_from_the_age_of_the_pose_and_from_what_the_tracker_se
 def test_before_the_first_pose_there_is_no_hand_and_at_rest_no_moment():
     assert moment(0, state=WAITING, copied=False).state == moment(0, state=WAITING).state == "no hand"
     assert moment(0, state=RESTING) is None
-    assert moment(0, copied=False) is None
+    assert moment(0, copied=False).state == "no hand"  # it is drawn, and nobody has copied it yet

@@ -8,6 +8,8 @@ RenderError
 ├── PoseError (ValueError)       poses that cannot be used
 ├── SweepError                   a sweep that fails, or a worker that cannot take part in it
 │   └── PlanError (ValueError)   a plan with an unknown key or a value that is not allowed
+├── StudyError                   a study that cannot go on
+│   └── StudyPlanError (ValueError) a study's plan with an unknown key or a value that is not allowed
 ├── PlacementError (ValueError)  a placement that cannot be applied
 ├── RepairError (ValueError)     an option of loading a mesh with a value that is not allowed
 ├── UntrustedCodeError           code named by a file that the user has not permitted to run
@@ -54,6 +56,14 @@ class PoseError(RenderError, ValueError):
 
 class SweepError(RenderError):
     """A sweep that cannot start or fails, or a worker that cannot take part in it."""
+
+
+class StudyError(RenderError):
+    """A study that cannot begin or go on, or an answer that a question does not take."""
+
+
+class StudyPlanError(StudyError, ValueError):
+    """A study's plan with an unknown key or an impossible value; the message names file, line and key."""
 
 
 class PlanError(SweepError, ValueError):

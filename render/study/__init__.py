@@ -1,0 +1,1 @@
+"""`palpate study`: from a plan to the last answer of a participant."""

@@ -1,0 +1,1 @@
+"""What participants and experimenters see in the browser."""

@@ -29,6 +29,7 @@ try:
     from .options.prepare import prepare
     from .options.reproduce import reproduce
     from .options.selftest import selftest
+    from .options.study import STUDY_HELP, study
     from .options.sweep import SWEEP_HELP, sweep
     from .options.trust import AllowCode, trust
     from .options.view import view
@@ -226,6 +227,7 @@ def voxelise(
 
 
 app.add_typer(sweep, name="sweep", help=SWEEP_HELP, short_help="Make every combination that a plan names, as a table.")
+app.add_typer(study, name="study", help=STUDY_HELP, short_help="Run a study with people, from a plan.")
 app.command(short_help="Permit code that files name, as it is now.")(trust)
 
 

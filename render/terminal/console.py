@@ -28,6 +28,7 @@ from ..errors import (
     RenderError,
     RepairError,
     StrategyError,
+    StudyPlanError,
     UntrustedCodeError,
 )
 from ..runtime.interrupt import ended_promptly
@@ -69,6 +70,7 @@ MISUSES = (
     PlacementError,
     RepairError,
     PlanError,
+    StudyPlanError,
     UntrustedCodeError,
     NotStoreError,
     UnknownArrayError,
@@ -263,7 +265,7 @@ def _run(command: Callable[[], object], *, as_json: bool) -> int:
         except OutputError:
             raise
         except (RenderError, DatasetError, DeviceError) as error:
-            faults = error.args if isinstance(error, PlanError) else ()
+            faults = error.args if isinstance(error, PlanError | StudyPlanError) else ()
             # A path that stands for nothing is misuse, too.
             is_missing = isinstance(error.__cause__, FileNotFoundError | NotADirectoryError)
             misused = isinstance(error, MISUSES) or getattr(error, "names_nothing", False) or is_missing

@@ -2,15 +2,17 @@
 
 from collections.abc import Collection, Mapping
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
-from ....datasets.known_names import find_name
+from ....datasets.known_names import find_name, likely_name
 from ...terminal import console
 from ...terminal.wording import Wording
 
+RUN = "run"
 COMPLETION = ("--install-completion", "--show-completion")
 OLD_NAMES = {
     "demo": {"--folder": "--out"},
@@ -74,6 +76,36 @@ class CommandGroup(TyperGroup):
         """Leave out the group's --help where a command follows: typer imports pydantic for an option without value."""
         self.add_help_option = not (args and args[0] in self.commands)
         return super().parse_args(ctx, args)
+
+
+class PlanGroup(CommandGroup):
+    """A group whose first word is a plan, or an option of its hidden command `run`, unless it names another command."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put in `run`, which nobody writes, unless a shell completes the first word."""
+        if ctx.resilient_parsing and not args:
+            return super().parse_args(ctx, args)
+        first = args[0] if args else RUN
+        name = find_name(first, self.commands)
+        meant = "" if "." in first or Path(first).exists() else likely_name(first, self.commands)
+        if name is None and meant:
+            ctx.fail(f"No such plan or command '{first}'{meant}.")
+        return super().parse_args(ctx, [RUN, *args] if name is None else [name, *args[1:]])
+
+
+class RunContext(TyperCommand.context_class):
+    """Of `run`, whose name no help and no error shows."""
+
+    @property
+    def command_path(self) -> str:
+        """What comes before the arguments."""
+        return self.parent.command_path if self.parent else ""
+
+
+class RunCommand(TyperCommand):
+    """`run`."""
+
+    context_class = RunContext
 
 
 def renamed(args: list[str], new_names: Mapping[str, str], taking: Collection[str]) -> list[str]:

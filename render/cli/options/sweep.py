@@ -1,13 +1,11 @@
 """The command line of sweeps: `palpate sweep PLAN.toml`, and `palpate sweep status STORE` and its like."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-from typer.core import TyperCommand
 
-from ....datasets.known_names import find_name, likely_name
-from .command_group import CommandGroup
+from .command_group import RUN, PlanGroup, RunCommand
 from .output import Json, Overwrite, Quiet, run_job
 from .trust import AllowCode
 
@@ -23,7 +21,6 @@ SUMMARY_HELP = "Append counts, failures and what moved to FILE.md as Markdown, f
 TOLERANCE_HELP = "[COLUMN=]NUMBER[abs]: relative, or absolute; by default 1e-6. May be repeated."
 
 STORES = "Of a store that is there: palpate sweep status, failures, prune, merge; each has --help."
-RUN = "run"
 UPKEEP = "..sweeps.upkeep"
 PLAN_KEYS = (
     "scale", "up", "fit", "rotate", "at", "kind", "level", "label", "inside", "spacing", "unit", "bounds", "solid",
@@ -34,36 +31,10 @@ PLAN_KEYS = (
 """Keys of a plan that are arguments in Python (those of the plan itself take long to import; a test compares them)."""
 
 
-class SweepGroup(CommandGroup):
+class SweepGroup(PlanGroup):
     """Commands about stores; any other first word is a plan, or an option, of `run`."""
 
     plan_keys = PLAN_KEYS
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Put in `run`, which nobody writes, unless a shell completes the first word."""
-        if ctx.resilient_parsing and not args:
-            return super().parse_args(ctx, args)
-        first = args[0] if args else RUN
-        name = find_name(first, self.commands)
-        meant = "" if "." in first or Path(first).exists() else likely_name(first, self.commands)
-        if name is None and meant:
-            ctx.fail(f"No such plan or command '{first}'{meant}.")
-        return super().parse_args(ctx, [RUN, *args] if name is None else [name, *args[1:]])
-
-
-class RunContext(TyperCommand.context_class):
-    """Of `run`, whose name no help and no error shows."""
-
-    @property
-    def command_path(self) -> str:
-        """What comes before the arguments."""
-        return self.parent.command_path if self.parent else ""
-
-
-class RunCommand(TyperCommand):
-    """`run`."""
-
-    context_class = RunContext
 
 
 sweep = typer.Typer(cls=SweepGroup, add_completion=False, rich_markup_mode=None)

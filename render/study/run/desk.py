@@ -29,7 +29,7 @@ class ShownObject:
     """What a participant sees beside the words."""
 
     solid: str
-    """Built-in name or path of the mesh that is drawn, where its `[[stimulus]]` places it."""
+    """Name of the mesh that is drawn; it does not tell the participant how it is rendered."""
     opacity: float
     """Above 0, at most 1."""
     has_hand: bool

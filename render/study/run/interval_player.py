@@ -1,0 +1,169 @@
+"""Plays the stimuli of a study's intervals on an open array, and says of each what was played and when."""
+
+import hashlib
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ....datasets.contour_file.live_summary import summarise_run
+from ....datasets.contour_file.reader import ContourFile
+from ....datasets.errors import ContourFileError, DatasetError
+from ....device.errors import DeviceTimeoutError
+from ...live.session import LiveStimulus, Onset, Session, Stimulus
+from ...objects.solid import Solid
+from ...reports.file_summary import length_ratio
+from ..plan.study_plan import PlannedStimulus, StudyPlan
+
+HAND_SECONDS = 1.0  # that a live stimulus waits for a hand before the participant is asked for one
+PLAYED = "played"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlayedInterval:
+    """What came of one interval. Times of CLOCK_MONOTONIC [s]."""
+
+    stimulus: str
+    outcome: str
+    """`played`, or `stopped` and why."""
+    onset: float | None = None
+    """Of the first focal point; None where none was played."""
+    is_estimate: bool = False
+    """Whether the onset is when the first frame was due, as the array cannot say when it was played."""
+    latency: float | None = None
+    """From the call that began the stimulus to its onset [s]."""
+    ended: float | None = None
+    """When the array was silent again."""
+    seconds_on: float = 0.0
+    """For which something was drawn [s]: what heats the array."""
+    poses_file: Path | None = None
+    """Contour file of what was drawn live, if it was kept."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawnInterval:
+    """What a live interval drew, from its contour file."""
+
+    poses: int
+    pose_latency_p50: float | None
+    """From a pose's time stamp to its first focal point [s]."""
+    pose_latency_p99: float | None
+    dropped: int
+    """Focal points that were not played as drawn."""
+    length_mean: float
+    """Of all contours, over all poses [m]."""
+    r: float | None
+    """|CC| / |OC| over the same poses; None where the strategy closes nothing, or no open contour was met."""
+    r_open: float | None
+    """The same, a palm wholly inside the object counted as nothing."""
+
+
+class IntervalPlayer:
+    """Stimuli of a plan, loaded on a session, each played by its name.
+
+    solids: of live stimuli, by the stimulus' name.
+    """
+
+    def __init__(self, session: Session, plan: StudyPlan, solids: Mapping[str, Solid]) -> None:
+        self._session = session
+        self._duration = {own.name: own.duration for own in plan.stimuli}
+        self._is_live = {own.name: own.file is None for own in plan.stimuli}
+        numbers = session.load([_session_stimulus(own, plan, solids) for own in plan.stimuli])
+        self._numbers = dict(zip(self._duration, numbers, strict=True))
+
+    @property
+    def update_rate(self) -> float:
+        """Of all stimuli [Hz]."""
+        return self._session.update_rate
+
+    def play(
+        self,
+        name: str,
+        *,
+        poses_file: Path | None,
+        is_held: Callable[[], bool],
+        begun: Callable[[Onset], object],
+        waits_for_hand: Callable[[], object],
+    ) -> PlayedInterval:
+        """Play a stimulus to its end, or until `is_held` says that nothing may play now.
+
+        poses_file: of a live one, to be made; None: its poses are not kept. begun: called at its onset. waits_for_hand:
+        called once a second while a live one finds no hand.
+        Raises what ends the session: the array failed, or a limit was met.
+        """
+        session, is_live = self._session, self._is_live[name]
+        drawn = session.statistics().frames_on
+        kept = poses_file if is_live else None
+        while True:
+            if is_held():
+                return PlayedInterval(stimulus=name, outcome="stopped before it began")
+            try:
+                onset = session.play(self._numbers[name], record=kept, timeout=HAND_SECONDS)
+                break
+            except DeviceTimeoutError:
+                if not is_live:
+                    raise
+                waits_for_hand()
+        begun(onset)
+        outcome = PLAYED
+        try:
+            while not session.wait(0.0):
+                if is_held():
+                    session.stop()
+                    outcome = f"stopped after {time.monotonic() - onset.time:.3f} s"
+        except (DatasetError, OSError) as error:  # of keeping the poses: the array is silent, and goes on
+            outcome = f"stopped: its poses could not be kept: {error}"
+        ended = time.monotonic()
+        seconds_on = min(ended - onset.time, self._duration[name])
+        if is_live:
+            seconds_on = min(seconds_on, (session.statistics().frames_on - drawn) / session.update_rate + _COUNTED_EACH)
+        return PlayedInterval(
+            stimulus=name,
+            outcome=outcome,
+            onset=onset.time,
+            is_estimate=onset.is_estimate,
+            latency=onset.latency,
+            ended=ended,
+            seconds_on=seconds_on,
+            poses_file=kept if kept is not None and kept.exists() else None,
+        )
+
+
+_COUNTED_EACH = 0.3  # [s]: frames that are drawn are counted so often, so that the last ones may be missing
+
+
+def drawn_interval(path: Path) -> DrawnInterval:
+    """What a live interval drew; raises ContourFileError for a file that is no recording of one."""
+    with ContourFile(path) as file:
+        metrics = file.metrics(0, file.pose_count)
+        transform = file.strategy.get("transform")
+        run = summarise_run(file)
+    if run is None:
+        raise ContourFileError(f"{path}: it is no recording of a live rendering")
+    length, length_object = (metrics[name].astype(np.float64) for name in ("length", "length_object"))
+    closes = isinstance(transform, list) and "close" in transform
+    return DrawnInterval(
+        poses=len(length),
+        pose_latency_p50=run["latency_p50"],
+        pose_latency_p99=run["latency_p99"],
+        dropped=run["samples"] - run["emitted"],
+        length_mean=float(length.mean()) if len(length) else 0.0,
+        r=length_ratio(length.sum(), length_object.sum()) if closes else None,
+        r_open=length_ratio(length[length_object > 0].sum(), length_object.sum()) if closes else None,
+    )
+
+
+def sha256_of(path: Path) -> str:
+    """SHA-256 of a file's bytes."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _session_stimulus(own: PlannedStimulus, plan: StudyPlan, solids: Mapping[str, Solid]) -> Stimulus | LiveStimulus:
+    if own.file is not None:
+        return Stimulus(own.file, sampling=own.sampling, duration=own.duration)
+    return LiveStimulus(
+        solids[own.name], own.duration, hand=plan.hand, strategy=own.strategy, sampling=own.sampling
+    )

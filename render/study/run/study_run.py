@@ -1,0 +1,450 @@
+"""One participant's way through a study: screens, intervals, answers; what is answered already is not asked again.
+
+All that is random follows from the plan's seed and the participant's number. So a run that goes on replays the answers
+on disk, comes to the same trial as before, and plays that one again if it has no answer.
+"""
+
+import time
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import asdict, replace
+from typing import Any
+
+from ....datasets.errors import DatasetError
+from ...errors import StudyError
+from ...live.session import Onset
+from ..plan.block_designs import block_numbers, rng_of, trial_counts, trials_of
+from ..plan.duty_account import DutyAccount, PlannedEmission
+from ..plan.study_plan import Answer, PlannedBlock, PlannedStimulus, Question, StudyPlan, Trial
+from .answer_store import AnswerStore, Progress
+from .desk import KeyChoice, Response, ShownObject, StudyDesk
+from .interval_player import PLAYED, DrawnInterval, IntervalPlayer, PlayedInterval, drawn_interval, sha256_of
+from .store_rows import AnswerRow, IntervalRow
+
+BEFORE, AFTER = "before", "after"
+CONSENT = "consent"
+AFTER_BLOCK = -1
+"""Number of the trial in place of those of questions after a block."""
+LEAD_IN = 0.5  # [s] from the key that begins a trial to its first interval
+SPACE = " "
+ARROWS = ("ArrowLeft", "ArrowRight")
+FINISHED, ENDED, DECLINED = "finished", "ended", "declined"
+"""What comes of a run."""
+
+Send = Callable[..., object]
+"""Sends an event to other instruments, as `EventStream.send`."""
+
+
+class _RunEnded(Exception):
+    """The experimenter has ended the run."""
+
+
+class _TrialHeld(Exception):
+    """Nothing may play now: the trial under way is played again later."""
+
+
+class StudyRun:
+    """A participant's run; `run` returns what came of it.
+
+    player: of the stimuli. account: of what the array was driven, from which pauses follow. send: gets events, with the
+    array's own time. By the names of stimuli: file_hashes: SHA-256 of stored ones; duties: of stored ones, 0..1;
+    shown_names: under which the page knows the mesh that is seen.
+    """
+
+    def __init__(
+        self,
+        plan: StudyPlan,
+        code: str,
+        *,
+        store: AnswerStore,
+        progress: Progress,
+        desk: StudyDesk,
+        player: IntervalPlayer,
+        account: DutyAccount,
+        send: Send,
+        file_hashes: Mapping[str, str],
+        duties: Mapping[str, float],
+        shown_names: Mapping[str, str],
+    ) -> None:
+        self._plan, self._code, self._store, self._progress = plan, code, store, progress
+        self._desk, self._player, self._account, self._send = desk, player, account, send
+        self._file_hashes, self._duties, self._shown_names = file_hashes, duties, shown_names
+        self._number = plan.codes.index(code)
+        self._answers: dict[tuple[str, int, str], Answer] = {key: row.value for key, row in progress.answers.items()}
+        self._stimuli = {own.name: own for own in plan.stimuli}
+        self._trials_done = 0
+        self._trial_total = sum(sum(trial_counts(block)[:2]) for block in plan.blocks)
+        self._position = 0
+        self._is_fresh = True  # nobody has said that they are ready since the last interruption
+
+    def run(self) -> str:
+        """Run to the end; returns `FINISHED`, `ENDED` or `DECLINED`.
+
+        Raises what ends the session: the array failed, or a limit was met. What was answered until then is on disk.
+        """
+        self._desk.set_status(participant=self._code, study=self._plan.title, trials=self._trial_total)
+        self._tell("study_begun", participant=self._code)
+        try:
+            outcome = self._run()
+        except _RunEnded:
+            outcome = ENDED
+        self._tell("study_ended", outcome=outcome)
+        return outcome
+
+    def _run(self) -> str:
+        plan = self._plan
+        if not self._answers and plan.welcome:
+            self._read(plan.welcome, title=plan.title)
+        if plan.consent and not self._agrees():
+            self._desk.show("ended", plan.sentence("declined"))
+            return DECLINED
+        for question in plan.questions_before:
+            self._answer_to(BEFORE, AFTER_BLOCK, question)
+        for position, number in enumerate(block_numbers(plan, self._number)):
+            self._position = position
+            self._run_block(number)
+        self._position = len(plan.blocks)
+        for question in plan.questions_after:
+            self._answer_to(AFTER, AFTER_BLOCK, question)
+        self._save(self._store.finish)
+        self._desk.show("ended", plan.goodbye or plan.sentence("ended"), progress=1.0)
+        return FINISHED
+
+    def _agrees(self) -> bool:
+        plan = self._plan
+        question = Question(
+            name=CONSENT,
+            text="\n\n".join(filter(None, (plan.consent, plan.data_statement))),
+            kind="choice",
+            options=(plan.sentence("agree"), plan.sentence("decline")),
+        )
+        return self._answer_to(BEFORE, AFTER_BLOCK, question) == 0
+
+    def _run_block(self, number: int) -> None:
+        plan, block = self._plan, self._plan.blocks[number]
+        trials = trials_of(block, rng_of(plan, self._number, number))
+        practice, least, _ = trial_counts(block)
+        self._desk.set_status(block=block.name, block_number=self._position + 1, blocks=len(plan.blocks))
+        is_begun = any(key[0] == block.name for key in self._answers)
+        if not is_begun:
+            self._tell("block_begun", block=block.name, design=block.design)
+            words = [plan.sentence("practice", count=practice)] if practice else []
+            title = plan.sentence("block", number=self._position + 1, count=len(plan.blocks))
+            self._read("\n\n".join(filter(None, (block.instruction, *words))) or title, title=title)
+        self._is_fresh = True
+        place = 0
+        for trial, give in _driven(trials):
+            if place == practice > 0 and (block.name, place, trial.questions[0].name) not in self._answers:
+                self._read(plan.sentence("practice_over"))
+            title = plan.sentence("progress", number=place + 1, count=max(practice + least, place + 1))
+            give(self._run_trial(block, place, trial, title))
+            place += 1
+            self._trials_done += 1
+        for question in block.questions_after:
+            self._answer_to(block.name, AFTER_BLOCK, question, block=block)
+
+    def _run_trial(self, block: PlannedBlock, place: int, trial: Trial, title: str) -> dict[str, Answer]:
+        """The answers of a trial, which is played unless one of them is on disk."""
+        attempt = self._progress.next_attempt(block.name, place)
+        played: list[tuple[IntervalRow, PlayedInterval]] = []
+        self._desk.set_status(
+            trial=place + 1, trials_done=self._trials_done, is_practice=trial.is_practice, attempt=attempt + 1
+        )
+        if not any((block.name, place, own.name) in self._answers for own in trial.questions):
+            while True:
+                attempt = self._free_attempt(block.name, place, attempt)
+                try:
+                    played = self._play_trial(block, place, trial, attempt, title)
+                    break
+                except _TrialHeld:
+                    attempt += 1
+                    self._is_fresh = True
+        answers = {}
+        for question in trial.questions:
+            answers[question.name] = self._answer_to(
+                block.name, place, question, block=block, trial=trial, attempt=attempt, title=title,
+                shown=lambda: self._keep_intervals(played),
+            )  # fmt: skip
+        return answers
+
+    def _play_trial(
+        self, block: PlannedBlock, place: int, trial: Trial, attempt: int, title: str
+    ) -> list[tuple[IntervalRow, PlayedInterval]]:
+        """Play the intervals of a trial; raises _TrialHeld where they were not played to their end."""
+        plan, names = self._plan, self._interval_names(block, trial)
+        self._rest(block, names)
+        if self._is_fresh:
+            self._read(plan.sentence("ready"), title=title)
+            self._is_fresh = False
+        self._tell("trial_begun", block=block.name, trial=place, attempt=attempt, stimuli=list(trial.stimuli))
+        planned = time.monotonic() + LEAD_IN
+        played: list[tuple[IntervalRow, PlayedInterval]] = []
+        for interval, name in enumerate(names):
+            screen = self._interval_screen(block, trial, interval, name, title)
+            self._wait_until(planned)
+            row = IntervalRow(
+                block=block.name, block_position=self._position, trial=place, attempt=attempt, interval=interval,
+                stimulus=name, is_practice=trial.is_practice, file=_file_name(self._stimuli[name]),
+                file_sha256=self._file_hashes.get(name), onset_planned=planned,
+            )  # fmt: skip
+            own = self._play_interval(row, screen)
+            played.append((row, own))
+            if own.outcome != PLAYED:
+                self._keep_intervals(played)
+                if not self._desk.is_held:  # the disk, not a person, has stopped it
+                    self._desk.stop(own.outcome)
+                self._await_permission()
+                raise _TrialHeld
+            assert own.onset is not None  # it was played
+            planned = max(own.onset + self._stimuli[name].duration + block.gap, own.ended or 0.0)
+            if interval + 1 < len(names):
+                self._desk.show("stimulus", plan.sentence("gap"), title=title, shown=screen.shown, **self._common())
+        return played
+
+    def _play_interval(self, row: IntervalRow, screen: dict[str, Any]) -> PlayedInterval:
+        stimulus = self._stimuli[row.stimulus]
+        keeps = stimulus.file is None and self._plan.records_poses
+        self._desk.show("stimulus", **screen)
+        self._desk.set_status(stimulus=row.stimulus)
+
+        def begun(onset: Onset) -> None:
+            self._desk.show("stimulus", **screen)  # words that ask for a hand go
+            self._tell(
+                "stimulus_onset", array_time=onset.time, is_estimate=onset.is_estimate, block=row.block,
+                trial=row.trial, interval=row.interval, stimulus=row.stimulus,
+            )  # fmt: skip
+
+        own = self._player.play(
+            row.stimulus,
+            poses_file=self._poses_file(row) if keeps else None,
+            is_held=lambda: self._desk.is_held,
+            begun=begun,
+            waits_for_hand=lambda: self._desk.show("stimulus", **(screen | {"text": self._plan.sentence("no_hand")})),
+        )
+        self._tell("stimulus_ended", array_time=own.ended, stimulus=row.stimulus, outcome=own.outcome)
+        if own.onset is not None:
+            self._account.note(own.onset, own.seconds_on, self._duties.get(row.stimulus, 1.0))
+        return own
+
+    def _keep_intervals(self, played: list[tuple[IntervalRow, PlayedInterval]]) -> None:
+        """Put intervals on disk: while the participant thinks, as their files take a moment to be read."""
+        while played:
+            row, own = played[0]
+            drawn = None if own.poses_file is None else self._drawn(own)
+            self._save(lambda row=row, own=own, drawn=drawn: self._store.add_interval(_whole_row(row, own, drawn)))
+            played.pop(0)
+
+    def _drawn(self, own: PlayedInterval) -> DrawnInterval | None:
+        assert own.poses_file is not None  # the caller has looked
+        try:
+            return drawn_interval(own.poses_file)
+        except DatasetError as error:
+            self._store.add_event("poses_unreadable", file=own.poses_file.name, text=str(error))
+            return None
+
+    def _answer_to(
+        self,
+        block_name: str,
+        place: int,
+        question: Question,
+        *,
+        block: PlannedBlock | None = None,
+        trial: Trial | None = None,
+        attempt: int = 0,
+        title: str = "",
+        shown: Callable[[], object] = lambda: None,
+    ) -> Answer:
+        """The answer on disk, or the participant's, which is on disk when this returns.
+
+        shown: called once the question is shown.
+        """
+        key = (block_name, place, question.name)
+        if key in self._answers:
+            return self._answers[key]
+        keys = self._keys_of(question, () if trial is None else trial.key_order)
+        hint = self._plan.sentence(question.kind) if question.kind in ("number", "text") else ""
+
+        def show() -> None:
+            self._desk.show("question", question.text, title=title, hint=hint, keys=keys, question=question)
+            shown()
+
+        response = self._response_to(show)
+        label = question.options[int(response.value or 0)] if question.kind == "choice" else None
+        row = AnswerRow(
+            block=block_name, block_position=self._position, design=None if block is None else block.design,
+            trial=place, attempt=attempt, name=question.name, question=question.text, kind=question.kind,
+            value=response.value, label=label, key=response.key, key_order=tuple(own.key for own in keys),
+            stimuli=() if trial is None else trial.stimuli, is_practice=trial is not None and trial.is_practice,
+            track=None if trial is None or block is None or block.design != "staircase" else trial.track,
+            level=None if trial is None else trial.level, seconds=response.seconds,
+        )  # fmt: skip
+        self._save(lambda: self._store.add_answer(row))
+        self._answers[key] = response.value
+        self._tell("answer", block=block_name, trial=place, name=question.name, value=response.value, key=response.key)
+        return response.value
+
+    def _read(self, text: str, *, title: str = "") -> None:
+        """Show a text until the space bar is pressed."""
+        keys = (KeyChoice(key=SPACE, label=self._plan.sentence("continue")),)
+        self._response_to(lambda: self._desk.show("text", text, title=title, keys=keys, **self._common()))
+
+    def _response_to(self, show: Callable[[], object]) -> Response:
+        """What the participant answers to a screen, which is shown again after an interruption."""
+        while True:
+            self._await_permission()
+            show()
+            while not self._desk.is_held:
+                if (response := self._desk.await_response(0.25)) is not None:
+                    return response
+
+    def _await_permission(self) -> None:
+        """Wait until something may be shown and played; raises _RunEnded where the run is ended."""
+        desk = self._desk
+        if desk.is_ended:
+            raise _RunEnded
+        if not desk.is_held:
+            return
+        if desk.has_page or desk.is_stopped:
+            self._store_event("stopped", reason=desk.status()["stop_reason"] or "the participant's page was closed")
+        desk.show("wait", self._plan.sentence("stopped"))
+        self._is_fresh = True
+        while desk.is_held:
+            if desk.is_ended:
+                raise _RunEnded
+            desk.await_change(0.1)
+        self._tell("gone_on")
+
+    def _wait_until(self, when: float) -> None:
+        """Wait for a time [s of time.monotonic()]; raises _TrialHeld where the run is held meanwhile."""
+        while (left := when - time.monotonic()) > 0:
+            if self._desk.is_held:
+                self._await_permission()
+                raise _TrialHeld
+            self._desk.await_change(left) if left > 0.02 else time.sleep(left)
+
+    def _rest(self, block: PlannedBlock, names: list[str]) -> None:
+        """Wait as long as the block asks for, and as the array's limits demand before these intervals."""
+        emissions = [
+            PlannedEmission(
+                name=name, seconds=self._stimuli[name].duration, duty=self._duties.get(name, 1.0),
+                gap=0.0 if place == 0 else block.gap,
+            )
+            for place, name in enumerate(names)
+        ]  # fmt: skip
+        pause = max(self._account.pause_before(time.monotonic() + LEAD_IN, emissions), block.rest - LEAD_IN)
+        ends = time.monotonic() + pause
+        if pause > block.rest:
+            self._tell("rest", seconds=pause)
+            self._store_event("rest", seconds=pause)
+            self._desk.show("rest", self._plan.sentence("rest", seconds="{seconds}"), ends=ends, **self._common())
+        else:
+            self._desk.show("text", "", **self._common())
+        self._wait_until(ends)
+
+    def _save(self, action: Callable[[], object]) -> None:
+        """Put something on disk; while that fails, nothing goes on and nothing is lost: the experimenter is told."""
+        while True:
+            try:
+                action()
+                return
+            except StudyError as error:
+                self._desk.set_status(fault=str(error))
+                self._desk.stop(str(error))
+                self._tell("stopped", reason=str(error))
+            while self._desk.is_stopped and not self._desk.is_ended:
+                self._desk.await_change(0.1)
+            if self._desk.is_ended:
+                action()  # a last time; what it raises ends the run
+                return
+
+    def _store_event(self, name: str, **values: Any) -> None:
+        self._save(lambda: self._store.add_event(name, **values))
+        self._tell(name, **values)
+
+    def _tell(self, name: str, **values: Any) -> None:
+        self._send(name, **values)
+        self._desk.set_status(last_event=name)
+
+    def _common(self) -> dict[str, Any]:
+        return {
+            "has_noise": self._plan.noise_level > 0,
+            "progress": min(self._trials_done / max(self._trial_total, 1), 1.0),
+        }
+
+    def _interval_names(self, block: PlannedBlock, trial: Trial) -> list[str]:
+        """Of all that is played in a trial: of magnitudes with a modulus, that comes first."""
+        return [*([] if block.modulus is None else [block.modulus[0]]), *trial.stimuli]
+
+    def _interval_screen(
+        self, block: PlannedBlock, trial: Trial, interval: int, name: str, title: str
+    ) -> dict[str, Any]:
+        """Fields of the screen of an interval."""
+        plan, stimulus, count = self._plan, self._stimuli[name], len(self._interval_names(block, trial))
+        text = plan.sentence("interval", number=interval + 1) if count > 1 else ""
+        if block.modulus is not None and interval == 0:
+            text = plan.sentence("modulus", value=block.modulus[1])
+        seen, shown = self._shown_names.get(stimulus.name), None
+        if seen is not None and (block.opacity > 0 or block.shows_hand):
+            shown = ShownObject(solid=seen, opacity=block.opacity, has_hand=block.shows_hand)
+        return {"text": text, "title": title, "shown": shown, **self._common()}
+
+    def _free_attempt(self, block: str, place: int, attempt: int) -> int:
+        """The first number of an attempt from this one on that no killed run has left a file of."""
+        while any(self._store.poses_folder.glob(f"{self._store.poses_name(block, place, None, attempt)}*")):
+            attempt += 1
+        return attempt
+
+    def _poses_file(self, row: IntervalRow) -> Any:
+        return self._store.poses_path(row.block, row.trial, row.interval, row.attempt)
+
+    def _keys_of(self, question: Question, order: tuple[int, ...]) -> tuple[KeyChoice, ...]:
+        return keys_of(self._plan, question, order)
+
+
+def keys_of(plan: StudyPlan, question: Question, order: tuple[int, ...] = ()) -> tuple[KeyChoice, ...]:
+    """Keys of a question, each with the answer that it gives; order: the option's number under each key."""
+    if question.kind == "scale":
+        return tuple(
+            KeyChoice(key=str(point % 10), label=str(point), value=point) for point in range(1, question.point_count + 1)
+        )
+    if question.kind != "choice":
+        return ()
+    count = len(question.options)
+    keys = plan.choice_keys or (ARROWS if count == 2 else tuple(str(number % 10) for number in range(1, count + 1)))
+    order = order or tuple(range(count))
+    return tuple(
+        KeyChoice(key=key, label=question.options[option], value=option)
+        for key, option in zip(keys, order, strict=False)
+    )
+
+
+def _driven(
+    trials: Generator[Trial, Mapping[str, Answer], None],
+) -> Generator[tuple[Trial, Callable[[dict[str, Answer]], object]], None, None]:
+    """Trials, each with the function that takes its answers before the next one is made."""
+    given: list[dict[str, Answer]] = []
+    trial = next(trials, None)
+    while trial is not None:
+        yield trial, given.append
+        try:
+            trial = trials.send(given.pop())
+        except StopIteration:
+            return
+
+
+def _file_name(stimulus: PlannedStimulus) -> str | None:
+    return None if stimulus.file is None else stimulus.file.name
+
+
+def _whole_row(row: IntervalRow, own: PlayedInterval, drawn: DrawnInterval | None) -> IntervalRow:
+    """A row with what was played."""
+    return replace(
+        row,
+        onset=own.onset,
+        is_estimate=own.is_estimate,
+        latency=own.latency,
+        ended=own.ended,
+        outcome=own.outcome,
+        poses_file=None if own.poses_file is None else own.poses_file.name,
+        poses_sha256=None if own.poses_file is None else sha256_of(own.poses_file),
+        **({} if drawn is None else asdict(drawn)),
+    )

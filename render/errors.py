@@ -63,7 +63,13 @@ class StudyError(RenderError):
 
 
 class StudyPlanError(StudyError, ValueError):
-    """A study's plan with an unknown key or an impossible value; the message names file, line and key."""
+    """A study's plan with an unknown key or an impossible value; the message names file, line and key.
+
+    Given several arguments, it shows one fault per line.
+    """
+
+    def __str__(self) -> str:
+        return "\n".join(str(fault) for fault in self.args)
 
 
 class PlanError(SweepError, ValueError):

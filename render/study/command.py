@@ -52,7 +52,7 @@ def run_study(options: dict[str, Any], *, as_json: bool) -> int:
     if options["dry_run"]:
         return _print_sheet(plan, judgement, as_json=as_json)
     if judgement.faults:
-        raise StudyPlanError("\n".join(judgement.faults))
+        raise StudyPlanError(*judgement.faults)
     folder = options["data"] or options["plan"].with_suffix(".data")
     with ending_on_signals(), ExitStack() as stack:
         store = stack.enter_context(AnswerStore(folder, plan))

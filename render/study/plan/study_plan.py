@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 from ....device.playing.limits import Limits
+from ...objects.mesh.placement import Placement
 
 QuestionKind = Literal["choice", "scale", "number", "text"]
 Design = Literal["2ifc", "constant", "staircase", "magnitude", "rating", "exploration"]
@@ -56,6 +57,8 @@ class PlannedStimulus:
     sampling: str | None = None
     shown: str | None = None
     """Object that the participant sees; None: `solid`, and nothing for a file."""
+    placement: Placement = Placement()
+    """Of `solid` and of `shown`."""
     value: float | None = None
     """What psychometric functions are drawn over: level, frequency, size, in the plan's own unit."""
 

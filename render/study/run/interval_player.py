@@ -143,6 +143,8 @@ def drawn_interval(path: Path) -> DrawnInterval:
     if run is None:
         raise ContourFileError(f"{path}: it is no recording of a live rendering")
     length, length_object = (metrics[name].astype(np.float64) for name in ("length", "length_object"))
+    whole, opened = float(length.sum()), float(length_object.sum())
+    partly = float(length[length_object > 0].sum())
     closes = isinstance(transform, list) and "close" in transform
     return DrawnInterval(
         poses=len(length),
@@ -150,8 +152,8 @@ def drawn_interval(path: Path) -> DrawnInterval:
         pose_latency_p99=run["latency_p99"],
         dropped=run["samples"] - run["emitted"],
         length_mean=float(length.mean()) if len(length) else 0.0,
-        r=length_ratio(length.sum(), length_object.sum()) if closes else None,
-        r_open=length_ratio(length[length_object > 0].sum(), length_object.sum()) if closes else None,
+        r=length_ratio(whole, opened) if closes else None,
+        r_open=length_ratio(partly, opened) if closes else None,
     )
 
 

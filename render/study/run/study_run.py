@@ -11,17 +11,17 @@ from typing import Any
 
 from ....datasets.errors import DatasetError
 from ...errors import StudyError
+from ...live.recorder import spool_folder
 from ...live.session import Onset
 from ..plan.block_designs import block_numbers, rng_of, trial_counts, trials_of
-from ..plan.duty_account import DutyAccount, PlannedEmission
+from ..plan.duty_account import DutyAccount, EmissionInterval
 from ..plan.study_plan import Answer, PlannedBlock, PlannedStimulus, Question, StudyPlan, Trial
-from .answer_store import AnswerStore, Progress
+from .answer_store import AnswerStore
 from .desk import KeyChoice, Response, ShownObject, StudyDesk
 from .interval_player import PLAYED, DrawnInterval, IntervalPlayer, PlayedInterval, drawn_interval, sha256_of
-from .store_rows import AnswerRow, IntervalRow
+from .store_rows import ABOUT_CONSENT, AnswerRow, IntervalRow, Progress
 
 BEFORE, AFTER = "before", "after"
-CONSENT = "consent"
 AFTER_BLOCK = -1
 """Number of the trial in place of those of questions after a block."""
 LEAD_IN = 0.5  # [s] from the key that begins a trial to its first interval
@@ -102,7 +102,6 @@ class StudyRun:
         for position, number in enumerate(block_numbers(plan, self._number)):
             self._position = position
             self._run_block(number)
-        self._position = len(plan.blocks)
         for question in plan.questions_after:
             self._answer_to(AFTER, AFTER_BLOCK, question)
         self._save(self._store.finish)
@@ -112,12 +111,12 @@ class StudyRun:
     def _agrees(self) -> bool:
         plan = self._plan
         question = Question(
-            name=CONSENT,
+            name=ABOUT_CONSENT[2],
             text="\n\n".join(filter(None, (plan.consent, plan.data_statement))),
             kind="choice",
-            options=(plan.sentence("agree"), plan.sentence("decline")),
+            options=(plan.sentence("decline"), plan.sentence("agree")),
         )
-        return self._answer_to(BEFORE, AFTER_BLOCK, question) == 0
+        return self._answer_to(*ABOUT_CONSENT[:2], question) == 1
 
     def _run_block(self, number: int) -> None:
         plan, block = self._plan, self._plan.blocks[number]
@@ -151,7 +150,7 @@ class StudyRun:
         )
         if not any((block.name, place, own.name) in self._answers for own in trial.questions):
             while True:
-                attempt = self._free_attempt(block.name, place, attempt)
+                attempt = self._free_attempt(place, trial, attempt)
                 try:
                     played = self._play_trial(block, place, trial, attempt, title)
                     break
@@ -170,7 +169,7 @@ class StudyRun:
         self, block: PlannedBlock, place: int, trial: Trial, attempt: int, title: str
     ) -> list[tuple[IntervalRow, PlayedInterval]]:
         """Play the intervals of a trial; raises _TrialHeld where they were not played to their end."""
-        plan, names = self._plan, self._interval_names(block, trial)
+        plan, names = self._plan, trial.stimuli
         self._rest(block, names)
         if self._is_fresh:
             self._read(plan.sentence("ready"), title=title)
@@ -215,7 +214,7 @@ class StudyRun:
 
         own = self._player.play(
             row.stimulus,
-            poses_file=self._poses_file(row) if keeps else None,
+            poses_file=self._store.poses_path(row.block_position, row.trial, row.interval, row.attempt) if keeps else None,
             is_held=lambda: self._desk.is_held,
             begun=begun,
             waits_for_hand=lambda: self._desk.show("stimulus", **(screen | {"text": self._plan.sentence("no_hand")})),
@@ -260,7 +259,7 @@ class StudyRun:
         key = (block_name, place, question.name)
         if key in self._answers:
             return self._answers[key]
-        keys = self._keys_of(question, () if trial is None else trial.key_order)
+        keys = keys_of(self._plan, question, () if trial is None or not question.has_random_keys else trial.key_order)
         hint = self._plan.sentence(question.kind) if question.kind in ("number", "text") else ""
 
         def show() -> None:
@@ -268,13 +267,14 @@ class StudyRun:
             shown()
 
         response = self._response_to(show)
-        label = question.options[int(response.value or 0)] if question.kind == "choice" else None
+        label = question.options[int(response.value or 0)] if question.kind == "choice" else ""
         row = AnswerRow(
-            block=block_name, block_position=self._position, design=None if block is None else block.design,
+            block=block_name, block_position=-1 if block is None else self._position,
+            design="" if block is None else block.design,
             trial=place, attempt=attempt, name=question.name, question=question.text, kind=question.kind,
-            value=response.value, label=label, key=response.key, key_order=tuple(own.key for own in keys),
+            value=response.value, label=label, key=response.key, key_order=tuple(int(own.value or 0) for own in keys) if question.kind == "choice" else (),
             stimuli=() if trial is None else trial.stimuli, is_practice=trial is not None and trial.is_practice,
-            track=None if trial is None or block is None or block.design != "staircase" else trial.track,
+            track=0 if trial is None else trial.track,
             level=None if trial is None else trial.level, seconds=response.seconds,
         )  # fmt: skip
         self._save(lambda: self._store.add_answer(row))
@@ -321,11 +321,11 @@ class StudyRun:
                 raise _TrialHeld
             self._desk.await_change(left) if left > 0.02 else time.sleep(left)
 
-    def _rest(self, block: PlannedBlock, names: list[str]) -> None:
+    def _rest(self, block: PlannedBlock, names: tuple[str, ...]) -> None:
         """Wait as long as the block asks for, and as the array's limits demand before these intervals."""
         emissions = [
-            PlannedEmission(
-                name=name, seconds=self._stimuli[name].duration, duty=self._duties.get(name, 1.0),
+            EmissionInterval(
+                stimulus=name, seconds=self._stimuli[name].duration, duty=self._duties.get(name, 1.0),
                 gap=0.0 if place == 0 else block.gap,
             )
             for place, name in enumerate(names)
@@ -370,15 +370,11 @@ class StudyRun:
             "progress": min(self._trials_done / max(self._trial_total, 1), 1.0),
         }
 
-    def _interval_names(self, block: PlannedBlock, trial: Trial) -> list[str]:
-        """Of all that is played in a trial: of magnitudes with a modulus, that comes first."""
-        return [*([] if block.modulus is None else [block.modulus[0]]), *trial.stimuli]
-
     def _interval_screen(
         self, block: PlannedBlock, trial: Trial, interval: int, name: str, title: str
     ) -> dict[str, Any]:
         """Fields of the screen of an interval."""
-        plan, stimulus, count = self._plan, self._stimuli[name], len(self._interval_names(block, trial))
+        plan, stimulus, count = self._plan, self._stimuli[name], len(trial.stimuli)
         text = plan.sentence("interval", number=interval + 1) if count > 1 else ""
         if block.modulus is not None and interval == 0:
             text = plan.sentence("modulus", value=block.modulus[1])
@@ -387,17 +383,15 @@ class StudyRun:
             shown = ShownObject(solid=seen, opacity=block.opacity, has_hand=block.shows_hand)
         return {"text": text, "title": title, "shown": shown, **self._common()}
 
-    def _free_attempt(self, block: str, place: int, attempt: int) -> int:
-        """The first number of an attempt from this one on that no killed run has left a file of."""
-        while any(self._store.poses_folder.glob(f"{self._store.poses_name(block, place, None, attempt)}*")):
+    def _free_attempt(self, place: int, trial: Trial, attempt: int) -> int:
+        """The first number of an attempt from this one on, of which a killed run has left no file."""
+        while any(
+            path.exists() or spool_folder(path).exists()
+            for interval in range(len(trial.stimuli))
+            for path in [self._store.poses_path(self._position, place, interval, attempt)]
+        ):
             attempt += 1
         return attempt
-
-    def _poses_file(self, row: IntervalRow) -> Any:
-        return self._store.poses_path(row.block, row.trial, row.interval, row.attempt)
-
-    def _keys_of(self, question: Question, order: tuple[int, ...]) -> tuple[KeyChoice, ...]:
-        return keys_of(self._plan, question, order)
 
 
 def keys_of(plan: StudyPlan, question: Question, order: tuple[int, ...] = ()) -> tuple[KeyChoice, ...]:

@@ -12,7 +12,7 @@ import os
 import platform
 import sqlite3
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import asdict, fields
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -61,8 +61,7 @@ class AnswerStore:
         self._code = ""
         self._session = 0
         self._unsaved: IntervalRow | AnswerRow | None = None
-        self._last_wall: float | None = None
-        self._last_monotonic: float | None = None
+        self._last = (0.0, 0.0)  # of the wall clock and of CLOCK_MONOTONIC, when the last row was saved [s]
         try:
             self._keep_plan()
         except BaseException:
@@ -107,9 +106,7 @@ class AnswerStore:
         try:
             self._lock = FolderLock(self.folder, f"{code}.lock")
         except BlockingIOError as error:
-            raise StudyError(
-                f"participant {code} is being run by another process, with the same data folder"
-            ) from error
+            raise StudyError(f"participant {code} is being run by another process, with this data folder") from error
         except OSError as error:
             raise StudyError(f"{error.filename or self.folder} cannot be locked: {error.strerror}") from error
         try:
@@ -234,19 +231,19 @@ class AnswerStore:
         )
         if rows and rows[0]["finished"] is not None:
             raise StudyError(
-                f"participant {code} finished at {rows[0]['finished']}: if this is another person, each needs a code of "
-                "their own; codes may be added to the plan after the others"
+                f"participant {code} finished at {rows[0]['finished']}: if this is another person, each needs a code "
+                "of their own; codes may be added to the plan after the others"
             )
         if rows and not resume:
             raise StudyError(
-                f"participant {code} began at {rows[0]['began']} and has {rows[0]['answers']} answers: --resume goes on "
-                "where they stopped; another person needs another code"
+                f"participant {code} began at {rows[0]['began']} and has {rows[0]['answers']} answers: --resume goes "
+                "on where they stopped; another person needs another code"
             )
 
     def _begin_session(self, code: str, setup: SessionSetup) -> None:
         latest = self._file.rows(
-            "SELECT max(time) FROM (SELECT max(began) AS time FROM sessions UNION ALL SELECT max(recorded) FROM intervals "
-            "UNION ALL SELECT max(answered) FROM answers UNION ALL SELECT max(recorded) FROM events)"
+            "SELECT max(time) FROM (SELECT max(began) AS time FROM sessions UNION ALL SELECT max(recorded) FROM "
+            "intervals UNION ALL SELECT max(answered) FROM answers UNION ALL SELECT max(recorded) FROM events)"
         )[0][0]
         wall, monotonic = time.time(), time.monotonic()
         number = self._plan.codes.index(code)
@@ -263,19 +260,16 @@ class AnswerStore:
         with self._file.transaction(f"that participant {code} begins") as connection:
             connection.execute("INSERT OR IGNORE INTO participants VALUES (?, ?, ?, NULL)", (code, number, utc(wall)))
             session = _insert(connection, "sessions", values)
-            if latest is not None and wall < seconds_of(latest) - JUMP_SECONDS:
-                self._code, self._session = code, session
-                details = {"wall_before": latest, "wall": utc(wall), "monotonic_before": None, "monotonic": monotonic}
-                self._insert_event(connection, "clock_jump", details, wall, monotonic)
-        self._code, self._session, self._unsaved = code, session, None
-        self._last_wall, self._last_monotonic = wall, monotonic
+            self._code, self._session = code, session
+            if latest is not None:
+                self._note_jump(connection, (seconds_of(latest), None), (wall, monotonic))
+        self._unsaved, self._last = None, (wall, monotonic)
 
     def _progress(self) -> Progress:
         names = [own.name for own in fields(AnswerRow)]
         answers: dict[tuple[str, int, str], AnswerRow] = {}
-        for row in self._file.rows(
-            f"SELECT {', '.join(names)} FROM answers WHERE code = ? ORDER BY sequence", (self._code,)
-        ):
+        statement = f"SELECT {', '.join(names)} FROM answers WHERE code = ? ORDER BY sequence"
+        for row in self._file.rows(statement, (self._code,)):
             own = _answer(row)
             answers[own.block, own.trial, own.name] = own
         attempts = self._file.rows(
@@ -320,28 +314,32 @@ class AnswerStore:
             self._unsaved = None
             if error.sqlite_errorname != "SQLITE_CONSTRAINT_UNIQUE":
                 raise
-            raise StudyError(
-                f"{what} of participant {self._code} is saved already: {self._saved(table, row)}"
-            ) from error
+            saved = self._saved(table, row)
+            raise StudyError(f"{what} of participant {self._code} is saved already: {saved}") from error
         self._unsaved = None
 
     @contextlib.contextmanager
-    def _writing(self, what: str):
-        """A transaction with the two clocks' times [s]; an event comes first where they disagree with the last ones."""
-        wall, monotonic = time.time(), time.monotonic()
+    def _writing(self, what: str) -> Generator[tuple[sqlite3.Connection, float, float], None, None]:
+        """A transaction, and what wall clock and CLOCK_MONOTONIC show [s]."""
+        now = time.time(), time.monotonic()
         with self._file.transaction(what) as connection:
-            last_wall, last_monotonic = self._last_wall, self._last_monotonic
-            assert last_wall is not None and last_monotonic is not None
-            if abs((wall - last_wall) - (monotonic - last_monotonic)) > JUMP_SECONDS:
-                details = {
-                    "wall_before": utc(last_wall),
-                    "wall": utc(wall),
-                    "monotonic_before": last_monotonic,
-                    "monotonic": monotonic,
-                }
-                self._insert_event(connection, "clock_jump", details, wall, monotonic)
-            yield connection, wall, monotonic
-        self._last_wall, self._last_monotonic = wall, monotonic
+            self._note_jump(connection, self._last, now)
+            yield connection, *now
+        self._last = now
+
+    def _note_jump(
+        self, connection: sqlite3.Connection, before: tuple[float, float | None], now: tuple[float, float]
+    ) -> None:
+        """Save an event if the wall clock has moved otherwise than CLOCK_MONOTONIC, which nobody sets."""
+        passed = now[0] - before[0]
+        if passed < 0 or (before[1] is not None and abs(passed - (now[1] - before[1])) > JUMP_SECONDS):
+            details = {
+                "wall_before": utc(before[0]),
+                "wall": utc(now[0]),
+                "monotonic_before": before[1],
+                "monotonic": now[1],
+            }
+            self._insert_event(connection, "clock_jump", details, *now)
 
     def _insert_row(self, connection: sqlite3.Connection, table: str, values: dict[str, Any]) -> None:
         connection.execute("UPDATE study SET sequence = sequence + 1")
@@ -355,11 +353,9 @@ class AnswerStore:
         self._insert_row(connection, "events", values)
 
     def _has(self, table: str, row: IntervalRow | AnswerRow) -> bool:
-        values = columns_of(row)
+        values = {"code": self._code, **columns_of(row)}
         where = " AND ".join(f"{name} IS ?" for name in values)
-        return bool(
-            self._file.rows(f"SELECT 1 FROM {table} WHERE code = ? AND {where}", (self._code, *values.values()))
-        )
+        return bool(self._file.rows(f"SELECT 1 FROM {table} WHERE {where}", tuple(values.values())))
 
     def _saved(self, table: str, row: IntervalRow | AnswerRow) -> str:
         """What is there instead of a row that was refused."""

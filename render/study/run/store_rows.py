@@ -207,8 +207,8 @@ def columns_of(row: IntervalRow | AnswerRow) -> dict[str, Any]:
 def storable(value: Any) -> Any:
     """A value that SQLite keeps.
 
-    A scalar of NumPy becomes Python's; a list JSON; a whole number beyond 64 bits a float; characters that no text may hold (halves of surrogate
-    pairs, as a browser can send them, and zero bytes) the sign for an unknown character.
+    A scalar of NumPy becomes Python's, a list JSON, a whole number beyond 64 bits a float. Characters that no text may
+    hold (zero bytes, and halves of surrogate pairs, which browsers can send) become the sign for an unknown one.
     """
     value = value.item() if hasattr(value, "item") else value
     if isinstance(value, list | tuple):

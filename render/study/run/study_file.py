@@ -156,8 +156,8 @@ class StudyFile:
             raise StudyError(f"{self.path} {what}: move it away, or name another folder")
         if version > FORMAT_VERSION:
             raise StudyError(
-                f"{self.path} has format version {version}, this palpate knows up to {FORMAT_VERSION}: a newer one made "
-                "it; update palpate"
+                f"{self.path} has format version {version}, this palpate knows up to {FORMAT_VERSION}: a newer one "
+                "made it; update palpate"
             )
         with closing(sqlite3.connect(":memory:")) as example:
             example.executescript(SCHEMA)

@@ -275,6 +275,8 @@ def is_locked(path: Path) -> bool:
 class FolderLock:
     """Exclusive lock on writing in a folder, held until `release` or until the process ends, even by kill -9.
 
+    name: of the lock's file, where a folder has several things to lock.
+
     Raises:
         BlockingIOError: Another process, or another lock object of this process, holds it.
         OSError: From the system, or the lock's file is not a regular file.
@@ -282,8 +284,8 @@ class FolderLock:
 
     NAME = "lock"
 
-    def __init__(self, folder: Path) -> None:
-        self._path = folder / self.NAME
+    def __init__(self, folder: Path, name: str = NAME) -> None:
+        self._path = folder / name
         self._handle = open_own(self._path, os.O_RDWR | os.O_CREAT)
         try:
             fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -166,6 +166,4 @@ def sha256_of(path: Path) -> str:
 def _session_stimulus(own: PlannedStimulus, plan: StudyPlan, solids: Mapping[str, Solid]) -> Stimulus | LiveStimulus:
     if own.file is not None:
         return Stimulus(own.file, sampling=own.sampling, duration=own.duration)
-    return LiveStimulus(
-        solids[own.name], own.duration, hand=plan.hand, strategy=own.strategy, sampling=own.sampling
-    )
+    return LiveStimulus(solids[own.name], own.duration, hand=plan.hand, strategy=own.strategy, sampling=own.sampling)

@@ -11,7 +11,6 @@ from typing import Any
 
 from ....datasets.errors import DatasetError
 from ...errors import StudyError
-from ...live.recorder import spool_folder
 from ...live.session import Onset
 from ..plan.block_designs import block_numbers, rng_of, trial_counts, trials_of
 from ..plan.duty_account import DutyAccount, EmissionInterval
@@ -24,6 +23,7 @@ from .store_rows import ABOUT_CONSENT, AnswerRow, IntervalRow, Progress
 BEFORE, AFTER = "before", "after"
 AFTER_BLOCK = -1
 """Number of the trial in place of those of questions after a block."""
+AGREED = 1
 LEAD_IN = 0.5  # [s] from the key that begins a trial to its first interval
 SPACE = " "
 ARROWS = ("ArrowLeft", "ArrowRight")
@@ -109,14 +109,23 @@ class StudyRun:
         return FINISHED
 
     def _agrees(self) -> bool:
-        plan = self._plan
+        """Ask for consent; of who declines, nothing is kept."""
+        plan, (block, trial, name) = self._plan, ABOUT_CONSENT
         question = Question(
-            name=ABOUT_CONSENT[2],
+            name=name,
             text="\n\n".join(filter(None, (plan.consent, plan.data_statement))),
             kind="choice",
             options=(plan.sentence("decline"), plan.sentence("agree")),
         )
-        return self._answer_to(*ABOUT_CONSENT[:2], question) == 1
+        if self._answers.get(ABOUT_CONSENT) == AGREED:
+            return True
+        keys = keys_of(plan, question)
+        response = self._ask(question, keys)
+        if response.value != AGREED:
+            self._save(self._store.forget)
+            return False
+        self._keep_answer(block, trial, question, keys, response)
+        return True
 
     def _run_block(self, number: int) -> None:
         plan, block = self._plan, self._plan.blocks[number]
@@ -150,7 +159,6 @@ class StudyRun:
         )
         if not any((block.name, place, own.name) in self._answers for own in trial.questions):
             while True:
-                attempt = self._free_attempt(place, trial, attempt)
                 try:
                     played = self._play_trial(block, place, trial, attempt, title)
                     break
@@ -214,14 +222,17 @@ class StudyRun:
 
         own = self._player.play(
             row.stimulus,
-            poses_file=self._store.poses_path(row.block_position, row.trial, row.interval, row.attempt) if keeps else None,
+            poses_file=self._store.poses_path(row.block_position, row.trial, row.interval, row.attempt)
+            if keeps
+            else None,
             is_held=lambda: self._desk.is_held,
             begun=begun,
             waits_for_hand=lambda: self._desk.show("stimulus", **(screen | {"text": self._plan.sentence("no_hand")})),
         )
         self._tell("stimulus_ended", array_time=own.ended, stimulus=row.stimulus, outcome=own.outcome)
-        if own.onset is not None:
-            self._account.note(own.onset, own.seconds_on, self._duties.get(row.stimulus, 1.0))
+        if own.onset is not None and own.ended is not None:
+            seconds = own.ended - own.onset
+            self._account.note(own.onset, seconds, self._duties.get(row.stimulus, 1.0) * own.seconds_on / seconds)
         return own
 
     def _keep_intervals(self, played: list[tuple[IntervalRow, PlayedInterval]]) -> None:
@@ -257,30 +268,57 @@ class StudyRun:
         shown: called once the question is shown.
         """
         key = (block_name, place, question.name)
-        if key in self._answers:
-            return self._answers[key]
-        keys = keys_of(self._plan, question, () if trial is None or not question.has_random_keys else trial.key_order)
+        if key not in self._answers:
+            keys = keys_of(self._plan, question, trial.key_order if trial and question.has_random_keys else ())
+            response = self._ask(question, keys, title=title, shown=shown)
+            self._keep_answer(block_name, place, question, keys, response, block=block, trial=trial, attempt=attempt)
+        return self._answers[key]
+
+    def _ask(
+        self,
+        question: Question,
+        keys: tuple[KeyChoice, ...],
+        *,
+        title: str = "",
+        shown: Callable[[], object] = lambda: None,
+    ) -> Response:
         hint = self._plan.sentence(question.kind) if question.kind in ("number", "text") else ""
 
         def show() -> None:
-            self._desk.show("question", question.text, title=title, hint=hint, keys=keys, question=question)
+            self._desk.show(
+                "question", question.text, title=title, hint=hint, keys=keys, question=question, **self._common()
+            )
             shown()
 
-        response = self._response_to(show)
-        label = question.options[int(response.value or 0)] if question.kind == "choice" else ""
+        return self._response_to(show)
+
+    def _keep_answer(
+        self,
+        block_name: str,
+        place: int,
+        question: Question,
+        keys: tuple[KeyChoice, ...],
+        response: Response,
+        *,
+        block: PlannedBlock | None = None,
+        trial: Trial | None = None,
+        attempt: int = 0,
+    ) -> None:
+        """Put an answer on disk, then tell other instruments."""
+        is_choice = question.kind == "choice"
         row = AnswerRow(
             block=block_name, block_position=-1 if block is None else self._position,
-            design="" if block is None else block.design,
-            trial=place, attempt=attempt, name=question.name, question=question.text, kind=question.kind,
-            value=response.value, label=label, key=response.key, key_order=tuple(int(own.value or 0) for own in keys) if question.kind == "choice" else (),
+            design="" if block is None else block.design, trial=place, attempt=attempt, name=question.name,
+            question=question.text, kind=question.kind, value=response.value,
+            label=question.options[int(response.value or 0)] if is_choice else "", key=response.key,
+            key_order=tuple(int(own.value or 0) for own in keys) if is_choice else (),
             stimuli=() if trial is None else trial.stimuli, is_practice=trial is not None and trial.is_practice,
-            track=0 if trial is None else trial.track,
-            level=None if trial is None else trial.level, seconds=response.seconds,
+            track=0 if trial is None else trial.track, level=None if trial is None else trial.level,
+            seconds=response.seconds,
         )  # fmt: skip
         self._save(lambda: self._store.add_answer(row))
-        self._answers[key] = response.value
+        self._answers[block_name, place, question.name] = response.value
         self._tell("answer", block=block_name, trial=place, name=question.name, value=response.value, key=response.key)
-        return response.value
 
     def _read(self, text: str, *, title: str = "") -> None:
         """Show a text until the space bar is pressed."""
@@ -383,22 +421,13 @@ class StudyRun:
             shown = ShownObject(solid=seen, opacity=block.opacity, has_hand=block.shows_hand)
         return {"text": text, "title": title, "shown": shown, **self._common()}
 
-    def _free_attempt(self, place: int, trial: Trial, attempt: int) -> int:
-        """The first number of an attempt from this one on, of which a killed run has left no file."""
-        while any(
-            path.exists() or spool_folder(path).exists()
-            for interval in range(len(trial.stimuli))
-            for path in [self._store.poses_path(self._position, place, interval, attempt)]
-        ):
-            attempt += 1
-        return attempt
-
 
 def keys_of(plan: StudyPlan, question: Question, order: tuple[int, ...] = ()) -> tuple[KeyChoice, ...]:
     """Keys of a question, each with the answer that it gives; order: the option's number under each key."""
     if question.kind == "scale":
         return tuple(
-            KeyChoice(key=str(point % 10), label=str(point), value=point) for point in range(1, question.point_count + 1)
+            KeyChoice(key=str(point % 10), label=str(point), value=point)
+            for point in range(1, question.point_count + 1)
         )
     if question.kind != "choice":
         return ()
@@ -437,8 +466,8 @@ def _whole_row(row: IntervalRow, own: PlayedInterval, drawn: DrawnInterval | Non
         is_estimate=own.is_estimate,
         latency=own.latency,
         ended=own.ended,
+        seconds=None if own.onset is None or own.ended is None else own.ended - own.onset,
         outcome=own.outcome,
         poses_file=None if own.poses_file is None else own.poses_file.name,
-        poses_sha256=None if own.poses_file is None else sha256_of(own.poses_file),
         **({} if drawn is None else asdict(drawn)),
     )

@@ -1,0 +1,275 @@
+"""A participant's whole way, without an array: what is shown, played, stored, and what happens where it stops."""
+
+import sqlite3
+import time
+from contextlib import contextmanager
+from dataclasses import replace
+
+import pytest
+from scripted_participant import ScriptedParticipant, first_key
+from study_cases import CHOICE, CONFIDENCE, TYPED, SilentPlayer, block, stimuli, study
+
+from palpate.device.playing.limits import Limits
+from palpate.render.errors import StudyError
+from palpate.render.study.plan.duty_account import DutyAccount
+from palpate.render.study.plan.study_plan import Question
+from palpate.render.study.run import study_run as module
+from palpate.render.study.run.answer_store import AnswerStore
+from palpate.render.study.run.desk import StudyDesk
+from palpate.render.study.run.study_run import DECLINED, ENDED, FINISHED, StudyRun, keys_of
+
+WHOLE = study(
+    welcome="Welcome",
+    consent="You will feel ultrasound.",
+    data_statement="We keep answers.",
+    questions_before=TYPED,
+    blocks=(
+        block(practice=1, questions_after=(CONFIDENCE,), instruction="Explore it twice."),
+        block(name="again", repetitions=1),
+    ),
+    questions_after=(replace(TYPED[1], name="last"),),
+)
+
+
+@pytest.fixture(autouse=True)
+def _no_lead_in(monkeypatch):
+    monkeypatch.setattr(module, "LEAD_IN", 0.0)
+
+
+class Begun:
+    """A run of a participant on a store, with a player that plays nothing."""
+
+    def __init__(self, plan, folder, *, code="P01", resume=False, outcomes=()):
+        self.store = AnswerStore(folder, plan)
+        self.desk, self.player, self.events = StudyDesk(), SilentPlayer(outcomes), []
+        self.progress = self.store.begin(code, resume=resume)
+        self.run = StudyRun(
+            plan,
+            code,
+            store=self.store,
+            progress=self.progress,
+            desk=self.desk,
+            player=self.player,
+            account=DutyAccount(plan.limits),
+            send=lambda name, **values: self.events.append((name, values)),
+            file_hashes={},
+            duties={},
+            shown_names={"cube-oc": "cube", "cube-cc": "cube"},
+        )
+
+
+@contextmanager
+def begun(plan, folder, **options):
+    own = Begun(plan, folder, **options)
+    try:
+        yield own
+    finally:
+        own.store.close()
+
+
+def rows(folder, statement):
+    connection = sqlite3.connect(folder / "answers.sqlite")
+    try:
+        return connection.execute(statement).fetchall()
+    finally:
+        connection.close()
+
+
+def agree(screen):
+    """The second key agrees; else the first of all keys."""
+    return screen.keys[-1].key if screen.keys else first_key(screen)
+
+
+def test_a_whole_study_is_shown_played_and_stored_in_order(tmp_path):
+    with begun(WHOLE, tmp_path) as own, ScriptedParticipant(own.desk, agree) as person:
+        assert own.run.run() == FINISHED
+    assert person.error is None
+    texts = [screen.text for screen in person.screens if screen.kind in ("text", "question") and screen.text]
+    assert texts[:4] == ["Welcome", "You will feel ultrasound.\n\nWe keep answers.", "Your age?", "Anything else?"]
+    assert person.screens[-1].kind == "ended"
+    answers = rows(tmp_path, "SELECT block, trial, name, is_practice FROM answers ORDER BY sequence")
+    order = [name for name, *_ in answers if name not in ("before", "after")]
+    counts = {"cube": 5 + 1, "again": 2}
+    assert {name: order.count(name) for name in counts} == counts
+    assert answers[0][:3] == ("before", -1, "consent")
+    assert answers[-1][:3] == ("after", -1, "last")
+    assert sum(practice for *_, practice in answers) == 1
+    intervals = rows(
+        tmp_path, "SELECT block, trial, attempt, interval, stimulus, outcome, onset, onset_planned FROM intervals"
+    )
+    assert [stimulus for *_, stimulus, _, _, _ in intervals] == own.player.played
+    assert len(intervals) == 2 * 7
+    assert all(row[2] == 0 and row[5] == "played" and row[6] >= row[7] for row in intervals)
+    pairs = [tuple(sorted(own.player.played[k : k + 2])) for k in range(0, 14, 2)]
+    assert set(pairs) == {("cube-cc", "cube-oc")}
+    names = [name for name, _ in own.events]
+    assert (names[0], names[-1]) == ("study_begun", "study_ended")
+    assert names.count("stimulus_onset") == names.count("stimulus_ended") == 14
+    assert names.count("answer") == len(answers)
+
+
+def test_an_answer_means_its_option_whichever_key_gave_it(tmp_path):
+    plan = study(blocks=(block(repetitions=8),))
+
+    def second(screen):
+        """The key that is called Second."""
+        if screen.question is not None and screen.question.name == "answer":
+            return next(own.key for own in screen.keys if own.label == "Second")
+        return first_key(screen)
+
+    with begun(plan, tmp_path) as own, ScriptedParticipant(own.desk, second):
+        assert own.run.run() == FINISHED
+    found = rows(tmp_path, "SELECT value, label, key, key_order, seconds FROM answers")
+    assert {row[:2] for row in found} == {(1, "Second")}
+    assert {row[2] for row in found} == {"ArrowLeft", "ArrowRight"}  # keys change at random
+    assert {(row[2], row[3]) for row in found} == {("ArrowLeft", "[1, 0]"), ("ArrowRight", "[0, 1]")}
+    assert {row[4] for row in found} == {0.25}
+
+
+def test_who_declines_is_not_kept(tmp_path):
+    with begun(WHOLE, tmp_path) as own, ScriptedParticipant(own.desk) as person:  # the first key declines
+        assert own.run.run() == DECLINED
+        time.sleep(0.01)
+    assert person.screens[-1].kind == "ended"
+    assert own.player.played == []
+    assert rows(tmp_path, "SELECT * FROM answers") == rows(tmp_path, "SELECT * FROM participants") == []
+    with begun(WHOLE, tmp_path) as own:  # the code is free again
+        assert own.progress.answers == {}
+
+
+@pytest.mark.parametrize("stopped_after", range(0, 17, 2))
+def test_a_run_that_was_ended_goes_on_where_it_stopped(tmp_path, stopped_after):
+    whole = _answers_of(WHOLE, tmp_path / "whole")
+    folder, count = tmp_path / "parts", 0
+
+    def some(screen):
+        nonlocal count
+        if screen.kind == "question":
+            if count == stopped_after:
+                own.desk.end()
+                return None
+            count += 1
+        return agree(screen)
+
+    with begun(WHOLE, folder) as own, ScriptedParticipant(own.desk, some):
+        assert own.run.run() == (ENDED if stopped_after < len(whole) else FINISHED)
+    assert len(rows(folder, "SELECT * FROM answers")) == min(stopped_after, len(whole))
+    with begun(WHOLE, folder, resume=True) as own, ScriptedParticipant(own.desk, agree) as person:
+        assert own.run.run() == FINISHED
+    assert _stored(folder) == whole
+    shown = [screen.text for screen in person.screens if screen.kind == "question"]
+    assert len(shown) == len(whole) - stopped_after
+    attempts = rows(folder, "SELECT block, trial, count(DISTINCT attempt) FROM intervals GROUP BY block, trial")
+    assert sum(count - 1 for *_, count in attempts) <= 1  # only the trial under way is played again
+
+
+def _answers_of(plan, folder):
+    with begun(plan, folder) as own, ScriptedParticipant(own.desk, agree):
+        assert own.run.run() == FINISHED
+    return _stored(folder)
+
+
+def _stored(folder):
+    return rows(
+        folder, "SELECT block, trial, name, value, label, key, key_order, stimuli FROM answers ORDER BY sequence"
+    )
+
+
+def test_a_stop_and_a_closed_page_end_the_interval_and_the_trial_is_played_again(tmp_path):
+    plan = study(blocks=(block(repetitions=1),))
+
+    def stop():
+        own.desk.stop("the experimenter stopped")
+        return "stopped after 0.1 s"
+
+    with begun(plan, tmp_path, outcomes=["played", stop]) as own, ScriptedParticipant(own.desk) as person:
+
+        def go_on(screen):
+            if screen.kind == "wait" and own.desk.is_stopped:
+                own.desk.go_on()
+            return first_key(screen)
+
+        person._rule = go_on
+        assert own.run.run() == FINISHED
+    assert person.error is None
+    outcomes = rows(tmp_path, "SELECT trial, attempt, interval, outcome FROM intervals ORDER BY sequence")
+    assert [row[:3] for row in outcomes[:4]] == [(0, 0, 0), (0, 0, 1), (0, 1, 0), (0, 1, 1)]
+    assert outcomes[1][3] == "stopped before it began"
+    assert len(rows(tmp_path, "SELECT * FROM answers")) == 2
+    events = [name for (name,) in rows(tmp_path, "SELECT name FROM events")]
+    assert "stopped" in events
+
+
+def test_the_array_rests_where_limits_demand_it_and_the_participant_is_told(tmp_path):
+    limits = Limits(on_time_max=0.03, pause_min=0.2, duty_max=None)
+    plan = study(limits=limits, blocks=(block(repetitions=1),))
+    with begun(plan, tmp_path) as own, ScriptedParticipant(own.desk) as person:
+        assert own.run.run() == FINISHED
+    rests = [screen for screen in person.screens if screen.kind == "rest"]
+    assert len(rests) == 1  # two intervals of 10 ms may be, four may not
+    assert "{seconds}" in rests[0].text
+    onsets = [onset for (onset,) in rows(tmp_path, "SELECT onset FROM intervals ORDER BY sequence")]
+    assert onsets[2] - onsets[1] - 0.01 >= 0.2
+
+
+def test_a_disk_that_is_full_stops_the_study_and_the_answer_is_kept_once_there_is_room(tmp_path, monkeypatch):
+    plan = study(blocks=(block(repetitions=1),))
+    with begun(plan, tmp_path) as own, ScriptedParticipant(own.desk):
+        add, failures = own.store.add_answer, iter([True, True, False, False])
+
+        def failing(row):
+            if next(failures):
+                raise StudyError("the answer could not be saved: the disk is full")
+            add(row)
+
+        monkeypatch.setattr(own.store, "add_answer", failing)
+        reasons = []
+        monkeypatch.setattr(own.desk, "stop", lambda reason: (reasons.append(reason), StudyDesk.stop(own.desk, reason)))
+        monkeypatch.setattr(own.desk, "await_change", lambda seconds: (own.desk.go_on(), time.sleep(0.001)))
+        assert own.run.run() == FINISHED
+    assert reasons == ["the answer could not be saved: the disk is full"] * 2
+    assert len(rows(tmp_path, "SELECT * FROM answers")) == 2
+
+
+def test_each_design_runs_to_its_end_and_asks_what_it_says(tmp_path):
+    yes = Question(name="answer", text="Did you feel it?", kind="choice", options=("No", "Yes"))
+    size = Question(name="size", text="How strong?", kind="number", low=0)
+    scales = (CONFIDENCE, replace(CONFIDENCE, name="ease"))
+    names = ("a-oc", "b-oc", "c-oc", "d-oc")
+    one = tuple((name,) for name in names)
+    plan = study(
+        stimuli=stimuli(*names),
+        block_order="fixed",
+        blocks=(
+            block(name="constant", design="constant", sets=(("a-oc", "b-oc"), ("a-oc", "c-oc")), repetitions=1),
+            block(name="yes", design="constant", sets=one, question=yes, questions=(yes,), repetitions=1),
+            block(name="stairs", design="staircase", sets=one, question=yes, questions=(yes,), correct_option=1, reversals=3, trials_max=12),
+            block(name="size", design="magnitude", sets=one, question=size, questions=(size,), modulus=("a-oc", 10.0), repetitions=1),
+            block(name="rate", design="rating", sets=one, question=scales[0], questions=scales, repetitions=1),
+            block(name="free", design="exploration", sets=(("a-oc", "b-oc"),), question=TYPED[1], questions=(TYPED[1],), trial_order="fixed", repetitions=1),
+        ),
+    )  # fmt: skip
+    with begun(plan, tmp_path) as own, ScriptedParticipant(own.desk) as person:
+        assert own.run.run() == FINISHED
+    assert person.error is None
+    found = dict(rows(tmp_path, "SELECT block, count(*) FROM answers GROUP BY block"))
+    assert {name: count for name, count in found.items() if name != "stairs"} == {
+        "constant": 4, "yes": 4, "size": 4, "rate": 8, "free": 1,
+    }  # fmt: skip
+    assert {level for (level,) in rows(tmp_path, "SELECT level FROM answers WHERE block = 'stairs'")} == {0}
+    played = rows(tmp_path, "SELECT stimulus FROM intervals WHERE block = 'size' ORDER BY sequence")
+    assert [name for (name,) in played[::2]] == ["a-oc"] * 4
+    assert any("called 10" in screen.text for screen in person.screens)
+
+
+def test_keys_of_questions():
+    plan = study()
+    assert [(own.key, own.label, own.value) for own in keys_of(plan, CHOICE, (1, 0))] == [
+        ("ArrowLeft", "Second", 1),
+        ("ArrowRight", "First", 0),
+    ]
+    three = replace(CHOICE, options=("a", "b", "c"))
+    assert [own.key for own in keys_of(plan, three)] == ["1", "2", "3"]
+    assert [own.key for own in keys_of(replace(plan, choice_keys=("f", "j")), CHOICE)] == ["f", "j"]
+    assert [(own.key, own.value) for own in keys_of(plan, CONFIDENCE)] == [(str(k), k) for k in range(1, 8)]
+    assert keys_of(plan, TYPED[0]) == ()

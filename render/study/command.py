@@ -1,21 +1,15 @@
 """What `palpate study` does: judges the plan, opens the array and the pages, and runs one participant."""
 
 import time
-from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Any, cast, get_args
 
-import numpy as np
-
-from ...datasets.counted import counted
 from ...device.link import TransportKind
 from ...device.playing.signals import ending_on_signals
-from ..errors import StudyError, StudyPlanError
+from ..errors import StudyPlanError
 from ..intersection.named_inputs import load_solid
 from ..live.session import Session
 from ..live.sources.selection import ANY
-from ..objects.solid import Solid
 from ..playback.file_playback import Connection
 from ..playback.placed_arrays import load_rig
 from ..runtime.warp_start import start_warp
@@ -31,11 +25,8 @@ from .plan.study_plan import StudyPlan
 from .plan.study_reading import read_study
 from .run.answer_store import AnswerStore
 from .run.desk import StudyDesk
-from .run.event_stream import EventStream
 from .run.interval_player import IntervalPlayer
-from .run.lsl_outlet import LslOutlet
-from .run.study_run import FINISHED, StudyRun
-
+from .run.study_run import StudyRun
 
 LAST_SECONDS = 10.0  # [s] for which the last screen is shown, unless its page is closed before
 

@@ -17,7 +17,7 @@ from ..plan.duty_account import DutyAccount, EmissionInterval
 from ..plan.study_plan import Answer, PlannedBlock, PlannedStimulus, Question, StudyPlan, Trial
 from .answer_store import AnswerStore
 from .desk import KeyChoice, Response, ShownObject, StudyDesk
-from .interval_player import PLAYED, DrawnInterval, IntervalPlayer, PlayedInterval, drawn_interval, sha256_of
+from .interval_player import PLAYED, DrawnInterval, IntervalPlayer, PlayedInterval, drawn_interval
 from .store_rows import ABOUT_CONSENT, AnswerRow, IntervalRow, Progress
 
 BEFORE, AFTER = "before", "after"
@@ -27,6 +27,7 @@ AGREED = 1
 LEAD_IN = 0.5  # [s] from the key that begins a trial to its first interval
 SPACE = " "
 ARROWS = ("ArrowLeft", "ArrowRight")
+UNDER_WAY = "under way"  # of an interval before it is over; no row on disk has it
 FINISHED, ENDED, DECLINED = "finished", "ended", "declined"
 """What comes of a run."""
 
@@ -191,7 +192,7 @@ class StudyRun:
             row = IntervalRow(
                 block=block.name, block_position=self._position, trial=place, attempt=attempt, interval=interval,
                 stimulus=name, is_practice=trial.is_practice, file=_file_name(self._stimuli[name]),
-                file_sha256=self._file_hashes.get(name), onset_planned=planned,
+                file_sha256=self._file_hashes.get(name), onset_planned=planned, outcome=UNDER_WAY,
             )  # fmt: skip
             own = self._play_interval(row, screen)
             played.append((row, own))
@@ -204,7 +205,7 @@ class StudyRun:
             assert own.onset is not None  # it was played
             planned = max(own.onset + self._stimuli[name].duration + block.gap, own.ended or 0.0)
             if interval + 1 < len(names):
-                self._desk.show("stimulus", plan.sentence("gap"), title=title, shown=screen.shown, **self._common())
+                self._desk.show("stimulus", **(screen | {"text": plan.sentence("gap")}))
         return played
 
     def _play_interval(self, row: IntervalRow, screen: dict[str, Any]) -> PlayedInterval:
@@ -318,7 +319,9 @@ class StudyRun:
         )  # fmt: skip
         self._save(lambda: self._store.add_answer(row))
         self._answers[block_name, place, question.name] = response.value
-        self._tell("answer", block=block_name, trial=place, name=question.name, value=response.value, key=response.key)
+        self._tell(
+            "answer", block=block_name, trial=place, question=question.name, value=response.value, key=response.key
+        )
 
     def _read(self, text: str, *, title: str = "") -> None:
         """Show a text until the space bar is pressed."""

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 from ....device.playing.limits import Limits
+from ...objects.mesh.placement import Placement
 
 QuestionKind = Literal["choice", "scale", "number", "text"]
 Design = Literal["2ifc", "constant", "staircase", "magnitude", "rating", "exploration"]
@@ -56,6 +57,8 @@ class PlannedStimulus:
     sampling: str | None = None
     shown: str | None = None
     """Object that the participant sees; None: `solid`, and nothing for a file."""
+    placement: Placement = field(default_factory=Placement)
+    """Of `solid` and of `shown`."""
     value: float | None = None
     """What psychometric functions are drawn over: level, frequency, size, in the plan's own unit."""
 
@@ -75,7 +78,7 @@ class PlannedBlock:
     sets: tuple[tuple[str, ...], ...] = ()
     """Names of the stimuli of a trial: pairs (2ifc), (standard, comparison) or (comparison,) (constant), one each
     (magnitude, rating), any number in this order (exploration). Of a staircase: of each level, from the easiest to the
-    hardest."""
+    hardest: (standard, level) or (level,)."""
     repetitions: int = 1
     """Of each set; of 2ifc: of each of its two orders; of constant with a standard: of each order, too."""
     trial_order: Literal["random", "fixed"] = "random"

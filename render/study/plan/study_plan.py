@@ -57,7 +57,7 @@ class PlannedStimulus:
     sampling: str | None = None
     shown: str | None = None
     """Object that the participant sees; None: `solid`, and nothing for a file."""
-    placement: Placement = Placement()
+    placement: Placement = field(default_factory=Placement)
     """Of `solid` and of `shown`."""
     value: float | None = None
     """What psychometric functions are drawn over: level, frequency, size, in the plan's own unit."""
@@ -78,13 +78,12 @@ class PlannedBlock:
     sets: tuple[tuple[str, ...], ...] = ()
     """Names of the stimuli of a trial: pairs (2ifc), (standard, comparison) or (comparison,) (constant), one each
     (magnitude, rating), any number in this order (exploration). Of a staircase: of each level, from the easiest to the
-    hardest."""
+    hardest: (standard, level) or (level,)."""
     repetitions: int = 1
     """Of each set; of 2ifc: of each of its two orders; of constant with a standard: of each order, too."""
     trial_order: Literal["random", "fixed"] = "random"
     practice: int = 0
-    """Trials before the others, drawn from the same sets, whose answers do not count; of a staircase, from the easiest
-    level on."""
+    """Trials before the others, drawn from the same sets, whose answers do not count."""
     opacity: float = 1.0
     """Of the object that is seen; 0: none is."""
     shows_hand: bool = True
@@ -93,9 +92,8 @@ class PlannedBlock:
     rest: float = 1.0
     """Least silence between an answer and the next trial [s]."""
     correct_option: int | None = None
-    """Of a staircase of single intervals: the option that counts as correct ("yes"). Where a set has more than one
-    stimulus, the last one is the comparison, and comes at a random place among the others: the option with the number
-    of its interval, from 0, is correct."""
+    """Of a staircase of single intervals: the option that counts as correct ("yes"). With a standard, the interval of
+    the level that is not the standard is correct."""
     start_level: int = 0
     """Of a staircase: number of the level of its first trial."""
     down: int = 2
@@ -190,12 +188,9 @@ class Trial:
     """Names, in the order of the intervals."""
     questions: tuple[Question, ...]
     key_order: tuple[int, ...] = ()
-    """Of the first question with `has_random_keys`: number of the option that each key gives, in the order of the keys;
-    empty: as they are listed."""
+    """Of a choice: number of the option that each key gives, in the order of the keys; empty: as they are listed."""
     is_practice: bool = False
     track: int = 0
     """Of a staircase: which of those that are interleaved."""
     level: int | None = None
     """Of a staircase: number of the level."""
-    clipped: int = 0
-    """Of a staircase: moves of this track so far that would have gone beyond its first or its last level."""

@@ -137,6 +137,10 @@ class StudyDesk:
 
     # For the experimenter's page.
 
+    def peek(self) -> Screen:
+        """What is shown now, for somebody other than the participant: it says nothing about their page."""
+        return self._screen
+
     def stop(self, reason: str) -> None:
         """Stop what plays, and wait until `go_on`."""
         with self._changed:

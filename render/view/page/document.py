@@ -19,10 +19,13 @@ def served_document(sockets: list[str]) -> str:
     return document({"served": True}, "", "palpate", sockets)
 
 
-def document(described: dict[str, Any], content: str, title: str, sockets: Sequence[str] = ()) -> str:
+def document(
+    described: dict[str, Any], content: str, title: str, sockets: Sequence[str] = (), language: str = "en"
+) -> str:
     """The page. described: what JSON takes, all foreign text in it. content: base64 of its arrays.
 
-    sockets: addresses of WebSockets that it may open; without any, it connects to nothing.
+    sockets: addresses of WebSockets that it may open; without any, it connects to nothing. language: of its words, as
+    HTML's `lang`.
 
     The browser runs and applies exactly the script and the style whose SHA-256 the page names, and fetches nothing
     (Content-Security-Policy). Names are data: they stand in JSON without `<`, and the script shows them as text.
@@ -37,7 +40,7 @@ def document(described: dict[str, Any], content: str, title: str, sockets: Seque
     json_text = json.dumps(described, separators=(",", ":"), allow_nan=False)
     json_text = json_text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
     return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<!DOCTYPE html>\n<html lang="{escape(language)}">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         '<meta name="referrer" content="no-referrer">\n<link rel="icon" href="data:,">\n'

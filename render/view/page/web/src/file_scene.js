@@ -16,7 +16,7 @@ const mixed = (from, to, share) => from.map((value, axis) => value + (to[axis] -
 const KINDS = colours.KINDS.map(rgb);
 const [PAPER, FOCUS, JUMPED, HOPPED, ZONE] = ["PAPER", "FOCUS", "JUMP", "HOP", "ZONE"].map((name) => rgb(colours[name]));
 
-function geometryOf(vertices, faces) {
+export function geometryOf(vertices, faces) {
   const geometry = new BufferGeometry();
   geometry.setAttribute("position", new BufferAttribute(Float32Array.from(vertices), 3));
   geometry.setIndex(new BufferAttribute(Uint32Array.from(faces), 1));
@@ -31,7 +31,7 @@ function translucent(geometry, color, opacity) {
   return mesh;
 }
 
-function place(node, poses, row) {
+export function place(node, poses, row) {
   node.position.fromArray(poses, 7 * row);
   node.quaternion.fromArray(poses, 7 * row + 3).normalize();
 }

@@ -3,12 +3,12 @@
 import { decode } from "./decode.js";
 
 export class Link {
-  constructor(show) {
+  constructor(show, ended = "The viewer has ended: start palpate view again, and open its new address.") {
     const address = new URL(location.href);
     address.protocol = "ws:";
     address.hash = "";
     this.waiting = [];
-    this.ended = "The viewer has ended: start palpate view again, and open its new address.";
+    this.ended = ended;
     this.socket = new WebSocket(address);
     this.socket.binaryType = "arraybuffer";
     this.socket.onmessage = ({ data }) => this.take(data);

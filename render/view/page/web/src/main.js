@@ -5,8 +5,10 @@ import { Clock } from "./clock.js";
 import * as controls from "./controls.js";
 import { decode, inflate } from "./decode.js";
 import { element } from "./element.js";
+import { Experimenter } from "./experimenter.js";
 import { Link } from "./link.js";
 import { LivePoses } from "./live_poses.js";
+import { Participant } from "./participant.js";
 import { Plots } from "./plots.js";
 import { Recording } from "./recording.js";
 import { ServedPoses } from "./served_poses.js";
@@ -15,6 +17,7 @@ import { StoredPoses } from "./stored_poses.js";
 import { openTable } from "./table.js";
 import "../node_modules/uplot/dist/uPlot.min.css";
 import "./page.css";
+import "./study.css";
 
 const text = (id) => document.getElementById(id).textContent;
 const LONGEST_FRAME = 0.1; // [s]: after a pause of drawing, time goes on from where it was
@@ -27,6 +30,8 @@ async function start() {
     return;
   }
   const described = JSON.parse(text("described"));
+  if (described.page === "participant") return new Participant(host, described.lost).run();
+  if (described.page === "experimenter") return new Experimenter(host).run();
   if (described.served) return openServed();
   const page = decode(described, await inflate(text("content")));
   const byPose = !page.files.every((file) => file.has_time);

@@ -1,0 +1,92 @@
+"""The experimenter's page: how the run goes, what the participant sees, and stop."""
+
+import contextlib
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from ....device.errors import DeviceError
+from ...errors import RenderError
+from ...live.moment import LiveMoment
+from ...view.served.page_server import PageRequest, Send
+from ..run.desk import Screen, StudyDesk
+from .participant_page import visible_lines
+
+LIST_MOST = 100  # entries of a list that is shown: the last ones
+TEXT_MOST = 2000  # characters of a text
+DEPTH_MOST = 4
+
+
+class ExperimenterPage:
+    """Answers about the run; any number of browsers may show it.
+
+    moment: `Session.moment`, or None.
+
+    | a page asks | it gets |
+    |---|---|
+    | progress | the run's status, the participant's screen, and the live state |
+    | stop, go_on, end | the same, after the desk has done it |
+    """
+
+    slow = frozenset({"progress", "stop", "go_on", "end"})
+    """All of them: stop waits for nothing that another page asks."""
+
+    def __init__(self, desk: StudyDesk, moment: Callable[[], LiveMoment | None] | None = None) -> None:
+        self._desk, self._moment = desk, moment
+
+    def __repr__(self) -> str:
+        """One line."""
+        return f"ExperimenterPage({'live' if self._moment else 'no live state'})"
+
+    def close(self) -> None:
+        """Nothing: the run goes on without the experimenter's page."""
+
+    def answer(self, request: PageRequest, send: Send) -> None:
+        """Answer one request; raises StrategyError for any other."""
+        match request.choice("ask", ("progress", "stop", "go_on", "end")):
+            case "stop":
+                self._desk.stop("the experimenter has stopped it")
+            case "go_on":
+                self._desk.go_on()
+            case "end":
+                self._desk.end()
+        status = self._desk.status()
+        send({"kind": "progress", "status": plain(status | self._live()), "screen": _described(self._desk.peek())}, None)
+
+    def _live(self) -> dict[str, Any]:
+        moment = None
+        with contextlib.suppress(RenderError, DeviceError):
+            moment = self._moment() if self._moment is not None else None
+        if moment is None:
+            return {}
+        late = [None if math.isnan(value) else value for value in (moment.latency.p50, moment.latency.p99)]
+        return {"live": moment.state, "latency": late, "frames": moment.frames, "dropped": moment.dropped}
+
+
+def _described(screen: Screen) -> dict[str, Any]:
+    """The participant's screen in words."""
+    return {
+        "kind": screen.kind,
+        **{name: visible_lines(getattr(screen, name))[:TEXT_MOST] for name in ("title", "text", "hint")},
+        "keys": [f"{own.key}: {visible_lines(own.label)}" for own in screen.keys],
+        "question": "" if screen.question is None else visible_lines(screen.question.text)[:TEXT_MOST],
+        "progress": screen.progress,
+    }
+
+
+def plain(value: Any, depth: int = 0) -> Any:
+    """A value of the run's status as JSON takes it: numbers that are none become None, what is unknown a text."""
+    if value is None or isinstance(value, bool | int):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, str | Path) or depth > DEPTH_MOST:
+        return visible_lines(str(value))[:TEXT_MOST]
+    if isinstance(value, dict):
+        return {visible_lines(str(name)): plain(own, depth + 1) for name, own in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(own, depth + 1) for own in value[-LIST_MOST:]]
+    if hasattr(value, "tolist"):
+        return plain(value.tolist(), depth + 1)  # of NumPy
+    return visible_lines(str(value))[:TEXT_MOST]

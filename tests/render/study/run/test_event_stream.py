@@ -215,7 +215,7 @@ def test_a_client_that_sends_too_much_or_too_often_what_is_wrong_is_cut_off():
         assert [wrong.read()["event"] for _ in range(FAULTS_MOST)] == ["error"] * FAULTS_MOST
         assert wrong.read() is None
         assert stream.counts.cut_off == 2
-        assert stream.counts.connected == 0
+        assert wait_for(lambda: stream.counts.connected == 0)
 
 
 def test_sixteen_clients_are_served_and_more_are_told_that_there_are_too_many():
@@ -245,11 +245,15 @@ def test_a_client_that_does_not_read_loses_lines_is_told_how_many_and_delays_nob
             longest = max(longest, time.perf_counter() - begun)
             assert quick.read()["number"] == number
         assert longest < 0.5
-        got = []
-        while not got or got[-1]["event"] != "lost":
-            got.append(slow.read())
-        assert [line["number"] for line in got[:-1]] == list(range(len(got) - 1))
-        assert got[-1]["count"] == 400 - (len(got) - 1) == stream.counts.lost_lines > 0
+        number = lost = 0
+        while number < 400:  # each gap is where a line says how long it is
+            line = slow.read()
+            if line["event"] == "lost":
+                number, lost = number + line["count"], lost + line["count"]
+            else:
+                assert line["number"] == number
+                number += 1
+        assert lost == stream.counts.lost_lines > 0
         stream.send("study_ended")
         assert slow.read()["event"] == "study_ended"
 

@@ -3,6 +3,7 @@
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -88,6 +89,7 @@ class StudyDesk:
         self._stop_reason = ""
         self._news: deque[tuple[str, dict[str, Any]]] = deque(maxlen=1000)
         self._status: dict[str, Any] = {}
+        self._watchers: list[Callable[[Screen], None]] = []
         self.extra_presses = 0
         """Keys that came too late, twice, or where none was asked for."""
 
@@ -172,6 +174,28 @@ class StudyDesk:
                 "extra_presses": self.extra_presses,
             }
 
+    # For others who show what the participant sees.
+
+    @property
+    def shown(self) -> Screen:
+        """What is shown now; asking does not say that the participant's page is open."""
+        return self._screen
+
+    def watch(self, callback: Callable[[Screen], None]) -> Callable[[], None]:
+        """Have each new screen handed to `callback`, by the thread that shows it; the result ends this.
+
+        No lock of the desk is held meanwhile, so that the callback may ask the desk. It must neither wait nor raise.
+        """
+        with self._changed:
+            self._watchers.append(callback)
+
+        def end() -> None:
+            with self._changed:
+                if callback in self._watchers:
+                    self._watchers.remove(callback)
+
+        return end
+
     # For the thread that runs the study.
 
     @property
@@ -200,7 +224,10 @@ class StudyDesk:
             self._screen = Screen(number=self._screen.number + 1, kind=kind, text=text, **fields)
             self._response = None
             self._changed.notify_all()
-            return self._screen
+            screen, watchers = self._screen, tuple(self._watchers)
+        for watcher in watchers:
+            watcher(screen)
+        return screen
 
     def await_response(self, seconds: float) -> Response | None:
         """The response to the screen that is shown; None if none has come after so many seconds, or the run is held."""

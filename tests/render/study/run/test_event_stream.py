@@ -1,0 +1,384 @@
+"""Other programs read a study's events and answer for a participant, over real sockets; none of them stops a study."""
+
+import json
+import math
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.render.errors import StudyError
+from palpate.render.study.plan.study_plan import Question
+from palpate.render.study.run import event_stream
+from palpate.render.study.run.desk import KeyChoice, StudyDesk
+from palpate.render.study.run.event_stream import CLIENTS_MOST, FAULTS_MOST, LINE_BYTES_MOST, EventStream
+
+TOKEN = "a-token"
+KEYS = (KeyChoice(key="ArrowLeft", label="First", value=0), KeyChoice(key="ArrowRight", label="Second", value=1))
+DENSER = Question(name="denser", text="Which one?", kind="choice", options=("First", "Second"))
+SIZE = Question(name="size", text="How large?", kind="number", low=0, high=100)
+
+
+class Client:
+    """A program on the other side of the socket."""
+
+    def __init__(self, port, host="127.0.0.1"):
+        self.connection = socket.create_connection((host, port), timeout=5)
+        self.lines = self.connection.makefile("rb")
+
+    def read(self, event=None):
+        """The next line, or the next one of an event; None: the connection has ended."""
+        for line in self.lines:
+            values = json.loads(line)
+            if event in (None, values["event"]):
+                return values
+        return None
+
+    def write(self, **values):
+        self.connection.sendall(json.dumps(values).encode() + b"\n")
+
+    def ask(self, **values):
+        """The answer to a line with the token; others are left out."""
+        self.write(**{"token": TOKEN} | values)
+        while (line := self.read())["event"] not in ("reply", "error"):
+            pass
+        return line
+
+    def close(self):
+        self.lines.close()
+        self.connection.close()
+
+
+@contextmanager
+def serving(**options):
+    """A desk and its stream, and a function that connects clients."""
+    desk, clients = StudyDesk(), []
+
+    def connect():
+        clients.append(Client(stream.port))
+        return clients[-1]
+
+    with EventStream(desk, **{"port": None, "token": TOKEN} | options) as stream:
+        try:
+            yield desk, stream, connect
+        finally:
+            for client in clients:
+                client.close()
+
+
+def wait_for(is_so, seconds=5.0):
+    end = time.monotonic() + seconds
+    while not is_so() and time.monotonic() < end:
+        time.sleep(0.002)
+    return is_so()
+
+
+def test_a_client_gets_the_screen_that_is_shown_and_each_event_after_it():
+    with serving() as (desk, stream, connect):
+        desk.show(
+            "question", "Which one?", title="Trial 1 of 10", hint="Press", keys=KEYS, question=DENSER, progress=0.5
+        )
+        client = connect()
+        before = time.monotonic()
+        hello = client.read()
+        assert hello["event"] == "hello"
+        assert hello["format"] == 1
+        assert re.match(r"\d+\.\d+", hello["palpate"])
+        assert before - 5 < hello["array_time"] < time.monotonic()
+        assert hello["screen"] == {
+            "number": 1, "kind": "question", "title": "Trial 1 of 10", "text": "Which one?", "hint": "Press",
+            "keys": [{"key": "ArrowLeft", "label": "First"}, {"key": "ArrowRight", "label": "Second"}],
+            "question": {"name": "denser", "kind": "choice"}, "ends": None, "progress": 0.5,
+        }  # fmt: skip
+        stream.send("trial_begun", trial=3, name="cc", level=math.nan, ratio=np.float32(1.5), file=Path("a.h5"))
+        begun = client.read()
+        times = {begun.pop("time"), begun.pop("array_time"), begun.pop("is_estimate")}
+        assert len(times) == 3
+        assert begun == {"event": "trial_begun", "trial": 3, "name": "cc", "level": None, "ratio": 1.5, "file": "a.h5"}
+        desk.show("rest", "Rest", ends=12.5)
+        shown = client.read()
+        assert (shown["event"], shown["number"], shown["kind"]) == ("screen", 2, "rest")
+        assert (shown["ends"], shown["question"], shown["keys"]) == (12.5, None, [])
+        assert connect().read()["screen"]["number"] == 2
+
+
+def test_the_wall_clocks_time_is_that_of_the_arrays_time():
+    """An onset is sent after it happened, so both times lie before the line was made."""
+    with serving() as (_, stream, connect):
+        client = connect()
+        client.read()
+        onset = time.monotonic() - 2.0
+        stream.send("stimulus_onset", array_time=onset, is_estimate=True)
+        line = client.read()
+        assert line["array_time"] == onset
+        assert line["is_estimate"] is True
+        moment = datetime.fromisoformat(line["time"])
+        assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}\+00:00", line["time"])
+        assert timedelta(seconds=1.9) < datetime.now(UTC) - moment < timedelta(seconds=5)
+
+
+def test_answers_count_once_and_only_for_the_screen_that_is_shown():
+    with serving() as (desk, _, connect):
+        client = connect()
+        assert client.ask(page=True)["counts"] is True
+        assert desk.has_page
+        desk.show("question", "Which one?", keys=KEYS, question=DENSER)
+        assert client.ask(press="ArrowRight", screen=0, seconds=0.1)["counts"] is False
+        assert client.ask(press="x", screen=1, seconds=0.2)["counts"] is False
+        taken = client.ask(press="ArrowRight", screen=1, seconds=0.51)
+        assert (taken["event"], taken["counts"], taken["screen"]) == ("reply", True, 1)
+        assert client.ask(press="ArrowRight", screen=1, seconds=0.52)["counts"] is False
+        assert desk.await_response(1).__dict__ == {"value": 1, "key": "ArrowRight", "seconds": 0.51}
+        assert desk.extra_presses == 3
+        desk.show("question", "How large?", question=SIZE)
+        assert client.ask(give=101, screen=2, seconds=1)["text"] == "size must be from 0 to 100, not 101"
+        assert client.ask(give=25, screen=2, seconds=2)["counts"] is True
+        assert desk.await_response(1).value == 25
+        assert client.ask(stop="the participant\x1b[2J coughs")["counts"] is True
+        assert desk.status()["stop_reason"] == r"the participant\x1b[2J coughs"
+
+
+def test_without_the_token_events_are_read_only():
+    with serving() as (desk, _, connect):
+        desk.show("text", "Welcome", keys=KEYS)
+        client = connect()
+        for token in ("another", "", None, 5, "ä"):
+            for asked in ({"page": True}, {"press": "ArrowLeft", "screen": 1, "seconds": 1}, {"stop": "now"}):
+                assert "token must be" in client.ask(token=token, **asked)["text"]
+        assert desk.status() | {"has_page": False, "is_stopped": False, "extra_presses": 0} == desk.status()
+        desk.show("text", "Next")
+        assert client.read("screen")["text"] == "Next"
+
+
+@pytest.mark.parametrize(
+    ("line", "text"),
+    [
+        (b"no json", "the line is not JSON: Expecting value"),
+        (b"\x00\xff\xfe\x1b[2J", "the line is not JSON: 'utf-8'"),
+        (b"[" * 60_000, "256 deep"),
+        (b"[1]", r"must be a JSON object, not \[1\]"),
+        (b"{}", "exactly one of press, give, stop, page, not 0"),
+        (b'{"press": "a", "give": 1}', "exactly one of press, give, stop, page, not 2"),
+        (b'{"press": "a", "token": "a-token", "secs": 1}', "a line with press has no key 'secs'"),
+        (b'{"press": "a", "token": "a-token", "seconds": 1}', "screen must be the whole number .* not None"),
+        (b'{"press": "a", "token": "a-token", "screen": true, "seconds": 1}', "screen must be .* not True"),
+        (b'{"press": "a", "token": "a-token", "screen": -1, "seconds": 1}', "screen must be .* not -1"),
+        (b'{"press": "a", "token": "a-token", "screen": 1, "seconds": -0.1}', "from 0 to 86400, not -0.1"),
+        (b'{"press": "a", "token": "a-token", "screen": 1, "seconds": 1e9}', "from 0 to 86400, not 1000000000"),
+        (b'{"press": "a", "token": "a-token", "screen": 1, "seconds": NaN}', "nan is not a finite number"),
+        (b'{"press": "a", "token": "a-token", "screen": 1, "seconds": "1"}', "from 0 to 86400, not '1'"),
+        (b'{"press": 5, "token": "a-token", "screen": 1, "seconds": 1}', "press must be a text of 1 to 32"),
+        (b'{"press": "", "token": "a-token", "screen": 1, "seconds": 1}', "press must be a text of 1 to 32"),
+        (b'{"give": true, "token": "a-token", "screen": 1, "seconds": 1}', "size must be a number, not True"),
+        (b'{"give": [1], "token": "a-token", "screen": 1, "seconds": 1}', r"number, a text or null, not \[1\]"),
+        (b'{"give": 1%s, "token": "a-token", "screen": 1, "seconds": 1}' % (b"0" * 400), "a text or null, not 10000"),
+        (b'{"give": "a", "token": "a-token", "screen": 1, "seconds": 1}', "size must be a number, not 'a'"),
+        (b'{"stop": {}, "token": "a-token"}', "stop must be a text of 1 to 200 characters, not {}"),
+        (b'{"page": 1, "token": "a-token"}', "page must be true, not 1"),
+        (b'{"press": "a", "press": "b"}', "key 'press' more than once"),
+    ],
+)
+def test_a_line_that_is_wrong_is_answered_by_a_sentence_and_changes_nothing(line, text, capfd):
+    with serving() as (desk, _, connect):
+        desk.show("question", "How large?", question=SIZE)
+        client = connect()
+        client.read()
+        client.connection.sendall(b"\r\n" + line + b"\r\n")
+        refused = client.read()
+        assert refused["event"] == "error"
+        assert re.search(text, refused["text"])
+        assert "\x1b" not in refused["text"]
+        assert client.ask(give=25, screen=1, seconds=1)["counts"] is True
+        assert desk.await_response(0).value == 25
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_client_that_sends_too_much_or_too_often_what_is_wrong_is_cut_off():
+    with serving() as (_, stream, connect):
+        long = connect()
+        long.read()
+        long.connection.sendall(b"x" * (LINE_BYTES_MOST + 1))
+        assert long.read()["text"] == "a line may have 65536 bytes at most"
+        assert long.read() is None
+        wrong = connect()
+        wrong.read()
+        wrong.connection.sendall(b"?\n" * FAULTS_MOST)
+        assert [wrong.read()["event"] for _ in range(FAULTS_MOST)] == ["error"] * FAULTS_MOST
+        assert wrong.read() is None
+        assert stream.counts.cut_off == 2
+        assert wait_for(lambda: stream.counts.connected == 0)
+
+
+def test_sixteen_clients_are_served_and_more_are_told_that_there_are_too_many():
+    with serving() as (_, stream, connect):
+        clients = [connect() for _ in range(100)]
+        greeted = [client.read() for client in clients]
+        assert [line["event"] for line in greeted] == ["hello"] * CLIENTS_MOST + ["error"] * (100 - CLIENTS_MOST)
+        assert "16 programs are connected already" in greeted[-1]["text"]
+        stream.send("rest")
+        assert {client.read()["event"] for client in clients[:CLIENTS_MOST]} == {"rest"}
+        assert stream.counts.refused == 84
+        clients[0].close()
+        assert wait_for(lambda: stream.counts.connected == CLIENTS_MOST - 1)
+        assert connect().read()["event"] == "hello"
+
+
+def test_a_client_that_does_not_read_loses_lines_is_told_how_many_and_delays_nobody(monkeypatch):
+    monkeypatch.setattr(event_stream, "BACKLOG_BYTES_MOST", 40_000)
+    with serving() as (_, stream, connect):
+        slow, quick = connect(), connect()
+        quick.read()
+        slow.read()
+        text, longest = "x" * 30_000, 0.0
+        for number in range(400):  # 12 MB, more than the buffers of both sides
+            begun = time.perf_counter()
+            stream.send("answer", number=number, text=text)
+            longest = max(longest, time.perf_counter() - begun)
+            assert quick.read()["number"] == number
+        assert longest < 0.5
+        number = lost = 0
+        while number < 400:  # each gap is where a line says how long it is
+            line = slow.read()
+            if line["event"] == "lost":
+                number, lost = number + line["count"], lost + line["count"]
+            else:
+                assert line["number"] == number
+                number += 1
+        assert lost == stream.counts.lost_lines > 0
+        stream.send("study_ended")
+        assert slow.read()["event"] == "study_ended"
+
+
+def test_a_page_that_does_not_read_is_cut_off():
+    """A participant who never sees a screen cannot answer it, and must not be touched meanwhile."""
+    with serving() as (desk, stream, connect):
+        page = connect()
+        page.ask(page=True)
+        while desk.has_page and stream.counts.cut_off == 0:
+            stream.send("answer", text="x" * 200_000)
+        assert wait_for(lambda: not desk.has_page, 1.0)
+        assert stream.counts.cut_off == 1
+
+
+def test_the_page_is_open_while_its_connection_stands():
+    with serving() as (desk, _, connect):
+        reader, page = connect(), connect()
+        assert page.ask(page=True)["counts"] is True
+        assert "open already" in reader.ask(page=True)["text"]
+        desk._seen = float("-inf")  # as if LOST_SECONDS had gone by
+        assert wait_for(lambda: desk.has_page, 1.0)
+        reader.close()
+        time.sleep(0.01)
+        assert desk.has_page
+        page.close()
+        assert wait_for(lambda: not desk.has_page, 1.0)
+        other = connect()
+        assert other.ask(page=True)["counts"] is True
+
+
+def test_a_reader_keeps_no_page_open():
+    with serving() as (desk, stream, connect):
+        desk.open_page()
+        desk._seen = float("-inf")
+        connect().read()
+        stream.send("rest")
+        assert not desk.has_page
+
+
+def test_a_page_whose_program_is_killed_is_closed():
+    code = f"""
+import json, socket, sys, time
+connection = socket.create_connection(("127.0.0.1", int(sys.argv[1])))
+connection.sendall(b'{{"page": true, "token": "{TOKEN}"}}\\n')
+time.sleep(60)
+"""
+    with serving() as (desk, stream, _):
+        child = subprocess.Popen([sys.executable, "-S", "-E", "-c", code, str(stream.port)])
+        try:
+            assert wait_for(lambda: desk.has_page)
+            os.kill(child.pid, signal.SIGKILL)
+            assert wait_for(lambda: not desk.has_page, 1.0)
+        finally:
+            child.kill()
+            child.wait()
+
+
+def test_what_was_sent_before_the_end_is_read_after_it():
+    desk = StudyDesk()
+    with EventStream(desk, port=None, token=TOKEN) as stream:
+        client = Client(stream.port)
+        client.read()
+        assert client.ask(page=True)["counts"] is True
+        stream.send("study_ended", reason="all trials are done")
+    assert client.read()["reason"] == "all trials are done"
+    assert client.read() is None
+    client.close()
+    assert not desk.has_page
+    desk.show("ended", "Thank you")  # no stream watches any more
+    stream.send("rest")
+    with pytest.raises(ConnectionRefusedError):
+        Client(stream.port)
+
+
+def test_a_client_that_does_not_read_does_not_delay_the_end(monkeypatch):
+    monkeypatch.setattr(event_stream, "CLOSE_SECONDS_MOST", 0.05)
+    with serving() as (_, stream, connect):
+        connect()
+        for _ in range(100):
+            stream.send("answer", text="x" * 100_000)
+        begun = time.monotonic()
+        stream.close()
+        assert time.monotonic() - begun < 0.5
+        assert stream.counts.connected == 0
+
+
+def test_an_address_that_cannot_be_had_is_refused_with_the_way_out():
+    with serving() as (_, stream, _), pytest.raises(StudyError) as refused:
+        EventStream(StudyDesk(), port=stream.port, token=TOKEN)
+    assert str(refused.value) == (
+        f"port {stream.port} of 127.0.0.1 cannot be had (Address already in use); without a port a free one is taken"
+    )
+    for port in (0, -1, 65536):
+        with pytest.raises(StudyError, match=f"port must be 1 to 65535, not {port}"):
+            EventStream(StudyDesk(), port=port, token=TOKEN)
+    with pytest.raises(StudyError, match=r"192\.0\.2\.1 is no address of this machine"):
+        EventStream(StudyDesk(), host="192.0.2.1", port=None, token=TOKEN)
+    with pytest.raises(StudyError, match="token must not be empty"):
+        EventStream(StudyDesk(), port=None, token="")
+
+
+def test_other_machines_reach_it_only_where_that_was_asked_for():
+    with serving(host="0.0.0.0") as (_, stream, connect):
+        assert connect().read()["event"] == "hello"
+        assert repr(stream) == f"EventStream(0.0.0.0:{stream.port}, 1 clients)"
+    with serving() as (_, stream, _), pytest.raises(OSError, match="refused"):
+        Client(stream.port, "127.0.0.2")
+
+
+class Outlet:
+    def __init__(self):
+        self.pushed = []
+
+    def push(self, line, array_time):
+        self.pushed.append((json.loads(line), array_time))
+
+
+def test_an_outlet_gets_the_lines_that_clients_get():
+    outlet = Outlet()
+    with serving(outlet=outlet) as (desk, stream, connect):
+        client = connect()
+        client.read()
+        stream.send("stimulus_onset", array_time=5.25, stimulus="cc")
+        desk.show("text", "Next")
+        assert [line for line, _ in outlet.pushed] == [client.read(), client.read()]
+        assert [line["array_time"] for line, _ in outlet.pushed] == [array_time for _, array_time in outlet.pushed]
+        assert outlet.pushed[0][1] == 5.25

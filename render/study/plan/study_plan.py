@@ -83,7 +83,8 @@ class PlannedBlock:
     """Of each set; of 2ifc: of each of its two orders; of constant with a standard: of each order, too."""
     trial_order: Literal["random", "fixed"] = "random"
     practice: int = 0
-    """Trials before the others, drawn from the same sets, whose answers do not count."""
+    """Trials before the others, drawn from the same sets, whose answers do not count; of a staircase, from the easiest
+    level on."""
     opacity: float = 1.0
     """Of the object that is seen; 0: none is."""
     shows_hand: bool = True
@@ -92,8 +93,9 @@ class PlannedBlock:
     rest: float = 1.0
     """Least silence between an answer and the next trial [s]."""
     correct_option: int | None = None
-    """Of a staircase of single intervals: the option that counts as correct ("yes"). With a standard, the interval of
-    the level that is not the standard is correct."""
+    """Of a staircase of single intervals: the option that counts as correct ("yes"). Where a set has more than one
+    stimulus, the last one is the comparison, and comes at a random place among the others: the option with the number
+    of its interval, from 0, is correct."""
     start_level: int = 0
     """Of a staircase: number of the level of its first trial."""
     down: int = 2
@@ -188,9 +190,12 @@ class Trial:
     """Names, in the order of the intervals."""
     questions: tuple[Question, ...]
     key_order: tuple[int, ...] = ()
-    """Of a choice: number of the option that each key gives, in the order of the keys; empty: as they are listed."""
+    """Of the first question with `has_random_keys`: number of the option that each key gives, in the order of the keys;
+    empty: as they are listed."""
     is_practice: bool = False
     track: int = 0
     """Of a staircase: which of those that are interleaved."""
     level: int | None = None
     """Of a staircase: number of the level."""
+    clipped: int = 0
+    """Of a staircase: moves of this track so far that would have gone beyond its first or its last level."""

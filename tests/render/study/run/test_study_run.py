@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 from scripted_participant import ScriptedParticipant, first_key
-from study_cases import CHOICE, CONFIDENCE, TYPED, SilentPlayer, block, stimuli, study
+from study_plans import CHOICE, CONFIDENCE, TYPED, SilentPlayer, block, stimuli, study
 
 from palpate.device.playing.limits import Limits
 from palpate.render.errors import StudyError

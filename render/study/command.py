@@ -1,38 +1,55 @@
 """What `palpate study` does: judges the plan, opens the array and the pages, and runs one participant."""
 
+import secrets
 import time
-from contextlib import ExitStack
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from pathlib import Path
 from typing import Any, cast, get_args
+
+import numpy as np
 
 from ...device.link import TransportKind
 from ...device.playing.signals import ending_on_signals
-from ..errors import StudyPlanError
+from ..errors import StrategyError, StudyPlanError
 from ..intersection.named_inputs import load_solid
 from ..live.session import Session
 from ..live.sources.selection import ANY
+from ..objects.mesh.placement import Placement
+from ..objects.solid import Solid
 from ..playback.file_playback import Connection
-from ..playback.placed_arrays import load_rig
+from ..playback.placed_arrays import PlacedArray, load_rig
 from ..runtime.warp_start import start_warp
 from ..terminal import bars, console
-from ..terminal.foreign_text import print_message
+from ..terminal.foreign_text import print_message, write_output
 from ..validation import choose
+from ..view.served.page_server import PageServer
 from ..view.served.viewing import open_browser
-from .pages.study_server import study_server
+from .pages.study_server import EXPERIMENTER, PARTICIPANT, study_server
 from .plan.duty_account import DutyAccount
 from .plan.run_sheet import run_sheet
 from .plan.study_judgement import StudyJudgement, judge_study
 from .plan.study_plan import StudyPlan
 from .plan.study_reading import read_study
 from .run.answer_store import AnswerStore
-from .run.desk import StudyDesk
+from .run.desk import ShownObject, StudyDesk
+from .run.event_stream import EventStream
 from .run.interval_player import IntervalPlayer
+from .run.lsl_outlet import LslOutlet
+from .run.store_rows import Progress, SessionSetup
 from .run.study_run import StudyRun
 
 LAST_SECONDS = 10.0  # [s] for which the last screen is shown, unless its page is closed before
+INTERRUPTED = "interrupted"
+
+Loaded = dict[tuple[str, Placement], Solid]
 
 
 def run_study(options: dict[str, Any], *, as_json: bool) -> int:
     """Judge the plan; then print its run sheet, or run one participant. Returns the exit code."""
+    for name in ("events_host", "lsl"):
+        if options["events"] is None and options[name] not in (False, "127.0.0.1"):
+            raise StrategyError(f"--{name.replace('_', '-')} is of --events")
     start_warp()
     plan = read_study(options["plan"])
     arrays = load_rig(
@@ -41,56 +58,103 @@ def run_study(options: dict[str, Any], *, as_json: bool) -> int:
     with bars.loading_bar(str(options["plan"]), quiet=as_json):
         judgement = judge_study(plan, arrays[0].model)
     if options["dry_run"]:
-        return _print_sheet(plan, judgement, as_json=as_json)
+        write_output(console.json_line(judgement.as_dict()) if as_json else run_sheet(judgement))
+        return console.FAILED if judgement.faults else console.DONE
     if judgement.faults:
         raise StudyPlanError(*judgement.faults)
     folder = options["data"] or options["plan"].with_suffix(".data")
-    with ending_on_signals(), ExitStack() as stack:
-        store = stack.enter_context(AnswerStore(folder, plan))
-        code = options["participant"] or store.next_code()
-        progress = store.begin(code, resume=options["resume"])
-        outcome = "interrupted"
-        try:
-            outcome = _run_participant(plan, judgement, code, store, progress, arrays, options, stack, as_json=as_json)
-        except KeyboardInterrupt:
-            print_message("the array is off; go on with --resume", "note")
-        counts = store.counts(code)
-    console.show_values(
-        {"participant": code, "outcome": outcome, **counts, "data": str(folder)}, as_json=as_json, title="study"
+    setup = SessionSetup(
+        array=", ".join(placed.model.name for placed in arrays),
+        source=options["source"],
+        hand=plan.hand,
+        lead=options["lead"],
+        realtime=options["realtime"],
+        update_rate=judgement.update_rate,
     )
-    return console.DONE if outcome != "interrupted" else console.FAILED
-
-
-def _print_sheet(plan: StudyPlan, judgement: StudyJudgement, *, as_json: bool) -> int:
-    if as_json:
-        write_output(console.json_line(judgement.as_dict()))
-    else:
-        write_output(run_sheet(plan, judgement))
-    return console.FAILED if judgement.faults else console.DONE
+    with AnswerStore(folder, plan) as store:
+        code = options["participant"] or store.next_code()
+        store.keep_stimuli(judgement.file_hashes)
+        progress = store.begin(code, resume=options["resume"], setup=setup)
+        outcome = INTERRUPTED
+        with ending_on_signals(), suppress(KeyboardInterrupt):
+            outcome = _run_participant(plan, judgement, store, progress, arrays, options, as_json=as_json)
+        facts = {"participant": code, "outcome": outcome, **store.counts(code), "data": str(folder)}
+    console.show_values(facts, as_json=as_json, title="study")
+    if outcome == INTERRUPTED:
+        print_message(f"the array is off; --participant {code} --resume goes on", "note")
+        return console.FAILED
+    return console.DONE
 
 
 def _run_participant(
     plan: StudyPlan,
     judgement: StudyJudgement,
-    code: str,
     store: AnswerStore,
     progress: Progress,
     arrays: tuple[PlacedArray, ...],
     options: dict[str, Any],
-    stack: ExitStack,
     *,
     as_json: bool,
 ) -> str:
     """Open the array and the pages, and run; returns what came of it."""
     desk = StudyDesk()
-    solids = {own.name: load_solid(own.solid, own.placement) for own in plan.stimuli if own.solid is not None}
-    shown_names, meshes = _shown_meshes(plan, solids)
+    with bars.loading_bar("objects", quiet=as_json):
+        loaded = _loaded(plan)
+    shown_names, mesh_of = _shown_meshes(plan, loaded)
 
     def warn(sentence: str) -> None:
         desk.set_status(warning=sentence)
         console.warn(sentence)
 
-    session = Session(
+    with ExitStack() as stack:
+        session = stack.enter_context(_open_session(plan, judgement, arrays, options, warn))
+        with bars.loading_bar("stimuli", quiet=as_json):
+            solids = {own.name: loaded[own.solid, own.placement] for own in plan.stimuli if own.solid is not None}
+            player = IntervalPlayer(session, plan, solids)
+        server = stack.enter_context(
+            study_server(
+                desk, mesh_of, scene=session.scene, moment=session.moment, title=plan.title,
+                language=plan.sentence("language"), lost=plan.sentence("lost"), noise_level=plan.noise_level,
+                noise_seed=plan.seed, port=options["port"],
+            )
+        )  # fmt: skip
+        events, send = {}, _send_nothing
+        if options["events"] is not None:
+            outlet = LslOutlet(f"palpate {plan.title}"[:100]) if options["lsl"] else None
+            token = secrets.token_urlsafe(16)
+            stream = stack.enter_context(
+                EventStream(desk, host=options["events_host"], port=options["events"], token=token, outlet=outlet)
+            )
+            events, send = {"events": f"{stream.host}:{stream.port}", "token": token}, stream.send
+        run = StudyRun(
+            plan,
+            progress.code,
+            store=store,
+            progress=progress,
+            desk=desk,
+            player=player,
+            account=DutyAccount(plan.limits),
+            send=send,
+            file_hashes=judgement.file_hashes,
+            duties=judgement.duties,
+            shown_names=shown_names,
+        )
+        _announce(server, events, options, as_json=as_json)
+        outcome = run.run()
+        end = time.monotonic() + LAST_SECONDS
+        while desk.has_page and not desk.is_ended and time.monotonic() < end:
+            desk.await_change(0.1)
+    return outcome
+
+
+def _open_session(
+    plan: StudyPlan,
+    judgement: StudyJudgement,
+    arrays: tuple[PlacedArray, ...],
+    options: dict[str, Any],
+    warn: Callable[[str], object],
+) -> Session:
+    return Session(
         arrays,
         update_rate=judgement.update_rate,
         source=options["source"],
@@ -110,42 +174,44 @@ def _run_participant(
             watchdog=options["watchdog"],
         ),
     )
-    with session:
-        with bars.loading_bar("stimuli", quiet=as_json):
-            player = IntervalPlayer(session, plan, solids)
-        store.begin_session(**_session_facts(session, arrays, options))
-        server = stack.enter_context(study_server(desk, plan, session, meshes, port=options["port"]))
-        send = _sender(stack, desk, plan, options, server.token)
-        run = StudyRun(
-            plan,
-            code,
-            store=store,
-            progress=progress,
-            desk=desk,
-            player=player,
-            account=DutyAccount(plan.limits),
-            send=send,
-            file_hashes=judgement.file_hashes,
-            duties=judgement.duties,
-            shown_names=shown_names,
-        )
-        _announce(server, options, as_json=as_json)
-        outcome = run.run()
-        end = time.monotonic() + LAST_SECONDS
-        while desk.has_page and not desk.is_ended and time.monotonic() < end:
-            desk.await_change(0.1)
-    return outcome
 
 
-def _announce(server: PageServer, options: dict[str, Any], *, as_json: bool) -> None:
+def _loaded(plan: StudyPlan) -> Loaded:
+    """Every object that is rendered or seen, each loaded once."""
+    named = {(own.solid, own.placement) for own in plan.stimuli} | {(own.shown, own.placement) for own in plan.stimuli}
+    return {(name, placement): load_solid(name, placement) for name, placement in named if name is not None}
+
+
+def _shown_meshes(
+    plan: StudyPlan, loaded: Loaded
+) -> tuple[dict[str, str], Callable[[ShownObject], tuple[np.ndarray, np.ndarray]]]:
+    """The name of the mesh that is seen with each stimulus, and what gives vertices and faces of it."""
+    numbers = {key: str(number) for number, key in enumerate(loaded)}  # a name would tell how it is rendered
+    solids = {numbers[key]: solid for key, solid in loaded.items()}
+    names = {}
+    for own in plan.stimuli:
+        seen = own.shown or own.solid
+        if seen is not None:
+            names[own.name] = numbers[seen, own.placement]
+    return names, lambda shown: solids[shown.solid].outline_mesh()
+
+
+def _announce(server: PageServer, events: dict[str, str], options: dict[str, Any], *, as_json: bool) -> None:
     """Tell where the pages are, and open both."""
-    addresses = {"participant": server.address("/"), "experimenter": server.address("/experimenter")}
+    addresses = {"participant": server.address(PARTICIPANT), "experimenter": server.address(EXPERIMENTER)}
     if as_json:
-        write_output(console.json_line(addresses))
+        write_output(console.json_line({"pages": addresses, **events}))
     else:
-        print_message(f"the participant's page: {addresses['participant']}")
-        print_message(f"the experimenter's page: {addresses['experimenter']}")
+        for name, address in addresses.items():
+            print_message(f"the {name}'s page: {address}")
+        if events:
+            print_message(f"events: {events['events']}, token {events['token']}")
     if options["no_browser"]:
         return
-    if not all([open_browser(own) for own in reversed(addresses.values())]):
+    are_open = [open_browser(address) for address in reversed(addresses.values())]  # the participant's is on top
+    if not all(are_open):
         print_message("no browser could be opened here: open these addresses in one on this machine")
+
+
+def _send_nothing(name: str, **values: Any) -> None:
+    """No other program is told of events."""

@@ -159,6 +159,7 @@ class StudyPlan:
 
 
 TEXTS = {
+    "language": "en",
     "continue": "Press the space bar to go on.",
     "agree": "I agree",
     "decline": "I do not agree",
@@ -170,16 +171,20 @@ TEXTS = {
     "interval": "{number}",
     "gap": "",
     "modulus": "The first one is called {value:g}.",
-    "rest": "The array rests. It goes on in {seconds} s.",
+    "rest": "The array rests. It goes on by itself.",
     "no_hand": "Hold your hand over the array.",
     "number": "Type a number, then press Enter.",
     "text": "Type your answer, then press Enter.",
     "out_of_range": "The number must be from {low:g} to {high:g}.",
     "stopped": "The study is paused. Please wait.",
+    "lost": "The connection is lost. Please tell the experimenter.",
     "ended": "That was all. Thank you.",
     "progress": "Trial {number} of {count}",
 }
-"""Sentences that a participant reads, by the names under which a plan's `[texts]` translates them."""
+"""Sentences that a participant reads, by the names under which a plan's `[texts]` translates them.
+
+`language` is the code of their language, as HTML names it.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,7 +12,7 @@ import os
 import platform
 import sqlite3
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import asdict, fields
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -86,6 +86,42 @@ class AnswerStore:
     def path(self) -> Path:
         """Of the data file."""
         return self._file.path
+
+    def keep_stimuli(self, file_hashes: Mapping[str, str]) -> None:
+        """Keep the SHA-256 of each prepared stimulus' file, by its name.
+
+        Raises StudyError where one has changed since the first participant: answers to both cannot be compared.
+        """
+        with self._file.transaction("the stimuli") as connection:
+            kept = {row["name"]: row for row in connection.execute("SELECT * FROM stimuli")}
+            for name, digest in file_hashes.items():
+                if name not in kept:
+                    values = {"name": name, "sha256": digest, "since": utc(time.time())}
+                    _insert(connection, "stimuli", values)
+                elif kept[name]["sha256"] != digest:
+                    raise StudyError(
+                        f"the file of stimulus {name!r} has changed since {kept[name]['since']}: its SHA-256 was "
+                        f"{kept[name]['sha256'][:16]}... and is {digest[:16]}...: put the old file back, or begin "
+                        "another data folder"
+                    )
+
+    def next_code(self) -> str:
+        """The first code of the plan that no participant has had yet; raises StudyError where all are taken."""
+        taken = {row["code"] for row in self._file.rows("SELECT code FROM participants")}
+        free = next((code for code in self._plan.codes if code not in taken), None)
+        if free is None:
+            raise StudyError(
+                f"all {len(self._plan.codes)} codes of the plan have begun: add some behind the others, or resume one "
+                "with --participant CODE --resume"
+            )
+        return free
+
+    def counts(self, code: str) -> dict[str, int]:
+        """Answers and intervals of a participant on disk."""
+        return {
+            table: self._file.rows(f"SELECT count(*) FROM {table} WHERE code = ?", (code,))[0][0]
+            for table in ("answers", "intervals")
+        }
 
     def begin(self, code: str, *, resume: bool = False, setup: SessionSetup | None = None) -> Progress:
         """Take a participant for this process, until `close`, `finish` or `forget`.

@@ -150,6 +150,9 @@ CREATE TABLE study (
 CREATE TABLE plans (
     sha256 TEXT PRIMARY KEY, text TEXT NOT NULL, codes TEXT NOT NULL, content TEXT NOT NULL, since TEXT NOT NULL
 );
+CREATE TABLE stimuli (
+    name TEXT PRIMARY KEY, sha256 TEXT NOT NULL, since TEXT NOT NULL
+);
 CREATE TABLE participants (
     code TEXT PRIMARY KEY, number INTEGER NOT NULL, began TEXT NOT NULL, finished TEXT
 );

@@ -376,7 +376,7 @@ class StudyRun:
         if pause > block.rest:
             self._tell("rest", seconds=pause)
             self._store_event("rest", seconds=pause)
-            self._desk.show("rest", self._plan.sentence("rest", seconds="{seconds}"), ends=ends, **self._common())
+            self._desk.show("rest", self._plan.sentence("rest"), ends=ends, **self._common())
         else:
             self._desk.show("text", "", **self._common())
         self._wait_until(ends)

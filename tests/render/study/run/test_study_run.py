@@ -210,7 +210,7 @@ def test_the_array_rests_where_limits_demand_it_and_the_participant_is_told(tmp_
     assert person.error is None
     rests = [screen for screen in own.shown if screen.kind == "rest"]
     assert len(rests) == 1  # two intervals of 10 ms may be, four may not
-    assert "{seconds}" in rests[0].text
+    assert rests[0].ends > 0
     onsets = [onset for (onset,) in rows(tmp_path, "SELECT onset FROM intervals ORDER BY sequence")]
     assert onsets[2] - onsets[1] - 0.01 >= 0.2
 

@@ -79,7 +79,7 @@ def answer(trial=0, name="denser", attempt=0, **values):
 
 
 def take_part(folder, report, trials=TRIALS):
-    """Answer what is not answered yet; `report(kind, trial, attempt, what)` after each call that has saved something."""
+    """Answer what is not answered yet; `report(kind, trial, attempt, what)` after each call that saved something."""
     with AnswerStore(folder, PLAN) as store:
         progress = store.begin("P01", resume=True)
         report("begun", 0, 0, progress.session)

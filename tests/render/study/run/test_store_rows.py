@@ -7,7 +7,10 @@ from dataclasses import fields
 from pathlib import Path
 
 import pytest
+from page_blocks import blocks_of
+from study_answers import PLAN, answer, interval
 
+from palpate.render.study.run.answer_store import AnswerStore
 from palpate.render.study.run.store_rows import SCHEMA, AnswerRow, IntervalRow, SessionSetup, json_text, storable
 
 PAGE = Path(__file__).parents[4] / "docs" / "formats" / "study-data.md"
@@ -32,13 +35,45 @@ def test_each_field_of_a_row_has_a_column(table, row):
     assert {own.name for own in fields(row)} <= set(columns()[table])
 
 
-def test_the_document_has_every_column_of_every_table_in_its_section():
-    sections = re.split(r"^### `(\w+)`.*$", PAGE.read_text(), flags=re.MULTILINE)
-    documented = {
-        name: [own for line in re.findall(r"^\| (.+?) \|", text, re.MULTILINE) for own in re.findall(r"`(\w+)`", line)]
-        for name, text in zip(sections[1::2], sections[2::2], strict=True)
+def documented_columns():
+    """Columns that the document names: of small tables in one table with their names, of others in sections."""
+    found = {}
+    for name, text in re.findall(r"^### `(\w+)`.*?\n(.+?)(?=^##|\Z)", PAGE.read_text(), re.MULTILINE | re.DOTALL):
+        found[name] = re.findall(r"`(\w+)`", " ".join(re.findall(r"^\| (.+?) \|", text, re.MULTILINE)))
+    for name, cell in re.findall(r"^\| `(\w+)` \| ([^|]+) \| [^|]+ \|$", PAGE.read_text(), re.MULTILINE):
+        found.setdefault(name, []).extend(re.findall(r"`(\w+)`", cell))
+    return found
+
+
+def test_the_document_has_every_column_of_every_table():
+    assert documented_columns().keys() == columns().keys()
+    assert {name: sorted(own) for name, own in documented_columns().items()} == {
+        name: sorted(own) for name, own in columns().items()
     }
-    assert documented == columns()
+
+
+def test_the_documents_queries_give_shares_and_remove_a_participant(tmp_path):
+    with AnswerStore(tmp_path, PLAN) as store:
+        store.begin("P03")
+        for trial in range(6):
+            store.add_interval(interval(trial))
+            store.add_answer(answer(trial, stimuli=("cube-cc", "cube-oc"), value=int(trial == 5)))
+        store.add_event("stopped")
+        path = store.path
+    share, ratio, *removal = [
+        statement
+        for block in blocks_of(PAGE)
+        for statement in block.text.strip().split("\n\n" if "avg" in block.text else ";\n")
+    ]
+    with closing(sqlite3.connect(path, isolation_level=None)) as connection:
+        assert connection.execute(share).fetchall() == [("P03", "cube", 0.75, 4)]
+        assert connection.execute(ratio).fetchall() == [("P03", "cube", 1.75)]
+        for statement in removal:
+            connection.execute(statement)
+        tables = [name for name in columns() if name not in ("study", "plans")]
+        assert [connection.execute(f"SELECT count(*) FROM {name}").fetchone() for name in tables] == [(0,)] * len(
+            tables
+        )
 
 
 def test_lists_become_json_and_other_values_stay():

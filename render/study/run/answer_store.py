@@ -357,11 +357,12 @@ class AnswerStore:
     @contextlib.contextmanager
     def _writing(self, what: str) -> Generator[tuple[sqlite3.Connection, float, float], None, None]:
         """A transaction, and what wall clock and CLOCK_MONOTONIC show [s]."""
-        now = time.time(), time.monotonic()
-        with self._file.transaction(what) as connection:
-            self._note_jump(connection, self._last, now)
-            yield connection, *now
-        self._last = now
+        with self._file.lock:  # of two threads, the one that writes first reads the clocks first
+            now = time.time(), time.monotonic()
+            with self._file.transaction(what) as connection:
+                self._note_jump(connection, self._last, now)
+                yield connection, *now
+            self._last = now
 
     def _note_jump(
         self, connection: sqlite3.Connection, before: tuple[float, float | None], now: tuple[float, float]

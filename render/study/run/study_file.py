@@ -34,7 +34,8 @@ class StudyFile:
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / NAME
-        self._lock = threading.RLock()
+        self.lock = threading.RLock()
+        """Held by a thread that reads or writes."""
         self._connection: sqlite3.Connection | None = None
         self._is_closed = False
         try:
@@ -44,7 +45,7 @@ class StudyFile:
         except (OSError, sqlite3.Error) as error:
             raise StudyError(f"{self.path} cannot be made: {_reason(error)}") from error
         try:
-            with self._lock:
+            with self.lock:
                 self._judge(self._connected())
         except (OSError, sqlite3.Error) as error:
             self.close()
@@ -55,13 +56,13 @@ class StudyFile:
 
     def close(self) -> None:
         """Close it; closing twice does nothing."""
-        with self._lock:
+        with self.lock:
             self._is_closed = True
             self._disconnect()
 
     def rows(self, statement: str, values: Sequence[Any] = ()) -> list[sqlite3.Row]:
         """The rows of a statement that reads, all read, so that no lock stays."""
-        with self._lock:
+        with self.lock:
             try:
                 return self._connected().execute(statement, values).fetchall()
             except (OSError, sqlite3.Error) as error:
@@ -78,7 +79,7 @@ class StudyFile:
             StudyError: It could not be written. What was saved before is there, and the same may be tried again.
             sqlite3.IntegrityError: A row of the kind is there already.
         """
-        with self._lock:
+        with self.lock:
             try:
                 connection = self._connected()
                 connection.execute("BEGIN IMMEDIATE")

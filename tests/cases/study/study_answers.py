@@ -1,0 +1,108 @@
+"""A plan and rows of answers that tests know in advance; as a script, a participant who answers as fast as possible.
+
+`python study_answers.py FOLDER` goes on where the last process stopped, and prints each row when its call has returned.
+"""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from palpate.render.study.plan.study_plan import PlannedBlock, PlannedStimulus, Question, StudyPlan
+from palpate.render.study.run.answer_store import AnswerStore
+from palpate.render.study.run.store_rows import AnswerRow, IntervalRow
+
+TEXT = 'title = "Infill"\nseed = 3\n\n[[block]]\nname = "cube"\n'
+QUESTION = Question(name="denser", text="Which one felt denser?", kind="choice", options=("First", "Second"))
+BLOCK = PlannedBlock(name="cube", design="2ifc", question=QUESTION, questions=(QUESTION,), sets=(("cc", "oc"),))
+PLAN = StudyPlan(
+    path=Path("STUDY.toml"),
+    text=TEXT,
+    title="Infill",
+    codes=("P01", "P02", "P03"),
+    seed=3,
+    consent="I take part.",
+    data_statement="Answers are kept under a code.",
+    stimuli=tuple(PlannedStimulus(name=name, duration=7.0, solid="cube", strategy=name) for name in ("cc", "oc")),
+    blocks=(BLOCK,),
+)
+TRIALS = 24
+
+
+def interval(trial=0, number=0, attempt=0, **values):
+    """An interval whose numbers all follow from its place."""
+    row = IntervalRow(
+        block="cube",
+        block_position=0,
+        trial=trial,
+        attempt=attempt,
+        interval=number,
+        stimulus=("cc", "oc")[number],
+        is_practice=trial < 2,
+        onset_planned=trial + 0.125,
+        onset=trial + 0.25,
+        is_estimate=False,
+        latency=0.004,
+        ended=trial + 7.25,
+        seconds=7.0,
+        outcome="played",
+        poses=630 + trial,
+        pose_latency_p50=0.011,
+        pose_latency_p99=1 / 3 + trial,
+        dropped=0,
+        length_mean=0.25,
+        r=1.75 if number == 0 else None,
+    )
+    return replace(row, **values)
+
+
+def answer(trial=0, name="denser", attempt=0, **values):
+    """An answer whose value follows from its place: an option, or a text that takes several of SQLite's pages."""
+    is_text = name == "why"
+    row = AnswerRow(
+        block="cube",
+        block_position=0,
+        design="2ifc",
+        trial=trial,
+        attempt=attempt,
+        name=name,
+        question=QUESTION.text,
+        kind="text" if is_text else "choice",
+        value=f"so dicht wie ein Schwamm, {trial} ü " * 400 if is_text else trial % 2,
+        label="" if is_text else QUESTION.options[trial % 2],
+        key="Enter" if is_text else "ArrowLeft",
+        key_order=() if is_text else (1, 0),
+        stimuli=("cc", "oc"),
+        is_practice=trial < 2,
+        seconds=0.5 + trial / 7,
+    )
+    return replace(row, **values)
+
+
+def take_part(folder, report, trials=TRIALS):
+    """Answer what is not answered yet; `report(kind, trial, attempt, what)` after each call that saved something."""
+    with AnswerStore(folder, PLAN) as store:
+        progress = store.begin("P01", resume=True)
+        report("begun", 0, 0, progress.session)
+        for trial in range(trials):
+            names = [name for name in ("denser", "why") if ("cube", trial, name) not in progress.answers]
+            if not names:
+                continue
+            attempt = progress.next_attempt("cube", trial)
+            for number in range(2):
+                store.add_interval(interval(trial, number, attempt))
+                report("interval", trial, attempt, number)
+            for name in names:
+                store.add_answer(answer(trial, name, attempt))
+                report("answer", trial, attempt, name)
+        store.finish()
+    report("finished", 0, 0, "")
+
+
+def report_line(*values):
+    """Report what is saved as a line that leaves this process at once."""
+    sys.stdout.write(" ".join(map(str, values)) + "\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    take_part(Path(sys.argv[1]), report_line, int(sys.argv[2]))

@@ -1,0 +1,393 @@
+"""What is added to a study's data is there once, with its values; who may begin, go on, finish; clocks that jump."""
+
+import hashlib
+import json
+import sqlite3
+import subprocess
+import sys
+import threading
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import study_answers
+from study_answers import PLAN, TEXT, answer, interval
+
+from palpate.render.errors import StudyError
+from palpate.render.study.run import answer_store
+from palpate.render.study.run.answer_store import AnswerStore
+from palpate.render.study.run.store_rows import ABOUT_CONSENT, SessionSetup
+
+
+@pytest.fixture
+def store(tmp_path):
+    with AnswerStore(tmp_path / "data", PLAN) as own:
+        yield own
+
+
+def query(store, statement):
+    """Rows, as a program that is not palpate reads them."""
+    with closing(sqlite3.connect(store.path)) as connection:
+        return connection.execute(statement).fetchall()
+
+
+def begun_again(store, code="P01", plan=PLAN, **options):
+    """The progress of a participant in a process that comes later."""
+    store.close()
+    with AnswerStore(store.folder, plan) as again:
+        return again.begin(code, **options)
+
+
+def test_the_plan_and_what_participants_read_of_their_data_are_kept_with_them(store):
+    study = query(store, "SELECT title, consent, data_statement FROM study")
+    assert study == [("Infill", "I take part.", "Answers are kept under a code.")]
+    assert query(store, "SELECT sha256, text FROM plans") == [(hashlib.sha256(TEXT.encode()).hexdigest(), TEXT)]
+
+
+def test_a_session_keeps_what_it_was_played_with_and_no_name_of_the_machine(store):
+    setup = SessionSetup(array="emulator", source="udp", hand="palm", lead=0.02, realtime=True, update_rate=40000.0)
+    assert store.begin("P02", setup=setup).number == 1
+    rows = query(store, "SELECT code, array, source, hand, lead, realtime, update_rate, machine FROM sessions")
+    assert rows[0][:-1] == ("P02", "emulator", "udp", "palm", 0.02, 1, 40000.0)
+    assert rows[0][-1].startswith("Linux ")
+
+
+def test_an_interval_has_every_value_that_was_given(store):
+    store.begin("P01")
+    given = interval(5, onset=None, is_estimate=True, r=np.float32(1.5), pose_latency_p50=float("nan"))
+    store.add_interval(given)
+    with closing(sqlite3.connect(store.path)) as connection:
+        connection.row_factory = sqlite3.Row
+        (row,) = connection.execute("SELECT * FROM intervals")
+    expected = {**vars(given), "r": 1.5, "pose_latency_p50": None}
+    assert {name: row[name] for name in expected} == expected
+    assert (row["session"], row["code"], row["began"], row["poses_sha256"]) == (1, "P01", None, None)
+
+
+def test_an_answer_comes_back_as_it_was_given_in_the_order_of_the_answers(store):
+    store.begin("P01")
+    given = [
+        answer(3),
+        answer(1, "why"),
+        answer(2, value=2.5),
+        answer(4, value=None),
+        answer(-1, value="12", block="after"),
+    ]
+    for row in given:
+        store.add_answer(row)
+    progress = begun_again(store, resume=True)
+    assert list(progress.answers.values()) == given
+    assert list(progress.answers) == [
+        ("cube", 3, "denser"),
+        ("cube", 1, "why"),
+        *((row.block, row.trial, row.name) for row in given[2:]),
+    ]
+    assert [type(row.value) for row in progress.answers.values()] == [int, str, float, type(None), str]
+
+
+@pytest.mark.parametrize(
+    ("given", "stored"),
+    [
+        (10**30, 1e30),
+        ("a\ud800b\0", "a\ufffdb\ufffd"),
+        (np.int64(3), 3),
+        ("'; DROP TABLE answers", "'; DROP TABLE answers"),
+    ],
+)
+def test_values_that_sqlite_cannot_hold_are_kept_as_near_as_it_can(store, given, stored):
+    store.begin("P01")
+    store.add_answer(answer(value=given))
+    assert query(store, "SELECT value FROM answers") == [(stored,)]
+
+
+def test_a_number_that_is_none_is_refused(store):
+    store.begin("P01")
+    with pytest.raises(StudyError, match=r"'denser' must be a number, not nan"):
+        store.add_answer(answer(value=float("nan")))
+
+
+def test_a_question_is_answered_once_and_the_refusal_says_what_is_saved(store):
+    store.begin("P01")
+    store.add_answer(answer(1))
+    with pytest.raises(
+        StudyError, match=r"the answer to 'denser' in trial 1 of block 'cube' of participant P01 is saved already: 1 at"
+    ):
+        store.add_answer(answer(1, value=0))
+    store.add_interval(interval(1))
+    with pytest.raises(StudyError, match="interval 0 of trial 1 of block 'cube' of participant P01 is saved already"):
+        store.add_interval(interval(1))
+    store.add_interval(interval(1, attempt=1))
+    assert query(store, "SELECT value FROM answers") == [(1,)]
+
+
+def test_the_next_attempt_of_a_trial_comes_after_those_that_were_played(store):
+    store.begin("P01")
+    for row in (interval(0), interval(1), interval(1, attempt=1, outcome="stopped: the page was closed")):
+        store.add_interval(row)
+    progress = begun_again(store, resume=True)
+    assert [progress.next_attempt("cube", trial) for trial in range(3)] == [1, 2, 0]
+
+
+def test_consent_is_known_when_a_participant_goes_on(store):
+    block, trial, name = ABOUT_CONSENT
+    assert not store.begin("P01").consented
+    store.add_answer(answer(trial, name, block=block, value=1))
+    assert begun_again(store, resume=True).consented
+
+
+def test_nothing_is_kept_of_who_does_not_agree_and_their_code_is_free(store):
+    store.begin("P01")
+    store.add_event("declined")
+    store.forget()
+    counts = [query(store, f"SELECT count(*) FROM {name}")[0][0] for name in ("participants", "sessions", "events")]
+    assert counts == [0, 0, 0]
+    assert store.begin("P01").answers == {}
+    store.add_answer(answer())
+    with pytest.raises(StudyError, match="participant P01 has answers, which are kept"):
+        store.forget()
+    assert query(store, "SELECT count(*) FROM answers") == [(1,)]
+
+
+def test_an_event_keeps_its_values_as_json_that_sql_reads(store):
+    store.begin("P01")
+    store.add_event("stopped", reason="fire \ud800 alarm", seconds=float("nan"), drawn=np.float32(0.5), path=Path("a"))
+    ((name, details, read),) = query(store, "SELECT name, details, json_extract(details, '$.drawn') FROM events")
+    assert (name, read) == ("stopped", 0.5)
+    assert json.loads(details)["seconds"] is None
+    assert json.loads(details)["path"] == "a"
+
+
+# Who may begin.
+
+
+def test_a_code_that_the_plan_lacks_is_refused_with_the_likely_one(store):
+    with pytest.raises(
+        StudyError, match=r"'p1' is not in the plan \(did you mean 'P01'\?\): its codes are P01, P02, P03"
+    ):
+        store.begin("p1")
+
+
+def test_who_has_begun_goes_on_only_if_that_is_asked_for(store):
+    store.begin("P01")
+    store.add_answer(answer())
+    with pytest.raises(StudyError, match=r"P01 began at .* and has 1 answers: --resume goes on where they stopped"):
+        begun_again(store)
+    assert len(begun_again(store, resume=True).answers) == 1
+    assert begun_again(store, code="P02", resume=True).answers == {}
+
+
+@pytest.mark.parametrize("resume", [False, True])
+def test_who_has_finished_does_not_begin_again(store, resume):
+    store.begin("P01")
+    store.finish()
+    with pytest.raises(
+        StudyError, match=r"P01 finished at 20.*: if this is another person, each needs a code of their own"
+    ):
+        store.begin("P01", resume=resume)
+    assert store.begin("P02").number == 1
+
+
+def test_a_participant_is_run_by_one_store_at_a_time_and_others_beside(store):
+    store.begin("P01")
+    with AnswerStore(store.folder, PLAN) as other:
+        with pytest.raises(StudyError, match="P01 is being run by another process"):
+            other.begin("P01", resume=True)
+        other.begin("P02")
+        with pytest.raises(StudyError, match="this process runs participant P02 already"):
+            other.begin("P03")
+        other.add_answer(answer())
+        store.add_answer(answer())
+    assert query(store, "SELECT code FROM answers ORDER BY sequence") == [("P02",), ("P01",)]
+
+
+@pytest.mark.exhaustive
+def test_a_killed_process_lets_go_of_its_participant(tmp_path):
+    folder = tmp_path / "data"
+    begin = f"from study_answers import *; store = AnswerStore({str(folder)!r}, PLAN); store.begin('P01')"
+    script = f"{begin}; report_line('begun'); input()"
+    process = subprocess.Popen(
+        [sys.executable, "-c", script],
+        cwd=Path(study_answers.__file__).parent,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout.readline() == "begun\n"
+    with AnswerStore(folder, PLAN) as store:
+        with pytest.raises(StudyError, match="is being run by another process"):
+            store.begin("P01", resume=True)
+        process.kill()
+        process.communicate()
+        assert store.begin("P01", resume=True).session == 2
+
+
+def test_nothing_is_added_before_a_participant_begins_or_after_the_store_is_closed(store):
+    with pytest.raises(StudyError, match="call begin first"):
+        store.add_answer(answer())
+    store.close()
+    with pytest.raises(StudyError, match="is closed"):
+        store.begin("P01")
+
+
+# The plan.
+
+
+def test_another_plan_is_refused_with_the_lines_that_differ(store):
+    changed = replace(PLAN, text=TEXT.replace("seed = 3", "seed = 4"), seed=4)
+    with pytest.raises(
+        StudyError, match=r"STUDY.toml is another plan .*: line 2 was 'seed = 3', now 'seed = 4'\. Undo"
+    ):
+        AnswerStore(store.folder, changed)
+    begun_again(store)
+
+
+def test_a_plan_with_more_codes_and_comments_goes_on_and_both_texts_are_kept(store):
+    more = replace(PLAN, text=TEXT + "# more people\n", codes=(*PLAN.codes, "P04"))
+    assert begun_again(store, plan=more, code="P04").number == 3
+    assert query(store, "SELECT text FROM plans ORDER BY rowid") == [(TEXT,), (more.text,)]
+    with pytest.raises(StudyError, match="is another plan"):
+        AnswerStore(store.folder, PLAN)  # P04 has a number, which the shorter list lacks
+
+
+def test_codes_in_another_order_are_refused_because_numbers_would_change(store):
+    with pytest.raises(StudyError, match="another plan"):
+        AnswerStore(store.folder, replace(PLAN, text=TEXT + "#", codes=("P02", "P01", "P03")))
+
+
+# Files of poses.
+
+
+def test_poses_are_named_by_their_place_and_no_file_is_overwritten(store):
+    store.begin("P01")
+    first = store.poses_path(3, 12, 1, 0)
+    assert first == store.folder / "poses" / "P01-b03-t012-i1-a0.h5"
+    first.write_bytes(b"left by a killed process")
+    second = store.poses_path(3, 12, 1, 0)
+    assert second.name == "P01-b03-t012-i1-a0-2.h5"
+    second.write_bytes(b"poses")
+    store.add_interval(interval(poses_file=second.name))
+    assert query(store, "SELECT poses_file, poses_sha256 FROM intervals") == [
+        (second.name, hashlib.sha256(b"poses").hexdigest())
+    ]
+
+
+def test_an_interval_without_its_file_of_poses_is_refused(store):
+    store.begin("P01")
+    with pytest.raises(StudyError, match=r"the poses in .*lost\.h5 are not on the disk: No such file"):
+        store.add_interval(interval(poses_file="lost.h5"))
+
+
+# Clocks.
+
+
+class Clocks:
+    """Stands for the module `time`."""
+
+    def __init__(self, wall, monotonic):
+        self.wall, self.steady = wall, monotonic
+
+    def time(self):
+        return self.wall
+
+    def monotonic(self):
+        return self.steady
+
+    def pass_by(self, seconds, jump=0.0):
+        self.wall += seconds + jump
+        self.steady += seconds
+
+
+@pytest.fixture
+def clocks(monkeypatch):
+    own = Clocks(1.8e9, 500.0)
+    monkeypatch.setattr(answer_store, "time", SimpleNamespace(time=own.time, monotonic=own.monotonic))
+    return own
+
+
+def jumps(store):
+    return query(store, "SELECT sequence, details FROM events WHERE name = 'clock_jump' ORDER BY sequence")
+
+
+@pytest.mark.parametrize("jump", [1.5, -1.5, -3600.0, 1e8, -0.25])
+def test_a_clock_that_jumps_is_an_event_before_the_row_and_order_does_not_follow_it(store, clocks, jump):
+    store.begin("P01")
+    for trial in range(4):
+        clocks.pass_by(20.0, jump if trial == 2 and jump != -0.25 else 0.0)
+        if trial == 2 and jump == -0.25:  # also a small step back
+            clocks.wall -= 20.25
+            clocks.steady -= 20.0
+        store.add_answer(answer(trial))
+    ((sequence, details),) = jumps(store)
+    assert query(store, "SELECT trial FROM answers ORDER BY sequence") == [(0,), (1,), (2,), (3,)]
+    assert query(store, f"SELECT trial FROM answers WHERE sequence = {sequence} + 1") == [(2,)]
+    read = json.loads(details)
+    before, after = answer_store.seconds_of(read["wall_before"]), answer_store.seconds_of(read["wall"])
+    steady = read["monotonic"] - read["monotonic_before"]
+    assert after - before - steady == pytest.approx(jump, abs=1e-5)
+
+
+def test_clocks_that_drift_apart_by_less_than_a_second_are_no_event(store, clocks):
+    store.begin("P01")
+    for trial in range(6):
+        clocks.pass_by(20.0, 0.9)
+        store.add_answer(answer(trial))
+    assert jumps(store) == []
+
+
+def test_a_clock_that_was_set_back_between_two_processes_is_an_event(store, clocks):
+    store.begin("P01")
+    store.add_answer(answer())
+    clocks.wall -= 5.0
+    clocks.steady = 3.0  # the machine was started again
+    begun_again(store, resume=True)
+    ((_, details),) = jumps(store)
+    assert json.loads(details)["monotonic_before"] is None
+
+
+def test_an_event_of_a_jump_that_was_not_saved_is_saved_with_the_next_row(store, clocks, monkeypatch):
+    store.begin("P01")
+    clocks.pass_by(1.0, 10.0)
+    with monkeypatch.context() as patch:
+        patch.setattr(AnswerStore, "_insert_event", lambda *_: (_ for _ in ()).throw(sqlite3.OperationalError("no")))
+        with pytest.raises(StudyError, match="is not saved"):
+            store.add_answer(answer())
+    store.add_answer(answer())
+    assert len(jumps(store)) == 1
+
+
+def test_the_wall_clock_of_an_onset_follows_from_both_clocks(store, clocks):
+    store.begin("P01")
+    clocks.pass_by(10.0)
+    store.add_interval(interval(onset=508.0))
+    ((began, recorded),) = query(store, "SELECT began, recorded FROM intervals")
+    assert answer_store.seconds_of(recorded) - answer_store.seconds_of(began) == pytest.approx(2.0, abs=1e-5)
+
+
+def test_threads_share_a_store_and_cause_no_jump_of_the_clock(store):
+    store.begin("P01")
+    threads = [
+        threading.Thread(target=lambda own=own: [store.add_answer(answer(own * 8 + k)) for k in range(8)])
+        for own in range(3)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert query(store, "SELECT count(*), max(sequence) FROM answers") == [(24, 24)]
+    assert jumps(store) == []
+
+
+def test_a_tidy_table_names_the_stimulus_that_was_chosen(store):
+    store.begin("P01")
+    store.add_answer(answer(4))
+    store.add_answer(answer(5, stimuli=("oc", "cc"), value=0))
+    store.add_answer(answer(-1, "why", design="2ifc", stimuli=()))
+    rows = query(store, "SELECT participant, trial, number, text IS NULL, chosen, first, second FROM tidy_answers")
+    assert rows == [
+        (0, 4, 0.0, 1, "cc", "cc", "oc"),
+        (0, 5, 0.0, 1, "oc", "oc", "cc"),
+        (0, -1, None, 0, None, None, None),
+    ]

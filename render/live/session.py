@@ -107,6 +107,7 @@ class _Current:
     stopping: threading.Event = field(default_factory=threading.Event)
     ended: threading.Event = field(default_factory=threading.Event)
     onset_ns: int = 0
+    silent_at: float | None = None
     recorder: RunRecorder | None = None
     error: BaseException | None = None  # of saving what was recorded
 
@@ -307,6 +308,11 @@ class Session:
             raise error
         return True
 
+    @property
+    def silent_since(self) -> float | None:
+        """When the array went silent after what was played last [s of time.monotonic()]; None before that."""
+        return None if self._current is None else self._current.silent_at
+
     def stop(self) -> None:
         """End what plays now; the array is silent when this returns, but for the lead, which is played."""
         current = self._current
@@ -438,6 +444,7 @@ class Session:
                 self._run.fade()
                 time.sleep(self._held.lead)
                 self._writer.send("stop")
+            current.silent_at = time.monotonic()  # keeping what was drawn takes longer
             self._held.supervisor.settle()  # what was drawn belongs to this stimulus, not to the next
             if current.recorder is not None:
                 self._held.recorder = None
@@ -455,4 +462,5 @@ class Session:
             current.onset_ns = message["onset_ns"]
             current.begun.set()
         elif event == "ended" and current is not None:
+            current.silent_at = time.monotonic()
             current.ended.set()

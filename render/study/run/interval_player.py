@@ -115,7 +115,7 @@ class IntervalPlayer:
                     outcome = f"stopped after {time.monotonic() - onset.time:.3f} s"
         except (DatasetError, OSError) as error:  # of keeping the poses: the array is silent, and goes on
             outcome = f"stopped: its poses could not be kept: {error}"
-        ended = time.monotonic()
+        ended = session.silent_since or time.monotonic()
         seconds_on = min(ended - onset.time, self._duration[name])
         if is_live:
             seconds_on = min(seconds_on, (session.statistics().frames_on - drawn) / session.update_rate + _COUNTED_EACH)

@@ -82,7 +82,9 @@ def _paragraphs(plan: StudyPlan, judgement: StudyJudgement) -> Iterator[list[str
     if count == 0:
         yield ["The plan has no fault."]
     else:
-        title = f"{count} fault{'' if count == 1 else 's'}: the study cannot be run before they are mended"
+        title = "1 fault: the study cannot be run before it is mended"
+        if count > 1:
+            title = f"{count} faults: the study cannot be run before they are mended"
         yield [title, *(line for own in judgement.faults for line in _wrapped(f"- {own}", "  "))]
 
 

@@ -23,7 +23,7 @@ from ..objects.solid import Solid
 from ..playback.drive import Driver, DriveStrategy
 from ..playback.file_playback import Connection, ConnectionFields
 from ..playback.focal_points import open_focal_points, require_duration, sampling_for
-from ..playback.frames import MadeFrames, WireFrames
+from ..playback.frames import MadeFrames
 from ..playback.placed_arrays import PlacedArray, arrays_of
 from ..playback.prepared_frames import PreparedFrames
 from ..sampling.strategy import SamplingStrategy
@@ -110,6 +110,30 @@ class _Current:
     silent_at: float | None = None
     recorder: RunRecorder | None = None
     error: BaseException | None = None  # of saving what was recorded
+
+
+@contextmanager
+def opened_frames(
+    stimulus: Stimulus, arrays: Sequence[PlacedArray], update_rate: float
+) -> Iterator[MadeFrames | PreparedFrames]:
+    """Frames of a stored stimulus for arrays; a sampling by its name takes the update rate [Hz] of the session.
+
+    Raises what `play_file` does for a file that these arrays cannot play.
+    """
+    form = frame_format(stimulus.path)
+    if form == WIRE_FRAMES:
+        with PreparedFrames(stimulus.path, repeats=1) as prepared:
+            prepared.require_fitting(arrays, stimulus.sampling, stimulus.drive, stimulus.duration)
+            yield prepared
+        return
+    sampling = stimulus.sampling
+    if isinstance(sampling, str):
+        sampling = sampling_at(sampling, update_rate)
+    with open_focal_points(
+        Path(stimulus.path), sampling, stimulus.duration, arrays, has_points=form == FOCAL_POINTS
+    ) as (points, file):
+        driver = Driver([placed.model for placed in arrays], stimulus.drive, update_rate=points.update_rate)
+        yield MadeFrames(points, driver, file=file)
 
 
 class Session:
@@ -379,7 +403,7 @@ class Session:
 
     def _frames_of(self, stimulus: Stimulus, room: int) -> tuple[list[memoryview], list[list[Dose]]]:
         """Frames of a stored stimulus for each array, in `room` [byte] at most, and what slices of them do."""
-        with self._opened(stimulus) as frames:
+        with opened_frames(stimulus, self._arrays, self.update_rate) as frames:
             if frames.update_rate != self.update_rate:
                 raise self._other_rate(str(stimulus.path), frames.update_rate)
             blocks: list[list[Any]] = [[] for _ in self._arrays]
@@ -398,23 +422,6 @@ class Session:
             guard = Guard(Limits(on_time_max=None, duty_max=None), placed.model)
             doses.append(guard.measure(byte_array("B", data), self._writer.slice_frames))
         return joined, doses
-
-    @contextmanager
-    def _opened(self, stimulus: Stimulus) -> Iterator[WireFrames]:
-        form = frame_format(stimulus.path)
-        if form == WIRE_FRAMES:
-            with PreparedFrames(stimulus.path, repeats=1) as prepared:
-                prepared.require_fitting(self._arrays, stimulus.sampling, stimulus.drive, stimulus.duration)
-                yield prepared
-            return
-        sampling = stimulus.sampling
-        if isinstance(sampling, str):
-            sampling = sampling_at(sampling, self.update_rate)
-        with open_focal_points(
-            Path(stimulus.path), sampling, stimulus.duration, self._arrays, has_points=form == FOCAL_POINTS
-        ) as (points, file):
-            driver = Driver([placed.model for placed in self._arrays], stimulus.drive, update_rate=points.update_rate)
-            yield MadeFrames(points, driver, file=file)
 
     def _other_rate(self, what: str, rate: float) -> StrategyError:
         return StrategyError(

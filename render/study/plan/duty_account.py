@@ -127,6 +127,8 @@ class DutyAccount:
         if limits.duty_max is None:
             return 0.0
         bound, pause = limits.duty_max * limits.duty_window, 0.0
+        if sum(own.driven for own in self._past) + sum(own.driven for own in planned) <= bound:
+            return 0.0  # all of it may be in one window
         for number, own in enumerate(planned):
             # The sum of a window rises as long as an interval is driven, which at worst is from its beginning on, and
             # falls afterwards: it is highest at these moments.
@@ -161,4 +163,4 @@ def _joined(intervals: Sequence[EmissionInterval], is_pause: Callable[[float], b
 
 
 def _names(intervals: Sequence[EmissionInterval]) -> str:
-    return ", ".join(dict.fromkeys(own.stimulus for own in intervals))
+    return ", ".join(sorted({own.stimulus for own in intervals}))

@@ -104,15 +104,15 @@ def run_random(seed, trial_count):
 
 
 def test_the_guard_never_stops_trials_that_keep_the_pauses():
-    paused, refused = np.sum([run_random(seed, 12) for seed in range(12)], axis=0)
-    assert paused > 30
-    assert refused < 72
+    paused, refused = np.sum([run_random(seed, 12) for seed in range(30)], axis=0)
+    assert paused > 75
+    assert refused < 180
 
 
 @pytest.mark.exhaustive
 def test_the_guard_never_stops_many_trials_that_keep_the_pauses():
     paused, _ = np.sum([run_random(seed, 60) for seed in range(1000, 1200)], axis=0)
-    assert paused > 3000
+    assert paused > 7500
 
 
 def shortened(seed, by):
@@ -200,7 +200,7 @@ def test_a_trial_that_exceeds_the_time_by_itself_is_refused_with_value_bound_and
     with pytest.raises(StudyError) as raised:
         account.pause_before(0.0, trial)
     assert str(raised.value) == (
-        "on_time_max: tube, dog in one trial emit for 12.1 s without a pause of 1 s, but the bound is 10 s: a gap of "
+        "on_time_max: dog, tube in one trial emit for 12.1 s without a pause of 1 s, but the bound is 10 s: a gap of "
         "1.1 s is a pause"
     )
     assert account.pause_before(0.0, [interval(6.0), interval(5.0, gap=1.1)]) == 0.0

@@ -1,0 +1,187 @@
+"""Stimuli of a plan, opened and measured without an array, against files whose drive is known."""
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from palpate.device import array_model
+from palpate.render import LiveStimulus, Stimulus, prepare_frames, render, static_pose
+from palpate.render.study.plan import stimulus_judgement as module
+from palpate.render.study.plan.stimulus_judgement import judge_stimuli, sha256_of, stimulus_of
+from palpate.render.study.plan.study_plan import PlannedStimulus, StudyPlan
+
+EMULATOR = array_model("emulator")
+FACETS = (  # a tetrahedron of 6 cm about z = 0.2 m without its floor
+    ((0.03, 0, 0.18), (-0.02, 0.03, 0.18), (0, 0, 0.23)),
+    ((-0.02, 0.03, 0.18), (-0.02, -0.03, 0.18), (0, 0, 0.23)),
+    ((-0.02, -0.03, 0.18), (0.03, 0, 0.18), (0, 0, 0.23)),
+)
+
+
+@pytest.fixture
+def open_mesh(tmp_path):
+    loops = ["".join(f"vertex {x} {y} {z}\n" for x, y, z in corners) for corners in FACETS]
+    facets = [f"facet normal 0 0 0\nouter loop\n{own}endloop\nendfacet\n" for own in loops]
+    path = tmp_path / "open.stl"
+    path.write_text(f"solid s\n{''.join(facets)}endsolid s\n")
+    return path
+
+
+def judged(*stimuli, array=EMULATOR, **fields):
+    plan = StudyPlan(
+        path=Path("STUDY.toml"), text="", title="t", codes=("P01",), seed=1, stimuli=stimuli, blocks=(), **fields
+    )
+    return judge_stimuli(plan, array)
+
+
+def test_hash_is_that_of_sha256sum(tmp_path):
+    path = tmp_path / "bytes"
+    path.write_bytes(bytes(range(256)) * 300)
+    assert sha256_of(path) == subprocess.run(["sha256sum", path], capture_output=True, check=True).stdout.decode()[:64]
+
+
+def points_file(path, intensity, rate=10_000):
+    """A point list, whose points all lie 20 cm above the array."""
+    rows = "".join(f"0, 0, 0.2, {own}\n" for own in intensity)
+    path.write_text(f"{len(intensity)}\n{rate}\n1\n{rows}")
+    return path
+
+
+def test_duty_is_the_mean_over_the_whole_interval(tmp_path):
+    path = points_file(tmp_path / "half.PTLIST", [1] * 300 + [0] * 100)
+    found = judged(PlannedStimulus(name="half", duration=0.04, file=path))
+    (own,) = found.stimuli
+    assert (found.faults, found.notes) == ([], [])
+    assert (own.kind, own.source, own.seconds, own.update_rate) == ("stored", str(path), 0.04, 10_000.0)
+    assert own.duty == pytest.approx(0.75, abs=0.01)  # full intensity drives each transducer fully
+    assert own.sha256 == sha256_of(path)
+    assert own.emission_seconds == 0.04
+
+
+def test_a_duration_cuts_a_stimulus_and_does_not_make_it_longer(tmp_path):
+    path = points_file(tmp_path / "half.PTLIST", [1] * 300 + [0] * 100)
+    found = judged(PlannedStimulus(name="cut", duration=0.03, file=path))
+    assert found.faults == []
+    assert found.stimuli[0].duty == pytest.approx(1.0, abs=0.01)
+    assert judged(PlannedStimulus(name="long", duration=0.05, file=path)).faults == [
+        f"stimulus long: {path} plays for 0.04 s, but duration is 0.05 s"
+    ]
+
+
+def test_a_stimulus_that_emits_nothing_is_noted(tmp_path):
+    path = points_file(tmp_path / "silent.PTLIST", [0] * 10)
+    assert judged(PlannedStimulus(name="none", duration=0.001, file=path)).notes == [
+        f"stimulus none: {path} emits nothing"
+    ]
+
+
+def test_points_out_of_reach_are_noted(tmp_path):
+    path = points_file(tmp_path / "far.PTLIST", [1] * 10)
+    path.write_text(path.read_text().replace("0, 0, 0.2, 1\n", "0, 0, 5.0, 1\n", 3))
+    assert judged(PlannedStimulus(name="far", duration=0.001, file=path)).notes == [
+        "stimulus far: 3 of 10 focal points are out of the array's reach and silent"
+    ]
+
+
+def test_prepared_frames_are_played_to_their_end(tmp_path):
+    path = tmp_path / "frames.h5"
+    prepare_frames(points_file(tmp_path / "a.PTLIST", [1] * 200), path)
+    planned = PlannedStimulus(name="cube", duration=0.02, file=path)
+    assert judged(planned).faults == []
+    assert stimulus_of(planned, "palm") == Stimulus(path)
+    assert judged(PlannedStimulus(name="cube", duration=0.5, file=path)).faults == [
+        f"stimulus cube: {path} plays for 0.02 s, but duration is 0.5 s"
+    ]
+    (fault,) = judged(planned, array=array_model("pat16")).faults
+    assert fault.startswith(f"stimulus cube: {path}: holds frames for emulator")
+
+
+def test_a_missing_file_and_one_that_is_no_stimulus_are_faults(tmp_path):
+    other = tmp_path / "other.h5"
+    other.write_text("no HDF5")
+    missing = tmp_path / "missing.h5"
+    found = judged(
+        PlannedStimulus(name="a", duration=1.0, file=missing), PlannedStimulus(name="b", duration=1.0, file=other)
+    )
+    assert found.faults[0] == f"stimulus a: {missing} is missing"
+    assert found.faults[1].startswith(f"stimulus b: {other}")
+    assert len(found.faults) == 2
+    assert [own.duty for own in found.stimuli] == [1.0, 1.0]  # the worst case
+
+
+def test_another_update_rate_is_a_fault_with_both_rates(tmp_path):
+    slow = points_file(tmp_path / "slow.PTLIST", [1] * 10, rate=5000)
+    fast = points_file(tmp_path / "fast.PTLIST", [1] * 10)
+    found = judged(
+        PlannedStimulus(name="fast", duration=0.001, file=fast),
+        PlannedStimulus(name="slow", duration=0.002, file=slow),
+        PlannedStimulus(name="live", duration=1.0, solid="cube"),
+    )
+    assert found.update_rate == 5000.0
+    assert found.faults == [
+        f"stimulus fast: {fast} has an update rate of 10000 Hz, but all stimuli of a study must have the same, which "
+        "is 5000 Hz"
+    ]
+    assert [own.update_rate for own in found.stimuli] == [10_000.0, 5000.0, 5000.0]
+
+
+def test_a_contour_file_takes_the_rate_of_the_others_with_a_named_sampling(tmp_path):
+    contours = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save(tmp_path / "cube.h5")
+    slow = PlannedStimulus(name="slow", duration=0.002, file=points_file(tmp_path / "s.PTLIST", [1] * 10, rate=5000))
+    found = judged(slow, PlannedStimulus(name="cube", duration=0.01, file=contours, sampling="stm"))
+    assert (found.faults, found.update_rate) == ([], 5000.0)
+    assert found.stimuli[1].seconds == 0.01
+    assert found.stimuli[1].duty == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_live_object_counts_at_full_drive_and_its_file_is_hashed(open_mesh):
+    found = judged(
+        PlannedStimulus(name="open oc", duration=1.0, solid=str(open_mesh), strategy="oc"),
+        PlannedStimulus(name="cube", duration=1.0, solid="cube"),
+    )
+    assert found.faults == []
+    (note,) = found.notes
+    assert note.startswith("stimulus open oc: open.stl: 3 open edges")
+    assert [(own.kind, own.duty, own.update_rate) for own in found.stimuli] == [("live", 1.0, 10_000.0)] * 2
+    assert [own.sha256 for own in found.stimuli] == [sha256_of(open_mesh), None]
+    assert found.stimuli[0].emission_seconds == pytest.approx(1.1)
+
+
+def test_a_strategy_that_refuses_an_object_is_a_fault(open_mesh):
+    (fault,) = judged(PlannedStimulus(name="open cc", duration=1.0, solid=str(open_mesh), strategy="cc")).faults
+    assert fault.startswith("stimulus open cc: ")
+    assert "closed" in fault
+
+
+def test_an_object_is_loaded_once_and_its_fault_is_listed_once(monkeypatch):
+    loaded = []
+    real = module.load_solid
+    monkeypatch.setattr(module, "load_solid", lambda name, *given, **other: loaded.append(name) or real(name, *given))
+    found = judged(
+        PlannedStimulus(name="oc", duration=1.0, solid="cube", strategy="oc"),
+        PlannedStimulus(name="cc", duration=1.0, solid="cube", shown="nowhere.stl"),
+        PlannedStimulus(name="other", duration=1.0, solid="nowhere.stl"),
+    )
+    assert loaded == ["cube", "nowhere.stl"]
+    (fault,) = found.faults
+    assert fault.startswith("stimulus cc: nowhere.stl")
+
+
+def test_strategy_sampling_hand_and_duration_that_there_are_not_are_faults():
+    found = judged(
+        PlannedStimulus(name="a", duration=1.0, solid="cube", strategy="xx"),
+        PlannedStimulus(name="b", duration=1.0, solid="cube", sampling="yy"),
+        PlannedStimulus(name="c", duration=-1.0, solid="cube"),
+    )
+    assert [fault[:12] for fault in found.faults] == ["stimulus a: ", "stimulus b: ", "stimulus c: "]
+    (fault,) = judged(PlannedStimulus(name="a", duration=1.0, solid="cube"), hand="paw").faults
+    assert "hand must be" in fault
+
+
+def test_planned_stimuli_become_those_of_a_session(tmp_path):
+    live = stimulus_of(PlannedStimulus(name="a", duration=7.0, solid="dog", strategy="oc", sampling="stm"), "planes")
+    assert live == LiveStimulus("dog", duration=7.0, hand="planes", strategy="oc", sampling="stm")
+    path = points_file(tmp_path / "a.PTLIST", [1])
+    stored = stimulus_of(PlannedStimulus(name="a", duration=7.0, file=path), "palm")
+    assert stored == Stimulus(path, duration=7.0)

@@ -442,10 +442,10 @@ class StaircaseKeys(StandardBlockKeys):
         if self.standard is not None and self.correct is not None:
             refuse("goes without standard: with it, the interval that is not the standard is correct", ("correct",))
         if self.standard is None and self.correct is None:
-            refuse(f"is missing: without standard, one of {', '.join(self.options)} is correct", ("correct",))
+            refuse(f"is missing: without standard, one of {value_text(self.options)} is correct", ("correct",))
         if self.standard is None and self.correct not in self.options:
             meant = likely_name(self.correct, self.options)
-            refuse(f"must be one of {', '.join(self.options)}, not {self.correct!r}{meant}", ("correct",))
+            refuse(f"must be one of {value_text(self.options)}, not {self.correct!r}{meant}", ("correct",))
         return self
 
     @property

@@ -18,6 +18,7 @@ from palpate.datasets.errors import RecordingError
 from palpate.render import RenderedBatch, load_plans, load_rig, load_strategy
 from palpate.render.cli.app import app
 from palpate.render.sampling.presets import load_sampling
+from palpate.render.study.plan.study_reading import read_study
 
 README = ROOT / "README.md"
 NO_RUN = {  # pages with blocks that are marked `no-run`, and what runs them instead
@@ -167,7 +168,7 @@ def load(block, folder):
     path.parent.mkdir(exist_ok=True)
     path.write_text(block.text)
     if path.suffix == ".toml":
-        return load_plans([path])
+        return read_study(path) if "[[block]]" in block.text else load_plans([path])
     return load_json(json.loads(block.text), path) if path.suffix == ".json" else read_ptlist(path)
 
 

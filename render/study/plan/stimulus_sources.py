@@ -41,7 +41,11 @@ class StimulusSources:
 def _file(text: str, folder: Path, what: str, known: tuple[str, ...] = ()) -> str:
     """The absolute path of a file; refused if there is none."""
     path = folder / text
-    if not path.is_file():
+    try:
+        is_there = path.is_file()
+    except OSError:  # such as a name that is too long
+        is_there = False
+    if not is_there:
         meant = likely_name(text, known) or likely_file(path)
         builtin = f"neither {what} ({', '.join(known)}) nor a file" if known else "no file"
         refuse(f"{text!r:.200} is {builtin} in {folder}{meant}")
@@ -50,7 +54,7 @@ def _file(text: str, folder: Path, what: str, known: tuple[str, ...] = ()) -> st
 
 def _object(text: str, folder: Path) -> str:
     module, colon, function = text.rpartition(":")
-    if colon and not (folder / text).is_file():  # a function of a module, which is loaded when the study begins
+    if colon and function.isidentifier():  # of a module, which is loaded when the study begins
         return f"{_file(module, folder, 'a module')}:{function}" if module.endswith(".py") else text
     return shape_name(text) or _file(text, folder, "a built-in object", shape_names())
 

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from string import Formatter
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 from pydantic import BaseModel
 
@@ -59,8 +59,14 @@ STAND_INS = {"number": 1, "count": 1, "seconds": 1, "value": 1.5, "low": 1.5, "h
 """Values with which translations are tried, of the types that the run puts in."""
 _FORMAT = re.compile(r"[+ ]?0?\d?(\.\d)?[a-z%]?")
 Keys = type[BaseModel]
-Owners = Mapping[str, Collection[str]]
-"""Keys that other tables have, by words for these."""
+
+
+class OtherTables(NamedTuple):
+    """The keys of tables of the same kind, for keys that stand in the wrong one."""
+
+    what: str
+    keys: Mapping[str, Collection[str]]
+    """By name."""
 
 
 def read_study(path: str | Path) -> StudyPlan:
@@ -81,13 +87,16 @@ def read_study(path: str | Path) -> StudyPlan:
     return plan
 
 
-TABLE_KEYS: Owners = {
-    "tables [[block]]": {key for model in DESIGN_KEYS.values() for key in model.model_fields},
-    "tables [[stimulus]]": {*LiveStimulusKeys.model_fields, *PreparedStimulusKeys.model_fields},
-}
-STIMULUS_KEYS: Owners = {"stimuli with object": LiveStimulusKeys.model_fields}
-QUESTION_OWNERS: Owners = {f"questions of kind {kind}": model.model_fields for kind, model in QUESTION_KEYS.items()}
-DESIGN_OWNERS: Owners = {f"blocks of design {name}": model.model_fields for name, model in DESIGN_KEYS.items()}
+IN_TABLES = OtherTables(
+    "tables",
+    {
+        "[[block]]": {key for model in DESIGN_KEYS.values() for key in model.model_fields},
+        "[[stimulus]]": {*LiveStimulusKeys.model_fields, *PreparedStimulusKeys.model_fields},
+    },
+)
+IN_STIMULI = OtherTables("stimuli with", {"object": LiveStimulusKeys.model_fields})
+IN_QUESTIONS = OtherTables("kind", {kind: model.model_fields for kind, model in QUESTION_KEYS.items()})
+IN_DESIGNS = OtherTables("design", {name: model.model_fields for name, model in DESIGN_KEYS.items()})
 
 
 class StudyDocument(PlanDocument):
@@ -109,18 +118,18 @@ class StudyDocument(PlanDocument):
         more = len(self.noted) - len(shown)
         return "\n".join([*lines, *([f"{self.path}: {more} more faults"] if more else [])])
 
-    def known(self, model: Keys, table: Any, place: Place, owners: Owners, extra: Sequence[str] = ()) -> Any:
+    def known(self, model: Keys, table: Any, place: Place, others: OtherTables, extra: Sequence[str] = ()) -> Any:
         """A table as an instance of its model, or None; a key that it does not have is reported and left out.
 
-        owners: other tables, which may have that key; extra: keys of this one that are read elsewhere.
+        others: which may have that key; extra: keys of this one that are read elsewhere.
         """
         if not isinstance(table, dict):
             return self.fault(place, f"must be a table, not {value_text(table)}")
         names = [*model.model_fields, *(key for key in extra if key not in model.model_fields)]
         for key in table:
             if key not in names:
-                having = [name for name, own in owners.items() if key in own]
-                meant = f" here; {' and '.join(having)} have it" if having else likely_name(key, names)
+                having = [name for name, own in others.keys.items() if key in own]
+                meant = f" here: it is one of {others.what} {', '.join(having)}" if having else likely_name(key, names)
                 self.fault((*place, key), f"unknown key{meant}; known: {', '.join(names)}")
         return self.validated(model, {key: table[key] for key in table if key in model.model_fields}, place)
 
@@ -137,7 +146,7 @@ class _StudyReader:
         """The plan; None if the document has a fault without which there is none."""
         document, tables = self.document, self.document.tables
         plain = {key: value for key, value in tables.items() if key not in TABLES}
-        keys = cast("StudyKeys | None", document.known(StudyKeys, plain, (), TABLE_KEYS, TABLES))
+        keys = cast("StudyKeys | None", document.known(StudyKeys, plain, (), IN_TABLES, TABLES))
         codes, hand = (), "palm"
         if keys is not None:
             with document.noting("hand"):
@@ -147,8 +156,8 @@ class _StudyReader:
         texts, limits = self._texts(tables.get("texts", {})), self._limits(tables.get("limits", {}))
         before = self._questions(tables, (), "question_before", {CONSENT: "the consent itself"})
         after = self._questions(tables, (), "question_after", {})
-        stimuli, is_complete = self._stimuli()
-        blocks = self._blocks({own.name for _, own in stimuli}, is_complete)
+        stimuli, names = self._stimuli()
+        blocks = self._blocks(names)
         if keys is None:
             return None
         for count, where in self.option_counts:
@@ -184,7 +193,8 @@ class _StudyReader:
         """The tables that those of one kind stand for, each with the place of its own."""
         tables, document, count = self.document.tables.get(kind, []), self.document, 0
         if not isinstance(tables, list) or not tables:
-            return document.fault((kind,), f"must be at least one table [[{kind}]], not {value_text(tables)}")
+            given = f", not {value_text(tables)}" if kind in document.tables else "; there is none"
+            return document.fault((kind,), f"must be at least one table [[{kind}]]{given}")
         for k, table in enumerate(tables):
             if not isinstance(table, dict):
                 document.fault((kind, k), f"must be a table, not {value_text(table)}")
@@ -196,9 +206,9 @@ class _StudyReader:
                 return document.fault(own, f"must stand with those before for at most {TABLES_MOST} tables")
             yield from ((own, one) for one in found)
 
-    def _stimuli(self) -> tuple[list[tuple[Place, PlannedStimulus]], bool]:
-        """The stimuli that can be used; whether these are all."""
-        found, is_complete, names = [], True, set[str]()
+    def _stimuli(self) -> tuple[list[tuple[Place, PlannedStimulus]], set[str] | None]:
+        """The stimuli that can be used; the names of all, None if a fault leaves some unknown."""
+        found, names = [], set[str]()
         for place, table in self._expanded("stimulus"):
             stimulus = self._stimulus(place, table)
             name = table.get("name")
@@ -208,8 +218,9 @@ class _StudyReader:
                 found.append((place, stimulus))
             if isinstance(name, str):
                 names.add(name)
-            is_complete = is_complete and stimulus is not None
-        return found, is_complete and bool(found)
+        unknown = [place for place, _ in self.document.noted if place[:1] == ("stimulus",)]
+        is_complete = not any(place[2:3] in ((), ("name",), ("for",)) for place in unknown)
+        return found, names if is_complete else None
 
     def _stimulus(self, place: Place, table: dict[str, Any]) -> PlannedStimulus | None:
         document = self.document
@@ -217,7 +228,7 @@ class _StudyReader:
             what = "both are given" if "file" in table else "neither is given"
             return document.fault(place, f"needs object, which is rendered live, or file, which is played: {what}")
         model = LiveStimulusKeys if "object" in table else PreparedStimulusKeys
-        keys = cast("StimulusKeys | None", document.known(model, table, place, STIMULUS_KEYS, ("for",)))
+        keys = cast("StimulusKeys | None", document.known(model, table, place, IN_STIMULI, ("for",)))
         if keys is None:
             return None
         found: dict[str, str] = {}
@@ -247,8 +258,8 @@ class _StudyReader:
             value=keys.value,
         )
 
-    def _blocks(self, stimuli: Collection[str], is_complete: bool) -> list[PlannedBlock]:
-        """The blocks; stimuli: names of those that there are; is_complete: no other one was meant to be there."""
+    def _blocks(self, stimuli: Collection[str] | None) -> list[PlannedBlock]:
+        """The blocks; stimuli: names that they may use; None: any."""
         found, names = [], set[str]()
         for place, table in self._expanded("block"):
             name = table.get("name")
@@ -258,18 +269,12 @@ class _StudyReader:
                 if name in RESERVED_BLOCKS:
                     self.document.fault((*place, "name"), f"must not be {name}: the data call other answers so")
                 names.add(name)
-            block = self._block(place, table)
-            if block is None:
-                continue
-            found.append(block)
-            if is_complete:
-                for inner, stimulus in _named_stimuli(table):
-                    if stimulus not in stimuli:
-                        meant = likely_name(stimulus, stimuli)
-                        self.document.fault((*place, *inner), f"{stimulus!r:.80} is no stimulus of this plan{meant}")
+            block = self._block(place, table, stimuli)
+            if block is not None:
+                found.append(block)
         return found
 
-    def _block(self, place: Place, table: dict[str, Any]) -> PlannedBlock | None:
+    def _block(self, place: Place, table: dict[str, Any], stimuli: Collection[str] | None) -> PlannedBlock | None:
         document = self.document
         design = table.get("design", "")
         with document.noting(*place, "design"):
@@ -282,7 +287,12 @@ class _StudyReader:
         asks_tables = "question" not in model.model_fields
         plain = {key: value for key, value in table.items() if not (key == "question" and asks_tables)}
         plain.pop("question_after", None)
-        keys = document.known(model, plain, place, DESIGN_OWNERS, BLOCK_TABLES)
+        keys = document.known(model, plain, place, IN_DESIGNS, BLOCK_TABLES)
+        if keys is not None and stimuli is not None:
+            for inner, name in _named_stimuli(keys):
+                if name not in stimuli:
+                    meant = likely_name(name, stimuli)
+                    document.fault((*place, *inner), f"{name!r} is no stimulus of this plan{meant}")
         kinds = ("scale",) if design == "rating" else tuple(QUESTION_KEYS)
         names = {} if asks_tables else {TRIAL_QUESTION: "the question of each trial"}
         questions = self._questions(table, place, "question", names, kinds, least=1) if asks_tables else ()
@@ -335,7 +345,7 @@ class _StudyReader:
                 refuse(f"is missing: one of {', '.join(kinds)}")
             kind = ChoiceCheck(kinds)(table["kind"])
         model = QUESTION_KEYS.get(kind)
-        keys = document.known(model, table, place, QUESTION_OWNERS) if model else None
+        keys = document.known(model, table, place, IN_QUESTIONS) if model else None
         return None if keys is None else _planned_question(keys)
 
     def _texts(self, table: object) -> dict[str, str]:
@@ -396,18 +406,17 @@ def _codes(keys: StudyKeys) -> tuple[str, ...]:
     return tuple(keys.codes)
 
 
-def _named_stimuli(table: dict[str, Any]) -> Iterator[tuple[Place, str]]:
-    """The stimuli that a block's table names, each with its place in it."""
+def _named_stimuli(keys: BlockKeys) -> Iterator[tuple[Place, str]]:
+    """The stimuli that a block names, each with its place in the block's table."""
     for key in ("pairs", "comparisons", "standard", "levels", "stimuli", "sets"):
-        listed = table.get(key, [])
+        listed: Any = getattr(keys, key, None) or ()
         if isinstance(listed, str):
             yield (key,), listed
             continue
         for k, item in enumerate(listed):
-            names = [item] if isinstance(item, str) else item
-            yield from (((key, k), name) for name in names)
-    if "modulus" in table:
-        yield ("modulus", "stimulus"), table["modulus"]["stimulus"]
+            yield from (((key, k), name) for name in ([item] if isinstance(item, str) else item))
+    if isinstance(keys, MagnitudeKeys) and keys.modulus:
+        yield ("modulus", "stimulus"), keys.modulus[0]
 
 
 def _trial_question(keys: BlockKeys) -> Question:

@@ -36,11 +36,6 @@ class SentenceCheck:
     least: int = 1
     most: int = TEXT_MOST
 
-    @property
-    def form(self) -> str:
-        """Of the value, for the documents."""
-        return "text"
-
     def __call__(self, value: object) -> str:
         """The text."""
         if not isinstance(value, str):
@@ -102,7 +97,7 @@ class FlagCheck:
     def __call__(self, value: object) -> bool:
         """The value."""
         if not isinstance(value, bool):
-            refuse(f"must be true or false, not {value_text(value)}")
+            refuse(f"must be {self.form}, not {value_text(value)}")
         return value
 
 
@@ -111,7 +106,7 @@ NAME = PatternCheck(
     f"a name of at most {NAME_MOST} letters, digits, blanks and -_.+%, which begins with a letter or digit",
 )
 """Of a stimulus or a block."""
-COLUMN = PatternCheck(rf"[^\W\d]\w{{0,{NAME_MOST - 1}}}", "a name of letters, digits and _ that begins with a letter")
+COLUMN = PatternCheck(rf"[^\W\d_]\w{{0,{NAME_MOST - 1}}}", "a name of letters, digits and _ that begins with a letter")
 """Of a question: it is a column of the data."""
 CODE = PatternCheck(r"[A-Za-z0-9_-]{1,16}", "a code of at most 16 letters, digits, - and _")
 NUMBER = NumberCheck(-1e12, 1e12)
@@ -192,7 +187,7 @@ class StudyKeys(StrictTable):
     """How many there are: their codes are P01, P02, ..."""
     codes: Annotated[list[str] | None, _by(ListCheck(CODE, 1, 999, "different codes"))] = None
     """The participants' codes, instead of `participants`"""
-    seed: Annotated[int, _by(NumberCheck(0, 2**53, whole=True))] = 1
+    seed: Annotated[int, _by(NumberCheck(0, 10**9, whole=True))] = 1
     """All that is random follows from it, the participant's number and the block's"""
     block_order: Annotated[Literal["latin", "random", "fixed"], _by(ChoiceCheck(("latin", "random", "fixed")))] = (
         "latin"
@@ -356,7 +351,7 @@ class AskedBlockKeys(BlockKeys):
     question: Sentence
     """What is asked after each trial"""
     options: OptionLabels = ["First", "Second"]
-    """What the answers are called; with two intervals in their order"""
+    """What the answers are called; with standard 2, in the order of the intervals"""
     random_keys: Flag = False
     """Which key gives which answer changes from trial to trial"""
 
@@ -365,7 +360,7 @@ class StandardBlockKeys(AskedBlockKeys):
     """A block whose trials have two intervals only with a standard."""
 
     standard: Name | None = None
-    """Stimulus of the other interval of each trial; left out: a trial has one interval, and `options` are needed"""
+    """The other interval's stimulus; left out: a trial has one interval, and `options` are needed"""
 
     @model_validator(mode="after")
     def _check_options(self) -> Self:
@@ -380,12 +375,13 @@ class ForcedChoiceKeys(RepeatedBlockKeys, AskedBlockKeys):
     """Two intervals, and which one: each pair in both orders."""
 
     pairs: Annotated[list[list[str]], _by(ListCheck(check_pair, 1, LIST_MOST, "pairs of stimuli"))]
-    """Pairs of stimuli; `repetitions` counts each of the two orders"""
+    """What is compared; `repetitions` counts each of the two orders"""
+
+    options: Annotated[list[str], _by(ListCheck(LABEL, 2, 2, "different texts"))] = ["First", "Second"]
+    """What the answers are called, in the order of the intervals"""
 
     @model_validator(mode="after")
     def _check_pairs(self) -> Self:
-        if len(self.options) != 2:
-            refuse(f"must be 2, one for each interval, not {len(self.options)}", ("options",))
         for k, pair in enumerate(self.pairs):
             if pair[::-1] in self.pairs[:k]:
                 refuse(f"{value_text(pair)} stands twice: each pair is played in both orders", ("pairs", k))
@@ -401,7 +397,7 @@ class ConstantKeys(RepeatedBlockKeys, StandardBlockKeys):
     """Constant stimuli: each comparison, alone or beside the standard in both orders."""
 
     comparisons: Stimuli
-    """Stimuli that are judged; `repetitions` counts each of the two orders"""
+    """Stimuli that are judged; with standard, `repetitions` counts each of the two orders"""
 
     @property
     def trial_sets(self) -> list[tuple[str, ...]]:
@@ -415,7 +411,7 @@ class StaircaseKeys(StandardBlockKeys):
     levels: Annotated[list[str], _by(ListCheck(NAME, 2, LIST_MOST, "names of stimuli"))]
     """Stimuli, the easiest first"""
     correct: Annotated[str | None, _by(LABEL)] = None
-    """The option that is correct; only without standard, with which the level's interval is correct"""
+    """The option that is correct; needed without standard, refused with it: there the level's interval is correct"""
     start: Annotated[int, _by(NumberCheck(0, LIST_MOST, whole=True))] = 0
     """Level of the first trial, from 0"""
     down: Annotated[int, _by(NumberCheck(1, 10, whole=True))] = 2
@@ -442,10 +438,10 @@ class StaircaseKeys(StandardBlockKeys):
         if self.standard is not None and self.correct is not None:
             refuse("goes without standard: with it, the interval that is not the standard is correct", ("correct",))
         if self.standard is None and self.correct is None:
-            refuse(f"is missing: without standard, one of {', '.join(self.options)} is correct", ("correct",))
+            refuse(f"is missing: without standard, one of {value_text(self.options)} is correct", ("correct",))
         if self.standard is None and self.correct not in self.options:
             meant = likely_name(self.correct, self.options)
-            refuse(f"must be one of {', '.join(self.options)}, not {self.correct!r}{meant}", ("correct",))
+            refuse(f"must be one of {value_text(self.options)}, not {self.correct!r}{meant}", ("correct",))
         return self
 
     @property
@@ -483,7 +479,7 @@ class RatingKeys(RepeatedBlockKeys):
     """Each stimulus on one or more scales, `[[block.question]]`."""
 
     stimuli: Stimuli
-    """Stimuli that are rated"""
+    """Stimuli that are judged"""
 
     @property
     def trial_sets(self) -> list[tuple[str, ...]]:

@@ -22,7 +22,7 @@ def expand_table(table: dict[str, Any], note: Note) -> list[dict[str, Any]]:
 
     A text that is exactly `{key}` becomes the value itself, so that a number stays one; within a longer text the value
     is put in, and `{{` and `}}` are braces. A table without `for` stands for itself, and its braces stay. Returns none,
-    with the fault noted, for a `for` that cannot be used.
+    with the fault noted, for a `for` that cannot be used and for placeholders that it does not know.
     """
     if "for" not in table:
         return [table]
@@ -35,7 +35,7 @@ def expand_table(table: dict[str, Any], note: Note) -> list[dict[str, Any]]:
     for key in choices:
         if key not in filler.used:
             note(("for", key), f"is not used: no other value of the table contains {{{key}}}")
-    return filled
+    return filled if filler.is_fine else []
 
 
 def _can_be_used(choices: object, note: Note) -> bool:
@@ -76,6 +76,7 @@ class _Filler:
     def __init__(self, note: Note) -> None:
         self.note = note
         self.used: set[str] = set()
+        self.is_fine = True
 
     def fill(self, value: Any, values: dict[str, Any], place: Place) -> Any:
         """A copy of a value with all placeholders filled in; keys stay as they are."""
@@ -95,7 +96,7 @@ class _Filler:
             if key is None:
                 return found[0][0]  # a brace that was written twice
             if key not in values:
-                meant = likely_name(key, values)
+                meant, self.is_fine = likely_name(key, values), False
                 self.note(place, f"{found[0]} is no key of this table's `for`{meant}; known: {', '.join(values)}")
                 return found[0]
             self.used.add(key)

@@ -176,12 +176,18 @@ class ParticipantVisit:
                 loop = self._page.noise(request.number("rate", 8_000, 192_000))
                 described = {"kind": "noise", "samples": packer.numbers(loop, "f4")}
             case "press":
-                is_counted = self._desk.press(*_place(request), _key(request), _seconds(request))
+                is_counted = self._desk.press(_screen_number(request), _key(request), _seconds(request))
                 described = {"kind": "press", "counts": is_counted}
             case _:
-                is_counted = self._desk.give(*_place(request), _value(request), _seconds(request))
-                described = {"kind": "give", "counts": is_counted}
+                described = {"kind": "give", "counts": self._give(request)}
         send(described, packer)
+
+    def _give(self, request: PageRequest) -> bool:
+        refusal = self._desk.peek().refusal
+        try:
+            return self._desk.give(_screen_number(request), _value(request), _seconds(request))
+        except StudyError as error:
+            raise StudyError(refusal or str(error)) from error
 
     def _screen(self, request: PageRequest, packer: Packer) -> dict[str, Any]:
         after = request.number("after", -1, NUMBER_MOST)
@@ -258,8 +264,8 @@ def _described_question(question: Question) -> dict[str, Any]:
     return described | {"text": visible_lines(question.text)}
 
 
-def _place(request: PageRequest) -> tuple[int]:
-    return (int(request.number("screen", 0, NUMBER_MOST)),)
+def _screen_number(request: PageRequest) -> int:
+    return int(request.number("screen", 0, NUMBER_MOST))
 
 
 def _seconds(request: PageRequest) -> float:

@@ -54,6 +54,8 @@ class Screen:
     """Keys that do something; of a `number` or `text` question none: its characters and Enter do."""
     question: Question | None = None
     shown: ShownObject | None = None
+    refusal: str = ""
+    """What is read where the question does not take what was typed; empty: the desk's own sentence."""
     ends: float | None = None
     has_noise: bool = False
     """Masking noise plays."""

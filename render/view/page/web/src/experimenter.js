@@ -100,7 +100,7 @@ export class Experimenter {
     if (this.state.textContent !== words) this.state.textContent = words;
     this.reason.textContent = status.stop_reason;
     this.done.value = screen.progress;
-    this.buttons.stop.disabled = status.is_ended || status.is_stopped;
+    this.buttons.stop.disabled = status.is_ended;
     this.buttons.go_on.disabled = status.is_ended || !status.is_stopped;
     this.buttons.end.disabled = status.is_ended;
     const known = [...HANDLED, ...Object.values(CARDS).flat()];

@@ -31,11 +31,13 @@ export class Participant {
     this.noise = new MaskingNoise(this.link);
     this.view = new ObjectView();
     this.words = element("main", {});
+    this.more = element("p", { class: "more", "aria-hidden": "true" }, element("kbd", {}, "↑"), element("kbd", {}, "↓"));
     this.title = element("p", { class: "title" });
     this.done = element("progress", { max: 1, value: 0 });
     this.alert = element("p", { class: "alert", role: "alert", hidden: true });
     document.body.classList.add("participant");
     document.addEventListener("keydown", (event) => this.press(event));
+    addEventListener("resize", () => this.showMore());
     document.addEventListener("visibilitychange", () => this.wake?.()); // before a timer that is slowed down
   }
 
@@ -84,15 +86,27 @@ export class Participant {
     this.host.dataset.number = number;
     this.view.host.hidden = !screen.shown;
     const text = screen.text || (screen.question?.text ?? "");
+    const isShort = text.length < 140 && !text.includes("\n");
+    this.text = element("p", { class: isShort ? "text short" : "text", "aria-live": "polite", onscroll: () => this.showMore() }, text);
     this.words.replaceChildren(
-      element("p", { class: "text", "aria-live": "polite" }, text),
+      this.text,
+      this.more,
       ...(screen.kind === "rest" ? [this.rest] : []),
       ...this.answers(screen),
       element("p", { class: "hint", hidden: !screen.hint }, screen.hint),
     );
-    this.words.scrollTop = 0;
+    this.showMore();
     this.words.querySelector("input, textarea")?.focus();
     this.noise.play(screen.has_noise);
+  }
+
+  // Of a text that is higher than its place: which arrow keys show more of it.
+  showMore() {
+    const { scrollTop, scrollHeight, clientHeight } = this.text ?? {};
+    this.more.hidden = !this.text || scrollHeight <= clientHeight + 1;
+    const [up, down] = this.more.children;
+    up.classList.toggle("off", scrollTop < 2);
+    down.classList.toggle("off", scrollTop + clientHeight > scrollHeight - 2);
   }
 
   // The keys that answer, or where to type.
@@ -110,7 +124,7 @@ export class Participant {
     });
     const list = element("ul", { class: isScale ? "keys scale" : "keys", hidden: !caps.length }, ...caps);
     if (!isScale) return [list];
-    return [element("div", {}, list, element("p", { class: "ends" }, ...[question.low_text, question.high_text].map((end) => element("span", {}, end))))];
+    return [element("div", { class: "points" }, list, element("p", { class: "ends" }, ...[question.low_text, question.high_text].map((end) => element("span", {}, end))))];
   }
 
   async showObject(hand) {
@@ -135,7 +149,7 @@ export class Participant {
     if (field) return this.type(event, field);
     if (key === " " || key === "Tab" || key === "'" || key === "/" || key.startsWith("Arrow") || key.startsWith("Page")) event.preventDefault();
     const choice = this.screen.keys.find((own) => own.key.toLowerCase() === key.toLowerCase());
-    if (!choice && key in SCROLLS) return this.words.scrollBy({ top: SCROLLS[key] * this.words.clientHeight });
+    if (!choice && key in SCROLLS) return this.text.scrollBy({ top: SCROLLS[key] * this.text.clientHeight });
     if (["Shift", "CapsLock", "NumLock", "Tab", "Control", "Alt", "AltGraph", "Meta", "Dead"].includes(key)) return;
     if (event.timeStamp < this.shown) return; // it was meant for the screen before
     this.send({ ask: "press", key: choice?.key ?? key.slice(0, 40) }, event, choice && (() => this.mark(choice.key)));

@@ -50,6 +50,6 @@ def _pylsl() -> Any:
     except (ImportError, RuntimeError, OSError) as error:  # RuntimeError: pylsl itself finds no liblsl
         reason = visible((str(error) or type(error).__name__).splitlines()[0])
         raise StudyError(
-            f"pylsl cannot load its library liblsl ({reason}): {way_out} brings it to Linux on x86-64 with glibc 2.35 or "
-            "newer; elsewhere install liblsl, and name its file in the environment variable PYLSL_LIB"
+            f"pylsl cannot load its library liblsl ({reason}): {way_out} brings it to Linux on x86-64 with glibc 2.35 "
+            "or newer; elsewhere install liblsl, and name its file in the environment variable PYLSL_LIB"
         ) from error

@@ -3,6 +3,7 @@
 import json
 import sys
 import time
+import uuid
 from types import SimpleNamespace
 
 import pytest
@@ -51,11 +52,13 @@ def test_a_recorder_on_this_machine_gets_events_at_the_arrays_time():
     """Finding a stream takes LSL tenths of seconds, and its threads CPU."""
     pylsl = pytest.importorskip("pylsl", exc_type=(ImportError, RuntimeError))
     assert abs(pylsl.local_clock() - time.monotonic()) < 1e-3  # the same clock, on Linux
-    outlet = LslOutlet("palpate test")
-    found = pylsl.resolve_byprop("name", "palpate test", timeout=5)
+    name = f"palpate test {uuid.uuid4()}"  # other machines of this network may run this test, too
+    outlet = LslOutlet(name)
+    found = pylsl.resolve_byprop("name", name, timeout=5)
     assert found, "LSL finds no stream of this machine: its multicast is cut off"
     inlet = pylsl.StreamInlet(found[0])
     inlet.open_stream(timeout=5)
+    assert outlet._outlet.wait_for_consumers(5)  # LSL sends nobody what was pushed before
     with EventStream(StudyDesk(), port=None, token="t", outlet=outlet) as stream:
         times = [time.monotonic() - 0.25 * number for number in range(20)]
         for number, array_time in enumerate(times):

@@ -5,6 +5,7 @@ from importlib import import_module
 from typing import Any
 
 from ...errors import StudyError
+from ...terminal.foreign_text import visible
 
 CONTENT_TYPE = "Markers"
 """By which recorders and toolboxes find streams of events."""
@@ -41,10 +42,14 @@ class LslOutlet:
 
 
 def _pylsl() -> Any:
+    way_out = "pip install 'palpate[lsl]'"
     try:
         return import_module("pylsl")
+    except ModuleNotFoundError as error:
+        raise StudyError(f"an LSL stream needs pylsl, which is not installed: {way_out}") from error
     except (ImportError, RuntimeError, OSError) as error:  # RuntimeError: pylsl itself finds no liblsl
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        reason = visible((str(error) or type(error).__name__).splitlines()[0])
         raise StudyError(
-            f"an LSL stream needs pylsl and its library liblsl ({reason}): pip install 'palpate[lsl]'"
+            f"pylsl cannot load its library liblsl ({reason}): {way_out} brings it to Linux on x86-64 with glibc 2.35 "
+            "or newer; elsewhere install liblsl, and name its file in the environment variable PYLSL_LIB"
         ) from error

@@ -4,7 +4,6 @@ import secrets
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from pathlib import Path
 from typing import Any, cast, get_args
 
 import numpy as np
@@ -12,11 +11,8 @@ import numpy as np
 from ...device.link import TransportKind
 from ...device.playing.signals import ending_on_signals
 from ..errors import StrategyError, StudyPlanError
-from ..intersection.named_inputs import load_solid
 from ..live.session import Session
 from ..live.sources.selection import ANY
-from ..objects.mesh.placement import Placement
-from ..objects.solid import Solid
 from ..playback.file_playback import Connection
 from ..playback.placed_arrays import PlacedArray, load_rig
 from ..runtime.warp_start import start_warp
@@ -27,7 +23,8 @@ from ..view.served.page_server import PageServer
 from ..view.served.viewing import open_browser
 from .pages.study_server import EXPERIMENTER, PARTICIPANT, study_server
 from .plan.duty_account import DutyAccount
-from .plan.run_sheet import run_sheet
+from .plan.run_sheet import run_sheet, run_sheet_values
+from .plan.stimulus_judgement import PlacedSolids
 from .plan.study_judgement import StudyJudgement, judge_study
 from .plan.study_plan import StudyPlan
 from .plan.study_reading import read_study
@@ -42,8 +39,6 @@ from .run.study_run import StudyRun
 LAST_SECONDS = 10.0  # [s] for which the last screen is shown, unless its page is closed before
 INTERRUPTED = "interrupted"
 
-Loaded = dict[tuple[str, Placement], Solid]
-
 
 def run_study(options: dict[str, Any], *, as_json: bool) -> int:
     """Judge the plan; then print its run sheet, or run one participant. Returns the exit code."""
@@ -55,10 +50,12 @@ def run_study(options: dict[str, Any], *, as_json: bool) -> int:
     arrays = load_rig(
         options["array"], serial=options["serial"], calibration=options["calibration"], baud=options["baud"]
     )
+    solids: PlacedSolids = {}
     with bars.loading_bar(str(options["plan"]), quiet=as_json):
-        judgement = judge_study(plan, arrays[0].model)
+        judgement = judge_study(plan, arrays[0].model, allow_code=options["allow_code"], solids=solids)
     if options["dry_run"]:
-        write_output(console.json_line(judgement.as_dict()) if as_json else run_sheet(judgement))
+        sheet = console.json_line(run_sheet_values(plan, judgement)) if as_json else run_sheet(plan, judgement)
+        write_output(sheet)
         return console.FAILED if judgement.faults else console.DONE
     if judgement.faults:
         raise StudyPlanError(*judgement.faults)
@@ -73,11 +70,11 @@ def run_study(options: dict[str, Any], *, as_json: bool) -> int:
     )
     with AnswerStore(folder, plan) as store:
         code = options["participant"] or store.next_code()
-        store.keep_stimuli(judgement.file_hashes)
+        store.keep_stimuli(_file_hashes(judgement))
         progress = store.begin(code, resume=options["resume"], setup=setup)
         outcome = INTERRUPTED
         with ending_on_signals(), suppress(KeyboardInterrupt):
-            outcome = _run_participant(plan, judgement, store, progress, arrays, options, as_json=as_json)
+            outcome = _run_participant(plan, judgement, solids, store, progress, arrays, options, as_json=as_json)
         facts = {"participant": code, "outcome": outcome, **store.counts(code), "data": str(folder)}
     console.show_values(facts, as_json=as_json, title="study")
     if outcome == INTERRUPTED:
@@ -89,6 +86,7 @@ def run_study(options: dict[str, Any], *, as_json: bool) -> int:
 def _run_participant(
     plan: StudyPlan,
     judgement: StudyJudgement,
+    solids: PlacedSolids,
     store: AnswerStore,
     progress: Progress,
     arrays: tuple[PlacedArray, ...],
@@ -98,9 +96,7 @@ def _run_participant(
 ) -> str:
     """Open the array and the pages, and run; returns what came of it."""
     desk = StudyDesk()
-    with bars.loading_bar("objects", quiet=as_json):
-        loaded = _loaded(plan)
-    shown_names, mesh_of = _shown_meshes(plan, loaded)
+    shown_names, mesh_of = _shown_meshes(plan, solids)
 
     def warn(sentence: str) -> None:
         desk.set_status(warning=sentence)
@@ -109,7 +105,6 @@ def _run_participant(
     with ExitStack() as stack:
         session = stack.enter_context(_open_session(plan, judgement, arrays, options, warn))
         with bars.loading_bar("stimuli", quiet=as_json):
-            solids = {own.name: loaded[own.solid, own.placement] for own in plan.stimuli if own.solid is not None}
             player = IntervalPlayer(session, plan, solids)
         server = stack.enter_context(
             study_server(
@@ -135,8 +130,8 @@ def _run_participant(
             player=player,
             account=DutyAccount(plan.limits),
             send=send,
-            file_hashes=judgement.file_hashes,
-            duties=judgement.duties,
+            file_hashes=_file_hashes(judgement),
+            duties={own.name: own.duty for own in judgement.stimuli},
             shown_names=shown_names,
         )
         _announce(server, events, options, as_json=as_json)
@@ -176,14 +171,8 @@ def _open_session(
     )
 
 
-def _loaded(plan: StudyPlan) -> Loaded:
-    """Every object that is rendered or seen, each loaded once."""
-    named = {(own.solid, own.placement) for own in plan.stimuli} | {(own.shown, own.placement) for own in plan.stimuli}
-    return {(name, placement): load_solid(name, placement) for name, placement in named if name is not None}
-
-
 def _shown_meshes(
-    plan: StudyPlan, loaded: Loaded
+    plan: StudyPlan, loaded: PlacedSolids
 ) -> tuple[dict[str, str], Callable[[ShownObject], tuple[np.ndarray, np.ndarray]]]:
     """The name of the mesh that is seen with each stimulus, and what gives vertices and faces of it."""
     numbers = {key: str(number) for number, key in enumerate(loaded)}  # a name would tell how it is rendered
@@ -211,6 +200,10 @@ def _announce(server: PageServer, events: dict[str, str], options: dict[str, Any
     are_open = [open_browser(address) for address in reversed(addresses.values())]  # the participant's is on top
     if not all(are_open):
         print_message("no browser could be opened here: open these addresses in one on this machine")
+
+
+def _file_hashes(judgement: StudyJudgement) -> dict[str, str]:
+    return {own.name: own.sha256 for own in judgement.stimuli if own.sha256 is not None}
 
 
 def _send_nothing(name: str, **values: Any) -> None:

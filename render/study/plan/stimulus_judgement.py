@@ -27,6 +27,8 @@ from ...playback.placed_arrays import PlacedArray
 from ...trust.permission import AllowCode
 from .study_plan import PlannedStimulus, StudyPlan
 
+PlacedSolids = dict[tuple[str, Placement], Solid]
+"""Objects that are rendered or seen, by name or path and placement."""
 LIVE_TAIL = 0.1  # [s]; by which a live interval may emit longer than planned: what is drawn ahead, and its fade
 
 
@@ -86,8 +88,13 @@ def stimulus_of(planned: PlannedStimulus, hand: Hand | str) -> Stimulus | LiveSt
     return Stimulus(planned.file, sampling=planned.sampling, duration=duration)
 
 
-def judge_stimuli(plan: StudyPlan, array: ArrayModel, *, allow_code: AllowCode = False) -> StimulusFindings:
-    """Open every stimulus of a plan for an array, measure what it drives, and list what cannot be played."""
+def judge_stimuli(
+    plan: StudyPlan, array: ArrayModel, *, allow_code: AllowCode = False, solids: PlacedSolids | None = None
+) -> StimulusFindings:
+    """Open every stimulus of a plan for an array, measure what it drives, and list what cannot be played.
+
+    solids: gets all objects that could be loaded.
+    """
     arrays = (PlacedArray(array),)
     usual = sampling_for(None, arrays).update_rate
     found = StimulusFindings(update_rate=usual)
@@ -101,18 +108,22 @@ def judge_stimuli(plan: StudyPlan, array: ArrayModel, *, allow_code: AllowCode =
             break
     with _listing(found, f"{array.name}: "):
         array.divider(found.update_rate)
-    solids: dict[str, Solid | None] = {}
+    solids = {} if solids is None else solids
+    tried: set[tuple[str, Placement]] = set()
     for planned in plan.stimuli:
         where = f"stimulus {planned.name}: "
         for name in dict.fromkeys(name for name in (planned.solid, planned.shown) if name is not None):
-            if name not in solids:
-                solids[name] = None
+            key = name, planned.placement
+            if key not in tried:
+                tried.add(key)
                 with _listing(found, where):
-                    solids[name] = load_solid(name, Placement(), allow_code=allow_code)
+                    solids[key] = load_solid(*key, allow_code=allow_code)
         if planned.file is not None:
             found.stimuli.append(_judge_stored(planned, planned.file, arrays, found))
         else:
-            found.stimuli.append(_judge_live(planned, solids.get(planned.solid or ""), plan.hand, found))
+            found.stimuli.append(
+                _judge_live(planned, solids.get((planned.solid or "", planned.placement)), plan.hand, found)
+            )
     return found
 
 

@@ -10,7 +10,7 @@ from .block_designs import trial_counts
 from .duty_account import EmissionInterval
 from .expected_run import ExpectedRun, expected_run
 from .latin_square import row_count, square_fault
-from .stimulus_judgement import JudgedStimulus, judge_stimuli
+from .stimulus_judgement import JudgedStimulus, PlacedSolids, judge_stimuli
 from .study_plan import PlannedBlock, StudyPlan
 
 
@@ -83,12 +83,15 @@ class StudyJudgement:
         return values
 
 
-def judge_study(plan: StudyPlan, array: ArrayModel, *, allow_code: AllowCode = False) -> StudyJudgement:
+def judge_study(
+    plan: StudyPlan, array: ArrayModel, *, allow_code: AllowCode = False, solids: PlacedSolids | None = None
+) -> StudyJudgement:
     """Judge a plan for an array, which need not be there.
 
-    allow_code: whether functions that are stimuli may run, as `load_solid` takes it.
+    allow_code: whether functions that are stimuli may run, as `load_solid` takes it. solids: gets all objects that
+    could be loaded.
     """
-    found = judge_stimuli(plan, array, allow_code=allow_code)
+    found = judge_stimuli(plan, array, allow_code=allow_code, solids=solids)
     emissions = {
         own.name: EmissionInterval(stimulus=own.name, seconds=own.emission_seconds, duty=own.duty)
         for own in found.stimuli

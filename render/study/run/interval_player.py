@@ -1,9 +1,8 @@
 """Plays the stimuli of a study's intervals on an open array, and says of each what was played and when."""
 
-import hashlib
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +11,10 @@ from ....datasets.contour_file.live_summary import summarise_run
 from ....datasets.contour_file.reader import ContourFile
 from ....datasets.errors import ContourFileError, DatasetError
 from ....device.errors import DeviceTimeoutError
-from ...live.session import LiveStimulus, Onset, Session, Stimulus
-from ...objects.solid import Solid
+from ...live.session import LiveStimulus, Onset, Session
 from ...reports.file_summary import length_ratio
-from ..plan.study_plan import PlannedStimulus, StudyPlan
+from ..plan.stimulus_judgement import PlacedSolids, stimulus_of
+from ..plan.study_plan import StudyPlan
 
 HAND_SECONDS = 1.0  # that a live stimulus waits for a hand before the participant is asked for one
 PLAYED = "played"
@@ -61,17 +60,19 @@ class DrawnInterval:
 
 
 class IntervalPlayer:
-    """Stimuli of a plan, loaded on a session, each played by its name.
+    """Stimuli of a plan, loaded on a session, each played by its name."""
 
-    solids: of live stimuli, by the stimulus' name.
-    """
-
-    def __init__(self, session: Session, plan: StudyPlan, solids: Mapping[str, Solid]) -> None:
+    def __init__(self, session: Session, plan: StudyPlan, solids: PlacedSolids) -> None:
         self._session = session
         self._duration = {own.name: own.duration for own in plan.stimuli}
         self._is_live = {own.name: own.file is None for own in plan.stimuli}
-        numbers = session.load([_session_stimulus(own, plan, solids) for own in plan.stimuli])
-        self._numbers = dict(zip(self._duration, numbers, strict=True))
+        stimuli = []
+        for own in plan.stimuli:
+            stimulus = stimulus_of(own, plan.hand)
+            if isinstance(stimulus, LiveStimulus):
+                stimulus = replace(stimulus, solid=solids[own.solid or "", own.placement])
+            stimuli.append(stimulus)
+        self._numbers = dict(zip(self._duration, session.load(stimuli), strict=True))
 
     @property
     def update_rate(self) -> float:
@@ -155,15 +156,3 @@ def drawn_interval(path: Path) -> DrawnInterval:
         r=length_ratio(whole, opened) if closes else None,
         r_open=length_ratio(partly, opened) if closes else None,
     )
-
-
-def sha256_of(path: Path) -> str:
-    """SHA-256 of a file's bytes."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _session_stimulus(own: PlannedStimulus, plan: StudyPlan, solids: Mapping[str, Solid]) -> Stimulus | LiveStimulus:
-    if own.file is not None:
-        return Stimulus(own.file, sampling=own.sampling, duration=own.duration)
-    return LiveStimulus(solids[own.name], own.duration, hand=plan.hand, strategy=own.strategy, sampling=own.sampling)

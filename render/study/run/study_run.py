@@ -140,13 +140,11 @@ class StudyRun:
             title = plan.sentence("block", number=self._position + 1, count=len(plan.blocks))
             self._read("\n\n".join(filter(None, (block.instruction, *words))) or title, title=title)
         self._is_fresh = True
-        place = 0
-        for trial, give in _driven(trials):
+        for place, (trial, give) in enumerate(_driven(trials)):
             if place == practice > 0 and (block.name, place, trial.questions[0].name) not in self._answers:
                 self._read(plan.sentence("practice_over"))
             title = plan.sentence("progress", number=place + 1, count=max(practice + least, place + 1))
             give(self._run_trial(block, place, trial, title))
-            place += 1
             self._trials_done += 1
         for question in block.questions_after:
             self._answer_to(block.name, AFTER_BLOCK, question, block=block)

@@ -129,7 +129,7 @@ class StudyDocument(PlanDocument):
         for key in table:
             if key not in names:
                 having = [name for name, own in others.keys.items() if key in own]
-                meant = f" here: it is one of {others.what} {', '.join(having)}" if having else likely_name(key, names)
+                meant = f" here: it belongs to {others.what} {', '.join(having)}" if having else likely_name(key, names)
                 self.fault((*place, key), f"unknown key{meant}; known: {', '.join(names)}")
         return self.validated(model, {key: table[key] for key in table if key in model.model_fields}, place)
 

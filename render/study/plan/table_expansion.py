@@ -7,10 +7,12 @@ from typing import Any
 
 from ....datasets.known_names import likely_name
 from ...sweeps.plan.line_search import Place
-from ...validation import value_text
+from ...validation import is_number, value_text
 
 TABLES_MOST = 1000
 """That all tables of one kind stand for."""
+NUMBER_MOST = 1e12
+"""Of the values of `for`; a nan is none of them."""
 _PLACEHOLDER = re.compile(r"\{\{|\}\}|\{([A-Za-z_]\w*)\}")
 _KEY = re.compile(r"[A-Za-z_]\w*")
 Note = Callable[[Place, str], None]
@@ -50,9 +52,9 @@ def _can_be_used(choices: object, note: Note) -> bool:
             what = f"must be called by letters, digits and _, not {value_text(key)}"
         elif not isinstance(values, list) or not values:
             what = f"must be a list of at least one value, not {value_text(values)}"
-        elif not all(isinstance(value, str | int | float) for value in values):
-            what = f"must be a list of texts, numbers, true or false, not {value_text(values)}"
-        elif len(set(map(_text_of, values))) < len(values):
+        elif not all(isinstance(value, str) or (is_number(value) and abs(value) <= NUMBER_MOST) for value in values):
+            what = f"must be a list of texts, or of numbers in +-{NUMBER_MOST:g}, not {value_text(values)}"
+        elif len(set(map(str, values))) < len(values):
             what = f"must be a list of different values, not {value_text(values)}"
         else:
             count *= len(values)
@@ -63,11 +65,6 @@ def _can_be_used(choices: object, note: Note) -> bool:
         note(("for",), f"must stand for at most {TABLES_MOST} combinations, not more")
         return False
     return fine
-
-
-def _text_of(value: object) -> str:
-    """A value within a longer text, as TOML writes it."""
-    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 class _Filler:
@@ -100,6 +97,6 @@ class _Filler:
                 self.note(place, f"{found[0]} is no key of this table's `for`{meant}; known: {', '.join(values)}")
                 return found[0]
             self.used.add(key)
-            return _text_of(values[key])
+            return str(values[key])
 
         return _PLACEHOLDER.sub(put, value)

@@ -164,7 +164,7 @@ FAULTS = [
     (TITLE, "title = 3", "study.toml:1: title: must be a text, not 3"),
     (TITLE, 'title = ""', "study.toml:1: title: must have 1..200 characters, not 0"),
     (TITLE, f"{TITLE}\nsede = 1", "study.toml:2: sede: unknown key (did you mean 'seed'?); known: title, "),
-    (TITLE, f"{TITLE}\npairs = 1", "study.toml:2: pairs: unknown key here: it is one of tables [[block]]; known: "),
+    (TITLE, f"{TITLE}\npairs = 1", "study.toml:2: pairs: unknown key here: it belongs to tables [[block]]; known: "),
     (TITLE, f"{TITLE}\nseed = -1", "study.toml:2: seed: must lie in 0..1e+09, not -1"),
     (TITLE, f'{TITLE}\nblock_order = "square"', "study.toml:2: block_order: must be one of latin, random, fixed, not "),
     (TITLE, f"{TITLE}\nrecords_poses = 1", "study.toml:2: records_poses: must be true or false, not 1"),
@@ -242,7 +242,7 @@ FAULTS = [
     (
         'object = "sphere"',
         'file = "circle.h5"\nshown = "cube"\nstrategy = "cc"',
-        "study.toml:8: stimulus.strategy: unknown key here: it is one of stimuli with object; known: name, duration, ",
+        "study.toml:8: stimulus.strategy: unknown key here: it belongs to stimuli with object; known: name, duration, ",
     ),
     (
         "object =",
@@ -308,12 +308,12 @@ FAULTS = [
     (
         "pairs =",
         "modulus = 3\npairs =",
-        "study.toml:14: block.modulus: unknown key here: it is one of design magnitude; k",
+        "study.toml:14: block.modulus: unknown key here: it belongs to design magnitude; k",
     ),
     (
         "pairs =",
         "sets = [[{}]]\npairs =",
-        "study.toml:14: block.sets: unknown key here: it is one of design exploration",
+        "study.toml:14: block.sets: unknown key here: it belongs to design exploration",
     ),
     (
         '["4 cm", "6 cm"]',
@@ -361,7 +361,7 @@ FAULTS = [
     (
         "start = 1",
         "repetitions = 2",
-        "study.toml:30: block.repetitions: unknown key here: it is one of design 2ifc, con",
+        "study.toml:30: block.repetitions: unknown key here: it belongs to design 2ifc, con",
     ),
     ("[2, 1]", "[2, 0]", "study.toml:32: block.steps: must lie in 1..1000, not 0"),
     ("[2, 1]", "[]", "study.toml:32: block.steps: must be a list of 1..20 whole numbers above 0, not []"),
@@ -396,7 +396,7 @@ FAULTS = [
     (
         "points = 5",
         "low = 5",
-        "study.toml:52: block.question.low: unknown key here: it is one of kind number; known: name, te",
+        "study.toml:52: block.question.low: unknown key here: it belongs to kind number; known: name, te",
     ),
     ('"hard"', '"rough"', "study.toml:54: block.question.name: must be another one: 'rough' is a question already"),
     (
@@ -508,6 +508,20 @@ def test_stimuli_are_not_missed_where_their_names_could_not_be_read(folder):
     assert line.startswith("study.toml:5: stimulus.name: must be a name of ")
     (line,) = faults(folder, HEAD + BLOCKS["constant"])
     assert line == "study.toml: stimulus: must be at least one table [[stimulus]]; there is none"
+
+
+@pytest.mark.parametrize(
+    ("asked", "fault"),
+    [
+        ("", "study.toml:11: block: must be at least one table [[block.question]], not []"),
+        ('question = "How?"\n', "study.toml:15: block.question: must be at least one table [[block.question]], not 'How?'"),
+        ("question_after = 3\n[[block.question]]\nname = 'a'\ntext = 'b'\nkind = 'scale'\n",
+         "study.toml:15: block.question_after: must be tables [[block.question_after]], not 3"),
+    ],
+)  # fmt: skip
+def test_questions_are_tables(folder, asked, fault):
+    block = '[[block]]\nname = "rating"\ndesign = "rating"\nstimuli = ["4 cm"]\n'
+    assert faults(folder, HEAD + STIMULI + block + asked) == [fault]
 
 
 def test_very_many_faults_are_counted(folder):

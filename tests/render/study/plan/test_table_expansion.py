@@ -13,15 +13,15 @@ def expand(table):
 
 def test_a_table_stands_for_every_combination_the_last_key_fastest():
     table = {
-        "for": {"a": ["x", "y"], "b": [1, 2.5, True]},
+        "for": {"a": ["x", "y"], "b": [1, 2.5, 1.0]},
         "name": "{a}-{b}",
         "b": "{b}",
         "deep": {"{a}": [["{a}"], 3, "{{a}} {1} {b}"]},
     }
     found, faults = expand(table)
     assert faults == []
-    assert [own["name"] for own in found] == ["x-1", "x-2.5", "x-true", "y-1", "y-2.5", "y-true"]
-    assert [own["b"] for own in found[:3]] == [1, 2.5, True]
+    assert [own["name"] for own in found] == ["x-1", "x-2.5", "x-1.0", "y-1", "y-2.5", "y-1.0"]
+    assert [own["b"] for own in found[:3]] == [1, 2.5, 1.0]
     assert type(found[0]["b"]) is int  # a number alone stays one
     assert found[3]["deep"] == {"{a}": [["y"], 3, "{a} {1} 1"]}
     assert "for" not in found[0]
@@ -40,7 +40,10 @@ def test_a_table_without_for_stays_as_it_is():
         (["cube"], (), "must be a table of lists"),
         ({"a": "cube"}, ("a",), "must be a list of at least one value, not 'cube'"),
         ({"a": []}, ("a",), "must be a list of at least one value, not []"),
-        ({"a": [[1]]}, ("a",), "must be a list of texts, numbers, true or false"),
+        ({"a": [[1]]}, ("a",), "must be a list of texts, or of numbers in +-1e+12, not [[1]]"),
+        ({"a": [True]}, ("a",), "must be a list of texts, or of numbers in +-1e+12, not [True]"),
+        ({"a": [float("nan")]}, ("a",), "must be a list of texts, or of numbers in +-1e+12, not [nan]"),
+        ({"a": [16**5000]}, ("a",), "must be a list of texts, or of numbers in +-1e+12, not a list with too large a"),
         ({"a": ["x", "x"]}, ("a",), "must be a list of different values"),
         ({"a": [1, "1"]}, ("a",), "must be a list of different values"),  # their names would be the same
         ({"a b": ["x"]}, ("a b",), "must be called by letters, digits and _"),

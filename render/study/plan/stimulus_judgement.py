@@ -102,6 +102,10 @@ def judge_stimuli(plan: StudyPlan, array: ArrayModel, *, allow_code: AllowCode =
     with _listing(found, f"{array.name}: "):
         array.divider(found.update_rate)
     solids: dict[str, Solid | None] = {}
+    hand: Hand | None = None
+    if any(planned.file is None for planned in plan.stimuli):
+        with _listing(found, ""):
+            hand = live_hand(plan.hand)
     for planned in plan.stimuli:
         where = f"stimulus {planned.name}: "
         for name in dict.fromkeys(name for name in (planned.solid, planned.shown) if name is not None):
@@ -112,7 +116,7 @@ def judge_stimuli(plan: StudyPlan, array: ArrayModel, *, allow_code: AllowCode =
         if planned.file is not None:
             found.stimuli.append(_judge_stored(planned, planned.file, arrays, found))
         else:
-            found.stimuli.append(_judge_live(planned, solids.get(planned.solid or ""), plan.hand, found))
+            found.stimuli.append(_judge_live(planned, solids.get(planned.solid or ""), hand, found))
     return found
 
 
@@ -154,7 +158,7 @@ def _judge_stored(
 
 
 def _judge_live(
-    planned: PlannedStimulus, solid: Solid | None, hand: Hand | str, found: StimulusFindings
+    planned: PlannedStimulus, solid: Solid | None, hand: Hand | None, found: StimulusFindings
 ) -> JudgedStimulus:
     digest, rate = None, None
     where = f"stimulus {planned.name}: "
@@ -168,8 +172,8 @@ def _judge_live(
                 f"{where}its sampling has an update rate of {rate:g} Hz, but all stimuli of a study must have the "
                 f"same, which is {found.update_rate:g} Hz"
             )
-        if solid is not None:
-            Scene.of(solid, live_hand(hand), planned.strategy)
+        if solid is not None and hand is not None:
+            Scene.of(solid, hand, planned.strategy)
     return JudgedStimulus(
         name=planned.name,
         kind="live",

@@ -108,8 +108,16 @@ def judge_stimuli(
             break
     with _listing(found, f"{array.name}: "):
         array.divider(found.update_rate)
+<<<<<<< HEAD
     solids = {} if solids is None else solids
     tried: set[tuple[str, Placement]] = set()
+=======
+    solids: dict[str, Solid | None] = {}
+    hand: Hand | None = None
+    if any(planned.file is None for planned in plan.stimuli):
+        with _listing(found, ""):
+            hand = live_hand(plan.hand)
+>>>>>>> h-designs
     for planned in plan.stimuli:
         where = f"stimulus {planned.name}: "
         for name in dict.fromkeys(name for name in (planned.solid, planned.shown) if name is not None):
@@ -121,9 +129,13 @@ def judge_stimuli(
         if planned.file is not None:
             found.stimuli.append(_judge_stored(planned, planned.file, arrays, found))
         else:
+<<<<<<< HEAD
             found.stimuli.append(
                 _judge_live(planned, solids.get((planned.solid or "", planned.placement)), plan.hand, found)
             )
+=======
+            found.stimuli.append(_judge_live(planned, solids.get(planned.solid or ""), hand, found))
+>>>>>>> h-designs
     return found
 
 
@@ -165,7 +177,7 @@ def _judge_stored(
 
 
 def _judge_live(
-    planned: PlannedStimulus, solid: Solid | None, hand: Hand | str, found: StimulusFindings
+    planned: PlannedStimulus, solid: Solid | None, hand: Hand | None, found: StimulusFindings
 ) -> JudgedStimulus:
     digest, rate = None, None
     where = f"stimulus {planned.name}: "
@@ -179,8 +191,8 @@ def _judge_live(
                 f"{where}its sampling has an update rate of {rate:g} Hz, but all stimuli of a study must have the "
                 f"same, which is {found.update_rate:g} Hz"
             )
-        if solid is not None:
-            Scene.of(solid, live_hand(hand), planned.strategy)
+        if solid is not None and hand is not None:
+            Scene.of(solid, hand, planned.strategy)
     return JudgedStimulus(
         name=planned.name,
         kind="live",

@@ -31,7 +31,7 @@ P04  2 1
 
 array at worst
 emission without a pause of 1 s: 5.2 s (bound 120 s)
-mean duty over 600 s: 0.165 (bound 0.5)
+mean duty over 600 s: 0.164 (bound 0.5)
 pauses that these bounds add to one run: 0 s
 
 stimulus  kind  s  duty

@@ -4,7 +4,6 @@ import math
 import time
 
 import numpy as np
-import pytest
 from study_cases import (
     AGE,
     ARROWS,
@@ -63,7 +62,9 @@ def test_neither_contours_nor_focal_points_nor_latency_nor_names_reach_the_parti
     contours = render("cube", "palm", static_pose(POSE[:3]), "cc")
     moment = moment_at(scene, contours=contours, focus=focus)
     values = [*contours.points.ravel(), *focus.position.ravel(), *focus.intensity, 0.004, 0.007, 40_000, 3]
-    found = {np.float32(v).tobytes() for v in values} - {np.float32(v).tobytes() for v in (0, 0.2, *cube_mesh()[0].flat)}
+    found = {np.float32(v).tobytes() for v in values} - {
+        np.float32(v).tobytes() for v in (0, 0.2, *cube_mesh()[0].flat)
+    }
     with served_study(scene=lambda: scene, moment=lambda: moment) as (desk, server), visit(server) as page:
         desk.set_status(stimulus="tube_oc", latency=0.004)
         desk.show("stimulus", "1", **show_object(solid="objects/hidden.stl"))
@@ -100,15 +101,14 @@ def test_of_a_hand_without_a_mesh_its_planes_are_sent():
 
 
 def test_another_hand_has_another_number_and_the_same_one_of_another_stimulus_has_not():
-    scenes = [scene_around(square_hand())]
-    with served_study(scene=lambda: scenes[0], moment=lambda: moment_at(scenes[0])) as (desk, server):
-        with visit(server) as page:
-            desk.show("stimulus", "1", **show_object())
-            numbers = []
-            for width in (0.06, 0.06, 0.08):
-                scenes[0] = scene_around(square_hand(width))
-                numbers.append(ask(page, ask="screen", after=0)["hand"]["number"])
-            assert numbers == [1, 1, 2]
+    scenes, numbers = [scene_around(square_hand())], []
+    options = {"scene": lambda: scenes[0], "moment": lambda: moment_at(scenes[0])}
+    with served_study(**options) as (desk, server), visit(server) as page:
+        desk.show("stimulus", "1", **show_object())
+        for width in (0.06, 0.06, 0.08):
+            scenes[0] = scene_around(square_hand(width))
+            numbers.append(ask(page, ask="screen", after=0)["hand"]["number"])
+    assert numbers == [1, 1, 2]
 
 
 def test_a_session_that_cannot_say_where_the_hand_is_leaves_the_screen():

@@ -4,6 +4,7 @@ import math
 import time
 
 import numpy as np
+import pytest
 from study_cases import (
     AGE,
     ARROWS,
@@ -24,7 +25,7 @@ from study_cases import (
     wait_until,
 )
 
-from palpate.render import render, static_pose
+from palpate.render import Live, render, static_pose
 from palpate.render.errors import RenderError
 from palpate.render.sampling.metrics import FocalPoints
 from palpate.render.study.pages.participant_page import ParticipantPage
@@ -293,3 +294,22 @@ def test_control_characters_of_a_plan_do_not_reach_the_page_and_its_lines_do():
 def test_its_line_in_a_log_has_the_sound():
     page = ParticipantPage(StudyDesk(), lambda: None, lambda: None, cube_mesh)
     assert repr(page) == "ParticipantPage(sound off)"
+
+
+@pytest.mark.exhaustive
+def test_the_hand_of_a_run_is_where_the_run_has_it():
+    with Live("tube", realtime=False) as run:
+        scene = run.scene()
+        options = {"scene": run.scene, "moment": run.moment, "mesh": lambda shown: (scene.vertices, scene.faces)}
+        with served_study(**options) as (desk, server), visit(server) as page:
+            desk.show("stimulus", "1", **show_object(solid="tube"))
+            places = set()
+            for _ in range(50):
+                if (hand := ask(page, ask="screen", after=1)["hand"]) is not None:
+                    places.add(tuple(hand["pose"].tolist()))
+                run.wait(0.02)
+            meshes = ask(page, ask="object")
+    assert len(places) > 10
+    assert np.ptp(np.array(list(places))[:, :3], axis=0).max() > 0.01
+    assert np.array_equal(meshes["object"]["vertices"], scene.vertices)
+    assert np.array_equal(meshes["hand"]["vertices"], scene.hand_vertices)

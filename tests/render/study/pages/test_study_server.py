@@ -185,7 +185,8 @@ def test_a_reaction_time_is_that_from_the_painted_screen_to_the_key(tmp_path):
             number = desk.show("question", "?", keys=ARROWS, question=CHOICE).number
             browser.run(
                 "new Promise((done) => { const look = () => {"
-                f" if (document.querySelector('#page').dataset.number != '{number}') return requestAnimationFrame(look);"
+                f" if (document.querySelector('#page').dataset.number != '{number}')"
+                " return requestAnimationFrame(look);"
                 " setTimeout(() => { const event = new KeyboardEvent('keydown', { key: 'ArrowLeft', bubbles: true });"
                 f" document.dispatchEvent(event); done() }}, {1000 * delay}) }}; look() }})"
             )

@@ -164,7 +164,7 @@ class ParticipantVisit:
         self._page.disown(self)
 
     def answer(self, request: PageRequest, send: Send) -> None:
-        """Answer one request; raises StudyError while another browser has the page, StrategyError for impossible ones."""
+        """Answer one request; raises StudyError while another browser has the page, StrategyError for a wrong one."""
         self._page.own(self)
         packer = Packer(exact=True)
         match request.choice("ask", tuple(sorted(self.slow))):
@@ -176,7 +176,9 @@ class ParticipantVisit:
                 loop = self._page.noise(request.number("rate", 8_000, 192_000))
                 described = {"kind": "noise", "samples": packer.numbers(loop, "f4")}
             case "press":
-                is_counted = self._desk.press(_screen_number(request), _key(request), _seconds(request))
+                if not (key := request.text("key", 40)):
+                    raise StrategyError("key must be a text of 1 to 40 characters, not ''")
+                is_counted = self._desk.press(_screen_number(request), key, _seconds(request))
                 described = {"kind": "press", "counts": is_counted}
             case _:
                 described = {"kind": "give", "counts": self._give(request)}
@@ -270,13 +272,6 @@ def _screen_number(request: PageRequest) -> int:
 
 def _seconds(request: PageRequest) -> float:
     return float(request.number("seconds", 0, SECONDS_MOST))
-
-
-def _key(request: PageRequest) -> str:
-    key = request.text("key", 40)
-    if not key:
-        raise StrategyError("key must be a text of 1 to 40 characters, not ''")
-    return key
 
 
 def _value(request: PageRequest) -> Answer:

@@ -59,7 +59,9 @@ def square_hand(width=0.06):
 def moment_at(scene, pose=POSE, number=1, **values):
     """A moment of a live run with the hand at a pose."""
     counts = {"latency": Durations(0.004, 0.007, math.nan), "poses": 1, "frames": 40_000, "dropped": 3}
-    return LiveMoment(number=number, scene=scene, hand_pose=pose, **{"state": "tracking", "time": 1.5, **counts} | values)
+    return LiveMoment(
+        number=number, scene=scene, hand_pose=pose, **{"state": "tracking", "time": 1.5, **counts} | values
+    )
 
 
 def show_object(opacity=1.0, *, has_hand=True, solid="cube"):

@@ -25,7 +25,7 @@ from study_cases import (
     wait_until,
 )
 
-from palpate.render import render, static_pose
+from palpate.render import Live, render, static_pose
 from palpate.render.errors import RenderError
 from palpate.render.sampling.metrics import FocalPoints
 from palpate.render.study.pages.participant_page import ParticipantPage
@@ -63,7 +63,9 @@ def test_neither_contours_nor_focal_points_nor_latency_nor_names_reach_the_parti
     contours = render("cube", "palm", static_pose(POSE[:3]), "cc")
     moment = moment_at(scene, contours=contours, focus=focus)
     values = [*contours.points.ravel(), *focus.position.ravel(), *focus.intensity, 0.004, 0.007, 40_000, 3]
-    found = {np.float32(v).tobytes() for v in values} - {np.float32(v).tobytes() for v in (0, 0.2, *cube_mesh()[0].flat)}
+    found = {np.float32(v).tobytes() for v in values} - {
+        np.float32(v).tobytes() for v in (0, 0.2, *cube_mesh()[0].flat)
+    }
     with served_study(scene=lambda: scene, moment=lambda: moment) as (desk, server), visit(server) as page:
         desk.set_status(stimulus="tube_oc", latency=0.004)
         desk.show("stimulus", "1", **show_object(solid="objects/hidden.stl"))
@@ -100,15 +102,14 @@ def test_of_a_hand_without_a_mesh_its_planes_are_sent():
 
 
 def test_another_hand_has_another_number_and_the_same_one_of_another_stimulus_has_not():
-    scenes = [scene_around(square_hand())]
-    with served_study(scene=lambda: scenes[0], moment=lambda: moment_at(scenes[0])) as (desk, server):
-        with visit(server) as page:
-            desk.show("stimulus", "1", **show_object())
-            numbers = []
-            for width in (0.06, 0.06, 0.08):
-                scenes[0] = scene_around(square_hand(width))
-                numbers.append(ask(page, ask="screen", after=0)["hand"]["number"])
-            assert numbers == [1, 1, 2]
+    scenes, numbers = [scene_around(square_hand())], []
+    options = {"scene": lambda: scenes[0], "moment": lambda: moment_at(scenes[0])}
+    with served_study(**options) as (desk, server), visit(server) as page:
+        desk.show("stimulus", "1", **show_object())
+        for width in (0.06, 0.06, 0.08):
+            scenes[0] = scene_around(square_hand(width))
+            numbers.append(ask(page, ask="screen", after=0)["hand"]["number"])
+    assert numbers == [1, 1, 2]
 
 
 def test_a_session_that_cannot_say_where_the_hand_is_leaves_the_screen():
@@ -293,3 +294,22 @@ def test_control_characters_of_a_plan_do_not_reach_the_page_and_its_lines_do():
 def test_its_line_in_a_log_has_the_sound():
     page = ParticipantPage(StudyDesk(), lambda: None, lambda: None, cube_mesh)
     assert repr(page) == "ParticipantPage(sound off)"
+
+
+@pytest.mark.exhaustive
+def test_the_hand_of_a_run_is_where_the_run_has_it():
+    with Live("tube", realtime=False) as run:
+        scene = run.scene()
+        options = {"scene": run.scene, "moment": run.moment, "mesh": lambda shown: (scene.vertices, scene.faces)}
+        with served_study(**options) as (desk, server), visit(server) as page:
+            desk.show("stimulus", "1", **show_object(solid="tube"))
+            places = set()
+            for _ in range(50):
+                if (hand := ask(page, ask="screen", after=1)["hand"]) is not None:
+                    places.add(tuple(hand["pose"].tolist()))
+                run.wait(0.02)
+            meshes = ask(page, ask="object")
+    assert len(places) > 10
+    assert np.ptp(np.array(list(places))[:, :3], axis=0).max() > 0.01
+    assert np.array_equal(meshes["object"]["vertices"], scene.vertices)
+    assert np.array_equal(meshes["hand"]["vertices"], scene.hand_vertices)

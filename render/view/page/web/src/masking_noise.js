@@ -12,6 +12,7 @@ export class MaskingNoise {
   // Browsers allow sound only after a key was pressed.
   async start() {
     if (this.context) return void (this.context.state === "suspended" && this.context.resume());
+    if (!(navigator.userActivation?.hasBeenActive ?? true)) return; // Escape, for one, allows nothing
     if (typeof AudioContext === "undefined") return void (this.hasOutput = false);
     this.context = new AudioContext();
     this.context.onerror = () => (this.hasOutput = false);

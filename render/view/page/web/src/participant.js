@@ -134,6 +134,8 @@ export class Participant {
       this.isLoading = true;
       try {
         this.view.take(await this.link.ask({ ask: "object" }));
+      } catch (error) {
+        this.say(error.message);
       } finally {
         this.isLoading = false;
       }
@@ -142,7 +144,7 @@ export class Participant {
   }
 
   press(event) {
-    this.noise.start();
+    this.noise.start().catch(() => {}); // of a connection that is lost, the page says so itself
     const { key } = event;
     if (event.repeat || event.isComposing || event.ctrlKey || event.altKey || event.metaKey || !this.screen || this.hasFailed) return;
     const field = this.words.querySelector("input, textarea");

@@ -9,6 +9,7 @@ import hmac
 import json
 import math
 import os
+import re
 import selectors
 import socket
 import threading
@@ -309,6 +310,10 @@ class EventStream:
             counts = self._desk.press(screen, _text_of(request, "press", 32), float(seconds))
         else:
             value = request["give"]
+            shown = self._desk.shown
+            is_number = shown.number == screen and shown.question is not None and shown.question.kind == "number"
+            if is_number and isinstance(value, str) and NUMBER.fullmatch(value):
+                value = float(value.replace(",", "."))  # programs that take keys have no other form of it
             is_large = type(value) is int and abs(value) > INTEGER_MOST
             if is_large or not isinstance(value, int | float | str | None):
                 raise StudyError(f"give must be a number, a text or null, not {_short(value)}")
@@ -359,6 +364,10 @@ class EventStream:
 
 FIELDS = {"press": ("screen", "seconds"), "give": ("screen", "seconds"), "stop": (), "page": ()}
 """What a client's line asks for -> the keys that it needs besides the token."""
+SIGNS = {"ArrowLeft": "\u2190", "ArrowUp": "\u2191", "ArrowRight": "\u2192", "ArrowDown": "\u2193", " ": ""}
+"""What keys are called in `choices`, in any language; a screen's own words name the space bar."""
+NUMBER = re.compile(r"-?\d{1,15}([.,]\d{1,15})?")
+"""A number as people type it."""
 
 
 def _listening_socket(host: str, port: int | None) -> socket.socket:
@@ -387,6 +396,9 @@ def _described(screen: Screen) -> dict[str, object]:
         "text": screen.text,
         "hint": screen.hint,
         "keys": [{"key": choice.key, "label": choice.label} for choice in screen.keys],
+        "choices": "     ".join(
+            f"{SIGNS.get(choice.key, choice.key)} {choice.label}".strip() for choice in screen.keys
+        ),
         "question": None if question is None else {"name": question.name, "kind": question.kind},
         "ends": screen.ends,
         "progress": screen.progress,

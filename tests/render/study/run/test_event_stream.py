@@ -97,7 +97,8 @@ def test_a_client_gets_the_screen_that_is_shown_and_each_event_after_it():
         assert hello["screen"] == {
             "number": 1, "kind": "question", "title": "Trial 1 of 10", "text": "Which one?", "hint": "Press",
             "keys": [{"key": "ArrowLeft", "label": "First"}, {"key": "ArrowRight", "label": "Second"}],
-            "question": {"name": "denser", "kind": "choice"}, "ends": None, "progress": 0.5,
+            "choices": "← First     → Second", "question": {"name": "denser", "kind": "choice"},
+            "ends": None, "progress": 0.5,
         }  # fmt: skip
         stream.send("trial_begun", trial=3, name="cc", level=math.nan, ratio=np.float32(1.5), file=Path("a.h5"))
         begun = client.read()
@@ -145,6 +146,23 @@ def test_answers_count_once_and_only_for_the_screen_that_is_shown():
         assert desk.await_response(1).value == 25
         assert client.ask(stop="the participant\x1b[2J coughs")["counts"] is True
         assert desk.status()["stop_reason"] == r"the participant\x1b[2J coughs"
+
+
+def test_a_number_is_taken_as_it_is_typed_where_one_is_asked_for():
+    with serving() as (desk, _, connect):
+        client = connect()
+        client.ask(page=True)
+        for typed, value in (("25", 25.0), ("0,5", 0.5), ("7.25", 7.25), ("-0", 0.0)):
+            number = desk.show("question", "How large?", question=SIZE).number
+            assert client.ask(give=typed, screen=number, seconds=1)["counts"] is True
+            assert desk.await_response(0).value == value
+        number = desk.show("question", "How large?", question=SIZE).number
+        for typed in ("", "1-2", "1e3", "inf", ".", "٣٣ ", "1" * 20):
+            assert client.ask(give=typed, screen=number, seconds=1)["event"] == "error"
+        assert client.ask(give="101", screen=number, seconds=1)["text"] == "size must be from 0 to 100, not 101.0"
+        number = desk.show("question", "Why?", question=Question(name="why", text="Why?", kind="text")).number
+        client.ask(give="25", screen=number, seconds=1)
+        assert desk.await_response(0).value == "25"
 
 
 def test_without_the_token_events_are_read_only():

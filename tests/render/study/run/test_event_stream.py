@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
@@ -400,3 +401,42 @@ def test_an_outlet_gets_the_lines_that_clients_get():
         assert [line for line, _ in outlet.pushed] == [client.read(), client.read()]
         assert [line["array_time"] for line, _ in outlet.pushed] == [array_time for _, array_time in outlet.pushed]
         assert outlet.pushed[0][1] == 5.25
+
+
+def test_a_fault_of_ours_closes_the_page(monkeypatch):
+    """A thread that serves no more must not leave the array on."""
+    with serving() as (desk, stream, connect):
+        page = connect()
+        page.ask(page=True)
+
+        def press(*_):
+            raise RuntimeError("a fault of ours")
+
+        monkeypatch.setattr(desk, "press", press)
+        monkeypatch.setattr(threading, "excepthook", lambda arguments: None)
+        page.write(press="a", screen=0, seconds=1, token=TOKEN)
+        while page.read() is not None:
+            pass
+        assert wait_for(lambda: not desk.has_page, 1.0)
+        stream.send("rest")
+
+
+# The desk's side
+
+
+def test_a_watcher_may_ask_the_desk_and_gets_screens_until_it_ends_this():
+    desk, seen = StudyDesk(), []
+
+    def callback(screen):
+        asking = threading.Thread(target=lambda: seen.append((screen.number, desk.status()["screen"])), daemon=True)
+        asking.start()
+        asking.join(5)
+
+    end = desk.watch(callback)
+    desk.show("text", "Welcome")
+    desk.show("rest", "Rest")
+    end()
+    end()
+    desk.show("ended", "Thank you")
+    assert seen == [(1, "text"), (2, "rest")]
+    assert desk.shown.number == 3

@@ -108,16 +108,12 @@ def judge_stimuli(
             break
     with _listing(found, f"{array.name}: "):
         array.divider(found.update_rate)
-<<<<<<< HEAD
     solids = {} if solids is None else solids
     tried: set[tuple[str, Placement]] = set()
-=======
-    solids: dict[str, Solid | None] = {}
     hand: Hand | None = None
     if any(planned.file is None for planned in plan.stimuli):
         with _listing(found, ""):
             hand = live_hand(plan.hand)
->>>>>>> h-designs
     for planned in plan.stimuli:
         where = f"stimulus {planned.name}: "
         for name in dict.fromkeys(name for name in (planned.solid, planned.shown) if name is not None):
@@ -129,13 +125,8 @@ def judge_stimuli(
         if planned.file is not None:
             found.stimuli.append(_judge_stored(planned, planned.file, arrays, found))
         else:
-<<<<<<< HEAD
-            found.stimuli.append(
-                _judge_live(planned, solids.get((planned.solid or "", planned.placement)), plan.hand, found)
-            )
-=======
-            found.stimuli.append(_judge_live(planned, solids.get(planned.solid or ""), hand, found))
->>>>>>> h-designs
+            solid = solids.get((planned.solid or "", planned.placement))
+            found.stimuli.append(_judge_live(planned, solid, hand, found))
     return found
 
 

@@ -9,6 +9,7 @@ import hmac
 import json
 import math
 import os
+import re
 import selectors
 import socket
 import threading
@@ -191,36 +192,41 @@ class EventStream:
 
     def _serve(self) -> None:
         with selectors.DefaultSelector() as selector, self._listener, self._woken, self._wake:
-            self._listener.setblocking(False)
-            self._woken.setblocking(False)
-            selector.register(self._listener, selectors.EVENT_READ)
-            selector.register(self._woken, selectors.EVENT_READ)
-            ends = float("inf")
-            while True:
-                if has_page := any(client.is_page for client in self._clients):
-                    self._desk.screen()  # an open connection is a page that is open
-                if self._is_closed:
-                    ends = min(ends, time.monotonic() + CLOSE_SECONDS_MOST)
-                wait = 0.02 if self._is_closed else LOST_SECONDS / 4 if has_page else None
-                for key, mask in selector.select(wait):
-                    if key.fileobj is self._listener:
-                        self._accept(selector)
-                    elif key.fileobj is self._woken:
-                        self._woken.recv(4096)
-                    elif mask & selectors.EVENT_READ:
-                        self._read(key.data)
+            try:
+                self._listener.setblocking(False)
+                self._woken.setblocking(False)
+                selector.register(self._listener, selectors.EVENT_READ)
+                selector.register(self._woken, selectors.EVENT_READ)
+                ends = float("inf")
+                while not self._is_closed or (
+                    any(client.outbox for client in self._clients) and time.monotonic() < ends
+                ):
+                    self._serve_once(selector)
+                    if self._is_closed:
+                        ends = min(ends, time.monotonic() + CLOSE_SECONDS_MOST)
+            finally:  # whatever happens, no client believes that the study goes on, and no page stays open
                 for client in tuple(self._clients):
-                    self._write(client)
-                    if client.is_leaving:
-                        self._drop(client, selector)
-                        continue
-                    is_full = len(client.outbox) > BACKLOG_BYTES_MOST / 2  # its answers have no room either
-                    reads = 0 if is_full else selectors.EVENT_READ
-                    selector.modify(client.connection, reads | (selectors.EVENT_WRITE if client.outbox else 0), client)
-                if self._is_closed and (time.monotonic() > ends or not any(each.outbox for each in self._clients)):
-                    break
-            for client in tuple(self._clients):
+                    self._drop(client, selector)
+
+    def _serve_once(self, selector: selectors.BaseSelector) -> None:
+        """Wait until there is something to do, and do it."""
+        if has_page := any(client.is_page for client in self._clients):
+            self._desk.screen()  # an open connection is a page that is open
+        for key, mask in selector.select(0.02 if self._is_closed else LOST_SECONDS / 4 if has_page else None):
+            if key.fileobj is self._listener:
+                self._accept(selector)
+            elif key.fileobj is self._woken:
+                self._woken.recv(4096)
+            elif mask & selectors.EVENT_READ:
+                self._read(key.data)
+        for client in tuple(self._clients):
+            self._write(client)
+            if client.is_leaving:
                 self._drop(client, selector)
+                continue
+            is_full = len(client.outbox) > BACKLOG_BYTES_MOST / 2  # its answers have no room either
+            reads = 0 if is_full else selectors.EVENT_READ
+            selector.modify(client.connection, reads | (selectors.EVENT_WRITE if client.outbox else 0), client)
 
     def _accept(self, selector: selectors.BaseSelector) -> None:
         try:
@@ -232,7 +238,10 @@ class EventStream:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         client = _Client(connection)
         with self._lock:
-            if len(self._clients) >= CLIENTS_MOST or self._is_closed:
+            if self._is_closed:
+                connection.close()
+                return
+            if len(self._clients) >= CLIENTS_MOST:
                 self._refused += 1
                 text = f"{CLIENTS_MOST} programs are connected already, which is the most: close one of them"
                 with connection, contextlib.suppress(OSError):
@@ -309,6 +318,10 @@ class EventStream:
             counts = self._desk.press(screen, _text_of(request, "press", 32), float(seconds))
         else:
             value = request["give"]
+            shown = self._desk.shown
+            is_number = shown.number == screen and shown.question is not None and shown.question.kind == "number"
+            if is_number and isinstance(value, str) and NUMBER.fullmatch(value):
+                value = float(value.replace(",", "."))  # programs that take keys have no other form of it
             is_large = type(value) is int and abs(value) > INTEGER_MOST
             if is_large or not isinstance(value, int | float | str | None):
                 raise StudyError(f"give must be a number, a text or null, not {_short(value)}")
@@ -359,6 +372,10 @@ class EventStream:
 
 FIELDS = {"press": ("screen", "seconds"), "give": ("screen", "seconds"), "stop": (), "page": ()}
 """What a client's line asks for -> the keys that it needs besides the token."""
+SIGNS = {"ArrowLeft": "\u2190", "ArrowUp": "\u2191", "ArrowRight": "\u2192", "ArrowDown": "\u2193", " ": ""}
+"""What keys are called in `choices`, in any language; a screen's own words name the space bar."""
+NUMBER = re.compile(r"-?\d{1,15}([.,]\d{1,15})?")
+"""A number as people type it."""
 
 
 def _listening_socket(host: str, port: int | None) -> socket.socket:
@@ -387,6 +404,9 @@ def _described(screen: Screen) -> dict[str, object]:
         "text": screen.text,
         "hint": screen.hint,
         "keys": [{"key": choice.key, "label": choice.label} for choice in screen.keys],
+        "choices": "     ".join(
+            f"{SIGNS.get(choice.key, choice.key)} {choice.label}".strip() for choice in screen.keys
+        ),
         "question": None if question is None else {"name": question.name, "kind": question.kind},
         "ends": screen.ends,
         "progress": screen.progress,

@@ -1,7 +1,6 @@
 """Events of a study as a stream of markers of the Lab Streaming Layer, beside other instruments' streams."""
 
 import time
-from importlib import import_module
 from typing import Any
 
 from ...errors import StudyError
@@ -44,7 +43,7 @@ class LslOutlet:
 def _pylsl() -> Any:
     way_out = "pip install 'palpate[lsl]'"
     try:
-        return import_module("pylsl")
+        import pylsl  # only where it is asked for: it loads a library of C++ and starts threads
     except ModuleNotFoundError as error:
         raise StudyError(f"an LSL stream needs pylsl, which is not installed: {way_out}") from error
     except (ImportError, RuntimeError, OSError) as error:  # RuntimeError: pylsl itself finds no liblsl
@@ -53,3 +52,4 @@ def _pylsl() -> Any:
             f"pylsl cannot load its library liblsl ({reason}): {way_out} brings it to Linux on x86-64 with glibc 2.35 "
             "or newer; elsewhere install liblsl, and name its file in the environment variable PYLSL_LIB"
         ) from error
+    return pylsl

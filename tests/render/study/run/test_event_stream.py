@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
@@ -97,7 +98,8 @@ def test_a_client_gets_the_screen_that_is_shown_and_each_event_after_it():
         assert hello["screen"] == {
             "number": 1, "kind": "question", "title": "Trial 1 of 10", "text": "Which one?", "hint": "Press",
             "keys": [{"key": "ArrowLeft", "label": "First"}, {"key": "ArrowRight", "label": "Second"}],
-            "question": {"name": "denser", "kind": "choice"}, "ends": None, "progress": 0.5,
+            "choices": "← First     → Second", "question": {"name": "denser", "kind": "choice"},
+            "ends": None, "progress": 0.5,
         }  # fmt: skip
         stream.send("trial_begun", trial=3, name="cc", level=math.nan, ratio=np.float32(1.5), file=Path("a.h5"))
         begun = client.read()
@@ -145,6 +147,23 @@ def test_answers_count_once_and_only_for_the_screen_that_is_shown():
         assert desk.await_response(1).value == 25
         assert client.ask(stop="the participant\x1b[2J coughs")["counts"] is True
         assert desk.status()["stop_reason"] == r"the participant\x1b[2J coughs"
+
+
+def test_a_number_is_taken_as_it_is_typed_where_one_is_asked_for():
+    with serving() as (desk, _, connect):
+        client = connect()
+        client.ask(page=True)
+        for typed, value in (("25", 25.0), ("0,5", 0.5), ("7.25", 7.25), ("-0", 0.0)):
+            number = desk.show("question", "How large?", question=SIZE).number
+            assert client.ask(give=typed, screen=number, seconds=1)["counts"] is True
+            assert desk.await_response(0).value == value
+        number = desk.show("question", "How large?", question=SIZE).number
+        for typed in ("", "1-2", "1e3", "inf", ".", "٣٣ ", "1" * 20):
+            assert client.ask(give=typed, screen=number, seconds=1)["event"] == "error"
+        assert client.ask(give="101", screen=number, seconds=1)["text"] == "size must be from 0 to 100, not 101.0"
+        number = desk.show("question", "Why?", question=Question(name="why", text="Why?", kind="text")).number
+        client.ask(give="25", screen=number, seconds=1)
+        assert desk.await_response(0).value == "25"
 
 
 def test_without_the_token_events_are_read_only():
@@ -382,3 +401,42 @@ def test_an_outlet_gets_the_lines_that_clients_get():
         assert [line for line, _ in outlet.pushed] == [client.read(), client.read()]
         assert [line["array_time"] for line, _ in outlet.pushed] == [array_time for _, array_time in outlet.pushed]
         assert outlet.pushed[0][1] == 5.25
+
+
+def test_a_fault_of_ours_closes_the_page(monkeypatch):
+    """A thread that serves no more must not leave the array on."""
+    with serving() as (desk, stream, connect):
+        page = connect()
+        page.ask(page=True)
+
+        def press(*_):
+            raise RuntimeError("a fault of ours")
+
+        monkeypatch.setattr(desk, "press", press)
+        monkeypatch.setattr(threading, "excepthook", lambda arguments: None)
+        page.write(press="a", screen=0, seconds=1, token=TOKEN)
+        while page.read() is not None:
+            pass
+        assert wait_for(lambda: not desk.has_page, 1.0)
+        stream.send("rest")
+
+
+# The desk's side
+
+
+def test_a_watcher_may_ask_the_desk_and_gets_screens_until_it_ends_this():
+    desk, seen = StudyDesk(), []
+
+    def callback(screen):
+        asking = threading.Thread(target=lambda: seen.append((screen.number, desk.status()["screen"])), daemon=True)
+        asking.start()
+        asking.join(5)
+
+    end = desk.watch(callback)
+    desk.show("text", "Welcome")
+    desk.show("rest", "Rest")
+    end()
+    end()
+    desk.show("ended", "Thank you")
+    assert seen == [(1, "text"), (2, "rest")]
+    assert desk.shown.number == 3

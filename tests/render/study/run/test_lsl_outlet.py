@@ -9,7 +9,6 @@ from types import SimpleNamespace
 import pytest
 
 from palpate.render.errors import StudyError
-from palpate.render.study.run import lsl_outlet
 from palpate.render.study.run.desk import StudyDesk
 from palpate.render.study.run.event_stream import EventStream
 from palpate.render.study.run.lsl_outlet import LslOutlet
@@ -74,18 +73,20 @@ def test_a_recorder_on_this_machine_gets_events_at_the_arrays_time():
 
 
 @pytest.mark.parametrize(
-    ("error", "text"),
+    ("code", "text"),
     [
-        (ModuleNotFoundError("No module named 'pylsl'"), "needs pylsl, which is not installed"),
-        (RuntimeError("LSL binary library file was not found.\nMore"), r"liblsl \(LSL binary .* not found\.\): "),
-        (OSError("liblsl.so: \x1b[2J"), r"liblsl \(liblsl\.so: \\x1b\[2J\): "),
+        (None, "needs pylsl, which is not installed"),
+        ("raise RuntimeError('LSL binary library file was not found.\\nMore')", r"liblsl \(LSL binary .* found\.\): "),
+        ("raise OSError('liblsl.so: \\x1b[2J')", r"liblsl \(liblsl\.so: \\x1b\[2J\): "),
     ],
 )
-def test_a_missing_library_is_refused_with_the_command_that_installs_it(monkeypatch, error, text):
-    def import_module(name):
-        raise error
-
-    monkeypatch.setattr(lsl_outlet, "import_module", import_module)
+def test_a_missing_library_is_refused_with_the_command_that_installs_it(monkeypatch, tmp_path, code, text):
+    if code is None:
+        monkeypatch.setitem(sys.modules, "pylsl", None)
+    else:  # it is installed, and cannot be imported
+        monkeypatch.delitem(sys.modules, "pylsl", raising=False)
+        monkeypatch.syspath_prepend(tmp_path)
+        (tmp_path / "pylsl.py").write_text(code)
     with pytest.raises(StudyError, match=text) as refused:
         LslOutlet("pilot")
     assert "pip install 'palpate[lsl]'" in str(refused.value)

@@ -514,7 +514,7 @@ def test_stimuli_are_not_missed_where_their_names_could_not_be_read(folder):
     ("asked", "fault"),
     [
         ("", "study.toml:11: block: must be at least one table [[block.question]], not []"),
-        ('question = "How?"\n', "study.toml:15: block.question: must be at least one table [[block.question]], not 'How?'"),
+        ("question = '?'\n", "study.toml:15: block.question: must be at least one table [[block.question]], not '?'"),
         ("question_after = 3\n[[block.question]]\nname = 'a'\ntext = 'b'\nkind = 'scale'\n",
          "study.toml:15: block.question_after: must be tables [[block.question_after]], not 3"),
     ],

@@ -146,6 +146,11 @@ def test_limits_and_translations_are_taken(folder):
     assert (plan.sentence("agree"), plan.sentence("decline")) == ("", TEXTS["decline"])
 
 
+@pytest.mark.parametrize("key", TEXTS)
+def test_each_sentence_can_stand_as_its_own_translation(folder, key):
+    assert read(folder, f"{PAPER}[texts]\n{key} = '{TEXTS[key]}'\n").texts == {key: TEXTS[key]}
+
+
 @pytest.mark.parametrize("count", [1, 99, 100, 999])
 def test_codes_have_the_same_length(folder, count):
     codes = read(folder, PAPER.replace("participants = 18", f"participants = {count}")).codes

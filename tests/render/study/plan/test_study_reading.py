@@ -146,6 +146,11 @@ def test_limits_and_translations_are_taken(folder):
     assert (plan.sentence("agree"), plan.sentence("decline")) == ("", TEXTS["decline"])
 
 
+@pytest.mark.parametrize("key", TEXTS)
+def test_each_sentence_can_stand_as_its_own_translation(folder, key):
+    assert read(folder, f"{PAPER}[texts]\n{key} = '{TEXTS[key]}'\n").texts == {key: TEXTS[key]}
+
+
 @pytest.mark.parametrize("count", [1, 99, 100, 999])
 def test_codes_have_the_same_length(folder, count):
     codes = read(folder, PAPER.replace("participants = 18", f"participants = {count}")).codes
@@ -514,7 +519,7 @@ def test_stimuli_are_not_missed_where_their_names_could_not_be_read(folder):
     ("asked", "fault"),
     [
         ("", "study.toml:11: block: must be at least one table [[block.question]], not []"),
-        ('question = "How?"\n', "study.toml:15: block.question: must be at least one table [[block.question]], not 'How?'"),
+        ("question = '?'\n", "study.toml:15: block.question: must be at least one table [[block.question]], not '?'"),
         ("question_after = 3\n[[block.question]]\nname = 'a'\ntext = 'b'\nkind = 'scale'\n",
          "study.toml:15: block.question_after: must be tables [[block.question_after]], not 3"),
     ],

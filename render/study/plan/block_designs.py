@@ -7,7 +7,7 @@ import numpy as np
 
 from .latin_square import balanced_square
 from .staircase import Staircase
-from .study_plan import Answer, PlannedBlock, StudyPlan, Trial
+from .study_plan import Answer, PlannedBlock, PlannedTrial, StudyPlan
 
 
 class TrialCounts(NamedTuple):
@@ -50,7 +50,7 @@ def trial_counts(block: PlannedBlock) -> TrialCounts:
     return TrialCounts(block.practice, least * block.tracks, block.trials_max * block.tracks)
 
 
-def trials_of(block: PlannedBlock, rng: np.random.Generator) -> Generator[Trial, Mapping[str, Answer], None]:
+def trials_of(block: PlannedBlock, rng: np.random.Generator) -> Generator[PlannedTrial, Mapping[str, Answer], None]:
     """Yield a block's trials one after the other, each after it was sent the answers {question's name: answer} before.
 
     Practice comes first. Equal random numbers and answers give equal trials, so a resumed run sends the stored answers
@@ -88,7 +88,9 @@ def _practice(block: PlannedBlock, rng: np.random.Generator) -> Iterator[tuple[s
             yield _turned(conditions[number], rng)[0] if is_staircase else conditions[number]
 
 
-def _staircase_trials(block: PlannedBlock, rng: np.random.Generator) -> Generator[Trial, Mapping[str, Answer], None]:
+def _staircase_trials(
+    block: PlannedBlock, rng: np.random.Generator
+) -> Generator[PlannedTrial, Mapping[str, Answer], None]:
     """Trials of interleaved tracks: each trial is of one that has not ended, at random."""
     tracks = [Staircase(block) for _ in range(block.tracks)]
     while active := [number for number, own in enumerate(tracks) if not own.has_ended]:
@@ -118,9 +120,9 @@ def _trial(
     track: int = 0,
     level: int | None = None,
     clipped: int = 0,
-) -> Trial:
+) -> PlannedTrial:
     mapped = next((own for own in block.questions if own.has_random_keys), None)
-    return Trial(
+    return PlannedTrial(
         stimuli=stimuli,
         questions=block.questions,
         key_order=() if mapped is None else tuple(rng.permutation(len(mapped.options)).tolist()),

@@ -188,7 +188,7 @@ TEXTS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trial:
+class PlannedTrial:
     """Intervals, then questions."""
 
     stimuli: tuple[str, ...]

@@ -14,7 +14,7 @@ from ...errors import StudyError
 from ...live.session import Onset
 from ..plan.block_designs import block_numbers, rng_of, trial_counts, trials_of
 from ..plan.duty_account import DutyAccount, EmissionInterval
-from ..plan.study_plan import Answer, PlannedBlock, PlannedStimulus, Question, StudyPlan, Trial
+from ..plan.study_plan import Answer, PlannedBlock, PlannedStimulus, PlannedTrial, Question, StudyPlan
 from .answer_store import AnswerStore
 from .desk import KeyChoice, Response, ShownObject, StudyDesk
 from .interval_player import PLAYED, DrawnInterval, IntervalPlayer, PlayedInterval, drawn_interval
@@ -149,7 +149,7 @@ class StudyRun:
         for question in block.questions_after:
             self._answer_to(block.name, AFTER_BLOCK, question, block=block)
 
-    def _run_trial(self, block: PlannedBlock, place: int, trial: Trial, title: str) -> dict[str, Answer]:
+    def _run_trial(self, block: PlannedBlock, place: int, trial: PlannedTrial, title: str) -> dict[str, Answer]:
         """The answers of a trial, which is played unless one of them is on disk."""
         attempt = self._progress.next_attempt(block.name, place)
         played: list[tuple[IntervalRow, PlayedInterval]] = []
@@ -173,7 +173,7 @@ class StudyRun:
         return answers
 
     def _play_trial(
-        self, block: PlannedBlock, place: int, trial: Trial, attempt: int, title: str
+        self, block: PlannedBlock, place: int, trial: PlannedTrial, attempt: int, title: str
     ) -> list[tuple[IntervalRow, PlayedInterval]]:
         """Play the intervals of a trial; raises _TrialHeld where they were not played to their end."""
         plan, names = self._plan, trial.stimuli
@@ -257,7 +257,7 @@ class StudyRun:
         question: Question,
         *,
         block: PlannedBlock | None = None,
-        trial: Trial | None = None,
+        trial: PlannedTrial | None = None,
         attempt: int = 0,
         title: str = "",
         shown: Callable[[], object] = lambda: None,
@@ -300,7 +300,7 @@ class StudyRun:
         response: Response,
         *,
         block: PlannedBlock | None = None,
-        trial: Trial | None = None,
+        trial: PlannedTrial | None = None,
         attempt: int = 0,
     ) -> None:
         """Put an answer on disk, then tell other instruments."""
@@ -410,7 +410,7 @@ class StudyRun:
         }
 
     def _interval_screen(
-        self, block: PlannedBlock, trial: Trial, interval: int, name: str, title: str
+        self, block: PlannedBlock, trial: PlannedTrial, interval: int, name: str, title: str
     ) -> dict[str, Any]:
         """Fields of the screen of an interval."""
         plan, stimulus, count = self._plan, self._stimuli[name], len(trial.stimuli)
@@ -442,8 +442,8 @@ def keys_of(plan: StudyPlan, question: Question, order: tuple[int, ...] = ()) ->
 
 
 def _driven(
-    trials: Generator[Trial, Mapping[str, Answer], None],
-) -> Generator[tuple[Trial, Callable[[dict[str, Answer]], object]], None, None]:
+    trials: Generator[PlannedTrial, Mapping[str, Answer], None],
+) -> Generator[tuple[PlannedTrial, Callable[[dict[str, Answer]], object]], None, None]:
     """Trials, each with the function that takes its answers before the next one is made."""
     given: list[dict[str, Answer]] = []
     trial = next(trials, None)

@@ -62,7 +62,9 @@ def stored(folder):
     connection = sqlite3.connect(folder / "answers.sqlite")
     try:
         assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
-        told = connection.execute("SELECT 'answer', block, trial, name, value FROM answers ORDER BY sequence").fetchall()
+        told = connection.execute(
+            "SELECT 'answer', block, trial, name, value FROM answers ORDER BY sequence"
+        ).fetchall()
         full = connection.execute(
             "SELECT block, trial, name, value, key, key_order, stimuli, is_practice FROM answers ORDER BY sequence"
         ).fetchall()

@@ -25,8 +25,7 @@ try:
     from .options.live import live
     from .options.noise import noise
     from .options.output import Json, Overwrite, Quiet, run_job
-    from .options.play import play
-    from .options.prepare import prepare
+    from .options.play import play, prepare
     from .options.reproduce import reproduce
     from .options.selftest import selftest
     from .options.study import STUDY_HELP, study

@@ -42,20 +42,25 @@ def run_once(folder: Path) -> None:
             shown_names={},
         )
         with ScriptedParticipant(desk, first_key):
-            print(run.run(), flush=True)
+            _print(run.run())
 
 
 def _tell(name: str, values: dict) -> None:
     if name == "answer":
-        print("answer", values["block"], values["trial"], values["question"], values["value"], flush=True)
+        _print("answer", values["block"], values["trial"], values["question"], values["value"])
+
+
+def _print(*words: object) -> None:
+    sys.stdout.write(" ".join(map(str, words)) + "\n")
+    sys.stdout.flush()
 
 
 if __name__ == "__main__":
     for _ in sys.stdin:
         child = os.fork()
         if child == 0:
-            print("child", os.getpid(), flush=True)
+            _print("child", os.getpid())
             run_once(Path(sys.argv[1]))
             os._exit(0)
         os.waitpid(child, 0)
-        print("over", flush=True)
+        _print("over")

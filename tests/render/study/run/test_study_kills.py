@@ -69,7 +69,7 @@ def stored(folder):
             "SELECT block, trial, name, value, key, key_order, stimuli, is_practice FROM answers ORDER BY sequence"
         ).fetchall()
         attempts = connection.execute("SELECT DISTINCT block, trial, attempt FROM intervals").fetchall()
-        return [" ".join(map(str, row)) for row in told], full, attempts
+        return [" ".join(map(str, ("answer", *row))) for row in told], full, attempts
     finally:
         connection.close()
 

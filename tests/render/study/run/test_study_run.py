@@ -246,10 +246,19 @@ def test_each_design_runs_to_its_end_and_asks_what_it_says(tmp_path):
         blocks=(
             block(name="constant", design="constant", sets=(("a-oc", "b-oc"), ("a-oc", "c-oc")), repetitions=1),
             block(name="yes", design="constant", sets=one, question=yes, questions=(yes,), repetitions=1),
-            block(name="stairs", design="staircase", sets=one, question=yes, questions=(yes,), correct_option=1, reversals=3, trials_max=12),
-            block(name="size", design="magnitude", sets=one, question=size, questions=(size,), modulus=("a-oc", 10.0), repetitions=1),
+            block(
+                name="stairs", design="staircase", sets=one, question=yes, questions=(yes,), correct_option=1,
+                reversals=3, trials_max=12,
+            ),
+            block(
+                name="size", design="magnitude", sets=one, question=size, questions=(size,), modulus=("a-oc", 10.0),
+                repetitions=1,
+            ),
             block(name="rate", design="rating", sets=one, question=scales[0], questions=scales, repetitions=1),
-            block(name="free", design="exploration", sets=(("a-oc", "b-oc"),), question=TYPED[1], questions=(TYPED[1],), trial_order="fixed", repetitions=1),
+            block(
+                name="free", design="exploration", sets=(("a-oc", "b-oc"),), question=TYPED[1], questions=(TYPED[1],),
+                trial_order="fixed", repetitions=1,
+            ),
         ),
     )  # fmt: skip
     with begun(plan, tmp_path) as own, ScriptedParticipant(own.desk) as person:

@@ -145,8 +145,12 @@ def test_an_empty_answer_and_a_decimal_comma_are_what_they_mean(tmp_path):
         show(desk, browser, "question", "?", question=AGE)
         assert response_of(desk, browser, *"20", ",", "5", "Enter").value == 20.5
         show(desk, browser, "question", "?", question=AGE)
-        type_words(browser, "x")
-        browser.wait("document.querySelector('.alert:not([hidden])')?.textContent.includes('must be a number')")
+        for typed in ("x", "1,000", "0x20", "1e999"):
+            browser.run("document.querySelector('input').value = ''")
+            type_words(browser, typed)
+            told = f"must be a number, not {typed!r}"
+            browser.wait(f"document.querySelector('.alert:not([hidden])')?.textContent.endsWith({told!r})", timeout=10)
+        assert desk.await_response(0) is None
 
 
 @pytest.mark.exhaustive

@@ -12,6 +12,8 @@ const REFUSED = 1000; // [ms] until a page that may not open asks again
 const CAPS = { ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓", Enter: "↵", " ": "␣" };
 const ROWS = ["1234567890", "qwertyuiop", "asdfghjkl", "zxcvbnm"];
 const PLACES = { " ": 4, Enter: 12, ArrowLeft: 13, ArrowUp: 14, ArrowDown: 14, ArrowRight: 15 };
+const DECIMAL = /^[+-]?(\d+([.,]\d*)?|[.,]\d+)$/;
+const THOUSANDS = /,\d{3}$/; // 1,000 is 1 to some and 1000 to others: it is refused
 const SCROLLS = { ArrowDown: 0.3, ArrowUp: -0.3, PageDown: 0.9, PageUp: -0.9 }; // of a text that is higher than the page
 
 // Where a key is, from left to right [key].
@@ -165,9 +167,9 @@ export class Participant {
     event.preventDefault();
     if (this.isAnswered) return;
     const typed = field.value.trim();
-    const number = Number(typed.replace(",", "."));
-    const isNumber = this.screen.question.kind === "number" && typed && Number.isFinite(number);
-    this.send({ ask: "give", value: typed ? (isNumber ? number : typed) : null }, event, () => (field.readOnly = true));
+    const isNumber = this.screen.question.kind === "number" && DECIMAL.test(typed) && !THOUSANDS.test(typed);
+    const value = isNumber ? Number(typed.replace(",", ".")) : typed || null; // what is no number is refused with a sentence
+    this.send({ ask: "give", value }, event, () => (field.readOnly = true));
   }
 
   async send(request, event, counted) {

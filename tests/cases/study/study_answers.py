@@ -1,12 +1,16 @@
 """A plan and rows of answers that tests know in advance; as a script, a participant who answers as fast as possible.
 
-`python study_answers.py FOLDER` goes on where the last process stopped, and prints each row when its call has returned.
+`python study_answers.py FOLDER TRIALS` goes on where the last process stopped, and prints each row when its call has
+returned. A call that fails is made again. `python study_answers.py` forks such a process for each line of its input.
 """
 
+import os
+import signal
 import sys
 from dataclasses import replace
 from pathlib import Path
 
+from palpate.render.errors import StudyError
 from palpate.render.study.plan.study_plan import PlannedBlock, PlannedStimulus, Question, StudyPlan
 from palpate.render.study.run.answer_store import AnswerStore
 from palpate.render.study.run.store_rows import AnswerRow, IntervalRow
@@ -80,22 +84,32 @@ def answer(trial=0, name="denser", attempt=0, **values):
 
 def take_part(folder, report, trials=TRIALS):
     """Answer what is not answered yet; `report(kind, trial, attempt, what)` after each call that saved something."""
-    with AnswerStore(folder, PLAN) as store:
-        progress = store.begin("P01", resume=True)
+    with again(report, lambda: AnswerStore(folder, PLAN)) as store:
+        progress = again(report, lambda: store.begin("P01", resume=True))
         report("begun", 0, 0, progress.session)
         for trial in range(trials):
             names = [name for name in ("denser", "why") if ("cube", trial, name) not in progress.answers]
             if not names:
                 continue
             attempt = progress.next_attempt("cube", trial)
-            for number in range(2):
-                store.add_interval(interval(trial, number, attempt))
-                report("interval", trial, attempt, number)
-            for name in names:
-                store.add_answer(answer(trial, name, attempt))
-                report("answer", trial, attempt, name)
-        store.finish()
+            for row in (interval(trial, 0, attempt), interval(trial, 1, attempt)):
+                again(report, lambda row=row: store.add_interval(row))
+                report("interval", trial, attempt, row.interval)
+            for row in (answer(trial, name, attempt) for name in names):
+                again(report, lambda row=row: store.add_answer(row))
+                report("answer", trial, attempt, row.name)
+        again(report, store.finish)
     report("finished", 0, 0, "")
+
+
+def again(report, call):
+    """What a call returns, which is made again, but not for ever, while it cannot save."""
+    for _ in range(4):
+        try:
+            return call()
+        except StudyError as error:
+            report("failed", 0, 0, str(error).replace("\n", " "))
+    return call()
 
 
 def report_line(*values):
@@ -104,5 +118,21 @@ def report_line(*values):
     sys.stdout.flush()
 
 
+def serve():
+    """Fork a participant for each line `FOLDER TRIALS`, whose imports are made already; `over` when it has ended."""
+    for line in sys.stdin:
+        folder, trials = line.split()
+        child = os.fork()
+        if not child:
+            report_line("forked", os.getpid())
+            take_part(Path(folder), report_line, int(trials))
+            signal.pause()  # until it is killed
+        os.waitpid(child, 0)
+        report_line("over")
+
+
 if __name__ == "__main__":
-    take_part(Path(sys.argv[1]), report_line, int(sys.argv[2]))
+    if len(sys.argv) > 1:
+        take_part(Path(sys.argv[1]), report_line, int(sys.argv[2]))
+    else:
+        serve()

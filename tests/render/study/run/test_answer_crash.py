@@ -1,0 +1,315 @@
+"""kill -9 of a process that saves answers, and power cuts: what was reported as saved is there, once; the rest goes on.
+
+`disk_faults.Disk` says what a file system may keep of what was not synced. `PALPATE_FAULTS=N` lays out N more remains.
+"""
+
+import os
+import random
+import re
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+import study_answers
+from disk_faults import Disk
+from study_answers import PLAN, answer, interval, take_part
+
+from palpate.render.study.run.answer_store import AnswerStore
+from palpate.render.study.run.store_rows import columns_of
+from palpate.render.study.run.study_file import NAME
+
+SCRIPT = Path(study_answers.__file__)
+MORE = int(os.environ.get("PALPATE_FAULTS", "0"))
+
+
+def rows_of(folder):
+    """Rows of the data by kind, trial, attempt and what, with the session; the file is judged whole as it is opened."""
+    with AnswerStore(folder, PLAN) as store, closing(sqlite3.connect(store.path)) as connection:
+        connection.row_factory = sqlite3.Row
+        assert connection.execute("PRAGMA integrity_check").fetchone()[0] == "ok"
+        found = {}
+        for table, what in (("intervals", "interval"), ("answers", "name")):
+            for row in connection.execute(f"SELECT * FROM {table}"):
+                own = dict(row)
+                place = (table.removesuffix("s"), own["trial"], own["attempt"], own[what])
+                assert place not in found
+                expected = columns_of(
+                    (interval if table == "intervals" else answer)(own["trial"], own[what], own["attempt"])
+                )
+                assert {name: own[name] for name in expected} == expected
+                found[place] = own["session"]
+        return found
+
+
+def places(lines):
+    """Rows that were reported as saved, from lines that are whole."""
+    fields = [line.split() for line in lines if line.startswith(("interval ", "answer ")) and line.endswith("\n")]
+    return [
+        (kind, int(trial), int(attempt), what if kind == "answer" else int(what))
+        for kind, trial, attempt, what in fields
+    ]
+
+
+def assert_saved(folder, reported, before=frozenset()):
+    """All that was reported is there, and at most one row more than before and that."""
+    found = rows_of(folder)
+    assert set(reported) <= found.keys()
+    assert len(found.keys() - set(reported) - before) <= 1
+    return found
+
+
+def is_finished(folder):
+    """Whether the participant has answered everything."""
+    if not (folder / NAME).exists():
+        return False
+    with closing(sqlite3.connect(folder / NAME)) as connection:
+        return connection.execute("SELECT count(*) FROM participants WHERE finished IS NOT NULL").fetchone() == (1,)
+
+
+def answers_of(folder):
+    """The final content, whichever attempts and processes it came from."""
+    assert is_finished(folder)
+    with closing(sqlite3.connect(folder / NAME)) as connection:
+        return connection.execute("SELECT block, trial, name, value FROM answers ORDER BY trial, name").fetchall()
+
+
+class Participants:
+    """Processes that take part, one after the other."""
+
+    def __init__(self):
+        self.server = subprocess.Popen(
+            [sys.executable, str(SCRIPT)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+
+    def killed_after(self, folder, trials, count, delay):
+        """Lines of a process that is killed so long [s] after it has reported so many of them."""
+        self.server.stdin.write(f"{folder} {trials}\n")
+        self.server.stdin.flush()
+        lines = [self.server.stdout.readline()]
+        process = int(lines[0].split()[1])
+        while len(lines) <= count and not lines[-1].startswith("finished"):
+            lines.append(self.server.stdout.readline())
+        time.sleep(delay)
+        os.kill(process, signal.SIGKILL)
+        while lines[-1] != "over\n":
+            lines.append(self.server.stdout.readline())
+        return lines
+
+    def close(self):
+        self.server.stdin.close()
+        self.server.wait()
+        self.server.stdout.close()
+
+
+@pytest.mark.exhaustive
+def test_kill_9_at_200_random_moments_loses_no_answer_and_repeats_no_question(tmp_path):
+    chance, participants = random.Random(41), Participants()
+    folder, before, trials = tmp_path / "0", {}, 40
+    kills = unfinished = folders = 0
+    while kills < 200:
+        lines = participants.killed_after(folder, trials, chance.choice((0, *range(24))), chance.uniform(0, 0.012))
+        kills += 1
+        before = assert_saved(folder, places(lines), before.keys())
+        unfinished += "finished 0 0 \n" not in lines
+        if is_finished(folder):
+            assert len(answers_of(folder)) == 2 * trials
+            folders, before = folders + 1, {}
+            folder = tmp_path / str(folders)
+    participants.close()
+    print(f"{kills} kills, {unfinished} of a process that had not finished; {folders} participants finished")  # noqa: T201
+    assert unfinished > 150
+    take_part(folder, lambda *_: None, trials)
+    expected = [
+        ("cube", trial, name, answer(trial, name).value) for trial in range(trials) for name in ("denser", "why")
+    ]
+    assert answers_of(folder) == expected
+
+
+def test_a_process_killed_at_any_statement_leaves_what_was_reported(tmp_path):
+    """What a kill leaves of files is what they hold at that moment: copies, made between statements, stand for kills.
+
+    With a cache of one page SQLite writes pages before the transaction ends, so that a copy's journal must undo them.
+    """
+    images, reported = [], []
+
+    def copy(statement):
+        folder = tmp_path / str(len(images))
+        shutil.copytree(tmp_path / "data", folder)
+        images.append((folder, list(reported), statement))
+
+    with AnswerStore(tmp_path / "data", PLAN) as store:
+        store.begin("P01")
+        connection = store._file._connection
+        connection.execute("PRAGMA cache_size = 1")
+        connection.set_trace_callback(copy)
+        for place, save in ((("interval", 0, 0, 0), interval(0)), (("answer", 0, 0, "why"), answer(0, "why"))):
+            (store.add_interval if place[0] == "interval" else store.add_answer)(save)
+            reported.append(place)
+    assert sum((folder / f"{NAME}-journal").stat().st_size > 512 for folder, *_ in images) > 1
+    for folder, own, _ in images:
+        assert_saved(folder, own)
+    last = images[-2][0]
+    take_part(last, lambda *_: None, 2)
+    assert [row[1:3] for row in answers_of(last)] == [(0, "denser"), (0, "why"), (1, "denser"), (1, "why")]
+
+
+# System calls, by strace.
+
+CALLS = ("pwrite64", "fdatasync", "fsync", "ftruncate", "link", "unlink", "mkdir")
+TRACED = re.compile(r"^(?:\d+ +)?(\w+)\((.*)\) += (-?\d+)")
+
+
+def strace(folder, trials, *options, output):
+    """A participant whose system calls strace sees; skips where it cannot."""
+    if (
+        shutil.which("strace") is None
+        or subprocess.run(["strace", "-qq", "-o", "/dev/null", "true"], check=False).returncode
+    ):
+        pytest.skip("strace is not there, or may not trace: it shows and changes what SQLite asks the system for")
+    command = [
+        "strace",
+        "-f",
+        "--seccomp-bpf",
+        "-o",
+        str(output),
+        *options,
+        sys.executable,
+        str(SCRIPT),
+        str(folder),
+        str(trials),
+    ]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+
+
+def call_counts(tmp_path):
+    """How often a participant's process makes each call."""
+    done = strace(tmp_path / "counted", 1, "-e", f"trace={','.join(CALLS)}", output=tmp_path / "counts")
+    assert done.returncode == 0, done.stderr
+    lines = (tmp_path / "counts").read_text().splitlines()
+    return {name: sum(f" {name}(" in line for line in lines) for name in CALLS}
+
+
+@pytest.mark.exhaustive
+def test_a_process_killed_at_system_calls_leaves_what_was_reported(tmp_path):
+    """At every call that syncs, cuts, makes or removes a file, and at every fourth that writes."""
+    counts = call_counts(tmp_path)
+    assert counts["fdatasync"] + counts["fsync"] > 10
+    kills = 0
+    for name, count in counts.items():
+        for number in range(1, count + 1, 4 if name == "pwrite64" else 1):
+            folder = tmp_path / f"{name}-{number}"
+            done = strace(folder, 1, "-e", f"inject={name}:signal=SIGKILL:when={number}", output=tmp_path / "trace")
+            assert done.returncode != 0
+            if (folder / NAME).exists():
+                assert_saved(folder, places(done.stdout.splitlines(keepends=True)))
+            if not is_finished(folder):
+                take_part(folder, lambda *_: None, 1)
+            assert len(answers_of(folder)) == 2
+            kills += 1
+    print(f"{kills} system calls at which a process was killed: {counts}")  # noqa: T201
+
+
+STEPS = {"pwrite64": 13, "fdatasync": 7, "fsync": 3, "ftruncate": 5}
+"""One of so many calls fails, so that a row that is tried again is saved in the end."""
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(
+    ("name", "error"),
+    [("pwrite64", "ENOSPC"), ("pwrite64", "EIO"), ("fdatasync", "EIO"), ("fsync", "EIO"), ("ftruncate", "EIO")],
+)
+def test_system_calls_that_fail_are_reported_and_the_next_try_saves_the_row_once(tmp_path, name, error):
+    failures = 0
+    for first in range(1, STEPS[name] + 1):
+        folder = tmp_path / f"{name}-{first}"
+        when = f"{first}+{STEPS[name]}"
+        done = strace(folder, 1, "-e", f"inject={name}:error={error}:when={when}", output=tmp_path / "trace")
+        assert done.returncode == 0, (name, first, done.stdout, done.stderr)
+        failures += done.stdout.count("failed")
+        assert_saved(folder, places(done.stdout.splitlines(keepends=True)))
+        assert len(answers_of(folder)) == 2
+    print(f"{failures} calls failed")  # noqa: T201
+    assert failures >= STEPS[name]
+
+
+def replay(trace, root, disk, reported):
+    """Make the traced calls below a folder again, so that a `Disk` sees them; other calls only as what they report."""
+    handles = {}
+
+    def own(text):
+        path = bytes.fromhex(re.findall(r'"((?:\\x[0-9a-f]{2})*)"', text)[-1].replace("\\x", "")).decode()
+        return (
+            root / Path(path).relative_to(root.parent / "data") if path.startswith(str(root.parent / "data")) else None
+        )
+
+    def content(text):
+        return bytes.fromhex(re.search(r'"((?:\\x[0-9a-f]{2})*)"', text)[1].replace("\\x", ""))
+
+    for line in trace.read_text().splitlines():
+        match = TRACED.match(line)
+        if match is None or int(match[3]) < 0:
+            continue
+        name, words, result = match[1], match[2], int(match[3])
+        number = re.match(r"\d+", words)
+        handle = handles.get(int(number[0])) if number else None
+        if name == "openat" and (path := own(words)):
+            flags = (os.O_RDWR if "O_RDWR" in words or "O_WRONLY" in words else os.O_RDONLY) | (
+                os.O_CREAT if "O_CREAT" in words else 0
+            )
+            handles[result] = os.open(path, flags, 0o644)
+        elif name == "openat":
+            handles.pop(result, None)
+        elif name == "mkdir" and (path := own(words)) and path != root:
+            os.mkdir(path)
+        elif name == "link" and (path := own(words)):
+            os.link(own(words.split(",")[0]), path)
+        elif name == "unlink" and (path := own(words)):
+            os.unlink(path)
+        elif name == "write" and words.startswith("1,"):
+            reported += places([content(words).decode()])
+        elif handle is None:
+            continue
+        elif name == "close":
+            os.close(handles.pop(int(number[0])))
+        elif name == "pwrite64":
+            os.pwrite(handle, content(words), int(words.rsplit(",", 1)[1]))
+        elif name == "ftruncate":
+            os.ftruncate(handle, int(words.rsplit(",", 1)[1]))
+        elif name in ("fsync", "fdatasync"):
+            getattr(os, name)(handle)
+
+
+@pytest.mark.exhaustive
+def test_a_power_cut_at_any_system_call_leaves_what_was_reported(tmp_path):
+    calls = "openat,close,write,pwrite64,fsync,fdatasync,ftruncate,link,unlink,mkdir"
+    done = strace(tmp_path / "data", 2, "-xx", "-s", "100000", "-e", f"trace={calls}", output=tmp_path / "trace")
+    assert done.returncode == 0, done.stderr
+    root, reported, cuts = tmp_path / "disk", [], 0
+    root.mkdir()
+
+    def cut():
+        nonlocal cuts
+        for number, share in enumerate((0.0, 1.0, 0.5, 0.5, *[0.5] * MORE)):
+            folder = tmp_path / f"{cuts}-{number}"
+            folder.mkdir()
+            disk.lay_out(folder, random.Random(f"{cuts} {number}"), share)
+            if (folder / NAME).exists():
+                assert_saved(folder, reported)
+            else:
+                assert reported == []
+            shutil.rmtree(folder)
+        cuts += 1
+
+    disk = Disk(root, cut)
+    with disk.recording():
+        replay(tmp_path / "trace", root, disk, reported)
+    cut()
+    assert len(reported) == 8
+    print(f"power cuts at {cuts} moments")  # noqa: T201
+    assert cuts > 80

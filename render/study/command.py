@@ -33,7 +33,7 @@ from .run.desk import ShownObject, StudyDesk
 from .run.event_stream import EventStream
 from .run.interval_player import IntervalPlayer
 from .run.lsl_outlet import LslOutlet
-from .run.store_rows import Progress, SessionSetup
+from .run.store_rows import SessionSetup, StudyProgress
 from .run.study_run import StudyRun
 
 LAST_SECONDS = 10.0  # [s] for which the last screen is shown, unless its page is closed before
@@ -88,7 +88,7 @@ def _run_participant(
     judgement: StudyJudgement,
     solids: PlacedSolids,
     store: AnswerStore,
-    progress: Progress,
+    progress: StudyProgress,
     arrays: tuple[PlacedArray, ...],
     options: dict[str, Any],
     *,

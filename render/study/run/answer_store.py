@@ -27,8 +27,8 @@ from .store_rows import (
     LISTS,
     AnswerRow,
     IntervalRow,
-    Progress,
     SessionSetup,
+    StudyProgress,
     columns_of,
     json_text,
     storable,
@@ -123,7 +123,7 @@ class AnswerStore:
             for table in ("answers", "intervals")
         }
 
-    def begin(self, code: str, *, resume: bool = False, setup: SessionSetup | None = None) -> Progress:
+    def begin(self, code: str, *, resume: bool = False, setup: SessionSetup | None = None) -> StudyProgress:
         """Take a participant for this process, until `close`, `finish` or `forget`.
 
         resume: whether the participant may have begun already.
@@ -134,8 +134,9 @@ class AnswerStore:
         """
         codes = self._plan.codes
         if code not in codes:
+            listed = ", ".join(codes) if len(codes) <= 8 else f"{codes[0]}, {codes[1]}, ... {codes[-1]}"
             raise StudyError(
-                f"participant {code!r} is not in the plan{likely_name(code, codes)}: its codes are {_listed(codes)}"
+                f"participant {code!r} is not in the plan{likely_name(code, codes)}: its codes are {listed}"
             )
         if self._lock is not None:
             raise StudyError(f"this process runs participant {self._code} already")
@@ -301,7 +302,7 @@ class AnswerStore:
                 self._note_jump(connection, (seconds_of(latest), None), (wall, monotonic))
         self._unsaved, self._last = None, (wall, monotonic)
 
-    def _progress(self) -> Progress:
+    def _progress(self) -> StudyProgress:
         names = [own.name for own in fields(AnswerRow)]
         answers: dict[tuple[str, int, str], AnswerRow] = {}
         statement = f"SELECT {', '.join(names)} FROM answers WHERE code = ? ORDER BY sequence"
@@ -311,7 +312,7 @@ class AnswerStore:
         attempts = self._file.rows(
             "SELECT block, trial, max(attempt) FROM intervals WHERE code = ? GROUP BY block, trial", (self._code,)
         )
-        return Progress(
+        return StudyProgress(
             code=self._code,
             number=self._plan.codes.index(self._code),
             session=self._session,
@@ -451,7 +452,3 @@ def _synced_digest(path: Path) -> str:
 
 def _place(row: AnswerRow) -> str:
     return f"in trial {row.trial} of block {row.block!r}" if row.trial >= 0 else f"of block {row.block!r}"
-
-
-def _listed(codes: tuple[str, ...]) -> str:
-    return ", ".join(codes) if len(codes) <= 8 else f"{codes[0]}, {codes[1]}, ... {codes[-1]}"

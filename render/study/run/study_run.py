@@ -14,11 +14,11 @@ from ...errors import StudyError
 from ...live.session import Onset
 from ..plan.block_designs import block_numbers, rng_of, trial_counts, trials_of
 from ..plan.duty_account import DutyAccount, EmissionInterval
-from ..plan.study_plan import Answer, PlannedBlock, PlannedStimulus, PlannedTrial, Question, StudyPlan
+from ..plan.study_plan import Answer, PlannedBlock, PlannedTrial, Question, StudyPlan
 from .answer_store import AnswerStore
 from .desk import KeyChoice, Response, ShownObject, StudyDesk
 from .interval_player import PLAYED, DrawnInterval, IntervalPlayer, PlayedInterval, drawn_interval
-from .store_rows import ABOUT_CONSENT, AnswerRow, IntervalRow, Progress
+from .store_rows import ABOUT_CONSENT, AnswerRow, IntervalRow, StudyProgress
 
 BEFORE, AFTER = "before", "after"
 AFTER_BLOCK = -1
@@ -57,7 +57,7 @@ class StudyRun:
         code: str,
         *,
         store: AnswerStore,
-        progress: Progress,
+        progress: StudyProgress,
         desk: StudyDesk,
         player: IntervalPlayer,
         account: DutyAccount,
@@ -189,7 +189,7 @@ class StudyRun:
             self._wait_until(planned)
             row = IntervalRow(
                 block=block.name, block_position=self._position, trial=place, attempt=attempt, interval=interval,
-                stimulus=name, is_practice=trial.is_practice, file=_file_name(self._stimuli[name]),
+                stimulus=name, is_practice=trial.is_practice, file=None if (path := self._stimuli[name].file) is None else path.name,
                 file_sha256=self._file_hashes.get(name), onset_planned=planned, outcome=UNDER_WAY,
             )  # fmt: skip
             own = self._play_interval(row, screen)
@@ -453,10 +453,6 @@ def _driven(
             trial = trials.send(given.pop())
         except StopIteration:
             return
-
-
-def _file_name(stimulus: PlannedStimulus) -> str | None:
-    return None if stimulus.file is None else stimulus.file.name
 
 
 def _whole_row(row: IntervalRow, own: PlayedInterval, drawn: DrawnInterval | None) -> IntervalRow:

@@ -41,6 +41,7 @@ def fill_inputs(folder: Path) -> None:
     for name in ("meshes", "strategies", "volumes", "checks"):
         (folder / name).mkdir()
     save_mesh(folder / "meshes" / "mine.stl", 1.0)
+    save_mesh(folder / "ring.stl", 1.0)
     save_mesh(folder / "skull.stl", 1000.0)  # in mm
     np.save(folder / "volumes" / "ball.npy", np.hypot(*np.mgrid[-20:21, -20:21])[None].repeat(20, 0) < 15)
     (folder / "strategies" / "mine.json").write_text('{"raw": "section"}')

@@ -24,7 +24,9 @@ class PageClient:
     def __init__(self, address: str) -> None:
         found = PAGE.search(address)
         assert found is not None, address
-        self.connection: ClientConnection = connect(f"ws://{found[1]}{found[2]}", open_timeout=10, compression=None)
+        self.connection: ClientConnection = connect(
+            f"ws://{found[1]}{found[2]}", open_timeout=10, compression=None
+        )  # closed by `take_part`
         self.screen: dict[str, Any] = {}
         self.number = -1
 
@@ -46,7 +48,7 @@ class PageClient:
         return is_new
 
     def answer(self) -> None:
-        """Press or type what a screen asks for: the last key of the first question, which agrees; the first one else."""
+        """Press or type what a screen asks for: of the consent the last key, which agrees; else the first one."""
         keys, question = self.screen["keys"], self.screen["question"]
         if keys:
             is_consent = question is not None and not self.screen["title"] and len(keys) == 2

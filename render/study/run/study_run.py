@@ -187,9 +187,10 @@ class StudyRun:
         for interval, name in enumerate(names):
             screen = self._interval_screen(block, trial, interval, name, title)
             self._wait_until(planned)
+            file = self._stimuli[name].file
             row = IntervalRow(
                 block=block.name, block_position=self._position, trial=place, attempt=attempt, interval=interval,
-                stimulus=name, is_practice=trial.is_practice, file=None if (path := self._stimuli[name].file) is None else path.name,
+                stimulus=name, is_practice=trial.is_practice, file=None if file is None else file.name,
                 file_sha256=self._file_hashes.get(name), onset_planned=planned, outcome=UNDER_WAY,
             )  # fmt: skip
             own = self._play_interval(row, screen)

@@ -2,6 +2,7 @@
 
 import secrets
 import time
+from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from typing import Any, cast, get_args
@@ -36,6 +37,7 @@ from .run.lsl_outlet import LslOutlet
 from .run.store_rows import SessionSetup, StudyProgress
 from .run.study_run import StudyRun
 
+WARNINGS_SHOWN = 10
 LAST_SECONDS = 10.0  # [s] for which the last screen is shown, unless its page is closed before
 INTERRUPTED = "interrupted"
 
@@ -98,9 +100,16 @@ def _run_participant(
     desk = StudyDesk()
     shown_names, mesh_of = _shown_meshes(plan, solids)
 
+    warned: deque[str] = deque(maxlen=WARNINGS_SHOWN)
+
     def warn(sentence: str) -> None:
-        desk.set_status(warning=sentence)
+        warned.append(f"{time.strftime('%H:%M:%S')} {sentence}")
+        desk.set_status(warnings=list(warned))
         console.warn(sentence)
+
+    account = DutyAccount(plan.limits)
+    for onset, seconds in store.emissions(time.monotonic() - plan.limits.duty_window):
+        account.note(onset, seconds, 1.0)  # of this participant before, or of another one: the array is still warm
 
     with ExitStack() as stack:
         session = stack.enter_context(_open_session(plan, judgement, arrays, options, warn))
@@ -128,12 +137,15 @@ def _run_participant(
             progress=progress,
             desk=desk,
             player=player,
-            account=DutyAccount(plan.limits),
+            account=account,
             send=send,
             file_hashes=_file_hashes(judgement),
             duties={own.name: own.duty for own in judgement.stimuli},
             shown_names=shown_names,
+            seconds=judgement.seconds,
         )
+        desk.set_status(array=", ".join(placed.model.name for placed in arrays), title=plan.title)
+        session.scene()  # an outline of a volume takes seconds, after which the page would count as lost
         _announce(server, events, options, as_json=as_json)
         outcome = run.run()
         end = time.monotonic() + LAST_SECONDS

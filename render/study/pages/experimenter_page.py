@@ -52,7 +52,7 @@ class ExperimenterPage:
             case "end":
                 self._desk.end()
         status = self._desk.status()
-        send({"kind": "run", "status": plain(status | self._live()), "screen": _described(self._desk.peek())}, None)
+        send({"kind": "run", "status": plain(status | self._live()), "screen": _described(self._desk.shown)}, None)
 
     def _live(self) -> dict[str, Any]:
         moment = None

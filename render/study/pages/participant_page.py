@@ -64,6 +64,7 @@ class ParticipantPage:
         self._noise = noise_seed, noise_level
         self._owning, self._loading = threading.Lock(), threading.Lock()
         self._owner: ParticipantVisit | None = None
+        self._page_number = 0
         self._objects: dict[ShownObject, tuple[int, np.ndarray, np.ndarray]] = {}
         self._hand_arrays: tuple[np.ndarray, np.ndarray] | None = None
         self._hand_number = 0
@@ -83,9 +84,9 @@ class ParticipantPage:
         A visit that has not asked for LOST_SECONDS loses it to the next one, and is refused itself from then on.
         """
         with self._owning:
-            if self._owner is visit:
+            if self._owner is visit and self.desk.is_open(self._page_number):
                 return
-            self.desk.open_page()
+            self._page_number = self.desk.open_page()
             self._owner = visit
 
     def disown(self, visit: "ParticipantVisit") -> None:
@@ -93,7 +94,7 @@ class ParticipantPage:
         with self._owning:
             if self._owner is visit:
                 self._owner = None
-                self.desk.close_page()
+                self.desk.close_page(self._page_number)
 
     def report_sound(self, sound: str) -> None:
         """Show the experimenter another state of the masking noise."""
@@ -185,7 +186,7 @@ class ParticipantVisit:
         send(described, packer)
 
     def _give(self, request: PageRequest) -> bool:
-        refusal = self._desk.peek().refusal
+        refusal = self._desk.shown.refusal
         try:
             return self._desk.give(_screen_number(request), _value(request), _seconds(request))
         except StudyError as error:

@@ -116,6 +116,13 @@ class AnswerStore:
             )
         return free
 
+    def emissions(self, since: float) -> list[tuple[float, float]]:
+        """Onset and duration [s] of all that was played since a time of CLOCK_MONOTONIC, whoever felt it."""
+        rows = self._file.rows(
+            "SELECT onset, seconds FROM intervals WHERE onset BETWEEN ? AND ? ORDER BY onset", (since, time.monotonic())
+        )
+        return [(row["onset"], row["seconds"]) for row in rows if row["seconds"] is not None]
+
     def counts(self, code: str) -> dict[str, int]:
         """Answers and intervals of a participant on disk."""
         return {

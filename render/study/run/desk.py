@@ -2,7 +2,6 @@
 
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -86,10 +85,9 @@ class StudyDesk:
         self._screen = Screen(number=0, kind="wait", text="")
         self._response: Response | None = None
         self._seen = float("-inf")
-        self._is_open = False
+        self._page = self._page_count = 0  # number of the page that is open, 0 for none; pages that were opened
         self._is_stopped = self._is_ended = False
         self._stop_reason = ""
-        self._news: deque[tuple[str, dict[str, Any]]] = deque(maxlen=1000)
         self._status: dict[str, Any] = {}
         self._watchers: list[Callable[[Screen], None]] = []
         self.extra_presses = 0
@@ -125,25 +123,28 @@ class StudyDesk:
             _require_fitting(question, value)
             return self._respond(number, Response(value=value, key="Enter", seconds=seconds))
 
-    def open_page(self) -> None:
-        """The participant's page is open. Raises StudyError where one is already."""
+    def open_page(self) -> int:
+        """The participant's page is open; returns its number. Raises StudyError where one is already."""
         with self._changed:
             if self.has_page:
                 raise StudyError("the participant's page is open already: close it, or go on there")
-            self._is_open, self._seen = True, time.monotonic()
+            self._page_count += 1
+            self._page, self._seen = self._page_count, time.monotonic()
             self._changed.notify_all()
+            return self._page
 
-    def close_page(self) -> None:
-        """The participant's page was closed: what plays is stopped."""
+    def is_open(self, page: int) -> bool:
+        """Whether a page is still the participant's, and no other one has taken its place since it was lost."""
+        return self._page == page
+
+    def close_page(self, page: int) -> None:
+        """A page was closed: if it is the participant's, what plays is stopped."""
         with self._changed:
-            self._is_open = False
-            self._changed.notify_all()
+            if self._page == page:
+                self._page = 0
+                self._changed.notify_all()
 
     # For the experimenter's page.
-
-    def peek(self) -> Screen:
-        """What is shown now, for somebody other than the participant: it says nothing about their page."""
-        return self._screen
 
     def stop(self, reason: str) -> None:
         """Stop what plays, and wait until `go_on`."""
@@ -203,7 +204,7 @@ class StudyDesk:
     @property
     def has_page(self) -> bool:
         """Whether the participant's page is open, and has asked for its screen lately."""
-        return self._is_open and time.monotonic() - self._seen < LOST_SECONDS
+        return self._page > 0 and time.monotonic() - self._seen < LOST_SECONDS
 
     @property
     def is_ended(self) -> bool:

@@ -75,7 +75,8 @@ class _Client:
     lost: int = 0
     """Lines since the last one that found room."""
     faults: int = 0
-    is_page: bool = False
+    page: int = 0
+    """Number of the participant's page that it stands for; 0: it does not."""
     is_leaving: bool = False
     """It is cut off once its outbox is sent."""
 
@@ -178,7 +179,7 @@ class EventStream:
         if client.lost or len(client.outbox) + len(line) > BACKLOG_BYTES_MOST:
             client.lost += 1
             self._lost_lines += 1
-            if client.is_page:  # a participant who misses a screen cannot go on
+            if client.page:  # a participant who misses a screen cannot go on
                 self._cut(client)
             return
         client.outbox += line + b"\n"
@@ -210,7 +211,7 @@ class EventStream:
 
     def _serve_once(self, selector: selectors.BaseSelector) -> None:
         """Wait until there is something to do, and do it."""
-        if has_page := any(client.is_page for client in self._clients):
+        if has_page := any(client.page for client in self._clients):
             self._desk.screen()  # an open connection is a page that is open
         for key, mask in selector.select(0.02 if self._is_closed else LOST_SECONDS / 4 if has_page else None):
             if key.fileobj is self._listener:
@@ -301,8 +302,7 @@ class EventStream:
             case "page":
                 if request["page"] is not True:
                     raise StudyError(f"page must be true, not {_short(request['page'])}; a closed connection closes it")
-                self._desk.open_page()
-                client.is_page = True
+                client.page = self._desk.open_page()
                 self._guard_page(client)
                 return {"counts": True}
             case "stop":
@@ -366,8 +366,8 @@ class EventStream:
         client.connection.close()
         with self._lock:
             self._clients.remove(client)
-        if client.is_page:
-            self._desk.close_page()  # what plays is stopped
+        if client.page:
+            self._desk.close_page(client.page)  # what plays is stopped
 
 
 FIELDS = {"press": ("screen", "seconds"), "give": ("screen", "seconds"), "stop": (), "page": ()}

@@ -55,12 +55,13 @@ class IntervalRow:
     """Name, in the folder `poses`, of the contour file with the hand's poses; its SHA-256 is added by the store."""
     onset_planned: float | None = None
     onset: float | None = None
-    """When the array began to play it; None: it never did."""
+    """Of its first focal point; None: none was played."""
     is_estimate: bool | None = None
     """Whether the onset is computed from the writer's clock, because the array reports none."""
     latency: float | None = None
-    """From writing a frame until the array plays it [s]."""
+    """From the call that began the stimulus until its onset [s]."""
     ended: float | None = None
+    """When the array was silent again."""
     seconds: float | None = None
     """How long it was played [s]."""
     outcome: str
@@ -72,13 +73,13 @@ class IntervalRow:
     pose_latency_p99: float | None = None
     """Time that 99 % of the poses took at most [s]."""
     dropped: int | None = None
-    """Frames that were late and left out."""
+    """Focal points that were not played as drawn."""
     length_mean: float | None = None
-    """Mean length of the contours of a pose that had some [m]."""
+    """Of the contours, over all poses, those without contours included [m]."""
     r: float | None = None
-    """The paper's ratio of a CC exploration: mean length of CC's contours by that of OC's for the same poses."""
+    """Of a stimulus with closed contours: their length by that of the open ones (OC) of the same poses."""
     r_open: float | None = None
-    """The same ratio, against the OC of open contours."""
+    """The same ratio, a palm wholly inside the object counted as nothing."""
 
 
 @dataclass(frozen=True, kw_only=True)

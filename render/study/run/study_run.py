@@ -5,9 +5,10 @@ on disk, comes to the same trial as before, and plays that one again if it has n
 """
 
 import time
+from collections import deque
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import asdict, replace
-from typing import Any
+from typing import Any, Final
 
 from ....datasets.errors import DatasetError
 from ...errors import StudyError
@@ -24,6 +25,8 @@ BEFORE, AFTER = "before", "after"
 AFTER_BLOCK = -1
 """Number of the trial in place of those of questions after a block."""
 AGREED = 1
+EVENTS_SHOWN = 12
+_SHOWN: Final = ("block", "trial", "stimulus", "question", "value", "outcome", "reason", "seconds")
 LEAD_IN = 0.5  # [s] from the key that begins a trial to its first interval
 SPACE = " "
 ARROWS = ("ArrowLeft", "ArrowRight")
@@ -48,7 +51,7 @@ class StudyRun:
 
     player: of the stimuli. account: of what the array was driven, from which pauses follow. send: gets events, with the
     array's own time. By the names of stimuli: file_hashes: SHA-256 of stored ones; duties: of stored ones, 0..1;
-    shown_names: under which the page knows the mesh that is seen.
+    shown_names: under which the page knows the mesh that is seen. seconds: that the whole run is expected to take [s].
     """
 
     def __init__(
@@ -65,14 +68,17 @@ class StudyRun:
         file_hashes: Mapping[str, str],
         duties: Mapping[str, float],
         shown_names: Mapping[str, str],
+        seconds: float = 0.0,
     ) -> None:
         self._plan, self._code, self._store, self._progress = plan, code, store, progress
         self._desk, self._player, self._account, self._send = desk, player, account, send
         self._file_hashes, self._duties, self._shown_names = file_hashes, duties, shown_names
+        self._seconds = seconds
         self._number = plan.codes.index(code)
         self._answers: dict[tuple[str, int, str], Answer] = {key: row.value for key, row in progress.answers.items()}
         self._stimuli = {own.name: own for own in plan.stimuli}
         self._trials_done = 0
+        self._events: deque[str] = deque(maxlen=EVENTS_SHOWN)
         self._trial_total = sum(sum(trial_counts(block)[:2]) for block in plan.blocks)
         self._position = 0
         self._is_fresh = True  # nobody has said that they are ready since the last interruption
@@ -82,7 +88,7 @@ class StudyRun:
 
         Raises what ends the session: the array failed, or a limit was met. What was answered until then is on disk.
         """
-        self._desk.set_status(participant=self._code, study=self._plan.title, trials=self._trial_total)
+        self._desk.set_status(participant=self._code)
         self._tell("study_begun", participant=self._code)
         try:
             outcome = self._run()
@@ -132,7 +138,7 @@ class StudyRun:
         plan, block = self._plan, self._plan.blocks[number]
         trials = trials_of(block, rng_of(plan, self._number, number))
         practice, least, _ = trial_counts(block)
-        self._desk.set_status(block=block.name, block_number=self._position + 1, blocks=len(plan.blocks))
+        self._desk.set_status(block=f"{block.name}, {self._position + 1} of {len(plan.blocks)}")
         is_begun = any(key[0] == block.name for key in self._answers)
         if not is_begun:
             self._tell("block_begun", block=block.name, design=block.design)
@@ -153,8 +159,12 @@ class StudyRun:
         """The answers of a trial, which is played unless one of them is on disk."""
         attempt = self._progress.next_attempt(block.name, place)
         played: list[tuple[IntervalRow, PlayedInterval]] = []
+        left = self._seconds * (1 - self._trials_done / max(self._trial_total, 1))
+        words = [str(place + 1), *["practice"] * trial.is_practice, *[f"attempt {attempt + 1}"] * (attempt > 0)]
         self._desk.set_status(
-            trial=place + 1, trials_done=self._trials_done, is_practice=trial.is_practice, attempt=attempt + 1
+            trial=", ".join(words),
+            trials=f"{self._trials_done} of {self._trial_total} done",
+            minutes_left=round(left / 60, 1),
         )
         if not any((block.name, place, own.name) in self._answers for own in trial.questions):
             while True:
@@ -283,10 +293,20 @@ class StudyRun:
         shown: Callable[[], object] = lambda: None,
     ) -> Response:
         hint = self._plan.sentence(question.kind) if question.kind in ("number", "text") else ""
+        refusal = ""
+        if question.kind == "number" and question.low is not None and question.high is not None:
+            refusal = self._plan.sentence("out_of_range", low=question.low, high=question.high)
 
         def show() -> None:
             self._desk.show(
-                "question", question.text, title=title, hint=hint, keys=keys, question=question, **self._common()
+                "question",
+                question.text,
+                title=title,
+                hint=hint,
+                keys=keys,
+                question=question,
+                refusal=refusal,
+                **self._common(),
             )
             shown()
 
@@ -387,7 +407,7 @@ class StudyRun:
                 action()
                 return
             except StudyError as error:
-                self._desk.set_status(fault=str(error))
+                self._desk.set_status(faults=[str(error)])
                 self._desk.stop(str(error))
                 self._tell("stopped", reason=str(error))
             while self._desk.is_stopped and not self._desk.is_ended:
@@ -401,8 +421,12 @@ class StudyRun:
         self._tell(name, **values)
 
     def _tell(self, name: str, **values: Any) -> None:
+        """Tell other instruments and the experimenter of an event."""
         self._send(name, **values)
-        self._desk.set_status(last_event=name)
+        words = (f"{key} {value}" for key, value in values.items() if key in _SHOWN and value != "")
+        self._events.append(" ".join((time.strftime("%H:%M:%S"), name.replace("_", " "), *words)))
+        duty = self._account.mean_duty(time.monotonic())
+        self._desk.set_status(events=list(self._events), duty=round(duty, 3))
 
     def _common(self) -> dict[str, Any]:
         return {

@@ -31,14 +31,14 @@ class ScriptedParticipant:
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def __enter__(self) -> "ScriptedParticipant":
-        self._desk.open_page()
+        self._page = self._desk.open_page()
         self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._is_over.set()
         self._thread.join(5)
-        self._desk.close_page()
+        self._desk.close_page(self._page)
 
     def _run(self) -> None:
         number = -1

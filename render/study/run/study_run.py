@@ -81,6 +81,7 @@ class StudyRun:
         self._events: deque[str] = deque(maxlen=EVENTS_SHOWN)
         self._trial_total = sum(sum(trial_counts(block)[:2]) for block in plan.blocks)
         self._position = 0
+        self._had_page = False
         self._is_fresh = True  # nobody has said that they are ready since the last interruption
 
     def run(self) -> str:
@@ -363,7 +364,7 @@ class StudyRun:
             raise _RunEnded
         if not desk.is_held:
             return
-        if desk.has_page or desk.is_stopped:
+        if self._had_page:  # else the participant has not come yet
             self._store_event("stopped", reason=desk.status()["stop_reason"] or "the participant's page was closed")
         desk.show("wait", self._plan.sentence("stopped"))
         self._is_fresh = True
@@ -371,7 +372,9 @@ class StudyRun:
             if desk.is_ended:
                 raise _RunEnded
             desk.await_change(0.1)
-        self._tell("gone_on")
+        if self._had_page:
+            self._tell("gone_on")
+        self._had_page = True
 
     def _wait_until(self, when: float) -> None:
         """Wait for a time [s of time.monotonic()]; raises _TrialHeld where the run is held meanwhile."""

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import ExitStack
 from typing import Any
 
 from websockets.exceptions import WebSocketException
@@ -24,9 +25,10 @@ class PageClient:
     def __init__(self, address: str) -> None:
         found = PAGE.search(address)
         assert found is not None, address
-        self.connection: ClientConnection = connect(
-            f"ws://{found[1]}{found[2]}", open_timeout=10, compression=None
-        )  # closed by `take_part`
+        self._stack = ExitStack()
+        self.connection: ClientConnection = self._stack.enter_context(
+            connect(f"ws://{found[1]}{found[2]}", open_timeout=10, compression=None)
+        )
         self.screen: dict[str, Any] = {}
         self.number = -1
 
@@ -36,6 +38,10 @@ class PageClient:
         answer = self.connection.recv(timeout=10)
         size = int.from_bytes(answer[:4], "little")
         return json.loads(answer[4 : 4 + size])
+
+    def close(self) -> None:
+        """As a person closes the page."""
+        self._stack.close()
 
     def look(self) -> bool:
         """Ask for the screen; whether it is another one."""
@@ -69,7 +75,7 @@ def take_part(address: str) -> None:
     except (WebSocketException, OSError):  # the study has ended, or was stopped
         return
     finally:
-        page.connection.close()
+        page.close()
 
 
 def run_answered(command: list[str]) -> int:

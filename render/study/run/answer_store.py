@@ -344,7 +344,7 @@ class AnswerStore:
 
     def _insert_row(self, connection: sqlite3.Connection, table: str, values: dict[str, Any]) -> None:
         connection.execute("UPDATE study SET sequence = sequence + 1")
-        sequence = connection.execute("SELECT sequence FROM study").fetchone()[0]
+        sequence = connection.execute("SELECT sequence FROM study").fetchall()[0][0]
         _insert(connection, table, {"sequence": sequence, "session": self._session, "code": self._code, **values})
 
     def _insert_event(

@@ -171,7 +171,8 @@ class StudyFile:
             raise StudyError(f"{self.path} has a trigger, {min(triggers)!r:.80}, which could change answers: remove it")
         found = [own[0] for own in connection.execute("PRAGMA integrity_check(1)")]
         if found != ["ok"]:
-            raise StudyError(f"{self.path} is damaged: {found[0]}{_WAY_OUT}")
+            fault = " ".join(str(found[0]).replace("*** in database main ***", "").split())
+            raise StudyError(f"{self.path} is damaged: {fault}{_WAY_OUT}")
 
 
 def _make_folder(folder: Path) -> None:

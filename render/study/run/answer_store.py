@@ -27,7 +27,7 @@ from .store_rows import (
     LISTS,
     AnswerRow,
     IntervalRow,
-    Progress,
+    ParticipantProgress,
     SessionSetup,
     columns_of,
     json_text,
@@ -87,7 +87,7 @@ class AnswerStore:
         """Of the data file."""
         return self._file.path
 
-    def begin(self, code: str, *, resume: bool = False, setup: SessionSetup | None = None) -> Progress:
+    def begin(self, code: str, *, resume: bool = False, setup: SessionSetup | None = None) -> ParticipantProgress:
         """Take a participant for this process, until `close`, `finish` or `forget`.
 
         resume: whether the participant may have begun already.
@@ -98,8 +98,9 @@ class AnswerStore:
         """
         codes = self._plan.codes
         if code not in codes:
+            listed = ", ".join(codes if len(codes) <= 8 else (*codes[:2], "...", codes[-1]))
             raise StudyError(
-                f"participant {code!r} is not in the plan{likely_name(code, codes)}: its codes are {_listed(codes)}"
+                f"participant {code!r} is not in the plan{likely_name(code, codes)}: its codes are {listed}"
             )
         if self._lock is not None:
             raise StudyError(f"this process runs participant {self._code} already")
@@ -265,17 +266,18 @@ class AnswerStore:
                 self._note_jump(connection, (seconds_of(latest), None), (wall, monotonic))
         self._unsaved, self._last = None, (wall, monotonic)
 
-    def _progress(self) -> Progress:
+    def _progress(self) -> ParticipantProgress:
         names = [own.name for own in fields(AnswerRow)]
         answers: dict[tuple[str, int, str], AnswerRow] = {}
         statement = f"SELECT {', '.join(names)} FROM answers WHERE code = ? ORDER BY sequence"
         for row in self._file.rows(statement, (self._code,)):
-            own = _answer(row)
+            values = {name: tuple(json.loads(row[name])) if name in LISTS else row[name] for name in names}
+            own = AnswerRow(**{**values, "is_practice": bool(values["is_practice"])})
             answers[own.block, own.trial, own.name] = own
         attempts = self._file.rows(
             "SELECT block, trial, max(attempt) FROM intervals WHERE code = ? GROUP BY block, trial", (self._code,)
         )
-        return Progress(
+        return ParticipantProgress(
             code=self._code,
             number=self._plan.codes.index(self._code),
             session=self._session,
@@ -385,11 +387,6 @@ def _insert(connection: sqlite3.Connection, table: str, values: dict[str, Any]) 
     return int(cursor.lastrowid or 0)
 
 
-def _answer(row: sqlite3.Row) -> AnswerRow:
-    values = {name: tuple(json.loads(row[name])) if name in LISTS else row[name] for name in row.keys()}  # noqa: SIM118
-    return AnswerRow(**{**values, "is_practice": bool(values["is_practice"])})
-
-
 def _content(plan: StudyPlan) -> str:
     """Digest of all that a plan decides, but for its codes; paths are relative to the plan, so that both may move."""
     values = asdict(plan)
@@ -415,7 +412,3 @@ def _synced_digest(path: Path) -> str:
 
 def _place(row: AnswerRow) -> str:
     return f"in trial {row.trial} of block {row.block!r}" if row.trial >= 0 else f"of block {row.block!r}"
-
-
-def _listed(codes: tuple[str, ...]) -> str:
-    return ", ".join(codes) if len(codes) <= 8 else f"{codes[0]}, {codes[1]}, ... {codes[-1]}"

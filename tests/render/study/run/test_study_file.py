@@ -135,6 +135,21 @@ def test_another_program_that_reads_for_long_is_named_as_the_reason(folder, monk
         assert len(store._progress().answers) == 2
 
 
+def test_a_file_that_is_replaced_while_it_is_open_gets_the_answer_at_the_next_try(folder):
+    """As by a program that copies folders between machines: what is written to the older file would be lost."""
+    with AnswerStore(folder, PLAN) as store:
+        store.begin("P01", resume=True)
+        shutil.copy(folder / NAME, folder / "copy")
+        (folder / "copy").replace(folder / NAME)
+        with pytest.raises(
+            StudyError, match=r"is not saved: .*moved, removed or replaced while it was open: put it back"
+        ):
+            store.add_answer(answer(1))
+        store.add_answer(answer(1))
+    with closing(sqlite3.connect(folder / NAME)) as connection:
+        assert connection.execute("SELECT trial FROM answers ORDER BY sequence").fetchall() == [(0,), (1,)]
+
+
 # Writes that fail.
 
 

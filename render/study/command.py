@@ -34,7 +34,7 @@ from .run.desk import ShownObject, StudyDesk
 from .run.event_stream import EventStream
 from .run.interval_player import IntervalPlayer
 from .run.lsl_outlet import LslOutlet
-from .run.store_rows import SessionSetup, StudyProgress
+from .run.store_rows import ParticipantProgress, SessionSetup
 from .run.study_run import StudyRun
 
 WARNINGS_SHOWN = 10
@@ -90,7 +90,7 @@ def _run_participant(
     judgement: StudyJudgement,
     solids: PlacedSolids,
     store: AnswerStore,
-    progress: StudyProgress,
+    progress: ParticipantProgress,
     arrays: tuple[PlacedArray, ...],
     options: dict[str, Any],
     *,

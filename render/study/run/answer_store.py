@@ -27,8 +27,8 @@ from .store_rows import (
     LISTS,
     AnswerRow,
     IntervalRow,
+    ParticipantProgress,
     SessionSetup,
-    StudyProgress,
     columns_of,
     json_text,
     storable,
@@ -130,7 +130,7 @@ class AnswerStore:
             for table in ("answers", "intervals")
         }
 
-    def begin(self, code: str, *, resume: bool = False, setup: SessionSetup | None = None) -> StudyProgress:
+    def begin(self, code: str, *, resume: bool = False, setup: SessionSetup | None = None) -> ParticipantProgress:
         """Take a participant for this process, until `close`, `finish` or `forget`.
 
         resume: whether the participant may have begun already.
@@ -309,17 +309,18 @@ class AnswerStore:
                 self._note_jump(connection, (seconds_of(latest), None), (wall, monotonic))
         self._unsaved, self._last = None, (wall, monotonic)
 
-    def _progress(self) -> StudyProgress:
+    def _progress(self) -> ParticipantProgress:
         names = [own.name for own in fields(AnswerRow)]
         answers: dict[tuple[str, int, str], AnswerRow] = {}
         statement = f"SELECT {', '.join(names)} FROM answers WHERE code = ? ORDER BY sequence"
         for row in self._file.rows(statement, (self._code,)):
-            own = _answer(row)
+            values = {name: tuple(json.loads(row[name])) if name in LISTS else row[name] for name in names}
+            own = AnswerRow(**{**values, "is_practice": bool(values["is_practice"])})
             answers[own.block, own.trial, own.name] = own
         attempts = self._file.rows(
             "SELECT block, trial, max(attempt) FROM intervals WHERE code = ? GROUP BY block, trial", (self._code,)
         )
-        return StudyProgress(
+        return ParticipantProgress(
             code=self._code,
             number=self._plan.codes.index(self._code),
             session=self._session,
@@ -388,7 +389,7 @@ class AnswerStore:
 
     def _insert_row(self, connection: sqlite3.Connection, table: str, values: dict[str, Any]) -> None:
         connection.execute("UPDATE study SET sequence = sequence + 1")
-        sequence = connection.execute("SELECT sequence FROM study").fetchone()[0]
+        sequence = connection.execute("SELECT sequence FROM study").fetchall()[0][0]
         _insert(connection, table, {"sequence": sequence, "session": self._session, "code": self._code, **values})
 
     def _insert_event(
@@ -427,11 +428,6 @@ def _insert(connection: sqlite3.Connection, table: str, values: dict[str, Any]) 
     names, marks = ", ".join(values), ", ".join("?" * len(values))
     cursor = connection.execute(f"INSERT INTO {table} ({names}) VALUES ({marks})", tuple(values.values()))
     return int(cursor.lastrowid or 0)
-
-
-def _answer(row: sqlite3.Row) -> AnswerRow:
-    values = {name: tuple(json.loads(row[name])) if name in LISTS else row[name] for name in row.keys()}  # noqa: SIM118
-    return AnswerRow(**{**values, "is_practice": bool(values["is_practice"])})
 
 
 def _content(plan: StudyPlan) -> str:

@@ -119,7 +119,7 @@ class AnswerRow:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudyProgress:
+class ParticipantProgress:
     """How far a participant is: what is stored is not asked again."""
 
     code: str

@@ -86,8 +86,8 @@ class StudyFile:
                 yield connection
                 connection.execute("COMMIT")
             except BaseException as error:
-                # What SQLite and the system have in memory about a file that failed is not trusted: the next call opens
-                # it again, and undoes what lies in the journal.
+                # A disk that was taken away, or a file that was replaced, may be back: the next call opens the file
+                # again, and SQLite undoes what lies in its journal.
                 with contextlib.suppress(sqlite3.Error):
                     if self._connection is not None and self._connection.in_transaction:
                         self._connection.execute("ROLLBACK")
@@ -171,7 +171,8 @@ class StudyFile:
             raise StudyError(f"{self.path} has a trigger, {min(triggers)!r:.80}, which could change answers: remove it")
         found = [own[0] for own in connection.execute("PRAGMA integrity_check(1)")]
         if found != ["ok"]:
-            raise StudyError(f"{self.path} is damaged: {found[0]}{_WAY_OUT}")
+            fault = " ".join(str(found[0]).replace("*** in database main ***", "").split())
+            raise StudyError(f"{self.path} is damaged: {fault}{_WAY_OUT}")
 
 
 def _make_folder(folder: Path) -> None:
@@ -201,6 +202,8 @@ def _reason(error: OSError | sqlite3.Error) -> str:
         return f"another program has read or written it for {BUSY_SECONDS:.0f} s: close that program"
     if code.startswith("SQLITE_FULL"):
         return "the disk is full: free space"
+    if code == "SQLITE_READONLY_DBMOVED":
+        return "it was moved, removed or replaced while it was open: put it back"
     if code.startswith(("SQLITE_READONLY", "SQLITE_PERM")):
         return "no permission"
     if code.startswith("SQLITE_CANTOPEN"):

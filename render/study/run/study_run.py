@@ -19,7 +19,7 @@ from ..plan.study_plan import Answer, PlannedBlock, PlannedTrial, Question, Stud
 from .answer_store import AnswerStore
 from .desk import KeyChoice, Response, ShownObject, StudyDesk
 from .interval_player import PLAYED, DrawnInterval, IntervalPlayer, PlayedInterval, drawn_interval
-from .store_rows import ABOUT_CONSENT, AnswerRow, IntervalRow, StudyProgress
+from .store_rows import ABOUT_CONSENT, AnswerRow, IntervalRow, ParticipantProgress
 
 BEFORE, AFTER = "before", "after"
 AFTER_BLOCK = -1
@@ -60,7 +60,7 @@ class StudyRun:
         code: str,
         *,
         store: AnswerStore,
-        progress: StudyProgress,
+        progress: ParticipantProgress,
         desk: StudyDesk,
         player: IntervalPlayer,
         account: DutyAccount,

@@ -115,7 +115,7 @@ def test_a_question_is_answered_once_and_the_refusal_says_what_is_saved(store):
     with pytest.raises(
         StudyError, match=r"the answer to 'denser' in trial 1 of block 'cube' of participant P01 is saved already: 1 at"
     ):
-        store.add_answer(answer(1, value=0))
+        store.add_answer(answer(1, value=0, attempt=1))
     store.add_interval(interval(1))
     with pytest.raises(StudyError, match="interval 0 of trial 1 of block 'cube' of participant P01 is saved already"):
         store.add_interval(interval(1))
@@ -350,8 +350,15 @@ def test_a_clock_that_was_set_back_between_two_processes_is_an_event(store, cloc
 def test_an_event_of_a_jump_that_was_not_saved_is_saved_with_the_next_row(store, clocks, monkeypatch):
     store.begin("P01")
     clocks.pass_by(1.0, 10.0)
+    real = answer_store._insert
+
+    def failing(connection, table, values):
+        if table == "answers":
+            raise sqlite3.OperationalError("disk I/O error")
+        return real(connection, table, values)
+
     with monkeypatch.context() as patch:
-        patch.setattr(AnswerStore, "_insert_event", lambda *_: (_ for _ in ()).throw(sqlite3.OperationalError("no")))
+        patch.setattr(answer_store, "_insert", failing)
         with pytest.raises(StudyError, match="is not saved"):
             store.add_answer(answer())
     store.add_answer(answer())

@@ -22,6 +22,7 @@ from typing import Any
 from ....datasets.known_names import likely_name
 from ....datasets.storage.durable import FolderLock, sync
 from ...errors import StudyError
+from ...live.recorder import spool_folder
 from ..plan.study_plan import StudyPlan
 from .store_rows import (
     LISTS,
@@ -209,7 +210,7 @@ class AnswerStore:
     def poses_path(self, block_position: int, trial: int, interval: int, attempt: int) -> Path:
         """A path that is free, in a folder that is made, for the contour file of a live interval.
 
-        A process that was killed may have left a file of the same attempt; that one is not overwritten.
+        A process that was killed may have left a file, or the folder that it grows from; neither is overwritten.
         """
         self._require_begun()
         folder = self.folder / POSES
@@ -220,7 +221,7 @@ class AnswerStore:
         except OSError as error:
             raise StudyError(f"{folder} cannot be made: {error.strerror}") from error
         path, number = folder / f"{stem}.h5", 1
-        while os.path.lexists(path):
+        while os.path.lexists(path) or os.path.lexists(spool_folder(path)):
             number += 1
             path = folder / f"{stem}-{number}.h5"
         return path

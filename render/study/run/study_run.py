@@ -363,6 +363,7 @@ class StudyRun:
         if desk.is_ended:
             raise _RunEnded
         if not desk.is_held:
+            self._had_page = True
             return
         if self._had_page:  # else the participant has not come yet
             self._store_event("stopped", reason=desk.status()["stop_reason"] or "the participant's page was closed")

@@ -59,6 +59,8 @@ def here(line, folder):
         return None
     if line.startswith("palpate view") and "--export" not in line:  # Ctrl-C, which ends it well
         line = f"python -m interrupted_command {line}" + " --no-browser" * ("--no-browser" not in line)
+    if line.startswith("palpate study") and "--dry-run" not in line:  # whose participant answers
+        line = f"python -m answered_study {line}" + " --no-browser" * ("--no-browser" not in line)
     if line.startswith("palpate live"):
         line = re.sub(r"--duration \d+", "--duration 2", line) + " --no-browser" * ("--view" in line)
     if line.startswith("palpate play"):

@@ -197,7 +197,6 @@ class StudyRun:
         played: list[tuple[IntervalRow, PlayedInterval]] = []
         for interval, name in enumerate(names):
             screen = self._interval_screen(block, trial, interval, name, title)
-            self._wait_until(planned)
             file = self._stimuli[name].file
             row = IntervalRow(
                 block=block.name, block_position=self._position, trial=place, attempt=attempt, interval=interval,
@@ -219,8 +218,12 @@ class StudyRun:
         return played
 
     def _play_interval(self, row: IntervalRow, screen: dict[str, Any]) -> PlayedInterval:
-        stimulus = self._stimuli[row.stimulus]
-        keeps = stimulus.file is None and self._plan.records_poses
+        keeps = self._stimuli[row.stimulus].file is None and self._plan.records_poses
+        # The path first: it makes and syncs a folder, which would delay the onset.
+        path = None
+        if keeps:
+            path = self._store.poses_path(row.block_position, row.trial, row.interval, row.attempt)
+        self._wait_until(row.onset_planned or 0.0)
         self._desk.show("stimulus", **screen)
         self._desk.set_status(stimulus=row.stimulus)
 
@@ -233,9 +236,7 @@ class StudyRun:
 
         own = self._player.play(
             row.stimulus,
-            poses_file=self._store.poses_path(row.block_position, row.trial, row.interval, row.attempt)
-            if keeps
-            else None,
+            poses_file=path,
             is_held=lambda: self._desk.is_held,
             begun=begun,
             waits_for_hand=lambda: self._desk.show("stimulus", **(screen | {"text": self._plan.sentence("no_hand")})),

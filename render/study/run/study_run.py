@@ -173,6 +173,7 @@ class StudyRun:
                     played = self._play_trial(block, place, trial, attempt, title)
                     break
                 except _TrialHeld:
+                    self._await_permission()
                     attempt += 1
                     self._is_fresh = True
         answers = {}
@@ -203,14 +204,16 @@ class StudyRun:
                 stimulus=name, is_practice=trial.is_practice, file=None if file is None else file.name,
                 file_sha256=self._file_hashes.get(name), onset_planned=planned, outcome=UNDER_WAY,
             )  # fmt: skip
-            own = self._play_interval(row, screen)
-            played.append((row, own))
-            if own.outcome != PLAYED:
+            try:
+                own = self._play_interval(row, screen)
+                played.append((row, own))
+                if own.outcome != PLAYED:
+                    if not self._desk.is_held:  # the disk, not a person, has stopped it
+                        self._desk.stop(own.outcome)
+                    raise _TrialHeld
+            except BaseException:  # also where the array fails: what was played before is data
                 self._keep_intervals(played)
-                if not self._desk.is_held:  # the disk, not a person, has stopped it
-                    self._desk.stop(own.outcome)
-                self._await_permission()
-                raise _TrialHeld
+                raise
             assert own.onset is not None  # it was played
             planned = max(own.onset + self._stimuli[name].duration + block.gap, own.ended or 0.0)
             if interval + 1 < len(names):
@@ -226,9 +229,17 @@ class StudyRun:
         self._wait_until(row.onset_planned or 0.0)
         self._desk.show("stimulus", **screen)
         self._desk.set_status(stimulus=row.stimulus)
+        is_asking = False
+
+        def ask_for_hand() -> None:
+            nonlocal is_asking
+            if not is_asking:
+                is_asking = True
+                self._desk.show("stimulus", **(screen | {"text": self._plan.sentence("no_hand")}))
 
         def begun(onset: Onset) -> None:
-            self._desk.show("stimulus", **screen)  # words that ask for a hand go
+            if is_asking:
+                self._desk.show("stimulus", **screen)
             self._tell(
                 "stimulus_onset", array_time=onset.time, is_estimate=onset.is_estimate, block=row.block,
                 trial=row.trial, interval=row.interval, stimulus=row.stimulus,
@@ -239,7 +250,7 @@ class StudyRun:
             poses_file=path,
             is_held=lambda: self._desk.is_held,
             begun=begun,
-            waits_for_hand=lambda: self._desk.show("stimulus", **(screen | {"text": self._plan.sentence("no_hand")})),
+            waits_for_hand=ask_for_hand,
         )
         self._tell("stimulus_ended", array_time=own.ended, stimulus=row.stimulus, outcome=own.outcome)
         if own.onset is not None and own.ended is not None:
@@ -354,9 +365,11 @@ class StudyRun:
         while True:
             self._await_permission()
             show()
-            while not self._desk.is_held:
+            while True:  # a response counts even where the page was closed right after it
                 if (response := self._desk.await_response(0.25)) is not None:
                     return response
+                if self._desk.is_held:
+                    break
 
     def _await_permission(self) -> None:
         """Wait until something may be shown and played; raises _RunEnded where the run is ended."""
@@ -382,7 +395,6 @@ class StudyRun:
         """Wait for a time [s of time.monotonic()]; raises _TrialHeld where the run is held meanwhile."""
         while (left := when - time.monotonic()) > 0:
             if self._desk.is_held:
-                self._await_permission()
                 raise _TrialHeld
             self._desk.await_change(left) if left > 0.02 else time.sleep(left)
 

@@ -285,3 +285,43 @@ def test_keys_of_questions():
     assert [own.key for own in keys_of(replace(plan, choice_keys=("f", "j")), CHOICE)] == ["f", "j"]
     assert [(own.key, own.value) for own in keys_of(plan, CONFIDENCE)] == [(str(k), k) for k in range(1, 8)]
     assert keys_of(plan, TYPED[0]) == ()
+
+
+def test_an_interval_that_was_played_before_a_stop_is_data(tmp_path):
+    plan = study(blocks=(block(repetitions=1, gap=0.3),))
+    with begun(plan, tmp_path) as own, ScriptedParticipant(own.desk) as person:
+        stops = iter([True])
+
+        def send(name, **values):
+            if name == "stimulus_ended" and next(stops, False):
+                own.desk.stop("in the gap")
+
+        def go_on(screen):
+            if screen.kind == "wait":
+                own.desk.go_on()
+            return first_key(screen)
+
+        own.run._send, person._rule = send, go_on
+        assert own.run.run() == FINISHED
+    order = rows(tmp_path, "SELECT trial, attempt, interval, outcome FROM intervals ORDER BY sequence")
+    assert order[:3] == [(0, 0, 0, "played"), (0, 1, 0, "played"), (0, 1, 1, "played")]
+
+
+def test_a_key_that_was_pressed_counts_even_where_the_page_is_closed_right_after(tmp_path):
+    plan = study(blocks=(block(repetitions=1),))
+    with begun(plan, tmp_path) as own, ScriptedParticipant(own.desk) as person:
+        stops = iter([True])
+
+        def press_and_stop(screen):
+            if screen.kind == "wait":
+                own.desk.go_on()
+            if screen.kind == "question" and next(stops, False):
+                assert own.desk.press(screen.number, screen.keys[0].key, 0.5)
+                own.desk.stop("right after the key")
+                return None
+            return first_key(screen)
+
+        person._rule = press_and_stop
+        assert own.run.run() == FINISHED
+    assert len([screen for screen in own.shown if screen.kind == "question"]) == 2
+    assert rows(tmp_path, "SELECT seconds FROM answers") == [(0.5,), (0.25,)]

@@ -108,6 +108,7 @@ class _Current:
     ended: threading.Event = field(default_factory=threading.Event)
     onset_ns: int = 0
     silent_at: float | None = None
+    saves_later: bool = False
     recorder: RunRecorder | None = None
     error: BaseException | None = None  # of saving what was recorded
 
@@ -203,6 +204,7 @@ class Session:
         self._run: DrawingRun | None = None
         self._bytes = 0
         self._current: _Current | None = None
+        self._unsaved: list[RunRecorder] = []
         self._loaded = threading.Event()
         self._playing = threading.Lock()
         self._realtime = realtime
@@ -275,12 +277,21 @@ class Session:
         return numbers
 
     def play(
-        self, number: int, *, repeats: int = 1, record: str | Path | None = None, timeout: float = ONSET_TIMEOUT
+        self,
+        number: int,
+        *,
+        repeats: int = 1,
+        record: str | Path | None = None,
+        saves_later: bool = False,
+        timeout: float = ONSET_TIMEOUT,
+        is_cancelled: Callable[[], bool] = lambda: False,
     ) -> Onset:
         """Play a stimulus; returns when its first focal point has been played.
 
-        repeats: of a stored one. record: contour file that a live one is saved to at its end. timeout: how long a live
-        one waits for a hand [s].
+        repeats: of a stored one. record: contour file that a live one is saved to at its end; saves_later: only when
+        `save_records` is called, as saving takes a tenth of a second that the next stimulus may not have. timeout: how
+        long a live one waits for a hand [s]. is_cancelled: asked every 10 ms while it waits; once true, it ends as
+        after the time. A hand that comes in that very moment makes it begin, and end at once.
         Raises DeviceBusyError while another one plays, StrategyError for a number that there is not, DeviceTimeoutError
         where none of a live one's poses came in time, and what ended the writer.
         """
@@ -300,7 +311,7 @@ class Session:
         with self._playing:
             if self._current is not None and not self._current.ended.is_set():
                 raise DeviceBusyError(f"stimulus {self._current.number} plays: wait() for it, or stop() it")
-            self._current = current = _Current(number, is_live)
+            self._current = current = _Current(number, is_live, saves_later=saves_later)
             if isinstance(stimulus, LiveStimulus) and self._run is not None:
                 if path is not None:
                     current.recorder = self._held.recorder = self._recorder(path)
@@ -310,10 +321,12 @@ class Session:
                 ).start()
             else:
                 self._writer.send("play", number=self._numbers[number], repeats=repeats)
-        while not current.begun.wait(0.05):
+        while not current.begun.wait(0.01):
             self._held.require_running()
-            if time.monotonic() - called > timeout:
+            if time.monotonic() - called > timeout or is_cancelled():
                 self.stop()
+                if current.begun.is_set():
+                    break
                 reason = "no pose came from the source" if current.is_live else "the array has played nothing"
                 raise DeviceTimeoutError(f"stimulus {number} did not begin within {timeout:g} s: {reason}")
         onset = current.onset_ns * 1e-9
@@ -331,6 +344,27 @@ class Session:
             error, current.error = current.error, None
             raise error
         return True
+
+    def save_records(self) -> None:
+        """Make the files of all records that were to be saved later.
+
+        Raises what keeps one from being made, such as a full disk; then it may be called again. A record with gaps, as
+        something kept it from going on, is made, and raises once.
+        """
+        while self._unsaved:
+            recorder = self._unsaved[0]
+            try:
+                recorder.save()
+            except BaseException as error:
+                if error is recorder.error:
+                    self._unsaved.pop(0)
+                raise
+            self._unsaved.pop(0)
+
+    @property
+    def lead(self) -> float:
+        """How far ahead of the present frames are written [s]."""
+        return self._held.lead
 
     @property
     def silent_since(self) -> float | None:
@@ -365,7 +399,10 @@ class Session:
         """Off, and everything ended."""
         if self._held.is_running:
             self.stop()
-        self._held.close(lambda: None if self._run is None else self._run.end())
+        try:
+            self._held.close(lambda: None if self._run is None else self._run.end())
+        finally:
+            self.save_records()
 
     def _prepare(self, live: Sequence[LiveStimulus]) -> None:
         """A run with a rendering for each live stimulus."""
@@ -455,7 +492,9 @@ class Session:
             self._held.supervisor.settle()  # what was drawn belongs to this stimulus, not to the next
             if current.recorder is not None:
                 self._held.recorder = None
-                current.recorder.save()
+                self._unsaved.append(current.recorder)
+                if not current.saves_later:
+                    self.save_records()
         except BaseException as error:  # `wait` raises it in the user's thread
             current.error = error
         finally:

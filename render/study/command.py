@@ -23,7 +23,7 @@ from ..validation import choose
 from ..view.served.page_server import PageServer
 from ..view.served.viewing import open_browser
 from .pages.study_server import EXPERIMENTER, PARTICIPANT, study_server
-from .plan.duty_account import DutyAccount
+from .plan.duty_account import DutyAccount, EmissionInterval
 from .plan.run_sheet import run_sheet, run_sheet_values
 from .plan.stimulus_judgement import PlacedSolids
 from .plan.study_judgement import StudyJudgement, judge_study
@@ -70,9 +70,14 @@ def run_study(options: dict[str, Any], *, as_json: bool) -> int:
         realtime=options["realtime"],
         update_rate=judgement.update_rate,
     )
+    if plan.block_order == "latin" and not judgement.is_balanced:
+        console.warn(judgement.balance)
+    if options["source"] == "exploration" and any(own.file is None for own in plan.stimuli):
+        console.warn("the hand is a synthetic exploration, nobody's: give --source of your tracker for people's hands")
     with AnswerStore(folder, plan) as store:
         code = options["participant"] or store.next_code()
-        store.keep_stimuli(_file_hashes(judgement))
+        values = {own.name: own.value for own in plan.stimuli}
+        store.keep_stimuli({own.name: (own.sha256, values[own.name]) for own in judgement.stimuli})
         progress = store.begin(code, resume=options["resume"], setup=setup)
         outcome = INTERRUPTED
         with ending_on_signals(), suppress(KeyboardInterrupt):
@@ -108,8 +113,8 @@ def _run_participant(
         console.warn(sentence)
 
     account = DutyAccount(plan.limits)
-    for onset, seconds in store.emissions(time.monotonic() - plan.limits.duty_window):
-        account.note(onset, seconds, 1.0)  # of this participant before, or of another one: the array is still warm
+    for onset, seconds, driven in store.emissions(time.monotonic() - plan.limits.duty_window):
+        account.note(onset, seconds, min(driven / seconds, 1.0))  # whoever felt it: the array is still warm
 
     with ExitStack() as stack:
         session = stack.enter_context(_open_session(plan, judgement, arrays, options, warn))
@@ -139,12 +144,16 @@ def _run_participant(
             player=player,
             account=account,
             send=send,
-            file_hashes=_file_hashes(judgement),
-            duties={own.name: own.duty for own in judgement.stimuli},
+            file_hashes={own.name: own.sha256 for own in judgement.stimuli if own.sha256 is not None},
+            emissions={
+                own.name: EmissionInterval(stimulus=own.name, seconds=own.emission_seconds, duty=own.duty)
+                for own in judgement.stimuli
+            },
             shown_names=shown_names,
             seconds=judgement.seconds,
         )
         desk.set_status(array=", ".join(placed.model.name for placed in arrays), title=plan.title)
+        store.note_array(lead=session.lead, realtime=session.statistics().realtime)
         session.scene()  # an outline of a volume takes seconds, after which the page would count as lost
         _announce(server, events, options, as_json=as_json)
         outcome = run.run()
@@ -212,10 +221,6 @@ def _announce(server: PageServer, events: dict[str, str], options: dict[str, Any
     are_open = [open_browser(address) for address in reversed(addresses.values())]  # the participant's is on top
     if not all(are_open):
         print_message("no browser could be opened here: open these addresses in one on this machine")
-
-
-def _file_hashes(judgement: StudyJudgement) -> dict[str, str]:
-    return {own.name: own.sha256 for own in judgement.stimuli if own.sha256 is not None}
 
 
 def _send_nothing(name: str, **values: Any) -> None:

@@ -1,13 +1,14 @@
 """The order of a participant's blocks, and the trials of each design: functions of seed, participant and answers."""
 
 from collections.abc import Generator, Iterator, Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from .latin_square import balanced_square
 from .staircase import Staircase
-from .study_plan import Answer, PlannedBlock, PlannedTrial, StudyPlan
+from .study_plan import Answer, PlannedBlock, PlannedTrial, Question, StudyPlan
 
 
 class TrialCounts(NamedTuple):
@@ -16,6 +17,20 @@ class TrialCounts(NamedTuple):
     practice: int
     least: int
     most: int
+
+
+class Condition(NamedTuple):
+    """What a trial plays."""
+
+    stimuli: tuple[str, ...]
+    """In the order of the intervals."""
+    comparison: int | None = None
+    """The interval of the stimulus that is not the standard, where there is one."""
+
+
+def key_order(question: Question, rng: np.random.Generator) -> tuple[int, ...]:
+    """Number of the option that each key of a choice gives, drawn at random; empty: as they are listed."""
+    return tuple(rng.permutation(len(question.options)).tolist()) if question.has_random_keys else ()
 
 
 def rng_of(plan: StudyPlan, participant: int, block_number: int) -> np.random.Generator:
@@ -56,8 +71,8 @@ def trials_of(block: PlannedBlock, rng: np.random.Generator) -> Generator[Planne
     Practice comes first. Equal random numbers and answers give equal trials, so a resumed run sends the stored answers
     and goes on with the trial that was under way.
     """
-    for stimuli in _practice(block, rng):
-        yield _trial(block, rng, stimuli, is_practice=True)
+    for condition in _practice(block, rng):
+        yield _trial(block, rng, condition, is_practice=True)
     if block.design == "staircase":
         yield from _staircase_trials(block, rng)
         return
@@ -67,25 +82,29 @@ def trials_of(block: PlannedBlock, rng: np.random.Generator) -> Generator[Planne
         yield _trial(block, rng, conditions[number])
 
 
-def _conditions(block: PlannedBlock) -> list[tuple[str, ...]]:
-    """The stimuli of each trial that differs from the others, played in this order; not of a staircase."""
+def _conditions(block: PlannedBlock) -> list[Condition]:
+    """What each trial that differs from the others plays; not of a staircase."""
     if block.design == "magnitude" and block.modulus is not None:
-        return [(block.modulus[0], *own) for own in block.sets]
-    if block.design in ("2ifc", "constant"):
-        return [order for own in block.sets for order in ((own, own[::-1]) if len(own) > 1 else (own,))]
-    return list(block.sets)
+        return [Condition((block.modulus[0], *own)) for own in block.sets]
+    if block.design == "2ifc":
+        return [Condition(order) for own in block.sets for order in (own, own[::-1])]
+    if block.design == "constant":
+        pairs = [own for own in block.sets if len(own) > 1]
+        alone = [Condition(own) for own in block.sets if len(own) == 1]
+        return alone + [own for pair in pairs for own in (Condition(pair, 1), Condition(pair[::-1], 0))]
+    return [Condition(own) for own in block.sets]
 
 
-def _practice(block: PlannedBlock, rng: np.random.Generator) -> Iterator[tuple[str, ...]]:
-    """The stimuli of each practice trial: all conditions before any comes again; of a staircase, from the easiest."""
+def _practice(block: PlannedBlock, rng: np.random.Generator) -> Iterator[Condition]:
+    """What each practice trial plays: all conditions before any comes again; of a staircase, from the easiest."""
     is_staircase = block.design == "staircase"
-    conditions = list(block.sets) if is_staircase else _conditions(block)
+    conditions = [Condition(own) for own in block.sets] if is_staircase else _conditions(block)
     for first in range(0, block.practice, len(conditions)):
         count = min(len(conditions), block.practice - first)
         is_drawn = block.trial_order == "random" and not is_staircase
         order = rng.permutation(len(conditions))[:count] if is_drawn else range(count)
         for number in order:
-            yield _turned(conditions[number], rng)[0] if is_staircase else conditions[number]
+            yield _turned(conditions[number].stimuli, rng) if is_staircase else conditions[number]
 
 
 def _staircase_trials(
@@ -96,38 +115,28 @@ def _staircase_trials(
     while active := [number for number, own in enumerate(tracks) if not own.has_ended]:
         number = active[rng.integers(len(active))]
         track = tracks[number]
-        level = track.level
-        stimuli, place = _turned(block.sets[level], rng)
-        answers = yield _trial(block, rng, stimuli, track=number, level=level, clipped=track.clipped)
-        right = place if len(stimuli) > 1 else block.correct_option
+        condition = _turned(block.sets[track.level], rng)
+        trial = _trial(block, rng, condition)
+        answers = yield replace(trial, track=number, level=track.level, clipped=track.clipped)
+        right = block.correct_option if condition.comparison is None else condition.comparison
         track.take(answers[block.question.name] == right)
 
 
-def _turned(stimuli: tuple[str, ...], rng: np.random.Generator) -> tuple[tuple[str, ...], int]:
-    """Stimuli with the last one, the comparison, at a place drawn at random; and this place."""
+def _turned(stimuli: tuple[str, ...], rng: np.random.Generator) -> Condition:
+    """Stimuli with the last one, the comparison, at a place drawn at random."""
     if len(stimuli) == 1:
-        return stimuli, 0
-    place = int(rng.integers(len(stimuli)))
-    return (*stimuli[:-1][:place], stimuli[-1], *stimuli[:-1][place:]), place
+        return Condition(stimuli)
+    place, others = int(rng.integers(len(stimuli))), stimuli[:-1]
+    return Condition((*others[:place], stimuli[-1], *others[place:]), place)
 
 
 def _trial(
-    block: PlannedBlock,
-    rng: np.random.Generator,
-    stimuli: tuple[str, ...],
-    *,
-    is_practice: bool = False,
-    track: int = 0,
-    level: int | None = None,
-    clipped: int = 0,
+    block: PlannedBlock, rng: np.random.Generator, condition: Condition, *, is_practice: bool = False
 ) -> PlannedTrial:
-    mapped = next((own for own in block.questions if own.has_random_keys), None)
     return PlannedTrial(
-        stimuli=stimuli,
+        stimuli=condition.stimuli,
         questions=block.questions,
-        key_order=() if mapped is None else tuple(rng.permutation(len(mapped.options)).tolist()),
+        key_orders=tuple(key_order(own, rng) for own in block.questions),
         is_practice=is_practice,
-        track=track,
-        level=level,
-        clipped=clipped,
+        comparison=condition.comparison,
     )

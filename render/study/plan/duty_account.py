@@ -94,9 +94,10 @@ class DutyAccount:
             return pause
         first = now + planned[0].start
         needed = self._end + self._limits.pause_min + SILENCE_SLACK - first
-        lengths = _joined(intervals, self._is_pause)
-        # The first intervals go on with what was before, until a gap within the trial is a pause.
-        joined_end = first + pause + SILENCE_SLACK + lengths[0]
+        lengths = _joined(intervals, self._is_pause, self._limits.pause_min)
+        # The first intervals go on with what was before, until a gap within the trial is a pause; and a hand may come
+        # so late that the silence before them is only just no pause.
+        joined_end = max(first + pause, self._end + self._limits.pause_min) + SILENCE_SLACK + lengths[0]
         return pause if joined_end - self._on_since <= self._limits.on_time_max else max(pause, needed)
 
     def mean_duty(self, now: float) -> float:
@@ -113,7 +114,7 @@ class DutyAccount:
 
     def _require_on_time(self, intervals: Sequence[EmissionInterval]) -> None:
         limits = self._limits
-        longest = max(_joined(intervals, self._is_pause), default=0.0)
+        longest = max(_joined(intervals, self._is_pause, self._limits.pause_min), default=0.0)
         if limits.on_time_max is not None and longest > limits.on_time_max:
             raise StudyError(
                 f"on_time_max: {_names(intervals)} in one trial emit for {longest:.4g} s without a pause of "
@@ -151,14 +152,17 @@ class DutyAccount:
         return pause
 
 
-def _joined(intervals: Sequence[EmissionInterval], is_pause: Callable[[float], bool]) -> list[float]:
-    """Lengths [s] of emission without a pause within a trial, each gap a little longer than it is planned."""
+def _joined(intervals: Sequence[EmissionInterval], is_pause: Callable[[float], bool], pause_min: float) -> list[float]:
+    """Lengths [s] of emission without a pause within a trial.
+
+    A gap counts as almost a pause, as a hand may come late, so that it is longer than planned.
+    """
     lengths = []
     for number, own in enumerate(intervals):
         if number == 0 or is_pause(own.gap):
             lengths.append(own.seconds)
         else:
-            lengths[-1] += own.gap + SILENCE_SLACK + own.seconds
+            lengths[-1] += max(own.gap, pause_min) + SILENCE_SLACK + own.seconds
     return lengths
 
 

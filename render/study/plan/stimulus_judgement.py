@@ -29,7 +29,7 @@ from .study_plan import PlannedStimulus, StudyPlan
 
 PlacedSolids = dict[tuple[str, Placement], Solid]
 """Objects that are rendered or seen, by name or path and placement."""
-LIVE_TAIL = 0.1  # [s]; by which a live interval may emit longer than planned: what is drawn ahead, and its fade
+LIVE_TAIL = 0.15  # [s]; by which a live interval may emit longer than planned: what is drawn ahead, and its fade
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +41,7 @@ class JudgedStimulus:
     source: str
     """File, or name or path of the object."""
     sha256: str | None
-    """Of the file; None for a built-in object, and where it cannot be read."""
+    """Of the file, or of the digests of all files that it is made of; None: all is built in, or a file is missing."""
     seconds: float
     """Of the interval [s]."""
     duty: float
@@ -174,8 +174,7 @@ def _judge_live(
     where = f"stimulus {planned.name}: "
     with _listing(found, where):
         require_duration(planned.duration)
-        if Path(planned.solid or "").is_file():
-            digest = sha256_of(Path(planned.solid or ""))
+        digest = _live_digest(planned)
         rate = sampling_at(planned.sampling or "stm", found.update_rate).update_rate
         if rate != found.update_rate:
             found.faults.append(
@@ -193,6 +192,14 @@ def _judge_live(
         duty=1.0,
         update_rate=rate,
     )
+
+
+def _live_digest(planned: PlannedStimulus) -> str | None:
+    """SHA-256 of the file that a live stimulus is made of; of several, of their digests; None: all is built in."""
+    named = (planned.solid, planned.shown, planned.strategy, planned.sampling)
+    paths = [Path(part) for name in named if name is not None for part in (name, name.rpartition(":")[0]) if part]
+    digests = [sha256_of(path) for path in paths if path.is_file()]
+    return hashlib.sha256("".join(digests).encode()).hexdigest() if len(digests) > 1 else next(iter(digests), None)
 
 
 def _stored(planned: PlannedStimulus) -> Stimulus:

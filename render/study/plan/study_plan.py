@@ -180,6 +180,7 @@ TEXTS = {
     "lost": "The connection is lost. Please tell the experimenter.",
     "ended": "That was all. Thank you.",
     "progress": "Trial {number} of {count}",
+    "progress_open": "Trial {number}",
 }
 """Sentences that a participant reads, by the names under which a plan's `[texts]` translates them.
 
@@ -194,13 +195,15 @@ class PlannedTrial:
     stimuli: tuple[str, ...]
     """Names, in the order of the intervals."""
     questions: tuple[Question, ...]
-    key_order: tuple[int, ...] = ()
-    """Of the first question with `has_random_keys`: number of the option that each key gives, in the order of the keys;
-    empty: as they are listed."""
+    key_orders: tuple[tuple[int, ...], ...] = ()
+    """Of each question: number of the option that each key gives, in the order of the keys; empty: as they are
+    listed."""
     is_practice: bool = False
     track: int = 0
     """Of a staircase: which of those that are interleaved."""
     level: int | None = None
     """Of a staircase: number of the level."""
+    comparison: int | None = None
+    """Of constant stimuli and staircases with a standard: the interval, from 0, of the stimulus that is not it."""
     clipped: int = 0
     """Of a staircase: moves of this track so far that would have gone beyond its first or its last level."""

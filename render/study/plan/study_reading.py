@@ -160,6 +160,8 @@ class _StudyReader:
         blocks = self._blocks(names)
         if keys is None:
             return None
+        if len({key.casefold() for key in keys.choice_keys}) < len(keys.choice_keys):
+            document.fault(("choice_keys",), "must differ by more than capitals, which the page does not tell apart")
         for count, where in self.option_counts:
             if keys.choice_keys and count > len(keys.choice_keys):
                 document.fault(("choice_keys",), f"must be at least {count} keys, the options of {where}")

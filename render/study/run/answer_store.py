@@ -88,23 +88,30 @@ class AnswerStore:
         """Of the data file."""
         return self._file.path
 
-    def keep_stimuli(self, file_hashes: Mapping[str, str]) -> None:
-        """Keep the SHA-256 of each prepared stimulus' file, by its name.
+    def keep_stimuli(self, stimuli: Mapping[str, tuple[str | None, float | None]]) -> None:
+        """Keep each stimulus' SHA-256, of the files that it is made of, and its value on the plan's own scale.
 
         Raises StudyError where one has changed since the first participant: answers to both cannot be compared.
         """
         with self._file.transaction("the stimuli") as connection:
             kept = {row["name"]: row for row in connection.execute("SELECT * FROM stimuli")}
-            for name, digest in file_hashes.items():
+            for name, (digest, value) in stimuli.items():
                 if name not in kept:
-                    values = {"name": name, "sha256": digest, "since": utc(time.time())}
+                    values = {"name": name, "sha256": digest, "value": value, "since": utc(time.time())}
                     _insert(connection, "stimuli", values)
                 elif kept[name]["sha256"] != digest:
+                    since = kept[name]["since"]
+                    was, now = (str(own)[:16] for own in (kept[name]["sha256"], digest))
                     raise StudyError(
-                        f"the file of stimulus {name!r} has changed since {kept[name]['since']}: its SHA-256 was "
-                        f"{kept[name]['sha256'][:16]}... and is {digest[:16]}...: put the old file back, or begin "
-                        "another data folder"
+                        f"a file of stimulus {name!r} has changed since {since}: its SHA-256 was {was}... "
+                        f"and is {now}...: put the old file back, or begin another data folder"
                     )
+
+    def note_array(self, *, lead: float, realtime: bool) -> None:
+        """Keep how the array was opened: how far ahead frames are written [s], and whether with real-time priority."""
+        with self._file.transaction("how the array was opened") as connection:
+            values = (lead, int(realtime), self._session)
+            connection.execute("UPDATE sessions SET lead = ?, realtime = ? WHERE id = ?", values)
 
     def next_code(self) -> str:
         """The first code of the plan that no participant has had yet; raises StudyError where all are taken."""
@@ -117,12 +124,20 @@ class AnswerStore:
             )
         return free
 
-    def emissions(self, since: float) -> list[tuple[float, float]]:
-        """Onset and duration [s] of all that was played since a time of CLOCK_MONOTONIC, whoever felt it."""
+    def emissions(self, since: float) -> list[tuple[float, float, float]]:
+        """Onset, duration and seconds at full drive [s] of what this machine has played since a time, to whomever.
+
+        since: of CLOCK_MONOTONIC, which counts from the machine's start.
+        """
         rows = self._file.rows(
-            "SELECT onset, seconds FROM intervals WHERE onset BETWEEN ? AND ? ORDER BY onset", (since, time.monotonic())
+            "SELECT onset, seconds, coalesce(driven, seconds) AS driven "
+            "FROM intervals JOIN sessions ON sessions.id = intervals.session "
+            "WHERE boot = ? AND onset BETWEEN ? AND ? AND seconds > 0 ORDER BY onset",
+            (boot_id(), since, time.monotonic()),
         )
-        return [(row["onset"], row["seconds"]) for row in rows if row["seconds"] is not None]
+        return [
+            (row["onset"], row["seconds"], row["seconds"] if row["driven"] is None else row["driven"]) for row in rows
+        ]
 
     def counts(self, code: str) -> dict[str, int]:
         """Answers and intervals of a participant on disk."""
@@ -299,6 +314,8 @@ class AnswerStore:
             "machine": f"{platform.system()} {platform.release()} {platform.machine()}",
             "python": platform.python_version(),
             "palpate": version("palpate"),
+            "numpy": version("numpy"),
+            "boot": boot_id(),
             "plan_sha256": self._plan_sha256,
             **{name: storable(value) for name, value in asdict(setup).items()},
         }
@@ -415,6 +432,14 @@ class AnswerStore:
         return f"{rows[0]['value']!r:.80} at {rows[0]['answered']}" if rows else table
 
 
+def boot_id() -> str:
+    """Names the time since the machine was started, within which CLOCK_MONOTONIC may be compared; "" if unknown."""
+    try:
+        return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+    except OSError:
+        return ""
+
+
 def utc(wall: float) -> str:
     """A time of the wall clock as ISO 8601 text, in UTC, whose order as texts is that of the times."""
     return datetime.fromtimestamp(wall, UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
@@ -437,8 +462,9 @@ def _content(plan: StudyPlan) -> str:
     for name in ("path", "text", "codes"):
         del values[name]
     for stimulus in values["stimuli"]:
-        if stimulus["file"] is not None:
-            stimulus["file"] = os.path.relpath(stimulus["file"], plan.path.parent)
+        for name in ("file", "solid", "shown", "strategy", "sampling"):
+            if stimulus[name] is not None and os.path.isabs(stimulus[name]):
+                stimulus[name] = os.path.relpath(stimulus[name], plan.path.parent)
     return hashlib.sha256(json.dumps(values, default=str, sort_keys=True).encode()).hexdigest()
 
 

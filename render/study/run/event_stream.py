@@ -135,16 +135,17 @@ class EventStream:
             )
 
     def send(
-        self, name: EventName, /, *, array_time: float | None = None, is_estimate: bool = False, **values: object
+        self, name: EventName, /, *, array_time: float | None = None, is_estimate: bool | None = None, **values: object
     ) -> None:
         """Send an event to all clients; returns at once, whether they read or not.
 
         array_time: when it happened, by the array's clock [s of time.monotonic()]; None: now. is_estimate: whether that
-        time is computed, not reported by the array. values: what the event tells, by names other than those of the
-        times and `event`; what JSON has no form for is sent as text, and a number that is not finite as null.
+        time was not reported by the array; None: it was, if it is given. values: what the event tells, by names other
+        than those of the times and `event`; what JSON has no form for is sent as text, and a number that is not finite
+        as null.
         """
         with self._lock:
-            self._send(name, array_time, is_estimate, values)
+            self._send(name, array_time, array_time is None if is_estimate is None else is_estimate, values)
 
     def close(self) -> None:
         """Send what waits, for at most half a second, and close all connections; a page among them counts as closed."""
@@ -159,7 +160,7 @@ class EventStream:
     def _send_screen(self, screen: Screen) -> None:
         with self._lock:
             self._screen = _described(screen)
-            self._send("screen", None, False, self._screen)
+            self._send("screen", None, True, self._screen)
 
     def _send(self, name: str, array_time: float | None, is_estimate: bool, values: Mapping[str, object]) -> None:
         """Put an event into each outbox, under the lock."""
@@ -211,7 +212,7 @@ class EventStream:
 
     def _serve_once(self, selector: selectors.BaseSelector) -> None:
         """Wait until there is something to do, and do it."""
-        if has_page := any(client.page for client in self._clients):
+        if has_page := any(self._desk.is_open(client.page) for client in self._clients if client.page):
             self._desk.screen()  # an open connection is a page that is open
         for key, mask in selector.select(0.02 if self._is_closed else LOST_SECONDS / 4 if has_page else None):
             if key.fileobj is self._listener:

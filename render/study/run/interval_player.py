@@ -11,13 +11,14 @@ from ....datasets.contour_file.live_summary import summarise_run
 from ....datasets.contour_file.reader import ContourFile
 from ....datasets.errors import ContourFileError, DatasetError
 from ....device.errors import DeviceTimeoutError
-from ...live.session import LiveStimulus, Onset, Session
+from ...errors import StudyError
+from ...live.session import ONSET_TIMEOUT, LiveStimulus, Onset, Session
 from ...reports.file_summary import length_ratio
 from ..plan.stimulus_judgement import PlacedSolids, stimulus_of
 from ..plan.study_plan import StudyPlan
 
-HAND_SECONDS = 1.0  # that a live stimulus waits for a hand before the participant is asked for one
-PLAYED = "played"
+HAND_SECONDS = 1.0  # [s] that a live stimulus waits for a hand before the participant is asked for one
+PLAYED, STOPPED = "played", "stopped"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,46 +91,60 @@ class IntervalPlayer:
     ) -> PlayedInterval:
         """Play a stimulus to its end, or until `is_held` says that nothing may play now.
 
-        poses_file: of a live one, to be made; None: its poses are not kept. begun: called at its onset. waits_for_hand:
-        called once a second while a live one finds no hand.
+        poses_file: of a live one, which `save_poses` makes; None: its poses are not kept. begun: called at its onset.
+        waits_for_hand: called once a live one has found no hand for a second.
         Raises what ends the session: the array failed, or a limit was met.
         """
         session, is_live = self._session, self._is_live[name]
         drawn = session.statistics().frames_on
         kept = poses_file if is_live else None
-        while True:
-            if is_held():
-                return PlayedInterval(stimulus=name, outcome="stopped before it began")
-            try:
-                onset = session.play(self._numbers[name], record=kept, timeout=HAND_SECONDS)
-                break
-            except DeviceTimeoutError:
-                if not is_live:
-                    raise
+        asks_at = time.monotonic() + HAND_SECONDS
+
+        def is_cancelled() -> bool:
+            nonlocal asks_at
+            if time.monotonic() >= asks_at:
+                asks_at = float("inf")
                 waits_for_hand()
-        begun(onset)
+            return is_held()
+
         outcome = PLAYED
         try:
-            while not session.wait(0.0):
-                if is_held():
-                    session.stop()
-                    outcome = f"stopped after {time.monotonic() - onset.time:.3f} s"
-        except (DatasetError, OSError) as error:  # of keeping the poses: the array is silent, and goes on
-            outcome = f"stopped: its poses could not be kept: {error}"
+            onset = session.play(
+                self._numbers[name], record=kept, saves_later=True, timeout=float("inf") if is_live else ONSET_TIMEOUT,
+                is_cancelled=is_cancelled,
+            )  # fmt: skip
+        except DeviceTimeoutError:
+            if not is_held():  # a stored one has not begun, although nobody stopped it: the array does not play
+                raise
+            return PlayedInterval(stimulus=name, outcome="stopped before it began")
+        begun(onset)
+        while not session.wait(0.0):
+            if is_held():
+                session.stop()
+                outcome = STOPPED
         ended = session.silent_since or time.monotonic()
-        seconds_on = min(ended - onset.time, self._duration[name])
+        seconds_on = ended - onset.time
+        if ended - onset.time < self._duration[name] - 0.05:
+            outcome = STOPPED
         if is_live:
             seconds_on = min(seconds_on, (session.statistics().frames_on - drawn) / session.update_rate + _COUNTED_EACH)
         return PlayedInterval(
             stimulus=name,
-            outcome=outcome,
+            outcome=outcome if outcome == PLAYED else f"stopped after {ended - onset.time:.3f} s",
             onset=onset.time,
             is_estimate=onset.is_estimate,
             latency=onset.latency,
             ended=ended,
             seconds_on=seconds_on,
-            poses_file=kept if kept is not None and kept.exists() else None,
+            poses_file=kept,
         )
+
+    def save_poses(self) -> None:
+        """Make the files of poses of all intervals so far. Raises StudyError, after which it may be called again."""
+        try:
+            self._session.save_records()
+        except (DatasetError, OSError) as error:
+            raise StudyError(f"poses could not be kept: {error}") from error
 
 
 _COUNTED_EACH = 0.3  # [s]: frames that are drawn are counted so often, so that the last ones may be missing

@@ -72,6 +72,8 @@ class IntervalRow:
     """Median time from a pose until its focal points are played [s]."""
     pose_latency_p99: float | None = None
     """Time that 99 % of the poses took at most [s]."""
+    driven: float | None = None
+    """Seconds at full drive of all transducers that it amounts to at most [s]."""
     dropped: int | None = None
     """Focal points that were not played as drawn."""
     length_mean: float | None = None
@@ -114,6 +116,10 @@ class AnswerRow:
     is_practice: bool = False
     track: int = 0
     level: int | None = None
+    comparison: int | None = None
+    """Of constant stimuli and staircases with a standard: the interval, from 0, of the stimulus that is not it."""
+    clipped: int = 0
+    """Of a staircase: moves so far that would have gone beyond its levels."""
     seconds: float | None = None
     """Reaction time, from when the screen was shown until the key went down [s]."""
 
@@ -152,7 +158,7 @@ CREATE TABLE plans (
     sha256 TEXT PRIMARY KEY, text TEXT NOT NULL, codes TEXT NOT NULL, content TEXT NOT NULL, since TEXT NOT NULL
 );
 CREATE TABLE stimuli (
-    name TEXT PRIMARY KEY, sha256 TEXT NOT NULL, since TEXT NOT NULL
+    name TEXT PRIMARY KEY, sha256 TEXT, value REAL, since TEXT NOT NULL
 );
 CREATE TABLE participants (
     code TEXT PRIMARY KEY, number INTEGER NOT NULL, began TEXT NOT NULL, finished TEXT
@@ -161,7 +167,7 @@ CREATE TABLE sessions (
     id INTEGER PRIMARY KEY AUTOINCREMENT, code TEXT NOT NULL REFERENCES participants ON DELETE CASCADE,
     began TEXT NOT NULL, monotonic REAL NOT NULL, machine TEXT NOT NULL, python TEXT NOT NULL, palpate TEXT NOT NULL,
     plan_sha256 TEXT NOT NULL REFERENCES plans, array TEXT NOT NULL, source TEXT NOT NULL, hand TEXT NOT NULL,
-    lead REAL, realtime INTEGER, update_rate REAL
+    lead REAL, realtime INTEGER, update_rate REAL, numpy TEXT NOT NULL, boot TEXT NOT NULL
 );
 CREATE TABLE intervals (
     sequence INTEGER PRIMARY KEY, session INTEGER NOT NULL REFERENCES sessions ON DELETE CASCADE,
@@ -169,7 +175,7 @@ CREATE TABLE intervals (
     trial INTEGER NOT NULL, attempt INTEGER NOT NULL, interval INTEGER NOT NULL, stimulus TEXT NOT NULL,
     is_practice INTEGER NOT NULL, file TEXT, file_sha256 TEXT, poses_file TEXT, poses_sha256 TEXT, onset_planned REAL,
     onset REAL, is_estimate INTEGER, latency REAL, ended REAL, seconds REAL, outcome TEXT NOT NULL, poses INTEGER,
-    pose_latency_p50 REAL, pose_latency_p99 REAL, dropped INTEGER, length_mean REAL, r REAL, r_open REAL,
+    pose_latency_p50 REAL, pose_latency_p99 REAL, driven REAL, dropped INTEGER, length_mean REAL, r REAL, r_open REAL,
     began TEXT, recorded TEXT NOT NULL, monotonic REAL NOT NULL,
     UNIQUE (code, block, trial, attempt, interval)
 );
@@ -178,7 +184,8 @@ CREATE TABLE answers (
     code TEXT NOT NULL REFERENCES participants ON DELETE CASCADE, block TEXT NOT NULL, block_position INTEGER NOT NULL,
     design TEXT NOT NULL, trial INTEGER NOT NULL, attempt INTEGER NOT NULL, name TEXT NOT NULL, question TEXT NOT NULL,
     kind TEXT NOT NULL, value, label TEXT NOT NULL, key TEXT NOT NULL, key_order TEXT NOT NULL, stimuli TEXT NOT NULL,
-    is_practice INTEGER NOT NULL, track INTEGER NOT NULL, level INTEGER, seconds REAL,
+    is_practice INTEGER NOT NULL, track INTEGER NOT NULL, level INTEGER,
+    comparison INTEGER, clipped INTEGER NOT NULL, seconds REAL,
     answered TEXT NOT NULL, monotonic REAL NOT NULL,
     UNIQUE (code, block, trial, name)
 );
@@ -192,9 +199,10 @@ SELECT code, (SELECT number FROM participants WHERE participants.code = answers.
     block, block_position, design, trial, attempt, name, kind,
     CASE WHEN typeof(value) IN ('integer', 'real') THEN CAST(value AS REAL) END AS number,
     CASE WHEN typeof(value) = 'text' THEN value END AS text,
-    label, CASE WHEN design = '2ifc' AND kind = 'choice' THEN json_extract(stimuli, '$[' || value || ']') END AS chosen,
+    label, CASE WHEN design IN ('2ifc', 'constant', 'staircase') AND kind = 'choice' AND json_array_length(stimuli) > 1
+        THEN json_extract(stimuli, '$[' || value || ']') END AS chosen,
     json_extract(stimuli, '$[0]') AS first, json_extract(stimuli, '$[1]') AS second,
-    is_practice, track, level, seconds, sequence
+    is_practice, track, level, comparison, clipped, seconds, sequence
 FROM answers ORDER BY sequence;
 """
 """The column `value` has no type, so that SQLite keeps numbers as numbers and texts as texts."""

@@ -5,15 +5,18 @@ on disk, comes to the same trial as before, and plays that one again if it has n
 """
 
 import time
+import zlib
 from collections import deque
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import asdict, replace
-from typing import Any, Final
+from typing import Any, Final, TypeVar
+
+import numpy as np
 
 from ....datasets.errors import DatasetError
 from ...errors import StudyError
 from ...live.session import Onset
-from ..plan.block_designs import block_numbers, rng_of, trial_counts, trials_of
+from ..plan.block_designs import block_numbers, key_order, rng_of, trial_counts, trials_of
 from ..plan.duty_account import DutyAccount, EmissionInterval
 from ..plan.study_plan import Answer, PlannedBlock, PlannedTrial, Question, StudyPlan
 from .answer_store import AnswerStore
@@ -34,6 +37,7 @@ UNDER_WAY = "under way"  # of an interval before it is over; no row on disk has 
 FINISHED, ENDED, DECLINED = "finished", "ended", "declined"
 """What comes of a run."""
 
+T = TypeVar("T")
 Send = Callable[..., object]
 """Sends an event to other instruments, as `EventStream.send`."""
 
@@ -50,7 +54,7 @@ class StudyRun:
     """A participant's run; `run` returns what came of it.
 
     player: of the stimuli. account: of what the array was driven, from which pauses follow. send: gets events, with the
-    array's own time. By the names of stimuli: file_hashes: SHA-256 of stored ones; duties: of stored ones, 0..1;
+    array's own time. By the names of stimuli: file_hashes: SHA-256 of stored ones; emissions: what they may emit;
     shown_names: under which the page knows the mesh that is seen. seconds: that the whole run is expected to take [s].
     """
 
@@ -66,22 +70,24 @@ class StudyRun:
         account: DutyAccount,
         send: Send,
         file_hashes: Mapping[str, str],
-        duties: Mapping[str, float],
+        emissions: Mapping[str, EmissionInterval],
         shown_names: Mapping[str, str],
         seconds: float = 0.0,
     ) -> None:
         self._plan, self._code, self._store, self._progress = plan, code, store, progress
         self._desk, self._player, self._account, self._send = desk, player, account, send
-        self._file_hashes, self._duties, self._shown_names = file_hashes, duties, shown_names
+        self._file_hashes, self._emissions, self._shown_names = file_hashes, emissions, shown_names
         self._seconds = seconds
         self._number = plan.codes.index(code)
-        self._answers: dict[tuple[str, int, str], Answer] = {key: row.value for key, row in progress.answers.items()}
+        self._kept = progress.answers
+        self._answers: dict[tuple[str, int, str], Answer] = {key: row.value for key, row in self._kept.items()}
         self._stimuli = {own.name: own for own in plan.stimuli}
         self._trials_done = 0
         self._events: deque[str] = deque(maxlen=EVENTS_SHOWN)
-        self._trial_total = sum(sum(trial_counts(block)[:2]) for block in plan.blocks)
+        self._share = 0.0  # of the whole study
         self._position = 0
         self._had_page = False
+        self._sound = ""
         self._is_fresh = True  # nobody has said that they are ready since the last interruption
 
     def run(self) -> str:
@@ -150,7 +156,11 @@ class StudyRun:
         for place, (trial, give) in enumerate(_driven(trials)):
             if place == practice > 0 and (block.name, place, trial.questions[0].name) not in self._answers:
                 self._read(plan.sentence("practice_over"))
-            title = plan.sentence("progress", number=place + 1, count=max(practice + least, place + 1))
+            count = max(practice + least, place + 1)
+            self._share = (self._position + place / count) / len(plan.blocks)
+            title = plan.sentence("progress", number=place + 1, count=count)
+            if block.design == "staircase":  # whose answers decide how many there are
+                title = plan.sentence("progress_open", number=place + 1)
             give(self._run_trial(block, place, trial, title))
             self._trials_done += 1
         for question in block.questions_after:
@@ -158,16 +168,18 @@ class StudyRun:
 
     def _run_trial(self, block: PlannedBlock, place: int, trial: PlannedTrial, title: str) -> dict[str, Answer]:
         """The answers of a trial, which is played unless one of them is on disk."""
-        attempt = self._progress.next_attempt(block.name, place)
+        kept = [own for name in trial.questions if (own := self._kept.get((block.name, place, name.name)))]
+        self._require_same(block, place, trial, kept)
+        attempt = kept[0].attempt if kept else self._progress.next_attempt(block.name, place)
         played: list[tuple[IntervalRow, PlayedInterval]] = []
-        left = self._seconds * (1 - self._trials_done / max(self._trial_total, 1))
+        left = self._seconds * (1 - self._share)
         words = [str(place + 1), *["practice"] * trial.is_practice, *[f"attempt {attempt + 1}"] * (attempt > 0)]
         self._desk.set_status(
             trial=", ".join(words),
-            trials=f"{self._trials_done} of {self._trial_total} done",
+            trials=f"{self._trials_done} done",
             minutes_left=round(left / 60, 1),
         )
-        if not any((block.name, place, own.name) in self._answers for own in trial.questions):
+        if not kept:
             while True:
                 try:
                     played = self._play_trial(block, place, trial, attempt, title)
@@ -193,6 +205,7 @@ class StudyRun:
         if self._is_fresh:
             self._read(plan.sentence("ready"), title=title)
             self._is_fresh = False
+        self._note_sound()
         self._tell("trial_begun", block=block.name, trial=place, attempt=attempt, stimuli=list(trial.stimuli))
         planned = time.monotonic() + LEAD_IN
         played: list[tuple[IntervalRow, PlayedInterval]] = []
@@ -225,7 +238,8 @@ class StudyRun:
         # The path first: it makes and syncs a folder, which would delay the onset.
         path = None
         if keeps:
-            path = self._store.poses_path(row.block_position, row.trial, row.interval, row.attempt)
+            place = row.block_position, row.trial, row.interval, row.attempt
+            path = self._save(lambda: self._store.poses_path(*place))
         self._wait_until(row.onset_planned or 0.0)
         self._desk.show("stimulus", **screen)
         self._desk.set_status(stimulus=row.stimulus)
@@ -252,18 +266,24 @@ class StudyRun:
             begun=begun,
             waits_for_hand=ask_for_hand,
         )
-        self._tell("stimulus_ended", array_time=own.ended, stimulus=row.stimulus, outcome=own.outcome)
+        self._tell("stimulus_ended", array_time=own.ended, is_estimate=True, stimulus=row.stimulus, outcome=own.outcome)
         if own.onset is not None and own.ended is not None:
             seconds = own.ended - own.onset
-            self._account.note(own.onset, seconds, self._duties.get(row.stimulus, 1.0) * own.seconds_on / seconds)
+            duty = self._emissions[row.stimulus].duty * own.seconds_on / seconds
+            self._account.note(own.onset, seconds, duty)
         return own
 
     def _keep_intervals(self, played: list[tuple[IntervalRow, PlayedInterval]]) -> None:
         """Put intervals on disk: while the participant thinks, as their files take a moment to be read."""
+        self._save(self._player.save_poses)
         while played:
             row, own = played[0]
-            drawn = None if own.poses_file is None else self._drawn(own)
-            self._save(lambda row=row, own=own, drawn=drawn: self._store.add_interval(_whole_row(row, own, drawn)))
+            if own.poses_file is not None and not own.poses_file.exists():  # nothing was drawn
+                own = replace(own, poses_file=None)
+            whole = _whole_row(row, own, None if own.poses_file is None else self._drawn(own))
+            if own.onset is not None:
+                whole = replace(whole, driven=self._emissions[row.stimulus].duty * own.seconds_on)
+            self._save(lambda whole=whole: self._store.add_interval(whole))
             played.pop(0)
 
     def _drawn(self, own: PlayedInterval) -> DrawnInterval | None:
@@ -292,7 +312,7 @@ class StudyRun:
         """
         key = (block_name, place, question.name)
         if key not in self._answers:
-            keys = keys_of(self._plan, question, trial.key_order if trial and question.has_random_keys else ())
+            keys = keys_of(self._plan, question, self._key_order(block_name, place, question, trial))
             response = self._ask(question, keys, title=title, shown=shown)
             self._keep_answer(block_name, place, question, keys, response, block=block, trial=trial, attempt=attempt)
         return self._answers[key]
@@ -347,6 +367,7 @@ class StudyRun:
             key_order=tuple(int(own.value or 0) for own in keys) if is_choice else (),
             stimuli=() if trial is None else trial.stimuli, is_practice=trial is not None and trial.is_practice,
             track=0 if trial is None else trial.track, level=None if trial is None else trial.level,
+            comparison=None if trial is None else trial.comparison, clipped=0 if trial is None else trial.clipped,
             seconds=response.seconds,
         )  # fmt: skip
         self._save(lambda: self._store.add_answer(row))
@@ -401,12 +422,8 @@ class StudyRun:
     def _rest(self, block: PlannedBlock, names: tuple[str, ...]) -> None:
         """Wait as long as the block asks for, and as the array's limits demand before these intervals."""
         emissions = [
-            EmissionInterval(
-                stimulus=name, seconds=self._stimuli[name].duration, duty=self._duties.get(name, 1.0),
-                gap=0.0 if place == 0 else block.gap,
-            )
-            for place, name in enumerate(names)
-        ]  # fmt: skip
+            replace(self._emissions[name], gap=0.0 if place == 0 else block.gap) for place, name in enumerate(names)
+        ]
         pause = max(self._account.pause_before(time.monotonic() + LEAD_IN, emissions), block.rest - LEAD_IN)
         ends = time.monotonic() + pause
         if pause > block.rest:
@@ -417,12 +434,20 @@ class StudyRun:
             self._desk.show("text", "", **self._common())
         self._wait_until(ends)
 
-    def _save(self, action: Callable[[], object]) -> None:
+    def _note_sound(self) -> None:
+        """Keep the state of the masking noise where it has changed: a browser may not be allowed to play it."""
+        sound = self._desk.status().get("sound", "")
+        if self._plan.noise_level > 0 and sound != self._sound:
+            self._sound = sound
+            self._store_event("masking_noise", state=sound)
+
+    def _save(self, action: Callable[[], T]) -> T:
         """Put something on disk; while that fails, nothing goes on and nothing is lost: the experimenter is told."""
         while True:
             try:
-                action()
-                return
+                result = action()
+                self._desk.set_status(faults=[])
+                return result
             except StudyError as error:
                 self._desk.set_status(faults=[str(error)])
                 self._desk.stop(str(error))
@@ -430,8 +455,27 @@ class StudyRun:
             while self._desk.is_stopped and not self._desk.is_ended:
                 self._desk.await_change(0.1)
             if self._desk.is_ended:
-                action()  # a last time; what it raises ends the run
-                return
+                return action()  # a last time; what it raises ends the run
+
+    def _key_order(
+        self, block_name: str, place: int, question: Question, trial: PlannedTrial | None
+    ) -> tuple[int, ...]:
+        """Number of the option that each key gives; empty: as they are listed."""
+        if trial is not None:
+            return trial.key_orders[trial.questions.index(question)]
+        # A stream of its own: blocks have those of their numbers, and their random order that of the next one.
+        words = zlib.crc32(f"{block_name}/{place}/{question.name}".encode())
+        seed = [self._plan.seed, self._number, len(self._plan.blocks) + 1, words]
+        return key_order(question, np.random.default_rng(seed))
+
+    def _require_same(self, block: PlannedBlock, place: int, trial: PlannedTrial, kept: list[AnswerRow]) -> None:
+        """Raise StudyError where answers on disk are of other stimuli than this version of palpate would play."""
+        for own in kept:
+            if own.stimuli != trial.stimuli:
+                raise StudyError(
+                    f"trial {place} of block {block.name!r} was of {', '.join(own.stimuli)}, but this version of "
+                    f"palpate or NumPy draws {', '.join(trial.stimuli)}: go on with the versions that `sessions` names"
+                )
 
     def _store_event(self, name: str, **values: Any) -> None:
         self._save(lambda: self._store.add_event(name, **values))
@@ -448,7 +492,7 @@ class StudyRun:
     def _common(self) -> dict[str, Any]:
         return {
             "has_noise": self._plan.noise_level > 0,
-            "progress": min(self._trials_done / max(self._trial_total, 1), 1.0),
+            "progress": self._share,
         }
 
     def _interval_screen(
@@ -479,7 +523,7 @@ def keys_of(plan: StudyPlan, question: Question, order: tuple[int, ...] = ()) ->
     order = order or tuple(range(count))
     return tuple(
         KeyChoice(key=key, label=question.options[option], value=option)
-        for key, option in zip(keys, order, strict=False)
+        for key, option in zip(keys[: len(order)], order, strict=True)
     )
 
 

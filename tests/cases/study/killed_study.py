@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from scripted_participant import ScriptedParticipant, first_key
-from study_plans import CONFIDENCE, TYPED, SilentPlayer, block, study
+from study_plans import CONFIDENCE, EMISSIONS, TYPED, SilentPlayer, block, study
 
 from palpate.render.study.plan.duty_account import DutyAccount
 from palpate.render.study.run import study_run as module
@@ -38,7 +38,7 @@ def run_once(folder: Path) -> None:
             account=DutyAccount(PLAN.limits),
             send=lambda name, **values: _tell(name, values),
             file_hashes={},
-            duties={},
+            emissions=EMISSIONS,
             shown_names={},
         )
         with ScriptedParticipant(desk, first_key):

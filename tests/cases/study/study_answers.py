@@ -16,7 +16,7 @@ from palpate.render.study.run.answer_store import AnswerStore
 from palpate.render.study.run.store_rows import AnswerRow, IntervalRow
 
 TEXT = 'title = "Infill"\nseed = 3\n\n[[block]]\nname = "cube"\n'
-QUESTION = Question(name="denser", text="Which one felt denser?", kind="choice", options=("First", "Second"))
+QUESTION = Question(name="answer", text="Which one felt denser?", kind="choice", options=("First", "Second"))
 BLOCK = PlannedBlock(name="cube", design="2ifc", question=QUESTION, questions=(QUESTION,), sets=(("cc", "oc"),))
 PLAN = StudyPlan(
     path=Path("STUDY.toml"),
@@ -59,7 +59,7 @@ def interval(trial=0, number=0, attempt=0, **values):
     return replace(row, **values)
 
 
-def answer(trial=0, name="denser", attempt=0, **values):
+def answer(trial=0, name="answer", attempt=0, **values):
     """An answer whose value follows from its place: an option, or a text that takes several of SQLite's pages."""
     is_text = name == "why"
     row = AnswerRow(
@@ -88,7 +88,7 @@ def take_part(folder, report, trials=TRIALS):
         progress = again(report, lambda: store.begin("P01", resume=True))
         report("begun", 0, 0, progress.session)
         for trial in range(trials):
-            names = [name for name in ("denser", "why") if ("cube", trial, name) not in progress.answers]
+            names = [name for name in ("answer", "why") if ("cube", trial, name) not in progress.answers]
             if not names:
                 continue
             attempt = progress.next_attempt("cube", trial)

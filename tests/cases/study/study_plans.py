@@ -4,6 +4,7 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
+from palpate.render.study.plan.duty_account import EmissionInterval
 from palpate.render.study.plan.study_plan import PlannedBlock, PlannedStimulus, Question, StudyPlan
 from palpate.render.study.run.interval_player import PLAYED, PlayedInterval
 
@@ -35,6 +36,12 @@ def study(**fields):
     return StudyPlan(**(values | fields))
 
 
+EMISSIONS = {
+    name: EmissionInterval(stimulus=name, seconds=0.01, duty=1.0)
+    for name in ("cube-oc", "cube-cc", "a-oc", "b-oc", "c-oc", "d-oc")
+}
+
+
 class SilentPlayer:
     """Plays nothing, at once; stops where the run is held. outcomes: what comes of the first intervals instead."""
 
@@ -43,6 +50,9 @@ class SilentPlayer:
     def __init__(self, outcomes=()):
         self.played = []
         self.outcomes = list(outcomes)
+
+    def save_poses(self):
+        """It has drawn nothing."""
 
     def play(self, name, *, poses_file, is_held, begun, waits_for_hand):
         self.played.append(name)

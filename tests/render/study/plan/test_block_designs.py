@@ -2,6 +2,7 @@
 
 import itertools
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -71,7 +72,7 @@ def test_rating_asks_all_its_questions_in_order():
     block = block_of("rating", (("a",), ("b",)), ROUGH, questions=(ROUGH, SIZE), repetitions=2)
     trials = run(block)
     assert Counter(trial.stimuli for trial in trials) == {("a",): 2, ("b",): 2}
-    assert all(trial.questions == (ROUGH, SIZE) and trial.key_order == () for trial in trials)
+    assert all(trial.questions == (ROUGH, SIZE) and trial.key_orders == ((), ()) for trial in trials)
 
 
 def test_exploration_keeps_the_order_of_its_stimuli_and_a_fixed_order_of_trials():
@@ -109,10 +110,25 @@ def test_practice_of_a_staircase_goes_from_the_easiest_level_on():
 @pytest.mark.parametrize("seed", range(5))
 def test_keys_are_mapped_at_random_where_the_question_says_so(seed):
     block = block_of("2ifc", (("a", "b"),), repetitions=100)
-    orders = Counter(trial.key_order for trial in run(block, seed))
-    assert orders.keys() == {(0, 1), (1, 0)}
+    orders = Counter(trial.key_orders for trial in run(block, seed))
+    assert orders.keys() == {((0, 1),), ((1, 0),)}
     assert min(orders.values()) > 60  # of 200; in all but 1 of 10^7 runs
-    assert {trial.key_order for trial in run(block_of("2ifc", (("a", "b"),), FELT))} == {()}
+    assert {trial.key_orders for trial in run(block_of("2ifc", (("a", "b"),), FELT))} == {((),)}
+
+
+def test_each_question_has_an_order_of_keys_of_its_own():
+    three = replace(FELT, name="three", options=("a", "b", "c"), has_random_keys=True)
+    two = replace(FELT, name="two", has_random_keys=True)
+    trials = run(block_of("rating", (("a",),), two, questions=(two, three, ROUGH), repetitions=100))
+    assert {tuple(sorted(order) for order in trial.key_orders) == ([0, 1], [0, 1, 2], []) for trial in trials} == {True}
+    assert len({trial.key_orders for trial in trials}) == 2 * 6
+
+
+def test_the_interval_of_the_comparison_is_known_even_where_it_is_the_standard_itself():
+    trials = run(block_of("constant", (("std", "a"), ("std", "std")), repetitions=2))
+    assert Counter((trial.stimuli, trial.comparison) for trial in trials) == {
+        (("std", "a"), 1): 2, (("a", "std"), 0): 2, (("std", "std"), 1): 2, (("std", "std"), 0): 2,
+    }  # fmt: skip
 
 
 def test_orders_are_uniformly_random():

@@ -80,6 +80,6 @@ def test_a_trial_over_a_limit_is_one_fault_a_block():
     limits = Limits(on_time_max=5.0)
     run = expected_run(plan_of(block_of("long", repetitions=3, gap=0.5), limits=limits), 0, emissions(3.0))
     assert run.faults == [
-        "block long: on_time_max: a, b in one trial emit for 6.6 s without a pause of 1 s, but the bound is 5 s: a gap "
+        "block long: on_time_max: a, b in one trial emit for 7.1 s without a pause of 1 s, but the bound is 5 s: a gap "
         "of 1.1 s is a pause"
     ]

@@ -145,7 +145,7 @@ def test_a_live_object_counts_at_full_drive_and_its_file_is_hashed(open_mesh):
     assert note.startswith("stimulus open oc: open.stl: 3 open edges")
     assert [(own.kind, own.duty, own.update_rate) for own in found.stimuli] == [("live", 1.0, 10_000.0)] * 2
     assert [own.sha256 for own in found.stimuli] == [sha256_of(open_mesh), None]
-    assert found.stimuli[0].emission_seconds == pytest.approx(1.1)
+    assert found.stimuli[0].emission_seconds == pytest.approx(1.15)
 
 
 def test_a_strategy_that_refuses_an_object_is_a_fault(open_mesh):

@@ -35,9 +35,9 @@ def test_numbers_are_those_of_the_plan():
     assert (found.trials_least, found.trials_most, found.intervals_most) == (15, 15, 30)
     assert [own.blocks for own in found.participants] == [("a", "b"), ("b", "a")]
     assert found.seconds == found.seconds_longest == pytest.approx(sum(own.seconds for own in found.blocks))
-    # Live intervals count at full drive, and 0.1 s longer than they are planned.
-    assert found.on_time_worst == pytest.approx(2 * 2.1 + 1.0)
-    assert found.duty_worst == pytest.approx(30 * 2.1 / 600)
+    # Live intervals count at full drive, and 0.15 s longer than they are planned.
+    assert found.on_time_worst == pytest.approx(2 * 2.15 + 1.0)
+    assert found.duty_worst == pytest.approx(30 * 2.15 / 600)
     assert repr(found) == f"StudyJudgement('t', 2 participants, 2 blocks, {found.seconds / 60:.1f} min, 0 faults)"
 
 
@@ -60,7 +60,7 @@ def test_a_staircase_has_a_shortest_and_a_longest_run():
     found = judge_study(plan_of(block), EMULATOR)
     (own,) = found.blocks
     assert (own.trials_least, own.trials_most, own.intervals_most) == (4, 30, 30)
-    assert (own.seconds, own.seconds_longest) == (pytest.approx(4 + 17 * 8.1), pytest.approx(4 + 30 * 8.1))
+    assert (own.seconds, own.seconds_longest) == (pytest.approx(4 + 17 * 8.15), pytest.approx(4 + 30 * 8.15))
     assert found.seconds < found.seconds_longest
 
 
@@ -90,7 +90,7 @@ def test_limits_make_pauses_or_faults():
     assert found.duty_worst <= 0.3
     refused = judge_study(plan_of(block_of("a"), limits=Limits(on_time_max=2.0)), EMULATOR)
     assert refused.faults == (
-        "block a: on_time_max: cc, oc in one trial emit for 5.3 s without a pause of 1 s, but the bound is 2 s: a gap "
+        "block a: on_time_max: cc, oc in one trial emit for 5.4 s without a pause of 1 s, but the bound is 2 s: a gap "
         "of 1.1 s is a pause",
     )
 

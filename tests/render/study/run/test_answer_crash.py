@@ -126,7 +126,7 @@ def test_kill_9_at_200_random_moments_loses_no_answer_and_repeats_no_question(tm
     assert unfinished > 150
     take_part(folder, lambda *_: None, trials)
     expected = [
-        ("cube", trial, name, answer(trial, name).value) for trial in range(trials) for name in ("denser", "why")
+        ("cube", trial, name, answer(trial, name).value) for trial in range(trials) for name in ("answer", "why")
     ]
     assert answers_of(folder) == expected
 
@@ -156,7 +156,7 @@ def test_a_process_killed_at_any_statement_leaves_what_was_reported(tmp_path):
         assert_saved(folder, own)
     last = images[-2][0]
     take_part(last, lambda *_: None, 2)
-    assert [row[1:3] for row in answers_of(last)] == [(0, "denser"), (0, "why"), (1, "denser"), (1, "why")]
+    assert [row[1:3] for row in answers_of(last)] == [(0, "answer"), (0, "why"), (1, "answer"), (1, "why")]
 
 
 # System calls, by strace.

@@ -81,7 +81,7 @@ def test_an_answer_comes_back_as_it_was_given_in_the_order_of_the_answers(store)
     progress = begun_again(store, resume=True)
     assert list(progress.answers.values()) == given
     assert list(progress.answers) == [
-        ("cube", 3, "denser"),
+        ("cube", 3, "answer"),
         ("cube", 1, "why"),
         *((row.block, row.trial, row.name) for row in given[2:]),
     ]
@@ -105,7 +105,7 @@ def test_values_that_sqlite_cannot_hold_are_kept_as_near_as_it_can(store, given,
 
 def test_a_number_that_is_none_is_refused(store):
     store.begin("P01")
-    with pytest.raises(StudyError, match=r"'denser' must be a number, not nan"):
+    with pytest.raises(StudyError, match=r"'answer' must be a number, not nan"):
         store.add_answer(answer(value=float("nan")))
 
 
@@ -113,7 +113,7 @@ def test_a_question_is_answered_once_and_the_refusal_says_what_is_saved(store):
     store.begin("P01")
     store.add_answer(answer(1))
     with pytest.raises(
-        StudyError, match=r"the answer to 'denser' in trial 1 of block 'cube' of participant P01 is saved already: 1 at"
+        StudyError, match=r"the answer to 'answer' in trial 1 of block 'cube' of participant P01 is saved already: 1 at"
     ):
         store.add_answer(answer(1, value=0, attempt=1))
     store.add_interval(interval(1))

@@ -70,7 +70,7 @@ def test_the_documents_queries_give_shares_and_remove_a_participant(tmp_path):
         assert connection.execute(ratio).fetchall() == [("P03", "cube", 1.75)]
         for statement in removal:
             connection.execute(statement)
-        tables = [name for name in columns() if name not in ("study", "plans")]
+        tables = [name for name in columns() if name not in ("study", "plans", "stimuli")]
         assert [connection.execute(f"SELECT count(*) FROM {name}").fetchone() for name in tables] == [(0,)] * len(
             tables
         )

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 from scripted_participant import ScriptedParticipant, first_key
-from study_plans import CHOICE, CONFIDENCE, TYPED, SilentPlayer, block, stimuli, study
+from study_plans import CHOICE, CONFIDENCE, EMISSIONS, TYPED, SilentPlayer, block, stimuli, study
 
 from palpate.device.playing.limits import Limits
 from palpate.render.errors import StudyError
@@ -55,7 +55,7 @@ class Begun:
             account=DutyAccount(plan.limits),
             send=lambda name, **values: self.events.append((name, values)),
             file_hashes={},
-            duties={},
+            emissions=EMISSIONS,
             shown_names={"cube-oc": "cube", "cube-cc": "cube"},
         )
 
@@ -203,7 +203,7 @@ def test_a_stop_and_a_closed_page_end_the_interval_and_the_trial_is_played_again
 
 
 def test_the_array_rests_where_limits_demand_it_and_the_participant_is_told(tmp_path):
-    limits = Limits(on_time_max=0.15, pause_min=0.2, duty_max=None)
+    limits = Limits(on_time_max=0.4, pause_min=0.2, duty_max=None)
     plan = study(limits=limits, blocks=(block(repetitions=1),))
     with begun(plan, tmp_path) as own, ScriptedParticipant(own.desk) as person:
         assert own.run.run() == FINISHED

@@ -19,7 +19,11 @@ export class MaskingNoise {
     this.gain = new GainNode(this.context, { gain: 0 });
     this.gain.connect(this.context.destination);
     this.findOutput();
-    const { samples } = await this.link.ask({ ask: "noise", rate: this.context.sampleRate });
+    const { samples } = await this.link.ask({ ask: "noise", rate: this.context.sampleRate }).catch((error) => {
+      this.context.close();
+      this.context = null; // the page was refused, for one: the next key tries again
+      throw error;
+    });
     const buffer = new AudioBuffer({ length: samples.length, sampleRate: this.context.sampleRate });
     buffer.copyToChannel(samples, 0);
     const source = new AudioBufferSourceNode(this.context, { buffer, loop: true });

@@ -35,10 +35,11 @@ from .run.event_stream import EventStream
 from .run.interval_player import IntervalPlayer
 from .run.lsl_outlet import LslOutlet
 from .run.store_rows import ParticipantProgress, SessionSetup
-from .run.study_run import StudyRun
+from .run.study_run import ENDED, FINISHED, StudyRun
 
 WARNINGS_SHOWN = 10
 LAST_SECONDS = 10.0  # [s] for which the last screen is shown, unless its page is closed before
+LEAST_SECONDS = 2.0  # [s] after which all pages have read that the run is over
 INTERRUPTED = "interrupted"
 
 
@@ -58,7 +59,7 @@ def run_study(options: dict[str, Any], *, as_json: bool) -> int:
     if options["dry_run"]:
         sheet = console.json_line(run_sheet_values(plan, judgement)) if as_json else run_sheet(plan, judgement)
         write_output(sheet)
-        return console.FAILED if judgement.faults else console.DONE
+        return console.MISUSED if judgement.faults else console.DONE
     if judgement.faults:
         raise StudyPlanError(*judgement.faults)
     folder = options["data"] or options["plan"].with_suffix(".data")
@@ -75,7 +76,8 @@ def run_study(options: dict[str, Any], *, as_json: bool) -> int:
     if options["source"] == "exploration" and any(own.file is None for own in plan.stimuli):
         console.warn("the hand is a synthetic exploration, nobody's: give --source of your tracker for people's hands")
     with AnswerStore(folder, plan) as store:
-        code = options["participant"] or store.next_code()
+        chosen = store.code_to_resume if options["resume"] else store.next_code
+        code = options["participant"] or chosen()
         values = {own.name: own.value for own in plan.stimuli}
         store.keep_stimuli({own.name: (own.sha256, values[own.name]) for own in judgement.stimuli})
         progress = store.begin(code, resume=options["resume"], setup=setup)
@@ -84,10 +86,9 @@ def run_study(options: dict[str, Any], *, as_json: bool) -> int:
             outcome = _run_participant(plan, judgement, solids, store, progress, arrays, options, as_json=as_json)
         facts = {"participant": code, "outcome": outcome, **store.counts(code), "data": str(folder)}
     console.show_values(facts, as_json=as_json, title="study")
-    if outcome == INTERRUPTED:
+    if outcome in (INTERRUPTED, ENDED):
         print_message(f"the array is off; --participant {code} --resume goes on", "note")
-        return console.FAILED
-    return console.DONE
+    return console.FAILED if outcome == INTERRUPTED else console.DONE
 
 
 def _run_participant(
@@ -157,8 +158,9 @@ def _run_participant(
         session.scene()  # an outline of a volume takes seconds, after which the page would count as lost
         _announce(server, events, options, as_json=as_json)
         outcome = run.run()
-        end = time.monotonic() + LAST_SECONDS
-        while desk.has_page and not desk.is_ended and time.monotonic() < end:
+        desk.set_status(outcome=outcome)
+        end = time.monotonic() + (LAST_SECONDS if outcome == FINISHED else LEAST_SECONDS)
+        while desk.has_page and time.monotonic() < end:
             desk.await_change(0.1)
     return outcome
 

@@ -69,7 +69,7 @@ def _described(screen: Screen) -> dict[str, Any]:
     return {
         "kind": screen.kind,
         **{name: visible_lines(getattr(screen, name))[:TEXT_MOST] for name in ("title", "text", "hint")},
-        "keys": [f"{own.key}: {visible_lines(own.label)}" for own in screen.keys],
+        "keys": [f"{'space' if own.key == ' ' else own.key}: {visible_lines(own.label)}" for own in screen.keys],
         "question": "" if screen.question is None else visible_lines(screen.question.text)[:TEXT_MOST],
         "progress": screen.progress,
     }

@@ -83,7 +83,7 @@ def read_study(path: str | Path) -> StudyPlan:
     document = StudyDocument(path, text, tables)
     plan = _StudyReader(document).read()
     if document.noted or plan is None:
-        raise StudyPlanError(document.report())
+        raise StudyPlanError(*document.report())
     return plan
 
 
@@ -110,13 +110,13 @@ class StudyDocument(PlanDocument):
         """Note a fault, whose line is searched when it is reported."""
         self.noted[place, sentence] = None
 
-    def report(self) -> str:
-        """The faults, a line each, without the last ones of very many."""
+    def report(self) -> list[str]:
+        """The faults, a sentence each, without the last ones of very many."""
         shown = list(self.noted)[:FAULTS_MOST]
         starts = {place: self.where(place) for place, _ in shown}
         lines = [f"{starts[place]}: {sentence}" for place, sentence in shown]
         more = len(self.noted) - len(shown)
-        return "\n".join([*lines, *([f"{self.path}: {more} more faults"] if more else [])])
+        return [*lines, *([f"{self.path}: {more} more faults"] if more else [])]
 
     def known(self, model: Keys, table: Any, place: Place, others: OtherTables, extra: Sequence[str] = ()) -> Any:
         """A table as an instance of its model, or None; a key that it does not have is reported and left out.
@@ -162,6 +162,8 @@ class _StudyReader:
             return None
         if len({key.casefold() for key in keys.choice_keys}) < len(keys.choice_keys):
             document.fault(("choice_keys",), "must differ by more than capitals, which the page does not tell apart")
+        if " " in keys.choice_keys:
+            document.fault(("choice_keys",), "must not have the space bar, with which participants go on")
         for count, where in self.option_counts:
             if keys.choice_keys and count > len(keys.choice_keys):
                 document.fault(("choice_keys",), f"must be at least {count} keys, the options of {where}")

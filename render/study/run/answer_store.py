@@ -114,8 +114,11 @@ class AnswerStore:
             connection.execute("UPDATE sessions SET lead = ?, realtime = ? WHERE id = ?", values)
 
     def next_code(self) -> str:
-        """The first code of the plan that no participant has had yet; raises StudyError where all are taken."""
-        taken = {row["code"] for row in self._file.rows("SELECT code FROM participants")}
+        """The first code of the plan that no participant has had yet; raises StudyError where all are taken.
+
+        A run that ended before the first answer and interval leaves its code free.
+        """
+        taken = {row["code"] for row in self._file.rows("SELECT code FROM answers UNION SELECT code FROM intervals")}
         free = next((code for code in self._plan.codes if code not in taken), None)
         if free is None:
             raise StudyError(
@@ -123,6 +126,24 @@ class AnswerStore:
                 "with --participant CODE --resume"
             )
         return free
+
+    def code_to_resume(self) -> str:
+        """The code of the one participant who has begun and not finished; raises StudyError where that is not one."""
+        begun = [
+            row["code"]
+            for row in self._file.rows(
+                "SELECT code FROM participants WHERE finished IS NULL AND code IN "
+                "(SELECT code FROM answers UNION SELECT code FROM intervals) ORDER BY number"
+            )
+        ]
+        if len(begun) != 1:
+            who = (
+                f"{', '.join(begun)} have begun and not finished: name one"
+                if begun
+                else "nobody has begun: leave it out"
+            )
+            raise StudyError(f"--resume without --participant: {who}")
+        return begun[0]
 
     def emissions(self, since: float) -> list[tuple[float, float, float]]:
         """Onset, duration and seconds at full drive [s] of what this machine has played since a time, to whomever.
@@ -285,7 +306,8 @@ class AnswerStore:
 
     def _require_free(self, code: str, resume: bool) -> None:
         rows = self._file.rows(
-            "SELECT began, finished, (SELECT count(*) FROM answers WHERE answers.code = participants.code) AS answers "
+            "SELECT began, finished, (SELECT count(*) FROM answers WHERE answers.code = participants.code) AS answers, "
+            "(SELECT count(*) FROM intervals WHERE intervals.code = participants.code) AS intervals "
             "FROM participants WHERE code = ?",
             (code,),
         )
@@ -294,7 +316,7 @@ class AnswerStore:
                 f"participant {code} finished at {rows[0]['finished']}: if this is another person, each needs a code "
                 "of their own; codes may be added to the plan after the others"
             )
-        if rows and not resume:
+        if rows and not resume and (rows[0]["answers"] or rows[0]["intervals"]):  # else nobody has taken part yet
             raise StudyError(
                 f"participant {code} began at {rows[0]['began']} and has {rows[0]['answers']} answers: --resume goes "
                 "on where they stopped; another person needs another code"

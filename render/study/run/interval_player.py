@@ -118,10 +118,14 @@ class IntervalPlayer:
                 raise
             return PlayedInterval(stimulus=name, outcome="stopped before it began")
         begun(onset)
-        while not session.wait(0.0):
-            if is_held():
-                session.stop()
-                outcome = STOPPED
+        try:
+            while not session.wait(0.0):
+                if is_held():
+                    session.stop()
+                    outcome = STOPPED
+        except KeyboardInterrupt:
+            session.stop()
+            raise
         ended = session.silent_since or time.monotonic()
         seconds_on = ended - onset.time
         if ended - onset.time < self._duration[name] - 0.05:

@@ -65,7 +65,7 @@ class IntervalRow:
     seconds: float | None = None
     """How long it was played [s]."""
     outcome: str
-    """"played", or "stopped: " and why."""
+    """"played", or "stopped before it began" or "stopped after 1.234 s", and the reason where an error ended it."""
     poses: int | None = None
     """Poses of the hand that were drawn."""
     pose_latency_p50: float | None = None

@@ -9,6 +9,7 @@ import zlib
 from collections import deque
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import asdict, replace
+from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import numpy as np
@@ -87,7 +88,10 @@ class StudyRun:
         self._share = 0.0  # of the whole study
         self._position = 0
         self._had_page = False
+        self._onset: Onset | None = None  # of the interval that plays
+        self._poses: Path | None = None
         self._sound = ""
+        self._faults: dict[str, str] = {}
         self._is_fresh = True  # nobody has said that they are ready since the last interruption
 
     def run(self) -> str:
@@ -101,6 +105,7 @@ class StudyRun:
             outcome = self._run()
         except _RunEnded:
             outcome = ENDED
+            self._desk.show("ended", self._plan.sentence("ended_early"), progress=self._share)
         self._tell("study_ended", outcome=outcome)
         return outcome
 
@@ -151,7 +156,8 @@ class StudyRun:
             self._tell("block_begun", block=block.name, design=block.design)
             words = [plan.sentence("practice", count=practice)] if practice else []
             title = plan.sentence("block", number=self._position + 1, count=len(plan.blocks))
-            self._read("\n\n".join(filter(None, (block.instruction, *words))) or title, title=title)
+            text = "\n\n".join(filter(None, (block.instruction, *words)))
+            self._read(text or title, title=title if text else "")
         self._is_fresh = True
         for place, (trial, give) in enumerate(_driven(trials)):
             if place == practice > 0 and (block.name, place, trial.questions[0].name) not in self._answers:
@@ -203,7 +209,7 @@ class StudyRun:
         plan, names = self._plan, trial.stimuli
         self._rest(block, names)
         if self._is_fresh:
-            self._read(plan.sentence("ready"), title=title)
+            self._read(plan.sentence("ready"), title=title, label="begin")
             self._is_fresh = False
         self._note_sound()
         self._tell("trial_begun", block=block.name, trial=place, attempt=attempt, stimuli=list(trial.stimuli))
@@ -224,7 +230,9 @@ class StudyRun:
                     if not self._desk.is_held:  # the disk, not a person, has stopped it
                         self._desk.stop(own.outcome)
                     raise _TrialHeld
-            except BaseException:  # also where the array fails: what was played before is data
+            except BaseException as error:  # also where the array fails, or Ctrl-C: what was played before is data
+                if not isinstance(error, _TrialHeld):
+                    played.append((row, self._broken_interval(row, error)))
                 self._keep_intervals(played)
                 raise
             assert own.onset is not None  # it was played
@@ -240,6 +248,7 @@ class StudyRun:
         if keeps:
             place = row.block_position, row.trial, row.interval, row.attempt
             path = self._save(lambda: self._store.poses_path(*place))
+        self._onset = self._poses = None
         self._wait_until(row.onset_planned or 0.0)
         self._desk.show("stimulus", **screen)
         self._desk.set_status(stimulus=row.stimulus)
@@ -252,6 +261,7 @@ class StudyRun:
                 self._desk.show("stimulus", **(screen | {"text": self._plan.sentence("no_hand")}))
 
         def begun(onset: Onset) -> None:
+            self._onset, self._poses = onset, path
             if is_asking:
                 self._desk.show("stimulus", **screen)
             self._tell(
@@ -272,6 +282,24 @@ class StudyRun:
             duty = self._emissions[row.stimulus].duty * own.seconds_on / seconds
             self._account.note(own.onset, seconds, duty)
         return own
+
+    def _broken_interval(self, row: IntervalRow, error: BaseException) -> PlayedInterval:
+        """What is known of the interval that an error has ended."""
+        onset, now = self._onset, time.monotonic()
+        if onset is None:
+            return PlayedInterval(
+                stimulus=row.stimulus, outcome=f"stopped before it began: {error or type(error).__name__}"
+            )
+        return PlayedInterval(
+            stimulus=row.stimulus,
+            outcome=f"stopped after {now - onset.time:.3f} s: {error or type(error).__name__}",
+            onset=onset.time,
+            is_estimate=onset.is_estimate,
+            latency=onset.latency,
+            ended=now,
+            seconds_on=now - onset.time,
+            poses_file=self._poses,
+        )
 
     def _keep_intervals(self, played: list[tuple[IntervalRow, PlayedInterval]]) -> None:
         """Put intervals on disk: while the participant thinks, as their files take a moment to be read."""
@@ -376,9 +404,9 @@ class StudyRun:
             "answer", block=block_name, trial=place, question=question.name, value=response.value, key=response.key
         )
 
-    def _read(self, text: str, *, title: str = "") -> None:
-        """Show a text until the space bar is pressed."""
-        keys = (KeyChoice(key=SPACE, label=self._plan.sentence("continue")),)
+    def _read(self, text: str, *, title: str = "", label: str = "continue") -> None:
+        """Show a text until the space bar is pressed. label: name of the sentence beside it."""
+        keys = (KeyChoice(key=SPACE, label=self._plan.sentence(label)),)
         self._response_to(lambda: self._desk.show("text", text, title=title, keys=keys, **self._common()))
 
     def _response_to(self, show: Callable[[], object]) -> Response:
@@ -402,14 +430,15 @@ class StudyRun:
             return
         if self._had_page:  # else the participant has not come yet
             self._store_event("stopped", reason=desk.status()["stop_reason"] or "the participant's page was closed")
-        desk.show("wait", self._plan.sentence("stopped"))
+        if self._had_page:
+            desk.show("wait", self._plan.sentence("stopped"), progress=self._share)
         self._is_fresh = True
         while desk.is_held:
             if desk.is_ended:
                 raise _RunEnded
             desk.await_change(0.1)
         if self._had_page:
-            self._tell("gone_on")
+            self._store_event("gone_on")
         self._had_page = True
 
     def _wait_until(self, when: float) -> None:
@@ -439,18 +468,32 @@ class StudyRun:
         sound = self._desk.status().get("sound", "")
         if self._plan.noise_level > 0 and sound != self._sound:
             self._sound = sound
+            self._set_fault("noise", "" if sound == "playing" else f"masking noise: {sound}")
             self._store_event("masking_noise", state=sound)
+
+    def _set_fault(self, name: str, text: str) -> None:
+        """Show the experimenter a fault, or with no text that it is over."""
+        self._faults = {
+            **{key: own for key, own in self._faults.items() if key != name},
+            **({name: text} if text else {}),
+        }
+        self._desk.set_status(faults=list(self._faults.values()))
 
     def _save(self, action: Callable[[], T]) -> T:
         """Put something on disk; while that fails, nothing goes on and nothing is lost: the experimenter is told."""
+        before = None
         while True:
             try:
                 result = action()
-                self._desk.set_status(faults=[])
+                if before is not None:
+                    self._set_fault("disk", "")
+                    self._desk.show_again(before)
                 return result
             except StudyError as error:
-                self._desk.set_status(faults=[str(error)])
+                before = before or self._desk.shown
+                self._set_fault("disk", str(error))
                 self._desk.stop(str(error))
+                self._desk.show("wait", self._plan.sentence("stopped"), progress=self._share)
                 self._tell("stopped", reason=str(error))
             while self._desk.is_stopped and not self._desk.is_ended:
                 self._desk.await_change(0.1)
@@ -484,7 +527,8 @@ class StudyRun:
     def _tell(self, name: str, **values: Any) -> None:
         """Tell other instruments and the experimenter of an event."""
         self._send(name, **values)
-        words = (f"{key} {value}" for key, value in values.items() if key in _SHOWN and value != "")
+        shown = {key: value for key, value in values.items() if key in _SHOWN and value not in ("", AFTER_BLOCK)}
+        words = (f"{key} {value + 1 if key == 'trial' else value}" for key, value in shown.items())
         self._events.append(" ".join((time.strftime("%H:%M:%S"), name.replace("_", " "), *words)))
         duty = self._account.mean_duty(time.monotonic())
         self._desk.set_status(events=list(self._events), duty=round(duty, 3))

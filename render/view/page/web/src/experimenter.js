@@ -81,15 +81,19 @@ export class Experimenter {
   fail(sentence) {
     this.hasFailed = true;
     this.sure.close();
+    for (const button of Object.values(this.buttons)) button.disabled = true;
+    if (this.outcome) return; // the run is over, and so is its program
     this.alert.textContent = sentence;
     this.alert.hidden = false;
     this.host.dataset.state = "lost";
     this.state.textContent = "CONNECTION LOST";
-    for (const button of Object.values(this.buttons)) button.disabled = true;
   }
 
   show({ status, screen }) {
-    const [state, words] = status.is_ended
+    this.outcome = status.outcome;
+    const [state, words] = status.outcome
+      ? ["ended", status.outcome.toUpperCase()]
+      : status.is_ended
       ? ["ended", "ENDED"]
       : status.is_stopped
         ? ["stopped", "STOPPED"]

@@ -63,6 +63,7 @@ export class Participant {
   fail(sentence) {
     this.hasFailed = true;
     this.noise.play(false);
+    if (this.screen?.kind === "ended") return; // the last words stay
     this.host.replaceChildren(element("main", { class: "lost" }, element("p", { class: "text", role: "alert" }, sentence)));
   }
 
@@ -85,6 +86,7 @@ export class Participant {
     this.title.textContent = screen.title;
     this.done.value = screen.progress;
     this.host.dataset.kind = screen.kind;
+    this.words.classList.toggle("beside", screen.kind === "stimulus"); // the object keeps its place when words go
     this.host.dataset.number = number;
     this.view.host.hidden = !screen.shown;
     const text = screen.text || (screen.question?.text ?? "");

@@ -48,6 +48,8 @@ def run_study(options: dict[str, Any], *, as_json: bool) -> int:
     for name in ("events_host", "lsl"):
         if options["events"] is None and options[name] not in (False, "127.0.0.1"):
             raise StrategyError(f"--{name.replace('_', '-')} is of --events")
+    if options["events"] is not None and not 1 <= options["events"] <= 65535:
+        raise StrategyError(f"--events must be a port, 1 to 65535, not {options['events']}")
     start_warp()
     plan = read_study(options["plan"])
     arrays = load_rig(

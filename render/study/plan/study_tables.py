@@ -424,7 +424,7 @@ class StaircaseKeys(StandardBlockKeys):
     reversals: Annotated[int, _by(NumberCheck(1, 100, whole=True))] = 8
     """After so many it ends"""
     trials_max: Count = 60
-    """After so many trials it ends, too"""
+    """After so many trials of a track it ends, too"""
     tracks: Annotated[int, _by(NumberCheck(1, 10, whole=True))] = 1
     """Staircases of the same kind that are interleaved"""
 

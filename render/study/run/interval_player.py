@@ -107,6 +107,8 @@ class IntervalPlayer:
                 waits_for_hand()
             return is_held()
 
+        if is_held():
+            return PlayedInterval(stimulus=name, outcome="stopped before it began")
         outcome = PLAYED
         try:
             onset = session.play(
@@ -114,7 +116,7 @@ class IntervalPlayer:
                 is_cancelled=is_cancelled,
             )  # fmt: skip
         except DeviceTimeoutError:
-            if not is_held():  # a stored one has not begun, although nobody stopped it: the array does not play
+            if not is_held():  # a stored one did not begin, although nobody stopped it: the array does not play
                 raise
             return PlayedInterval(stimulus=name, outcome="stopped before it began")
         begun(onset)

@@ -1,8 +1,11 @@
 """Stimuli of a study on the emulated array: outcome, onset, and what was drawn."""
 
+import math
+import threading
 import time
 
 import pytest
+from gated_hand import GatedHand
 from study_plans import study
 
 from palpate.datasets.errors import ContourFileError
@@ -47,6 +50,7 @@ def test_stored_and_live_stimuli_begin_in_milliseconds_and_say_what_was_drawn(tm
             duration = 0.3 if name == "cube" else 0.5
             assert own.ended - own.onset == pytest.approx(duration, abs=0.15)
             assert (own.poses_file == path) is (name != "cube")
+            player.save_poses()
             if own.poses_file is not None:
                 drawn, whole = drawn_interval(path), summarise(path)
                 assert drawn.poses == whole["poses"] > 20
@@ -66,3 +70,39 @@ def test_stored_and_live_stimuli_begin_in_milliseconds_and_say_what_was_drawn(tm
             "cube", poses_file=None, is_held=lambda: True, begun=lambda onset: None, waits_for_hand=lambda: None
         )
         assert (own.outcome, own.onset) == ("stopped before it began", None)
+
+
+@pytest.mark.exhaustive
+def test_a_stimulus_that_waits_for_a_hand_is_cancelled_and_begins_whenever_the_hand_comes(tmp_path):
+    gate = tmp_path / "hand"
+    plan = study(stimuli=(PlannedStimulus(name="cube", duration=0.3, solid="cube", strategy="cc"),), blocks=())
+    solids = {}
+    judge_stimuli(plan, array_model("emulator"), solids=solids)
+    with Session("emulator", source=GatedHand(gate), realtime=False) as session:
+        player = IntervalPlayer(session, plan, solids)
+
+        def play(number, *, held_after=math.inf, hand_after=math.inf):
+            gate.unlink(missing_ok=True)
+            time.sleep(0.2)
+            began, asked = time.monotonic(), []
+            if math.isfinite(hand_after):
+                threading.Timer(hand_after, gate.touch).start()
+            own = player.play(
+                "cube", poses_file=tmp_path / f"{number}.h5", is_held=lambda: time.monotonic() > began + held_after,
+                begun=lambda onset: None, waits_for_hand=lambda: asked.append(time.monotonic() - began),
+            )  # fmt: skip
+            player.save_poses()
+            return own, began, asked
+
+        own, began, asked = play(0, held_after=0.2, hand_after=0.5)
+        assert (own.outcome, own.onset) == ("stopped before it began", None)
+        assert time.monotonic() - began < 0.5  # before the hand came
+        assert session.statistics().frames_on == 0
+        time.sleep(0.5)
+        for number, late in enumerate((0.97, 0.99, 1.0, 1.01, 1.03, 1.6), 1):  # around the time of the sentence
+            own, began, asked = play(number, hand_after=late)
+            assert own.outcome == PLAYED
+            assert late < own.onset - began < late + 0.3
+            assert own.poses_file.exists()
+            assert len(asked) == (late >= 1.02) or 0.97 <= late <= 1.03
+        assert asked == [pytest.approx(1.0, abs=0.2)]

@@ -9,6 +9,7 @@ RenderError
 ├── SweepError                   a sweep that fails, or a worker that cannot take part in it
 │   └── PlanError (ValueError)   a plan with an unknown key or a value that is not allowed
 ├── StudyError                   a study that cannot go on
+│   ├── StudyStorageError        something of a study that could not be put on disk
 │   └── StudyPlanError (ValueError) a study's plan with an unknown key or a value that is not allowed
 ├── PlacementError (ValueError)  a placement that cannot be applied
 ├── RepairError (ValueError)     an option of loading a mesh with a value that is not allowed
@@ -60,6 +61,10 @@ class SweepError(RenderError):
 
 class StudyError(RenderError):
     """A study that cannot begin or go on, or an answer that a question does not take."""
+
+
+class StudyStorageError(StudyError):
+    """Something of a study that could not be put on disk; the same call may succeed once there is room."""
 
 
 class StudyPlanError(StudyError, ValueError):

@@ -21,7 +21,7 @@ from typing import Any
 
 from ....datasets.known_names import likely_name
 from ....datasets.storage.durable import FolderLock, sync
-from ...errors import StudyError
+from ...errors import StudyError, StudyStorageError
 from ...live.recorder import spool_folder
 from ..plan.study_plan import StudyPlan
 from .store_rows import (
@@ -255,7 +255,7 @@ class AnswerStore:
             folder.mkdir(exist_ok=True)
             sync(self.folder)
         except OSError as error:
-            raise StudyError(f"{folder} cannot be made: {error.strerror}") from error
+            raise StudyStorageError(f"{folder} cannot be made: {error.strerror}") from error
         path, number = folder / f"{stem}.h5", 1
         while os.path.lexists(path) or os.path.lexists(spool_folder(path)):
             number += 1
@@ -498,7 +498,7 @@ def _synced_digest(path: Path) -> str:
             os.fsync(stream.fileno())
         sync(path.parent)
     except OSError as error:
-        raise StudyError(f"the poses in {path} are not on the disk: {error.strerror}") from error
+        raise StudyStorageError(f"the poses in {path} are not on the disk: {error.strerror}") from error
     return digest
 
 

@@ -11,7 +11,7 @@ from ....datasets.contour_file.live_summary import summarise_run
 from ....datasets.contour_file.reader import ContourFile
 from ....datasets.errors import ContourFileError, DatasetError
 from ....device.errors import DeviceTimeoutError
-from ...errors import StudyError
+from ...errors import StudyStorageError
 from ...live.session import ONSET_TIMEOUT, LiveStimulus, Onset, Session
 from ...reports.file_summary import length_ratio
 from ..plan.stimulus_judgement import PlacedSolids, stimulus_of
@@ -146,11 +146,14 @@ class IntervalPlayer:
         )
 
     def save_poses(self) -> None:
-        """Make the files of poses of all intervals so far. Raises StudyError, after which it may be called again."""
+        """Make the files of poses of all intervals so far.
+
+        Raises StudyStorageError, after which it may be called again.
+        """
         try:
             self._session.save_records()
         except (DatasetError, OSError) as error:
-            raise StudyError(f"poses could not be kept: {error}") from error
+            raise StudyStorageError(f"poses could not be kept: {error}") from error
 
 
 _COUNTED_EACH = 0.3  # [s]: frames that are drawn are counted so often, so that the last ones may be missing

@@ -19,7 +19,7 @@ from typing import Any
 from ....datasets.bounded_file import FileBoundError
 from ....datasets.storage.durable import discard, sync, temporary_name
 from ....datasets.storage.sqlite_opening import open_database
-from ...errors import StudyError
+from ...errors import StudyError, StudyStorageError
 from .store_rows import APPLICATION_ID, FORMAT_VERSION, SCHEMA
 
 NAME = "answers.sqlite"
@@ -94,7 +94,7 @@ class StudyFile:
                 self._disconnect()
                 if isinstance(error, sqlite3.IntegrityError) or not isinstance(error, OSError | sqlite3.Error):
                     raise
-                raise StudyError(
+                raise StudyStorageError(
                     f"{what} is not saved: {self.path} cannot be written ({_reason(error)}). Everything that was saved "
                     "before is there. Put this right, then go on"
                 ) from error

@@ -15,7 +15,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from ....datasets.errors import DatasetError
-from ...errors import StudyError
+from ...errors import StudyError, StudyStorageError
 from ...live.session import Onset
 from ..plan.block_designs import block_numbers, key_order, rng_of, trial_counts, trials_of
 from ..plan.duty_account import DutyAccount, EmissionInterval
@@ -489,7 +489,7 @@ class StudyRun:
                     self._set_fault("disk", "")
                     self._desk.show_again(before)
                 return result
-            except StudyError as error:
+            except StudyStorageError as error:
                 before = before or self._desk.shown
                 self._set_fault("disk", str(error))
                 self._desk.stop(str(error))

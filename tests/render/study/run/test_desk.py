@@ -96,10 +96,10 @@ def test_a_page_is_one_and_counts_as_closed_once_it_is_silent(monkeypatch):
     page = desk.open_page()
     with pytest.raises(StudyError, match="open already"):
         desk.open_page()
-    monkeypatch.setattr(module, "LOST_SECONDS", 0.02)
+    monkeypatch.setattr(module, "LOST_SECONDS", 0.2)
     desk.screen()
     assert desk.has_page
-    time.sleep(0.03)
+    time.sleep(0.25)
     assert not desk.has_page
     other = desk.open_page()  # of the browser that was started again
     desk.close_page(page)  # the first one's connection ends late
@@ -113,8 +113,8 @@ def test_waiting_ends_at_once_when_something_changes(desk):
     began = time.monotonic()
     threading.Timer(0.02, desk.stop, ("now",)).start()
     assert desk.await_response(5.0) is None
-    assert time.monotonic() - began < 1.0
+    assert time.monotonic() - began < 4.0
     threading.Timer(0.02, desk.go_on).start()
     desk.await_change(5.0)
-    assert time.monotonic() - began < 2.0
+    assert time.monotonic() - began < 5.0
     assert not desk.is_held

@@ -13,6 +13,7 @@ from palpate.device.playing.limits import Limits
 from palpate.render.errors import StudyStorageError
 from palpate.render.study.plan.duty_account import DutyAccount
 from palpate.render.study.plan.study_plan import Question
+from palpate.render.study.run import desk as desk_module
 from palpate.render.study.run import study_run as module
 from palpate.render.study.run.answer_store import AnswerStore
 from palpate.render.study.run.desk import StudyDesk
@@ -34,6 +35,7 @@ WHOLE = study(
 @pytest.fixture(autouse=True)
 def _no_lead_in(monkeypatch):
     monkeypatch.setattr(module, "LEAD_IN", 0.0)
+    monkeypatch.setattr(desk_module, "LOST_SECONDS", 30.0)  # a busy machine may keep the participant waiting
 
 
 class Begun:

@@ -174,7 +174,12 @@ def _judge_live(
     where = f"stimulus {planned.name}: "
     with _listing(found, where):
         require_duration(planned.duration)
-        digest = _live_digest(planned)
+        named = (planned.solid, planned.shown, planned.strategy, planned.sampling)
+        paths = [Path(part) for name in named if name is not None for part in (name, name.rpartition(":")[0]) if part]
+        digests = [sha256_of(path) for path in paths if path.is_file()]
+        digest = next(iter(digests), None)
+        if len(digests) > 1:
+            digest = hashlib.sha256("".join(digests).encode()).hexdigest()
         rate = sampling_at(planned.sampling or "stm", found.update_rate).update_rate
         if rate != found.update_rate:
             found.faults.append(
@@ -192,14 +197,6 @@ def _judge_live(
         duty=1.0,
         update_rate=rate,
     )
-
-
-def _live_digest(planned: PlannedStimulus) -> str | None:
-    """SHA-256 of the file that a live stimulus is made of; of several, of their digests; None: all is built in."""
-    named = (planned.solid, planned.shown, planned.strategy, planned.sampling)
-    paths = [Path(part) for name in named if name is not None for part in (name, name.rpartition(":")[0]) if part]
-    digests = [sha256_of(path) for path in paths if path.is_file()]
-    return hashlib.sha256("".join(digests).encode()).hexdigest() if len(digests) > 1 else next(iter(digests), None)
 
 
 def _stored(planned: PlannedStimulus) -> Stimulus:

@@ -35,7 +35,7 @@ LEAD_IN = 0.5  # [s] from the key that begins a trial to its first interval
 SPACE = " "
 ARROWS = ("ArrowLeft", "ArrowRight")
 UNDER_WAY = "under way"  # of an interval before it is over; no row on disk has it
-FINISHED, ENDED, DECLINED = "finished", "ended", "declined"
+FINISHED, ENDED, DECLINED, FAILED = "finished", "ended", "declined", "failed"
 """What comes of a run."""
 
 T = TypeVar("T")
@@ -90,7 +90,7 @@ class StudyRun:
         self._had_page = False
         self._onset: Onset | None = None  # of the interval that plays
         self._poses: Path | None = None
-        self._sound = ""
+        self._sound: str | None = None  # of the masking noise, as it was kept last
         self._faults: dict[str, str] = {}
         self._is_fresh = True  # nobody has said that they are ready since the last interruption
 
@@ -106,6 +106,9 @@ class StudyRun:
         except _RunEnded:
             outcome = ENDED
             self._desk.show("ended", self._plan.sentence("ended_early"), progress=self._share)
+        except BaseException:  # who records beside the study must know that nothing more comes
+            self._tell("study_ended", outcome=FAILED)
+            raise
         self._tell("study_ended", outcome=outcome)
         return outcome
 
@@ -468,7 +471,9 @@ class StudyRun:
         sound = self._desk.status().get("sound", "")
         if self._plan.noise_level > 0 and sound != self._sound:
             self._sound = sound
-            self._set_fault("noise", "" if sound == "playing" else f"masking noise: {sound}")
+            self._set_fault(
+                "noise", "" if sound == "playing" else f"masking noise: {sound or 'not played by this page'}"
+            )
             self._store_event("masking_noise", state=sound)
 
     def _set_fault(self, name: str, text: str) -> None:

@@ -74,7 +74,7 @@ def stored(folder):
         connection.close()
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive  # test_study_run.py ends runs without a process
 @pytest.mark.parametrize("kill_count", [2, 200])
 def test_killed_at_random_moments_it_loses_no_answer_and_goes_on(tmp_path, kill_count):
     draw = random.Random(kill_count)

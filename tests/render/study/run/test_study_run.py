@@ -9,14 +9,16 @@ import pytest
 from scripted_participant import ScriptedParticipant, first_key
 from study_plans import CHOICE, CONFIDENCE, EMISSIONS, TYPED, SilentPlayer, block, stimuli, study
 
+from palpate.device.errors import DeviceLostError
 from palpate.device.playing.limits import Limits
-from palpate.render.errors import StudyStorageError
+from palpate.render.errors import StudyError, StudyStorageError
 from palpate.render.study.plan.duty_account import DutyAccount
 from palpate.render.study.plan.study_plan import Question
 from palpate.render.study.run import desk as desk_module
 from palpate.render.study.run import study_run as module
 from palpate.render.study.run.answer_store import AnswerStore
 from palpate.render.study.run.desk import StudyDesk
+from palpate.render.study.run.store_rows import AnswerRow
 from palpate.render.study.run.study_run import DECLINED, ENDED, FINISHED, StudyRun, keys_of
 
 WHOLE = study(
@@ -327,3 +329,49 @@ def test_a_key_that_was_pressed_counts_even_where_the_page_is_closed_right_after
         assert own.run.run() == FINISHED
     assert len([screen for screen in own.shown if screen.kind == "question"]) == 2
     assert rows(tmp_path, "SELECT seconds FROM answers") == [(0.5,), (0.25,)]
+
+
+def test_an_array_that_fails_ends_the_run_and_what_was_played_is_data(tmp_path):
+    plan = study(blocks=(block(repetitions=1),))
+
+    def fail():
+        raise DeviceLostError("the array was unplugged")
+
+    with begun(plan, tmp_path, outcomes=["played", fail]) as own, ScriptedParticipant(own.desk):
+        with pytest.raises(DeviceLostError):
+            own.run.run()
+    assert own.events[-1] == ("study_ended", {"outcome": "failed"})
+    order = rows(tmp_path, "SELECT interval, outcome FROM intervals ORDER BY sequence")
+    assert order == [(0, "played"), (1, "stopped before it began: the array was unplugged")]
+
+
+@pytest.mark.parametrize(
+    ("sound", "fault"),
+    [
+        ("playing", []),
+        ("no sound card", ["masking noise: no sound card"]),
+        ("", ["masking noise: not played by this page"]),
+    ],
+)
+def test_masking_noise_that_does_not_play_is_a_fault_and_in_the_data(tmp_path, sound, fault):
+    plan = study(blocks=(block(repetitions=1),), noise_level=0.1)
+    with begun(plan, tmp_path) as own, ScriptedParticipant(own.desk):
+        own.desk.set_status(**({"sound": sound} if sound else {}))
+        assert own.run.run() == FINISHED
+    assert own.desk.status()["faults"] == fault
+    kept = rows(tmp_path, "SELECT json_extract(details, '$.state') FROM events WHERE name = 'masking_noise'")
+    assert kept == [(sound,)]  # once, as it did not change
+    assert {screen.has_noise for screen in own.shown if screen.kind in ("stimulus", "question")} == {True}
+
+
+def test_answers_of_other_trials_than_this_version_draws_are_refused(tmp_path):
+    plan = study(blocks=(block(repetitions=2),))
+    with begun(plan, tmp_path) as own:
+        place = dict(
+            block="cube", block_position=0, trial=0, attempt=0, name="answer", question="Which?", kind="choice"
+        )
+        row = AnswerRow(design="2ifc", value=0, stimuli=("cube-cc", "cube-cc"), **place)
+        own.store.add_answer(row)
+    with begun(plan, tmp_path, resume=True) as own, ScriptedParticipant(own.desk):
+        with pytest.raises(StudyError, match="trial 0 of block 'cube' was of cube-cc, cube-cc, but this version"):
+            own.run.run()

@@ -337,9 +337,12 @@ def test_an_array_that_fails_ends_the_run_and_what_was_played_is_data(tmp_path):
     def fail():
         raise DeviceLostError("the array was unplugged")
 
-    with begun(plan, tmp_path, outcomes=["played", fail]) as own, ScriptedParticipant(own.desk):
-        with pytest.raises(DeviceLostError):
-            own.run.run()
+    with (
+        begun(plan, tmp_path, outcomes=["played", fail]) as own,
+        ScriptedParticipant(own.desk),
+        pytest.raises(DeviceLostError),
+    ):
+        own.run.run()
     assert own.events[-1] == ("study_ended", {"outcome": "failed"})
     order = rows(tmp_path, "SELECT interval, outcome FROM intervals ORDER BY sequence")
     assert order == [(0, "played"), (1, "stopped before it began: the array was unplugged")]
@@ -367,11 +370,20 @@ def test_masking_noise_that_does_not_play_is_a_fault_and_in_the_data(tmp_path, s
 def test_answers_of_other_trials_than_this_version_draws_are_refused(tmp_path):
     plan = study(blocks=(block(repetitions=2),))
     with begun(plan, tmp_path) as own:
-        place = dict(
-            block="cube", block_position=0, trial=0, attempt=0, name="answer", question="Which?", kind="choice"
-        )
+        place = {
+            "block": "cube",
+            "block_position": 0,
+            "trial": 0,
+            "attempt": 0,
+            "name": "answer",
+            "question": "Which?",
+            "kind": "choice",
+        }
         row = AnswerRow(design="2ifc", value=0, stimuli=("cube-cc", "cube-cc"), **place)
         own.store.add_answer(row)
-    with begun(plan, tmp_path, resume=True) as own, ScriptedParticipant(own.desk):
-        with pytest.raises(StudyError, match="trial 0 of block 'cube' was of cube-cc, cube-cc, but this version"):
-            own.run.run()
+    with (
+        begun(plan, tmp_path, resume=True) as own,
+        ScriptedParticipant(own.desk),
+        pytest.raises(StudyError, match="trial 0 of block 'cube' was of cube-cc, cube-cc, but this version"),
+    ):
+        own.run.run()

@@ -107,6 +107,7 @@ class _Current:
     stopping: threading.Event = field(default_factory=threading.Event)
     ended: threading.Event = field(default_factory=threading.Event)
     onset_ns: int = 0
+    called: float = 0.0  # when `play` was [s]
     silent_at: float | None = None
     saves_later: bool = False
     recorder: RunRecorder | None = None
@@ -233,7 +234,11 @@ class Session:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        self.close()
+        try:
+            self.close()
+        except Exception:
+            if error is None:  # else what the user's block raised is told
+                raise
         if self._held.error is not None and error is None:
             raise self._held.error
 
@@ -311,7 +316,7 @@ class Session:
         with self._playing:
             if self._current is not None and not self._current.ended.is_set():
                 raise DeviceBusyError(f"stimulus {self._current.number} plays: wait() for it, or stop() it")
-            self._current = current = _Current(number, is_live, saves_later=saves_later)
+            self._current = current = _Current(number, is_live, called=called, saves_later=saves_later)
             if isinstance(stimulus, LiveStimulus) and self._run is not None:
                 if path is not None:
                     current.recorder = self._held.recorder = self._recorder(path)
@@ -324,13 +329,15 @@ class Session:
         while not current.begun.wait(0.01):
             self._held.require_running()
             if time.monotonic() - called > timeout or is_cancelled():
+                is_late = time.monotonic() - called > timeout
                 self.stop()
                 if current.begun.is_set():
                     break
+                if not is_late:
+                    raise DeviceTimeoutError(f"stimulus {number} was cancelled before it began")
                 reason = "no pose came from the source" if current.is_live else "the array has played nothing"
                 raise DeviceTimeoutError(f"stimulus {number} did not begin within {timeout:g} s: {reason}")
-        onset = current.onset_ns * 1e-9
-        return Onset(onset, onset - called, self._held.emission == "estimate")
+        return self._onset_of(current)
 
     def wait(self, timeout: float | None = None) -> bool:
         """Wait until what plays has ended, for `timeout` [s] at most; whether it has."""
@@ -351,20 +358,31 @@ class Session:
         Raises what keeps one from being made, such as a full disk; then it may be called again. A record with gaps, as
         something kept it from going on, is made, and raises once.
         """
-        while self._unsaved:
-            recorder = self._unsaved[0]
+        first: BaseException | None = None
+        for recorder in tuple(self._unsaved):
             try:
                 recorder.save()
-            except BaseException as error:
-                if error is recorder.error:
-                    self._unsaved.pop(0)
-                raise
-            self._unsaved.pop(0)
+            except Exception as error:
+                first = first or error
+                if error is not recorder.error:
+                    continue
+            self._unsaved.remove(recorder)
+        if first is not None:
+            raise first
 
     @property
     def lead(self) -> float:
         """How far ahead of the present frames are written [s]."""
         return self._held.lead
+
+    @property
+    def last_onset(self) -> Onset | None:
+        """Of what was played last, also where `play` was interrupted; None where it has not begun."""
+        return None if self._current is None or not self._current.begun.is_set() else self._onset_of(self._current)
+
+    def _onset_of(self, current: _Current) -> Onset:
+        onset = current.onset_ns * 1e-9
+        return Onset(onset, onset - current.called, self._held.emission == "estimate")
 
     @property
     def silent_since(self) -> float | None:
@@ -492,11 +510,15 @@ class Session:
             self._held.supervisor.settle()  # what was drawn belongs to this stimulus, not to the next
             if current.recorder is not None:
                 self._held.recorder = None
-                self._unsaved.append(current.recorder)
-                if not current.saves_later:
-                    self.save_records()
+                if current.saves_later:
+                    self._unsaved.append(current.recorder)
+                else:
+                    current.recorder.save()
         except BaseException as error:  # `wait` raises it in the user's thread
             current.error = error
+            if self._held.recorder is not None and self._held.recorder is current.recorder:
+                self._held.recorder = None
+                self._unsaved.append(current.recorder)  # what was drawn until then
         finally:
             current.ended.set()
 

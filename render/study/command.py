@@ -161,8 +161,9 @@ def _run_participant(
         _announce(server, events, options, as_json=as_json)
         outcome = run.run()
         desk.set_status(outcome=outcome)
-        end = time.monotonic() + (LAST_SECONDS if outcome == FINISHED else LEAST_SECONDS)
-        while desk.has_page and time.monotonic() < end:
+        end = time.monotonic() + (LAST_SECONDS if outcome == FINISHED else 0.0)
+        least = time.monotonic() + LEAST_SECONDS
+        while time.monotonic() < least or (desk.has_page and time.monotonic() < end):
             desk.await_change(0.1)
     return outcome
 

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from ....datasets.known_names import likely_name
-from ....datasets.storage.durable import FolderLock, sync
+from ....datasets.storage.durable import FolderLock, is_locked, sync
 from ...errors import StudyError, StudyStorageError
 from ...live.recorder import spool_folder
 from ..plan.study_plan import StudyPlan
@@ -38,6 +38,10 @@ from .study_file import StudyFile
 
 POSES = "poses"
 """Folder, beside the data file, of the contour files of live intervals."""
+TAKEN_CODES = (
+    "SELECT code FROM answers UNION SELECT code FROM intervals UNION SELECT code FROM events WHERE name = 'trial_begun'"
+)
+"""Codes of participants who have felt or answered something."""
 JUMP_SECONDS = 1.0
 """A wall clock that moves by more against CLOCK_MONOTONIC has jumped: it was set, or the machine slept [s]."""
 _LINES_SHOWN = 3  # of a plan, that differ
@@ -118,8 +122,9 @@ class AnswerStore:
 
         A run that ended before the first answer and interval leaves its code free.
         """
-        taken = {row["code"] for row in self._file.rows("SELECT code FROM answers UNION SELECT code FROM intervals")}
-        free = next((code for code in self._plan.codes if code not in taken), None)
+        taken = {row["code"] for row in self._file.rows(f"SELECT code FROM ({TAKEN_CODES})")}
+        locked = {code for code in self._plan.codes if is_locked(self.folder / f"{code}.lock")}
+        free = next((code for code in self._plan.codes if code not in taken | locked), None)
         if free is None:
             raise StudyError(
                 f"all {len(self._plan.codes)} codes of the plan have begun: add some behind the others, or resume one "
@@ -132,8 +137,7 @@ class AnswerStore:
         begun = [
             row["code"]
             for row in self._file.rows(
-                "SELECT code FROM participants WHERE finished IS NULL AND code IN "
-                "(SELECT code FROM answers UNION SELECT code FROM intervals) ORDER BY number"
+                f"SELECT code FROM participants WHERE finished IS NULL AND code IN ({TAKEN_CODES}) ORDER BY number"
             )
         ]
         if len(begun) != 1:
@@ -142,6 +146,10 @@ class AnswerStore:
                 if begun
                 else "nobody has begun: leave it out"
             )
+            raise StudyError(f"--resume without --participant: {who}")
+        last = self._file.rows("SELECT code FROM sessions ORDER BY id DESC LIMIT 1")[0]["code"]
+        if last != begun[0]:
+            who = f"{begun[0]} has begun and not finished, but {last} was here last: name one"
             raise StudyError(f"--resume without --participant: {who}")
         return begun[0]
 
@@ -307,7 +315,7 @@ class AnswerStore:
     def _require_free(self, code: str, resume: bool) -> None:
         rows = self._file.rows(
             "SELECT began, finished, (SELECT count(*) FROM answers WHERE answers.code = participants.code) AS answers, "
-            "(SELECT count(*) FROM intervals WHERE intervals.code = participants.code) AS intervals "
+            f"code IN ({TAKEN_CODES}) AS taken "
             "FROM participants WHERE code = ?",
             (code,),
         )
@@ -316,7 +324,7 @@ class AnswerStore:
                 f"participant {code} finished at {rows[0]['finished']}: if this is another person, each needs a code "
                 "of their own; codes may be added to the plan after the others"
             )
-        if rows and not resume and (rows[0]["answers"] or rows[0]["intervals"]):  # else nobody has taken part yet
+        if rows and not resume and rows[0]["taken"]:  # else nobody has taken part yet
             raise StudyError(
                 f"participant {code} began at {rows[0]['began']} and has {rows[0]['answers']} answers: --resume goes "
                 "on where they stopped; another person needs another code"

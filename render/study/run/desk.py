@@ -1,6 +1,5 @@
 """What participant and experimenter see and say: between the thread that runs a study and the pages in browsers."""
 
-import dataclasses
 import threading
 import time
 from collections.abc import Callable
@@ -232,13 +231,6 @@ class StudyDesk:
         for watcher in watchers:
             watcher(screen)
         return screen
-
-    def show_again(self, screen: Screen) -> None:
-        """Show what was shown before something else was, with a number of its own."""
-        fields = {own.name: getattr(screen, own.name) for own in dataclasses.fields(screen)}
-        self.show(
-            fields.pop("kind"), fields.pop("text"), **{name: own for name, own in fields.items() if name != "number"}
-        )
 
     def await_response(self, seconds: float) -> Response | None:
         """The response to the screen that is shown; None if none has come after so many seconds, or the run is held."""

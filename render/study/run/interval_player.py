@@ -1,5 +1,6 @@
 """Plays the stimuli of a study's intervals on an open array, and says of each what was played and when."""
 
+import contextlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -65,6 +66,7 @@ class IntervalPlayer:
 
     def __init__(self, session: Session, plan: StudyPlan, solids: PlacedSolids) -> None:
         self._session = session
+        self._is_under_way = False
         self._duration = {own.name: own.duration for own in plan.stimuli}
         self._is_live = {own.name: own.file is None for own in plan.stimuli}
         stimuli = []
@@ -100,34 +102,40 @@ class IntervalPlayer:
         kept = poses_file if is_live else None
         asks_at = time.monotonic() + HAND_SECONDS
 
+        was_held = False
+
         def is_cancelled() -> bool:
-            nonlocal asks_at
+            nonlocal asks_at, was_held
             if time.monotonic() >= asks_at:
                 asks_at = float("inf")
                 waits_for_hand()
-            return is_held()
+            was_held = was_held or is_held()  # a page that comes back a moment later does not undo it
+            return was_held
 
         if is_held():
             return PlayedInterval(stimulus=name, outcome="stopped before it began")
         outcome = PLAYED
+        self._is_under_way = True
         try:
             onset = session.play(
                 self._numbers[name], record=kept, saves_later=True, timeout=float("inf") if is_live else ONSET_TIMEOUT,
                 is_cancelled=is_cancelled,
             )  # fmt: skip
-        except DeviceTimeoutError:
-            if not is_held():  # a stored one did not begin, although nobody stopped it: the array does not play
-                raise
-            return PlayedInterval(stimulus=name, outcome="stopped before it began")
-        begun(onset)
-        try:
+            begun(onset)
             while not session.wait(0.0):
                 if is_held():
                     session.stop()
                     outcome = STOPPED
-        except KeyboardInterrupt:
-            session.stop()
+        except DeviceTimeoutError:
+            if not was_held:  # a stored one did not begin, although nobody stopped it: the array does not play
+                raise
+            self._is_under_way = False
+            return PlayedInterval(stimulus=name, outcome="stopped before it began")
+        except BaseException:  # Ctrl-C, for one: nothing plays on while what was played is put on disk
+            with contextlib.suppress(Exception):
+                session.stop()
             raise
+        self._is_under_way = False
         ended = session.silent_since or time.monotonic()
         seconds_on = ended - onset.time
         if ended - onset.time < self._duration[name] - 0.05:
@@ -143,6 +151,25 @@ class IntervalPlayer:
             ended=ended,
             seconds_on=seconds_on,
             poses_file=kept,
+        )
+
+    def broken(self, name: str, error: BaseException, poses_file: Path | None) -> PlayedInterval:
+        """What is known of an interval that an error has ended."""
+        reason = str(error) or type(error).__name__
+        onset = self._session.last_onset if self._is_under_way else None
+        self._is_under_way = False
+        if onset is None:
+            return PlayedInterval(stimulus=name, outcome=f"stopped before it began: {reason}")
+        ended = self._session.silent_since or time.monotonic()
+        return PlayedInterval(
+            stimulus=name,
+            outcome=f"stopped after {ended - onset.time:.3f} s: {reason}",
+            onset=onset.time,
+            is_estimate=onset.is_estimate,
+            latency=onset.latency,
+            ended=ended,
+            seconds_on=ended - onset.time,
+            poses_file=poses_file,
         )
 
     def save_poses(self) -> None:

@@ -88,8 +88,8 @@ class StudyRun:
         self._share = 0.0  # of the whole study
         self._position = 0
         self._had_page = False
-        self._onset: Onset | None = None  # of the interval that plays
-        self._poses: Path | None = None
+        self._poses: Path | None = None  # of the interval that plays
+        self._has_waited = False  # for the disk
         self._sound: str | None = None  # of the masking noise, as it was kept last
         self._faults: dict[str, str] = {}
         self._is_fresh = True  # nobody has said that they are ready since the last interruption
@@ -127,6 +127,7 @@ class StudyRun:
         for question in plan.questions_after:
             self._answer_to(AFTER, AFTER_BLOCK, question)
         self._save(self._store.finish)
+        self._desk.set_status(trials=f"{self._trials_done} done", minutes_left=0.0)
         self._desk.show("ended", plan.goodbye or plan.sentence("ended"), progress=1.0)
         return FINISHED
 
@@ -214,8 +215,7 @@ class StudyRun:
         if self._is_fresh:
             self._read(plan.sentence("ready"), title=title, label="begin")
             self._is_fresh = False
-        self._note_sound()
-        self._tell("trial_begun", block=block.name, trial=place, attempt=attempt, stimuli=list(trial.stimuli))
+        self._store_event("trial_begun", block=block.name, trial=place, attempt=attempt, stimuli=list(trial.stimuli))
         planned = time.monotonic() + LEAD_IN
         played: list[tuple[IntervalRow, PlayedInterval]] = []
         for interval, name in enumerate(names):
@@ -235,7 +235,9 @@ class StudyRun:
                     raise _TrialHeld
             except BaseException as error:  # also where the array fails, or Ctrl-C: what was played before is data
                 if not isinstance(error, _TrialHeld):
-                    played.append((row, self._broken_interval(row, error)))
+                    own = self._player.broken(name, error, self._poses)
+                    self._tell("stimulus_ended", is_estimate=True, stimulus=name, outcome=own.outcome)
+                    played.append((row, own))
                 self._keep_intervals(played)
                 raise
             assert own.onset is not None  # it was played
@@ -250,8 +252,11 @@ class StudyRun:
         path = None
         if keeps:
             place = row.block_position, row.trial, row.interval, row.attempt
+            self._has_waited = False
             path = self._save(lambda: self._store.poses_path(*place))
-        self._onset = self._poses = None
+            if self._has_waited:  # the trial was interrupted
+                raise _TrialHeld
+        self._poses = path
         self._wait_until(row.onset_planned or 0.0)
         self._desk.show("stimulus", **screen)
         self._desk.set_status(stimulus=row.stimulus)
@@ -264,7 +269,6 @@ class StudyRun:
                 self._desk.show("stimulus", **(screen | {"text": self._plan.sentence("no_hand")}))
 
         def begun(onset: Onset) -> None:
-            self._onset, self._poses = onset, path
             if is_asking:
                 self._desk.show("stimulus", **screen)
             self._tell(
@@ -279,30 +283,13 @@ class StudyRun:
             begun=begun,
             waits_for_hand=ask_for_hand,
         )
+        self._note_sound()
         self._tell("stimulus_ended", array_time=own.ended, is_estimate=True, stimulus=row.stimulus, outcome=own.outcome)
         if own.onset is not None and own.ended is not None:
             seconds = own.ended - own.onset
             duty = self._emissions[row.stimulus].duty * own.seconds_on / seconds
             self._account.note(own.onset, seconds, duty)
         return own
-
-    def _broken_interval(self, row: IntervalRow, error: BaseException) -> PlayedInterval:
-        """What is known of the interval that an error has ended."""
-        onset, now = self._onset, time.monotonic()
-        if onset is None:
-            return PlayedInterval(
-                stimulus=row.stimulus, outcome=f"stopped before it began: {error or type(error).__name__}"
-            )
-        return PlayedInterval(
-            stimulus=row.stimulus,
-            outcome=f"stopped after {now - onset.time:.3f} s: {error or type(error).__name__}",
-            onset=onset.time,
-            is_estimate=onset.is_estimate,
-            latency=onset.latency,
-            ended=now,
-            seconds_on=now - onset.time,
-            poses_file=self._poses,
-        )
 
     def _keep_intervals(self, played: list[tuple[IntervalRow, PlayedInterval]]) -> None:
         """Put intervals on disk: while the participant thinks, as their files take a moment to be read."""
@@ -322,7 +309,8 @@ class StudyRun:
         try:
             return drawn_interval(own.poses_file)
         except DatasetError as error:
-            self._store.add_event("poses_unreadable", file=own.poses_file.name, text=str(error))
+            name, text = own.poses_file.name, str(error)
+            self._save(lambda: self._store.add_event("poses_unreadable", file=name, text=text))
             return None
 
     def _answer_to(
@@ -486,24 +474,28 @@ class StudyRun:
 
     def _save(self, action: Callable[[], T]) -> T:
         """Put something on disk; while that fails, nothing goes on and nothing is lost: the experimenter is told."""
-        before = None
+        reason = ""
         while True:
             try:
                 result = action()
-                if before is not None:
-                    self._set_fault("disk", "")
-                    self._desk.show_again(before)
-                return result
+                break
             except StudyStorageError as error:
-                before = before or self._desk.shown
-                self._set_fault("disk", str(error))
-                self._desk.stop(str(error))
-                self._desk.show("wait", self._plan.sentence("stopped"), progress=self._share)
-                self._tell("stopped", reason=str(error))
+                reason = str(error)
+                self._set_fault("disk", reason)
+                self._desk.stop(reason)
+                if self._desk.shown.kind != "question":  # which keeps its keys, and an answer that was given already
+                    self._desk.show("wait", self._plan.sentence("stopped"), progress=self._share)
+                self._tell("stopped", reason=reason)
             while self._desk.is_stopped and not self._desk.is_ended:
                 self._desk.await_change(0.1)
             if self._desk.is_ended:
                 return action()  # a last time; what it raises ends the run
+        if reason:
+            self._has_waited = self._is_fresh = True
+            self._set_fault("disk", "")
+            self._save(lambda: self._store.add_event("stopped", reason=reason))
+            self._store_event("gone_on")
+        return result
 
     def _key_order(
         self, block_name: str, place: int, question: Question, trial: PlannedTrial | None

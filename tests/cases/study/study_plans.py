@@ -51,6 +51,9 @@ class SilentPlayer:
         self.played = []
         self.outcomes = list(outcomes)
 
+    def broken(self, name, error, poses_file):
+        return PlayedInterval(stimulus=name, outcome=f"stopped before it began: {error}")
+
     def save_poses(self):
         """It has drawn nothing."""
 

@@ -200,14 +200,12 @@ def test_an_ended_process_leaves_the_array_off_and_the_participant_goes_on(plan,
     assert until(lambda: not any(map(is_running, started)))  # the writer has switched the array off, and ended
     assert code == -9 if number == signal.SIGKILL else code == 1
     assert ("the array is off" in text) is (number != signal.SIGKILL)
-    again = ["--participant", "P01"]
-    if number != signal.SIGKILL:  # which left no interval and no answer, so that the code is free
-        code, _, err = run_palpate("study", plan, "--no-browser", *again)
-        assert code == 1
-        assert "--resume" in err
+    code, _, err = run_palpate("study", plan, "--no-browser", "--participant", "P01")
+    assert code == 1
+    assert "--resume" in err
+    if number != signal.SIGKILL:
         assert rows(plan, "SELECT outcome FROM intervals")[0][0].startswith("stopped after 0.")
-        again = ["--resume"]  # the one who has begun
-    study = RunningStudy(plan, *again)
+    study = RunningStudy(plan, "--resume")  # the one who has begun
     take_part(study.addresses["participant"])
     code, text = study.end()
     assert code == 0, text

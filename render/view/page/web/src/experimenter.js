@@ -90,7 +90,7 @@ export class Experimenter {
   }
 
   show({ status, screen }) {
-    this.outcome = status.outcome;
+    this.outcome = status.outcome || status.is_ended;
     const [state, words] = status.outcome
       ? ["ended", status.outcome.toUpperCase()]
       : status.is_ended

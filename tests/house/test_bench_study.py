@@ -13,7 +13,7 @@ pytestmark = pytest.mark.exhaustive
 
 
 def test_onsets_are_those_of_a_whole_run(capsys):
-    assert study.main(["--trials", "4", "--seconds", "0.2"]) == 0
+    assert study.main(["--trials", "4", "--seconds", "0.6"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["intervals"] == found["played"] == 8
     for kind in ("live", "stored"):

@@ -4,7 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .study_table import Level, StudiedBlock
+from ..plan.study_plan import PlannedBlock
+
+Level = str | float
+"""A value of a factor."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,7 +20,7 @@ class Measure:
     """For people: "proportion of answers for cc", "confidence"."""
     unit: str = ""
     codes: tuple[str, ...]
-    blocks: tuple[StudiedBlock, ...]
+    blocks: tuple[PlannedBlock, ...]
     values: np.ndarray
     """float64, shape [participant, block]; nan where there is none."""
     counts: np.ndarray | None = None

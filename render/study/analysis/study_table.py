@@ -1,46 +1,9 @@
 """A study's answers as values: what was asked in which block, and who answered what. No statistics, no files."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
-from ..plan.study_plan import Answer
-
-Level = str | float
-"""A value of a factor."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class StudiedStimulus:
-    """A stimulus of the plan."""
-
-    name: str
-    factors: Mapping[str, Level] = field(default_factory=dict)
-    """Its values of the keys of the plan's `for`."""
-    value: float | None = None
-    """On the plan's own scale."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class StudiedBlock:
-    """A block of the plan: a cell of the design."""
-
-    name: str
-    design: str
-    factors: Mapping[str, Level] = field(default_factory=dict)
-    """Its values of the keys of the plan's `for`; empty where the plan names it alone."""
-    sets: tuple[tuple[str, ...], ...] = ()
-    """Stimuli of a trial, as the plan lists them: of 2ifc a pair, whose second is the one that p counts; of constant
-    stimuli (standard, comparison) or (comparison,); of a staircase those of each level."""
-    question: str = ""
-    """Text that was asked after each trial."""
-    options: tuple[str, ...] = ()
-    correct: str = ""
-    """Of a staircase of single intervals: the option that is correct."""
-    points: Mapping[str, int] = field(default_factory=dict)
-    """Of each scale that is asked in or after the block: how many points it has."""
-    trial_count: int | None = None
-    """Of trials that count; None where answers decide."""
+from ..plan.study_plan import Answer, StudyPlan
 
 
 class AnswerRecord(NamedTuple):
@@ -76,27 +39,27 @@ class AnswerRecord(NamedTuple):
 
 
 class RatioRecord(NamedTuple):
-    """The ratio r of one interval that was played with closed contours, live."""
+    """The ratio r of one interval with closed contours that was played live, outside practice, and met open ones."""
 
     code: str
     block: str
     trial: int
     stimulus: str
-    r: float | None
-    """None: no open contour was met."""
+    r: float
 
 
 @dataclass(frozen=True, kw_only=True)
 class StudyTable:
     """All that an analysis needs of a study: read from its data by `read_answers`, or made by a simulation."""
 
-    title: str
+    plan: StudyPlan
     codes: tuple[str, ...]
     """Of the participants who have answered something, in the plan's order."""
     unfinished: tuple[str, ...] = ()
     """Those of them who have not answered everything."""
-    blocks: tuple[StudiedBlock, ...]
-    stimuli: tuple[StudiedStimulus, ...]
     answers: tuple[AnswerRecord, ...]
     """In the order in which they were given."""
     ratios: tuple[RatioRecord, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"StudyTable({self.plan.title!r}, {len(self.codes)} participants, {len(self.answers)} answers)"

@@ -1,5 +1,6 @@
 """A study's plan as values: what stimuli there are, what blocks are made of them, and what people are asked."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -7,6 +8,8 @@ from typing import Literal
 from ....device.playing.limits import Limits
 from ...objects.mesh.placement import Placement
 
+Factors = Mapping[str, str | float]
+"""Values of the keys of a table's `for`, by which an analysis compares; empty for a table that stands alone."""
 QuestionKind = Literal["choice", "scale", "number", "text"]
 Design = Literal["2ifc", "constant", "staircase", "magnitude", "rating", "exploration"]
 BlockOrder = Literal["latin", "random", "fixed"]
@@ -61,6 +64,7 @@ class PlannedStimulus:
     """Of `solid` and of `shown`."""
     value: float | None = None
     """What psychometric functions are drawn over: level, frequency, size, in the plan's own unit."""
+    factors: Factors = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,6 +116,7 @@ class PlannedBlock:
     """Of magnitude: a stimulus that is played before each one, and the number that it is called."""
     questions_after: tuple[Question, ...] = ()
     """Asked once, at the block's end."""
+    factors: Factors = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,7 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from string import Formatter
 from typing import Any, NamedTuple, cast
@@ -21,7 +21,7 @@ from ...sweeps.plan.values import ChoiceCheck, refuse
 from ...user_warnings import warn_user
 from ...validation import value_text
 from .stimulus_sources import StimulusSources
-from .study_plan import TEXTS, PlannedBlock, PlannedStimulus, Question, StudyPlan
+from .study_plan import TEXTS, Factors, PlannedBlock, PlannedStimulus, Question, StudyPlan
 from .study_tables import (
     DESIGN_KEYS,
     QUESTION_KEYS,
@@ -43,7 +43,7 @@ from .study_tables import (
     StudyKeys,
     TextKeys,
 )
-from .table_expansion import TABLES_MOST, expand_table
+from .table_expansion import TABLES_MOST, expand_table, factor_values
 
 TABLES = ("texts", "limits", "question_before", "question_after", "stimulus", "block")
 """Keys of a plan that have tables."""
@@ -77,11 +77,26 @@ def read_study(path: str | Path) -> StudyPlan:
     path = Path(path)
     try:
         text = read_plan(path)
+    except PlanError as error:
+        raise StudyPlanError(str(error)) from error
+    return _study_of_text(text, path, StimulusSources(path.parent))
+
+
+def read_stored_study(text: str, path: str | Path) -> StudyPlan:
+    """A plan that is kept with a study's data: the files that it names may be gone, and are not looked for.
+
+    path: what errors call it. Raises StudyPlanError as `read_study`.
+    """
+    return _study_of_text(text, Path(path), None)
+
+
+def _study_of_text(text: str, path: Path, sources: StimulusSources | None) -> StudyPlan:
+    try:
         tables = parse_plan(path, text, []).tables
     except PlanError as error:
         raise StudyPlanError(str(error)) from error
     document = StudyDocument(path, text, tables)
-    plan = _StudyReader(document).read()
+    plan = _StudyReader(document, sources).read()
     if document.noted or plan is None:
         raise StudyPlanError(*document.report())
     return plan
@@ -135,11 +150,11 @@ class StudyDocument(PlanDocument):
 
 
 class _StudyReader:
-    """Makes a `StudyPlan` of the tables of one document."""
+    """Makes a `StudyPlan` of the tables of one document; sources: look up what it names; None: nothing is looked up."""
 
-    def __init__(self, document: StudyDocument) -> None:
+    def __init__(self, document: StudyDocument, sources: StimulusSources | None) -> None:
         self.document = document
-        self.sources = StimulusSources(document.path.parent)
+        self.sources = sources
         self.option_counts: list[tuple[int, str]] = []  # of every choice, with the sentence that says where it is
 
     def read(self) -> StudyPlan | None:
@@ -150,7 +165,7 @@ class _StudyReader:
         codes, hand = (), "palm"
         if keys is not None:
             with document.noting("hand"):
-                hand = self.sources.find("hand", keys.hand)
+                hand = self._found("hand", keys.hand)
             with document.noting():
                 codes = _codes(keys)
         texts, limits = self._texts(tables.get("texts", {})), self._limits(tables.get("limits", {}))
@@ -167,7 +182,7 @@ class _StudyReader:
         for count, where in self.option_counts:
             if keys.choice_keys and count > len(keys.choice_keys):
                 document.fault(("choice_keys",), f"must be at least {count} keys, the options of {where}")
-        if not document.noted:
+        if not document.noted and self.sources is not None:
             self._warn_of_unused(stimuli, blocks)
         return StudyPlan(
             path=document.path,
@@ -193,8 +208,11 @@ class _StudyReader:
             texts=texts,
         )
 
-    def _expanded(self, kind: str) -> Iterator[tuple[Place, dict[str, Any]]]:
-        """The tables that those of one kind stand for, each with the place of its own."""
+    def _found(self, key: str, text: str) -> str:
+        return text if self.sources is None else self.sources.find(key, text)
+
+    def _expanded(self, kind: str) -> Iterator[tuple[Place, dict[str, Any], Factors]]:
+        """The tables that those of one kind stand for, each with the place of its own, and its values of `for`."""
         tables, document, count = self.document.tables.get(kind, []), self.document, 0
         if not isinstance(tables, list) or not tables:
             given = f", not {value_text(tables)}" if kind in document.tables else "; there is none"
@@ -208,13 +226,14 @@ class _StudyReader:
             count += len(found)
             if count > TABLES_MOST:
                 return document.fault(own, f"must stand with those before for at most {TABLES_MOST} tables")
-            yield from ((own, one) for one in found)
+            if found:
+                yield from ((own, one, factors) for one, factors in zip(found, factor_values(table), strict=True))
 
     def _stimuli(self) -> tuple[list[tuple[Place, PlannedStimulus]], set[str] | None]:
         """The stimuli that can be used; the names of all, None if a fault leaves some unknown."""
         found, names = [], set[str]()
-        for place, table in self._expanded("stimulus"):
-            stimulus = self._stimulus(place, table)
+        for place, table, factors in self._expanded("stimulus"):
+            stimulus = self._stimulus(place, table, factors)
             name = table.get("name")
             if isinstance(name, str) and name in names:
                 self.document.fault((*place, "name"), f"must be another one: {name!r:.80} is a stimulus already")
@@ -226,7 +245,7 @@ class _StudyReader:
         is_complete = not any(place[2:3] in ((), ("name",), ("for",)) for place in unknown)
         return found, names if is_complete else None
 
-    def _stimulus(self, place: Place, table: dict[str, Any]) -> PlannedStimulus | None:
+    def _stimulus(self, place: Place, table: dict[str, Any], factors: Factors) -> PlannedStimulus | None:
         document = self.document
         if ("object" in table) == ("file" in table):
             what = "both are given" if "file" in table else "neither is given"
@@ -239,7 +258,7 @@ class _StudyReader:
         for key in ("object", "shown", "strategy", "sampling", "file"):
             if (text := getattr(keys, key, None)) is not None:
                 with document.noting(*place, key):
-                    found[key] = self.sources.find(key, text)
+                    found[key] = self._found(key, text)
         placement = Placement(
             scale=keys.scale,
             up=keys.up,
@@ -260,12 +279,13 @@ class _StudyReader:
             shown=found.get("shown"),
             placement=placement,
             value=keys.value,
+            factors=factors,
         )
 
     def _blocks(self, stimuli: Collection[str] | None) -> list[PlannedBlock]:
         """The blocks; stimuli: names that they may use; None: any."""
         found, names = [], set[str]()
-        for place, table in self._expanded("block"):
+        for place, table, factors in self._expanded("block"):
             name = table.get("name")
             if isinstance(name, str):
                 if name in names:
@@ -275,7 +295,7 @@ class _StudyReader:
                 names.add(name)
             block = self._block(place, table, stimuli)
             if block is not None:
-                found.append(block)
+                found.append(replace(block, factors=factors))
         return found
 
     def _block(self, place: Place, table: dict[str, Any], stimuli: Collection[str] | None) -> PlannedBlock | None:

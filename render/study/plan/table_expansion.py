@@ -33,11 +33,17 @@ def expand_table(table: dict[str, Any], note: Note) -> list[dict[str, Any]]:
         return []
     rest = {key: value for key, value in table.items() if key != "for"}
     filler = _Filler(note)
-    filled = [filler.fill(rest, dict(zip(choices, values, strict=True)), ()) for values in product(*choices.values())]
+    filled = [filler.fill(rest, values, ()) for values in factor_values(table)]
     for key in choices:
         if key not in filler.used:
             note(("for", key), f"is not used: no other value of the table contains {{{key}}}")
     return filled if filler.is_fine else []
+
+
+def factor_values(table: dict[str, Any]) -> list[dict[str, Any]]:
+    """The values of `for`, by key, of each of the tables that `expand_table` gives; one without any for no `for`."""
+    choices = table.get("for", {})
+    return [dict(zip(choices, values, strict=True)) for values in product(*choices.values())]
 
 
 def _can_be_used(choices: object, note: Note) -> bool:

@@ -67,7 +67,7 @@ class StudyFile:
                 return self._connected().execute(statement, values).fetchall()
             except (OSError, sqlite3.Error) as error:
                 self._disconnect()
-                raise StudyError(f"{self.path} cannot be read: {_reason(error)}") from error
+                raise file_error(self.path, error) from error
 
     @contextmanager
     def transaction(self, what: str) -> Generator[sqlite3.Connection, None, None]:
@@ -187,6 +187,11 @@ def _entries(connection: sqlite3.Connection) -> set[tuple[str, str, str]]:
     """Type, name and definition of tables, indexes, views and triggers, whatever spaces they have."""
     rows = connection.execute("SELECT type, name, coalesce(sql, '') FROM sqlite_master")
     return {(str(own[0]), str(own[1]), " ".join(str(own[2]).split())) for own in rows}
+
+
+def file_error(path: Path, error: OSError | sqlite3.Error | FileBoundError) -> StudyError:
+    """The error of a data file that cannot be read."""
+    return StudyError(f"{path} cannot be read: {_reason(error)}")
 
 
 def _reason(error: OSError | sqlite3.Error) -> str:

@@ -11,7 +11,7 @@ from palpate.device.playing.limits import Limits
 from palpate.render.errors import PalpateWarning, StudyPlanError
 from palpate.render.objects.mesh.placement import Placement
 from palpate.render.study.plan.study_plan import TEXTS, PlannedStimulus, Question
-from palpate.render.study.plan.study_reading import read_study
+from palpate.render.study.plan.study_reading import read_stored_study, read_study
 from tests.cases.studies.plans import BLOCKS, EVERY_DESIGN, HEAD, PAPER, PILOT, STIMULI
 
 
@@ -55,8 +55,10 @@ def test_the_papers_study_is_expanded_as_the_paper_describes_it(folder):
     shapes = ("cube", "tube", "dog")
     assert [own.name for own in plan.stimuli] == [f"{shape}-{way}" for shape in shapes for way in ("oc", "cc")]
     assert plan.stimulus("tube-oc") == PlannedStimulus(
-        name="tube-oc", duration=7.0, solid="tube", strategy="oc", sampling="stm"
-    )
+        name="tube-oc", duration=7.0, solid="tube", strategy="oc", sampling="stm",
+        factors={"object": "tube", "strategy": "oc"},
+    )  # fmt: skip
+    assert plan.blocks[1].factors == {"object": "cube", "opacity": 0.7}
     assert [own.name for own in plan.blocks] == [f"{shape}-{opacity}" for shape in shapes for opacity in (1.0, 0.7)]
     for block, opacity in zip(plan.blocks, 3 * (1.0, 0.7), strict=True):
         shape = block.name.partition("-")[0]
@@ -65,6 +67,15 @@ def test_the_papers_study_is_expanded_as_the_paper_describes_it(folder):
         assert block.questions == (block.question,)
         assert (block.question.options, block.question.has_random_keys) == (("First", "Second"), True)
         assert [own.point_count for own in block.questions_after] == [7, 7]
+
+
+def test_a_stored_plan_is_read_although_the_files_that_it_names_are_gone(folder):
+    text = PAPER.replace('object = "{object}"\n', 'object = "{object}.stl"\n')
+    with pytest.raises(StudyPlanError, match=r"cube\.stl"):
+        read(folder, text)
+    plan = read_stored_study(text, folder / "answers.sqlite")
+    assert [own.solid for own in plan.stimuli[:3]] == ["cube.stl", "cube.stl", "tube.stl"]
+    assert plan.blocks == read(folder, PAPER).blocks
 
 
 def test_the_papers_pilot_asks_three_open_questions_of_five_objects_in_its_order(folder):

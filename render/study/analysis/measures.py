@@ -1,18 +1,28 @@
-"""Measures: one number for each participant and block, such as p_CC, a rating or a threshold."""
+"""Measures: one number for each participant and cell of the design, such as p_cc, a rating or a threshold."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
-from ..plan.study_plan import PlannedBlock
+from ..plan.study_plan import Factors
 
 Level = str | float
 """A value of a factor."""
 
 
+class Cell(NamedTuple):
+    """A cell of the design: a block, or within a block a pair or a stimulus."""
+
+    name: str
+    factors: Factors
+    """Its values of the keys of the plan's `for`."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Measure:
-    """A number for each participant and block; what is compared between blocks, and with chance."""
+    """A number for each participant and cell; what is compared between cells, and with chance."""
 
     name: str
     """In tables and files: `p_cc`, `confidence`."""
@@ -20,11 +30,13 @@ class Measure:
     """For people: "proportion of answers for cc", "confidence"."""
     unit: str = ""
     codes: tuple[str, ...]
-    blocks: tuple[PlannedBlock, ...]
-    values: np.ndarray
-    """float64, shape [participant, block]; nan where there is none."""
-    counts: np.ndarray | None = None
-    """int64, shape [participant, block]: answers that a proportion is made of."""
+    cells: tuple[Cell, ...]
+    values: np.ndarray = field(repr=False)
+    """float64, shape [participant, cell]; nan where there is none."""
+    successes: np.ndarray | None = field(default=None, repr=False)
+    """int64, shape [participant, cell]: of a proportion, the answers that it counts."""
+    counts: np.ndarray | None = field(default=None, repr=False)
+    """int64, shape [participant, cell]: of a proportion, all answers."""
     chance: float | None = None
     """Value that answers at random have."""
     low: float | None = None
@@ -33,23 +45,40 @@ class Measure:
 
     @property
     def factors(self) -> dict[str, tuple[Level, ...]]:
-        """Levels of each factor, in the plan's order; those with one level are left out."""
-        names = dict.fromkeys(name for block in self.blocks for name in block.factors)
+        """Levels of each factor, in the plan's order; factors with one level are left out."""
+        names = dict.fromkeys(name for cell in self.cells for name in cell.factors)
         levels = {
-            name: tuple(dict.fromkeys(own.factors[name] for own in self.blocks if name in own.factors))
-            for name in names
+            name: tuple(dict.fromkeys(own.factors[name] for own in self.cells if name in own.factors)) for name in names
         }
         return {name: own for name, own in levels.items() if len(own) > 1}
 
-    def by_level(self, factor: str) -> dict[Level, np.ndarray]:
-        """Of each level of a factor: the mean over its blocks, shape [participant]; nan where a block lacks."""
+    def cells_at(self, factor: str, level: Level) -> dict[tuple[tuple[str, Level], ...], int]:
+        """Number of each cell at a level of a factor, by its levels of all other factors."""
         return {
-            level: self.values[:, [k for k, own in enumerate(self.blocks) if own.factors.get(factor) == level]].mean(
-                axis=1
-            )
-            for level in self.factors[factor]
+            tuple((name, own) for name, own in cell.factors.items() if name != factor): number
+            for number, cell in enumerate(self.cells)
+            if cell.factors.get(factor) == level
         }
 
+    def at_level(self, factor: str, level: Level) -> np.ndarray:
+        """The mean over all cells at a level, shape [participant]; nan where a cell lacks."""
+        return self.values[:, list(self.cells_at(factor, level).values())].mean(axis=1)
+
     def by_participant(self) -> np.ndarray:
-        """The mean over all blocks, shape [participant]; nan where a block lacks."""
+        """The mean over all cells, shape [participant]; nan where a cell lacks."""
         return self.values.mean(axis=1)
+
+
+def level_text(level: Level) -> str:
+    """A level as people read it."""
+    return level if isinstance(level, str) else f"{level:g}"
+
+
+def cell_text(cell: Cell) -> str:
+    """A cell as people read it: its levels, or its name where the plan gives it none."""
+    return ", ".join(level_text(own) for own in cell.factors.values()) or cell.name
+
+
+def numbered(cells: tuple[Cell, ...]) -> Mapping[str, int]:
+    """The place of each cell, by its name."""
+    return {cell.name: number for number, cell in enumerate(cells)}

@@ -1,0 +1,89 @@
+"""What is odd about a study's data: it is named, so that a person decides; nothing is left out for it."""
+
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
+
+from ..plan.block_designs import trial_counts
+from ..plan.study_plan import PlannedBlock
+from .answer_measures import counted
+from .study_table import AnswerRecord, StudyTable
+
+SAME_LEAST = 8
+"""Answers of one kind that are all alike are named from so many on: by chance, 1 of 128 participants gives them."""
+FAST_SECONDS = 0.15
+"""An answer that came earlier was not thought about [s]: simple reactions to sounds take as long."""
+CLIPPED_SHARE = 0.2
+"""Of a staircase's moves, beyond which its levels do not reach far enough."""
+
+
+def data_faults(table: StudyTable) -> list[str]:
+    """Sentences about missing answers, and about participants who answered oddly. All of them stay in the analysis."""
+    by_code: dict[str, list[AnswerRecord]] = defaultdict(list)
+    for own in counted(table):
+        by_code[own.code].append(own)
+    absent = [code for code in table.plan.codes if code not in table.codes]
+    sentences = []
+    if absent:
+        sentences.append(f"{len(absent)} of {len(table.plan.codes)} planned participants have not begun")
+    for code in table.codes:
+        sentences += _missing(table, code, by_code[code])
+        sentences += _alike(code, by_code[code])
+        fast = sum(own.seconds is not None and own.seconds < FAST_SECONDS and own.trial >= 0 for own in by_code[code])
+        if fast:
+            sentences.append(f"{code} gave {fast} answers within {FAST_SECONDS:g} s of the question")
+    return sentences
+
+
+def _missing(table: StudyTable, code: str, answers: Sequence[AnswerRecord]) -> Iterator[str]:
+    """Blocks in which a participant has fewer answers than the plan asks for."""
+    given = Counter((own.block, own.name, own.trial >= 0) for own in answers)
+    blocks = {own.block for own in answers}
+    lacking = []
+    for block in table.plan.blocks:
+        if block.name not in blocks:
+            lacking.append(block.name)
+            continue
+        trials = trial_counts(block).least
+        found = min(given[block.name, own.name, True] for own in block.questions)
+        if found < trials:
+            asked = "at least " * (block.design == "staircase") + str(trials)
+            lacking.append(f"{block.name} ({found} of {asked} trials)")
+        lacking += [
+            f"{block.name} ({own.name})" for own in block.questions_after if not given[block.name, own.name, False]
+        ]
+    if lacking:
+        state = "has not finished" if code in table.unfinished else "has finished"
+        yield (
+            f"{code} {state} and lacks {', '.join(lacking)}: this participant is left out of comparisons that need "
+            "them, and kept in all others"
+        )
+    elif code in table.unfinished:
+        yield f"{code} has answered all blocks, but not the questions after them"
+
+
+def _alike(code: str, answers: Sequence[AnswerRecord]) -> Iterator[str]:
+    """Keys, options and points that a participant gave each time, and how often."""
+    choices = [own for own in answers if own.kind == "choice" and own.trial >= 0]
+    for what, given in (
+        ("pressed the key", Counter(own.key for own in choices)),
+        ("chose", Counter(own.label for own in choices)),
+    ):
+        if len(given) == 1 and len(choices) >= SAME_LEAST:
+            only = next(iter(given))
+            yield f"{code} always {what} {only!r}, in {len(choices)} answers"
+    scales: dict[str, list[AnswerRecord]] = defaultdict(list)
+    for own in answers:
+        if own.kind == "scale":
+            scales[own.name].append(own)
+    for name, given in scales.items():
+        if len(given) >= SAME_LEAST and len({own.value for own in given}) == 1:
+            yield f"{code} gave {name} the same point, {given[0].value}, in {len(given)} answers"
+
+
+def clipped_staircases(block: PlannedBlock, answers: Sequence[AnswerRecord]) -> str:
+    """A sentence about a staircase that ran into its first or last level; empty where it did not."""
+    last = {own.track: own.clipped for own in answers}
+    total = sum(last.values())
+    if total <= CLIPPED_SHARE * max(len(answers), 1):
+        return ""
+    return f"{total} of its moves would have gone beyond the levels of {block.name}: its threshold may lie outside"

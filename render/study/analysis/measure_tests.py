@@ -1,0 +1,159 @@
+"""The tests of one measure: its distribution, against chance, between the levels of each factor, and of participants.
+
+A participant is one observation: values of one participant belong together, as an opinion or a habit moves them all.
+So each test takes one number of each participant, a mean over the cells that are not compared. The founding paper
+seems to have taken each participant's value in each cell as an observation of its own, which finds differences that
+are none where participants differ; such tests are made beside, under `cells`, so that the paper can be compared with.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from .hypothesis_tests import (
+    check_normality,
+    compare_levels_by_ranks,
+    compare_pairs_by_means,
+    compare_pairs_by_ranks,
+    compare_participants,
+    compare_with_centre_by_means,
+    compare_with_centre_by_ranks,
+    compare_with_chance,
+    correct_family,
+)
+from .measures import Level, Measure, level_text
+from .statistical_test import StatisticalTest
+
+AGREEING_SHARE = 5 / 6
+"""Of a participant's cells on one side of chance, from which on the founding paper calls the tendency strong."""
+FOR, AGAINST, AMBIGUOUS = "for", "against", "ambiguous"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FactorTests:
+    """What a measure says of one factor."""
+
+    factor: str
+    levels: tuple[Level, ...]
+    omnibus: StatisticalTest | None
+    """Whether any level differs, for three levels or more."""
+    by_ranks: tuple[StatisticalTest, ...]
+    """Of each pair of levels, one family for Holm's correction."""
+    by_means: tuple[StatisticalTest, ...]
+    """The same pairs by t-tests, a family of their own."""
+    by_cells: tuple[StatisticalTest, ...]
+    """The same pairs, each cell of a participant an observation: as in the founding paper."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParticipantTendency:
+    """Which way a participant answers."""
+
+    code: str
+    mean: float
+    above: int
+    """Cells at chance or above."""
+    cells: int
+    tendency: str
+    """`for`, `against` or `ambiguous` by the founding paper's rule: 5 of 6 cells on one side of chance."""
+    binomial: StatisticalTest
+    """All answers against chance; the participants are one family for Holm's correction."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasureTests:
+    """All tests of one measure; None where the measure has no chance level, or counts no answers."""
+
+    measure: Measure
+    normality: StatisticalTest
+    """Of all cells of all participants, as in the founding paper."""
+    chance_by_ranks: StatisticalTest | None
+    chance_by_means: StatisticalTest | None
+    chance_by_cells: StatisticalTest | None
+    factors: tuple[FactorTests, ...]
+    heterogeneity: StatisticalTest | None
+    """Whether participants differ from each other more than by chance: p below 0.05 speaks for subgroups."""
+    tendencies: tuple[ParticipantTendency, ...]
+
+
+def analyse_measure(measure: Measure) -> MeasureTests:
+    """All tests of a measure. Values that lack leave a participant out where they are needed, which notes count."""
+    values, chance, name = measure.by_participant(), measure.chance, measure.name
+    against = f"{name} - {chance:g}" if chance is not None else ""
+    return MeasureTests(
+        measure=measure,
+        normality=check_normality(measure.values.ravel(), name),
+        chance_by_ranks=None if chance is None else compare_with_centre_by_ranks(values, chance, against),
+        chance_by_means=None if chance is None else compare_with_centre_by_means(values, chance, against),
+        chance_by_cells=None
+        if chance is None
+        else compare_with_centre_by_ranks(measure.values.ravel(), chance, against),
+        factors=tuple(compare_levels(measure, factor) for factor in measure.factors),
+        heterogeneity=None
+        if measure.successes is None or measure.counts is None
+        else compare_participants(measure.successes.sum(axis=1), measure.counts.sum(axis=1), name),
+        tendencies=tuple(_tendencies(measure)),
+    )
+
+
+def compare_levels(measure: Measure, factor: str) -> FactorTests:
+    """The tests between the levels of a factor: of each pair over the cells that are the same in all else."""
+    levels = measure.factors[factor]
+    ranks, means, cells = [], [], []
+    for one, other in combinations(levels, 2):
+        a, b = matched_values(measure, factor, one, other)
+        compares = f"{level_text(one)} - {level_text(other)}"
+        ranks.append(compare_pairs_by_ranks(a.mean(axis=1), b.mean(axis=1), compares))
+        means.append(compare_pairs_by_means(a.mean(axis=1), b.mean(axis=1), compares))
+        cells.append(compare_pairs_by_ranks(a.ravel(), b.ravel(), compares))
+    omnibus = None
+    if len(levels) > 2:
+        matrix = np.stack([measure.at_level(factor, level) for level in levels], axis=1)
+        omnibus = compare_levels_by_ranks(matrix, f"{measure.name} by {factor}")
+    return FactorTests(
+        factor=factor,
+        levels=levels,
+        omnibus=omnibus,
+        by_ranks=correct_family(ranks),
+        by_means=correct_family(means),
+        by_cells=correct_family(cells),
+    )
+
+
+def matched_values(measure: Measure, factor: str, one: Level, other: Level) -> tuple[np.ndarray, np.ndarray]:
+    """Values at two levels in cells that are the same in all other factors, each of shape [participant, cell].
+
+    Where the design pairs no cells, each level's mean over all of its cells is one cell.
+    """
+    a, b = measure.cells_at(factor, one), measure.cells_at(factor, other)
+    same = [key for key in a if key in b]
+    if not same:
+        return measure.at_level(factor, one)[:, None], measure.at_level(factor, other)[:, None]
+    return measure.values[:, [a[key] for key in same]], measure.values[:, [b[key] for key in same]]
+
+
+def _tendencies(measure: Measure) -> Iterator[ParticipantTendency]:
+    successes, counts, chance = measure.successes, measure.counts, measure.chance
+    if successes is None or counts is None or chance is None:
+        return
+    tests = correct_family(
+        [
+            compare_with_chance(int(own.sum()), int(count.sum()), chance, f"{code} - {chance:g}")
+            for code, own, count in zip(measure.codes, successes, counts, strict=True)
+        ]
+    )
+    for code, values, test in zip(measure.codes, measure.values, tests, strict=True):
+        found = values[np.isfinite(values)]
+        above, below = int((found >= chance).sum()), int((found <= chance).sum())
+        least = AGREEING_SHARE * len(found)
+        is_for, is_against = len(found) > 0 and above >= least, len(found) > 0 and below >= least
+        yield ParticipantTendency(
+            code=code,
+            mean=float(found.mean()) if len(found) else float("nan"),
+            above=above,
+            cells=len(found),
+            tendency=AMBIGUOUS if is_for == is_against else FOR if is_for else AGAINST,
+            binomial=test,
+        )

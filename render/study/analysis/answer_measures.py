@@ -62,7 +62,7 @@ def scale_measures(table: StudyTable) -> list[Measure]:
         if is_of_trial:
             own |= {(block.name, names): _set_cell(table.plan, block, names) for names in block.sets}
         else:
-            own[block.name, ()] = Cell(block.name, _factors(block))
+            own[block.name, ()] = Cell(block.name, block_factors(block))
     measures = []
     for (name, is_of_trial), cells in asked.items():
         points: Keyed = defaultdict(list)
@@ -98,7 +98,7 @@ def ratio_measures(table: StudyTable) -> list[Measure]:
             name="r",
             title="ratio r of closed to open contours",
             codes=table.codes,
-            cells=tuple(Cell(own.name, _factors(own)) for own in blocks),
+            cells=tuple(Cell(own.name, block_factors(own)) for own in blocks),
             values=_matrix(table.codes, [own.name for own in blocks], ratios, _mean),
             low=1.0,
         )
@@ -108,6 +108,11 @@ def ratio_measures(table: StudyTable) -> list[Measure]:
 def counted(table: StudyTable) -> Iterator[AnswerRecord]:
     """Answers outside practice."""
     return (own for own in table.answers if not own.is_practice)
+
+
+def block_factors(block: PlannedBlock) -> dict[str, Level]:
+    """The levels of a block: those of its `for`, else its name."""
+    return dict(block.factors) or {"block": block.name}
 
 
 def _scales(plan: StudyPlan) -> Iterator[tuple[PlannedBlock, Question, bool]]:
@@ -120,7 +125,7 @@ def _scales(plan: StudyPlan) -> Iterator[tuple[PlannedBlock, Question, bool]]:
 
 def _pair_cell(block: PlannedBlock, pair: tuple[str, ...]) -> Cell:
     if len(block.sets) == 1:
-        return Cell(block.name, _factors(block))
+        return Cell(block.name, block_factors(block))
     text = f"{pair[1]} over {pair[0]}"
     return Cell(f"{block.name}: {text}", {**block.factors, "pair": text})
 
@@ -128,14 +133,10 @@ def _pair_cell(block: PlannedBlock, pair: tuple[str, ...]) -> Cell:
 def _set_cell(plan: StudyPlan, block: PlannedBlock, names: tuple[str, ...]) -> Cell:
     """The cell of a stimulus, or of a set, with the block's levels and the stimulus' own."""
     if len(block.sets) == 1:
-        return Cell(block.name, _factors(block))
+        return Cell(block.name, block_factors(block))
     text = ", ".join(names)
     own = plan.stimulus(names[0]).factors if len(names) == 1 else {}
     return Cell(f"{block.name}: {text}", {**block.factors, **(own or {"stimulus": text})})
-
-
-def _factors(block: PlannedBlock) -> dict[str, Level]:
-    return dict(block.factors) or {"block": block.name}
 
 
 def _shared_level(plan: StudyPlan, pairs: list[tuple[str, ...]]) -> Level | None:

@@ -4,7 +4,6 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 
 from ..plan.block_designs import trial_counts
-from ..plan.study_plan import PlannedBlock
 from .answer_measures import counted
 from .study_table import AnswerRecord, StudyTable
 
@@ -12,8 +11,6 @@ SAME_LEAST = 8
 """Answers of one kind that are all alike are named from so many on: by chance, 1 of 128 participants gives them."""
 FAST_SECONDS = 0.15
 """An answer that came earlier was not thought about [s]: simple reactions to sounds take as long."""
-CLIPPED_SHARE = 0.2
-"""Of a staircase's moves, beyond which its levels do not reach far enough."""
 
 
 def data_faults(table: StudyTable) -> list[str]:
@@ -78,12 +75,3 @@ def _alike(code: str, answers: Sequence[AnswerRecord]) -> Iterator[str]:
     for name, given in scales.items():
         if len(given) >= SAME_LEAST and len({own.value for own in given}) == 1:
             yield f"{code} gave {name} the same point, {given[0].value}, in {len(given)} answers"
-
-
-def clipped_staircases(block: PlannedBlock, answers: Sequence[AnswerRecord]) -> str:
-    """A sentence about a staircase that ran into its first or last level; empty where it did not."""
-    last = {own.track: own.clipped for own in answers}
-    total = sum(last.values())
-    if total <= CLIPPED_SHARE * max(len(answers), 1):
-        return ""
-    return f"{total} of its moves would have gone beyond the levels of {block.name}: its threshold may lie outside"

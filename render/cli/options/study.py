@@ -9,7 +9,7 @@ from . import object as objects
 from .array import Array, Baud, Calibration, Emulate, Serial, Uncalibrated, Watchdog
 from .command_group import RUN, PlanGroup, RunCommand
 from .live import SOURCE_HELP
-from .output import Json, Quiet, run_job
+from .output import Json, Overwrite, Quiet, run_job
 from .play import Transport
 from .trust import AllowCode
 from .view import NoBrowser, Port
@@ -81,3 +81,57 @@ def run(
     """
     options = {name: value for name, value in locals().items() if name not in ("quiet", "json")}
     run_job("..study.command", "run_study", options, json=json, quiet=quiet)
+
+
+@study.command(no_args_is_help=True)
+def analyse(
+    study: Annotated[
+        Path, typer.Argument(metavar="STUDY", help="The study's plan, STUDY.toml, or the folder of its data.")
+    ],
+    data: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Of the answers, by default beside the plan: STUDY.data.")
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER", help="Of report, tables and pictures, by default `analysis` in that of the data."
+        ),
+    ] = None,
+    overwrite: Overwrite = False,
+    power: Annotated[
+        bool,
+        typer.Option("--power", help="Needs no answers: how many participants find an effect, by simulated studies."),
+    ] = False,
+    measure: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of --power: p_cc, or a scale; by default the plan's first.")
+    ] = None,
+    mean: Annotated[
+        float | None, typer.Option(metavar="VALUE", help="Of --power: the proportion or points that are expected.")
+    ] = None,
+    mean_other: Annotated[
+        float | None,
+        typer.Option(metavar="VALUE", help="Of --power: at the last level of --factor; left out: against chance."),
+    ] = None,
+    factor: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of --power: whose first and last level differ.")
+    ] = None,
+    spread: Annotated[
+        float | None,
+        typer.Option(metavar="SD", help="Of --power: between participants, of a proportion's logit, or in points."),
+    ] = None,
+    opposite: Annotated[
+        float | None, typer.Option(metavar="SHARE", help="Of --power: participants who answer the other way, 0 to 1.")
+    ] = None,
+    noise: Annotated[
+        float | None, typer.Option(metavar="SD", help="Of --power: of one answer on a scale [point], by default 1.")
+    ] = None,
+    tables: Annotated[
+        int, typer.Option(metavar="COUNT", help="Of --power: simulated studies of each number of participants.")
+    ] = 1000,
+    seed: Annotated[int, typer.Option(metavar="NUMBER", help="Of --power.")] = 1,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Write a study's report (HTML, Markdown), its tables (CSV, Parquet) and pictures; needs palpate[study]."""
+    options = {name: value for name, value in locals().items() if name not in ("quiet", "json")}
+    run_job("..study.analysis.command", "analyse_study", options, json=json, quiet=quiet)

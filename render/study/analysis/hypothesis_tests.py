@@ -15,6 +15,8 @@ from .statistical_test import StatisticalTest
 
 ALIKE = 1e-10
 """Values whose distance is below this share of their size differ only by rounding, and count as ties."""
+SIGNIFICANT = 0.05
+"""Below it p speaks for a difference."""
 CONFIDENCE = 0.95
 """Of every interval."""
 EXACT_BELOW = 50

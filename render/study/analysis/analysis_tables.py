@@ -1,0 +1,128 @@
+"""The analysis as tables for other programs: a row for each answer, each value of a measure, each test, each fit."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..plan.study_plan import PlannedBlock
+from .measures import Level
+from .psychometric_fit import FittedValue
+from .result_texts import all_tests
+from .study_analysis import StudyAnalysis
+from .study_table import StudyTable
+
+Columns = dict[str, list[Any]]
+"""Values by the name of a column; None is missing."""
+
+
+def answer_columns(table: StudyTable) -> Columns:
+    """A row for each answer, with the levels of its block: the tidy table."""
+    blocks = {own.name: own for own in table.plan.blocks}
+    numbers = {code: number for number, code in enumerate(table.plan.codes)}
+    ratios = {(own.code, own.block, own.trial): own.r for own in table.ratios}
+    factors = _factor_names(table)
+    rows = []
+    for own in table.answers:
+        block = blocks.get(own.block)
+        is_number = isinstance(own.value, int | float)
+        is_pair = block is not None and own.kind == "choice" and len(own.stimuli) > 1 and own.name == "answer"
+        is_trial = own.trial >= 0 and own.name == "answer"
+        rows.append(
+            {
+                "code": own.code, "participant": numbers[own.code], "block": own.block, "block_position": own.position,
+                "design": "" if block is None else block.design,
+                **{f"block_{name}": _level(block, name) for name in factors},
+                "trial": own.trial, "is_practice": own.is_practice, "name": own.name, "kind": own.kind,
+                "number": float(own.value) if is_number and own.value is not None else None,
+                "text": own.value if isinstance(own.value, str) else None,
+                "label": own.label, "key": own.key,
+                "chosen": own.stimuli[int(own.value or 0)] if is_pair and is_number else None,
+                "first": own.stimuli[0] if own.stimuli else None,
+                "second": own.stimuli[1] if len(own.stimuli) > 1 else None,
+                "track": own.track, "level": own.level, "comparison": own.comparison, "seconds": own.seconds,
+                "r": ratios.get((own.code, own.block, own.trial)) if is_trial else None,
+            }
+        )  # fmt: skip
+    return _columns(rows)
+
+
+def measure_columns(analysis: StudyAnalysis) -> Columns:
+    """A row for each participant, measure and cell."""
+    factors = _factor_names(analysis.table)
+    rows = []
+    for tests in analysis.tests:
+        measure = tests.measure
+        extra = [name for name in ("pair", "stimulus") if any(name in own.factors for own in measure.cells)]
+        for code, values, place in zip(measure.codes, measure.values, range(len(measure.codes)), strict=True):
+            for number, (cell, value) in enumerate(zip(measure.cells, values, strict=True)):
+                rows.append(
+                    {
+                        "code": code,
+                        "measure": measure.name,
+                        "cell": cell.name,
+                        **{f"block_{name}": _text(cell.factors.get(name)) for name in [*factors, *extra]},
+                        "value": None if np.isnan(value) else float(value),
+                        "successes": None if measure.successes is None else int(measure.successes[place, number]),
+                        "answers": None if measure.counts is None else int(measure.counts[place, number]),
+                    }
+                )
+    return _columns(rows)
+
+
+def outcome_columns(analysis: StudyAnalysis) -> Columns:
+    """A row for each test. observations: `participants`, `cells` (of participants), or `answers`."""
+    rows = []
+    for tests in analysis.tests:
+        for factor, kind, own in all_tests(tests):
+            rows.append(
+                {
+                    "measure": tests.measure.name, "factor": factor, "compares": own.compares, "test": own.test,
+                    "observations": kind, "n": own.n, "statistic": own.statistic, "value": own.value,
+                    "freedom": own.freedom, "p": own.p, "p_holm": own.p_holm, "effect": own.effect,
+                    "effect_size": own.effect_size, "difference": own.difference, "difference_low": own.difference_low,
+                    "difference_high": own.difference_high, "note": own.note,
+                }
+            )  # fmt: skip
+    return _columns(rows)
+
+
+def fit_columns(analysis: StudyAnalysis) -> Columns:
+    """A row for each psychometric function."""
+    rows = []
+    for own in analysis.fits:
+        answers, fit = own.answers, own.fit
+        row = {
+            "code": answers.code, "block": answers.block.name, "design": answers.block.design,
+            **{f"block_{name}": _level(answers.block, name) for name in _factor_names(analysis.table)},
+            "guess": None if answers.lapses_both_ways else answers.guess, "reversal_mean": answers.reversal_mean,
+            "clipped": answers.clipped,
+        }  # fmt: skip
+        for name in ("mu", "sigma", "jnd", "lapse"):
+            value: FittedValue = FittedValue(value=None) if fit is None else getattr(fit, name)
+            row |= {name: value.value, f"{name}_low": value.low, f"{name}_high": value.high}
+        row |= {
+            "converged": fit is not None and fit.converged,
+            "goodness_p": None if fit is None else fit.goodness_p,
+            "note": answers.reason if fit is None else fit.note,
+        }
+        rows.append(row)
+    return _columns(rows)
+
+
+def _columns(rows: Sequence[Mapping[str, Any]]) -> Columns:
+    names = dict.fromkeys(name for row in rows for name in row)
+    return {name: [row.get(name) for row in rows] for name in names}
+
+
+def _factor_names(table: StudyTable) -> list[str]:
+    return list(dict.fromkeys(name for block in table.plan.blocks for name in block.factors))
+
+
+def _level(block: PlannedBlock | None, factor: str) -> str | None:
+    return None if block is None else _text(block.factors.get(factor))
+
+
+def _text(level: Level | None) -> str | None:
+    """A level as text, so that a column has one type though a plan may mix numbers and words."""
+    return None if level is None else level if isinstance(level, str) else f"{level:g}"

@@ -1,0 +1,137 @@
+"""What `palpate study analyse` does: writes the report, tables and pictures of a study's data, or shows its power."""
+
+import os
+import time
+from dataclasses import asdict
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from ....datasets.storage.durable import write_file
+from ...errors import RenderError, StrategyError, StudyError
+from ...reports.report_pages import ReportSection, html_page, markdown_page
+from ...terminal import bars, console
+from ...terminal.foreign_text import print_message, show_table, write_output
+from ..plan.study_reading import read_study
+from .analysis_tables import answer_columns, fit_columns, measure_columns, outcome_columns
+from .answer_reading import read_answers
+from .power import WANTED, find_power, power_question
+from .report_sections import report_sections
+from .result_texts import is_found, test_text
+from .study_analysis import StudyAnalysis, analyse_answers
+from .table_files import write_tables
+
+REPORTS = ("report.html", "report.md")
+PLAN_SUFFIX = ".toml"
+POWER_OPTIONS = ("measure", "mean", "mean_other", "factor", "spread", "opposite", "noise")
+
+
+def analyse_study(options: dict[str, Any], *, as_json: bool) -> int:
+    """Write the analysis of a study, or show its power; returns the exit code."""
+    if find_spec("statsmodels") is None:
+        raise StudyError('statsmodels is missing: pip install "palpate[study]"')
+    path: Path = options["study"]
+    if options["power"]:
+        return _show_power(path, options, as_json=as_json)
+    given = [name for name in POWER_OPTIONS if options[name] is not None]
+    if given:
+        raise StrategyError(f"--{given[0].replace('_', '-')} is of --power")
+    data = options["data"] or (path.with_suffix(".data") if path.suffix == PLAN_SUFFIX else path)
+    output: Path = options["output"] or (data if data.is_dir() else data.parent) / "analysis"
+    _require_room(output, overwrite=options["overwrite"])
+    with bars.loading_bar(str(data), quiet=as_json):
+        analysis = analyse_answers(read_answers(data))
+        sections = report_sections(analysis)
+    paths = _write(output, analysis, sections, str(data))
+    for fault in analysis.faults:
+        console.warn(fault)
+    console.show_values({**_facts(analysis), **paths}, as_json=as_json, title="study analyse")
+    return console.DONE
+
+
+def _facts(analysis: StudyAnalysis) -> dict[str, Any]:
+    """What a person reads in the terminal: who took part, and what the main tests say."""
+    facts: dict[str, Any] = {"participants": len(analysis.table.codes), "answers": len(analysis.table.answers)}
+    for tests in analysis.tests:
+        if tests.chance_by_ranks is not None:
+            facts[f"{tests.measure.name} - {tests.measure.chance:g}"] = test_text(tests.chance_by_ranks)
+        for own in tests.factors:
+            for test in own.by_ranks:
+                if is_found(test):
+                    facts[f"{tests.measure.name}: {test.compares}"] = test_text(test)
+    return facts
+
+
+def _require_room(folder: Path, *, overwrite: bool) -> None:
+    """Make the folder; refuse what could not be written after the analysis, and a report that is there."""
+    there = [folder / name for name in REPORTS if (folder / name).exists()]
+    if there and not overwrite:
+        raise StrategyError(f"{there[0]}: exists; --overwrite replaces it")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RenderError(f"{folder}: cannot be made ({error.strerror or error})") from error
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise RenderError(f"{folder}: no file can be written there (permission denied)")
+
+
+def _write(folder: Path, analysis: StudyAnalysis, sections: list[ReportSection], source: str) -> dict[str, str]:
+    """Write everything; returns the paths that a person opens."""
+    table = analysis.table
+    title = f"{table.plan.title}: analysis"
+    introduction = (
+        f"Made by palpate {version('palpate')} from {source} on {time.strftime('%Y-%m-%d')}. A participant is one "
+        "observation of each test; all p are two-sided, and below 0.05 a difference is called found."
+    )
+    footer = "Tests by SciPy and statsmodels. What each assumes stands at the end."
+    files = {
+        REPORTS[0]: html_page(title, introduction, sections, footer).encode(),
+        REPORTS[1]: markdown_page(title, introduction, sections, footer).encode(),
+    }
+    for section in sections:
+        files |= {picture.file: picture.content for picture in section.pictures if picture.file}
+    for name, content in files.items():
+        try:
+            write_file(folder / name, memoryview(content))
+        except OSError as error:
+            raise RenderError(f"{folder / name}: cannot be written ({error.strerror or error})") from error
+    tables = {
+        "answers": answer_columns(table),
+        "measures": measure_columns(analysis),
+        "tests": outcome_columns(analysis),
+        "fits": fit_columns(analysis),
+    }
+    for name, columns in tables.items():
+        if columns:
+            write_tables(folder, name, columns)
+    return {"report": str(folder / REPORTS[0]), "tables": str(folder / "answers.csv")}
+
+
+def _show_power(path: Path, options: dict[str, Any], *, as_json: bool) -> int:
+    """Simulate the plan's study with an effect, and show how many participants find it."""
+    if path.suffix != PLAN_SUFFIX:
+        raise StrategyError(f"--power is computed from a plan, STUDY.toml, not {path}")
+    plan = read_study(path)
+    question = power_question(plan, options)
+    with bars.loading_bar(str(path), quiet=as_json):
+        found = find_power(question)
+    needed = next((own.participants for own in found if own.power >= WANTED), None)
+    facts: dict[str, Any] = {
+        "sought": question.sought,
+        "needed": f"more than {found[-1].participants}" if needed is None else needed,
+        "power wanted": WANTED,
+    }
+    if as_json:
+        write_output(console.json_line({**facts, "powers": [asdict(own) for own in found]}))
+        return console.DONE
+    rows = [
+        (f"{own.participants}{' (planned)' * (own.participants == question.planned)}", f"{own.power:.2f}",
+         f"{own.low:.2f} to {own.high:.2f}")
+        for own in found
+    ]  # fmt: skip
+    show_table("power", rows, ("participants", "power", "95 % of simulations"))
+    console.show_values(facts, as_json=False, title="study analyse --power")
+    if question.measure.factors and needed is not None:
+        print_message("palpate study STUDY.toml --dry-run says which numbers of participants balance its blocks")
+    return console.DONE

@@ -1,0 +1,187 @@
+"""Power before a study: how often its own analysis would find an effect, by simulated measures of a plan's cells.
+
+The model is as simple as what people can guess: participants' probabilities around a mean, on a logit scale, or their
+points around a mean. It says nothing of lapses, orders and tired people; simulated observers, who are made otherwise,
+judge it in docs/measured/simulated-study.md.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...errors import StrategyError
+from ..plan.block_designs import trial_counts
+from ..plan.study_plan import StudyPlan
+from .answer_measures import choice_measures, scale_measures
+from .hypothesis_tests import SIGNIFICANT, bound_proportion, compare_with_centre_by_ranks
+from .measure_tests import compare_levels
+from .measures import Measure, level_text
+from .study_table import StudyTable
+
+PARTICIPANTS = (6, 8, 10, 12, 14, 16, 18, 20, 24, 28, 32, 36, 40, 48, 60, 80, 100, 150, 200)
+"""Numbers of participants that are tried, until one has the power that is wanted."""
+WANTED = 0.8
+"""Power that studies commonly aim at."""
+NOISE = 1.0  # [point] of one answer on a scale
+
+
+@dataclass(frozen=True, kw_only=True)
+class PowerQuestion:
+    """What effect there is, and what is asked of the analysis."""
+
+    measure: Measure
+    """Of the plan, without participants."""
+    trials: tuple[int, ...]
+    """Answers in each cell."""
+    planned: int
+    """Participants of the plan."""
+    mean: float
+    """Of the measure: probability, or points."""
+    mean_other: float | None = None
+    """At the last level of `factor`; None: `mean` is compared with chance."""
+    factor: str | None = None
+    spread: float = 0.0
+    """Standard deviation between participants: of a probability's logit, or of points."""
+    opposite: float = 0.0
+    """Share of participants who answer the other way: with probability 1 - p."""
+    noise: float = NOISE
+    """Standard deviation of one answer on a scale [point]."""
+    tables: int = 1000
+    """Simulated studies for each number of participants."""
+    seed: int = 1
+
+    @property
+    def is_choice(self) -> bool:
+        """Whether the measure is a proportion."""
+        return self.measure.chance is not None
+
+    @property
+    def sought(self) -> str:
+        """What the analysis is to find."""
+        if self.factor is None:
+            return f"{self.measure.name} differs from chance"
+        first, last = (level_text(self.measure.factors[self.factor][place]) for place in (0, -1))
+        return f"{self.measure.name} differs between {first} and {last}, of {self.factor}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FoundPower:
+    """The power with one number of participants."""
+
+    participants: int
+    power: float
+    low: float
+    high: float
+    """95 % interval of the power, as a finite number of studies was simulated."""
+
+
+def power_question(plan: StudyPlan, options: dict[str, Any]) -> PowerQuestion:
+    """The question that options ask about a plan; raises StrategyError for one that has no answer."""
+    empty = StudyTable(plan=plan, codes=(), answers=())
+    known = {own.name: own for own in (*choice_measures(empty), *scale_measures(empty))}
+    if not known:
+        raise StrategyError("--power needs a plan with blocks of the design 2ifc, or with questions of the kind scale")
+    name = options["measure"] or next(iter(known))
+    if name not in known:
+        raise StrategyError(f"--measure must be one of {', '.join(known)}, not {name!r}")
+    measure = known[name]
+    low, high = (0.0, 1.0) if measure.chance is not None else (measure.low or 1.0, measure.high or 1.0)
+    mean, other, factor = options["mean"], options["mean_other"], options["factor"]
+    if mean is None:
+        raise StrategyError(f"--power needs --mean, the {measure.title} that you expect, {low:g} to {high:g}")
+    for key, value in (("mean", mean), ("mean-other", other)):
+        if value is not None and not low <= value <= high:
+            raise StrategyError(f"--{key} must be {low:g} to {high:g}, not {value:g}")
+    if mean == (measure.chance if other is None else other):
+        raise StrategyError(f"--mean must differ from {mean:g}, with which it is compared: else there is no effect")
+    if other is not None and factor is None:
+        factor = next(iter(measure.factors), None)
+    if (factor is None) != (other is None) or (factor is not None and factor not in measure.factors):
+        raise StrategyError(
+            f"--mean-other and --factor go together; --factor must be one of {', '.join(measure.factors) or 'none'}"
+        )
+    if factor is None and measure.chance is None:
+        raise StrategyError(f"{name} has no chance level: --mean-other and --factor say what differs")
+    for key, most in (("spread", 10.0), ("opposite", 1.0), ("noise", 10.0)):
+        if options[key] is not None and not 0.0 <= options[key] <= most:
+            raise StrategyError(f"--{key} must be 0 to {most:g}, not {options[key]:g}")
+    if options["opposite"] and measure.chance is None:
+        raise StrategyError(f"--opposite is of proportions, and {name} is a scale")
+    if not 100 <= options["tables"] <= 100_000:
+        raise StrategyError(f"--tables must be 100 to 100000, not {options['tables']}")
+    given = {key: options[key] for key in ("spread", "opposite", "noise") if options[key] is not None}
+    return PowerQuestion(
+        measure=measure, trials=_trials(plan, measure), planned=len(plan.codes), mean=mean, mean_other=other,
+        factor=factor, tables=options["tables"], seed=options["seed"], **given,
+    )  # fmt: skip
+
+
+def find_power(question: PowerQuestion, *, progress: Callable[[int], object] = lambda _: None) -> list[FoundPower]:
+    """The power of rising numbers of participants, until one has WANTED, and of the plan's own number."""
+    found = {}
+    for count in PARTICIPANTS:
+        progress(count)
+        found[count] = power_of(question, count)
+        if found[count].power >= WANTED:
+            break
+    if question.planned not in found:
+        found[question.planned] = power_of(question, question.planned)
+    return [found[count] for count in sorted(found)]
+
+
+def power_of(question: PowerQuestion, participants: int) -> FoundPower:
+    """How often the analysis finds the effect in simulated studies with so many participants."""
+    rng = np.random.default_rng([question.seed, participants])
+    hits = sum(_finds(question, simulate_measure(question, participants, rng)) for _ in range(question.tables))
+    low, high = bound_proportion(hits, question.tables)
+    return FoundPower(participants=participants, power=hits / question.tables, low=low, high=high)
+
+
+def simulate_measure(question: PowerQuestion, participants: int, rng: np.random.Generator) -> Measure:
+    """The measure of one simulated study."""
+    measure, trials = question.measure, np.array(question.trials)
+    means = np.full(len(measure.cells), question.mean)
+    if question.factor is not None and question.mean_other is not None:
+        last = measure.factors[question.factor][-1]
+        means[list(measure.cells_at(question.factor, last).values())] = question.mean_other
+    person = rng.normal(0.0, question.spread, (participants, 1)) if question.spread else np.zeros((participants, 1))
+    codes = tuple(map(str, range(participants)))
+    if not question.is_choice:
+        points = np.zeros((participants, len(means)))
+        for number, count in enumerate(trials):
+            answers = means[number] + person + rng.normal(0.0, question.noise, (participants, count))
+            points[:, number] = np.clip(np.round(answers), measure.low, measure.high).mean(axis=1)
+        return replace(measure, codes=codes, values=points)
+    with np.errstate(divide="ignore"):  # a mean of 0 or 1 is a logit without end
+        logits = np.log(means) - np.log1p(-means)
+    signs = np.where(rng.random((participants, 1)) < question.opposite, -1.0, 1.0)
+    probabilities = 1.0 / (1.0 + np.exp(-signs * (logits + person)))
+    successes = rng.binomial(trials, probabilities)
+    counts = np.broadcast_to(trials, successes.shape)
+    return replace(measure, codes=codes, values=successes / counts, successes=successes, counts=counts)
+
+
+def _finds(question: PowerQuestion, measure: Measure) -> bool:
+    """Whether the analysis finds the effect: in the right direction, corrected as the analysis does."""
+    if question.factor is None:
+        test = compare_with_centre_by_ranks(measure.by_participant(), measure.chance or 0.0, measure.name)
+        p, is_above = test.p, question.mean >= (measure.chance or 0.0)
+    else:
+        levels = measure.factors[question.factor]
+        wanted = f"{level_text(levels[0])} - {level_text(levels[-1])}"
+        test = next(own for own in compare_levels(measure, question.factor).by_ranks if own.compares == wanted)
+        p, is_above = test.p_holm, question.mean >= (question.mean_other or 0.0)
+    return p is not None and p < SIGNIFICANT and ((test.effect_size or 0.0) > 0) == is_above
+
+
+def _trials(plan: StudyPlan, measure: Measure) -> tuple[int, ...]:
+    """Answers of one participant in each cell."""
+    blocks = {own.name: own for own in plan.blocks}
+    found = []
+    for cell in measure.cells:
+        block = blocks[cell.name.partition(": ")[0]]
+        is_after = any(own.name == measure.name for own in block.questions_after)
+        found.append(1 if is_after else trial_counts(block).least // len(block.sets))
+    return tuple(found)

@@ -1,0 +1,300 @@
+"""The analysis as sections of a report: sentences, tables and pictures."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...reports.report_pages import ReportPicture, ReportSection, ReportTable
+from .figures import (
+    draw_magnitudes,
+    draw_measure,
+    draw_participants,
+    draw_psychometric,
+    draw_scale,
+    draw_staircases,
+)
+from .magnitude_scales import MagnitudeScale
+from .measure_tests import AGAINST, AMBIGUOUS, FOR, FactorTests, MeasureTests
+from .measures import Measure, level_text
+from .open_answers import QuestionAnswers
+from .psychometric_fit import FittedValue
+from .result_texts import (
+    LEVEL_HEAD,
+    TEST_HEAD,
+    chance_sentence,
+    is_found,
+    level_rows,
+    mean_text,
+    number_text,
+    p_text,
+    pair_sentences,
+    test_row,
+    test_text,
+)
+from .study_analysis import FittedLevels, StudyAnalysis
+
+ASSUMPTIONS = (
+    (
+        "Shapiro-Wilk test",
+        "values are independent",
+        "All cells of all participants are taken together, as in the founding paper. With few values it finds only "
+        "gross departures; with many, harmless ones.",
+    ),
+    (
+        "Wilcoxon signed-rank test",
+        "participants are independent; differences are symmetrical around their median",
+        "Zeros are left out. Below 50 differences without ties and zeros p is exact; else a normal approximation with "
+        "corrections for ties and continuity, as R's wilcox.test does it. The difference is the pseudo-median.",
+    ),
+    (
+        "t-test",
+        "participants are independent; differences are from a normal distribution",
+        "It stands beside Wilcoxon's test: decide before you look which of them counts.",
+    ),
+    (
+        "Friedman test",
+        "participants are independent; each has a value at every level",
+        "It asks whether any level differs, before pairs are compared. Chi-square approximation.",
+    ),
+    (
+        "Holm's correction",
+        "nothing",
+        "The pairs of levels of one factor in one measure are a family, and so are the participants' binomial tests. "
+        "Measures and factors are not corrected for each other.",
+    ),
+    (
+        "exact binomial test",
+        "answers of one participant are independent and have one probability",
+        "It asks of one participant whether they answer by chance.",
+    ),
+    (
+        "chi-square test of homogeneity",
+        "answers are independent; expected counts are at least 5",
+        "It asks whether participants differ from each other by more than chance.",
+    ),
+    (
+        "psychometric function",
+        "answers are independent; the cumulative Gaussian describes them; at most 6 % lapses",
+        "Maximum likelihood; intervals by profile likelihood. The deviance's p is poor for few answers a level.",
+    ),
+    (
+        "tests by cells",
+        "all values are independent, which those of one participant are not",
+        "The founding paper's way, for comparison. Where participants differ, it finds differences that are none.",
+    ),
+)
+"""Test, what it assumes, and how it is done."""
+FITS_SHOWN = 24  # in one picture
+
+
+def report_sections(analysis: StudyAnalysis) -> list[ReportSection]:
+    """The sections of a report, in the order of a paper's results."""
+    sections = [_participants_section(analysis)]
+    sections += [_choice_section(own) for own in analysis.choices]
+    sections += [_measure_section(own, "Ratio r") for own in analysis.ratios]
+    sections += [_measure_section(own, own.measure.title.capitalize()) for own in analysis.scales]
+    sections += _fit_sections(analysis)
+    sections += [_measure_section(own, own.measure.title.capitalize()) for own in analysis.thresholds]
+    sections += [_magnitude_section(own) for own in analysis.magnitudes]
+    sections += [_measure_section(own, own.measure.title.capitalize()) for own in analysis.exponents]
+    written = [own for own in analysis.open if own.question.kind == "text" and own.texts]
+    if written:
+        sections.append(_written_section(written))
+    return [*sections, ReportSection("What the tests assume", "", (ReportTable("", ASSUMED_HEAD, ASSUMPTIONS),))]
+
+
+ASSUMED_HEAD = ("test", "assumes", "how it is done here")
+
+
+def _participants_section(analysis: StudyAnalysis) -> ReportSection:
+    table = analysis.table
+    done = len(table.codes) - len(table.unfinished)
+    text = (
+        f"{len(table.codes)} of {len(table.plan.codes)} participants have taken part; {done} have answered everything. "
+        "Practice trials count for nothing. Nobody is left out but where a value lacks that a comparison needs."
+    )
+    counted = [own for own in analysis.open if own.question.kind != "text"]
+    tables = []
+    if counted:
+        rows = [(own.question.text, own.place, own.summary) for own in counted]
+        tables.append(ReportTable("Questions", ("question", "asked", "answers"), rows))
+    if analysis.faults:
+        tables.append(ReportTable("What to look at", ("in the data",), [(own,) for own in analysis.faults]))
+    return ReportSection("Participants and data", text, tuple(tables))
+
+
+def _choice_section(tests: MeasureTests) -> ReportSection:
+    measure = tests.measure
+    name = measure.name
+    counts = measure.counts
+    assert counts is not None  # of proportions, as the next two
+    assert tests.chance_by_ranks is not None
+    assert measure.chance is not None
+    paragraphs = [
+        f"{name} is the {measure.title} in a cell: {_cells_text(measure)} with {_range_text(counts)} answers each.",
+        f"Over all cells, {name} of participants is {mean_text(measure.by_participant())}. "
+        + chance_sentence(name, tests.chance_by_ranks, measure.chance),
+        *(_factor_paragraph(measure, own) for own in tests.factors),
+        _tendency_paragraph(tests),
+    ]
+    rows = [
+        (own.code, number_text(own.mean), f"{own.above} of {own.cells}", own.tendency, *test_row(own.binomial)[2:6])
+        for own in tests.tendencies
+    ]
+    head = ("participant", name, "cells at chance or above", "tendency", *TEST_HEAD[2:6])
+    tables = (*_measure_tables(tests), ReportTable("Participants, by exact binomial tests of all answers", head, rows))
+    pictures = (*_level_pictures(measure), *_pictures(draw_participants(measure)))
+    return ReportSection(f"Choices: {name}", "\n\n".join(paragraphs), tables, pictures)
+
+
+def _measure_section(tests: MeasureTests, title: str) -> ReportSection:
+    measure = tests.measure
+    unit = f" [{measure.unit}]" if measure.unit else ""
+    scale = f", a scale from {measure.low:g} to {measure.high:g}" if measure.high is not None else ""
+    paragraphs = [
+        f"{measure.title[:1].upper()}{measure.title[1:]}{unit}{scale}: {_cells_text(measure)}. Participants' means are "
+        f"{mean_text(measure.by_participant())}.",
+        *(_factor_paragraph(measure, own) for own in tests.factors),
+    ]
+    pictures = _level_pictures(measure)
+    if measure.high is not None:
+        pictures = (*_pictures(draw_scale(measure)), *pictures)
+    return ReportSection(title, "\n\n".join(paragraphs), _measure_tables(tests), pictures)
+
+
+def _measure_tables(tests: MeasureTests) -> tuple[ReportTable, ...]:
+    measure = tests.measure
+    of_participants = [own for own in (tests.chance_by_ranks, tests.chance_by_means) if own is not None]
+    of_cells = [tests.normality, *([tests.chance_by_cells] if tests.chance_by_cells is not None else [])]
+    for own in tests.factors:
+        of_participants += [*([own.omnibus] if own.omnibus is not None else []), *own.by_ranks, *own.by_means]
+        of_cells += own.by_cells
+    tables = [ReportTable(f"{measure.name} of participants", LEVEL_HEAD, level_rows(measure))]
+    if of_participants:
+        rows = [test_row(own) for own in of_participants]
+        tables.append(ReportTable("Tests: a participant is one observation", TEST_HEAD, rows))
+    rows = [test_row(own) for own in of_cells]
+    tables.append(ReportTable("Beside: each cell of a participant as an observation of its own", TEST_HEAD, rows))
+    return tuple(tables)
+
+
+def _factor_paragraph(measure: Measure, tests: FactorTests) -> str:
+    means = ", ".join(f"{level_text(own)} {mean_text(measure.at_level(tests.factor, own))}" for own in tests.levels)
+    omnibus = ""
+    if tests.omnibus is not None:
+        whether = "differ" if is_found(tests.omnibus) else "do not differ overall"
+        omnibus = f" Levels {whether} ({test_text(tests.omnibus)})."
+    return f"By {tests.factor}: {means}.{omnibus} {pair_sentences(measure.name, tests.by_ranks)}"
+
+
+def _tendency_paragraph(tests: MeasureTests) -> str:
+    counts = {kind: sum(own.tendency == kind for own in tests.tendencies) for kind in (FOR, AGAINST, AMBIGUOUS)}
+    groups = (
+        f"{counts[FOR]} participants have five sixths of their cells at chance or above, {counts[AGAINST]} at chance "
+        f"or below, and {counts[AMBIGUOUS]} are ambiguous."
+    )
+    test = tests.heterogeneity
+    if test is None or test.p is None:
+        return groups
+    if is_found(test):
+        return f"{groups} Participants differ by more than chance ({test_text(test)}), which speaks for subgroups."
+    return f"{groups} Participants do not differ by more than chance ({test_text(test)})."
+
+
+def _fit_sections(analysis: StudyAnalysis) -> list[ReportSection]:
+    """One section for each block that functions were fitted in."""
+    blocks = list(dict.fromkeys(own.answers.block.name for own in analysis.fits))
+    return [_fit_section([own for own in analysis.fits if own.answers.block.name == name]) for name in blocks]
+
+
+def _fit_section(fits: Sequence[FittedLevels]) -> ReportSection:
+    block = fits[0].answers.block
+    is_staircase = block.design == "staircase"
+    guess = fits[0].answers.guess
+    low = "lapses on both sides" if fits[0].answers.lapses_both_ways else f"guess rate {guess:g}"
+    text = (
+        f"A cumulative Gaussian over the stimuli's values, fitted to {fits[0].answers.counted} of each participant by "
+        f"maximum likelihood ({low}, at most 6 % lapses); intervals of 95 % by profile likelihood."
+    )
+    rows, notes = [], []
+    for own in fits:
+        answers, fit = own.answers, own.fit
+        reversals = [number_text(answers.reversal_mean)] if is_staircase else []
+        if fit is None:
+            rows.append((answers.code, "", "", "", "", *reversals, answers.reason))
+            continue
+        rows.append(
+            (
+                answers.code, _interval_text(fit.mu), _interval_text(fit.jnd), _interval_text(fit.lapse),
+                p_text(fit.goodness_p), *reversals, fit.note,
+            )
+        )  # fmt: skip
+        if answers.clipped:
+            notes.append(f"{answers.code}: {answers.clipped}")
+    if notes:
+        text += f"\n\nMoves that would have gone beyond the first or last level, by participant: {', '.join(notes)}."
+    more = ("mean of reversals",) if is_staircase else ()
+    head = ("participant", "threshold (95 %)", "JND (95 %)", "lapses", "fit", *more, "note")
+    pictures = _pictures(draw_psychometric(fits[:FITS_SHOWN], omitted=max(0, len(fits) - FITS_SHOWN)))
+    if is_staircase:
+        pictures = (*pictures, *_pictures(draw_staircases([own.answers for own in fits[:FITS_SHOWN]])))
+    return ReportSection(f"Thresholds: {block.name}", text, (ReportTable("", head, rows),), pictures)
+
+
+def _magnitude_section(scale: MagnitudeScale) -> ReportSection:
+    text = (
+        "The geometric mean of each participant's estimates, and the slope of its logarithm over that of the value: "
+        f"the exponent of the power law. Exponents are {mean_text(scale.exponents)}."
+    )
+    if scale.reason:
+        text = f"There is no exponent: {scale.reason}."
+    if scale.left_out:
+        text += f" {scale.left_out} estimates of 0 or below have no logarithm, and are left out."
+    head = ("participant", *(f"at {own:g}" for own in scale.x), "exponent")
+    rows = [
+        (code, *(number_text(float(own)) for own in means), number_text(float(exponent)))
+        for code, means, exponent in zip(scale.codes, scale.means, scale.exponents, strict=True)
+    ]
+    pictures = () if scale.reason else _pictures(draw_magnitudes(scale))
+    return ReportSection(f"Magnitudes: {scale.block.name}", text, (ReportTable("", head, rows),), pictures)
+
+
+def _written_section(found: Sequence[QuestionAnswers]) -> ReportSection:
+    tables = tuple(
+        ReportTable(f"{own.question.text} ({own.place})", ("participant", "answer"), own.texts) for own in found
+    )
+    return ReportSection("What people wrote", "As they wrote it; nothing is counted.", tables)
+
+
+def _level_pictures(measure: Measure) -> tuple[ReportPicture, ...]:
+    """The measure by its first factor, coloured by the second, then by each further one."""
+    names = list(measure.factors)
+    if not names or not np.isfinite(measure.values).any():
+        return ()
+    pictures = _pictures(draw_measure(measure, names[0], names[1] if len(names) > 1 else None))
+    for name in names[1:]:
+        pictures = (*pictures, *_pictures(draw_measure(measure, name, None)))
+    return pictures
+
+
+def _pictures(*drawn: ReportPicture | None) -> tuple[ReportPicture, ...]:
+    return tuple(own for own in drawn if own is not None)
+
+
+def _cells_text(measure: Measure) -> str:
+    count = len(measure.cells)
+    return f"{count} cell{'s' * (count != 1)} of {len(measure.codes)} participants"
+
+
+def _range_text(counts: np.ndarray) -> str:
+    low, high = int(counts.min(initial=0)), int(counts.max(initial=0))
+    return str(high) if low == high else f"{low} to {high}"
+
+
+def _interval_text(value: FittedValue) -> str:
+    if value.value is None:
+        return ""
+    if value.low is None and value.high is None:
+        return number_text(value.value)
+    low, high = (number_text(own) if own is not None else "open" for own in (value.low, value.high))
+    return f"{number_text(value.value)} ({low} to {high})"

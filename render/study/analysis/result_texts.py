@@ -1,0 +1,159 @@
+"""Results as sentences and cells of tables, in the style of the field's papers."""
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from .hypothesis_tests import SIGNIFICANT
+from .measure_tests import MeasureTests
+from .measures import Measure, cell_text, level_text
+from .statistical_test import StatisticalTest
+
+TEST_HEAD = ("comparison", "test", "n", "statistic", "p", "p (Holm)", "effect size", "difference (95 %)", "note")
+SHORT_NAMES = {
+    "rank-biserial r": "r_rb",
+    "Cohen's d_z": "d_z",
+    "Cohen's d": "d",
+    "Cohen's h": "h",
+    "Kendall's W": "W_K",
+}
+
+
+def number_text(value: float | None) -> str:
+    """A number with three digits; empty for none."""
+    return "" if value is None or math.isnan(value) else f"{value:.3g}"
+
+
+def p_text(p: float | None, *, symbol: str = "p") -> str:
+    """A p value as papers print it; a dash for none."""
+    if p is None:
+        return "-"
+    return f"{symbol} < 0.001" if p < 0.001 else f"{symbol} = {p:.3f}"
+
+
+def statistic_text(test: StatisticalTest) -> str:
+    """V = 40, or t(9) = -4.06; empty where there is no test."""
+    if test.value is None:
+        return ""
+    freedom = f"({test.freedom:g})" if test.freedom is not None else ""
+    return f"{test.statistic}{freedom} = {number_text(test.value)}"
+
+
+def is_found(test: StatisticalTest) -> bool:
+    """Whether a test finds a difference: its p, corrected where there is a family, is below 0.05."""
+    p = test.p if test.p_holm is None else test.p_holm
+    return p is not None and p < SIGNIFICANT
+
+
+def test_text(test: StatisticalTest) -> str:
+    """What stands in brackets: the test's statistic, n, p and effect size, or why there is no test."""
+    if test.p is None:
+        return f"{test.test}: {test.note.removeprefix('no test: ')}"
+    holm = test.p_holm
+    parts = [
+        statistic_text(test),
+        f"n = {test.n}",
+        p_text(test.p) if holm is None else p_text(holm, symbol="p_Holm"),
+        *(
+            [f"{SHORT_NAMES.get(test.effect, test.effect)} = {test.effect_size:.2f}"]
+            if test.effect_size is not None
+            else []
+        ),
+    ]
+    return ", ".join([test.test, *parts])
+
+
+def test_row(test: StatisticalTest) -> tuple[str, ...]:
+    """A row below TEST_HEAD."""
+    interval = number_text(test.difference)
+    if test.difference_low is not None and test.difference_high is not None:
+        interval += f" ({number_text(test.difference_low)} to {number_text(test.difference_high)})"
+    effect = "" if test.effect_size is None else f"{SHORT_NAMES.get(test.effect, test.effect)} = {test.effect_size:.2f}"
+    corrected = "" if test.p_holm is None else p_text(test.p_holm)
+    return (
+        test.compares, test.test, str(test.n), statistic_text(test), p_text(test.p), corrected, effect, interval,
+        test.note,
+    )  # fmt: skip
+
+
+def chance_sentence(name: str, test: StatisticalTest, chance: float) -> str:
+    """Whether a measure is above chance."""
+    if test.p is None:
+        return f"Whether {name} differs from chance ({chance:g}) cannot be tested ({test_text(test)})."
+    if not is_found(test):
+        return f"No difference of {name} from chance ({chance:g}) was found ({test_text(test)})."
+    side = "above" if (test.effect_size or 0.0) > 0 else "below"
+    return f"{_capital(name)} is {side} chance ({chance:g}; {test_text(test)})."
+
+
+def pair_sentences(name: str, tests: Sequence[StatisticalTest]) -> str:
+    """Which levels differ; all pairs of one factor."""
+    found = [own for own in tests if is_found(own)]
+    parts = []
+    for own in found:
+        one, other = own.compares.split(" - ", 1)
+        side = "higher" if (own.effect_size or 0.0) > 0 else "lower"
+        parts.append(f"{_capital(name)} is {side} for {one} than for {other} ({test_text(own)}).")
+    others = [own for own in tests if own not in found]
+    if others:
+        listed = "; ".join(f"{own.compares.replace(' - ', ' and ')}: {test_text(own)}" for own in others)
+        parts.append(f"No {'other ' if found else ''}difference was found ({listed}).")
+    return " ".join(parts)
+
+
+def level_rows(measure: Measure) -> list[tuple[str, ...]]:
+    """Descriptive numbers of each level of each factor, of each cell, and of all: of participants' values."""
+    rows = []
+    for factor, levels in measure.factors.items():
+        rows += [(factor, level_text(own), *_described(measure.at_level(factor, own))) for own in levels]
+    if len(measure.factors) != 1 or len(measure.cells) != len(next(iter(measure.factors.values()))):
+        rows += [
+            ("cell", cell_text(cell), *_described(values))
+            for cell, values in zip(measure.cells, measure.values.T, strict=True)
+        ]
+    return [*rows, ("all", "", *_described(measure.by_participant()))]
+
+
+LEVEL_HEAD = ("", "", "n", "mean", "sd", "median", "least", "largest")
+
+
+def mean_text(values: np.ndarray) -> str:
+    """Mean and standard deviation of what is there."""
+    found = values[np.isfinite(values)]
+    if not len(found):
+        return "nothing"
+    spread = f" ± {number_text(float(found.std(ddof=1)))}" if len(found) > 1 else ""
+    return f"{number_text(float(found.mean()))}{spread}"
+
+
+def all_tests(tests: MeasureTests) -> Iterable[tuple[str, str, StatisticalTest]]:
+    """Every test of a measure, with its factor and what its values are: `participants` or `cells`."""
+    yield "", "cells", tests.normality
+    for kind, test in (
+        ("participants", tests.chance_by_ranks),
+        ("participants", tests.chance_by_means),
+        ("cells", tests.chance_by_cells),
+        ("answers", tests.heterogeneity),
+    ):
+        if test is not None:
+            yield "", kind, test
+    for own in tests.factors:
+        if own.omnibus is not None:
+            yield own.factor, "participants", own.omnibus
+        yield from ((own.factor, "participants", test) for test in (*own.by_ranks, *own.by_means))
+        yield from ((own.factor, "cells", test) for test in own.by_cells)
+    yield from (("", "answers", own.binomial) for own in tests.tendencies)
+
+
+def _described(values: np.ndarray) -> tuple[str, ...]:
+    found = values[np.isfinite(values)]
+    if not len(found):
+        return ("0", "", "", "", "", "")
+    spread = float(found.std(ddof=1)) if len(found) > 1 else None
+    numbers = (float(found.mean()), spread, float(np.median(found)), float(found.min()), float(found.max()))
+    return (str(len(found)), *map(number_text, numbers))
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:] if " " in text else text

@@ -447,7 +447,6 @@ class StudyRun:
         pause = max(self._account.pause_before(time.monotonic() + LEAD_IN, emissions), block.rest - LEAD_IN)
         ends = time.monotonic() + pause
         if pause > block.rest:
-            self._tell("rest", seconds=pause)
             self._store_event("rest", seconds=pause)
             self._desk.show("rest", self._plan.sentence("rest"), ends=ends, **self._common())
         else:

@@ -421,7 +421,6 @@ class StudyRun:
             return
         if self._had_page:  # else the participant has not come yet
             self._store_event("stopped", reason=desk.status()["stop_reason"] or "the participant's page was closed")
-        if self._had_page:
             desk.show("wait", self._plan.sentence("stopped"), progress=self._share)
         self._is_fresh = True
         while desk.is_held:

@@ -6,13 +6,13 @@ import warnings
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from written_plans import BLOCKS, EVERY_DESIGN, HEAD, PAPER, PILOT, STIMULI
 
 from palpate.device.playing.limits import Limits
 from palpate.render.errors import PalpateWarning, StudyPlanError
 from palpate.render.objects.mesh.placement import Placement
 from palpate.render.study.plan.study_plan import TEXTS, PlannedStimulus, Question
 from palpate.render.study.plan.study_reading import read_study
-from tests.cases.studies.plans import BLOCKS, EVERY_DESIGN, HEAD, PAPER, PILOT, STIMULI
 
 
 @pytest.fixture

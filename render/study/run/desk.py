@@ -29,7 +29,7 @@ class ShownObject:
     """What a participant sees beside the words."""
 
     solid: str
-    """Name of the mesh that is drawn; it does not tell the participant how it is rendered."""
+    """Name of the mesh that is drawn; it does not reveal to the participant how it is rendered."""
     opacity: float
     """Above 0, at most 1."""
     has_hand: bool

@@ -100,16 +100,16 @@ class StudyRun:
         Raises what ends the session: the array failed, or a limit was met. What was answered until then is on disk.
         """
         self._desk.set_status(participant=self._code)
-        self._tell("study_begun", participant=self._code)
+        self._report("study_begun", participant=self._code)
         try:
             outcome = self._run()
         except _RunEnded:
             outcome = ENDED
             self._desk.show("ended", self._plan.sentence("ended_early"), progress=self._share)
         except BaseException:  # who records beside the study must know that nothing more comes
-            self._tell("study_ended", outcome=FAILED)
+            self._report("study_ended", outcome=FAILED)
             raise
-        self._tell("study_ended", outcome=outcome)
+        self._report("study_ended", outcome=outcome)
         return outcome
 
     def _run(self) -> str:
@@ -157,7 +157,7 @@ class StudyRun:
         self._desk.set_status(block=f"{block.name}, {self._position + 1} of {len(plan.blocks)}")
         is_begun = any(key[0] == block.name for key in self._answers)
         if not is_begun:
-            self._tell("block_begun", block=block.name, design=block.design)
+            self._report("block_begun", block=block.name, design=block.design)
             words = [plan.sentence("practice", count=practice)] if practice else []
             title = plan.sentence("block", number=self._position + 1, count=len(plan.blocks))
             text = "\n\n".join(filter(None, (block.instruction, *words)))
@@ -236,7 +236,7 @@ class StudyRun:
             except BaseException as error:  # also where the array fails, or Ctrl-C: what was played before is data
                 if not isinstance(error, _TrialHeld):
                     own = self._player.broken(name, error, self._poses)
-                    self._tell("stimulus_ended", is_estimate=True, stimulus=name, outcome=own.outcome)
+                    self._report("stimulus_ended", is_estimate=True, stimulus=name, outcome=own.outcome)
                     played.append((row, own))
                 self._keep_intervals(played)
                 raise
@@ -271,7 +271,7 @@ class StudyRun:
         def begun(onset: Onset) -> None:
             if is_asking:
                 self._desk.show("stimulus", **screen)
-            self._tell(
+            self._report(
                 "stimulus_onset", array_time=onset.time, is_estimate=onset.is_estimate, block=row.block,
                 trial=row.trial, interval=row.interval, stimulus=row.stimulus,
             )  # fmt: skip
@@ -284,7 +284,9 @@ class StudyRun:
             waits_for_hand=ask_for_hand,
         )
         self._note_sound()
-        self._tell("stimulus_ended", array_time=own.ended, is_estimate=True, stimulus=row.stimulus, outcome=own.outcome)
+        self._report(
+            "stimulus_ended", array_time=own.ended, is_estimate=True, stimulus=row.stimulus, outcome=own.outcome
+        )
         if own.onset is not None and own.ended is not None:
             seconds = own.ended - own.onset
             duty = self._emissions[row.stimulus].duty * own.seconds_on / seconds
@@ -376,7 +378,7 @@ class StudyRun:
         trial: PlannedTrial | None = None,
         attempt: int = 0,
     ) -> None:
-        """Put an answer on disk, then tell other instruments."""
+        """Put an answer on disk, then report it to other instruments."""
         is_choice = question.kind == "choice"
         row = AnswerRow(
             block=block_name, block_position=-1 if block is None else self._position,
@@ -391,7 +393,7 @@ class StudyRun:
         )  # fmt: skip
         self._save(lambda: self._store.add_answer(row))
         self._answers[block_name, place, question.name] = response.value
-        self._tell(
+        self._report(
             "answer", block=block_name, trial=place, question=question.name, value=response.value, key=response.key
         )
 
@@ -471,7 +473,7 @@ class StudyRun:
         self._desk.set_status(faults=list(self._faults.values()))
 
     def _save(self, action: Callable[[], T]) -> T:
-        """Put something on disk; while that fails, nothing goes on and nothing is lost: the experimenter is told."""
+        """Put something on disk; while that fails, nothing goes on and nothing is lost: the experimenter reads why."""
         reason = ""
         while True:
             try:
@@ -483,7 +485,7 @@ class StudyRun:
                 self._desk.stop(reason)
                 if self._desk.shown.kind != "question":  # which keeps its keys, and an answer that was given already
                     self._desk.show("wait", self._plan.sentence("stopped"), progress=self._share)
-                self._tell("stopped", reason=reason)
+                self._report("stopped", reason=reason)
             while self._desk.is_stopped and not self._desk.is_ended:
                 self._desk.await_change(0.1)
             if self._desk.is_ended:
@@ -517,10 +519,10 @@ class StudyRun:
 
     def _store_event(self, name: str, **values: Any) -> None:
         self._save(lambda: self._store.add_event(name, **values))
-        self._tell(name, **values)
+        self._report(name, **values)
 
-    def _tell(self, name: str, **values: Any) -> None:
-        """Tell other instruments and the experimenter of an event."""
+    def _report(self, name: str, **values: Any) -> None:
+        """Report an event to other instruments and to the experimenter."""
         self._send(name, **values)
         shown = {key: value for key, value in values.items() if key in _SHOWN and value not in ("", AFTER_BLOCK)}
         words = (f"{key} {value + 1 if key == 'trial' else value}" for key, value in shown.items())

@@ -22,8 +22,9 @@ from ..plan.duty_account import DutyAccount, EmissionInterval
 from ..plan.study_plan import Answer, PlannedBlock, PlannedTrial, Question, StudyPlan
 from .answer_store import AnswerStore
 from .desk import KeyChoice, Response, ShownObject, StudyDesk
-from .interval_player import PLAYED, DrawnInterval, IntervalPlayer, PlayedInterval, drawn_interval
+from .interval_player import PLAYED, DrawnInterval, IntervalPlayer, PlayedInterval
 from .store_rows import ABOUT_CONSENT, AnswerRow, IntervalRow, ParticipantProgress
+from .study_clock import StudyClock
 
 BEFORE, AFTER = "before", "after"
 AFTER_BLOCK = -1
@@ -57,6 +58,7 @@ class StudyRun:
     player: of the stimuli. account: of what the array was driven, from which pauses follow. send: gets events, with the
     array's own time. By the names of stimuli: file_hashes: SHA-256 of stored ones; emissions: what they may emit;
     shown_names: under which the page knows the mesh that is seen. seconds: that the whole run is expected to take [s].
+    clock: of intervals and rests.
     """
 
     def __init__(
@@ -74,11 +76,13 @@ class StudyRun:
         emissions: Mapping[str, EmissionInterval],
         shown_names: Mapping[str, str],
         seconds: float = 0.0,
+        clock: StudyClock | None = None,
     ) -> None:
         self._plan, self._code, self._store, self._progress = plan, code, store, progress
         self._desk, self._player, self._account, self._send = desk, player, account, send
         self._file_hashes, self._emissions, self._shown_names = file_hashes, emissions, shown_names
         self._seconds = seconds
+        self._clock = clock or StudyClock()
         self._number = plan.codes.index(code)
         self._kept = progress.answers
         self._answers: dict[tuple[str, int, str], Answer] = {key: row.value for key, row in self._kept.items()}
@@ -216,7 +220,7 @@ class StudyRun:
             self._read(plan.sentence("ready"), title=title, label="begin")
             self._is_fresh = False
         self._store_event("trial_begun", block=block.name, trial=place, attempt=attempt, stimuli=list(trial.stimuli))
-        planned = time.monotonic() + LEAD_IN
+        planned = self._clock.now() + LEAD_IN
         played: list[tuple[IntervalRow, PlayedInterval]] = []
         for interval, name in enumerate(names):
             screen = self._interval_screen(block, trial, interval, name, title)
@@ -300,18 +304,17 @@ class StudyRun:
             row, own = played[0]
             if own.poses_file is not None and not own.poses_file.exists():  # nothing was drawn
                 own = replace(own, poses_file=None)
-            whole = _whole_row(row, own, None if own.poses_file is None else self._drawn(own))
+            whole = _whole_row(row, own, self._drawn(own))
             if own.onset is not None:
                 whole = replace(whole, driven=self._emissions[row.stimulus].duty * own.seconds_on)
             self._save(lambda whole=whole: self._store.add_interval(whole))
             played.pop(0)
 
     def _drawn(self, own: PlayedInterval) -> DrawnInterval | None:
-        assert own.poses_file is not None  # the caller has looked
         try:
-            return drawn_interval(own.poses_file)
+            return self._player.drawn(own)
         except DatasetError as error:
-            name, text = own.poses_file.name, str(error)
+            name, text = "" if own.poses_file is None else own.poses_file.name, str(error)
             self._save(lambda: self._store.add_event("poses_unreadable", file=name, text=text))
             return None
 
@@ -435,18 +438,18 @@ class StudyRun:
 
     def _wait_until(self, when: float) -> None:
         """Wait for a time [s of time.monotonic()]; raises _TrialHeld where the run is held meanwhile."""
-        while (left := when - time.monotonic()) > 0:
+        while (left := when - self._clock.now()) > 0:
             if self._desk.is_held:
                 raise _TrialHeld
-            self._desk.await_change(left) if left > 0.02 else time.sleep(left)
+            self._desk.await_change(left, self._clock) if left > 0.02 else self._clock.sleep(left)
 
     def _rest(self, block: PlannedBlock, names: tuple[str, ...]) -> None:
         """Wait as long as the block asks for, and as the array's limits demand before these intervals."""
         emissions = [
             replace(self._emissions[name], gap=0.0 if place == 0 else block.gap) for place, name in enumerate(names)
         ]
-        pause = max(self._account.pause_before(time.monotonic() + LEAD_IN, emissions), block.rest - LEAD_IN)
-        ends = time.monotonic() + pause
+        pause = max(self._account.pause_before(self._clock.now() + LEAD_IN, emissions), block.rest - LEAD_IN)
+        ends = self._clock.now() + pause
         if pause > block.rest:
             self._store_event("rest", seconds=pause)
             self._desk.show("rest", self._plan.sentence("rest"), ends=ends, **self._common())
@@ -527,7 +530,7 @@ class StudyRun:
         shown = {key: value for key, value in values.items() if key in _SHOWN and value not in ("", AFTER_BLOCK)}
         words = (f"{key} {value + 1 if key == 'trial' else value}" for key, value in shown.items())
         self._events.append(" ".join((time.strftime("%H:%M:%S"), name.replace("_", " "), *words)))
-        duty = self._account.mean_duty(time.monotonic())
+        duty = self._account.mean_duty(self._clock.now())
         self._desk.set_status(events=list(self._events), duty=round(duty, 3))
 
     def _common(self) -> dict[str, Any]:

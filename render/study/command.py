@@ -201,7 +201,7 @@ def _shown_meshes(
     plan: StudyPlan, loaded: PlacedSolids
 ) -> tuple[dict[str, str], Callable[[ShownObject], tuple[np.ndarray, np.ndarray]]]:
     """The name of the mesh that is seen with each stimulus, and what gives vertices and faces of it."""
-    numbers = {key: str(number) for number, key in enumerate(loaded)}  # a name would tell how it is rendered
+    numbers = {key: str(number) for number, key in enumerate(loaded)}  # a name would reveal how it is rendered
     solids = {numbers[key]: solid for key, solid in loaded.items()}
     names = {}
     for own in plan.stimuli:
@@ -212,7 +212,7 @@ def _shown_meshes(
 
 
 def _announce(server: PageServer, events: dict[str, str], options: dict[str, Any], *, as_json: bool) -> None:
-    """Tell where the pages are, and open both."""
+    """Print where the pages are, and open both."""
     addresses = {"participant": server.address(PARTICIPANT), "experimenter": server.address(EXPERIMENTER)}
     if as_json:
         write_output(console.json_line({"pages": addresses, **events}))
@@ -229,4 +229,4 @@ def _announce(server: PageServer, events: dict[str, str], options: dict[str, Any
 
 
 def _send_nothing(name: str, **values: Any) -> None:
-    """No other program is told of events."""
+    """Events go to no other program."""

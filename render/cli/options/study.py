@@ -14,12 +14,13 @@ from .play import Transport
 from .trust import AllowCode
 from .view import NoBrowser, Port
 
+EXAMPLES = "Plans to begin with: palpate study example paper, palpate study example pilot."
 STUDY_HELP = "Run a study with people: one participant of a plan, from consent to the last answer."
 
 study = typer.Typer(cls=PlanGroup, add_completion=False, rich_markup_mode=None)
 
 
-@study.command(RUN, cls=RunCommand, hidden=True)
+@study.command(RUN, cls=RunCommand, hidden=True, epilog=EXAMPLES)
 def run(
     plan: Annotated[Path, typer.Argument(metavar="STUDY.toml", help="The study's plan.")],
     participant: Annotated[
@@ -135,3 +136,13 @@ def analyse(
     """Write a study's report (HTML, Markdown), its tables (CSV, Parquet) and pictures; needs palpate[study]."""
     options = {name: value for name, value in locals().items() if name not in ("quiet", "json")}
     run_job("..study.analysis.command", "analyse_study", options, json=json, quiet=quiet)
+
+
+@study.command()
+def example(
+    name: Annotated[str, typer.Argument(metavar="paper|pilot", help="The founding paper's study, or its pilot.")],
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Write the plan of a whole study into this folder, as NAME.toml, to be run or changed."""
+    run_job("..study.plan.example_plans", "write_example", name, json=json, quiet=quiet)

@@ -203,7 +203,7 @@ class ParticipantVisit:
         if screen.number != after:
             described["screen"] = self._described(screen)
         if screen.ends is not None:
-            described["left"] = max(0.0, screen.ends - time.monotonic())
+            described["left"] = max(0.0, screen.ends - self._desk.clock.now())
         if screen.kind == "stimulus" and screen.shown is not None and screen.shown.has_hand:
             described["hand"] = self._hand(packer)
         return described

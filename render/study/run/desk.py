@@ -1,13 +1,13 @@
 """What participant and experimenter see and say: between the thread that runs a study and the pages in browsers."""
 
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from ...errors import StudyError
 from ..plan.study_plan import Answer, Question
+from .study_clock import StudyClock
 
 ScreenKind = Literal["text", "question", "stimulus", "rest", "wait", "ended"]
 LOST_SECONDS = 1.5  # without a word of the participant's page, after which it counts as closed
@@ -29,7 +29,7 @@ class ShownObject:
     """What a participant sees beside the words."""
 
     solid: str
-    """Name of the mesh that is drawn; it does not tell the participant how it is rendered."""
+    """Name of the mesh that is drawn; it does not reveal to the participant how it is rendered."""
     opacity: float
     """Above 0, at most 1."""
     has_hand: bool
@@ -77,10 +77,11 @@ class StudyDesk:
     """Where the thread that runs a study puts screens and gets responses; pages ask it from threads of their own.
 
     A response counts once, and only for the screen that is shown: a key pressed twice, or for a screen that has gone,
-    changes nothing and is counted.
+    changes nothing and is counted. clock: by which a page that has not asked for a while counts as closed.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, clock: StudyClock | None = None) -> None:
+        self.clock = clock or StudyClock()
         self._changed = threading.Condition()
         self._screen = Screen(number=0, kind="wait", text="")
         self._response: Response | None = None
@@ -98,7 +99,7 @@ class StudyDesk:
     def screen(self) -> Screen:
         """What is shown now; that the page asks says that it is open."""
         with self._changed:
-            self._seen = time.monotonic()
+            self._seen = self.clock.now()
             return self._screen
 
     def press(self, number: int, key: str, seconds: float) -> bool:
@@ -129,7 +130,7 @@ class StudyDesk:
             if self.has_page:
                 raise StudyError("the participant's page is open already: close it, or go on there")
             self._page_count += 1
-            self._page, self._seen = self._page_count, time.monotonic()
+            self._page, self._seen = self._page_count, self.clock.now()
             self._changed.notify_all()
             return self._page
 
@@ -204,7 +205,7 @@ class StudyDesk:
     @property
     def has_page(self) -> bool:
         """Whether the participant's page is open, and has asked for its screen lately."""
-        return self._page > 0 and time.monotonic() - self._seen < LOST_SECONDS
+        return self._page > 0 and self.clock.now() - self._seen < LOST_SECONDS
 
     @property
     def is_ended(self) -> bool:
@@ -235,13 +236,13 @@ class StudyDesk:
     def await_response(self, seconds: float) -> Response | None:
         """The response to the screen that is shown; None if none has come after so many seconds, or the run is held."""
         with self._changed:
-            self._changed.wait_for(lambda: self._response is not None or self.is_held, seconds)
+            self.clock.wait(self._changed, seconds, lambda: self._response is not None or self.is_held)
             return self._response
 
-    def await_change(self, seconds: float) -> None:
-        """Wait for `stop`, `go_on`, `end`, a page that opens or closes, or the time."""
+    def await_change(self, seconds: float, clock: StudyClock | None = None) -> None:
+        """Wait for `stop`, `go_on`, `end`, a page that opens or closes, or the time by `clock`, else the desk's own."""
         with self._changed:
-            self._changed.wait(seconds)
+            (clock or self.clock).wait(self._changed, seconds)
 
     def set_status(self, **values: Any) -> None:
         """What the experimenter sees from now on."""

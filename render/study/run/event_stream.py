@@ -82,7 +82,7 @@ class _Client:
 
 
 class EventStream:
-    """A TCP server that tells other programs every event from when they connect; for a `with`, or `close()` it.
+    """A TCP server that reports every event to other programs from when they connect; for a `with`, or `close()` it.
 
     port: exactly this one; None: a free one. token: allows a client to answer, to stop the study, and to stand for the
     participant's page; without it, it only reads. outlet: gets every event, too. Raises StudyError for an address that
@@ -140,7 +140,7 @@ class EventStream:
         """Send an event to all clients; returns at once, whether they read or not.
 
         array_time: when it happened, by the array's clock [s of time.monotonic()]; None: now. is_estimate: whether that
-        time was not reported by the array; None: it was, if it is given. values: what the event tells, by names other
+        time was not reported by the array; None: it was, if it is given. values: what the event reports, by names other
         than those of the times and `event`; what JSON has no form for is sent as text, and a number that is not finite
         as null.
         """
@@ -396,7 +396,7 @@ def _listening_socket(host: str, port: int | None) -> socket.socket:
 
 
 def _described(screen: Screen) -> dict[str, object]:
-    """A screen as its event tells it; pictures and noise are the browser's."""
+    """A screen as its event describes it; pictures and noise are the browser's."""
     question = screen.question
     return {
         "number": screen.number,

@@ -172,6 +172,13 @@ class IntervalPlayer:
             poses_file=poses_file,
         )
 
+    def drawn(self, interval: PlayedInterval) -> DrawnInterval | None:
+        """What an interval drew, of the file that `save_poses` has made; None where its poses were not kept.
+
+        Raises ContourFileError for a file that is no recording of one.
+        """
+        return None if interval.poses_file is None else drawn_interval(interval.poses_file)
+
     def save_poses(self) -> None:
         """Make the files of poses of all intervals so far.
 

@@ -22,8 +22,9 @@ from ..plan.duty_account import DutyAccount, EmissionInterval
 from ..plan.study_plan import Answer, PlannedBlock, PlannedTrial, Question, StudyPlan
 from .answer_store import AnswerStore
 from .desk import KeyChoice, Response, ShownObject, StudyDesk
-from .interval_player import PLAYED, DrawnInterval, IntervalPlayer, PlayedInterval, drawn_interval
+from .interval_player import PLAYED, DrawnInterval, IntervalPlayer, PlayedInterval
 from .store_rows import ABOUT_CONSENT, AnswerRow, IntervalRow, ParticipantProgress
+from .study_clock import StudyClock
 
 BEFORE, AFTER = "before", "after"
 AFTER_BLOCK = -1
@@ -57,6 +58,7 @@ class StudyRun:
     player: of the stimuli. account: of what the array was driven, from which pauses follow. send: gets events, with the
     array's own time. By the names of stimuli: file_hashes: SHA-256 of stored ones; emissions: what they may emit;
     shown_names: under which the page knows the mesh that is seen. seconds: that the whole run is expected to take [s].
+    clock: of intervals and rests.
     """
 
     def __init__(
@@ -74,11 +76,13 @@ class StudyRun:
         emissions: Mapping[str, EmissionInterval],
         shown_names: Mapping[str, str],
         seconds: float = 0.0,
+        clock: StudyClock | None = None,
     ) -> None:
         self._plan, self._code, self._store, self._progress = plan, code, store, progress
         self._desk, self._player, self._account, self._send = desk, player, account, send
         self._file_hashes, self._emissions, self._shown_names = file_hashes, emissions, shown_names
         self._seconds = seconds
+        self._clock = clock or StudyClock()
         self._number = plan.codes.index(code)
         self._kept = progress.answers
         self._answers: dict[tuple[str, int, str], Answer] = {key: row.value for key, row in self._kept.items()}
@@ -100,16 +104,16 @@ class StudyRun:
         Raises what ends the session: the array failed, or a limit was met. What was answered until then is on disk.
         """
         self._desk.set_status(participant=self._code)
-        self._tell("study_begun", participant=self._code)
+        self._report("study_begun", participant=self._code)
         try:
             outcome = self._run()
         except _RunEnded:
             outcome = ENDED
             self._desk.show("ended", self._plan.sentence("ended_early"), progress=self._share)
         except BaseException:  # who records beside the study must know that nothing more comes
-            self._tell("study_ended", outcome=FAILED)
+            self._report("study_ended", outcome=FAILED)
             raise
-        self._tell("study_ended", outcome=outcome)
+        self._report("study_ended", outcome=outcome)
         return outcome
 
     def _run(self) -> str:
@@ -157,7 +161,7 @@ class StudyRun:
         self._desk.set_status(block=f"{block.name}, {self._position + 1} of {len(plan.blocks)}")
         is_begun = any(key[0] == block.name for key in self._answers)
         if not is_begun:
-            self._tell("block_begun", block=block.name, design=block.design)
+            self._report("block_begun", block=block.name, design=block.design)
             words = [plan.sentence("practice", count=practice)] if practice else []
             title = plan.sentence("block", number=self._position + 1, count=len(plan.blocks))
             text = "\n\n".join(filter(None, (block.instruction, *words)))
@@ -216,7 +220,7 @@ class StudyRun:
             self._read(plan.sentence("ready"), title=title, label="begin")
             self._is_fresh = False
         self._store_event("trial_begun", block=block.name, trial=place, attempt=attempt, stimuli=list(trial.stimuli))
-        planned = time.monotonic() + LEAD_IN
+        planned = self._clock.now() + LEAD_IN
         played: list[tuple[IntervalRow, PlayedInterval]] = []
         for interval, name in enumerate(names):
             screen = self._interval_screen(block, trial, interval, name, title)
@@ -236,7 +240,7 @@ class StudyRun:
             except BaseException as error:  # also where the array fails, or Ctrl-C: what was played before is data
                 if not isinstance(error, _TrialHeld):
                     own = self._player.broken(name, error, self._poses)
-                    self._tell("stimulus_ended", is_estimate=True, stimulus=name, outcome=own.outcome)
+                    self._report("stimulus_ended", is_estimate=True, stimulus=name, outcome=own.outcome)
                     played.append((row, own))
                 self._keep_intervals(played)
                 raise
@@ -271,7 +275,7 @@ class StudyRun:
         def begun(onset: Onset) -> None:
             if is_asking:
                 self._desk.show("stimulus", **screen)
-            self._tell(
+            self._report(
                 "stimulus_onset", array_time=onset.time, is_estimate=onset.is_estimate, block=row.block,
                 trial=row.trial, interval=row.interval, stimulus=row.stimulus,
             )  # fmt: skip
@@ -284,7 +288,9 @@ class StudyRun:
             waits_for_hand=ask_for_hand,
         )
         self._note_sound()
-        self._tell("stimulus_ended", array_time=own.ended, is_estimate=True, stimulus=row.stimulus, outcome=own.outcome)
+        self._report(
+            "stimulus_ended", array_time=own.ended, is_estimate=True, stimulus=row.stimulus, outcome=own.outcome
+        )
         if own.onset is not None and own.ended is not None:
             seconds = own.ended - own.onset
             duty = self._emissions[row.stimulus].duty * own.seconds_on / seconds
@@ -298,18 +304,17 @@ class StudyRun:
             row, own = played[0]
             if own.poses_file is not None and not own.poses_file.exists():  # nothing was drawn
                 own = replace(own, poses_file=None)
-            whole = _whole_row(row, own, None if own.poses_file is None else self._drawn(own))
+            whole = _whole_row(row, own, self._drawn(own))
             if own.onset is not None:
                 whole = replace(whole, driven=self._emissions[row.stimulus].duty * own.seconds_on)
             self._save(lambda whole=whole: self._store.add_interval(whole))
             played.pop(0)
 
     def _drawn(self, own: PlayedInterval) -> DrawnInterval | None:
-        assert own.poses_file is not None  # the caller has looked
         try:
-            return drawn_interval(own.poses_file)
+            return self._player.drawn(own)
         except DatasetError as error:
-            name, text = own.poses_file.name, str(error)
+            name, text = "" if own.poses_file is None else own.poses_file.name, str(error)
             self._save(lambda: self._store.add_event("poses_unreadable", file=name, text=text))
             return None
 
@@ -376,7 +381,7 @@ class StudyRun:
         trial: PlannedTrial | None = None,
         attempt: int = 0,
     ) -> None:
-        """Put an answer on disk, then tell other instruments."""
+        """Put an answer on disk, then report it to other instruments."""
         is_choice = question.kind == "choice"
         row = AnswerRow(
             block=block_name, block_position=-1 if block is None else self._position,
@@ -391,7 +396,7 @@ class StudyRun:
         )  # fmt: skip
         self._save(lambda: self._store.add_answer(row))
         self._answers[block_name, place, question.name] = response.value
-        self._tell(
+        self._report(
             "answer", block=block_name, trial=place, question=question.name, value=response.value, key=response.key
         )
 
@@ -421,7 +426,6 @@ class StudyRun:
             return
         if self._had_page:  # else the participant has not come yet
             self._store_event("stopped", reason=desk.status()["stop_reason"] or "the participant's page was closed")
-        if self._had_page:
             desk.show("wait", self._plan.sentence("stopped"), progress=self._share)
         self._is_fresh = True
         while desk.is_held:
@@ -434,20 +438,19 @@ class StudyRun:
 
     def _wait_until(self, when: float) -> None:
         """Wait for a time [s of time.monotonic()]; raises _TrialHeld where the run is held meanwhile."""
-        while (left := when - time.monotonic()) > 0:
+        while (left := when - self._clock.now()) > 0:
             if self._desk.is_held:
                 raise _TrialHeld
-            self._desk.await_change(left) if left > 0.02 else time.sleep(left)
+            self._desk.await_change(left, self._clock) if left > 0.02 else self._clock.sleep(left)
 
     def _rest(self, block: PlannedBlock, names: tuple[str, ...]) -> None:
         """Wait as long as the block asks for, and as the array's limits demand before these intervals."""
         emissions = [
             replace(self._emissions[name], gap=0.0 if place == 0 else block.gap) for place, name in enumerate(names)
         ]
-        pause = max(self._account.pause_before(time.monotonic() + LEAD_IN, emissions), block.rest - LEAD_IN)
-        ends = time.monotonic() + pause
+        pause = max(self._account.pause_before(self._clock.now() + LEAD_IN, emissions), block.rest - LEAD_IN)
+        ends = self._clock.now() + pause
         if pause > block.rest:
-            self._tell("rest", seconds=pause)
             self._store_event("rest", seconds=pause)
             self._desk.show("rest", self._plan.sentence("rest"), ends=ends, **self._common())
         else:
@@ -473,7 +476,7 @@ class StudyRun:
         self._desk.set_status(faults=list(self._faults.values()))
 
     def _save(self, action: Callable[[], T]) -> T:
-        """Put something on disk; while that fails, nothing goes on and nothing is lost: the experimenter is told."""
+        """Put something on disk; while that fails, nothing goes on and nothing is lost: the experimenter reads why."""
         reason = ""
         while True:
             try:
@@ -485,7 +488,7 @@ class StudyRun:
                 self._desk.stop(reason)
                 if self._desk.shown.kind != "question":  # which keeps its keys, and an answer that was given already
                     self._desk.show("wait", self._plan.sentence("stopped"), progress=self._share)
-                self._tell("stopped", reason=reason)
+                self._report("stopped", reason=reason)
             while self._desk.is_stopped and not self._desk.is_ended:
                 self._desk.await_change(0.1)
             if self._desk.is_ended:
@@ -519,15 +522,15 @@ class StudyRun:
 
     def _store_event(self, name: str, **values: Any) -> None:
         self._save(lambda: self._store.add_event(name, **values))
-        self._tell(name, **values)
+        self._report(name, **values)
 
-    def _tell(self, name: str, **values: Any) -> None:
-        """Tell other instruments and the experimenter of an event."""
+    def _report(self, name: str, **values: Any) -> None:
+        """Report an event to other instruments and to the experimenter."""
         self._send(name, **values)
         shown = {key: value for key, value in values.items() if key in _SHOWN and value not in ("", AFTER_BLOCK)}
         words = (f"{key} {value + 1 if key == 'trial' else value}" for key, value in shown.items())
         self._events.append(" ".join((time.strftime("%H:%M:%S"), name.replace("_", " "), *words)))
-        duty = self._account.mean_duty(time.monotonic())
+        duty = self._account.mean_duty(self._clock.now())
         self._desk.set_status(events=list(self._events), duty=round(duty, 3))
 
     def _common(self) -> dict[str, Any]:

@@ -57,6 +57,9 @@ class SilentPlayer:
     def save_poses(self):
         """It has drawn nothing."""
 
+    def drawn(self, interval):
+        """Nothing was."""
+
     def play(self, name, *, poses_file, is_held, begun, waits_for_hand):
         self.played.append(name)
         now = time.monotonic()

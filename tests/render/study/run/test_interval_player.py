@@ -51,8 +51,9 @@ def test_stored_and_live_stimuli_begin_in_milliseconds_and_say_what_was_drawn(tm
             assert own.ended - own.onset > duration - 0.05
             assert (own.poses_file == path) is (name != "cube")
             player.save_poses()
+            assert (player.drawn(own) is None) is (own.poses_file is None)
             if own.poses_file is not None:
-                drawn, whole = drawn_interval(path), summarise(path)
+                drawn, whole = player.drawn(own), summarise(path)
                 assert drawn.poses == whole["poses"] > 20
                 assert drawn.length_mean == pytest.approx(whole["length_mean"])
                 assert (drawn.r is None) is (name == "tube-oc" or whole["r"] is None)

@@ -215,6 +215,7 @@ def test_the_array_rests_where_limits_demand_it_and_the_participant_is_told(tmp_
     rests = [screen for screen in own.shown if screen.kind == "rest"]
     assert len(rests) == 1  # two intervals of 10 ms may be, four may not
     assert rests[0].ends > 0
+    assert [name for name, _ in own.events].count("rest") == len(rests)  # an event that others count is sent once
     onsets = [onset for (onset,) in rows(tmp_path, "SELECT onset FROM intervals ORDER BY sequence")]
     assert onsets[2] - onsets[1] - 0.01 >= 0.2
 

@@ -1,73 +1,8 @@
 """Plans of studies: the founding paper's study and pilot, and a plan with every design and every kind of question."""
 
-PAPER = """\
-title = "Infill density"
-participants = 18
-noise_level = 0.1
-consent = "I agree to take part."
-[[stimulus]]
-for = { object = ["cube", "tube", "dog"], strategy = ["oc", "cc"] }
-name = "{object}-{strategy}"
-object = "{object}"
-strategy = "{strategy}"
-sampling = "stm"
-duration = 7.0
-[[block]]
-for = { object = ["cube", "tube", "dog"], opacity = [1.0, 0.7] }
-name = "{object}-{opacity}"
-design = "2ifc"
-pairs = [["{object}-oc", "{object}-cc"]]
-repetitions = 5
-question = "Which one of the two shapes felt the most densely filled?"
-options = ["First", "Second"]
-random_keys = true
-opacity = "{opacity}"
-[[block.question_after]]
-name = "confidence"
-text = "How confident are you in your answers?"
-kind = "scale"
-points = 7
-low_text = "not at all"
-high_text = "very"
-[[block.question_after]]
-name = "difficulty"
-text = "How difficult was the task?"
-kind = "scale"
-"""
-PILOT = """\
-title = "Pilot"
-participants = 6
-block_order = "fixed"
-[[stimulus]]
-for = { object = ["tube", "sphere", "dog", "cube", "rock"], strategy = ["oc", "cc"] }
-name = "{object}-{strategy}"
-object = "{object}"
-strategy = "{strategy}"
-duration = 20.0
-[[block]]
-name = "shapes"
-design = "exploration"
-trial_order = "fixed"
-sets = [
-  ["tube-oc", "tube-cc"],
-  ["sphere-oc", "sphere-cc"],
-  ["dog-oc", "dog-cc"],
-  ["cube-oc", "cube-cc"],
-  ["rock-oc", "rock-cc"],
-]
-[[block.question]]
-name = "stimuli"
-text = "Did the haptic stimuli feel different? If so, how?"
-kind = "text"
-[[block.question]]
-name = "objects"
-text = "Did the virtual objects feel physically different? If so, how?"
-kind = "text"
-[[block.question]]
-name = "coherence"
-text = "Was there a difference in terms of perceived coherence?"
-kind = "text"
-"""
+from palpate.render.study.plan.example_plans import example_text
+
+PAPER, PILOT = example_text("paper"), example_text("pilot")
 HEAD = """\
 title = "All"
 codes = ["A1", "b-7"]

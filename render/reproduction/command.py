@@ -8,12 +8,12 @@ from time import perf_counter
 from ...datasets.storage.durable import write_file
 from ..errors import RenderError, StrategyError
 from ..hands.hand import Palm
+from ..reports.report_pages import html_page, markdown_page
 from ..runtime.warp_start import start_warp
 from ..terminal import bars, console
 from ..terminal.foreign_text import show_table
 from .evaluation import Evaluation, evaluate
 from .explorations import StudySettings
-from .pages import ROW_HEAD, html_page, markdown_page
 from .paper_numbers import SOURCE
 from .predicted_noise import predicted_recordings
 
@@ -54,7 +54,8 @@ def run_reproduce(
         console.show_values({**values, **{kind: str(path) for kind, path in paths.items()}}, as_json=True, title=TITLE)
         return
     for section in found.sections:
-        show_table(section.title, [(row.what, row.paper, row.ours) for row in section.rows], ROW_HEAD[:3])
+        table = section.tables[0]  # of results; "why they differ" is long, and stands in the pages
+        show_table(section.title, [row[:3] for row in table.rows], table.head[:3])
     shown = {kind: str(path) for kind, path in paths.items()}
     console.show_values({**shown, "seconds": values["seconds"]}, as_json=False, title="written")
 

@@ -8,12 +8,13 @@ from ..contour_batch import HAND, OBJECT, ContourBatch
 from ..hands.hand import Palm
 from ..objects.mesh.solid_mesh import MeshObject
 from ..reports.picture_style import COLOURS
+from ..reports.report_pages import ReportPicture, ReportSection
+from ..reports.report_pictures import drawing, picture_content
 from ..reports.scene_view import SceneView, flat
 from ..reports.strategy_figure import POSE
 from ..scripting.rendering import render
 from ..strategies.intersection_strategy import IntersectionStrategy, closed_contour, open_contour
-from .pictures import drawing, picture_uri
-from .sections import ReportPicture, ReportRow, ReportSection
+from .compared_rows import ReportRow, compared
 
 PALM = Palm(width=0.070, length=0.0896)
 """As in the paper's figure: upright, 1 to 1.28."""
@@ -64,7 +65,7 @@ def construction_section() -> tuple[ReportSection, dict]:
             "Nothing differs: one rendering of CC holds both.",
         ),
     )
-    section = ReportSection("Figure 3: construction of OC and CC", TEXT, rows, pictures=(_picture(steps),))
+    section = ReportSection("Figure 3: construction of OC and CC", TEXT, (compared(rows),), (_picture(steps),))
     return section, {"construction": {**length, "oc_within_cc": shared}}
 
 
@@ -77,9 +78,9 @@ def _picture(steps: dict[str, ContourBatch]) -> ReportPicture:
             _draw_panel(axes, steps["raw"], batch, basis)
             axes.set_title(title, fontsize=10, loc="left")
         figure.legend(handles=_legend(), loc="outside lower center", ncols=4, frameon=False)
-        uri = picture_uri(figure)
+        content = picture_content(figure)
     alt = "Three panels: the section of a solid by the palm's plane, its part on the palm, and that part closed"
-    return ReportPicture(uri, alt, "Raw intersection, OC and CC of one pose (the paper's figure 3).")
+    return ReportPicture(content, alt, "Raw intersection, OC and CC of one pose (the paper's figure 3).")
 
 
 def _draw_panel(axes: Any, raw: ContourBatch, batch: ContourBatch, basis: np.ndarray) -> None:

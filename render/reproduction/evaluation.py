@@ -8,6 +8,7 @@ from typing import NamedTuple
 from ..acoustics.spectrum import NoiseSpectrum
 from ..bench.report import machine_facts
 from ..objects.mesh.solid_mesh import MeshObject
+from ..reports.report_pages import ReportSection
 from ..runtime.loading_progress import Watch, unwatched
 from .construction_section import construction_section
 from .explorations import FeltLengths, StudySettings, measure_lengths
@@ -18,7 +19,6 @@ from .noise_section import noise_section
 from .objects_section import objects_section
 from .paper_numbers import BLOCK_COUNT, RATIOS
 from .ratio_section import ratio_section
-from .sections import ReportSection
 from .stage_times import BATCH_POSES, LIVE_POSES, MESHES, REPEATS, measure_steps, time_section
 
 

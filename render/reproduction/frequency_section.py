@@ -1,9 +1,10 @@
 """Draw frequencies of OC and CC while the study's explorations are drawn at the paper's speed."""
 
 from ..reports.file_summary import DRAW_FREQUENCIES, draw_frequencies
+from ..reports.report_pages import ReportSection, ReportTable
+from .compared_rows import ReportRow, compared
 from .explorations import FeltLengths
 from .paper_numbers import SPEED
-from .sections import ReportRow, ReportSection, ReportTable
 
 TEXT = (
     "The focal point moves at 7 m/s, so a longer contour is drawn at a lower frequency. All values are of the poses of "
@@ -29,7 +30,7 @@ def frequency_section(lengths: dict[str, FeltLengths]) -> tuple[ReportSection, d
         for strategy, found in by_strategy.items()
     )
     section = ReportSection(
-        "Sections 4.2 and 4.3: draw frequencies", TEXT, rows, (ReportTable("Draw frequencies", head, table),)
+        "Sections 4.2 and 4.3: draw frequencies", TEXT, (compared(rows), ReportTable("Draw frequencies", head, table))
     )
     return section, {"draw_frequency": values}
 

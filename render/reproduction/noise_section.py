@@ -4,10 +4,11 @@ from typing import Any
 
 import numpy as np
 
+from ..reports.report_pages import ReportPicture, ReportSection
+from ..reports.report_pictures import drawing, picture_content
+from .compared_rows import ReportRow, compared
 from .noise_recordings import SHAPE_BAND, NoiseComparison, paper_above
 from .paper_numbers import NOISE_BANDS, NOISE_PEAK, NOISE_RMS, paper_spectra
-from .pictures import drawing, picture_uri
-from .sections import ReportPicture, ReportRow, ReportSection
 from .significance import p_text
 
 SHOWN_BAND = (40.0, 12_000.0)
@@ -41,7 +42,7 @@ def noise_section(found: NoiseComparison, text: str, why: dict[str, str]) -> tup
     ours = f"{found.shape_error:.1f} dB rms from the paper, {low:g} to {high:g} Hz"
     rows.append(ReportRow("shape of OC's spectrum", "figure 4B", ours, why["shape"]))
     above = {"db_1k_10k": found.above(False), "db_1k_10k_with_background": found.above(True)}
-    section = ReportSection("Section 4.3.2 and figure 4: audible noise", text, tuple(rows), pictures=(_picture(found),))
+    section = ReportSection("Section 4.3.2 and figure 4: audible noise", text, (compared(rows),), (_picture(found),))
     return section, {"noise": {**values, "shape_error": found.shape_error, **above, "tests": tests}}
 
 
@@ -62,10 +63,10 @@ def _picture(found: NoiseComparison) -> ReportPicture:
             axes.set_ylabel(unit)
         handles, labels = drawn[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False)
-        uri = picture_uri(figure)
+        content = picture_content(figure)
     alt = "Spectra of CC, of OC and their difference: palpate's as lines, the paper's as dots"
     caption = f"Spectra (the paper's figure 4). palpate's levels are moved by {shift:+.1f} dB, one value for OC and CC."
-    return ReportPicture(uri, alt, caption)
+    return ReportPicture(content, alt, caption)
 
 
 def _draw_spectrum(axes: Any, paper: tuple[np.ndarray, np.ndarray], ours: tuple[np.ndarray, np.ndarray]) -> None:

@@ -5,10 +5,11 @@ from typing import Any
 import numpy as np
 
 from ..objects.mesh.solid_mesh import MeshObject
+from ..reports.report_pages import ReportPicture, ReportSection
+from ..reports.report_pictures import drawing, picture_content
 from ..reports.scene_view import NAMED
+from .compared_rows import ReportRow, compared
 from .paper_numbers import OBJECTS
-from .pictures import drawing, picture_uri
-from .sections import ReportPicture, ReportRow, ReportSection
 
 PAPER = {
     "tube": "256 triangles; inner over outer radius about 0.61",
@@ -42,7 +43,7 @@ def objects_section() -> tuple[ReportSection, dict]:
         for name, mesh in meshes.items()
     }
     rows = tuple(ReportRow(name, PAPER[name], _described(found), WHY[name]) for name, found in values.items())
-    section = ReportSection("Figure 5B: the objects", TEXT, rows, pictures=(_picture(meshes),))
+    section = ReportSection("Figure 5B: the objects", TEXT, (compared(rows),), (_picture(meshes),))
     return section, {"objects": values}
 
 
@@ -62,9 +63,9 @@ def _picture(meshes: dict[str, MeshObject]) -> ReportPicture:
             axes = figure.add_subplot(1, len(meshes), place + 1, projection="3d")
             _draw_object(axes, 1e3 * mesh.vertices[mesh.faces])
             axes.set_title(name, fontsize=10)
-        uri = picture_uri(figure, "png")  # a sphere of 1,280 shaded triangles is larger as SVG
+        content = picture_content(figure, "png")  # a sphere of 1,280 shaded triangles is larger as SVG
     alt = "The five objects side by side: tube, dog, cube, sphere and rock"
-    return ReportPicture(uri, alt, "The built-in objects in the order of the paper's figure 5B.")
+    return ReportPicture(content, alt, "The built-in objects in the order of the paper's figure 5B.")
 
 
 def _draw_object(axes: Any, triangles: np.ndarray) -> None:

@@ -4,11 +4,12 @@ from typing import Any
 
 import numpy as np
 
+from ..reports.report_pages import ReportPicture, ReportSection, ReportTable
+from ..reports.report_pictures import drawing, picture_content
+from .compared_rows import ReportRow, compared
 from .explorations import StudySettings
 from .length_ratios import BlockRatios, ratio_tests, ratio_values
 from .paper_numbers import ALPHA, RATIOS
-from .pictures import drawing, picture_uri
-from .sections import ReportPicture, ReportRow, ReportSection, ReportTable
 from .significance import p_text
 
 AIM = 0.1
@@ -65,8 +66,7 @@ def ratio_section(ratios: dict[str, BlockRatios], settings: StudySettings) -> tu
     section = ReportSection(
         "Figure 6C: r, how much longer CC is than OC",
         text,
-        tuple(rows),
-        (_distribution_table(values),),
+        (compared(rows), _distribution_table(values)),
         (_picture(readings),),
     )
     return section, {**values, "r_tests": tests["r"], "r_open_tests": tests["r_open"]}
@@ -128,11 +128,11 @@ def _picture(readings: dict[str, dict[str, np.ndarray]]) -> ReportPicture:
         handles, labels = panels[0].get_legend_handles_labels()
         unique = dict(zip(labels, handles, strict=True))
         figure.legend(unique.values(), unique.keys(), loc="outside lower center", ncols=3, frameon=False)
-        uri = picture_uri(figure)
+        content = picture_content(figure)
     alt = (
         "Strip and violin plots of r for cube, tube and dog in two readings of CC, with palpate's and the paper's means"
     )
-    return ReportPicture(uri, alt, "Distributions of r over the blocks of all explorers (the paper's figure 6C).")
+    return ReportPicture(content, alt, "Distributions of r over the blocks of all explorers (the paper's figure 6C).")
 
 
 def _draw_sample(axes: Any, place: int, r: np.ndarray, paper: float) -> None:

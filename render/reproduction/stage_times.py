@@ -8,11 +8,12 @@ from ..bench.clocks import OwnTurn, timed
 from ..hands.hand import Palm
 from ..intersection.prepared_contours import PreparedContours
 from ..objects.mesh.solid_mesh import MeshObject
+from ..reports.report_pages import ReportSection, ReportTable
 from ..scripting.rendering import render
 from ..strategies.intersection_strategy import IntersectionStrategy, closed_contour, open_contour
+from .compared_rows import ReportRow, compared
 from .explorations import explorer_motion
 from .paper_numbers import CLOSE_SECONDS, PRUNE_SECONDS, RAW_SECONDS
-from .sections import ReportRow, ReportSection, ReportTable
 
 MESHES = ("cube", "tube", "dog", "dog-detailed")
 SHOWN = "tube"
@@ -94,7 +95,7 @@ def time_section(times: dict[str, StepTimes], cpu: str) -> tuple[ReportSection, 
         name: {"faces": one.faces, "live": _medians(one.live), "batch": _medians(one.batch)}
         for name, one in times.items()
     }
-    return ReportSection("Section 4.3.1: computation time", text, rows, (table,)), {"stage_seconds": values}
+    return ReportSection("Section 4.3.1: computation time", text, (compared(rows), table)), {"stage_seconds": values}
 
 
 def _medians(taken: dict[str, np.ndarray]) -> dict[str, float]:

@@ -29,7 +29,7 @@ def test_construction_has_the_cases_of_the_papers_figure():
     bar = 2 * 0.022 / np.cos(np.arctan2(19, 98))
     assert found["cc"] - found["oc"] == pytest.approx(bar + sum(corner), abs=3e-4)  # circles are 48-gons
     # Raw: four loops; OC: one loop, one arc, two sides of the bar; CC: three loops.
-    assert [row.ours.split(" ")[0] for row in section.rows[:3]] == ["4", "4", "3"]
+    assert [row.ours.split(" ")[0] for row in section.tables[0].rows[:3]] == ["4", "4", "3"]
     assert PALM.length / PALM.width == pytest.approx(1.28)
 
 
@@ -39,9 +39,9 @@ def test_draw_frequencies_are_of_poses_with_contours():
     found = values["draw_frequency"]["cube"]
     assert found["oc"]["draw_frequency_of_mean_length"] == pytest.approx(70.0)
     assert found["cc"]["draw_frequency"] == pytest.approx(10_000 / 286)  # 0.2 m at 7 m/s: 285.7 samples
-    assert section.rows[0].why.startswith("Agrees")
+    assert section.tables[0].rows[0].why.startswith("Agrees")
     nothing = frequency_section({"cube": FeltLengths("cube", 0 * lengths, 0 * lengths)})
-    assert nothing[0].rows[0].why.startswith("No contour was met")
+    assert nothing[0].tables[0].rows[0].why.startswith("No contour was met")
     assert nothing[1]["draw_frequency"]["cube"]["oc"]["draw_frequency"] is None
 
 
@@ -52,8 +52,8 @@ def test_ratios_stand_beside_the_papers_and_say_how_far_off_they_are():
     assert values["r_open"]["dog"]["mean"] == pytest.approx(1.26)
     assert set(values["r"]) == {"cube", "tube", "dog"}
     assert max(values["r_tests"]["by_block"].values()) < 0.001
-    assert section.rows[0].ours == "r = 2.54 ± 0.03; r_open = 2.44 ± 0.03"
-    assert section.rows[0].why.startswith("r is within 10 % of the paper (+0 %; r_open -4 %)")
+    assert section.tables[0].rows[0].ours == "r = 2.54 ± 0.03; r_open = 2.44 ± 0.03"
+    assert section.tables[0].rows[0].why.startswith("r is within 10 % of the paper (+0 %; r_open -4 %)")
     assert "36 dots an object" in section.text
 
 
@@ -64,5 +64,5 @@ def test_ratios_of_one_block_or_none_are_shown_without_tests():
     section, values = ratio_section(one, StudySettings(1, 1))
     assert values["r"]["tube"]["sd"] is None
     assert values["r_open"]["dog"]["mean"] is None
-    assert section.rows[2].ours == "r = none; r_open = none"
-    assert section.rows[-1].ours == "cube: no test; tube: no test; dog: no test"
+    assert section.tables[0].rows[2].ours == "r = none; r_open = none"
+    assert section.tables[0].rows[-1].ours == "cube: no test; tube: no test; dog: no test"

@@ -1,10 +1,9 @@
-"""Matplotlib figures as data URIs, which a page holds without a file beside it."""
+"""Matplotlib figures of reports: one style, and their bytes, which a page holds without a file beside it."""
 
 import io
-from base64 import b64encode
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Literal
 
 STYLE = {
     "font.size": 9,
@@ -12,7 +11,6 @@ STYLE = {
     "axes.spines.right": False,
     "svg.hashsalt": "palpate",  # else ids differ from run to run
 }
-FORMATS = {"svg": "svg+xml", "png": "png"}
 
 
 @contextmanager
@@ -25,9 +23,12 @@ def drawing(width: float, height: float) -> Iterator[Any]:
         yield Figure(figsize=(width, height), layout="constrained")
 
 
-def picture_uri(figure: Any, kind: str = "svg") -> str:
-    """The figure as a data URI; kind: svg, or png for what has very many parts. Call it inside `drawing`."""
+def picture_content(figure: Any, kind: Literal["svg", "png"] = "svg") -> bytes:
+    """The figure as a file, the same bytes each time; its texts are outlines. Call it inside `drawing`.
+
+    kind: png for what has very many parts.
+    """
     content = io.BytesIO()
     unstamped = {"Date": None, "Creator": None, "Type": None, "Format": None} if kind == "svg" else None
     figure.savefig(content, format=kind, dpi=150, metadata=unstamped)
-    return f"data:image/{FORMATS[kind]};base64,{b64encode(content.getvalue()).decode()}"
+    return content.getvalue()

@@ -4,7 +4,9 @@ Values come as arrays with one value for each participant. A missing value is na
 of the test counts such pairs. p is None where a test says nothing, and the note says why. All p are two-sided.
 """
 
-from collections.abc import Sequence
+import gc
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
@@ -28,6 +30,20 @@ RANKS_LEAST = 6
 """Differences that Wilcoxon's test needs for p below 0.05: 2 of the 2^n patterns of signs are the most extreme."""
 EXPECTED_LEAST = 5.0
 """Expected count of each cell that the chi-square approximation asks for."""
+
+
+@contextmanager
+def many_families() -> Iterator[None]:
+    """Within it, thousands of families are corrected quickly.
+
+    statsmodels 0.14 and 0.15 collect garbage in each correction, which takes 0.1 s where many objects live. Objects
+    that are there when this begins are left out of it until it ends.
+    """
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
 
 
 class ProportionInterval(NamedTuple):

@@ -5,7 +5,6 @@ points around a mean. It says nothing of lapses, orders and tired people; simula
 judge it in docs/measured/simulated-study.md.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,13 +14,13 @@ from ...errors import StrategyError
 from ..plan.block_designs import trial_counts
 from ..plan.study_plan import StudyPlan
 from .answer_measures import choice_measures, scale_measures
-from .hypothesis_tests import SIGNIFICANT, bound_proportion, compare_with_centre_by_ranks
-from .measure_tests import compare_levels
+from .hypothesis_tests import SIGNIFICANT, bound_proportion, compare_with_centre_by_ranks, many_families
+from .measure_tests import compare_pairs
 from .measures import Measure, level_text
 from .study_table import StudyTable
 
 PARTICIPANTS = (6, 8, 10, 12, 14, 16, 18, 20, 24, 28, 32, 36, 40, 48, 60, 80, 100, 150, 200)
-"""Numbers of participants that are tried, until one has the power that is wanted."""
+"""Numbers of participants that are tried."""
 WANTED = 0.8
 """Power that studies commonly aim at."""
 NOISE = 1.0  # [point] of one answer on a scale
@@ -118,23 +117,29 @@ def power_question(plan: StudyPlan, options: dict[str, Any]) -> PowerQuestion:
     )  # fmt: skip
 
 
-def find_power(question: PowerQuestion, *, progress: Callable[[int], object] = lambda _: None) -> list[FoundPower]:
-    """The power of rising numbers of participants, until one has WANTED, and of the plan's own number."""
-    found = {}
-    for count in PARTICIPANTS:
-        progress(count)
-        found[count] = power_of(question, count)
-        if found[count].power >= WANTED:
-            break
-    if question.planned not in found:
-        found[question.planned] = power_of(question, question.planned)
+def find_power(question: PowerQuestion) -> list[FoundPower]:
+    """The power of the plan's number of participants, and of those numbers by which the least with WANTED was found.
+
+    Power rises with participants, so that halving the list finds it: the last number that was tried has the power,
+    unless not even the largest has.
+    """
+    numbers = sorted({*PARTICIPANTS, question.planned})
+    found = {question.planned: power_of(question, question.planned)}
+    low, high = 0, len(numbers) - 1
+    while low < high:
+        middle = (low + high) // 2
+        count = numbers[middle]
+        found.setdefault(count, power_of(question, count))
+        low, high = (low, middle) if found[count].power >= WANTED else (middle + 1, high)
+    found.setdefault(numbers[low], power_of(question, numbers[low]))
     return [found[count] for count in sorted(found)]
 
 
 def power_of(question: PowerQuestion, participants: int) -> FoundPower:
     """How often the analysis finds the effect in simulated studies with so many participants."""
     rng = np.random.default_rng([question.seed, participants])
-    hits = sum(_finds(question, simulate_measure(question, participants, rng)) for _ in range(question.tables))
+    with many_families():
+        hits = sum(_finds(question, simulate_measure(question, participants, rng)) for _ in range(question.tables))
     low, high = bound_proportion(hits, question.tables)
     return FoundPower(participants=participants, power=hits / question.tables, low=low, high=high)
 
@@ -171,7 +176,7 @@ def _finds(question: PowerQuestion, measure: Measure) -> bool:
     else:
         levels = measure.factors[question.factor]
         wanted = f"{level_text(levels[0])} - {level_text(levels[-1])}"
-        test = next(own for own in compare_levels(measure, question.factor).by_ranks if own.compares == wanted)
+        test = next(own for own in compare_pairs(measure, question.factor) if own.compares == wanted)
         p, is_above = test.p_holm, question.mean >= (question.mean_other or 0.0)
     return p is not None and p < SIGNIFICANT and ((test.effect_size or 0.0) > 0) == is_above
 

@@ -6,6 +6,7 @@ of the test counts such pairs. p is None where a test says nothing, and the note
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -109,7 +110,7 @@ def compare_levels_by_ranks(matrix: np.ndarray, compares: str) -> StatisticalTes
     )
     if len(rows) < 2:
         return _without_p(result, f"the test needs 2 participants, and has {len(rows)}", notes)
-    joined = np.array([_join_ties(row, ALIKE * np.abs(row).max()) for row in rows])
+    joined = np.array([join_ties(row, ALIKE * np.abs(row).max()) for row in rows])
     ranks = stats.rankdata(joined, axis=1)
     # Variance of ranks within participants; it is smaller where a participant gives two levels the same value.
     within = float(((ranks - (count + 1) / 2) ** 2).sum()) / (len(rows) * (count - 1))
@@ -222,6 +223,16 @@ def bound_proportion(successes: int, count: int) -> ProportionInterval:
     return ProportionInterval(float(low), float(high))
 
 
+def join_ties(values: np.ndarray, tolerance: float) -> np.ndarray:
+    """The values, where each that is within a tolerance of the next smaller one equals it."""
+    order = np.argsort(values, kind="stable")
+    ordered = values[order]
+    begins = np.diff(ordered, prepend=-np.inf) > tolerance
+    joined = np.empty_like(values)
+    joined[order] = ordered[begins][np.cumsum(begins) - 1]
+    return joined
+
+
 def _compare_by_ranks(pairs: _Differences, compares: str) -> StatisticalTest:
     """Wilcoxon's test of differences, with the pseudo-median and its interval: zeros are dropped from all of them."""
     from scipy import stats
@@ -240,7 +251,7 @@ def _compare_by_ranks(pairs: _Differences, compares: str) -> StatisticalTest:
     notes += _count_notes(zeros, "zero", "left out")
     if count == 0:
         return _without_p(result, "all differences are zero" if zeros else "there are no pairs", pairs.notes)
-    sizes = _join_ties(np.abs(found), pairs.tolerance)
+    sizes = join_ties(np.abs(found), pairs.tolerance)
     ranks = stats.rankdata(sizes)
     value = float(ranks[found > 0.0].sum())
     most = count * (count + 1) / 2
@@ -258,7 +269,7 @@ def _compare_by_ranks(pairs: _Differences, compares: str) -> StatisticalTest:
         notes.append("normal approximation with continuity correction")
     if count < RANKS_LEAST:
         notes.append(f"with fewer than {RANKS_LEAST} differences no p is below 0.05, and there is no 95 % interval")
-    low, centre, high = _pseudo_median(_join_ties(found, pairs.tolerance), is_exact=is_exact)
+    low, centre, high = _pseudo_median(join_ties(found, pairs.tolerance), is_exact=is_exact)
     return replace(
         result,
         value=value,
@@ -300,6 +311,7 @@ def _compare_by_means(pairs: _Differences, compares: str, test: str, effect: str
     )
 
 
+@cache
 def _signed_rank_distribution(count: int) -> np.ndarray:
     """P(V <= v) of Wilcoxon's statistic of `count` differences without ties, float64, shape [v]."""
     ways = np.zeros(count * (count + 1) // 2 + 1)
@@ -361,16 +373,6 @@ def _subtract(a: np.ndarray, b: np.ndarray | float) -> _Differences:
     values = one - other
     values[np.abs(values) <= tolerance] = 0.0
     return _Differences(values, float(tolerance), notes)
-
-
-def _join_ties(values: np.ndarray, tolerance: float) -> np.ndarray:
-    """The values, where each that is within a tolerance of the next smaller one equals it."""
-    order = np.argsort(values, kind="stable")
-    ordered = values[order]
-    begins = np.concatenate([[True], np.diff(ordered) > tolerance])
-    joined = np.empty_like(values)
-    joined[order] = ordered[begins][np.cumsum(begins) - 1]
-    return joined
 
 
 def _as_floats(values: np.ndarray, field: str, *, dimensions: int = 1) -> np.ndarray:

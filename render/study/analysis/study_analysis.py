@@ -73,9 +73,7 @@ def _tested(measures: Sequence[Measure]) -> tuple[MeasureTests, ...]:
 def _fit(own: LevelAnswers) -> PsychometricFit | None:
     if own.reason:
         return None
-    return fit_psychometric(
-        own.x, own.successes, own.counts, guess=own.guess, ties_lapse_to_guess=own.lapses_both_ways
-    )
+    return fit_psychometric(own.x, own.successes, own.counts, guess=own.guess, ties_lapse_to_guess=own.lapses_both_ways)
 
 
 def _threshold_measures(table: StudyTable, fits: Sequence[FittedLevels]) -> list[Measure]:

@@ -1,29 +1,42 @@
 """Measures made of answers: proportions of choices, points of scales, ratios r. Practice counts for nothing."""
 
 from collections import defaultdict
-from collections.abc import Callable, Hashable, Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 
-from ..plan.study_plan import PlannedBlock, PlannedStimulus, Question, StudyPlan
+from ..plan.study_plan import PlannedBlock, StudyPlan
 from .measures import Cell, Level, Measure, level_text
 from .study_table import AnswerRecord, StudyTable
 
+NAME = ""
+"""Key under which a stimulus' name stands among its factors, none of which can be called so."""
 Keyed = dict[tuple[str, Hashable], list[float]]
 """Values by participant and key of a cell."""
+
+
+class ScaleKind(NamedTuple):
+    """Scales whose points are compared with each other."""
+
+    name: str
+    is_of_trial: bool
+    """Whether it is asked after each trial, not after blocks."""
+    point_count: int
 
 
 def choice_measures(table: StudyTable) -> list[Measure]:
     """How often the second stimulus of each pair was chosen, as a proportion: p; of blocks of the design `2ifc`.
 
-    Where all second stimuli share a value of a factor that the first ones do not have, such as the strategy cc, the
-    measure is called after it: p_cc.
+    Where one stimulus of each pair has a value of a factor that the other one does not have, such as the strategy cc,
+    the measure is how often that one was chosen, in whichever order the plan writes a pair: p_cc.
     """
     plan = table.plan
     pairs = [(block, pair) for block in plan.blocks if block.design == "2ifc" for pair in block.sets]
     if not pairs:
         return []
-    wanted = _shared_level(plan, [pair for _, pair in pairs])
+    wanted, places = _shared_level(plan, [pair for _, pair in pairs])
+    pairs = [(block, (pair[1 - place], pair[place])) for (block, pair), place in zip(pairs, places, strict=True)]
     cells = {(block.name, frozenset(pair)): _pair_cell(block, pair) for block, pair in pairs}
     seconds = {(block.name, frozenset(pair)): pair[1] for block, pair in pairs}
     chosen: Keyed = defaultdict(list)
@@ -52,34 +65,39 @@ def choice_measures(table: StudyTable) -> list[Measure]:
 
 
 def scale_measures(table: StudyTable) -> list[Measure]:
-    """The mean of each scale, over the answers of a cell: asked after blocks, or of each stimulus of a block."""
-    asked: dict[tuple[str, bool], dict[Hashable, Cell]] = {}
-    questions: dict[tuple[str, bool], Question] = {}
-    for block, question, is_of_trial in _scales(table.plan):
-        kind = question.name, is_of_trial
-        questions.setdefault(kind, question)
+    """The mean of each scale, over the answers of a cell: asked after blocks, or of each stimulus of a block.
+
+    Blocks whose scales have the same name and number of points are one measure. A name is completed where another
+    scale has it as well: by `trial` beside one that is asked after blocks, by the number of points beside others.
+    """
+    asked: dict[ScaleKind, dict[Hashable, Cell]] = {}
+    for block, kind in _scales(table.plan):
         own = asked.setdefault(kind, {})
-        if is_of_trial:
+        if kind.is_of_trial:
             own |= {(block.name, names): _set_cell(table.plan, block, names) for names in block.sets}
         else:
             own[block.name, ()] = Cell(block.name, block_factors(block))
     measures = []
-    for (name, is_of_trial), cells in asked.items():
+    for kind, cells in asked.items():
         points: Keyed = defaultdict(list)
         for own in counted(table):
-            key = own.block, own.stimuli if is_of_trial else ()
-            if own.name == name and own.kind == "scale" and (own.trial >= 0) == is_of_trial and key in cells:
-                points[own.code, key].append(float(own.value or 0))
-        question = questions[name, is_of_trial]
+            key = own.block, own.stimuli if kind.is_of_trial else ()
+            is_own = own.name == kind.name and own.kind == "scale" and (own.trial >= 0) == kind.is_of_trial
+            if is_own and key in cells and own.value is not None:
+                points[own.code, key].append(float(own.value))
+        alike = [own for own in asked if own.name == kind.name]
+        parts = [kind.name]
+        parts += ["trial"] * (kind.is_of_trial and len({own.is_of_trial for own in alike}) > 1)
+        parts += [str(kind.point_count)] * (len({own.point_count for own in alike}) > 1)
         measures.append(
             Measure(
-                name=name,
-                title=name.replace("_", " "),
+                name="_".join(parts),
+                title=" ".join(parts).replace("_", " "),
                 codes=table.codes,
                 cells=tuple(cells.values()),
                 values=_matrix(table.codes, list(cells), points, _mean),
                 low=1.0,
-                high=float(question.point_count),
+                high=float(kind.point_count),
             )
         )
     return measures
@@ -115,12 +133,14 @@ def block_factors(block: PlannedBlock) -> dict[str, Level]:
     return dict(block.factors) or {"block": block.name}
 
 
-def _scales(plan: StudyPlan) -> Iterator[tuple[PlannedBlock, Question, bool]]:
-    """Each scale, with its block, and whether it is asked after each trial."""
+def _scales(plan: StudyPlan) -> Iterator[tuple[PlannedBlock, ScaleKind]]:
+    """Each scale, with its block."""
     for block in plan.blocks:
-        if block.design in ("rating", "exploration"):
-            yield from ((block, own, True) for own in block.questions if own.kind == "scale")
-        yield from ((block, own, False) for own in block.questions_after if own.kind == "scale")
+        asked = block.questions if block.design in ("rating", "exploration") else ()
+        for questions, is_of_trial in ((asked, True), (block.questions_after, False)):
+            for own in questions:
+                if own.kind == "scale":
+                    yield block, ScaleKind(own.name, is_of_trial, own.point_count)
 
 
 def _pair_cell(block: PlannedBlock, pair: tuple[str, ...]) -> Cell:
@@ -139,28 +159,17 @@ def _set_cell(plan: StudyPlan, block: PlannedBlock, names: tuple[str, ...]) -> C
     return Cell(f"{block.name}: {text}", {**block.factors, **(own or {"stimulus": text})})
 
 
-def _shared_level(plan: StudyPlan, pairs: list[tuple[str, ...]]) -> Level | None:
-    """The level that all second stimuli of pairs have, and no first one."""
-    stimuli = {own.name: own for own in plan.stimuli}
-    firsts, seconds = (_factor_values(stimuli[pair[place]] for pair in pairs) for place in (0, 1))
-    for factor, levels in seconds.items():
-        if len(levels) == 1 and factor in firsts and not levels & firsts[factor]:
-            return next(iter(levels))
-    if len({pair[1] for pair in pairs}) == 1:
-        return pairs[0][1]
-    return None
+def _shared_level(plan: StudyPlan, pairs: list[tuple[str, ...]]) -> tuple[Level | None, list[int]]:
+    """The level that one stimulus of each pair has, and its place in each; no level, and 1, where there is none.
 
-
-def _factor_values(stimuli: Iterable[PlannedStimulus]) -> dict[str, set[Level]]:
-    """The values of each factor that all of some stimuli have."""
-    values: dict[str, set[Level]] = {}
-    for count, own in enumerate(stimuli):
-        values = {
-            name: values.get(name, set()) | {level}
-            for name, level in own.factors.items()
-            if count == 0 or name in values
-        }
-    return values
+    A stimulus' name is a level as well, the last one that is looked at.
+    """
+    levels = {own.name: {**own.factors, NAME: own.name} for own in plan.stimuli}
+    for factor, level in levels[pairs[0][1]].items():
+        having = [[levels[name].get(factor) == level for name in pair] for pair in pairs]
+        if all(sum(own) == 1 for own in having):
+            return level, [own.index(True) for own in having]
+    return None, [1] * len(pairs)
 
 
 def _matrix(

@@ -1,7 +1,12 @@
-"""A study's data file read as a `StudyTable`; nothing is written."""
+"""A study's data file read as a `StudyTable`; nothing is written.
+
+Any program can change the file, so that every value is checked against its plan: an analysis counts on them.
+"""
 
 import json
+import math
 import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -9,15 +14,21 @@ from typing import Any
 from ....datasets.bounded_file import FileBoundError
 from ....datasets.storage.sqlite_opening import open_database
 from ...errors import StudyError
-from ..plan.study_plan import StudyPlan
+from ...validation import value_text
+from ..plan.study_plan import PlannedBlock, Question, StudyPlan
 from ..plan.study_reading import read_stored_study
-from ..run.store_rows import APPLICATION_ID, FORMAT_VERSION
-from ..run.study_file import NAME, file_error
+from ..run.store_rows import ABOUT_CONSENT, APPLICATION_ID, FORMAT_VERSION
+from ..run.study_file import BUSY_SECONDS, NAME, file_error
 from .study_table import AnswerRecord, RatioRecord, StudyTable
 
-BUSY_SECONDS = 5.0
-"""How long reading waits for a participant's answer to be written, which takes milliseconds."""
-
+_TEXT, _WHOLE, _NUMBER, _NONE = (str,), (int,), (int, float), (type(None),)
+_ANSWER_TYPES = {
+    "code": _TEXT, "block": _TEXT, "block_position": _WHOLE, "trial": _WHOLE, "name": _TEXT, "kind": _TEXT,
+    "value": (*_TEXT, *_NUMBER, *_NONE), "label": _TEXT, "key": _TEXT, "stimuli": _TEXT, "is_practice": _WHOLE,
+    "track": _WHOLE, "level": (*_WHOLE, *_NONE), "comparison": (*_WHOLE, *_NONE), "clipped": _WHOLE,
+    "seconds": (*_NUMBER, *_NONE),
+}  # fmt: skip
+_RATIO_TYPES = {"code": _TEXT, "block": _TEXT, "trial": _WHOLE, "stimulus": _TEXT, "r": _NUMBER}
 _ANSWERS = """
 SELECT code, block, block_position, trial, name, kind, value, label, key, stimuli, is_practice, track, level,
     comparison, clipped, seconds FROM answers ORDER BY sequence
@@ -49,14 +60,17 @@ def read_answers(folder: str | Path) -> StudyTable:
             texts = connection.execute("SELECT text FROM plans ORDER BY rowid").fetchall()
             finished = dict(connection.execute("SELECT code, finished FROM participants ORDER BY number").fetchall())
             answers = [_answer_record(row) for row in connection.execute(_ANSWERS)]
-            ratios = [RatioRecord(*row) for row in connection.execute(_RATIOS)]
+            ratios = [RatioRecord(*_typed(row, _RATIO_TYPES)) for row in connection.execute(_RATIOS)]
     except (OSError, sqlite3.Error, FileBoundError) as error:
         raise file_error(path, error) from error
-    except (ValueError, TypeError) as error:  # a list in a cell that is none
-        raise StudyError(f"{path} is damaged: a row of answers cannot be read ({error})") from error
+    except (ValueError, TypeError, RecursionError) as error:  # a list of stimuli that is none
+        raise StudyError(f"{path} is damaged: a row cannot be read ({error})") from error
     if not texts:
         raise StudyError(f"{path} holds no plan: nobody has taken part yet")
-    plan: StudyPlan = read_stored_study(texts[-1][0], path)
+    plan: StudyPlan = read_stored_study(str(texts[-1][0]), path)
+    fault = next(_unplanned(plan, answers), None)
+    if fault:
+        raise StudyError(f"{path} is damaged: {fault}")
     having = {own.code for own in answers}
     codes = tuple(code for code in finished if code in having)
     return StudyTable(
@@ -69,10 +83,70 @@ def read_answers(folder: str | Path) -> StudyTable:
 
 
 def _answer_record(row: tuple[Any, ...]) -> AnswerRecord:
-    values = list(row)
-    values[9] = tuple(map(str, json.loads(values[9])))
-    values[10] = bool(values[10])
+    values = _typed(row, _ANSWER_TYPES)
+    stimuli = json.loads(values[9])
+    if not isinstance(stimuli, list):
+        raise ValueError(f"stimuli is {value_text(stimuli)}, and should be a list")
+    values[9], values[10] = tuple(map(str, stimuli)), bool(values[10])
     return AnswerRecord(*values)
+
+
+def _typed(row: Sequence[Any], types: Mapping[str, tuple[type, ...]]) -> list[Any]:
+    """A row's values; refuses those of another type, and numbers without end, which SQLite takes in any column."""
+    for (name, own), value in zip(types.items(), row, strict=True):
+        if not isinstance(value, own) or (isinstance(value, float) and not math.isfinite(value)):
+            raise ValueError(f"{name} is {value_text(value)}")
+    return list(row)
+
+
+def _unplanned(plan: StudyPlan, answers: Sequence[AnswerRecord]) -> Iterator[str]:
+    """Sentences about answers that the plan's study cannot have given."""
+    codes, stimuli = set(plan.codes), {own.name for own in plan.stimuli}
+    blocks = {own.name: own for own in plan.blocks}
+    asked = {(block, False, own.name): own for block, own in _around(plan)}
+    for block in plan.blocks:
+        asked |= {(block.name, True, own.name): own for own in block.questions}
+        asked |= {(block.name, False, own.name): own for own in block.questions_after}
+    for own in answers:
+        question = asked.get((own.block, own.trial >= 0, own.name))
+        what = f"{own.code}'s answer to {value_text(own.name)} in block {value_text(own.block)} (trial {own.trial})"
+        is_consent = (own.block, own.trial, own.name) == ABOUT_CONSENT
+        if own.code not in codes:
+            yield f"{value_text(own.code)} is no participant of its plan"
+        elif question is None and not is_consent:
+            yield f"{what} is to no question of its plan"
+        elif question is not None:
+            fault = _fault(own, question, blocks.get(own.block), stimuli)
+            if fault:
+                yield f"{what}: {fault}"
+
+
+def _around(plan: StudyPlan) -> Iterator[tuple[str, Question]]:
+    """The questions around all blocks, each with what stands for its block."""
+    yield from (("before", own) for own in plan.questions_before)
+    yield from (("after", own) for own in plan.questions_after)
+
+
+def _fault(own: AnswerRecord, question: Question, block: PlannedBlock | None, stimuli: set[str]) -> str:
+    """What the plan rules out about an answer to one of its questions; empty for nothing."""
+    low, high = (1, question.point_count) if question.kind == "scale" else (0, len(question.options) - 1)
+    value = own.value
+    unknown = next((name for name in own.stimuli if name not in stimuli), None)
+    if own.kind != question.kind:
+        return f"its kind is {value_text(own.kind)}, that of the question {question.kind}"
+    if question.kind in ("choice", "scale") and not (isinstance(value, int) and low <= value <= high):
+        return f"value must be a whole number in {low}..{high}, not {value_text(value)}"
+    if isinstance(value, str) != (question.kind == "text") and value is not None:
+        return f"value must be a {question.kind}, not {value_text(value)}"
+    if unknown is not None:
+        return f"{value_text(unknown)} is no stimulus of the plan"
+    if own.trial >= 0 and not own.stimuli:
+        return "it has no stimuli"
+    if own.comparison is not None and not 0 <= own.comparison < len(own.stimuli):
+        return f"comparison must be in 0..{len(own.stimuli) - 1}, not {own.comparison}"
+    if own.level is not None and block is not None and not 0 <= own.level < len(block.sets):
+        return f"level must be in 0..{len(block.sets) - 1}, not {own.level}"
+    return ""
 
 
 def _require_study(connection: sqlite3.Connection, path: Path) -> None:

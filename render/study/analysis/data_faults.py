@@ -4,11 +4,15 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 
 from ..plan.block_designs import trial_counts
+from ..plan.study_plan import StudyPlan
 from .answer_measures import counted
+from .level_answers import replay_tracks
 from .study_table import AnswerRecord, StudyTable
 
 SAME_LEAST = 8
-"""Answers of one kind that are all alike are named from so many on: by chance, 1 of 128 participants gives them."""
+"""Choices that are all alike are named from so many on: by chance, 1 of 128 participants makes them, of two options."""
+SAME_POINTS_LEAST = 6
+"""Points of one scale that are all alike are named from so many on: the blocks of the founding paper's study."""
 FAST_SECONDS = 0.15
 """An answer that came earlier was not thought about [s]: simple reactions to sounds take as long."""
 
@@ -21,13 +25,15 @@ def data_faults(table: StudyTable) -> list[str]:
     absent = [code for code in table.plan.codes if code not in table.codes]
     sentences = []
     if absent:
-        sentences.append(f"{len(absent)} of {len(table.plan.codes)} planned participants have not begun")
+        have = "has" if len(absent) == 1 else "have"
+        sentences.append(f"{len(absent)} of {len(table.plan.codes)} planned participants {have} not begun")
     for code in table.codes:
         sentences += _missing(table, code, by_code[code])
-        sentences += _alike(code, by_code[code])
+        sentences += _alike(table.plan, code, by_code[code])
         fast = sum(own.seconds is not None and own.seconds < FAST_SECONDS and own.trial >= 0 for own in by_code[code])
         if fast:
-            sentences.append(f"{code} gave {fast} answers within {FAST_SECONDS:g} s of the question")
+            answers = f"answer{'s' * (fast != 1)}"
+            sentences.append(f"{code} gave {fast} {answers} within {FAST_SECONDS:g} s of the question")
     return sentences
 
 
@@ -42,9 +48,13 @@ def _missing(table: StudyTable, code: str, answers: Sequence[AnswerRecord]) -> I
             continue
         trials = trial_counts(block).least
         found = min(given[block.name, own.name, True] for own in block.questions)
-        if found < trials:
-            asked = "at least " * (block.design == "staircase") + str(trials)
-            lacking.append(f"{block.name} ({found} of {asked} trials)")
+        if block.design == "staircase":
+            own_answers = [own for own in answers if own.block == block.name and own.name == block.question.name]
+            ended = sum(track.state.has_ended for track in replay_tracks(block, own_answers))
+            if ended < block.tracks:
+                lacking.append(f"{block.name} ({ended} of {block.tracks} staircases ended, {found} trials)")
+        elif found < trials:
+            lacking.append(f"{block.name} ({found} of {trials} trials)")
         lacking += [
             f"{block.name} ({own.name})" for own in block.questions_after if not given[block.name, own.name, False]
         ]
@@ -55,23 +65,30 @@ def _missing(table: StudyTable, code: str, answers: Sequence[AnswerRecord]) -> I
             "them, and kept in all others"
         )
     elif code in table.unfinished:
-        yield f"{code} has answered all blocks, but not the questions after them"
+        yield f"{code} has answered all blocks, but not all that the study asks after them"
 
 
-def _alike(code: str, answers: Sequence[AnswerRecord]) -> Iterator[str]:
-    """Keys, options and points that a participant gave each time, and how often."""
-    choices = [own for own in answers if own.kind == "choice" and own.trial >= 0]
-    for what, given in (
-        ("pressed the key", Counter(own.key for own in choices)),
-        ("chose", Counter(own.label for own in choices)),
-    ):
-        if len(given) == 1 and len(choices) >= SAME_LEAST:
-            only = next(iter(given))
-            yield f"{code} always {what} {only!r}, in {len(choices)} answers"
+def _alike(plan: StudyPlan, code: str, answers: Sequence[AnswerRecord]) -> Iterator[str]:
+    """Keys, options and points that a participant gave each time, and how often.
+
+    Choices are compared with those that have the same options, as others have other keys.
+    """
+    options = {(block.name, own.name): own.options for block in plan.blocks for own in block.questions}
+    choices: dict[tuple[str, ...], list[AnswerRecord]] = defaultdict(list)
+    for own in answers:
+        if own.kind == "choice" and own.trial >= 0:
+            choices[options.get((own.block, own.name), ())].append(own)
+    for given in choices.values():
+        if len(given) < SAME_LEAST:
+            continue
+        if len(keys := {own.key for own in given}) == 1:
+            yield f"{code} always pressed the key {min(keys)!r}, in {len(given)} answers"
+        if len(labels := {own.label for own in given}) == 1:
+            yield f"{code} always chose {min(labels)!r}, in {len(given)} answers"
     scales: dict[str, list[AnswerRecord]] = defaultdict(list)
     for own in answers:
         if own.kind == "scale":
             scales[own.name].append(own)
     for name, given in scales.items():
-        if len(given) >= SAME_LEAST and len({own.value for own in given}) == 1:
+        if len(given) >= SAME_POINTS_LEAST and len({own.value for own in given}) == 1:
             yield f"{code} gave {name} the same point, {given[0].value}, in {len(given)} answers"

@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,7 +38,7 @@ class LevelAnswers:
     track_levels: tuple[tuple[float, ...], ...] = ()
     """Of a staircase: values of each track's trials, in their order."""
     clipped: int = 0
-    """Of a staircase: moves that would have gone beyond its levels."""
+    """Of a staircase: moves of all tracks that would have gone beyond its levels."""
     reason: str = ""
 
     @property
@@ -45,6 +46,29 @@ class LevelAnswers:
         """The mean over the tracks of the mean value at reversals, an even number of them (Levitt 1971)."""
         means = [float(np.mean(own)) for own in self.reversals if own]
         return float(np.mean(means)) if means else None
+
+
+class ReplayedTrack(NamedTuple):
+    """One track of a staircase, after the answers that were given."""
+
+    state: Staircase
+    levels: list[int]
+    """Of each trial."""
+    turns: list[int]
+    """Levels of the trials whose answer made a reversal."""
+
+
+def replay_tracks(block: PlannedBlock, answers: Sequence[AnswerRecord]) -> list[ReplayedTrack]:
+    """The tracks of a staircase block, in the order of their numbers; answers: one participant's to its trials."""
+    tracks: dict[int, ReplayedTrack] = {}
+    for own in answers:
+        track = tracks.setdefault(own.track, ReplayedTrack(Staircase(block), [], []))
+        before, level = track.state.reversals, own.level or 0
+        track.state.take(_is_success(block, own))
+        track.levels.append(level)
+        if track.state.reversals > before:
+            track.turns.append(level)
+    return [tracks[number] for number in sorted(tracks)]
 
 
 def level_answers(table: StudyTable) -> list[LevelAnswers]:
@@ -66,14 +90,12 @@ def _of_block(table: StudyTable, code: str, block: PlannedBlock, answers: Sequen
     values = {own.name: own.value for own in table.plan.stimuli}
     names = [own.stimuli[own.comparison if own.comparison is not None else -1] for own in answers]
     has_standard = any(len(names) > 1 for names in block.sets)
-    right, text = block.correct_option, "correct answers"
-    if block.design == "constant":
-        right, text = len(block.question.options) - 1, f"answers {block.question.options[-1]!r}"
-        if has_standard:
-            text = "answers for the comparison"
-    elif right is not None:
+    right, text = _right_option(block), "correct answers"
+    if right is not None:
         text = f"answers {block.question.options[right]!r}"
-    successes = [own.value == (right if own.comparison is None else own.comparison) for own in answers]
+    if block.design == "constant" and has_standard:
+        text = "answers for the comparison"
+    successes = [_is_success(block, own) for own in answers]
     reason = ""
     lacking = sorted({own for own in names if values[own] is None})
     if lacking:
@@ -82,10 +104,7 @@ def _of_block(table: StudyTable, code: str, block: PlannedBlock, answers: Sequen
         reason = f"{len(block.question.options)} options are no yes and no"
     given = np.array([] if reason else [values[own] for own in names], dtype=np.float64)
     x, at = np.unique(given, return_inverse=True)
-    tracks: dict[int, list[tuple[int, bool]]] = defaultdict(list)
-    if block.design == "staircase" and not reason:
-        for own, is_correct in zip(answers, successes, strict=True):
-            tracks[own.track].append((own.level or 0, is_correct))
+    tracks = replay_tracks(block, answers) if block.design == "staircase" and not reason else []
     of_level = [float(values[names[-1]] or 0) for names in block.sets] if tracks else []
     return LevelAnswers(
         code=code,
@@ -96,23 +115,23 @@ def _of_block(table: StudyTable, code: str, block: PlannedBlock, answers: Sequen
         guess=1 / len(block.sets[0]) if block.design == "staircase" and has_standard else 0.0,
         lapses_both_ways=block.design == "constant" and has_standard,
         counted=text,
-        reversals=tuple(tuple(of_level[own] for own in _reversal_levels(block, track)) for track in tracks.values()),
-        track_levels=tuple(tuple(of_level[level] for level, _ in track) for track in tracks.values()),
-        clipped=sum({own.track: own.clipped for own in answers}.values()),
+        reversals=tuple(tuple(of_level[level] for level in _settled(block, track)) for track in tracks),
+        track_levels=tuple(tuple(of_level[level] for level in track.levels) for track in tracks),
+        clipped=sum(track.state.clipped for track in tracks),
         reason=reason,
     )
 
 
-def _reversal_levels(block: PlannedBlock, answers: Sequence[tuple[int, bool]]) -> list[int]:
-    """Levels at which a track turned, without those of its larger first steps, and an even number of them.
-
-    answers: level, and whether it was correct, of each trial of the track.
-    """
-    track, turns = Staircase(block), list[int]()
-    for level, is_correct in answers:
-        before = track.reversals
-        track.take(is_correct)
-        if track.reversals > before:
-            turns.append(level)
-    settled = turns[len(block.steps) - 1 :]
+def _settled(block: PlannedBlock, track: ReplayedTrack) -> list[int]:
+    """Levels at which a track turned, without those of its larger first steps, and an even number of them."""
+    settled = track.turns[len(block.steps) - 1 :]
     return settled[len(settled) % 2 :]
+
+
+def _right_option(block: PlannedBlock) -> int | None:
+    """The option that counts as a success where there is no standard."""
+    return len(block.question.options) - 1 if block.design == "constant" else block.correct_option
+
+
+def _is_success(block: PlannedBlock, own: AnswerRecord) -> bool:
+    return own.value == (_right_option(block) if own.comparison is None else own.comparison)

@@ -133,13 +133,17 @@ def compare_pairs(measure: Measure, factor: str) -> tuple[StatisticalTest, ...]:
 def matched_values(measure: Measure, factor: str, one: Level, other: Level) -> tuple[np.ndarray, np.ndarray]:
     """Values at two levels in cells that are the same in all other factors, each of shape [participant, cell].
 
-    Where the design pairs no cells, each level's mean over all of its cells is one cell.
+    Cells that are the same in all factors are averaged. Where the design pairs no cells, each level's mean over all of
+    its cells is one cell.
     """
     a, b = measure.cells_at(factor, one), measure.cells_at(factor, other)
     same = [key for key in a if key in b]
     if not same:
         return measure.at_level(factor, one)[:, None], measure.at_level(factor, other)[:, None]
-    return measure.values[:, [a[key] for key in same]], measure.values[:, [b[key] for key in same]]
+    one_values, other_values = (
+        np.stack([measure.values[:, own[key]].mean(axis=1) for key in same], axis=1) for own in (a, b)
+    )
+    return one_values, other_values
 
 
 def _tendencies(measure: Measure) -> Iterator[ParticipantTendency]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -52,17 +53,25 @@ class Measure:
         }
         return {name: own for name, own in levels.items() if len(own) > 1}
 
-    def cells_at(self, factor: str, level: Level) -> dict[tuple[tuple[str, Level], ...], int]:
-        """Number of each cell at a level of a factor, by its levels of all other factors."""
-        return {
-            tuple((name, own) for name, own in cell.factors.items() if name != factor): number
-            for number, cell in enumerate(self.cells)
-            if cell.factors.get(factor) == level
-        }
+    def cells_at(self, factor: str, level: Level) -> dict[tuple[tuple[str, Level], ...], list[int]]:
+        """Numbers of the cells at a level of a factor, by their levels of all other factors.
+
+        Several cells have the same levels where a plan's tables repeat the values of their `for`.
+        """
+        found: dict[tuple[tuple[str, Level], ...], list[int]] = {}
+        for number, cell in enumerate(self.cells):
+            if cell.factors.get(factor) == level:
+                others = sorted((name, own) for name, own in cell.factors.items() if name != factor)
+                found.setdefault(tuple(others), []).append(number)
+        return found
+
+    def numbers_at(self, factor: str, level: Level) -> list[int]:
+        """Numbers of all cells at a level of a factor."""
+        return sorted(chain.from_iterable(self.cells_at(factor, level).values()))
 
     def at_level(self, factor: str, level: Level) -> np.ndarray:
         """The mean over all cells at a level, shape [participant]; nan where a cell lacks."""
-        return self.values[:, list(self.cells_at(factor, level).values())].mean(axis=1)
+        return self.values[:, self.numbers_at(factor, level)].mean(axis=1)
 
     def by_participant(self) -> np.ndarray:
         """The mean over all cells, shape [participant]; nan where a cell lacks."""

@@ -150,7 +150,7 @@ def simulate_measure(question: PowerQuestion, participants: int, rng: np.random.
     means = np.full(len(measure.cells), question.mean)
     if question.factor is not None and question.mean_other is not None:
         last = measure.factors[question.factor][-1]
-        means[list(measure.cells_at(question.factor, last).values())] = question.mean_other
+        means[measure.numbers_at(question.factor, last)] = question.mean_other
     person = rng.normal(0.0, question.spread, (participants, 1)) if question.spread else np.zeros((participants, 1))
     codes = tuple(map(str, range(participants)))
     if not question.is_choice:
@@ -187,6 +187,6 @@ def _trials(plan: StudyPlan, measure: Measure) -> tuple[int, ...]:
     found = []
     for cell in measure.cells:
         block = blocks[cell.name.partition(": ")[0]]
-        is_after = any(own.name == measure.name for own in block.questions_after)
+        is_after = any(measure.name in (own.name, f"{own.name}_{own.point_count}") for own in block.questions_after)
         found.append(1 if is_after else trial_counts(block).least // len(block.sets))
     return tuple(found)

@@ -21,15 +21,21 @@ SHORT_NAMES = {
 
 
 def number_text(value: float | None) -> str:
-    """A number with three digits; empty for none."""
-    return "" if value is None or math.isnan(value) else f"{value:.3g}"
+    """A number with three digits, or all of a larger whole one; empty for none."""
+    if value is None or math.isnan(value):
+        return ""
+    value += 0.0  # no -0
+    return f"{value:.0f}" if 999.5 <= abs(value) < 1e6 else f"{value:.3g}"
 
 
 def p_text(p: float | None, *, symbol: str = "p") -> str:
-    """A p value as papers print it; a dash for none."""
+    """A p value as papers print it; a dash for none. No p that is below 0.05 is rounded to it."""
     if p is None:
         return "-"
-    return f"{symbol} < 0.001" if p < 0.001 else f"{symbol} = {p:.3f}"
+    if p < 0.001:
+        return f"{symbol} < 0.001"
+    texts = (f"{p:.{digits}f}" for digits in range(3, 17))
+    return f"{symbol} = {next((own for own in texts if (float(own) < SIGNIFICANT) == (p < SIGNIFICANT)), p)}"
 
 
 def statistic_text(test: StatisticalTest) -> str:
@@ -92,12 +98,16 @@ def pair_sentences(name: str, tests: Sequence[StatisticalTest]) -> str:
     found = [own for own in tests if is_found(own)]
     parts = []
     for own in found:
-        one, other = own.compares.split(" - ", 1)
-        side = "higher" if (own.effect_size or 0.0) > 0 else "lower"
-        parts.append(f"{_capital(name)} is {side} for {one} than for {other} ({test_text(own)}).")
+        levels, is_higher = own.compares.split(" - "), (own.effect_size or 0.0) > 0
+        if len(levels) == 2:
+            side = "higher" if is_higher else "lower"
+            parts.append(f"{_capital(name)} is {side} for {levels[0]} than for {levels[1]} ({test_text(own)}).")
+        else:  # a level is called "a - b", so that nobody knows where it ends
+            side = "above" if is_higher else "below"
+            parts.append(f"The difference {own.compares} of {name} is {side} 0 ({test_text(own)}).")
     others = [own for own in tests if own not in found]
     if others:
-        listed = "; ".join(f"{own.compares.replace(' - ', ' and ')}: {test_text(own)}" for own in others)
+        listed = "; ".join(f"{_joined(own.compares)}: {test_text(own)}" for own in others)
         parts.append(f"No {'other ' if found else ''}difference was found ({listed}).")
     return " ".join(parts)
 
@@ -155,5 +165,11 @@ def _described(values: np.ndarray) -> tuple[str, ...]:
     return (str(len(found)), *map(number_text, numbers))
 
 
+def _joined(compares: str) -> str:
+    """Two levels as words; as they are where one of them has the sign between them in its own name."""
+    return compares.replace(" - ", " and ") if compares.count(" - ") == 1 else compares
+
+
 def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:] if " " in text else text
+    """Words begin with a capital letter, symbols such as p_cc, r and jnd stay."""
+    return text[:1].upper() + text[1:] if " " in text or (text.isalpha() and len(text) > 3) else text

@@ -24,6 +24,7 @@ from study_cases import (
     visit,
     wait_until,
 )
+from virtual_clock import VirtualClock
 
 from palpate.render import Live, render, static_pose
 from palpate.render.errors import RenderError
@@ -55,6 +56,15 @@ def test_a_screen_is_sent_once_and_then_its_number_only():
         desk.show("rest", "Rest", ends=time.monotonic() + 20)
         assert 19 < ask(page, ask="screen", after=1)["left"] <= 20
         assert 19 < ask(page, ask="screen", after=2)["left"] <= 20
+
+
+def test_what_is_left_of_a_rest_is_counted_by_the_desks_clock():
+    clock = VirtualClock()
+    with served_study(StudyDesk(clock)) as (desk, server), visit(server) as page:
+        desk.show("rest", "Rest", ends=clock.now() + 20)
+        assert ask(page, ask="screen", after=0)["left"] == 20
+        clock.sleep(15)
+        assert ask(page, ask="screen", after=1)["left"] == 5
 
 
 def test_neither_contours_nor_focal_points_nor_latency_nor_names_reach_the_participant():

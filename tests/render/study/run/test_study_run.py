@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 from scripted_participant import ScriptedParticipant, first_key
 from study_plans import CHOICE, CONFIDENCE, EMISSIONS, TYPED, SilentPlayer, block, stimuli, study
+from virtual_clock import SkippingClock
 
 from palpate.device.errors import DeviceLostError
 from palpate.device.playing.limits import Limits
@@ -43,7 +44,7 @@ def _no_lead_in(monkeypatch):
 class Begun:
     """A run of a participant on a store, with a player that plays nothing."""
 
-    def __init__(self, plan, folder, *, code="P01", resume=False, outcomes=()):
+    def __init__(self, plan, folder, *, code="P01", resume=False, outcomes=(), clock=None):
         self.store = AnswerStore(folder, plan)
         self.desk, self.player, self.events = StudyDesk(), SilentPlayer(outcomes), []
         self.progress = self.store.begin(code, resume=resume)
@@ -61,6 +62,7 @@ class Begun:
             file_hashes={},
             emissions=EMISSIONS,
             shown_names={"cube-oc": "cube", "cube-cc": "cube"},
+            clock=clock,
         )
 
 
@@ -218,6 +220,14 @@ def test_the_array_rests_where_limits_demand_it_and_the_participant_is_told(tmp_
     assert [name for name, _ in own.events].count("rest") == len(rests)  # an event that others count is sent once
     onsets = [onset for (onset,) in rows(tmp_path, "SELECT onset FROM intervals ORDER BY sequence")]
     assert onsets[2] - onsets[1] - 0.01 >= 0.2
+
+
+def test_a_run_waits_by_its_own_clock_while_the_page_lives_in_real_time(tmp_path):
+    plan, clock = study(blocks=(block(rest=3.0),)), SkippingClock()
+    with begun(plan, tmp_path, clock=clock) as own, ScriptedParticipant(own.desk) as person:
+        assert own.run.run() == FINISHED
+    assert person.error is None
+    assert clock.skipped == pytest.approx(4 * 3.0, abs=0.5)
 
 
 def test_a_disk_that_is_full_stops_the_study_and_the_answer_is_kept_once_there_is_room(tmp_path, monkeypatch):

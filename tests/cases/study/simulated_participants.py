@@ -5,9 +5,7 @@ say, so the player, which plays nothing, tells it to the skin.
 """
 
 import json
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -18,19 +16,12 @@ from study_observers import PAPER_RATIOS, DrawnRatios, Mind, Observer
 from virtual_clock import VirtualClock
 
 from palpate.render.live.session import Onset
-from palpate.render.study.analysis.study_table import (
-    AnswerRecord,
-    RatioRecord,
-    StudiedBlock,
-    StudiedStimulus,
-    StudyTable,
-)
+from palpate.render.study.analysis.study_table import AnswerRecord, RatioRecord, StudyTable
 from palpate.render.study.pages.participant_page import ParticipantPage
-from palpate.render.study.plan.block_designs import block_numbers, rng_of, trial_counts, trials_of
+from palpate.render.study.plan.block_designs import block_numbers, rng_of, trials_of
 from palpate.render.study.plan.duty_account import DutyAccount, EmissionInterval
 from palpate.render.study.plan.stimulus_judgement import LIVE_TAIL
 from palpate.render.study.plan.study_plan import PlannedBlock, PlannedTrial, Question, StudyPlan
-from palpate.render.study.plan.table_expansion import expand_table
 from palpate.render.study.run.answer_store import AnswerStore
 from palpate.render.study.run.desk import StudyDesk
 from palpate.render.study.run.interval_player import PLAYED, DrawnInterval, PlayedInterval
@@ -287,8 +278,6 @@ class ObservedTables:
 
     def __init__(self, plan: StudyPlan) -> None:
         self.plan = plan
-        self._blocks = studied_blocks(plan)
-        self._stimuli = studied_stimuli(plan)
         self._strategies = {own.name: own for own in plan.stimuli}
         self._orders = [block_numbers(plan, number) for number in range(len(plan.codes))]
         self._trials = {
@@ -335,8 +324,7 @@ class ObservedTables:
                 answers += _given(mind, code, block.name, position, AFTER_BLOCK, after)
             answers += _given(mind, code, AFTER, -1, AFTER_BLOCK, self._around[id(plan.questions_after)])
         return StudyTable(
-            title=plan.title, codes=codes, blocks=self._blocks, stimuli=self._stimuli, answers=tuple(answers),
-            ratios=tuple(found),
+            plan=plan, codes=codes, answers=tuple(answers), ratios=tuple(found)
         )  # fmt: skip
 
     def _block_trials(self, participant: int, number: int, answers: list[AnswerRecord]) -> Iterable[tuple]:
@@ -420,39 +408,3 @@ def _given(
             more = (own.stimuli, own.is_practice, own.track, own.level, own.comparison, own.clipped, seconds)
             given.append(AnswerRecord(*about, *more))
     return given
-
-
-def studied_blocks(plan: StudyPlan) -> tuple[StudiedBlock, ...]:
-    """The plan's blocks as an analysis takes them, with their values of `for`."""
-    factors = _factors(plan, "block")
-    blocks = []
-    for own in plan.blocks:
-        scales = {one.name: one.point_count for one in (*own.questions, *own.questions_after) if one.kind == "scale"}
-        blocks.append(
-            StudiedBlock(
-                name=own.name, design=own.design, factors=factors.get(own.name, {}), sets=own.sets,
-                question=own.question.text, options=own.question.options,
-                correct="" if own.correct_option is None else own.question.options[own.correct_option], points=scales,
-                trial_count=None if own.design == "staircase" else trial_counts(own).least,
-            )
-        )  # fmt: skip
-    return tuple(blocks)
-
-
-def studied_stimuli(plan: StudyPlan) -> tuple[StudiedStimulus, ...]:
-    """The plan's stimuli as an analysis takes them, with their values of `for`."""
-    factors = _factors(plan, "stimulus")
-    return tuple(
-        StudiedStimulus(name=own.name, factors=factors.get(own.name, {}), value=own.value) for own in plan.stimuli
-    )
-
-
-def _factors(plan: StudyPlan, kind: str) -> dict[str, dict[str, Any]]:
-    """By the name of each table of a kind: its values of the keys of `for`."""
-    found = {}
-    for table in tomllib.loads(plan.text).get(kind, []):
-        if choices := table.get("for"):
-            names = expand_table({"for": choices, "name": table["name"]}, lambda place, sentence: None)
-            for own, values in zip(names, product(*choices.values()), strict=True):
-                found[own["name"]] = dict(zip(choices, values, strict=True))
-    return found

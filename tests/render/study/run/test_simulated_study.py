@@ -14,7 +14,7 @@ from study_observers import PAPER_STRENGTHS, Observer, null_observers, paper_obs
 from study_plans import CONFIDENCE
 from study_plans import block as block_of
 from study_plans import study as study_of
-from written_plans import EVERY_DESIGN, PAPER
+from written_plans import EVERY_DESIGN, PAPER, PILOT
 
 from palpate.render.study.plan.expected_run import READY_SECONDS, expected_run
 from palpate.render.study.plan.stimulus_judgement import LIVE_TAIL
@@ -235,3 +235,21 @@ def test_the_papers_whole_study_by_18_people_is_stored_and_no_page_learns_what_i
         if person.sign:  # the cube's effect is strong enough to show in 20 answers of each person
             shares = [share_of_closed(table, code, f"cube-{opacity}") for opacity in (1.0, 0.7)]
             assert (np.mean(shares) - 0.5) * person.sign > -0.2
+
+
+@pytest.mark.exhaustive
+def test_the_pilot_by_six_people_gets_sentences_that_follow_from_what_they_felt(memory):
+    plan = plan_of(memory, PILOT)
+    strengths = {own.name: 3.0 * own.name.endswith("cc") for own in plan.stimuli}
+    people = [Observer(seed=seed, strengths=strengths, sign=int(seed < 5)) for seed in range(6)]  # one feels nothing
+    simulate_study(plan, people, memory)
+    found = rows(memory, "SELECT code, name, value, stimuli FROM answers WHERE block = 'shapes' ORDER BY sequence")
+    assert len(found) == 6 * 5 * 3
+    told = [
+        (code, (" second " in text) == stimuli.endswith('-cc"]'))
+        for code, name, text, stimuli in found
+        if name == "objects" and text.startswith("Yes")
+    ]
+    assert len([code for code, _ in told if code != "P06"]) > 15  # of 25
+    assert np.mean([is_right for code, is_right in told if code != "P06"]) > 0.9
+    assert rows(memory, "SELECT DISTINCT seconds BETWEEN 19.99 AND 20.01 FROM intervals") == [(1,)]

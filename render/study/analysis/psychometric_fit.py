@@ -7,6 +7,7 @@ lie at infinity.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cache
 from statistics import NormalDist
 
 import numpy as np
@@ -139,7 +140,12 @@ def fit_psychometric(
     ends = profile.bound_values() if with_intervals else dict.fromkeys(AXES, (None, None))
     step = profile.find_step()
     lowest, highest = ends["mu"]
-    centre = profile.best("mu") if step is None else step
+    centre = profile.best("mu")
+    if step is not None:
+        # The best of several equally good curves may be one with a slope, whose interval need not reach to the step.
+        centre = step
+        lowest = None if lowest is None else min(lowest, step)
+        highest = None if highest is None else max(highest, step)
     places = [None if own is None else levels.start + levels.reach * own for own in (centre, lowest, highest)]
     if levels.reach < 0.0:
         places = [places[0], places[2], places[1]]
@@ -236,6 +242,11 @@ class _Levels:
     def __post_init__(self) -> None:
         object.__setattr__(self, "steepest", STEEPEST / float(np.diff(self.scaled).min()))
 
+    @property
+    def middles(self) -> np.ndarray:
+        """Midway between each two levels."""
+        return (self.scaled[1:] + self.scaled[:-1]) / 2.0
+
     @classmethod
     def scale(
         cls, x: np.ndarray, successes: np.ndarray, counts: np.ndarray, *, guess: float | None, lapse_max: float
@@ -324,7 +335,8 @@ class _Profile:
         self._best = np.zeros(3)
         self._last: dict[str, np.ndarray] = {}
         self._axes = {
-            "mu": np.linspace(-1.0, 2.0, 31),
+            # A step at a level is seen only from close by: all starts farther away than some sigma are equally bad.
+            "mu": np.unique(np.concatenate([np.linspace(-1.0, 2.0, 31), levels.scaled, levels.middles])),
             "b": np.geomspace(0.3, levels.steepest, 16),
             "lapse": np.unique([0.0, levels.lapse_max / 2.0, levels.lapse_max]),
         }
@@ -373,19 +385,21 @@ class _Profile:
         a, b, lapse = self._last["b"].tolist()
         # Between two levels all places are equally good, so that the middle stands for them; at a level, the place
         # is where the step passes through the level's proportion.
-        middles = (levels.scaled[1:] + levels.scaled[:-1]) / 2.0
-        found = levels.log(np.array([[-b * own, b, lapse] for own in middles]))
-        equal = middles[found > self.best_log - SAME]
+        found = levels.log(np.array([[-b * own, b, lapse] for own in levels.middles]))
+        equal = levels.middles[found > self.best_log - SAME]
         return float(equal.mean()) if len(equal) else -a / b
 
     def _find_end(self, axis: str, outer: float) -> float | None:
         """The value between the best one and an outer one from which on the data refuse it; None: not even there."""
         from scipy import optimize
 
-        inner = self.best(axis)
+        inner, best_log = self.best(axis), self.best_log
 
+        # The root's search begins with values that were computed before, and must find them as they were, though a
+        # second climb may come higher.
+        @cache
         def excess(share: float) -> float:
-            return 2.0 * (self.best_log - self.log_at(axis, inner + share * (outer - inner))) - CHI_SQUARE_95
+            return 2.0 * (best_log - self.log_at(axis, inner + share * (outer - inner))) - CHI_SQUARE_95
 
         if outer == inner or excess(1.0) <= 0.0:
             return None
@@ -393,7 +407,7 @@ class _Profile:
         while high > SAME and excess(high / 4.0) > 0.0:  # the outer value may be thousands of times farther
             high /= 4.0
         if high <= SAME:
-            return inner  # only where a far better point was found on the way, for which all ends are sought again
+            return inner  # the likelihood falls off as at a cliff
         share = optimize.brentq(excess, high / 4.0, high, xtol=1e-5 * high, rtol=1e-6)
         return inner + float(share) * (outer - inner)  # pyright: ignore[reportArgumentType] - a float without full_output
 

@@ -207,6 +207,27 @@ def test_answers_off_any_curve_have_a_small_goodness_p():
     assert found.goodness_p == pytest.approx(stats.chi2.sf(found.deviance, found.freedom))
 
 
+@pytest.mark.exhaustive(after=1)
+@pytest.mark.parametrize("count", [3, 1500])
+def test_any_answers_give_finite_values_in_their_intervals_or_a_reason(count):
+    random = np.random.default_rng(5)
+    models = [*MODELS.values(), {"lapse_max": 0.0}, {"guess": 0.25, "lapse_max": 0.2}]
+    for _ in range(count):
+        size = random.integers(2, 12)
+        scales = [np.arange(size), random.uniform(0.0, 1.0, size), np.geomspace(1e-3, 1e3, size), 1e6 + np.arange(size)]
+        asked = random.integers(1, random.choice([4, 13, 61]), size)
+        curves = [random.uniform(0.0, 1.0, size), share(np.arange(size), size / 2.0, random.uniform(0.05, 3.0))]
+        curves += [np.full(size, 0.5), np.full(size, 0.03)]
+        successes = random.binomial(asked, curves[random.integers(4)])
+        found = fit_psychometric(scales[random.integers(4)], successes, asked, **models[random.integers(5)])
+        for own in (found.mu, found.sigma, found.lapse):
+            places = [number for number in (own.low, own.value, own.high) if number is not None]
+            assert np.isfinite(places).all()
+            assert (np.diff(places) >= -1e-9 * np.abs(places).max(initial=0.0)).all(), own
+        is_complete = None not in (found.mu.value, found.mu.low, found.mu.high, found.sigma.high, found.goodness_p)
+        assert found.note or (is_complete and found.converged)
+
+
 REFUSED = {
     "guess": ({"guess": 1.0}, "guess must lie in 0..1, below 1, not 1.0"),
     "guess and tie": ({"guess": 0.5, "ties_lapse_to_guess": True}, "guess must be 0 where"),

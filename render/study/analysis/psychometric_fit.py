@@ -7,6 +7,7 @@ lie at infinity.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cache
 from statistics import NormalDist
 
 import numpy as np
@@ -24,9 +25,17 @@ FARTHEST = 10.0
 """Ranges of the levels beside them in which a threshold is looked for."""
 JND_SHARE = NormalDist().inv_cdf(0.75)
 """Of sigma: the distance from 50 % to 75 %."""
-Z_MOST = 37.0
-"""Beyond, the tail of the Gaussian is too small for a float64."""
+Z_MOST = 26.0
+"""Beyond, the square of the Gaussian's tail is too small for a float64."""
 AXES = "mu", "b", "lapse"
+CLIMB_MOST = 200
+"""Steps of one search for a maximum; 5 to 20 are usual."""
+GAIN_LEAST = 1e-14
+"""Of log likelihood, that a search goes on for."""
+DAMPING_LEAST, DAMPING_MOST = 1e-3, 1e9
+"""Share of the information's diagonal that is added to it, where a step without it leads downhill."""
+SINGULAR = 1e-12
+"""The same share always, so that values of which answers tell only a combination do not divide by zero."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,7 +140,12 @@ def fit_psychometric(
     ends = profile.bound_values() if with_intervals else dict.fromkeys(AXES, (None, None))
     step = profile.find_step()
     lowest, highest = ends["mu"]
-    centre = profile.best("mu") if step is None else step
+    centre = profile.best("mu")
+    if step is not None:
+        # The best of several equally good curves may be one with a slope, whose interval need not reach to the step.
+        centre = step
+        lowest = None if lowest is None else min(lowest, step)
+        highest = None if highest is None else max(highest, step)
     places = [None if own is None else levels.start + levels.reach * own for own in (centre, lowest, highest)]
     if levels.reach < 0.0:
         places = [places[0], places[2], places[1]]
@@ -228,6 +242,11 @@ class _Levels:
     def __post_init__(self) -> None:
         object.__setattr__(self, "steepest", STEEPEST / float(np.diff(self.scaled).min()))
 
+    @property
+    def middles(self) -> np.ndarray:
+        """Midway between each two levels."""
+        return (self.scaled[1:] + self.scaled[:-1]) / 2.0
+
     @classmethod
     def scale(
         cls, x: np.ndarray, successes: np.ndarray, counts: np.ndarray, *, guess: float | None, lapse_max: float
@@ -259,16 +278,27 @@ class _Levels:
         """Log likelihood, without binomial coefficients, of (a, b, lapse): shape [..., 3] to [...]."""
         return self._sum_logs(*self._shares(points)[1:])
 
-    def cost(self, point: np.ndarray) -> tuple[float, np.ndarray]:
-        """The negative log likelihood of one (a, b, lapse), and its derivatives by them."""
+    def score(self, point: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+        """Log likelihood at one (a, b, lapse), its derivatives, and the expected and the observed information.
+
+        The information, shape [3, 3], is the negative matrix of second derivatives.
+        """
         z, p, q = self._shares(point)
         low = point[2] if self.guess is None else self.guess
         width = 1.0 - point[2] - low
-        by_p = self.successes / p - self.failures / q
-        by_z = by_p * width * np.exp(-z * z / 2.0) / np.sqrt(2.0 * np.pi)
+        density = np.exp(-z * z / 2.0) / np.sqrt(2.0 * np.pi)
+        by_a = width * density
         share = (p - low) / width
-        by_lapse = by_p * ((1.0 - 2.0 * share) if self.guess is None else -share)
-        return -float(self._sum_logs(p, q)), -np.array([by_z.sum(), (by_z * self.scaled).sum(), by_lapse.sum()])
+        slopes = np.stack([by_a, by_a * self.scaled, 1.0 - 2.0 * share if self.guess is None else -share])
+        by_p = self.successes / p - self.failures / q
+        expected = np.einsum("il,jl,l->ij", slopes, slopes, (self.successes + self.failures) / (p * q))
+        observed = np.einsum("il,jl,l->ij", slopes, slopes, self.successes / p**2 + self.failures / q**2)
+        # Second derivatives of p by a, b and lapse; that by lapse twice is 0.
+        powers = np.stack([np.ones_like(z), self.scaled, self.scaled**2])
+        aa, ab, bb = (powers * (by_p * -z * by_a)).sum(axis=1)
+        al, bl = (powers[:2] * (by_p * density)).sum(axis=1) * (-2.0 if self.guess is None else -1.0)
+        observed -= np.array([[aa, ab, al], [ab, bb, bl], [al, bl, 0.0]])
+        return float(self._sum_logs(p, q)), (slopes * by_p).sum(axis=1), expected, observed
 
     def flat_log(self) -> float:
         """Log likelihood of the best flat line; where there is a guess rate, it is not below that."""
@@ -305,7 +335,8 @@ class _Profile:
         self._best = np.zeros(3)
         self._last: dict[str, np.ndarray] = {}
         self._axes = {
-            "mu": np.linspace(-1.0, 2.0, 31),
+            # A step at a level is seen only from close by: all starts farther away than some sigma are equally bad.
+            "mu": np.unique(np.concatenate([np.linspace(-1.0, 2.0, 31), levels.scaled, levels.middles])),
             "b": np.geomspace(0.3, levels.steepest, 16),
             "lapse": np.unique([0.0, levels.lapse_max / 2.0, levels.lapse_max]),
         }
@@ -354,19 +385,21 @@ class _Profile:
         a, b, lapse = self._last["b"].tolist()
         # Between two levels all places are equally good, so that the middle stands for them; at a level, the place
         # is where the step passes through the level's proportion.
-        middles = (levels.scaled[1:] + levels.scaled[:-1]) / 2.0
-        found = levels.log(np.array([[-b * own, b, lapse] for own in middles]))
-        equal = middles[found > self.best_log - SAME]
+        found = levels.log(np.array([[-b * own, b, lapse] for own in levels.middles]))
+        equal = levels.middles[found > self.best_log - SAME]
         return float(equal.mean()) if len(equal) else -a / b
 
     def _find_end(self, axis: str, outer: float) -> float | None:
         """The value between the best one and an outer one from which on the data refuse it; None: not even there."""
         from scipy import optimize
 
-        inner = self.best(axis)
+        inner, best_log = self.best(axis), self.best_log
 
+        # The root's search begins with values that were computed before, and must find them as they were, though a
+        # second climb may come higher.
+        @cache
         def excess(share: float) -> float:
-            return 2.0 * (self.best_log - self.log_at(axis, inner + share * (outer - inner))) - CHI_SQUARE_95
+            return 2.0 * (best_log - self.log_at(axis, inner + share * (outer - inner))) - CHI_SQUARE_95
 
         if outer == inner or excess(1.0) <= 0.0:
             return None
@@ -374,7 +407,7 @@ class _Profile:
         while high > SAME and excess(high / 4.0) > 0.0:  # the outer value may be thousands of times farther
             high /= 4.0
         if high <= SAME:
-            return inner  # only where a far better point was found on the way, for which all ends are sought again
+            return inner  # the likelihood falls off as at a cliff
         share = optimize.brentq(excess, high / 4.0, high, xtol=1e-5 * high, rtol=1e-6)
         return inner + float(share) * (outer - inner)  # pyright: ignore[reportArgumentType] - a float without full_output
 
@@ -382,22 +415,38 @@ class _Profile:
         self, offset: np.ndarray, directions: np.ndarray, free: list[int], start: np.ndarray
     ) -> tuple[np.ndarray, float]:
         """The local maximum over offset + directions * free values, which are those of a, b and lapse at `free`."""
-        from scipy import optimize
-
-        def cost(values: np.ndarray) -> tuple[float, np.ndarray]:
-            value, gradient = self.levels.cost(offset + directions @ values)
-            return value, directions.T @ gradient
-
-        bounds = [(-np.inf, np.inf), (0.0, self.levels.steepest), (0.0, self.levels.lapse_max)]
-        found = optimize.minimize(
-            cost,
-            start[free],
-            jac=True,
-            method="L-BFGS-B",
-            bounds=[bounds[own] for own in free],
-            options={"ftol": 1e-14, "gtol": 1e-7},
-        )
-        point, log = offset + directions @ found.x, -float(found.fun)
+        lows = np.array([-np.inf, 0.0, 0.0])[free]
+        highs = np.array([np.inf, self.levels.steepest, self.levels.lapse_max])[free]
+        values = start[free]
+        log, *derivatives = self.levels.score(start)
+        damping = 0.0
+        for _ in range(CLIMB_MOST):
+            uphill = directions.T @ derivatives[0]
+            expected, observed = (directions.T @ own @ directions for own in derivatives[1:])
+            # A value at its bound stays there as long as the likelihood rises outwards.
+            moving = ~(((values <= lows) & (uphill <= 0.0)) | ((values >= highs) & (uphill >= 0.0)))
+            moving &= expected.diagonal() > 0.0
+            if not moving.any():
+                break
+            # Newton's steps are the best ones near a maximum. Farther away the observed information may be that of a
+            # saddle; the expected one (Fisher scoring) never is, so that small steps by it always lead uphill.
+            inner = observed[np.ix_(moving, moving)]
+            if np.linalg.eigvalsh(inner)[0] <= SINGULAR * np.trace(inner):
+                inner = expected[np.ix_(moving, moving)]
+            step = np.zeros(len(free))
+            step[moving] = np.linalg.solve(inner + (damping + SINGULAR) * np.diag(inner.diagonal()), uphill[moving])
+            trial = np.clip(values + step, lows, highs)
+            trial_log, *trial_derivatives = self.levels.score(offset + directions @ trial)
+            if trial_log > log:
+                gain, log, values, derivatives = trial_log - log, trial_log, trial, trial_derivatives
+                damping = damping / 10.0 if damping > DAMPING_LEAST else 0.0
+                if gain < GAIN_LEAST:
+                    break
+            elif float(uphill @ step) < GAIN_LEAST or damping > DAMPING_MOST:
+                break
+            else:
+                damping = max(10.0 * damping, DAMPING_LEAST)
+        point = offset + directions @ values
         if log > self.best_log:
             self._best, self.best_log = point, log
         return point, log

@@ -24,9 +24,17 @@ FARTHEST = 10.0
 """Ranges of the levels beside them in which a threshold is looked for."""
 JND_SHARE = NormalDist().inv_cdf(0.75)
 """Of sigma: the distance from 50 % to 75 %."""
-Z_MOST = 37.0
-"""Beyond, the tail of the Gaussian is too small for a float64."""
+Z_MOST = 26.0
+"""Beyond, the square of the Gaussian's tail is too small for a float64."""
 AXES = "mu", "b", "lapse"
+CLIMB_MOST = 200
+"""Steps of one search for a maximum; 5 to 20 are usual."""
+GAIN_LEAST = 1e-14
+"""Of log likelihood, that a search goes on for."""
+DAMPING_LEAST, DAMPING_MOST = 1e-3, 1e9
+"""Share of the information's diagonal that is added to it, where a step without it leads downhill."""
+SINGULAR = 1e-12
+"""The same share always, so that values of which answers tell only a combination do not divide by zero."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -259,16 +267,27 @@ class _Levels:
         """Log likelihood, without binomial coefficients, of (a, b, lapse): shape [..., 3] to [...]."""
         return self._sum_logs(*self._shares(points)[1:])
 
-    def cost(self, point: np.ndarray) -> tuple[float, np.ndarray]:
-        """The negative log likelihood of one (a, b, lapse), and its derivatives by them."""
+    def score(self, point: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+        """Log likelihood at one (a, b, lapse), its derivatives, and the expected and the observed information.
+
+        The information, shape [3, 3], is the negative matrix of second derivatives.
+        """
         z, p, q = self._shares(point)
         low = point[2] if self.guess is None else self.guess
         width = 1.0 - point[2] - low
-        by_p = self.successes / p - self.failures / q
-        by_z = by_p * width * np.exp(-z * z / 2.0) / np.sqrt(2.0 * np.pi)
+        density = np.exp(-z * z / 2.0) / np.sqrt(2.0 * np.pi)
+        by_a = width * density
         share = (p - low) / width
-        by_lapse = by_p * ((1.0 - 2.0 * share) if self.guess is None else -share)
-        return -float(self._sum_logs(p, q)), -np.array([by_z.sum(), (by_z * self.scaled).sum(), by_lapse.sum()])
+        slopes = np.stack([by_a, by_a * self.scaled, 1.0 - 2.0 * share if self.guess is None else -share])
+        by_p = self.successes / p - self.failures / q
+        expected = np.einsum("il,jl,l->ij", slopes, slopes, (self.successes + self.failures) / (p * q))
+        observed = np.einsum("il,jl,l->ij", slopes, slopes, self.successes / p**2 + self.failures / q**2)
+        # Second derivatives of p by a, b and lapse; that by lapse twice is 0.
+        powers = np.stack([np.ones_like(z), self.scaled, self.scaled**2])
+        aa, ab, bb = (powers * (by_p * -z * by_a)).sum(axis=1)
+        al, bl = (powers[:2] * (by_p * density)).sum(axis=1) * (-2.0 if self.guess is None else -1.0)
+        observed -= np.array([[aa, ab, al], [ab, bb, bl], [al, bl, 0.0]])
+        return float(self._sum_logs(p, q)), (slopes * by_p).sum(axis=1), expected, observed
 
     def flat_log(self) -> float:
         """Log likelihood of the best flat line; where there is a guess rate, it is not below that."""
@@ -382,22 +401,38 @@ class _Profile:
         self, offset: np.ndarray, directions: np.ndarray, free: list[int], start: np.ndarray
     ) -> tuple[np.ndarray, float]:
         """The local maximum over offset + directions * free values, which are those of a, b and lapse at `free`."""
-        from scipy import optimize
-
-        def cost(values: np.ndarray) -> tuple[float, np.ndarray]:
-            value, gradient = self.levels.cost(offset + directions @ values)
-            return value, directions.T @ gradient
-
-        bounds = [(-np.inf, np.inf), (0.0, self.levels.steepest), (0.0, self.levels.lapse_max)]
-        found = optimize.minimize(
-            cost,
-            start[free],
-            jac=True,
-            method="L-BFGS-B",
-            bounds=[bounds[own] for own in free],
-            options={"ftol": 1e-14, "gtol": 1e-7},
-        )
-        point, log = offset + directions @ found.x, -float(found.fun)
+        lows = np.array([-np.inf, 0.0, 0.0])[free]
+        highs = np.array([np.inf, self.levels.steepest, self.levels.lapse_max])[free]
+        values = start[free]
+        log, *derivatives = self.levels.score(start)
+        damping = 0.0
+        for _ in range(CLIMB_MOST):
+            uphill = directions.T @ derivatives[0]
+            expected, observed = (directions.T @ own @ directions for own in derivatives[1:])
+            # A value at its bound stays there as long as the likelihood rises outwards.
+            moving = ~(((values <= lows) & (uphill <= 0.0)) | ((values >= highs) & (uphill >= 0.0)))
+            moving &= expected.diagonal() > 0.0
+            if not moving.any():
+                break
+            # Newton's steps are the best ones near a maximum. Farther away the observed information may be that of a
+            # saddle; the expected one (Fisher scoring) never is, so that small steps by it always lead uphill.
+            inner = observed[np.ix_(moving, moving)]
+            if np.linalg.eigvalsh(inner)[0] <= SINGULAR * np.trace(inner):
+                inner = expected[np.ix_(moving, moving)]
+            step = np.zeros(len(free))
+            step[moving] = np.linalg.solve(inner + (damping + SINGULAR) * np.diag(inner.diagonal()), uphill[moving])
+            trial = np.clip(values + step, lows, highs)
+            trial_log, *trial_derivatives = self.levels.score(offset + directions @ trial)
+            if trial_log > log:
+                gain, log, values, derivatives = trial_log - log, trial_log, trial, trial_derivatives
+                damping = damping / 10.0 if damping > DAMPING_LEAST else 0.0
+                if gain < GAIN_LEAST:
+                    break
+            elif float(uphill @ step) < GAIN_LEAST or damping > DAMPING_MOST:
+                break
+            else:
+                damping = max(10.0 * damping, DAMPING_LEAST)
+        point = offset + directions @ values
         if log > self.best_log:
             self._best, self.best_log = point, log
         return point, log

@@ -147,19 +147,15 @@ def compare_levels_by_ranks(matrix: np.ndarray, compares: str) -> StatisticalTes
 
 
 def correct_family(tests: Sequence[StatisticalTest]) -> tuple[StatisticalTest, ...]:
-    """The tests with `p_holm`: corrected by Holm's method for the number of those that have a p."""
-    from statsmodels.stats.multitest import multipletests
+    """The tests with `p_holm`: corrected by Holm's method for the number of those that have a p.
 
-    places = [place for place, test in enumerate(tests) if test.p is not None]
-    corrected: dict[int, float] = {}
-    if places:
-        corrected = dict(
-            zip(places, multipletests([tests[place].p for place in places], method="holm")[1], strict=True)
-        )
-    return tuple(
-        replace(test, p_holm=float(corrected[place]) if place in corrected else None)
-        for place, test in enumerate(tests)
-    )
+    statsmodels' `multipletests` gives the same, but collects garbage at each call, which takes 0.3 s.
+    """
+    rising = sorted((test.p, place) for place, test in enumerate(tests) if test.p is not None)
+    corrected, least = dict[int, float](), 0.0
+    for smaller, (p, place) in enumerate(rising):
+        least = corrected[place] = max(least, min(1.0, p * (len(rising) - smaller)))
+    return tuple(replace(test, p_holm=corrected.get(place)) for place, test in enumerate(tests))
 
 
 def compare_participants(successes: np.ndarray, counts: np.ndarray, compares: str) -> StatisticalTest:

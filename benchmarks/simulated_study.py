@@ -29,7 +29,7 @@ from simulated_participants import ObservedTables, simulate_study
 from study_observers import PAPER_RATIOS, Observer, null_observers, paper_observers
 
 from palpate.render.study.analysis.answer_reading import read_answers
-from palpate.render.study.analysis.hypothesis_tests import bound_proportion, many_families
+from palpate.render.study.analysis.hypothesis_tests import bound_proportion
 from palpate.render.study.analysis.power import power_of, power_question
 from palpate.render.study.analysis.result_texts import is_found
 from palpate.render.study.analysis.study_analysis import StudyAnalysis, analyse_answers
@@ -176,10 +176,9 @@ def _count_findings(task: tuple[str, range]) -> Counter[str]:
     name, seeds = task
     tables = ObservedTables(paper_plan())
     total: Counter[str] = Counter()
-    with many_families():
-        for seed in seeds:
-            found = findings(analyse_answers(tables.table(PEOPLE[name](10_000 + seed), seed)))
-            total.update({key: int(value) for key, value in found.items()})
+    for seed in seeds:
+        found = findings(analyse_answers(tables.table(PEOPLE[name](10_000 + seed), seed)))
+        total.update({key: int(value) for key, value in found.items()})
     return total
 
 

@@ -5,8 +5,7 @@ of the test counts such pairs. p is None where a test says nothing, and the note
 """
 
 import gc
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
@@ -30,20 +29,6 @@ RANKS_LEAST = 6
 """Differences that Wilcoxon's test needs for p below 0.05: 2 of the 2^n patterns of signs are the most extreme."""
 EXPECTED_LEAST = 5.0
 """Expected count of each cell that the chi-square approximation asks for."""
-
-
-@contextmanager
-def many_families() -> Iterator[None]:
-    """Within it, thousands of families are corrected quickly.
-
-    statsmodels 0.14 and 0.15 collect garbage in each correction, which takes 0.1 s where many objects live. Objects
-    that are there when this begins are left out of it until it ends.
-    """
-    gc.freeze()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
 
 
 class ProportionInterval(NamedTuple):
@@ -149,13 +134,22 @@ def compare_levels_by_ranks(matrix: np.ndarray, compares: str) -> StatisticalTes
 def correct_family(tests: Sequence[StatisticalTest]) -> tuple[StatisticalTest, ...]:
     """The tests with `p_holm`: corrected by Holm's method for the number of those that have a p.
 
-    statsmodels' `multipletests` gives the same, but collects garbage at each call, which takes 0.3 s.
+    A test alone is no family, and stays as it is.
     """
-    rising = sorted((test.p, place) for place, test in enumerate(tests) if test.p is not None)
-    corrected, least = dict[int, float](), 0.0
-    for smaller, (p, place) in enumerate(rising):
-        least = corrected[place] = max(least, min(1.0, p * (len(rising) - smaller)))
-    return tuple(replace(test, p_holm=corrected.get(place)) for place, test in enumerate(tests))
+    from statsmodels.stats.multitest import multipletests
+
+    places = [place for place, test in enumerate(tests) if test.p is not None]
+    if len(places) < 2:
+        return tuple(tests)
+    gc.freeze()  # multipletests collects garbage at each call, which takes 0.3 s where many objects live
+    try:
+        corrected = multipletests([tests[place].p for place in places], method="holm")[1]
+    finally:
+        gc.unfreeze()
+    found = dict(zip(places, corrected, strict=True))
+    return tuple(
+        replace(test, p_holm=float(found[place]) if place in found else None) for place, test in enumerate(tests)
+    )
 
 
 def compare_participants(successes: np.ndarray, counts: np.ndarray, compares: str) -> StatisticalTest:

@@ -14,7 +14,7 @@ from ...errors import StrategyError
 from ..plan.block_designs import trial_counts
 from ..plan.study_plan import StudyPlan
 from .answer_measures import choice_measures, scale_measures
-from .hypothesis_tests import SIGNIFICANT, bound_proportion, compare_with_centre_by_ranks, many_families
+from .hypothesis_tests import SIGNIFICANT, bound_proportion, compare_with_centre_by_ranks
 from .measure_tests import compare_pairs
 from .measures import Measure, level_text
 from .study_table import StudyTable
@@ -138,8 +138,7 @@ def find_power(question: PowerQuestion) -> list[FoundPower]:
 def power_of(question: PowerQuestion, participants: int) -> FoundPower:
     """How often the analysis finds the effect in simulated studies with so many participants."""
     rng = np.random.default_rng([question.seed, participants])
-    with many_families():
-        hits = sum(_finds(question, simulate_measure(question, participants, rng)) for _ in range(question.tables))
+    hits = sum(_finds(question, simulate_measure(question, participants, rng)) for _ in range(question.tables))
     low, high = bound_proportion(hits, question.tables)
     return FoundPower(participants=participants, power=hits / question.tables, low=low, high=high)
 
@@ -172,12 +171,12 @@ def _finds(question: PowerQuestion, measure: Measure) -> bool:
     """Whether the analysis finds the effect: in the right direction, corrected as the analysis does."""
     if question.factor is None:
         test = compare_with_centre_by_ranks(measure.by_participant(), measure.chance or 0.0, measure.name)
-        p, is_above = test.p, question.mean >= (measure.chance or 0.0)
+        p, is_above = test.p_final, question.mean >= (measure.chance or 0.0)
     else:
         levels = measure.factors[question.factor]
         wanted = f"{level_text(levels[0])} - {level_text(levels[-1])}"
         test = next(own for own in compare_pairs(measure, question.factor) if own.compares == wanted)
-        p, is_above = test.p_holm, question.mean >= (question.mean_other or 0.0)
+        p, is_above = test.p_final, question.mean >= (question.mean_other or 0.0)
     return p is not None and p < SIGNIFICANT and ((test.effect_size or 0.0) > 0) == is_above
 
 

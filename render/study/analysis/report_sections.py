@@ -179,7 +179,7 @@ def _measure_tables(tests: MeasureTests) -> tuple[ReportTable, ...]:
 
 
 def _factor_paragraph(measure: Measure, tests: FactorTests) -> str:
-    means = ", ".join(f"{level_text(own)} {mean_text(measure.at_level(tests.factor, own))}" for own in tests.levels)
+    means = "; ".join(f"{level_text(own)}: {mean_text(measure.at_level(tests.factor, own))}" for own in tests.levels)
     omnibus = ""
     if tests.omnibus is not None:
         whether = "differ" if is_found(tests.omnibus) else "do not differ overall"
@@ -287,7 +287,7 @@ def _cells_text(measure: Measure) -> str:
 
 
 def _range_text(counts: np.ndarray) -> str:
-    low, high = int(counts.min(initial=0)), int(counts.max(initial=0))
+    low, high = (int(own(counts)) if counts.size else 0 for own in (np.min, np.max))
     return str(high) if low == high else f"{low} to {high}"
 
 

@@ -11,6 +11,8 @@ from .measures import Measure, cell_text, level_text
 from .statistical_test import StatisticalTest
 
 TEST_HEAD = ("comparison", "test", "n", "statistic", "p", "p (Holm)", "effect size", "difference (95 %)", "note")
+NOTHING = 1e-12
+"""Numbers below it are 0 but for rounding."""
 SHORT_NAMES = {
     "rank-biserial r": "r_rb",
     "Cohen's d_z": "d_z",
@@ -24,18 +26,24 @@ def number_text(value: float | None) -> str:
     """A number with three digits, or all of a larger whole one; empty for none."""
     if value is None or math.isnan(value):
         return ""
-    value += 0.0  # no -0
+    value = 0.0 if abs(value) < NOTHING else value  # no -0, and no rounding error
     return f"{value:.0f}" if 999.5 <= abs(value) < 1e6 else f"{value:.3g}"
 
 
-def p_text(p: float | None, *, symbol: str = "p") -> str:
-    """A p value as papers print it; a dash for none. No p that is below 0.05 is rounded to it."""
+def p_text(p: float | None) -> str:
+    """A p value, as in a column of them; a dash for none. No p that is below 0.05 is rounded to it."""
     if p is None:
         return "-"
     if p < 0.001:
-        return f"{symbol} < 0.001"
+        return "< 0.001"
     texts = (f"{p:.{digits}f}" for digits in range(3, 17))
-    return f"{symbol} = {next((own for own in texts if (float(own) < SIGNIFICANT) == (p < SIGNIFICANT)), p)}"
+    return next((own for own in texts if (float(own) < SIGNIFICANT) == (p < SIGNIFICANT)), str(p))
+
+
+def p_equation(p: float, *, symbol: str = "p") -> str:
+    """A p value as papers print it: p = 0.012."""
+    text = p_text(p)
+    return f"{symbol} {text}" if text.startswith("<") else f"{symbol} = {text}"
 
 
 def statistic_text(test: StatisticalTest) -> str:
@@ -48,8 +56,7 @@ def statistic_text(test: StatisticalTest) -> str:
 
 def is_found(test: StatisticalTest) -> bool:
     """Whether a test finds a difference: its p, corrected where there is a family, is below 0.05."""
-    p = test.p if test.p_holm is None else test.p_holm
-    return p is not None and p < SIGNIFICANT
+    return test.p_final is not None and test.p_final < SIGNIFICANT
 
 
 def test_text(test: StatisticalTest) -> str:
@@ -60,7 +67,7 @@ def test_text(test: StatisticalTest) -> str:
     parts = [
         statistic_text(test),
         f"n = {test.n}",
-        p_text(test.p) if holm is None else p_text(holm, symbol="p_Holm"),
+        p_equation(test.p) if holm is None else p_equation(holm, symbol="p_Holm"),
         *(
             [f"{SHORT_NAMES.get(test.effect, test.effect)} = {test.effect_size:.2f}"]
             if test.effect_size is not None

@@ -21,7 +21,7 @@ class StatisticalTest:
     p: float | None = None
     """Two-sided, not corrected."""
     p_holm: float | None = None
-    """Corrected for the tests of its family by Holm's method."""
+    """Corrected for the tests of its family by Holm's method; None where it has no family."""
     effect: str = ""
     """Its name: "rank-biserial r", "Cohen's d_z"."""
     effect_size: float | None = None
@@ -32,3 +32,8 @@ class StatisticalTest:
     """95 % interval of it."""
     note: str = ""
     """Ties, zeros, a normal approximation; or why there is no p."""
+
+    @property
+    def p_final(self) -> float | None:
+        """The p that counts: the corrected one, if there is one."""
+        return self.p if self.p_holm is None else self.p_holm

@@ -18,7 +18,7 @@ from palpate.render.study.analysis.result_texts import (
     level_rows,
     mean_text,
     number_text,
-    p_text,
+    p_equation,
     pair_sentences,
     statistic_text,
 )
@@ -67,7 +67,7 @@ def test_numbers_have_three_digits_and_large_ones_no_power_of_ten(value, text):
     ],
 )  # fmt: skip
 def test_a_p_that_is_significant_is_not_rounded_to_the_bound(p, text):
-    assert p_text(p) == text
+    assert p_equation(p) == text
 
 
 def test_statistics_show_their_degrees_of_freedom():
@@ -87,7 +87,7 @@ def test_what_stands_in_brackets_is_the_corrected_p_where_there_is_one():
 def test_a_row_of_a_table_has_both_p_and_the_interval():
     assert dict(zip(TEST_HEAD, row_of(RANKS), strict=True)) == {
         "comparison": "cube - tube", "test": "Wilcoxon signed-rank test", "n": "18", "statistic": "V = 148",
-        "p": "p = 0.006", "p (Holm)": "p = 0.018", "effect size": "r_rb = 0.73",
+        "p": "0.006", "p (Holm)": "0.018", "effect size": "r_rb = 0.73",
         "difference (95 %)": "0.15 (0.05 to 0.25)",
         "note": "2 differences tied in size; normal approximation with continuity correction",
     }  # fmt: skip

@@ -101,11 +101,10 @@ def analyse_measure(measure: Measure) -> MeasureTests:
 def compare_levels(measure: Measure, factor: str) -> FactorTests:
     """The tests between the levels of a factor: of each pair over the cells that are the same in all else."""
     levels = measure.factors[factor]
-    ranks, means, cells = [], [], []
+    means, cells = [], []
     for one, other in combinations(levels, 2):
         a, b = matched_values(measure, factor, one, other)
         compares = f"{level_text(one)} - {level_text(other)}"
-        ranks.append(compare_pairs_by_ranks(a.mean(axis=1), b.mean(axis=1), compares))
         means.append(compare_pairs_by_means(a.mean(axis=1), b.mean(axis=1), compares))
         cells.append(compare_pairs_by_ranks(a.ravel(), b.ravel(), compares))
     omnibus = None
@@ -116,10 +115,20 @@ def compare_levels(measure: Measure, factor: str) -> FactorTests:
         factor=factor,
         levels=levels,
         omnibus=omnibus,
-        by_ranks=correct_family(ranks),
+        by_ranks=compare_levels_by_participants(measure, factor),
         by_means=correct_family(means),
         by_cells=correct_family(cells),
     )
+
+
+def compare_levels_by_participants(measure: Measure, factor: str) -> tuple[StatisticalTest, ...]:
+    """The tests by ranks of each pair of levels, in the order of `combinations`: those that the power is about."""
+    tests = []
+    for one, other in combinations(measure.factors[factor], 2):
+        a, b = matched_values(measure, factor, one, other)
+        compares = f"{level_text(one)} - {level_text(other)}"
+        tests.append(compare_pairs_by_ranks(a.mean(axis=1), b.mean(axis=1), compares))
+    return correct_family(tests)
 
 
 def matched_values(measure: Measure, factor: str, one: Level, other: Level) -> tuple[np.ndarray, np.ndarray]:

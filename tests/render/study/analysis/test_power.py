@@ -42,8 +42,9 @@ def two_blocks():
     return plan_of(stimulus_text("a", "b"), TWO_BLOCKS, participants=12)
 
 
-def asked(plan, **options):
-    return power_question(plan, OPTIONS | options)
+def asked(plan, tables=1000, **options):
+    """A question, of fewer simulated studies than the command simulates."""
+    return replace(power_question(plan, OPTIONS | options), tables=tables)
 
 
 def require_share(found, expected, tables):
@@ -61,17 +62,17 @@ def normal_p(successes, count):
 @pytest.mark.parametrize(("people", "mean"), [(8, 0.9), (7, 0.8), (12, 0.2)])
 def test_the_power_of_single_answers_is_that_of_exact_enumeration(people, mean):
     question = asked(plan_of(stimulus_text("a", "b"), ONE_PAIR), mean=mean)
-    question = replace(question, trials=(1,), tables=300)
+    question = replace(question, trials=(1,), tables=200)
     expected = sum(
         stats.binom.pmf(k, people, mean)
         for k in range(people + 1)
         if normal_p(k, people) < 0.05 and (2 * k > people) == (mean > 0.5)
     )
-    require_share(power_of(question, people).power, expected, 300)
+    require_share(power_of(question, people).power, expected, 200)
 
 
 def test_power_of_five_participants_is_none_as_no_p_is_small_enough():
-    question = asked(plan_of(stimulus_text("a", "b"), ONE_PAIR), mean=0.9, spread=0.5, tables=70)
+    question = asked(plan_of(stimulus_text("a", "b"), ONE_PAIR), mean=0.9, spread=0.5, tables=100)
     question = replace(question, trials=(10**6,))  # so many answers have no ties, and p is exact: 2 of 2^5 at least
     found = power_of(question, 5)
     assert (found.power, found.low) == (0.0, 0.0)
@@ -172,7 +173,7 @@ def test_the_last_level_alone_has_the_other_mean(paper):
 
 
 def test_the_pair_is_corrected_for_the_family_of_the_analysis(paper):
-    question = replace(asked(paper, mean=0.62, mean_other=0.5, factor="object"), tables=60)
+    question = asked(paper, mean=0.62, mean_other=0.5, factor="object", tables=60)
     hits, rng = 0, np.random.default_rng([1, 14])
     for _ in range(60):
         values = simulate_measure(question, 14, rng).values
@@ -259,7 +260,7 @@ def test_scales_with_completed_names_have_the_answers_of_their_blocks():
 )
 def test_what_cannot_be_asked_is_refused_with_its_bound(paper, options, message):
     with pytest.raises(StrategyError) as caught:
-        asked(paper, **options)
+        power_question(paper, OPTIONS | options)
     assert message in str(caught.value)
 
 

@@ -195,7 +195,7 @@ def compare_power(rates: Mapping, count: int) -> list[dict]:
     ):
         logits = np.log(mean / (1 - mean))
         options = {
-            "measure": None, "mean": float(1 / (1 + np.exp(-logits.mean()))), "factor": factor,
+            "measure": None, "mean": float(np.mean(mean)), "factor": factor,
             "mean_other": None if other is None else float(np.mean(other)), "spread": float(logits.std()),
             "opposite": None, "noise": None, "tables": max(count, 100), "seed": 1,
         }  # fmt: skip

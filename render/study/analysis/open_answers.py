@@ -32,7 +32,7 @@ class QuestionAnswers:
             return ", ".join(f"{option} {found[option]}" for option in self.question.options)
         numbers = np.array([own for own in given if isinstance(own, int | float)], dtype=np.float64)
         if self.question.kind == "text" or not len(numbers):
-            return f"{len(given)} answers{empty}"
+            return f"{len(given)} answer{'s' * (len(given) != 1)}{empty}"
         spread = f" ± {numbers.std(ddof=1):.1f}" if len(numbers) > 1 else ""
         return f"{numbers.mean():.1f}{spread} ({numbers.min():g} to {numbers.max():g}), n = {len(numbers)}{empty}"
 
@@ -45,7 +45,7 @@ class QuestionAnswers:
 def open_answers(table: StudyTable) -> list[QuestionAnswers]:
     """Questions before and after all blocks, after blocks but scales, and of explorations but scales, as asked."""
     found = []
-    plan, answers = table.plan, [own for own in counted(table) if own.name != "consent" or own.block != "before"]
+    plan, answers = table.plan, list(counted(table))
     for place, questions in (("before", plan.questions_before), ("after", plan.questions_after)):
         for question in questions:
             own = tuple(one for one in answers if (one.block, one.name) == (place, question.name))

@@ -1,11 +1,15 @@
 """Power before a study: how often its own analysis would find an effect, by simulated measures of a plan's cells.
 
-The model is as simple as what people can guess: participants' probabilities around a mean, on a logit scale, or their
-points around a mean. It says nothing of lapses, orders and tired people; simulated observers, who are made otherwise,
-judge it in docs/measured/simulated-study.md.
+The model is as simple as what people can guess: the mean of the measure, and how much participants differ, on a logit
+scale for probabilities, in points on scales. It says nothing of lapses, orders and tired people; simulated observers,
+who are made otherwise, judge it in docs/measured/simulated-study.md.
 """
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -24,6 +28,10 @@ PARTICIPANTS = (6, 8, 10, 12, 14, 16, 18, 20, 24, 28, 32, 36, 40, 48, 60, 80, 10
 WANTED = 0.8
 """Power that studies commonly aim at."""
 NOISE = 1.0  # [point] of one answer on a scale
+PEOPLE = 1000  # of a normal distribution, whose mean probability is that of all people
+LOGIT_MOST = 40.0  # a probability of 4e-18, for each unit of the spread
+DEVIATIONS_MOST = 8.0  # from a scale's end to a centre that is as good as at it
+HALVINGS = 50
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +45,7 @@ class PowerQuestion:
     planned: int
     """Participants of the plan."""
     mean: float
-    """Of the measure: probability, or points."""
+    """Of the measure over participants: probability, or points; of those who don't answer the other way."""
     mean_other: float | None = None
     """At the last level of `factor`; None: `mean` is compared with chance."""
     factor: str | None = None
@@ -55,6 +63,32 @@ class PowerQuestion:
     def is_choice(self) -> bool:
         """Whether the measure is a proportion."""
         return self.measure.chance is not None
+
+    @cached_property
+    def centres(self) -> tuple[float, ...]:
+        """Around which participants lie, so that the means are `mean` and `mean_other`: logits, or points.
+
+        They differ from the means, as logits are bent into probabilities, and points are rounded and end at the ends
+        of the scale.
+        """
+        means = [own for own in (self.mean, self.mean_other) if own is not None]
+        if self.is_choice:
+            if not self.spread:
+                with np.errstate(divide="ignore"):  # a mean of 0 or 1 is a logit without end
+                    return tuple(float(np.log(own) - np.log1p(-own)) for own in means)
+            people = self.spread * np.array([NormalDist().inv_cdf((k + 0.5) / PEOPLE) for k in range(PEOPLE)])
+            reach = LOGIT_MOST + LOGIT_MOST * self.spread
+            return tuple(_inverse(lambda x: float(_proportion(x + people).mean()), own, -reach, reach) for own in means)
+        deviation = math.hypot(self.spread, self.noise)
+        if not deviation:
+            return tuple(means)
+        low, high = self.measure.low or 1.0, self.measure.high or 1.0
+        bounds, of = np.arange(low, high) + 0.5, NormalDist(0.0, deviation)
+        reach = DEVIATIONS_MOST * deviation
+        return tuple(
+            _inverse(lambda x: low + sum(of.cdf(x - own) for own in bounds), own, low - reach, high + reach)
+            for own in means
+        )
 
     @property
     def sought(self) -> str:
@@ -108,6 +142,14 @@ def power_question(plan: StudyPlan, options: dict[str, Any]) -> PowerQuestion:
             raise StrategyError(f"--{key} must be 0 to {most:g}, not {options[key]:g}")
     if options["opposite"] and measure.chance is None:
         raise StrategyError(f"--opposite is of proportions, and {name} is a scale")
+    if (options["opposite"] or 0.0) >= 0.5:
+        raise StrategyError(
+            f"--opposite must be below 0.5, not {options['opposite']:g}: else no effect is left in the direction sought"
+        )
+    if options["noise"] is not None and measure.chance is not None:
+        raise StrategyError(f"--noise is of scales, and {name} is a proportion")
+    if options["seed"] < 0:
+        raise StrategyError(f"--seed must be 0 or more, not {options['seed']}")
     if not 100 <= options["tables"] <= 100_000:
         raise StrategyError(f"--tables must be 100 to 100000, not {options['tables']}")
     given = {key: options[key] for key in ("spread", "opposite", "noise") if options[key] is not None}
@@ -129,9 +171,11 @@ def find_power(question: PowerQuestion) -> list[FoundPower]:
     while low < high:
         middle = (low + high) // 2
         count = numbers[middle]
-        found.setdefault(count, power_of(question, count))
+        if count not in found:
+            found[count] = power_of(question, count)
         low, high = (low, middle) if found[count].power >= WANTED else (middle + 1, high)
-    found.setdefault(numbers[low], power_of(question, numbers[low]))
+    if numbers[low] not in found:
+        found[numbers[low]] = power_of(question, numbers[low])
     return [found[count] for count in sorted(found)]
 
 
@@ -146,25 +190,34 @@ def power_of(question: PowerQuestion, participants: int) -> FoundPower:
 def simulate_measure(question: PowerQuestion, participants: int, rng: np.random.Generator) -> Measure:
     """The measure of one simulated study."""
     measure, trials = question.measure, np.array(question.trials)
-    means = np.full(len(measure.cells), question.mean)
+    centres = np.full(len(measure.cells), question.centres[0])
     if question.factor is not None and question.mean_other is not None:
         last = measure.factors[question.factor][-1]
-        means[measure.numbers_at(question.factor, last)] = question.mean_other
+        centres[measure.numbers_at(question.factor, last)] = question.centres[1]
     person = rng.normal(0.0, question.spread, (participants, 1)) if question.spread else np.zeros((participants, 1))
     codes = tuple(map(str, range(participants)))
     if not question.is_choice:
-        points = np.zeros((participants, len(means)))
+        points = np.zeros((participants, len(centres)))
         for number, count in enumerate(trials):
-            answers = means[number] + person + rng.normal(0.0, question.noise, (participants, count))
+            answers = centres[number] + person + rng.normal(0.0, question.noise, (participants, count))
             points[:, number] = np.clip(np.round(answers), measure.low, measure.high).mean(axis=1)
         return replace(measure, codes=codes, values=points)
-    with np.errstate(divide="ignore"):  # a mean of 0 or 1 is a logit without end
-        logits = np.log(means) - np.log1p(-means)
     signs = np.where(rng.random((participants, 1)) < question.opposite, -1.0, 1.0)
-    probabilities = 1.0 / (1.0 + np.exp(-signs * (logits + person)))
-    successes = rng.binomial(trials, probabilities)
+    successes = rng.binomial(trials, _proportion(signs * (centres + person)))
     counts = np.broadcast_to(trials, successes.shape)
     return replace(measure, codes=codes, values=successes / counts, successes=successes, counts=counts)
+
+
+def _proportion(logits: np.ndarray) -> np.ndarray:
+    return 1.0 / (1.0 + np.exp(-logits))
+
+
+def _inverse(function: Callable[[float], float], wanted: float, low: float, high: float) -> float:
+    """Where a rising function has a value, by halving."""
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2.0
+        low, high = (middle, high) if function(middle) < wanted else (low, middle)
+    return (low + high) / 2.0
 
 
 def _finds(question: PowerQuestion, measure: Measure) -> bool:
@@ -173,9 +226,8 @@ def _finds(question: PowerQuestion, measure: Measure) -> bool:
         test = compare_with_centre_by_ranks(measure.by_participant(), measure.chance or 0.0, measure.name)
         p, is_above = test.p_final, question.mean >= (measure.chance or 0.0)
     else:
-        levels = measure.factors[question.factor]
-        wanted = f"{level_text(levels[0])} - {level_text(levels[-1])}"
-        test = next(own for own in compare_pairs(measure, question.factor) if own.compares == wanted)
+        of_first = len(measure.factors[question.factor]) - 1  # pairs with the first level, the last one's at the end
+        test = compare_pairs(measure, question.factor)[of_first - 1]
         p, is_above = test.p_final, question.mean >= (question.mean_other or 0.0)
     return p is not None and p < SIGNIFICANT and ((test.effect_size or 0.0) > 0) == is_above
 

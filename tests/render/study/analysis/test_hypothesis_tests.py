@@ -1,13 +1,14 @@
 """Statistical tests: against published examples with R's numbers, SciPy's own functions, and what must not change p."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from published_examples import TESTS
+from published_examples import TESTS, table_of_examples
 from scipy import stats
 
 from palpate.render.errors import StudyError
@@ -41,6 +42,11 @@ def test_published_examples_have_the_numbers_of_r(example):
     found = example.ours()
     for name, number in example.numbers.items():
         assert found[name] == pytest.approx(number, rel=example.tolerance, abs=example.tolerance), name
+
+
+def test_the_page_of_measured_statistics_lists_these_tests():
+    page = Path(__file__).parents[4] / "docs/measured/study-statistics.md"
+    assert table_of_examples(TESTS) in page.read_text(encoding="utf-8")
 
 
 # Wilcoxon ------------------------------------------------------------------------------------------------------------

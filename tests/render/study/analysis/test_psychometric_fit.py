@@ -1,15 +1,18 @@
 """Psychometric fits: against published data with R's numbers, a grid of all curves, and observers that are known."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from published_examples import BEETLES, FITS
+from published_examples import BEETLES, FITS, table_of_examples
 from scipy import special, stats
 
 from palpate.render.errors import StudyError
 from palpate.render.study.analysis.psychometric_fit import FittedValue, fit_psychometric
 
+PAGE = Path(__file__).parents[4] / "docs/measured/study-statistics.md"
 LEVELS = np.arange(1.0, 8.0)
 FEW = settings(max_examples=6, deadline=None)
 MODELS = {
@@ -42,6 +45,10 @@ def test_published_data_have_the_numbers_of_r(example):
     found = example.ours()
     for name, number in example.numbers.items():
         assert found[name] == pytest.approx(number, rel=example.tolerance, abs=1e-9), name
+
+
+def test_the_page_of_measured_statistics_lists_these_fits():
+    assert table_of_examples(FITS) in PAGE.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -172,6 +179,13 @@ def test_a_step_at_a_level_has_that_level_as_threshold():
     assert found.mu.value == pytest.approx(2.0, abs=0.05)
     assert found.mu.low < 2.0 < found.mu.high
     assert (found.sigma.value, found.converged) == (0.0, False)
+
+
+def test_a_step_at_a_level_among_others_of_many_sizes_is_seen():
+    # Far from the step all curves that are as steep are equally bad: a search that begins there stays there.
+    found = fit_psychometric(range(8), [0, 0, 0, 0, 2, 8, 8, 10], [11, 1, 11, 4, 8, 8, 8, 10])
+    assert (found.sigma.value, found.sigma.low) == (0.0, 0.0)
+    assert found.mu.low < 4.0 < found.mu.high
 
 
 def test_a_weak_slope_leaves_intervals_open_and_says_so():

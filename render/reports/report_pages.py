@@ -41,6 +41,7 @@ footer { margin-top: 3rem; font-size: 0.85rem; }
 
 _CODE = re.compile(r"(?<!`)`([^`]+)`(?!`)")
 _SPACES = re.compile(r"[\t\u00a0\u1680\u2000-\u200a\u202f\u205f\u3000]")  # which `visible` would write as escapes
+_NUMBER = re.compile(r"[-+]?[0-9]\S*|[A-Za-z]\S* [=<] [-+]?[0-9]\S*")  # kept on one line, as "p = 0.013" is
 _LINE_ENDS = re.compile(r"\r\n|\r|\n")
 _PARAGRAPHS = re.compile(r"(?:\r\n|\r|\n)[ \t]*(?:\r\n|\r|\n)\s*")
 # What begins markup, HTML, a link or a formula in Markdown, and is no such sign in "p < 0.05", "r_open" and "[Hz]".
@@ -140,9 +141,8 @@ def _html_table(table: ReportTable) -> str:
 
 
 def _html_cell(text: str) -> str:
-    is_number = text[:1].isdigit() and " " not in text
     cell = _html(text, line_end="<br>")
-    return f'<td class="number">{cell}</td>' if is_number else f"<td>{cell}</td>"
+    return f'<td class="number">{cell}</td>' if _NUMBER.fullmatch(text) else f"<td>{cell}</td>"
 
 
 def _html(text: str, *, line_end: str = " ", has_code: bool = True) -> str:

@@ -24,9 +24,8 @@ INTRODUCTION = (
     f"The paper that founded intersection strategies is: {SOURCE}. This page puts what palpate gives beside what the "
     "paper reports. No parameter was fitted to an object. But models were chosen from alternatives: of the noise with "
     "figure 4 in view (the transducers' pole, the kind of source, no lag, the number of sources), of the explorations "
-    "before their r was known. Each row says so, with the range of its result over the alternatives. Not made again, "
-    "because people must feel the contours: the pilot study (section 5), and the user study's p_CC, confidence and "
-    "difficulty (section 6)."
+    "before their r was known. Each row says so, with the range of its result over the alternatives. What needs people "
+    "who feel the contours is not made again; it is listed at the end."
 )
 
 

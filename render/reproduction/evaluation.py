@@ -18,6 +18,7 @@ from .noise_recordings import compare_noise
 from .noise_section import noise_section
 from .objects_section import objects_section
 from .paper_numbers import BLOCK_COUNT, RATIOS
+from .people_section import people_section
 from .ratio_section import ratio_section
 from .stage_times import BATCH_POSES, LIVE_POSES, MESHES, REPEATS, measure_steps, time_section
 
@@ -62,7 +63,7 @@ def evaluate(settings: StudySettings, noise: NoiseSource | None = None, watch: W
     lengths = _measure_all(settings, watch)
     watch("pictures", 0, 1)
     ratios = {name: block_ratios(felt) for name, felt in lengths.items()}
-    parts += [frequency_section(lengths), objects_section(), ratio_section(ratios, settings)]
+    parts += [frequency_section(lengths), objects_section(), ratio_section(ratios, settings), (people_section(), {})]
     about = {
         "version": version("palpate"),
         "date": datetime.now(UTC).date().isoformat(),

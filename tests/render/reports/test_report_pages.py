@@ -156,6 +156,15 @@ def test_paragraphs_and_lines_of_cells_stay_apart():
     assert "| one<br>two |" in markdown
 
 
+@pytest.mark.parametrize(
+    ("cell", "is_number"),
+    [("1.5", True), ("-0.5", True), ("p = 0.013", True), ("t(17) < 2", True), ("3 cells", False), ("p = none", False)],
+)
+def test_a_number_stays_on_one_line(cell, is_number):
+    page = html_page("T", "I", [ReportSection("S", "", (ReportTable("", ("a",), ((cell,),)),))], "F")
+    assert ('<td class="number">' in page) == is_number
+
+
 def test_lines_of_markdown_are_short_except_in_tables():
     markdown = markdown_page("T", "word " * 90, [ReportSection("S", "word " * 90, (TABLE,))], "F")
     assert max(map(len, markdown.splitlines())) <= WIDTH

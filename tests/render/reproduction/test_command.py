@@ -56,6 +56,7 @@ def test_the_command_makes_a_page_that_loads_nothing_and_the_numbers_beside(tmp_
     assert not re.search(r"@import|url\(", text)
     assert [heading.split(":")[0] for heading in page.headings] == [
         "Figure 3", "Section 4.3.1", "Section 4.3.2 and figure 4", "Sections 4.2 and 4.3", "Figure 5B", "Figure 6C",
+        "Sections 5.2 and 6.2",
     ]  # fmt: skip
     values = json.loads((out / "paper.json").read_text())
     assert {key: value for key, value in printed.items() if key in values} == values
@@ -75,6 +76,7 @@ def test_the_command_makes_a_page_that_loads_nothing_and_the_numbers_beside(tmp_
     table = run("reproduce", "-o", out, *SMALL, "--overwrite", "--palm", "0.07", "0.1", "--recording", "0")
     assert table.exit_code == 0
     assert "r, cube" in table.stdout
+    assert re.search(r"p_CC above 0.5 \(Wilcoxon\) +p < 0.001 +needs people", table.stdout)
     values = json.loads((out / "paper.json").read_text())
     assert values["palm"] == [0.07, 0.1]
     assert "noise" not in values  # nothing is said of what is not predicted

@@ -1,5 +1,7 @@
 """Sections of the report: what each holds, from lengths and meshes that are known."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from palpate.render.reproduction.explorations import FeltLengths, StudySettings
 from palpate.render.reproduction.frequency_section import frequency_section
 from palpate.render.reproduction.length_ratios import BlockRatios
 from palpate.render.reproduction.paper_numbers import RATIOS
+from palpate.render.reproduction.people_section import people_section
 from palpate.render.reproduction.ratio_section import ratio_section
 
 
@@ -66,3 +69,22 @@ def test_ratios_of_one_block_or_none_are_shown_without_tests():
     assert values["r_open"]["dog"]["mean"] is None
     assert section.tables[0].rows[2].ours == "r = none; r_open = none"
     assert section.tables[0].rows[-1].ours == "cube: no test; tube: no test; dog: no test"
+
+
+def test_what_needs_people_is_listed_with_the_papers_numbers_and_the_commands():
+    section = people_section()
+    (table,) = section.tables
+    found = {row[0].split(" (")[0]: row[1] for row in table.rows}
+    assert found["p_CC above 0.5"] == found["p_CC is normally distributed"] == "p < 0.001"
+    assert found["p_CC by object"] == "cube above tube, p = 0.03"
+    assert found["p_CC by opacity"] == "opaque above transparent, p = 0.006"
+    assert found["confidence by object"] == "cube above dog, p = 0.005; above tube, p = 0.012"
+    assert found["difficulty by object"].endswith("p = 0.004 both")
+    assert found["confidence and difficulty by opacity"] == "no significant effect, p = 0.05 both (as printed)"
+    assert sum(map(int, re.findall(r"(?:^|; )(\d+)", found["p_CC of each participant"]))) == 18
+    assert {row[2] for row in table.rows} == {"needs people"}
+    commands = re.findall(r"`(.+?)`", section.text)
+    assert commands == [
+        "palpate study example paper", "palpate study paper.toml", "palpate study analyse paper.toml",
+        "palpate study example pilot",
+    ]  # fmt: skip

@@ -47,7 +47,9 @@ PEOPLE: dict[str, Callable[[int], list[Observer]]] = {
         18, seed=seed, opposite=0, indifferent=0, strengths=WEAK, opacity_effect=0.0
     ),
     "nothing is felt": lambda seed: null_observers(18, seed=seed),
-    "two equal groups": lambda seed: paper_observers(18, seed=seed, opposite=9, indifferent=0, opacity_effect=0.0),
+    "two groups": lambda seed: paper_observers(
+        18, seed=seed, opposite=int(np.random.default_rng(seed).binomial(18, 0.5)), indifferent=0, opacity_effect=0.0
+    ),
 }
 """Participants of one study, by what is planted."""
 NORMAL = NormalDist()
@@ -291,8 +293,9 @@ RATES = """\
 The same people made {tables} tables of each kind, which went to the analysis alone. In percent, with 95 % binomial
 intervals, tests at 5 %. Where nothing is felt, tests of participants must find something in 5 % of the tables or less.
 Ranks with ties make them careful; a family of pairs is kept at 5 % by Holm's correction. `cells as observations` is
-what the founding paper seems to have done: of two equal groups that read the contours in opposite ways, whose mean is
-chance, it finds an effect that is none."""
+what the founding paper seems to have done. Where each person reads the contours one way or the other by the toss of a
+coin (`two groups`), people as a whole are at chance; yet it finds an effect in many studies, as it takes the 60 answers
+of one person for so much evidence. Objects do differ in the scales of `two groups`: confidence follows strength."""
 POWERS = """\
 ## Power
 

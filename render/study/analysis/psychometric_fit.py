@@ -107,8 +107,6 @@ def fit_psychometric(
     fall with x as well: Phi is then that of (mu - x) / sigma. lapse lies in 0..lapse_max. Without intervals a fit is
     several times faster.
     """
-    from scipy import stats
-
     most = min(0.5, 1.0 - guess)
     if not 0.0 <= guess < 1.0:
         raise StudyError(f"guess must lie in 0..1, below 1, not {guess}")
@@ -131,12 +129,19 @@ def fit_psychometric(
         return without_curve("A curve needs 2 levels, and there is one")
     rising = _Levels.scale(x, successes, counts, guess=low_end, lapse_max=float(lapse_max))
     profile = max(_Profile(rising), _Profile(rising.turn()), key=lambda own: own.best_log)
-    levels = profile.levels
-    if profile.best_log - levels.flat_log() < SAME:
+    if profile.best_log - rising.flat_log() < SAME:
         return without_curve("No curve describes the data better than a flat line")
     if abs(profile.best("mu") - 0.5) > FARTHEST + 0.5:
         reason = f"The best threshold lies more than {FARTHEST:g} times the range of the levels beside them"
         return without_curve(reason)
+    return _describe_curve(profile, x, data, with_intervals=with_intervals)
+
+
+def _describe_curve(profile: "_Profile", x: np.ndarray, data: str, *, with_intervals: bool) -> PsychometricFit:
+    """The best curve on the scale of x, with its intervals, its deviance, and what cannot be said."""
+    from scipy import stats
+
+    levels = profile.levels
     ends = profile.bound_values() if with_intervals else dict.fromkeys(AXES, (None, None))
     step = profile.find_step()
     lowest, highest = ends["mu"]
@@ -160,17 +165,17 @@ def fit_psychometric(
     lapse = FittedValue(value=profile.best("lapse"))
     if with_intervals:
         low, high = (
-            bound if own is None else own for own, bound in zip(ends["lapse"], (0.0, float(lapse_max)), strict=True)
+            bound if own is None else own for own, bound in zip(ends["lapse"], (0.0, levels.lapse_max), strict=True)
         )
         lapse = FittedValue(value=profile.best("lapse"), low=low, high=high)
-    freedom = max(0, len(x) - 2 - (SAME < profile.best("lapse") < lapse_max - SAME))
+    freedom = max(0, len(x) - 2 - (SAME < profile.best("lapse") < levels.lapse_max - SAME))
     deviance = max(0.0, 2.0 * (levels.saturated_log() - profile.best_log))
     reasons = list(_find_reasons(x, mu, sigma, freedom, with_intervals=with_intervals))
     return PsychometricFit(
         mu=mu,
         sigma=sigma,
         lapse=lapse,
-        guess=low_end,
+        guess=levels.guess,
         is_increasing=levels.reach > 0.0,
         deviance=deviance,
         freedom=freedom,

@@ -1,5 +1,6 @@
 """The analysis as tables for other programs: a row for each answer, each value of a measure, each test, each fit."""
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -14,25 +15,33 @@ from .study_table import StudyTable
 
 Columns = dict[str, list[Any]]
 """Values by the name of a column; None is missing."""
+PAIR_DESIGNS = ("2ifc", "constant", "staircase")
+"""Designs whose options are the intervals of a trial, where it has several."""
 
 
 def answer_columns(table: StudyTable) -> Columns:
-    """A row for each answer, with the levels of its block: the tidy table."""
+    """A row for each answer, with the levels of its block: the tidy table.
+
+    r is the mean over a trial's intervals with closed contours; of several questions the first one has it.
+    """
     blocks = {own.name: own for own in table.plan.blocks}
     numbers = {code: number for number, code in enumerate(table.plan.codes)}
-    ratios = {(own.code, own.block, own.trial): own.r for own in table.ratios}
+    ratios: dict[tuple[str, str, int], list[float]] = defaultdict(list)
+    for own in table.ratios:
+        ratios[own.code, own.block, own.trial].append(own.r)
     factors = _factor_names(table)
     rows = []
     for own in table.answers:
         block = blocks.get(own.block)
         is_number = isinstance(own.value, int | float)
-        is_pair = block is not None and own.kind == "choice" and len(own.stimuli) > 1 and own.name == "answer"
-        is_trial = own.trial >= 0 and own.name == "answer"
+        is_pair = block is not None and block.design in PAIR_DESIGNS and own.kind == "choice" and len(own.stimuli) > 1
+        is_first = block is not None and own.trial >= 0 and own.name == block.question.name
+        r = ratios.get((own.code, own.block, own.trial)) if is_first else None
         rows.append(
             {
                 "code": own.code, "participant": numbers[own.code], "block": own.block, "block_position": own.position,
                 "design": "" if block is None else block.design,
-                **{f"block_{name}": _level(block, name) for name in factors},
+                **{_column(name): _level(block, name) for name in factors},
                 "trial": own.trial, "is_practice": own.is_practice, "name": own.name, "kind": own.kind,
                 "number": float(own.value) if is_number and own.value is not None else None,
                 "text": own.value if isinstance(own.value, str) else None,
@@ -41,7 +50,7 @@ def answer_columns(table: StudyTable) -> Columns:
                 "first": own.stimuli[0] if own.stimuli else None,
                 "second": own.stimuli[1] if len(own.stimuli) > 1 else None,
                 "track": own.track, "level": own.level, "comparison": own.comparison, "seconds": own.seconds,
-                "r": ratios.get((own.code, own.block, own.trial)) if is_trial else None,
+                "r": None if r is None else float(np.mean(r)),
             }
         )  # fmt: skip
     return _columns(rows)
@@ -49,11 +58,11 @@ def answer_columns(table: StudyTable) -> Columns:
 
 def measure_columns(analysis: StudyAnalysis) -> Columns:
     """A row for each participant, measure and cell."""
-    factors = _factor_names(analysis.table)
+    of_cells = (name for tests in analysis.tests for cell in tests.measure.cells for name in cell.factors)
+    factors = dict.fromkeys([*_factor_names(analysis.table), *(name for name in of_cells if name != "block")])
     rows = []
     for tests in analysis.tests:
         measure = tests.measure
-        extra = [name for name in ("pair", "stimulus") if any(name in own.factors for own in measure.cells)]
         for code, values, place in zip(measure.codes, measure.values, range(len(measure.codes)), strict=True):
             for number, (cell, value) in enumerate(zip(measure.cells, values, strict=True)):
                 rows.append(
@@ -61,7 +70,7 @@ def measure_columns(analysis: StudyAnalysis) -> Columns:
                         "code": code,
                         "measure": measure.name,
                         "cell": cell.name,
-                        **{f"block_{name}": _text(cell.factors.get(name)) for name in [*factors, *extra]},
+                        **{_column(name): _text(cell.factors.get(name)) for name in factors},
                         "value": None if np.isnan(value) else float(value),
                         "successes": None if measure.successes is None else int(measure.successes[place, number]),
                         "answers": None if measure.counts is None else int(measure.counts[place, number]),
@@ -94,7 +103,7 @@ def fit_columns(analysis: StudyAnalysis) -> Columns:
         answers, fit = own.answers, own.fit
         row = {
             "code": answers.code, "block": answers.block.name, "design": answers.block.design,
-            **{f"block_{name}": _level(answers.block, name) for name in _factor_names(analysis.table)},
+            **{_column(name): _level(answers.block, name) for name in _factor_names(analysis.table)},
             "guess": None if answers.lapses_both_ways else answers.guess, "reversal_mean": answers.reversal_mean,
             "clipped": answers.clipped,
         }  # fmt: skip
@@ -117,6 +126,11 @@ def _columns(rows: Sequence[Mapping[str, Any]]) -> Columns:
 
 def _factor_names(table: StudyTable) -> list[str]:
     return list(dict.fromkeys(name for block in table.plan.blocks for name in block.factors))
+
+
+def _column(factor: str) -> str:
+    """The column of a factor, which must not be that of the block's position."""
+    return f"block_{factor}" if factor != "position" else "block_position_level"
 
 
 def _level(block: PlannedBlock | None, factor: str) -> str | None:

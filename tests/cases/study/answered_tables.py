@@ -2,6 +2,7 @@
 
 from palpate.render.study.analysis.study_table import AnswerRecord, RatioRecord, StudyTable
 from palpate.render.study.plan.study_reading import read_stored_study
+from palpate.render.study.run.store_rows import AnswerRow
 
 QUESTION = 'question = "Which one felt denser?"'
 PAPER = """
@@ -130,3 +131,14 @@ def paper_answers(code, rows):
         marks, *points = row.split()
         found += paper_block(code, block, marks, *map(int, points))
     return found
+
+
+def answer_row(record, attempt=0, design="2ifc"):
+    """What a run keeps of an answer."""
+    return AnswerRow(
+        block=record.block, block_position=record.position, design=design,
+        trial=record.trial, attempt=attempt, name=record.name, question="?", kind=record.kind, value=record.value,
+        label=record.label, key=record.key, stimuli=record.stimuli, is_practice=record.is_practice,
+        seconds=record.seconds, track=record.track, level=record.level, comparison=record.comparison,
+        clipped=record.clipped,
+    )  # fmt: skip

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from answered_tables import PAPER, paper_answers, plan_of, point
+from answered_tables import PAPER, answer_row, paper_answers, plan_of, point
 
 from palpate.render.errors import StudyError
 from palpate.render.study.analysis import answer_reading
@@ -41,16 +41,6 @@ FROM intervals JOIN answers USING (code, block, trial, attempt)
 WHERE outcome = 'played' AND name = 'answer' AND NOT answers.is_practice
 GROUP BY code, block
 """
-
-
-def answer_row(record, attempt=0):
-    """What a run keeps of an answer."""
-    return AnswerRow(
-        block=record.block, block_position=record.position, design="2ifc" if record.position >= 0 else "",
-        trial=record.trial, attempt=attempt, name=record.name, question="?", kind=record.kind, value=record.value,
-        label=record.label, key=record.key, stimuli=record.stimuli, is_practice=record.is_practice,
-        seconds=record.seconds,
-    )  # fmt: skip
 
 
 def interval_row(record, number, r, *, attempt=0, outcome="played"):

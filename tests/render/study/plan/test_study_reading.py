@@ -79,6 +79,19 @@ def test_a_stored_plan_is_read_although_the_files_that_it_names_are_gone(folder)
     assert plan.blocks == read(folder, PAPER).blocks
 
 
+def test_a_stored_plan_has_the_levels_of_its_tables_and_none_of_those_that_stand_alone(folder):
+    alone = '[[stimulus]]\nname = "spare"\nobject = "gone.stl"\nduration = 1.0\n'
+    plan = read_stored_study(PAPER.replace("[[block]]", alone + "[[block]]", 1), folder / "answers.sqlite")
+    assert plan.stimulus("spare").factors == {}  # nothing plays it: a warning of that came before the study
+    assert [tuple(own.factors.values()) for own in plan.blocks[:3]] == [("cube", 1.0), ("cube", 0.7), ("tube", 1.0)]
+    assert {type(own.factors["opacity"]) for own in plan.blocks} == {float}
+
+
+def test_a_fault_of_a_stored_plan_names_the_data_file_and_the_line(folder):
+    with pytest.raises(StudyPlanError, match=r"answers\.sqlite:\d+: block\.opacity: must lie in 0\.\.1, not 70"):
+        read_stored_study(PAPER.replace('opacity = "{opacity}"', "opacity = 70"), folder / "answers.sqlite")
+
+
 def test_the_papers_pilot_asks_three_open_questions_of_five_objects_in_its_order(folder):
     plan = read(folder, PILOT)
     (block,) = plan.blocks

@@ -305,7 +305,7 @@ def draw_magnitudes(scale: "MagnitudeScale") -> ReportPicture | None:
     pooled = np.array([np.nanmean(own) for own in logs[:, has].T])
     exponents = scale.exponents[np.isfinite(scale.exponents)]
     with _figure(5.6, 4.2) as figure:
-        from matplotlib.ticker import LogLocator, NullFormatter
+        from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
         axes = figure.subplots()
         for own in logs:
@@ -321,10 +321,17 @@ def draw_magnitudes(scale: "MagnitudeScale") -> ReportPicture | None:
         axes.plot(x[has], 10.0**pooled, ls="", marker="D", ms=6, mfc="white", mec=INK)
         axes.set_xscale("log")
         axes.set_yscale("log")
-        for axis, values in ((axes.xaxis, np.log10(x)), (axes.yaxis, logs[np.isfinite(logs)])):
-            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if np.ptp(values) < 2.0 else (1.0,), numticks=12))
-            axis.set_major_formatter(lambda value, _: f"{value:g}")
-            axis.set_minor_formatter(NullFormatter())
+        shown = [float(x[0])]  # values of stimuli that have room for their numbers
+        for value in x[1:]:
+            if np.log(value / shown[-1]) > 0.12 * np.log(x[-1] / x[0]):
+                shown.append(float(value))
+        axes.set_xticks(shown, [f"{own:.4g}" for own in shown])
+        decades = float(np.ptp(logs[np.isfinite(logs)]))
+        steps = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if decades < 1.0 else (1.0, 2.0, 5.0) if decades < 3.0 else (1.0,)
+        axes.yaxis.set_major_locator(LogLocator(subs=steps, numticks=12))
+        axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        axes.xaxis.set_minor_locator(NullLocator())
+        axes.yaxis.set_minor_formatter(NullFormatter())
         axes.set(xlabel="value of the stimulus", ylabel="estimate")
         axes.grid(alpha=0.2)
         _add_legend(figure, marks, texts)

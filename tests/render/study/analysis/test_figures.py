@@ -269,11 +269,25 @@ def test_magnitudes_are_logarithmic_with_a_line_of_the_mean_exponent(drawn):
     picture = figures.draw_magnitudes(estimates(3))
     (axes,) = drawn[0].axes
     assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
+    assert [own.get_text() for own in axes.get_xticklabels()] == ["1", "2", "4", "8"]
     line = max(axes.lines, key=lambda own: own.get_linewidth() if own.get_linestyle() == "-" else 0)
     slope = np.polyfit(np.log(line.get_xdata()), np.log(line.get_ydata()), 1)[0]
     assert slope == pytest.approx(0.7)
     assert "at 1: 10; at 2: 16.2" in picture.alt
     assert picture.alt.endswith("Exponents are mean 0.7 of 3 values.")
+    require_apart(drawn[0])
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(
+    ("x", "factor"), [([4.0, 6, 8, 10], 10), (np.linspace(1, 100, 40), 1e-4), ([1e-5, 1, 1e5], 1), ([1, 1.001], 1e9)]
+)
+def test_axes_of_magnitudes_have_numbers_that_lie_apart(drawn, x, factor):
+    figures.draw_magnitudes(estimates(3, x=np.array(x), means=factor * np.array([x, x, x]) ** 0.7))
+    (axes,) = drawn[0].axes
+    low, high = axes.get_ylim()
+    assert 2 <= len(axes.get_xticklabels()) <= 12
+    assert sum(low <= own <= high for own in axes.get_yticks()) >= 1
     require_apart(drawn[0])
 
 

@@ -14,10 +14,10 @@ from ...reports.report_pages import ReportSection, html_page, markdown_page
 from ...terminal import bars, console
 from ...terminal.foreign_text import print_message, show_table, write_output
 from ..plan.study_reading import read_study
-from .analysis_tables import answer_columns, fit_columns, measure_columns, outcome_columns
 from .answer_reading import read_answers
 from .power import WANTED, find_power, power_question
 from .report_sections import report_sections
+from .result_columns import answer_columns, fit_columns, measure_columns, outcome_columns
 from .result_texts import is_found, test_text
 from .study_analysis import StudyAnalysis, analyse_answers
 from .table_files import write_tables

@@ -112,20 +112,16 @@ def compare_levels_by_ranks(matrix: np.ndarray, compares: str) -> StatisticalTes
     if len(rows) < 2:
         return _without_p(result, f"the test needs 2 participants, and has {len(rows)}", notes)
     joined = np.array([join_ties(row, ALIKE * np.abs(row).max()) for row in rows])
-    ranks = stats.rankdata(joined, axis=1)
-    # Variance of ranks within participants; it is smaller where a participant gives two levels the same value.
-    within = float(((ranks - (count + 1) / 2) ** 2).sum()) / (len(rows) * (count - 1))
-    if within == 0.0:
+    if not np.ptp(joined, axis=1).any():
         return _without_p(result, "each participant has the same value at all levels", notes)
-    between = float(((ranks.sum(axis=0) - len(rows) * (count + 1) / 2) ** 2).sum())
-    value = between / (len(rows) * within)
-    tied = sum(len(np.unique(row)) < count for row in ranks)
+    value, p = map(float, stats.friedmanchisquare(*joined.T))
+    tied = sum(len(np.unique(row)) < count for row in joined)
     notes += _count_notes(tied, "participant", "with ties")
     return replace(
         result,
         value=value,
         freedom=count - 1,
-        p=float(stats.chi2.sf(value, count - 1)),
+        p=p,
         effect_size=value / (len(rows) * (count - 1)),
         note="; ".join([*notes, "chi-square approximation"]),
     )
@@ -264,13 +260,9 @@ def _compare_by_ranks(pairs: _Differences, compares: str) -> StatisticalTest:
     groups = np.unique(sizes, return_counts=True)[1]
     tied = int(groups[groups > 1].sum())
     is_exact = count < EXACT_BELOW and not tied and not zeros
-    if is_exact:
-        cumulative = _signed_rank_distribution(count)
-        # V is symmetric around most / 2, so that both tails are as large as that of the smaller sum of ranks.
-        p = min(1.0, 2.0 * float(cumulative[round(min(value, most - value))]))
-    else:
-        distance = max(0.0, abs(value - most / 2) - 0.5)
-        p = min(1.0, 2.0 * float(stats.norm.sf(distance / _rank_deviation(sizes))))
+    method = "exact" if is_exact else "approx"
+    p = float(stats.wilcoxon(np.sign(found) * sizes, correction=True, method=method).pvalue)
+    if not is_exact:
         notes += _count_notes(tied, "difference", "tied in size")
         notes.append("normal approximation with continuity correction")
     if count < RANKS_LEAST:

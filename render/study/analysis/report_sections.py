@@ -16,7 +16,6 @@ from .figures import (
 from .magnitude_scales import MagnitudeScale
 from .measure_tests import AGAINST, AMBIGUOUS, FOR, FactorTests, MeasureTests
 from .measures import Measure, level_text
-from .open_answers import QuestionAnswers
 from .psychometric_fit import FittedValue
 from .result_texts import (
     LEVEL_HEAD,
@@ -93,13 +92,18 @@ def report_sections(analysis: StudyAnalysis) -> list[ReportSection]:
     sections += [_choice_section(own) for own in analysis.choices]
     sections += [_measure_section(own, "Ratio r") for own in analysis.ratios]
     sections += [_measure_section(own, own.measure.title.capitalize()) for own in analysis.scales]
-    sections += _fit_sections(analysis)
+    for name in dict.fromkeys(own.answers.block.name for own in analysis.fits):
+        sections.append(_fit_section([own for own in analysis.fits if own.answers.block.name == name]))
     sections += [_measure_section(own, own.measure.title.capitalize()) for own in analysis.thresholds]
     sections += [_magnitude_section(own) for own in analysis.magnitudes]
     sections += [_measure_section(own, own.measure.title.capitalize()) for own in analysis.exponents]
     written = [own for own in analysis.open if own.question.kind == "text" and own.texts]
     if written:
-        sections.append(_written_section(written))
+        tables = [
+            ReportTable(f"{own.question.text} ({own.place})", ("participant", "answer"), own.texts) for own in written
+        ]
+        text = "As they wrote it; nothing is counted."
+        sections.append(ReportSection("What people wrote", text, tuple(tables)))
     return [*sections, ReportSection("What the tests assume", "", (ReportTable("", ASSUMED_HEAD, ASSUMPTIONS),))]
 
 
@@ -130,8 +134,10 @@ def _choice_section(tests: MeasureTests) -> ReportSection:
     assert counts is not None  # of proportions, as the next two
     assert tests.chance_by_ranks is not None
     assert measure.chance is not None
+    fewest, most = (int(own(counts)) if counts.size else 0 for own in (np.min, np.max))
+    answers = str(most) if fewest == most else f"{fewest} to {most}"
     paragraphs = [
-        f"{name} is the {measure.title} in a cell: {_cells_text(measure)} with {_range_text(counts)} answers each.",
+        f"{name} is the {measure.title} in a cell: {_cells_text(measure)} with {answers} answers each.",
         f"Over all cells, {name} of participants is {mean_text(measure.by_participant())}. "
         + chance_sentence(name, tests.chance_by_ranks, measure.chance),
         *(_factor_paragraph(measure, own) for own in tests.factors),
@@ -201,12 +207,6 @@ def _tendency_paragraph(tests: MeasureTests) -> str:
     return f"{groups} Participants do not differ by more than chance ({test_text(test)})."
 
 
-def _fit_sections(analysis: StudyAnalysis) -> list[ReportSection]:
-    """One section for each block that functions were fitted in."""
-    blocks = list(dict.fromkeys(own.answers.block.name for own in analysis.fits))
-    return [_fit_section([own for own in analysis.fits if own.answers.block.name == name]) for name in blocks]
-
-
 def _fit_section(fits: Sequence[FittedLevels]) -> ReportSection:
     block = fits[0].answers.block
     is_staircase = block.design == "staircase"
@@ -259,13 +259,6 @@ def _magnitude_section(scale: MagnitudeScale) -> ReportSection:
     return ReportSection(f"Magnitudes: {scale.block.name}", text, (ReportTable("", head, rows),), pictures)
 
 
-def _written_section(found: Sequence[QuestionAnswers]) -> ReportSection:
-    tables = tuple(
-        ReportTable(f"{own.question.text} ({own.place})", ("participant", "answer"), own.texts) for own in found
-    )
-    return ReportSection("What people wrote", "As they wrote it; nothing is counted.", tables)
-
-
 def _level_pictures(measure: Measure) -> tuple[ReportPicture, ...]:
     """The measure by its first factor, coloured by the second, then by each further one."""
     names = list(measure.factors)
@@ -284,11 +277,6 @@ def _pictures(*drawn: ReportPicture | None) -> tuple[ReportPicture, ...]:
 def _cells_text(measure: Measure) -> str:
     count = len(measure.cells)
     return f"{count} cell{'s' * (count != 1)} of {len(measure.codes)} participants"
-
-
-def _range_text(counts: np.ndarray) -> str:
-    low, high = (int(own(counts)) if counts.size else 0 for own in (np.min, np.max))
-    return str(high) if low == high else f"{low} to {high}"
 
 
 def _interval_text(value: FittedValue) -> str:

@@ -21,8 +21,8 @@ from answered_tables import (
     text,
 )
 
-from palpate.render.study.analysis.analysis_tables import answer_columns, fit_columns, measure_columns, outcome_columns
 from palpate.render.study.analysis.answer_reading import read_answers
+from palpate.render.study.analysis.result_columns import answer_columns, fit_columns, measure_columns, outcome_columns
 from palpate.render.study.analysis.study_analysis import analyse_answers
 from palpate.render.study.run.answer_store import AnswerStore
 

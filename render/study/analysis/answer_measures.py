@@ -48,10 +48,11 @@ def choice_measures(table: StudyTable) -> list[Measure]:
     successes, counts = np.nan_to_num(successes).astype(np.int64), np.nan_to_num(counts).astype(np.int64)
     with np.errstate(invalid="ignore"):
         values = successes / counts
+    text = "second" if wanted is None else level_text(wanted)
     return [
         Measure(
-            name="p_second" if wanted is None else f"p_{_word(wanted)}",
-            title=f"proportion of answers for {'the second of a pair' if wanted is None else level_text(wanted)}",
+            name="p_" + "".join(own if own.isalnum() else "_" for own in text),
+            title=f"proportion of answers for {'the second of a pair' if wanted is None else text}",
             codes=table.codes,
             cells=tuple(cells.values()),
             values=values,
@@ -183,8 +184,3 @@ def _matrix(
 
 def _mean(values: list[float]) -> float:
     return float(np.mean(values))
-
-
-def _word(level: Level) -> str:
-    """A level as a part of a column's name."""
-    return "".join(own if own.isalnum() else "_" for own in level_text(level))

@@ -107,8 +107,11 @@ def pair_sentences(name: str, tests: Sequence[StatisticalTest]) -> str:
             parts.append(f"The difference {own.compares} of {name} is {side} 0 ({test_text(own)}).")
     others = [own for own in tests if own not in found]
     if others:
-        listed = "; ".join(f"{_joined(own.compares)}: {test_text(own)}" for own in others)
-        parts.append(f"No {'other ' if found else ''}difference was found ({listed}).")
+        listed = []
+        for own in others:
+            pair = own.compares.split(" - ")
+            listed.append(f"{' and '.join(pair) if len(pair) == 2 else own.compares}: {test_text(own)}")
+        parts.append(f"No {'other ' if found else ''}difference was found ({'; '.join(listed)}).")
     return " ".join(parts)
 
 
@@ -163,11 +166,6 @@ def _described(values: np.ndarray) -> tuple[str, ...]:
     spread = float(found.std(ddof=1)) if len(found) > 1 else None
     numbers = (float(found.mean()), spread, float(np.median(found)), float(found.min()), float(found.max()))
     return (str(len(found)), *map(number_text, numbers))
-
-
-def _joined(compares: str) -> str:
-    """Two levels as words; as they are where one of them has the sign between them in its own name."""
-    return compares.replace(" - ", " and ") if compares.count(" - ") == 1 else compares
 
 
 def _capital(text: str) -> str:

@@ -9,6 +9,8 @@ from ..plan.study_plan import Question
 from .answer_measures import counted
 from .study_table import AnswerRecord, StudyTable
 
+PLAIN_BELOW = 1e6
+"""Numbers from which on a power of ten is written."""
 AROUND = {"before": "before all blocks", "after": "after all blocks"}
 
 
@@ -33,8 +35,11 @@ class QuestionAnswers:
         numbers = np.array([own for own in given if isinstance(own, int | float)], dtype=np.float64)
         if self.question.kind == "text" or not len(numbers):
             return f"{len(given)} answer{'s' * (len(given) != 1)}{empty}"
-        spread = f" ± {numbers.std(ddof=1):.1f}" if len(numbers) > 1 else ""
-        return f"{numbers.mean():.1f}{spread} ({numbers.min():g} to {numbers.max():g}), n = {len(numbers)}{empty}"
+        with np.errstate(over="ignore"):  # a person may type 1e300
+            mean, deviation = float(numbers.mean()), float(numbers.std(ddof=1)) if len(numbers) > 1 else None
+        form = ".1f" if np.abs(numbers).max() < PLAIN_BELOW else ".3g"
+        spread = "" if deviation is None else f" ± {deviation:{form}}"
+        return f"{mean:{form}}{spread} ({numbers.min():g} to {numbers.max():g}), n = {len(numbers)}{empty}"
 
     @property
     def texts(self) -> tuple[tuple[str, str], ...]:

@@ -114,12 +114,11 @@ def pair_sentences(name: str, tests: Sequence[StatisticalTest]) -> str:
             parts.append(f"The difference {own.compares} of {name} is {side} 0 ({test_text(own)}).")
     others = [own for own in tests if own not in found]
     if others:
-        # Two levels as words; as they are where one of them has the sign between them in its own name.
-        pairs = (
-            own.compares.replace(" - ", " and ") if own.compares.count(" - ") == 1 else own.compares for own in others
-        )
-        listed = "; ".join(f"{pair}: {test_text(own)}" for pair, own in zip(pairs, others, strict=True))
-        parts.append(f"No {'other ' if found else ''}difference was found ({listed}).")
+        listed = []
+        for own in others:
+            pair = own.compares.split(" - ")
+            listed.append(f"{' and '.join(pair) if len(pair) == 2 else own.compares}: {test_text(own)}")
+        parts.append(f"No {'other ' if found else ''}difference was found ({'; '.join(listed)}).")
     return " ".join(parts)
 
 

@@ -1,6 +1,9 @@
 """Study tables from a plan's text and answers that are written as short rows, so that tests see what was answered."""
 
+import contextlib
+
 from palpate.render.study.analysis.study_table import AnswerRecord, RatioRecord, StudyTable
+from palpate.render.study.plan.block_designs import block_numbers, rng_of, trials_of
 from palpate.render.study.plan.study_reading import read_stored_study
 from palpate.render.study.run.store_rows import AnswerRow
 
@@ -142,3 +145,72 @@ def answer_row(record, attempt=0, design="2ifc"):
         seconds=record.seconds, track=record.track, level=record.level, comparison=record.comparison,
         clipped=record.clipped,
     )  # fmt: skip
+
+
+EVERY_DESIGN = "\n".join(
+    (
+        '[[question_before]]\nname = "age"\ntext = "Age?"\nkind = "number"\noptional = true\n',
+        '[[question_after]]\nname = "note"\ntext = "Note?"\nkind = "text"\noptional = true\n',
+        levels_text([1, 2, 4, 8]),
+        stimulus_text("none"),
+        f'[[block]]\nname = "pairs"\ndesign = "2ifc"\npractice = 2\npairs = [["s1", "s2"]]\nrepetitions = 3\n'
+        f'{QUESTION}\n[[block.question_after]]\nname = "ease"\ntext = "?"\nkind = "scale"\n',
+        '[[block]]\nname = "constant"\ndesign = "constant"\nstandard = "none"\ncomparisons = ["s1", "s2", "s3", "s4"]\n'
+        f"repetitions = 2\n{QUESTION}\n",
+        '[[block]]\nname = "stairs"\ndesign = "staircase"\nlevels = ["s4", "s3", "s2", "s1"]\nstandard = "none"\n'
+        f"tracks = 2\nsteps = [2, 1]\nreversals = 4\ntrials_max = 30\npractice = 2\n{QUESTION}\n",
+        '[[block]]\nname = "seen"\ndesign = "staircase"\nlevels = ["s4", "s3", "s2", "s1"]\noptions = ["no", "yes"]\n'
+        f'correct = "yes"\ndown = 1\nreversals = 5\n{QUESTION}\n',
+        '[[block]]\nname = "sizes"\ndesign = "magnitude"\nstimuli = ["s1", "s2", "s3"]\n'
+        f'modulus = {{ stimulus = "s1", number = 10 }}\n{QUESTION}\n',
+        '[[block]]\nname = "rated"\ndesign = "rating"\nstimuli = ["s1", "s2"]\nrepetitions = 2\n'
+        '[[block.question]]\nname = "soft"\ntext = "?"\nkind = "scale"\npoints = 5\n',
+        '[[block]]\nname = "look"\ndesign = "exploration"\nsets = [["s1", "s2"], ["s3"]]\n'
+        '[[block.question]]\nname = "felt"\ntext = "?"\nkind = "text"\n'
+        '[[block.question]]\nname = "which"\ntext = "?"\nkind = "choice"\noptions = ["a", "b", "c"]\n'
+        '[[block.question]]\nname = "warm"\ntext = "?"\nkind = "scale"\n',
+    )
+)
+"""A plan's text with a block of each design, and of each kind of staircase."""
+
+
+def random_answer(question, rng):
+    """Any answer that a question takes."""
+    if question.kind == "choice":
+        return int(rng.integers(len(question.options)))
+    if question.kind == "scale":
+        return int(rng.integers(question.point_count)) + 1
+    return None if question.is_optional and rng.random() < 0.3 else "words" if question.kind == "text" else rng.random()
+
+
+def random_run(plan, code, rng):
+    """All answers of a participant who answers at random, to the trials that the study itself would ask."""
+    found, participant = [], plan.codes.index(code)
+
+    def take(question, block, position, trial, planned=None):
+        value = random_answer(question, rng)
+        of_trial = {} if planned is None else {
+            "stimuli": planned.stimuli, "is_practice": planned.is_practice, "track": planned.track,
+            "level": planned.level, "comparison": planned.comparison, "clipped": planned.clipped,
+        }  # fmt: skip
+        label = question.options[value] if question.kind == "choice" else ""
+        record = AnswerRecord(code, block, position, trial, question.name, question.kind, value, label, **of_trial)
+        found.append(record._replace(key=str(value), seconds=0.2 + rng.random()))
+        return value
+
+    for question in plan.questions_before:
+        take(question, "before", -1, -1)
+    for position, number_of_block in enumerate(block_numbers(plan, participant)):
+        block = plan.blocks[number_of_block]
+        trials, trial = trials_of(block, rng_of(plan, participant, number_of_block)), 0
+        with contextlib.suppress(StopIteration):
+            planned = next(trials)
+            while True:
+                given = {own.name: take(own, block.name, position, trial, planned) for own in planned.questions}
+                trial += 1
+                planned = trials.send(given)
+        for question in block.questions_after:
+            take(question, block.name, position, -1)
+    for question in plan.questions_after:
+        take(question, "after", -1, -1)
+    return found

@@ -61,6 +61,11 @@ def test_numbers_are_summarised_with_those_that_were_left_empty(plan):
     assert found_of(plan)["age", "before all blocks"].summary == "0 answers"
 
 
+def test_numbers_without_measure_are_written_short(plan):
+    answers = [number(code, "before", -1, value, name="age") for code, value in (("P01", 1e300), ("P02", 2e300))]
+    assert found_of(plan, answers)["age", "before all blocks"].summary == "1.5e+300 ± inf (1e+300 to 2e+300), n = 2"
+
+
 def test_choices_are_counted_in_the_order_of_the_options_those_of_nobody_too(plan):
     labels = ("left", "right", "both")
     answers = [

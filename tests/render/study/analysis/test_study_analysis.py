@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from answered_tables import (
+    EVERY_DESIGN,
     PAPER,
     QUESTION,
     levels_text,
@@ -11,10 +12,13 @@ from answered_tables import (
     paper_answers,
     plan_of,
     point,
+    random_run,
     stimulus_text,
     table_of,
 )
 
+from palpate.render.study.analysis.data_faults import data_faults
+from palpate.render.study.analysis.level_answers import replay_tracks
 from palpate.render.study.analysis.result_texts import all_tests
 from palpate.render.study.analysis.study_analysis import analyse_answers
 from palpate.render.study.analysis.study_table import AnswerRecord, StudyTable
@@ -162,3 +166,61 @@ def test_a_study_of_every_design_is_analysed():
     assert [own.measure.name for own in found.tests] == ["p_s2", "r", "soft", "threshold", "jnd", "exponent"]
     assert found.exponents[0].measure.values == pytest.approx(np.array([[0.5]]))
     assert found.open[0].texts == (("P01", "\0'; DROP TABLE x\n=1"),)
+
+
+EVERY = plan_of(EVERY_DESIGN, participants=2)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_whole_runs_of_the_studys_own_trials_lack_nothing_whatever_is_answered(seed):
+    rng = np.random.default_rng(seed)
+    answers = [random_run(EVERY, code, rng) for code in EVERY.codes]
+    assert [own for own in data_faults(table_of(EVERY, *answers)) if "lacks" in own or "begun" in own] == []
+    for name in ("stairs", "seen"):
+        block = next(own for own in EVERY.blocks if own.name == name)
+        given = [own for own in answers[0] if own.block == name and not own.is_practice]
+        for place, track in enumerate(replay_tracks(block, given)):
+            assert track.levels == [own.level for own in given if own.track == place]
+            assert track.state.has_ended
+
+
+def test_the_last_answer_of_a_block_that_lacks_is_named():
+    rng = np.random.default_rng(5)
+    answers = [random_run(EVERY, code, rng) for code in EVERY.codes]
+    for block in EVERY.blocks:
+        last = max(own.trial for own in answers[1] if own.block == block.name)
+        kept = [own for own in answers[1] if (own.block, own.trial) != (block.name, last)]
+        sentences = data_faults(table_of(EVERY, answers[0], kept, *answers[2:], unfinished=["P02"]))
+        (sentence,) = (own for own in sentences if "lacks" in own)
+        assert sentence.startswith(f"P02 has not finished and lacks {block.name} (")
+
+
+@pytest.mark.parametrize(("seed", "share"), [(1, 0.9), (2, 0.5), (3, 0.1), (4, 0.01)])
+def test_any_answers_may_lack_and_nothing_that_is_there_is_lost(seed, share):
+    rng = np.random.default_rng(seed)
+    given = [own for code in EVERY.codes for own in random_run(EVERY, code, rng)]
+    kept = [own for own in given if rng.random() < share]
+    found = analyse_answers(table_of(EVERY, kept))
+    assert found.table.codes == tuple(code for code in EVERY.codes if any(own.code == code for own in kept))
+    counted = [own for own in kept if not own.is_practice]
+    assert sum(own.measure.counts.sum() for own in found.choices) == sum(
+        own.block == "pairs" for own in counted if own.name == "answer"
+    )
+    levelled = [own for own in counted if own.block in ("constant", "stairs", "seen")]
+    assert sum(own.answers.counts.sum() for own in found.fits) == len(levelled)
+    numbers = [own for own in counted if own.block == "sizes"]
+    assert sum(np.isfinite(own.means).sum() for own in found.magnitudes) == len(
+        {(own.code, own.stimuli) for own in numbers}
+    )
+
+
+def test_practice_alone_is_as_good_as_nothing():
+    answers = [
+        own._replace(is_practice=True) for own in random_run(EVERY, "P01", np.random.default_rng(1)) if own.trial >= 0
+    ]
+    found = analyse_answers(table_of(EVERY, answers))
+    for tests in found.tests:
+        assert np.isnan(tests.measure.values).all()
+    assert found.fits == ()
+    assert all(own.answers == () for own in found.open)
+    assert "P01 has finished and lacks pairs, constant, stairs, seen, sizes, rated, look: " in found.faults[1]

@@ -60,16 +60,27 @@ def normal_p(successes, count):
     return math.erfc(max(0.0, abs(value - mean) - 0.5) / math.sqrt(2.0 * variance))
 
 
+def exact_power(people, mean):
+    """Power of one answer of each participant: a sum over all numbers of answers of one kind."""
+    found = (k for k in range(people + 1) if normal_p(k, people) < 0.05 and (2 * k > people) == (mean > 0.5))
+    return sum(stats.binom.pmf(k, people, mean) for k in found)
+
+
 @pytest.mark.parametrize(("people", "mean"), [(8, 0.9), (7, 0.8), (12, 0.2)])
 def test_the_power_of_single_answers_is_that_of_exact_enumeration(people, mean):
-    question = asked(plan_of(stimulus_text("a", "b"), ONE_PAIR), mean=mean)
-    question = replace(question, trials=(1,), tables=200)
-    expected = sum(
-        stats.binom.pmf(k, people, mean)
-        for k in range(people + 1)
-        if normal_p(k, people) < 0.05 and (2 * k > people) == (mean > 0.5)
-    )
-    require_share(power_of(question, people).power, expected, 200)
+    question = asked(plan_of(stimulus_text("a", "b"), ONE_PAIR), mean=mean, tables=200)
+    found = power_of(replace(question, trials=(1,)), people)
+    require_share(found.power, exact_power(people, mean), 200)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("mean", [0.3, 0.55, 0.7, 0.95])
+@pytest.mark.parametrize("people", [6, 9, 16, 30])
+def test_the_power_of_single_answers_is_exact_within_the_noise_of_many_studies(people, mean):
+    question = asked(plan_of(stimulus_text("a", "b"), ONE_PAIR), mean=mean, tables=3000)
+    found = power_of(replace(question, trials=(1,)), people)
+    require_share(found.power, exact_power(people, mean), 3000)
+    assert found.low <= found.power <= found.high
 
 
 def test_power_of_five_participants_is_none_as_no_p_is_small_enough():

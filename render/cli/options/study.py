@@ -107,7 +107,11 @@ def analyse(
         str | None, typer.Option(metavar="NAME", help="Of --power: p_cc, or a scale; by default the plan's first.")
     ] = None,
     mean: Annotated[
-        float | None, typer.Option(metavar="VALUE", help="Of --power: the proportion or points that are expected.")
+        float | None,
+        typer.Option(
+            metavar="VALUE",
+            help="Of --power: the proportion or points that are expected of participants (not of the opposite ones).",
+        ),
     ] = None,
     mean_other: Annotated[
         float | None,
@@ -121,7 +125,8 @@ def analyse(
         typer.Option(metavar="SD", help="Of --power: between participants, of a proportion's logit, or in points."),
     ] = None,
     opposite: Annotated[
-        float | None, typer.Option(metavar="SHARE", help="Of --power: participants who answer the other way, 0 to 1.")
+        float | None,
+        typer.Option(metavar="SHARE", help="Of --power: participants who answer the other way, below 0.5."),
     ] = None,
     noise: Annotated[
         float | None, typer.Option(metavar="SD", help="Of --power: of one answer on a scale [point], by default 1.")

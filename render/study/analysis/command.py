@@ -1,6 +1,5 @@
 """What `palpate study analyse` does: writes the report, tables and pictures of a study's data, or shows its power."""
 
-import os
 import time
 from dataclasses import asdict
 from importlib.metadata import version
@@ -39,7 +38,9 @@ def analyse_study(options: dict[str, Any], *, as_json: bool) -> int:
         raise StrategyError(f"--{given[0].replace('_', '-')} is of --power")
     data = options["data"] or (path.with_suffix(".data") if path.suffix == PLAN_SUFFIX else path)
     output: Path = options["output"] or (data if data.is_dir() else data.parent) / "analysis"
-    _require_room(output, overwrite=options["overwrite"])
+    there = [output / name for name in REPORTS if (output / name).exists()]
+    if there and not options["overwrite"]:
+        raise StrategyError(f"{there[0]}: exists; --overwrite replaces it")
     with bars.loading_bar(str(data), quiet=as_json):
         analysis = analyse_answers(read_answers(data))
         sections = report_sections(analysis)
@@ -63,22 +64,13 @@ def _facts(analysis: StudyAnalysis) -> dict[str, Any]:
     return facts
 
 
-def _require_room(folder: Path, *, overwrite: bool) -> None:
-    """Make the folder; refuse what could not be written after the analysis, and a report that is there."""
-    there = [folder / name for name in REPORTS if (folder / name).exists()]
-    if there and not overwrite:
-        raise StrategyError(f"{there[0]}: exists; --overwrite replaces it")
+def _write(folder: Path, analysis: StudyAnalysis, sections: list[ReportSection], source: str) -> dict[str, str]:
+    """Write everything; returns the paths that a person opens."""
+    table = analysis.table
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RenderError(f"{folder}: cannot be made ({error.strerror or error})") from error
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise RenderError(f"{folder}: no file can be written there (permission denied)")
-
-
-def _write(folder: Path, analysis: StudyAnalysis, sections: list[ReportSection], source: str) -> dict[str, str]:
-    """Write everything; returns the paths that a person opens."""
-    table = analysis.table
     title = f"{table.plan.title}: analysis"
     introduction = (
         f"Made by palpate {version('palpate')} from {source} on {time.strftime('%Y-%m-%d')}. A participant is one "
@@ -102,10 +94,8 @@ def _write(folder: Path, analysis: StudyAnalysis, sections: list[ReportSection],
         "tests": outcome_columns(analysis),
         "fits": fit_columns(analysis),
     }
-    for name, columns in tables.items():
-        if columns:
-            write_tables(folder, name, columns)
-    return {"report": str(folder / REPORTS[0]), "tables": str(folder / "answers.csv")}
+    written = [path for name, columns in tables.items() if columns for path in write_tables(folder, name, columns)]
+    return {"report": str(folder / REPORTS[0]), "tables": ", ".join(path.name for path in written)}
 
 
 def _show_power(path: Path, options: dict[str, Any], *, as_json: bool) -> int:

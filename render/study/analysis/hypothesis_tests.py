@@ -8,6 +8,7 @@ import gc
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -260,11 +261,14 @@ def _compare_by_ranks(pairs: _Differences, compares: str) -> StatisticalTest:
     groups = np.unique(sizes, return_counts=True)[1]
     tied = int(groups[groups > 1].sum())
     is_exact = count < EXACT_BELOW and not tied and not zeros
-    method = "exact" if is_exact else "approx"
-    p = float(stats.wilcoxon(np.sign(found) * sizes, correction=True, method=method).pvalue)
+    if count < RANKS_LEAST:  # ties or not: a normal approximation would call 5 equal differences significant
+        p = _enumerated_p(ranks, value)
+    else:
+        method = "exact" if is_exact else "approx"
+        p = float(stats.wilcoxon(np.sign(found) * sizes, correction=True, method=method).pvalue)
     if not is_exact:
         notes += _count_notes(tied, "difference", "tied in size")
-        notes.append("normal approximation with continuity correction")
+        notes += ["normal approximation with continuity correction"] * (count >= RANKS_LEAST)
     if count < RANKS_LEAST:
         notes.append(f"with fewer than {RANKS_LEAST} differences no p is below 0.05, and there is no 95 % interval")
     low, centre, high = _pseudo_median(join_ties(found, pairs.tolerance), is_exact=is_exact)
@@ -278,6 +282,13 @@ def _compare_by_ranks(pairs: _Differences, compares: str) -> StatisticalTest:
         difference_high=high,
         note="; ".join(notes),
     )
+
+
+def _enumerated_p(ranks: np.ndarray, value: float) -> float:
+    """p of Wilcoxon's statistic over all patterns of signs of these ranks, as they are; for a few ranks."""
+    sums = np.array([np.dot(ranks, own) for own in product((0.0, 1.0), repeat=len(ranks))])
+    smaller = min(value, float(ranks.sum()) - value)
+    return min(1.0, 2.0 * float(np.mean(sums <= smaller + 1e-9)))
 
 
 def _compare_by_means(pairs: _Differences, compares: str, test: str, effect: str) -> StatisticalTest:

@@ -59,11 +59,12 @@ def test_wilcoxon_is_that_of_scipy_for_tables_with_ties_and_zeros(pair):
     found = compare_pairs_by_ranks(a, b, "a - b")
     steps = np.round(10.0 * a) - np.round(10.0 * b)  # whole numbers have exact ties
     steps = steps[steps != 0.0]
-    if not len(steps):
-        assert found.p is None
+    if len(steps) < 2:
+        assert found.p == (1.0 if len(steps) else None)
         return
     is_exact = len(steps) == len(a) < 50 and len(np.unique(np.abs(steps))) == len(steps)
-    expected = stats.wilcoxon(steps, correction=True, method="exact" if is_exact else "approx")
+    method = "exact" if is_exact else "approx" if len(steps) > 5 else stats.PermutationMethod()  # all 2^n of them
+    expected = stats.wilcoxon(steps, correction=True, method=method)
     assert found.p == pytest.approx(min(1.0, expected.pvalue), rel=1e-9)
     assert found.value == stats.rankdata(np.abs(steps))[steps > 0.0].sum()
 
@@ -89,6 +90,14 @@ def test_values_that_differ_by_rounding_are_ties_and_zeros():
     found = compare_pairs_by_ranks(np.array([0.1 + 0.2, 0.7, 0.4, 0.9]), np.array([0.3, 0.6, 0.3, 0.2]), "a - b")
     assert "1 zero left out; 2 differences tied in size" in found.note
     assert found.value == 6.0
+
+
+@pytest.mark.parametrize(("count", "p"), [(3, 2 / 8), (4, 2 / 16), (5, 2 / 32)])
+def test_few_participants_who_agree_are_not_called_significant_because_they_are_tied(count, p):
+    found = compare_with_centre_by_ranks(np.full(count, 0.8), 0.5, "p_cc - 0.5")  # 2 of the 2^n patterns of signs
+    assert found.p == p
+    assert "no p is below 0.05" in found.note
+    assert "normal approximation" not in found.note
 
 
 def test_effects_are_the_share_of_ranks_and_the_mean_in_deviations():

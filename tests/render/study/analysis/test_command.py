@@ -1,0 +1,142 @@
+"""`palpate study analyse` from the command line to its files, what it refuses, and the power."""
+
+import csv
+import json
+
+import pytest
+from answered_tables import PAPER
+from command_line import FAILED, MISUSED, answer, refused, run
+from simulated_participants import simulate_study
+from study_observers import paper_observers
+
+from palpate.render.study.analysis import command
+from palpate.render.study.analysis.power import FoundPower
+from palpate.render.study.plan.study_reading import read_study
+
+POWER = ("--power", "--tables", "100")
+
+
+@pytest.fixture
+def plan(tmp_path):
+    path = tmp_path / "paper.toml"
+    path.write_text(PAPER.replace("repetitions = 5", "repetitions = 1"))
+    return path
+
+
+@pytest.fixture
+def data(plan):
+    return simulate_study(read_study(plan), paper_observers(3), plan.with_suffix(".data"))
+
+
+@pytest.fixture
+def without_pictures(monkeypatch):
+    names = ("draw_measure", "draw_participants", "draw_scale")
+    for name in names:
+        monkeypatch.setattr(f"palpate.render.study.analysis.report_sections.{name}", lambda *_, **__: None)
+
+
+@pytest.mark.exhaustive
+def test_a_plan_names_its_data_and_everything_is_written(plan, data):
+    found = answer("study", "analyse", plan)
+    assert (found["participants"], found["answers"]) == (3, 3 * (6 * 2 + 6 * 2))
+    folder = data / "analysis"
+    names = {own.name for own in folder.iterdir()}
+    assert {"report.html", "report.md", "answers.csv", "measures.csv", "tests.csv", "p_cc_participants.svg"} <= names
+    report = (folder / "report.md").read_text()
+    assert report.startswith("# Infill density: analysis")
+    for name in names:
+        if name.endswith(".svg"):
+            assert f"]({name})" in report
+    with (folder / "answers.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == found["answers"]
+    assert {row["block_object"] for row in rows} == {"cube", "tube", "dog"}
+    before = (folder / "answers.csv").read_bytes()
+    refused(MISUSED, f"{folder / 'report.html'}: exists; --overwrite replaces it", "study", "analyse", data)
+    assert run("study", "analyse", data, "--overwrite").exit_code == 0
+    assert (folder / "answers.csv").read_bytes() == before
+
+
+@pytest.mark.exhaustive
+def test_facts_and_tables_of_a_folder_are_written_elsewhere(plan, data, tmp_path, without_pictures):
+    found = answer("study", "analyse", data, "--output", tmp_path / "new" / "here")
+    assert found["report"] == str(tmp_path / "new" / "here" / "report.html")
+    assert "n = 3" in found["p_cc - 0.5"]
+    assert not (data / "analysis").exists()
+
+
+@pytest.mark.parametrize(("name", "data"), [("nothing.toml", "nothing.data"), ("none", "none")])
+def test_data_that_are_not_there_are_refused_and_no_folder_is_made(tmp_path, name, data):
+    sentence = f"{tmp_path / data} is not there: name the folder with a study's data, or its plan"
+    refused(FAILED, sentence, "study", "analyse", tmp_path / name)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_another_programs_database_is_refused(tmp_path):
+    path = tmp_path / "answers.sqlite"
+    path.write_bytes(b"not a database, and long enough to be looked at as one" * 40)
+    result = run("study", "analyse", tmp_path)
+    assert result.exit_code != 0
+    assert str(path) in result.output
+    assert "Traceback" not in result.output
+
+
+def test_the_missing_extra_is_named_with_the_command_that_installs_it(plan, monkeypatch):
+    monkeypatch.setattr(command, "find_spec", lambda _: None)
+    refused(FAILED, 'statsmodels is missing: pip install "palpate[study]"', "study", "analyse", plan)
+
+
+@pytest.mark.exhaustive
+def test_power_says_how_many_participants_find_an_effect(plan):
+    found = answer("study", "analyse", plan, *POWER, "--mean", "0.75")
+    assert found["sought"] == "p_cc differs from chance"
+    powers = {own["participants"]: own["power"] for own in found["powers"]}
+    assert 3 in powers  # the plan's own
+    assert powers[3] == 0.0  # of 3 participants no p is below 0.05
+    assert found["needed"] == min(own for own, power in powers.items() if power >= 0.8)
+    for own in found["powers"]:
+        assert own["low"] <= own["power"] <= own["high"]
+    text = run("study", "analyse", plan, *POWER, "--mean", "0.75").output
+    assert "(planned)" in text
+    assert json.dumps(found["needed"]) in text
+
+
+def test_powers_are_shown_with_the_least_number_that_has_enough(plan, monkeypatch):
+    powers = [FoundPower(participants=own, power=own / 10, low=own / 12, high=own / 9) for own in (3, 6, 8)]
+    monkeypatch.setattr(command, "find_power", lambda _: powers)
+    lines = run("study", "analyse", plan, *POWER, "--mean", "0.75").output.splitlines()
+    assert [line.split() for line in lines[1:5]] == [
+        ["participants", "power", "95", "%", "of", "simulations"],
+        ["3", "(planned)", "0.30", "0.25", "to", "0.33"],
+        ["6", "0.60", "0.50", "to", "0.67"],
+        ["8", "0.80", "0.67", "to", "0.89"],
+    ]
+    assert answer("study", "analyse", plan, *POWER, "--mean", "0.75")["needed"] == 8
+    monkeypatch.setattr(command, "find_power", lambda _: powers[:2])
+    assert answer("study", "analyse", plan, *POWER, "--mean", "0.75")["needed"] == "more than 6"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--mean", "0.7"), "--mean is of --power"),
+        (POWER, "--power needs --mean, the proportion of answers for cc that you expect, 0 to 1"),
+        ((*POWER, "--mean", "1.5"), "--mean must be 0 to 1, not 1.5"),
+        ((*POWER, "--mean", "0.5"), "--mean must differ from 0.5, with which it is compared: else there is no effect"),
+        (
+            (*POWER, "--mean", "0.7", "--measure", "joy"),
+            "--measure must be one of p_cc, confidence, difficulty, not 'joy'",
+        ),
+        ((*POWER, "--mean", "5", "--measure", "confidence"), "confidence has no chance level"),
+    ],
+)
+def test_questions_of_power_that_have_no_answer_are_refused(plan, options, message):
+    result = run("study", "analyse", plan, *options)
+    assert result.exit_code == MISUSED
+    assert message in " ".join(result.output.split())
+
+
+def test_power_is_of_a_plan_and_not_of_data(tmp_path):
+    result = run("study", "analyse", tmp_path, *POWER, "--mean", "0.7")
+    assert result.exit_code == MISUSED
+    assert f"--power is computed from a plan, STUDY.toml, not {tmp_path}" in " ".join(result.output.split())

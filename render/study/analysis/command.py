@@ -111,7 +111,7 @@ def _write(folder: Path, analysis: StudyAnalysis, sections: list[ReportSection],
     }
     for name, columns in tables.items():
         if columns:
-            write_tables(folder, name, columns, units={"seconds": "s"})
+            write_tables(folder, name, columns)
     return {"report": str(folder / REPORTS[0]), "tables": str(folder / "answers.csv")}
 
 

@@ -15,8 +15,10 @@ import re
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from matplotlib.collections import Collection, LineCollection
@@ -39,6 +41,8 @@ from palpate.render import (
 from palpate.render.reports.contour_figure import contour_figure
 from palpate.render.reports.strategy_figure import presets_figure, strategies_figure
 from palpate.render.runtime.warp_start import start_warp
+from palpate.render.study.analysis import figures as study_figures
+from palpate.render.study.analysis.answer_measures import choice_measures
 from palpate.render.sweeps.report.figure import sweep_figure
 
 DOCS = Path(__file__).parent
@@ -93,15 +97,42 @@ def sweep_of_page() -> Figure:
         return sweep_figure(columns, name="study")
 
 
+def simulated_people() -> Figure:
+    """The picture that a report has of p_cc, of the paper's study by 18 simulated people; it says that they are."""
+    with benchmarks():
+        from simulated_study import PEOPLE, ObservedTables, paper_plan
+    table = ObservedTables(paper_plan()).table(PEOPLE["as in the paper"](1), 1)
+    (measure,) = choice_measures(table)
+    drawn_figures: list[Figure] = []
+
+    def take(figure: Figure, kind: str, *, dpi: float) -> bytes:
+        drawn_figures.append(figure)
+        return b""
+
+    with patch.object(study_figures, "picture_bytes", take):  # a report has bytes alone
+        study_figures.draw_measure(measure, "object", "opacity")
+    (figure,) = drawn_figures
+    figure.suptitle("simulated people, not measured")
+    return figure
+
+
 def scaling() -> Figure:
     """How sweeps scale, from the measured figures beside the picture."""
-    sys.path.insert(0, str(DOCS.parent / "benchmarks"))
-    try:
+    with benchmarks():
         from sweep_projection import projection_figure
-    finally:
-        del sys.path[0]
     figures = json.loads((DOCS / "measured/sweep-scaling.json").read_text())
     return projection_figure(figures["measured"], figures["poses"], figures["parent"])
+
+
+@contextmanager
+def benchmarks() -> Iterator[None]:
+    """Modules of benchmarks/ can be imported within."""
+    before = list(sys.path)
+    sys.path.insert(0, str(DOCS.parent / "benchmarks"))
+    try:
+        yield
+    finally:
+        sys.path[:] = before  # benchmarks may have added folders of tests
 
 
 PICTURES: dict[str, Callable[[], Figure]] = {
@@ -110,6 +141,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "guide/own-strategy.png": own_strategy,
     "guide/sweep.png": sweep_of_page,
     "measured/sweep-scaling.png": scaling,
+    "tutorial/simulated-people.png": simulated_people,
 }
 
 

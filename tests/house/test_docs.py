@@ -26,6 +26,7 @@ NO_RUN = {  # pages with blocks that are marked `no-run`, and what runs them ins
     "docs/develop/add-a-stage.md": "the same",
     "docs/develop/add-an-object.md": "the same",
     "docs/formats/exports.md": "tests/render/exports/test_vtkhdf_file.py, where PyVista is installed",
+    "docs/formats/study-analysis.md": "tests/render/study/test_analysis_page.py, with a table of the plan",
     "docs/guide/sweep-cluster.md": "test_dask_engine.py, with other jobs for want of SLURM",
 }
 NOT_HERE = {  # command lines that no test runs, and why
@@ -59,7 +60,7 @@ def here(line, folder):
         return None
     if line.startswith("palpate view") and "--export" not in line:  # Ctrl-C, which ends it well
         line = f"python -m interrupted_command {line}" + " --no-browser" * ("--no-browser" not in line)
-    if line.startswith("palpate study") and "--dry-run" not in line:  # whose participant answers
+    if re.match(r"palpate study (?!analyse|example)", line) and "--dry-run" not in line:  # whose participant answers
         line = f"python -m answered_study {line}" + " --no-browser" * ("--no-browser" not in line)
     if line.startswith("palpate live"):
         line = re.sub(r"--duration \d+", "--duration 2", line) + " --no-browser" * ("--view" in line)

@@ -37,6 +37,9 @@ def analyse_study(options: dict[str, Any], *, as_json: bool) -> int:
     if given:
         raise StrategyError(f"--{given[0].replace('_', '-')} is of --power")
     data = options["data"] or (path.with_suffix(".data") if path.suffix == PLAN_SUFFIX else path)
+    if path.suffix == PLAN_SUFFIX and not data.exists():
+        reason = "nobody has taken part yet, or --data names another folder" if path.exists() else f"nor is {path}"
+        raise StudyError(f"{data} is not there: {reason}")
     output: Path = options["output"] or (data if data.is_dir() else data.parent) / "analysis"
     there = [output / name for name in REPORTS if (output / name).exists()]
     if there and not options["overwrite"]:
@@ -47,7 +50,11 @@ def analyse_study(options: dict[str, Any], *, as_json: bool) -> int:
     paths = _write(output, analysis, sections, str(data))
     for fault in analysis.faults:
         console.warn(fault)
-    console.show_values({**_facts(analysis), **paths}, as_json=as_json, title="study analyse")
+    facts = {**_facts(analysis), **paths}
+    if as_json:
+        write_output(console.json_line(facts))
+    else:  # names of measures and factors stay as the plan and the tables have them
+        show_table("study analyse", [(name, str(value)) for name, value in facts.items()])
     return console.DONE
 
 
@@ -60,7 +67,7 @@ def _facts(analysis: StudyAnalysis) -> dict[str, Any]:
         for own in tests.factors:
             for test in own.by_ranks:
                 if is_found(test):
-                    facts[f"{tests.measure.name}: {test.compares}"] = test_text(test)
+                    facts[f"{tests.measure.name} by {own.factor}: {test.compares}"] = test_text(test)
     return facts
 
 
@@ -120,8 +127,8 @@ def _show_power(path: Path, options: dict[str, Any], *, as_json: bool) -> int:
          f"{own.low:.2f} to {own.high:.2f}")
         for own in found
     ]  # fmt: skip
-    show_table("power", rows, ("participants", "power", "95 % of simulations"))
+    show_table("power", rows, ("participants", "power", "95 % interval"))
     console.show_values(facts, as_json=False, title="study analyse --power")
     if question.measure.factors and needed is not None:
-        print_message("palpate study STUDY.toml --dry-run says which numbers of participants balance its blocks")
+        print_message(f"palpate study {path} --dry-run says which numbers of participants balance its blocks")
     return console.DONE

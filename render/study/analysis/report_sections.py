@@ -13,6 +13,7 @@ from .figures import (
     draw_scale,
     draw_staircases,
 )
+from .hypothesis_tests import RANKS_LEAST
 from .magnitude_scales import MagnitudeScale
 from .measure_tests import AGAINST, AMBIGUOUS, FOR, FactorTests, MeasureTests
 from .measures import Measure, level_text
@@ -112,11 +113,18 @@ ASSUMED_HEAD = ("test", "assumes", "how it is done here")
 
 def _participants_section(analysis: StudyAnalysis) -> ReportSection:
     table = analysis.table
-    done = len(table.codes) - len(table.unfinished)
+    count = len(table.codes)
+    done = count - len(table.unfinished)
     text = (
-        f"{len(table.codes)} of {len(table.plan.codes)} participants have taken part; {done} have answered everything. "
-        "Practice trials count for nothing. Nobody is left out but where a value lacks that a comparison needs."
+        f"{count} of {len(table.plan.codes)} participants {_have(count)} taken part; {done} {_have(done)} answered "
+        "everything. Practice trials count for nothing. Nobody is left out but where a value lacks that a comparison "
+        "needs."
     )
+    if count < RANKS_LEAST:
+        text += (
+            f"\n\nFewer than {RANKS_LEAST} participants have taken part: whatever they answered, no p of Wilcoxon's "
+            "test can be below 0.05. Read the numbers as a description: that no difference is found says nothing yet."
+        )
     counted = [own for own in analysis.open if own.question.kind != "text"]
     tables = []
     if counted:
@@ -196,8 +204,9 @@ def _factor_paragraph(measure: Measure, tests: FactorTests) -> str:
 def _tendency_paragraph(tests: MeasureTests) -> str:
     counts = {kind: sum(own.tendency == kind for own in tests.tendencies) for kind in (FOR, AGAINST, AMBIGUOUS)}
     groups = (
-        f"{counts[FOR]} participants have five sixths of their cells at chance or above, {counts[AGAINST]} at chance "
-        f"or below, and {counts[AMBIGUOUS]} are ambiguous."
+        f"{_participants(counts[FOR])} {_have(counts[FOR])} five sixths of their cells at chance or above, "
+        f"{counts[AGAINST]} at chance or below, and {counts[AMBIGUOUS]} {'is' if counts[AMBIGUOUS] == 1 else 'are'} "
+        "ambiguous."
     )
     test = tests.heterogeneity
     if test is None or test.p is None:
@@ -276,7 +285,15 @@ def _pictures(*drawn: ReportPicture | None) -> tuple[ReportPicture, ...]:
 
 def _cells_text(measure: Measure) -> str:
     count = len(measure.cells)
-    return f"{count} cell{'s' * (count != 1)} of {len(measure.codes)} participants"
+    return f"{count} cell{'s' * (count != 1)} of {_participants(len(measure.codes))}"
+
+
+def _participants(count: int) -> str:
+    return f"{count} participant{'s' * (count != 1)}"
+
+
+def _have(count: int) -> str:
+    return "has" if count == 1 else "have"
 
 
 def _interval_text(value: FittedValue) -> str:

@@ -4,12 +4,14 @@ import csv
 import json
 
 import pytest
-from answered_tables import PAPER
+from answered_tables import PAPER, paper_answers, plan_of, table_of
 from command_line import FAILED, MISUSED, answer, refused, run
 from simulated_participants import simulate_study
 from study_observers import paper_observers
 
+from palpate.render.errors import StudyError
 from palpate.render.study.analysis import command
+from palpate.render.study.analysis import report_sections as sections
 from palpate.render.study.analysis.power import FoundPower
 from palpate.render.study.plan.study_reading import read_study
 
@@ -63,13 +65,6 @@ def test_facts_and_tables_of_a_folder_are_written_elsewhere(plan, data, tmp_path
     assert found["report"] == str(tmp_path / "new" / "here" / "report.html")
     assert "n = 3" in found["p_cc - 0.5"]
     assert not (data / "analysis").exists()
-
-
-@pytest.mark.parametrize(("name", "data"), [("nothing.toml", "nothing.data"), ("none", "none")])
-def test_data_that_are_not_there_are_refused_and_no_folder_is_made(tmp_path, name, data):
-    sentence = f"{tmp_path / data} is not there: name the folder with a study's data, or its plan"
-    refused(FAILED, sentence, "study", "analyse", tmp_path / name)
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_another_programs_database_is_refused(tmp_path):
@@ -140,3 +135,52 @@ def test_power_is_of_a_plan_and_not_of_data(tmp_path):
     result = run("study", "analyse", tmp_path, *POWER, "--mean", "0.7")
     assert result.exit_code == MISUSED
     assert f"--power is computed from a plan, STUDY.toml, not {tmp_path}" in " ".join(result.output.split())
+
+
+NO_POWER = dict.fromkeys(command.POWER_OPTIONS)
+NOTHING = {"power": False, "data": None, "output": None, "overwrite": False, **NO_POWER}
+
+
+@pytest.fixture
+def analysed(monkeypatch, tmp_path):
+    """A plan whose data are eight participants, all of whom call closed contours denser; no picture is drawn."""
+    plan = plan_of(PAPER.replace("participants = 3", "participants = 8"))
+    rows = ["1111111111 7 1", "1111111110 6 2", "1111111100 5 3", "1111111000 4 4", "1111110000 3 5", "1111100000 2 6"]
+    table = table_of(plan, *(paper_answers(code, rows) for code in plan.codes))
+    monkeypatch.setattr(command, "read_answers", lambda folder: table)
+    for name in [own for own in vars(sections) if own.startswith("draw_")]:
+        monkeypatch.setattr(sections, name, lambda *values, **options: None)
+    path = tmp_path / "study.toml"
+    path.touch()
+    path.with_suffix(".data").mkdir()
+    return path
+
+
+def test_the_terminal_names_measures_and_factors_as_tables_do(analysed, capsys):
+    assert command.analyse_study({**NOTHING, "study": analysed}, as_json=False) == 0
+    printed = capsys.readouterr().out
+    assert "\np_cc - 0.5 " in printed
+    assert "\np_cc by object: cube - tube " in printed
+    assert "\np_cc by opacity: 1 - 0.7 " in printed
+
+
+def test_json_has_the_same_names(analysed, capsys):
+    assert command.analyse_study({**NOTHING, "study": analysed}, as_json=True) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert {"participants", "answers", "p_cc - 0.5", "p_cc by object: cube - tube", "report"} <= facts.keys()
+
+
+@pytest.mark.parametrize(
+    ("is_there", "message"),
+    [
+        (True, "study.data is not there: nobody has taken part yet, or --data names another folder"),
+        (False, "study.data is not there: nor is "),
+    ],
+)
+def test_a_plan_without_data_is_refused_with_what_to_do(tmp_path, is_there, message):
+    plan = tmp_path / "study.toml"
+    if is_there:
+        plan.touch()
+    with pytest.raises(StudyError, match=message):
+        command.analyse_study({**NOTHING, "study": plan}, as_json=False)
+    assert not (tmp_path / "study.data").exists()

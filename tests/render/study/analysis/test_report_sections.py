@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from answered_tables import PAPER, plan_of
+from answered_tables import PAPER, paper_answers, plan_of, table_of
 from simulated_participants import ObservedTables
 from study_observers import Observer, null_observers, paper_observers
 from written_plans import EVERY_DESIGN
@@ -113,3 +113,29 @@ def test_each_test_that_a_report_names_has_its_assumptions(paper):
     }  # fmt: skip
     for test in tests:
         assert any(name in test for name in named), test
+
+
+ROW = "1111100000 4 4"
+
+
+def report_of(count, unfinished=()):
+    plan = plan_of(PAPER.replace("participants = 3", "participants = 8"))
+    answers = [paper_answers(code, [ROW] * 6) for code in plan.codes[:count]]
+    return report_sections(analyse_answers(table_of(plan, *answers, unfinished=unfinished)))
+
+
+def test_a_report_of_one_participant_is_in_the_singular_and_says_that_nothing_can_be_found():
+    first, choices = report_of(1, unfinished=["P01"])[:2]
+    assert first.text.startswith("1 of 8 participants has taken part; 0 have answered everything. ")
+    assert "Fewer than 6 participants have taken part: whatever they answered, no p" in first.text
+    assert "6 cells of 1 participant with 10 answers each." in choices.text
+    groups = (
+        "0 participants have five sixths of their cells at chance or above, 0 at chance or below, and 1 is ambiguous."
+    )
+    assert groups in choices.text  # each cell is at chance, and so on both sides
+
+
+def test_six_participants_are_enough_for_a_report_without_that_warning():
+    first = report_of(6)[0]
+    assert first.text.startswith("6 of 8 participants have taken part; 6 have answered everything. ")
+    assert "Fewer than" not in first.text

@@ -1,0 +1,115 @@
+"""The page on a study's analysis: columns, assumptions and notes are those of the code; its Python runs."""
+
+import ast
+import re
+
+import numpy as np
+import pytest
+from answered_tables import PAPER, QUESTION, chosen, levels_text, paper_answers, plan_of, table_of
+from page_blocks import ROOT, blocks_of
+
+from palpate.render.study.analysis import psychometric_fit
+from palpate.render.study.analysis.command import answer_columns, fit_columns, measure_columns, outcome_columns
+from palpate.render.study.analysis.report_sections import ASSUMPTIONS
+from palpate.render.study.analysis.study_analysis import analyse_answers
+from palpate.render.study.analysis.table_files import write_tables
+
+PAGE = ROOT / "docs" / "formats" / "study-analysis.md"
+FACTOR = "block_FACTOR"
+EXAMPLES = {"FARTHEST": "10", "mu.value": "12", "' and no '.join(missing)": "lower"}
+"""What stands in the page for a value that a note is made with."""
+
+
+def rows_below(heading):
+    """Rows of the first table below a heading, each a list of cells."""
+    text = re.split(rf"^#+ {re.escape(heading)}\n", PAGE.read_text(), flags=re.MULTILINE)[1]
+    table = re.search(r"(?:^\|.*\n)+", text, re.MULTILINE)[0]
+    return [[cell.strip() for cell in line.strip("| \n").split(" | ")] for line in table.splitlines()[2:]]
+
+
+def paper_table():
+    """Answers of two participants to the founding paper's plan."""
+    plan = plan_of(PAPER.replace("participants = 3", "participants = 2"))
+    return table_of(plan, *(paper_answers(code, ["1110110101 5 3"] * 6) for code in plan.codes))
+
+
+def fitted_table():
+    """Answers of one participant to constant stimuli, of a plan whose block has a level."""
+    plan = plan_of(
+        levels_text([1, 2, 3]),
+        f'[[block]]\nfor = {{ side = ["left"] }}\nname = "c-{{side}}"\ndesign = "constant"\nstandard = "s2"\n'
+        f'comparisons = ["s1", "s3"]\n{QUESTION}\n',
+    )
+    pair = chosen("P01", "c-left", ("s2", "s3"), "1101")
+    return table_of(plan, [own._replace(comparison=own.stimuli.index("s3")) for own in pair])
+
+
+MADE = {
+    "answers": lambda: answer_columns(paper_table()),
+    "measures": lambda: measure_columns(analyse_answers(paper_table())),
+    "tests": lambda: outcome_columns(analyse_answers(paper_table())),
+    "fits": lambda: fit_columns(analyse_answers(fitted_table())),
+}
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_the_page_lists_the_columns_of_each_table_in_their_order(name):
+    listed = [own for row in rows_below(name) for own in re.findall(r"`(\w+)`", row[0])]
+    levels = r"block_(?:object|opacity|side)"
+    made = list(dict.fromkeys(FACTOR if re.fullmatch(levels, own) else own for own in MADE[name]()))
+    assert listed == made
+
+
+def test_the_page_and_the_report_say_the_same_of_what_tests_assume():
+    assert [tuple(row) for row in rows_below("What each test assumes")] == list(ASSUMPTIONS)
+
+
+def test_the_page_explains_every_note_of_a_fit():
+    tree = ast.parse((ROOT / psychometric_fit.__file__).read_text())
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == "without_curve":
+            found.append(node.args[0])
+        if isinstance(node, ast.Yield) or (isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "reason"):
+            found.append(node.value)
+    texts = [text_of(own) for own in found if not isinstance(own, ast.Name)]
+    rows = [row[0] for row in rows_below("A fit that does not converge")]
+    assert len(rows) == len(texts) > 9
+    assert [row for row in rows if not any(text.startswith(row) for text in texts)] == []
+
+
+def text_of(node):
+    """A text in the source, with examples instead of its values."""
+    if isinstance(node, ast.Constant):
+        return node.value
+    return "".join(
+        EXAMPLES[ast.unparse(own.value)] if isinstance(own, ast.FormattedValue) else own.value for own in node.values
+    )
+
+
+def code_of(language):
+    """The page's lines of code in a language."""
+    (block,) = [own for own in blocks_of(PAGE) if own.language == language]
+    return block.text
+
+
+def test_columns_that_the_lines_of_r_name_are_there():
+    code = code_of("r")
+    columns, made = set(answer_columns(paper_table())), set(re.findall(r"^trials\$(\w+) <-", code, re.MULTILINE))
+    used = set(re.findall(r"trials\$(\w+)\b(?! <-)", code)) | set(re.findall(r"block_\w+", code)) | {"code"}
+    formula = re.search(r"glmer\((\w+) ~ (\w+) \* (\w+) \+ \(1 \| (\w+)\)", code).groups()
+    subset = re.search(r"subset\(answers, (\w+) == \"answer\" & !(\w+)\)", code).groups()
+    assert used | set(formula) | set(subset) <= columns | made
+    assert made == {"cc", "opacity"}
+
+
+def test_lines_of_pandas_give_p_of_each_participant_and_cell(tmp_path, monkeypatch):
+    pytest.importorskip("pandas")
+    folder = tmp_path / "paper.data" / "analysis"
+    folder.mkdir(parents=True)
+    write_tables(folder, "answers", answer_columns(paper_table()))
+    names = {}
+    monkeypatch.chdir(tmp_path)
+    exec(code_of("python"), names)
+    assert names["p"].to_numpy() == pytest.approx(np.full((2, 6), 0.7))
+    assert names["p"].index.to_list() == ["P01", "P02"]

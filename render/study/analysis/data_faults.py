@@ -62,7 +62,7 @@ def _missing(table: StudyTable, code: str, answers: Sequence[AnswerRecord]) -> I
         state = "has not finished" if code in table.unfinished else "has finished"
         yield (
             f"{code} {state} and lacks {', '.join(lacking)}: this participant is left out of comparisons that need "
-            "them, and kept in all others"
+            "what lacks wholly; blocks with fewer trials count by those that were answered"
         )
     elif code in table.unfinished:
         yield f"{code} has answered all blocks, but not all that the study asks after them"

@@ -6,8 +6,8 @@ seems to have taken each participant's value in each cell as an observation of i
 are none where participants differ; such tests are made beside, under `cells`, so that the paper can be compared with.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -23,7 +23,7 @@ from .hypothesis_tests import (
     compare_with_chance,
     correct_family,
 )
-from .measures import Level, Measure, level_text
+from .measures import CellKey, Level, Measure, level_text
 from .statistical_test import StatisticalTest
 
 AGREEING_SHARE = 5 / 6
@@ -37,8 +37,10 @@ class FactorTests:
 
     factor: str
     levels: tuple[Level, ...]
+    is_crossed: bool
+    """Whether each level stands with the same levels of all other factors."""
     omnibus: StatisticalTest | None
-    """Whether any level differs, for three levels or more."""
+    """Whether any level differs, for three levels or more, over the cells that all of them share."""
     by_ranks: tuple[StatisticalTest, ...]
     """Of each pair of levels, one family for Holm's correction."""
     by_means: tuple[StatisticalTest, ...]
@@ -74,7 +76,7 @@ class MeasureTests:
     chance_by_cells: StatisticalTest | None
     factors: tuple[FactorTests, ...]
     heterogeneity: StatisticalTest | None
-    """Whether participants differ from each other more than by chance: p below 0.05 speaks for subgroups."""
+    """Whether participants differ from each other more than by chance: p below 0.05 says so, not why."""
     tendencies: tuple[ParticipantTendency, ...]
 
 
@@ -105,15 +107,17 @@ def compare_levels(measure: Measure, factor: str) -> FactorTests:
     for one, other in combinations(levels, 2):
         a, b = matched_values(measure, factor, one, other)
         compares = f"{level_text(one)} - {level_text(other)}"
-        means.append(compare_pairs_by_means(a.mean(axis=1), b.mean(axis=1), compares))
-        cells.append(compare_pairs_by_ranks(a.ravel(), b.ravel(), compares))
+        note = _unmatched_note(measure, factor, (one, other))
+        means.append(_noted(compare_pairs_by_means(a.mean(axis=1), b.mean(axis=1), compares), note))
+        cells.append(_noted(compare_pairs_by_ranks(a.ravel(), b.ravel(), compares), note))
     omnibus = None
     if len(levels) > 2:
-        matrix = np.stack([measure.at_level(factor, level) for level in levels], axis=1)
-        omnibus = compare_levels_by_ranks(matrix, f"{measure.name} by {factor}")
+        found = compare_levels_by_ranks(_level_means(measure, factor, levels), f"{measure.name} by {factor}")
+        omnibus = _noted(found, _unmatched_note(measure, factor, levels))
     return FactorTests(
         factor=factor,
         levels=levels,
+        is_crossed=len({frozenset(measure.cells_at(factor, level)) for level in levels}) == 1,
         omnibus=omnibus,
         by_ranks=compare_pairs(measure, factor),
         by_means=correct_family(means),
@@ -124,10 +128,38 @@ def compare_levels(measure: Measure, factor: str) -> FactorTests:
 def compare_pairs(measure: Measure, factor: str) -> tuple[StatisticalTest, ...]:
     """Wilcoxon's test of each pair of levels, of participants' means over matched cells; one family for Holm."""
     tests = []
-    for one, other in combinations(measure.factors[factor], 2):
-        a, b = (own.mean(axis=1) for own in matched_values(measure, factor, one, other))
-        tests.append(compare_pairs_by_ranks(a, b, f"{level_text(one)} - {level_text(other)}"))
+    for pair in combinations(measure.factors[factor], 2):
+        a, b = (own.mean(axis=1) for own in matched_values(measure, factor, *pair))
+        test = compare_pairs_by_ranks(a, b, " - ".join(map(level_text, pair)))
+        tests.append(_noted(test, _unmatched_note(measure, factor, pair)))
     return correct_family(tests)
+
+
+def _shared_keys(measure: Measure, factor: str, levels: Sequence[Level]) -> list[CellKey]:
+    """The levels of all other factors with which every one of these levels stands."""
+    first, *others = (measure.cells_at(factor, level) for level in levels)
+    return [key for key in first if all(key in own for own in others)]
+
+
+def _unmatched_note(measure: Measure, factor: str, levels: Sequence[Level]) -> str:
+    """What a test of levels that the design pairs nowhere must say; empty where it pairs them."""
+    if _shared_keys(measure, factor, levels):
+        return ""
+    return "the levels share no cells: means over different cells are compared, which other factors may move"
+
+
+def _noted(test: StatisticalTest, note: str) -> StatisticalTest:
+    return replace(test, note="; ".join(filter(None, (test.note, note))))
+
+
+def _level_means(measure: Measure, factor: str, levels: Sequence[Level]) -> np.ndarray:
+    """Means over the cells that all levels share, or over all of each where they share none: [participant, level]."""
+    shared = _shared_keys(measure, factor, levels)
+    if not shared:
+        return np.stack([measure.at_level(factor, level) for level in levels], axis=1)
+    found = [measure.cells_at(factor, level) for level in levels]
+    means = [[measure.values[:, own[key]].mean(axis=1) for key in shared] for own in found]
+    return np.mean(means, axis=1).T
 
 
 def matched_values(measure: Measure, factor: str, one: Level, other: Level) -> tuple[np.ndarray, np.ndarray]:
@@ -137,7 +169,7 @@ def matched_values(measure: Measure, factor: str, one: Level, other: Level) -> t
     its cells is one cell.
     """
     a, b = measure.cells_at(factor, one), measure.cells_at(factor, other)
-    same = [key for key in a if key in b]
+    same = _shared_keys(measure, factor, (one, other))
     if not same:
         return measure.at_level(factor, one)[:, None], measure.at_level(factor, other)[:, None]
     one_values, other_values = (

@@ -11,6 +11,8 @@ from ..plan.study_plan import Factors
 
 Level = str | float
 """A value of a factor."""
+CellKey = tuple[tuple[str, Level], ...]
+"""A cell's levels of all factors but one."""
 
 
 class Cell(NamedTuple):
@@ -53,12 +55,12 @@ class Measure:
         }
         return {name: own for name, own in levels.items() if len(own) > 1}
 
-    def cells_at(self, factor: str, level: Level) -> dict[tuple[tuple[str, Level], ...], list[int]]:
+    def cells_at(self, factor: str, level: Level) -> dict[CellKey, list[int]]:
         """Numbers of the cells at a level of a factor, by their levels of all other factors.
 
         Several cells have the same levels where a plan's tables repeat the values of their `for`.
         """
-        found: dict[tuple[tuple[str, Level], ...], list[int]] = {}
+        found: dict[CellKey, list[int]] = {}
         for number, cell in enumerate(self.cells):
             if cell.factors.get(factor) == level:
                 others = sorted((name, own) for name, own in cell.factors.items() if name != factor)

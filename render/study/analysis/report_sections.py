@@ -148,7 +148,7 @@ def _choice_section(tests: MeasureTests) -> ReportSection:
         f"{name} is the {measure.title} in a cell: {_cells_text(measure)} with {answers} answers each.",
         f"Over all cells, {name} of participants is {mean_text(measure.by_participant())}. "
         + chance_sentence(name, tests.chance_by_ranks, measure.chance),
-        *(_factor_paragraph(measure, own) for own in tests.factors),
+        *(factor_paragraph(measure, own) for own in tests.factors),
         _tendency_paragraph(tests),
     ]
     rows = [
@@ -168,7 +168,7 @@ def _measure_section(tests: MeasureTests, title: str) -> ReportSection:
     paragraphs = [
         f"{measure.title[:1].upper()}{measure.title[1:]}{unit}{scale}: {_cells_text(measure)}. Participants' means are "
         f"{mean_text(measure.by_participant())}.",
-        *(_factor_paragraph(measure, own) for own in tests.factors),
+        *(factor_paragraph(measure, own) for own in tests.factors),
     ]
     pictures = _level_pictures(measure)
     if measure.high is not None:
@@ -192,13 +192,21 @@ def _measure_tables(tests: MeasureTests) -> tuple[ReportTable, ...]:
     return tuple(tables)
 
 
-def _factor_paragraph(measure: Measure, tests: FactorTests) -> str:
+def factor_paragraph(measure: Measure, tests: FactorTests) -> str:
+    """What a measure says of one factor: means of its levels, and which of them differ."""
     means = "; ".join(f"{level_text(own)}: {mean_text(measure.at_level(tests.factor, own))}" for own in tests.levels)
+    crossed = ""
+    if not tests.is_crossed:
+        crossed = (
+            " Levels do not stand with the same levels of the other factors, so do not compare these means: tests "
+            "compare the cells that the levels share, or these means where they share none."
+        )
     omnibus = ""
     if tests.omnibus is not None:
-        whether = "differ" if is_found(tests.omnibus) else "do not differ overall"
-        omnibus = f" Levels {whether} ({test_text(tests.omnibus)})."
-    return f"By {tests.factor}: {means}.{omnibus} {pair_sentences(measure.name, tests.by_ranks)}"
+        whether = "Levels differ" if is_found(tests.omnibus) else "No difference between all levels was found"
+        whether = whether if tests.omnibus.p is not None else "Whether any level differs cannot be tested"
+        omnibus = f" {whether} ({test_text(tests.omnibus)})."
+    return f"By {tests.factor}: {means}.{crossed}{omnibus} {pair_sentences(measure.name, tests.by_ranks)}"
 
 
 def _tendency_paragraph(tests: MeasureTests) -> str:
@@ -212,8 +220,11 @@ def _tendency_paragraph(tests: MeasureTests) -> str:
     if test is None or test.p is None:
         return groups
     if is_found(test):
-        return f"{groups} Participants differ by more than chance ({test_text(test)}), which speaks for subgroups."
-    return f"{groups} Participants do not differ by more than chance ({test_text(test)})."
+        return (
+            f"{groups} Participants differ by more than chance ({test_text(test)}): there are subgroups, or each has a "
+            "tendency of their own."
+        )
+    return f"{groups} No difference between participants beyond chance was found ({test_text(test)})."
 
 
 def _fit_section(fits: Sequence[FittedLevels]) -> ReportSection:

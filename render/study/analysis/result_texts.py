@@ -11,6 +11,8 @@ from .measures import Measure, cell_text, level_text
 from .statistical_test import StatisticalTest
 
 TEST_HEAD = ("comparison", "test", "n", "statistic", "p", "p (Holm)", "effect size", "difference (95 %)", "note")
+PAIRS_LISTED = 6
+"""Pairs without a difference that a sentence lists; of more it says how many, and a table has them."""
 NOTHING = 1e-12
 """Numbers below it are 0 but for rounding."""
 SHORT_NAMES = {
@@ -60,21 +62,20 @@ def is_found(test: StatisticalTest) -> bool:
 
 
 def test_text(test: StatisticalTest) -> str:
-    """What stands in brackets: the test's statistic, n, p and effect size, or why there is no test."""
+    """What stands in brackets: the test, and its numbers, or why there are none."""
+    return f"{test.test}, {numbers_text(test)}" if test.p is not None else f"{test.test}: {numbers_text(test)}"
+
+
+def numbers_text(test: StatisticalTest) -> str:
+    """The test's statistic, n, p and effect size, or why there is no test."""
     if test.p is None:
-        return f"{test.test}: {test.note.removeprefix('no test: ')}"
+        return test.note.removeprefix("no test: ")
     holm = test.p_holm
-    parts = [
-        statistic_text(test),
-        f"n = {test.n}",
-        p_equation(test.p) if holm is None else p_equation(holm, symbol="p_Holm"),
-        *(
-            [f"{SHORT_NAMES.get(test.effect, test.effect)} = {test.effect_size:.2f}"]
-            if test.effect_size is not None
-            else []
-        ),
-    ]
-    return ", ".join([test.test, *parts])
+    effect = (
+        [] if test.effect_size is None else [f"{SHORT_NAMES.get(test.effect, test.effect)} = {test.effect_size:.2f}"]
+    )
+    p = p_equation(test.p) if holm is None else p_equation(holm, symbol="p_Holm")
+    return ", ".join([statistic_text(test), f"n = {test.n}", p, *effect])
 
 
 def test_row(test: StatisticalTest) -> tuple[str, ...]:
@@ -101,25 +102,36 @@ def chance_sentence(name: str, test: StatisticalTest, chance: float) -> str:
 
 
 def pair_sentences(name: str, tests: Sequence[StatisticalTest]) -> str:
-    """Which levels differ; all pairs of one factor."""
+    """Which levels differ; all pairs of one factor, whose test is named once."""
+    if not tests:
+        return ""
     found = [own for own in tests if is_found(own)]
     parts = []
     for own in found:
         levels, is_higher = own.compares.split(" - "), (own.effect_size or 0.0) > 0
+        shown = name if not parts else _capital(name)
         if len(levels) == 2:
             side = "higher" if is_higher else "lower"
-            parts.append(f"{_capital(name)} is {side} for {levels[0]} than for {levels[1]} ({test_text(own)}).")
+            parts.append(f"{shown} is {side} for {levels[0]} than for {levels[1]} ({numbers_text(own)}).")
         else:  # a level is called "a - b", so that nobody knows where it ends
             side = "above" if is_higher else "below"
-            parts.append(f"The difference {own.compares} of {name} is {side} 0 ({test_text(own)}).")
+            parts.append(f"{shown} has a difference {own.compares} {side} 0 ({numbers_text(own)}).")
     others = [own for own in tests if own not in found]
     if others:
-        listed = []
-        for own in others:
-            pair = own.compares.split(" - ")
-            listed.append(f"{' and '.join(pair) if len(pair) == 2 else own.compares}: {test_text(own)}")
-        parts.append(f"No {'other ' if found else ''}difference was found ({'; '.join(listed)}).")
-    return " ".join(parts)
+        what = f"{'No other' if found else 'no'} difference was found"
+        if len(others) > PAIRS_LISTED:
+            least = min((own.p_final for own in others if own.p_final is not None), default=None)
+            p = "" if least is None else f", least {p_equation(least, symbol='p_Holm')}"
+            parts.append(f"{what} (in {len(others)} pairs{p}).")
+        else:
+            listed = []
+            for own in others:
+                pair = own.compares.split(" - ")
+                listed.append(f"{' and '.join(pair) if len(pair) == 2 else own.compares}: {numbers_text(own)}")
+            parts.append(f"{what} ({'; '.join(listed)}).")
+    is_family = any(own.p_holm is not None for own in tests)
+    kind = f"Holm-corrected {tests[0].test}s" if is_family else tests[0].test
+    return f"By {kind}, {' '.join(parts)}"
 
 
 def level_rows(measure: Measure) -> list[tuple[str, ...]]:

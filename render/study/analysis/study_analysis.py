@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..plan.study_plan import PlannedBlock
 from .answer_measures import block_factors, choice_measures, ratio_measures, scale_measures
 from .data_faults import data_faults
 from .level_answers import LevelAnswers, level_answers
@@ -37,7 +38,7 @@ class StudyAnalysis:
     scales: tuple[MeasureTests, ...]
     fits: tuple[FittedLevels, ...]
     thresholds: tuple[MeasureTests, ...]
-    """Of the fits: the threshold, and how steep they are."""
+    """Of the fits: points of subjective equality and just noticeable differences, or thresholds."""
     magnitudes: tuple[MagnitudeScale, ...]
     exponents: tuple[MeasureTests, ...]
     open: tuple[QuestionAnswers, ...]
@@ -77,22 +78,29 @@ def _fit(own: LevelAnswers) -> PsychometricFit | None:
 
 
 def _threshold_measures(table: StudyTable, fits: Sequence[FittedLevels]) -> list[Measure]:
-    """Threshold and just noticeable difference of each participant and block, where the fit gives them."""
-    blocks = list({own.answers.block.name: own.answers.block for own in fits}.values())
-    if not blocks:
-        return []
+    """What was fitted, of each participant and block; a measure for each kind of question, as they mean other things.
+
+    With a standard, constant stimuli give the point of subjective equality and the just noticeable difference; else
+    they and staircases give thresholds.
+    """
+    kinds: dict[tuple[str, str, str], dict[str, PlannedBlock]] = {}
+    for own in fits:
+        block = own.answers.block
+        named = [("threshold", "threshold", "mu")]
+        if own.answers.lapses_both_ways:
+            named = [("pse", "point of subjective equality", "mu"), ("jnd", "just noticeable difference", "jnd")]
+        elif block.design == "staircase":
+            named = [("threshold_staircase", "threshold by staircase", "mu")]
+        for kind in named:
+            kinds.setdefault(kind, {})[block.name] = block
     places = {(own.answers.code, own.answers.block.name): own.fit for own in fits}
-    cells = tuple(Cell(own.name, block_factors(own)) for own in blocks)
-
-    def values(of: str) -> np.ndarray:
-        found = [[_value(places.get((code, own.name)), of) for own in blocks] for code in table.codes]
-        return np.array(found, dtype=np.float64).reshape(len(table.codes), len(blocks))
-
-    titles = {"mu": ("threshold", "threshold"), "jnd": ("jnd", "just noticeable difference")}
-    return [
-        Measure(name=name, title=title, codes=table.codes, cells=cells, values=values(of))
-        for of, (name, title) in titles.items()
-    ]
+    measures = []
+    for (name, title, of), blocks in kinds.items():
+        found = [[_value(places.get((code, own)), of) for own in blocks] for code in table.codes]
+        cells = tuple(Cell(own.name, block_factors(own)) for own in blocks.values())
+        values = np.array(found, dtype=np.float64).reshape(len(table.codes), len(blocks))
+        measures.append(Measure(name=name, title=title, codes=table.codes, cells=cells, values=values))
+    return measures
 
 
 def _value(fit: PsychometricFit | None, of: str) -> float:

@@ -101,7 +101,7 @@ def test_powers_are_shown_with_the_least_number_that_has_enough(plan, monkeypatc
     monkeypatch.setattr(command, "find_power", lambda _: powers)
     lines = run("study", "analyse", plan, *POWER, "--mean", "0.75").output.splitlines()
     assert [line.split() for line in lines[1:5]] == [
-        ["participants", "power", "95", "%", "of", "simulations"],
+        ["participants", "power", "95", "%", "interval"],
         ["3", "(planned)", "0.30", "0.25", "to", "0.33"],
         ["6", "0.60", "0.50", "to", "0.67"],
         ["8", "0.80", "0.67", "to", "0.89"],

@@ -49,7 +49,8 @@ def test_missing_blocks_and_trials_and_questions_are_named_together(paper):
     (sentence,) = data_faults(table_of(paper, *everybody(P02=shortened), unfinished=["P02"]))
     assert sentence == (
         "P02 has not finished and lacks cube-0.7 (difficulty), tube-0.7, dog-1.0 (5 of 10 trials): this participant is "
-        "left out of comparisons that need them, and kept in all others"
+        "left out of comparisons that need what lacks wholly; blocks with fewer trials count by those that were "
+        "answered"
     )
     (sentence,) = data_faults(table_of(paper, *everybody(P02=shortened)))
     assert sentence.startswith("P02 has finished and lacks cube-0.7 (difficulty), tube-0.7")

@@ -239,3 +239,20 @@ def test_one_cell_has_no_factors():
     found = analyse_measure(proportions([[0.9], [0.4]], cells=[Cell("x", {"block": "x"})]))
     assert found.factors == ()
     assert found.chance_by_ranks.n == 2
+
+
+def test_three_levels_are_compared_over_the_cells_that_all_of_them_share(drawn):
+    lone = points(drawn[:, :5], cells=CELLS[:5])  # a dog at one opacity alone
+    found = compare_levels(lone, "object")
+    expected = stats.friedmanchisquare(*drawn[:, :5:2].T)
+    assert (found.omnibus.value, found.omnibus.p) == pytest.approx((expected.statistic, expected.pvalue))
+    assert not found.is_crossed
+    assert compare_levels(points(drawn), "object").is_crossed
+
+
+def test_levels_without_a_cell_in_common_say_that_other_factors_may_move_them(drawn):
+    found = compare_levels(points(drawn[:, [0, 3]], cells=(CELLS[0], CELLS[3])), "object")
+    for own in (*found.by_ranks, *found.by_means, *found.by_cells):
+        assert "share no cells" in own.note
+    crossed = compare_levels(points(drawn), "object")
+    assert not any("share no cells" in own.note for own in (*crossed.by_ranks, *crossed.by_means, crossed.omnibus))

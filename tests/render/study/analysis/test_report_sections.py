@@ -48,9 +48,14 @@ def test_the_papers_study_has_a_section_for_each_of_its_results(paper):
     ]  # fmt: skip
     text = found["Choices: p_cc"].text
     assert "6 cells of 18 participants with 10 answers each" in text
-    for words in ("By object: cube: ", "By opacity: 1: ", "which speaks for subgroups", "five sixths of their cells"):
+    for words in (
+        "By object: cube: ",
+        "By opacity: 1: ",
+        "there are subgroups, or each has a tendency of their own",
+        "five sixths of their cells",
+    ):
         assert words in text
-    assert "r is higher for cube than for tube" in found["Ratio r"].text
+    assert "r is higher for cube than for tube (V = " in found["Ratio r"].text
     tables = [own.title for own in found["Choices: p_cc"].tables]
     assert tables == [
         "p_cc of participants", "Tests: a participant is one observation",
@@ -62,7 +67,7 @@ def test_the_papers_study_has_a_section_for_each_of_its_results(paper):
 def test_people_who_feel_nothing_are_reported_as_that(paper):
     text = sections_of(paper.table(null_observers(18, seed=5)))["Choices: p_cc"].text
     assert "No difference of p_cc from chance (0.5) was found" in text
-    assert "Participants do not differ by more than chance" in text
+    assert "No difference between participants beyond chance was found" in text
 
 
 def test_what_is_odd_stands_in_the_first_section_and_is_kept(paper):
@@ -79,7 +84,8 @@ def test_every_design_has_its_section_and_both_pages_are_made_of_them():
     sections = report_sections(analyse_answers(ObservedTables(plan).table(people)))
     titles = [own.title for own in sections]
     for title in (
-        "Choices: p_second", "Thresholds: constant", "Thresholds: staircase", "Threshold", "Just noticeable difference",
+        "Choices: p_second", "Thresholds: constant", "Thresholds: staircase",
+        "Point of subjective equality", "Just noticeable difference", "Threshold by staircase",
         "Magnitudes: magnitude", "Exponent of the power law", "Rough", "Hard",
     ):  # fmt: skip
         assert title in titles

@@ -122,24 +122,27 @@ def test_a_sentence_says_on_which_side_of_chance_a_measure_is(test, sentence):
     assert chance_sentence("p_cc", test, 0.5) == sentence
 
 
-HIGHER_TEXT = (
-    "Confidence is higher for cube than for tube "
-    "(Wilcoxon signed-rank test, V = 148, n = 18, p_Holm = 0.018, r_rb = 0.73)."
-)
-LOWER_TEXT = (
-    "Confidence is lower for dog than for cube "
-    "(Wilcoxon signed-rank test, V = 20, n = 18, p_Holm < 0.001, r_rb = -0.70)."
-)
-NOT_FOUND_TEXT = "tube and dog: Wilcoxon signed-rank test, V = 70, n = 18, p_Holm = 0.200, r_rb = 0.10"
-NO_TEST_TEXT = "cube and dog: Wilcoxon signed-rank test: all differences are zero"
+HIGHER_TEXT = "confidence is higher for cube than for tube (V = 148, n = 18, p_Holm = 0.018, r_rb = 0.73)."
+LOWER_TEXT = "Confidence is lower for dog than for cube (V = 20, n = 18, p_Holm < 0.001, r_rb = -0.70)."
+NOT_FOUND_TEXT = "tube and dog: V = 70, n = 18, p_Holm = 0.200, r_rb = 0.10"
+NO_TEST_TEXT = "cube and dog: all differences are zero"
+HOLM = "By Holm-corrected Wilcoxon signed-rank tests,"
+ALONE = replace(RANKS, compares="1 - 0.7", p_holm=None)
 
 
 @pytest.mark.parametrize(
     ("tests", "text"),
     [
-        ([RANKS, LOWER], f"{HIGHER_TEXT} {LOWER_TEXT}"),
-        ([NOT_FOUND, RANKS], f"{HIGHER_TEXT} No other difference was found ({NOT_FOUND_TEXT})."),
-        ([NOT_FOUND, NO_TEST], f"No difference was found ({NOT_FOUND_TEXT}; {NO_TEST_TEXT})."),
+        ([RANKS, LOWER], f"{HOLM} {HIGHER_TEXT} {LOWER_TEXT}"),
+        ([NOT_FOUND, RANKS], f"{HOLM} {HIGHER_TEXT} No other difference was found ({NOT_FOUND_TEXT})."),
+        ([NOT_FOUND, NO_TEST], f"{HOLM} no difference was found ({NOT_FOUND_TEXT}; {NO_TEST_TEXT})."),
+        ([NOT_FOUND] * 7, f"{HOLM} no difference was found (in 7 pairs, least p_Holm = 0.200)."),
+        ([NO_TEST] * 7, "By Wilcoxon signed-rank test, no difference was found (in 7 pairs)."),
+        (
+            [ALONE],
+            "By Wilcoxon signed-rank test, confidence is higher for 1 than for 0.7 (V = 148, n = 18, p = 0.006, "
+            "r_rb = 0.73).",
+        ),
         ([], ""),
     ],
 )
@@ -149,11 +152,11 @@ def test_sentences_say_which_levels_differ_and_which_were_not_found_to(tests, te
 
 def test_a_level_with_the_sign_of_the_difference_in_its_name_is_not_cut():
     own = replace(RANKS, compares="cube - big - tube")
-    text = "Wilcoxon signed-rank test, V = 148, n = 18, p_Holm = 0.018, r_rb = 0.73"
-    assert pair_sentences("p_cc", [own]) == f"The difference cube - big - tube of p_cc is above 0 ({text})."
+    text = "V = 148, n = 18, p_Holm = 0.018, r_rb = 0.73"
+    assert pair_sentences("p_cc", [own]) == f"{HOLM} p_cc has a difference cube - big - tube above 0 ({text})."
     none = pair_sentences("p_cc", [replace(own, p_holm=0.3)])
-    assert none.startswith("No difference was found (cube - big - tube: Wilcoxon")
-    assert pair_sentences("p_cc", [replace(RANKS, compares="1 - -2")]).startswith("p_cc is higher for 1 than for -2 (")
+    assert none.startswith(f"{HOLM} no difference was found (cube - big - tube: V = ")
+    assert "p_cc is higher for 1 than for -2 (" in pair_sentences("p_cc", [replace(RANKS, compares="1 - -2")])
 
 
 @pytest.mark.parametrize(

@@ -106,12 +106,11 @@ def test_thresholds_are_measures_by_block_and_missing_where_no_function_fits():
         yes_answers("P02", "left", [10, 10, 10, 10]),
     ]  # fmt: skip
     found = analyse_answers(table_of(plan, *answers))
-    threshold, jnd = (own.measure for own in found.thresholds)
-    assert (threshold.name, jnd.name) == ("threshold", "jnd")
+    (threshold,) = (own.measure for own in found.thresholds)
+    assert threshold.name == "threshold"
     assert threshold.factors == {"hand": ("left", "right")}
     assert threshold.values[0] == pytest.approx([2.5, 1.5], abs=0.2)
     assert np.isnan(threshold.values[1]).all()
-    assert jnd.values[0, 0] > jnd.values[0, 1] > 0.0
     assert [(own.answers.code, own.answers.block.name) for own in found.fits] == [
         ("P01", "left"),
         ("P02", "left"),
@@ -163,7 +162,7 @@ def test_a_study_of_every_design_is_analysed():
         AnswerRecord("P01", "after", -1, -1, "note", "text", "\0'; DROP TABLE x\n=1"),
     ]  # fmt: skip
     found = analyse_answers(table_of(plan, answers, ratios=[("P01", "pairs", 0, "s1", 1.25)]))
-    assert [own.measure.name for own in found.tests] == ["p_s2", "r", "soft", "threshold", "jnd", "exponent"]
+    assert [own.measure.name for own in found.tests] == ["p_s2", "r", "soft", "threshold", "exponent"]
     assert found.exponents[0].measure.values == pytest.approx(np.array([[0.5]]))
     assert found.open[0].texts == (("P01", "\0'; DROP TABLE x\n=1"),)
 

@@ -262,7 +262,8 @@ def _compare_by_ranks(pairs: _Differences, compares: str) -> StatisticalTest:
     tied = int(groups[groups > 1].sum())
     is_exact = count < EXACT_BELOW and not tied and not zeros
     if count < RANKS_LEAST:  # ties or not: a normal approximation would call 5 equal differences significant
-        p = _enumerated_p(ranks, value)
+        sums = np.array([np.dot(ranks, signs) for signs in product((0.0, 1.0), repeat=count)])
+        p = min(1.0, 2.0 * float(np.mean(sums <= min(value, most - value) + ALIKE)))
     else:
         method = "exact" if is_exact else "approx"
         p = float(stats.wilcoxon(np.sign(found) * sizes, correction=True, method=method).pvalue)
@@ -282,13 +283,6 @@ def _compare_by_ranks(pairs: _Differences, compares: str) -> StatisticalTest:
         difference_high=high,
         note="; ".join(notes),
     )
-
-
-def _enumerated_p(ranks: np.ndarray, value: float) -> float:
-    """p of Wilcoxon's statistic over all patterns of signs of these ranks, as they are; for a few ranks."""
-    sums = np.array([np.dot(ranks, own) for own in product((0.0, 1.0), repeat=len(ranks))])
-    smaller = min(value, float(ranks.sum()) - value)
-    return min(1.0, 2.0 * float(np.mean(sums <= smaller + 1e-9)))
 
 
 def _compare_by_means(pairs: _Differences, compares: str, test: str, effect: str) -> StatisticalTest:
@@ -330,13 +324,6 @@ def _signed_rank_distribution(count: int) -> np.ndarray:
     return np.cumsum(ways) / 2.0**count
 
 
-def _rank_deviation(values: np.ndarray) -> float:
-    """Standard deviation of Wilcoxon's statistic; each group of ties makes it smaller."""
-    count = len(values)
-    groups = np.unique(values, return_counts=True)[1].astype(float)
-    return float(np.sqrt(count * (count + 1) * (2 * count + 1) / 24 - (groups**3 - groups).sum() / 48))
-
-
 def _pseudo_median(found: np.ndarray, *, is_exact: bool) -> tuple[float | None, float, float | None]:
     """Hodges and Lehmann's estimate, between the bounds of its 95 % interval; None: too few differences for bounds.
 
@@ -353,7 +340,9 @@ def _pseudo_median(found: np.ndarray, *, is_exact: bool) -> tuple[float | None, 
         place = int(np.searchsorted(_signed_rank_distribution(count), tail))
     else:
         # A shift makes ties only of equal differences, so the deviation counts those, and not ties of their sizes.
-        reach = float(stats.norm.isf(tail)) * _rank_deviation(found)
+        groups = np.unique(found, return_counts=True)[1].astype(float)
+        variance = count * (count + 1) * (2 * count + 1) / 24 - (groups**3 - groups).sum() / 48
+        reach = float(stats.norm.isf(tail) * np.sqrt(variance))
         place = int(np.floor(len(averages) / 2 - reach - 0.5)) + 1
     centre = float(np.median(averages))
     if place < 1 or count < RANKS_LEAST:

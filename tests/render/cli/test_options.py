@@ -28,6 +28,7 @@ SEVERAL_MEANINGS = {
     "--repeats": "of a playback, of a measurement",
     "--sampling": "live takes several",
     "--resume": "a file's poses, or a participant",
+    "--seed": "of an exploration, of simulated studies",
     "--side": "a recording's hands have ids, a live one is whichever is seen",
     "--source": "of poses, of noise",
     "--spacing": "of a volume by axis, of voxels that are made",

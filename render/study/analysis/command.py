@@ -23,6 +23,8 @@ from .study_analysis import StudyAnalysis, analyse_answers
 from .table_files import write_tables
 
 REPORTS = ("report.html", "report.md")
+TABLES = ("answers", "measures", "tests", "fits")
+TABLE_SUFFIXES = (".csv", ".parquet")
 PLAN_SUFFIX = ".toml"
 POWER_OPTIONS = ("measure", "mean", "mean_other", "factor", "spread", "opposite", "noise")
 
@@ -39,9 +41,10 @@ def analyse_study(options: dict[str, Any], *, as_json: bool) -> int:
         raise StrategyError(f"--{given[0].replace('_', '-')} is of --power")
     data = options["data"] or (path.with_suffix(".data") if path.suffix == PLAN_SUFFIX else path)
     output: Path = options["output"] or (data if data.is_dir() else data.parent) / "analysis"
+    table = read_answers(data)  # before the folder of the output is made: a wrong name leaves nothing behind
     _require_room(output, overwrite=options["overwrite"])
     with bars.loading_bar(str(data), quiet=as_json):
-        analysis = analyse_answers(read_answers(data))
+        analysis = analyse_answers(table)
         sections = report_sections(analysis)
     paths = _write(output, analysis, sections, str(data))
     for fault in analysis.faults:
@@ -64,8 +67,9 @@ def _facts(analysis: StudyAnalysis) -> dict[str, Any]:
 
 
 def _require_room(folder: Path, *, overwrite: bool) -> None:
-    """Make the folder; refuse what could not be written after the analysis, and a report that is there."""
-    there = [folder / name for name in REPORTS if (folder / name).exists()]
+    """Make the folder; refuse what could not be written after the analysis, and a report or table that is there."""
+    names = (*REPORTS, *(name + suffix for name in TABLES for suffix in TABLE_SUFFIXES))
+    there = [folder / name for name in names if (folder / name).exists()]
     if there and not overwrite:
         raise StrategyError(f"{there[0]}: exists; --overwrite replaces it")
     try:
@@ -96,15 +100,12 @@ def _write(folder: Path, analysis: StudyAnalysis, sections: list[ReportSection],
             write_file(folder / name, memoryview(content))
         except OSError as error:
             raise RenderError(f"{folder / name}: cannot be written ({error.strerror or error})") from error
-    tables = {
-        "answers": answer_columns(table),
-        "measures": measure_columns(analysis),
-        "tests": outcome_columns(analysis),
-        "fits": fit_columns(analysis),
-    }
-    for name, columns in tables.items():
-        if columns:
-            write_tables(folder, name, columns)
+    tables = (answer_columns(table), measure_columns(analysis), outcome_columns(analysis), fit_columns(analysis))
+    for name, columns in zip(TABLES, tables, strict=True):
+        written = write_tables(folder, name, columns) if columns else []
+        for suffix in TABLE_SUFFIXES:
+            if (old := folder / f"{name}{suffix}") not in written:  # of an earlier analysis, which this one replaces
+                old.unlink(missing_ok=True)
     return {"report": str(folder / REPORTS[0]), "tables": str(folder / "answers.csv")}
 
 

@@ -13,6 +13,8 @@ from .statistical_test import StatisticalTest
 TEST_HEAD = ("comparison", "test", "n", "statistic", "p", "p (Holm)", "effect size", "difference (95 %)", "note")
 NOTHING = 1e-12
 """Numbers below it are 0 but for rounding."""
+PAIRS_LISTED = 10
+"""Pairs without a difference that a sentence names; of more it says how many there are."""
 SHORT_NAMES = {
     "rank-biserial r": "r_rb",
     "Cohen's d_z": "d_z",
@@ -118,7 +120,8 @@ def pair_sentences(name: str, tests: Sequence[StatisticalTest]) -> str:
         for own in others:
             pair = own.compares.split(" - ")
             listed.append(f"{' and '.join(pair) if len(pair) == 2 else own.compares}: {test_text(own)}")
-        parts.append(f"No {'other ' if found else ''}difference was found ({'; '.join(listed)}).")
+        named = "; ".join(listed) if len(listed) <= PAIRS_LISTED else f"{len(listed)} pairs, which the table lists"
+        parts.append(f"No {'other ' if found else ''}difference was found ({named}).")
     return " ".join(parts)
 
 

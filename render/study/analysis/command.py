@@ -1,5 +1,6 @@
 """What `palpate study analyse` does: writes the report, tables and pictures of a study's data, or shows its power."""
 
+import re
 import time
 from dataclasses import asdict
 from importlib.metadata import version
@@ -22,6 +23,8 @@ from .study_analysis import StudyAnalysis, analyse_answers
 from .table_files import write_tables
 
 REPORTS = ("report.html", "report.md")
+TABLES = ("answers", "measures", "tests", "fits")
+TABLE_SUFFIXES = (".csv", ".parquet")
 PLAN_SUFFIX = ".toml"
 POWER_OPTIONS = ("measure", "mean", "mean_other", "factor", "spread", "opposite", "noise")
 
@@ -41,11 +44,13 @@ def analyse_study(options: dict[str, Any], *, as_json: bool) -> int:
         reason = "nobody has taken part yet, or --data names another folder" if path.exists() else f"nor is {path}"
         raise StudyError(f"{data} is not there: {reason}")
     output: Path = options["output"] or (data if data.is_dir() else data.parent) / "analysis"
-    there = [output / name for name in REPORTS if (output / name).exists()]
+    table = read_answers(data)  # before the folder of the output is made: a wrong name leaves nothing behind
+    names = (*REPORTS, *(name + suffix for name in TABLES for suffix in TABLE_SUFFIXES))
+    there = [output / name for name in names if (output / name).exists()]
     if there and not options["overwrite"]:
         raise StrategyError(f"{there[0]}: exists; --overwrite replaces it")
     with bars.loading_bar(str(data), quiet=as_json):
-        analysis = analyse_answers(read_answers(data))
+        analysis = analyse_answers(table)
         sections = report_sections(analysis)
     paths = _write(output, analysis, sections, str(data))
     for fault in analysis.faults:
@@ -90,19 +95,31 @@ def _write(folder: Path, analysis: StudyAnalysis, sections: list[ReportSection],
     }
     for section in sections:
         files |= {picture.file: picture.content for picture in section.pictures if picture.file}
+    earlier = _pictures_of(folder / REPORTS[1])
     for name, content in files.items():
         try:
             write_file(folder / name, memoryview(content))
         except OSError as error:
             raise RenderError(f"{folder / name}: cannot be written ({error.strerror or error})") from error
-    tables = {
-        "answers": answer_columns(table),
-        "measures": measure_columns(analysis),
-        "tests": outcome_columns(analysis),
-        "fits": fit_columns(analysis),
-    }
-    written = [path for name, columns in tables.items() if columns for path in write_tables(folder, name, columns)]
+    tables = (answer_columns(table), measure_columns(analysis), outcome_columns(analysis), fit_columns(analysis))
+    written = [
+        path
+        for name, columns in zip(TABLES, tables, strict=True)
+        if columns
+        for path in write_tables(folder, name, columns)
+    ]
+    for name in (*earlier, *(name + suffix for name in TABLES for suffix in TABLE_SUFFIXES)):
+        if name not in files and folder / name not in written:  # of an earlier analysis, which this one replaces
+            (folder / name).unlink(missing_ok=True)
     return {"report": str(folder / REPORTS[0]), "tables": ", ".join(path.name for path in written)}
+
+
+def _pictures_of(report: Path) -> list[str]:
+    """Names of the pictures that an earlier report shows from beside it."""
+    try:
+        return re.findall(r"\]\(([\w.+-]+\.svg)\)", report.read_text("utf-8", "replace"))
+    except OSError:
+        return []
 
 
 def _show_power(path: Path, options: dict[str, Any], *, as_json: bool) -> int:

@@ -271,7 +271,7 @@ def _compare_by_ranks(pairs: _Differences, compares: str) -> StatisticalTest:
         notes += _count_notes(tied, "difference", "tied in size")
         notes += ["normal approximation with continuity correction"] * (count >= RANKS_LEAST)
     if count < RANKS_LEAST:
-        notes.append(f"with fewer than {RANKS_LEAST} differences no p is below 0.05, and there is no 95 % interval")
+        notes.append(f"with fewer than {RANKS_LEAST} differences no exact p is below 0.05: there is no 95 % interval")
     low, centre, high = _pseudo_median(join_ties(found, pairs.tolerance), is_exact=is_exact)
     return replace(
         result,

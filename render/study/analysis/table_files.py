@@ -64,9 +64,9 @@ def _clean(text: str) -> str:
 
 
 def _number_text(value: Any) -> str:
-    """true and false as R, pandas and polars read them; the shortest text of a number, the same for 7 and 7.0."""
+    """TRUE and FALSE, as R reads them, and no others, like pandas and polars; the same text for 7 and 7.0."""
     if isinstance(value, bool):
-        return str(value).lower()
+        return str(value).upper()
     return str(int(value)) if isinstance(value, float) and value.is_integer() and abs(value) < 1e15 else str(value)
 
 

@@ -3,17 +3,19 @@
 import csv
 import json
 
+import numpy as np
 import pytest
-from answered_tables import PAPER, paper_answers, plan_of, table_of
+from answered_tables import PAPER, answer_row, paper_answers, plan_of, random_run, stimulus_text, table_of
 from command_line import FAILED, MISUSED, answer, refused, run
 from simulated_participants import simulate_study
 from study_observers import paper_observers
 
-from palpate.render.errors import StudyError
+from palpate.render.errors import StrategyError, StudyError
 from palpate.render.study.analysis import command
 from palpate.render.study.analysis import report_sections as sections
 from palpate.render.study.analysis.power import FoundPower
 from palpate.render.study.plan.study_reading import read_study
+from palpate.render.study.run.answer_store import AnswerStore
 
 POWER = ("--power", "--tables", "100")
 
@@ -184,3 +186,47 @@ def test_a_plan_without_data_is_refused_with_what_to_do(tmp_path, is_there, mess
     with pytest.raises(StudyError, match=message):
         command.analyse_study({**NOTHING, "study": plan}, as_json=False)
     assert not (tmp_path / "study.data").exists()
+
+
+PAIRS = '[[block]]\nname = "x"\ndesign = "2ifc"\npairs = [["a", "b"]]\nquestion = "Which one?"\n'
+
+
+@pytest.fixture
+def small_data(tmp_path, monkeypatch):
+    """Data of one participant, whose study asks no scale and draws few pictures."""
+    monkeypatch.setattr("palpate.render.study.run.study_file.sync", lambda *_: None)
+    plan = plan_of(stimulus_text("a", "b"), PAIRS, participants=1)
+    with AnswerStore(tmp_path / "data", plan) as store:
+        store.begin("P01")
+        for own in random_run(plan, "P01", np.random.default_rng(1)):
+            store.add_answer(answer_row(own))
+        store.finish()
+    return tmp_path / "data"
+
+
+@pytest.mark.parametrize("name", ["study.toml", "folder", "nothing"])
+def test_without_answers_no_folder_is_made(tmp_path, name):
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(StudyError, match="is not there"):
+        command.analyse_study(NOTHING | {"study": tmp_path / name}, as_json=True)
+    assert [own.name for own in tmp_path.rglob("*")] == ["folder"]
+
+
+@pytest.mark.parametrize("name", ["report.md", "answers.csv", "fits.parquet"])
+def test_a_file_that_is_there_is_kept(small_data, name):
+    output = small_data.parent / "output"
+    output.mkdir()
+    (output / name).write_text("mine")
+    with pytest.raises(StrategyError, match=f"{name}: exists; --overwrite replaces it"):
+        command.analyse_study(NOTHING | {"study": small_data, "output": output}, as_json=True)
+    assert [own.name for own in output.iterdir()] == [name]
+    assert (output / name).read_text() == "mine"
+
+
+@pytest.mark.exhaustive
+def test_tables_of_an_analysis_that_is_replaced_do_not_stay_beside_it(small_data):
+    command.analyse_study(NOTHING | {"study": small_data}, as_json=True)
+    (small_data / "analysis" / "fits.csv").write_text("of another study")
+    command.analyse_study(NOTHING | {"study": small_data, "overwrite": True}, as_json=True)
+    assert not (small_data / "analysis" / "fits.csv").exists()
+    assert (small_data / "analysis" / "answers.csv").exists()

@@ -123,7 +123,7 @@ def test_five_differences_have_no_interval_and_say_how_many_are_needed():
     assert found.difference == 3.0
     assert found.difference_low is None
     assert found.difference_high is None
-    assert "with fewer than 6 differences no p is below 0.05" in found.note
+    assert "with fewer than 6 differences no exact p is below 0.05" in found.note
     assert compare_with_centre_by_ranks(np.arange(1.0, 7.0), 0.0, "x").difference_low == 1.0
 
 

@@ -150,6 +150,12 @@ def test_sentences_say_which_levels_differ_and_which_were_not_found_to(tests, te
     assert pair_sentences("confidence", tests) == text
 
 
+def test_many_pairs_without_a_difference_are_counted_and_not_listed():
+    tests = [replace(NOT_FOUND, compares=f"a{k} - b{k}") for k in range(11)]
+    assert pair_sentences("ease", tests) == "No difference was found (11 pairs, which the table lists)."
+    assert "a9 and b9: " in pair_sentences("ease", tests[:10])
+
+
 def test_a_level_with_the_sign_of_the_difference_in_its_name_is_not_cut():
     own = replace(RANKS, compares="cube - big - tube")
     text = "V = 148, n = 18, p_Holm = 0.018, r_rb = 0.73"

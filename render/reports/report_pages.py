@@ -18,6 +18,7 @@ from ..terminal.foreign_text import visible
 CONTENTS_FROM = 6
 """Sections from which on an HTML page begins with a list of them."""
 WIDTH = 120  # characters of a line of Markdown
+LINE_MOST = 1_000_000  # of one that is not wrapped
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"  # a browser's word that nothing is loaded
 STYLE = """
 :root { color-scheme: light dark; }
@@ -162,20 +163,26 @@ def _marked(line: str, plain: Callable[[str], str], code: Callable[[str], str], 
     return "".join(code(part) if k % 2 else plain(part) for k, part in enumerate(parts))
 
 
-def markdown_page(title: str, introduction: str, sections: Sequence[ReportSection], footer: str) -> str:
-    """The page, as docs/measured/paper.md is made; rows of tables stay on one line, however long."""
-    parts = [f"# {_heading(title)}", _wrapped(introduction)]
+def markdown_page(
+    title: str, introduction: str, sections: Sequence[ReportSection], footer: str, *, wraps: bool = True
+) -> str:
+    """The page, as docs/measured/paper.md is made; rows of tables stay on one line, however long.
+
+    wraps: paragraphs have lines of at most WIDTH characters; else one line, to be pasted elsewhere.
+    """
+    width = WIDTH if wraps else LINE_MOST
+    parts = [f"# {_heading(title)}", _wrapped(introduction, width)]
     for section in sections:
-        parts += [f"## {_heading(section.title)}", _wrapped(section.text)]
+        parts += [f"## {_heading(section.title)}", _wrapped(section.text, width)]
         for picture in section.pictures:
             if picture.file:
                 alt = re.sub(r"[\\\[\]`*_~$|<&]", r"\\\g<0>", " ".join(_lines(picture.alt)))
-                parts += [f"![{alt}]({quote(picture.file)})", _wrapped(picture.caption)]
+                parts += [f"![{alt}]({quote(picture.file)})", _wrapped(picture.caption, width)]
         for table in section.tables:
-            parts += [_wrapped(f"{table.title}:")] * bool(table.title)
+            parts += [_wrapped(f"{table.title}:", width)] * bool(table.title)
             lines = [_markdown_line(table.head), "|" + "---|" * len(table.head), *map(_markdown_line, table.rows)]
             parts.append("\n".join(lines))
-    return "\n\n".join([*parts, _wrapped(footer)]) + "\n"
+    return "\n\n".join([*parts, _wrapped(footer, width)]) + "\n"
 
 
 def _heading(text: str) -> str:
@@ -183,10 +190,10 @@ def _heading(text: str) -> str:
     return re.sub(r"#+\s*$", lambda signs: f"\\{signs[0]}", shown)  # else these close a heading, unseen
 
 
-def _wrapped(text: str) -> str:
-    """Paragraphs in lines of at most WIDTH characters, none of which begins with what opens a list or a heading."""
+def _wrapped(text: str, width: int) -> str:
+    """Paragraphs in lines of at most `width` characters, none of which begins with what opens a list or a heading."""
     filled = [
-        textwrap.fill(_markdown(paragraph).strip(), WIDTH, break_long_words=False, break_on_hyphens=False)
+        textwrap.fill(_markdown(paragraph).strip(), width, break_long_words=False, break_on_hyphens=False)
         for paragraph in _PARAGRAPHS.split(text)
     ]
     return "\n\n".join(_LINE_OPENER.sub(r"\1\\", paragraph).replace(_JOINED, " ") for paragraph in filled)

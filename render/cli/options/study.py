@@ -14,7 +14,10 @@ from .play import Transport
 from .trust import AllowCode
 from .view import NoBrowser, Port
 
-EXAMPLES = "Plans to begin with: palpate study example paper, palpate study example pilot."
+EXAMPLES = (
+    "Plans to begin with: palpate study example paper, palpate study example pilot. "
+    "After the participants, or before them for the power: palpate study analyse STUDY.toml."
+)
 STUDY_HELP = "Run a study with people: one participant of a plan, from consent to the last answer."
 
 study = typer.Typer(cls=PlanGroup, add_completion=False, rich_markup_mode=None)
@@ -84,7 +87,7 @@ def run(
     run_job("..study.command", "run_study", options, json=json, quiet=quiet)
 
 
-@study.command(no_args_is_help=True)
+@study.command()
 def analyse(
     study: Annotated[
         Path, typer.Argument(metavar="STUDY", help="The study's plan, STUDY.toml, or the folder of its data.")

@@ -19,7 +19,7 @@ from ..plan.study_plan import PlannedBlock, Question, StudyPlan
 from ..plan.study_reading import read_stored_study
 from ..run.store_rows import ABOUT_CONSENT, APPLICATION_ID, FORMAT_VERSION
 from ..run.study_file import BUSY_SECONDS, NAME, file_error
-from .study_table import AnswerRecord, RatioRecord, StudyTable
+from .study_table import AnswerRecord, RatioRecord, SessionRecord, StudyTable
 
 _TEXT, _WHOLE, _NUMBER, _NONE = (str,), (int,), (int, float), (type(None),)
 _ANSWER_TYPES = {
@@ -41,6 +41,14 @@ WHERE outcome = 'played' AND NOT is_practice AND r IS NOT NULL AND EXISTS (
 ) ORDER BY sequence
 """
 """Of trials that were answered: an interval of an attempt that was played again counts for nothing."""
+_SESSIONS = "SELECT code, array, source, palpate, began FROM sessions ORDER BY id"
+_REPLAYED = """
+SELECT count(*) FROM intervals WHERE outcome <> 'played' OR NOT EXISTS (
+    SELECT 1 FROM answers WHERE answers.code = intervals.code AND answers.block = intervals.block
+    AND answers.trial = intervals.trial AND answers.attempt >= intervals.attempt)
+"""
+_SQLITE = b"SQLite format 3\0"
+"""What a database begins with."""
 
 
 def read_answers(folder: str | Path) -> StudyTable:
@@ -54,12 +62,17 @@ def read_answers(folder: str | Path) -> StudyTable:
     if not path.exists():
         raise StudyError(f"{path} is not there: name the folder with a study's data, or its plan")
     try:
+        with path.open("rb") as file:
+            if file.read(len(_SQLITE)) not in (_SQLITE, b""):
+                raise StudyError(f"{path} is no study's data: name the folder with them, or the study's plan")
         with closing(open_database(path, writes=False, busy_seconds=BUSY_SECONDS)) as connection:
             connection.execute("BEGIN")  # all rows are of one moment, though a participant takes part
             _require_study(connection, path)
             texts = connection.execute("SELECT text FROM plans ORDER BY rowid").fetchall()
             finished = dict(connection.execute("SELECT code, finished FROM participants ORDER BY number").fetchall())
             answers = [_answer_record(row) for row in connection.execute(_ANSWERS)]
+            sessions = [SessionRecord(*map(str, row)) for row in connection.execute(_SESSIONS)]
+            replayed = int(connection.execute(_REPLAYED).fetchone()[0])
             ratios = [RatioRecord(*_typed(row, _RATIO_TYPES)) for row in connection.execute(_RATIOS)]
     except (OSError, sqlite3.Error, FileBoundError) as error:
         raise file_error(path, error) from error
@@ -79,6 +92,8 @@ def read_answers(folder: str | Path) -> StudyTable:
         unfinished=tuple(code for code in codes if finished[code] is None),
         answers=tuple(answers),
         ratios=tuple(ratios),
+        sessions=tuple(own for own in sessions if own.code in having),
+        replayed_count=replayed,
     )
 
 

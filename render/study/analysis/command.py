@@ -44,7 +44,11 @@ def analyse_study(options: dict[str, Any], *, as_json: bool) -> int:
         reason = "nobody has taken part yet, or --data names another folder" if path.exists() else f"nor is {path}"
         raise StudyError(f"{data} is not there: {reason}")
     output: Path = options["output"] or (data if data.is_dir() else data.parent) / "analysis"
-    table = read_answers(data)  # before the folder of the output is made: a wrong name leaves nothing behind
+    table = read_answers(data)
+    if not table.codes:
+        raise StudyError(f"{data} has no answers yet: nobody has taken part")
+    if path.suffix == PLAN_SUFFIX and path.exists() and path.read_text("utf-8", "replace") != table.plan.text:
+        console.warn(f"{path} is not the plan that is kept with the data, {table.plan.title!r}, which is used")
     names = (*REPORTS, *(name + suffix for name in TABLES for suffix in TABLE_SUFFIXES))
     there = [output / name for name in names if (output / name).exists()]
     if there and not options["overwrite"]:
@@ -86,12 +90,14 @@ def _write(folder: Path, analysis: StudyAnalysis, sections: list[ReportSection],
     title = f"{table.plan.title}: analysis"
     introduction = (
         f"Made by palpate {version('palpate')} from {source} on {time.strftime('%Y-%m-%d')}. A participant is one "
-        "observation of each test; all p are two-sided, and below 0.05 a difference is called found."
+        "observation of each test; all p are two-sided, and below 0.05 a difference is called found. ± is the standard "
+        "deviation between participants. A difference is the pseudo-median in tests by ranks, the mean in t-tests; "
+        "its 95 % interval stands in brackets."
     )
-    footer = "Tests by SciPy and statsmodels. What each assumes stands at the end."
+    footer = f"Tests by SciPy {version('scipy')} and statsmodels {version('statsmodels')}."
     files = {
         REPORTS[0]: html_page(title, introduction, sections, footer).encode(),
-        REPORTS[1]: markdown_page(title, introduction, sections, footer).encode(),
+        REPORTS[1]: markdown_page(title, introduction, sections, footer, wraps=False).encode(),
     }
     for section in sections:
         files |= {picture.file: picture.content for picture in section.pictures if picture.file}
@@ -133,6 +139,7 @@ def _show_power(path: Path, options: dict[str, Any], *, as_json: bool) -> int:
     needed = next((own.participants for own in found if own.power >= WANTED), None)
     facts: dict[str, Any] = {
         "sought": question.sought,
+        **question.assumed,
         "needed": f"more than {found[-1].participants}" if needed is None else needed,
         "power wanted": WANTED,
     }

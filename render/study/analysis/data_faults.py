@@ -13,6 +13,8 @@ SAME_LEAST = 8
 """Choices that are all alike are named from so many on: by chance, 1 of 128 participants makes them, of two options."""
 SAME_POINTS_LEAST = 6
 """Points of one scale that are all alike are named from so many on: the blocks of the founding paper's study."""
+SYNTHETIC = ("exploration", "simulated")
+"""Sources of poses without a person."""
 FAST_SECONDS = 0.15
 """An answer that came earlier was not thought about [s]: simple reactions to sounds take as long."""
 
@@ -27,6 +29,16 @@ def data_faults(table: StudyTable) -> list[str]:
     if absent:
         have = "has" if len(absent) == 1 else "have"
         sentences.append(f"{len(absent)} of {len(table.plan.codes)} planned participants {have} not begun")
+    synthetic = sum(own.source in SYNTHETIC for own in table.sessions)
+    if synthetic:
+        sentences.append(
+            f"the hand of {synthetic} of {len(table.sessions)} sessions was synthetic: nobody felt anything"
+        )
+    emulated = sum("emulator" in own.array for own in table.sessions)
+    if emulated:
+        sentences.append(
+            f"{emulated} of {len(table.sessions)} sessions played to the emulated array: nobody felt anything"
+        )
     for code in table.codes:
         sentences += _missing(table, code, by_code[code])
         sentences += _alike(table.plan, code, by_code[code])

@@ -143,10 +143,8 @@ def correct_family(tests: Sequence[StatisticalTest]) -> tuple[StatisticalTest, .
         corrected = multipletests([tests[place].p for place in places], method="holm")[1]
     finally:
         gc.unfreeze()
-    found = dict(zip(places, corrected, strict=True))
-    return tuple(
-        replace(test, p_holm=float(found[place]) if place in found else None) for place, test in enumerate(tests)
-    )
+    found = {place: float(own) for place, own in zip(places, corrected, strict=True)}
+    return tuple(replace(test, p_holm=found.get(place)) for place, test in enumerate(tests))
 
 
 def compare_participants(successes: np.ndarray, counts: np.ndarray, compares: str) -> StatisticalTest:
@@ -266,7 +264,7 @@ def _compare_by_ranks(pairs: _Differences, compares: str) -> StatisticalTest:
         p = min(1.0, 2.0 * float(np.mean(sums <= min(value, most - value) + ALIKE)))
     else:
         method = "exact" if is_exact else "approx"
-        p = float(stats.wilcoxon(np.sign(found) * sizes, correction=True, method=method).pvalue)
+        p = float(stats.wilcoxon(np.sign(found) * sizes, correction=True, method=method)[1])
     if not is_exact:
         notes += _count_notes(tied, "difference", "tied in size")
         notes += ["normal approximation with continuity correction"] * (count >= RANKS_LEAST)
@@ -275,6 +273,7 @@ def _compare_by_ranks(pairs: _Differences, compares: str) -> StatisticalTest:
     low, centre, high = _pseudo_median(join_ties(found, pairs.tolerance), is_exact=is_exact)
     return replace(
         result,
+        zeros=zeros,
         value=value,
         p=p,
         effect_size=2.0 * value / most - 1.0,

@@ -23,7 +23,7 @@ from .hypothesis_tests import (
     compare_with_chance,
     correct_family,
 )
-from .measures import CellKey, Level, Measure, level_text
+from .measures import CellKey, Level, Measure, level_label
 from .statistical_test import StatisticalTest
 
 AGREEING_SHARE = 5 / 6
@@ -57,6 +57,8 @@ class ParticipantTendency:
     mean: float
     above: int
     """Cells at chance or above."""
+    below: int
+    """Cells at chance or below."""
     cells: int
     tendency: str
     """`for`, `against` or `ambiguous` by the founding paper's rule: 5 of 6 cells on one side of chance."""
@@ -106,7 +108,7 @@ def compare_levels(measure: Measure, factor: str) -> FactorTests:
     means, cells = [], []
     for one, other in combinations(levels, 2):
         a, b = matched_values(measure, factor, one, other)
-        compares = f"{level_text(one)} - {level_text(other)}"
+        compares = f"{level_label(factor, one)} - {level_label(factor, other)}"
         note = _unmatched_note(measure, factor, (one, other))
         means.append(_noted(compare_pairs_by_means(a.mean(axis=1), b.mean(axis=1), compares), note))
         cells.append(_noted(compare_pairs_by_ranks(a.ravel(), b.ravel(), compares), note))
@@ -130,7 +132,7 @@ def compare_pairs(measure: Measure, factor: str) -> tuple[StatisticalTest, ...]:
     tests = []
     for pair in combinations(measure.factors[factor], 2):
         a, b = (own.mean(axis=1) for own in matched_values(measure, factor, *pair))
-        test = compare_pairs_by_ranks(a, b, " - ".join(map(level_text, pair)))
+        test = compare_pairs_by_ranks(a, b, " - ".join(level_label(factor, own) for own in pair))
         tests.append(_noted(test, _unmatched_note(measure, factor, pair)))
     return correct_family(tests)
 
@@ -197,6 +199,7 @@ def _tendencies(measure: Measure) -> Iterator[ParticipantTendency]:
             code=code,
             mean=float(found.mean()) if len(found) else float("nan"),
             above=above,
+            below=below,
             cells=len(found),
             tendency=AMBIGUOUS if is_for == is_against else FOR if is_for else AGAINST,
             binomial=test,

@@ -42,6 +42,8 @@ class Measure:
     """int64, shape [participant, cell]: of a proportion, all answers."""
     chance: float | None = None
     """Value that answers at random have."""
+    note: str = ""
+    """A sentence about values that lack."""
     low: float | None = None
     high: float | None = None
     """Bounds of the scale, where there are any."""
@@ -83,6 +85,11 @@ class Measure:
 def level_text(level: Level) -> str:
     """A level as people read it."""
     return level if isinstance(level, str) else f"{level:g}"
+
+
+def level_label(factor: str, level: Level) -> str:
+    """A level as people read it without its factor beside it: a number alone would say nothing."""
+    return level if isinstance(level, str) else f"{factor} {level:g}"
 
 
 def cell_text(cell: Cell) -> str:

@@ -20,13 +20,15 @@ from ..plan.study_plan import StudyPlan
 from .answer_measures import choice_measures, scale_measures
 from .hypothesis_tests import SIGNIFICANT, bound_proportion, compare_with_centre_by_ranks
 from .measure_tests import compare_pairs
-from .measures import Measure, level_text
+from .measures import Measure, level_label
 from .study_table import StudyTable
 
 PARTICIPANTS = (6, 8, 10, 12, 14, 16, 18, 20, 24, 28, 32, 36, 40, 48, 60, 80, 100, 150, 200)
 """Numbers of participants that are tried."""
 WANTED = 0.8
 """Power that studies commonly aim at."""
+SPREAD = 1.0
+"""Between participants, where nobody says: of a logit, which makes probabilities differ by about 0.2, or points."""
 NOISE = 1.0  # [point] of one answer on a scale
 PEOPLE = 1000  # of a normal distribution, whose mean probability is that of all people
 LOGIT_MOST = 40.0  # a probability of 4e-18, for each unit of the spread
@@ -95,8 +97,32 @@ class PowerQuestion:
         """What the analysis is to find."""
         if self.factor is None:
             return f"{self.measure.name} differs from chance"
-        first, last = (level_text(self.measure.factors[self.factor][place]) for place in (0, -1))
-        return f"{self.measure.name} differs between {first} and {last}, of {self.factor}"
+        first, last = (level_label(self.factor, self.measure.factors[self.factor][place]) for place in (0, -1))
+        return f"{self.measure.name} differs between {first} and {last}"
+
+    @property
+    def assumed(self) -> dict[str, str]:
+        """What the power rests on, in words for people."""
+        mean = f"{self.mean:g}"
+        if self.factor is not None and self.mean_other is not None:
+            mean += f", and {self.mean_other:g} at {level_label(self.factor, self.measure.factors[self.factor][-1])}"
+        spread = f"{self.spread:g} point between participants, {self.noise:g} of one answer (standard deviations)"
+        if self.is_choice:
+            people = self.centres[0] + self.spread * np.array(
+                [NormalDist().inv_cdf((k + 0.5) / 100) for k in range(100)]
+            )
+            spread = (
+                f"{self.spread:g} of the logit: participants' probabilities deviate by {_proportion(people).std():.2f}"
+            )
+        low, high = min(self.trials), max(self.trials)
+        return {
+            "mean": mean,
+            "spread": spread,
+            **({"opposite": f"{self.opposite:g} of participants answer the other way"} if self.is_choice else {}),
+            "answers": f"{low if low == high else f'{low} to {high}'} in each of {len(self.trials)} cells",
+            "test": "Wilcoxon, two-sided, 0.05" + ", Holm-corrected" * (self.factor is not None),
+            "simulated": f"{self.tables} studies for each number of participants, seed {self.seed}",
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,10 +157,12 @@ def power_question(plan: StudyPlan, options: dict[str, Any]) -> PowerQuestion:
         raise StrategyError(f"--mean must differ from {mean:g}, with which it is compared: else there is no effect")
     if other is not None and factor is None:
         factor = next(iter(measure.factors), None)
-    if (factor is None) != (other is None) or (factor is not None and factor not in measure.factors):
-        raise StrategyError(
-            f"--mean-other and --factor go together; --factor must be one of {', '.join(measure.factors) or 'none'}"
-        )
+    if factor is not None and factor not in measure.factors:
+        raise StrategyError(f"--factor must be one of {', '.join(measure.factors) or 'none'}, not {factor!r}")
+    if factor is not None and other is None:
+        raise StrategyError(f"--factor {factor} needs --mean-other: the {measure.title} at its last level")
+    if other is not None and factor is None:
+        raise StrategyError(f"--mean-other needs a factor with two levels, and {name} has none in this plan")
     if factor is None and measure.chance is None:
         raise StrategyError(f"{name} has no chance level: --mean-other and --factor say what differs")
     for key, most in (("spread", 10.0), ("opposite", 1.0), ("noise", 10.0)):
@@ -153,6 +181,7 @@ def power_question(plan: StudyPlan, options: dict[str, Any]) -> PowerQuestion:
     if not 100 <= options["tables"] <= 100_000:
         raise StrategyError(f"--tables must be 100 to 100000, not {options['tables']}")
     given = {key: options[key] for key in ("spread", "opposite", "noise") if options[key] is not None}
+    given.setdefault("spread", SPREAD)
     return PowerQuestion(
         measure=measure, trials=_trials(plan, measure), planned=len(plan.codes), mean=mean, mean_other=other,
         factor=factor, tables=options["tables"], seed=options["seed"], **given,

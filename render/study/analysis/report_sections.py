@@ -1,6 +1,8 @@
 """The analysis as sections of a report: sentences, tables and pictures."""
 
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,7 +18,7 @@ from .figures import (
 from .hypothesis_tests import RANKS_LEAST
 from .magnitude_scales import MagnitudeScale
 from .measure_tests import AGAINST, AMBIGUOUS, FOR, FactorTests, MeasureTests
-from .measures import Measure, level_text
+from .measures import Cell, Measure, level_label
 from .psychometric_fit import FittedValue
 from .result_texts import (
     LEVEL_HEAD,
@@ -105,7 +107,8 @@ def report_sections(analysis: StudyAnalysis) -> list[ReportSection]:
         ]
         text = "As they wrote it; nothing is counted."
         sections.append(ReportSection("What people wrote", text, tuple(tables)))
-    return [*sections, ReportSection("What the tests assume", "", (ReportTable("", ASSUMED_HEAD, ASSUMPTIONS),))]
+    text = "Decide before you look at the answers which tests count. What is written above rests on those by ranks."
+    return [*sections, ReportSection("What the tests assume", text, (ReportTable("", ASSUMED_HEAD, ASSUMPTIONS),))]
 
 
 ASSUMED_HEAD = ("test", "assumes", "how it is done here")
@@ -117,8 +120,8 @@ def _participants_section(analysis: StudyAnalysis) -> ReportSection:
     done = count - len(table.unfinished)
     text = (
         f"{count} of {len(table.plan.codes)} participants {_have(count)} taken part; {done} {_have(done)} answered "
-        "everything. Practice trials count for nothing. Nobody is left out but where a value lacks that a comparison "
-        "needs."
+        "everything. Practice trials are left out. A participant who lacks a value is left out of the comparisons that "
+        "need it, and of nothing else."
     )
     if count < RANKS_LEAST:
         text += (
@@ -127,6 +130,15 @@ def _participants_section(analysis: StudyAnalysis) -> ReportSection:
         )
     counted = [own for own in analysis.open if own.question.kind != "text"]
     tables = []
+    if table.sessions:
+        kinds = Counter((own.array, own.source, own.palpate) for own in table.sessions)
+        days = sorted(own.began[:10] for own in table.sessions)
+        text += (
+            f"\n\n{len(table.sessions)} sessions from {days[0]} to {days[-1]}; {table.replayed_count} intervals were "
+            "stopped, or their trial was played again."
+        )
+        rows = [(*kind, str(number)) for kind, number in kinds.items()]
+        tables.append(ReportTable("Sessions", ("array", "poses of the hand from", "palpate", "sessions"), rows))
     if counted:
         rows = [(own.question.text, own.place, own.summary) for own in counted]
         tables.append(ReportTable("Questions", ("question", "asked", "answers"), rows))
@@ -152,10 +164,16 @@ def _choice_section(tests: MeasureTests) -> ReportSection:
         _tendency_paragraph(tests),
     ]
     rows = [
-        (own.code, number_text(own.mean), f"{own.above} of {own.cells}", own.tendency, *test_row(own.binomial)[2:6])
+        (
+            own.code,
+            number_text(own.mean),
+            f"{own.above} and {own.below} of {own.cells}",
+            own.tendency,
+            *test_row(own.binomial)[2:6],
+        )
         for own in tests.tendencies
     ]
-    head = ("participant", name, "cells at chance or above", "tendency", *TEST_HEAD[2:6])
+    head = ("participant", name, "cells at chance or above, and at chance or below", "tendency", *TEST_HEAD[2:6])
     tables = (*_measure_tables(tests), ReportTable("Participants, by exact binomial tests of all answers", head, rows))
     pictures = (*_level_pictures(measure), *_pictures(draw_participants(measure)))
     return ReportSection(f"Choices: {name}", "\n\n".join(paragraphs), tables, pictures)
@@ -168,6 +186,7 @@ def _measure_section(tests: MeasureTests, title: str) -> ReportSection:
     paragraphs = [
         f"{measure.title[:1].upper()}{measure.title[1:]}{unit}{scale}: {_cells_text(measure)}. Participants' means are "
         f"{mean_text(measure.by_participant())}.",
+        *([measure.note] if measure.note else []),
         *(factor_paragraph(measure, own) for own in tests.factors),
     ]
     pictures = _level_pictures(measure)
@@ -179,7 +198,8 @@ def _measure_section(tests: MeasureTests, title: str) -> ReportSection:
 def _measure_tables(tests: MeasureTests) -> tuple[ReportTable, ...]:
     measure = tests.measure
     of_participants = [own for own in (tests.chance_by_ranks, tests.chance_by_means) if own is not None]
-    of_cells = [tests.normality, *([tests.chance_by_cells] if tests.chance_by_cells is not None else [])]
+    beside = (tests.normality, tests.heterogeneity, tests.chance_by_cells)
+    of_cells = [own for own in beside if own is not None]
     for own in tests.factors:
         of_participants += [*([own.omnibus] if own.omnibus is not None else []), *own.by_ranks, *own.by_means]
         of_cells += own.by_cells
@@ -188,13 +208,19 @@ def _measure_tables(tests: MeasureTests) -> tuple[ReportTable, ...]:
         rows = [test_row(own) for own in of_participants]
         tables.append(ReportTable("Tests: a participant is one observation", TEST_HEAD, rows))
     rows = [test_row(own) for own in of_cells]
-    tables.append(ReportTable("Beside: each cell of a participant as an observation of its own", TEST_HEAD, rows))
+    tables.append(
+        ReportTable(
+            "For comparison, as in the founding paper: each cell of a participant is an observation", TEST_HEAD, rows
+        )
+    )
     return tuple(tables)
 
 
 def factor_paragraph(measure: Measure, tests: FactorTests) -> str:
     """What a measure says of one factor: means of its levels, and which of them differ."""
-    means = "; ".join(f"{level_text(own)}: {mean_text(measure.at_level(tests.factor, own))}" for own in tests.levels)
+    means = "; ".join(
+        f"{level_label(tests.factor, own)}: {mean_text(measure.at_level(tests.factor, own))}" for own in tests.levels
+    )
     crossed = ""
     if not tests.is_crossed:
         crossed = (
@@ -284,10 +310,13 @@ def _level_pictures(measure: Measure) -> tuple[ReportPicture, ...]:
     names = list(measure.factors)
     if not names or not np.isfinite(measure.values).any():
         return ()
-    pictures = _pictures(draw_measure(measure, names[0], names[1] if len(names) > 1 else None))
-    for name in names[1:]:
-        pictures = (*pictures, *_pictures(draw_measure(measure, name, None)))
-    return pictures
+    drawn = [draw_measure(measure, *names[:2])] if len(names) > 1 else []
+    for name in names:  # a dot is a participant, as in the tests
+        levels = measure.factors[name]
+        cells = tuple(Cell(level_label(name, own), {name: own}) for own in levels)
+        values = np.stack([measure.at_level(name, own) for own in levels], axis=1)
+        drawn.append(draw_measure(replace(measure, cells=cells, values=values, successes=None, counts=None), name))
+    return _pictures(*drawn)
 
 
 def _pictures(*drawn: ReportPicture | None) -> tuple[ReportPicture, ...]:

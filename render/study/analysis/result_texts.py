@@ -75,7 +75,12 @@ def numbers_text(test: StatisticalTest) -> str:
         [] if test.effect_size is None else [f"{SHORT_NAMES.get(test.effect, test.effect)} = {test.effect_size:.2f}"]
     )
     p = p_equation(test.p) if holm is None else p_equation(holm, symbol="p_Holm")
-    return ", ".join([statistic_text(test), f"n = {test.n}", p, *effect])
+    count = f"n = {test.n}{f', {test.zeros} of them 0' * (test.zeros > 0)}"
+    found = []
+    if test.difference is not None and test.difference_low is not None and test.difference_high is not None:
+        low, high = number_text(test.difference_low), number_text(test.difference_high)
+        found = [f"difference {number_text(test.difference)} [{low}, {high}]"]
+    return ", ".join([statistic_text(test), count, p, *effect, *found])
 
 
 def test_row(test: StatisticalTest) -> tuple[str, ...]:
@@ -156,7 +161,8 @@ def mean_text(values: np.ndarray) -> str:
     if not len(found):
         return "nothing"
     spread = f" ± {number_text(float(found.std(ddof=1)))}" if len(found) > 1 else ""
-    return f"{number_text(float(found.mean()))}{spread}"
+    lacking = f" (n = {len(found)})" if len(found) < len(values) else ""
+    return f"{number_text(float(found.mean()))}{spread}{lacking}"
 
 
 def all_tests(tests: MeasureTests) -> Iterable[tuple[str, str, StatisticalTest]]:

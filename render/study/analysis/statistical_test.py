@@ -13,6 +13,8 @@ class StatisticalTest:
     """What with what: "cube - tube", "p_cc - 0.5"."""
     n: int
     """Values, or pairs, that there were."""
+    zeros: int = 0
+    """Of them, those that a test by ranks leaves out because they are 0."""
     statistic: str = ""
     """Its symbol: "V", "W", "t", "chi2"."""
     value: float | None = None

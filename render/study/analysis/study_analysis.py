@@ -93,16 +93,24 @@ def _threshold_measures(table: StudyTable, fits: Sequence[FittedLevels]) -> list
             named = [("threshold_staircase", "threshold by staircase", "mu")]
         for kind in named:
             kinds.setdefault(kind, {})[block.name] = block
-    places = {(own.answers.code, own.answers.block.name): own.fit for own in fits}
+    places = {(own.answers.code, own.answers.block.name): own for own in fits}
     measures = []
     for (name, title, of), blocks in kinds.items():
         found = [[_value(places.get((code, own)), of) for own in blocks] for code in table.codes]
         cells = tuple(Cell(own.name, block_factors(own)) for own in blocks.values())
         values = np.array(found, dtype=np.float64).reshape(len(table.codes), len(blocks))
-        measures.append(Measure(name=name, title=title, codes=table.codes, cells=cells, values=values))
+        asked = sum((code, own) in places for code in table.codes for own in blocks)
+        lacking = asked - int(np.isfinite(values).sum())
+        note = f"{lacking} of {asked} fits give none between the levels that were asked, and are left out."
+        measures.append(
+            Measure(name=name, title=title, codes=table.codes, cells=cells, values=values, note=note * (lacking > 0))
+        )
     return measures
 
 
-def _value(fit: PsychometricFit | None, of: str) -> float:
-    value = None if fit is None else getattr(fit, of).value
-    return np.nan if value is None else value
+def _value(own: FittedLevels | None, of: str) -> float:
+    """A fitted value; nan where the threshold does not lie between the levels that were asked."""
+    if own is None or own.fit is None or own.fit.mu.value is None:
+        return np.nan
+    x, value = own.answers.x, getattr(own.fit, of).value
+    return value if value is not None and x[0] <= own.fit.mu.value <= x[-1] else np.nan

@@ -48,6 +48,19 @@ class RatioRecord(NamedTuple):
     r: float
 
 
+class SessionRecord(NamedTuple):
+    """One process that ran a participant."""
+
+    code: str
+    array: str
+    source: str
+    """Where the hand's poses came from."""
+    palpate: str
+    """Its version."""
+    began: str
+    """ISO 8601, UTC."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class StudyTable:
     """All that an analysis needs of a study: read from its data by `read_answers`, or made by a simulation."""
@@ -60,6 +73,10 @@ class StudyTable:
     answers: tuple[AnswerRecord, ...]
     """In the order in which they were given."""
     ratios: tuple[RatioRecord, ...] = ()
+    sessions: tuple[SessionRecord, ...] = ()
+    """Of the participants; a simulation has none."""
+    replayed_count: int = 0
+    """Intervals that were stopped, or belong to a trial that was played again."""
 
     def __repr__(self) -> str:
         return f"StudyTable({self.plan.title!r}, {len(self.codes)} participants, {len(self.answers)} answers)"

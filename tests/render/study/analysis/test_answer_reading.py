@@ -288,7 +288,7 @@ def test_a_list_without_end_is_named(data):
     ("content", "message"),
     [
         (b"", "holds no data of a palpate study"),
-        (b"code,answer\nP01,1\n" * 90, r"cannot be read: it is damaged \(file is not a database\)"),
+        (b"code,answer\nP01,1\n" * 90, r"is no study's data"),
     ],
 )
 def test_files_that_are_no_data_are_refused(tmp_path, content, message):
@@ -314,5 +314,5 @@ def test_what_is_not_there_or_no_file_is_refused(tmp_path):
     with pytest.raises(StudyError, match=r"gone is not there"):
         read_answers(tmp_path / "gone")
     (tmp_path / "answers.sqlite").mkdir()
-    with pytest.raises(StudyError, match=r"answers\.sqlite cannot be read: .*answers\.sqlite is no regular file"):
+    with pytest.raises(StudyError, match=r"answers\.sqlite cannot be read: .*Is a directory"):
         read_answers(tmp_path)

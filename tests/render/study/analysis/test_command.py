@@ -163,7 +163,7 @@ def test_the_terminal_names_measures_and_factors_as_tables_do(analysed, capsys):
     printed = capsys.readouterr().out
     assert "\np_cc - 0.5 " in printed
     assert "\np_cc by object: cube - tube " in printed
-    assert "\np_cc by opacity: 1 - 0.7 " in printed
+    assert "\np_cc by opacity: opacity 1 - opacity 0.7 " in printed
 
 
 def test_json_has_the_same_names(analysed, capsys):

@@ -96,7 +96,7 @@ def test_values_that_differ_by_rounding_are_ties_and_zeros():
 def test_few_participants_who_agree_are_not_called_significant_because_they_are_tied(count, p):
     found = compare_with_centre_by_ranks(np.full(count, 0.8), 0.5, "p_cc - 0.5")  # 2 of the 2^n patterns of signs
     assert found.p == p
-    assert "no p is below 0.05" in found.note
+    assert "no exact p is below 0.05" in found.note
     assert "normal approximation" not in found.note
 
 

@@ -12,6 +12,7 @@ from palpate.render.errors import StrategyError
 from palpate.render.study.analysis import power
 from palpate.render.study.analysis.power import (
     PARTICIPANTS,
+    SPREAD,
     WANTED,
     FoundPower,
     find_power,
@@ -45,7 +46,18 @@ def two_blocks():
 
 def asked(plan, tables=1000, **options):
     """A question, of fewer simulated studies than the command simulates."""
-    return replace(power_question(plan, OPTIONS | options), tables=tables)
+    return replace(power_question(plan, OPTIONS | {"spread": 0.0} | options), tables=tables)
+
+
+def test_where_nobody_says_participants_differ_and_what_is_assumed_is_shown(paper):
+    own = power_question(paper, OPTIONS | {"mean": 0.6})
+    assert own.spread == SPREAD > 0.0
+    # Of probabilities around 0.6 whose logits have a deviation of 1: 0.20, by the integral over the normal density.
+    assert own.assumed["spread"] == "1 of the logit: participants' probabilities deviate by 0.20"
+    assert own.assumed["answers"] == "10 in each of 6 cells"
+    scale = power_question(paper, OPTIONS | {"measure": "confidence", "mean": 5.0, "mean_other": 4.0})
+    assert scale.assumed["mean"] == "5, and 4 at dog"
+    assert scale.assumed["spread"] == "1 point between participants, 1 of one answer (standard deviations)"
 
 
 def require_share(found, expected, tables):
@@ -180,7 +192,7 @@ def test_the_last_level_alone_has_the_other_mean(paper):
     question = replace(asked(paper, mean=0.8, mean_other=0.3, factor="object"), trials=(500,) * 6)
     values = simulate_measure(question, 200, np.random.default_rng(4)).values.mean(axis=0)
     assert values.round(1).tolist() == [0.8, 0.8, 0.8, 0.8, 0.3, 0.3]
-    assert question.sought == "p_cc differs between cube and dog, of object"
+    assert question.sought == "p_cc differs between cube and dog"
     assert asked(paper).sought == "p_cc differs from chance"
 
 
@@ -262,7 +274,10 @@ def test_scales_with_completed_names_have_the_answers_of_their_blocks():
         ({"mean": 0.5}, "--mean must differ from 0.5, with which it is compared: else there is no effect"),
         ({"mean": 0.6, "mean_other": 0.6}, "--mean must differ from 0.6, with which it is compared"),
         ({"mean_other": -0.1}, "--mean-other must be 0 to 1, not -0.1"),
-        ({"factor": "object"}, "--mean-other and --factor go together; --factor must be one of object, opacity"),
+        (
+            {"factor": "object"},
+            "--factor object needs --mean-other: the proportion of answers for cc at its last level",
+        ),
         ({"factor": "colour", "mean_other": 0.5}, "--factor must be one of object, opacity"),
         ({"measure": "p_oc"}, "--measure must be one of p_cc, confidence, difficulty, not 'p_oc'"),
         ({"measure": "confidence", "mean": 8.0}, "--mean must be 1 to 7, not 8"),
@@ -298,7 +313,9 @@ def test_a_plan_without_pairs_and_scales_has_no_power():
 
 def test_a_plan_with_one_cell_has_no_factor():
     plan = plan_of(stimulus_text("a", "b"), ONE_PAIR)
-    with pytest.raises(StrategyError, match="--factor must be one of none"):
+    with pytest.raises(
+        StrategyError, match="--mean-other needs a factor with two levels, and p_b has none in this plan"
+    ):
         asked(plan, mean_other=0.6)
 
 

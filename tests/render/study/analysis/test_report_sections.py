@@ -50,7 +50,7 @@ def test_the_papers_study_has_a_section_for_each_of_its_results(paper):
     assert "6 cells of 18 participants with 10 answers each" in text
     for words in (
         "By object: cube: ",
-        "By opacity: 1: ",
+        "By opacity: opacity 1: ",
         "there are subgroups, or each has a tendency of their own",
         "five sixths of their cells",
     ):
@@ -59,7 +59,7 @@ def test_the_papers_study_has_a_section_for_each_of_its_results(paper):
     tables = [own.title for own in found["Choices: p_cc"].tables]
     assert tables == [
         "p_cc of participants", "Tests: a participant is one observation",
-        "Beside: each cell of a participant as an observation of its own",
+        "For comparison, as in the founding paper: each cell of a participant is an observation",
         "Participants, by exact binomial tests of all answers",
     ]  # fmt: skip
 

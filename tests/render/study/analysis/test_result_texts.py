@@ -35,6 +35,7 @@ RANKS = StatisticalTest(
     effect="rank-biserial r", effect_size=0.73, difference=0.15, difference_low=0.05, difference_high=0.25,
     note="2 differences tied in size; normal approximation with continuity correction",
 )  # fmt: skip
+APART = ", difference 0.15 [0.05, 0.25]"
 LOWER = replace(RANKS, compares="dog - cube", value=20.0, effect_size=-0.7, p_holm=0.0004)
 NOT_FOUND = replace(RANKS, compares="tube - dog", value=70.0, p=0.2, p_holm=0.2, effect_size=0.1)
 NO_TEST = StatisticalTest(
@@ -77,7 +78,7 @@ def test_statistics_show_their_degrees_of_freedom():
 
 
 def test_what_stands_in_brackets_is_the_corrected_p_where_there_is_one():
-    assert bracket_text(RANKS) == "Wilcoxon signed-rank test, V = 148, n = 18, p_Holm = 0.018, r_rb = 0.73"
+    assert bracket_text(RANKS) == "Wilcoxon signed-rank test, V = 148, n = 18, p_Holm = 0.018, r_rb = 0.73" + APART
     assert bracket_text(T) == "paired t-test, t(9) = -4.06, n = 10, p = 0.003, d_z = -1.28"
     assert bracket_text(NO_TEST) == "Wilcoxon signed-rank test: all differences are zero"
     shapiro = StatisticalTest(test="Shapiro-Wilk test", compares="p_cc", n=108, statistic="W", value=0.9, p=0.0001)
@@ -100,16 +101,16 @@ def test_a_row_of_a_table_has_both_p_and_the_interval():
     [
         (
             replace(RANKS, p_holm=None),
-            "p_cc is above chance (0.5; Wilcoxon signed-rank test, V = 148, n = 18, p = 0.006, r_rb = 0.73).",
+            f"p_cc is above chance (0.5; Wilcoxon signed-rank test, V = 148, n = 18, p = 0.006, r_rb = 0.73{APART}).",
         ),
         (
             replace(RANKS, p_holm=None, effect_size=-0.73),
-            "p_cc is below chance (0.5; Wilcoxon signed-rank test, V = 148, n = 18, p = 0.006, r_rb = -0.73).",
+            f"p_cc is below chance (0.5; Wilcoxon signed-rank test, V = 148, n = 18, p = 0.006, r_rb = -0.73{APART}).",
         ),
         (
             replace(RANKS, p_holm=None, p=0.05),
             "No difference of p_cc from chance (0.5) was found "
-            "(Wilcoxon signed-rank test, V = 148, n = 18, p = 0.050, r_rb = 0.73).",
+            f"(Wilcoxon signed-rank test, V = 148, n = 18, p = 0.050, r_rb = 0.73{APART}).",
         ),
         (
             NO_TEST,
@@ -122,9 +123,9 @@ def test_a_sentence_says_on_which_side_of_chance_a_measure_is(test, sentence):
     assert chance_sentence("p_cc", test, 0.5) == sentence
 
 
-HIGHER_TEXT = "confidence is higher for cube than for tube (V = 148, n = 18, p_Holm = 0.018, r_rb = 0.73)."
-LOWER_TEXT = "Confidence is lower for dog than for cube (V = 20, n = 18, p_Holm < 0.001, r_rb = -0.70)."
-NOT_FOUND_TEXT = "tube and dog: V = 70, n = 18, p_Holm = 0.200, r_rb = 0.10"
+HIGHER_TEXT = f"confidence is higher for cube than for tube (V = 148, n = 18, p_Holm = 0.018, r_rb = 0.73{APART})."
+LOWER_TEXT = f"Confidence is lower for dog than for cube (V = 20, n = 18, p_Holm < 0.001, r_rb = -0.70{APART})."
+NOT_FOUND_TEXT = "tube and dog: V = 70, n = 18, p_Holm = 0.200, r_rb = 0.10" + APART
 NO_TEST_TEXT = "cube and dog: all differences are zero"
 HOLM = "By Holm-corrected Wilcoxon signed-rank tests,"
 ALONE = replace(RANKS, compares="1 - 0.7", p_holm=None)
@@ -141,7 +142,7 @@ ALONE = replace(RANKS, compares="1 - 0.7", p_holm=None)
         (
             [ALONE],
             "By Wilcoxon signed-rank test, confidence is higher for 1 than for 0.7 (V = 148, n = 18, p = 0.006, "
-            "r_rb = 0.73).",
+            f"r_rb = 0.73{APART}).",
         ),
         ([], ""),
     ],
@@ -150,15 +151,9 @@ def test_sentences_say_which_levels_differ_and_which_were_not_found_to(tests, te
     assert pair_sentences("confidence", tests) == text
 
 
-def test_many_pairs_without_a_difference_are_counted_and_not_listed():
-    tests = [replace(NOT_FOUND, compares=f"a{k} - b{k}") for k in range(11)]
-    assert pair_sentences("ease", tests) == "No difference was found (11 pairs, which the table lists)."
-    assert "a9 and b9: " in pair_sentences("ease", tests[:10])
-
-
 def test_a_level_with_the_sign_of_the_difference_in_its_name_is_not_cut():
     own = replace(RANKS, compares="cube - big - tube")
-    text = "V = 148, n = 18, p_Holm = 0.018, r_rb = 0.73"
+    text = "V = 148, n = 18, p_Holm = 0.018, r_rb = 0.73" + APART
     assert pair_sentences("p_cc", [own]) == f"{HOLM} p_cc has a difference cube - big - tube above 0 ({text})."
     none = pair_sentences("p_cc", [replace(own, p_holm=0.3)])
     assert none.startswith(f"{HOLM} no difference was found (cube - big - tube: V = ")
@@ -211,7 +206,7 @@ def test_cells_that_are_the_levels_of_the_only_factor_are_listed_once():
 
 
 @pytest.mark.parametrize(
-    ("values", "text"), [([], "nothing"), ([np.nan], "nothing"), ([2.0, np.nan], "2"), ([1.0, 3.0], "2 ± 1.41")]
+    ("values", "text"), [([], "nothing"), ([np.nan], "nothing"), ([2.0, np.nan], "2 (n = 1)"), ([1.0, 3.0], "2 ± 1.41")]
 )
 def test_means_are_of_what_is_there(values, text):
     assert mean_text(np.array(values)) == text

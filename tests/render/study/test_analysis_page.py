@@ -128,7 +128,7 @@ def test_columns_that_the_lines_of_r_name_are_there():
     columns, made = set(answer_columns(paper_table())), set(re.findall(r"^trials\$(\w+) <-", code, re.MULTILINE))
     used = set(re.findall(r"trials\$(\w+)\b(?! <-)", code)) | set(re.findall(r"block_\w+", code)) | {"code"}
     formula = re.search(r"glmer\((\w+) ~ (\w+) \* (\w+) \+ \(1 \| (\w+)\)", code).groups()
-    subset = re.search(r"subset\(answers, (\w+) == \"answer\" & tolower\((\w+)\)", code).groups()
+    subset = re.search(r"subset\(answers, (\w+) == \"answer\" & !(\w+)\)", code).groups()
     assert used | set(formula) | set(subset) <= columns | made
     assert made == {"cc", "opacity"}
 

@@ -5,14 +5,18 @@ import re
 
 import numpy as np
 import pytest
-from answered_tables import PAPER, QUESTION, chosen, levels_text, paper_answers, plan_of, table_of
+from answered_tables import PAPER, QUESTION, chosen, levels_text, option, paper_answers, plan_of, table_of
 from page_blocks import ROOT, blocks_of
+from simulated_participants import observed_table
+from study_observers import paper_observers
 
-from palpate.render.study.analysis import psychometric_fit
+from palpate.render.study.analysis import psychometric_fit, report_sections
 from palpate.render.study.analysis.command import answer_columns, fit_columns, measure_columns, outcome_columns
 from palpate.render.study.analysis.report_sections import ASSUMPTIONS
 from palpate.render.study.analysis.study_analysis import analyse_answers
 from palpate.render.study.analysis.table_files import write_tables
+from palpate.render.study.plan.example_plans import example_text
+from palpate.render.study.plan.study_reading import read_stored_study
 
 PAGE = ROOT / "docs" / "formats" / "study-analysis.md"
 FACTOR = "block_FACTOR"
@@ -34,14 +38,23 @@ def paper_table():
 
 
 def fitted_table():
-    """Answers of one participant to constant stimuli, of a plan whose block has a level."""
+    """Answers of one participant to all that functions are fitted to, of a plan whose first block has a level."""
     plan = plan_of(
         levels_text([1, 2, 3]),
         f'[[block]]\nfor = {{ side = ["left"] }}\nname = "c-{{side}}"\ndesign = "constant"\nstandard = "s2"\n'
         f'comparisons = ["s1", "s3"]\n{QUESTION}\n',
+        f'[[block]]\nname = "y"\ndesign = "constant"\ncomparisons = ["s1", "s2"]\noptions = ["no", "yes"]\n'
+        f"{QUESTION}\n",
+        '[[block]]\nname = "t"\ndesign = "staircase"\nlevels = ["s3", "s2", "s1"]\noptions = ["no", "yes"]\n'
+        f'correct = "yes"\n{QUESTION}\n',
     )
     pair = chosen("P01", "c-left", ("s2", "s3"), "1101")
-    return table_of(plan, [own._replace(comparison=own.stimuli.index("s3")) for own in pair])
+    return table_of(
+        plan,
+        [own._replace(comparison=own.stimuli.index("s3")) for own in pair],
+        option("P01", "y", 0, 1, ("no", "yes"), ("s2",)),
+        option("P01", "t", 0, 1, ("no", "yes"), ("s3",), level=0),
+    )
 
 
 MADE = {
@@ -58,6 +71,23 @@ def test_the_page_lists_the_columns_of_each_table_in_their_order(name):
     levels = r"block_(?:object|opacity|side)"
     made = list(dict.fromkeys(FACTOR if re.fullmatch(levels, own) else own for own in MADE[name]()))
     assert listed == made
+
+
+@pytest.mark.parametrize("table", [paper_table, fitted_table])
+def test_the_page_lists_every_measure(table):
+    listed = {own for row in rows_below("What is measured") for own in re.findall(r"`(\w+)`", row[0])} | {"difficulty"}
+    assert {own.measure.name for own in analyse_answers(table()).tests} <= listed
+
+
+def test_the_tutorial_quotes_the_report_of_simulated_people(monkeypatch):
+    for name in [own for own in vars(report_sections) if own.startswith("draw_")]:
+        monkeypatch.setattr(report_sections, name, lambda *values, **options: None)
+    plan = read_stored_study(example_text("paper"), "paper.toml")
+    analysis = analyse_answers(observed_table(plan, paper_observers(18, seed=1), 1))
+    text = " ".join(own.text for own in report_sections.report_sections(analysis))
+    quoted = re.findall(r"(?:^> .*\n)+", (ROOT / "docs" / "tutorial" / "study.md").read_text(), re.MULTILINE)
+    assert len(quoted) == 2
+    assert [own for own in quoted if " ".join(own.replace("> ", "").split()) not in " ".join(text.split())] == []
 
 
 def test_the_page_and_the_report_say_the_same_of_what_tests_assume():
@@ -98,7 +128,7 @@ def test_columns_that_the_lines_of_r_name_are_there():
     columns, made = set(answer_columns(paper_table())), set(re.findall(r"^trials\$(\w+) <-", code, re.MULTILINE))
     used = set(re.findall(r"trials\$(\w+)\b(?! <-)", code)) | set(re.findall(r"block_\w+", code)) | {"code"}
     formula = re.search(r"glmer\((\w+) ~ (\w+) \* (\w+) \+ \(1 \| (\w+)\)", code).groups()
-    subset = re.search(r"subset\(answers, (\w+) == \"answer\" & tolower\((\w+)\)", code).groups()
+    subset = re.search(r"subset\(answers, (\w+) == \"answer\" & !(\w+)\)", code).groups()
     assert used | set(formula) | set(subset) <= columns | made
     assert made == {"cc", "opacity"}
 

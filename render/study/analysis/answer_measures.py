@@ -12,6 +12,8 @@ from .study_table import AnswerRecord, StudyTable
 
 NAME = ""
 """Key under which a stimulus' name stands among its factors, none of which can be called so."""
+PAIRS_NAMED = 6
+"""In the title of a measure of pairs that share nothing."""
 Keyed = dict[tuple[str, Hashable], list[float]]
 """Values by participant and key of a cell."""
 
@@ -49,10 +51,12 @@ def choice_measures(table: StudyTable) -> list[Measure]:
     with np.errstate(invalid="ignore"):
         values = successes / counts
     called = "second" if wanted is None else level_text(wanted)
+    named = list(dict.fromkeys(f"{second} over {first}" for _, (first, second) in pairs))
+    seconds_text = ", ".join([*named[:PAIRS_NAMED], *(["..."] if len(named) > PAIRS_NAMED else [])])
     return [
         Measure(
             name=f"p_{''.join(own if own.isalnum() else '_' for own in called)}",
-            title=f"proportion of answers for {'the second of a pair' if wanted is None else called}",
+            title=f"proportion of answers for {seconds_text if wanted is None else called}",
             codes=table.codes,
             cells=tuple(cells.values()),
             values=values,

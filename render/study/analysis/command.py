@@ -85,8 +85,9 @@ def _write(folder: Path, analysis: StudyAnalysis, sections: list[ReportSection],
     table = analysis.table
     title = f"{table.plan.title}: analysis"
     introduction = (
-        f"Made by palpate {version('palpate')} from {source} on {time.strftime('%Y-%m-%d')}. A participant is one "
-        "observation of each test; all p are two-sided, and below 0.05 a difference is called found."
+        f"Made by palpate {version('palpate')} from {source} on {time.strftime('%Y-%m-%d')}. Sentences say what "
+        "tests found in which a participant is one observation; below 0.05 a p, corrected where there are several, is "
+        "called found."
     )
     footer = "Tests by SciPy and statsmodels. What each assumes stands at the end."
     files = {

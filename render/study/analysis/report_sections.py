@@ -94,7 +94,8 @@ def report_sections(analysis: StudyAnalysis) -> list[ReportSection]:
     sections += [_measure_section(own, own.measure.title.capitalize()) for own in analysis.scales]
     for name in dict.fromkeys(own.answers.block.name for own in analysis.fits):
         sections.append(_fit_section([own for own in analysis.fits if own.answers.block.name == name]))
-    sections += [_measure_section(own, own.measure.title.capitalize()) for own in analysis.thresholds]
+    doubts = threshold_doubts(analysis.fits)
+    sections += [_measure_section(own, own.measure.title.capitalize(), doubts) for own in analysis.thresholds]
     sections += [_magnitude_section(own) for own in analysis.magnitudes]
     sections += [_measure_section(own, own.measure.title.capitalize()) for own in analysis.exponents]
     written = [own for own in analysis.open if own.question.kind == "text" and own.texts]
@@ -153,13 +154,32 @@ def _choice_section(tests: MeasureTests) -> ReportSection:
     return ReportSection(f"Choices: {name}", "\n\n".join(paragraphs), tables, pictures)
 
 
-def _measure_section(tests: MeasureTests, title: str) -> ReportSection:
+def threshold_doubts(fits: Sequence[FittedLevels]) -> str:
+    """What thresholds and just noticeable differences count though their fits warn of it; empty for nothing."""
+    found = [own for own in fits if own.fit is not None and own.fit.mu.value is not None]
+    outside = sum(not own.answers.x[0] <= (own.fit.mu.value or 0.0) <= own.answers.x[-1] for own in found if own.fit)
+    steps = sum(own.fit is not None and own.fit.sigma.value == 0.0 for own in found)
+    falling = [own for own in found if own.fit is not None and own.fit.is_increasing is False]
+    parts = [
+        f"{len(fits) - len(found)} have no threshold and lack here" * (len(found) < len(fits)),
+        f"{outside} have a threshold outside the levels" * bool(outside),
+        f"{steps} are steps, which count with a JND of 0" * bool(steps),
+    ]
+    if 0 < len(falling) < len(found):
+        who = ", ".join(f"{own.answers.code} in {own.answers.block.name}" for own in falling)
+        parts.append(f"{len(falling)} fall with the value where others rise ({who})")
+    listed = "; ".join(filter(None, parts))
+    return f"Of {len(fits)} fits {listed}: see the notes of each before you trust these numbers." if listed else ""
+
+
+def _measure_section(tests: MeasureTests, title: str, doubts: str = "") -> ReportSection:
     measure = tests.measure
     unit = f" [{measure.unit}]" if measure.unit else ""
     scale = f", a scale from {measure.low:g} to {measure.high:g}" if measure.high is not None else ""
     paragraphs = [
         f"{measure.title[:1].upper()}{measure.title[1:]}{unit}{scale}: {_cells_text(measure)}. Participants' means are "
         f"{mean_text(measure.by_participant())}.",
+        *filter(None, [doubts]),
         *(factor_paragraph(measure, own) for own in tests.factors),
     ]
     pictures = _level_pictures(measure)

@@ -72,6 +72,13 @@ ASSUMPTIONS = (
         "It asks whether participants differ from each other by more than chance.",
     ),
     (
+        "tendency of a participant",
+        "nothing; it is no test",
+        "The founding paper's rule: five sixths of a participant's cells on one side of chance, where those at chance "
+        "count for both sides. Of people who answer at random in 6 cells of 10 answers it calls 25 % `for` and 25 % "
+        "`against`: the binomial tests beside it keep to 5 %.",
+    ),
+    (
         "psychometric function",
         "answers are independent; the cumulative Gaussian describes them; at most 6 % lapses",
         "Maximum likelihood; intervals by profile likelihood. The deviance's p is poor for few answers a level.",
@@ -224,8 +231,8 @@ def factor_paragraph(measure: Measure, tests: FactorTests) -> str:
 def _tendency_paragraph(tests: MeasureTests) -> str:
     counts = {kind: sum(own.tendency == kind for own in tests.tendencies) for kind in (FOR, AGAINST, AMBIGUOUS)}
     groups = (
-        f"{counts[FOR]} participants have five sixths of their cells at chance or above, {counts[AGAINST]} at chance "
-        f"or below, and {counts[AMBIGUOUS]} are ambiguous."
+        f"{counts[FOR]} of {len(tests.tendencies)} participants have five sixths of their cells at chance or above, "
+        f"{counts[AGAINST]} at chance or below, and {counts[AMBIGUOUS]} are ambiguous."
     )
     test = tests.heterogeneity
     if test is None or test.p is None:
@@ -245,8 +252,11 @@ def _fit_section(fits: Sequence[FittedLevels]) -> ReportSection:
     low = "lapses on both sides" if fits[0].answers.lapses_both_ways else f"guess rate {guess:g}"
     text = (
         f"A cumulative Gaussian over the stimuli's values, fitted to {fits[0].answers.counted} of each participant by "
-        f"maximum likelihood ({low}, at most 6 % lapses); intervals of 95 % by profile likelihood."
+        f"maximum likelihood ({low}, at most 6 % lapses); intervals of 95 % by profile likelihood. The threshold is the "
+        "value halfway between both ends of the curve; the JND leads from there to three quarters."
     )
+    if is_staircase:
+        text += f" Reversals lie around the value with {0.5 ** (1 / block.down):.1%} of {fits[0].answers.counted}."
     rows, notes = [], []
     for own in fits:
         answers, fit = own.answers, own.fit

@@ -1,13 +1,14 @@
 """Sentences of the report: none says more than its test does, and none contradicts the numbers beside it."""
 
 import numpy as np
+import pytest
 from answered_tables import QUESTION, levels_text, plan_of
 
 from palpate.render.study.analysis.level_answers import LevelAnswers
-from palpate.render.study.analysis.measure_tests import analyse_measure
+from palpate.render.study.analysis.measure_tests import AGAINST, FOR, analyse_measure
 from palpate.render.study.analysis.measures import Cell, Measure
 from palpate.render.study.analysis.psychometric_fit import fit_psychometric
-from palpate.render.study.analysis.report_sections import factor_paragraph, threshold_doubts
+from palpate.render.study.analysis.report_sections import ASSUMPTIONS, factor_paragraph, threshold_doubts
 from palpate.render.study.analysis.study_analysis import FittedLevels
 
 
@@ -29,6 +30,20 @@ def test_means_over_different_cells_are_not_to_be_compared():
     assert "do not compare these means" in text
     assert "Ease is higher for cube than for tube" in text
     assert "do not compare" not in paragraph_of(values[:, :2], (("cube", 1.0), ("tube", 1.0)))
+
+
+def test_of_people_who_answer_at_random_the_papers_rule_calls_as_many_for_as_the_report_says():
+    successes = np.random.default_rng(7).binomial(10, 0.5, (400, 6))
+    measure = Measure(
+        name="p", title="p", codes=tuple(map(str, range(400))), chance=0.5, values=successes / 10,
+        cells=tuple(Cell(str(k), {"block": str(k)}) for k in range(6)), successes=successes,
+        counts=np.full((400, 6), 10),
+    )  # fmt: skip
+    found = [own.tendency for own in analyse_measure(measure).tendencies]
+    said = next(how for name, _, how in ASSUMPTIONS if name == "tendency of a participant")
+    for name in (FOR, AGAINST):
+        assert found.count(name) / 400 == pytest.approx(0.25, abs=0.06)
+        assert f"25 % `{name}`" in said
 
 
 def fits_of(**shares):

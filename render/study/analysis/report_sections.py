@@ -252,8 +252,8 @@ def _fit_section(fits: Sequence[FittedLevels]) -> ReportSection:
     low = "lapses on both sides" if fits[0].answers.lapses_both_ways else f"guess rate {guess:g}"
     text = (
         f"A cumulative Gaussian over the stimuli's values, fitted to {fits[0].answers.counted} of each participant by "
-        f"maximum likelihood ({low}, at most 6 % lapses); intervals of 95 % by profile likelihood. The threshold is the "
-        "value halfway between both ends of the curve; the JND leads from there to three quarters."
+        f"maximum likelihood ({low}, at most 6 % lapses); intervals of 95 % by profile likelihood. The threshold is "
+        "the value halfway between both ends of the curve; the JND leads from there to three quarters of the way."
     )
     if is_staircase:
         text += f" Reversals lie around the value with {0.5 ** (1 / block.down):.1%} of {fits[0].answers.counted}."

@@ -33,16 +33,16 @@ def test_means_over_different_cells_are_not_to_be_compared():
 
 
 def test_of_people_who_answer_at_random_the_papers_rule_calls_as_many_for_as_the_report_says():
-    successes = np.random.default_rng(7).binomial(10, 0.5, (400, 6))
+    successes = np.random.default_rng(7).binomial(10, 0.5, (200, 6))
     measure = Measure(
-        name="p", title="p", codes=tuple(map(str, range(400))), chance=0.5, values=successes / 10,
+        name="p", title="p", codes=tuple(map(str, range(200))), chance=0.5, values=successes / 10,
         cells=tuple(Cell(str(k), {"block": str(k)}) for k in range(6)), successes=successes,
-        counts=np.full((400, 6), 10),
+        counts=np.full((200, 6), 10),
     )  # fmt: skip
     found = [own.tendency for own in analyse_measure(measure).tendencies]
     said = next(how for name, _, how in ASSUMPTIONS if name == "tendency of a participant")
     for name in (FOR, AGAINST):
-        assert found.count(name) / 400 == pytest.approx(0.25, abs=0.06)
+        assert found.count(name) / 200 == pytest.approx(0.25, abs=0.08)
         assert f"25 % `{name}`" in said
 
 

@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,10 @@ from .study_table import AnswerRecord, StudyTable
 
 NAME = ""
 """Key under which a stimulus' name stands among its factors, none of which can be called so."""
+BlockPair = tuple[PlannedBlock, tuple[str, ...]]
+"""A pair of stimuli, with the block that plays it."""
+PAIRS_NAMED = 6
+"""In the title of a measure of pairs that share nothing."""
 Keyed = dict[tuple[str, Hashable], list[float]]
 """Values by participant and key of a cell."""
 
@@ -29,39 +34,19 @@ def choice_measures(table: StudyTable) -> list[Measure]:
     """How often the second stimulus of each pair was chosen, as a proportion: p; of blocks of the design `2ifc`.
 
     Where one stimulus of each pair has a value of a factor that the other one does not have, such as the strategy cc,
-    the measure is how often that one was chosen, in whichever order the plan writes a pair: p_cc.
+    the measure is how often that one was chosen, in whichever order the plan writes a pair: p_cc. Pairs that have no
+    such value in common are a measure for each question that is asked of them, as denser is not larger.
     """
-    plan = table.plan
-    pairs = [(block, pair) for block in plan.blocks if block.design == "2ifc" for pair in block.sets]
-    if not pairs:
-        return []
-    wanted, places = _shared_level(plan, [pair for _, pair in pairs])
-    pairs = [(block, (pair[1 - place], pair[place])) for (block, pair), place in zip(pairs, places, strict=True)]
-    cells = {(block.name, frozenset(pair)): _pair_cell(block, pair) for block, pair in pairs}
-    seconds = {(block.name, frozenset(pair)): pair[1] for block, pair in pairs}
-    chosen: Keyed = defaultdict(list)
-    for own in counted(table):
-        key = own.block, frozenset(own.stimuli)
-        if key in cells and own.name == "answer" and isinstance(own.value, int):
-            chosen[own.code, key].append(float(own.stimuli[own.value] == seconds[key]))
-    successes, counts = (_matrix(table.codes, list(cells), chosen, function) for function in (sum, len))
-    successes, counts = np.nan_to_num(successes).astype(np.int64), np.nan_to_num(counts).astype(np.int64)
-    with np.errstate(invalid="ignore"):
-        values = successes / counts
-    called = "second" if wanted is None else level_text(wanted)
+    pairs = [(block, pair) for block in table.plan.blocks if block.design == "2ifc" for pair in block.sets]
+    families: dict[str, list[BlockPair]] = defaultdict(list)
+    for block, pair in pairs:
+        families[block.question.text].append((block, pair))
+    if not pairs or _shared_level(table.plan, [pair for _, pair in pairs])[0] is not None:
+        families = {"": pairs} if pairs else {}
+    measures = [_choice_measure(table, own) for own in families.values()]
+    names = [own.name for own in measures]
     return [
-        Measure(
-            name=f"p_{''.join(own if own.isalnum() else '_' for own in called)}",
-            title=f"proportion of answers for {'the second of a pair' if wanted is None else called}",
-            codes=table.codes,
-            cells=tuple(cells.values()),
-            values=values,
-            successes=successes,
-            counts=counts,
-            chance=0.5,
-            low=0.0,
-            high=1.0,
-        )
+        replace(own, name=f"{own.name}_{k}") if names.count(own.name) > 1 else own for k, own in enumerate(measures, 1)
     ]
 
 
@@ -132,6 +117,38 @@ def counted(table: StudyTable) -> Iterator[AnswerRecord]:
 def block_factors(block: PlannedBlock) -> dict[str, Level]:
     """The levels of a block: those of its `for`, else its name."""
     return dict(block.factors) or {"block": block.name}
+
+
+def _choice_measure(table: StudyTable, pairs: list[BlockPair]) -> Measure:
+    """The proportion of pairs that are compared with each other."""
+    wanted, places = _shared_level(table.plan, [pair for _, pair in pairs])
+    pairs = [(block, (pair[1 - place], pair[place])) for (block, pair), place in zip(pairs, places, strict=True)]
+    cells = {(block.name, frozenset(pair)): _pair_cell(block, pair) for block, pair in pairs}
+    seconds = {(block.name, frozenset(pair)): pair[1] for block, pair in pairs}
+    chosen: Keyed = defaultdict(list)
+    for own in counted(table):
+        key = own.block, frozenset(own.stimuli)
+        if key in cells and own.name == "answer" and isinstance(own.value, int):
+            chosen[own.code, key].append(float(own.stimuli[own.value] == seconds[key]))
+    successes, counts = (_matrix(table.codes, list(cells), chosen, function) for function in (sum, len))
+    successes, counts = np.nan_to_num(successes).astype(np.int64), np.nan_to_num(counts).astype(np.int64)
+    with np.errstate(invalid="ignore"):
+        values = successes / counts
+    called = "second" if wanted is None else level_text(wanted)
+    named = list(dict.fromkeys(f"{second} over {first}" for _, (first, second) in pairs))
+    seconds_text = ", ".join([*named[:PAIRS_NAMED], *(["..."] if len(named) > PAIRS_NAMED else [])])
+    return Measure(
+        name=f"p_{''.join(own if own.isalnum() else '_' for own in called)}",
+        title=f"proportion of answers for {seconds_text if wanted is None else called}",
+        codes=table.codes,
+        cells=tuple(cells.values()),
+        values=values,
+        successes=successes,
+        counts=counts,
+        chance=0.5,
+        low=0.0,
+        high=1.0,
+    )
 
 
 def _scales(plan: StudyPlan) -> Iterator[tuple[PlannedBlock, ScaleKind]]:

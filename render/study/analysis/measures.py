@@ -42,8 +42,6 @@ class Measure:
     """int64, shape [participant, cell]: of a proportion, all answers."""
     chance: float | None = None
     """Value that answers at random have."""
-    note: str = ""
-    """A sentence about values that lack."""
     low: float | None = None
     high: float | None = None
     """Bounds of the scale, where there are any."""

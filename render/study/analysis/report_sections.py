@@ -75,6 +75,13 @@ ASSUMPTIONS = (
         "It asks whether participants differ from each other by more than chance.",
     ),
     (
+        "tendency of a participant",
+        "nothing; it is no test",
+        "The founding paper's rule: five sixths of a participant's cells on one side of chance, where those at chance "
+        "count for both sides. Of people who answer at random in 6 cells of 10 answers it calls 25 % `for` and 25 % "
+        "`against`: the binomial tests beside it keep to 5 %.",
+    ),
+    (
         "psychometric function",
         "answers are independent; the cumulative Gaussian describes them; at most 6 % lapses",
         "Maximum likelihood; intervals by profile likelihood. The deviance's p is poor for few answers a level.",
@@ -97,7 +104,8 @@ def report_sections(analysis: StudyAnalysis) -> list[ReportSection]:
     sections += [_measure_section(own, own.measure.title.capitalize()) for own in analysis.scales]
     for name in dict.fromkeys(own.answers.block.name for own in analysis.fits):
         sections.append(_fit_section([own for own in analysis.fits if own.answers.block.name == name]))
-    sections += [_measure_section(own, own.measure.title.capitalize()) for own in analysis.thresholds]
+    doubts = threshold_doubts(analysis.fits)
+    sections += [_measure_section(own, own.measure.title.capitalize(), doubts) for own in analysis.thresholds]
     sections += [_magnitude_section(own) for own in analysis.magnitudes]
     sections += [_measure_section(own, own.measure.title.capitalize()) for own in analysis.exponents]
     written = [own for own in analysis.open if own.question.kind == "text" and own.texts]
@@ -179,14 +187,32 @@ def _choice_section(tests: MeasureTests) -> ReportSection:
     return ReportSection(f"Choices: {name}", "\n\n".join(paragraphs), tables, pictures)
 
 
-def _measure_section(tests: MeasureTests, title: str) -> ReportSection:
+def threshold_doubts(fits: Sequence[FittedLevels]) -> str:
+    """What thresholds and just noticeable differences count though their fits warn of it; empty for nothing."""
+    found = [own for own in fits if own.fit is not None and own.fit.mu.value is not None]
+    outside = sum(not own.answers.x[0] <= (own.fit.mu.value or 0.0) <= own.answers.x[-1] for own in found if own.fit)
+    steps = sum(own.fit is not None and own.fit.sigma.value == 0.0 for own in found)
+    falling = [own for own in found if own.fit is not None and own.fit.is_increasing is False]
+    parts = [
+        f"{len(fits) - len(found)} have no threshold and lack here" * (len(found) < len(fits)),
+        f"{outside} have a threshold outside the levels and lack here, too" * bool(outside),
+        f"{steps} are steps, which count with a JND of 0" * bool(steps),
+    ]
+    if 0 < len(falling) < len(found):
+        who = ", ".join(f"{own.answers.code} in {own.answers.block.name}" for own in falling)
+        parts.append(f"{len(falling)} fall with the value where others rise ({who})")
+    listed = "; ".join(filter(None, parts))
+    return f"Of {len(fits)} fits {listed}: see the notes of each before you trust these numbers." if listed else ""
+
+
+def _measure_section(tests: MeasureTests, title: str, doubts: str = "") -> ReportSection:
     measure = tests.measure
     unit = f" [{measure.unit}]" if measure.unit else ""
     scale = f", a scale from {measure.low:g} to {measure.high:g}" if measure.high is not None else ""
     paragraphs = [
         f"{measure.title[:1].upper()}{measure.title[1:]}{unit}{scale}: {_cells_text(measure)}. Participants' means are "
         f"{mean_text(measure.by_participant())}.",
-        *([measure.note] if measure.note else []),
+        *filter(None, [doubts]),
         *(factor_paragraph(measure, own) for own in tests.factors),
     ]
     pictures = _level_pictures(measure)
@@ -238,9 +264,9 @@ def factor_paragraph(measure: Measure, tests: FactorTests) -> str:
 def _tendency_paragraph(tests: MeasureTests) -> str:
     counts = {kind: sum(own.tendency == kind for own in tests.tendencies) for kind in (FOR, AGAINST, AMBIGUOUS)}
     groups = (
-        f"{_participants(counts[FOR])} {_have(counts[FOR])} five sixths of their cells at chance or above, "
-        f"{counts[AGAINST]} at chance or below, and {counts[AMBIGUOUS]} {'is' if counts[AMBIGUOUS] == 1 else 'are'} "
-        "ambiguous."
+        f"{counts[FOR]} of {_participants(len(tests.tendencies))} {_have(counts[FOR])} five sixths of their cells at "
+        f"chance or above, {counts[AGAINST]} at chance or below, and {counts[AMBIGUOUS]} "
+        f"{'is' if counts[AMBIGUOUS] == 1 else 'are'} ambiguous."
     )
     test = tests.heterogeneity
     if test is None or test.p is None:
@@ -260,8 +286,11 @@ def _fit_section(fits: Sequence[FittedLevels]) -> ReportSection:
     low = "lapses on both sides" if fits[0].answers.lapses_both_ways else f"guess rate {guess:g}"
     text = (
         f"A cumulative Gaussian over the stimuli's values, fitted to {fits[0].answers.counted} of each participant by "
-        f"maximum likelihood ({low}, at most 6 % lapses); intervals of 95 % by profile likelihood."
+        f"maximum likelihood ({low}, at most 6 % lapses); intervals of 95 % by profile likelihood. The threshold is "
+        "the value halfway between both ends of the curve; the JND leads from there to three quarters of the way."
     )
+    if is_staircase:
+        text += f" Reversals lie around the value with {0.5 ** (1 / block.down):.1%} of {fits[0].answers.counted}."
     rows, notes = [], []
     for own in fits:
         answers, fit = own.answers, own.fit

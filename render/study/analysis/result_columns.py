@@ -112,6 +112,7 @@ def fit_columns(analysis: StudyAnalysis) -> Columns:
             row |= {name: value.value, f"{name}_low": value.low, f"{name}_high": value.high}
         row |= {
             "converged": fit is not None and fit.converged,
+            "is_increasing": None if fit is None else fit.is_increasing,
             "goodness_p": None if fit is None else fit.goodness_p,
             "note": answers.reason if fit is None else fit.note,
         }

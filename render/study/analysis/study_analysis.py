@@ -99,12 +99,7 @@ def _threshold_measures(table: StudyTable, fits: Sequence[FittedLevels]) -> list
         found = [[_value(places.get((code, own)), of) for own in blocks] for code in table.codes]
         cells = tuple(Cell(own.name, block_factors(own)) for own in blocks.values())
         values = np.array(found, dtype=np.float64).reshape(len(table.codes), len(blocks))
-        asked = sum((code, own) in places for code in table.codes for own in blocks)
-        lacking = asked - int(np.isfinite(values).sum())
-        note = f"{lacking} of {asked} fits give none between the levels that were asked, and are left out."
-        measures.append(
-            Measure(name=name, title=title, codes=table.codes, cells=cells, values=values, note=note * (lacking > 0))
-        )
+        measures.append(Measure(name=name, title=title, codes=table.codes, cells=cells, values=values))
     return measures
 
 

@@ -271,3 +271,21 @@ def test_r_is_the_mean_of_a_block_and_blocks_that_nobody_felt_live_are_no_cells(
     (own,) = ratio_measures(table)
     assert [cell.name for cell in own.cells] == ["cube-1.0", "dog-0.7"]
     np.testing.assert_array_equal(own.values, [[1.75, np.nan], [np.nan, 1.1]])
+
+
+def test_pairs_of_different_targets_are_a_measure_for_each_question():
+    def block(name, pair, question):
+        return f'[[block]]\nname = "{name}"\ndesign = "2ifc"\npairs = {pair}\nquestion = "{question}"\n'
+
+    parts = [block("x", '[["oc", "cc"]]', "Denser?"), block("y", '[["small", "large"]]', "Larger?")]
+    plan = plan_of(stimulus_text("oc", "cc", "small", "large"), *parts)
+    answers = chosen("P01", "x", ("oc", "cc"), "11"), chosen("P01", "y", ("small", "large"), "10")
+    found = choice_measures(table_of(plan, *answers))
+    assert [(own.name, own.values.tolist()) for own in found] == [("p_cc", [[1.0]]), ("p_large", [[0.5]])]
+    rounds = '[["oc", "cc"], ["cc", "small"], ["oc", "small"]]'
+    plan = plan_of(
+        stimulus_text("oc", "cc", "small", "large"), block("x", rounds, "Denser?"), block("y", rounds, "Larger?")
+    )
+    first, second = choice_measures(table_of(plan))
+    assert (first.name, second.name) == ("p_second_1", "p_second_2")
+    assert first.title == "proportion of answers for cc over oc, small over cc, small over oc"

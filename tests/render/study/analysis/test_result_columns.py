@@ -184,6 +184,7 @@ def test_each_fit_has_a_row_and_says_why_there_is_none():
     assert columns["mu_low"][0] < 2.5 < columns["mu_high"][0]
     assert columns["jnd"][0] == pytest.approx(0.6745 * columns["sigma"][0], rel=1e-3)
     assert columns["converged"] == [True, False]
+    assert columns["is_increasing"] == [True, None]
     assert columns["note"][1].startswith("All answers are of one kind")
     assert (columns["mu"][1], columns["guess"], columns["clipped"]) == (None, [0.0, 0.0], [0, 0])
     assert not any(isinstance(own, np.generic) for name in columns for own in columns[name] if name != "converged")

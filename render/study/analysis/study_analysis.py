@@ -1,7 +1,7 @@
 """A study's whole analysis as values: what the report shows, and what simulations ask."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -77,10 +77,24 @@ def _fit(own: LevelAnswers) -> PsychometricFit | None:
 
 
 def _threshold_measures(table: StudyTable, fits: Sequence[FittedLevels]) -> list[Measure]:
-    """Threshold and just noticeable difference of each participant and block, where the fit gives them."""
+    """Threshold and just noticeable difference of each participant and block, where the fit gives them.
+
+    Blocks whose functions count other answers are other measures: a point of subjective equality is no threshold of
+    detection.
+    """
+    kinds = list(dict.fromkeys(own.answers.counted for own in fits))
+    measures = []
+    for number, kind in enumerate(kinds, 1):
+        found = _measures_of_fits(table, [own for own in fits if own.answers.counted == kind])
+        if len(kinds) > 1:
+            found = [replace(own, name=f"{own.name}_{number}", title=f"{own.title} of {kind}") for own in found]
+        measures += found
+    return measures
+
+
+def _measures_of_fits(table: StudyTable, fits: Sequence[FittedLevels]) -> list[Measure]:
+    """Of functions that count the same answers."""
     blocks = list({own.answers.block.name: own.answers.block for own in fits}.values())
-    if not blocks:
-        return []
     places = {(own.answers.code, own.answers.block.name): own.fit for own in fits}
     cells = tuple(Cell(own.name, block_factors(own)) for own in blocks)
 

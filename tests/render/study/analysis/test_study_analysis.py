@@ -145,6 +145,18 @@ def test_a_standard_ties_the_lapses_and_a_staircase_has_a_guess_rate():
     assert stair.guess == 0.5
 
 
+def test_thresholds_of_detection_are_not_compared_with_points_of_equality():
+    whole = analyse_answers(
+        table_of(EVERY, *(random_run(EVERY, code, np.random.default_rng(1)) for code in EVERY.codes))
+    )
+    found = [(own.measure.name, own.measure.title, len(own.measure.cells)) for own in whole.thresholds[::2]]
+    assert found == [
+        ("threshold_1", "threshold of answers for the comparison", 1),
+        ("threshold_2", "threshold of correct answers", 1),
+        ("threshold_3", "threshold of answers 'yes'", 1),
+    ]
+
+
 def test_a_study_of_every_design_is_analysed():
     plan = plan_of(
         levels_text(LEVELS),

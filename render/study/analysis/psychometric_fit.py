@@ -15,6 +15,7 @@ import numpy as np
 from ...errors import StudyError
 from .hypothesis_tests import ALIKE, join_ties
 
+PEAKS_MOST = 4  # of the grid, for one lapse rate, that are climbed
 CHI_SQUARE_95 = 3.841458820694124
 """95 % quantile of chi-square with 1 degree of freedom: a value at an interval's end has so much more deviance."""
 SAME = 1e-6
@@ -345,9 +346,16 @@ class _Profile:
             "b": np.geomspace(0.3, levels.steepest, 16),
             "lapse": np.unique([0.0, levels.lapse_max / 2.0, levels.lapse_max]),
         }
+        from scipy import ndimage
+
         for lapse in self._axes["lapse"]:
             starts = self._grid(lapse=np.array([lapse]))
-            self._climb(np.zeros(3), np.eye(3), [0, 1, 2], starts[np.argmax(levels.log(starts))])
+            logs = levels.log(starts).reshape(len(self._axes["mu"]), -1)
+            # Proportions that rise and fall again have several local maxima, and the grid's best start may lead to a
+            # lower one.
+            peaks = np.flatnonzero(logs >= ndimage.maximum_filter(logs, size=3, mode="nearest"))
+            for start in peaks[np.argsort(-logs.ravel()[peaks], kind="stable")[:PEAKS_MOST]]:
+                self._climb(np.zeros(3), np.eye(3), [0, 1, 2], starts[start])
 
     def best(self, axis: str) -> float:
         """The value of mu, b or lapse at the best point."""

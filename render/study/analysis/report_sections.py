@@ -104,8 +104,10 @@ def report_sections(analysis: StudyAnalysis) -> list[ReportSection]:
     sections += [_measure_section(own, own.measure.title.capitalize()) for own in analysis.scales]
     for name in dict.fromkeys(own.answers.block.name for own in analysis.fits):
         sections.append(_fit_section([own for own in analysis.fits if own.answers.block.name == name]))
-    doubts = threshold_doubts(analysis.fits)
-    sections += [_measure_section(own, own.measure.title.capitalize(), doubts) for own in analysis.thresholds]
+    for own in analysis.thresholds:
+        blocks = {cell.name for cell in own.measure.cells}
+        doubts = threshold_doubts([fitted for fitted in analysis.fits if fitted.answers.block.name in blocks])
+        sections.append(_measure_section(own, own.measure.title.capitalize(), doubts))
     sections += [_magnitude_section(own) for own in analysis.magnitudes]
     sections += [_measure_section(own, own.measure.title.capitalize()) for own in analysis.exponents]
     written = [own for own in analysis.open if own.question.kind == "text" and own.texts]

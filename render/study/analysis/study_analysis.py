@@ -91,6 +91,8 @@ def _threshold_measures(table: StudyTable, fits: Sequence[FittedLevels]) -> list
             named = [("pse", "point of subjective equality", "mu"), ("jnd", "just noticeable difference", "jnd")]
         elif block.design == "staircase":
             named = [("threshold_staircase", "threshold by staircase", "mu")]
+            if not own.answers.guess:  # of single intervals, where people differ in when they say yes
+                named = [("threshold_staircase_yes", "threshold by staircase of yes and no", "mu")]
         for kind in named:
             kinds.setdefault(kind, {})[block.name] = block
     places = {(own.answers.code, own.answers.block.name): own for own in fits}

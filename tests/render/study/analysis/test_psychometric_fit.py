@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from published_examples import BEETLES, FITS, table_of_examples
 from scipy import special, stats
@@ -68,6 +68,7 @@ def test_answers_that_lie_on_a_curve_give_that_curve(model, sigma):
 
 @pytest.mark.parametrize("model", MODELS)
 @given(successes=st.lists(st.integers(0, 8), min_size=7, max_size=7))
+@example(successes=[1, 1, 6, 7, 8, 5, 4])  # a lower maximum lies nearer to the best start
 @FEW
 def test_no_curve_of_a_grid_describes_any_answers_better(model, successes):
     options = MODELS[model]

@@ -85,7 +85,7 @@ def test_every_design_has_its_section_and_both_pages_are_made_of_them():
     titles = [own.title for own in sections]
     for title in (
         "Choices: p_second", "Thresholds: constant", "Thresholds: staircase",
-        "Point of subjective equality", "Just noticeable difference", "Threshold by staircase",
+        "Point of subjective equality", "Just noticeable difference", "Threshold by staircase of yes and no",
         "Magnitudes: magnitude", "Exponent of the power law", "Rough", "Hard",
     ):  # fmt: skip
         assert title in titles

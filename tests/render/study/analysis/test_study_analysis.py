@@ -144,6 +144,15 @@ def test_a_standard_ties_the_lapses_and_a_staircase_has_a_guess_rate():
     assert stair.guess == 0.5
 
 
+def test_thresholds_of_detection_are_not_compared_with_points_of_equality():
+    whole = analyse_answers(
+        table_of(EVERY, *(random_run(EVERY, code, np.random.default_rng(1)) for code in EVERY.codes))
+    )
+    assert [(own.measure.name, len(own.measure.cells)) for own in whole.thresholds] == [
+        ("pse", 1), ("jnd", 1), ("threshold_staircase", 1), ("threshold_staircase_yes", 1),
+    ]  # fmt: skip
+
+
 def test_a_study_of_every_design_is_analysed():
     plan = plan_of(
         levels_text(LEVELS),

@@ -32,6 +32,15 @@ def test_means_over_different_cells_are_not_to_be_compared():
     assert "do not compare" not in paragraph_of(values[:, :2], (("cube", 1.0), ("tube", 1.0)))
 
 
+def test_means_that_contradict_what_ranks_find_are_named():
+    values = np.array([[4.0 + 0.01 * k, 3.9] for k in range(16)] + [[1.0, 6.9], [1.0, 6.8]])
+    text = paragraph_of(values, (("cube", 1.0), ("tube", 1.0)))
+    assert values[:, 0].mean() < values[:, 1].mean()
+    assert "ease is higher for cube than for tube" in text
+    assert text.endswith("The mean of cube - tube has the other sign: few far values move a mean more than ranks.")
+    assert "other sign" not in paragraph_of(values[:16], (("cube", 1.0), ("tube", 1.0)))
+
+
 def test_of_people_who_answer_at_random_the_papers_rule_calls_as_many_for_as_the_report_says():
     successes = np.random.default_rng(7).binomial(10, 0.5, (200, 6))
     measure = Measure(

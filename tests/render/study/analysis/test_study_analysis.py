@@ -1,5 +1,8 @@
 """A study's whole analysis: of every design, of data with holes, whatever participants and blocks are called."""
 
+import contextlib
+from statistics import NormalDist
+
 import numpy as np
 import pytest
 from answered_tables import (
@@ -22,6 +25,7 @@ from palpate.render.study.analysis.level_answers import replay_tracks
 from palpate.render.study.analysis.result_texts import all_tests
 from palpate.render.study.analysis.study_analysis import analyse_answers
 from palpate.render.study.analysis.study_table import AnswerRecord, StudyTable
+from palpate.render.study.plan.block_designs import rng_of, trials_of
 
 ROWS = {
     "P01": ["1101111011 5 3", "0111101110 4 4", "1100010110 3 5", "1110111011 5 2", "0001110100 2 6", "1101011010 4 4"],
@@ -232,3 +236,30 @@ def test_practice_alone_is_as_good_as_nothing():
     assert found.fits == ()
     assert all(own.answers == () for own in found.open)
     assert "P01 has finished and lacks pairs, constant, stairs, seen, sizes, rated, look: " in found.faults[1]
+
+
+@pytest.mark.exhaustive
+def test_intervals_of_staircases_hold_the_threshold_about_as_often_as_the_report_says():
+    values = [round(4 * 0.85**k, 4) for k in range(24)]
+    names = ", ".join(f'"s{k}"' for k in range(1, 25))
+    block = (
+        f'[[block]]\nname = "x"\ndesign = "staircase"\nlevels = [{names}]\nstandard = "none"\ntracks = 2\n'
+        f"steps = [2, 1]\nreversals = 10\ntrials_max = 120\ndown = 2\n{QUESTION}\n"
+    )
+    plan = plan_of(levels_text(values), stimulus_text("none"), block, participants=120)
+    rng, truth, answers = np.random.default_rng(5), NormalDist(1.0, 0.3), []
+    for number_of_code, code in enumerate(plan.codes):
+        trials = trials_of(plan.blocks[0], rng_of(plan, number_of_code, 0))
+        trial, count = next(trials), 0
+        with contextlib.suppress(StopIteration):
+            while True:
+                is_right = rng.random() < 0.5 + 0.5 * truth.cdf(values[trial.level])
+                value = trial.comparison if is_right else 1 - trial.comparison
+                own = {"comparison": trial.comparison, "level": trial.level, "track": trial.track}
+                answers.append(option(code, "x", count, value, ("First", "Second"), trial.stimuli, **own))
+                count += 1
+                trial = trials.send({"answer": value})
+    fits = [own.fit for own in analyse_answers(table_of(plan, answers)).fits]
+    held = np.mean([(own.mu.low or -np.inf) <= 1.0 <= (own.mu.high or np.inf) for own in fits])
+    assert 0.84 <= held <= 0.97  # 0.91 by 400 participants; 120 scatter by 0.026
+    assert np.median([own.mu.value for own in fits if own.mu.value is not None]) == pytest.approx(1.0, abs=0.06)

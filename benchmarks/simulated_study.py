@@ -288,7 +288,8 @@ supposes. They share no code with the analysis.
 
 Each went through the participant's page's own messages, on a virtual clock, into a data file: 1080 trials. Planted is
 what the same people would answer with endless trials. `people` counts those whom the paper's rule calls so: five of six
-cells on one side of chance."""
+cells on one side of chance. Of people who feel nothing, it calls a quarter `for` and a quarter `against`, so that fewer
+indifferent people are recovered than are planted."""
 RATES = """\
 ## How often it is found
 

@@ -45,7 +45,7 @@ _SESSIONS = "SELECT code, array, source, palpate, began FROM sessions ORDER BY i
 _REPLAYED = """
 SELECT count(*) FROM intervals WHERE outcome <> 'played' OR NOT EXISTS (
     SELECT 1 FROM answers WHERE answers.code = intervals.code AND answers.block = intervals.block
-    AND answers.trial = intervals.trial AND answers.attempt >= intervals.attempt)
+    AND answers.trial = intervals.trial AND answers.attempt = intervals.attempt)
 """
 _SQLITE = b"SQLite format 3\0"
 """What a database begins with."""

@@ -147,8 +147,8 @@ def _participants_section(analysis: StudyAnalysis) -> ReportSection:
         kinds = Counter((own.array, own.source, own.palpate) for own in table.sessions)
         days = sorted(own.began[:10] for own in table.sessions)
         text += (
-            f"\n\n{len(table.sessions)} sessions from {days[0]} to {days[-1]}; {table.replayed_count} intervals were "
-            "stopped, or their trial was played again."
+            f"\n\nSessions: {len(table.sessions)}, from {days[0]} to {days[-1]}. Intervals that were stopped, or whose "
+            f"trial was played again: {table.replayed_count}."
         )
         rows = [(*kind, str(number)) for kind, number in kinds.items()]
         tables.append(ReportTable("Sessions", ("array", "poses of the hand from", "palpate", "sessions"), rows))

@@ -35,7 +35,7 @@ SELECT code, block, avg(chosen = substr(block, 1, instr(block, '-') - 1) || '-cc
 FROM tidy_answers WHERE name = 'answer' AND design = '2ifc' AND NOT is_practice
 GROUP BY code, block
 """
-R_OF_THE_DOCUMENTATION = """
+R_BY_SQL = """
 SELECT code, block, avg(r) AS r
 FROM intervals JOIN answers USING (code, block, trial, attempt)
 WHERE outcome = 'played' AND name = 'answer' AND NOT answers.is_practice
@@ -113,12 +113,24 @@ def test_p_is_that_of_the_documentations_sql(written):
     assert own.values[0].tolist() == pytest.approx([0.7, 0.5, 0.2, 0.0, 0.8, 0.5])  # ROWS without 2 for practice
 
 
-def test_r_is_that_of_the_documentations_sql(written):
+def test_r_is_that_of_sql_alone(written):
     (own,) = ratio_measures(read_answers(written))
-    expected = {(code, block): r for code, block, r in query(written, R_OF_THE_DOCUMENTATION)}
+    expected = {(code, block): r for code, block, r in query(written, R_BY_SQL)}
     assert cells(own) == pytest.approx(expected)
     assert len(expected) == 12
     assert np.nanmax(own.values) < 2.0  # r of intervals that were played again was 100
+
+
+def test_sessions_and_what_was_not_counted_are_read(written):
+    table = read_answers(written)
+    assert [(own.code, own.array, own.source) for own in table.sessions] == [("P01", "", ""), ("P02", "", "")]
+    assert all(own.began.startswith("20") and own.palpate for own in table.sessions)
+    (replayed,) = query(
+        written,
+        "SELECT count(*) FROM intervals WHERE outcome <> 'played' OR attempt < (SELECT max(attempt) FROM answers "
+        "WHERE answers.code = intervals.code AND answers.block = intervals.block AND answers.trial = intervals.trial)",
+    )[0]
+    assert table.replayed_count == replayed > 0
 
 
 def test_scales_are_those_that_were_given(written):

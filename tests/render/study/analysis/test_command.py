@@ -69,6 +69,19 @@ def test_facts_and_tables_of_a_folder_are_written_elsewhere(plan, data, tmp_path
     assert not (data / "analysis").exists()
 
 
+def test_data_without_answers_are_refused(plan):
+    with AnswerStore(plan.with_suffix(".data"), read_study(plan)):
+        pass
+    sentence = f"{plan.with_suffix('.data')} has no answers yet: nobody has taken part"
+    refused(FAILED, sentence, "study", "analyse", plan)
+
+
+def test_data_of_another_plan_are_analysed_by_their_own_and_that_is_said(analysed, capsys):
+    analysed.write_text("title = 'Another'")
+    assert command.analyse_study({**NOTHING, "study": analysed}, as_json=False) == 0
+    assert "is not the plan that is kept with the data, 'Infill density', which is used" in capsys.readouterr().err
+
+
 def test_another_programs_database_is_refused(tmp_path):
     path = tmp_path / "answers.sqlite"
     path.write_bytes(b"not a database, and long enough to be looked at as one" * 40)

@@ -1,5 +1,7 @@
 """What is odd about data is named in a sentence, and what is usual is not."""
 
+from dataclasses import replace
+
 import pytest
 from answered_tables import (
     BLOCKS,
@@ -18,6 +20,7 @@ from answered_tables import (
 )
 
 from palpate.render.study.analysis.data_faults import data_faults
+from palpate.render.study.analysis.study_table import SessionRecord
 
 USUAL = ["1101111011 5 3", "0111101110 4 4", "1100010110 3 5", "1110111011 5 2", "0001110100 2 6", "1101011010 4 4"]
 PAIR = ("cube-oc", "cube-cc")
@@ -35,6 +38,20 @@ def everybody(**others):
 
 def test_complete_answers_of_usual_people_have_no_faults(paper):
     assert data_faults(table_of(paper, *everybody())) == []
+
+
+def test_hands_and_arrays_that_are_nobodys_are_named(paper):
+    sessions = [
+        SessionRecord("P01", "pat16", "ultraleap", "0.1.0", "2026-11-28T15:00:00+00:00"),
+        SessionRecord("P02", "emulator", "exploration", "0.1.0", "2026-11-28T16:00:00+00:00"),
+        SessionRecord("P03", "pat16", "simulated", "0.1.0", "2026-11-28T17:00:00+00:00"),
+    ]
+    table = table_of(paper, *everybody())
+    assert data_faults(replace(table, sessions=tuple(sessions))) == [
+        "the hand of 2 of 3 sessions was synthetic: nobody felt anything",
+        "1 of 3 sessions played to the emulated array: nobody felt anything",
+    ]
+    assert data_faults(replace(table, sessions=tuple(sessions[:1]))) == []
 
 
 def test_nobody_and_some_who_have_not_begun_are_counted(paper):

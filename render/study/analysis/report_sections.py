@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...reports.report_pages import ReportPicture, ReportSection, ReportTable
+from ..plan.study_plan import StudyPlan
 from .figures import (
     draw_magnitudes,
     draw_measure,
@@ -102,7 +103,7 @@ FITS_SHOWN = 24  # in one picture
 def report_sections(analysis: StudyAnalysis) -> list[ReportSection]:
     """The sections of a report, in the order of a paper's results."""
     sections = [_participants_section(analysis)]
-    sections += [_choice_section(own) for own in analysis.choices]
+    sections += [_choice_section(own, asked_text(own.measure, analysis.table.plan)) for own in analysis.choices]
     sections += [_measure_section(own, "Ratio r") for own in analysis.ratios]
     sections += [_measure_section(own, own.measure.title.capitalize()) for own in analysis.scales]
     for name in dict.fromkeys(own.answers.block.name for own in analysis.fits):
@@ -160,7 +161,19 @@ def _participants_section(analysis: StudyAnalysis) -> ReportSection:
     return ReportSection("Participants and data", text, tuple(tables))
 
 
-def _choice_section(tests: MeasureTests) -> ReportSection:
+def asked_text(measure: Measure, plan: StudyPlan) -> str:
+    """Says that the blocks of a measure ask different questions, whose answers a mean mixes; empty where they don't."""
+    own = {cell.name.partition(": ")[0] for cell in measure.cells}
+    asked = list(dict.fromkeys(block.question.text for block in plan.blocks if block.name in own))
+    if len(asked) < 2:
+        return ""
+    return (
+        f" Its blocks ask {len(asked)} different questions: where these mean different things, read the levels below, "
+        "and not what is said over all cells."
+    )
+
+
+def _choice_section(tests: MeasureTests, asked: str) -> ReportSection:
     measure = tests.measure
     name = measure.name
     counts = measure.counts
@@ -170,7 +183,7 @@ def _choice_section(tests: MeasureTests) -> ReportSection:
     fewest, most = (int(own(counts)) if counts.size else 0 for own in (np.min, np.max))
     answers = str(most) if fewest == most else f"{fewest} to {most}"
     paragraphs = [
-        f"{name} is the {measure.title} in a cell: {_cells_text(measure)} with {answers} answers each.",
+        f"{name} is the {measure.title} in a cell: {_cells_text(measure)} with {answers} answers each.{asked}",
         f"Over all cells, {name} of participants is {mean_text(measure.by_participant())}. "
         + chance_sentence(name, tests.chance_by_ranks, measure.chance)
         + opposed_text([tests.chance_by_ranks], [tests.chance_by_means]),

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from answered_tables import QUESTION, levels_text, plan_of
+from answered_tables import QUESTION, levels_text, plan_of, stimulus_text, table_of
 
+from palpate.render.study.analysis.answer_measures import choice_measures
 from palpate.render.study.analysis.level_answers import LevelAnswers
 from palpate.render.study.analysis.measure_tests import AGAINST, FOR, analyse_measure
 from palpate.render.study.analysis.measures import Cell, Measure
 from palpate.render.study.analysis.psychometric_fit import fit_psychometric
-from palpate.render.study.analysis.report_sections import ASSUMPTIONS, factor_paragraph, threshold_doubts
+from palpate.render.study.analysis.report_sections import ASSUMPTIONS, asked_text, factor_paragraph, threshold_doubts
 from palpate.render.study.analysis.study_analysis import FittedLevels
 
 
@@ -30,6 +31,20 @@ def test_means_over_different_cells_are_not_to_be_compared():
     assert "do not compare these means" in text
     assert "ease is higher for cube than for tube" in text
     assert "do not compare" not in paragraph_of(values[:, :2], (("cube", 1.0), ("tube", 1.0)))
+
+
+def test_a_measure_of_different_questions_says_so():
+    def text_of(*questions):
+        blocks = [
+            f'[[block]]\nname = "b{k}"\ndesign = "2ifc"\npairs = [["a", "b"]]\nquestion = "{own}"\n'
+            for k, own in enumerate(questions)
+        ]
+        plan = plan_of(stimulus_text("a", "b"), *blocks)
+        (measure,) = choice_measures(table_of(plan))
+        return asked_text(measure, plan)
+
+    assert text_of("Denser?", "Denser?") == ""
+    assert text_of("Denser?", "Smoother?").startswith(" Its blocks ask 2 different questions")
 
 
 def test_means_that_contradict_what_ranks_find_are_named():

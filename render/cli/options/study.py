@@ -125,7 +125,9 @@ def analyse(
     ] = None,
     spread: Annotated[
         float | None,
-        typer.Option(metavar="SD", help="Of --power: between participants, of a proportion's logit, or in points."),
+        typer.Option(
+            metavar="SD", help="Of --power: between participants, of a proportion's logit, or in points; by default 1."
+        ),
     ] = None,
     opposite: Annotated[
         float | None,

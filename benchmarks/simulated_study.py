@@ -16,7 +16,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from statistics import NormalDist
 
@@ -28,8 +28,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "cases" / "pages"))
 from simulated_participants import ObservedTables, simulate_study
 from study_observers import PAPER_RATIOS, Observer, null_observers, paper_observers
 
+from palpate.render.study.analysis.answer_measures import choice_measures
 from palpate.render.study.analysis.answer_reading import read_answers
-from palpate.render.study.analysis.hypothesis_tests import bound_proportion
+from palpate.render.study.analysis.hypothesis_tests import bound_proportion, compare_with_centre_by_ranks
+from palpate.render.study.analysis.measure_tests import compare_pairs
 from palpate.render.study.analysis.power import power_of, power_question
 from palpate.render.study.analysis.result_texts import is_found
 from palpate.render.study.analysis.study_analysis import StudyAnalysis, analyse_answers
@@ -55,6 +57,8 @@ PEOPLE: dict[str, Callable[[int], list[Observer]]] = {
 NORMAL = NormalDist()
 MEMORY = "/dev/shm"
 """Folder of data files, where it exists: a study waits for the disk 3000 times."""
+POWER_FACTOR = 3
+"""Tables that judge the power, for each of the others: powers differ by little."""
 Findings = dict[str, bool]
 
 
@@ -69,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     begun = time.perf_counter()
     studies = whole_studies(options.studies)
     rates = {name: table_rates(name, options.tables, options.workers) for name in PEOPLE}
-    powers = compare_power(rates["weak effect, one group"], options.tables)
+    powers = compare_power(POWER_FACTOR * options.tables)
     figures = {"studies": studies, "rates": rates, "powers": powers, "seconds": time.perf_counter() - begun}
     sys.stdout.write(json.dumps(figures, indent=1) + "\n")
     if options.page:
@@ -111,7 +115,7 @@ def planted(people: Sequence[Observer]) -> dict[str, float]:
     numbers |= {f"p_cc {shape}": statistics.fmean(values[shape, own] for own in OPACITIES) for shape in OBJECTS}
     numbers |= {f"p_cc {own:g}": statistics.fmean(values[shape, own] for shape in OBJECTS) for own in OPACITIES}
     numbers |= {f"r {shape}": PAPER_RATIOS[shape, 1.0][0] for shape in OBJECTS}
-    for kind, sign in (("for", 1), ("against", -1), ("indifferent", 0)):
+    for kind, sign in (("for", 1), ("against", -1), ("ambiguous", 0)):
         numbers[f"people {kind}"] = sum(own.sign == sign for own in people)
     return numbers
 
@@ -134,7 +138,7 @@ def recovered(analysis: StudyAnalysis) -> dict[str, float]:
     numbers |= {f"r {shape}": float(r.at_level("object", shape).mean()) for shape in OBJECTS}
     tendencies = Counter(own.tendency for own in choice.tendencies)
     numbers |= {f"people {kind}": tendencies[kind] for kind in ("for", "against")}
-    return numbers | {"people indifferent": tendencies["ambiguous"]}
+    return numbers | {"people ambiguous": tendencies["ambiguous"]}
 
 
 def findings(analysis: StudyAnalysis) -> Findings:
@@ -157,7 +161,7 @@ def findings(analysis: StudyAnalysis) -> Findings:
             found[f"{name}, any pair by t-tests"] = any(map(is_found, own.by_means))
             if own.omnibus is not None:
                 found[f"{name}, Friedman"] = is_found(own.omnibus)
-            if tests.measure.name == "p_cc":
+            if tests.measure.name == "p_cc" and len(own.levels) > 2:
                 found |= {f"p_cc: {test.compares}": is_found(test) for test in own.by_ranks}
     return found
 
@@ -186,15 +190,26 @@ def _count_findings(task: tuple[str, range]) -> Counter[str]:
     return total
 
 
-def compare_power(rates: Mapping, count: int) -> list[dict]:
-    """What the power says of the weak effect, of whose people it knows mean and spread, beside the rates found."""
-    plan = paper_plan()
+def compare_power(count: int) -> list[dict]:
+    """What the power says of the weak effect, of whose people it knows mean and spread, beside what the analysis finds.
+
+    count: tables of each.
+    """
+    plan, tables = paper_plan(), ObservedTables(paper_plan())
     people = [own for seed in range(200) for own in PEOPLE["weak effect, one group"](10_000 + seed)]
     shares = {shape: np.array([closed_share(own, shape, 1.0) for own in people]) for shape in OBJECTS}
+    hits: Counter[str] = Counter()
+    for seed in range(count):
+        observers = PEOPLE["weak effect, one group"](50_000 + seed)
+        (measure,) = choice_measures(tables.table(observers, seed))
+        against = compare_with_centre_by_ranks(measure.by_participant(), 0.5, "")
+        pairs = {own.compares: own for own in compare_pairs(measure, "object")}
+        for sought, test in (("p_cc against chance", against), ("p_cc: cube - dog", pairs["cube - dog"])):
+            hits[sought] += is_found(test) and (test.effect_size or 0.0) > 0.0
     found = []
     of_all = np.mean(list(shares.values()), axis=0)
     for sought, mean, other, factor in (
-        ("p_cc against chance, participants", of_all, None, None),
+        ("p_cc against chance", of_all, None, None),
         ("p_cc: cube - dog", shares["cube"], shares["dog"], "object"),
     ):
         logits = np.log(mean / (1 - mean))
@@ -204,13 +219,12 @@ def compare_power(rates: Mapping, count: int) -> list[dict]:
             "opposite": None, "noise": None, "tables": max(count, 100), "seed": 1,
         }  # fmt: skip
         own = power_of(power_question(plan, options), 18)
-        hits = rates["found"].get(sought, 0)
-        low, high = bound_proportion(hits, rates["tables"])
+        low, high = bound_proportion(hits[sought], count)
         found.append(
             {
                 "sought": sought, "mean": options["mean"], "other": options["mean_other"],
                 "spread": options["spread"], "power": own.power, "power_low": own.low, "power_high": own.high,
-                "rate": hits / rates["tables"], "rate_low": low, "rate_high": high,
+                "rate": hits[sought] / count, "rate_low": low, "rate_high": high,
             }
         )  # fmt: skip
     return found
@@ -244,7 +258,7 @@ def page_text(figures: dict, table_count: int) -> str:
     rows = [(name, *(rate_text(rates[kind]["found"].get(name, 0), rates[kind]["tables"]) for kind in kinds))
             for name in all_names]  # fmt: skip
     parts.append(markdown_table(("found", *kinds), rows))
-    parts.append(POWERS)
+    parts.append(POWERS.format(tables=POWER_FACTOR * table_count))
     rows = [
         (
             own["sought"], f"{own['mean']:.3f}{'' if own['other'] is None else ' and {:.3f}'.format(own['other'])}",
@@ -267,8 +281,8 @@ def rate_text(count: int, total: int) -> str:
 
 def markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table in Markdown."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    lines = ["| " + " | ".join(line) + " |" for line in (head, *rows)]
+    return "\n".join([lines[0], "|" + "---|" * len(head), *lines[1:]])
 
 
 HEAD = """\
@@ -303,7 +317,7 @@ POWERS = """\
 ## Power
 
 `palpate study analyse --power` knows people by a mean and a spread alone; the observers are made otherwise. Of `weak
-effect, one group`, 18 participants:"""
+effect, one group`, 18 participants, each from {tables} studies of other seeds, with 95 % binomial intervals:"""
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -57,7 +57,6 @@ def test_the_analysis_finds_no_more_than_5_percent_where_nothing_is(people):
 
 @pytest.mark.exhaustive
 def test_the_analysis_finds_what_is_planted_as_often_as_its_power_says():
-    rates = simulated_study.table_rates("weak effect, one group", 200, 1)
-    for own in simulated_study.compare_power(rates, 400):
+    for own in simulated_study.compare_power(400):
         assert own["rate_low"] <= own["power_high"], own
         assert own["power_low"] <= own["rate_high"], own

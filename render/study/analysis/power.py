@@ -23,8 +23,8 @@ from .measure_tests import compare_pairs
 from .measures import Measure, level_label
 from .study_table import StudyTable
 
-PARTICIPANTS = (6, 8, 10, 12, 14, 16, 18, 20, 24, 28, 32, 36, 40, 48, 60, 80, 100, 150, 200)
-"""Numbers of participants that are tried."""
+PARTICIPANTS = (*range(6, 61), *range(65, 201, 5))
+"""Numbers of participants among which the least one that has the power is searched."""
 WANTED = 0.8
 """Power that studies commonly aim at."""
 SPREAD = 1.0

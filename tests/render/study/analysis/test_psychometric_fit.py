@@ -47,6 +47,7 @@ def test_published_data_have_the_numbers_of_r(example):
         assert found[name] == pytest.approx(number, rel=example.tolerance, abs=1e-9), name
 
 
+@pytest.mark.exhaustive
 def test_the_page_of_measured_statistics_lists_these_fits():
     assert table_of_examples(FITS) in PAGE.read_text(encoding="utf-8")
 

@@ -87,6 +87,7 @@ def fits_of(**shares):
     ]  # fmt: skip
 
 
+@pytest.mark.exhaustive
 def test_thresholds_that_are_doubtful_are_counted_where_they_are_compared():
     text = threshold_doubts(
         fits_of(P01=[1, 3, 7, 9], P02=[9, 7, 3, 1], P03=[0, 0, 10, 10], P04=[10] * 4, P05=[0, 0, 1, 3])

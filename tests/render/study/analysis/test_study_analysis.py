@@ -148,6 +148,7 @@ def test_a_standard_ties_the_lapses_and_a_staircase_has_a_guess_rate():
     assert stair.guess == 0.5
 
 
+@pytest.mark.exhaustive
 def test_thresholds_of_detection_are_not_compared_with_points_of_equality():
     whole = analyse_answers(
         table_of(EVERY, *(random_run(EVERY, code, np.random.default_rng(1)) for code in EVERY.codes))
@@ -207,7 +208,9 @@ def test_the_last_answer_of_a_block_that_lacks_is_named():
         assert sentence.startswith(f"P02 has not finished and lacks {block.name} (")
 
 
-@pytest.mark.parametrize(("seed", "share"), [(1, 0.9), (2, 0.5), (3, 0.1), (4, 0.01)])
+@pytest.mark.parametrize(
+    ("seed", "share"), [pytest.param(1, 0.9, marks=pytest.mark.exhaustive), (2, 0.5), (3, 0.1), (4, 0.01)]
+)
 def test_any_answers_may_lack_and_nothing_that_is_there_is_lost(seed, share):
     rng = np.random.default_rng(seed)
     given = [own for code in EVERY.codes for own in random_run(EVERY, code, rng)]

@@ -92,7 +92,8 @@ def _write(folder: Path, analysis: StudyAnalysis, sections: list[ReportSection],
         f"Made by palpate {version('palpate')} from {source} on {time.strftime('%Y-%m-%d')}. Sentences say what tests "
         "found in which a participant is one observation; all p are two-sided, and below 0.05, corrected where there "
         "are several, a difference is called found. ± is the standard deviation between participants. A difference is "
-        "the pseudo-median in tests by ranks, the mean in t-tests; its 95 % interval stands in brackets."
+        "the pseudo-median in tests by ranks, the mean in t-tests; its 95 % interval, which is not "
+        "corrected, stands in brackets."
     )
     footer = f"Tests by SciPy {version('scipy')} and statsmodels {version('statsmodels')}."
     files = {

@@ -40,10 +40,13 @@ VIOLIN_LEAST = 5  # values that a violin needs
 GOLDEN = 0.6180339887  # multiples of it, without their whole part, fill an interval evenly
 
 
-def draw_measure(measure: Measure, factor: str, colour: str | None = None) -> ReportPicture | None:
+def draw_measure(
+    measure: Measure, factor: str, colour: str | None = None, *, dot: str = "one cell of a participant"
+) -> ReportPicture | None:
     """A measure by the levels of a factor, and of a second one by colour, as the founding paper's figure 6.
 
-    A dot is a cell of a participant, a violin shows how they are distributed, a white diamond is their mean.
+    A dot is a participant's value, and `dot` says in the caption of what. A violin shows how the dots are distributed,
+    a white diamond their mean.
     """
     levels = list(islice(_levels(measure, factor), LEVELS_MOST))
     left_out = len(list(_levels(measure, factor))) - len(levels)
@@ -83,7 +86,7 @@ def draw_measure(measure: Measure, factor: str, colour: str | None = None) -> Re
     by = factor if colour is None else f"{factor} and {colour}"
     alt = f"Means of {_titled(measure)} by {by}. {'; '.join(means)}."
     alt += "" if measure.chance is None else f" Chance is {measure.chance:g}."
-    caption = f"{_capital(_titled(measure))} by {by}. A dot is one cell of a participant; white diamonds are means"
+    caption = f"{_capital(_titled(measure))} by {by}. A dot is {dot}; white diamonds are means"
     caption += "." if measure.chance is None else f"; the dashed line is chance, {measure.chance:g}."
     caption += _omitted(left_out, "levels")
     name = f"{measure.name}_by_{factor}" if colour is None else f"{measure.name}_by_{factor}_{colour}"

@@ -373,11 +373,14 @@ def _level_pictures(measure: Measure) -> tuple[ReportPicture, ...]:
     if not names or not np.isfinite(measure.values).any():
         return ()
     drawn = [draw_measure(measure, *names[:2])] if len(names) > 1 else []
-    for name in names:  # a dot is a participant, as in the tests
+    dot = "the mean of a participant, as in the tests"
+    for name in names:
         levels = measure.factors[name]
         cells = tuple(Cell(level_label(name, own), {name: own}) for own in levels)
         values = np.stack([measure.at_level(name, own) for own in levels], axis=1)
-        drawn.append(draw_measure(replace(measure, cells=cells, values=values, successes=None, counts=None), name))
+        drawn.append(
+            draw_measure(replace(measure, cells=cells, values=values, successes=None, counts=None), name, dot=dot)
+        )
     return _pictures(*drawn)
 
 

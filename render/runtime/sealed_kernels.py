@@ -37,9 +37,9 @@ _loading = threading.local()
 def guard_kernels() -> None:
     """Have Warp seal each module that it compiles into its cache, and prove each one that it finds there.
 
-    A module that differs from its seal is removed with a warning and compiled again. One without a seal, made by
-    another program, is compiled again if a power cut may have damaged it, and if it cannot be loaded. A second call
-    does nothing.
+    Threads that need the same module wait for the one that loads it. A module that differs from its seal is removed
+    with a warning and compiled again. One without a seal, made by another program, is compiled again if a power cut may
+    have damaged it, and if it cannot be loaded. A second call does nothing.
     """
     import warp as wp
 
@@ -65,6 +65,11 @@ def guard_kernels() -> None:
 
     @wraps(load)
     def load_guarded(self: Any, *rest: Any, **options: Any) -> Any:
+        # Two threads that load one module at once get two of it, of which Warp unloads one, perhaps while it runs.
+        with vars(self).setdefault("palpate_lock", threading.RLock()):
+            return load_alone(self, *rest, **options)
+
+    def load_alone(self: Any, *rest: Any, **options: Any) -> Any:
         try:
             loaded = load(self, *rest, **options)
         except Exception:

@@ -8,8 +8,10 @@ import os
 import random
 import shutil
 import subprocess
+import threading
 import time
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -190,6 +192,21 @@ def test_an_object_that_a_full_disk_cuts_off_is_never_sealed(cache, monkeypatch)
     assert not list(cache.rglob("*.sha256"))
     run()
     assert files(cache)[2].is_file()
+
+
+def test_threads_that_need_a_module_at_once_share_one(cache):
+    run()  # compiled, so that both threads only load it
+    module, both = wp.get_module("palpate_test_sealed_kernels"), threading.Barrier(2)
+    for _ in range(20):
+        module.unload()
+
+        def load():
+            both.wait()
+            return module.load("cpu", 1)
+
+        with ThreadPoolExecutor(2) as pool:
+            first, second = (own.result() for own in [pool.submit(load), pool.submit(load)])
+        assert first is second
 
 
 def test_warp_has_what_is_guarded():

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
         WatchdogError,
     )
     from .flat_arrays import flat_array, flat_grid
+    from .focus_layout import FocusLayout
     from .link import BoardStatus, Link
     from .playing.limits import Limits
     from .playing.player import Player
@@ -70,6 +71,7 @@ _ROOMS = {
     "DevicePermissionError DeviceStallError DeviceTimeoutError FrameError LimitsError LinkError "
     "NoBackendError PlayInterrupted SafetyLimitError UnknownArrayError UpdateRateError WatchdogError",
     "flat_arrays": "flat_array flat_grid",
+    "focus_layout": "FocusLayout",
     "link": "BoardStatus Link",
     "playing.limits": "Limits",
     "playing.player": "Player",
@@ -105,6 +107,7 @@ __all__ = [
     "Fault",
     "FaultKind",
     "FocalZone",
+    "FocusLayout",
     "FrameError",
     "Lateness",
     "Layout",

@@ -9,7 +9,12 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import UpdateRateError
+from .errors import FrameError, UpdateRateError
+
+POINT_BYTES = 16
+"""Of a focal point in a frame: float32 x, y, z [m] in the array's own frame, and intensity 0..1."""
+POINTS_MOST = 8
+"""Focal points that a frame can hold."""
 
 _Number = TypeVar("_Number", bound=np.generic)
 
@@ -113,6 +118,9 @@ class ArrayModel:
     """Frames that board and USB chip may hold beyond what the host sees as sent."""
     frame_bytes: int
     """Bytes of one frame on the wire."""
+    takes_points: bool = False
+    """Whether a frame holds focal points, of 16 bytes each, from which the array's own driver finds the phases; else it
+    holds the delays and levels of transducers."""
     wire_order: NDArray[np.intp]
     """Transducer at each place of the wire, shape [transducer]."""
     delay_offset: NDArray[np.float32]
@@ -196,6 +204,27 @@ class ArrayModel:
             pose=frozen(where),
             unplaced=own,
         )
+
+    @property
+    def point_count(self) -> int:
+        """Focal points of a frame; 0 for an array whose frames hold delays and levels."""
+        return self.frame_bytes // POINT_BYTES if self.takes_points else 0
+
+    def with_points(self, point_count: int) -> ArrayModel:
+        """The array with frames of so many focal points; itself, where its frames hold none.
+
+        Raises `FrameError` outside 1..8.
+
+        >>> from palpate.device import array_model
+        >>> array_model("stratos").with_points(4).frame_bytes, array_model("pat16").with_points(4).frame_bytes
+        (64, 512)
+        """
+        if not self.takes_points:
+            return self
+        if not 1 <= point_count <= POINTS_MOST:
+            raise FrameError(f"a frame of array {self.name} holds 1..{POINTS_MOST} focal points, not {point_count}")
+        own = None if self.unplaced is None else self.unplaced.with_points(point_count)
+        return replace(self, frame_bytes=point_count * POINT_BYTES, unplaced=own)
 
     def in_reach(self, point: NDArray[np.floating]) -> NDArray[np.bool_]:
         """Which points [m] of the common frame, shape [point, 3], lie in this array's focal zone; NaN does not."""

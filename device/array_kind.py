@@ -9,6 +9,7 @@ from typing import Protocol
 
 from .array import ArrayModel
 from .clock import Clock
+from .focus_layout import FocusLayout
 from .link import Link, TransportKind
 from .wire_layout import Layout
 
@@ -95,8 +96,9 @@ class ArrayKind:
     build: Callable[..., ArrayModel]
     """Makes the model, whose name is `name`. It takes `calibration=` (a path) where there is a `calibration_serial`,
     and `baud=` where `takes_baud`; without them it makes the usual model, the same each time."""
-    layout: Layout
-    """How a frame lies on the wire."""
+    layout: Layout | FocusLayout
+    """How a frame lies on the wire, and so what the array takes: delays and levels of its transducers, or focal points,
+    from which its own driver finds them."""
     open_link: Callable[[ArrayModel, LinkRequest], Link]
     """Finds, opens and claims an array of a model of this kind."""
     calibration_serial: Callable[[Path], str | None] | None = None
@@ -111,10 +113,17 @@ class ArrayKind:
     """Whether its link opens an emulated array by itself (`LinkRequest.emulated`), without such a bus."""
     not_listed: str | None = None
     """Sentence without its end on why `palpate devices` cannot list it, and how it is named instead; None: it can."""
-
+    watches_itself: str | None = None
+    """Sentence without its end on what silences it when its player is gone, so that it needs no watchdog; None: nothing
+    does."""
     not_live: str | None = None
     """Sentence without its end on why it cannot follow a hand that moves now; None: a frame plays as
     soon as it has been written and those before it have been played."""
+
+    @property
+    def takes_points(self) -> bool:
+        """Whether it takes focal points, and finds the phases of its transducers by itself."""
+        return isinstance(self.layout, FocusLayout)
 
     def __repr__(self) -> str:
         """One line."""

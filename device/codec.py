@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .array import ArrayModel
 from .errors import FrameError
+from .focus_layout import FocusLayout
 from .registry import array_model, kind_of
 from .wire_layout import Frames, Layout, Numbers
 
@@ -28,7 +29,8 @@ def encode_frames(delay: ArrayLike, amplitude: ArrayLike, *, array: ArrayModel |
         The wire bytes, shape [frame, frame_bytes].
 
     Raises:
-        FrameError: another shape, or a value that is NaN or out of range, with its index.
+        FrameError: another shape, or a value that is NaN or out of range, with its index; an array that takes focal
+            points.
         UnknownArrayError: no codec for that array.
 
     >>> import numpy as np
@@ -40,6 +42,8 @@ def encode_frames(delay: ArrayLike, amplitude: ArrayLike, *, array: ArrayModel |
     ((1, 512), [78, 255])
     """
     model, layout = _resolve(array)
+    if isinstance(layout, FocusLayout):
+        raise FrameError(f"array {model.name} takes focal points, not delays of transducers: `Driver` makes its frames")
     turns = np.asarray(delay, np.float32)
     level = np.asarray(amplitude, np.float32)
     if turns.ndim != 2 or turns.shape[1] != model.transducer_count:
@@ -57,13 +61,13 @@ def encode_frames(delay: ArrayLike, amplitude: ArrayLike, *, array: ArrayModel |
     frame = np.tile(layout.fixed_bits(model.frame_bytes), (len(turns), 1))
     for start in range(0, len(turns), CHUNK_FRAMES):
         rows = slice(start, start + CHUNK_FRAMES)
-        _pack(turns[rows], level[rows], model, frame[rows])
+        _pack(turns[rows], level[rows], model, layout, frame[rows])
     return frame
 
 
-def _pack(turns: Numbers, level: Numbers, model: ArrayModel, out: Frames) -> None:
+def _pack(turns: Numbers, level: Numbers, model: ArrayModel, layout: Layout, out: Frames) -> None:
     """The same of some frames, added to their fixed bits."""
-    order, layout = model.wire_order, kind_of(model).layout
+    order = model.wire_order
     if model.delay_offset.any():
         turns = turns - model.delay_offset
         turns -= np.floor(turns)
@@ -114,10 +118,10 @@ def switched_count(amplitude: ArrayLike, *, array: ArrayModel | str = "emulator"
     """How many amplitudes between 0 and 1 a board that can only switch turns into 0 or 1; 0 for boards with steps."""
     _, layout = _resolve(array)
     level = np.asarray(amplitude)
-    return int(np.count_nonzero((level > 0) & (level < 1))) if layout.levels.count == 1 else 0
+    return int(np.count_nonzero((level > 0) & (level < 1))) if layout.is_switch else 0
 
 
-def _resolve(array: ArrayModel | str) -> tuple[ArrayModel, Layout]:
+def _resolve(array: ArrayModel | str) -> tuple[ArrayModel, Layout | FocusLayout]:
     model = array_model(array) if isinstance(array, str) else array
     return model, kind_of(model).layout
 

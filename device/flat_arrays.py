@@ -41,6 +41,7 @@ def flat_array(
     divider_sustained: int = 1,
     burst_frames: int = 0,
     alternates: bool = False,
+    takes_points: bool = False,
     focal_zone: FocalZone | None = None,
 ) -> ArrayModel:
     """A model of 40 kHz transducers that all face +z, delays and gains of which are not known to differ.
@@ -50,8 +51,8 @@ def flat_array(
         position: middle of each transducer's face [m], shape [transducer, 3], as `flat_grid` gives it.
         wire_order: transducer at each place of the wire, shape [transducer].
         frame_bytes, fifo_frames, usb, baud, embedded, calibrated: as in `ArrayModel`.
-        frame_clock, frame_clock_reason, divider_max, divider_default, divider_sustained, burst_frames, alternates: the
-            same.
+        frame_clock, frame_clock_reason, divider_max, divider_default, divider_sustained, burst_frames, alternates,
+            takes_points: the same.
         focal_zone: None is |x| and |y| up to 0.15 m, z 0.05 to 0.5 m.
 
     >>> import numpy as np
@@ -76,6 +77,7 @@ def flat_array(
         divider_sustained=divider_sustained,
         burst_frames=burst_frames,
         alternates=alternates,
+        takes_points=takes_points,
         fifo_frames=fifo_frames,
         frame_bytes=frame_bytes,
         wire_order=frozen(np.array(wire_order, np.intp)),

@@ -41,8 +41,8 @@ class BoardStatus:
     """Whole frames that are queued."""
     torn_bytes: int
     """Bytes of a frame whose rest is missing."""
-    level: int
-    """Highest level in the frame that is playing; 0 is silence."""
+    level: int | None
+    """Highest level in the frame that is playing; 0 is silence. None: it cannot say, as a driver stands between."""
     divider: int
 
 

@@ -132,6 +132,11 @@ def array_model(name: str, *, calibration: Path | None = None, baud: int | None 
         raise ArrayKindError(f"build of array {kind.name} gives {model!r}, but it must give an ArrayModel")
     if _kinds().get(model.name) is not kind:
         raise ArrayKindError(f"build of array {kind.name} gives a model named {model.name!r}")
+    if model.takes_points != kind.takes_points:
+        raise ArrayKindError(
+            f"build of array {kind.name} gives a model with takes_points={model.takes_points}, but its layout is "
+            f"{kind.layout!r}"
+        )
     return model
 
 
@@ -213,7 +218,7 @@ def _is_function_or_none(value: object) -> bool:
 
 
 def _is_layout(value: object) -> bool:
-    return isinstance(value, Layout)
+    return isinstance(value, Layout | FocusLayout)
 
 
 def _is_text_or_none(value: object) -> bool:
@@ -225,11 +230,13 @@ _FIELDS: Final[Mapping[str, tuple[Callable[[object], bool], str]]] = {
     "name": (_is_name, "small letters, digits and -, a letter first"),
     "aliases": (_are_aliases, "a tuple of names"),
     "build": (_is_function, "a function"),
-    "layout": (_is_layout, "a Layout"),
+    "layout": (_is_layout, "a Layout or a FocusLayout"),
     "open_link": (_is_function, "a function"),
     "calibration_serial": (_is_function_or_none, "a function or None"),
     "takes_baud": (_is_flag, "True or False"),
     "emulate": (_is_function_or_none, "a function or None"),
     "emulates_itself": (_is_flag, "True or False"),
     "not_listed": (_is_text_or_none, "a sentence or None"),
+    "watches_itself": (_is_text_or_none, "a sentence or None"),
+    "not_live": (_is_text_or_none, "a sentence or None"),
 }

@@ -25,8 +25,8 @@ def is_switched_off(link: Link) -> bool:
 def wait_silent(link: Link, divider: int) -> bool | None:
     """Wait until the board has played what is queued, the off frames at its end, and says that it is silent.
 
-    Returns False if it does not come to that in time; None if the board never answers: then this has waited for as
-    long as its FIFO can take.
+    Returns False if it does not come to that in time; None if the board never answers, or cannot say that it is silent:
+    then this has waited for as long as its FIFO can take, or until nothing was queued.
     """
     clock, period_ns = link.clock, round(1e9 / link.array.update_rate(divider))
     status = link.status()
@@ -40,4 +40,4 @@ def wait_silent(link: Link, divider: int) -> bool | None:
             return False
         clock.sleep_until_ns(now_ns + period_ns)
         status = link.status()
-    return True
+    return None if status is None or status.level is None else True

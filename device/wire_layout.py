@@ -159,6 +159,35 @@ class Layout:
         """Steps by which a pulse starts later for each level that it lacks."""
         return 0.5 if self.is_pulse_start else 0.0
 
+    @property
+    def is_switch(self) -> bool:
+        """Whether a transducer is on or off, without levels between."""
+        return self.levels.count == 1
+
+    def faded(self, frame: bytes, transducer_count: int, step_count: int) -> list[bytes]:
+        """The frame at falling levels, the last of them off; delays stay, so the focal point does.
+
+        A board that can only switch has no levels between: for it, all of them are off. Plain Python: the writer of a
+        live playback calls it where nothing new comes.
+        """
+        off = self.off_frame(len(frame)).tobytes()
+        if self.level_at is None:
+            return [off] * step_count
+        delays, levels = self.bytes_of(len(frame), transducer_count)
+        pairs = list(zip(delays, levels or (), strict=True))
+        steps: list[bytes] = []
+        for number in range(1, step_count):
+            faded = bytearray(frame)
+            for delay_at, level_at in pairs:
+                level = frame[level_at]
+                faded[level_at] = lower = level * (step_count - number) // step_count
+                if self.later:  # a narrower pulse begins later, so that its middle stays
+                    fixed = self.fixed.get(delay_at, 0)
+                    start = (frame[delay_at] & ~fixed) + int((level - lower) * self.later)
+                    faded[delay_at] = start % self.turn | fixed
+            steps.append(bytes(faded))
+        return [*steps, off]
+
     def off_frame(self, frame_bytes: int) -> Frames:
         """The frame of silence, shape [frame_bytes]; any part of it silences what it covers."""
         frame = self.fixed_bits(frame_bytes)

@@ -90,7 +90,7 @@ FOCUS_STAGES = (
 SAMPLING_STAGES = (*FOCUS_STAGES, "motions.widening")  # contours of many motions to focal points
 BYTE_STAGES = ("driving.pack", "driving.hold")  # focal points, one a frame, to wire bytes
 PLAYING_STAGES = (*FOCUS_STAGES, *BYTE_STAGES)
-DRIVE_STAGES = (*BYTE_STAGES, "driving.solve", "driving.slew")  # focal points to phases
+DRIVE_STAGES = (*BYTE_STAGES, "driving.solve", "driving.slew", "driving.foci")  # focal points to what arrays take
 ACOUSTIC_STAGES = (
     "acoustics.resonance",
     "acoustics.propagation",

@@ -10,8 +10,8 @@ from typing import Final
 
 from ..link import Link
 from ..playing.limits import Dose, Guard, Limits
+from ..registry import kind_of
 from .content import Content
-from .fading import faded_frames
 from .ring import Slice
 
 LATE, HELD, FADED = 1, 2, 3
@@ -253,7 +253,9 @@ class PacedWriter:
             self._is_stalled = True
             self.tally.stalls += self._is_on
             self._fading = [
-                faded_frames(frame, link.array, _FADE_STEPS) if self._is_on else [frame]
+                kind_of(link.array).layout.faded(frame, link.array.transducer_count, _FADE_STEPS)
+                if self._is_on
+                else [frame]
                 for frame, link in zip(self._last, self._links, strict=True)
             ]
         step = (stalled_ns - self._hold_ns) * _FADE_STEPS // max(self._fade_ns, 1)

@@ -309,7 +309,7 @@ class Writer:
                 )
             clock.sleep_until_ns(now_ns + min(self._wait_ns(status, target, deadline_ns - now_ns), int(POLL * 1e9)))
             status = self._link.status()
-        self._stop_status, self._off = status, True
+        self._stop_status, self._off = status, None if status.level is None else True
         return True
 
     def _wait_ns(self, status: BoardStatus | None, target: int, left_ns: int) -> int:

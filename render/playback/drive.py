@@ -12,8 +12,11 @@ import warp as wp
 from ...datasets.rigid import conjugate, matrix_of
 from ...device.array import ArrayModel
 from ...device.codec import require_unit_range
+from ...device.focus_layout import FocusLayout
 from ...device.registry import array_model, kind_of
+from ...device.wire_layout import Layout
 from ...kernels import BYTE_STAGES
+from ...kernels.driving.foci import focus_board, pack_foci
 from ...kernels.driving.hold import FocalBox, HeldFrames, IntensityRule, hold_points
 from ...kernels.driving.pack import RoundedFrames, board_on, focus_delays, pack_delays, pack_points, unpack_frames
 from ...kernels.driving.slew import Gauge, limit_slew
@@ -166,6 +169,11 @@ class Driver:
         given = (arrays,) if isinstance(arrays, ArrayModel | str) else tuple(arrays)
         self.arrays = tuple(array_model(array) if isinstance(array, str) else array for array in given)
         self.strategy = strategy or DriveStrategy()
+        if self.takes_points and len(self.arrays) > 1:
+            raise StrategyError(
+                f"array {next(array.name for array in self.arrays if array.takes_points)} plays alone: arrays that take "
+                "focal points find their phases by themselves, so no other array could be in phase with it"
+            )
         carriers = sorted({array.carrier for array in self.arrays})
         if len(carriers) != 1:
             raise StrategyError(f"arrays must be at least one and of one carrier, not {carriers} Hz")
@@ -177,6 +185,11 @@ class Driver:
     def __repr__(self) -> str:
         """One line."""
         return f"Driver({', '.join(array.name for array in self.arrays)}, {self.strategy!r})"
+
+    @property
+    def takes_points(self) -> bool:
+        """Whether its array takes focal points, and finds the phases by itself."""
+        return any(array.takes_points for array in self.arrays)
 
     def reset(self) -> None:
         """Forget the frames so far: the next one starts from rest."""
@@ -200,6 +213,8 @@ class Driver:
 
     def kernel_stages(self, foci: int) -> tuple[str, ...]:
         """The stages of kernels that frames of so many focal points need, as `compile_kernels` takes them."""
+        if self.takes_points:
+            return "driving.hold", "driving.foci"
         solve = ("driving.solve",) if foci > 1 else ()
         slew = ("driving.slew",) if foci > 1 or self._step is not None else ()
         return *BYTE_STAGES, *solve, *slew
@@ -211,12 +226,24 @@ class Driver:
 
     @cached_property
     def boards(self) -> list[Any]:
-        """Each array as kernels pack its frames."""
-        return boards_on(self.arrays, self.strategy.sound_speed, self.device)
+        """Each array as kernels pack its frames.
+
+        Raises StrategyError for a field of the strategy that an array of focal points knows nothing of.
+        """
+        if not self.takes_points:
+            return boards_on(self.arrays, self.strategy.sound_speed, self.device)
+        (array,) = self.arrays
+        for field in fields(DriveStrategy):
+            if field.name not in ("amplitude", "level_max") and getattr(self.strategy, field.name) != field.default:
+                raise StrategyError(
+                    f"{field.name} is {getattr(self.strategy, field.name)}, but array {array.name} takes focal points: "
+                    "its own driver finds the phases, so of a drive only amplitude and level_max can be asked for"
+                )
+        return [focus_board(array.pose, _own_axes(array), array.point_count)]
 
     @cached_property
     def plain_boards(self) -> list[Any]:
-        """The same without calibration and fixed bits, for predictions."""
+        """Each array without calibration and fixed bits, for predictions; of focal points, with steps as assumed."""
         return boards_on(self.arrays, self.strategy.sound_speed, self.device, plain=True)
 
     @cached_property
@@ -242,7 +269,7 @@ class Driver:
         boxes = []
         for array in self.arrays:
             box, zone = FocalBox(), array.focal_zone
-            box.turn = wp.mat33d(*matrix_of(conjugate(np.asarray(array.pose[3:], np.float64))).ravel().tolist())
+            box.turn = wp.mat33d(*_own_axes(array).ravel().tolist())
             box.middle = wp.vec3d(*array.pose[:3])
             box.lateral, box.low, box.high = zone.lateral, zone.z_min, zone.z_max
             boxes.append(box)
@@ -326,6 +353,8 @@ class Driver:
     def _packed(self, focus: FocalPoints, boards: Sequence[Any], rest_start: np.ndarray | None = None) -> PackedFrames:
         position, intensity = self._on_device(focus)
         count = len(position)
+        if boards is not self.plain_boards and self.takes_points:
+            return self._points_packed(position, intensity, rest_start)
         frames = tuple(wp.empty((count, own.frame_bytes), dtype=wp.uint8, device=self.device) for own in boards)
         amplitude, refused = wp.empty(count, dtype=wp.float32, device=self.device), 0
         is_direct = position.shape[1] == 1 and self._step is None  # bytes need no delays of all arrays before
@@ -343,6 +372,22 @@ class Driver:
             wp.copy(amplitude[rows], held.amplitude)
             refused += held.refused
         return PackedFrames(frames, amplitude, refused)
+
+    def _points_packed(self, position: Any, intensity: Any, rest_start: np.ndarray | None) -> PackedFrames:
+        """Frames of focal points."""
+        (array,), (board,) = self.arrays, self.boards
+        if position.shape[1] > board.count:
+            raise StrategyError(
+                f"array {array.name} was opened for {board.count} focal points a frame, not {position.shape[1]}"
+            )
+        count = len(position)
+        frame = wp.empty((count, board.frame_bytes), dtype=wp.uint8, device=self.device)
+        amplitude, refused = wp.empty(count, dtype=wp.float32, device=self.device), 0
+        for rows, held in self._spans(position, intensity, rest_start):
+            pack_foci(held.point, held.target, held.amplitude, board, out=frame[rows])
+            wp.copy(amplitude[rows], held.amplitude)
+            refused += held.refused
+        return PackedFrames((frame,), amplitude, refused)
 
     def _spans(
         self, position: Any, intensity: Any, rest_start: np.ndarray | None = None
@@ -380,7 +425,7 @@ class Driver:
             delay = self._solved(held)
         else:
             delay = wp.empty((len(held.point), self.transducer_count), dtype=wp.float32, device=self.device)
-            for board in self.boards:
+            for board in self.plain_boards if self.takes_points else self.boards:
                 focus_delays(held.point.flatten(), board, out=delay)
             if self._step is not None:
                 self._gauge.lock(delay)
@@ -416,8 +461,9 @@ def boards_on(arrays: Sequence[ArrayModel], sound_speed: float, device: str, *, 
     """Arrays side by side as kernels pack their frames; plain: without calibration and fixed bits."""
     boards, first = [], 0
     for array in arrays:
-        layout, order = kind_of(array).layout, array.wire_order
-        delay_at, level_at = layout.bytes_of(array.frame_bytes, array.transducer_count)
+        layout, order = _phase_layout(array), array.wire_order
+        frame_bytes = 2 * array.transducer_count if array.takes_points else array.frame_bytes
+        delay_at, level_at = layout.bytes_of(frame_bytes, array.transducer_count)
         if not np.array_equal(np.sort(order), np.arange(array.transducer_count)):
             raise StrategyError(f"the wire order of {array!r} must have each of its transducers once")
         if not (np.isfinite(array.gain).all() and np.isfinite(array.delay_offset).all()):
@@ -431,7 +477,7 @@ def boards_on(arrays: Sequence[ArrayModel], sound_speed: float, device: str, *, 
                 levels=(layout.levels.least, layout.levels.amplitude),
                 delay_at=delay_at,
                 level_at=level_at,
-                fixed=np.zeros(array.frame_bytes, np.uint8) if plain else layout.fixed_bits(array.frame_bytes),
+                fixed=np.zeros(frame_bytes, np.uint8) if plain else layout.fixed_bits(frame_bytes),
                 per_metre=array.carrier / sound_speed,
                 turn=layout.turn,
                 later=layout.later,
@@ -465,10 +511,21 @@ def round_drives(drives: Drives, arrays: Sequence[ArrayModel], *, device: str = 
 
 def require_alike(arrays: Sequence[ArrayModel]) -> None:
     """Raise StrategyError for arrays of other levels: rounded frames have one amplitude for all."""
-    levels = {kind_of(array).layout.levels.amplitude.tobytes() for array in arrays}
+    levels = {_phase_layout(array).levels.amplitude.tobytes() for array in arrays}
     if len(levels) > 1:
         names = ", ".join(dict.fromkeys(array.name for array in arrays))
         raise StrategyError(f"arrays {names} have other steps of amplitude; predict arrays of one kind together")
+
+
+def _phase_layout(array: ArrayModel) -> Layout:
+    """Steps of delays and levels: those of the wire, or as they are assumed of an array that takes focal points."""
+    layout = kind_of(array).layout
+    return layout.assumed(array.transducer_count) if isinstance(layout, FocusLayout) else layout
+
+
+def _own_axes(array: ArrayModel) -> np.ndarray:
+    """Matrix that maps vectors of the common frame to the array's own, shape [3, 3]."""
+    return matrix_of(conjugate(np.asarray(array.pose[3:], np.float64)))
 
 
 def _unpacked(frames: Sequence[Any], boards: Sequence[Any], refused: int) -> RoundedFrames:

@@ -33,7 +33,7 @@ from ..validation import choose
 from .drive import Driver, DriveStrategy
 from .focal_points import ContourRows, FocusSource, contour_source, open_focal_points
 from .frames import MadeFrames, Making, WireFrames, counted_values
-from .placed_arrays import PlacedArray, arrays_of
+from .placed_arrays import PlacedArray, arrays_of, with_points
 from .prepared_frames import PreparedFrames
 
 CLOCKS: dict[str, Callable[[], Clock]] = {"monotonic": MonotonicClock, "virtual": VirtualClock}
@@ -148,7 +148,8 @@ class Connection:
         """The link to one array."""
         model = placed.model
         emulated = self.backend is None and (model.embedded or self.emulate)
-        if self.watchdog and (emulated or not is_watchable(model)):
+        watches_itself = kind_of(model).watches_itself is not None
+        if self.watchdog and (emulated or not (watches_itself or is_watchable(model))):
             raise StrategyError(
                 f"a watchdog is for real arrays on USB or a serial port, not for {model.name}, which is emulated "
                 "here or on a network"
@@ -178,7 +179,7 @@ class Connection:
             for placed in arrays:
                 link = self.open(placed)
                 stack.callback(link.close)
-                if self.watchdog:
+                if self.watchdog and kind_of(link.array).watches_itself is None:
                     stack.enter_context(Watchdog(link))
                 links.append(link)
             yield links
@@ -298,6 +299,7 @@ def play_file(
             prepared.require_fitting(arrays, sampling, drive, duration)
             return _play(prepared, arrays, limits, connection, watch, preparation)
     with open_focal_points(Path(path), sampling, duration, arrays, has_points=form == FOCAL_POINTS) as (source, file):
+        arrays = with_points(arrays, source.foci)
         driver = _driver_of(arrays, drive, source, device)
         preparation.need(source, driver)
         return _play(
@@ -321,6 +323,7 @@ def play_contours(
     """Play contours that are in memory; arguments and errors as for `play_file`."""
     preparation, arrays = _Preparation(None), arrays_of(array)
     source = contour_source(contours, sampling, duration, arrays)
+    arrays = with_points(arrays, source.foci)
     driver = _driver_of(arrays, drive, source, device)
     preparation.need(source, driver)
     frames = MadeFrames(source, driver, repeats=repeats)

@@ -85,7 +85,7 @@ class MadeFrames:
         self._source, self._driver, self._file = source, driver, file
         self._refused = self._switched = self._times = 0
         self._peak = 0.0  # greatest amplitude
-        self._switches = sum(kind_of(array).layout.levels.count == 1 for array in driver.arrays)
+        self._switches = sum(kind_of(array).layout.is_switch for array in driver.arrays)
 
     def __iter__(self) -> Iterator[tuple[array[int], ...]]:
         """Blocks of frames, one array("B") for each array."""

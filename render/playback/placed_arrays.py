@@ -1,7 +1,7 @@
 """Arrays of a playback and their poses: one array by name, or several from a JSON file."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ...datasets.bounded_file import read_json
@@ -69,6 +69,11 @@ def load_rig(
 def arrays_of(array: str | Sequence[PlacedArray]) -> tuple[PlacedArray, ...]:
     """Arrays that are given, or named as for `load_rig`."""
     return load_rig(array) if isinstance(array, str) else tuple(array)
+
+
+def with_points(arrays: Sequence[PlacedArray], point_count: int) -> tuple[PlacedArray, ...]:
+    """The arrays, those that take focal points with frames of so many."""
+    return tuple(replace(placed, model=placed.model.with_points(point_count)) for placed in arrays)
 
 
 def _placed(entry: object, path: Path, index: int) -> PlacedArray:

@@ -26,7 +26,7 @@ from ..validation import is_number, known_fields, require_path
 from .drive import Driver, DriveStrategy
 from .focal_points import BLOCK, open_focal_points
 from .frames import MadeFrames, Making, counted_values, require_repeats, wire_bytes
-from .placed_arrays import PlacedArray, arrays_of
+from .placed_arrays import PlacedArray, arrays_of, with_points
 
 SUFFIXES = (".h5", ".hdf5")
 FRAMES = "/wire/frames"
@@ -117,8 +117,8 @@ def prepare_frames(
         raise StrategyError(f"{out}: a file of frames must end in {' or '.join(SUFFIXES)}")
     require_output(out, overwrite=overwrite, sources=[path])
     arrays = arrays_of(array)
-    models = [placed.model for placed in arrays]
     with open_focal_points(path, sampling, duration, arrays) as (source, file):
+        models = [placed.model for placed in with_points(arrays, source.foci)]
         for model in models:
             model.divider(source.update_rate)
         driver = Driver(models, drive, update_rate=source.update_rate, device=device)

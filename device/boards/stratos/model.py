@@ -1,0 +1,230 @@
+"""Model of `palpate-ultraleap` and what is behind it, written from docs/formats/ultraleap-bridge.md: messages in and out.
+
+It shares no code with the link and the layout, so that a mistake in one of them shows. The vendor's library is modelled
+as one that hands its array a device sample every 25 us for one focal point, and n times as long for n; a callback takes
+no time, and none is missed.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import threading
+from collections import deque
+
+from ...clock import Clock
+
+VERSION = 1
+QUEUE_SAMPLES = 4096
+POINTS_MOST = 8
+DEVICE_RATE = 40_000
+"""Device samples a second of one focal point [Hz]."""
+HOLD_NS = 100_000_000
+"""How long the last sample is held when no next one is there."""
+SILENCE_NS = 500_000_000
+"""How long a client may be silent while something waits or sounds."""
+
+_MAGIC = b"PALPATEU"
+_MESSAGE_MOST = 1 << 20
+
+
+class _Refusal(Exception):
+    """A message that the bridge answers with FAIL."""
+
+
+class BridgeModel:
+    """A bridge with one client at most.
+
+    Nothing runs in the background: every call first plays what is due by the clock. Calls may come from several
+    threads.
+
+    Args:
+        clock: what device samples are counted by.
+        identifier: of the array.
+        record: how many of the samples that were begun last are kept, for tests.
+    """
+
+    def __init__(self, clock: Clock, identifier: str, *, record: int = 0) -> None:
+        self.clock = clock
+        self.identifier = identifier
+        self.played: deque[tuple[bytes, int]] = deque(maxlen=record)
+        """The samples begun last: their bytes, and when each began [ns]."""
+        self._lock = threading.Lock()
+        self._total = 0  # samples begun since the model was made
+        self._is_greeted = False
+        self._unread = b""
+        self._close()
+
+    def receive(self, data: bytes) -> tuple[bytes, bool]:
+        """Take bytes of the client; returns the answers, and whether the connection stays open."""
+        with self._lock:
+            self._play_due()
+            if not self._is_heard:
+                return _message(b"FAIL", b"nothing was heard for 0.5 s"), False
+            self._heard_ns = self.clock.now_ns()
+            self._unread += data
+            answers = b""
+            try:
+                while (message := self._next_message()) is not None:
+                    answers += self._answer(*message)
+            except _Refusal as refusal:
+                self._close()
+                return answers + _message(b"FAIL", str(refusal).encode()), False
+            return answers, True
+
+    def leave(self) -> None:
+        """The client is gone: silent, and ready for the next one."""
+        with self._lock:
+            self._play_due()
+            self._close()
+            self._is_greeted, self._unread = False, b""
+
+    @property
+    def frames_played(self) -> int:
+        """Samples begun since the model was made."""
+        with self._lock:
+            self._play_due()
+            return self._total
+
+    @property
+    def intensity(self) -> float:
+        """Greatest intensity that sounds now."""
+        with self._lock:
+            self._play_due()
+            return self._intensity
+
+    def began_ns(self, number: int) -> int | None:
+        """When a sample began, by its number since the model was made; None for one that is not kept, or not begun."""
+        with self._lock:
+            self._play_due()
+            place = number - (self._total - len(self.played))
+            return self.played[place][1] if 0 <= place < len(self.played) else None
+
+    def _close(self) -> None:
+        """Silence; nothing is open."""
+        self._points = 0
+        self._queue: deque[bytes] = deque()
+        self._taken = self._begun = self._dropped = self._dry = self._dry_samples = 0
+        self._intensity = 0.0
+        self._period_ns = self._device_ns = self._open_ns = 0
+        self._next_ns = 0  # when the next sample is due
+        self._held_from_ns: int | None = None  # since when no next one was there
+        self._heard_ns = self.clock.now_ns()
+        self._is_heard = True
+
+    def _next_message(self) -> tuple[bytes, bytes] | None:
+        if len(self._unread) < 8:
+            return None
+        name, size = struct.unpack_from("<4sI", self._unread)
+        if size > _MESSAGE_MOST:
+            raise _Refusal(f"a message of {size} bytes is longer than 1 MiB")
+        if len(self._unread) < 8 + size:
+            return None
+        content, self._unread = self._unread[8 : 8 + size], self._unread[8 + size :]
+        return name, content
+
+    def _answer(self, name: bytes, content: bytes) -> bytes:
+        if not self._is_greeted:
+            if name != b"HELO" or content[:8] != _MAGIC:
+                raise _Refusal("the first message must be HELO of palpate")
+            (version,) = struct.unpack_from("<I", content, 8)
+            if version != VERSION:
+                raise _Refusal(f"version {version} of the protocol is not {VERSION}, the bridge's")
+            self._is_greeted = True
+            about = f"emulated\n{self.identifier}\nUSX".encode()
+            return _message(b"HELO", struct.pack("<8sIIII", _MAGIC, VERSION, QUEUE_SAMPLES, POINTS_MOST, 0) + about)
+        if name == b"OPEN":
+            return self._open(*struct.unpack("<IId", content))
+        if name == b"FOCI":
+            self._queue_samples(content)
+            return b""
+        if name == b"STOP":
+            self._dropped += len(self._queue)
+            self._queue.clear()
+            self._intensity, self._held_from_ns = 0.0, None
+        elif name != b"PING":
+            raise _Refusal(f"a message {name!r} is not known")
+        return self._status()
+
+    def _open(self, points: int, _: int, rate: float) -> bytes:
+        if not 1 <= points <= POINTS_MOST:
+            raise _Refusal(f"the library takes 1 to {POINTS_MOST} focal points, not {points}")
+        device_rate = DEVICE_RATE / points
+        if not 0 < rate <= device_rate * (1 + 1e-9):
+            raise _Refusal(
+                f"{rate:g} samples a second are not among the 0 to {device_rate:g} that the library gives for {points} "
+                "focal points"
+            )
+        self._close()
+        self._points, self._period_ns = points, round(1e9 / rate)
+        self._device_ns = round(1e9 / device_rate)
+        self._open_ns = self.clock.now_ns()
+        return _message(b"OPEN", struct.pack("<d", device_rate))
+
+    def _queue_samples(self, content: bytes) -> None:
+        size = 16 * self._points
+        if not size:
+            raise _Refusal("FOCI came before OPEN")
+        if len(content) % size:
+            raise _Refusal(f"{len(content)} bytes are no whole number of samples of {size} bytes")
+        if len(content) // size > QUEUE_SAMPLES - len(self._queue):
+            raise _Refusal(f"there is room for {QUEUE_SAMPLES - len(self._queue)} samples, not {len(content) // size}")
+        for start in range(0, len(content), size):
+            sample = content[start : start + size]
+            values = struct.unpack(f"<{4 * self._points}f", sample)
+            if not (all(map(math.isfinite, values)) and all(0 <= value <= 1 for value in values[3::4])):
+                number = self._taken + start // size
+                raise _Refusal(f"sample {number} has values that are not finite, or an intensity outside 0..1: {values}")
+            self._queue.append(sample)
+        self._taken += len(content) // size
+        self._play_due()
+
+    def _play_due(self) -> None:
+        """Begin the samples that are due, hold the last one, fall silent where nobody is heard."""
+        now_ns = self.clock.now_ns()
+        is_busy = bool(self._queue) or self._intensity > 0
+        if self._points and is_busy and now_ns - self._heard_ns > SILENCE_NS:
+            self._begin_until(self._heard_ns + SILENCE_NS)
+            is_over = bool(self._queue) or self._intensity > 0
+            if is_over:  # else all had been played, and silence held, before the client was missed
+                self._close()
+                self._is_heard = False
+                return
+        self._begin_until(now_ns)
+
+    def _begin_until(self, now_ns: int) -> None:
+        while self._queue:
+            if self._held_from_ns is not None or not self._begun:  # the next device sample takes the next one
+                due_ns = max(self._next_ns, self._grid(self._heard_ns))
+                if due_ns > now_ns:
+                    return
+                if self._held_from_ns is not None:
+                    self._dry_samples += max(0, due_ns - self._held_from_ns) // self._device_ns
+                self._held_from_ns, self._next_ns = None, due_ns
+            if self._next_ns > now_ns:
+                return
+            sample = self._queue.popleft()
+            self._intensity = max(struct.unpack(f"<{4 * self._points}f", sample)[3::4])
+            self.played.append((sample, self._next_ns))
+            self._begun += 1
+            self._total += 1
+            self._next_ns += self._period_ns
+        if self._begun and self._held_from_ns is None and now_ns >= self._next_ns and self._intensity > 0:
+            self._held_from_ns = self._next_ns
+            self._dry += 1
+        if self._held_from_ns is not None and now_ns - self._held_from_ns >= HOLD_NS:
+            self._intensity = 0.0
+
+    def _grid(self, time_ns: int) -> int:
+        """The first device sample from a time on."""
+        return self._open_ns - (self._open_ns - time_ns) // self._device_ns * self._device_ns
+
+    def _status(self) -> bytes:
+        now_ns = self.clock.now_ns()
+        counts = self._taken, self._begun, 0, self._dropped, self._dry, self._dry_samples, 0
+        device_samples = (now_ns - self._open_ns) // self._device_ns if self._points else 0
+        return _message(b"STAT", struct.pack("<8Qf", *counts, device_samples, self._intensity))
+
+
+def _message(name: bytes, content: bytes) -> bytes:
+    return struct.pack("<4sI", name, len(content)) + content

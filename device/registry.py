@@ -14,6 +14,7 @@ from .array import ArrayModel
 from .array_kind import ArrayKind, Emulation, EmulationRequest
 from .clock import Clock
 from .errors import ArrayKindError, CalibrationError, UnknownArrayError, UpdateRateError
+from .focus_layout import FocusLayout
 from .wire_layout import Layout
 
 _NAME: Final = re.compile(r"[a-z][a-z0-9-]*")

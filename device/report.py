@@ -162,8 +162,8 @@ class PlayReport:
     """Time from the end of the content, or from a stop, until the array had taken all off frames [s]; what it held then
     played before them. None if it did not take them. A pat16 whose count of bytes was lost takes 1.3 s for them."""
     off_confirmed: bool | None
-    """The board said that it is silent; None from a board that never answers, or whose driver does not say. If False, it
-    may still be emitting."""
+    """The board said that it is silent; None from a board that never answers, or whose driver does not say. If False,
+    it may still be emitting."""
 
     def __repr__(self) -> str:
         """One line: what was played, and what disturbed it."""
@@ -182,7 +182,7 @@ class PlayReport:
         | True | | False: the board said that it is silent |
         | False | | True: it did not |
         | None | False | True: it has not taken the off frames |
-        | None | True | None, not known: it has taken them, and does not say what it does |
+        | None | True | None, not known: it has taken them, and does not say more |
         """
         if self.off_confirmed is not None:
             return not self.off_confirmed

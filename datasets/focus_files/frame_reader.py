@@ -97,6 +97,11 @@ class FrameReader:
         position, intensity = (self._file.read(rows.path, first, stop) for rows in self._fields)
         return position, intensity
 
+    @property
+    def frame_bytes(self) -> list[int]:
+        """Bytes of a frame of each array; empty where the file holds no wire frames."""
+        return np.diff(self._ends, prepend=0).tolist() if self._ends else []
+
     def wire_frames(self, first: int, stop: int) -> list[NDArray[np.uint8]]:
         """Wire bytes for each array, shape [frame, frame_bytes]."""
         if self.format != WIRE_FRAMES:

@@ -68,7 +68,7 @@ def pack_foci(point: wp.array, target: wp.array, amplitude: wp.array, board: Foc
 
 
 def focus_board(pose: np.ndarray, matrix: np.ndarray, count: int) -> Any:
-    """An array at a pose, [7], whose frames hold `count` focal points; matrix: common frame -> its own, shape [3, 3]."""
+    """An array at a pose, [7], whose frames hold `count` points; matrix: common frame -> its own, shape [3, 3]."""
     board = FocusBoard()
     board.turn, board.middle = wp.mat33d(*np.asarray(matrix, np.float64).ravel().tolist()), wp.vec3d(*pose[:3])
     board.count, board.frame_bytes = count, POINT_BYTES * count

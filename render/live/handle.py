@@ -18,7 +18,7 @@ from ..objects.solid import Solid
 from ..playback.drive import DriveStrategy
 from ..playback.file_playback import Connection, ConnectionFields
 from ..playback.focal_points import sampling_for
-from ..playback.placed_arrays import PlacedArray, arrays_of
+from ..playback.placed_arrays import PlacedArray, arrays_of, with_points
 from ..sampling.presets import sampling_of, sets_rate
 from ..sampling.strategy import SamplingStrategy
 from ..strategies.intersection_strategy import IntersectionStrategy, strategy_of
@@ -113,6 +113,7 @@ class Live:
         path = None if record is None else record_path(record, overwrite=overwrite)
         arrays = arrays_of(array)
         solid, sampling = solid_of(solid), sampling_for(sampling, arrays)
+        arrays = with_points(arrays, sampling.foci)
         settings, own_hand = settings_and_hand(
             source,
             hand,

@@ -159,7 +159,8 @@ def _request_for(placed: PlacedArray, connection: Connection) -> ArrayRequest:
     if connection.backend is not None:
         raise StrategyError("backend is not for live runs: another process opens the array")
     emulated = model.embedded or connection.emulate
-    if connection.watchdog and (emulated or not is_watchable(model)):
+    watches_itself = kind_of(model).watches_itself is not None
+    if connection.watchdog and (emulated or not (watches_itself or is_watchable(model))):
         raise StrategyError(
             f"a watchdog is for real arrays on USB or a serial port, not for {model.name}, which is emulated here or "
             "on a network"
@@ -171,5 +172,5 @@ def _request_for(placed: PlacedArray, connection: Connection) -> ArrayRequest:
         emulated=emulated,
         uncalibrated=connection.uncalibrated,
         transport=connection.transport,
-        watchdog=connection.watchdog,
+        watchdog=connection.watchdog and not watches_itself,
     )

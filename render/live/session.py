@@ -24,7 +24,7 @@ from ..playback.drive import Driver, DriveStrategy
 from ..playback.file_playback import Connection, ConnectionFields
 from ..playback.focal_points import open_focal_points, require_duration, sampling_for
 from ..playback.frames import MadeFrames
-from ..playback.placed_arrays import PlacedArray, arrays_of
+from ..playback.placed_arrays import PlacedArray, arrays_of, with_points
 from ..playback.prepared_frames import PreparedFrames
 from ..sampling.strategy import SamplingStrategy
 from ..strategies.intersection_strategy import IntersectionStrategy, strategy_of
@@ -116,15 +116,17 @@ class _Current:
 
 @contextmanager
 def opened_frames(
-    stimulus: Stimulus, arrays: Sequence[PlacedArray], update_rate: float
+    stimulus: Stimulus, arrays: Sequence[PlacedArray], update_rate: float, *, sized: bool = False
 ) -> Iterator[MadeFrames | PreparedFrames]:
     """Frames of a stored stimulus for arrays; a sampling by its name takes the update rate [Hz] of the session.
 
+    sized: whether arrays that take focal points have as many a frame as the stimulus, whatever they were given with.
     Raises what `play_file` does for a file that these arrays cannot play.
     """
     form = frame_format(stimulus.path)
     if form == WIRE_FRAMES:
         with PreparedFrames(stimulus.path, repeats=1) as prepared:
+            arrays = prepared.sized(arrays) if sized else arrays
             prepared.require_fitting(arrays, stimulus.sampling, stimulus.drive, stimulus.duration)
             yield prepared
         return
@@ -134,6 +136,7 @@ def opened_frames(
     with open_focal_points(
         Path(stimulus.path), sampling, stimulus.duration, arrays, has_points=form == FOCAL_POINTS
     ) as (points, file):
+        arrays = with_points(arrays, points.foci) if sized else arrays
         driver = Driver([placed.model for placed in arrays], stimulus.drive, update_rate=points.update_rate)
         yield MadeFrames(points, driver, file=file)
 
@@ -147,6 +150,7 @@ class Session:
     Args:
         array: name of an array, a file of several, or placed arrays.
         update_rate: of all stimuli [Hz]; None: the array's usual one.
+        foci: most focal points of a sample of any stimulus; an array that takes focal points is opened for so many.
         source: of the hand that live stimuli are explored with, as in `Live`.
         lead: how far ahead of the present frames are written [s], as in `Live`.
         limits: of on-time and duty, across all stimuli; None: the defaults.
@@ -172,6 +176,7 @@ class Session:
         array: str | Sequence[PlacedArray] = "emulator",
         *,
         update_rate: float | None = None,
+        foci: int = 1,
         source: str | PoseSource = "exploration",
         lead: float | None = None,
         limits: Limits | None = None,
@@ -187,7 +192,7 @@ class Session:
     ) -> None:
         if connection is not None and fields:
             raise StrategyError(f"{min(fields)} is a field of connection, which is given, too")
-        self._arrays = arrays_of(array)
+        self._arrays = with_points(arrays_of(array), foci)
         rate = sampling_for(None, self._arrays).update_rate if update_rate is None else update_rate
         self._source, self._source_options = (
             source,

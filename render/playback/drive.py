@@ -169,10 +169,11 @@ class Driver:
         given = (arrays,) if isinstance(arrays, ArrayModel | str) else tuple(arrays)
         self.arrays = tuple(array_model(array) if isinstance(array, str) else array for array in given)
         self.strategy = strategy or DriveStrategy()
-        if self.takes_points and len(self.arrays) > 1:
+        alone = [array.name for array in self.arrays if array.takes_points]
+        if alone and len(self.arrays) > 1:
             raise StrategyError(
-                f"array {next(array.name for array in self.arrays if array.takes_points)} plays alone: arrays that take "
-                "focal points find their phases by themselves, so no other array could be in phase with it"
+                f"array {alone[0]} plays alone: arrays that take focal points find their phases by themselves, so no "
+                "other array could be in phase with it"
             )
         carriers = sorted({array.carrier for array in self.arrays})
         if len(carriers) != 1:

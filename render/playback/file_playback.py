@@ -296,6 +296,7 @@ def play_file(
     form = frame_format(path)
     if form == WIRE_FRAMES:
         with PreparedFrames(path, repeats=repeats) as prepared:
+            arrays = prepared.sized(arrays)
             prepared.require_fitting(arrays, sampling, drive, duration)
             return _play(prepared, arrays, limits, connection, watch, preparation)
     with open_focal_points(Path(path), sampling, duration, arrays, has_points=form == FOCAL_POINTS) as (source, file):

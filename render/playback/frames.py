@@ -81,6 +81,8 @@ class MadeFrames:
     ) -> None:
         require_repeats(repeats)
         self.repeats, self.update_rate = repeats, source.update_rate
+        self.foci = source.foci
+        """Focal points of a frame."""
         self.frame_count = source.frame_count * repeats
         self._source, self._driver, self._file = source, driver, file
         self._refused = self._switched = self._times = 0

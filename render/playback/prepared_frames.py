@@ -17,6 +17,7 @@ from ...datasets.errors import ContourFileError
 from ...datasets.focus_files.frame_file import FrameField, FrameFile
 from ...datasets.focus_files.frame_reader import WIRE_FRAMES, FrameReader
 from ...datasets.storage.hdf5_opening import Attribute
+from ...device.array import POINT_BYTES, POINTS_MOST
 from ..contour_input import takes_batches
 from ..errors import StrategyError
 from ..output_file import require_output
@@ -189,6 +190,8 @@ class PreparedFrames:
             self.close()
             raise
         self.repeats = repeats
+        self.foci = 1 if self.making.sampling is None else self.making.sampling.foci
+        """Focal points of a frame, as far as it was made by a sampling."""
         self.frame_count = self._file.frame_count * repeats
         """Of all repetitions."""
         self.update_rate = self._file.update_rate
@@ -213,6 +216,13 @@ class PreparedFrames:
             for first in range(0, count, BLOCK):
                 self._file.require_unchanged()
                 yield tuple(map(wire_bytes, self._file.wire_frames(first, min(first + BLOCK, count))))
+
+    def sized(self, arrays: Sequence[PlacedArray]) -> tuple[PlacedArray, ...]:
+        """The arrays, those that take focal points with as many a frame as the file has."""
+        sizes = self._file.frame_bytes
+        if len(sizes) != len(arrays) or sizes[0] // POINT_BYTES not in range(1, POINTS_MOST + 1):
+            return tuple(arrays)  # refused by `require_fitting`, or arrays that take phases
+        return with_points(arrays, sizes[0] // POINT_BYTES)
 
     def require_fitting(
         self,

@@ -178,6 +178,7 @@ def _open_session(
     return Session(
         arrays,
         update_rate=judgement.update_rate,
+        foci=judgement.foci,
         source=options["source"],
         lead=options["lead"],
         limits=plan.limits,

@@ -61,8 +61,8 @@ class TcpChannel:
             self._socket = socket.create_connection((host, port), _CONNECT_TIMEOUT)
         except OSError as error:
             raise DeviceNotFoundError(
-                f"no palpate-ultraleap listens at {self.where} ({error.strerror or error}): start it there, or name its "
-                "place with serial=HOST:PORT; docs/how-to/ultraleap.md says how it is built"
+                f"no palpate-ultraleap listens at {self.where} ({error.strerror or error}): start it there, or name "
+                "its place with serial=HOST:PORT; docs/how-to/ultraleap.md says how it is built"
             ) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 

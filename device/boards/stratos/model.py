@@ -1,4 +1,4 @@
-"""Model of `palpate-ultraleap` and what is behind it, written from docs/formats/ultraleap-bridge.md: messages in and out.
+"""Model of `palpate-ultraleap` and the array behind it, written from docs/formats/ultraleap-bridge.md.
 
 It shares no code with the link and the layout, so that a mistake in one of them shows. The vendor's library is modelled
 as one that hands its array a device sample every 25 us for one focal point, and n times as long for n; a callback takes
@@ -108,7 +108,7 @@ class BridgeModel:
         self._intensity = 0.0
         self._period_ns = self._device_ns = self._open_ns = 0
         self._next_ns = 0  # when the next sample is due
-        self._held_from_ns: int | None = None  # since when no next one was there
+        self._dry_from_ns: int | None = None  # since when no next one was there
         self._heard_ns = self.clock.now_ns()
         self._is_heard = True
 
@@ -141,7 +141,7 @@ class BridgeModel:
         if name == b"STOP":
             self._dropped += len(self._queue)
             self._queue.clear()
-            self._intensity, self._held_from_ns = 0.0, None
+            self._intensity = 0.0
         elif name != b"PING":
             raise _Refusal(f"a message {name!r} is not known")
         return self._status()
@@ -158,7 +158,7 @@ class BridgeModel:
         self._close()
         self._points, self._period_ns = points, round(1e9 / rate)
         self._device_ns = round(1e9 / device_rate)
-        self._open_ns = self.clock.now_ns()
+        self._open_ns = self._dry_from_ns = self.clock.now_ns()
         return _message(b"OPEN", struct.pack("<d", device_rate))
 
     def _queue_samples(self, content: bytes) -> None:
@@ -174,7 +174,9 @@ class BridgeModel:
             values = struct.unpack(f"<{4 * self._points}f", sample)
             if not (all(map(math.isfinite, values)) and all(0 <= value <= 1 for value in values[3::4])):
                 number = self._taken + start // size
-                raise _Refusal(f"sample {number} has values that are not finite, or an intensity outside 0..1: {values}")
+                raise _Refusal(
+                    f"sample {number} has values that are not finite, or an intensity outside 0..1: {values}"
+                )
             self._queue.append(sample)
         self._taken += len(content) // size
         self._play_due()
@@ -194,25 +196,24 @@ class BridgeModel:
 
     def _begin_until(self, now_ns: int) -> None:
         while self._queue:
-            if self._held_from_ns is not None or not self._begun:  # the next device sample takes the next one
-                due_ns = max(self._next_ns, self._grid(self._heard_ns))
-                if due_ns > now_ns:
-                    return
-                if self._held_from_ns is not None:
-                    self._dry_samples += max(0, due_ns - self._held_from_ns) // self._device_ns
-                self._held_from_ns, self._next_ns = None, due_ns
+            if self._dry_from_ns is not None:  # the next device sample takes the next one
+                self._next_ns = max(self._dry_from_ns, self._grid(self._heard_ns))
             if self._next_ns > now_ns:
                 return
+            if self._dry_from_ns is not None and self._intensity > 0:
+                self._dry_samples += (self._next_ns - self._dry_from_ns) // self._device_ns
+            self._dry_from_ns = None
             sample = self._queue.popleft()
             self._intensity = max(struct.unpack(f"<{4 * self._points}f", sample)[3::4])
             self.played.append((sample, self._next_ns))
             self._begun += 1
             self._total += 1
             self._next_ns += self._period_ns
-        if self._begun and self._held_from_ns is None and now_ns >= self._next_ns and self._intensity > 0:
-            self._held_from_ns = self._next_ns
-            self._dry += 1
-        if self._held_from_ns is not None and now_ns - self._held_from_ns >= HOLD_NS:
+        if self._points and self._dry_from_ns is None and now_ns >= self._next_ns:
+            self._dry_from_ns = self._next_ns
+            self._dry += self._intensity > 0
+        if self._dry_from_ns is not None and self._intensity > 0 and now_ns - self._dry_from_ns >= HOLD_NS:
+            self._dry_samples += HOLD_NS // self._device_ns
             self._intensity = 0.0
 
     def _grid(self, time_ns: int) -> int:

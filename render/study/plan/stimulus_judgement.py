@@ -23,7 +23,7 @@ from ...live.sources.live_hands import live_hand
 from ...objects.mesh.placement import Placement
 from ...objects.solid import Solid
 from ...playback.focal_points import require_duration, sampling_for
-from ...playback.placed_arrays import PlacedArray
+from ...playback.placed_arrays import PlacedArray, with_points
 from ...trust.permission import AllowCode
 from .study_plan import PlannedStimulus, StudyPlan
 
@@ -62,6 +62,8 @@ class StimulusFindings:
     stimuli: list[JudgedStimulus] = field(default_factory=list)
     update_rate: float = 0.0
     """That all stimuli have, or the first of them that has another one than the array's usual rate [Hz]."""
+    foci: int = 1
+    """Most focal points of a sample."""
     faults: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
@@ -102,7 +104,7 @@ def judge_stimuli(
         # A session runs at one rate. A file may have its own, which decides then; faults are listed further down.
         with _listing(StimulusFindings(), ""):
             if planned.file is not None and planned.file.is_file():
-                with opened_frames(_stored(planned), arrays, usual) as frames:
+                with opened_frames(_stored(planned), arrays, usual, sized=True) as frames:
                     found.update_rate = frames.update_rate
         if found.update_rate != usual:
             break
@@ -140,11 +142,13 @@ def _judge_stored(
     else:
         with _listing(found, where):
             digest = sha256_of(path)
-            with opened_frames(_stored(planned), arrays, found.update_rate) as frames:
+            with opened_frames(_stored(planned), arrays, found.update_rate, sized=True) as frames:
                 rate = frames.update_rate
+                found.foci = max(found.foci, frames.foci)
                 seconds = frames.frame_count / rate
                 driven = [0.0 for _ in arrays]
-                guards = [Guard(Limits(on_time_max=None, duty_max=None), placed.model) for placed in arrays]
+                sized = with_points(arrays, frames.foci)
+                guards = [Guard(Limits(on_time_max=None, duty_max=None), placed.model) for placed in sized]
                 for row in frames:
                     for number, (guard, block) in enumerate(zip(guards, row, strict=True)):
                         driven[number] += sum(dose.duty_sum for dose in guard.measure(block, len(block)))
@@ -180,7 +184,8 @@ def _judge_live(
         digest = next(iter(digests), None)
         if len(digests) > 1:
             digest = hashlib.sha256("".join(digests).encode()).hexdigest()
-        rate = sampling_at(planned.sampling or "stm", found.update_rate).update_rate
+        sampling = sampling_at(planned.sampling or "stm", found.update_rate)
+        rate, found.foci = sampling.update_rate, max(found.foci, sampling.foci)
         if rate != found.update_rate:
             found.faults.append(
                 f"{where}its sampling has an update rate of {rate:g} Hz, but all stimuli of a study must have the "

@@ -40,6 +40,8 @@ class StudyJudgement:
     array: str
     update_rate: float
     """Of all stimuli [Hz]."""
+    foci: int
+    """Most focal points of a sample of any stimulus."""
     participants: tuple[ExpectedRun, ...]
     """Each one's run, as it is expected."""
     blocks: tuple[JudgedBlock, ...]
@@ -110,6 +112,7 @@ def judge_study(
         title=plan.title,
         array=array.name,
         update_rate=found.update_rate,
+        foci=found.foci,
         participants=tuple(runs),
         blocks=blocks,
         stimuli=tuple(found.stimuli),

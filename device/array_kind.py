@@ -113,6 +113,9 @@ class ArrayKind:
     """Whether its link opens an emulated array by itself (`LinkRequest.emulated`), without such a bus."""
     not_listed: str | None = None
     """Sentence without its end on why `palpate devices` cannot list it, and how it is named instead; None: it can."""
+    supposed: str | None = None
+    """Sentence without its end on what predictions suppose of it because its maker has not published it; None:
+    nothing."""
     watches_itself: str | None = None
     """Sentence without its end on what silences it when its player is gone, so that it needs no watchdog; None: nothing
     does."""

@@ -238,6 +238,7 @@ _FIELDS: Final[Mapping[str, tuple[Callable[[object], bool], str]]] = {
     "emulate": (_is_function_or_none, "a function or None"),
     "emulates_itself": (_is_flag, "True or False"),
     "not_listed": (_is_text_or_none, "a sentence or None"),
+    "supposed": (_is_text_or_none, "a sentence or None"),
     "watches_itself": (_is_text_or_none, "a sentence or None"),
     "not_live": (_is_text_or_none, "a sentence or None"),
 }

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ...device.array import ArrayModel
-from ...device.registry import array_model
+from ...device.registry import array_model, kind_of
 from ...kernels.driving.wave import piston_polynomial
 from ..errors import StrategyError
 from ..focal_spot import PISTON_RADIUS, SOUND_SPEED
@@ -76,6 +76,11 @@ class TransducerSet:
         """[m], common frame, shape [transducer, 3]."""
         self.normal = np.concatenate([array.normal for array in self.arrays]).astype(np.float64)
         """Unit vectors, shape [transducer, 3]."""
+
+    @property
+    def supposed(self) -> str | None:
+        """What predictions suppose of these arrays since it is not published: a sentence without its end, or None."""
+        return "; ".join(dict.fromkeys(filter(None, (kind_of(array).supposed for array in self.arrays)))) or None
 
     @property
     def works(self) -> np.ndarray:

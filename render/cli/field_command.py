@@ -40,7 +40,7 @@ SPACINGS = {"palm": 1e-3, "plane": 1e-3, "volume": 4e-3}  # [m]
 LEFT_OUT = "the hand's shadow and echo; pressures are right to some 50 %, forces to a factor of 2"
 SHOWN = (
     "pose", "time", "where", "average", "frames", "points", "pressure_peak", "radiation_peak", "force", "focal_width",
-    "share_on_contour", "unevenness", "out", "left_out",
+    "share_on_contour", "unevenness", "out", "left_out", "supposed",
 )  # fmt: skip
 
 
@@ -181,6 +181,7 @@ def _facts(path: Path, job: FieldJob, emitted: AveragedDrives) -> dict:
         "frames": len(emitted.drive),
         "out": None if job.out is None else str(job.out),
         "left_out": LEFT_OUT,
+        "supposed": emitted.transducers.supposed,
     }
 
 

@@ -11,15 +11,16 @@ from ...device.array import ArrayModel
 from ..acoustics.noise import NoiseListener, NoiseModel, NoiseSignal
 from ..acoustics.prediction import frames_of
 from ..acoustics.spectrum import NoiseSpectrum, level_differences
-from ..acoustics.transducers import Resonance
+from ..acoustics.transducers import Resonance, TransducerSet
 from ..acoustics.wave_files import require_wave_file, write_wave_files
 from ..errors import StrategyError
 from ..file_kinds import is_point_list
 from ..playback.drive import DriveStrategy
-from ..playback.placed_arrays import load_rig
+from ..playback.placed_arrays import PlacedArray, load_rig
 from ..reports.noise_figure import draw_noise
 from ..reports.picture_style import require_picture
 from ..terminal import bars, console
+from ..terminal.foreign_text import print_message
 from ..terminal.value_words import words_of
 from ..validation import choose, refuse_object
 from .play_commands import require_device, sampling_of
@@ -33,7 +34,8 @@ def run_noise(files: list[Path], options: dict, *, as_json: bool) -> None:
     out = options["out"]
     if out is not None:
         require_picture(out, overwrite=options["overwrite"], sources=files)
-    signals = _signals(files, options, as_json=as_json)
+    arrays = load_rig(options["array"], calibration=options["calibration"])
+    signals = _signals(files, arrays, options, as_json=as_json)
     spectra = {file: NoiseSpectrum.of(signal) for file, signal in signals.items()}
     for file, spectrum in spectra.items():
         if not np.isfinite(spectrum.rms):
@@ -61,12 +63,14 @@ def run_noise(files: list[Path], options: dict, *, as_json: bool) -> None:
         "wav": [str(path) for path in waves.values()] or None,
         "picture": None if options["out"] is None else str(options["out"]),
     }
+    supposed = TransducerSet([placed.model for placed in arrays]).supposed
     if as_json:
         chosen = {
             name: options[name]
             for name in ("array", "sampling", "speed", "update_rate", "slew", "source", "sources", "pole", "microphone")
         }
-        console.show_values({"files": rows, **written, "options": chosen}, as_json=True, title="")
+        values = {"files": rows, **written, "supposed": supposed, "options": chosen}
+        console.show_values(values, as_json=True, title="")
         return
     for row in rows:
         found = {words_of(name).removeprefix("noise, "): value for name, value in row["difference"].items()}
@@ -74,6 +78,8 @@ def run_noise(files: list[Path], options: dict, *, as_json: bool) -> None:
         console.show_values(row | {"path": None, "difference": difference}, as_json=False, title=row["path"])
     if any(value is not None for value in written.values()):
         console.show_values(written, as_json=False, title="written")
+    if supposed is not None:
+        print_message(supposed, "note")
     console.conclude(meaning_of(rows), as_json=False)
 
 
@@ -93,8 +99,9 @@ def meaning_of(rows: list[dict]) -> str:
     return f"Beside {first}, {', '.join(found)}."
 
 
-def _signals(files: list[Path], options: dict, *, as_json: bool) -> dict[Path, NoiseSignal]:
-    arrays = load_rig(options["array"], calibration=options["calibration"])
+def _signals(
+    files: list[Path], arrays: tuple[PlacedArray, ...], options: dict, *, as_json: bool
+) -> dict[Path, NoiseSignal]:
     require_device(options["device"])
     listener = _listener([placed.model for placed in arrays], options)
     drive = DriveStrategy(slew=options["slew"])

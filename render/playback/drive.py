@@ -178,6 +178,11 @@ class Driver:
         carriers = sorted({array.carrier for array in self.arrays})
         if len(carriers) != 1:
             raise StrategyError(f"arrays must be at least one and of one carrier, not {carriers} Hz")
+        if alone and self.strategy.slew is not None:
+            raise StrategyError(
+                f"slew is {self.strategy.slew:g}, but array {alone[0]} takes focal points: no change of its phases can "
+                "be limited"
+            )
         self._step = self._slew_step(carriers[0], update_rate)  # [turns a frame]; None: no limit
         self.device = warp_device(device)
         """Warp's, where kernels run."""
@@ -220,6 +225,19 @@ class Driver:
         slew = ("driving.slew",) if foci > 1 or self._step is not None else ()
         return *BYTE_STAGES, *solve, *slew
 
+    def require_played(self) -> None:
+        """Raise StrategyError for fields of the strategy that an array of focal points cannot be told.
+
+        Predictions take them: they say how the array's own driver is supposed to find phases.
+        """
+        for field in fields(DriveStrategy) if self.takes_points else ():
+            value = getattr(self.strategy, field.name)
+            if field.name not in ("amplitude", "level_max") and value != field.default:
+                raise StrategyError(
+                    f"{field.name} is {value}, but array {self.arrays[0].name} takes focal points: its own driver "
+                    "finds the phases, so of a drive only amplitude and level_max can be asked for"
+                )
+
     @property
     def transducer_count(self) -> int:
         """Of all arrays."""
@@ -227,19 +245,11 @@ class Driver:
 
     @cached_property
     def boards(self) -> list[Any]:
-        """Each array as kernels pack its frames.
-
-        Raises StrategyError for a field of the strategy that an array of focal points knows nothing of.
-        """
+        """Each array as kernels pack its frames; raises StrategyError as `require_played` does."""
         if not self.takes_points:
             return boards_on(self.arrays, self.strategy.sound_speed, self.device)
+        self.require_played()
         (array,) = self.arrays
-        for field in fields(DriveStrategy):
-            if field.name not in ("amplitude", "level_max") and getattr(self.strategy, field.name) != field.default:
-                raise StrategyError(
-                    f"{field.name} is {getattr(self.strategy, field.name)}, but array {array.name} takes focal points: "
-                    "its own driver finds the phases, so of a drive only amplitude and level_max can be asked for"
-                )
         return [focus_board(array.pose, _own_axes(array), array.point_count)]
 
     @cached_property

@@ -80,6 +80,7 @@ class MadeFrames:
         file: ContourFile | FrameReader | None = None,
     ) -> None:
         require_repeats(repeats)
+        driver.require_played()
         self.repeats, self.update_rate = repeats, source.update_rate
         self.foci = source.foci
         """Focal points of a frame."""

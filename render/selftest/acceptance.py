@@ -60,6 +60,11 @@ def _asked_for(options: dict) -> tuple[PlacedArray, Connection]:
     )
     if len(arrays) != 1 or arrays[0].model.unplaced is not None:
         raise StrategyError(f"{options['array']}: --acceptance is of one array in its own frame: name it")
+    if arrays[0].model.takes_points:
+        raise StrategyError(
+            f"--acceptance tries transducers one by one, which array {arrays[0].model.name} does not take: it takes "
+            "focal points; leave the option out, and follow docs/how-to/ultraleap.md"
+        )
     connection = Connection(
         emulate=options["emulate"],
         clock=choose("clock", options["clock"], tuple(CLOCKS)),

@@ -33,6 +33,9 @@ KIND = ArrayKind(
     layout=FocusLayout(),
     open_link=_open_link,
     emulate=_emulate,
+    supposed="of a stratos the grid of transducers is published, but neither their pressure nor how its library finds "
+    "phases: supposed are transducers as other arrays have them, exact phases for one focal point, and palpate's "
+    "solver for several",
     watches_itself="palpate-ultraleap silences it when the connection ends, or nothing is heard for 0.5 s",
     not_listed="a stratos cannot be listed: serial=HOST:PORT names the place at which its palpate-ultraleap listens",
 )

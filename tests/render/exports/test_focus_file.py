@@ -66,11 +66,11 @@ def test_the_pages_reader_reads_what_sampling_gives_to_the_bit(here):
 
 def test_struct_reads_header_and_samples_where_the_page_says(here):
     focus = FocalPoints(np.float32([[0.01, -0.02, 0.2], [0, 1e-9, 0.3]]), np.float32([1, 0.1]))
-    write_focus(PointSource(focus, update_rate=123.5), here, here / "new.bin", ".bin", watch=quiet)
+    write_focus(PointSource(focus, update_rate=40e3 / 3), here, here / "new.bin", ".bin", watch=quiet)
     content = (here / "new.bin").read_bytes()
     assert content[:8] == b"PALPATEF"
     assert struct.unpack_from("<II", content, 8) == (1, 1)
-    assert struct.unpack_from("<d", content, 16) == (123.5,)
+    assert struct.unpack_from("<d", content, 16) == (40e3 / 3,)
     assert struct.unpack_from("<Q", content, 24) == (2,)
     assert content[32:] == struct.pack("<8f", 0.01, -0.02, 0.2, 1, 0, 1e-9, 0.3, 0.1)
 
@@ -78,7 +78,7 @@ def test_struct_reads_header_and_samples_where_the_page_says(here):
 @pytest.mark.parametrize("foci", [1, 3])
 def test_each_format_holds_the_same_focal_points(foci, here):
     for suffix in FOCUS_WRITERS:
-        export_file("tube.h5", f"new{suffix}", to=TO, seconds="1:1.2", sampling="multi-focus" if foci > 1 else None)
+        export_file("tube.h5", f"new{suffix}", to=TO, seconds="1:1.6", sampling="multi-focus" if foci > 1 else None)
     sampling = "multi-focus" if foci > 1 else "stm"
     rate, points = read_by_page("new.bin")
     foci = points.shape[1]

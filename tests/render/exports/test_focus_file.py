@@ -51,13 +51,13 @@ def read_by_page(path):
 
 
 def test_the_pages_reader_reads_what_sampling_gives_to_the_bit(here):
-    told = answer("export", "tube.h5", "-o", "new.bin", "--speed", "5", "--update-rate", "20000")
-    wanted = load_contours("tube.h5").sample("stm", speed=5.0, update_rate=20e3)
+    told = answer("export", "tube.h5", "-o", "new.bin", "--speed", "5", "--update-rate", "8000")
+    wanted = load_contours("tube.h5").sample("stm", speed=5.0, update_rate=8e3)
     rate, points = read_by_page("new.bin")
-    assert (told["format"], told["samples"], told["foci"], told["update_rate"]) == (TO, len(points), 1, 20e3)
+    assert (told["format"], told["samples"], told["foci"], told["update_rate"]) == (TO, len(points), 1, 8e3)
     assert told["jumps"] == sum(wanted.count.jumps.values())
     assert told["bytes"] == 32 + 16 * told["samples"]
-    assert rate == 20e3
+    assert rate == 8e3
     assert (points[..., 3] > 0).any()
     assert (points[..., 3] == 0).any()
     np.testing.assert_array_equal(points[:, 0, :3], wanted.position)
@@ -75,14 +75,12 @@ def test_struct_reads_header_and_samples_where_the_page_says(here):
     assert content[32:] == struct.pack("<8f", 0.01, -0.02, 0.2, 1, 0, 1e-9, 0.3, 0.1)
 
 
-@pytest.mark.parametrize("foci", [1, 3])
-def test_each_format_holds_the_same_focal_points(foci, here):
+@pytest.mark.parametrize(("sampling", "foci"), [("stm", 1), ("multi-focus", 2)])
+def test_each_format_holds_the_same_focal_points(sampling, foci, here):
     for suffix in FOCUS_WRITERS:
-        export_file("tube.h5", f"new{suffix}", to=TO, seconds="1:1.6", sampling="multi-focus" if foci > 1 else None)
-    sampling = "multi-focus" if foci > 1 else "stm"
+        export_file("tube.h5", f"new{suffix}", to=TO, seconds="1:1.6", sampling=sampling)
     rate, points = read_by_page("new.bin")
-    foci = points.shape[1]
-    assert foci == (1 if sampling == "stm" else 2)
+    assert points.shape[1:] == (foci, 4)
     with np.load("new.npz", allow_pickle=False) as arrays:
         assert set(arrays) == {"position", "intensity", "update_rate"}
         assert arrays["update_rate"] == rate == 10e3
@@ -177,16 +175,16 @@ def test_a_mistake_is_answered_by_the_way_out_and_leaves_nothing(line, here):
 
 
 BAD = {
-    "position": ("sample 20000 has a position that is not finite", np.nan),
-    "intensity": ("sample 20000 has an intensity outside 0..1", 1.01),
+    "position": ("sample 4500 has a position that is not finite", np.nan),
+    "intensity": ("sample 4500 has an intensity outside 0..1", 1.01),
 }
 
 
 @pytest.mark.parametrize("which", BAD)
 def test_stored_values_out_of_range_are_named_and_leave_nothing(which, here):
-    """A file that another program wrote; sample 20,000 is in the second block."""
+    """A file that another program wrote; sample 4,500 is in the second block."""
     said, value = BAD[which]
-    stored_focus(here / "new.h5", 30_000, foci=(2,), change={which: (20_000, value)})
+    stored_focus(here / "new.h5", 5000, foci=(2,), change={which: (4500, value)})
     before = sorted(here.iterdir())
     for suffix in FOCUS_WRITERS:
         refused(FAILED, f"new.h5: {said}", "export", "new.h5", "-o", f"new{suffix}", "--to", TO)

@@ -1,6 +1,7 @@
 """Files of focal points hold the bits that sampling gives, as readers that know nothing of palpate read them."""
 
 import csv
+import resource
 import signal
 import struct
 import subprocess
@@ -16,6 +17,7 @@ from focus_cases import stored_focus
 from page_blocks import ROOT, blocks_of
 
 from palpate.datasets import read_ptlist, write_ptlist
+from palpate.datasets.errors import ContourFileError
 from palpate.render import FocalPoints, exploration, export_file, load_contours, render, static_pose
 from palpate.render.exports.focus_file import FOCUS_WRITERS, write_focus
 from palpate.render.playback.focal_points import PointSource
@@ -224,6 +226,30 @@ def test_memory_does_not_grow_with_the_samples(suffix, here):
             tracemalloc.stop()
         assert (here / f"new{count}{suffix}").stat().st_size >= 16 * count
     assert peaks[1] - peaks[0] < 16 * (1 << 11)
+
+
+@pytest.mark.parametrize("suffix", FOCUS_WRITERS)
+def test_a_full_disk_and_an_interruption_leave_the_old_file_and_no_part_of_the_new_one(suffix, here):
+    """A limit on the size of files stands for the disk. The interruption comes in the second block."""
+
+    def interrupt(done, total):
+        if done > 4096:
+            raise KeyboardInterrupt
+
+    out = here / f"new{suffix}"
+    out.write_text("old")
+    before = sorted(here.iterdir())
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
+    try:
+        with pytest.raises(ContourFileError, match=r"new\.\w+: cannot be written .*File too large"):
+            export_file("cube.h5", out, to=TO, duration=1.0, overwrite=True)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    with pytest.raises(KeyboardInterrupt):
+        export_file("cube.h5", out, to=TO, duration=1.0, overwrite=True, watch=interrupt)
+    assert out.read_text() == "old"
+    assert sorted(here.iterdir()) == before
 
 
 KILLED = """

@@ -104,6 +104,11 @@ inline int play_file(FocusFile& file, std::uint64_t repeats, FocusArray& array, 
   std::vector<Point> points;
   std::uint64_t begun_times = 1;
   file.rewind();
+  session.start();
+  while (!EndSignal::came() && player.counts().device_samples == 0) {  // silence first, as for a client
+    session.require_callbacks();
+    sleep_a_millisecond();
+  }
   while (!EndSignal::came() && !player.counts().is_finished) {
     for (std::uint64_t room; (room = player.room()) > 0;) {
       std::uint64_t count = file.read(points, std::min<std::uint64_t>(room, 4096));
@@ -111,7 +116,6 @@ inline int play_file(FocusFile& file, std::uint64_t repeats, FocusArray& array, 
       if (count == 0 && begun_times == repeats) break;
       if (count == 0) ++begun_times, file.rewind();
     }
-    if (!session.is_on()) session.start();  // with a queue that is full, so that it cannot run dry at once
     session.require_callbacks();
     sleep_a_millisecond();
   }

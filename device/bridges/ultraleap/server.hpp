@@ -126,7 +126,7 @@ class Connection {
 
   // Whether a closing connection is over: the client ended it as well, or did not within a second.
   bool is_closed() {
-    while (receive()) in_.clear();
+    for (int i = 0; i < 16 && receive(); ++i) in_.clear();
     if (!out_.empty()) flush();
     return is_ended_ || seconds_now() - since_ > 1;
   }
@@ -209,7 +209,10 @@ class Server {
   void step_client() {
     try {
       client_.flush();
-      for (int i = 0; i < 64 && client_.receive(); ++i) answer_messages();
+      for (int i = 0; i < 64 && client_.receive(); ++i) {
+        answer_messages();
+        if (client_.has_unsent(unsent_most)) throw Failure("the client does not read its answers");
+      }
       if (client_.is_ended()) {
         end_client(client_.holds_bytes() ? "its connection ended within a message" : "its connection ended");
         return;
@@ -224,7 +227,6 @@ class Server {
     double now = seconds_now();
     if (!has_greeted_ && now - client_.since() > first_message_within)
       throw Failure("no HELO came within " + text_of(first_message_within) + " s");
-    if (client_.has_unsent(unsent_most)) throw Failure("the client does not read its answers");
     if (!session_.is_on()) return;
     session_.require_callbacks();
     Counts counts = player_.counts();

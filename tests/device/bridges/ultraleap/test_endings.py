@@ -9,7 +9,17 @@ import time
 
 import numpy as np
 import pytest
-from ultraleap_bridge import RATE, Bridge, Client, compare, focus_file, numbers_of, recorded, shared_program, unlike_samples
+from ultraleap_bridge import (
+    RATE,
+    Bridge,
+    Client,
+    compare,
+    focus_file,
+    numbers_of,
+    recorded,
+    shared_program,
+    unlike_samples,
+)
 
 SENDER = """
 import sys, time
@@ -73,7 +83,9 @@ def test_a_connection_that_ends_is_silence_and_the_next_client_plays(program, re
             client.wait(lambda state: state.device_samples > 0)
             client.play_out(sent[:400])
         assert bridge.end() == 0
-    taken, begun, passed, dropped, _ = [int(n) for n in re.findall(r"\d+", re.findall("^played: .*", bridge.output, re.M)[0])][:5]
+    taken, begun, passed, dropped, _ = [
+        int(n) for n in re.findall(r"\d+", re.findall("^played: .*", bridge.output, re.M)[0])
+    ][:5]
     assert (taken, passed, begun + dropped) == (20_000, 0, 20_000)
     assert judged_prefix(record, sent) == begun
     _, heard = recorded(record, start=2)
@@ -206,7 +218,7 @@ def test_a_library_that_asks_for_nothing_any_more_is_a_failure(program, record):
 
 
 def test_a_library_that_does_not_stop_is_named(program):
-    with Bridge(program, fault="stop") as bridge:
-        Client(bridge.port).open()
-        bridge.end()
+    with Bridge(program, fault="stop") as bridge, Client(bridge.port) as client:
+        client.open()
+        assert bridge.end() == 0
     assert "warning: the Ultraleap library cannot stop: HardwareFault" in bridge.output

@@ -1,4 +1,4 @@
-"""What palpate-ultraleap hands to the vendor's library, beside what it was sent: docs/formats/ultraleap-bridge.md, "Time"."""
+"""What palpate-ultraleap hands over, beside what it was sent: docs/formats/ultraleap-bridge.md, "Time"."""
 
 import os
 import subprocess
@@ -56,7 +56,7 @@ def test_each_device_sample_gets_the_sample_whose_time_it_is(program, tmp_path, 
     record = tmp_path / "record"
     with Bridge(program, record=record, rates=rates_of(points, device_rate)) as bridge, Client(bridge.port) as client:
         device_rate = client.open(points, float(rate))  # as the library gives it: float32, or whole hertz
-            client.wait(lambda state: state.device_samples > 0)
+        client.wait(lambda state: state.device_samples > 0)
         state = client.play_out(sent)
         assert (state.taken, state.begun, state.passed, state.dropped) == (len(sent), len(sent), 0, 0)
     _, heard = recorded(record, points)
@@ -64,7 +64,9 @@ def test_each_device_sample_gets_the_sample_whose_time_it_is(program, tmp_path, 
     numbers = numbers_of(heard, sent)
     begin = int(np.argmax(numbers == 0))
     dry = int(np.argmax(numbers == len(sent) - 1))
-    assert list(numbers[begin:dry]) == held_numbers(rate, device_rate, dry - begin)
+    least, most = (held_numbers(rate, device_rate, dry - begin, tie=side) for side in (-1, 1))
+    assert (least <= numbers[begin:dry]).all()
+    assert (numbers[begin:dry] <= most).all()
     held = int((numbers == len(sent) - 1).sum())
     assert abs(held - round(device_rate * (1 / rate + 0.1))) <= 1  # 0.1 s after its own time
 

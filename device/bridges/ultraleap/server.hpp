@@ -39,12 +39,12 @@ inline void require_playable(const Point* points, std::uint64_t sample_count, un
   for (std::uint64_t i = 0; i < sample_count * point_count; ++i) {
     const float values[] = {points[i].x, points[i].y, points[i].z, points[i].intensity};
     const char* const names[] = {"x", "y", "z", "intensity"};
-    std::string place = "sample " + std::to_string(first + i / point_count) + ", point " +
-                        std::to_string(i % point_count) + ": ";
-    for (int k = 0; k < 4; ++k)
-      if (!std::isfinite(values[k])) throw Failure(place + names[k] + " is " + text_of(values[k]) + ", which is not finite");
-    if (values[3] < 0 || values[3] > 1)
-      throw Failure(place + "intensity " + text_of(values[3]) + " is outside 0..1");
+    for (int k = 0; k < 4; ++k) {
+      bool is_finite = std::isfinite(values[k]);
+      if (is_finite && (k < 3 || (values[k] >= 0 && values[k] <= 1))) continue;
+      throw Failure("sample " + std::to_string(first + i / point_count) + ", point " + std::to_string(i % point_count) +
+                    ": " + names[k] + " " + text_of(values[k]) + (is_finite ? " is outside 0..1" : " is not finite"));
+    }
   }
 }
 
@@ -61,6 +61,8 @@ class Connection {
   bool is_ended() const { return is_ended_; }
   bool holds_bytes() const { return !in_.empty(); }
 
+  void hear() { heard_ = seconds_now(); }
+
   // Receives what is there: true if anything was.
   bool receive() {
     std::size_t before = in_.size();
@@ -68,7 +70,7 @@ class Connection {
     int got = socket_.receive(in_.data() + before, chunk);
     in_.resize(before + static_cast<std::size_t>(got > 0 ? got : 0));
     is_ended_ = is_ended_ || got < 0;
-    if (got > 0) heard_ = seconds_now();
+    if (got > 0) hear();
     return got > 0;
   }
 
@@ -211,6 +213,7 @@ class Server {
       client_.flush();
       for (int i = 0; i < 64 && client_.receive(); ++i) {
         answer_messages();
+        client_.hear();  // again, since an answer may take its time
         if (client_.has_unsent(unsent_most)) throw Failure("the client does not read its answers");
       }
       if (client_.is_ended()) {

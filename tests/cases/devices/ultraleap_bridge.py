@@ -40,14 +40,15 @@ def compile_program(folder, version=3, compiler="g++", flags=()):
 
 
 def shared_program(tmp_path_factory, version=3):
-    """The program, compiled once for all processes that run tests."""
+    """The program, compiled once for all processes that run tests; BRIDGE_FLAGS adds options, as -fsanitize=thread."""
     folder = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
         folder = folder.parent
     program = folder / f"palpate-ultraleap-{version}"
     with (folder / f"lock-{version}").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        return program if program.exists() else compile_program(folder, version)
+        flags = os.environ.get("BRIDGE_FLAGS", "").split()
+        return program if program.exists() else compile_program(folder, version, flags=flags)
 
 
 class Bridge:

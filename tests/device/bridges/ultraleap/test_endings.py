@@ -29,7 +29,8 @@ client = Client(int(sys.argv[1]))
 client.open()
 client.wait(lambda state: state.device_samples > 0)
 client.foci(unlike_samples(int(sys.argv[2])))
-print("sent", flush=True)
+client.wait(lambda state: state.begun > 400)
+print("sounding", flush=True)
 while True:
     client.state()
     time.sleep(0.01)
@@ -50,7 +51,7 @@ def record(tmp_path):
 def started_sender(bridge, count):
     words = [sys.executable, "-c", SENDER, str(bridge.port), str(count)]
     sender = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
-    assert sender.stdout.readline() == "sent\n"
+    assert sender.stdout.readline() == "sounding\n"
     return sender
 
 
@@ -96,7 +97,6 @@ def test_a_connection_that_ends_is_silence_and_the_next_client_plays(program, re
 def test_a_client_that_is_killed_leaves_silence(program, record):
     with Bridge(program, "--once", record=record) as bridge:
         sender = started_sender(bridge, 30_000)
-        time.sleep(0.1)
         sender.kill()
         sender.wait()
         sender.stdout.close()
@@ -115,7 +115,7 @@ def test_a_client_that_stops_leaves_silence_and_learns_why(program, record):
         sender.kill()
         sender.wait()
         sender.stdout.close()
-    assert 0.4 * RATE < bridge.counts()[1] == judged_prefix(record, unlike_samples(60_000)) < 60_000
+    assert 0 < bridge.counts()[1] == judged_prefix(record, unlike_samples(60_000)) < 60_000
     assert "nothing was heard from the client for 0.5 s while samples waited or sounded" in bridge.output
 
 
@@ -210,9 +210,10 @@ def test_a_library_that_asks_for_nothing_any_more_is_a_failure(program, record):
         client.foci(unlike_samples(8000))
         with pytest.raises(Exception, match=r"asked for no samples for 1 s: is the array still plugged in"):
             client.wait(lambda state: False)
+    samples = unlike_samples(60_000)
     with Bridge(program, dies="0.3") as bridge, Client(bridge.port) as client:  # STOP is answered all the same
         client.open()
-        client.foci(unlike_samples(60_000))
+        client.foci(samples)
         client.wait(lambda state: state.device_samples == 12_000)
         assert client.state(b"STOP").intensity > 0
 

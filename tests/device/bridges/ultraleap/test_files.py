@@ -43,7 +43,7 @@ WRONG_FILES = {
     "huge": (focus_file(SAMPLES, 1000.0, count=2**63), "says 9223372036854775808 samples of 32 bytes, and it holds 5"),
     "not finite": (
         focus_file(np.where(SAMPLES[3, 1, 2] == SAMPLES, np.nan, SAMPLES), 1000.0),
-        "sample 3, point 1: z is nan",
+        "sample 3, point 1: z nan is not finite",
     ),
     "intensity": (
         focus_file(SAMPLES * [1, 1, 1, 3], 1000.0),

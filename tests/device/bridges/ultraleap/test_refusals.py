@@ -30,8 +30,8 @@ def samples_with(value, number=7, column=3):
 
 
 WRONG_MESSAGES = {  # by what is sent after OPEN of one point at 40 kHz
-    "not finite": (b"FOCI", samples_with(np.nan, column=1), "sample 8007, point 0: y is nan, which is not finite"),
-    "infinite": (b"FOCI", samples_with(np.inf, column=3), "sample 8007, point 0: intensity is inf"),
+    "not finite": (b"FOCI", samples_with(np.nan, column=1), "sample 8007, point 0: y nan is not finite"),
+    "infinite": (b"FOCI", samples_with(np.inf, column=3), "sample 8007, point 0: intensity inf is not finite"),
     "intensity": (b"FOCI", samples_with(1.5), r"sample 8007, point 0: intensity 1.5 is outside 0..1"),
     "negative": (b"FOCI", samples_with(-0.25), r"intensity -0.25 is outside 0..1"),
     "part of a sample": (b"FOCI", bytes(40), "FOCI has 40 bytes, which is no whole number of samples of 16 bytes"),

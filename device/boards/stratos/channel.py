@@ -15,7 +15,7 @@ _SEND_TIMEOUT: Final = 1.0  # [s]; what is sent has room in the bridge, so it is
 _BYTES_AT_ONCE: Final = 1 << 16
 
 
-class Channel(Protocol):
+class BridgeChannel(Protocol):
     """Bytes to and from one bridge. Errors are `LinkError`s, which name the bridge."""
 
     @property

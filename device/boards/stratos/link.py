@@ -16,7 +16,7 @@ from ...codec import off_frame
 from ...errors import DeviceBusyError, DeviceTimeoutError, FrameError, LinkError
 from ...link import BoardStatus, never
 from .bridge_side import EmulatedBridge
-from .channel import Channel, TcpChannel
+from .channel import BridgeChannel, TcpChannel
 
 _MAGIC: Final = b"PALPATEU"
 _VERSION: Final = 1
@@ -77,7 +77,7 @@ class BridgeLink:
     short_writes = 0  # TCP takes all or fails
     bytes_under_way = 0  # what is sent has room in the bridge
 
-    def __init__(self, model: ArrayModel, channel: Channel, clock: Clock) -> None:
+    def __init__(self, model: ArrayModel, channel: BridgeChannel, clock: Clock) -> None:
         self.array = model
         self.clock = clock
         self.transport = channel.name
@@ -321,7 +321,7 @@ def open_bridge(model: ArrayModel, request: LinkRequest) -> BridgeLink:
     return _opened(model, bus.connect(request.serial), request.clock or bus.clock)
 
 
-def _opened(model: ArrayModel, channel: Channel, clock: Clock) -> BridgeLink:
+def _opened(model: ArrayModel, channel: BridgeChannel, clock: Clock) -> BridgeLink:
     try:
         return BridgeLink(model, channel, clock)
     except BaseException:

@@ -37,7 +37,7 @@ def register_array(kind: ArrayKind) -> None:
     >>> remove_array("autd3")
     >>> register_array(KIND)
     >>> array_names()
-    ('emulator', 'pat16', 'sonicsurface', 'autd3')
+    ('emulator', 'pat16', 'sonicsurface', 'stratos', 'autd3')
     """
     _require_types(kind)
     for called in (kind.name, *kind.aliases):
@@ -53,7 +53,7 @@ def remove_array(name: str) -> None:
     >>> from palpate.device.boards.autd3.kind import KIND
     >>> remove_array("autd")  # what it is also called
     >>> array_names()
-    ('emulator', 'pat16', 'sonicsurface')
+    ('emulator', 'pat16', 'sonicsurface', 'stratos')
     >>> register_array(KIND)  # known again
     >>> array_model("autd")
     ArrayModel('autd3', 249 transducers)
@@ -71,7 +71,7 @@ def array_names() -> tuple[str, ...]:
 
     >>> from palpate.device import array_names
     >>> array_names()
-    ('emulator', 'pat16', 'sonicsurface', 'autd3')
+    ('emulator', 'pat16', 'sonicsurface', 'autd3', 'stratos')
     """
     return tuple(_kinds())
 

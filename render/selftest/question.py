@@ -17,9 +17,9 @@ TURN_RADIUS = 0.02  # [m]
 SLOW_DIVIDER = 45  # 889 frames a second of 40 kHz
 
 
-def any_array(model: ArrayModel) -> bool:
-    """Every array."""
-    return True
+def takes_phases(model: ArrayModel) -> bool:
+    """Every array whose transducers can be driven one by one."""
+    return not model.takes_points
 
 
 def has_plug(model: ArrayModel) -> bool:
@@ -29,7 +29,11 @@ def has_plug(model: ArrayModel) -> bool:
 
 def carries_tones(model: ArrayModel) -> bool:
     """Arrays fast enough for a tone that is heard, which can be slowed down, too."""
-    return model.update_rate(model.divider_default) >= 4 * HEARD and model.divider_max >= SLOW_DIVIDER
+    return (
+        takes_phases(model)
+        and model.update_rate(model.divider_default) >= 4 * HEARD
+        and model.divider_max >= SLOW_DIVIDER
+    )
 
 
 def is_behind_a_chip(model: ArrayModel) -> bool:
@@ -63,7 +67,7 @@ class Step:
     stimuli: tuple[FeltStimulus, ...] = ()
     """What is played, one after the other."""
     act: Act = "play"
-    suits: Callable[[ArrayModel], bool] = any_array
+    suits: Callable[[ArrayModel], bool] = takes_phases
     """Which arrays the step makes sense for."""
 
     @property

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from board_file_cases import GRID, board_lines, write
+from drive_cases import ARRAYS_OF_PHASES
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -116,6 +117,7 @@ def test_a_pose_that_is_none_is_refused() -> None:
 def test_what_people_call_an_array_gives_the_one_of_its_own_name() -> None:
     called = {"pat16": ["openmpd", "OpenMPD", "PAT", "pat-16", "AsierInho"], "emulator": [" Emulator "]}
     called |= {"sonicsurface": ["sonic-surface", "Sonic Surface", "SonicSurface"], "autd3": ["AUTD", "AUTD3"]}
+    called["stratos"] = ["ultraleap", "Ultraleap", "USX", "usx", "STRATOS Explore", "ultrahaptics"]
     for own, others in called.items():
         assert {array_model(other).name for other in others} == {own}
 
@@ -123,7 +125,7 @@ def test_what_people_call_an_array_gives_the_one_of_its_own_name() -> None:
 def test_no_two_arrays_have_a_name_in_common() -> None:
     for kind in array_kinds():
         assert {canonical_name(name) for name in (kind.name, *kind.aliases)} == {kind.name}
-    assert array_names() == ("emulator", "pat16", "sonicsurface", "autd3")
+    assert array_names() == (*ARRAYS_OF_PHASES, "stratos")
 
 
 def test_an_unknown_array_is_refused_with_names_and_aliases() -> None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drive_cases import turned
+from drive_cases import ARRAYS_OF_PHASES, turned
 from hypothesis import given
 from hypothesis import strategies as st
 from wire_decoders import DECODERS, Drive
@@ -17,11 +17,11 @@ from palpate.device.array import ArrayModel
 from palpate.device.boards.pat16.layout import with_divider
 from palpate.device.codec import duty, encode_frames, is_emitting, off_frame, switched_count
 from palpate.device.errors import FrameError, UnknownArrayError, UpdateRateError
-from palpate.device.registry import array_model, array_names
+from palpate.device.registry import array_model
 
 STEPS = {"emulator": 256, "pat16": 128, "sonicsurface": 32, "autd3": 256}
 AMPLITUDE_ERROR = {"emulator": 1 / 510, "pat16": np.pi / 256, "sonicsurface": 0.5, "autd3": 1 / 510}
-EACH_BOARD = pytest.mark.parametrize("name", array_names())
+EACH_BOARD = pytest.mark.parametrize("name", ARRAYS_OF_PHASES)
 WAVELENGTH = 343 / 40e3
 
 

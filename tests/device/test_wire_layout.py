@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drive_cases import ARRAYS_OF_PHASES
 
-from palpate.device import ArrayKindError, Layout, Levels, array_names, linear_levels, pulse_levels
+from palpate.device import ArrayKindError, Layout, Levels, linear_levels, pulse_levels
 from palpate.device.registry import array_model, kind_of
 
 
@@ -45,7 +46,7 @@ def test_no_threshold_is_so_near_to_a_float32s_border_that_a_library_could_round
             assert least == np.float32((k + 0.5) / levels.count)
 
 
-@pytest.mark.parametrize("name", array_names())
+@pytest.mark.parametrize("name", ARRAYS_OF_PHASES)
 def test_off_frames_do_not_sound_and_have_the_fixed_bits(name: str) -> None:
     model, layout = array_model(name), kind_of(array_model(name)).layout
     off = layout.off_frame(model.frame_bytes)
@@ -100,7 +101,7 @@ def test_bytes_may_be_counted_from_the_end_and_delays_may_have_marks() -> None:
     assert layout.bytes_of(33, 16) == (range(1, 17), range(17, 33))
 
 
-@pytest.mark.parametrize("name", array_names())
+@pytest.mark.parametrize("name", ARRAYS_OF_PHASES)
 def test_a_layout_goes_to_another_process_as_the_watchdog_sends_it(name: str) -> None:
     layout = kind_of(array_model(name)).layout
     sent = pickle.loads(pickle.dumps(layout))

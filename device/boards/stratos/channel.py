@@ -15,7 +15,7 @@ _SEND_TIMEOUT: Final = 1.0  # [s]; what is sent has room in the bridge, so it is
 _BYTES_AT_ONCE: Final = 1 << 16
 
 
-class Channel(Protocol):
+class BridgeChannel(Protocol):
     """Bytes to and from one bridge. Errors are `LinkError`s, which name the bridge."""
 
     @property
@@ -59,10 +59,11 @@ class TcpChannel:
         self.where = f"{host}:{port}"
         try:
             self._socket = socket.create_connection((host, port), _CONNECT_TIMEOUT)
-        except OSError as error:
+        except (OSError, UnicodeError) as error:  # UnicodeError: a name of a host that can be none
+            reason = getattr(error, "strerror", None) or error
             raise DeviceNotFoundError(
-                f"no palpate-ultraleap listens at {self.where} ({error.strerror or error}): start it there, or name "
-                "its place with serial=HOST:PORT; docs/how-to/ultraleap.md says how it is built"
+                f"no palpate-ultraleap listens at {self.where} ({reason}): start it there, or name its place with "
+                "serial=HOST:PORT; docs/how-to/ultraleap.md says how it is built"
             ) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
@@ -72,7 +73,10 @@ class TcpChannel:
         try:
             self._socket.sendall(data)
         except TimeoutError:
-            raise DeviceTimeoutError(f"the bridge at {self.where} has read nothing for {_SEND_TIMEOUT:g} s") from None
+            self.close()  # a part of a message may have gone, so nothing that followed would be understood
+            raise DeviceTimeoutError(
+                f"the bridge at {self.where} has read nothing for {_SEND_TIMEOUT:g} s, so the connection was closed"
+            ) from None
         except OSError as error:
             raise self._lost(error) from error
 
@@ -99,13 +103,16 @@ class TcpChannel:
 
 
 def parsed_address(address: str | None) -> tuple[str, int]:
-    """Host and port of HOST:PORT, HOST, :PORT or [IPv6]:PORT; raises LinkError for a port outside 1..65535.
+    """Host and port of HOST:PORT, HOST, :PORT, [IPv6]:PORT or IPv6; raises LinkError for a port outside 1..65535.
 
     >>> from palpate.device.boards.stratos.channel import parsed_address
     >>> parsed_address(None), parsed_address(":9000"), parsed_address("[::1]:9000")
     (('127.0.0.1', 24040), ('127.0.0.1', 9000), ('::1', 9000))
     """
-    host, _, port = (address or "").rpartition(":") if ":" in (address or "") else (address or "", "", str(PORT))
+    given = address or ""
+    host, colon, port = given.rpartition(":")
+    if not colon or given.endswith("]") or (":" in host and not host.endswith("]")):  # an IPv6 address without a port
+        host, port = given, str(PORT)
     if not (port.isascii() and port.isdigit() and 1 <= int(port[:6]) <= 65535):
         raise LinkError(f"serial of a stratos is HOST:PORT with a port of 1..65535, not {address!r}")
     return host.strip("[]") or "127.0.0.1", int(port)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import struct
+import time
 from array import array
+from collections import deque
 from collections.abc import Callable
 from types import TracebackType
 from typing import Final, NamedTuple, Self
@@ -16,7 +19,7 @@ from ...codec import off_frame
 from ...errors import DeviceBusyError, DeviceTimeoutError, FrameError, LinkError
 from ...link import BoardStatus, never
 from .bridge_side import EmulatedBridge
-from .channel import Channel, TcpChannel
+from .channel import BridgeChannel, TcpChannel
 
 _MAGIC: Final = b"PALPATEU"
 _VERSION: Final = 1
@@ -35,6 +38,7 @@ _ANSWER_TIMEOUT: Final = 1.0  # [s]
 _LAST_TIMEOUT: Final = 0.05  # [s]
 _STALL_NS: Final = 1_000_000_000  # without a sample begun, while some wait
 _WAIT_NS: Final = 20_000_000  # between two looks at a full queue
+_HEARTBEAT_NS: Final = 100_000_000  # of silence, after which a bridge whose samples wait is asked for its counts
 
 
 class _Counts(NamedTuple):
@@ -75,9 +79,8 @@ class BridgeLink:
     off_frames = 1
     hold_ns = 0
     short_writes = 0  # TCP takes all or fails
-    bytes_under_way = 0  # what is sent has room in the bridge
 
-    def __init__(self, model: ArrayModel, channel: Channel, clock: Clock) -> None:
+    def __init__(self, model: ArrayModel, channel: BridgeChannel, clock: Clock) -> None:
         self.array = model
         self.clock = clock
         self.transport = channel.name
@@ -88,6 +91,9 @@ class BridgeLink:
         """Whether `bytes_sent` is exact: False once sending has failed."""
         self._channel = channel
         self._unread = b""
+        self._awaited: deque[bytes] = deque()  # names of the answers that are to come, in their order
+        self._refusal: bytes | None = None  # what a bridge said when it failed: then it is silent, and gone
+        self._spoke_ns = clock.now_ns()
         self._sent = 0  # samples since `start`
         self._freed = 0  # of these, those that no longer wait, as far as is known
         self._before = 0  # samples played before `start`
@@ -95,10 +101,11 @@ class BridgeLink:
         self._counts = _Counts(0, 0, 0, 0, 0, 0, 0, 0, 0.0)
         self._divider = model.divider_default
         self._samples_a_frame = 1.0  # device samples
-        self._send(b"HELO", _HELLO.pack(_MAGIC, _VERSION))
-        greeting = self._answer(b"HELO", _HELLO_TIMEOUT)
-        magic, version, self._capacity, self._points_most, _ = _GREETING.unpack(greeting[: _GREETING.size].ljust(24))
-        if magic != _MAGIC or version != _VERSION:
+        greeting = self._ask(b"HELO", _HELLO.pack(_MAGIC, _VERSION), b"HELO", _HELLO_TIMEOUT)
+        if len(greeting) < _GREETING.size or not greeting.startswith(_MAGIC):
+            raise self._stranger(greeting)
+        _, version, self._capacity, self._points_most, _ = _GREETING.unpack_from(greeting)
+        if version != _VERSION:
             raise LinkError(
                 f"the bridge at {channel.where} speaks version {version} of the protocol, this palpate {_VERSION}: "
                 "build the bridge from the same version of palpate"
@@ -122,6 +129,18 @@ class BridgeLink:
         self.close()
 
     @property
+    def bytes_under_way(self) -> int:
+        """0, as what was sent has room in the bridge.
+
+        A player asks for it also while it has nothing to send. Then the bridge is asked something, so that it does not
+        take its client for dead while samples wait. What fails is raised by the next call that has to do with frames.
+        """
+        if self._sent > self._freed and self.clock.now_ns() - self._spoke_ns > _HEARTBEAT_NS:
+            with contextlib.suppress(LinkError):
+                self._look()
+        return 0
+
+    @property
     def off_bytes(self) -> bytes:
         """A frame of silence."""
         return off_frame(array=self.array).tobytes()
@@ -139,8 +158,13 @@ class BridgeLink:
                 f"{self.array.point_count}"
             )
         self._keep_counts()
-        self._send(b"OPEN", _OPEN.pack(self.array.point_count, 0, rate))
-        (device_rate,) = _RATE.unpack(self._answer(b"OPEN", _OPEN_TIMEOUT)[: _RATE.size].ljust(_RATE.size))
+        answer = self._ask(b"OPEN", _OPEN.pack(self.array.point_count, 0, rate), b"OPEN", _OPEN_TIMEOUT)
+        device_rate = _RATE.unpack_from(answer)[0] if len(answer) >= _RATE.size else math.nan
+        if not rate * (1 - 1e-6) <= device_rate < math.inf:
+            raise LinkError(
+                f"array {self._who} was asked for {rate:g} samples a second of {self.array.point_count} focal points, "
+                f"but its library takes {device_rate:g}"
+            )
         self._divider, self._samples_a_frame = divider, max(device_rate / rate, 1.0)
         self._counts = _Counts(0, 0, 0, 0, 0, 0, 0, 0, 0.0)
         self._sent = self._freed = 0
@@ -184,8 +208,12 @@ class BridgeLink:
         """Nothing is under way that could be ended."""
 
     def status(self) -> BoardStatus:
-        """Ask the bridge; `level` is None, as the library does not say what its array does."""
-        self._look()
+        """Ask the bridge; `level` is None, as the library does not say what its array does.
+
+        Of a bridge that failed, the last that it said.
+        """
+        if self._refusal is None:
+            self._look()
         counts = self._counts
         return BoardStatus(
             frames_played=self._before + counts.begun + counts.passed,
@@ -199,8 +227,9 @@ class BridgeLink:
 
     def clear(self) -> bool:
         """Drop the frames that wait: True. The library is handed silence."""
-        self._send(b"STOP", b"")
-        self._note(self._answer(b"STAT", _ANSWER_TIMEOUT))
+        if self._refusal is None:  # else it has done so by itself
+            self._note(self._ask(b"STOP", b"", b"STAT", _ANSWER_TIMEOUT))
+        self._freed = self._sent
         return True
 
     def send_off(self) -> None:
@@ -224,15 +253,15 @@ class BridgeLink:
 
     def _room(self, wanted: int, abandon: Callable[[], bool]) -> int:
         """Samples that there is room for, `wanted` at least, once there is; 0 if abandoned."""
-        moved_ns, begun = self.clock.now_ns(), self._counts.begun
+        moved_ns, waiting = self.clock.now_ns(), self._counts.waiting
         while (room := self._capacity - (self._sent - self._freed)) < max(wanted, 1):
             self._look()
             room = self._capacity - (self._sent - self._freed)
             if room >= max(wanted, 1):
                 break
             now_ns = self.clock.now_ns()
-            if self._counts.begun != begun:
-                moved_ns, begun = now_ns, self._counts.begun
+            if self._counts.waiting != waiting:
+                moved_ns, waiting = now_ns, self._counts.waiting
             if now_ns - moved_ns > _STALL_NS:
                 raise DeviceTimeoutError(f"array {self._who}: its library has asked for no samples for 1 s")
             if abandon():
@@ -242,16 +271,21 @@ class BridgeLink:
         return room
 
     def _look(self) -> None:
-        self._send(b"PING", b"")
-        self._note(self._answer(b"STAT", _ANSWER_TIMEOUT))
+        self._note(self._ask(b"PING", b"", b"STAT", _ANSWER_TIMEOUT))
 
     def _note(self, content: bytes) -> None:
         if len(content) < _STATUS.size:
             raise LinkError(f"array {self._who} answered a status of {len(content)} bytes instead of {_STATUS.size}")
-        self._counts = counts = _Counts(*_STATUS.unpack(content[: _STATUS.size]))
+        counts = _Counts(*_STATUS.unpack_from(content))
+        if counts.taken != self._sent or not 0 <= counts.waiting <= counts.taken:
+            raise LinkError(f"array {self._who} was sent {self._sent} samples, but its bridge counts {counts}")
+        self._counts = counts
         self._freed = self._sent - counts.waiting
 
     def _send(self, name: bytes, content: bytes) -> None:
+        if self._refusal is not None:
+            raise self._failure(self._refusal)
+        self._spoke_ns = self.clock.now_ns()
         try:
             self._channel.send(_HEAD.pack(name, len(content)) + content)
         except LinkError as error:
@@ -262,41 +296,54 @@ class BridgeLink:
 
     def _last_words(self) -> bytes | None:
         """What a bridge said before it closed the connection; None if it said nothing."""
+        end = time.monotonic() + _LAST_TIMEOUT
         with contextlib.suppress(LinkError):
-            while True:
-                name, content = self._message(_LAST_TIMEOUT)
+            while time.monotonic() < end:
+                name, content = self._message(end)
                 if name == b"FAIL":
                     return content
         return None
 
-    def _answer(self, wanted: bytes, timeout: float) -> bytes:
-        """Content of the next message, which must have the wanted name."""
-        name, content = self._message(timeout)
-        if name == b"FAIL":
-            raise self._failure(content)
-        if name != wanted:
-            raise self._stranger(_HEAD.pack(name, len(content)))
-        return content
+    def _ask(self, name: bytes, content: bytes, wanted: bytes, timeout: float) -> bytes:
+        """Content of the answer to a message, which must have the wanted name.
+
+        Answers come in the order of questions. So an answer that came too late for its own question is passed over, and
+        is never taken for the answer to this one: an old status must not say that a later `STOP` was heard.
+        """
+        self._send(name, content)
+        self._awaited.append(wanted)
+        end = time.monotonic() + timeout
+        while True:
+            name, answer = self._message(end)
+            if name == b"FAIL":
+                raise self._failure(answer)
+            if name != self._awaited.popleft():
+                raise self._stranger(_HEAD.pack(name, len(answer)))
+            if not self._awaited:
+                return answer
 
     def _failure(self, content: bytes) -> LinkError:
+        self._refusal = content
         text = content.decode(errors="replace")
         kind = DeviceBusyError if "in use" in text else LinkError
         return kind(f"the bridge at {self._channel.where} refuses: {text}")
 
-    def _message(self, timeout: float) -> tuple[bytes, bytes]:
+    def _message(self, end: float) -> tuple[bytes, bytes]:
+        """Name and content of the next message, if it is there by a time [s of time.monotonic()]."""
         while True:
             if len(self._unread) >= _HEAD.size:
                 name, size = _HEAD.unpack_from(self._unread)
                 if not (name.isalpha() and name.isupper()) or size > _MESSAGE_BYTES:
                     raise self._stranger(self._unread)
-                end = _HEAD.size + size
-                if len(self._unread) >= end:
-                    content, self._unread = self._unread[_HEAD.size : end], self._unread[end:]
+                stop = _HEAD.size + size
+                if len(self._unread) >= stop:
+                    content, self._unread = self._unread[_HEAD.size : stop], self._unread[stop:]
                     return name, content
-            data = self._channel.receive(timeout)
+            left = end - time.monotonic()
+            data = self._channel.receive(left) if left > 0 else b""
             if not data:
                 raise DeviceTimeoutError(
-                    f"what listens at {self._channel.where} gives no answer of palpate-ultraleap within {timeout:g} s"
+                    f"what listens at {self._channel.where} gave no answer of palpate-ultraleap in time"
                 )
             self._unread += data
 
@@ -321,7 +368,7 @@ def open_bridge(model: ArrayModel, request: LinkRequest) -> BridgeLink:
     return _opened(model, bus.connect(request.serial), request.clock or bus.clock)
 
 
-def _opened(model: ArrayModel, channel: Channel, clock: Clock) -> BridgeLink:
+def _opened(model: ArrayModel, channel: BridgeChannel, clock: Clock) -> BridgeLink:
     try:
         return BridgeLink(model, channel, clock)
     except BaseException:

@@ -125,7 +125,7 @@ class BridgeModel:
 
     def _answer(self, name: bytes, content: bytes) -> bytes:
         if not self._is_greeted:
-            if name != b"HELO" or content[:8] != _MAGIC:
+            if name != b"HELO" or content[:8] != _MAGIC or len(content) != 12:
                 raise _Refusal("the first message must be HELO of palpate")
             (version,) = struct.unpack_from("<I", content, 8)
             if version != VERSION:
@@ -134,6 +134,8 @@ class BridgeModel:
             about = f"emulated\n{self.identifier}\nUSX".encode()
             return _message(b"HELO", struct.pack("<8sIIII", _MAGIC, VERSION, QUEUE_SAMPLES, POINTS_MOST, 0) + about)
         if name == b"OPEN":
+            if len(content) != 16:
+                raise _Refusal(f"OPEN has {len(content)} bytes instead of 16")
             return self._open(*struct.unpack("<IId", content))
         if name == b"FOCI":
             self._queue_samples(content)

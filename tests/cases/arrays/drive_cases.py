@@ -4,6 +4,8 @@ import numpy as np
 
 WAVELENGTH = 343.0 / 40e3  # [m]
 RADIUS = 4.5e-3  # [m] of a piston
+ARRAYS_OF_PHASES = ("emulator", "pat16", "sonicsurface", "autd3")
+"""Names of the built-in arrays whose frames hold delays and levels of transducers; the others take focal points."""
 SOLVERS = {"naive": (0, 0), "gs-pat": (20, 0), "wgs": (0, 20), "gs-pat+wgs": (10, 6)}
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import warp as wp
+from drive_cases import ARRAYS_OF_PHASES
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -14,7 +15,6 @@ from palpate.device import (
     FrameError,
     Layout,
     array_model,
-    array_names,
     encode_frames,
     flat_array,
     flat_grid,
@@ -29,7 +29,7 @@ from palpate.render.playback import drive as drive_module
 from palpate.render.playback.drive import REST, Drives, round_drives
 
 PLACE = np.array([0.02, -0.01, 0.05, 0.0, 0.17364818, 0.0, 0.98480775])
-EACH_BOARD = pytest.mark.parametrize("name", array_names())
+EACH_BOARD = pytest.mark.parametrize("name", ARRAYS_OF_PHASES)
 
 
 def orbits(rng, foci, count=300):

@@ -196,11 +196,19 @@ class Player {
       state_ = State::waits;
       counts_.is_finished = true;
       silence();
+    } else if (greatest_intensity() == 0) {
+      state_ = State::waits;  // a pause that was meant, not a queue that ran dry
     } else {
       state_ = State::is_dry;
       dry_since_ = begin_time_ + static_cast<double>(current_ + 1) / rate_;
       ++counts_.dry_times;
     }
+  }
+
+  float greatest_intensity() const {
+    float greatest = 0;
+    for (const Point& point : shown_) greatest = std::max(greatest, point.intensity);
+    return greatest;
   }
 
   void publish() {
@@ -213,9 +221,7 @@ class Player {
     published_[5].store(counts_.missed_callbacks);
     published_[6].store(counts_.device_samples);
     published_[7].store(counts_.is_finished ? 1 : 0);
-    float greatest = 0;
-    for (const Point& point : shown_) greatest = std::max(greatest, point.intensity);
-    published_intensity_.store(greatest);
+    published_intensity_.store(greatest_intensity());
     version_.store(version_.load() + 1);
   }
 

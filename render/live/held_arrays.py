@@ -138,7 +138,9 @@ class HeldArrays:
                 case "off":
                     arrays = message["arrays"]
                     self.counts.set_counts({name: value for name, value in message.items() if name != "arrays"})
-                    self.outcome = message | {"off_confirmed": all(own["off_confirmed"] is not False for own in arrays)}
+                    known = [own["off_confirmed"] for own in arrays]
+                    confirmed = False if False in known else None if None in known else True
+                    self.outcome = message | {"off_confirmed": confirmed}
                 case "gone":
                     if not self.outcome:
                         self.error = self.error or DeviceError(

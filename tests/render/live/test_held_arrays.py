@@ -88,17 +88,21 @@ def test_messages_become_counts_events_and_an_outcome(monkeypatch):
         assert hear(own, {"event": "gone"}) is False
         assert told == ["near"]  # not the same sentence again and again
         assert (own.counts.statistics().poses, own.counts.statistics().frames) == (1, 7)
-        assert own.outcome["off_confirmed"] is True  # an array that cannot say is no array that is on
+        assert own.outcome["off_confirmed"] is None  # one of the arrays cannot say
         assert [event for event, _ in heard] == ["poses", "skipped", "warning", "warning", "off"]
         assert own.error is None
         with pytest.raises(DeviceError, match="not held any more"):
             own.require_running()
 
 
-def test_an_array_that_is_not_off_is_not_confirmed(monkeypatch):
+@pytest.mark.parametrize(
+    ("arrays", "confirmed"),
+    [([True, True], True), ([True, None], None), ([None, False], False), ([True, False], False)],
+)
+def test_that_all_arrays_are_off_is_confirmed_only_where_each_says_so(monkeypatch, arrays, confirmed):
     with held(monkeypatch) as own:
-        hear(own, {"event": "off", "arrays": [{"off_confirmed": True}, {"off_confirmed": False}]})
-        assert own.outcome["off_confirmed"] is False
+        hear(own, {"event": "off", "arrays": [{"off_confirmed": each} for each in arrays]})
+        assert own.outcome["off_confirmed"] is confirmed
 
 
 def test_a_limit_is_the_error_that_a_playback_raises(monkeypatch):

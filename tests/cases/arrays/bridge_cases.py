@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import struct
 import threading
-import time
 from collections.abc import Callable
 
 import numpy as np
@@ -84,6 +84,12 @@ class Peer:
         for first in range(0, len(data), piece or len(data) or 1):
             self.connection.sendall(data[first : first + (piece or len(data))])
 
+    def until_left(self) -> None:
+        """Read until the other end closes the connection."""
+        with contextlib.suppress(ConnectionError):
+            while self.connection.recv(1 << 16):
+                pass
+
     def greet(self, **fields: object) -> None:
         """Answer HELO and OPEN."""
         self.take("HELO")
@@ -134,7 +140,6 @@ class PlayingBridge:
     def __init__(self, *, fails_after: int | None = None, refusal: str = "no array any more") -> None:
         self.samples = b""
         self.heard: list[str] = []
-        self.spoke_at: list[float] = []
         self._size = 16
         self._fails_after, self._refusal = fails_after, refusal
 
@@ -148,7 +153,6 @@ class PlayingBridge:
             except (EOFError, ConnectionError):
                 return
             self.heard.append(name)
-            self.spoke_at.append(time.monotonic())
             if name == "OPEN":
                 self._size, taken = 16 * struct.unpack_from("<I", content)[0], 0
                 peer.give(message("OPEN", content[8:]))

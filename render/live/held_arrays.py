@@ -138,7 +138,10 @@ class HeldArrays:
                 case "off":
                     arrays = message["arrays"]
                     self.counts.set_counts({name: value for name, value in message.items() if name != "arrays"})
-                    self.outcome = message | {"off_confirmed": all(own["off_confirmed"] is not False for own in arrays)}
+                    confirmed = {own["off_confirmed"] for own in arrays}  # None: an array cannot say
+                    self.outcome = message | {
+                        "off_confirmed": False if False in confirmed else None if None in confirmed else True
+                    }
                 case "gone":
                     if not self.outcome:
                         self.error = self.error or DeviceError(

@@ -10,6 +10,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from palpate.device.boards.stratos.model import BridgeModel
+from palpate.device.clock import MonotonicClock
+
 STATUS_FIELDS = ("taken", "begun", "passed", "dropped", "dry", "dry_samples", "missed", "device_samples")
 TIMEOUT = 10.0
 """[s] after which a script that waits gives up, so that a faulty link ends a test."""
@@ -164,3 +167,24 @@ class PlayingBridge:
                     return
             else:
                 peer.give(status(taken, begun=taken))
+
+
+class ServedModel:
+    """A script that has a model of the bridge behind a port: `played` is what it was handed, in order."""
+
+    def __init__(self) -> None:
+        self.model = BridgeModel(MonotonicClock(), "USX:9", record=1 << 20)
+
+    @property
+    def played(self) -> list[bytes]:
+        return [sample for sample, _ in self.model.played]
+
+    def __call__(self, peer: Peer) -> None:
+        stays = True
+        try:
+            while stays and (data := peer.connection.recv(1 << 16)):
+                answers, stays = self.model.receive(data)
+                peer.give(answers)
+        except ConnectionError:
+            pass  # a client that is killed
+        self.model.leave()

@@ -48,7 +48,7 @@ def test_a_live_run_hands_over_the_focal_points_that_it_records(tmp_path):
     sounding = [sample for sample in played if values_of([sample])[0, 0, 3] > 0]
     # what was drawn before the writer had begun, and what waited when the run ended, was not played, and is not marked
     first, stop = drawn.index(sounding[0]), len(drawn) - drawn[::-1].index(sounding[-1])
-    assert stop - first > 500
+    assert stop - first > 20
     assert are_in_order(drawn[first:stop], sounding)
     places = {own[:12] for own in drawn}  # what was held or faded, where a sample came late, stands where one was drawn
     assert {own[:12] for own in sounding} <= places

@@ -15,7 +15,7 @@ from ..errors import StrategyError
 from ..hands.hand import Hand
 from ..intersection.named_inputs import solid_of
 from ..objects.solid import Solid
-from ..playback.drive import DriveStrategy
+from ..playback.drive import Driver, DriveStrategy
 from ..playback.file_playback import Connection, ConnectionFields
 from ..playback.focal_points import sampling_for
 from ..playback.placed_arrays import PlacedArray, arrays_of, with_points
@@ -132,6 +132,8 @@ class Live:
             sampling=sampling,
             drive=drive or DriveStrategy(),
         )
+        driver = Driver([placed.model for placed in arrays], rendering.drive, update_rate=sampling.update_rate)
+        driver.require_played()  # refused before arrays are opened
         self.files: list[Path] = []
         """What was recorded; several files where the rendering was changed."""
         self._held = held = HeldArrays(

@@ -193,6 +193,7 @@ class Session:
         if connection is not None and fields:
             raise StrategyError(f"{min(fields)} is a field of connection, which is given, too")
         self._arrays = with_points(arrays_of(array), foci)
+        Driver([placed.model for placed in self._arrays])  # arrays that cannot play together are refused
         rate = sampling_for(None, self._arrays).update_rate if update_rate is None else update_rate
         self._source, self._source_options = (
             source,

@@ -69,8 +69,8 @@ class TcpChannel:
 
     def send(self, data: bytes) -> None:
         """Hand over all of the bytes."""
-        self._socket.settimeout(_SEND_TIMEOUT)
         try:
+            self._socket.settimeout(_SEND_TIMEOUT)
             self._socket.sendall(data)
         except TimeoutError:
             self.close()  # a part of a message may have gone, so nothing that followed would be understood
@@ -82,8 +82,8 @@ class TcpChannel:
 
     def receive(self, timeout: float) -> bytes:
         """What has come, once something has; b"" after `timeout` [s] without anything."""
-        self._socket.settimeout(max(timeout, 1e-3))
         try:
+            self._socket.settimeout(max(timeout, 1e-3))
             data = self._socket.recv(_BYTES_AT_ONCE)
         except TimeoutError:
             return b""

@@ -143,6 +143,7 @@ class BridgeModel:
         if name == b"STOP":
             self._dropped += len(self._queue)
             self._queue.clear()
+            self._dry_samples += self._dry_until(self.clock.now_ns())
             self._intensity = 0.0
         elif name != b"PING":
             raise _Refusal(f"a message {name!r} is not known")
@@ -200,23 +201,33 @@ class BridgeModel:
         while self._queue:
             if self._dry_from_ns is not None:  # the next device sample takes the next one
                 self._next_ns = max(self._dry_from_ns, self._grid(self._heard_ns))
-            if self._next_ns > now_ns:
+            begin_ns = self._begin_ns()
+            if begin_ns > now_ns:
                 return
-            if self._dry_from_ns is not None and self._intensity > 0:
-                self._dry_samples += (self._next_ns - self._dry_from_ns) // self._device_ns
+            self._dry_samples += self._dry_until(begin_ns)
             self._dry_from_ns = None
             sample = self._queue.popleft()
             self._intensity = max(struct.unpack(f"<{4 * self._points}f", sample)[3::4])
-            self.played.append((sample, self._next_ns))
+            self.played.append((sample, begin_ns))
             self._begun += 1
             self._total += 1
             self._next_ns += self._period_ns
-        if self._points and self._dry_from_ns is None and now_ns >= self._next_ns:
-            self._dry_from_ns = self._next_ns
+        if self._points and self._dry_from_ns is None and now_ns >= self._begin_ns():
+            self._dry_from_ns = self._begin_ns()
             self._dry += self._intensity > 0
         if self._dry_from_ns is not None and self._intensity > 0 and now_ns - self._dry_from_ns >= HOLD_NS:
-            self._dry_samples += HOLD_NS // self._device_ns
+            self._dry_samples += self._dry_until(self._dry_from_ns + HOLD_NS)
             self._intensity = 0.0
+
+    def _dry_until(self, end_ns: int) -> int:
+        """Device samples for which the last sample has been held until a time."""
+        if self._dry_from_ns is None or not self._intensity:
+            return 0
+        return -((self._dry_from_ns - end_ns) // self._device_ns)
+
+    def _begin_ns(self) -> int:
+        """The first device sample that is due, half of one added, when the next sample is."""
+        return self._grid(self._next_ns - self._device_ns // 2)
 
     def _grid(self, time_ns: int) -> int:
         """The first device sample from a time on."""
@@ -224,7 +235,8 @@ class BridgeModel:
 
     def _status(self) -> bytes:
         now_ns = self.clock.now_ns()
-        counts = self._taken, self._begun, 0, self._dropped, self._dry, self._dry_samples, 0
+        dry_samples = self._dry_samples + self._dry_until(now_ns)
+        counts = self._taken, self._begun, 0, self._dropped, self._dry, dry_samples, 0
         device_samples = (now_ns - self._open_ns) // self._device_ns if self._points else 0
         return _message(b"STAT", struct.pack("<8Qf", *counts, device_samples, self._intensity))
 

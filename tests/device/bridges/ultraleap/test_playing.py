@@ -101,7 +101,7 @@ def test_a_file_is_played_again_without_a_pause(program, tmp_path):
     _, heard = recorded(tmp_path / "record", 2)
     numbers = numbers_of(heard, sent)
     assert list(numbers[numbers != -1]) == [*range(500)] * 3
-    assert "500 samples of 2 focal points at 20000 Hz, 3 times" in done.stdout
+    assert "500 samples of 2 focal points at 20000 Hz 3 times on the array USX" in done.stdout
 
 
 def test_a_file_longer_than_the_queue_is_played_whole(program, tmp_path):

@@ -97,9 +97,10 @@ class FocusFile {
 inline int play_file(FocusFile& file, std::uint64_t repeats, FocusArray& array, Player& player, Session& session) {
   double device_rate = session.set_up(file.point_count(), file.rate());
   ArrayInfo info = array.info();
+  std::string times = repeats == 1 ? "once" : std::to_string(repeats) + " times";
   say("playing " + std::to_string(file.sample_count()) + " samples of " + points_text(file.point_count()) + " at " +
-      text_of(file.rate()) + " Hz, " + std::to_string(repeats) + " times, on the array " + info.identifier + " (" +
-      info.model + ", firmware " + info.firmware + "), " + sdk_name() + ", which takes " + text_of(device_rate) + " Hz");
+      text_of(file.rate()) + " Hz " + times + " on the array " + info.identifier + " (" + info.model + ", firmware " +
+      info.firmware + "), " + sdk_name() + ", which takes " + text_of(device_rate) + " Hz");
   player.finish_after(file.sample_count() * repeats);
   std::vector<Point> points;
   std::uint64_t begun_times = 1;

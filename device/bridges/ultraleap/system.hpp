@@ -87,9 +87,11 @@ class Socket {
  public:
 #ifdef _WIN32
   using Handle = SOCKET;
+  using Size = int;  // of what is sent or received at once
   static constexpr Handle none = INVALID_SOCKET;
 #else
   using Handle = int;
+  using Size = std::size_t;
   static constexpr Handle none = -1;
 #endif
 
@@ -178,13 +180,13 @@ class Socket {
 
   // Bytes that were received; 0: none now; -1: the connection ended.
   int receive(std::uint8_t* bytes, std::size_t size) const {
-    int got = static_cast<int>(::recv(handle_, reinterpret_cast<char*>(bytes), static_cast<int>(size), 0));
+    int got = static_cast<int>(::recv(handle_, reinterpret_cast<char*>(bytes), static_cast<Size>(size), 0));
     return got > 0 ? got : (got < 0 && would_wait() ? 0 : -1);
   }
 
   // Bytes that were sent; 0: none now; -1: the connection ended.
   int send(const std::uint8_t* bytes, std::size_t size) const {
-    int sent = static_cast<int>(::send(handle_, reinterpret_cast<const char*>(bytes), static_cast<int>(size), 0));
+    int sent = static_cast<int>(::send(handle_, reinterpret_cast<const char*>(bytes), static_cast<Size>(size), 0));
     return sent >= 0 ? sent : (would_wait() ? 0 : -1);
   }
 
@@ -244,7 +246,7 @@ class Socket {
   void never_wait() const {
 #ifdef _WIN32
     u_long yes = 1;
-    ioctlsocket(handle_, FIONBIO, &yes);
+    ioctlsocket(handle_, static_cast<long>(FIONBIO), &yes);
 #else
     fcntl(handle_, F_SETFL, fcntl(handle_, F_GETFL, 0) | O_NONBLOCK);
     fcntl(handle_, F_SETFD, FD_CLOEXEC);

@@ -33,7 +33,16 @@ def compile_program(folder, version=3, compiler="g++", flags=()):
         pytest.skip(f"{compiler} is not installed")
     program = folder / f"palpate-ultraleap-{version}"
     stub = STUBS / f"sdk{version}"
-    command = [compiler, "-std=c++14", *WARNINGS, *flags, f"-I{stub}", SOURCES / f"sdk{version}.cpp", stub / "stub.cpp"]
+    command = [
+        compiler,
+        "-std=c++14",
+        *WARNINGS,
+        *flags,
+        "-isystem",
+        stub,
+        SOURCES / f"sdk{version}.cpp",
+        stub / "stub.cpp",
+    ]
     done = subprocess.run([*command, "-o", program, "-pthread"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return program

@@ -111,8 +111,8 @@ def test_each_focal_point_is_handed_over_in_order_none_twice_none_lost(
     assert "does not say" in playback.played.off_doubt
 
 
-@pytest.mark.parametrize(("number", "told"), [(signal.SIGKILL, "ended"), (signal.SIGSTOP, "0.5 s")])
-def test_the_array_is_handed_silence_when_its_player_is_killed_or_hangs(program, contours, tmp_path, number, told):
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_the_array_is_handed_silence_when_its_player_is_killed_or_hangs(program, contours, tmp_path, number):
     with Bridge(program, record=tmp_path / "seen") as bridge:
         player = subprocess.Popen([sys.executable, "-c", PLAYER, contours, str(bridge.port)])
         try:
@@ -132,7 +132,7 @@ def test_the_array_is_handed_silence_when_its_player_is_killed_or_hangs(program,
     seen = sounding(recorded(tmp_path / "seen"))[:, 0]
     np.testing.assert_array_equal(distinct(seen), distinct(sent)[: len(distinct(seen))])  # in order, until the end
     assert not rows[-40:, 3].any()
-    assert told in bridge.output
+    assert "client went" in bridge.output
 
 
 def test_a_session_hands_over_silence_between_its_stimuli(program, contours, tmp_path):
@@ -151,7 +151,8 @@ def test_a_session_hands_over_silence_between_its_stimuli(program, contours, tmp
     sent = sampled(contours, tmp_path, None, 0.2, 1)[:, 0]
     np.testing.assert_array_equal(distinct(first), distinct(sent))
     np.testing.assert_array_equal(distinct(last), distinct(sent))
-    assert len(begins) >= 3
+    assert not rows[: begins[0], 3].any()
+    assert not rows[ends[-1] :, 3].any()
 
 
 def test_what_the_library_refuses_is_told_before_anything_sounds(program, contours, tmp_path):

@@ -46,13 +46,13 @@ class Sdk3Array : public FocusArray {
     // AdjustRate::All: the highest rate for so many points; AsRequired would leave a rate that is lower than it need be.
     require(emitter_.setControlPointCount(point_count, uh::AdjustRate::All),
             "set " + std::to_string(point_count) + " control point(s)");
+    if (emitter_.getControlPointLimit() < point_count)
+      throw Failure("the Ultraleap library takes " + std::to_string(emitter_.getControlPointLimit()) +
+                    " control points at its highest rate for " + std::to_string(point_count));
     auto device_rate = emitter_.getDeviceUpdateRate(device_);
     require(device_rate, "say the update rate of the array");
-    require(emitter_.setEmitterUpdateRate(device_rate.value()),
-            "set an update rate of " + std::to_string(device_rate.value()) + " Hz");
-    auto rate = emitter_.getEmitterUpdateRate();
-    require(rate, "say its update rate");
-    return rate.value();
+    if (emitter_rate() < device_rate.value()) static_cast<void>(emitter_.setEmitterUpdateRate(device_rate.value()));
+    return emitter_rate();  // what it is now: the library may keep its own
   }
 
   void start() override {
@@ -72,6 +72,12 @@ class Sdk3Array : public FocusArray {
   }
 
  private:
+  float emitter_rate() {
+    auto rate = emitter_.getEmitterUpdateRate();
+    require(rate, "say its update rate");
+    return rate.value();
+  }
+
   static void play(const uh::StreamingEmitter&, uh::OutputInterval& interval, const uh::LocalTimePoint&, void* user) {
     static_cast<Sdk3Array*>(user)->fill(interval);
   }

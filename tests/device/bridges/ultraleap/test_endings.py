@@ -50,7 +50,7 @@ def record(tmp_path):
 
 def started_sender(bridge, count):
     words = [sys.executable, "-c", SENDER, str(bridge.port), str(count)]
-    sender = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+    sender = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert sender.stdout.readline() == "sounding\n"
     return sender
 
@@ -98,8 +98,7 @@ def test_a_client_that_is_killed_leaves_silence(program, record):
     with Bridge(program, "--once", record=record) as bridge:
         sender = started_sender(bridge, 30_000)
         sender.kill()
-        sender.wait()
-        sender.stdout.close()
+        sender.communicate(timeout=20)
         assert bridge.end(None) == 0
     assert bridge.counts()[1] == judged_prefix(record, unlike_samples(30_000)) < 30_000
     assert "client went: its connection ended" in bridge.output
@@ -112,11 +111,12 @@ def test_a_client_that_stops_leaves_silence_and_learns_why(program, record):
         sender = started_sender(bridge, 60_000)
         sender.send_signal(signal.SIGSTOP)
         assert bridge.end(None) == 1
-        sender.kill()
-        sender.wait()
-        sender.stdout.close()
+        sender.send_signal(signal.SIGCONT)
+        _, errors = sender.communicate(timeout=20)
     assert 0 < bridge.counts()[1] == judged_prefix(record, unlike_samples(60_000)) < 60_000
-    assert "nothing was heard from the client for 0.5 s while samples waited or sounded" in bridge.output
+    sentence = "nothing was heard from the client for 0.5 s while samples waited or sounded"
+    assert sentence in bridge.output
+    assert f"FailError: {sentence}" in errors
 
 
 @pytest.mark.exhaustive

@@ -2,6 +2,7 @@
 
 import os
 import subprocess
+import time
 
 import numpy as np
 import pytest
@@ -164,3 +165,36 @@ def test_a_stall_beyond_what_waits_is_silent_at_once_and_what_follows_begins_ane
     later = numbers[numbers >= 2000]
     assert list(np.unique(later)) == [*range(2000, 4000)]
     assert numbers[np.argmax(numbers == 2000) - 1] == -1
+
+
+@pytest.mark.exhaustive(after=1)
+@pytest.mark.parametrize("seed", range(12))
+def test_whatever_a_client_does_counts_and_record_agree(program, tmp_path, seed):
+    """Blocks of any size, pauses, STOP and OPEN at any time, while callbacks are missed at any time."""
+    random = np.random.default_rng(seed)
+    sent = unlike_samples(40_000)
+    stalls = ",".join(f"{at:.3f}:{random.uniform(0.001, 0.05):.3f}" for at in np.sort(random.uniform(0.01, 0.6, 6)))
+    record, start, first, states = tmp_path / "record", 1, 0, {}
+    with Bridge(program, record=record, stalls=stalls, lengths="40,7,93,1") as bridge, Client(bridge.port) as client:
+        client.open()
+        for choice in random.choice(["foci", "stop", "open", "wait"], 40, p=[0.6, 0.1, 0.05, 0.25]):
+            if choice == "foci":
+                count = int(random.integers(0, 1000))
+                client.foci(sent[first : first + count])
+                first += count
+            elif choice == "wait":
+                time.sleep(random.uniform(0, 0.05))
+            elif choice == "stop":
+                assert client.state(b"STOP").intensity == 0
+            else:
+                states[start] = client.state(b"STOP")
+                client.open()
+                start += 1
+        states[start] = client.wait(lambda state: state.waiting == 0 and state.intensity == 0)
+    assert sum(state.taken for state in states.values()) == first
+    for start, state in states.items():
+        _, heard = recorded(record, start=start)
+        result = compare(heard, sent)
+        assert (result.recorded, result.wrong, result.twice) == (state.begun, 0, 0)
+        assert state.taken == state.begun + state.passed + state.dropped
+        assert heard[-1, 0, 3] == 0

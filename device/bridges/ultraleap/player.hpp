@@ -101,10 +101,7 @@ class Player {
       after = version_.load();
     } while (before != after || before % 2 != 0);
     found.taken = taken_.load();
-    if (is_closed_) {
-      found.dropped += found.waiting();
-      found.greatest_intensity = 0;
-    }
+    if (is_closed_) found.dropped += found.waiting();
     return found;
   }
 
@@ -125,7 +122,8 @@ class Player {
     return true;
   }
 
-  // The points of the device sample that is due at `time` [s], which counts from any moment.
+  // The points of the device sample that is due at `time` [s], which counts from any moment. A point of intensity 0 is to
+  // stay where it was.
   const Point* next(double time) {
     if (counts_.device_samples > 0 && time - last_time_ > 1.5 * device_step_) ++counts_.missed_callbacks;
     last_time_ = time;
@@ -168,13 +166,7 @@ class Player {
 
   void show_next() {
     std::uint64_t used = used_.load();
-    const Point* next = slot(used);
-    for (unsigned i = 0; i < point_count_; ++i) {
-      if (next[i].intensity > 0)
-        shown_[i] = next[i];
-      else
-        shown_[i].intensity = 0;  // a silent point stays where it was
-    }
+    std::copy(slot(used), slot(used) + point_count_, shown_.begin());
     used_.store(used + 1, std::memory_order_release);
     ++counts_.begun;
   }

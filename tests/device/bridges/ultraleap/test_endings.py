@@ -120,6 +120,18 @@ def test_a_client_that_stops_leaves_silence_and_learns_why(program, record):
 
 
 @pytest.mark.exhaustive
+def test_a_client_must_be_heard_while_its_last_sample_sounds(program, record):
+    with Bridge(program, record=record) as bridge, Client(bridge.port) as client:
+        client.open(rate=0.2)  # a sample sounds for 5 s
+        client.wait(lambda state: state.device_samples > 0)
+        client.foci(unlike_samples(1))
+        state = client.wait(lambda state: state.begun == 1)
+        assert (state.waiting, state.dry_times) == (0, 0)
+        assert "nothing was heard from the client for 0.5 s" in client.failure()
+    assert judged_prefix(record, unlike_samples(1)) == 1
+
+
+@pytest.mark.exhaustive
 def test_a_client_need_not_be_heard_while_nothing_waits_or_sounds(program, record):
     with Bridge(program, record=record) as bridge, Client(bridge.port) as client:
         client.open()
@@ -210,6 +222,9 @@ def test_a_library_that_asks_for_nothing_any_more_is_a_failure(program, record):
         client.foci(unlike_samples(8000))
         with pytest.raises(Exception, match=r"asked for no samples for 1 s: is the array still plugged in"):
             client.wait(lambda state: False)
+        bridge.end()
+        taken, begun, passed, dropped, _ = bridge.counts()
+        assert (taken, begun + passed + dropped) == (8000, 8000)  # the library's thread is gone, and dropped nothing
     samples = unlike_samples(60_000)
     with Bridge(program, dies="0.3") as bridge, Client(bridge.port) as client:  # STOP is answered all the same
         client.open()

@@ -17,6 +17,9 @@ NOT_READ = {
 }
 """Files of triangles that are not read, and the way out, by the end of their name."""
 
+FOCUS_MAGIC = b"PALPATEF"
+"""The first bytes of a binary file of focal points (docs/formats/focal-points.md)."""
+
 _SNIFFED = 1 << 16
 _OBJECT = "palpate render {0} MOTION -o OUT.h5 makes a contour file of it"
 _MOTION = "palpate render OBJECT {0} -o OUT.h5 makes a contour file of it"
@@ -28,6 +31,8 @@ _KINDS = {
     "strategy": "a strategy: palpate render OBJECT MOTION --strategy {0} -o OUT.h5 takes it",
     "alignment": "an alignment: palpate render OBJECT RECORDING --alignment {0} -o OUT.h5 takes it",
     "export": "contours as palpate export writes them and palpate does not read them: give their contour file",
+    "focus": "focal points as palpate export writes them, which palpate-ultraleap plays (.bin) and palpate does not "
+    "read: give the file that they were exported from",
     "scene": "an export to VTKHDF, which ParaView reads and palpate does not: give the contour file of it",
     "points": "a point list: palpate play {0} takes it",
     "plan": "a plan of a sweep: palpate sweep {0} makes it",
@@ -53,7 +58,11 @@ def _kind_of(path: Path) -> str:
         content = _ends_of(path)  # the names of an NPZ file's members, or of a CSV's columns
         if b"polyline_start.npy" in content or re.match(rb"[^\r\n]*\bpolyline,", content):
             return "export"
+        if b"update_rate.npy" in content or re.match(rb"time,(point,)?x,y,z,intensity\r?\n", content):
+            return "focus"
         return "volume" if b"values.npy" in content else "motion"
+    if suffix == ".bin":
+        return "focus" if _ends_of(path).startswith(FOCUS_MAGIC) else ""
     if suffix == ".json":
         content = _ends_of(path)  # its keys: only an alignment, an expression or a strategy has these
         if re.match(rb'\s*\{\s*"(position|orientation|matrix)"\s*:\s*\[', content):

@@ -1,6 +1,7 @@
 """Export a contour file, or a range of it, to a file of a format that other programs open."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,20 +13,37 @@ from ..contour_input import takes_batches
 from ..errors import StrategyError
 from ..file_kinds import is_point_list
 from ..output_file import require_output
+from ..playback.focal_points import FocusSource
 from ..sampling.strategy import SamplingStrategy
 from ..user_warnings import warn_user
 from ..validation import choose, refuse_object, require_number, require_path
 from .autd3_script import AUTD3, write_script
 from .csv_file import write_csv
-from .focal_points import FocusFormat, SampledFocus, SamplingFields, holds_focus, read_focus, sample_focus
+from .focal_points import (
+    FocusFormat,
+    SamplingFields,
+    holds_focus,
+    jumps_of,
+    open_focus,
+    read_whole,
+    sample_focus,
+)
+from .focus_file import FOCUS_FILE, FOCUS_WRITERS, write_focus
 from .npz_file import write_npz
 from .pose_choice import Ends, Progress, choose_poses
 from .vtkhdf_file import write_vtkhdf
 
-FORMATS = {"vtkhdf": ".vtkhdf", "csv": ".csv", "npz": ".npz", "ptlist": ".ptlist", "autd3": ".py"}
-"""Formats, and the suffixes that stand for them."""
+FORMATS = {
+    "vtkhdf": ".vtkhdf",
+    "csv": ".csv",
+    "npz": ".npz",
+    "ptlist": ".ptlist",
+    "autd3": ".py",
+    "focal-points": ".bin",
+}
+"""Formats, and the suffixes that stand for them; focal-points has others too (FOCUS_WRITERS)."""
 
-OF_FOCUS = ("ptlist", "autd3")
+OF_FOCUS = ("ptlist", "autd3", "focal-points")
 """Formats of focal points; the others hold contours."""
 
 POINT_LIST = FocusFormat("a point list", 10_000_000, lambda rate: None)  # rows of text; 17 minutes at 10 kHz
@@ -58,14 +76,15 @@ def export_file(
 ) -> dict[str, Any]:
     """Write a contour file, or a range of it, as a file that other programs open (docs/formats/exports.md).
 
-    Contours: vtkhdf, csv, npz. Focal points, sampled from them or of a file that holds them: ptlist, autd3. Any size is
-    read in bounded memory; the file is whole or not there. Returns what was written, by name.
+    Contours: vtkhdf, csv, npz. Focal points, sampled from them or of a file that holds them: ptlist, autd3,
+    focal-points. Any size is read in bounded memory; the file is whole or not there. Returns what was written, by name.
 
-    to: the format; by default it follows from the suffix of `out` (.vtkhdf .csv .npz .ptlist .py). poses: "FIRST:STOP"
-    or two numbers, the pose after the last not included; either may be left out (None). seconds: the same by time [s].
-    every: n for each n-th of these poses. scene: object and hand, too (vtkhdf). gzip: compress, 0 not, 9 most (vtkhdf,
-    npz). sampling, speed [m/s], update_rate [Hz], duration [s]: as for `RenderedBatch.sample` (ptlist, autd3). watch:
-    called with how much is done and how much there is.
+    to: the format; by default it follows from the suffix of `out` (.vtkhdf .csv .npz .ptlist .py .bin); with
+    "focal-points" .csv and .npz hold focal points, too. poses: "FIRST:STOP" or two numbers, the pose after the last not
+    included; either may be left out (None). seconds: the same by time [s]. every: n for each n-th of these poses.
+    scene: object and hand, too (vtkhdf). gzip: compress, 0 not, 9 most (vtkhdf, .npz). sampling, speed [m/s],
+    update_rate [Hz], duration [s]: as for `RenderedBatch.sample` (focal points). watch: called with how much is done
+    and how much there is.
     Raises StrategyError for an unknown format, a range that is none or not done yet, an option of another format, more
     focal points than the format holds, and a file that is there unless `overwrite`; ContourFileError where the file
     cannot be read, or `out` not be written.
@@ -80,18 +99,21 @@ def export_file(
     own, asked = ContourFields(scene, gzip), SamplingFields(sampling, speed, update_rate, duration)
     require_number("gzip", own.gzip, 0, 9, whole=True)
     taken = {"scene": ("vtkhdf",), "gzip": ("vtkhdf", "npz"), **dict.fromkeys(asked._fields, OF_FOCUS)}
+    if out.suffix.lower() == ".npz":
+        taken["gzip"] = (*taken["gzip"], "focal-points")
     for option, value in {**own._asdict(), **asked._asdict()}.items():
         if value not in (None, False, 0) and name not in taken[option]:
-            raise StrategyError(f"{option} is for {' and '.join(taken[option])}, not for {name}")
+            raise StrategyError(f"{option} is for {_listed(taken[option])}, not for {name}")
     require_output(out, overwrite=overwrite, sources=[path])
     if not is_point_list(path):
         refuse_object(path)
     if name in OF_FOCUS:
-        return _export_focus(path, out, name, (poses, seconds, every), asked, overwrite, watch or _unwatched)
+        target = {"ptlist": POINT_LIST, "autd3": AUTD3, "focal-points": FOCUS_FILE}[name]
+        with _opened_focus(path, (poses, seconds, every), asked, target) as source:
+            values = _export_focus(path, source, out, name, gzip, overwrite, watch or _unwatched)
+        return values | {"format": name, "path": str(out)}
     if holds_focus(path):
-        raise StrategyError(
-            f"{path} holds focal points and no contours: it can be exported to {' and '.join(OF_FOCUS)}"
-        )
+        raise StrategyError(f"{path} holds focal points and no contours: it can be exported to {_listed(OF_FOCUS)}")
     with ContourFile(path) as file:
         chosen = choose_poses(file, poses, seconds, every)
         counts = _written(out, lambda new: _write_contours(name, file, chosen, new, own, watch or _unwatched))
@@ -109,7 +131,10 @@ def format_of(out: Path, to: str | None) -> str:
     if to is None or not isinstance(to, str):
         return meant if to is None and meant is not None else choose("to", str(to), tuple(FORMATS))
     name = choose("to", to, tuple(FORMATS))
-    if meant not in (None, name):
+    if name == "focal-points":
+        if out.suffix.lower() not in FOCUS_WRITERS:
+            raise StrategyError(f"{out}: must end in one of {', '.join(FOCUS_WRITERS)} to hold focal points")
+    elif meant not in (None, name):
         raise StrategyError(f"{out}: ends in {out.suffix}, but to={name} asks for another format")
     return name
 
@@ -125,39 +150,43 @@ def _write_contours(
 
 
 def _export_focus(
-    path: Path,
-    out: Path,
-    name: str,
-    choice: tuple[Ends, Ends, int],
-    asked: SamplingFields,
-    overwrite: bool,
-    watch: Progress,
+    path: Path, source: FocusSource, out: Path, name: str, gzip: int, overwrite: bool, watch: Progress
 ) -> dict[str, Any]:
-    sampled = _focus(path, choice, asked, AUTD3 if name == "autd3" else POINT_LIST, watch)
-    values: dict[str, Any] = {"points": len(sampled.focus.intensity), "update_rate": sampled.update_rate}
-    values |= {} if sampled.jumps is None else {"jumps": sampled.jumps}
+    if name == "focal-points":
+        _written(out, lambda new: write_focus(source, path, new, out.suffix.lower(), gzip=gzip, watch=watch))
+        values = {"samples": source.frame_count, "foci": source.foci, "update_rate": source.update_rate}
+        return values | _jumps(jumps_of(source)) | {"bytes": out.stat().st_size}
+    sampled = read_whole(source, watch)
+    values = {"points": len(sampled.focus.intensity), "update_rate": sampled.update_rate, **_jumps(sampled.jumps)}
     if name == "ptlist":
         write_ptlist(out, sampled.focus.position, sampled.focus.intensity, sampled.update_rate, overwrite=overwrite)
-    else:
-        values["refused"] = _written(out, lambda new: write_script(new, path, sampled))
-        if values["refused"]:
-            warn_user(
-                f"{values['refused']} of {values['points']} focal points lie where an AUTD3 cannot focus, and are "
-                "silent in the script"
-            )
-    return values | {"format": name, "path": str(out)}
+        return values
+    values["refused"] = _written(out, lambda new: write_script(new, path, sampled))
+    if values["refused"]:
+        warn_user(
+            f"{values['refused']} of {values['points']} focal points lie where an AUTD3 cannot focus, and are "
+            "silent in the script"
+        )
+    return values
 
 
-def _focus(
-    path: Path, choice: tuple[Ends, Ends, int], asked: SamplingFields, target: FocusFormat, watch: Progress
-) -> SampledFocus:
+def _jumps(count: int | None) -> dict[str, int]:
+    return {} if count is None else {"jumps": count}
+
+
+@contextmanager
+def _opened_focus(
+    path: Path, choice: tuple[Ends, Ends, int], asked: SamplingFields, target: FocusFormat
+) -> Iterator[FocusSource]:
     poses, seconds, every = choice
-    if holds_focus(path):
-        if poses is not None or every != 1:
-            raise StrategyError(f"{path} holds focal points, which have no poses: choose them by seconds")
-        return read_focus(path, asked, seconds, target)
-    with ContourFile(path) as file:
-        return sample_focus(file, choose_poses(file, poses, seconds, every), asked, target, watch)
+    if not holds_focus(path):
+        with ContourFile(path) as file:
+            yield sample_focus(file, choose_poses(file, poses, seconds, every), asked, target)
+        return
+    if poses is not None or every != 1:
+        raise StrategyError(f"{path} holds focal points, which have no poses: choose them by seconds")
+    with open_focus(path, asked, seconds, target) as source:
+        yield source
 
 
 def _written(out: Path, write: Callable[[Path], Any]) -> Any:
@@ -171,3 +200,8 @@ def _written(out: Path, write: Callable[[Path], Any]) -> Any:
 
 def _unwatched(done: int, total: int) -> None:
     """Show nothing."""
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    """Names as part of a sentence."""
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -13,12 +14,14 @@ from ...datasets.focus_files.frame_reader import FOCAL_POINTS, FrameReader, fram
 from ...datasets.focus_files.ptlist import read_ptlist
 from ...datasets.storage.schema import Arrays
 from ..errors import StrategyError
-from ..playback.focal_points import ContourSource, sampling_of_run
+from ..playback.focal_points import ContourSource, FocusSource, PointSource, sampling_of_run
 from ..sampling.metrics import FocalPoints
 from ..sampling.presets import sampling_of
 from ..sampling.sampler import Sampler, joined
 from ..sampling.strategy import SamplingStrategy
 from .pose_choice import Ends, Progress, picked, seconds_of
+
+SAMPLES_A_BLOCK = 1 << 12  # of eight focal points: 40 MB while they are made to text
 
 
 class SamplingFields(NamedTuple):
@@ -40,8 +43,11 @@ class FocusFormat(NamedTuple):
     owner: str
     """What holds focal points, for messages: "a point list"."""
     count_most: int
+    """Samples."""
     require_rate: Callable[[float], object]
     """Raises StrategyError for an update rate [Hz] that it does not take."""
+    foci_most: int = 1
+    """Focal points of a sample."""
 
 
 class SampledFocus(NamedTuple):
@@ -66,58 +72,73 @@ def holds_focus(path: Path) -> bool:
     return kind is not None
 
 
-def read_focus(path: Path, asked: SamplingFields, seconds: Ends, target: FocusFormat) -> SampledFocus:
-    """Focal points of a point list, or of a file that a sweep has kept.
+@contextmanager
+def open_focus(path: Path, asked: SamplingFields, seconds: Ends, target: FocusFormat) -> Iterator[FocusSource]:
+    """Focal points of a point list, or of a file that a sweep has kept, which stays open meanwhile.
 
-    Raises StrategyError for more than the format takes, several at once, and options of sampling.
+    Raises StrategyError for more than the format takes, more at once than it takes, and options of sampling.
     """
     if fields := [name for name, value in asked._asdict().items() if value is not None]:
         raise StrategyError(f"{path} holds focal points at a rate of its own, so {fields[0]} cannot be asked for")
     if path.suffix.lower() == ".ptlist":
         points = read_ptlist(path)
-        target.require_rate(points.update_rate)
-        first, stop = _samples(path, seconds, len(points.intensity), points.update_rate)
-        _require_count(path, stop - first, points.update_rate, target, _span(first, points.update_rate, target))
+        first, stop = _fitting_samples(path, seconds, len(points.intensity), points.update_rate, target)
         level = (points.intensity * np.float32(points.intensity_peak))[first:stop]
-        return SampledFocus(FocalPoints(points.position[first:stop], level), points.update_rate, None)
+        focus = FocalPoints(points.position[first:stop], level)
+        yield PointSource(focus, update_rate=points.update_rate, block=SAMPLES_A_BLOCK)
+        return
     with FrameReader(path) as file:
-        target.require_rate(file.update_rate)
-        first, stop = _samples(path, seconds, file.frame_count, file.update_rate)
-        _require_count(path, stop - first, file.update_rate, target, _span(first, file.update_rate, target))
-        focus = FocalPoints(*file.focal_points(first, stop))
-        if focus.position.ndim > 2:
-            raise _several(target, focus.position.shape[1])
-        return SampledFocus(focus, file.update_rate, None)
+        first, stop = _fitting_samples(path, seconds, file.frame_count, file.update_rate, target)
+        _require_foci(file.foci, target)
+        yield PointSource(
+            lambda low, high: FocalPoints(*file.focal_points(first + low, first + high)),
+            update_rate=file.update_rate,
+            frame_count=stop - first,
+            foci=file.foci,
+            block=SAMPLES_A_BLOCK,
+        )
 
 
-def sample_focus(
-    file: ContourFile, chosen: range, asked: SamplingFields, target: FocusFormat, watch: Progress
-) -> SampledFocus:
-    """Focal points of the chosen poses, the first of which is at time 0.
+def sample_focus(file: ContourFile, chosen: range, asked: SamplingFields, target: FocusFormat) -> ContourSource:
+    """Focal points of the chosen poses, the first of which is at time 0; they are sampled as they are gone through.
 
-    Raises StrategyError for more than the format takes, and several at once; PoseError for poses without times.
+    Raises StrategyError for more than the format takes, and more at once than it takes; PoseError for poses without
+    times.
     """
     changes = {name: getattr(asked, name) for name in ("speed", "update_rate")}
     run = file.live_run if len(chosen) == file.pose_count else None  # chosen poses are a motion of their own
     default = "stm" if run is None else sampling_of_run(run)
     strategy = sampling_of(default if asked.sampling is None else asked.sampling)
-    sampler = Sampler(replace(strategy, **{name: value for name, value in changes.items() if value is not None}))
-    if sampler.strategy.foci > 1:
-        raise _several(target, sampler.strategy.foci)
-    rate = sampler.strategy.update_rate
+    strategy = replace(strategy, **{name: value for name, value in changes.items() if value is not None})
+    _require_foci(strategy.foci, target)
+    rate = strategy.update_rate
     target.require_rate(rate)
-    source = ContourSource(ChosenRows(file, chosen), sampler, asked.duration, run=run)
+    sampler = Sampler(strategy, revisits=False)
+    source = ContourSource(ChosenRows(file, chosen), sampler, asked.duration, block=SAMPLES_A_BLOCK, run=run)
     if source.frame_count > target.count_most:
         moving = chosen if asked.duration is None else chosen[:1]
         fitting = _fitting(file, moving, source.duration, rate, target)
         _require_count(file.path, source.frame_count, rate, target, fitting)
-    blocks: list[FocalPoints] = []
+    return source
+
+
+def watched_blocks(source: FocusSource, watch: Progress) -> Iterator[FocalPoints]:
+    """Blocks of focal points, and how far they are."""
     done = 0
     for block in source:
-        blocks.append(block)
+        yield block
         done += len(block.intensity)
         watch(done, source.frame_count)
-    return SampledFocus(joined(blocks), rate, sum(sampler.count.jumps.values()))
+
+
+def jumps_of(source: FocusSource) -> int | None:
+    """Jumps of the focal points that were sampled; None for focal points that were read."""
+    return None if source.count is None else sum(source.count.jumps.values())
+
+
+def read_whole(source: FocusSource, watch: Progress) -> SampledFocus:
+    """All focal points, for a format that is written at once."""
+    return SampledFocus(joined(list(watched_blocks(source, watch))), source.update_rate, jumps_of(source))
 
 
 class ChosenRows:
@@ -154,23 +175,33 @@ class ChosenRows:
         return range(part.start, min(part.stop, self._chosen.stop), part.step)
 
 
-def _samples(path: Path, seconds: Ends, count: int, rate: float) -> tuple[int, int]:
-    """First focal point, and the one after the last."""
+def _fitting_samples(path: Path, seconds: Ends, count: int, rate: float, target: FocusFormat) -> tuple[int, int]:
+    """First sample of a range of a file that holds so many, and the one after the last."""
+    target.require_rate(rate)
     low, high = (None, None) if seconds is None else seconds_of(seconds)
     first = 0 if low is None else max(int(np.ceil(low * rate - 1e-6)), 0)
     stop = count if high is None else min(int(np.ceil(high * rate - 1e-6)), count)
     if first >= stop:
         raise StrategyError(f"seconds {seconds} hold no focal point of {path}, which lasts {count / rate:g} s")
+    _require_count(path, stop - first, rate, target, _span(first, rate, target))
     return first, stop
 
 
 def _require_count(path: Path, count: int, rate: float, target: FocusFormat, fitting: str) -> None:
-    """Refuse more focal points than a format takes; fitting: what to ask for instead."""
+    """Refuse more samples than a format takes; fitting: what to ask for instead."""
     if count > target.count_most:
+        what = "focal points" if target.foci_most == 1 else "samples"
         raise StrategyError(
-            f"{path}: {count} focal points ({count / rate:g} s at {rate:g} Hz), but {target.owner} holds "
+            f"{path}: {count} {what} ({count / rate:g} s at {rate:g} Hz), but {target.owner} holds "
             f"{target.count_most}: {fitting} fits"
         )
+
+
+def _require_foci(foci: int, target: FocusFormat) -> None:
+    """Refuse more focal points a sample than a format takes."""
+    if foci > target.foci_most:
+        held = "one focal point" if target.foci_most == 1 else f"up to {target.foci_most} focal points"
+        raise StrategyError(f"{target.owner} holds {held} at a time, not foci {foci}")
 
 
 def _fitting(file: ContourFile, chosen: range, duration: float, rate: float, target: FocusFormat) -> str:
@@ -192,7 +223,3 @@ def _span(first: float, rate: float, target: FocusFormat, less: float = 0.0) -> 
 
 def _rounded_down(seconds: float) -> str:
     return f"{math.floor(seconds * 1e3) / 1e3:g}"
-
-
-def _several(target: FocusFormat, foci: int) -> StrategyError:
-    return StrategyError(f"{target.owner} holds one focal point at a time, not foci {foci}")

@@ -3,7 +3,7 @@
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -28,7 +28,7 @@ def write_npz(file: ContourFile, chosen: range, path: Path, *, gzip: int = 0, wa
         for spec in fields:
             rows = str(spec.dims[0]).removesuffix(" + 1")
             shape = (counts[rows] + spec.is_offset, *spec.dims[1:])
-            with _member(archive, spec.name, shape, spec.dtype) as member:
+            with open_member(archive, spec.name, shape, spec.dtype) as member:
                 base = np.zeros(1, np.int64)
                 if spec.is_offset:
                     member.write(base.tobytes())
@@ -47,7 +47,7 @@ def write_npz(file: ContourFile, chosen: range, path: Path, *, gzip: int = 0, wa
             elif spec.name == "pose_start" and base[0] != polyline_count:
                 raise ContourFileError(f"{file.path} is damaged: /metrics/polylines and /contours do not fit")
         for name, values in _others(file, chosen):
-            with _member(archive, name, values.shape, values.dtype) as member:
+            with open_member(archive, name, values.shape, values.dtype) as member:
                 member.write(values.tobytes())
     return {"polylines": counts["polyline"], "points": counts["point"]}
 
@@ -65,7 +65,7 @@ def _others(file: ContourFile, chosen: range) -> Iterator[tuple[str, np.ndarray]
         yield "moved", solid["moved"][chosen.start : chosen.stop : chosen.step]
 
 
-def _member(archive: zipfile.ZipFile, name: str, shape: tuple[Any, ...], dtype: np.dtype[Any]) -> Any:
+def open_member(archive: zipfile.ZipFile, name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> IO[bytes]:
     """An opened member with the header of an array; its rows are to follow."""
     entry = zipfile.ZipInfo(f"{name}.npy")  # of 1980: equal contents make equal files
     entry.compress_type = archive.compression

@@ -9,10 +9,9 @@ from ...device.live.paced_writer import WriterPace
 from ...device.live.writer_handle import WriterHandle, error_of
 from ...device.live.writer_process import ArrayRequest
 from ...device.playing.limits import Limits
-from ...device.playing.watchdog import is_watchable
 from ...device.registry import kind_of
 from ..errors import StrategyError
-from ..playback.file_playback import Connection
+from ..playback.file_playback import Connection, require_watchable
 from ..playback.placed_arrays import PlacedArray
 from ..validation import require_number
 from .counts import LiveCounts
@@ -138,10 +137,9 @@ class HeldArrays:
                 case "off":
                     arrays = message["arrays"]
                     self.counts.set_counts({name: value for name, value in message.items() if name != "arrays"})
-                    confirmed = {own["off_confirmed"] for own in arrays}  # None: an array cannot say
-                    self.outcome = message | {
-                        "off_confirmed": False if False in confirmed else None if None in confirmed else True
-                    }
+                    known = [own["off_confirmed"] for own in arrays]
+                    confirmed = False if False in known else None if None in known else True
+                    self.outcome = message | {"off_confirmed": confirmed}
                 case "gone":
                     if not self.outcome:
                         self.error = self.error or DeviceError(
@@ -162,12 +160,8 @@ def _request_for(placed: PlacedArray, connection: Connection) -> ArrayRequest:
     if connection.backend is not None:
         raise StrategyError("backend is not for live runs: another process opens the array")
     emulated = model.embedded or connection.emulate
-    watches_itself = kind_of(model).watches_itself is not None
-    if connection.watchdog and (emulated or not (watches_itself or is_watchable(model))):
-        raise StrategyError(
-            f"a watchdog is for real arrays on USB or a serial port, not for {model.name}, which is emulated here or "
-            "on a network"
-        )
+    if connection.watchdog:
+        require_watchable(model, emulated=emulated)
     return ArrayRequest(
         kind=kind_of(model),
         model=model,
@@ -175,5 +169,5 @@ def _request_for(placed: PlacedArray, connection: Connection) -> ArrayRequest:
         emulated=emulated,
         uncalibrated=connection.uncalibrated,
         transport=connection.transport,
-        watchdog=connection.watchdog and not watches_itself,
+        watchdog=connection.watchdog and kind_of(model).watches_itself is None,
     )

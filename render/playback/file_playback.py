@@ -11,6 +11,7 @@ from time import perf_counter
 from typing import TypedDict, Unpack, get_args
 
 from ...datasets.focus_files.frame_reader import FOCAL_POINTS, WIRE_FRAMES, frame_format
+from ...device.array import ArrayModel
 from ...device.array_kind import Emulation
 from ...device.boards.discovery import open_link
 from ...device.clock import Clock, MonotonicClock, VirtualClock
@@ -148,12 +149,8 @@ class Connection:
         """The link to one array."""
         model = placed.model
         emulated = self.backend is None and (model.embedded or self.emulate)
-        watches_itself = kind_of(model).watches_itself is not None
-        if self.watchdog and (emulated or not (watches_itself or is_watchable(model))):
-            raise StrategyError(
-                f"a watchdog is for real arrays on USB or a serial port, not for {model.name}, which is emulated "
-                "here or on a network"
-            )
+        if self.watchdog:
+            require_watchable(model, emulated=emulated)
         if self.clock == "virtual" and self.backend is None and (not emulated or kind_of(model).emulates_itself):
             reason = "whose emulation keeps real time" if emulated else "which is real (emulate=True plays to a model)"
             raise StrategyError(f"clock=virtual is not for {model.name}, {reason}: leave the clock out")
@@ -196,6 +193,14 @@ def emulated_bus(placed: PlacedArray, clock: Clock) -> Emulation | None:
     serial = placed.serial or model.serial
     serials = None if serial is None else (serial,)
     return emulated_backend(model.name, clock=clock, serials=serials, baud=model.baud)
+
+
+def require_watchable(model: ArrayModel, *, emulated: bool) -> None:
+    """Raise StrategyError for an array that no watchdog can switch off, and that does not do so by itself."""
+    if emulated:
+        raise StrategyError(f"a watchdog is for real arrays, not for {model.name}, which is emulated here")
+    if kind_of(model).watches_itself is None and not is_watchable(model):
+        raise StrategyError(f"a watchdog is for arrays on USB or at a serial port, not for {model.name} on a network")
 
 
 class ConnectionFields(TypedDict, total=False):

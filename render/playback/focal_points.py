@@ -99,7 +99,8 @@ class ContourRows(Protocol):
 class PointSource:
     """Focal points that are there already, or are read from a file.
 
-    read: the focal points, or a function that gives those of frames first..stop. foci: of a frame.
+    read: the focal points, or a function that gives those of frames first..stop. foci: of a frame. block: frames that
+    are given at once at most.
     """
 
     sampling = None
@@ -113,8 +114,9 @@ class PointSource:
         update_rate: float,
         frame_count: int | None = None,
         foci: int = 1,
+        block: int = BLOCK,
     ) -> None:
-        self._read, self.update_rate, self.foci = read, update_rate, foci
+        self._read, self.update_rate, self.foci, self._block = read, update_rate, foci, block
         self.frame_count = frame_count or 0
         if isinstance(read, FocalPoints):
             self.frame_count = min(len(read.intensity), frame_count or len(read.intensity))
@@ -123,8 +125,8 @@ class PointSource:
     def __iter__(self) -> Iterator[FocalPoints]:
         """Blocks of focal points."""
         read = self._read
-        for first in range(0, self.frame_count, BLOCK):
-            stop = min(first + BLOCK, self.frame_count)
+        for first in range(0, self.frame_count, self._block):
+            stop = min(first + self._block, self.frame_count)
             is_there = isinstance(read, FocalPoints)
             yield FocalPoints(*(own[first:stop] for own in read)) if is_there else read(first, stop)
 

@@ -15,8 +15,7 @@ from ...device.link import Link
 from ...device.playing.player import Player
 from ...device.registry import kind_of
 from ...device.report import PlayReport
-from ..errors import StrategyError
-from ..playback.file_playback import CLOCKS, Connection, emulated_bus
+from ..playback.file_playback import CLOCKS, Connection, emulated_bus, require_watchable
 from ..playback.placed_arrays import PlacedArray
 from ..terminal import console
 from .frames import FeltStimulus
@@ -46,10 +45,7 @@ class BoardSession:
         self._bus: Emulation | None = None
         if self.emulated and not kind_of(model).emulates_itself:
             if connection.watchdog:
-                raise StrategyError(
-                    f"a watchdog is for real arrays on USB or a serial port, not for {model.name}, which is emulated "
-                    "here or on a network"
-                )
+                require_watchable(model, emulated=True)
             self._bus = emulated_bus(placed, CLOCKS[connection.clock]())
             connection = replace(connection, backend=self._bus)
         self._placed, self._connection, self._note = placed, connection, note

@@ -38,6 +38,7 @@ NOT_HERE = {  # command lines that no test runs, and why
     r"--scheduler": "tests/render/sweeps/run/test_dask_engine.py has schedulers",
     r"^palpate selftest --acceptance": "asks a person; tests/render/selftest/test_acceptance.py answers",
     r"^palpate bench": "takes minutes; tests/render/bench/ runs it small",
+    r"^(cmake|palpate-ultraleap)": "needs a vendor's SDK; tests/device/bridges/ compiles and runs it with a stub",
 }
 COLUMN = 88  # characters of a line of code
 FEW = "--set motion.duration=1.0 --set motion.seed=1 --set object.source=tube"
@@ -48,7 +49,10 @@ ELSEWHERE = {  # what stands in a page -> what stands for it on this machine
     r" /shared": " FOLDER/shared",
     r"(palpate sweep (?:objects|study)\.toml)": rf"\1 {FEW}",  # seconds instead of a minute
 }
-REFUSED = {"--same-results": 2}  # there are no results of another code version, as the page says
+REFUSED = {
+    "--same-results": 2,  # there are no results of another code version, as the page says
+    "--source ultraleap": 1,  # there is no tracking service, so no pose could be drawn
+}
 
 
 def here(line, folder):
@@ -64,6 +68,10 @@ def here(line, folder):
         line = f"python -m answered_study {line}" + " --no-browser" * ("--no-browser" not in line)
     if line.startswith("palpate live"):
         line = re.sub(r"--duration \d+", "--duration 2", line) + " --no-browser" * ("--view" in line)
+    if "--array stratos" in line and "--emulate" not in line:
+        line += " --emulate"
+    if line.startswith("palpate selftest"):
+        line += " --clock virtual"
     if line.startswith("palpate play"):
         if "--array pat16" in line and "--emulate" not in line:
             line = line.replace(" --watchdog", "") + " --emulate"  # which guards real boards

@@ -10,10 +10,12 @@ from typer.testing import CliRunner
 
 from palpate.datasets.recordings.alignment import write_alignment
 from palpate.datasets.recordings.sample import write_sample
-from palpate.render import VoxelObject, exploration, save_voxels
+from palpate.render import FocalPoints, VoxelObject, exploration, save_voxels
 from palpate.render.cli.app import app
 from palpate.render.exports import csv_file
+from palpate.render.exports.focus_file import FOCUS_WRITERS, write_focus
 from palpate.render.file_kinds import NOT_READ, described_file
+from palpate.render.playback.focal_points import PointSource
 from palpate.render.validation import refuse_object
 
 WORDS = {
@@ -25,6 +27,9 @@ WORDS = {
     "poses.csv": "a motion or a recording of a hand: palpate render OBJECT .*poses.csv",
     "exported.csv": "contours as palpate export writes them .*: give their contour file",
     "exported.npz": "contours as palpate export writes them",
+    "focus.csv": "focal points as palpate export writes them, .*: give the file that they were exported from",
+    "focus.npz": "focal points as palpate export writes them",
+    "focus.bin": "focal points as palpate export writes them, which palpate-ultraleap plays",
     "hand.json": "a motion or a recording of a hand",
     "expression.json": "an expression, which is an object: palpate render .*expression.json MOTION",
     "strategy.json": "a strategy: palpate render OBJECT MOTION --strategy .*strategy.json",
@@ -49,6 +54,9 @@ def files(tmp_path_factory):
     write_sample("leap", folder / "hand.npz", frame_count=2)
     np.savez(folder / "exported.npz", polyline_start=np.zeros(1, np.int64), points=np.zeros((0, 3)))
     (folder / "exported.csv").write_text(f"{csv_file.HEADER}\n0,0.0,0,-0.04,-0.04,0.2,hand,1.0\n")
+    points = PointSource(FocalPoints(np.zeros((3, 3), np.float32), np.ones(3, np.float32)), update_rate=1e4)
+    for suffix in FOCUS_WRITERS:
+        write_focus(points, folder, folder / f"focus{suffix}", suffix, watch=lambda done, total: None)
     write_alignment(folder / "place.json", "y-up")
     shape = {"op": "union", "of": [{"op": "sphere", "radius": 0.05}]}
     (folder / "expression.json").write_text(json.dumps(shape, indent=1))
@@ -74,7 +82,7 @@ def test_every_format_that_is_not_read_is_described(suffix, tmp_path):
 
 
 def test_a_contour_file_and_an_unknown_file_are_not_judged_by_their_names(tmp_path):
-    for name in ("a.h5", "a.hdf5", "a.txt", "a"):
+    for name in ("a.h5", "a.hdf5", "a.txt", "a", "a.bin"):
         (tmp_path / name).write_bytes(b"x")
         assert described_file(tmp_path / name) is None
         refuse_object(tmp_path / name)

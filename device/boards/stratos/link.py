@@ -104,7 +104,8 @@ class BridgeLink:
         greeting = self._ask(b"HELO", _HELLO.pack(_MAGIC, _VERSION), b"HELO", _HELLO_TIMEOUT)
         if len(greeting) < _GREETING.size or not greeting.startswith(_MAGIC):
             raise self._stranger(greeting)
-        _, version, self._capacity, self._points_most, _ = _GREETING.unpack_from(greeting)
+        _, version, room, self._points_most, _ = _GREETING.unpack_from(greeting)
+        self._capacity = min(room, model.fifo_frames)  # samples that wait at most: no more is stopped late
         if version != _VERSION:
             raise LinkError(
                 f"the bridge at {channel.where} speaks version {version} of the protocol, this palpate {_VERSION}: "

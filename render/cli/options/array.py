@@ -9,7 +9,8 @@ from .completion import complete_array
 
 _ARRAY = typer.Option(
     metavar="NAME|RIG",
-    help="emulator, pat16 (openmpd), sonicsurface, autd3, or a JSON file of several and their poses.",
+    help="emulator, pat16 (openmpd), sonicsurface, autd3, stratos (ultraleap), or a JSON file of several and their "
+    "poses.",
     autocompletion=complete_array,
 )
 Array = Annotated[str, _ARRAY]
@@ -18,7 +19,8 @@ OptionalArray = Annotated[str | None, _ARRAY]
 Serial = Annotated[
     str | None,
     typer.Option(
-        metavar="SERIAL", help="Which one: its serial number, a sonicsurface's port, an autd3's network interface."
+        metavar="SERIAL",
+        help="Which one: its serial number, a sonicsurface's port, an autd3's network interface, a stratos' HOST:PORT.",
     ),
 ]
 Calibration = Annotated[

@@ -78,7 +78,6 @@ def _scale(table: StudyTable, block: PlannedBlock) -> MagnitudeScale:
         for number, own in enumerate(means):
             found = np.isfinite(own)
             if found.sum() > 1:
-                # `polyfit` keeps a slope of exactly 0, which `Polynomial` leaves out of its coefficients
                 exponents[number] = np.polynomial.polynomial.polyfit(np.log10(x[found]), own[found], 1)[1]
     return MagnitudeScale(
         block=block, codes=table.codes, x=x, means=10**means, exponents=exponents, left_out=left_out, reason=reason

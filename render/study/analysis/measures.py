@@ -1,6 +1,5 @@
 """Measures: one number for each participant and cell of the design, such as p_cc, a rating or a threshold."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import chain
 from typing import NamedTuple
@@ -93,8 +92,3 @@ def level_label(factor: str, level: Level) -> str:
 def cell_text(cell: Cell) -> str:
     """A cell as people read it: its levels, or its name where the plan gives it none."""
     return ", ".join(level_text(own) for own in cell.factors.values()) or cell.name
-
-
-def numbered(cells: tuple[Cell, ...]) -> Mapping[str, int]:
-    """The place of each cell, by its name."""
-    return {cell.name: number for number, cell in enumerate(cells)}

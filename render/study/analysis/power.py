@@ -115,12 +115,13 @@ class PowerQuestion:
                 f"{self.spread:g} of the logit: participants' probabilities deviate by {_proportion(people).std():.2f}"
             )
         low, high = min(self.trials), max(self.trials)
+        is_family = self.factor is not None and len(self.measure.factors[self.factor]) > 2  # of more than one pair
         return {
             "mean": mean,
             "spread": spread,
             **({"opposite": f"{self.opposite:g} of participants answer the other way"} if self.is_choice else {}),
             "answers": f"{low if low == high else f'{low} to {high}'} in each of {len(self.trials)} cells",
-            "test": "Wilcoxon, two-sided, 0.05" + ", Holm-corrected" * (self.factor is not None),
+            "test": "Wilcoxon, two-sided, 0.05" + ", Holm-corrected" * is_family,
             "simulated": f"{self.tables} studies for each number of participants, seed {self.seed}",
         }
 

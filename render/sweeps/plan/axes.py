@@ -361,8 +361,11 @@ VALIDATORS: dict[str, tuple[Collection[str], Callable[[Mapping[str, Any]], objec
 """Keys whose values may not go together, and a function that raises if they do not; of other axes all values do."""
 
 
-def require_playable(sampling: RecipePart, array: RecipePart) -> None:
-    """Raise RenderError or DeviceError unless the array can play drives of these focal points."""
+def require_playable(sampling: RecipePart, array: RecipePart, *, keeps_drives: bool) -> None:
+    """Raise RenderError or DeviceError unless the array can play drives of these focal points.
+
+    keeps_drives: whether the drives themselves are asked for, which an array of focal points finds by itself.
+    """
     asked, described = sampling.content["described"], array.content["described"]
     rate = asked["update_rate"]
     if asked["foci"] > POINTS_MOST:
@@ -370,6 +373,11 @@ def require_playable(sampling: RecipePart, array: RecipePart) -> None:
     models = [entry.model for entry in load_rig(array.content["source"])]
     for model in models:
         model.divider(rate)
+        if keeps_drives and model.takes_points:
+            raise StrategyError(
+                f"array {model.name} takes focal points, and its own driver finds the drives, which palpate does not "
+                'know: keep "focal-points" instead'
+            )
     Driver(models, DriveStrategy(**described["drive"]), update_rate=rate)
 
 

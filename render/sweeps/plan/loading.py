@@ -275,7 +275,7 @@ def _require_playable(document: PlanDocument, product: Product, key: str, fault:
             continue
         reported.add(case)
         try:
-            require_playable(sampling, array)
+            require_playable(sampling, array, keeps_drives=key == "keep")
         except (RenderError, DeviceError) as error:
             document.fault((key,), f"{fault.format(sampling.content['name'])}: {error}")
 

@@ -40,7 +40,7 @@ REFUSED = {
     "cube --update-rate 0": "--update-rate must lie in",
     "cube --side middle --source udp": "--side must be one of any, left, right, not 'middle'",
     "cube --transport fast": "transport must be one of",
-    "cube --watchdog": "a watchdog is for real arrays on USB or a serial port, not for emulator",
+    "cube --watchdog": "a watchdog is for real arrays, not for emulator",
     "cube --prediction 20": "20 ms are 0.02",
     "cube --port 8090": "--port is of the page that --view shows",
     "cube --no-browser": "--no-browser is of the page that --view shows",

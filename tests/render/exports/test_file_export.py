@@ -76,7 +76,7 @@ def test_python_takes_numbers_and_tells_the_progress(here):
 
 
 MISTAKES = {
-    "tube.h5 -o new.txt": "must end in one of .vtkhdf, .csv, .npz, .ptlist, .py, or say the format with --to NAME",
+    "tube.h5 -o new.txt": "end in one of .vtkhdf, .csv, .npz, .ptlist, .py, .bin, or say the format with --to NAME",
     "tube.h5 -o new.csv --to npz": "ends in .csv, but --to npz asks for another format",
     "tube.h5 -o new.x --to vtk": "did you mean 'vtkhdf'?",
     "tube.h5 -o new.csv --poses 5:5": "poses 5:5 are none",
@@ -85,7 +85,7 @@ MISTAKES = {
     "tube.h5 -o new.csv --seconds 50:60": "whose times are 0 to 11.9889 s",
     "tube.h5 -o new.csv --scene": "--scene is for vtkhdf, not for csv",
     "tube.h5 -o new.csv --gzip 3": "--gzip is for vtkhdf and npz, not for csv",
-    "tube.h5 -o new.npz --sampling stm": "--sampling is for ptlist and autd3, not for npz",
+    "tube.h5 -o new.npz --sampling stm": "--sampling is for ptlist, autd3 and focal-points, not for npz",
     "tube.h5 -o new.py": "but the focus STM of an AUTD3 holds 65535: --seconds 0:6.536 fits",
     "tube.h5 -o new.py --update-rate 9999": "nearest are 8000 and 10000 Hz",
     "cube.h5 -o new.py": "say how long to play it with --duration SECONDS",

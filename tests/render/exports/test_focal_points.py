@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from export_cases import quiet
+from focus_cases import stored_focus
 
 from palpate.datasets import ContourFile, write_ptlist
 from palpate.datasets.focus_files.frame_file import FrameField, FrameFile
@@ -12,11 +14,14 @@ from palpate.render.exports.focal_points import (
     FocusFormat,
     SamplingFields,
     holds_focus,
-    read_focus,
+    open_focus,
+    read_whole,
     sample_focus,
+    watched_blocks,
 )
 from palpate.render.exports.pose_choice import choose_poses
 from palpate.render.reports.file_summary import summarise
+from palpate.render.sampling.sampler import joined
 
 ANY = FocusFormat("anything", 10**7, lambda rate: None)
 PLAIN = SamplingFields()
@@ -32,9 +37,14 @@ def tube(tmp_path_factory):
     return path
 
 
-def sampled(path, asked=PLAIN, **choice):
+def sampled(path, asked=PLAIN, target=ANY, **choice):
     with ContourFile(path) as file:
-        return sample_focus(file, choose_poses(file, **choice), asked, ANY, lambda done, total: None)
+        return read_whole(sample_focus(file, choose_poses(file, **choice), asked, target), quiet)
+
+
+def read(path, asked=PLAIN, seconds=None, target=ANY):
+    with open_focus(path, asked, seconds, target) as source:
+        return read_whole(source, quiet)
 
 
 def test_a_whole_file_gives_what_its_batch_gives(tube):
@@ -63,12 +73,12 @@ def test_the_range_that_a_refusal_names_fits(choice, most, tube):
     with ContourFile(tube) as file:
         chosen = choose_poses(file, **choice)
         with pytest.raises(StrategyError, match=f"but a small one holds {most}: seconds=.* fits") as refusal:
-            sample_focus(file, chosen, PLAIN, small, lambda done, total: None)
+            sample_focus(file, chosen, PLAIN, small)
         fitting = str(refusal.value).partition("seconds=")[2].removesuffix(" fits")
         fewer = choose_poses(file, seconds=fitting, every=choice.get("every", 1))
         assert fewer.start == chosen.start
-        found = sample_focus(file, fewer, PLAIN, small, lambda done, total: None)
-        assert most - 3 * 10e3 / 90 * choice.get("every", 1) <= len(found.focus.intensity) <= most
+        found = sample_focus(file, fewer, PLAIN, small)
+        assert most - 3 * 10e3 / 90 * choice.get("every", 1) <= found.frame_count <= most
 
 
 def test_where_a_range_would_hold_one_pose_the_refusal_names_a_duration_that_fits(tmp_path):
@@ -76,10 +86,9 @@ def test_where_a_range_would_hold_one_pose_the_refusal_names_a_duration_that_fit
     small = FocusFormat("a small one", 35_000, lambda rate: None)
     pose = np.tile([0, 0, 0.2, *PALM_DOWN], (2, 1))
     path = render("cube", Palm(), HandMotion([0.0, 4.0], pose), "cc").save(tmp_path / "still.h5")
-    with ContourFile(path) as file:
-        with pytest.raises(StrategyError, match=r"40000 focal points \(4 s .* holds 35000: duration=3\.5 fits"):
-            sample_focus(file, choose_poses(file), PLAIN, small, lambda done, total: None)
-        found = sample_focus(file, choose_poses(file), SamplingFields(duration=3.5), small, lambda done, total: None)
+    with pytest.raises(StrategyError, match=r"40000 focal points \(4 s .* holds 35000: duration=3\.5 fits"):
+        sampled(path, target=small)
+    found = sampled(path, SamplingFields(duration=3.5), small)
     assert len(found.focus.intensity) == 35_000
     assert (found.focus.intensity > 0).all()
     assert summarise(path)["duration"] == 4.0
@@ -92,9 +101,8 @@ def test_the_duration_that_a_refusal_names_fits(tube):
             chosen = choose_poses(file, **choice)
             asked = SamplingFields(duration=5.0)
             with pytest.raises(StrategyError, match=r"holds 100: duration=0\.01 fits"):
-                sample_focus(file, chosen, asked, small, lambda done, total: None)
-            found = sample_focus(file, chosen, SamplingFields(duration=0.01), small, lambda done, total: None)
-            assert len(found.focus.intensity) == 100
+                sample_focus(file, chosen, asked, small)
+            assert sample_focus(file, chosen, SamplingFields(duration=0.01), small).frame_count == 100
 
 
 def test_several_focal_points_at_once_are_refused(tube):
@@ -102,41 +110,54 @@ def test_several_focal_points_at_once_are_refused(tube):
         sampled(tube, SamplingFields("multi-focus"))
 
 
-def kept(path, count=2000, foci=(), rate=4000.0):
-    position = np.random.default_rng(1).uniform(-0.05, 0.05, (count, *foci, 3)).astype(np.float32)
-    fields = [FrameField("/focus/position", (*foci, 3), "m"), FrameField("/focus/intensity", foci, "1")]
-    about = {"format": "palpate focal points", "version": np.array([1, 0], np.int32), "recipe": "{}"}
-    with FrameFile(path, fields, count, attributes={"/": about, "/focus": {"update_rate": rate}}) as file:
-        file.append({"/focus/position": position, "/focus/intensity": np.full((count, *foci), 0.5, np.float32)})
-        file.publish()
-    return position
-
-
 @pytest.mark.parametrize(
     ("seconds", "rows"), [(None, slice(None)), ("0.1:0.2", slice(400, 800)), ("0.4:", slice(1600, None))]
 )
 def test_focal_points_of_a_sweep_and_of_a_point_list_are_taken_as_they_are(seconds, rows, tmp_path):
-    position = kept(tmp_path / "a.h5")
+    position = stored_focus(tmp_path / "a.h5")
     write_ptlist(tmp_path / "a.ptlist", position, np.full(2000, 0.5), 4000.0)
     for name in ("a.h5", "a.ptlist"):
         assert holds_focus(tmp_path / name)
-        found = read_focus(tmp_path / name, PLAIN, seconds, ANY)
+        found = read(tmp_path / name, seconds=seconds)
         np.testing.assert_array_equal(found.focus.position, position[rows])
         assert (found.focus.intensity == 0.5).all()
         assert (found.update_rate, found.jumps) == (4000.0, None)
 
 
+def test_several_focal_points_at_once_go_where_they_fit(tube, tmp_path):
+    several = ANY._replace(foci_most=2)
+    wanted = load_contours(tube).sample("multi-focus")
+    found = sampled(tube, SamplingFields("multi-focus"), several)
+    np.testing.assert_array_equal(found.focus.position, wanted.position)
+    position = stored_focus(tmp_path / "two.h5", foci=(2,))
+    np.testing.assert_array_equal(read(tmp_path / "two.h5", target=several).focus.position, position)
+    stored_focus(tmp_path / "three.h5", foci=(3,))
+    with pytest.raises(StrategyError, match="anything holds up to 2 focal points at a time, not foci 3"):
+        read(tmp_path / "three.h5", target=several)
+
+
+def test_progress_is_the_samples_so_far_and_blocks_are_the_whole(tube):
+    seen = []
+    with ContourFile(tube) as file:
+        source = sample_focus(file, choose_poses(file), PLAIN, ANY)
+        blocks = list(watched_blocks(source, lambda *now: seen.append(now)))
+    assert len(blocks) > 1
+    ends = np.cumsum([len(block.intensity) for block in blocks]).tolist()
+    assert seen == [(end, ends[-1]) for end in ends]
+    np.testing.assert_array_equal(joined(blocks).position, sampled(tube).focus.position)
+
+
 def test_what_focal_points_of_a_file_cannot_be_asked_for_is_refused(tmp_path):
-    kept(tmp_path / "a.h5")
-    kept(tmp_path / "two.h5", foci=(2,))
+    stored_focus(tmp_path / "a.h5")
+    stored_focus(tmp_path / "two.h5", foci=(2,))
     with pytest.raises(StrategyError, match="at a rate of its own, so speed cannot"):
-        read_focus(tmp_path / "a.h5", SamplingFields(speed=3.0), None, ANY)
+        read(tmp_path / "a.h5", SamplingFields(speed=3.0))
     with pytest.raises(StrategyError, match=r"hold no focal point of .*, which lasts 0.5 s"):
-        read_focus(tmp_path / "a.h5", PLAIN, "3:4", ANY)
+        read(tmp_path / "a.h5", seconds="3:4")
     with pytest.raises(StrategyError, match="not foci 2"):
-        read_focus(tmp_path / "two.h5", PLAIN, None, ANY)
+        read(tmp_path / "two.h5")
     with pytest.raises(StrategyError, match=r"holds 100: seconds=0\.25:0\.275 fits"):
-        read_focus(tmp_path / "a.h5", PLAIN, "0.25:", FocusFormat("it", 100, lambda rate: None))
+        read(tmp_path / "a.h5", seconds="0.25:", target=FocusFormat("it", 100, lambda rate: None))
 
 
 def test_drives_are_refused_by_name(tmp_path):

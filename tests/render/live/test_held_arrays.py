@@ -95,10 +95,14 @@ def test_messages_become_counts_events_and_an_outcome(monkeypatch):
             own.require_running()
 
 
-def test_an_array_that_is_not_off_is_not_confirmed(monkeypatch):
+@pytest.mark.parametrize(
+    ("arrays", "confirmed"),
+    [([True, True], True), ([True, None], None), ([None, False], False), ([True, False], False)],
+)
+def test_that_all_arrays_are_off_is_confirmed_only_where_each_says_so(monkeypatch, arrays, confirmed):
     with held(monkeypatch) as own:
-        hear(own, {"event": "off", "arrays": [{"off_confirmed": True}, {"off_confirmed": False}]})
-        assert own.outcome["off_confirmed"] is False
+        hear(own, {"event": "off", "arrays": [{"off_confirmed": each} for each in arrays]})
+        assert own.outcome["off_confirmed"] is confirmed
 
 
 def test_a_limit_is_the_error_that_a_playback_raises(monkeypatch):

@@ -156,7 +156,7 @@ def run(path, *arguments, array="pat16", lines=()):
 def test_misuse_is_refused_and_leaves_no_report(path):
     for arguments, said in (
         (["--emulate", "--height", "0.3"], "--height means nothing with --acceptance"),
-        (["--emulate", "--watchdog"], "a watchdog is for real arrays on USB"),
+        (["--emulate", "--watchdog"], "a watchdog is for real arrays, not for"),
         (["--emulate", "--clock", "sundial"], "clock must be one of"),
         (["--calibration", "none.pat"], "none.pat"),
         ([], "--calibration BOARD.pat, --emulate or --uncalibrated"),

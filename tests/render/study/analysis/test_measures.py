@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.render.study.analysis.measures import Cell, Measure, cell_text, level_text, numbered
+from palpate.render.study.analysis.measures import Cell, Measure, cell_text, level_text
 
 
 def measure(cells, values):
@@ -80,4 +80,3 @@ def test_levels_are_written_as_people_read_them(level, text):
 def test_cells_are_called_by_their_levels_or_else_by_their_name():
     assert cell_text(Cell("cube-0.7", {"object": "cube", "opacity": 0.7})) == "cube, 0.7"
     assert cell_text(Cell("pilot", {})) == "pilot"
-    assert numbered((Cell("a", {}), Cell("b", {}))) == {"a": 0, "b": 1}

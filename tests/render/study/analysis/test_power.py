@@ -10,6 +10,7 @@ from scipy import stats
 
 from palpate.render.errors import StrategyError
 from palpate.render.study.analysis import power
+from palpate.render.study.analysis.measure_tests import compare_pairs
 from palpate.render.study.analysis.power import (
     PARTICIPANTS,
     SPREAD,
@@ -31,6 +32,7 @@ TWO_BLOCKS = (
     '[[block]]\nfor = { light = ["dim", "lit"] }\nname = "{light}"\ndesign = "2ifc"\npairs = [["a", "b"]]\n'
     f"repetitions = 5\n{QUESTION}\n{SCALE}"
 )
+HOLM = ", Holm-corrected"
 BELIEVED = 3.3  # standard deviations between which a share of simulations lies, but for 1 of 1000 seeds
 
 
@@ -58,6 +60,20 @@ def test_where_nobody_says_participants_differ_and_what_is_assumed_is_shown(pape
     scale = power_question(paper, OPTIONS | {"measure": "confidence", "mean": 5.0, "mean_other": 4.0})
     assert scale.assumed["mean"] == "5, and 4 at dog"
     assert scale.assumed["spread"] == "1 point between participants, 1 of one answer (standard deviations)"
+
+
+@pytest.mark.parametrize(
+    ("levels", "pairs", "correction"), [(None, 0, ""), (["dim", "lit"], 1, ""), (["dim", "lit", "red"], 3, HOLM)]
+)
+def test_a_correction_is_assumed_where_the_analysis_makes_one(levels, pairs, correction):
+    """A single pair of levels is no family: its p is compared with 0.05 as it is."""
+    blocks = TWO_BLOCKS.replace('["dim", "lit"]', str(levels or ["dim", "lit"]))
+    more = {} if levels is None else {"factor": "light", "mean_other": 0.5}
+    own = asked(plan_of(stimulus_text("a", "b"), blocks, participants=12), **more)
+    assert own.assumed["test"] == f"Wilcoxon, two-sided, 0.05{correction}"
+    if levels is not None:
+        tests = compare_pairs(simulate_measure(own, 12, np.random.default_rng(1)), "light")
+        assert [test.p_holm is not None for test in tests] == [pairs > 1] * pairs
 
 
 def require_share(found, expected, tables):

@@ -300,6 +300,10 @@ FAULTS = [
         "plan.toml:1: keep: drives of stm cannot be played",
     ),
     (
+        f'keep = ["drives"]\n{SHORT}[array]\nsource = "stratos"',
+        "drives of stm cannot be played: array stratos takes focal points",
+    ),
+    (
         f'metrics = ["noise", "pressure"]\n{SHORT}[array]\nsource = "sonicsurface"',
         "plan.toml:1: metrics: noise and pressure of stm cannot be predicted",
     ),

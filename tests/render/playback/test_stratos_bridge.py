@@ -1,0 +1,194 @@
+"""Focal points from a contour file to `palpate-ultraleap`: what the fake array behind the library's stub was handed.
+
+The bridge is compiled against a stub of the vendor's library, whose fake array records each device sample, 40,000 a
+second. Nothing here is hardware.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from devices.ultraleap_bridge import RATE, Bridge, shared_program
+
+from palpate.device import DeviceBusyError, LinkError, array_model, open_link
+from palpate.render import (
+    LiveStimulus,
+    SamplingStrategy,
+    Session,
+    Stimulus,
+    load_rig,
+    play_file,
+    prepare_frames,
+    render,
+    static_pose,
+)
+
+pytestmark = pytest.mark.exhaustive
+PLAYER = """
+import sys
+from palpate.render import SamplingStrategy, load_rig, play_file
+play_file(sys.argv[1], array=load_rig("stratos", serial=f"127.0.0.1:{sys.argv[2]}"), duration=30.0)
+"""
+
+
+@pytest.fixture(scope="session")
+def program(tmp_path_factory):
+    return shared_program(tmp_path_factory)
+
+
+@pytest.fixture(scope="session")
+def contours(tmp_path_factory):
+    """The rim of a cube that a palm cuts askew to the array's axes, so that no coordinate stands for another."""
+    batch = render("cube", "palm", static_pose([0.01, 0.02, 0.21], quaternion=[0.1, 0.05, 0.02, 0.99355]), "cc")
+    return batch.save(tmp_path_factory.mktemp("contours") / "cube.h5")
+
+
+def rig_at(bridge):
+    return load_rig("stratos", serial=f"127.0.0.1:{bridge.port}")
+
+
+def recorded(path, points=1, start=1):
+    """x, y, z, intensity of each point of each device sample, shape [device sample, point, 4]."""
+    rows = np.fromfile(f"{path}.{start}", np.dtype([("time", "<f8"), ("points", "<f4", (points, 4))]))
+    return rows["points"]
+
+
+def sounding(rows):
+    """Rows from the first that sounds to the last one: all before and after are silent."""
+    on = np.flatnonzero(rows[:, :, 3].any(axis=1))
+    return rows[on[0] : on[-1] + 1]
+
+
+def sampled(path, tmp_path, sampling, duration, points):
+    """What the export writes, by the layout of docs/formats/focal-points.md: sampled without drive, player and link."""
+    from palpate.render.exports.file_export import export_file
+
+    out = tmp_path / "points.bin"
+    export_file(path, out, to="focal-points", sampling=sampling, duration=duration)
+    return np.fromfile(out, "<f4", offset=32).reshape(-1, points, 4)
+
+
+def distinct(rows):
+    """Rows without those that repeat the one before."""
+    return rows[np.append(True, (rows[1:] != rows[:-1]).reshape(len(rows) - 1, -1).any(axis=1))]
+
+
+def held(sample_count, rate):
+    """The sample of each device sample: k is held until sample k + 1 is due."""
+    ends = np.ceil(np.arange(1, sample_count + 1) * RATE / rate - 0.5).astype(int)
+    return np.repeat(np.arange(sample_count), np.diff(ends, prepend=0))
+
+
+@pytest.mark.parametrize(("rate", "points"), [(40e3, 1), (10e3, 1), (40e3 / 3, 1), (10e3, 4)])
+@pytest.mark.parametrize("is_prepared", [False, True])
+def test_each_focal_point_is_handed_over_in_order_none_twice_none_lost(
+    program, contours, tmp_path, rate, points, is_prepared
+):
+    sampling = SamplingStrategy(update_rate=rate, foci=points)
+    options = {"sampling": sampling, "duration": 0.5}
+    path = contours
+    if is_prepared:
+        path, options = tmp_path / "frames.h5", {}
+        prepare_frames(contours, path, array="stratos", sampling=sampling, duration=0.5)
+    with Bridge(program, record=tmp_path / "seen", rates=",".join([str(RATE)] * points)) as bridge:
+        playback = play_file(path, array=rig_at(bridge), **options)
+        bridge.end()
+    sent, seen = sampled(contours, tmp_path, sampling, 0.5, points), sounding(recorded(tmp_path / "seen", points))
+    assert playback.frames == len(sent) == round(0.5 * rate)
+    assert bridge.counts()[:4] == (len(sent) + 1, len(sent) + 1, 0, 0)  # and the off frame behind them
+    wanted = sent[held(len(sent), rate)]
+    if bridge.counts()[4]:  # this machine was late: the library held a sample for longer, which no test is about
+        seen, wanted = distinct(seen), distinct(wanted)
+    np.testing.assert_array_equal(seen[:, :, :3], wanted[:, :, :3])
+    # of several points, the drive rounds ratios of intensities to 2^-16
+    np.testing.assert_allclose(seen[:, :, 3], wanted[:, :, 3], rtol=0, atol=0 if points == 1 else 2**-16)
+    assert playback.played.off_confirmed is None
+    assert "does not say" in playback.played.off_doubt
+
+
+@pytest.mark.parametrize(("number", "told"), [(signal.SIGKILL, "ended"), (signal.SIGSTOP, "0.5 s")])
+def test_the_array_is_handed_silence_when_its_player_is_killed_or_hangs(program, contours, tmp_path, number, told):
+    with Bridge(program, record=tmp_path / "seen") as bridge:
+        player = subprocess.Popen([sys.executable, "-c", PLAYER, contours, str(bridge.port)])
+        try:
+            while not (tmp_path / "seen.1").exists() or not recorded(tmp_path / "seen")[:, 0, 3].any():
+                assert player.poll() is None
+                time.sleep(0.05)
+            player.send_signal(number)
+            end = time.monotonic() + 20
+            while (recorded(tmp_path / "seen")[-40:, 0, 3] > 0).any() and time.monotonic() < end:
+                time.sleep(0.05)
+        finally:
+            player.kill()
+            player.wait()
+        bridge.end()
+    rows = recorded(tmp_path / "seen")[:, 0]
+    sent = sampled(contours, tmp_path, None, 30.0, 1)[:, 0]
+    seen = sounding(recorded(tmp_path / "seen"))[:, 0]
+    np.testing.assert_array_equal(distinct(seen), distinct(sent)[: len(distinct(seen))])  # in order, until the end
+    assert not rows[-40:, 3].any()
+    assert told in bridge.output
+
+
+def test_a_session_hands_over_silence_between_its_stimuli(program, contours, tmp_path):
+    with Bridge(program, record=tmp_path / "seen") as bridge:
+        with Session(rig_at(bridge)) as session:
+            numbers = session.load([Stimulus(contours, duration=0.2), LiveStimulus("tube", duration=0.3)])
+            for number in (*numbers, numbers[0]):
+                session.play(number)
+                session.wait()
+                time.sleep(0.1)
+        bridge.end()
+    rows = recorded(tmp_path / "seen")[:, 0]
+    on = np.concatenate([[False], rows[:, 3] > 0, [False]])
+    begins, ends = np.flatnonzero(np.diff(on.astype(int)) == 1), np.flatnonzero(np.diff(on.astype(int)) == -1)
+    first, last = rows[begins[0] : ends[0]], rows[begins[-1] : ends[-1]]
+    sent = sampled(contours, tmp_path, None, 0.2, 1)[:, 0]
+    np.testing.assert_array_equal(distinct(first), distinct(sent))
+    np.testing.assert_array_equal(distinct(last), distinct(sent))
+    assert len(begins) >= 3
+
+
+def test_what_the_library_refuses_is_told_before_anything_sounds(program, contours, tmp_path):
+    with Bridge(program, record=tmp_path / "seen", rates="16000,8000") as bridge:
+        with pytest.raises(LinkError, match="16000"):
+            play_file(contours, array=rig_at(bridge), sampling=SamplingStrategy(update_rate=20e3), duration=0.1)
+        with pytest.raises(LinkError, match="takes 2 focal points a frame at most, not 3"):
+            play_file(contours, array=rig_at(bridge), sampling=SamplingStrategy(foci=3), duration=0.1)
+        played = play_file(contours, array=rig_at(bridge), sampling=SamplingStrategy(update_rate=8e3), duration=0.1)
+        bridge.end()
+    assert played.frames == 800
+    assert bridge.output.count("played") == 1
+
+
+def test_a_second_player_is_refused_and_the_first_one_goes_on(program, contours, tmp_path):
+    with Bridge(program, record=tmp_path / "seen") as bridge:
+        model, place = array_model("stratos"), f"127.0.0.1:{bridge.port}"
+        with open_link(model, serial=place) as link:
+            assert link.serial == "USX:00000001"
+            with pytest.raises(DeviceBusyError, match="in use"):
+                open_link(model, serial=place)
+        assert play_file(contours, array=rig_at(bridge), duration=0.1).frames == 1000  # it is free again
+
+
+def test_the_command_line_plays_to_a_bridge_and_names_its_array(program, contours, tmp_path):
+    with Bridge(program, record=tmp_path / "seen") as bridge:
+        words = ["play", contours, "--array", "ultraleap", "--serial", f":{bridge.port}", "--duration", "0.2"]
+        done = subprocess.run(
+            [sys.executable, "-m", "palpate.render.cli", *words, "--watchdog", "--json"],
+            capture_output=True,
+            text=True,
+            check=False,
+            env=os.environ,
+        )
+        bridge.end()
+    assert done.returncode == 0, done.stderr
+    values = json.loads(done.stdout)
+    assert (values["array"], values["serial"], values["transport"]) == ("stratos", "USX:00000001", "tcp")
+    assert (values["frames"], values["off_confirmed"], values["may_emit"]) == (2000, None, None)
+    assert bridge.counts()[1] == 2001

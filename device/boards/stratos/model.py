@@ -109,6 +109,7 @@ class BridgeModel:
         self._period_ns = self._device_ns = self._open_ns = 0
         self._next_ns = 0  # when the next sample is due
         self._dry_from_ns: int | None = None  # since when no next one was there
+        self._counts_dry = False  # whether that is no pause that was meant, as the last one sounded
         self._heard_ns = self.clock.now_ns()
         self._is_heard = True
 
@@ -144,7 +145,7 @@ class BridgeModel:
             self._dropped += len(self._queue)
             self._queue.clear()
             self._dry_samples += self._dry_until(self.clock.now_ns())
-            self._intensity = 0.0
+            self._intensity, self._counts_dry = 0.0, False
         elif name != b"PING":
             raise _Refusal(f"a message {name!r} is not known")
         return self._status()
@@ -205,7 +206,7 @@ class BridgeModel:
             if begin_ns > now_ns:
                 return
             self._dry_samples += self._dry_until(begin_ns)
-            self._dry_from_ns = None
+            self._dry_from_ns, self._counts_dry = None, False
             sample = self._queue.popleft()
             self._intensity = max(struct.unpack(f"<{4 * self._points}f", sample)[3::4])
             self.played.append((sample, begin_ns))
@@ -214,14 +215,14 @@ class BridgeModel:
             self._next_ns += self._period_ns
         if self._points and self._dry_from_ns is None and now_ns >= self._begin_ns():
             self._dry_from_ns = self._begin_ns()
-            self._dry += self._intensity > 0
+            self._counts_dry = self._intensity > 0
+            self._dry += self._counts_dry
         if self._dry_from_ns is not None and self._intensity > 0 and now_ns - self._dry_from_ns >= HOLD_NS:
-            self._dry_samples += self._dry_until(self._dry_from_ns + HOLD_NS)
             self._intensity = 0.0
 
     def _dry_until(self, end_ns: int) -> int:
-        """Device samples for which the last sample has been held until a time."""
-        if self._dry_from_ns is None or not self._intensity:
+        """Device samples from when it ran dry until a time."""
+        if self._dry_from_ns is None or not self._counts_dry:
             return 0
         return -((self._dry_from_ns - end_ns) // self._device_ns)
 

@@ -119,7 +119,12 @@ def test_the_last_sample_is_held_for_a_tenth_of_a_second_and_then_silent() -> No
     assert client.counts()["intensity"] > 0
     client.clock.advance(2e-6)
     counts = client.counts()
-    assert (counts["intensity"], counts["dry"], counts["dry_samples"]) == (0, 1, 4000)  # 0.1 s at 40 kHz
+    assert (counts["intensity"], counts["dry"], counts["dry_samples"]) == (0, 1, 4001)  # 0.1 s at 40 kHz
+    client.clock.advance(1.0)
+    assert client.counts()["dry_samples"] == 44_001  # until the next one begins
+    client.say(sent(samples(1)))
+    client.clock.advance(50e-6)
+    assert client.counts()["dry_samples"] == 44_001  # it began with the next device sample
 
 
 def test_a_pause_after_a_silent_sample_is_no_running_dry() -> None:

@@ -33,7 +33,7 @@ def handed_over(events, *, divider, points, end_ns):
     out, waiting, intensity, sample_count = Handed(), [], 0.0, 0
     origin = None  # when sample 0 of the current run began; None: the next sample begins a new run
     run_count = 0  # samples of the run that have begun
-    dry_since = None
+    dry_since, is_counted = None, False
     pending = list(events)
     number = 0
     while (due := number * device) <= end_ns:
@@ -42,23 +42,24 @@ def handed_over(events, *, divider, points, end_ns):
             _, levels = pending.pop(0)
             if levels is None:
                 out.dropped, waiting, intensity = out.dropped + len(waiting), [], 0.0
+                is_counted = False
             else:
                 waiting += [(sample_count + n, level) for n, level in enumerate(levels)]
                 sample_count += len(levels)
         is_due = origin is not None and due + device // 2 >= origin + run_count * period
         if is_due and not waiting:
             origin, dry_since = None, due
-            out.dry += intensity > 0
+            is_counted = intensity > 0  # after a silent sample it is a pause that was meant
+            out.dry += is_counted
         if waiting and (is_due or origin is None):
             if origin is None:
                 origin, run_count, dry_since = due, 0, None
             name, intensity = waiting.pop(0)
             out.begun.append((name, due))
             run_count += 1
-        if dry_since is not None and intensity > 0:
-            if due - dry_since >= HOLD_NS:
-                intensity = 0.0
-            else:
-                out.dry_samples += 1
+            is_counted = False
+        out.dry_samples += is_counted
+        if dry_since is not None and due - dry_since >= HOLD_NS:
+            intensity = 0.0
         out.sounding.append(intensity > 0)
     return out

@@ -92,6 +92,14 @@ class Link(Protocol):
         ...
 
     @property
+    def queue_frames(self) -> int | None:
+        """Frames that wait in the array's own queue, by its word of the last 20 ms; None: it is short, or says nothing.
+
+        A writer that is paced by another clock than the array's leaves frames out where it grows.
+        """
+        ...
+
+    @property
     def short_writes(self) -> int:
         """Transfers since the link was opened that took less than was offered, or nothing, and were continued."""
         ...

@@ -216,11 +216,12 @@ class PacedWriter:
 
     def _behind(self) -> int:
         """Frames that wait on their way to an array beyond the lead: to be left out, or they would add up to a lag."""
-        most = 0
+        most, lead = 0, self._lead_ns // self._period_ns
         for link in self._links:
-            waiting = link.bytes_under_way // link.array.frame_bytes
-            room = self._lead_ns // self._period_ns - link.array.fifo_frames
-            most = max(most, waiting - max(room, 0) - _BEHIND_NS // self._period_ns)
+            waiting = link.bytes_under_way // link.array.frame_bytes - max(lead - link.array.fifo_frames, 0)
+            if (queued := link.queue_frames) is not None:
+                waiting = max(waiting, queued - lead)
+            most = max(most, waiting - _BEHIND_NS // self._period_ns)
         return most
 
     def _pass_by(self, due: int, now_ns: int, why: int) -> None:

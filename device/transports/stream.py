@@ -43,6 +43,8 @@ class StreamLink:
 
     off_frames: int = 1
     """How many frames `off_bytes` are."""
+    queue_frames: int | None = None
+    """None: what waits in the board is little, or nobody knows."""
 
     def __init__(
         self,

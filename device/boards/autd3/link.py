@@ -57,6 +57,7 @@ class Autd3Link:
 
     transport = "udp"
     off_frames = 1
+    queue_frames = None  # its banks play by the host's clock
     hold_ns = 0
     is_exact = True  # by the array's clock
     short_writes = 0  # UDP takes a datagram or loses it; a lost one is sent again by the vendor's package

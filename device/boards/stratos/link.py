@@ -36,6 +36,7 @@ _HELLO_TIMEOUT: Final = 3.0  # [s]
 _OPEN_TIMEOUT: Final = 15.0  # [s]; the vendor's library sets up its array
 _ANSWER_TIMEOUT: Final = 1.0  # [s]
 _LAST_TIMEOUT: Final = 0.05  # [s]
+_LOOK_NS: Final = 20_000_000  # between two questions for what waits
 _STALL_NS: Final = 1_000_000_000  # without a sample begun, while some wait
 _WAIT_NS: Final = 20_000_000  # between two looks at a full queue
 _HEARTBEAT_NS: Final = 100_000_000  # of silence, after which a bridge whose samples wait is asked for its counts
@@ -93,7 +94,7 @@ class BridgeLink:
         self._unread = b""
         self._awaited: deque[bytes] = deque()  # names of the answers that are to come, in their order
         self._refusal: bytes | None = None  # what a bridge said when it failed: then it is silent, and gone
-        self._spoke_ns = clock.now_ns()
+        self._spoke_ns = self._looked_ns = clock.now_ns()
         self._sent = 0  # samples since `start`
         self._freed = 0  # of these, those that no longer wait, as far as is known
         self._before = 0  # samples played before `start`
@@ -142,6 +143,20 @@ class BridgeLink:
         return 0
 
     @property
+    def queue_frames(self) -> int:
+        """Samples that wait in the bridge: asked 50 times a second, and reckoned by the rate in between.
+
+        What fails is raised by the next call that has to do with frames.
+        """
+        elapsed_ns = self.clock.now_ns() - self._looked_ns
+        if elapsed_ns > _LOOK_NS and self._sent > self._freed:
+            with contextlib.suppress(LinkError):
+                self._look()
+            elapsed_ns = self.clock.now_ns() - self._looked_ns
+        begun = int(elapsed_ns * 1e-9 * self.array.update_rate(self._divider))
+        return max(self._sent - self._freed - begun, 0)
+
+    @property
     def off_bytes(self) -> bytes:
         """A frame of silence."""
         return off_frame(array=self.array).tobytes()
@@ -169,6 +184,7 @@ class BridgeLink:
         self._divider, self._samples_a_frame = divider, max(device_rate / rate, 1.0)
         self._counts = _Counts(0, 0, 0, 0, 0, 0, 0, 0, 0.0)
         self._sent = self._freed = 0
+        self._looked_ns = self.clock.now_ns()
 
     def refresh(self) -> bool:
         """False: the bridge forgets nothing in a pause."""
@@ -282,6 +298,7 @@ class BridgeLink:
             raise LinkError(f"array {self._who} was sent {self._sent} samples, but its bridge counts {counts}")
         self._counts = counts
         self._freed = self._sent - counts.waiting
+        self._looked_ns = self.clock.now_ns()
 
     def _send(self, name: bytes, content: bytes) -> None:
         if self._refusal is not None:

@@ -330,3 +330,37 @@ def test_a_board_that_does_not_say_when_a_frame_began_does_not_keep_later_ones_f
     bench.writer.play(bench.stored(on(10)))
     bench.run(20)
     assert len(bench.emitted) == 1
+
+
+def test_an_array_with_a_long_queue_and_a_slower_clock_gets_no_lag():
+    """A bridge holds 4096 samples, so a clock that is 2 % slower than the host's would add 20 ms of lag a second."""
+
+    class SlowClock:
+        name = "slow"
+
+        def __init__(self, clock):
+            self._clock = clock
+
+        def now_ns(self):
+            return int(self._clock.now_ns() * 0.98)
+
+        def sleep_until_ns(self, time_ns):
+            self._clock.sleep_until_ns(int(time_ns / 0.98))
+
+    clock, model = VirtualClock(), array_model("stratos")
+    bridge = emulated_backend("stratos", clock=SlowClock(clock))
+    with open_link(model, backend=bridge, clock=clock) as link:
+        link.start(DIVIDER)
+        frame = np.array([[0, 0, 0.2, 1]], np.float32)
+        data = memoryview(np.repeat(frame, 20_000, axis=0).tobytes())
+        doses = Guard(NO_LIMITS, model).measure(array("B", data.tobytes()), 10)
+        writer = PacedWriter([link], DIVIDER, pace=WriterPace(), limits=NO_LIMITS)
+        start_ns = clock.now_ns() + PERIOD_NS
+        writer.play(StoredContent([data], [16], [doses], slice_frames=10, start_ns=start_ns))
+        waiting = []
+        while not writer.is_idle and clock.now_ns() < 3_000 * MS:
+            clock.sleep_until_ns(writer.step())
+            waiting.append(link.status().fifo_frames)
+    lead, behind = 60, 20  # 6 and 2 ms at 10 kHz
+    assert max(waiting) <= lead + behind + 2 * 10  # and the slice that is written
+    assert 300 <= writer.tally.late <= 500  # about 2 % of 20,000

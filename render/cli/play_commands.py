@@ -15,7 +15,7 @@ from ...device.errors import NoBackendError
 from ...device.link import TransportKind
 from ...device.playing.limits import Limits
 from ...device.playing.signals import ending_on_signals
-from ...device.registry import array_kinds, array_model, array_names
+from ...device.registry import array_kinds, array_model, array_names, kind_of
 from ..errors import StrategyError
 from ..file_kinds import is_point_list
 from ..playback.drive import AMPLITUDES, SOLVERS, DriveStrategy
@@ -78,6 +78,7 @@ def run_play(file: Path, options: dict, *, as_json: bool) -> int:
         )
     is_busy = options["emulate"] and not options["strict"]
     notes = model_notes(playback) if is_busy else []
+    notes += watchdog_notes(arrays) if options["watchdog"] else []
     warnings = warnings_of(playback, arrays, is_model=is_busy)
     values = playback.as_dict() | {"warnings": warnings, "notes": notes}
     if playback.first_frame_seconds is not None:
@@ -135,6 +136,16 @@ def run_prepare(file: Path, out: Path, options: dict, *, as_json: bool) -> None:
     console.show_values(values, as_json=as_json, title=str(out), shown_names=SHOWN_OF_PREPARING)
     for sentence in warnings:
         console.warn(sentence)
+
+
+def watchdog_notes(arrays: tuple[PlacedArray, ...]) -> list[str]:
+    """Sentences on arrays that need no watchdog: none was started for them."""
+    kinds = dict.fromkeys(kind_of(placed.model) for placed in arrays)
+    return [
+        f"no watchdog was started for {kind.name}: {kind.watches_itself}"
+        for kind in kinds
+        if kind.watches_itself is not None
+    ]
 
 
 def model_notes(playback: Playback) -> list[str]:

@@ -133,7 +133,7 @@ def format_of(out: Path, to: str | None) -> str:
     name = choose("to", to, tuple(FORMATS))
     if name == "focal-points":
         if out.suffix.lower() not in FOCUS_WRITERS:
-            raise StrategyError(f"{out}: must end in one of {', '.join(FOCUS_WRITERS)} to hold focal points")
+            raise StrategyError(f"{out}: must end in {', '.join(FOCUS_WRITERS)} to hold focal points")
     elif meant not in (None, name):
         raise StrategyError(f"{out}: ends in {out.suffix}, but to={name} asks for another format")
     return name

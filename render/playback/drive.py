@@ -389,7 +389,8 @@ class Driver:
         (array,), (board,) = self.arrays, self.boards
         if position.shape[1] > board.count:
             raise StrategyError(
-                f"array {array.name} was opened for {board.count} focal points a frame, not {position.shape[1]}"
+                f"array {array.name} was opened for {board.count} focal points a frame, not {position.shape[1]}: "
+                "array_model(...).with_points, or foci of a Session, asks for more"
             )
         count = len(position)
         frame = wp.empty((count, board.frame_bytes), dtype=wp.uint8, device=self.device)

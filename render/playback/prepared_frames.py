@@ -18,6 +18,7 @@ from ...datasets.focus_files.frame_file import FrameField, FrameFile
 from ...datasets.focus_files.frame_reader import WIRE_FRAMES, FrameReader
 from ...datasets.storage.hdf5_opening import Attribute
 from ...device.array import POINT_BYTES, POINTS_MOST
+from ...device.registry import array_model, array_names
 from ..contour_input import takes_batches
 from ..errors import StrategyError
 from ..output_file import require_output
@@ -190,8 +191,8 @@ class PreparedFrames:
             self.close()
             raise
         self.repeats = repeats
-        self.foci = 1 if self.making.sampling is None else self.making.sampling.foci
-        """Focal points of a frame, as far as it was made by a sampling."""
+        self.foci = self._foci()
+        """Focal points of a frame of an array that takes such; else those of its sampling."""
         self.frame_count = self._file.frame_count * repeats
         """Of all repetitions."""
         self.update_rate = self._file.update_rate
@@ -216,6 +217,12 @@ class PreparedFrames:
             for first in range(0, count, BLOCK):
                 self._file.require_unchanged()
                 yield tuple(map(wire_bytes, self._file.wire_frames(first, min(first + BLOCK, count))))
+
+    def _foci(self) -> int:
+        for (name, _), size in zip(self._meant, self._file.frame_bytes, strict=False):
+            if name in array_names() and array_model(name).takes_points:
+                return size // POINT_BYTES
+        return 1 if self.making.sampling is None else self.making.sampling.foci
 
     def sized(self, arrays: Sequence[PlacedArray]) -> tuple[PlacedArray, ...]:
         """The arrays, those that take focal points with as many a frame as the file has."""

@@ -323,7 +323,7 @@ def late_warning(report: PlayReport) -> str:
     if report.silenced:
         silent = f"was silent for {report.silenced:.4g} s, since its board had to begin anew after a pause, "
     return (
-        f"array {report.array} ran out of frames {report.underruns} times and played the last one on for "
+        f"array {report.array} ran out of frames {report.underruns} times and had no new one for "
         f"{report.starved:.4g} s, {silent}so that frames were up to {report.lateness.max:.4g} s late, by the player's "
         f"estimate; {board}"
     )

@@ -47,7 +47,7 @@ UNITS = {
     **dict.fromkeys(("db_40_300", "db_300_10k", "rms", "peak"), "dB"),
     "dba": "dB(A)",
     **dict.fromkeys(("samples", "silent", "held"), "focal points"),
-    "duty": "of the time",
+    "duty": "of full drive",
 }
 """Units shown after values in tables; for --json, docs/guide/command-line.md gives them."""
 
@@ -69,7 +69,7 @@ WORDS = {
     "on_time": "longest emission",
     "refused": "silenced, out of reach",
     "absence_max": "longest absence from a place",
-    "duty": "emitting",
+    "duty": "mean drive",
 }
 """What tables call values whose name alone says too little; --json has the names."""
 

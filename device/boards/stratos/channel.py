@@ -83,9 +83,9 @@ class TcpChannel:
     def receive(self, timeout: float) -> bytes:
         """What has come, once something has; b"" after `timeout` [s] without anything."""
         try:
-            self._socket.settimeout(max(timeout, 1e-3))
+            self._socket.settimeout(timeout)
             data = self._socket.recv(_BYTES_AT_ONCE)
-        except TimeoutError:
+        except (TimeoutError, BlockingIOError):
             return b""
         except OSError as error:
             raise self._lost(error) from error
@@ -99,7 +99,7 @@ class TcpChannel:
             self._socket.close()
 
     def _lost(self, reason: object) -> DeviceLostError:
-        return DeviceLostError(f"the bridge at {self.where} is gone ({reason}); it silences its array when it is left")
+        return DeviceLostError(f"the bridge at {self.where} is gone ({reason})")
 
 
 def parsed_address(address: str | None) -> tuple[str, int]:
@@ -114,5 +114,8 @@ def parsed_address(address: str | None) -> tuple[str, int]:
     if not colon or given.endswith("]") or (":" in host and not host.endswith("]")):  # an IPv6 address without a port
         host, port = given, str(PORT)
     if not (port.isascii() and port.isdigit() and 1 <= int(port[:6]) <= 65535):
-        raise LinkError(f"serial of a stratos is HOST:PORT with a port of 1..65535, not {address!r}")
+        raise LinkError(
+            f"serial of a stratos is the HOST:PORT of its palpate-ultraleap, with a port of 1..65535, not {address!r}: "
+            "which array that one plays on, its own option --device says"
+        )
     return host.strip("[]") or "127.0.0.1", int(port)

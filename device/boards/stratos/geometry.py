@@ -14,7 +14,7 @@ from ...array import POINT_BYTES, ArrayModel
 from ...flat_arrays import flat_array, flat_grid
 
 QUEUE_SAMPLES = 4096
-"""Samples that the bridge holds: 0.1 s at 40 kHz (docs/formats/ultraleap-bridge.md)."""
+"""Samples that palpate lets wait in the bridge, which has room for more: 0.1 s at 40 kHz, so that a stop is prompt."""
 
 
 @cache

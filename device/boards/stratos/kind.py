@@ -37,5 +37,6 @@ KIND = ArrayKind(
     "phases: supposed are transducers as other arrays have them, exact phases for one focal point, and palpate's "
     "solver for several",
     watches_itself="palpate-ultraleap silences it when the connection ends, or nothing is heard for 0.5 s",
-    not_listed="a stratos cannot be listed: serial=HOST:PORT names the place at which its palpate-ultraleap listens",
+    not_listed="a real stratos cannot be listed: serial=HOST:PORT names the place at which its "
+    "palpate-ultraleap listens",
 )

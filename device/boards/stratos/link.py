@@ -92,9 +92,9 @@ class BridgeLink:
         """Whether `bytes_sent` is exact: False once sending has failed."""
         self._channel = channel
         self._unread = b""
-        self._awaited: deque[bytes] = deque()  # names of the answers that are to come, in their order
+        self._awaited: deque[tuple[bytes, int]] = deque()  # answers that are due: names, and samples sent before
         self._refusal: bytes | None = None  # what a bridge said when it failed: then it is silent, and gone
-        self._spoke_ns = self._looked_ns = clock.now_ns()
+        self._looked_ns = clock.now_ns()
         self._sent = 0  # samples since `start`
         self._freed = 0  # of these, those that no longer wait, as far as is known
         self._before = 0  # samples played before `start`
@@ -137,9 +137,7 @@ class BridgeLink:
         A player asks for it also while it has nothing to send. Then the bridge is asked something, so that it does not
         take its client for dead while samples wait. What fails is raised by the next call that has to do with frames.
         """
-        if self._sent > self._freed and self.clock.now_ns() - self._spoke_ns > _HEARTBEAT_NS:
-            with contextlib.suppress(LinkError):
-                self._look()
+        self._keep_informed(_HEARTBEAT_NS)
         return 0
 
     @property
@@ -148,13 +146,9 @@ class BridgeLink:
 
         What fails is raised by the next call that has to do with frames.
         """
+        self._keep_informed(_LOOK_NS)
         elapsed_ns = self.clock.now_ns() - self._looked_ns
-        if elapsed_ns > _LOOK_NS and self._sent > self._freed:
-            with contextlib.suppress(LinkError):
-                self._look()
-            elapsed_ns = self.clock.now_ns() - self._looked_ns
-        begun = int(elapsed_ns * 1e-9 * self.array.update_rate(self._divider))
-        return max(self._sent - self._freed - begun, 0)
+        return max(self._sent - self._freed - int(elapsed_ns * 1e-9 * self.array.update_rate(self._divider)), 0)
 
     @property
     def off_bytes(self) -> bytes:
@@ -243,10 +237,22 @@ class BridgeLink:
         )
 
     def clear(self) -> bool:
-        """Drop the frames that wait: True. The library is handed silence."""
-        if self._refusal is None:  # else it has done so by itself
-            self._note(self._ask(b"STOP", b"", b"STAT", _ANSWER_TIMEOUT))
-        self._freed = self._sent
+        """Drop the frames that wait: True once the library was handed silence.
+
+        Raises DeviceTimeoutError if the library asks for nothing for a second, so that it cannot be handed any.
+        """
+        if self._refusal is not None:  # then the bridge has done so by itself
+            self._freed = self._sent
+            return True
+        end_ns = self.clock.now_ns() + _STALL_NS
+        self._ask(b"STOP", b"", b"STAT", _ANSWER_TIMEOUT)
+        while self._counts.intensity > 0 or self._counts.waiting:
+            if self.clock.now_ns() > end_ns:
+                raise DeviceTimeoutError(
+                    f"array {self._who}: its library has asked for nothing for 1 s, so it was handed no silence"
+                )
+            self.clock.sleep_until_ns(self.clock.now_ns() + _WAIT_NS)
+            self._look()
         return True
 
     def send_off(self) -> None:
@@ -288,22 +294,36 @@ class BridgeLink:
         return room
 
     def _look(self) -> None:
-        self._note(self._ask(b"PING", b"", b"STAT", _ANSWER_TIMEOUT))
+        """Have the bridge say what has become of the samples."""
+        self._ask(b"PING", b"", b"STAT", _ANSWER_TIMEOUT)
 
-    def _note(self, content: bytes) -> None:
+    def _keep_informed(self, after_ns: int) -> None:
+        """While samples wait, ask after a time what has become of them; the answer is taken when it has come."""
+        with contextlib.suppress(LinkError):
+            if self._sent > self._freed and not self._awaited and self.clock.now_ns() - self._looked_ns > after_ns:
+                self._post(b"PING", b"", b"STAT")
+            while self._awaited:
+                if (message := self._parsed()) is not None:
+                    self._take(*message)
+                elif data := self._channel.receive(0.0):
+                    self._unread += data
+                else:
+                    return
+
+    def _note(self, content: bytes, sent: int) -> None:
+        """Take over a status whose question was asked when so many samples had been sent."""
         if len(content) < _STATUS.size:
             raise LinkError(f"array {self._who} answered a status of {len(content)} bytes instead of {_STATUS.size}")
         counts = _Counts(*_STATUS.unpack_from(content))
-        if counts.taken != self._sent or not 0 <= counts.waiting <= counts.taken:
-            raise LinkError(f"array {self._who} was sent {self._sent} samples, but its bridge counts {counts}")
+        if counts.taken != sent or not 0 <= counts.waiting <= counts.taken:
+            raise LinkError(f"array {self._who} was sent {sent} samples, but its bridge counts {counts}")
         self._counts = counts
-        self._freed = self._sent - counts.waiting
+        self._freed = sent - counts.waiting
         self._looked_ns = self.clock.now_ns()
 
     def _send(self, name: bytes, content: bytes) -> None:
         if self._refusal is not None:
             raise self._failure(self._refusal)
-        self._spoke_ns = self.clock.now_ns()
         try:
             self._channel.send(_HEAD.pack(name, len(content)) + content)
         except LinkError as error:
@@ -322,48 +342,69 @@ class BridgeLink:
                     return content
         return None
 
-    def _ask(self, name: bytes, content: bytes, wanted: bytes, timeout: float) -> bytes:
-        """Content of the answer to a message, which must have the wanted name.
-
-        Answers come in the order of questions. So an answer that came too late for its own question is passed over, and
-        is never taken for the answer to this one: an old status must not say that a later `STOP` was heard.
-        """
+    def _post(self, name: bytes, content: bytes, wanted: bytes) -> None:
+        """Send a message whose answer will have the wanted name."""
         self._send(name, content)
-        self._awaited.append(wanted)
-        end = time.monotonic() + timeout
-        while True:
-            name, answer = self._message(end)
-            if name == b"FAIL":
-                raise self._failure(answer)
-            if name != self._awaited.popleft():
-                raise self._stranger(_HEAD.pack(name, len(answer)))
-            if not self._awaited:
-                return answer
+        self._awaited.append((wanted, self._sent))
+
+    def _ask(self, name: bytes, content: bytes, wanted: bytes, timeout: float) -> bytes:
+        """Content of the answer to a message; a bridge that gives none in time is left, and so falls silent.
+
+        Answers come in the order of questions. So one that was asked for before is never taken for the answer to this
+        one: an old status must not say that a later `STOP` was heard.
+        """
+        self._post(name, content, wanted)
+        end, answer = time.monotonic() + timeout, b""
+        try:
+            while self._awaited:
+                answer = self._take(*self._message(end))
+        except DeviceTimeoutError:
+            self._channel.close()
+            raise
+        return answer
+
+    def _take(self, name: bytes, answer: bytes) -> bytes:
+        """The content of a message, which must be the next answer that is due; a status is noted."""
+        if name == b"FAIL":
+            raise self._failure(answer)
+        wanted, sent = self._awaited.popleft()
+        if name != wanted:
+            raise self._stranger(_HEAD.pack(name, len(answer)))
+        if name == b"STAT":
+            self._note(answer, sent)
+        return answer
 
     def _failure(self, content: bytes) -> LinkError:
         self._refusal = content
         text = content.decode(errors="replace")
         kind = DeviceBusyError if "in use" in text else LinkError
-        return kind(f"the bridge at {self._channel.where} refuses: {text}")
+        return kind(f"the bridge at {self._channel.where} says: {text}")
 
     def _message(self, end: float) -> tuple[bytes, bytes]:
         """Name and content of the next message, if it is there by a time [s of time.monotonic()]."""
-        while True:
-            if len(self._unread) >= _HEAD.size:
-                name, size = _HEAD.unpack_from(self._unread)
-                if not (name.isalpha() and name.isupper()) or size > _MESSAGE_BYTES:
-                    raise self._stranger(self._unread)
-                stop = _HEAD.size + size
-                if len(self._unread) >= stop:
-                    content, self._unread = self._unread[_HEAD.size : stop], self._unread[stop:]
-                    return name, content
+        while (message := self._parsed()) is None:
             left = end - time.monotonic()
             data = self._channel.receive(left) if left > 0 else b""
             if not data:
                 raise DeviceTimeoutError(
-                    f"what listens at {self._channel.where} gave no answer of palpate-ultraleap in time"
+                    f"what listens at {self._channel.where} gave no answer of palpate-ultraleap in time; "
+                    "serial=HOST:PORT names the bridge's place"
                 )
             self._unread += data
+        return message
+
+    def _parsed(self) -> tuple[bytes, bytes] | None:
+        """Name and content of the next message that has come whole; None if there is none."""
+        if len(self._unread) < _HEAD.size:
+            return None
+        name, size = _HEAD.unpack_from(self._unread)
+        if not (name.isalpha() and name.isupper()) or size > _MESSAGE_BYTES:
+            raise self._stranger(self._unread)
+        stop = _HEAD.size + size
+        if len(self._unread) < stop:
+            return None
+        content, self._unread = self._unread[_HEAD.size : stop], self._unread[stop:]
+        return name, content
 
     def _stranger(self, data: bytes) -> LinkError:
         return LinkError(

@@ -17,6 +17,8 @@ from ...clock import Clock
 VERSION = 1
 QUEUE_SAMPLES = 4096
 POINTS_MOST = 8
+RATE_LEAST = 1
+"""Samples a second [Hz]."""
 DEVICE_RATE = 40_000
 """Device samples a second of one focal point [Hz]."""
 HOLD_NS = 100_000_000
@@ -154,10 +156,10 @@ class BridgeModel:
         if not 1 <= points <= POINTS_MOST:
             raise _Refusal(f"the library takes 1 to {POINTS_MOST} focal points, not {points}")
         device_rate = DEVICE_RATE / points
-        if not 0 < rate <= device_rate * (1 + 1e-9):
+        if not RATE_LEAST <= rate <= device_rate * (1 + 1e-9):
             raise _Refusal(
-                f"{rate:g} samples a second are not among the 0 to {device_rate:g} that the library gives for {points} "
-                "focal points"
+                f"a rate of {rate:g} Hz is outside {RATE_LEAST} to {device_rate:g} Hz, at which the library takes "
+                f"{points} focal point{'s' * (points > 1)}"
             )
         self._close()
         self._points, self._period_ns = points, round(1e9 / rate)

@@ -31,8 +31,8 @@ class FocusFile {
     if (point_count_ < 1 || point_count_ > points_most)
       throw Failure(path + " has " + points_text(point_count_) + " a sample: 1 to " + std::to_string(points_most) +
                     " can be played");
-    if (!std::isfinite(rate_) || rate_ <= 0)
-      throw Failure(path + " has a rate of " + text_of(rate_) + " Hz, which must be above 0");
+    if (!(rate_ >= 1 && std::isfinite(rate_)))
+      throw Failure(path + " has a rate of " + text_of(rate_) + " Hz, which must be 1 Hz or more");
     if (sample_count_ < 1) throw Failure(path + " has no samples");
     require_size();
     require_values();
@@ -65,7 +65,9 @@ class FocusFile {
 
   void require_size() {
     file_.seekg(0, std::ios::end);
-    std::uint64_t size = static_cast<std::uint64_t>(file_.tellg()) - header_size_;
+    std::streamoff end = file_.tellg();
+    if (end < header_size_) throw Failure(path_ + " must be a file on a disk: of a pipe nobody knows the end before");
+    std::uint64_t size = static_cast<std::uint64_t>(end) - header_size_;
     std::uint64_t sample_size = sizeof(Point) * point_count_, whole = size / sample_size, rest = size % sample_size;
     if (whole == sample_count_ && rest == 0) return;
     std::string found = std::to_string(whole) + " samples" + (rest > 0 ? " and " + std::to_string(rest) + " bytes" : "");

@@ -53,7 +53,7 @@ inline Options read_options(const std::vector<std::string>& words) {
   for (std::size_t i = 0; i < words.size(); ++i) {
     const std::string& word = words[i];
     auto value = [&]() -> const std::string& {
-      if (i + 1 == words.size()) throw Misuse(word + " needs a value");
+      if (i + 1 == words.size()) throw Misuse(word + (word == "play" ? " needs a file of focal points" : " needs a value"));
       return words[++i];
     };
     if (i == 0 && word == "play") {
@@ -74,7 +74,8 @@ inline Options read_options(const std::vector<std::string>& words) {
     } else if (word == "--connect") {
       options.array.connect = value();
     } else {
-      throw Misuse("'" + word + "' is unknown: --help lists what there is");
+      throw Misuse("'" + word + "' is unknown" + (word == "play" || options.command == "play" ? " here: play FILE comes first" : "") +
+                   ": --help lists what there is");
     }
     given.push_back(word);
   }

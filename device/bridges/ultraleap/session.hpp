@@ -50,7 +50,7 @@ class Session {
     off();
     if (point_count < 1 || point_count > point_limit_)
       throw Failure(points_text(point_count) + " a sample: this array takes 1 to " + std::to_string(point_limit_));
-    if (!std::isfinite(rate) || rate <= 0) throw Failure("a rate of " + text_of(rate) + " Hz is none: it must be above 0");
+    if (!(rate >= 1)) throw Failure("a rate of " + text_of(rate) + " Hz is below 1 Hz");  // or no number
     require_rate(rate, array_.rate_limit(point_count), point_count);
     double device_rate = array_.set_up(point_count);
     require_rate(rate, device_rate, point_count);

@@ -140,7 +140,8 @@ class Socket {
     freeaddrinfo(found);
     if (!is_bound || ::listen(made.handle_, 8) != 0)
       throw Failure("cannot listen at " + address + " port " + std::to_string(port) + ": " + last_error() +
-                    " (does another palpate-ultraleap run? --port takes another port)");
+                    " (--listen takes an address of this machine; if another palpate-ultraleap runs, --port takes "
+                    "another port)");
     made.never_wait();
     return made;
   }

@@ -24,6 +24,7 @@ from ...objects.mesh.placement import Placement
 from ...objects.solid import Solid
 from ...playback.focal_points import require_duration, sampling_for
 from ...playback.placed_arrays import PlacedArray, with_points
+from ...playback.prepared_frames import PreparedFrames
 from ...trust.permission import AllowCode
 from .study_plan import PlannedStimulus, StudyPlan
 
@@ -116,6 +117,7 @@ def judge_stimuli(
     if any(planned.file is None for planned in plan.stimuli):
         with _listing(found, ""):
             hand = live_hand(plan.hand)
+    prepared: dict[str, int] = {}  # focal points of a frame, by the names of stimuli of prepared frames
     for planned in plan.stimuli:
         where = f"stimulus {planned.name}: "
         for name in dict.fromkeys(name for name in (planned.solid, planned.shown) if name is not None):
@@ -125,15 +127,25 @@ def judge_stimuli(
                 with _listing(found, where):
                     solids[key] = load_solid(*key, allow_code=allow_code)
         if planned.file is not None:
-            found.stimuli.append(_judge_stored(planned, planned.file, arrays, found))
+            found.stimuli.append(_judge_stored(planned, planned.file, arrays, found, prepared))
         else:
             solid = solids.get((planned.solid or "", planned.placement))
             found.stimuli.append(_judge_live(planned, solid, hand, found))
+    for name, foci in prepared.items() if array.takes_points else ():
+        if foci != found.foci:
+            found.faults.append(
+                f"stimulus {name}: its prepared frames have {foci} focal points each, but array {array.name} is "
+                f"opened for {found.foci}, the most of any stimulus: prepare frames of as many, or plan the contour file"
+            )
     return found
 
 
 def _judge_stored(
-    planned: PlannedStimulus, path: Path, arrays: tuple[PlacedArray, ...], found: StimulusFindings
+    planned: PlannedStimulus,
+    path: Path,
+    arrays: tuple[PlacedArray, ...],
+    found: StimulusFindings,
+    prepared: dict[str, int],
 ) -> JudgedStimulus:
     digest, rate, seconds, duty = None, None, planned.duration, 1.0
     where = f"stimulus {planned.name}: "
@@ -145,6 +157,8 @@ def _judge_stored(
             with opened_frames(_stored(planned), arrays, found.update_rate, sized=True) as frames:
                 rate = frames.update_rate
                 found.foci = max(found.foci, frames.foci)
+                if isinstance(frames, PreparedFrames):
+                    prepared[planned.name] = frames.foci
                 seconds = frames.frame_count / rate
                 driven = [0.0 for _ in arrays]
                 sized = with_points(arrays, frames.foci)

@@ -44,9 +44,11 @@ def greeting(*, version: int = 1, capacity: int = 4096, points: int = 8, about: 
     return message("HELO", b"PALPATEU" + struct.pack("<IIII", version, capacity, points, 0) + about.encode())
 
 
-def status(taken: int = 0, begun: int = 0, passed: int = 0, dropped: int = 0, **others: int) -> bytes:
+def status(
+    taken: int = 0, begun: int = 0, passed: int = 0, dropped: int = 0, *, intensity: float = 0.0, **others: int
+) -> bytes:
     counts = {"taken": taken, "begun": begun, "passed": passed, "dropped": dropped, **others}
-    return message("STAT", struct.pack("<8Qf", *(counts.get(name, 0) for name in STATUS_FIELDS), 0.0))
+    return message("STAT", struct.pack("<8Qf", *(counts.get(name, 0) for name in STATUS_FIELDS), intensity))
 
 
 def counts_of(content: bytes) -> dict[str, float]:

@@ -132,7 +132,7 @@ def test_play_takes_other_rates_and_speeds(rendered):
 def test_devices_lists_the_emulated_array_without_libusb_too():
     told = answer("devices")
     emulated = {entry["array"] for entry in told["devices"] if entry["where"] == "emulated"}
-    assert emulated == {"emulator", "pat16", "sonicsurface", "autd3"}
+    assert emulated == {"emulator", "pat16", "sonicsurface", "autd3", "stratos"}
     assert 'ATTR{idVendor}=="0403"' in told["udev_rules"]["pat16"]
 
 

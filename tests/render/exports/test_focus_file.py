@@ -147,7 +147,7 @@ def test_a_duration_is_the_beginning_of_the_whole_and_a_range_is_a_motion_of_its
 
 
 MISTAKES = {
-    "tube.h5 -o new.txt --to focal-points": "must end in one of .bin, .csv, .npz to hold focal points",
+    "tube.h5 -o new.txt --to focal-points": "must end in .bin, .csv, .npz to hold focal points",
     "tube.h5 -o new.bin --to csv": "ends in .bin, but --to csv asks for another format",
     "tube.h5 -o new.bin --gzip 3": "--gzip is for vtkhdf and npz, not for focal-points",
     "tube.h5 -o new.bin --scene": "--scene is for vtkhdf, not for focal-points",
@@ -156,7 +156,7 @@ MISTAKES = {
     "cube.h5 -o new.bin": "say how long to play it with --duration SECONDS",
     "cube.h5 -o new.bin --duration 5000": "50000000 samples (5000 s at 10000 Hz), but a file of focal points holds "
     "40000000: --duration 4000 fits",
-    "tube.h5 -o cube.h5 --to focal-points": "must end in one of .bin, .csv, .npz",
+    "tube.h5 -o cube.h5 --to focal-points": "must end in .bin, .csv, .npz",
     "tube.h5 -o newold.bin": "newold.bin: exists; --overwrite replaces it",
     "tube.h5 -o new.bin --sampling newnine.json": "holds up to 8 focal points at a time, not foci 9",
     "newnine.h5 -o new.bin": "holds up to 8 focal points at a time, not foci 9",

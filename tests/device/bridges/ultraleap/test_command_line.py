@@ -35,7 +35,7 @@ MISUSES = {
     "--port 65536": "--port must be a whole number from 0 to 65535, not '65536'",
     "--port -1": "not '-1'",
     "--port 4x": "not '4x'",
-    "play": "play needs a value",
+    "play": "play needs a file of focal points",
     "play a --repeat 0": "--repeat must be a whole number from 1 to 999999999, not '0'",
     "play a --once": "--once is not for play",
     "--repeat 2": "--repeat is not for serving",
@@ -78,7 +78,7 @@ def test_a_port_that_is_taken_and_an_address_that_is_not_here(program):
     with Bridge(program) as bridge:
         other = subprocess.run([program, "--port", str(bridge.port)], capture_output=True, text=True, check=False)
         assert other.returncode == 1
-        assert "does another palpate-ultraleap run? --port takes another port" in other.stderr
+        assert "if another palpate-ultraleap runs, --port takes another port" in other.stderr
     other = subprocess.run([program, "--listen", "192.0.2.1"], capture_output=True, text=True, check=False)  # RFC 5737
     assert other.returncode == 1
     assert "192.0.2.1" in other.stderr

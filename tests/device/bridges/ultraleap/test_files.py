@@ -31,7 +31,7 @@ WRONG_FILES = {
     "version": (focus_file(SAMPLES, 1000.0, version=2), "is of version 2: version 1 can be played"),
     "no points": (focus_file(SAMPLES[:, :0], 1000.0), "has 0 focal points a sample: 1 to 8 can be played"),
     "points": (focus_file(unlike_samples(2, 9), 1000.0), "has 9 focal points a sample: 1 to 8 can be played"),
-    "rate": (focus_file(SAMPLES, -1.0), "has a rate of -1 Hz, which must be above 0"),
+    "rate": (focus_file(SAMPLES, -1.0), "has a rate of -1 Hz, which must be 1 Hz or more"),
     "rate not finite": (focus_file(SAMPLES, np.inf), "has a rate of inf Hz"),
     "no samples": (focus_file(SAMPLES[:0], 1000.0), "has no samples"),
     "within a sample": (

@@ -42,8 +42,8 @@ WRONG_MESSAGES = {  # by what is sent after OPEN of one point at 40 kHz
     "OPEN reserved": (b"OPEN", OPEN.pack(1, 5, 1000.0), "OPEN must have 16 bytes: points a sample, 0 and a rate"),
     "no points": (b"OPEN", OPEN.pack(0, 0, 1000.0), "0 focal points a sample: this array takes 1 to 3"),
     "points": (b"OPEN", OPEN.pack(4, 0, 1000.0), "4 focal points a sample: this array takes 1 to 3"),
-    "no rate": (b"OPEN", OPEN.pack(1, 0, 0.0), "a rate of 0 Hz is none"),
-    "rate not finite": (b"OPEN", OPEN.pack(1, 0, np.nan), "a rate of nan Hz is none"),
+    "no rate": (b"OPEN", OPEN.pack(1, 0, 0.0), "a rate of 0 Hz is below 1 Hz"),
+    "rate not finite": (b"OPEN", OPEN.pack(1, 0, np.nan), "a rate of nan Hz is below 1 Hz"),
     "rate": (
         b"OPEN",
         OPEN.pack(3, 0, 20_000.0),

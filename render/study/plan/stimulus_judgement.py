@@ -135,7 +135,7 @@ def judge_stimuli(
         if foci != found.foci:
             found.faults.append(
                 f"stimulus {name}: its prepared frames have {foci} focal points each, but array {array.name} is "
-                f"opened for {found.foci}, the most of any stimulus: prepare frames of as many, or plan the contour file"
+                f"opened for {found.foci}, the most of any stimulus: prepare frames of as many, or plan the contours"
             )
     return found
 

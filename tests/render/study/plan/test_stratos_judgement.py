@@ -45,3 +45,15 @@ def test_frames_of_another_array_are_a_fault(tmp_path):
     (fault,) = judged(PlannedStimulus(name="frames", duration=0.05, file=tmp_path / "frames.h5")).faults
     assert "holds frames for emulator" in fault
     assert "not for stratos" in fault
+
+
+def test_prepared_frames_of_fewer_points_than_another_stimulus_are_a_fault_of_the_plan(tmp_path):
+    """A session opens the array once, for one number of focal points a frame."""
+    contours = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save(tmp_path / "cube.h5")
+    prepare_frames(contours, tmp_path / "frames.h5", array="stratos", duration=0.05)
+    one = PlannedStimulus(name="one", duration=0.05, file=tmp_path / "frames.h5")
+    four = PlannedStimulus(name="four", duration=0.05, file=contours, sampling=FOUR)
+    (fault,) = judged(one, four).faults
+    assert fault.startswith(
+        "stimulus one: its prepared frames have 1 focal points each, but array stratos is opened for 4"
+    )

@@ -45,13 +45,15 @@ def test_a_live_run_hands_over_the_focal_points_that_it_records(tmp_path):
         assert recording.compare().differing == 0
     drawn = np.column_stack([focus.position, focus.intensity]).astype("<f4")
     drawn = [own.tobytes() for own in drawn[(mark == 0) & (np.asarray(focus.intensity) > 0)]]
-    sounding = [sample for sample in played if values_of([sample])[0, 0, 3] > 0]
+    # a sample that came late is faded by the writer: it stands where one was drawn, at a level of its own
+    heard = [sample for sample in played if values_of([sample])[0, 0, 3] > 0]
+    sounding = [sample for sample in heard if sample in set(drawn)]
     # what was drawn before the writer had begun, and what waited when the run ended, was not played, and is not marked
     first, stop = drawn.index(sounding[0]), len(drawn) - drawn[::-1].index(sounding[-1])
     assert stop - first > 20
     assert are_in_order(drawn[first:stop], sounding)
     places = {own[:12] for own in drawn}  # what was held or faded, where a sample came late, stands where one was drawn
-    assert {own[:12] for own in sounding} <= places
+    assert {own[:12] for own in heard} <= places
     assert values_of(played[-1:])[0, 0, 3] == 0
     assert served.model.intensity == 0
 

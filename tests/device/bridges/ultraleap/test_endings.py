@@ -122,7 +122,7 @@ def test_a_client_that_stops_leaves_silence_and_learns_why(program, record):
 @pytest.mark.exhaustive
 def test_a_client_must_be_heard_while_its_last_sample_sounds(program, record):
     with Bridge(program, record=record) as bridge, Client(bridge.port) as client:
-        client.open(rate=0.2)  # a sample sounds for 5 s
+        client.open(rate=1.0)  # a sample sounds for 1 s, and for the hold
         client.wait(lambda state: state.device_samples > 0)
         client.foci(unlike_samples(1))
         state = client.wait(lambda state: state.begun == 1)

@@ -7,7 +7,7 @@ from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from ..counted import counted
 from ..errors import ContourFileError
 from ..storage.hdf5 import Hdf5Reader, require_fitting
 from ..storage.schema import CONTOURS, FIELDS, HAND, LIVE, METRICS, MOTION, Arrays, Field
+from .blocks import HEADER_NAME, PoseBlock, close_blocks, open_blocks, work_folder
 from .header import (
     FileHeader,
     get_header,
@@ -29,8 +30,6 @@ from .header import (
     refuse_foreign,
 )
 from .header_live import RecordedRun, require_live
-from .part_reader import PartReader
-from .parts import HEADER_NAME, readable_parts, work_folder
 from .timing import Timing, get_timing, join_timing
 from .unknown_content import unproven_attributes
 
@@ -59,9 +58,9 @@ class ContourFile:
 
     def __init__(self, path: str | PathLike[str], *, verify: bool = False) -> None:
         self.path = Path(path)
-        self.sealed, self._header_file, parts, self.problems = _open(self.path)
+        self.sealed, self._header_file, blocks, self.problems = _open(self.path)
         """Sentences on damage in an unfinished file; resuming renders the damaged ranges again."""
-        self._pose_blocks: list[_PoseBlock] = []
+        self._pose_blocks = blocks
         self._fitting: set[tuple[Path, tuple[Field, ...]]] = set()
         try:
             refuse_foreign(self._header_file)
@@ -71,9 +70,9 @@ class ContourFile:
             if self.pose_count == 0:
                 raise ContourFileError(f"{self._header_file.path}: /motion/pose has no rows")
             if self.sealed:
-                self._pose_blocks = [_PoseBlock(0, self.pose_count, self._header_file)]
+                self._pose_blocks = [PoseBlock(0, self.pose_count, self._header_file)]
             else:
-                self._pose_blocks = [_PoseBlock(part.part.first, part.part.stop, part) for part in parts]
+                self._require_recipe()
             if verify:
                 self.require_whole()
         except ContourFileError:
@@ -120,6 +119,21 @@ class ContourFile:
                     if spec.path in rows:
                         rows.require_rows(spec.path)
 
+    def intact_blocks(self) -> tuple[list[tuple[int, int]], list[str]]:
+        """Pose ranges of the blocks of an unfinished file whose rows are what was written, and why others are not."""
+        intact: list[tuple[int, int]] = []
+        damaged: list[str] = []
+        for block in self._pose_blocks:
+            try:
+                block.rows.require_attributes()
+                for spec in (*CONTOURS, *METRICS):
+                    if spec.path in block.rows:
+                        block.rows.require_rows(spec.path)
+                intact.append((block.first, block.stop))
+            except ContourFileError as error:
+                damaged.append(str(error))
+        return intact, damaged
+
     def require_unchanged(self) -> None:
         """Raise ContourFileError if a sealed file was changed since it was opened."""
         self._header_file.require_unchanged()
@@ -129,9 +143,9 @@ class ContourFile:
         """The folder of the file's parts: the work folder, or the folder of the sealed file."""
         return self._header_file.path.parent
 
-    def parts(self) -> tuple[Hdf5Reader, list[tuple[Hdf5Reader | PartReader, int]]]:
+    def parts(self) -> tuple[Hdf5Reader, list[tuple[Hdf5Reader, int]]]:
         """The file's header, and for each rendered range of poses its rows and its number of poses."""
-        return self._header_file, [(self._rows_of(block), block.stop - block.first) for block in self._pose_blocks]
+        return self._header_file, [(block.rows, block.stop - block.first) for block in self._pose_blocks]
 
     @property
     def done(self) -> list[tuple[int, int]]:
@@ -283,24 +297,24 @@ class ContourFile:
             for spec in wanted
         }
 
-    def _metric(self, spec: Field, block: _PoseBlock, first: int, stop: int) -> NDArray[Any]:
-        rows = self._rows_of(block)
+    def _metric(self, spec: Field, block: PoseBlock, first: int, stop: int) -> NDArray[Any]:
+        rows = block.rows
         if spec.optional and spec.path not in rows:
             return np.full(stop - first, spec.absent, spec.dtype)
         return rows.read(spec.path, first, stop)
 
     def timing(self) -> Timing:
         """Time that each chunk took, by stage; chunks in the order of their poses."""
-        return join_timing([get_timing(self._rows_of(block)) for block in self._pose_blocks])
+        return join_timing([get_timing(block.rows) for block in self._pose_blocks])
 
-    def _parts(self, first: int, stop: int | None, fields: tuple[Field, ...]) -> list[tuple[_PoseBlock, int, int]]:
+    def _parts(self, first: int, stop: int | None, fields: tuple[Field, ...]) -> list[tuple[PoseBlock, int, int]]:
         """Pieces that make up a pose range, each with the rows in it; the numbers of rows of the fields fit."""
         stop = self.pose_count if stop is None else stop
         if not 0 <= first <= stop <= self.pose_count:
             raise ContourFileError(
                 f"{self.path}: poses {first} to {stop} are out of range, there are {self.pose_count} poses"
             )
-        parts: list[tuple[_PoseBlock, int, int]] = []
+        parts: list[tuple[PoseBlock, int, int]] = []
         reached = first
         for block in self._pose_blocks:
             if block.first <= reached < min(stop, block.stop):
@@ -312,14 +326,14 @@ class ContourFile:
             raise ContourFileError(f"{self.path}: pose {reached} of {first} to {stop} is not done yet")
         return parts
 
-    def _require_fitting(self, rows: Hdf5Reader | PartReader, fields: tuple[Field, ...], poses: int) -> None:
+    def _require_fitting(self, rows: Hdf5Reader, fields: tuple[Field, ...], poses: int) -> None:
         """`require_fitting`, once per file and fields."""
         if (rows.path, fields) not in self._fitting:
             require_fitting(rows, fields, poses)
             self._fitting.add((rows.path, fields))
 
-    def _contours_of(self, block: _PoseBlock, first: int, stop: int) -> Arrays:
-        file = self._rows_of(block)
+    def _contours_of(self, block: PoseBlock, first: int, stop: int) -> Arrays:
+        file = block.rows
         pose_start = _offsets(file, "/contours/pose_start", first, stop, "/contours/polyline_closed")
         low, high = int(pose_start[0]), int(pose_start[-1])
         polyline_start = _offsets(file, "/contours/polyline_start", low, high, "/contours/points")
@@ -331,35 +345,26 @@ class ContourFile:
                 arrays[spec.name] = file.read(spec.path, *rows[str(spec.dims[0])])
         return arrays
 
-    def _point_start(self, block: _PoseBlock, first: int, stop: int) -> NDArray[np.int64]:
+    def _point_start(self, block: PoseBlock, first: int, stop: int) -> NDArray[np.int64]:
         """Offsets into a piece's points where its poses `first` to `stop` begin, and where the last of them ends."""
-        file = self._rows_of(block)
+        file = block.rows
         pose_start = _offsets(file, "/contours/pose_start", first, stop, "/contours/polyline_closed")
         low, high = int(pose_start[0]), int(pose_start[-1])
         polyline_start = _offsets(file, "/contours/polyline_start", low, high, "/contours/points")
         return np.asarray(polyline_start[pose_start - low], np.int64)
 
-    def _row_count(self, block: _PoseBlock, name: str) -> int:
-        _, shape = self._rows_of(block).layout(name)
+    def _row_count(self, block: PoseBlock, name: str) -> int:
+        _, shape = block.rows.layout(name)
         return shape[0]
 
-    def _rows_of(self, block: _PoseBlock) -> Hdf5Reader | PartReader:
-        rows = block.rows
-        if isinstance(rows, PartReader) and rows.part.recipe != self._recipe_hash:
-            raise ContourFileError(f"{rows.path} is of another rendering than the folder it lies in")
-        return rows
-
-    @cached_property
-    def _recipe_hash(self) -> str:
-        return recipe_hash(self.recipe)
-
-
-class _PoseBlock(NamedTuple):
-    """Rows of consecutive poses."""
-
-    first: int
-    stop: int
-    rows: Hdf5Reader | PartReader
+    def _require_recipe(self) -> None:
+        """Leave out blocks of another rendering than the header's."""
+        wanted = recipe_hash(self.recipe)
+        for block in tuple(self._pose_blocks):
+            if block.recipe != wanted:
+                self._pose_blocks.remove(block)
+                block.rows.close()
+                self.problems.append(f"{block.rows.path.name} is of another rendering than the folder it lies in")
 
 
 def join_contours(batches: list[Arrays]) -> Arrays:
@@ -378,26 +383,23 @@ def join_contours(batches: list[Arrays]) -> Arrays:
     return joined
 
 
-def _open(path: Path) -> tuple[bool, Hdf5Reader, list[PartReader], list[str]]:
-    """Whether the file is sealed, the file with its header, its parts if it is not sealed, and their problems."""
+def _open(path: Path) -> tuple[bool, Hdf5Reader, list[PoseBlock], list[str]]:
+    """Whether the file is sealed, the file with its header, its blocks if it is not sealed, and their problems."""
     folder = path if (path / HEADER_NAME).is_file() else work_folder(path)
     if folder != path and (path.exists() or not folder.is_dir()):
         return True, Hdf5Reader(path), [], []
-    opened: list[PartReader] = []
+    blocks: list[PoseBlock] = []
     try:
-        parts, problems = readable_parts(folder)
-        for part in parts:
-            opened.append(PartReader(part))
-        return False, Hdf5Reader(folder / HEADER_NAME), opened, problems
+        blocks, problems = open_blocks(folder)
+        return False, Hdf5Reader(folder / HEADER_NAME), blocks, problems
     except (OSError, ContourFileError) as error:
-        for reader in opened:
-            reader.close()
+        close_blocks(blocks)
         if path.is_file():  # sealed since we looked
             return True, Hdf5Reader(path), [], []
         raise ContourFileError(f"{path} is not written yet, and {folder} cannot be read ({error})") from error
 
 
-def _offsets(file: Hdf5Reader | PartReader, name: str, first: int, stop: int, target: str) -> NDArray[np.int64]:
+def _offsets(file: Hdf5Reader, name: str, first: int, stop: int, target: str) -> NDArray[np.int64]:
     """Offsets of rows `first` to `stop`; raises ContourFileError unless they increase and stay inside `target`."""
     offsets = file.read(name, first, stop + 1)
     _, shape = file.layout(target)

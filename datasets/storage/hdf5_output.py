@@ -17,10 +17,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .digests import ATTRIBUTE, BlockDigester, Digests, digests_text
-from .hdf5_image import FORMAT, create_dataset, fixed_text
 from .hdf5_opening import Attribute
 from .hdf5_structure import h5py
 from .schema import CHUNK_ROWS, DIGESTS, Field
+
+FILL = {"f": np.nan, "i": -1, "u": 255}
+"""A chunk that was never written must show: no field has one of these values by right."""
+
+FORMAT = ("v108", "v108")
+"""HDF5 1.8's format, which every reader of today reads: its object headers carry checksums, so that damage to them is
+an error; with older headers libhdf5 can read for ever. Not newer: those mark a file as open for writing."""
+
+
+def fixed_text(text: str) -> Any:
+    """Text of fixed length: HDF5 keeps it in the checksummed header, not in a heap without checksum."""
+    raw = text.encode()
+    return np.array(raw, h5py.string_dtype("utf-8", max(1, len(raw))))
+
+
+def create_dataset(file: Any, spec: Field, shape: tuple[int, ...], *, gzip: int = 0) -> None:
+    """Make a dataset of a final shape without content, in chunks with checksums; one without elements is contiguous."""
+    chunked: dict[str, Any] = {}
+    if 0 not in shape:
+        chunked = {"chunks": (min(CHUNK_ROWS, shape[0]), *shape[1:]), "fletcher32": True}
+        if gzip:
+            chunked |= {"compression": "gzip", "compression_opts": gzip, "shuffle": True}
+    dataset: Any = file.create_dataset(
+        spec.path, shape=shape, dtype=spec.dtype, fillvalue=FILL[spec.dtype.kind], track_times=False, **chunked
+    )
+    dataset.attrs["units"] = fixed_text(spec.unit)
+    dataset.attrs["frame"] = fixed_text(spec.frame)
 
 
 class Hdf5Output:

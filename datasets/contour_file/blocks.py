@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..errors import ContourFileError, name_nothing
 from ..storage.durable import TEMPORARY_SUFFIX, discard, fitting_name, publish
-from ..storage.hdf5 import Hdf5Reader
+from ..storage.hdf5 import Hdf5Reader, is_of_system, require_fitting
 from ..storage.hdf5_output import Hdf5Output, hdf5_output
 from ..storage.schema import CONTOURS, METRICS, TIMING, Arrays, Field
 from .timing import Timing, write_timing
@@ -24,8 +25,9 @@ from .timing import Timing, write_timing
 HEADER_NAME = "header.h5"
 """File of the work folder with all that is known before the first pose is rendered."""
 _BLOCK_NAME = re.compile(r"poses-(\d{12})-(\d{12})\.h5")
-_OLDER_NAME = re.compile(r"poses-\d{12}\.(log|rows|h5)")  # as palpate wrote them before a block was a whole file
+_OLDER_NAME = re.compile(r"poses-\d{12}(\.log|\.rows|-\d{12}-[0-9a-f]{8}\.h5)")  # before a block was a whole file
 _RECIPE = "recipe"  # attribute of the root: SHA-256 of the rendering's recipe
+_OPEN_MOST = 64  # files: a day of rendering commits more blocks than a process may have files open
 
 
 class PoseRows(NamedTuple):
@@ -47,14 +49,54 @@ class PoseRows(NamedTuple):
         }
 
 
-class PoseBlock(NamedTuple):
-    """An opened file with the rows of consecutive poses: a block, or the finished file."""
+class PoseBlock:
+    """A file with the rows of consecutive poses: a block, or the finished file.
 
-    first: int
-    stop: int
-    rows: Hdf5Reader
-    recipe: str = ""
-    """Of a block, the SHA-256 of its rendering's recipe."""
+    recent: the blocks of the same folder that are open; the one that was opened first is closed when they are too many.
+    recipe: of a block, the SHA-256 of its rendering's recipe.
+    """
+
+    def __init__(
+        self, first: int, stop: int, rows: Hdf5Reader, recent: list[PoseBlock] | None = None, recipe: str = ""
+    ) -> None:
+        self.first, self.stop, self.path, self.recipe = first, stop, rows.path, recipe
+        self._recent: list[PoseBlock] = [] if recent is None else recent
+        self._rows: Hdf5Reader | None = None
+        self._keep(rows)
+
+    @property
+    def rows(self) -> Hdf5Reader:
+        """The opened file; ask for it anew once other blocks were read."""
+        return self._rows or self._keep(Hdf5Reader(self.path))
+
+    @cached_property
+    def polylines(self) -> int:
+        """Number of polylines."""
+        return self.rows.layout("/contours/polyline_closed")[1][0]
+
+    @cached_property
+    def points(self) -> int:
+        """Number of points, the repeated ones of closed polylines included."""
+        return self.rows.layout("/contours/points")[1][0]
+
+    @cached_property
+    def optional(self) -> frozenset[Field]:
+        """Optional fields that the file has."""
+        return frozenset(spec for spec in (*CONTOURS, *METRICS) if spec.optional and spec.path in self.rows)
+
+    def _keep(self, rows: Hdf5Reader) -> Hdf5Reader:
+        self._rows = rows
+        self._recent.append(self)
+        if len(self._recent) > _OPEN_MOST:
+            self._recent[0].close()
+        return rows
+
+    def close(self) -> None:
+        """Close the file; closing twice does nothing."""
+        if self._rows is not None:
+            self._rows.close()
+            self._rows = None
+            self._recent.remove(self)
 
 
 def work_folder(path: Path) -> Path:
@@ -81,29 +123,45 @@ def block_files(folder: Path) -> list[tuple[int, int, Path]]:
     return sorted(found)
 
 
+def block_like_files(folder: Path) -> list[Path]:
+    """Blocks of a folder, and what older palpates wrote in place of them."""
+    named = [path for path in folder.iterdir() if _BLOCK_NAME.fullmatch(path.name) or _OLDER_NAME.fullmatch(path.name)]
+    return sorted(named)
+
+
 def open_blocks(folder: Path) -> tuple[list[PoseBlock], list[str]]:
     """The blocks of a folder that can be opened, in pose order, without those that overlap one before.
 
-    And a sentence for each that cannot. Raises as `block_files`.
+    And a sentence for each that cannot. Raises as `block_files`, and ContourFileError where the system fails to read a
+    block, which may be whole.
     """
     blocks: list[PoseBlock] = []
     problems: list[str] = []
+    recent: list[PoseBlock] = []
     try:
         for first, stop, path in block_files(folder):
             try:
-                blocks.append(_opened(path, first, stop, blocks[-1].stop if blocks else 0))
+                blocks.append(block := _opened(path, first, stop, blocks[-1].stop if blocks else 0, recent))
+                _ = block.polylines, block.points, block.optional  # kept, so that no file is opened again for them
             except ContourFileError as error:
-                problems.append(str(error))
+                problems.append(problem_of(error))
     except BaseException:
         close_blocks(blocks)
         raise
     return blocks, problems
 
 
+def problem_of(error: ContourFileError) -> str:
+    """What is wrong with a block; raises the error if the system failed to read it, as the block may be whole."""
+    if is_of_system(str(error)):
+        raise error
+    return str(error)
+
+
 def close_blocks(blocks: Iterable[PoseBlock]) -> None:
     """Close their files."""
     for block in blocks:
-        block.rows.close()
+        block.close()
 
 
 def write_block(folder: Path, rows: list[PoseRows], timing: Timing, recipe: str) -> None:
@@ -123,6 +181,7 @@ def write_block(folder: Path, rows: list[PoseRows], timing: Timing, recipe: str)
         publish(temporary, path)
     except OSError:
         discard(temporary)
+        discard(path)  # it has its name where only the folder's sync failed
         raise
 
 
@@ -161,17 +220,19 @@ def _continued(spec: Field, part: PoseRows, base: Mapping[str, int], *, is_first
     return rows[int(not is_first) :] + base[spec.name] if spec.is_offset else rows
 
 
-def _opened(path: Path, first: int, stop: int, reached: int) -> PoseBlock:
-    if not reached <= first < stop:
+def _opened(path: Path, first: int, stop: int, reached: int, recent: list[PoseBlock]) -> PoseBlock:
+    if stop <= first:
+        raise ContourFileError(f"{path.name} names no pose")
+    if first < reached:
         raise ContourFileError(f"{path.name} overlaps the poses before {reached}")
     rows = Hdf5Reader(path)
     try:
-        _, shape = rows.layout("/metrics/length")
-        if shape[0] != stop - first:
-            raise ContourFileError(f"{path.name} has {shape[0]} poses, expected {stop - first}")
-        for spec in TIMING:
-            rows.layout(spec.path)
-        return PoseBlock(first, stop, rows, rows.text("/", _RECIPE))
+        for fields in (CONTOURS, METRICS, TIMING):
+            for spec in fields:
+                if not spec.optional:
+                    rows.layout(spec.path)
+            require_fitting(rows, fields, stop - first)
+        return PoseBlock(first, stop, rows, recent, rows.text("/", _RECIPE))
     except ContourFileError:
         rows.close()
         raise

@@ -16,7 +16,7 @@ from ..counted import counted
 from ..errors import ContourFileError
 from ..storage.hdf5 import Hdf5Reader, require_fitting
 from ..storage.schema import CONTOURS, FIELDS, HAND, LIVE, METRICS, MOTION, Arrays, Field
-from .blocks import HEADER_NAME, PoseBlock, close_blocks, open_blocks, work_folder
+from .blocks import HEADER_NAME, PoseBlock, close_blocks, open_blocks, problem_of, work_folder
 from .header import (
     FileHeader,
     get_header,
@@ -34,6 +34,7 @@ from .timing import Timing, get_timing, join_timing
 from .unknown_content import unproven_attributes
 
 _BLOCK_POSES = 1 << 16
+_BLOCK_POINTS = 1 << 20
 
 
 class ContourFile:
@@ -95,8 +96,7 @@ class ContourFile:
     def close(self) -> None:
         """Close the file; closing twice does nothing."""
         self._header_file.close()
-        for block in self._pose_blocks:
-            block.rows.close()
+        close_blocks(self._pose_blocks)
 
     def require_whole(self) -> None:
         """Read everything once, in bounded memory, and raise ContourFileError for content that fails its digest.
@@ -125,14 +125,24 @@ class ContourFile:
         damaged: list[str] = []
         for block in self._pose_blocks:
             try:
-                block.rows.require_attributes()
-                for spec in (*CONTOURS, *METRICS):
-                    if spec.path in block.rows:
-                        block.rows.require_rows(spec.path)
+                self._require_intact(block)
                 intact.append((block.first, block.stop))
             except ContourFileError as error:
-                damaged.append(str(error))
+                damaged.append(problem_of(error))
         return intact, damaged
+
+    def _require_intact(self, block: PoseBlock) -> None:
+        """Read a block as `ContourWriter.seal` does, so that sealing cannot fail for what resuming has accepted."""
+        block.rows.require_attributes()
+        get_timing(block.rows)
+        polylines = points = 0
+        for first, stop in self._divided(block, _BLOCK_POINTS):
+            contours = self.contours(first, stop)
+            self.metrics(first, stop)
+            polylines += len(contours["polyline_closed"])
+            points += len(contours["points"])
+        if (polylines, points) != (block.polylines, block.points):
+            raise ContourFileError(f"{block.path}: polylines or points belong to no pose")
 
     def require_unchanged(self) -> None:
         """Raise ContourFileError if a sealed file was changed since it was opened."""
@@ -143,9 +153,9 @@ class ContourFile:
         """The folder of the file's parts: the work folder, or the folder of the sealed file."""
         return self._header_file.path.parent
 
-    def parts(self) -> tuple[Hdf5Reader, list[tuple[Hdf5Reader, int]]]:
-        """The file's header, and for each rendered range of poses its rows and its number of poses."""
-        return self._header_file, [(block.rows, block.stop - block.first) for block in self._pose_blocks]
+    def parts(self) -> tuple[Hdf5Reader, Iterator[tuple[Hdf5Reader, int]]]:
+        """The file's header, and for each rendered range of poses its rows and its number of poses, one by one."""
+        return self._header_file, ((block.rows, block.stop - block.first) for block in self._pose_blocks)
 
     @property
     def done(self) -> list[tuple[int, int]]:
@@ -161,18 +171,18 @@ class ContourFile:
     @cached_property
     def polyline_count(self) -> int:
         """Number of polylines of the poses done."""
-        return sum(self._row_count(block, "/contours/polyline_closed") for block in self._pose_blocks)
+        return sum(block.polylines for block in self._pose_blocks)
 
     @cached_property
     def point_count(self) -> int:
         """Number of points of the poses done, the repeated ones of closed polylines included."""
-        return sum(self._row_count(block, "/contours/points") for block in self._pose_blocks)
+        return sum(block.points for block in self._pose_blocks)
 
-    @property
+    @cached_property
     def optional(self) -> tuple[str, ...]:
         """Optional fields of /contours and /metrics that exist for any of the poses done."""
-        fields = [spec for spec in (*CONTOURS, *METRICS) if spec.optional]
-        return tuple(spec.name for spec in fields if any(spec.path in block.rows for block in self._pose_blocks))
+        found = frozenset[Field]().union(*(block.optional for block in self._pose_blocks))
+        return tuple(spec.name for spec in (*CONTOURS, *METRICS) if spec in found)
 
     @cached_property
     def strategy(self) -> dict[str, Any]:
@@ -268,22 +278,25 @@ class ContourFile:
         batches = [self._contours_of(block, *poses) for block, *poses in parts]
         return join_contours(batches)
 
-    def blocks(self, *, point_limit: int = 1 << 20) -> Iterator[tuple[int, int]]:
+    def blocks(self, *, point_limit: int = _BLOCK_POINTS) -> Iterator[tuple[int, int]]:
         """Divide the poses done into ranges (first, stop) of at most `point_limit` points each, in order.
 
         A pose with more points is a range of its own. Use it to read a file of any size in bounded memory.
         """
         for block in self._pose_blocks:
-            for first in range(0, block.stop - block.first, _BLOCK_POSES):
-                stop = min(first + _BLOCK_POSES, block.stop - block.first)
-                point_start = self._point_start(block, first, stop)
-                row = 0
-                while row < stop - first:
-                    limit = int(point_start[row]) + point_limit
-                    fitting = int(np.searchsorted(point_start, limit, side="right")) - 1
-                    end = max(fitting, row + 1)
-                    yield block.first + first + row, block.first + first + end
-                    row = end
+            yield from self._divided(block, point_limit)
+
+    def _divided(self, block: PoseBlock, point_limit: int) -> Iterator[tuple[int, int]]:
+        for first in range(0, block.stop - block.first, _BLOCK_POSES):
+            stop = min(first + _BLOCK_POSES, block.stop - block.first)
+            point_start = self._point_start(block, first, stop)
+            row = 0
+            while row < stop - first:
+                limit = int(point_start[row]) + point_limit
+                fitting = int(np.searchsorted(point_start, limit, side="right")) - 1
+                end = max(fitting, row + 1)
+                yield block.first + first + row, block.first + first + end
+                row = end
 
     def metrics(self, first: int = 0, stop: int | None = None) -> Arrays:
         """Metrics of poses `first` to `stop` (all) by name, each of shape [pose]: lengths [m], number of polylines.
@@ -353,18 +366,14 @@ class ContourFile:
         polyline_start = _offsets(file, "/contours/polyline_start", low, high, "/contours/points")
         return np.asarray(polyline_start[pose_start - low], np.int64)
 
-    def _row_count(self, block: PoseBlock, name: str) -> int:
-        _, shape = block.rows.layout(name)
-        return shape[0]
-
     def _require_recipe(self) -> None:
         """Leave out blocks of another rendering than the header's."""
         wanted = recipe_hash(self.recipe)
         for block in tuple(self._pose_blocks):
             if block.recipe != wanted:
                 self._pose_blocks.remove(block)
-                block.rows.close()
-                self.problems.append(f"{block.rows.path.name} is of another rendering than the folder it lies in")
+                block.close()
+                self.problems.append(f"{block.path.name} is of another rendering than the folder it lies in")
 
 
 def join_contours(batches: list[Arrays]) -> Arrays:
@@ -391,12 +400,16 @@ def _open(path: Path) -> tuple[bool, Hdf5Reader, list[PoseBlock], list[str]]:
     blocks: list[PoseBlock] = []
     try:
         blocks, problems = open_blocks(folder)
-        return False, Hdf5Reader(folder / HEADER_NAME), blocks, problems
+        header = Hdf5Reader(folder / HEADER_NAME)
+        if not problems or not path.is_file():
+            return False, header, blocks, problems
+        header.close()
     except (OSError, ContourFileError) as error:
-        close_blocks(blocks)
-        if path.is_file():  # sealed since we looked
-            return True, Hdf5Reader(path), [], []
-        raise ContourFileError(f"{path} is not written yet, and {folder} cannot be read ({error})") from error
+        if not path.is_file():
+            close_blocks(blocks)
+            raise ContourFileError(f"{path} is not written yet, and {folder} cannot be read ({error})") from error
+    close_blocks(blocks)
+    return True, Hdf5Reader(path), [], []  # it was sealed while its blocks were opened
 
 
 def _offsets(file: Hdf5Reader, name: str, first: int, stop: int, target: str) -> NDArray[np.int64]:

@@ -35,17 +35,26 @@ from ..errors import ContourFileError, name_nothing
 from ..storage.durable import TEMPORARY_SUFFIX, FolderLock, discard, publish, sync, write_temporary
 from ..storage.hdf5_output import Hdf5Output, hdf5_output
 from ..storage.schema import CONTOURS, HEADER, METRICS, validate_fields
-from .blocks import HEADER_NAME, PoseRows, block_files, optional_fields, work_folder, write_block, write_rows
+from .blocks import (
+    HEADER_NAME,
+    PoseRows,
+    block_files,
+    block_like_files,
+    optional_fields,
+    work_folder,
+    write_block,
+    write_rows,
+)
 from .header import FileHeader, header_attributes, recipe_differences, recipe_hash
 from .reader import ContourFile
-from .timing import Timing, join_timing, timing_of, write_timing
+from .timing import Timing, get_timing, join_timing, timing_of, write_timing
 
 COMMIT_SECONDS = 10.0
 """Poses of a rendering that lasts longer are committed once in this time [s]."""
 COMMIT_BYTES = 1 << 28
 """Poses that take more memory are committed."""
 
-_SEALING_NAME = "sealed.h5" + TEMPORARY_SUFFIX
+_SEALED_NAME = "sealed.h5"
 _OVERWRITE_NAME = "overwrite"
 
 
@@ -136,7 +145,9 @@ class ContourWriter:
     def missing(self) -> list[tuple[int, int]]:
         """Pose ranges (first, stop) that were not written yet, in pose order."""
         gaps: list[tuple[int, int]] = []
-        reached = self._header.pose_count if self._complete else 0
+        reached = 0
+        if self._complete:
+            return gaps
         for first, stop in self._ranges():
             if reached < first:
                 gaps.append((reached, first))
@@ -172,9 +183,10 @@ class ContourWriter:
             try:
                 self.commit()
             except ContourFileError:
-                if own in self._held:
-                    self._held.remove(own)
-                    self._held_bytes -= size
+                if not any(part is own for part in self._held):
+                    return  # it is committed; what could not be is still held, and the next write tries it again
+                self._held = [part for part in self._held if part is not own]
+                self._held_bytes -= size
                 raise
 
     def commit(self) -> None:
@@ -183,6 +195,9 @@ class ContourWriter:
         Raises ContourFileError where the disk is full or fails; what could not be written is still held.
         """
         self._held.sort(key=lambda own: own[0].first)
+        if self._held:
+            with self._machine_failures("prepare to write"):
+                self._remove_uncommitted()
         while self._held:
             count = next(
                 (k for k in range(1, len(self._held)) if self._held[k][0].first != self._held[k - 1][0].stop),
@@ -226,9 +241,11 @@ class ContourWriter:
         if self._published:  # and then the sync of its name failed
             sync(self.path.parent)
             return
-        made = self._folder / _SEALING_NAME
+        made = self._folder / (_SEALED_NAME + TEMPORARY_SUFFIX)
+        self._remove_uncommitted()
         try:
             with ContourFile(self._folder) as file, hdf5_output(made, gzip=gzip) as output:
+                self._require_committed(file)
                 _write_header(output, self._header)
                 held = [own for own, _ in self._held]
                 counts = {
@@ -239,9 +256,17 @@ class ContourWriter:
                 write_rows(output, self._rows_of(file), counts, {*file.optional, *optional_fields(held)})
                 write_timing(output, self._timing_of(file))
             self._publish(made)
-        except (OSError, ContourFileError):
+        except BaseException:
             discard(made)
             raise
+
+    def _require_committed(self, file: ContourFile) -> None:
+        if lost := self.committed - sum(stop - first for first, stop in file.done):
+            told = "; ".join(file.problems) or "somebody has removed them"
+            raise ContourFileError(
+                f"{self.path} cannot be sealed: {lost} poses that were committed are not in {self._folder} ({told}); "
+                'mode="resume" renders them again'
+            )
 
     def _rows_of(self, file: ContourFile) -> Iterator[PoseRows]:
         """All poses in order, those that were committed in bounded memory."""
@@ -251,9 +276,9 @@ class ContourWriter:
             yield rows or PoseRows(first, stop, file.contours(first, stop), file.metrics(first, stop))
 
     def _timing_of(self, file: ContourFile) -> Timing:
-        joined = join_timing([file.timing(), *(own for _, own in self._held)])
-        order = np.argsort(joined.first, kind="stable")
-        return Timing(joined.stages, joined.first[order], joined.stop[order], joined.seconds[order])
+        committed = [get_timing(rows) for rows, _ in file.parts()[1]]
+        held = [own for _, own in self._held]
+        return join_timing(sorted([*committed, *held], key=lambda own: own.first[:1].tolist()))
 
     def _publish(self, made: Path) -> None:
         self._refuse_stranger()
@@ -279,7 +304,7 @@ class ContourWriter:
             )
 
     def _refuse_stranger(self) -> None:
-        """Refuse to replace what is there without permission, which a run keeps beside its parts."""
+        """Refuse to replace what is there without permission, which a run keeps beside its blocks."""
         if os.path.lexists(self.path) and not (self._folder / _OVERWRITE_NAME).exists():
             raise ContourFileError(
                 f"{self.path} is not of the unfinished rendering in {self._folder}, which may not replace it: move it "
@@ -352,12 +377,16 @@ class ContourWriter:
             self._refuse_stranger()
             self._clear_temporary()
             self._committed, damaged = old.intact_blocks()
-        kept = set(self._committed)
         self.repairs = tuple(f"{text}: dropped, its poses are rendered again" for text in (*old.problems, *damaged))
+        self._remove_uncommitted()
+        return True
+
+    def _remove_uncommitted(self) -> None:
+        """Remove blocks that are none: damaged, foreign, or left by a commit that failed once they had their name."""
+        kept = set(self._committed)
         for first, stop, path in block_files(self._folder):
             if (first, stop) not in kept:
                 path.unlink()
-        return True
 
     def _finish_with(self, path: Path) -> None:
         with ContourFile(path) as old:
@@ -426,13 +455,14 @@ class ContourWriter:
         return "free space unknown"
 
     def _clear_temporary(self) -> None:
-        for path in self._folder.glob("*" + TEMPORARY_SUFFIX):
-            path.unlink()
+        for name in (HEADER_NAME, _SEALED_NAME, "poses-*.h5"):
+            for path in self._folder.glob(name + TEMPORARY_SUFFIX):
+                path.unlink()
 
     def _clear_folder(self) -> None:
         """Remove what writers left, older palpates' too, the header last: blocks without it would be of nothing."""
         self._clear_temporary()
-        for path in self._folder.glob("poses-*"):
+        for path in block_like_files(self._folder):
             path.unlink()
         for name in (_OVERWRITE_NAME, HEADER_NAME):
             (self._folder / name).unlink(missing_ok=True)
@@ -449,7 +479,7 @@ class ContourWriter:
 
 def _copied(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """Of their own: the caller may use its memory again before they are committed."""
-    return {name: np.array(array) for name, array in arrays.items()}
+    return {name: np.array(array, order="C") for name, array in arrays.items()}
 
 
 def _write_header(output: Hdf5Output, header: FileHeader) -> None:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import ContourFileError
 from .digests import ATTRIBUTE, BlockDigester, Digests, digests_text
 from .hdf5_opening import Attribute
 from .hdf5_structure import h5py
@@ -82,7 +83,10 @@ class Hdf5Output:
         self.append(spec, array)
 
     def finish(self) -> None:
-        """Write digests and attributes."""
+        """Write digests and attributes; raises ContourFileError if a dataset did not get all of its rows."""
+        for spec, count in self._written.items():
+            if count != (size := self._file[spec.path].shape)[0] and 0 not in size:
+                raise ContourFileError(f"{spec.path} got {count} rows, expected {size[0]}")
         digests: dict[Field, Digests] = {spec: digester.finish() for spec, digester in self._digesters.items()}
         datasets = {spec.path: (self._file[spec.path].shape, own) for spec, own in digests.items()}
         text = digests_text(datasets, self._attributes, CHUNK_ROWS)

@@ -192,9 +192,13 @@ def run_info(files: list[Path], options: dict, pressure: bool, *, as_json: bool)
 
 
 def poses_saved(file: Path) -> int:
-    """Poses that a file, or the folder in which it is being written, holds; 0 where neither can be read."""
+    """Poses of a rendering that was stopped which its folder holds, or the file if it is whole; 0 if neither is read.
+
+    The folder goes first: beside it, the file is the old one that the rendering would have replaced.
+    """
+    folder = work_folder(file)
     try:
-        with ContourFile(file) as contours:
+        with ContourFile(folder if folder.is_dir() else file) as contours:
             return sum(stop - first for first, stop in contours.done)
     except ContourFileError:
         return 0

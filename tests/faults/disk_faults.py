@@ -46,14 +46,16 @@ class Faults:
     error: int = errno.EIO
     is_torn: bool = False
     """Whether a write that fails leaves its first half."""
-    calls: int = 0
+    names: list[str] = field(default_factory=list)
+    """All calls that were made."""
     failed: list[str] = field(default_factory=list)
 
     def __call__(self, name: str, real: Callable[..., Any]) -> Callable[..., Any]:
         def call(*args: Any, **options: Any) -> Any:
             if name == "close":  # what a sync has on the disk, no close takes back
                 return real(*args, **options)
-            number, self.calls = self.calls, self.calls + 1
+            number = len(self.names)
+            self.names.append(name)
             if number not in self.numbers:
                 return None if name in SYNCS else real(*args, **options)  # no power is cut here
             self.failed.append(name)

@@ -49,7 +49,7 @@ class PoseRows(NamedTuple):
         }
 
 
-class PoseBlock:
+class BlockFile:
     """A file with the rows of consecutive poses: a block, or the finished file.
 
     recent: the blocks of the same folder that are open; the one that was opened first is closed when they are too many.
@@ -57,10 +57,10 @@ class PoseBlock:
     """
 
     def __init__(
-        self, first: int, stop: int, rows: Hdf5Reader, recent: list[PoseBlock] | None = None, recipe: str = ""
+        self, first: int, stop: int, rows: Hdf5Reader, recent: list[BlockFile] | None = None, recipe: str = ""
     ) -> None:
         self.first, self.stop, self.path, self.recipe = first, stop, rows.path, recipe
-        self._recent: list[PoseBlock] = [] if recent is None else recent
+        self._recent: list[BlockFile] = [] if recent is None else recent
         self._rows: Hdf5Reader | None = None
         self._keep(rows)
 
@@ -129,15 +129,15 @@ def block_like_files(folder: Path) -> list[Path]:
     return sorted(named)
 
 
-def open_blocks(folder: Path) -> tuple[list[PoseBlock], list[str]]:
+def open_blocks(folder: Path) -> tuple[list[BlockFile], list[str]]:
     """The blocks of a folder that can be opened, in pose order, without those that overlap one before.
 
     And a sentence for each that cannot. Raises as `block_files`, and ContourFileError where the system fails to read a
     block, which may be whole.
     """
-    blocks: list[PoseBlock] = []
+    blocks: list[BlockFile] = []
     problems: list[str] = []
-    recent: list[PoseBlock] = []
+    recent: list[BlockFile] = []
     try:
         for first, stop, path in block_files(folder):
             try:
@@ -158,7 +158,7 @@ def problem_of(error: ContourFileError) -> str:
     return str(error)
 
 
-def close_blocks(blocks: Iterable[PoseBlock]) -> None:
+def close_blocks(blocks: Iterable[BlockFile]) -> None:
     """Close their files."""
     for block in blocks:
         block.close()
@@ -220,7 +220,7 @@ def _continued(spec: Field, part: PoseRows, base: Mapping[str, int], *, is_first
     return rows[int(not is_first) :] + base[spec.name] if spec.is_offset else rows
 
 
-def _opened(path: Path, first: int, stop: int, reached: int, recent: list[PoseBlock]) -> PoseBlock:
+def _opened(path: Path, first: int, stop: int, reached: int, recent: list[BlockFile]) -> BlockFile:
     if stop <= first:
         raise ContourFileError(f"{path.name} names no pose")
     if first < reached:
@@ -232,7 +232,7 @@ def _opened(path: Path, first: int, stop: int, reached: int, recent: list[PoseBl
                 if not spec.optional:
                     rows.layout(spec.path)
             require_fitting(rows, fields, stop - first)
-        return PoseBlock(first, stop, rows, recent, rows.text("/", _RECIPE))
+        return BlockFile(first, stop, rows, recent, rows.text("/", _RECIPE))
     except ContourFileError:
         rows.close()
         raise

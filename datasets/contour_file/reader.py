@@ -16,7 +16,7 @@ from ..counted import counted
 from ..errors import ContourFileError
 from ..storage.hdf5 import Hdf5Reader, require_fitting
 from ..storage.schema import CONTOURS, FIELDS, HAND, LIVE, METRICS, MOTION, Arrays, Field
-from .blocks import HEADER_NAME, PoseBlock, close_blocks, open_blocks, problem_of, work_folder
+from .blocks import HEADER_NAME, BlockFile, close_blocks, open_blocks, problem_of, work_folder
 from .header import (
     FileHeader,
     get_header,
@@ -40,8 +40,8 @@ _BLOCK_POINTS = 1 << 20
 class ContourFile:
     """A contour file opened for reading; use it in a `with`, or `close()` it.
 
-    Where `path` does not exist but the work folder beside it does, the pose ranges done so far are read: `sealed` is
-    False, `done` lists them, and reading any other pose raises. Ranges that are written later are not seen.
+    Where `path` does not exist but the work folder beside it does, the poses committed so far are read: `sealed` is
+    False, `done` lists them, and reading any other pose raises. What is committed later is not seen.
 
     Whenever rows are read, they are verified by the file's digests, if it has any (format 1.2 and newer). `verify`
     verifies everything first.
@@ -71,7 +71,7 @@ class ContourFile:
             if self.pose_count == 0:
                 raise ContourFileError(f"{self._header_file.path}: /motion/pose has no rows")
             if self.sealed:
-                self._pose_blocks = [PoseBlock(0, self.pose_count, self._header_file)]
+                self._pose_blocks = [BlockFile(0, self.pose_count, self._header_file)]
             else:
                 self._require_recipe()
             if verify:
@@ -131,7 +131,7 @@ class ContourFile:
                 damaged.append(problem_of(error))
         return intact, damaged
 
-    def _require_intact(self, block: PoseBlock) -> None:
+    def _require_intact(self, block: BlockFile) -> None:
         """Read a block as `ContourWriter.seal` does, so that sealing cannot fail for what resuming has accepted."""
         block.rows.require_attributes()
         get_timing(block.rows)
@@ -150,7 +150,7 @@ class ContourFile:
 
     @property
     def folder(self) -> Path:
-        """The folder of the file's parts: the work folder, or the folder of the sealed file."""
+        """The folder that holds the blocks, or the sealed file."""
         return self._header_file.path.parent
 
     def parts(self) -> tuple[Hdf5Reader, Iterator[tuple[Hdf5Reader, int]]]:
@@ -286,7 +286,7 @@ class ContourFile:
         for block in self._pose_blocks:
             yield from self._divided(block, point_limit)
 
-    def _divided(self, block: PoseBlock, point_limit: int) -> Iterator[tuple[int, int]]:
+    def _divided(self, block: BlockFile, point_limit: int) -> Iterator[tuple[int, int]]:
         for first in range(0, block.stop - block.first, _BLOCK_POSES):
             stop = min(first + _BLOCK_POSES, block.stop - block.first)
             point_start = self._point_start(block, first, stop)
@@ -310,7 +310,7 @@ class ContourFile:
             for spec in wanted
         }
 
-    def _metric(self, spec: Field, block: PoseBlock, first: int, stop: int) -> NDArray[Any]:
+    def _metric(self, spec: Field, block: BlockFile, first: int, stop: int) -> NDArray[Any]:
         rows = block.rows
         if spec.optional and spec.path not in rows:
             return np.full(stop - first, spec.absent, spec.dtype)
@@ -320,14 +320,14 @@ class ContourFile:
         """Time that each chunk took, by stage; chunks in the order of their poses."""
         return join_timing([get_timing(block.rows) for block in self._pose_blocks])
 
-    def _parts(self, first: int, stop: int | None, fields: tuple[Field, ...]) -> list[tuple[PoseBlock, int, int]]:
+    def _parts(self, first: int, stop: int | None, fields: tuple[Field, ...]) -> list[tuple[BlockFile, int, int]]:
         """Pieces that make up a pose range, each with the rows in it; the numbers of rows of the fields fit."""
         stop = self.pose_count if stop is None else stop
         if not 0 <= first <= stop <= self.pose_count:
             raise ContourFileError(
                 f"{self.path}: poses {first} to {stop} are out of range, there are {self.pose_count} poses"
             )
-        parts: list[tuple[PoseBlock, int, int]] = []
+        parts: list[tuple[BlockFile, int, int]] = []
         reached = first
         for block in self._pose_blocks:
             if block.first <= reached < min(stop, block.stop):
@@ -345,7 +345,7 @@ class ContourFile:
             require_fitting(rows, fields, poses)
             self._fitting.add((rows.path, fields))
 
-    def _contours_of(self, block: PoseBlock, first: int, stop: int) -> Arrays:
+    def _contours_of(self, block: BlockFile, first: int, stop: int) -> Arrays:
         file = block.rows
         pose_start = _offsets(file, "/contours/pose_start", first, stop, "/contours/polyline_closed")
         low, high = int(pose_start[0]), int(pose_start[-1])
@@ -358,7 +358,7 @@ class ContourFile:
                 arrays[spec.name] = file.read(spec.path, *rows[str(spec.dims[0])])
         return arrays
 
-    def _point_start(self, block: PoseBlock, first: int, stop: int) -> NDArray[np.int64]:
+    def _point_start(self, block: BlockFile, first: int, stop: int) -> NDArray[np.int64]:
         """Offsets into a piece's points where its poses `first` to `stop` begin, and where the last of them ends."""
         file = block.rows
         pose_start = _offsets(file, "/contours/pose_start", first, stop, "/contours/polyline_closed")
@@ -392,12 +392,12 @@ def join_contours(batches: list[Arrays]) -> Arrays:
     return joined
 
 
-def _open(path: Path) -> tuple[bool, Hdf5Reader, list[PoseBlock], list[str]]:
+def _open(path: Path) -> tuple[bool, Hdf5Reader, list[BlockFile], list[str]]:
     """Whether the file is sealed, the file with its header, its blocks if it is not sealed, and their problems."""
     folder = path if (path / HEADER_NAME).is_file() else work_folder(path)
     if folder != path and (path.exists() or not folder.is_dir()):
         return True, Hdf5Reader(path), [], []
-    blocks: list[PoseBlock] = []
+    blocks: list[BlockFile] = []
     try:
         blocks, problems = open_blocks(folder)
         header = Hdf5Reader(folder / HEADER_NAME)

@@ -1,4 +1,4 @@
-"""Writing a contour file while it is computed, such that a pose range reported done is never lost.
+"""Writing a contour file while it is computed, such that poses that were committed are never lost.
 
 Poses that are written are held in memory; every ten seconds, or 256 MB, they are committed as a block, a whole HDF5
 file in the work folder OUT.h5.partial (blocks.py). `seal` passes blocks and held poses through h5py into one file.

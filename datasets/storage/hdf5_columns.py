@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..errors import Hdf5Error, SweepStoreError, name_nothing
 from .checksum import lookup3
-from .durable import Buffer, append_at, discard, temporary_name, whole_file
+from .durable import Buffer, discard, temporary_name, whole_file, write_buffers
 from .hdf5 import FAILURES, reason_of
 from .hdf5_opening import StrictFile, open_hdf5
 from .hdf5_structure import h5py
@@ -186,11 +186,11 @@ def write_whole(path: Path, *buffers: Buffer, durable: bool = True) -> None:
     """
     if durable:
         with whole_file(path) as temporary:
-            append_at(temporary, 0, buffers, durable=False, fresh=True)
+            write_buffers(temporary, buffers)
         return
     temporary = temporary_name(path)
     try:
-        append_at(temporary, 0, buffers, durable=False, fresh=True)
+        write_buffers(temporary, buffers)
         os.replace(temporary, path)
     except OSError:
         discard(temporary)

@@ -1,4 +1,4 @@
-"""Whatever fails while a contour file is written, what was reported done is there, and resuming completes it."""
+"""Whatever fails while a contour file is written, what was committed is there, and resuming completes it."""
 
 import os
 import resource
@@ -35,7 +35,7 @@ def assert_whole(path, contours):
 
 
 def assert_kept(path, contours, done):
-    """Every range reported done is readable and right."""
+    """Every range committed is readable and right."""
     if done:
         with ContourFile(path) as file:
             for first, stop in done:

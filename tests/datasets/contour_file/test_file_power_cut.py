@@ -21,8 +21,8 @@ MORE = int(os.environ.get("PALPATE_FAULTS", "0"))
 CONTOURS, HEADER = make_contours(COUNT), make_header(COUNT)
 RANGES = [(0, 3), (3, 4), (4, 9)]
 CASES = {
-    "in order": (RANGES, 7, {}),
-    "any order": (RANGES[::-1], 7, {}),
+    "ordered": (RANGES, 7, {}),
+    "reversed": (RANGES[::-1], 7, {}),
     "overwrite": (RANGES, 7, {"mode": "overwrite"}),
     "resume": (RANGES, 7, {"mode": "resume"}),
 }
@@ -142,4 +142,4 @@ def is_lost(path, done):
 @pytest.mark.exhaustive
 def test_the_model_finds_a_sync_that_is_missing(tmp_path):
     with small_chunks(7):
-        assert any(is_lost(path, done) for path, done in remains(tmp_path, "in order", Careless))
+        assert any(is_lost(path, done) for path, done in remains(tmp_path, "ordered", Careless))

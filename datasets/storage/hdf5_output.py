@@ -140,12 +140,10 @@ class _Stream:
         flags = os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC | os.O_NOFOLLOW
         self._handle = os.open(path, flags, 0o666)
         self._at = 0
+        self._size = 0  # as libhdf5 believes: where it is told another, it cannot close the file, and crashes at exit
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        size = 0
-        with self._kept_failure():
-            size = os.fstat(self._handle).st_size
-        self._at = {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: size}[whence] + offset
+        self._at = {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self._size}[whence] + offset
         return self._at
 
     def tell(self) -> int:
@@ -171,11 +169,13 @@ class _Stream:
                     raise OSError(errno.EIO, "nothing was written")
                 left = left[count:]
         self._at += len(content)
+        self._size = max(self._size, self._at)
         return len(content)
 
     def truncate(self, size: int) -> int:
         with self._kept_failure():
             os.ftruncate(self._handle, size)
+        self._size = size
         return size
 
     def flush(self) -> None:

@@ -6,6 +6,8 @@
 import errno
 import os
 import random
+import subprocess
+import sys
 from collections import Counter
 
 import pytest
@@ -99,9 +101,9 @@ def calls_to_fail(folder, ranges, **options):
     (folder / "undisturbed").mkdir()
     prepared(folder / "undisturbed", options)
     rendered(folder / "undisturbed" / "out.h5", faults, ranges, **options)
-    many = {name: [k for k, own in enumerate(faults.names) if own == name] for name in ("pwrite", "fstat")}
-    few = [k for k, own in enumerate(faults.names) if own not in many]
-    return sorted([*few[:: 1 if MORE else 2], *(k for numbers in many.values() for k in numbers[:: 1 if MORE else 40])])
+    many = [k for k, own in enumerate(faults.names) if own == "pwrite"]
+    few = [k for k, own in enumerate(faults.names) if own != "pwrite"]
+    return sorted([*few[:: 1 if MORE else 2], *many[:: 1 if MORE else 40]])
 
 
 def prepared(folder, options):
@@ -141,8 +143,30 @@ def test_a_call_that_fails_once_is_made_up_for_by_the_same_writer(tmp_path, case
 def test_several_calls_that_fail_are_made_up_for(tmp_path, run):
     rng = random.Random(run)
     order, rows, options = CASES[rng.choice(list(CASES))]
-    numbers = frozenset(rng.randrange(700) for _ in range(rng.choice((2, 3, 5))))
+    numbers = frozenset(rng.randrange(340) for _ in range(rng.choice((2, 3, 5))))
     faults = Faults(numbers, rng.choice((errno.EIO, errno.ENOSPC, errno.EDQUOT)), rng.random() < 0.5)
     with small_chunks(rows):
         assert_outlived(prepared(tmp_path, options), faults, ORDERS[order], **options)
     assert faults.failed
+
+
+FAILING = """
+import contextlib, sys
+from contour_cases import make_contours, make_header, write_ranges
+from disk_faults import Faults, stood_in_for
+from palpate.datasets.contour_file.writer import ContourWriter
+from palpate.datasets.errors import ContourFileError
+
+for number in range(3, 250, 5):
+    with contextlib.suppress(ContourFileError), stood_in_for(Faults(frozenset([number]))):
+        with ContourWriter(f"{sys.argv[1]}/{number}.h5", make_header(9)) as writer:
+            write_ranges(writer, make_contours(9), [(0, 9)])
+            writer.seal()
+"""
+
+
+@pytest.mark.exhaustive
+def test_a_process_in_which_calls_failed_ends_in_good_order(tmp_path):
+    """libhdf5 crashes when a process ends that has a file which could not be closed."""
+    ended = subprocess.run([sys.executable, "-c", FAILING, tmp_path], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (0, "")

@@ -36,7 +36,7 @@ def fixed_text(text: str) -> Any:
     return np.array(raw, h5py.string_dtype("utf-8", max(1, len(raw))))
 
 
-def create_dataset(file: Any, spec: Field, shape: tuple[int, ...], *, gzip: int = 0) -> None:
+def create_dataset(file: Any, spec: Field, shape: tuple[int, ...], *, gzip: int = 0) -> Any:
     """Make a dataset of a final shape without content, in chunks with checksums; one without elements is contiguous."""
     chunked: dict[str, Any] = {}
     if 0 not in shape:
@@ -48,6 +48,7 @@ def create_dataset(file: Any, spec: Field, shape: tuple[int, ...], *, gzip: int 
     )
     dataset.attrs["units"] = fixed_text(spec.unit)
     dataset.attrs["frame"] = fixed_text(spec.frame)
+    return dataset
 
 
 class Hdf5Output:
@@ -56,6 +57,7 @@ class Hdf5Output:
     def __init__(self, file: Any, gzip: int) -> None:
         self._file = file
         self._gzip = gzip
+        self._datasets: dict[Field, Any] = {}
         self._written: dict[Field, int] = {}
         self._digesters: dict[Field, BlockDigester] = {}
         self._attributes: dict[str, dict[str, Attribute]] = {}
@@ -66,14 +68,14 @@ class Hdf5Output:
 
     def begin(self, spec: Field, shape: tuple[int, ...]) -> None:
         """Make a dataset of a final shape."""
-        create_dataset(self._file, spec, shape, gzip=self._gzip)
+        self._datasets[spec] = create_dataset(self._file, spec, shape, gzip=self._gzip)
         self._written[spec], self._digesters[spec] = 0, BlockDigester(CHUNK_ROWS)
 
     def append(self, spec: Field, rows: NDArray[Any]) -> None:
         """Write the next rows of a dataset."""
         if rows.size:
             first = self._written[spec]
-            self._file[spec.path][first : first + len(rows)] = rows
+            self._datasets[spec][first : first + len(rows)] = rows
             self._written[spec] += len(rows)
             self._digesters[spec].add(rows)
 
@@ -85,10 +87,10 @@ class Hdf5Output:
     def finish(self) -> None:
         """Write digests and attributes; raises ContourFileError if a dataset did not get all of its rows."""
         for spec, count in self._written.items():
-            if count != (size := self._file[spec.path].shape)[0] and 0 not in size:
+            if count != (size := self._datasets[spec].shape)[0] and 0 not in size:
                 raise ContourFileError(f"{spec.path} got {count} rows, expected {size[0]}")
         digests: dict[Field, Digests] = {spec: digester.finish() for spec, digester in self._digesters.items()}
-        datasets = {spec.path: (self._file[spec.path].shape, own) for spec, own in digests.items()}
+        datasets = {spec.path: (self._datasets[spec].shape, own) for spec, own in digests.items()}
         text = digests_text(datasets, self._attributes, CHUNK_ROWS)
         self.add(DIGESTS, np.concatenate([np.zeros(0, np.uint64), *digests.values()]))
         self.attributes("/", {ATTRIBUTE: text})

@@ -33,7 +33,6 @@ from ..storage.schema import (
 from .header import get_header, get_live, get_texts, recipe_differences
 from .header_hand import hand_problem
 from .header_live import require_live
-from .part_reader import PartReader
 from .reader import ContourFile
 from .timing import get_timing
 from .unknown_content import unproven_attributes
@@ -140,7 +139,7 @@ def _check_open(file: ContourFile) -> list[str]:
 class _PartCheck:
     """The fields of one HDF5 file, each by itself; `inside` begins each sentence."""
 
-    part: Hdf5Reader | PartReader
+    part: Hdf5Reader
     findings: _Findings
     inside: str
     shapes: dict[str, tuple[int, ...]] = field(default_factory=dict[str, tuple[int, ...]])

@@ -194,7 +194,7 @@ def recipe_differences(old: Mapping[str, str], new: Mapping[str, str]) -> list[s
 
 
 def recipe_hash(recipe: Mapping[str, str]) -> str:
-    """SHA-256 (hexadecimal) of a recipe; every shard carries it, so that none of another run is taken for ours."""
+    """SHA-256 (hexadecimal) of a recipe; every block carries it, so that none of another run is taken for ours."""
     return hashlib.sha256(json_text(recipe, "recipe").encode()).hexdigest()
 
 

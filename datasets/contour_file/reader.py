@@ -7,7 +7,7 @@ from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from ..counted import counted
 from ..errors import ContourFileError
 from ..storage.hdf5 import Hdf5Reader, require_fitting
 from ..storage.schema import CONTOURS, FIELDS, HAND, LIVE, METRICS, MOTION, Arrays, Field
+from .blocks import HEADER_NAME, BlockFile, close_blocks, open_blocks, problem_of, work_folder
 from .header import (
     FileHeader,
     get_header,
@@ -29,19 +30,18 @@ from .header import (
     refuse_foreign,
 )
 from .header_live import RecordedRun, require_live
-from .part_reader import PartReader
-from .parts import HEADER_NAME, readable_parts, work_folder
 from .timing import Timing, get_timing, join_timing
 from .unknown_content import unproven_attributes
 
 _BLOCK_POSES = 1 << 16
+_BLOCK_POINTS = 1 << 20
 
 
 class ContourFile:
     """A contour file opened for reading; use it in a `with`, or `close()` it.
 
-    Where `path` does not exist but the work folder beside it does, the pose ranges done so far are read: `sealed` is
-    False, `done` lists them, and reading any other pose raises. Ranges that are written later are not seen.
+    Where `path` does not exist but the work folder beside it does, the poses committed so far are read: `sealed` is
+    False, `done` lists them, and reading any other pose raises. What is committed later is not seen.
 
     Whenever rows are read, they are verified by the file's digests, if it has any (format 1.2 and newer). `verify`
     verifies everything first.
@@ -59,9 +59,9 @@ class ContourFile:
 
     def __init__(self, path: str | PathLike[str], *, verify: bool = False) -> None:
         self.path = Path(path)
-        self.sealed, self._header_file, parts, self.problems = _open(self.path)
+        self.sealed, self._header_file, blocks, self.problems = _open(self.path)
         """Sentences on damage in an unfinished file; resuming renders the damaged ranges again."""
-        self._pose_blocks: list[_PoseBlock] = []
+        self._pose_blocks = blocks
         self._fitting: set[tuple[Path, tuple[Field, ...]]] = set()
         try:
             refuse_foreign(self._header_file)
@@ -71,9 +71,9 @@ class ContourFile:
             if self.pose_count == 0:
                 raise ContourFileError(f"{self._header_file.path}: /motion/pose has no rows")
             if self.sealed:
-                self._pose_blocks = [_PoseBlock(0, self.pose_count, self._header_file)]
+                self._pose_blocks = [BlockFile(0, self.pose_count, self._header_file)]
             else:
-                self._pose_blocks = [_PoseBlock(part.part.first, part.part.stop, part) for part in parts]
+                self._require_recipe()
             if verify:
                 self.require_whole()
         except ContourFileError:
@@ -96,8 +96,7 @@ class ContourFile:
     def close(self) -> None:
         """Close the file; closing twice does nothing."""
         self._header_file.close()
-        for block in self._pose_blocks:
-            block.rows.close()
+        close_blocks(self._pose_blocks)
 
     def require_whole(self) -> None:
         """Read everything once, in bounded memory, and raise ContourFileError for content that fails its digest.
@@ -120,18 +119,43 @@ class ContourFile:
                     if spec.path in rows:
                         rows.require_rows(spec.path)
 
+    def intact_blocks(self) -> tuple[list[tuple[int, int]], list[str]]:
+        """Pose ranges of the blocks of an unfinished file whose rows are what was written, and why others are not."""
+        intact: list[tuple[int, int]] = []
+        damaged: list[str] = []
+        for block in self._pose_blocks:
+            try:
+                self._require_intact(block)
+                intact.append((block.first, block.stop))
+            except ContourFileError as error:
+                damaged.append(problem_of(error))
+        return intact, damaged
+
+    def _require_intact(self, block: BlockFile) -> None:
+        """Read a block as `ContourWriter.seal` does, so that sealing cannot fail for what resuming has accepted."""
+        block.rows.require_attributes()
+        get_timing(block.rows)
+        polylines = points = 0
+        for first, stop in self._divided(block, _BLOCK_POINTS):
+            contours = self.contours(first, stop)
+            self.metrics(first, stop)
+            polylines += len(contours["polyline_closed"])
+            points += len(contours["points"])
+        if (polylines, points) != (block.polylines, block.points):
+            raise ContourFileError(f"{block.path}: polylines or points belong to no pose")
+
     def require_unchanged(self) -> None:
         """Raise ContourFileError if a sealed file was changed since it was opened."""
         self._header_file.require_unchanged()
 
     @property
     def folder(self) -> Path:
-        """The folder of the file's parts: the work folder, or the folder of the sealed file."""
+        """The folder that holds the blocks, or the sealed file."""
         return self._header_file.path.parent
 
-    def parts(self) -> tuple[Hdf5Reader, list[tuple[Hdf5Reader | PartReader, int]]]:
-        """The file's header, and for each rendered range of poses its rows and its number of poses."""
-        return self._header_file, [(self._rows_of(block), block.stop - block.first) for block in self._pose_blocks]
+    def parts(self) -> tuple[Hdf5Reader, Iterator[tuple[Hdf5Reader, int]]]:
+        """The file's header, and for each rendered range of poses its rows and its number of poses, one by one."""
+        return self._header_file, ((block.rows, block.stop - block.first) for block in self._pose_blocks)
 
     @property
     def done(self) -> list[tuple[int, int]]:
@@ -147,18 +171,18 @@ class ContourFile:
     @cached_property
     def polyline_count(self) -> int:
         """Number of polylines of the poses done."""
-        return sum(self._row_count(block, "/contours/polyline_closed") for block in self._pose_blocks)
+        return sum(block.polylines for block in self._pose_blocks)
 
     @cached_property
     def point_count(self) -> int:
         """Number of points of the poses done, the repeated ones of closed polylines included."""
-        return sum(self._row_count(block, "/contours/points") for block in self._pose_blocks)
+        return sum(block.points for block in self._pose_blocks)
 
-    @property
+    @cached_property
     def optional(self) -> tuple[str, ...]:
         """Optional fields of /contours and /metrics that exist for any of the poses done."""
-        fields = [spec for spec in (*CONTOURS, *METRICS) if spec.optional]
-        return tuple(spec.name for spec in fields if any(spec.path in block.rows for block in self._pose_blocks))
+        found = frozenset[Field]().union(*(block.optional for block in self._pose_blocks))
+        return tuple(spec.name for spec in (*CONTOURS, *METRICS) if spec in found)
 
     @cached_property
     def strategy(self) -> dict[str, Any]:
@@ -254,22 +278,25 @@ class ContourFile:
         batches = [self._contours_of(block, *poses) for block, *poses in parts]
         return join_contours(batches)
 
-    def blocks(self, *, point_limit: int = 1 << 20) -> Iterator[tuple[int, int]]:
+    def blocks(self, *, point_limit: int = _BLOCK_POINTS) -> Iterator[tuple[int, int]]:
         """Divide the poses done into ranges (first, stop) of at most `point_limit` points each, in order.
 
         A pose with more points is a range of its own. Use it to read a file of any size in bounded memory.
         """
         for block in self._pose_blocks:
-            for first in range(0, block.stop - block.first, _BLOCK_POSES):
-                stop = min(first + _BLOCK_POSES, block.stop - block.first)
-                point_start = self._point_start(block, first, stop)
-                row = 0
-                while row < stop - first:
-                    limit = int(point_start[row]) + point_limit
-                    fitting = int(np.searchsorted(point_start, limit, side="right")) - 1
-                    end = max(fitting, row + 1)
-                    yield block.first + first + row, block.first + first + end
-                    row = end
+            yield from self._divided(block, point_limit)
+
+    def _divided(self, block: BlockFile, point_limit: int) -> Iterator[tuple[int, int]]:
+        for first in range(0, block.stop - block.first, _BLOCK_POSES):
+            stop = min(first + _BLOCK_POSES, block.stop - block.first)
+            point_start = self._point_start(block, first, stop)
+            row = 0
+            while row < stop - first:
+                limit = int(point_start[row]) + point_limit
+                fitting = int(np.searchsorted(point_start, limit, side="right")) - 1
+                end = max(fitting, row + 1)
+                yield block.first + first + row, block.first + first + end
+                row = end
 
     def metrics(self, first: int = 0, stop: int | None = None) -> Arrays:
         """Metrics of poses `first` to `stop` (all) by name, each of shape [pose]: lengths [m], number of polylines.
@@ -283,24 +310,24 @@ class ContourFile:
             for spec in wanted
         }
 
-    def _metric(self, spec: Field, block: _PoseBlock, first: int, stop: int) -> NDArray[Any]:
-        rows = self._rows_of(block)
+    def _metric(self, spec: Field, block: BlockFile, first: int, stop: int) -> NDArray[Any]:
+        rows = block.rows
         if spec.optional and spec.path not in rows:
             return np.full(stop - first, spec.absent, spec.dtype)
         return rows.read(spec.path, first, stop)
 
     def timing(self) -> Timing:
         """Time that each chunk took, by stage; chunks in the order of their poses."""
-        return join_timing([get_timing(self._rows_of(block)) for block in self._pose_blocks])
+        return join_timing([get_timing(block.rows) for block in self._pose_blocks])
 
-    def _parts(self, first: int, stop: int | None, fields: tuple[Field, ...]) -> list[tuple[_PoseBlock, int, int]]:
+    def _parts(self, first: int, stop: int | None, fields: tuple[Field, ...]) -> list[tuple[BlockFile, int, int]]:
         """Pieces that make up a pose range, each with the rows in it; the numbers of rows of the fields fit."""
         stop = self.pose_count if stop is None else stop
         if not 0 <= first <= stop <= self.pose_count:
             raise ContourFileError(
                 f"{self.path}: poses {first} to {stop} are out of range, there are {self.pose_count} poses"
             )
-        parts: list[tuple[_PoseBlock, int, int]] = []
+        parts: list[tuple[BlockFile, int, int]] = []
         reached = first
         for block in self._pose_blocks:
             if block.first <= reached < min(stop, block.stop):
@@ -312,14 +339,14 @@ class ContourFile:
             raise ContourFileError(f"{self.path}: pose {reached} of {first} to {stop} is not done yet")
         return parts
 
-    def _require_fitting(self, rows: Hdf5Reader | PartReader, fields: tuple[Field, ...], poses: int) -> None:
+    def _require_fitting(self, rows: Hdf5Reader, fields: tuple[Field, ...], poses: int) -> None:
         """`require_fitting`, once per file and fields."""
         if (rows.path, fields) not in self._fitting:
             require_fitting(rows, fields, poses)
             self._fitting.add((rows.path, fields))
 
-    def _contours_of(self, block: _PoseBlock, first: int, stop: int) -> Arrays:
-        file = self._rows_of(block)
+    def _contours_of(self, block: BlockFile, first: int, stop: int) -> Arrays:
+        file = block.rows
         pose_start = _offsets(file, "/contours/pose_start", first, stop, "/contours/polyline_closed")
         low, high = int(pose_start[0]), int(pose_start[-1])
         polyline_start = _offsets(file, "/contours/polyline_start", low, high, "/contours/points")
@@ -331,35 +358,22 @@ class ContourFile:
                 arrays[spec.name] = file.read(spec.path, *rows[str(spec.dims[0])])
         return arrays
 
-    def _point_start(self, block: _PoseBlock, first: int, stop: int) -> NDArray[np.int64]:
+    def _point_start(self, block: BlockFile, first: int, stop: int) -> NDArray[np.int64]:
         """Offsets into a piece's points where its poses `first` to `stop` begin, and where the last of them ends."""
-        file = self._rows_of(block)
+        file = block.rows
         pose_start = _offsets(file, "/contours/pose_start", first, stop, "/contours/polyline_closed")
         low, high = int(pose_start[0]), int(pose_start[-1])
         polyline_start = _offsets(file, "/contours/polyline_start", low, high, "/contours/points")
         return np.asarray(polyline_start[pose_start - low], np.int64)
 
-    def _row_count(self, block: _PoseBlock, name: str) -> int:
-        _, shape = self._rows_of(block).layout(name)
-        return shape[0]
-
-    def _rows_of(self, block: _PoseBlock) -> Hdf5Reader | PartReader:
-        rows = block.rows
-        if isinstance(rows, PartReader) and rows.part.recipe != self._recipe_hash:
-            raise ContourFileError(f"{rows.path} is of another rendering than the folder it lies in")
-        return rows
-
-    @cached_property
-    def _recipe_hash(self) -> str:
-        return recipe_hash(self.recipe)
-
-
-class _PoseBlock(NamedTuple):
-    """Rows of consecutive poses."""
-
-    first: int
-    stop: int
-    rows: Hdf5Reader | PartReader
+    def _require_recipe(self) -> None:
+        """Leave out blocks of another rendering than the header's."""
+        wanted = recipe_hash(self.recipe)
+        for block in tuple(self._pose_blocks):
+            if block.recipe != wanted:
+                self._pose_blocks.remove(block)
+                block.close()
+                self.problems.append(f"{block.path.name} is of another rendering than the folder it lies in")
 
 
 def join_contours(batches: list[Arrays]) -> Arrays:
@@ -378,26 +392,27 @@ def join_contours(batches: list[Arrays]) -> Arrays:
     return joined
 
 
-def _open(path: Path) -> tuple[bool, Hdf5Reader, list[PartReader], list[str]]:
-    """Whether the file is sealed, the file with its header, its parts if it is not sealed, and their problems."""
+def _open(path: Path) -> tuple[bool, Hdf5Reader, list[BlockFile], list[str]]:
+    """Whether the file is sealed, the file with its header, its blocks if it is not sealed, and their problems."""
     folder = path if (path / HEADER_NAME).is_file() else work_folder(path)
     if folder != path and (path.exists() or not folder.is_dir()):
         return True, Hdf5Reader(path), [], []
-    opened: list[PartReader] = []
+    blocks: list[BlockFile] = []
     try:
-        parts, problems = readable_parts(folder)
-        for part in parts:
-            opened.append(PartReader(part))
-        return False, Hdf5Reader(folder / HEADER_NAME), opened, problems
+        blocks, problems = open_blocks(folder)
+        header = Hdf5Reader(folder / HEADER_NAME)
+        if not problems or not path.is_file():
+            return False, header, blocks, problems
+        header.close()
     except (OSError, ContourFileError) as error:
-        for reader in opened:
-            reader.close()
-        if path.is_file():  # sealed since we looked
-            return True, Hdf5Reader(path), [], []
-        raise ContourFileError(f"{path} is not written yet, and {folder} cannot be read ({error})") from error
+        if not path.is_file():
+            close_blocks(blocks)
+            raise ContourFileError(f"{path} is not written yet, and {folder} cannot be read ({error})") from error
+    close_blocks(blocks)
+    return True, Hdf5Reader(path), [], []  # it was sealed while its blocks were opened
 
 
-def _offsets(file: Hdf5Reader | PartReader, name: str, first: int, stop: int, target: str) -> NDArray[np.int64]:
+def _offsets(file: Hdf5Reader, name: str, first: int, stop: int, target: str) -> NDArray[np.int64]:
     """Offsets of rows `first` to `stop`; raises ContourFileError unless they increase and stay inside `target`."""
     offsets = file.read(name, first, stop + 1)
     _, shape = file.layout(target)

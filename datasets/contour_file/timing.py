@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -9,8 +10,9 @@ from numpy.typing import NDArray
 
 from ..errors import ContourFileError
 from ..storage.hdf5 import Hdf5Reader
-from .header import get_json
-from .part_reader import PartReader
+from ..storage.hdf5_output import Hdf5Output
+from ..storage.schema import TIMING
+from .header import get_json, json_text
 
 
 class Timing(NamedTuple):
@@ -26,7 +28,20 @@ class Timing(NamedTuple):
     """Time spent [s], shape [chunk, stage]; NaN where a chunk had no such stage."""
 
 
-def get_timing(file: Hdf5Reader | PartReader) -> Timing:
+def timing_of(first: int, stop: int, seconds: Mapping[str, float]) -> Timing:
+    """That of one chunk: time by stage [s]."""
+    values = np.array(list(seconds.values()), np.float64).reshape(1, -1)
+    return Timing(list(seconds), np.array([first], np.int64), np.array([stop], np.int64), values)
+
+
+def write_timing(output: Hdf5Output, timing: Timing) -> None:
+    """Write /timing to a file."""
+    output.attributes("/timing", {"stages": json_text({"stages": timing.stages}, "timing")})
+    for spec, column in zip(TIMING, timing[1:], strict=True):
+        output.add(spec, column)
+
+
+def get_timing(file: Hdf5Reader) -> Timing:
     """The /timing of one file."""
     stages: object = get_json(file, "/timing", "stages").get("stages", [])
     seconds = file.read("/timing/seconds")

@@ -1,16 +1,19 @@
-"""Writing a contour file while it is computed, such that a pose range reported done is never lost.
+"""Writing a contour file while it is computed, such that poses that were committed are never lost.
 
-| OUT.h5 | header | parts | what `mode="resume"` does                                              |
-|--------|--------|-------|------------------------------------------------------------------------|
-| no     | no     | no    | begins, as "create"                                                    |
-| yes    | no     | no    | compares with OUT.h5; nothing is missing                               |
-| any    | no     | yes   | refuses: it is unknown what the parts belong to                         |
-| yes    | same   | any   | killed after sealing: compares, nothing is missing, removes the folder |
-| yes    | other  | any   | as the next line if the run may overwrite, else refuses                |
-| no     | other  | any   | compares with the header, goes on with the poses missing               |
+Poses that are written are held in memory; every ten seconds, or 256 MB, they are committed as a block, a whole HDF5
+file in the work folder OUT.h5.partial (blocks.py). `seal` passes blocks and held poses through h5py into one file.
 
-header, parts: in the work folder OUT.h5.partial; "same": its header is of the run that made OUT.h5; a file `overwrite`
-beside them says that the run may replace OUT.h5.
+| OUT.h5 | header | blocks | what `mode="resume"` does                                              |
+|--------|--------|--------|------------------------------------------------------------------------|
+| no     | no     | no     | begins, as "create"                                                    |
+| yes    | no     | no     | compares with OUT.h5; nothing is missing                               |
+| any    | no     | yes    | refuses: it is unknown what the blocks belong to                        |
+| yes    | same   | any    | killed after sealing: compares, nothing is missing, removes the folder |
+| yes    | other  | any    | as the next line if the run may overwrite, else refuses                |
+| no     | other  | any    | compares with the header, goes on with the poses missing               |
+
+header, blocks: in the work folder; "same": its header is of the run that made OUT.h5; a file `overwrite` beside them
+says that the run may replace OUT.h5.
 """
 
 from __future__ import annotations
@@ -18,7 +21,8 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
-from collections.abc import Generator, Mapping
+import time
+from collections.abc import Generator, Iterator, Mapping
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
@@ -28,25 +32,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ContourFileError, name_nothing
-from ..storage.durable import TEMPORARY_SUFFIX, FolderLock, append_at, copy_range, discard, publish, sync
-from ..storage.hdf5 import Hdf5Reader
-from ..storage.schema import CONTOURS, METRICS, validate_fields
-from .header import FileHeader, recipe_differences, recipe_hash
-from .parts import HEADER_NAME, FilePart, begin_part, part_logs, work_folder
+from ..storage.durable import TEMPORARY_SUFFIX, FolderLock, discard, publish, sync, write_temporary
+from ..storage.hdf5_output import Hdf5Output, hdf5_output
+from ..storage.schema import CONTOURS, HEADER, METRICS, validate_fields
+from .blocks import (
+    HEADER_NAME,
+    PoseRows,
+    block_files,
+    block_like_files,
+    optional_fields,
+    work_folder,
+    write_block,
+    write_rows,
+)
+from .header import FileHeader, header_attributes, recipe_differences, recipe_hash
 from .reader import ContourFile
-from .recovery import part_files, take_over_parts
-from .rows import optional_fields
-from .seal import FileFrame, copy_sealed, read_frame, seal_in_place, write_header
+from .timing import Timing, get_timing, join_timing, timing_of, write_timing
 
-_SEALING_NAME = "sealed.h5" + TEMPORARY_SUFFIX
+COMMIT_SECONDS = 10.0
+"""Poses of a rendering that lasts longer are committed once in this time [s]."""
+COMMIT_BYTES = 1 << 28
+"""Poses that take more memory are committed."""
+
+_SEALED_NAME = "sealed.h5"
 _OVERWRITE_NAME = "overwrite"
 
 
 class ContourWriter:
     """Writes one contour file; the only writer of its path as long as it lives. For one thread at a time.
 
-    What is done lies in the work folder `OUT.h5.partial` until `seal()` makes OUT.h5 of it. Leaving the `with`, also
-    by an exception, only lets the next writer in: nothing done is removed.
+    What is committed lies in the work folder `OUT.h5.partial` until `seal()` makes OUT.h5 of it. Leaving the `with`,
+    also by an exception, commits what is held and lets the next writer in.
 
     path: the file to make, OUT.h5. header: motion, object, hand, strategy and who renders. mode: "create" refuses an
     existing OUT.h5 or work folder; "resume" goes on where a writer with the same recipe stopped, or begins; "overwrite"
@@ -74,7 +90,10 @@ class ContourWriter:
         self.repairs: tuple[str, ...] = ()
         """What resuming found damaged and dropped, a sentence each; those poses are missing again."""
         self._folder = work_folder(self.path)
-        self._parts: list[FilePart] = []
+        self._held: list[tuple[PoseRows, Timing]] = []
+        self._held_bytes = 0
+        self._committed: list[tuple[int, int]] = []
+        self._committed_at = time.monotonic()
         self._complete = False
         self._published = False
         self._lock: FolderLock | None = None
@@ -82,7 +101,6 @@ class ContourWriter:
         self._header = header
         self._recipe = header.recipe  # hashes motion and mesh anew each time it is asked for
         self._recipe_hash = recipe_hash(self._recipe)
-        self._frame = FileFrame(0, 0)
         self._refuse_existing(mode)
         with self._machine_failures("prepare"):
             self._begin(mode)
@@ -99,22 +117,41 @@ class ContourWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.close()
+        try:
+            self.close()
+        except ContourFileError:
+            if error is None:  # else what has ended the block is told
+                raise
 
     def close(self) -> None:
-        """Let other writers in; what is done stays. Closing twice does nothing."""
-        if self._lock is not None:
+        """Commit what is held, and let other writers in. Closing twice does nothing.
+
+        Raises ContourFileError where the disk is full or fails: what is held is lost then, what was committed stays.
+        """
+        if self._lock is None:
+            return
+        try:
+            if not self._complete:
+                self.commit()
+        finally:
             self._lock.release()
             self._lock = None
 
+    @property
+    def committed(self) -> int:
+        """Number of poses that are on the disk, whatever happens to this process."""
+        return self._header.pose_count if self._complete else sum(stop - first for first, stop in self._committed)
+
     def missing(self) -> list[tuple[int, int]]:
-        """Pose ranges (first, stop) not done yet, in pose order."""
+        """Pose ranges (first, stop) that were not written yet, in pose order."""
         gaps: list[tuple[int, int]] = []
-        reached = self._header.pose_count if self._complete else 0
-        for part in self._parts:
-            if reached < part.first:
-                gaps.append((reached, part.first))
-            reached = part.stop
+        reached = 0
+        if self._complete:
+            return gaps
+        for first, stop in self._ranges():
+            if reached < first:
+                gaps.append((reached, first))
+            reached = stop
         if reached < self._header.pose_count:
             gaps.append((reached, self._header.pose_count))
         return gaps
@@ -127,46 +164,64 @@ class ContourWriter:
         metrics: Mapping[str, NDArray[Any]],
         timing: Mapping[str, float] | None = None,
     ) -> None:
-        """Write the contours of poses `first` to `stop`; when this returns, they are done: on the disk, whole.
+        """Take the contours of poses `first` to `stop`; they are copied, and committed after ten seconds at most.
 
-        Ranges may come in any order and of any size; in pose order nothing is copied. Takes a few MB beside the arrays.
-        first, stop: first pose of the range, and the pose after the last. contours: arrays of /contours by name,
-        offsets from 0, points [m]; what is optional may be left out. metrics: arrays of /metrics by name, shape [pose],
-        lengths [m]. timing: time spent by stage [s].
-        Raises ContourFileError where the range or an array is not valid, or overlaps what is done (nothing is written);
-        the disk is full or fails (what was done before stays done).
+        Ranges may come in any order and of any size. first, stop: first pose of the range, and the pose after the last.
+        contours: arrays of /contours by name, offsets from 0, points [m]; what is optional may be left out. metrics:
+        arrays of /metrics by name, shape [pose], lengths [m]. timing: time spent by stage [s].
+        Raises ContourFileError where the range or an array is not valid, or overlaps what was written (nothing is
+        taken); the disk is full or fails (this range is not taken, what was before is kept).
         """
         self._refuse_closed()
         self._validate(first, stop, contours, metrics)
-        with self._machine_failures(f"write poses {first} to {stop}"):
-            part = self._part_for(first, optional_fields((*contours, *metrics)))
-            part.append(stop, contours, metrics, timing or {})
-        if part not in self._parts:
-            self._parts = sorted([*self._parts, part], key=lambda done: done.first)
+        rows = PoseRows(first, stop, _copied(contours), _copied(metrics))
+        own = rows, timing_of(first, stop, timing or {})
+        size = sum(array.nbytes for array in (*rows.contours.values(), *rows.metrics.values()))
+        self._held.append(own)
+        self._held_bytes += size
+        if self._held_bytes > COMMIT_BYTES or time.monotonic() - self._committed_at > COMMIT_SECONDS:
+            try:
+                self.commit()
+            except ContourFileError:
+                if not any(part is own for part in self._held):
+                    return  # it is committed; what could not be is still held, and the next write tries it again
+                self._held = [part for part in self._held if part is not own]
+                self._held_bytes -= size
+                raise
 
-    def _part_for(self, first: int, optional: tuple[str, ...]) -> FilePart:
-        """The part that ends where poses begin, or a new one."""
-        for part in self._parts:
-            if part.stop == first and part.optional == optional:
-                return part
-        part = begin_part(self._folder, first, self._recipe_hash, self._frame.begin, optional=optional)
-        self._give_arrays(part)
-        return part
+    def commit(self) -> None:
+        """Write what is held as blocks, one of each run of consecutive poses; when this returns, they are on the disk.
 
-    def _give_arrays(self, part: FilePart) -> None:
-        """Put motion and mesh into the part that will be sealed; again after a kill, which may have come before."""
-        if part.first == 0:
-            copy_range(self._folder / HEADER_NAME, part.path, self._frame.room, self._frame.begin)
+        Raises ContourFileError where the disk is full or fails; what could not be written is still held.
+        """
+        self._held.sort(key=lambda own: own[0].first)
+        if self._held:
+            with self._machine_failures("prepare to write"):
+                self._remove_uncommitted()
+        while self._held:
+            count = next(
+                (k for k in range(1, len(self._held)) if self._held[k][0].first != self._held[k - 1][0].stop),
+                len(self._held),
+            )
+            rows = [own for own, _ in self._held[:count]]
+            with self._machine_failures(f"write poses {rows[0].first} to {rows[-1].stop}"):
+                write_block(self._folder, rows, join_timing([own for _, own in self._held[:count]]), self._recipe_hash)
+            self._committed.append((rows[0].first, rows[-1].stop))
+            del self._held[:count]
+        self._held_bytes, self._committed_at = 0, time.monotonic()
+
+    def _ranges(self) -> list[tuple[int, int]]:
+        """Ranges that were written, in pose order."""
+        return sorted([*self._committed, *((own.first, own.stop) for own, _ in self._held)])
 
     def seal(self, *, gzip: int = 0) -> None:
-        """Make OUT.h5 of what is done, replacing an old one, and remove the work folder.
+        """Make OUT.h5 of what was written, replacing an old one, and remove the work folder.
 
-        Poses written in order lie in their final place: metadata are added. Otherwise, and with gzip, libhdf5 copies
-        them, in blocks. Either way all is read once more and compared with what was written. Takes a few megabytes.
+        One pass through h5py, in blocks of about a million points; what was committed is proven by its digests.
 
         gzip: 0 stores points as they are; 1 to 9 compress (25 % smaller, some 50 times slower).
-        Raises ContourFileError where poses are missing; the disk has no room, or fails; what lies there is not what was
-        written. What is done stays done.
+        Raises ContourFileError where poses are missing; the disk has no room, or fails; a block is not what was
+        written. What was committed stays.
         """
         if self._complete:
             return
@@ -179,28 +234,51 @@ class ContourWriter:
         with self._machine_failures("seal"):
             self._seal(gzip)
         self._complete = True
+        self._held.clear()
         self._remove_folder()
 
     def _seal(self, gzip: int) -> None:
-        if self._published:  # and then the sync of its name failed: the parts are gone into it
+        if self._published:  # and then the sync of its name failed
             sync(self.path.parent)
             return
-        with ContourFile(self._folder) as file:
-            timing = file.timing()
-        part = self._parts[0]
-        if len(self._parts) == 1 and not gzip and seal_in_place(part, self._header, timing, self._frame):
-            self._refuse_unlike(part.path)
-            self._publish(part.path)
-            return
-        copy = self._folder / _SEALING_NAME
+        made = self._folder / (_SEALED_NAME + TEMPORARY_SUFFIX)
+        self._remove_uncommitted()
         try:
-            with ContourFile(self._folder) as file:
-                copy_sealed(copy, file, self._header, gzip=gzip)
-            self._refuse_unlike(copy)
-            self._publish(copy)
-        except (OSError, ContourFileError):
-            discard(copy)
+            with ContourFile(self._folder) as file, hdf5_output(made, gzip=gzip) as output:
+                self._require_committed(file)
+                _write_header(output, self._header)
+                held = [own for own, _ in self._held]
+                counts = {
+                    "pose": self._header.pose_count,
+                    "polyline": file.polyline_count + sum(own.counts["polyline"] for own in held),
+                    "point": file.point_count + sum(own.counts["point"] for own in held),
+                }
+                write_rows(output, self._rows_of(file), counts, {*file.optional, *optional_fields(held)})
+                write_timing(output, self._timing_of(file))
+            self._publish(made)
+        except BaseException:
+            discard(made)
             raise
+
+    def _require_committed(self, file: ContourFile) -> None:
+        if lost := self.committed - sum(stop - first for first, stop in file.done):
+            told = "; ".join(file.problems) or "somebody has removed them"
+            raise ContourFileError(
+                f"{self.path} cannot be sealed: {lost} poses that were committed are not in {self._folder} ({told}); "
+                'mode="resume" renders them again'
+            )
+
+    def _rows_of(self, file: ContourFile) -> Iterator[PoseRows]:
+        """All poses in order, those that were committed in bounded memory."""
+        committed = [(first, stop, None) for first, stop in file.blocks()]
+        held = [(own.first, own.stop, own) for own, _ in self._held]
+        for first, stop, rows in sorted([*committed, *held], key=lambda part: part[0]):
+            yield rows or PoseRows(first, stop, file.contours(first, stop), file.metrics(first, stop))
+
+    def _timing_of(self, file: ContourFile) -> Timing:
+        committed = [get_timing(rows) for rows, _ in file.parts()[1]]
+        held = [own for _, own in self._held]
+        return join_timing(sorted([*committed, *held], key=lambda own: own.first[:1].tolist()))
 
     def _publish(self, made: Path) -> None:
         self._refuse_stranger()
@@ -226,7 +304,7 @@ class ContourWriter:
             )
 
     def _refuse_stranger(self) -> None:
-        """Refuse to replace what is there without permission, which a run keeps beside its parts."""
+        """Refuse to replace what is there without permission, which a run keeps beside its blocks."""
         if os.path.lexists(self.path) and not (self._folder / _OVERWRITE_NAME).exists():
             raise ContourFileError(
                 f"{self.path} is not of the unfinished rendering in {self._folder}, which may not replace it: move it "
@@ -242,7 +320,7 @@ class ContourWriter:
                 self._refuse_unfinished(fresh)
             if mode == "overwrite":
                 self._clear_folder()
-                append_at(self._folder / _OVERWRITE_NAME, 0, [], fresh=True)
+                write_temporary(self._folder / _OVERWRITE_NAME, memoryview(b""))
             if mode != "resume" or not self._resume():
                 self._write_header()
         except BlockingIOError:
@@ -273,7 +351,8 @@ class ContourWriter:
     def _write_header(self) -> None:
         temporary = self._folder / (HEADER_NAME + TEMPORARY_SUFFIX)
         try:
-            self._frame = write_header(temporary, self._header)
+            with hdf5_output(temporary) as output:
+                _write_header(output, self._header)
             publish(temporary, self._folder / HEADER_NAME)
         except OSError:
             discard(temporary)
@@ -282,7 +361,7 @@ class ContourWriter:
     def _resume(self) -> bool:
         """Take over what is there, by the table above; False if there is nothing."""
         if not (self._folder / HEADER_NAME).exists():
-            if part_logs(self._folder):
+            if block_files(self._folder):
                 raise ContourFileError(f'{self._folder} has no header, so it cannot be resumed: use mode="overwrite"')
             if not self.path.exists():
                 self._clear_temporary()
@@ -292,17 +371,22 @@ class ContourWriter:
         with ContourFile(self._folder) as old:
             self._refuse_differing(old)
             self._header = old.header()  # one run, one header: also its device and time of creation
-        with Hdf5Reader(self._folder / HEADER_NAME) as file:
-            self._frame = read_frame(file, self._header)
-        if self._is_sealed_as(self._header.created):
-            self._finish_with(self.path)
-        else:
+            if self._is_sealed_as(self._header.created):
+                self._finish_with(self.path)
+                return True
             self._refuse_stranger()
             self._clear_temporary()
-            self._parts, self.repairs = take_over_parts(self._folder, self._recipe_hash)
-            for part in self._parts:
-                self._give_arrays(part)
+            self._committed, damaged = old.intact_blocks()
+        self.repairs = tuple(f"{text}: dropped, its poses are rendered again" for text in (*old.problems, *damaged))
+        self._remove_uncommitted()
         return True
+
+    def _remove_uncommitted(self) -> None:
+        """Remove blocks that are none: damaged, foreign, or left by a commit that failed once they had their name."""
+        kept = set(self._committed)
+        for first, stop, path in block_files(self._folder):
+            if (first, stop) not in kept:
+                path.unlink()
 
     def _finish_with(self, path: Path) -> None:
         with ContourFile(path) as old:
@@ -327,14 +411,6 @@ class ContourWriter:
                 'mode="overwrite" begins anew'
             )
 
-    def _refuse_unlike(self, temporary: Path) -> None:
-        """Look once more before the parts go."""
-        wanted = tuple(sum(part.rows.count(dim) for part in self._parts) for dim in ("point", "polyline"))
-        with ContourFile(temporary) as file:
-            made = (file.point_count, file.polyline_count)
-            if made != wanted or file.recipe != self._recipe:
-                raise ContourFileError(f"{temporary} has {made} points and polylines, its parts have {wanted}")
-
     def _refuse_closed(self) -> None:
         if self._complete:
             raise ContourFileError(f"{self.path} is sealed already, nothing can be added")
@@ -347,8 +423,8 @@ class ContourWriter:
         where = f"{self.path}, poses {first} to {stop}"
         if not 0 <= first < stop <= self._header.pose_count:
             raise ContourFileError(f"{where}: out of range, there are {self._header.pose_count} poses")
-        if any(part.first < stop and first < part.stop for part in self._parts):
-            raise ContourFileError(f"{where}: overlap poses that are done already")
+        if any(begin < stop and first < end for begin, end in self._ranges()):
+            raise ContourFileError(f"{where}: overlap poses that were written already")
         try:
             rows, metric_rows = validate_fields(contours, CONTOURS), validate_fields(metrics, METRICS)
         except ContourFileError as error:
@@ -366,7 +442,7 @@ class ContourWriter:
         try:
             yield
         except OSError as error:
-            done = sum(part.stop - part.first for part in self._parts)
+            done = self.committed
             free = "" if isinstance(error, PermissionError) else f", {self._free()}"
             kept = f'; the {done} poses done are kept in {self._folder}, make room and go on with mode="resume"'
             raise ContourFileError(
@@ -379,13 +455,14 @@ class ContourWriter:
         return "free space unknown"
 
     def _clear_temporary(self) -> None:
-        for path in self._folder.glob("*" + TEMPORARY_SUFFIX):
-            path.unlink()
+        for name in (HEADER_NAME, _SEALED_NAME, "poses-*.h5"):
+            for path in self._folder.glob(name + TEMPORARY_SUFFIX):
+                path.unlink()
 
     def _clear_folder(self) -> None:
-        """Remove what writers left, the header last: parts without it would be of nothing."""
+        """Remove what writers left, older palpates' too, the header last: blocks without it would be of nothing."""
         self._clear_temporary()
-        for path in part_files(self._folder):
+        for path in block_like_files(self._folder):
             path.unlink()
         for name in (_OVERWRITE_NAME, HEADER_NAME):
             (self._folder / name).unlink(missing_ok=True)
@@ -398,3 +475,18 @@ class ContourWriter:
                 self._lock.remove()
             self._folder.rmdir()
         self.close()
+
+
+def _copied(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Of their own: the caller may use its memory again before they are committed."""
+    return {name: np.array(array, order="C") for name, array in arrays.items()}
+
+
+def _write_header(output: Hdf5Output, header: FileHeader) -> None:
+    """Motion, object, hand and attributes."""
+    for name, values in header_attributes(header).items():
+        output.attributes(name, values)
+    arrays = header.arrays()
+    for spec in HEADER:
+        if spec.name in arrays:
+            output.add(spec, arrays[spec.name])

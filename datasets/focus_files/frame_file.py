@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from ..storage.digests import ATTRIBUTE, BlockDigester, Digests, block_digests, digests_text
 from ..storage.durable import discard, publish, sync, temporary_files, temporary_name, unfinished, write_temporary
 from ..storage.hdf5_columns import image_of
-from ..storage.hdf5_image import fixed_text
 from ..storage.hdf5_opening import Attribute
+from ..storage.hdf5_output import fixed_text
 from ..storage.hdf5_structure import h5py
 
 _FORMAT = ("v108", "v108")  # readers of today all read it

@@ -36,24 +36,6 @@ def block_digests(rows: NDArray[Any], block_rows: int) -> Digests:
     return np.array([xxhash.xxh3_64_intdigest(content[k : k + block_rows].data) for k in firsts], np.uint64)
 
 
-def content_digest(*buffers: memoryview | bytes | bytearray) -> int:
-    """XXH3-64 of the concatenated buffers."""
-    digest = xxhash.xxh3_64()
-    for buffer in buffers:
-        digest.update(buffer)
-    return digest.intdigest()
-
-
-def growing_digests(*buffers: memoryview) -> list[int]:
-    """XXH3-64 of the first buffer, of the first two, and so on; each byte is hashed once."""
-    digest = xxhash.xxh3_64()
-    out: list[int] = []
-    for buffer in buffers:
-        digest.update(buffer)
-        out.append(digest.intdigest())
-    return out
-
-
 class BlockDigester:
     """Computes digests of a dataset's blocks from rows that arrive in small batches."""
 

@@ -12,13 +12,8 @@ import secrets
 import shutil
 import stat
 import time
-from collections import deque
 from collections.abc import Generator, Sequence
-from itertools import islice
 from pathlib import Path
-
-_BUFFERS_MOST = 1024  # IOV_MAX of Linux
-_BLOCK_BYTES = 1 << 22
 
 Buffer = memoryview | bytes | bytearray
 """Bytes to write; a memoryview must have items of one byte."""
@@ -137,82 +132,11 @@ def write_temporary(path: Path, content: memoryview) -> None:
         os.close(handle)
 
 
-def append_at(
-    path: Path,
-    end: int,
-    buffers: Sequence[Buffer],
-    *,
-    front: Buffer = b"",
-    durable: bool = True,
-    fresh: bool = False,
-) -> None:
-    """Append to a file after its first `end` bytes; bytes beyond `end` are dropped.
-
-    front: overwrites the file's first bytes. durable: sync the file to the disk before returning. fresh: create the
-    file, or empty it, and fill `end` bytes with zeros. Without fresh a missing or shortened file is an error: zeros
-    never replace bytes that another process removed.
-
-    Raises:
-        OSError: From the system, or the file has fewer than `end` bytes. The first `end` bytes are unchanged then,
-            except for the front.
-    """
-    flags = os.O_WRONLY | os.O_NOFOLLOW | os.O_CLOEXEC
-    handle = os.open(path, flags | (os.O_CREAT | os.O_TRUNC if fresh else 0), 0o666)
-    try:
-        if not fresh:
-            require_size(handle, path, end)
-        if os.fstat(handle).st_size != end:  # a failed or killed write left more, or the file is new
-            os.ftruncate(handle, end)
-        _write_at(handle, end, buffers)
-        _write_at(handle, 0, [front])
-        if durable:
-            os.fsync(handle)
-    except OSError:
-        with contextlib.suppress(OSError):
-            if os.fstat(handle).st_size > end:
-                os.ftruncate(handle, end)
-        raise
-    finally:
-        os.close(handle)
-
-
-def require_size(handle: int, path: Path, end: int) -> None:
-    """Raise OSError if an open file has fewer than the `end` bytes that were written."""
-    size = os.fstat(handle).st_size
-    if size < end:
-        raise OSError(errno.EIO, f"{path.name} has {size} bytes, of {end} that were written: it was cut off")
-
-
-def copy_range(source: Path, path: Path, first: int, stop: int, *, fresh: bool = False) -> None:
-    """Copy bytes `first` to `stop` of a file to the same offsets of `path`, and sync them; raises OSError.
-
-    fresh: create `path`, or empty it; otherwise it must exist.
-    """
-    with source.open("rb") as stream:
-        flags = os.O_WRONLY | os.O_NOFOLLOW | os.O_CLOEXEC
-        handle = os.open(path, flags | (os.O_CREAT | os.O_TRUNC if fresh else 0), 0o666)
-        try:
-            while first < stop:
-                block = os.pread(stream.fileno(), min(_BLOCK_BYTES, stop - first), first)
-                if not block:
-                    raise OSError(errno.EIO, f"{source} ends at {first} bytes, before {stop}")
-                _write_at(handle, first, [block])
-                first += len(block)
-            os.fsync(handle)
-        finally:
-            os.close(handle)
-
-
-def _write_at(handle: int, offset: int, buffers: Sequence[Buffer]) -> None:
-    """Write buffers one after another to an open file, starting at an offset; raises OSError."""
-    left = deque(memoryview(buffer) for buffer in buffers if len(buffer))
-    while left:
-        count = os.pwritev(handle, list(islice(left, _BUFFERS_MOST)), offset)
-        offset += count
-        while left and count >= len(left[0]):
-            count -= len(left.popleft())
-        if count:
-            left[0] = left[0][count:]
+def write_buffers(path: Path, buffers: Sequence[Buffer]) -> None:
+    """Write buffers one after another into a new file, or anew, without syncing it; raises OSError."""
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
+    with os.fdopen(os.open(path, flags, 0o666), "wb") as stream:
+        stream.writelines(buffers)
 
 
 def publish(temporary: Path, path: Path) -> None:

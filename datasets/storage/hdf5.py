@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from ..errors import ContourFileError, Hdf5Error, name_nothing
 from ..known_names import likely_file
 from .digests import DigestTable
-from .hdf5_chunks import chunk_addresses
 from .hdf5_opening import Attribute, open_hdf5
 from .hdf5_structure import Structure
 from .proven_rows import ProvenRows
@@ -128,11 +127,6 @@ class Hdf5Reader:
         for first in range(0, shape[0], _BLOCK_ROWS):
             self.read(name, first, first + _BLOCK_ROWS)
 
-    def chunk_addresses(self, name: str) -> list[int]:
-        """File offsets of a dataset's chunks [byte], in the order of its rows."""
-        with _failures(self.path, name):
-            return chunk_addresses(self._opened.dataset(name))
-
     def attribute(self, name: str, key: str) -> Attribute | None:
         """An attribute of a group or dataset; None if it does not exist."""
         with _failures(self.path, f"attribute {key} of {name}"):
@@ -159,22 +153,7 @@ class Hdf5Reader:
 _SPECS = {spec.path: spec for spec in (*FIELDS, DIGESTS)}
 
 
-class Layouts(Protocol):
-    """Anything with dtypes and shapes of datasets: an `Hdf5Reader`, or a part of a file that is not sealed yet."""
-
-    @property
-    def path(self) -> Path:
-        """Path for error messages."""
-        ...
-
-    def __contains__(self, name: str) -> bool: ...
-
-    def layout(self, name: str) -> tuple[np.dtype[Any], tuple[int, ...]]:
-        """Dtype and shape of a dataset."""
-        ...
-
-
-def require_fitting(file: Layouts, fields: tuple[Field, ...], pose_count: int) -> None:
+def require_fitting(file: Hdf5Reader, fields: tuple[Field, ...], pose_count: int) -> None:
     """Raise ContourFileError if row counts of a group's fields contradict each other or the number of poses."""
     shapes = {spec.path: file.layout(spec.path)[1] for spec in fields if spec.path in file}
     counts, problems = count_problems(shapes, fields)

@@ -104,20 +104,3 @@ def _refuse_bomb(dataset: Any, own: Declared, place: tuple[int, ...], nominal: i
         raise Hdf5Error(f"{own.path} is damaged: chunk {list(place)} cannot be inflated: {error}") from None
     if len(inflated) > most:
         raise Hdf5Error(f"{own.path} is damaged: chunk {list(place)} inflates to more than its {nominal} bytes")
-
-
-def chunk_addresses(dataset: Any) -> list[int]:
-    """File offsets of a dataset's chunks [byte], in the order of its rows; empty for a dataset without chunks."""
-    if dataset.chunks is None:
-        return []
-    chunks: list[tuple[tuple[int, ...], int]] = []
-
-    def note(chunk: Any) -> None:
-        chunks.append((chunk.chunk_offset, chunk.byte_offset))
-
-    if hasattr(dataset.id, "chunk_iter"):  # h5py has it with HDF5 1.12.3 and newer
-        dataset.id.chunk_iter(note)
-    else:
-        for k in range(dataset.id.get_num_chunks()):
-            note(dataset.id.get_chunk_info(k))
-    return [address for _, address in sorted(chunks)]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import secrets
+import struct
 from collections.abc import Collection, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import Hdf5Error, SweepStoreError, name_nothing
-from .chunk_index import with_checksum
-from .durable import Buffer, append_at, discard, temporary_name, whole_file
+from .checksum import lookup3
+from .durable import Buffer, discard, temporary_name, whole_file, write_buffers
 from .hdf5 import FAILURES, reason_of
 from .hdf5_opening import StrictFile, open_hdf5
 from .hdf5_structure import h5py
@@ -35,7 +36,7 @@ BOOL = "bool"
 """Attribute `dtype` of a column of 0 and 1 that is true and false, as xarray has it."""
 
 _FORMAT = ("v108", "v108")  # object headers with checksums, and files that every reader of today reads
-_SUPERBLOCK_BYTES = 48
+_SUPERBLOCK_BYTES, _CHECKSUM_AT = 48, 44  # of version 2
 _INT_LEAST, _INT_MOST = -(1 << 63), (1 << 63) - 1
 
 
@@ -169,7 +170,8 @@ def image_of(file: Any) -> memoryview:
     """
     file.flush()
     image: bytes = file.id.get_file_image()
-    superblock = with_checksum(image[:_SUPERBLOCK_BYTES])
+    head = image[:_CHECKSUM_AT]
+    superblock = head + struct.pack("<I", lookup3(head))
     return memoryview(image if image.startswith(superblock) else superblock + image[_SUPERBLOCK_BYTES:])
 
 
@@ -184,11 +186,11 @@ def write_whole(path: Path, *buffers: Buffer, durable: bool = True) -> None:
     """
     if durable:
         with whole_file(path) as temporary:
-            append_at(temporary, 0, buffers, durable=False, fresh=True)
+            write_buffers(temporary, buffers)
         return
     temporary = temporary_name(path)
     try:
-        append_at(temporary, 0, buffers, durable=False, fresh=True)
+        write_buffers(temporary, buffers)
         os.replace(temporary, path)
     except OSError:
         discard(temporary)

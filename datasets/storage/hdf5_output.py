@@ -16,11 +16,39 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import ContourFileError
 from .digests import ATTRIBUTE, BlockDigester, Digests, digests_text
-from .hdf5_image import FORMAT, create_dataset, fixed_text
 from .hdf5_opening import Attribute
 from .hdf5_structure import h5py
 from .schema import CHUNK_ROWS, DIGESTS, Field
+
+FILL = {"f": np.nan, "i": -1, "u": 255}
+"""A chunk that was never written must show: no field has one of these values by right."""
+
+FORMAT = ("v108", "v108")
+"""HDF5 1.8's format, which every reader of today reads: its object headers carry checksums, so that damage to them is
+an error; with older headers libhdf5 can read for ever. Not newer: those mark a file as open for writing."""
+
+
+def fixed_text(text: str) -> Any:
+    """Text of fixed length: HDF5 keeps it in the checksummed header, not in a heap without checksum."""
+    raw = text.encode()
+    return np.array(raw, h5py.string_dtype("utf-8", max(1, len(raw))))
+
+
+def create_dataset(file: Any, spec: Field, shape: tuple[int, ...], *, gzip: int = 0) -> Any:
+    """Make a dataset of a final shape without content, in chunks with checksums; one without elements is contiguous."""
+    chunked: dict[str, Any] = {}
+    if 0 not in shape:
+        chunked = {"chunks": (min(CHUNK_ROWS, shape[0]), *shape[1:]), "fletcher32": True}
+        if gzip:
+            chunked |= {"compression": "gzip", "compression_opts": gzip, "shuffle": True}
+    dataset: Any = file.create_dataset(
+        spec.path, shape=shape, dtype=spec.dtype, fillvalue=FILL[spec.dtype.kind], track_times=False, **chunked
+    )
+    dataset.attrs["units"] = fixed_text(spec.unit)
+    dataset.attrs["frame"] = fixed_text(spec.frame)
+    return dataset
 
 
 class Hdf5Output:
@@ -29,6 +57,7 @@ class Hdf5Output:
     def __init__(self, file: Any, gzip: int) -> None:
         self._file = file
         self._gzip = gzip
+        self._datasets: dict[Field, Any] = {}
         self._written: dict[Field, int] = {}
         self._digesters: dict[Field, BlockDigester] = {}
         self._attributes: dict[str, dict[str, Attribute]] = {}
@@ -39,14 +68,14 @@ class Hdf5Output:
 
     def begin(self, spec: Field, shape: tuple[int, ...]) -> None:
         """Make a dataset of a final shape."""
-        create_dataset(self._file, spec, shape, gzip=self._gzip)
+        self._datasets[spec] = create_dataset(self._file, spec, shape, gzip=self._gzip)
         self._written[spec], self._digesters[spec] = 0, BlockDigester(CHUNK_ROWS)
 
     def append(self, spec: Field, rows: NDArray[Any]) -> None:
         """Write the next rows of a dataset."""
         if rows.size:
             first = self._written[spec]
-            self._file[spec.path][first : first + len(rows)] = rows
+            self._datasets[spec][first : first + len(rows)] = rows
             self._written[spec] += len(rows)
             self._digesters[spec].add(rows)
 
@@ -56,9 +85,12 @@ class Hdf5Output:
         self.append(spec, array)
 
     def finish(self) -> None:
-        """Write digests and attributes."""
+        """Write digests and attributes; raises ContourFileError if a dataset did not get all of its rows."""
+        for spec, count in self._written.items():
+            if count != (size := self._datasets[spec].shape)[0] and 0 not in size:
+                raise ContourFileError(f"{spec.path} got {count} rows, expected {size[0]}")
         digests: dict[Field, Digests] = {spec: digester.finish() for spec, digester in self._digesters.items()}
-        datasets = {spec.path: (self._file[spec.path].shape, own) for spec, own in digests.items()}
+        datasets = {spec.path: (self._datasets[spec].shape, own) for spec, own in digests.items()}
         text = digests_text(datasets, self._attributes, CHUNK_ROWS)
         self.add(DIGESTS, np.concatenate([np.zeros(0, np.uint64), *digests.values()]))
         self.attributes("/", {ATTRIBUTE: text})
@@ -110,12 +142,10 @@ class _Stream:
         flags = os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC | os.O_NOFOLLOW
         self._handle = os.open(path, flags, 0o666)
         self._at = 0
+        self._size = 0  # as libhdf5 believes: where it is told another, it cannot close the file, and crashes at exit
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        size = 0
-        with self._kept_failure():
-            size = os.fstat(self._handle).st_size
-        self._at = {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: size}[whence] + offset
+        self._at = {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self._size}[whence] + offset
         return self._at
 
     def tell(self) -> int:
@@ -141,11 +171,13 @@ class _Stream:
                     raise OSError(errno.EIO, "nothing was written")
                 left = left[count:]
         self._at += len(content)
+        self._size = max(self._size, self._at)
         return len(content)
 
     def truncate(self, size: int) -> int:
         with self._kept_failure():
             os.ftruncate(self._handle, size)
+        self._size = size
         return size
 
     def flush(self) -> None:

@@ -5,8 +5,9 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import perf_counter
 
+from ...datasets.contour_file.blocks import work_folder
 from ...datasets.contour_file.check import check_file, unproven_content
-from ...datasets.contour_file.parts import work_folder
+from ...datasets.contour_file.reader import ContourFile
 from ...datasets.contour_file.unknown_content import unknown_content
 from ...datasets.counted import counted
 from ...datasets.errors import ContourFileError, name_nothing
@@ -129,15 +130,9 @@ def run_render(options: dict, *, as_json: bool) -> int:
         motion = insert_poses(
             solid, hand, motion, strategy, distance=job.interpolate, object_pose=object_pose, device=devices[0]
         )
-    done, ahead = len(motion), CompilingAhead(PLAYING_STAGES)
+    ahead = CompilingAhead(PLAYING_STAGES)
     try:
-        with ahead, bars.progress_bar("poses", quiet=as_json) as bar:
-
-            def progress(count: int, total: int) -> None:
-                nonlocal done
-                done = count
-                bar(count, total)
-
+        with ahead, bars.progress_bar("poses rendered, saved every 10 s", quiet=as_json) as bar:
             recording = record(
                 job.out,
                 solid,
@@ -149,10 +144,10 @@ def run_render(options: dict, *, as_json: bool) -> int:
                 devices=devices,
                 memory=job.memory,
                 gzip=job.gzip,
-                progress=progress,
+                progress=bar,
             )
     except KeyboardInterrupt:
-        message = f"interrupted: {done} of {len(motion)} poses are done and kept, --resume goes on"
+        message = f"interrupted: {poses_saved(job.out)} of {len(motion)} poses are saved, --resume goes on"
         return console.fail(message, console.FAILED, as_json)
     seconds = perf_counter() - started
     for repair in recording.repairs:
@@ -194,6 +189,19 @@ def run_info(files: list[Path], options: dict, pressure: bool, *, as_json: bool)
             raise StrategyError(f"{file} is a sweep's store: palpate sweep status {file} shows it")
     for file in files:
         show_info(file, options, pressure, as_json=as_json)
+
+
+def poses_saved(file: Path) -> int:
+    """Poses of a rendering that was stopped which its folder holds, or the file if it is whole; 0 if neither is read.
+
+    The folder goes first: beside it, the file is the old one that the rendering would have replaced.
+    """
+    folder = work_folder(file)
+    try:
+        with ContourFile(folder if folder.is_dir() else file) as contours:
+            return sum(stop - first for first, stop in contours.done)
+    except ContourFileError:
+        return 0
 
 
 def _is_begun(file: Path) -> bool:

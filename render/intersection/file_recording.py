@@ -9,8 +9,8 @@ from typing import Literal
 
 import numpy as np
 
+from ...datasets.contour_file.blocks import work_folder
 from ...datasets.contour_file.header import FileHeader
-from ...datasets.contour_file.parts import readable_parts, work_folder
 from ...datasets.contour_file.reader import ContourFile
 from ...datasets.contour_file.writer import ContourWriter
 from ...datasets.errors import ContourFileError, DatasetError
@@ -106,7 +106,9 @@ def record(
     gzip: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Recording:
-    """Render a motion into a contour file; what was reported done survives a kill and a full disk.
+    """Render a motion into a contour file; but for the last ten seconds, what was rendered survives a kill.
+
+    A full disk costs nothing that was rendered before, and leaving by an exception or Ctrl-C keeps all.
 
     solid, hand, motion, strategy: objects, or names and files, as for `render`.
     mode: "create" refuses an existing file, unless it holds no contour; "resume" goes on with an unfinished one of the
@@ -115,7 +117,7 @@ def record(
     object that moves, see `object_poses`. devices: one worker on each of these Warp devices, by default one on
     `device`; the file is the same. memory: budget of all chunks, computed or written [byte], by default 512 MB or
     more; the motion itself (36 bytes a pose) and the object come on top.
-    progress: called with the poses that are done, safe on the disk, and with all.
+    progress: called with the poses that are rendered, and with all.
     Raises MeshError, StrategyError, MotionError and warns as `render` does; ContourFileError for what the file refuses.
 
     >>> from palpate.render import ContourFile, Palm, record, static_pose
@@ -137,8 +139,7 @@ def record(
         rendered = sum(stop - first for first, stop in missing)
         done = len(motion) - rendered
         folder = work_folder(Path(path))  # none where the file is complete
-        earlier = readable_parts(folder)[0] if folder.is_dir() else []
-        drawn = sum(part.rows.count("polyline") for part in earlier)
+        drawn = polylines_before(folder) if done and folder.is_dir() else 0
         removed_any = False
         job.report(done)
         chunks = rendered_chunks(job, missing)
@@ -151,12 +152,18 @@ def record(
                 removed_any |= removes_any(chunk.removed)
                 job.report(done)
                 raise_if_interrupted()
-        if (rendered or earlier) and not drawn and (old_count := polylines_in(path)):
+        if folder.is_dir() and not drawn and (old_count := polylines_in(path)):
             writer.close()
             discard_tree(folder)
             raise ContourFileError(unchanged_text(path, old_count, scene, motion, removed_any=removed_any))
         writer.seal(gzip=gzip)
         return Recording(Path(path), len(motion), rendered, writer.repairs)
+
+
+def polylines_before(folder: Path) -> int:
+    """Number of polylines of what an unfinished rendering has committed."""
+    with ContourFile(folder) as file:
+        return file.polyline_count
 
 
 def polylines_in(path: str | Path) -> int | None:

@@ -1,8 +1,7 @@
 """Headers, ragged batches and crashes for the tests of the contour file; batches are plain NumPy."""
 
 import json
-import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -12,11 +11,9 @@ import numpy as np
 import pytest
 import xxhash
 
-from palpate.datasets.contour_file import assembly, part_log, part_reader, parts, seal
-from palpate.datasets.contour_file import rows as rows_module
 from palpate.datasets.contour_file.header import FileHeader
 from palpate.datasets.contour_file.writer import ContourWriter
-from palpate.datasets.storage import hdf5_image, hdf5_output
+from palpate.datasets.storage import hdf5_output
 from palpate.datasets.storage.schema import PRUNED_NAMES
 
 Batch = dict[str, np.ndarray]
@@ -142,18 +139,24 @@ def cut_contours(contours: Batch, first: int, stop: int) -> Batch:
     return cut
 
 
-def write_ranges(writer: ContourWriter, contours: Batch, ranges: Iterable[tuple[int, int]]) -> None:
+def write_ranges(
+    writer: ContourWriter, contours: Batch, ranges: Iterable[tuple[int, int]], *, held: bool = False
+) -> None:
+    """Write ranges of poses, each of them committed when this returns unless they are to be held."""
     for first, stop in ranges:
         part = cut_contours(contours, first, stop)
         writer.write(first, stop, part, make_metrics(part), {"raw": 0.25})
+        if not held:
+            writer.commit()
 
 
 def write_file(path: Path, contours: Batch, *, chunk: int = 4, mode: Any = "create", **changes: Any) -> FileHeader:
     """A sealed file, written in chunks of `chunk` poses."""
     count = len(contours["pose_start"]) - 1
     header = make_header(count, **changes)
+    ranges = [(first, min(first + chunk, count)) for first in range(0, count, chunk)]
     with ContourWriter(path, header, mode=mode) as writer:
-        write_ranges(writer, contours, [(first, min(first + chunk, count)) for first in range(0, count, chunk)])
+        write_ranges(writer, contours, ranges, held=True)
         writer.seal()
     return header
 
@@ -166,47 +169,11 @@ def assert_same(got: Batch, want: Batch) -> None:
         np.testing.assert_array_equal(got[name], array, err_msg=name)
 
 
-class Killed(BaseException):
-    """Stands for SIGKILL: nothing that handles errors handles it."""
-
-
-@contextmanager
-def killed_at(step: int) -> Iterator[None]:
-    """Raise Killed in place of the `step`-th system call that changes the disk; a write dies half done."""
-    names = ("mkdir", "write", "pwritev", "ftruncate", "fsync", "replace", "unlink", "rmdir")
-    real: dict[str, Callable[..., Any]] = {name: getattr(os, name) for name in names}
-    left = step
-
-    def counted(name: str) -> Callable[..., Any]:
-        def call(*args: Any, **options: Any) -> Any:
-            nonlocal left
-            left -= 1
-            if left < 0:
-                if name == "write" and left == -1:
-                    real["write"](args[0], args[1][: len(args[1]) // 2])
-                if name == "pwritev" and left == -1:
-                    content = b"".join(args[1])
-                    real["pwritev"](args[0], [content[: len(content) // 2]], args[2])
-                raise Killed
-            return real[name](*args, **options)
-
-        return call
-
-    try:
-        for name in names:
-            setattr(os, name, counted(name))
-        yield
-    finally:
-        for name in names:
-            setattr(os, name, real[name])
-
-
 @contextmanager
 def small_chunks(rows: int = 7) -> Iterator[None]:
     """Many HDF5 chunks in a few rows."""
     with pytest.MonkeyPatch.context() as patch:
-        for module in (assembly, hdf5_image, hdf5_output, part_log, part_reader, parts, rows_module, seal):
-            patch.setattr(module, "CHUNK_ROWS", rows)
+        patch.setattr(hdf5_output, "CHUNK_ROWS", rows)
         yield
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 CHANGING = (
-    "open", "write", "pwrite", "pwritev", "ftruncate", "truncate", "posix_fallocate", "fsync", "fdatasync", "replace",
+    "open", "write", "pwrite", "ftruncate", "truncate", "posix_fallocate", "fsync", "fdatasync", "replace",
     "rename", "link", "unlink", "mkdir", "rmdir", "close", "fstat",
 )  # fmt: skip
 """Calls that make, change, sync or remove files, and those that they need."""
@@ -46,21 +46,22 @@ class Faults:
     error: int = errno.EIO
     is_torn: bool = False
     """Whether a write that fails leaves its first half."""
-    calls: int = 0
+    names: list[str] = field(default_factory=list)
+    """All calls that were made."""
     failed: list[str] = field(default_factory=list)
 
     def __call__(self, name: str, real: Callable[..., Any]) -> Callable[..., Any]:
         def call(*args: Any, **options: Any) -> Any:
             if name == "close":  # what a sync has on the disk, no close takes back
                 return real(*args, **options)
-            number, self.calls = self.calls, self.calls + 1
+            number = len(self.names)
+            self.names.append(name)
             if number not in self.numbers:
                 return None if name in SYNCS else real(*args, **options)  # no power is cut here
             self.failed.append(name)
-            if self.is_torn and name in ("write", "pwrite", "pwritev"):
-                content = b"".join(bytes(part) for part in args[1]) if name == "pwritev" else bytes(args[1])
-                half = content[: len(content) // 2]
-                real(args[0], [half] if name == "pwritev" else half, *args[2:])
+            if self.is_torn and name in ("write", "pwrite"):
+                content = bytes(args[1])
+                real(args[0], content[: len(content) // 2], *args[2:])
             raise OSError(self.error, os.strerror(self.error))
 
         return call
@@ -228,10 +229,6 @@ class Disk:
 
     def _note_write(self, count: int, before: int, handle: int, content: Any) -> bool | None:
         return self._note_pwrite(count, 0, handle, content, before)
-
-    def _note_pwritev(self, count: int, before: int, handle: int, buffers: Any, offset: int, *rest: Any) -> bool | None:
-        del rest
-        return self._note_pwrite(count, before, handle, b"".join(bytes(one) for one in buffers), offset)
 
     def _note_pwrite(self, count: int, before: int, handle: int, content: Any, offset: int) -> bool | None:
         del before

@@ -489,7 +489,7 @@ def run_check(path: Path) -> Any:
 
 READERS: tuple[Reader, ...] = (
     Reader("contours", contour_seeds, read_contours, True),
-    Reader("partial", partial_seeds, resume, True, ("*.log", "*.rows", "header.h5")),
+    Reader("partial", partial_seeds, resume, True, ("poses-*.h5", "header.h5")),
     Reader("motion-csv", partial(motion_seeds, ".csv"), read_motion),
     Reader("motion-hdf5", partial(motion_seeds, ".h5"), read_motion),
     Reader("recording", recording_seeds, read_recording),

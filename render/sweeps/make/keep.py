@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
+from ....datasets.contour_file.blocks import work_folder
 from ....datasets.contour_file.check import check_file
-from ....datasets.contour_file.parts import work_folder
 from ....datasets.contour_file.reader import ContourFile
 from ....datasets.errors import ContourFileError
 from ....datasets.focus_files.frame_file import FrameField, FrameFile

@@ -10,7 +10,6 @@ from contour_cases import everything, make_contours, make_header, redigest, smal
 
 from palpate.datasets.contour_file import check
 from palpate.datasets.contour_file.check import check_file
-from palpate.datasets.contour_file.parts import part_logs
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.contour_file.writer import ContourWriter
 from palpate.datasets.errors import ContourFileError
@@ -250,19 +249,15 @@ def test_damage_in_a_file_being_written_is_told_and_not_read(path):
     contours = make_contours(40)
     with small_chunks(), ContourWriter(path, make_header(40)) as writer:
         write_ranges(writer, contours, [(0, 10), (10, 20), (20, 30)])
-        rows = path.with_name("out.h5.partial") / "poses-000000000000.rows"
-        with ContourFile(path) as file:
-            parts = file.parts()[1]
-            address = parts[0][0].part.rows.addresses[0][0]
-        flip(rows, address + 5)
-        assert any(
-            "/contours/points is damaged: a chunk is not what was written" in problem for problem in check_file(path)
-        )
+        block = path.with_name("out.h5.partial") / "poses-000000000000-000000000010.h5"
+        with h5py.File(block) as file:
+            address = file["/contours/points"].id.get_chunk_info(0).byte_offset
+        flip(block, address + 5)
+        assert any(f"{block}: /contours/points is damaged" in problem for problem in check_file(path))
         with ContourFile(path) as file, pytest.raises(ContourFileError, match="points is damaged"):
             file.contours(0, 5)
-        flip(rows, address + 5)
-        log = part_logs(rows.parent)[0]
-        flip(log, log.stat().st_size - 3)
+        flip(block, address + 5)
+        flip(block.with_name("poses-000000000020-000000000030.h5"), 3)  # of HDF5's signature
         problems = check_file(path)
         assert "20 of 40 poses are done" in problems[0]
-        assert problems[1:] == [f"{log} is truncated or damaged after pose 20"]
+        assert [problem for problem in problems[1:] if "poses-000000000020-000000000030.h5 is not an HDF5" in problem]

@@ -1,4 +1,4 @@
-"""Whatever fails while a contour file is written, what was reported done is there, and resuming completes it."""
+"""Whatever fails while a contour file is written, what was committed is there, and resuming completes it."""
 
 import os
 import resource
@@ -11,13 +11,10 @@ from pathlib import Path
 
 import pytest
 from contour_cases import (
-    Killed,
     assert_same,
     cut_contours,
-    killed_at,
     make_contours,
     make_header,
-    small_chunks,
     write_file,
     write_ranges,
 )
@@ -38,51 +35,35 @@ def assert_whole(path, contours):
 
 
 def assert_kept(path, contours, done):
-    """Every range reported done is readable and right."""
+    """Every range committed is readable and right."""
     if done:
         with ContourFile(path) as file:
             for first, stop in done:
                 assert_same(file.contours(first, stop), cut_contours(contours, first, stop))
 
 
-def test_rows_are_on_the_disk_before_their_record_and_the_record_before_they_are_done(tmp_path, monkeypatch):
+def test_a_block_is_on_the_disk_before_it_has_its_name_and_the_name_before_it_is_committed(tmp_path, monkeypatch):
     contours = make_contours(20)
-    with small_chunks(), ContourWriter(tmp_path / "out.h5", make_header(20)) as writer:
-        write_ranges(writer, contours, [(0, 2)])
-        calls: list[str] = []
+    with ContourWriter(tmp_path / "out.h5", make_header(20)) as writer:
+        write_ranges(writer, contours, [(0, 20)], held=True)
+        calls: list[tuple[str, str, int]] = []
         opened: dict[int, str] = {}
-        real_open = os.open
+        real_open, real_fsync, real_replace = os.open, os.fsync, os.replace
 
         def noted_open(path, *args):
-            handle = real_open(path, *args)
-            opened[handle] = Path(path).suffix
+            opened[handle := real_open(path, *args)] = Path(path).name
             return handle
 
         monkeypatch.setattr(os, "open", noted_open)
-        for name in ("pwritev", "fsync"):
-            real = getattr(os, name)
-            monkeypatch.setattr(
-                os, name, lambda handle, *args, n=name, r=real: (calls.append(n + opened[handle]), r(handle, *args))[1]
-            )
-        write_ranges(writer, contours, [(2, 20)])
-    assert calls == ["pwritev.rows", "fsync.rows", "pwritev.log", "fsync.log"]
-
-
-@pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize("step", [0, 1, 2, 3])
-def test_what_an_interrupted_write_left_is_not_found_behind_a_shorter_one(tmp_path, step):
-    path, contours = tmp_path / "out.h5", make_contours(40)
-    with small_chunks():
-        with ContourWriter(path, make_header(40)) as writer:
-            write_ranges(writer, contours, [(0, 4)])
-            with pytest.raises(Killed), killed_at(step):
-                write_ranges(writer, contours, [(4, 40)])
-            write_ranges(writer, contours, [(4, 6)])
-        with ContourWriter(path, make_header(40), mode="resume") as writer:
-            assert (writer.missing(), writer.repairs) == ([(6, 40)], ())
-            write_ranges(writer, contours, [(6, 40)])
-            writer.seal()
-        assert_whole(path, contours)
+        monkeypatch.setattr(os, "fsync", lambda h: (calls.append(("sync", opened[h], writer.committed)), real_fsync(h)))
+        monkeypatch.setattr(
+            os, "replace", lambda a, b: (calls.append(("name", Path(b).name, writer.committed)), real_replace(a, b))
+        )
+        writer.commit()
+        monkeypatch.undo()
+        assert writer.committed == 20
+    block = "poses-000000000000-000000000020.h5"
+    assert calls == [("sync", block + ".tmp", 0), ("name", block, 0), ("sync", "out.h5.partial", 0)]
 
 
 @pytest.mark.exhaustive
@@ -114,33 +95,31 @@ def file_size_limit(size):
         resource.setrlimit(resource.RLIMIT_FSIZE, old)
 
 
-@pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize(("limit", "rows"), [(60_000, 8192), (80_000, 7)], ids=["log", "rows"])
-def test_poses_over_the_file_size_limit_fail_alone(tmp_path, limit, rows):
+def test_poses_over_the_file_size_limit_fail_alone(tmp_path):
     path, contours = tmp_path / "out.h5", make_contours(800)
-    with small_chunks(rows), ContourWriter(path, make_header(800)) as writer:
+    with ContourWriter(path, make_header(800)) as writer:
         write_ranges(writer, contours, [(0, 10)])
         with (
-            file_size_limit(limit),
+            file_size_limit(60_000),
             pytest.raises(
                 ContourFileError, match=r"cannot write poses 10 to 800: File too large.* 10 poses .*mode=.resume"
             ),
         ):
             write_ranges(writer, contours, [(10, 800)])
-        assert writer.missing() == [(10, 800)]
+        assert writer.missing() == []  # what could not be committed is still held
+        assert writer.committed == 10
         assert_kept(path, contours, [(0, 10)])
-        write_ranges(writer, contours, [(10, 800)])
         writer.seal()
         assert_whole(path, contours)
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("order", [[(0, 400)], [(200, 400), (0, 200)]], ids=["in place", "copied"])
-def test_sealing_over_the_file_size_limit_keeps_everything_and_the_old_file(tmp_path, order):
+@pytest.mark.parametrize("held", [False, True])
+def test_sealing_over_the_file_size_limit_keeps_everything_and_the_old_file(tmp_path, held):
     path, contours, before = tmp_path / "out.h5", make_contours(400), make_contours(3, seed=9)
     write_file(path, before)
     with ContourWriter(path, make_header(400), mode="overwrite") as writer:
-        write_ranges(writer, contours, order)
+        write_ranges(writer, contours, [(200, 400), (0, 200)], held=held)
         with (
             file_size_limit(100_000),
             pytest.raises(ContourFileError, match=r"cannot seal: File too large.*MB are free"),

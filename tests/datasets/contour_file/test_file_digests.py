@@ -1,8 +1,6 @@
 """Digests prove what Fletcher-32 cannot; the outside truth is XXH3, by the xxhash library, of what h5py reads."""
 
 import json
-import struct
-import zlib
 
 import h5py
 import numpy as np
@@ -21,7 +19,6 @@ from contour_cases import (
 )
 
 from palpate.datasets.contour_file.check import check_file
-from palpate.datasets.contour_file.parts import part_logs
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.contour_file.writer import ContourWriter
 from palpate.datasets.errors import ContourFileError
@@ -61,12 +58,21 @@ def test_digests_are_those_of_the_documented_bytes(sealed):
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("gzip", [0, 1])
-def test_a_copy_by_libhdf5_has_the_digests_of_one_in_place(tmp_path, contours, sealed, gzip):
-    with small_chunks(), ContourWriter(tmp_path / "b.h5", make_header(30, **everything(30))) as writer:
-        write_ranges(writer, contours, [(11, 30), (0, 11)])
-        writer.seal(gzip=gzip)
-    assert check_file(tmp_path / "b.h5") == []
-    assert content_digests(tmp_path / "b.h5") == content_digests(sealed)
+def test_blocks_and_poses_held_in_any_order_are_sealed_to_the_content_of_one_write(tmp_path, contours, sealed, gzip):
+    for name, committed, held in (
+        ("none held", [(11, 30), (0, 11)], []),
+        ("held last", [(0, 11)], [(20, 30), (11, 20)]),
+        ("held between", [(20, 30), (0, 3)], [(3, 20)]),
+        ("held around", [(11, 20)], [(20, 30), (0, 11)]),
+        ("all held", [], [(0, 30)]),
+    ):
+        path = tmp_path / name
+        with small_chunks(), ContourWriter(path, make_header(30, **everything(30))) as writer:
+            write_ranges(writer, contours, committed)
+            write_ranges(writer, contours, held, held=True)
+            writer.seal(gzip=gzip)
+        assert check_file(path) == []
+        assert content_digests(path) == content_digests(sealed)
 
 
 def read_all(file):
@@ -163,69 +169,33 @@ def test_digests_that_are_none_are_refused(sealed):
             ContourFile(sealed)
 
 
-def zero_a_chunk(path):
-    with ContourFile(path) as file:
-        rows = file.parts()[1][0][0].part.rows
-    address = rows.addresses[0][0]
-    content = bytearray(rows_path(path).read_bytes())
-    content[address : address + 7 * 12 + 4] = bytes(7 * 12 + 4)
-    rows_path(path).write_bytes(content)
-
-
-def rows_path(path):
-    return path.with_name(path.name + ".partial") / "poses-000000000000.rows"
+def zero_a_chunk(block):
+    with h5py.File(block) as file:
+        chunk = file["/contours/points"].id.get_chunk_info(0)
+    content = bytearray(block.read_bytes())
+    content[chunk.byte_offset : chunk.byte_offset + chunk.size] = bytes(chunk.size)
+    block.write_bytes(content)
 
 
 def test_sealing_refuses_a_chunk_of_zeros_and_resuming_renders_it_again(tmp_path, contours):
     path = tmp_path / "out.h5"
+    block = tmp_path / "out.h5.partial" / "poses-000000000010-000000000020.h5"
     with small_chunks():
         with ContourWriter(path, make_header(30)) as writer:
             write_ranges(writer, contours, [(0, 10), (10, 20), (20, 30)])
-            zero_a_chunk(path)
+            zero_a_chunk(block)
             with ContourFile(path) as file, pytest.raises(ContourFileError, match="points is damaged"):
                 file.contours()
-            with pytest.raises(ContourFileError, match="rows 0 to 7 of /contours/points are not what was written"):
+            with pytest.raises(ContourFileError, match=f"{block.name}.* rows 0 to 7 are not what was written"):
                 writer.seal()
         assert not path.exists()
         with ContourWriter(path, make_header(30), mode="resume") as writer:
+            assert writer.missing() == [(10, 20)]
             assert len(writer.repairs) == 1
             write_ranges(writer, contours, writer.missing())
             writer.seal()
     with ContourFile(path, verify=True) as file:
         assert_same(file.contours(), contours)
-
-
-def test_a_log_without_digests_is_read(tmp_path, contours, monkeypatch):
-    """Format 1.1 had none; its records have nothing between the chunks' fields and the tails."""
-    path = tmp_path / "out.h5"
-    with small_chunks():
-        with ContourWriter(path, make_header(30)) as writer:
-            write_ranges(writer, contours, [(0, 10), (10, 20)])
-        log = part_logs(rows_path(path).parent)[0]
-        log.write_bytes(without_digests(log.read_bytes()))
-        with ContourFile(path) as file:
-            assert file.done == [(0, 20)]
-            whole = file.contours(0, 20)
-            assert file.parts()[1][0][0].part.rows.digest(0, 0) is None
-    np.testing.assert_array_equal(whole["points"], contours["points"][: len(whole["points"])])
-
-
-def without_digests(log):
-    """Records as format 1.1 wrote them (docs/formats/file-format.md)."""
-    made, at = b"", 0
-    while at < len(log):
-        (size,) = struct.unpack_from("<I", log, at)
-        payload = log[at + 12 : at + 12 + size]
-        at += 12 + size
-        (length,) = struct.unpack_from("<I", payload)
-        head, rest = json.loads(payload[4 : 4 + length]), payload[4 + length :]
-        head.pop("digests", None)
-        chunks = head.get("chunks", 0)
-        text = json.dumps(head).encode()
-        payload = struct.pack("<I", len(text)) + text + rest[:chunks] + rest[chunks + 8 * chunks :]
-        prefix = struct.pack("<II", len(payload), zlib.crc32(payload))
-        made += prefix + struct.pack("<I", zlib.crc32(prefix)) + payload
-    return made
 
 
 @pytest.mark.exhaustive(after=1)
@@ -244,7 +214,6 @@ def test_texts_of_any_length_are_sealed(tmp_path, contours, size):
 
 
 def test_a_long_list_of_stages_is_sealed(tmp_path, contours):
-    """The room for metadata does not count on it, so libhdf5 copies the rows."""
     path = tmp_path / "out.h5"
     stages = {f"stage {k} {'x' * 200}": 0.5 for k in range(200)}
     with ContourWriter(path, make_header(30)) as writer:

@@ -5,6 +5,7 @@
 
 import os
 import random
+import shutil
 
 import pytest
 from contour_cases import assert_same, cut_contours, make_contours, make_header, small_chunks, write_file, write_ranges
@@ -20,10 +21,8 @@ MORE = int(os.environ.get("PALPATE_FAULTS", "0"))
 CONTOURS, HEADER = make_contours(COUNT), make_header(COUNT)
 RANGES = [(0, 3), (3, 4), (4, 9)]
 CASES = {
-    "in order": (RANGES, 7, {}),
-    "tails": (RANGES, 8192, {}),
-    "any order": (RANGES[::-1], 7, {}),
-    "gzip": (RANGES, 7, {"gzip": 1}),
+    "ordered": (RANGES, 7, {}),
+    "reversed": (RANGES[::-1], 7, {}),
     "overwrite": (RANGES, 7, {"mode": "overwrite"}),
     "resume": (RANGES, 7, {"mode": "resume"}),
 }
@@ -52,7 +51,10 @@ def prepared(path, done, ranges, mode):
 
 
 def remains(tmp_path, case, disk_type=Disk):
-    """What power cuts leave of a rendering, each different remains once, with what was reported done by then."""
+    """What power cuts leave of a rendering, each different remains once, with what was reported done by then.
+
+    Remains that differ only in what lies under temporary names are one, as no writer reads those.
+    """
     ranges, _, options = CASES[case]
     root = tmp_path / "disk"
     root.mkdir()
@@ -65,8 +67,10 @@ def remains(tmp_path, case, disk_type=Disk):
             folder = tmp_path / f"{moments}-{number}"
             folder.mkdir()
             disk.lay_out(folder, random.Random(f"{case} {moments} {number}"), share)
-            content = [(p.relative_to(folder), p.is_file() and p.read_bytes()) for p in sorted(folder.rglob("*"))]
-            found.setdefault(repr((content, done)), (folder / "out.h5", list(done)))
+            whole = [p for p in sorted(folder.rglob("*")) if p.suffix != ".tmp"]
+            content = [(p.relative_to(folder), p.is_file() and p.read_bytes()) for p in whole]
+            if found.setdefault(repr((content, done)), (folder / "out.h5", list(done)))[0].parent != folder:
+                shutil.rmtree(folder)
         moments += 1
 
     disk = disk_type(root, cut)
@@ -116,11 +120,15 @@ def is_old(path):
 
 
 class Careless(Disk):
-    """A disk that forgets to sync files of rows, but does sync their logs: so a writer would be that forgot it."""
+    """A disk that forgets to sync blocks, but does sync their names: so a writer would be that forgot it."""
 
     def _note_fsync(self, result, before, handle):
         found = self.opened_name(handle)
-        return None if found is not None and found.suffix == ".rows" else super()._note_fsync(result, before, handle)
+        return (
+            None
+            if found is not None and found.name.startswith("poses-")
+            else super()._note_fsync(result, before, handle)
+        )
 
 
 def is_lost(path, done):
@@ -134,4 +142,4 @@ def is_lost(path, done):
 @pytest.mark.exhaustive
 def test_the_model_finds_a_sync_that_is_missing(tmp_path):
     with small_chunks(7):
-        assert any(is_lost(path, done) for path, done in remains(tmp_path, "in order", Careless))
+        assert any(is_lost(path, done) for path, done in remains(tmp_path, "ordered", Careless))

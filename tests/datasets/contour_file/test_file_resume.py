@@ -1,16 +1,16 @@
-"""Who may write a contour file: modes, recipes, locks, and parts that are not to be trusted."""
+"""Who may write a contour file: modes, recipes, locks, and blocks that are not to be trusted."""
 
+import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from contour_cases import (
-    Killed,
     assert_same,
-    killed_at,
     make_contours,
     make_header,
     make_metrics,
@@ -19,8 +19,8 @@ from contour_cases import (
     write_ranges,
 )
 
+from palpate.datasets.contour_file.blocks import block_files
 from palpate.datasets.contour_file.check import check_file
-from palpate.datasets.contour_file.parts import part_logs, read_part
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.contour_file.writer import ContourWriter
 from palpate.datasets.errors import ContourFileError
@@ -136,7 +136,7 @@ def test_overwriting_keeps_the_old_file_until_the_new_one_is_sealed(path):
 def test_overwriting_an_unfinished_rendering_begins_anew(begun):
     with ContourWriter(begun, make_header(10, strategy={}), mode="overwrite") as writer:
         assert writer.missing() == [(0, 10)]
-        assert part_logs(begun.with_name("out.h5.partial")) == []
+        assert block_files(begun.with_name("out.h5.partial")) == []
 
 
 def test_a_second_writer_is_refused(path, contours):
@@ -186,115 +186,88 @@ def resume_long(path, contours):
 
 
 @pytest.mark.exhaustive(but="1-")
-@pytest.mark.parametrize("where", ["first rows", "last rows", "record", "tails", "prefix"])
-@pytest.mark.parametrize("commit", [0, 1, 2])
-def test_damage_drops_the_poses_from_there_on_reports_it_and_they_are_rendered_again(path, long, commit, where):
-    log = part_logs(path.with_name("out.h5.partial"))[0]
-    part = read_part(log)
-    if where == "last rows":
-        flip(part.path, part.commits[commit].rows_end - 1)
-    elif where == "first rows":
-        flip(part.path, part.commits[commit - 1].rows_end if commit else part.rows.addresses[0][0])
-    elif where == "tails":
-        flip(log, part.commits[commit].log_end - 3)
+@pytest.mark.parametrize("where", ["first", "middle", "last", "short"])
+@pytest.mark.parametrize("block", [0, 1, 2])
+def test_damage_drops_its_block_alone_reports_it_and_those_poses_are_rendered_again(path, long, block, where):
+    first, stop, file = block_files(path.with_name("out.h5.partial"))[block]
+    assert (first, stop) == (10 * block, 10 * block + 10)
+    size = file.stat().st_size
+    if where == "short":
+        os.truncate(file, size // 2)
     else:
-        begin = part.commits[commit - 1].log_end if commit else part.begun_end
-        flip(log, begin + (2 if where == "prefix" else 40))
+        with h5py.File(file) as opened:
+            rows = opened["/contours/points"].id.get_chunk_info(0).byte_offset
+        flip(file, {"first": 0, "middle": rows, "last": size - 1}[where])
     missing, repairs = resume_long(path, long)
-    assert missing == [(10 * commit, 40)]
+    assert missing == ([(20, 40)] if block == 2 else [(first, stop), (30, 40)])
     assert len(repairs) == 1
-    assert f"{log.name} is truncated or damaged after pose {10 * commit}" in repairs[0]
+    assert file.name in repairs[0]
+    assert repairs[0].endswith("dropped, its poses are rendered again")
 
 
-def test_motion_and_mesh_of_a_part_that_were_damaged_are_written_again(path, long):
-    log = part_logs(path.with_name("out.h5.partial"))[0]
-    with ContourFile(path) as file:
-        pose = file.motion()["pose"][:7].tobytes()  # a chunk
-    flip(log.with_suffix(".rows"), log.with_suffix(".rows").read_bytes().index(pose) + 100)
-    assert resume_long(path, long) == ([(30, 40)], ())
-
-
-def test_rows_cut_short_are_dropped_reported_and_rendered_again(path, long):
-    rows = read_part(part_logs(path.with_name("out.h5.partial"))[0])
-    with rows.path.open("r+b") as file:
-        file.truncate((rows.commits[0].rows_end + rows.commits[1].rows_end) // 2)
-    missing, repairs = resume_long(path, long)
-    assert missing == [(10, 40)]
-    assert "is truncated or damaged" in repairs[0]
-
-
-def test_a_record_cut_short_was_never_reported_done(path, long):
-    log = part_logs(path.with_name("out.h5.partial"))[0]
-    with log.open("r+b") as file:
-        file.truncate(log.stat().st_size - 3)
-    assert resume_long(path, long) == ([(20, 40)], ())
-
-
-@pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize("content", [b"", b"not a log", bytes(500)])
-def test_a_log_that_is_none_is_dropped_and_reported(path, long, content):
-    log = part_logs(path.with_name("out.h5.partial"))[0]
-    log.write_bytes(content)
-    missing, repairs = resume_long(path, long)
-    assert missing == [(0, 40)]
-    assert f"{log.name} is truncated or damaged" in repairs[0]
-
-
-@pytest.mark.exhaustive
-def test_a_part_of_another_rendering_is_dropped_at_resume_and_refused_by_the_reader(begun, contours, tmp_path):
+def test_a_block_of_another_rendering_is_dropped_at_resume_and_refused_by_the_reader(begun, contours, tmp_path):
     with ContourWriter(tmp_path / "b.h5", make_header(10, strategy={})) as writer:
         write_ranges(writer, make_contours(10, seed=3), [(5, 7)])
-    foreign = part_logs(tmp_path / "b.h5.partial")[0]
-    for path in (foreign, foreign.with_suffix(".rows")):
-        shutil.copy(path, begun.with_name("out.h5.partial"))
-    with ContourFile(begun) as file, pytest.raises(ContourFileError, match="of another rendering"):
+    (_, _, foreign), folder = block_files(tmp_path / "b.h5.partial")[0], begun.with_name("out.h5.partial")
+    shutil.copy(foreign, folder)
+    with ContourFile(begun) as file, pytest.raises(ContourFileError, match=r"pose 5 .*not done"):
         file.contours(4, 8)
+    assert any("is of another rendering" in problem for problem in check_file(begun))
     with ContourWriter(begun, make_header(10), mode="resume") as writer:
         assert writer.missing() == [(5, 7)]
         assert "is of another rendering" in writer.repairs[0]
     resume_and_seal(begun, contours)
 
 
-def test_shards_of_an_older_palpate_are_dropped_and_reported(begun, contours):
-    shard = begun.with_name("out.h5.partial") / "poses-000000000005-000000000007-0badf00d.h5"
-    shard.write_bytes(b"HDF5")
-    with ContourWriter(begun, make_header(10), mode="resume") as writer:
-        assert writer.missing() == [(5, 7)]
-        assert writer.repairs == (f"{shard.name} is of an older palpate: dropped, its poses are rendered again",)
-    resume_and_seal(begun, contours)
+@pytest.mark.parametrize(
+    "name", ["poses-000000000000.log", "poses-000000000000.rows", "poses-000000000005-000000000007-0badf00d.h5"]
+)
+def test_a_folder_of_an_older_palpate_is_refused_and_overwriting_begins_anew(begun, contours, name):
+    older = begun.with_name("out.h5.partial") / name
+    older.write_bytes(b"older")
+    for refused in (lambda: ContourWriter(begun, make_header(10), mode="resume"), lambda: ContourFile(begun)):
+        with pytest.raises(ContourFileError, match=f"older palpate, which wrote {name}.*mode=.overwrite. begins anew"):
+            refused()
+    assert older.exists()
+    with ContourWriter(begun, make_header(10), mode="overwrite") as writer:
+        assert writer.missing() == [(0, 10)]
+        write_ranges(writer, contours, [(0, 10)])
+        writer.seal()
+    assert [own.name for own in begun.parent.iterdir()] == ["out.h5"]
 
 
-def test_overlapping_parts_are_dropped_and_reported(path, begun, contours, tmp_path):
+def test_overlapping_blocks_are_dropped_and_reported(path, begun, contours, tmp_path):
     with ContourWriter(tmp_path / "b.h5", make_header(10)) as writer:
         write_ranges(writer, contours, [(4, 7)])
-    for file in (tmp_path / "b.h5.partial").glob("poses-*"):
+    for _, _, file in block_files(tmp_path / "b.h5.partial"):
         shutil.copy(file, begun.with_name("out.h5.partial"))
     with ContourWriter(begun, make_header(10), mode="resume") as writer:
         assert writer.missing() == [(5, 7)]
-        assert "overlaps others" in writer.repairs[0]
+        assert "overlaps the poses before 5" in writer.repairs[0]
     resume_and_seal(begun, contours)
 
 
-def test_parts_without_their_header_are_refused_not_removed(begun):
+def test_blocks_without_their_header_are_refused_not_removed(begun):
     folder = begun.with_name("out.h5.partial")
     (folder / "header.h5").unlink()
     with pytest.raises(ContourFileError, match="has no header"):
         ContourWriter(begun, make_header(10), mode="resume")
-    assert len(part_logs(folder)) == 2
+    assert len(block_files(folder)) == 3
 
 
-@pytest.mark.exhaustive
 def test_leftovers_of_a_kill_are_removed_and_other_peoples_files_are_not(begun, contours):
     folder = begun.with_name("out.h5.partial")
-    with pytest.raises(Killed), ContourWriter(begun, make_header(10), mode="overwrite") as writer, killed_at(2):
-        write_ranges(writer, contours, [(5, 7)])
-    assert list(folder.glob("*.tmp"))
-    assert list(folder.glob("*.rows"))
-    (folder / "notes.txt").write_text("mine")
-    with ContourWriter(begun, make_header(10), mode="resume"):
-        assert sorted(path.name for path in folder.iterdir()) == ["header.h5", "lock", "notes.txt", "overwrite"]
+    blocks = [file.name for _, _, file in block_files(folder)]
+    for name in ("header.h5.tmp", "sealed.h5.tmp", "poses-000000000005-000000000007.h5.tmp"):
+        (folder / name).write_bytes(b"half")
+    theirs = {"notes.txt", "poses-of-mine.h5", "poses-000000000000.csv", "mine.tmp"}
+    for name in theirs:
+        (folder / name).write_text("mine")
+    with ContourWriter(begun, make_header(10), mode="resume") as writer:
+        assert writer.repairs == ()
+        assert {own.name for own in folder.iterdir()} == {"header.h5", "lock", *blocks, *theirs}
     resume_and_seal(begun, contours)
-    assert [path.name for path in folder.iterdir()] == ["notes.txt"]
+    assert {own.name for own in folder.iterdir()} == theirs
 
 
 def test_a_closed_writer_writes_no_more(path, contours):
@@ -311,7 +284,7 @@ def test_a_closed_writer_writes_no_more(path, contours):
     [
         ((0, 11), {}, "out of range, there are 10 poses"),
         ((3, 3), {}, "out of range"),
-        ((2, 4), {}, "overlap poses that are done"),
+        ((2, 4), {}, "overlap poses that were written already"),
         ((3, 5), {"points": lambda a: a.astype(np.float64)}, "/contours/points is float64, expected float32"),
         ((3, 5), {"points": lambda a: a[:, :2]}, r"/contours/points has shape .*, expected \[point, 3\]"),
         ((3, 5), {"kind": lambda a: a[1:]}, "/contours/kind has .* point rows, other fields have"),

@@ -1,7 +1,6 @@
-"""The contour file gives back what was written, whatever the shards, and is laid out as documented."""
+"""The contour file gives back what was written, whatever the blocks, and is laid out as documented."""
 
 import itertools
-import os
 import tempfile
 from pathlib import Path
 
@@ -26,7 +25,6 @@ from palpate.datasets.contour_file.check import check_file, contour_lengths
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.contour_file.writer import ContourWriter
 from palpate.datasets.errors import ContourFileError
-from palpate.datasets.storage.schema import FIELDS
 
 DOCUMENT = Path(__file__).parents[3] / "docs/formats/file-format.md"
 
@@ -70,7 +68,7 @@ def folder():
 
 @st.composite
 def renderings(draw):
-    """Contours, and the pose ranges of their shards in some order."""
+    """Contours, and the pose ranges of their blocks in some order."""
     count = draw(st.integers(1, 30))
     intensity = draw(st.booleans())
     contours = make_contours(count, seed=draw(st.integers(0, 1000)), intensity=intensity, dwell=draw(st.booleans()))
@@ -81,7 +79,7 @@ def renderings(draw):
 @pytest.mark.exhaustive
 @given(renderings(), st.data())
 @settings(max_examples=40, deadline=None)
-def test_what_is_written_in_any_shards_is_read_back_in_any_ranges(rendering, data):
+def test_what_is_written_in_any_blocks_is_read_back_in_any_ranges(rendering, data):
     contours, ranges = rendering
     count = len(contours["pose_start"]) - 1
     first = data.draw(st.integers(0, count - 1))
@@ -123,28 +121,12 @@ def test_the_header_is_read_back_as_it_was_given(folder):
         assert (file.strategy, file.hand) == (header.strategy, header.hand)
 
 
-@pytest.mark.exhaustive
-def test_the_sizes_of_shards_change_no_byte_but_in_timing(folder):
-    contours = make_contours(200)
-    with small_chunks():
-        write_file(folder / "a.h5", contours, chunk=3)
-        write_file(folder / "b.h5", contours, chunk=111)
-    with h5py.File(folder / "a.h5") as a, h5py.File(folder / "b.h5") as b:
-        for name in (spec.path for spec in FIELDS if spec.group in ("contours", "metrics") and not spec.optional):
-            assert a[name].id.get_num_chunks() == b[name].id.get_num_chunks() > 4
-            for chunk in range(a[name].id.get_num_chunks()):
-                info, other = a[name].id.get_chunk_info(chunk), b[name].id.get_chunk_info(chunk)
-                assert info == other
-                assert a[name].id.read_direct_chunk(info.chunk_offset) == b[name].id.read_direct_chunk(
-                    info.chunk_offset
-                )
-
-
-def test_shards_without_optional_fields_have_what_their_absence_means_where_others_have_them(folder):
+def test_poses_without_optional_fields_have_what_their_absence_means_where_others_have_them(folder):
     plain, some = make_contours(4, seed=1), make_contours(3, seed=2, intensity=True, dwell=True)
     with ContourWriter(folder / "a.h5", make_header(7)) as writer:
         writer.write(0, 4, plain, make_metrics(plain))
         writer.write(4, 7, some, make_metrics(some))
+        writer.commit()
         with ContourFile(folder / "a.h5") as unsealed:
             before = unsealed.contours()
         writer.seal()
@@ -214,21 +196,6 @@ def test_compression_changes_the_size_and_nothing_else(folder):
         assert_same(a.contours(), b.contours())
     assert (folder / "b.h5").stat().st_size < 0.85 * (folder / "a.h5").stat().st_size
     assert check_file(folder / "b.h5") == []
-
-
-@pytest.mark.exhaustive
-def test_poses_written_in_order_are_written_once(folder, monkeypatch):
-    """Sealing adds metadata: less than a tenth of the bytes."""
-    contours = make_contours(20_000)
-    with ContourWriter(folder / "a.h5", make_header(20_000)) as writer:
-        write_ranges(writer, contours, [(0, 5000), (5000, 20_000)])
-        counts: list[int] = []
-        real = os.pwritev
-        monkeypatch.setattr(os, "pwritev", lambda *args: (counts.append(real(*args)), counts[-1])[1])
-        writer.seal()
-    motion = make_header(20_000).pose.nbytes + 20_000 * 8
-    assert sum(counts) - motion < 0.25 * (folder / "a.h5").stat().st_size
-    assert check_file(folder / "a.h5") == []
 
 
 def test_lengths_are_those_of_a_plain_loop():

@@ -5,6 +5,7 @@ import json
 import math
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -16,8 +17,7 @@ from command_line import FAILED, MISUSED, PALPATE, answer, refused, run
 from contour_cases import redigest
 
 from palpate.datasets import ContourFile, HandMotion, check_file, static_pose
-from palpate.datasets.contour_file.parts import read_part
-from palpate.datasets.errors import ContourFileError
+from palpate.datasets.contour_file.blocks import block_files, work_folder
 from palpate.device.boards.emulator.usb_side import EmulatorBackend, Fault, FaultKind
 from palpate.device.clock import VirtualClock
 from palpate.render import record
@@ -316,17 +316,25 @@ def test_signal_switches_the_array_off(number, tmp_path):
     assert told["report"]["off_confirmed"] is True
 
 
+COMMITTING_AT_ONCE = """
+from palpate.datasets.contour_file import writer
+from palpate.render.cli.app import main
+
+writer.COMMIT_SECONDS = 0.5
+main()
+"""
+
+
 def render_command(path, *more):
     command = ["render", "tube", "exploration", "-o", str(path), "--duration", "5000", "--memory", "8", *more]
-    return [*PALPATE, *command, "--json"]
+    return [sys.executable, "-c", COMMITTING_AT_ONCE, *command, "--json"]
 
 
 def wait_for_commits(process, path, count):
-    """Until so many ranges of poses are reported done, or the process has ended."""
-    log = path.with_name(path.name + ".partial") / "poses-000000000000.log"
+    """Until so many blocks of poses are committed, or the process has ended."""
     while process.poll() is None:
-        with contextlib.suppress(ContourFileError):
-            if len(read_part(log).commits) >= count:
+        with contextlib.suppress(FileNotFoundError):
+            if len(block_files(work_folder(path))) >= count:
                 return
         time.sleep(0.005)
 
@@ -340,7 +348,9 @@ def test_interrupted_rendering_says_how_to_go_on(tmp_path):
     out, err = process.communicate(timeout=60)
     assert process.returncode == FAILED
     assert "Traceback" not in err
-    assert "of 450000 poses are done and kept, --resume goes on" in json.loads(out)["error"]
+    with ContourFile(path) as file:
+        done = sum(stop - first for first, stop in file.done)
+    assert f"interrupted: {done} of 450000 poses are saved, --resume goes on" in json.loads(out)["error"]
 
 
 @pytest.mark.exhaustive

@@ -249,6 +249,7 @@ PoseSpans.learn = lambda *_: None
 write = ContourWriter.write
 def told(self, first, stop, *rest):
     write(self, first, stop, *rest)
+    self.commit()
     print(first, stop, flush=True)
     sys.stdin.readline()
 ContourWriter.write = told

@@ -413,20 +413,26 @@ def test_a_status_that_was_asked_for_before_is_not_taken_for_the_answer_to_a_sto
 ) -> None:
     """The bridge is asked what waits without waiting for it; an old answer must not say that a later STOP was heard."""
     monkeypatch.setattr(link_module, "_LOOK_NS", 0)
+    monkeypatch.setattr(link_module, "_ANSWER_TIMEOUT", 0.3)
+    answers, left = [status(8, begun=8), status(8, begun=8)], threading.Event()
 
-    def script(peer: Peer) -> None:
+    def script(count: int, peer: Peer) -> None:
         peer.greet()
         peer.take("FOCI")
         peer.take("PING")
         peer.take("STOP")
-        peer.give(status(8, begun=1, intensity=1.0) + status(8, begun=2, dropped=6))
+        peer.give(b"".join(answers[:count]))
+        assert left.wait(TIMEOUT)
 
-    with ScriptedBridge(script) as server, open_link(MODEL, serial=server.address) as link:
-        link.start(1)
-        link.write(block(samples(8)))
-        assert link.queue_frames <= 8  # no answer has come
-        link.send_off()
-        assert link.queue_frames == 0
+    for count in (1, 2):
+        left.clear()
+        with ScriptedBridge(partial(script, count)) as server, open_link(MODEL, serial=server.address) as link:
+            link.start(1)
+            link.write(block(samples(8)))
+            assert link.queue_frames <= 8  # no answer has come
+            with pytest.raises(DeviceTimeoutError) if count == 1 else contextlib.nullcontext():
+                link.send_off()
+            left.set()
 
 
 def test_silence_counts_as_handed_over_once_the_bridge_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

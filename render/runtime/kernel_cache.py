@@ -97,8 +97,10 @@ def remove_abandoned_builds() -> None:
 def remove_own_builds() -> None:
     """Remove what this process keeps for compiling, before it ends in the middle of that."""
     runtime = getattr(sys.modules.get("warp._src.context"), "runtime", None)
-    headers = [Path(folder.name) for folder in getattr(runtime, "_pch_dirs", {}).values()]  # Warp's own, precompiled
-    for folder in (*_builds(str(os.getpid())), *headers, *(folder.parent for folder in _TEMPORARY)):
+    headers = getattr(runtime, "_pch_dirs", {})  # Warp's own, precompiled
+    folders = [Path(folder.name) for folder in headers.values()]
+    headers.clear()  # a process that goes on, as one of tests does, makes new ones
+    for folder in (*_builds(str(os.getpid())), *folders, *(folder.parent for folder in _TEMPORARY)):
         discard_tree(folder)
 
 

@@ -197,6 +197,7 @@ def test_each_broken_rule_of_a_file_with_many_is_found_and_named(sealed, breaks)
         assert any(re.search(problem, found) for found in problems), (problem, problems)
 
 
+@pytest.mark.exhaustive
 def test_each_broken_rule_of_the_header_is_found_and_named(sealed, tmp_path):
     path = tmp_path / "broken.h5"
     for change, problem in (

@@ -177,6 +177,7 @@ def zero_a_chunk(block):
     block.write_bytes(content)
 
 
+@pytest.mark.exhaustive
 def test_sealing_refuses_a_chunk_of_zeros_and_resuming_renders_it_again(tmp_path, contours):
     path = tmp_path / "out.h5"
     block = tmp_path / "out.h5.partial" / "poses-000000000010-000000000020.h5"

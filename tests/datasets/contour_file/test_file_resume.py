@@ -205,6 +205,7 @@ def test_damage_drops_its_block_alone_reports_it_and_those_poses_are_rendered_ag
     assert repairs[0].endswith("dropped, its poses are rendered again")
 
 
+@pytest.mark.exhaustive
 def test_a_block_of_another_rendering_is_dropped_at_resume_and_refused_by_the_reader(begun, contours, tmp_path):
     with ContourWriter(tmp_path / "b.h5", make_header(10, strategy={})) as writer:
         write_ranges(writer, make_contours(10, seed=3), [(5, 7)])
@@ -236,6 +237,7 @@ def test_a_folder_of_an_older_palpate_is_refused_and_overwriting_begins_anew(beg
     assert [own.name for own in begun.parent.iterdir()] == ["out.h5"]
 
 
+@pytest.mark.exhaustive
 def test_overlapping_blocks_are_dropped_and_reported(path, begun, contours, tmp_path):
     with ContourWriter(tmp_path / "b.h5", make_header(10)) as writer:
         write_ranges(writer, contours, [(4, 7)])
@@ -255,6 +257,7 @@ def test_blocks_without_their_header_are_refused_not_removed(begun):
     assert len(block_files(folder)) == 3
 
 
+@pytest.mark.exhaustive
 def test_leftovers_of_a_kill_are_removed_and_other_peoples_files_are_not(begun, contours):
     folder = begun.with_name("out.h5.partial")
     blocks = [file.name for _, _, file in block_files(folder)]

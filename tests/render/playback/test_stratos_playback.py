@@ -152,13 +152,23 @@ def test_the_command_line_plays_to_it_by_any_of_its_names(points):
 def test_the_command_line_says_what_to_start_where_no_bridge_listens(points):
     missing = "no palpate-ultraleap listens at 127.0.0.1:1"
     refused(FAILED, missing, "play", points, "--array", "stratos", "--serial", ":1")
-    refused(FAILED, "serial of a stratos is HOST:PORT", "play", points, "--array", "usx", "--serial", ":0")
+    refused(
+        FAILED,
+        "serial of a stratos is the HOST:PORT of its palpate-ultraleap",
+        "play",
+        points,
+        "--array",
+        "usx",
+        "--serial",
+        ":0",
+    )
 
 
 def test_devices_says_why_it_is_not_listed():
     told = " ".join(run("devices").output.split())
     assert (
-        "a stratos cannot be listed: --serial HOST:PORT names the place at which its palpate-ultraleap listens" in told
+        "a real stratos cannot be listed: --serial HOST:PORT names the place at which its palpate-ultraleap listens"
+        in told
     )
 
 

@@ -111,7 +111,7 @@ OF_A_BATCH = {
     "a kind": (lambda b: b.length("objct"), "did you mean 'object'?"),
     "a sampling": (lambda b: b.sample("smt"), "did you mean 'stm'?"),
     "a board without its file": (lambda b: b.play("pat16"), "calibration=BOARD.pat, emulate=True or uncalibrated=True"),
-    "another maker's array": (lambda b: b.play("ultraleap"), "known: emulator, pat16"),
+    "another maker's array": (lambda b: b.play("tinylev"), "known: emulator, pat16"),
     "a clock": (lambda b: b.play(clock="fast"), "one of monotonic, virtual"),
     "no time": (lambda b: b.play(clock="virtual", duration=0), "duration must be positive"),
     "a sampling to play": (lambda b: b.play(sampling="smt"), "did you mean 'stm'?"),

@@ -67,6 +67,7 @@ def test_answers_that_lie_on_a_curve_give_that_curve(model, sigma):
     assert (found.converged, found.note, found.freedom) == (True, "", 4)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("model", MODELS)
 @given(successes=st.lists(st.integers(0, 8), min_size=7, max_size=7))
 @example(successes=[1, 1, 6, 7, 8, 5, 4])  # a lower maximum lies nearer to the best start

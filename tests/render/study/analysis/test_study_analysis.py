@@ -209,7 +209,8 @@ def test_the_last_answer_of_a_block_that_lacks_is_named():
 
 
 @pytest.mark.parametrize(
-    ("seed", "share"), [pytest.param(1, 0.9, marks=pytest.mark.exhaustive), (2, 0.5), (3, 0.1), (4, 0.01)]
+    ("seed", "share"),
+    [*(pytest.param(*case, marks=pytest.mark.exhaustive) for case in ((1, 0.9), (2, 0.5))), (3, 0.1), (4, 0.01)],
 )
 def test_any_answers_may_lack_and_nothing_that_is_there_is_lost(seed, share):
     rng = np.random.default_rng(seed)

@@ -378,6 +378,7 @@ def test_a_line_without_an_end_is_refused(tmp_path):
         HandMotion.load(tmp_path / "a.csv")
 
 
+@pytest.mark.exhaustive
 def test_a_csv_of_short_numbers_is_counted_as_the_table_it_becomes(tmp_path):
     (tmp_path / "a.csv").write_bytes(b"x,y,z,qx,qy,qz,qw\n" + b"0,0,0,0,0,0,1\n" * (LIMIT // 15))
     with pytest.raises(MotionError, match="the table in it takes"):

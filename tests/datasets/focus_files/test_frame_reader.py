@@ -77,6 +77,7 @@ def test_they_are_read_block_by_block_and_again(tmp_path):
             stored_points(file, -1.0)
 
 
+@pytest.mark.exhaustive
 def test_options_that_mean_nothing_are_refused(tmp_path):
     path, _ = focal_points(tmp_path / "a.h5", count=700)
     assert answer("play", path, "--clock", "virtual", "--duration", "0.01", "--repeats", "2")["frames"] == 100

@@ -26,6 +26,7 @@ def same(one, other):
     return all(is_nothing) or one == other
 
 
+@pytest.mark.exhaustive
 @given(rows=st.lists(st.tuples(TEXTS, NUMBERS), min_size=1, max_size=5), constants=CONSTANTS)
 def test_what_is_read_is_what_was_written(tmp_path_factory, rows, constants):
     path = tmp_path_factory.mktemp("text") / "t.csv"

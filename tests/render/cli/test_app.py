@@ -259,6 +259,7 @@ def test_static_pose_needs_a_duration(tmp_path):
     assert told["silent"] == 0
 
 
+@pytest.mark.exhaustive
 def test_files_that_are_not_contours_are_refused(rendered, tmp_path):
     foreign, cut, text = tmp_path / "foreign.h5", tmp_path / "cut.h5", tmp_path / "text.h5"
     with h5py.File(foreign, "w") as file:

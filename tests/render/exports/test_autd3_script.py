@@ -60,6 +60,7 @@ def apart(phase, focus):
     return np.abs((phase - own + 128) % 256 - 128)
 
 
+@pytest.mark.exhaustive
 def test_the_emulated_array_plays_palpates_focal_points_and_ends_silent(tmp_path, vendor):
     focus = circle(500)
     _, path = written(tmp_path / "a.py", focus)
@@ -155,6 +156,7 @@ def test_rates_and_counts_that_the_array_does_not_take_are_refused(tmp_path):
         written(tmp_path / "a.py", circle(1))
 
 
+@pytest.mark.exhaustive
 def test_a_source_named_as_a_place_of_the_script_is_only_named(tmp_path):
     """Names of what the script's text has places for; @DATA@ once broke it."""
     path = render("tube", "palm", exploration("tube", duration=0.2, seed=1), "cc").save(tmp_path / "@DATA@ @COUNT@.h5")

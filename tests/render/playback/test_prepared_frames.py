@@ -140,6 +140,7 @@ def test_focal_points_of_a_file_are_prepared_too(tmp_path):
     assert (made.frames, playback.refused, playback.sampling) == (2500, 1, None)
 
 
+@pytest.mark.exhaustive
 def test_another_array_rate_drive_or_sampling_is_refused(frames, tmp_path):
     moved = [PlacedArray(array_model("emulator").placed([0.01, 0, 0, 0, 0, 0, 1]))]
     for array in ("pat16", "sonicsurface", moved):
@@ -188,6 +189,7 @@ def test_commands_write_show_and_check_them(contours, tmp_path):
     assert unknown_content(out) == []
 
 
+@pytest.mark.exhaustive
 def test_commands_play_them_and_replace_no_other_file(contours, frames, tmp_path):
     out = frames
     refused(MISUSED, "exists; --overwrite replaces it", "prepare", contours, "-o", out)

@@ -130,6 +130,7 @@ def test_an_array_that_is_far_from_the_object_does_not_shrink_it(tmp_path):
     assert np.ptp(figure.axes[0].get_ylim()) < 500  # [mm]
 
 
+@pytest.mark.exhaustive
 def test_a_moment_without_contour_is_warned_of_and_refused_if_it_is_the_only_one(files):
     with pytest.warns(PalpateWarning, match=r"3.00 s: no contour there; the nearest one is at 2\.\d\d s"):
         figure = contour_figure(files[:1], times=[1.0, 3.0])

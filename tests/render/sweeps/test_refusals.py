@@ -53,6 +53,7 @@ def test_a_summary_that_cannot_be_written(path, tmp_path):
     )
 
 
+@pytest.mark.exhaustive
 def test_a_baseline_that_cannot_be_updated(path, tmp_path):
     store = tmp_path / "a.sweep"
     refused_before(store, "--update-baseline needs --baseline FILE", path, "--update-baseline")
@@ -77,6 +78,7 @@ def test_a_baseline_of_another_plan(path, tmp_path):
     refused_before(tmp_path / "b.sweep", "no.h5", other, "--baseline", tmp_path / "no.h5")
 
 
+@pytest.mark.exhaustive
 def test_a_recipe_in_common_is_found_far_into_a_plan_and_a_tolerance_is_of_a_metric(path, tmp_path, monkeypatch):
     monkeypatch.setattr("palpate.render.sweeps.refusals.RECIPES_FIRST", 1)
     old = Path(made(path)["store"])

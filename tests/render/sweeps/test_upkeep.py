@@ -92,6 +92,7 @@ def test_shards_of_machines_merge_to_the_table_of_one(path, tmp_path):
     assert (again["parts_merged"], again["code_version"]) == (0, code_version())
 
 
+@pytest.mark.exhaustive
 def test_stores_of_two_code_versions_are_merged_only_if_asked(path, tmp_path):
     sources = [tmp_path / "1.sweep", tmp_path / "2.sweep"]
     rename_maker(sources[1])
@@ -185,6 +186,7 @@ def test_status_of_a_store_that_ended(path, tmp_path):
     refused(MISUSED, "is not a sweep's store", "sweep", "status", tmp_path)
 
 
+@pytest.mark.exhaustive
 def test_pruning_keeps_this_code_alone_and_waits_for_no_sweep(path, tmp_path):
     store = tmp_path / "1.sweep"
     assert answer("sweep", "prune", store)["parts_removed"] == 0

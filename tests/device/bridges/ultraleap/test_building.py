@@ -170,5 +170,6 @@ def test_it_runs_on_windows_as_wine_is(tmp_path):
     assert compare(heard, sent) == (2000, 2000, 0, 0, 0, True, True)
 
 
+@pytest.mark.exhaustive
 def test_a_program_that_is_compiled_by_hand_plays_everything(tmp_path_factory, tmp_path):
     play_everything(shared_program(tmp_path_factory), tmp_path)

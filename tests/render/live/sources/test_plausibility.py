@@ -125,6 +125,7 @@ def test_what_is_not_known_is_not_wrong():
     require_hand(np.full((26, 7), np.nan), "left")
 
 
+@pytest.mark.exhaustive
 def test_the_quick_look_accepts_nothing_that_a_recording_refuses():
     """The oracle is `HandRecording`, which checks size, side and axes of files by other code."""
     rng = np.random.default_rng(2)

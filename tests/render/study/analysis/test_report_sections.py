@@ -78,6 +78,7 @@ def test_what_is_odd_stands_in_the_first_section_and_is_kept(paper):
     assert section.text.startswith("4 of 18 participants have taken part; 4 have answered everything.")
 
 
+@pytest.mark.exhaustive
 def test_every_design_has_its_section_and_both_pages_are_made_of_them():
     plan = read_stored_study(EVERY_DESIGN, "all.toml")
     people = [Observer(seed=1, strengths=SIZES, age=30)]

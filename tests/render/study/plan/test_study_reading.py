@@ -563,6 +563,7 @@ def test_questions_are_tables(folder, asked, fault):
     assert faults(folder, HEAD + STIMULI + block + asked) == [fault]
 
 
+@pytest.mark.exhaustive
 def test_very_many_faults_are_counted(folder):
     text = PAPER + 80 * '[[question_after]]\nname = 3\ntext = "?"\nkind = "text"\n'
     found = faults(folder, text)

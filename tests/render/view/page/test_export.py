@@ -57,6 +57,7 @@ def test_the_same_files_give_the_same_bytes(tube, tmp_path):
     assert pages[0].read_bytes() == pages[1].read_bytes()
 
 
+@pytest.mark.exhaustive
 def test_what_would_fit_does_fit(tube, tmp_path):
     page = tmp_path / "tube.html"
     whole = export_page(tube, page)["bytes"]

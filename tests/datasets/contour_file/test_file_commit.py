@@ -42,6 +42,7 @@ def assert_sealed(path, contours=CONTOURS):
         assert_same(file.contours(), contours)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("error", [None, ValueError, KeyboardInterrupt, SystemExit, ContourFileError])
 def test_leaving_by_whichever_way_commits_what_is_held(path, error):
     def leave():

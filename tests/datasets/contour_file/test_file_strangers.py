@@ -71,6 +71,7 @@ def test_a_block_that_lies_with_right_digests_is_dropped_alone(begun, lie):
         assert_same(file.contours(), contours)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     ("name", "told"),
     [
@@ -104,6 +105,7 @@ def test_a_time_that_is_no_number_loses_no_poses(tmp_path):
         assert np.isnan(file.timing().seconds).all()
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("content", ["pipe", "empty", "6 GB of nothing", "link to nowhere"])
 def test_what_is_no_file_in_place_of_a_block_is_dropped_unread(begun, content):
     path = block_of(begun)
@@ -171,6 +173,7 @@ def test_more_blocks_than_may_be_open_at_once_are_read_and_sealed(tmp_path):
         assert_same(file.contours(), contours)
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("at", [2, 3, 4])
 def test_a_file_that_is_sealed_while_it_is_opened_is_read_as_sealed(tmp_path, monkeypatch, at):
     """Blocks go one by one, the header last."""
@@ -228,6 +231,7 @@ def test_permission_to_overwrite_lasts_until_the_file_is_sealed(tmp_path):
     assert sorted(own.name for own in tmp_path.iterdir()) == ["out.h5"]
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("mode", ["create", "resume", "overwrite"])
 def test_a_work_folder_that_is_a_link_is_refused_and_what_lies_there_stays(tmp_path, mode):
     theirs = tmp_path / "documents"

@@ -127,6 +127,7 @@ def link_kept(folder):
     (folder / "contours/k.h5").symlink_to("/etc/hostname")
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     ("damage", "lost", "sentence"),
     [
@@ -154,6 +155,7 @@ def test_what_is_damaged_is_left_out_and_named(tmp_path, damage, lost, sentence)
     assert (tmp_path / "all/contours/k.h5").exists() is not is_of_kept
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     "path",
     ["../../outside", "/etc/hostname", "columns/x", "contours/..", "contours/a/b", "contours/k.hdf5", "contours/\0.h5"],

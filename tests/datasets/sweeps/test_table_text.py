@@ -73,6 +73,7 @@ def test_constants_are_columns_only_if_asked_for(tmp_path, suffix):
     assert column_units(path) == ({} if suffix == ".csv" else {"length_mean": "m"})
 
 
+@pytest.mark.exhaustive
 @given(st.lists(st.floats(allow_nan=False), min_size=2, max_size=6, unique=True), st.data())
 def test_one_number_that_moves_changes_one_line(tmp_path_factory, numbers, data):
     path = tmp_path_factory.mktemp("text") / "t.csv"

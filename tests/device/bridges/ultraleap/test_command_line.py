@@ -21,6 +21,7 @@ FAULTS = {
 }
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_an_array_that_cannot_be_had_is_named(program, fault):
     done = subprocess.run(
@@ -44,6 +45,7 @@ MISUSES = {
 }
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("words", MISUSES)
 def test_a_wrong_command_line_is_misuse(program, words):
     done = subprocess.run([program, *words.split()], capture_output=True, text=True, check=False)
@@ -84,6 +86,7 @@ def test_a_port_that_is_taken_and_an_address_that_is_not_here(program):
     assert "192.0.2.1" in other.stderr
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     ("address", "is_open"), [("0.0.0.0", True), ("127.0.0.2", False), ("::1", False), ("localhost", False)]
 )

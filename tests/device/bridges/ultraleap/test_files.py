@@ -52,6 +52,7 @@ WRONG_FILES = {
 }
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("case", WRONG_FILES)
 def test_a_file_is_judged_before_the_array_is_reached(program, tmp_path, case):
     content, sentence = WRONG_FILES[case]

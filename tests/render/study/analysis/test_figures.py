@@ -11,6 +11,8 @@ import pytest
 from palpate.render.study.analysis import figures
 from palpate.render.study.analysis.measures import Cell, Measure
 
+pytestmark = pytest.mark.exhaustive
+
 LONG = "a name that is much longer than anybody writes in a plan $x^2$ <b>&amp; \u202e日本語の長い名前 \\"
 OBJECTS = ("cube", "tube", "dog")
 
@@ -152,7 +154,6 @@ def test_dots_of_a_level_do_not_lie_on_each_other(drawn):
         pytest.param([[np.inf, 0.1, 0.2, 0.3, 0.4, 0.5]], id="infinite"),
     ],
 )
-@pytest.mark.exhaustive(after=1)
 def test_a_measure_of_little_data_is_drawn(drawn, values):
     assert figures.draw_measure(measure(values), "object", "opacity") is not None
     assert figures.draw_measure(measure(values), "opacity") is not None
@@ -210,7 +211,6 @@ def test_a_scale_is_centred_on_its_middle(drawn, high):
     require_apart(drawn[0])
 
 
-@pytest.mark.exhaustive
 def test_means_of_points_count_as_the_nearest_point(drawn):
     picture = figures.draw_scale(points([[1.4, 2.6, 3, 4, 5, 6]], 7))
     assert "Means of several answers count as the nearest point." in picture.caption
@@ -232,7 +232,6 @@ def test_a_psychometric_panel_has_answers_curve_and_threshold(drawn):
     require_apart(drawn[0])
 
 
-@pytest.mark.exhaustive
 def test_panels_are_at_most_24_and_the_others_are_counted(drawn):
     picture = figures.draw_psychometric(fitted(27), omitted=2)
     assert picture.caption.endswith("5 more participants are left out.")
@@ -242,7 +241,6 @@ def test_panels_are_at_most_24_and_the_others_are_counted(drawn):
         require_apart(figure)
 
 
-@pytest.mark.exhaustive
 def test_a_participant_without_a_fit_has_a_panel_that_says_why(drawn):
     reason = "the plan gives no `value` to soft"
     lacking = fitted(1, code="P09", x=np.array([]), counts=np.array([], int), reason=reason)
@@ -278,7 +276,6 @@ def test_magnitudes_are_logarithmic_with_a_line_of_the_mean_exponent(drawn):
     require_apart(drawn[0])
 
 
-@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("x", "factor"), [([4.0, 6, 8, 10], 10), (np.linspace(1, 100, 40), 1e-4), ([1e-5, 1, 1e5], 1), ([1, 1.001], 1e9)]
 )
@@ -291,7 +288,6 @@ def test_axes_of_magnitudes_have_numbers_that_lie_apart(drawn, x, factor):
     require_apart(drawn[0])
 
 
-@pytest.mark.exhaustive
 @pytest.mark.parametrize("count", [1, 3, 18, 200])
 def test_labels_lie_apart_for_any_number_of_participants(drawn, count):
     figures.draw_measure(proportions(count), "object", "opacity")
@@ -306,7 +302,6 @@ def test_labels_lie_apart_for_any_number_of_participants(drawn, count):
         assert max(figure.get_size_inches()) < 14
 
 
-@pytest.mark.exhaustive
 def test_names_of_any_length_and_kind_are_cut_to_their_room(drawn):
     objects = tuple(f"{k} {LONG * k}" for k in range(1, 7))
     codes = tuple(f"{LONG * 3} {k}" for k in range(4))
@@ -325,14 +320,12 @@ def test_names_of_any_length_and_kind_are_cut_to_their_room(drawn):
     assert all(re.fullmatch(r"[\w-]{1,60}\.svg", own.file) for own in pictures)
 
 
-@pytest.mark.exhaustive
 def test_many_levels_are_drawn_narrow_and_the_rest_is_counted(drawn):
     picture = figures.draw_measure(proportions(3, tuple(f"object {k}" for k in range(50))), "object", "opacity")
     assert picture.caption.endswith("10 more levels are left out.")
     require_apart(drawn[0])
 
 
-@pytest.mark.exhaustive
 def test_a_picture_is_the_same_every_time_holds_its_texts_and_loads_nothing():
     found = proportions(4, ("<script>", "$\\frac{$", "日本語"), codes=("a", "b", "c", "--> <x>"))
     contents = [figures.draw_measure(found, "object", "opacity").content for _ in range(2)]
@@ -344,7 +337,6 @@ def test_a_picture_is_the_same_every_time_holds_its_texts_and_loads_nothing():
     assert not re.search(rb"(?:href|src)\s*=\s*[\"'](?!#)", contents[0])
 
 
-@pytest.mark.exhaustive
 @pytest.mark.filterwarnings("error")
 def test_no_figure_warns():
     figures.draw_measure(proportions(4, ("日本語", "\u0e01", "\U0001f600")), "object", "opacity")

@@ -22,6 +22,8 @@ from palpate.render.study.analysis.power import (
     simulate_measure,
 )
 
+pytestmark = pytest.mark.exhaustive
+
 OPTIONS = {
     "measure": None, "mean": 0.7, "mean_other": None, "factor": None, "spread": None, "opposite": None, "noise": None,
     "tables": 1000, "seed": 1,
@@ -101,7 +103,6 @@ def test_the_power_of_single_answers_is_that_of_exact_enumeration(people, mean):
     require_share(found.power, exact_power(people, mean), 200)
 
 
-@pytest.mark.exhaustive
 @pytest.mark.parametrize("mean", [0.3, 0.55, 0.7, 0.95])
 @pytest.mark.parametrize("people", [6, 9, 16, 30])
 def test_the_power_of_single_answers_is_exact_within_the_noise_of_many_studies(people, mean):
@@ -119,7 +120,6 @@ def test_power_of_five_participants_is_none_as_no_p_is_small_enough():
     assert found.high == pytest.approx(1.0 - 0.025 ** (1 / 100))  # Clopper and Pearson's, of 0 of 100
 
 
-@pytest.mark.exhaustive
 def test_the_power_of_points_is_about_that_of_the_paired_t_test(two_blocks):
     question = asked(two_blocks, measure="ease", mean=4.5, mean_other=3.5, tables=150, spread=1.0)
     # One answer at each level: its own noise of 1 point, and that of rounding, 1/12; the person's own part cancels.
@@ -130,7 +130,6 @@ def test_the_power_of_points_is_about_that_of_the_paired_t_test(two_blocks):
         assert abs(power_of(question, people).power - expected) < 0.12  # ranks of ties are a little weaker
 
 
-@pytest.mark.exhaustive
 def test_more_participants_and_larger_effects_are_found_more_often(two_blocks):
     question = asked(two_blocks, mean=0.65, spread=0.5, tables=70)
     by_people = [power_of(question, people).power for people in (6, 12, 24)]
@@ -141,7 +140,6 @@ def test_more_participants_and_larger_effects_are_found_more_often(two_blocks):
     assert by_effect[-1] - by_effect[0] > 0.5
 
 
-@pytest.mark.exhaustive
 def test_people_who_differ_and_who_answer_the_other_way_cost_power(two_blocks):
     found = [
         power_of(asked(two_blocks, mean=0.75, tables=80, **own), 10).power
@@ -151,7 +149,6 @@ def test_people_who_differ_and_who_answer_the_other_way_cost_power(two_blocks):
     assert found[0] > found[2] + 0.3
 
 
-@pytest.mark.exhaustive
 def test_equal_seeds_give_equal_power_whatever_was_asked_before(two_blocks):
     question = asked(two_blocks, mean=0.6, tables=100)
     one = power_of(question, 9)
@@ -160,7 +157,6 @@ def test_equal_seeds_give_equal_power_whatever_was_asked_before(two_blocks):
     assert power_of(replace(question, seed=2), 9) != one
 
 
-@pytest.mark.exhaustive
 def test_no_effect_is_found_as_often_as_p_says(two_blocks):
     question = replace(asked(two_blocks, mean=0.6, tables=300), mean=0.5)
     assert power_of(question, 12).power <= 0.025 + BELIEVED * math.sqrt(0.025 * 0.975 / 300)  # one direction counts

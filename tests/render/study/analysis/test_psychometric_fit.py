@@ -40,6 +40,7 @@ def grid_of_curves(mu=None, sigma=None, *, fineness=1):
     return [own.reshape(-1, 1) for own in np.meshgrid(mu, sigma, np.linspace(0.0, 0.06, 3 * fineness + 1))]
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("example", FITS, ids=lambda own: own.name)
 def test_published_data_have_the_numbers_of_r(example):
     found = example.ours()
@@ -52,6 +53,7 @@ def test_the_page_of_measured_statistics_lists_these_fits():
     assert table_of_examples(FITS) in PAGE.read_text(encoding="utf-8")
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("sigma", [1.2, -0.8])
 def test_answers_that_lie_on_a_curve_give_that_curve(model, sigma):
@@ -90,6 +92,7 @@ def test_no_curve_of_a_grid_describes_any_answers_better(model, successes):
         assert found.deviance <= 2.0 * (saturated - best) + 1e-9
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("model", MODELS)
 def test_intervals_end_where_the_best_of_a_grid_of_curves_has_the_deviance_of_the_quantile(model):
     options = MODELS[model]
@@ -105,6 +108,7 @@ def test_intervals_end_where_the_best_of_a_grid_of_curves_has_the_deviance_of_th
             assert -1e-3 < lost - found.deviance - stats.chi2.ppf(0.95, 1) < 0.1
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(("offset", "factor"), [(-50.0, 0.01), (3.0, -7.0), (0.0, 1000.0)])
 def test_another_scale_of_x_changes_nothing_else(offset, factor):
     is_turned = factor < 0.0
@@ -147,6 +151,7 @@ NO_CURVE = {
 }
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("case", NO_CURVE)
 def test_data_without_a_curve_give_no_value_and_a_sentence_with_the_data(case):
     x, successes, note = NO_CURVE[case]
@@ -163,6 +168,7 @@ def test_answers_below_the_guess_rate_give_no_curve():
     assert found.note.startswith("No curve describes the data better than a flat line (3 of 10 at 1")
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("is_turned", [False, True])
 def test_a_step_between_two_levels_has_its_middle_as_threshold_and_an_upper_end_of_sigma(is_turned):
     successes = [0, 0, 0, 10, 10, 10]
@@ -259,6 +265,7 @@ REFUSED = {
 }
 
 
+@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_is_malformed_is_refused_with_its_value_and_bound(case):
     options, message = REFUSED[case]

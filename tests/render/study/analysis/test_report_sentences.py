@@ -56,6 +56,7 @@ def test_means_that_contradict_what_ranks_find_are_named():
     assert "other sign" not in paragraph_of(values[:16], (("cube", 1.0), ("tube", 1.0)))
 
 
+@pytest.mark.exhaustive
 def test_of_people_who_answer_at_random_the_papers_rule_calls_as_many_for_as_the_report_says():
     successes = np.random.default_rng(7).binomial(10, 0.5, (200, 6))
     measure = Measure(

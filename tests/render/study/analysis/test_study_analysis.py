@@ -46,6 +46,7 @@ def outcomes(analysis):
     ]
 
 
+@pytest.mark.exhaustive
 def test_the_papers_study_has_its_measures_and_nothing_else():
     found = analyse_answers(paper_table())
     assert [own.measure.name for own in found.tests] == ["p_cc", "confidence", "difficulty"]

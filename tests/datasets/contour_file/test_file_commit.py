@@ -14,6 +14,8 @@ from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.contour_file.writer import ContourWriter
 from palpate.datasets.errors import ContourFileError
 
+pytestmark = pytest.mark.exhaustive
+
 
 @pytest.fixture
 def path(tmp_path):
@@ -42,7 +44,6 @@ def assert_sealed(path, contours=CONTOURS):
         assert_same(file.contours(), contours)
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("error", [None, ValueError, KeyboardInterrupt, SystemExit, ContourFileError])
 def test_leaving_by_whichever_way_commits_what_is_held(path, error):
     def leave():
@@ -245,7 +246,6 @@ def long_contours(pose_count, points):
     }
 
 
-@pytest.mark.exhaustive
 def test_sealing_what_is_committed_takes_memory_of_a_million_points(path):
     points, part = 4000, 1000
     contours = long_contours(part, points)

@@ -13,10 +13,11 @@ from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.contour_file.writer import ContourWriter
 from palpate.datasets.errors import ContourFileError
 
+pytestmark = pytest.mark.exhaustive
+
 RANGES = [(0, 3), (3, 4), (4, 9)]
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("held", [False, True])
 def test_sealing_again_after_the_folder_was_not_synced_keeps_the_file(tmp_path, monkeypatch, held):
     """The first sync after the new name stands fails, as on a disk that reports an error late."""
@@ -40,7 +41,6 @@ def test_sealing_again_after_the_folder_was_not_synced_keeps_the_file(tmp_path, 
         assert_same(file.contours(), contours)
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("change", ["removed", "cut off", "moved"])
 def test_blocks_that_somebody_changed_before_they_are_sealed_are_missed_and_rendered_again(tmp_path, change):
     path, contours = tmp_path / "out.h5", make_contours(9)

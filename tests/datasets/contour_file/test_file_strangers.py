@@ -17,6 +17,8 @@ from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.contour_file.writer import ContourWriter
 from palpate.datasets.errors import ContourFileError
 
+pytestmark = pytest.mark.exhaustive
+
 
 @pytest.fixture
 def begun(tmp_path):
@@ -52,7 +54,6 @@ LIES = {
 }
 
 
-@pytest.mark.exhaustive(after=2)
 @pytest.mark.parametrize("lie", LIES)
 def test_a_block_that_lies_with_right_digests_is_dropped_alone(begun, lie):
     contours = make_contours(10)
@@ -71,7 +72,6 @@ def test_a_block_that_lies_with_right_digests_is_dropped_alone(begun, lie):
         assert_same(file.contours(), contours)
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     ("name", "told"),
     [
@@ -105,7 +105,6 @@ def test_a_time_that_is_no_number_loses_no_poses(tmp_path):
         assert np.isnan(file.timing().seconds).all()
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("content", ["pipe", "empty", "6 GB of nothing", "link to nowhere"])
 def test_what_is_no_file_in_place_of_a_block_is_dropped_unread(begun, content):
     path = block_of(begun)
@@ -154,7 +153,6 @@ def test_a_block_that_the_system_does_not_let_be_read_is_not_dropped(begun, monk
         assert (writer.missing(), writer.repairs) == ([(6, 10)], ())
 
 
-@pytest.mark.exhaustive
 def test_more_blocks_than_may_be_open_at_once_are_read_and_sealed(tmp_path):
     path, contours = tmp_path / "out.h5", make_contours(20, dwell=True)
     with pytest.MonkeyPatch.context() as patch, ContourWriter(path, make_header(20)) as writer:
@@ -173,7 +171,6 @@ def test_more_blocks_than_may_be_open_at_once_are_read_and_sealed(tmp_path):
         assert_same(file.contours(), contours)
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("at", [2, 3, 4])
 def test_a_file_that_is_sealed_while_it_is_opened_is_read_as_sealed(tmp_path, monkeypatch, at):
     """Blocks go one by one, the header last."""
@@ -195,7 +192,6 @@ def test_a_file_that_is_sealed_while_it_is_opened_is_read_as_sealed(tmp_path, mo
             assert_same(file.contours(), contours)
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("mode", ["create", "resume"])
 def test_a_file_that_appears_meanwhile_is_not_replaced(tmp_path, mode):
     path, contours = tmp_path / "out.h5", make_contours(10)
@@ -217,7 +213,6 @@ def test_a_file_that_appears_meanwhile_is_not_replaced(tmp_path, mode):
         assert_same(file.contours(), contours)
 
 
-@pytest.mark.exhaustive
 def test_permission_to_overwrite_lasts_until_the_file_is_sealed(tmp_path):
     path, contours = tmp_path / "out.h5", make_contours(10)
     write_file(path, make_contours(4))
@@ -231,7 +226,6 @@ def test_permission_to_overwrite_lasts_until_the_file_is_sealed(tmp_path):
     assert sorted(own.name for own in tmp_path.iterdir()) == ["out.h5"]
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("mode", ["create", "resume", "overwrite"])
 def test_a_work_folder_that_is_a_link_is_refused_and_what_lies_there_stays(tmp_path, mode):
     theirs = tmp_path / "documents"
@@ -261,7 +255,6 @@ def changed_digests(path, change):
         file.attrs["digests"] = np.array(text, h5py.string_dtype("utf-8", len(text)))
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     ("change", "message"),
     [

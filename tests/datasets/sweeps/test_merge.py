@@ -21,6 +21,8 @@ from palpate.datasets.sweeps.shard import ShardRow, write_shard
 from palpate.datasets.sweeps.status import store_status
 from palpate.datasets.sweeps.store import SweepStore
 
+pytestmark = pytest.mark.exhaustive
+
 KEYS = [("contours", "a"), ("contours", "b"), ("poses", "a")]
 ALL = [(*key, part) for key in KEYS for part in range(3)]
 
@@ -127,7 +129,6 @@ def link_kept(folder):
     (folder / "contours/k.h5").symlink_to("/etc/hostname")
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     ("damage", "lost", "sentence"),
     [
@@ -155,7 +156,6 @@ def test_what_is_damaged_is_left_out_and_named(tmp_path, damage, lost, sentence)
     assert (tmp_path / "all/contours/k.h5").exists() is not is_of_kept
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(
     "path",
     ["../../outside", "/etc/hostname", "columns/x", "contours/..", "contours/a/b", "contours/k.hdf5", "contours/\0.h5"],
@@ -178,7 +178,6 @@ def test_other_code_versions_stay_behind(tmp_path):
         assert merge_store(store, made(tmp_path / "two", ALL, maker="a third")).parts == 0
 
 
-@pytest.mark.exhaustive(but="5")
 @pytest.mark.parametrize("fail_at", range(8))
 def test_after_a_full_disk_merging_again_completes(tmp_path, monkeypatch, fail_at):
     with SweepStore(made(tmp_path / "one", ALL), maker=MAKER) as store:

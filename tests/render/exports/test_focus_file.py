@@ -22,6 +22,8 @@ from palpate.render import FocalPoints, exploration, export_file, load_contours,
 from palpate.render.exports.focus_file import FOCUS_WRITERS, write_focus
 from palpate.render.playback.focal_points import PointSource
 
+pytestmark = pytest.mark.exhaustive
+
 PAGE = ROOT / "docs" / "formats" / "focal-points.md"
 TO = "focal-points"
 
@@ -77,7 +79,6 @@ def test_struct_reads_header_and_samples_where_the_page_says(here):
     assert content[32:] == struct.pack("<8f", 0.01, -0.02, 0.2, 1, 0, 1e-9, 0.3, 0.1)
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(("sampling", "foci"), [("stm", 1), ("multi-focus", 2)])
 def test_each_format_holds_the_same_focal_points(sampling, foci, here):
     for suffix in FOCUS_WRITERS:
@@ -110,7 +111,6 @@ def test_pandas_reads_the_table_that_a_batch_gives(here):
     np.testing.assert_allclose(found["time"], table["time"], rtol=1e-15)
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("foci", [None, 1, 8])
 def test_a_range_of_stored_points_is_a_slice_of_all(foci, here):
     """A file of a sweep, with and without an axis of focal points."""
@@ -167,7 +167,6 @@ MISTAKES = {
 }
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("line", MISTAKES)
 def test_a_mistake_is_answered_by_the_way_out_and_leaves_nothing(line, here):
     stored_focus(here / "newnine.h5", 10, foci=(9,))
@@ -185,7 +184,6 @@ BAD = {
 }
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("which", BAD)
 def test_stored_values_out_of_range_are_named_and_leave_nothing(which, here):
     """A file that another program wrote; sample 4,500 is in the second block."""
@@ -215,7 +213,6 @@ def test_the_bytes_are_the_same_each_time_and_compress(here):
     assert len(contents[2]) < len(contents[0]) / 3  # one contour, again and again
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("suffix", FOCUS_WRITERS)
 def test_memory_does_not_grow_with_the_samples(suffix, here):
     """Four times as many samples take no more of it; held at once, they would take 16 bytes each."""
@@ -233,7 +230,6 @@ def test_memory_does_not_grow_with_the_samples(suffix, here):
     assert peaks[1] - peaks[0] < 16 * (1 << 11)
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("suffix", FOCUS_WRITERS)
 def test_a_full_disk_and_an_interruption_leave_the_old_file_and_no_part_of_the_new_one(suffix, here):
     """A limit on the size of files stands for the disk. The interruption comes in the second block."""
@@ -270,7 +266,6 @@ export_file("cube.h5", sys.argv[1], to="focal-points", duration=10.0, overwrite=
 """
 
 
-@pytest.mark.exhaustive
 @pytest.mark.parametrize("suffix", FOCUS_WRITERS)
 def test_a_killed_export_leaves_the_old_file(suffix, here):
     out = here / f"new{suffix}"
@@ -282,7 +277,6 @@ def test_a_killed_export_leaves_the_old_file(suffix, here):
         assert (out.read_bytes() if out.exists() else None) == content
 
 
-@pytest.mark.exhaustive
 def test_the_count_in_the_header_holds_whatever_the_rate_and_the_duration(here):
     random = np.random.default_rng(1)
     for _ in range(30):

@@ -10,6 +10,8 @@ from palpate.render.errors import StrategyError
 from palpate.render.exports import pose_choice
 from palpate.render.exports.pose_choice import choose_poses, chosen_blocks, offsets, ragged
 
+pytestmark = pytest.mark.exhaustive
+
 COUNT = 120
 
 

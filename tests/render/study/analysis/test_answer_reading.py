@@ -18,6 +18,8 @@ from palpate.render.study.analysis.answer_reading import read_answers
 from palpate.render.study.run.answer_store import AnswerStore
 from palpate.render.study.run.store_rows import ABOUT_CONSENT, AnswerRow, IntervalRow
 
+pytestmark = pytest.mark.exhaustive
+
 ABOUT = '[[question_before]]\nname = "age"\ntext = "Age?"\nkind = "number"\noptional = true\n' + (
     '[[question_after]]\nname = "note"\ntext = "Anything else?"\nkind = "text"\noptional = true\n'
 )

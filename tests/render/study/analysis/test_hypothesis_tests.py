@@ -27,6 +27,8 @@ from palpate.render.study.analysis.hypothesis_tests import (
 )
 from palpate.render.study.analysis.statistical_test import StatisticalTest
 
+pytestmark = pytest.mark.exhaustive
+
 NAN = np.nan
 PAIRED = pytest.mark.parametrize("compare", [compare_pairs_by_ranks, compare_pairs_by_means])
 FEW = settings(max_examples=25, deadline=None)

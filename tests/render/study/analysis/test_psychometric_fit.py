@@ -12,6 +12,8 @@ from scipy import special, stats
 from palpate.render.errors import StudyError
 from palpate.render.study.analysis.psychometric_fit import FittedValue, fit_psychometric
 
+pytestmark = pytest.mark.exhaustive
+
 PAGE = Path(__file__).parents[4] / "docs/measured/study-statistics.md"
 LEVELS = np.arange(1.0, 8.0)
 FEW = settings(max_examples=6, deadline=None)
@@ -40,7 +42,6 @@ def grid_of_curves(mu=None, sigma=None, *, fineness=1):
     return [own.reshape(-1, 1) for own in np.meshgrid(mu, sigma, np.linspace(0.0, 0.06, 3 * fineness + 1))]
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("example", FITS, ids=lambda own: own.name)
 def test_published_data_have_the_numbers_of_r(example):
     found = example.ours()
@@ -48,12 +49,10 @@ def test_published_data_have_the_numbers_of_r(example):
         assert found[name] == pytest.approx(number, rel=example.tolerance, abs=1e-9), name
 
 
-@pytest.mark.exhaustive
 def test_the_page_of_measured_statistics_lists_these_fits():
     assert table_of_examples(FITS) in PAGE.read_text(encoding="utf-8")
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("sigma", [1.2, -0.8])
 def test_answers_that_lie_on_a_curve_give_that_curve(model, sigma):
@@ -69,7 +68,6 @@ def test_answers_that_lie_on_a_curve_give_that_curve(model, sigma):
     assert (found.converged, found.note, found.freedom) == (True, "", 4)
 
 
-@pytest.mark.exhaustive
 @pytest.mark.parametrize("model", MODELS)
 @given(successes=st.lists(st.integers(0, 8), min_size=7, max_size=7))
 @example(successes=[1, 1, 6, 7, 8, 5, 4])  # a lower maximum lies nearer to the best start
@@ -92,7 +90,6 @@ def test_no_curve_of_a_grid_describes_any_answers_better(model, successes):
         assert found.deviance <= 2.0 * (saturated - best) + 1e-9
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("model", MODELS)
 def test_intervals_end_where_the_best_of_a_grid_of_curves_has_the_deviance_of_the_quantile(model):
     options = MODELS[model]
@@ -108,7 +105,6 @@ def test_intervals_end_where_the_best_of_a_grid_of_curves_has_the_deviance_of_th
             assert -1e-3 < lost - found.deviance - stats.chi2.ppf(0.95, 1) < 0.1
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(("offset", "factor"), [(-50.0, 0.01), (3.0, -7.0), (0.0, 1000.0)])
 def test_another_scale_of_x_changes_nothing_else(offset, factor):
     is_turned = factor < 0.0
@@ -151,7 +147,6 @@ NO_CURVE = {
 }
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("case", NO_CURVE)
 def test_data_without_a_curve_give_no_value_and_a_sentence_with_the_data(case):
     x, successes, note = NO_CURVE[case]
@@ -168,7 +163,6 @@ def test_answers_below_the_guess_rate_give_no_curve():
     assert found.note.startswith("No curve describes the data better than a flat line (3 of 10 at 1")
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("is_turned", [False, True])
 def test_a_step_between_two_levels_has_its_middle_as_threshold_and_an_upper_end_of_sigma(is_turned):
     successes = [0, 0, 0, 10, 10, 10]
@@ -230,7 +224,6 @@ def test_answers_off_any_curve_have_a_small_goodness_p():
     assert found.goodness_p == pytest.approx(stats.chi2.sf(found.deviance, found.freedom))
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("count", [3, 1500])
 def test_any_answers_give_finite_values_in_their_intervals_or_a_reason(count):
     random = np.random.default_rng(5)
@@ -265,7 +258,6 @@ REFUSED = {
 }
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_is_malformed_is_refused_with_its_value_and_bound(case):
     options, message = REFUSED[case]
@@ -276,7 +268,6 @@ def test_what_is_malformed_is_refused_with_its_value_and_bound(case):
 # Rates, and another program ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize(("count", "model"), [(3, "yes or no"), *((1000, model) for model in MODELS)])
 def test_intervals_hold_what_was_planted_at_the_rate_that_they_claim(count, model):
     random = np.random.default_rng(2026)
@@ -301,7 +292,6 @@ def test_intervals_hold_what_was_planted_at_the_rate_that_they_claim(count, mode
     assert high >= 0.03
 
 
-@pytest.mark.exhaustive
 def test_psignifit_finds_the_same_curve():
     psignifit = pytest.importorskip("psignifit", reason="GPL: an oracle where somebody has installed it")
     x, k, n = (np.array(own, dtype=float) for own in FITS[2].data.values())

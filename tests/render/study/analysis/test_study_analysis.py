@@ -27,6 +27,8 @@ from palpate.render.study.analysis.study_analysis import analyse_answers
 from palpate.render.study.analysis.study_table import AnswerRecord, StudyTable
 from palpate.render.study.plan.block_designs import rng_of, trials_of
 
+pytestmark = pytest.mark.exhaustive
+
 ROWS = {
     "P01": ["1101111011 5 3", "0111101110 4 4", "1100010110 3 5", "1110111011 5 2", "0001110100 2 6", "1101011010 4 4"],
     "P02": ["1111111011 6 2", "0111100110 5 3", "1000010100 3 6", "1110011001 4 3", "0101110110 3 5", "1001011010 4 5"],
@@ -46,7 +48,6 @@ def outcomes(analysis):
     ]
 
 
-@pytest.mark.exhaustive
 def test_the_papers_study_has_its_measures_and_nothing_else():
     found = analyse_answers(paper_table())
     assert [own.measure.name for own in found.tests] == ["p_cc", "confidence", "difficulty"]
@@ -149,7 +150,6 @@ def test_a_standard_ties_the_lapses_and_a_staircase_has_a_guess_rate():
     assert stair.guess == 0.5
 
 
-@pytest.mark.exhaustive
 def test_thresholds_of_detection_are_not_compared_with_points_of_equality():
     whole = analyse_answers(
         table_of(EVERY, *(random_run(EVERY, code, np.random.default_rng(1)) for code in EVERY.codes))
@@ -211,7 +211,7 @@ def test_the_last_answer_of_a_block_that_lacks_is_named():
 
 @pytest.mark.parametrize(
     ("seed", "share"),
-    [*(pytest.param(*case, marks=pytest.mark.exhaustive) for case in ((1, 0.9), (2, 0.5))), (3, 0.1), (4, 0.01)],
+    [*(pytest.param(*case) for case in ((1, 0.9), (2, 0.5))), (3, 0.1), (4, 0.01)],
 )
 def test_any_answers_may_lack_and_nothing_that_is_there_is_lost(seed, share):
     rng = np.random.default_rng(seed)
@@ -243,7 +243,6 @@ def test_practice_alone_is_as_good_as_nothing():
     assert "P01 has finished and lacks pairs, constant, stairs, seen, sizes, rated, look: " in found.faults[1]
 
 
-@pytest.mark.exhaustive
 def test_intervals_of_staircases_hold_the_threshold_about_as_often_as_the_report_says():
     values = [round(4 * 0.85**k, 4) for k in range(24)]
     names = ", ".join(f'"s{k}"' for k in range(1, 25))

@@ -610,6 +610,7 @@ def test_a_relative_path_gives_files_that_stay_when_the_folder_changes(folder, m
     assert read_study("study.toml").stimuli[0].file == folder / "circle.h5"
 
 
+@pytest.mark.exhaustive
 def test_a_plan_of_100_blocks_is_read_in_less_than_a_third_of_a_second(folder):
     block = PAPER[PAPER.index("[[block]]") : PAPER.index("[[question_after]]")]
     block = block.replace("[1.0, 0.7]", "[1.0]").replace('["cube", "tube", "dog"]', '["dog"]')

@@ -164,7 +164,9 @@ class ContourWriter:
         metrics: Mapping[str, NDArray[Any]],
         timing: Mapping[str, float] | None = None,
     ) -> None:
-        """Take the contours of poses `first` to `stop`; they are copied, and committed after ten seconds at most.
+        """Take the contours of poses `first` to `stop`; they are copied, and committed by a write ten seconds later.
+
+        A write commits all that is held where the last commit was ten seconds ago or more, or 256 MB are held.
 
         Ranges may come in any order and of any size. first, stop: first pose of the range, and the pose after the last.
         contours: arrays of /contours by name, offsets from 0, points [m]; what is optional may be left out. metrics:

@@ -62,7 +62,9 @@ FLUSH_HELP = (
 )
 DEVICE_HELP = "cpu, cuda:0, several with commas between, cuda (all GPUs), or auto: the first GPU if there is one."
 WORKERS_HELP = "Workers on each device; auto: one for each core of the CPU, two on a GPU. The file is the same."
-MEMORY_HELP = "Budget of all workers and the writing [MB]; by default 200 a CPU worker, 1000 a GPU's, at least 512."
+MEMORY_HELP = (
+    "Budget of all workers [MB]; by default 200 a CPU worker, 1000 a GPU's, at least 512. Saving holds 256 more."
+)
 KEPT_HELP = "Contour file, prepared frames, or focal points or drives of a sweep."
 
 

@@ -116,7 +116,8 @@ def record(
     file with contours by a rendering without any. object_pose: motion or poses of an
     object that moves, see `object_poses`. devices: one worker on each of these Warp devices, by default one on
     `device`; the file is the same. memory: budget of all chunks, computed or written [byte], by default 512 MB or
-    more; the motion itself (36 bytes a pose) and the object come on top.
+    more; the motion itself (36 bytes a pose), the object, and up to 256 MB that wait to be saved come on
+    top.
     progress: called with the poses that are rendered, and with all.
     Raises MeshError, StrategyError, MotionError and warns as `render` does; ContourFileError for what the file refuses.
 

@@ -39,7 +39,7 @@ _LAST_TIMEOUT: Final = 0.05  # [s]
 _LOOK_NS: Final = 20_000_000  # between two questions for what waits
 _STALL_NS: Final = 1_000_000_000  # without a sample begun, while some wait
 _WAIT_NS: Final = 20_000_000  # between two looks at a full queue
-_HEARTBEAT_NS: Final = 100_000_000  # of silence, after which a bridge whose samples wait is asked for its counts
+_HEARTBEAT_NS: Final = 100_000_000  # since its last answer, after which a bridge whose samples wait is asked
 
 
 class _Counts(NamedTuple):

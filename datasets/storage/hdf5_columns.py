@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import secrets
 import struct
-from collections.abc import Collection, Generator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, cast
@@ -20,8 +20,8 @@ from ..errors import Hdf5Error, SweepStoreError, name_nothing
 from .checksum import lookup3
 from .durable import Buffer, discard, temporary_name, whole_file, write_buffers
 from .hdf5 import FAILURES, reason_of
+from .hdf5_declared import h5py
 from .hdf5_opening import StrictFile, open_hdf5
-from .hdf5_structure import h5py
 
 Values = Sequence[Any] | NDArray[Any]
 """A column: an array, or a list of str, float, int, bool and None."""
@@ -198,11 +198,9 @@ def write_whole(path: Path, *buffers: Buffer, durable: bool = True) -> None:
 
 
 @contextmanager
-def open_columns(
-    path: Path, content: bytes | None = None, *, unread: Collection[str] = ()
-) -> Generator[StrictFile, None, None]:
+def open_columns(path: Path, content: bytes | None = None) -> Generator[StrictFile, None, None]:
     """An HDF5 file open for reading, see `open_hdf5`; failures within name it (SweepStoreError)."""
-    with naming_failures(path), open_hdf5(path, content, unread=unread) as file:
+    with naming_failures(path), open_hdf5(path, content) as file:
         yield file
 
 

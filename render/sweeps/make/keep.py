@@ -244,8 +244,8 @@ class DriveKeeper:
                 },
             },
             arrays={
-                "/array/position": np.concatenate([model.position for model in models]),
-                "/array/normal": np.concatenate([model.normal for model in models]),
+                FrameField("/array/position", (3,), "m"): np.concatenate([model.position for model in models]),
+                FrameField("/array/normal", (3,), "1"): np.concatenate([model.normal for model in models]),
             },
         )
 
@@ -270,7 +270,7 @@ def _attributes(form: str, recipe: Recipe, strategy: SamplingStrategy) -> dict[s
     """Attributes of every file."""
     return {
         "format": form,
-        "version": np.array([1, 0], np.int32),
+        "version": np.array([1, 1], np.int32),
         "recipe": recipe.to_json(),
         "sampling": strategy.to_json(),
         "maker": code_version(),

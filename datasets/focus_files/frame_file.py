@@ -6,8 +6,6 @@ then do rows come. Under its own name it appears when the last row is on the dis
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..storage.digests import ATTRIBUTE, BlockDigester, Digests, block_digests, digests_text
-from ..storage.durable import discard, publish, sync, temporary_files, temporary_name, unfinished, write_temporary
+from ..storage.durable import NewFile
 from ..storage.hdf5_columns import image_of
 from ..storage.hdf5_opening import Attribute
 from ..storage.hdf5_output import fixed_text
@@ -70,12 +68,7 @@ class FrameFile:
     ) -> None:
         self.path = path
         self.frame_count = frame_count
-        # a name of its own: two workers may write the same file at once, when one of them was taken for dead
-        self._temporary = temporary_name(path)
-        self._unfinished = contextlib.ExitStack()
-        self._unfinished.enter_context(unfinished(self._temporary))
         self._at = 0
-        self._lock = -1
         self._file: Any = None
         self._datasets: dict[str, Any] = {}
         self._digesters = {field.path: BlockDigester(_BLOCK_ROWS) for field in fields}
@@ -83,21 +76,11 @@ class FrameFile:
         self._attributes, self._arrays = {name: dict(own) for name, own in attributes.items()}, arrays or {}
         image = _image(attributes, self._arrays)
         rows = frame_count * sum(field.row_bytes for field in fields)
+        self._new = NewFile(path)
         try:
-            for left in temporary_files(path):
-                with contextlib.suppress(OSError):  # another process has removed it
-                    if (handle := _lock_file(left)) >= 0:  # no process writes it any more
-                        discard(left)
-                        os.close(handle)
-            write_temporary(self._temporary, memoryview(image))
-            self._lock = _lock_file(self._temporary)
-            # Opened to read, too, as the C library does where the file system cannot reserve room.
-            handle = os.open(self._temporary, os.O_RDWR | os.O_CLOEXEC)
-            try:
-                os.posix_fallocate(handle, 0, len(image) + rows + _SLACK)
-            finally:
-                os.close(handle)
-            self._file = h5py.File(self._temporary, "r+", libver=_FORMAT, locking=False)
+            self._new.write(image)
+            os.posix_fallocate(self._new.handle, 0, len(image) + rows + _SLACK)
+            self._file = h5py.File(self._new.temporary, "r+", libver=_FORMAT, locking=False)
             for field in fields:
                 self._datasets[field.path] = self._dataset(field)
         except BaseException:
@@ -134,10 +117,8 @@ class FrameFile:
             group.attrs.update(values)
         self._write_digests()
         self._close()
-        sync(self._temporary)
-        size = self._temporary.stat().st_size
-        publish(self._temporary, self.path)
-        self._release()
+        size = self._new.temporary.stat().st_size
+        self._new.publish()
         return size
 
     def _write_digests(self) -> None:
@@ -154,20 +135,13 @@ class FrameFile:
     def discard(self) -> None:
         """Remove what was written, unless it is published; once more does nothing."""
         self._close()
-        discard(self._temporary)
-        self._unfinished.close()
-        self._release()
+        self._new.discard()
 
     def _close(self) -> None:
         self._datasets.clear()
         if self._file is not None:
             self._file.close()
             self._file = None
-
-    def _release(self) -> None:
-        if self._lock >= 0:
-            os.close(self._lock)
-            self._lock = -1
 
     def __enter__(self) -> Self:
         return self
@@ -187,14 +161,3 @@ def _image(attributes: Mapping[str, Mapping[str, Attribute]], arrays: Mapping[st
             group: Any = file.require_group(name)
             group.attrs.update(values)
         return bytes(image_of(file))
-
-
-def _lock_file(path: Path) -> int:
-    """A handle by which others see that a file is being written; -1 where there are no locks, or another has it."""
-    handle = os.open(path, os.O_RDWR | os.O_CLOEXEC)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(handle)
-        return -1
-    return handle

@@ -90,7 +90,7 @@ def write_rows(path: Path, rows: MotionRows, *, overwrite: bool) -> None:
         raise MotionError(f"{path}: exists already; overwrite=True replaces it")
     content = _csv_bytes(rows) if form == "csv" else _hdf5_bytes(rows)
     try:
-        write_file(path, memoryview(content))
+        write_file(path, content)
     except OSError as error:
         raise MotionError(f"{path}: cannot be written: {error}") from error
 

@@ -5,7 +5,6 @@ What goes wrong is a SweepStoreError that names the file.
 
 from __future__ import annotations
 
-import os
 import secrets
 import struct
 from collections.abc import Generator, Mapping, Sequence
@@ -18,7 +17,6 @@ from numpy.typing import NDArray
 
 from ..errors import Hdf5Error, SweepStoreError, name_nothing
 from .checksum import lookup3
-from .durable import Buffer, discard, temporary_name, whole_file, write_buffers
 from .hdf5 import FAILURES, reason_of
 from .hdf5_declared import h5py
 from .hdf5_opening import StrictFile, open_hdf5
@@ -173,28 +171,6 @@ def image_of(file: Any) -> memoryview:
     head = image[:_CHECKSUM_AT]
     superblock = head + struct.pack("<I", lookup3(head))
     return memoryview(image if image.startswith(superblock) else superblock + image[_SUPERBLOCK_BYTES:])
-
-
-def write_whole(path: Path, *buffers: Buffer, durable: bool = True) -> None:
-    """Write a file such that its name never shows a part of it; when this returns, it is on the disk, if `durable`.
-
-    Else it outlives this process, but a power cut may leave a part of it. Of several processes that write it at once,
-    the last one's stays.
-
-    Raises:
-        OSError: From the system (ENOSPC, EFBIG, ...); nothing is left behind.
-    """
-    if durable:
-        with whole_file(path) as temporary:
-            write_buffers(temporary, buffers)
-        return
-    temporary = temporary_name(path)
-    try:
-        write_buffers(temporary, buffers)
-        os.replace(temporary, path)
-    except OSError:
-        discard(temporary)
-        raise
 
 
 @contextmanager

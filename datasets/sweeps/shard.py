@@ -20,6 +20,7 @@ import numpy as np
 from ..errors import Hdf5Error, SweepStoreError
 from ..json_text import parse_json
 from ..storage.content_digest import content_trailer, read_whole, require_whole
+from ..storage.durable import write_file
 from ..storage.hdf5_columns import (
     Columns,
     Values,
@@ -29,7 +30,6 @@ from ..storage.hdf5_columns import (
     open_columns,
     put_column,
     take_column,
-    write_whole,
 )
 from ..storage.hdf5_opening import StrictFile
 
@@ -128,7 +128,7 @@ def write_shard(
                 for name, array in column_arrays(own).items():
                     put_column(group, name, array)
         image = image_of(file)
-    write_whole(path, image, content_trailer(_KIND, FORMAT_VERSION, image), durable=False)
+    write_file(path, image, content_trailer(_KIND, FORMAT_VERSION, image), durable=False)  # the parent syncs it
 
 
 def json_text(value: Any) -> str:

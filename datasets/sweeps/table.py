@@ -20,7 +20,7 @@ from ..bounded_file import open_regular, require_bytes
 from ..errors import SweepStoreError
 from ..json_text import parse_json
 from ..storage.content_digest import content_trailer, has_trailer, require_whole, text_digest
-from ..storage.durable import Buffer
+from ..storage.durable import Buffer, write_file
 from ..storage.hdf5_columns import (
     Columns,
     Values,
@@ -31,7 +31,6 @@ from ..storage.hdf5_columns import (
     open_columns,
     put_column,
     take_column,
-    write_whole,
 )
 from ..storage.hdf5_opening import StrictFile
 from .table_text import CONSTANTS, CSV, constant_columns, read_csv, require_constants
@@ -268,7 +267,7 @@ def _opened(path: Path, *, verify: bool) -> Generator[StrictFile, None, None]:
 
 def _write(path: Path, *content: Buffer) -> None:
     try:
-        write_whole(path, *content)
+        write_file(path, *content)
     except OSError as error:
         raise SweepStoreError(f"{path} cannot be written: {error.strerror or error}") from error
 

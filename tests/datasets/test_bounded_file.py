@@ -38,7 +38,6 @@ from palpate.datasets.focus_files.ptlist import PointListError, read_ptlist
 from palpate.datasets.motions.hand_motion import HandMotion
 from palpate.datasets.recordings.alignment import alignment_pose
 from palpate.datasets.recordings.files import load_recording
-from palpate.datasets.storage.durable import ABANDONED_SECONDS, temporary_name, write_file, write_temporary
 from palpate.datasets.sweeps.table import load_table, write_parquet
 from palpate.device.boards.pat16.board_file import read_pat
 from palpate.device.errors import CalibrationError
@@ -534,32 +533,3 @@ def test_text_meshes_are_judged_by_the_memory_that_parsing_takes(tmp_path, peak)
 
 
 # --- what is written -----------------------------------------------------------------------------
-
-
-def test_a_file_is_written_past_every_link_that_was_planted(tmp_path, monkeypatch):
-    victim = tmp_path / "victim"
-    victim.write_bytes(b"precious")
-    path = tmp_path / "a.txt"
-    for name in ("a.txt.tmp", f"a.txt.{os.getpid()}.tmp", f"a.txt.{os.getpid()}.partial"):
-        (tmp_path / name).symlink_to(victim)
-    write_file(path, memoryview(b"new"))
-    assert (path.read_bytes(), victim.read_bytes()) == (b"new", b"precious")
-    monkeypatch.setattr(
-        "palpate.datasets.storage.durable.secrets.token_hex", lambda n: "00" * n
-    )  # as if it were guessed
-    temporary_name(path).symlink_to(victim)
-    with pytest.raises(FileExistsError):
-        write_temporary(temporary_name(path), memoryview(b"new"))
-    assert victim.read_bytes() == b"precious"
-
-
-def test_what_killed_writers_left_is_removed_by_the_next_one_and_nothing_else(tmp_path):
-    path = tmp_path / "a[1]*.txt"
-    left, fresh, other = temporary_name(path), temporary_name(path), tmp_path / "a[1]*.txt.thesis.tmp"
-    for name in (left, fresh, other):
-        name.write_bytes(b"half")
-    old = os.stat(left).st_mtime - ABANDONED_SECONDS - 60
-    for name in (left, other):
-        os.utime(name, (old, old))
-    write_file(path, memoryview(b"new"))
-    assert sorted(p.name for p in tmp_path.iterdir()) == sorted([path.name, fresh.name, other.name])

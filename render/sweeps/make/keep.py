@@ -133,7 +133,7 @@ def _claim(path: Path, recipe: Recipe) -> None:
         shutil.rmtree(folder)
     parts = {name: getattr(recipe, name) for name in ("thing", "hand", "motion", "strategy")}
     text = json.dumps({"maker": code_version(), "recipe": parts}, indent=2)
-    write_file(_beside(path), memoryview(text.encode()))
+    write_file(_beside(path), text.encode())
 
 
 def _beside(path: Path) -> Path:

@@ -51,7 +51,7 @@ class NewFile:
     def __init__(self, path: Path, suffix: str = "") -> None:
         self.path = path
         """The file to make."""
-        self._is_named = False
+        self.is_named = False
         for left in temporary_files(path, suffix):
             discard_left(left)
         self.temporary, self.handle = _create(path, suffix)
@@ -82,14 +82,14 @@ class NewFile:
                 syncs the folder again.
             FileExistsError: There is a file, and `replaces` is False.
         """
-        if not self._is_named:
+        if not self.is_named:
             if self.handle < 0:
                 raise OSError(errno.EBADF, "was discarded", str(self.temporary))
             if durable:
                 with self._discarding():  # since Linux reports once that it has lost content, and forgets it
                     os.fsync(self.handle)
             (os.replace if replaces else _link)(self.temporary, self.path)
-            self._is_named = True
+            self.is_named = True
         if durable and self.handle >= 0:
             sync(self.path.parent)
         self._close()
@@ -104,7 +104,7 @@ class NewFile:
 
     def discard(self) -> None:
         """Remove the temporary file, unless it has its name; once more does nothing."""
-        if not self._is_named:
+        if not self.is_named:
             discard(self.temporary)
         self._close()
 

@@ -81,7 +81,7 @@ class Declared:
 
 
 def declaration_of(dataset: Any, path: str) -> Declared:
-    """A dataset's header; raises Hdf5Error for what palpate's files never have."""
+    """The header of a dataset, `h5py.h5d.DatasetID`; raises Hdf5Error for what palpate's files never have."""
     plist = dataset.get_create_plist()
     layout = int(plist.get_layout())
     if layout not in _LAYOUTS:
@@ -145,6 +145,7 @@ def _shape(space: Any) -> tuple[int, ...] | None:
 
 
 def require_attribute(attribute: Any, what: str) -> None:
+    """Raise Hdf5Error unless an attribute, `h5py.h5a.AttrID`, is a plain value of bounded size."""
     _require_plain(attribute.get_type(), what)
     shape = _shape(attribute.get_space())
     if shape is None or len(shape) > 1:

@@ -12,7 +12,6 @@
 import bz2
 import gzip
 import io
-import json
 import os
 import re
 import stat
@@ -32,8 +31,6 @@ LIMIT_DEFAULT = 3_000_000_000
 ANY_SIZE = 1 << 63
 """A size that no file exceeds [byte]."""
 
-DEPTH_MOST = 900
-"""Most levels of nested lists and objects in JSON."""
 LINE_MOST = 1 << 20
 """Most characters of one line of text."""
 CODE_MOST = 16_000_000
@@ -264,43 +261,6 @@ def text_lines(stream: IO[bytes]) -> Iterator[str]:
                 raise ValueError(f"line {number}: has more than {LINE_MOST} characters")
             yield line
             number += 1
-
-
-def parse_json(text: str) -> Any:
-    """The value of a JSON text.
-
-    Raises:
-        FileBoundError: It could take more memory than the budget.
-        ValueError: It is not JSON (json.JSONDecodeError), nested too deeply, or has a number with too many digits.
-    """
-    require_parsable(text)
-    try:
-        value = json.loads(text)
-    except RecursionError:
-        raise ValueError("nested too deeply") from None
-    except json.JSONDecodeError:
-        raise
-    except ValueError:  # Python limits the digits of an integer
-        raise ValueError("a number has too many digits") from None
-    _require_shallow(value)
-    return value
-
-
-def _require_shallow(value: Any) -> None:
-    """Raise ValueError beyond DEPTH_MOST levels, which recursive readers could not follow; Python 3.13 parses more."""
-    level: list[Any] = [value] if isinstance(value, list | dict) else []
-    below: list[Any]
-    for _ in range(DEPTH_MOST):
-        below = [own.values() if isinstance(own, dict) else own for own in level]
-        level = [item for items in below for item in items if isinstance(item, list | dict)]
-        if not level:
-            return
-    raise ValueError("nested too deeply")
-
-
-def read_json(path: str | os.PathLike[str]) -> Any:
-    """The value of a JSON file; raises as `read_text` and `parse_json`."""
-    return parse_json(read_text(path))
 
 
 def parse_toml(text: str) -> dict[str, Any]:

@@ -14,6 +14,7 @@ import stat
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from ...datasets.json_text import parse_json
 from ..errors import TrustStoreError
 
 NAME = re.compile(r"[0-9a-f]{64}")
@@ -103,10 +104,10 @@ def forget(digest: str) -> None:
 
 def _entry(digest: str) -> Accepted:
     """What a file of the store says; its name alone counts, so one that cannot be read is listed without words."""
-    with contextlib.suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         handle = os.open(store_folder() / digest, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
         with open(handle, encoding="utf-8") as file:
-            values = json.loads(file.read(ENTRY_BYTES))
+            values = parse_json(file.read(ENTRY_BYTES))
         files = tuple(str(path) for path in values["files"])
         return Accepted(digest, str(values["name"]), str(values["named_by"]), files, str(values["when"]))
     return Accepted(digest, "", "", (), "")

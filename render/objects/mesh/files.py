@@ -16,14 +16,15 @@ from urllib.parse import unquote
 import numpy as np
 
 from ....datasets.bounded_file import (
+    ANY_SIZE,
     FileBoundError,
     file_beside,
-    parse_json,
     read_content,
     require_bytes,
     unzip,
     zip_names,
 )
+from ....datasets.json_text import parse_json
 from ...errors import MeshError
 from ...file_kinds import MESH_SUFFIXES, NOT_READ
 from .formats.gltf import read_gltf
@@ -117,7 +118,7 @@ def parsed(content: bytes, suffix: str, files: NamedFiles) -> FileMesh:
     if suffix in (".glb", ".gltf"):
         text, binary = glb_chunks(content) if suffix == ".glb" else (content, None)
         try:
-            tree = parse_json(text.decode("utf-8-sig"))
+            tree = parse_json(text.decode("utf-8-sig"), text_most=ANY_SIZE)
         except ValueError as error:
             raise MeshError(f"has JSON that cannot be read ({str(error)[:200]})") from error
         return read_gltf(tree, files.get, binary)

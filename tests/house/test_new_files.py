@@ -24,7 +24,6 @@ MOVE = re.compile(r"\.replace\([^,]*[()]")
 """Text without which no call is found; modes have double quotes, as ruff formats them."""
 
 EXCEPTIONS = {
-    ("datasets/contour_file/writer.py", "os.replace"): "seals what it has synced, and syncs the folder again later",
     ("datasets/storage/hdf5_output.py", "File"): "libhdf5 writes to a stream of ours, which keeps what goes wrong",
     ("datasets/storage/sqlite_opening.py", "shutil.copyfile"): "into a folder that goes once the copy is read",
     ("datasets/sweeps/claims.py", "fdopen"): "its name alone is the claim, and must be made exclusively",

@@ -56,9 +56,9 @@ def parse_json(text: str | bytes, *, allow_nan: bool = False, text_most: int = T
     return value
 
 
-def read_json(path: str | os.PathLike[str]) -> Any:
+def read_json(path: str | os.PathLike[str], *, allow_nan: bool = False) -> Any:
     """The value of a JSON file; raises ValueError as `parse_json`, and as `read_text`."""
-    return parse_json(read_text(path), text_most=ANY_SIZE)
+    return parse_json(read_text(path), allow_nan=allow_nan, text_most=ANY_SIZE)
 
 
 def _depth(content: bytes) -> int:

@@ -26,6 +26,7 @@ from typing import Any, cast
 import numpy as np
 
 from ...datasets.errors import ContourFileError
+from ...datasets.json_text import read_json
 from ...datasets.storage.durable import FolderLock, discard_tree, write_file
 from ..hands.hand import hand_from
 from ..hands.plane_hand import PlaneHand
@@ -94,7 +95,7 @@ class SpoolDescription:
     def read(cls, folder: Path, solid: Solid | None, *, trusted: bool, allow_code: AllowCode) -> "SpoolDescription":
         """Read the files back; raises ContourFileError where they cannot be, or `solid` is another object."""
         try:
-            text = json.loads((folder / "description.json").read_text())
+            text = read_json(folder / "description.json", allow_nan=True)
             if solid is None:
                 if not trusted:
                     raise ContourFileError(

@@ -22,7 +22,6 @@ from ....datasets.bounded_file import (
     read_content,
     require_bytes,
     unzip,
-    zip_names,
 )
 from ....datasets.json_text import parse_json
 from ...errors import MeshError
@@ -84,9 +83,7 @@ def load_mesh(path: Path) -> FileMesh:
 
 def archived(content: bytes) -> FileMesh:
     """All meshes in a zip file; raises MeshError, which names the member that cannot be read."""
-    names = [name for name in zip_names(content) if not is_of_macos(name)]
-    is_whole = any(name.lower().endswith(".gltf") for name in names)  # a .gltf may name any other member
-    members = unzip(content, [name for name in names if is_whole or Path(name).suffix.lower() in MESH_SUFFIXES])
+    members = unzip(content, needed_members)
 
     def member(name: str) -> bytes:
         if name not in members:
@@ -105,6 +102,13 @@ def archived(content: bytes) -> FileMesh:
     if not meshes:
         raise MeshError(f"has no member whose name ends in one of {', '.join(MESH_SUFFIXES[:-1])}")
     return united(meshes)
+
+
+def needed_members(names: list[str]) -> list[str]:
+    """Members of an archive that its meshes are read from: all if one is a .gltf, which may name any other."""
+    names = [name for name in names if not is_of_macos(name)]
+    is_whole = any(name.lower().endswith(".gltf") for name in names)
+    return [name for name in names if is_whole or Path(name).suffix.lower() in MESH_SUFFIXES]
 
 
 def is_of_macos(name: str) -> bool:

@@ -1,5 +1,6 @@
 """A study's data file that is another program's, damaged or newer is refused; a disk that is full loses nothing."""
 
+import os
 import resource
 import shutil
 import sqlite3
@@ -122,6 +123,18 @@ def test_folders_are_made_with_their_parents_and_the_file_appears_whole(tmp_path
     assert [str(path) for path in synced][:2] == [".", "a"]
     assert str(synced[-1]) == "a/b"
     assert sorted(path.name for path in (tmp_path / "a" / "b").iterdir()) == [NAME, f"{NAME}-journal"]
+
+
+def test_a_file_that_another_process_has_just_made_stays(folder, tmp_path, monkeypatch):
+    real, other = os.link, tmp_path / "other"
+
+    def late(*names):
+        shutil.copy(folder / NAME, other)
+        real(*names)
+
+    monkeypatch.setattr(os, "link", late)
+    AnswerStore(other, PLAN).close()
+    assert (other / NAME).read_bytes() == (folder / NAME).read_bytes()
 
 
 def test_another_program_that_reads_for_long_is_named_as_the_reason(folder, monkeypatch):

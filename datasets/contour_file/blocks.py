@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ContourFileError, name_nothing
-from ..storage.durable import TEMPORARY_SUFFIX, discard, fitting_name, publish
+from ..storage.durable import NewFile, fitting_name
 from ..storage.hdf5 import Hdf5Reader, is_of_system, require_fitting
 from ..storage.hdf5_output import Hdf5Output, hdf5_output
 from ..storage.schema import CONTOURS, METRICS, TIMING, Arrays, Field
@@ -167,22 +167,17 @@ def close_blocks(blocks: Iterable[BlockFile]) -> None:
 def write_block(folder: Path, rows: list[PoseRows], timing: Timing, recipe: str) -> None:
     """Write a block of consecutive rows; when this returns, it is on the disk.
 
-    Raises OSError; then nothing is there.
+    Raises OSError; then nothing is there, except where only the sync of the folder failed.
     """
     first, stop = rows[0].first, rows[-1].stop
-    path = folder / f"poses-{first:012d}-{stop:012d}.h5"
-    temporary = path.with_name(path.name + TEMPORARY_SUFFIX)
     counts = {dim: sum(part.counts[dim] for part in rows) for dim in rows[0].counts}
-    try:
-        with hdf5_output(temporary) as output:
-            output.attributes("/", {_RECIPE: recipe})
-            write_rows(output, rows, counts, optional_fields(rows))
-            write_timing(output, timing)
-        publish(temporary, path)
-    except OSError:
-        discard(temporary)
-        discard(path)  # it has its name where only the folder's sync failed
-        raise
+    with (
+        NewFile(folder / f"poses-{first:012d}-{stop:012d}.h5") as new,
+        hdf5_output(new.temporary) as output,
+    ):
+        output.attributes("/", {_RECIPE: recipe})
+        write_rows(output, rows, counts, optional_fields(rows))
+        write_timing(output, timing)
 
 
 def write_rows(

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from ..errors import ContourFileError
 from ..rigid import NORM_TOLERANCE
+from ..storage.digests import RowDigest
 from ..storage.durable import FolderLock
 from ..storage.hdf5 import FAILURES, Hdf5Reader
 from ..storage.schema import (
     CONTOURS,
-    DIGESTS,
-    FIELDS,
     HAND,
     KIND_NAMES,
     LIVE,
@@ -35,7 +34,6 @@ from .header_hand import hand_problem
 from .header_live import require_live
 from .reader import ContourFile
 from .timing import get_timing
-from .unknown_content import unproven_attributes
 
 LENGTH_TOLERANCE = (1e-6, 1e-7)
 """Stored and recomputed lengths agree within this, relative and absolute [m]."""
@@ -98,7 +96,7 @@ def unproven_content(path: str | PathLike[str]) -> list[str]:
     """
     try:
         with Hdf5Reader(path) as file:
-            return [] if file.digest_table is not None else ["everything, which is older than digests"]
+            return [] if file.digests is not None else ["everything: its format is older than these digests"]
     except ContourFileError:
         return []
 
@@ -120,7 +118,6 @@ def _check_open(file: ContourFile) -> list[str]:
     check.fields(LIVE)
     check.header(header)
     check.live(header)
-    check.digests(header)
     try:
         for part, pose_count in parts:
             check = _PartCheck(part, findings, "" if file.sealed else f"{part.path.name}: ")
@@ -153,6 +150,8 @@ class _PartCheck:
             if changed := recipe_differences(stored, {**found, "format": stored.get("format", "absent")}):
                 self._report(f"/: recipe is not of what the file holds: {'; '.join(changed)}")
             part.require_attributes()
+            if lost := [path for path in (part.digests.datasets if part.digests else ()) if path not in part]:
+                self._report(f"{lost[0]} is missing, though it has a digest")
             if part.text("/object", "hash") != header.object_hash:
                 self._report("/object: hash is not of vertices and faces")
             if problem := hand_problem(header.hand, header.hand_arrays):
@@ -165,22 +164,6 @@ class _PartCheck:
         try:
             rows = {spec.name: self.shapes[spec.path][0] for spec in LIVE if spec.path in self.shapes}
             require_live(get_live(part), rows, part.layout("/motion/pose")[1][0])
-        except ContourFileError as error:
-            self.findings.add(str(error))
-
-    def digests(self, part: Hdf5Reader) -> None:
-        """Whether every dataset that is known has digests, where the file has any."""
-        try:
-            if (table := part.digest_table) is None:
-                return
-            self._layout(DIGESTS)
-            known = [spec.path for spec in FIELDS if spec.path in part]
-            for path in (path for path in known if path not in table.datasets):
-                self._report(f"{path}: has no digest")
-            for path in sorted(table.datasets.keys() - part.structure.datasets.keys()):
-                self._report(f"{path!r}: has a digest, but is no dataset of the file")
-            for sentence in unproven_attributes(part):
-                self._report(sentence)
         except ContourFileError as error:
             self.findings.add(str(error))
 
@@ -217,19 +200,27 @@ class _PartCheck:
     def _values(self, spec: Field) -> None:
         """Read all rows, one of them twice where blocks meet so that every step between rows is seen."""
         count = self.shapes[spec.path][0]
+        digest, is_read = RowDigest(), True
         for first in range(0, count, _BLOCK_ROWS):
             stop, overlap = min(first + _BLOCK_ROWS, count), int(first > 0)
             try:
                 rows = self.part.read(spec.path, first - overlap, stop)
             except ContourFileError as error:
                 self.findings.add(f"{error} (rows {first} to {stop})")
+                is_read = False
                 continue
+            digest.add(rows[overlap:])
             for problem, flags in _value_flags(spec, rows):
                 self.findings.tell_rows(f"{self.inside}{spec.path}", problem, flags[overlap:], first)
             if spec.is_offset and first == 0 and rows[0] != 0:
                 self._report(f"{spec.path}: begins with {rows[0]}, expected 0")
             if spec.is_offset and stop == count:
                 self._end(spec, int(rows[-1]))
+        try:
+            if is_read:
+                self.part.require_digest(spec.path, digest)
+        except ContourFileError as error:
+            self.findings.add(str(error))
 
     def _end(self, spec: Field, last: int) -> None:
         target = {"pose_start": "/contours/polyline_closed", "polyline_start": "/contours/points"}[spec.name]

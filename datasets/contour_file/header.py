@@ -337,7 +337,7 @@ def refuse_foreign(file: Hdf5Reader) -> None:
         raise ContourFileError(
             f"{file.path} has format version {major}.{minor}, newer than this palpate reads ({FORMAT_VERSION[0]}.x)"
         )
-    if (major, minor) >= DIGESTS_SINCE and file.digest_table is None:
+    if (major, minor) >= DIGESTS_SINCE and file.digests is None:
         raise ContourFileError(f"{file.path}: attribute digests of / is missing, which format {major}.{minor} has")
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..counted import counted
 from ..errors import ContourFileError
 from ..storage.hdf5 import Hdf5Reader, require_fitting
-from ..storage.schema import CONTOURS, FIELDS, HAND, LIVE, METRICS, MOTION, Arrays, Field
+from ..storage.schema import CONTOURS, HAND, LIVE, METRICS, MOTION, Arrays, Field
 from .blocks import HEADER_NAME, BlockFile, close_blocks, open_blocks, problem_of, work_folder
 from .header import (
     FileHeader,
@@ -31,7 +31,6 @@ from .header import (
 )
 from .header_live import RecordedRun, require_live
 from .timing import Timing, get_timing, join_timing
-from .unknown_content import unproven_attributes
 
 _BLOCK_POSES = 1 << 16
 _BLOCK_POINTS = 1 << 20
@@ -43,8 +42,8 @@ class ContourFile:
     Where `path` does not exist but the work folder beside it does, the poses committed so far are read: `sealed` is
     False, `done` lists them, and reading any other pose raises. What is committed later is not seen.
 
-    Whenever rows are read, they are verified by the file's digests, if it has any (format 1.2 and newer). `verify`
-    verifies everything first.
+    Whenever rows are read, their checksums (Fletcher-32) are verified. `verify` first verifies everything by the file's
+    digests (format 1.5 and newer), which also detect a chunk of zeros.
 
     Raises:
         ContourFileError: From every method: missing, empty, truncated, foreign or damaged files, a newer major
@@ -101,23 +100,14 @@ class ContourFile:
     def require_whole(self) -> None:
         """Read everything once, in bounded memory, and raise ContourFileError for content that fails its digest.
 
-        Rows are verified whenever they are read; this verifies all rows and the attributes. Digests detect accidents:
-        who changes a file can also change its digests. Raises ContourFileError also if the file has no digests, as
-        those of formats 1.0 and 1.1.
+        Digests detect accidents: who changes a file can also change its digests. Raises ContourFileError also if the
+        file has none, as those of formats 1.0 to 1.4.
         """
-        file = self._header_file
-        if file.digest_table is None:
-            raise ContourFileError(f"{self.path} has no digests that prove its content: format 1.2 brought them")
-        file.require_attributes()
-        if sentences := unproven_attributes(file):
-            raise ContourFileError(f"{self.path}: {sentences[0]}")
-        for name in dict.fromkeys([*(spec.path for spec in FIELDS if spec.path in file), *file.digest_table.datasets]):
-            file.require_rows(name)
-        if not self.sealed:
-            for rows, _ in self.parts()[1]:
-                for spec in (*CONTOURS, *METRICS):
-                    if spec.path in rows:
-                        rows.require_rows(spec.path)
+        if self._header_file.digests is None:
+            raise ContourFileError(f"{self.path} has no digests that prove its content: format 1.5 brought them")
+        for rows in (self._header_file, *(block.rows for block in self._pose_blocks)):
+            rows.require_attributes()
+            rows.require_rows()
 
     def intact_blocks(self) -> tuple[list[tuple[int, int]], list[str]]:
         """Pose ranges of the blocks of an unfinished file whose rows are what was written, and why others are not."""
@@ -134,6 +124,7 @@ class ContourFile:
     def _require_intact(self, block: BlockFile) -> None:
         """Read a block as `ContourWriter.seal` does, so that sealing cannot fail for what resuming has accepted."""
         block.rows.require_attributes()
+        block.rows.require_rows()
         get_timing(block.rows)
         polylines = points = 0
         for first, stop in self._divided(block, _BLOCK_POINTS):

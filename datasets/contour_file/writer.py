@@ -1,7 +1,8 @@
 """Writing a contour file while it is computed, such that poses that were committed are never lost.
 
 Poses that are written are held in memory; every ten seconds, or 256 MB, they are committed as a block, a whole HDF5
-file in the work folder OUT.h5.partial (blocks.py). `seal` passes blocks and held poses through h5py into one file.
+file in the work folder OUT.h5.partial (blocks.py); before the first block, the header is committed. `seal` passes
+blocks and held poses through h5py into one file.
 
 | OUT.h5 | header | blocks | what `mode="resume"` does                                              |
 |--------|--------|--------|------------------------------------------------------------------------|
@@ -32,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ContourFileError, name_nothing
-from ..storage.durable import TEMPORARY_SUFFIX, FolderLock, discard, publish, sync, write_temporary
+from ..storage.durable import TEMPORARY_SUFFIX, FolderLock, NewFile, sync, write_file
 from ..storage.hdf5_output import Hdf5Output, hdf5_output
 from ..storage.schema import CONTOURS, HEADER, METRICS, validate_fields
 from .blocks import (
@@ -54,7 +55,6 @@ COMMIT_SECONDS = 10.0
 COMMIT_BYTES = 1 << 28
 """Poses that take more memory are committed."""
 
-_SEALED_NAME = "sealed.h5"
 _OVERWRITE_NAME = "overwrite"
 
 
@@ -95,10 +95,11 @@ class ContourWriter:
         self._committed: list[tuple[int, int]] = []
         self._committed_at = time.monotonic()
         self._complete = False
-        self._published = False
+        self._new: NewFile | None = None
         self._lock: FolderLock | None = None
         header.validate()
         self._header = header
+        self._is_written = np.zeros(header.pose_count, np.bool_)
         self._recipe = header.recipe  # hashes motion and mesh anew each time it is asked for
         self._recipe_hash = recipe_hash(self._recipe)
         self._refuse_existing(mode)
@@ -144,17 +145,8 @@ class ContourWriter:
 
     def missing(self) -> list[tuple[int, int]]:
         """Pose ranges (first, stop) that were not written yet, in pose order."""
-        gaps: list[tuple[int, int]] = []
-        reached = 0
-        if self._complete:
-            return gaps
-        for first, stop in self._ranges():
-            if reached < first:
-                gaps.append((reached, first))
-            reached = stop
-        if reached < self._header.pose_count:
-            gaps.append((reached, self._header.pose_count))
-        return gaps
+        ends = np.flatnonzero(np.diff(self._is_written, prepend=True, append=True))
+        return [] if self._complete else [(int(first), int(stop)) for first, stop in ends.reshape(-1, 2)]
 
     def write(
         self,
@@ -172,24 +164,16 @@ class ContourWriter:
         contours: arrays of /contours by name, offsets from 0, points [m]; what is optional may be left out. metrics:
         arrays of /metrics by name, shape [pose], lengths [m]. timing: time spent by stage [s].
         Raises ContourFileError where the range or an array is not valid, or overlaps what was written (nothing is
-        taken); the disk is full or fails (this range is not taken, what was before is kept).
+        taken); the disk is full or fails (all that is held stays held, this range too, and the next write tries again).
         """
         self._refuse_closed()
         self._validate(first, stop, contours, metrics)
         rows = PoseRows(first, stop, _copied(contours), _copied(metrics))
-        own = rows, timing_of(first, stop, timing or {})
-        size = sum(array.nbytes for array in (*rows.contours.values(), *rows.metrics.values()))
-        self._held.append(own)
-        self._held_bytes += size
+        self._held.append((rows, timing_of(first, stop, timing or {})))
+        self._held_bytes += sum(array.nbytes for array in (*rows.contours.values(), *rows.metrics.values()))
+        self._is_written[first:stop] = True
         if self._held_bytes > COMMIT_BYTES or time.monotonic() - self._committed_at > COMMIT_SECONDS:
-            try:
-                self.commit()
-            except ContourFileError:
-                if not any(part is own for part in self._held):
-                    return  # it is committed; what could not be is still held, and the next write tries it again
-                self._held = [part for part in self._held if part is not own]
-                self._held_bytes -= size
-                raise
+            self.commit()
 
     def commit(self) -> None:
         """Write what is held as blocks, one of each run of consecutive poses; when this returns, they are on the disk.
@@ -199,6 +183,7 @@ class ContourWriter:
         self._held.sort(key=lambda own: own[0].first)
         if self._held:
             with self._machine_failures("prepare to write"):
+                self._write_header()
                 self._remove_uncommitted()
         while self._held:
             count = next(
@@ -211,10 +196,6 @@ class ContourWriter:
             self._committed.append((rows[0].first, rows[-1].stop))
             del self._held[:count]
         self._held_bytes, self._committed_at = 0, time.monotonic()
-
-    def _ranges(self) -> list[tuple[int, int]]:
-        """Ranges that were written, in pose order."""
-        return sorted([*self._committed, *((own.first, own.stop) for own, _ in self._held)])
 
     def seal(self, *, gzip: int = 0) -> None:
         """Make OUT.h5 of what was written, replacing an old one, and remove the work folder.
@@ -240,27 +221,29 @@ class ContourWriter:
         self._remove_folder()
 
     def _seal(self, gzip: int) -> None:
-        if self._published:  # and then the sync of its name failed
+        if self._new is not None and self._new.is_named:  # and then the sync of the folder failed
             sync(self.path.parent)
             return
-        made = self._folder / (_SEALED_NAME + TEMPORARY_SUFFIX)
         self._remove_uncommitted()
-        try:
-            with ContourFile(self._folder) as file, hdf5_output(made, gzip=gzip) as output:
-                self._require_committed(file)
+        with NewFile(self.path) as self._new:
+            with contextlib.ExitStack() as stack:
+                file = stack.enter_context(ContourFile(self._folder)) if self._committed else None
+                output = stack.enter_context(hdf5_output(self._new.temporary, gzip=gzip))
                 _write_header(output, self._header)
                 held = [own for own, _ in self._held]
-                counts = {
-                    "pose": self._header.pose_count,
-                    "polyline": file.polyline_count + sum(own.counts["polyline"] for own in held),
-                    "point": file.point_count + sum(own.counts["point"] for own in held),
-                }
-                write_rows(output, self._rows_of(file), counts, {*file.optional, *optional_fields(held)})
-                write_timing(output, self._timing_of(file))
-            self._publish(made)
-        except BaseException:
-            discard(made)
-            raise
+                counts = {dim: sum(own.counts[dim] for own in held) for dim in ("pose", "polyline", "point")}
+                optional, timing = set(optional_fields(held)), [own for _, own in self._held]
+                if file is not None:
+                    self._require_committed(file)
+                    file.require_whole()
+                    counts["pose"] += self.committed
+                    counts["polyline"] += file.polyline_count
+                    counts["point"] += file.point_count
+                    optional |= set(file.optional)
+                    timing += [get_timing(rows) for rows, _ in file.parts()[1]]
+                write_rows(output, self._rows_of(file), counts, optional)
+                write_timing(output, join_timing(sorted(timing, key=lambda own: own.first[:1].tolist())))
+            self._refuse_stranger()
 
     def _require_committed(self, file: ContourFile) -> None:
         if lost := self.committed - sum(stop - first for first, stop in file.done):
@@ -270,23 +253,15 @@ class ContourWriter:
                 'mode="resume" renders them again'
             )
 
-    def _rows_of(self, file: ContourFile) -> Iterator[PoseRows]:
+    def _rows_of(self, file: ContourFile | None) -> Iterator[PoseRows]:
         """All poses in order, those that were committed in bounded memory."""
-        committed = [(first, stop, None) for first, stop in file.blocks()]
+        committed = [] if file is None else [(first, stop, None) for first, stop in file.blocks()]
         held = [(own.first, own.stop, own) for own, _ in self._held]
         for first, stop, rows in sorted([*committed, *held], key=lambda part: part[0]):
-            yield rows or PoseRows(first, stop, file.contours(first, stop), file.metrics(first, stop))
-
-    def _timing_of(self, file: ContourFile) -> Timing:
-        committed = [get_timing(rows) for rows, _ in file.parts()[1]]
-        held = [own for _, own in self._held]
-        return join_timing(sorted([*committed, *held], key=lambda own: own.first[:1].tolist()))
-
-    def _publish(self, made: Path) -> None:
-        self._refuse_stranger()
-        os.replace(made, self.path)
-        self._published = True
-        sync(self.path.parent)
+            if rows is None and file is not None:
+                rows = PoseRows(first, stop, file.contours(first, stop), file.metrics(first, stop))
+            if rows is not None:
+                yield rows
 
     def _refuse_existing(self, mode: str) -> None:
         if mode not in ("create", "resume", "overwrite"):
@@ -319,12 +294,12 @@ class ContourWriter:
             self._lock = FolderLock(self._folder)
             if mode == "create":
                 self._refuse_sealed()  # again: now no other process can seal
-                self._refuse_unfinished(fresh)
+                self._refuse_unfinished()
             if mode == "overwrite":
                 self._clear_folder()
-                write_temporary(self._folder / _OVERWRITE_NAME, memoryview(b""))
-            if mode != "resume" or not self._resume():
-                self._write_header()
+                write_file(self._folder / _OVERWRITE_NAME)
+            if mode == "resume":
+                self._resume()
         except BlockingIOError:
             raise ContourFileError(f"{self.path} is being written by another process") from None
         except BaseException as error:
@@ -333,8 +308,8 @@ class ContourWriter:
             self.close()
             raise
 
-    def _refuse_unfinished(self, fresh: bool) -> None:
-        if not fresh:
+    def _refuse_unfinished(self) -> None:
+        if (self._folder / HEADER_NAME).exists() or block_like_files(self._folder):
             raise ContourFileError(
                 f"{self._folder} holds an unfinished rendering of {self.path}: "
                 'mode="resume" goes on with it, mode="overwrite" begins anew'
@@ -347,41 +322,36 @@ class ContourWriter:
             if self._folder.is_symlink() or not self._folder.is_dir():
                 raise ContourFileError(f"{self._folder} is no folder of its own, but a file or a link") from None
             return False
-        sync(self._folder.parent)
         return True
 
     def _write_header(self) -> None:
-        temporary = self._folder / (HEADER_NAME + TEMPORARY_SUFFIX)
-        try:
-            with hdf5_output(temporary) as output:
+        if not (self._folder / HEADER_NAME).exists():
+            sync(self._folder.parent)
+            with NewFile(self._folder / HEADER_NAME) as new, hdf5_output(new.temporary) as output:
                 _write_header(output, self._header)
-            publish(temporary, self._folder / HEADER_NAME)
-        except OSError:
-            discard(temporary)
-            raise
 
-    def _resume(self) -> bool:
-        """Take over what is there, by the table above; False if there is nothing."""
+    def _resume(self) -> None:
+        """Take over what is there, by the table above."""
         if not (self._folder / HEADER_NAME).exists():
             if block_files(self._folder):
                 raise ContourFileError(f'{self._folder} has no header, so it cannot be resumed: use mode="overwrite"')
-            if not self.path.exists():
-                self._clear_temporary()
-                return False
-            self._finish_with(self.path)
-            return True
+            self._clear_temporary()
+            if self.path.exists():
+                self._finish_with(self.path)
+            return
         with ContourFile(self._folder) as old:
             self._refuse_differing(old)
             self._header = old.header()  # one run, one header: also its device and time of creation
             if self._is_sealed_as(self._header.created):
                 self._finish_with(self.path)
-                return True
+                return
             self._refuse_stranger()
             self._clear_temporary()
             self._committed, damaged = old.intact_blocks()
+            for first, stop in self._committed:
+                self._is_written[first:stop] = True
         self.repairs = tuple(f"{text}: dropped, its poses are rendered again" for text in (*old.problems, *damaged))
         self._remove_uncommitted()
-        return True
 
     def _remove_uncommitted(self) -> None:
         """Remove blocks that are none: damaged, foreign, or left by a commit that failed once they had their name."""
@@ -425,7 +395,7 @@ class ContourWriter:
         where = f"{self.path}, poses {first} to {stop}"
         if not 0 <= first < stop <= self._header.pose_count:
             raise ContourFileError(f"{where}: out of range, there are {self._header.pose_count} poses")
-        if any(begin < stop and first < end for begin, end in self._ranges()):
+        if self._is_written[first:stop].any():
             raise ContourFileError(f"{where}: overlap poses that were written already")
         try:
             rows, metric_rows = validate_fields(contours, CONTOURS), validate_fields(metrics, METRICS)
@@ -457,9 +427,8 @@ class ContourWriter:
         return "free space unknown"
 
     def _clear_temporary(self) -> None:
-        for name in (HEADER_NAME, _SEALED_NAME, "poses-*.h5"):
-            for path in self._folder.glob(name + TEMPORARY_SUFFIX):
-                path.unlink()
+        for path in self._folder.glob("*.h5.*" + TEMPORARY_SUFFIX):
+            path.unlink()
 
     def _clear_folder(self) -> None:
         """Remove what writers left, older palpates' too, the header last: blocks without it would be of nothing."""

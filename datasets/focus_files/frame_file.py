@@ -1,14 +1,8 @@
-"""Frames of a playback as one HDF5 file, written block by block: whole or not there, also after kill -9.
-
-HDF5 never meets a full disk: the file's head is made in memory, all of its room is reserved by the system, and only
-then do rows come. Under its own name it appears when the last row is on the disk.
-"""
+"""Frames of a playback as one HDF5 file, written block by block: whole or not there, also after kill -9."""
 
 from __future__ import annotations
 
 import contextlib
-import fcntl
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,16 +12,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..storage.digests import ATTRIBUTE, BlockDigester, Digests, block_digests, digests_text
-from ..storage.durable import discard, publish, sync, temporary_files, temporary_name, unfinished, write_temporary
-from ..storage.hdf5_columns import image_of
+from ..storage.durable import NewFile
 from ..storage.hdf5_opening import Attribute
-from ..storage.hdf5_output import fixed_text
-from ..storage.hdf5_structure import h5py
-
-_FORMAT = ("v108", "v108")  # readers of today all read it
-_SLACK = 1 << 20  # [byte] for HDF5's own lists and digests, given back in the end
-_BLOCK_ROWS = 256  # frames of a digest: reading one reads all of these
+from ..storage.hdf5_output import hdf5_output
+from ..storage.schema import Field
 
 
 @dataclass(frozen=True)
@@ -43,16 +31,21 @@ class FrameField:
     """NumPy's name of the type of its values."""
 
     @property
-    def row_bytes(self) -> int:
-        """Bytes of one frame."""
-        return np.dtype(self.dtype).itemsize * int(np.prod(self.row_shape, dtype=np.int64))
+    def spec(self) -> Field:
+        """The same as a field of a file's format."""
+        _, group, name = self.path.split("/")
+        return Field(group, name, np.dtype(self.dtype), ("frame", *self.row_shape), self.units)
+
+
+class _Discarded(Exception):
+    """Ends the writing of a file that nobody wants any more."""
 
 
 class FrameFile:
     """A file of frames being written; use it in a `with`: what is not published by then is removed.
 
     fields: what each frame has. frame_count: how many frames will come. attributes: of the groups and "/". arrays:
-    whole datasets beside the frames, by path. What killed writers of the same file have left is removed.
+    whole datasets beside the frames.
 
     Raises:
         OSError: From the system (ENOSPC, EFBIG, ...), from the constructor if there is no room for all frames;
@@ -66,59 +59,36 @@ class FrameFile:
         frame_count: int,
         *,
         attributes: Mapping[str, Mapping[str, Attribute]],
-        arrays: Mapping[str, NDArray[Any]] | None = None,
+        arrays: Mapping[FrameField, NDArray[Any]] | None = None,
     ) -> None:
         self.path = path
         self.frame_count = frame_count
-        # a name of its own: two workers may write the same file at once, when one of them was taken for dead
-        self._temporary = temporary_name(path)
-        self._unfinished = contextlib.ExitStack()
-        self._unfinished.enter_context(unfinished(self._temporary))
         self._at = 0
-        self._lock = -1
-        self._file: Any = None
-        self._datasets: dict[str, Any] = {}
-        self._digesters = {field.path: BlockDigester(_BLOCK_ROWS) for field in fields}
-        self._dtypes = {field.path: field.dtype for field in fields}
-        self._attributes, self._arrays = {name: dict(own) for name, own in attributes.items()}, arrays or {}
-        image = _image(attributes, self._arrays)
-        rows = frame_count * sum(field.row_bytes for field in fields)
-        try:
-            for left in temporary_files(path):
-                with contextlib.suppress(OSError):  # another process has removed it
-                    if (handle := _lock_file(left)) >= 0:  # no process writes it any more
-                        discard(left)
-                        os.close(handle)
-            write_temporary(self._temporary, memoryview(image))
-            self._lock = _lock_file(self._temporary)
-            # Opened to read, too, as the C library does where the file system cannot reserve room.
-            handle = os.open(self._temporary, os.O_RDWR | os.O_CLOEXEC)
-            try:
-                os.posix_fallocate(handle, 0, len(image) + rows + _SLACK)
-            finally:
-                os.close(handle)
-            self._file = h5py.File(self._temporary, "r+", libver=_FORMAT, locking=False)
-            for field in fields:
-                self._datasets[field.path] = self._dataset(field)
-        except BaseException:
-            self.discard()
-            raise
-
-    def _dataset(self, field: FrameField) -> Any:
-        shape = (self.frame_count, *field.row_shape)
-        dataset: Any = self._file.create_dataset(field.path, shape=shape, dtype=field.dtype, track_times=False)
-        dataset.attrs["units"] = field.units
-        return dataset
+        self._specs = {field.path: field.spec for field in fields}
+        shapes = {
+            spec: (frame_count, *field.row_shape) for field, spec in zip(fields, self._specs.values(), strict=True)
+        }
+        size = sum(int(np.prod(shape, dtype=np.int64)) * spec.dtype.itemsize for spec, shape in shapes.items())
+        with contextlib.ExitStack() as stack:
+            self._new = stack.enter_context(NewFile(path))
+            self._output = stack.enter_context(hdf5_output(self._new.temporary, reserved_bytes=size))
+            for name, values in attributes.items():
+                self._output.attributes(name, values)
+            for field, array in (arrays or {}).items():
+                self._output.add(field.spec, array)
+            for spec, shape in shapes.items():
+                self._output.begin(spec, shape)
+            self._writing = stack.pop_all()
 
     def append(self, rows: Mapping[str, NDArray[Any]]) -> None:
         """Write the next frames: rows of each field by its path. Raises ValueError for more than were announced."""
         count = len(next(iter(rows.values())))
         stop = self._at + count
-        if stop > self.frame_count or rows.keys() != self._datasets.keys():
+        if stop > self.frame_count or rows.keys() != self._specs.keys():
             raise ValueError(f"{self.path}: frames up to {stop} of {sorted(rows)} do not fit {self.frame_count}")
         for name, values in rows.items():
-            self._datasets[name][self._at : stop] = values
-            self._digesters[name].add(np.asarray(values, self._dtypes[name]))
+            spec = self._specs[name]
+            self._output.append(spec, np.asarray(values, spec.dtype))
         self._at = stop
 
     def publish(self, attributes: Mapping[str, Mapping[str, Attribute]] | None = None) -> int:
@@ -129,45 +99,14 @@ class FrameFile:
         if self._at != self.frame_count:
             raise ValueError(f"{self.path}: has {self._at} frames, {self.frame_count} were announced")
         for name, values in (attributes or {}).items():
-            self._attributes.setdefault(name, {}).update(values)
-            group: Any = self._file.require_group(name)
-            group.attrs.update(values)
-        self._write_digests()
-        self._close()
-        sync(self._temporary)
-        size = self._temporary.stat().st_size
-        publish(self._temporary, self.path)
-        self._release()
-        return size
-
-    def _write_digests(self) -> None:
-        """Digests of all datasets and attributes, as those of contour files (docs/formats/file-format.md)."""
-        digests: dict[str, tuple[tuple[int, ...], Digests]] = {
-            name: (array.shape, block_digests(array, _BLOCK_ROWS)) for name, array in self._arrays.items() if array.ndim
-        }
-        for name, digester in self._digesters.items():
-            digests[name] = self._datasets[name].shape, digester.finish()
-        self._file["/digests/block"] = np.concatenate([own for _, own in digests.values()])
-        text = digests_text(digests, self._attributes, _BLOCK_ROWS)
-        self._file.attrs[ATTRIBUTE] = fixed_text(text)
+            self._output.attributes(name, values)
+        self._writing.close()
+        return self.path.stat().st_size
 
     def discard(self) -> None:
         """Remove what was written, unless it is published; once more does nothing."""
-        self._close()
-        discard(self._temporary)
-        self._unfinished.close()
-        self._release()
-
-    def _close(self) -> None:
-        self._datasets.clear()
-        if self._file is not None:
-            self._file.close()
-            self._file = None
-
-    def _release(self) -> None:
-        if self._lock >= 0:
-            os.close(self._lock)
-            self._lock = -1
+        with contextlib.suppress(OSError):  # of a full disk, on which HDF5 closes the file
+            self._writing.pop_all().__exit__(_Discarded, _Discarded(), None)
 
     def __enter__(self) -> Self:
         return self
@@ -176,25 +115,3 @@ class FrameFile:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.discard()
-
-
-def _image(attributes: Mapping[str, Mapping[str, Attribute]], arrays: Mapping[str, NDArray[Any]]) -> bytes:
-    """The file without its frames."""
-    with h5py.File("image", "w", driver="core", backing_store=False, libver=_FORMAT) as file:
-        for name, values in arrays.items():
-            file.create_dataset(name, data=values, track_times=False)
-        for name, values in attributes.items():
-            group: Any = file.require_group(name)
-            group.attrs.update(values)
-        return bytes(image_of(file))
-
-
-def _lock_file(path: Path) -> int:
-    """A handle by which others see that a file is being written; -1 where there are no locks, or another has it."""
-    handle = os.open(path, os.O_RDWR | os.O_CLOEXEC)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(handle)
-        return -1
-    return handle

@@ -136,10 +136,11 @@ class FrameReader:
     def problems(self) -> list[str]:
         """Problems of the recipe and the datasets, a sentence each; reads all data in blocks. Empty if none."""
         out: list[str] = []
-        try:
-            self.recipe()
-        except ContourFileError as error:
-            out.append(str(error))
+        for require in (self.recipe, self._file.require_attributes, self._file.require_rows):
+            try:
+                require()
+            except ContourFileError as error:
+                out.append(str(error))
         for rows in self._fields:
             bad = np.zeros(0, np.int64)
             for first in range(0, self.frame_count, _BLOCK_ROWS):
@@ -155,8 +156,8 @@ class FrameReader:
 
     def _array_ends(self, row_bytes: int) -> list[int]:
         """Where the bytes of each array end in a row; refuses a file that is not finished, or was cut."""
-        if self._file.digest_table is None:
-            raise ContourFileError(f"{self.path} has no digests: it is not finished, or palpate did not write it")
+        if self._file.digests is None:
+            raise ContourFileError(f"{self.path} has no digests of whole datasets: prepare it anew")
         counts = self._file.attribute("/array", "frame_bytes")
         sizes: list[Any] = counts.tolist() if isinstance(counts, np.ndarray) and counts.dtype.kind == "i" else []
         if not sizes or min(sizes) < 1 or sum(sizes) != row_bytes:

@@ -129,7 +129,7 @@ def write_ptlist(
     text.write(f"{len(rows)},{update_rate:.17g},1\n")
     np.savetxt(text, rows, fmt="%.9g", delimiter=",")
     try:
-        write_file(path, memoryview(text.getvalue().encode()))
+        write_file(path, text.getvalue().encode())
     except OSError as error:
         raise PointListError(f"{path}: cannot be written ({error.strerror or error})") from error
 

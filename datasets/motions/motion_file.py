@@ -30,8 +30,8 @@ from ..json_text import parse_json
 from ..known_names import likely_file
 from ..storage.durable import write_file
 from ..storage.hdf5 import FAILURES
+from ..storage.hdf5_declared import h5py
 from ..storage.hdf5_opening import StrictFile, open_hdf5
-from ..storage.hdf5_structure import h5py
 from ..user_warnings import warn_user
 from .table_cells import (
     Header,
@@ -100,7 +100,7 @@ def write_rows(path: Path, rows: MotionRows, *, overwrite: bool) -> None:
         raise MotionError(f"{path}: exists already; overwrite=True replaces it")
     content = _csv_bytes(rows) if form == "csv" else _hdf5_bytes(rows)
     try:
-        write_file(path, memoryview(content))
+        write_file(path, content)
     except OSError as error:
         raise MotionError(f"{path}: cannot be written: {error}") from error
 
@@ -228,11 +228,12 @@ def _clock(time: NDArray[np.float64], offset: float) -> NDArray[np.float64]:
 def _rows_from_hdf5(path: Path) -> MotionRows:
     try:
         with open_hdf5(path) as file:
-            if "/motion/pose" not in file.datasets:
+            if "/motion/pose" not in file:
                 raise MotionError("an HDF5 file without /motion/pose")
             pose = _numbers(file, "/motion/pose", 2)
-            time = _numbers(file, "/motion/time", 1) if "/motion/time" in file.datasets else None
-            seed = file.whole("/motion" if "seed" in file.structure.attributes["/motion"] else "/", "seed")
+            time = _numbers(file, "/motion/time", 1) if "/motion/time" in file else None
+            own = file.whole("/motion", "seed")
+            seed = file.whole("/", "seed") if own is None else own
             offset = file.number("/motion", "offset") or 0.0
             return MotionRows(time, pose, offset, seed, row_place, _provenance(file.attribute("/motion", "provenance")))
     except Hdf5Error as error:

@@ -101,7 +101,7 @@ def write_alignment(path: str | PathLike[str], alignment: Alignment, *, overwrit
         content = {"matrix": matrix.tolist()}
     text = json.dumps(content) + "\n"
     try:
-        write_file(Path(path), memoryview(text.encode()))
+        write_file(Path(path), text.encode())
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written: {error}") from error
 

@@ -87,7 +87,7 @@ def write_sample(format: str, path: str | PathLike[str], *, frame_count: int = 3
             known = ", ".join(f"{name} {suffix}" for name, suffix in (*writers, ("leap", ".npz")))
             raise RecordingError(f"{target}: no sample of {format!r} as {target.suffix!r}; there are {known}")
         else:
-            write_file(target, memoryview(write(recording).encode()))
+            write_file(target, write(recording).encode())
     except OSError as error:
         raise RecordingError(f"{target}: cannot be written: {error}") from error
     return target

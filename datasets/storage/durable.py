@@ -5,15 +5,16 @@ from __future__ import annotations
 import contextlib
 import errno
 import fcntl
-import glob
 import hashlib
 import os
+import re
 import secrets
 import shutil
 import stat
-import time
-from collections.abc import Generator, Sequence
+from collections.abc import Generator
 from pathlib import Path
+from types import TracebackType
+from typing import Self
 
 Buffer = memoryview | bytes | bytearray
 """Bytes to write; a memoryview must have items of one byte."""
@@ -21,70 +22,170 @@ Buffer = memoryview | bytes | bytearray
 TEMPORARY_SUFFIX = ".tmp"
 """Suffix of files that are still being written."""
 
-ABANDONED_SECONDS = 3600.0
-"""Age of the last write [s] from which a temporary file counts as left by a killed process."""
-
 _NAME_BYTES = 255  # NAME_MAX of Linux
 _DIGEST_DIGITS = 12
+_RANDOM_DIGITS = 12
 
-_unfinished: set[Path] = set()
+_NEW = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC  # never an existing file or a link
 
-_NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC  # never an existing file or a link
-
-
-def write_file(path: Path, content: memoryview) -> None:
-    """Write a file so that `path` never holds only a part of it; when this returns, it survives a power cut.
-
-    Raises:
-        OSError: From the system (ENOSPC, EFBIG, EDQUOT, ...); no temporary file stays.
-    """
-    with _temporary_file(path) as temporary:
-        write_temporary(temporary, content)
-        publish(temporary, path)
+_unfinished: set[NewFile] = set()
 
 
-@contextlib.contextmanager
-def whole_file(path: Path, suffix: str = "") -> Generator[Path, None, None]:
-    """A temporary path to write a file under; it gets its name, durably, when the block ends, and goes if it raises.
+class NewFile:
+    """A file that is written under a temporary name until `publish` gives it its own name; use it in a `with`.
 
-    suffix: how the temporary name ends, for writers that choose a format by it.
+    Leaving the `with` publishes the file, unless that has happened; leaving it by an exception discards the file. A
+    writer holds a shared lock (flock) on its temporary file. So the next writer of the same path knows what killed
+    writers have left, and removes it. Two writers of one path do not disturb each other: the one that publishes last
+    stays.
+
+    path: the file to make or to replace. suffix: end of the temporary name, for libraries that choose a format by it.
 
     Raises:
-        OSError: From the system (ENOSPC, EFBIG, EDQUOT, ...); no temporary file stays.
+        OSError: From the system (ENOSPC, EACCES, ...).
     """
-    with _temporary_file(path, suffix) as temporary:
-        yield temporary
-        sync(temporary)
-        publish(temporary, path)
 
+    # A file without a name (O_TMPFILE) would leave nothing after a kill, but linkat replaces no old file, so that a
+    # temporary name would come back; besides, SQLite and writers that look at the suffix need a name.
 
-@contextlib.contextmanager
-def _temporary_file(path: Path, suffix: str = "") -> Generator[Path, None, None]:
-    """A temporary path, removed if the block raises or `discard_unfinished` is called."""
-    remove_abandoned(path, suffix)
-    temporary = temporary_name(path, suffix)
-    with unfinished(temporary):
+    def __init__(self, path: Path, suffix: str = "") -> None:
+        self.path = path
+        """The file to make."""
+        self.is_named = False
+        for left in temporary_files(path, suffix):
+            discard_left(left)
+        self.temporary, self.handle = _create(path, suffix)
+        """Path to write to until then, which exists and is empty; and the same, open for reading and writing."""
+        _unfinished.add(self)
+
+    def write(self, *buffers: Buffer) -> None:
+        """Write buffers one after another, behind what `write` has written before.
+
+        Raises:
+            OSError: From the system. The file is discarded, as it may hold a part of a buffer.
+        """
+        with self._discarding():
+            for buffer in buffers:
+                left = memoryview(buffer)
+                while left:
+                    left = left[os.write(self.handle, left) :]
+
+    def publish(self, *, replaces: bool = True, durable: bool = True) -> None:
+        """Give the file its name and have it on the disk; once more does nothing.
+
+        replaces: False refuses to replace a file that has come meanwhile. durable: False waits for no disk, so that a
+        power cut may leave a part of the file.
+
+        Raises:
+            OSError: From the system, or the file was discarded before. If it comes from syncing the folder, the file
+                has its name, but a power cut may take that back; publishing again syncs the folder again. Else the file
+                is discarded: Linux reports only once that it has lost content, so that trying again proves nothing.
+            FileExistsError: There is a file, and `replaces` is False. The new one is discarded.
+        """
+        if not self.is_named:
+            if self.handle < 0:
+                raise OSError(errno.EBADF, "was discarded", str(self.temporary))
+            with self._discarding():
+                if durable:
+                    os.fsync(self.handle)
+                (os.replace if replaces else _link)(self.temporary, self.path)
+            self.is_named = True
+        if durable and self.handle >= 0:
+            sync(self.path.parent)
+        self._close()
+
+    @contextlib.contextmanager
+    def _discarding(self) -> Generator[None, None, None]:
         try:
-            yield temporary
-        except BaseException:
-            discard(temporary)
+            yield
+        except OSError:
+            self.discard()
             raise
 
+    def discard(self) -> None:
+        """Remove the temporary file, unless it has its name; once more does nothing."""
+        if not self.is_named:
+            discard(self.temporary)
+        self._close()
 
-@contextlib.contextmanager
-def unfinished(temporary: Path) -> Generator[None, None, None]:
-    """Have `discard_unfinished` remove a file, until the block ends."""
-    _unfinished.add(temporary)
-    try:
-        yield
-    finally:
-        _unfinished.discard(temporary)
+    def _close(self) -> None:
+        _unfinished.discard(self)
+        if self.handle >= 0:
+            os.close(self.handle)
+            self.handle = -1
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            if error is None and self.handle >= 0:
+                self.publish()
+        finally:
+            self.discard()
+
+
+def write_file(path: Path, *buffers: Buffer, durable: bool = True) -> None:
+    """Write a file so that `path` never holds only a part of it; when this returns, it survives a power cut.
+
+    durable: False waits for no disk (`NewFile.publish`).
+
+    Raises:
+        OSError: From the system (ENOSPC, EFBIG, EDQUOT, ...); no temporary file stays.
+    """
+    with NewFile(path) as new:
+        new.write(*buffers)
+        new.publish(durable=durable)
 
 
 def discard_unfinished() -> None:
     """Remove all files that are half written, before this process ends in the middle of its work."""
-    for temporary in tuple(_unfinished):
-        discard(temporary)
+    for new in tuple(_unfinished):
+        discard(new.temporary)  # its handle stays open: another thread may be writing to it
+
+
+def _create(path: Path, suffix: str) -> tuple[Path, int]:
+    """A new temporary file and a handle that holds its lock."""
+    while True:
+        temporary = temporary_name(path, suffix)
+        handle = os.open(temporary, _NEW, 0o666)
+        try:
+            # Shared, as readers of HDF5 lock: they may open the file as soon as it has its name.
+            fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:  # another writer has taken it for a left file, and removes it
+            os.close(handle)
+            continue
+        except OSError:  # a file system without locks, where no writer removes what others have left
+            return temporary, handle
+        if os.path.lexists(temporary):  # random names do not come back: it was not removed before it was locked
+            return temporary, handle
+        os.close(handle)
+
+
+def discard_left(temporary: Path) -> None:
+    """Remove a temporary file, unless a process is writing it, or the file system has no locks that tell."""
+    with contextlib.suppress(OSError):
+        handle = open_own(temporary, os.O_RDWR)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            os.unlink(temporary)
+        finally:
+            os.close(handle)
+
+
+def _link(temporary: Path, path: Path) -> None:
+    """Give a file its name, unless there is one of that name (FileExistsError)."""
+    try:
+        os.link(temporary, path)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without links: two that do this at the same moment replace each other
+        if os.path.lexists(path):
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path)) from None
+        os.replace(temporary, path)
+    discard(temporary)
 
 
 def temporary_name(path: Path, suffix: str = "") -> Path:
@@ -92,7 +193,18 @@ def temporary_name(path: Path, suffix: str = "") -> Path:
 
     suffix: how it ends, for writers that choose a format by the name.
     """
-    return fitting_name(path, f".{secrets.token_hex(6)}{TEMPORARY_SUFFIX}{suffix}")
+    return fitting_name(path, f".{secrets.token_hex(_RANDOM_DIGITS // 2)}{TEMPORARY_SUFFIX}{suffix}")
+
+
+def temporary_files(path: Path, suffix: str = "") -> list[Path]:
+    """Temporary files of `path` that are there (`temporary_name`), of whichever process."""
+    ending = f".{'0' * _RANDOM_DIGITS}{TEMPORARY_SUFFIX}{suffix}"
+    front = re.escape(fitting_name(path, ending).name.removesuffix(ending))
+    name = re.compile(rf"{front}\.[0-9a-f]{{{_RANDOM_DIGITS}}}{re.escape(TEMPORARY_SUFFIX + suffix)}")
+    try:
+        return [path.with_name(own) for own in os.listdir(path.parent) if name.fullmatch(own)]
+    except OSError:  # a folder that takes new files but may not be listed
+        return []
 
 
 def fitting_name(path: Path, ending: str) -> Path:
@@ -106,21 +218,6 @@ def fitting_name(path: Path, ending: str) -> Path:
     return path.with_name(f"{front}~{digest}{ending}")
 
 
-def temporary_files(path: Path, suffix: str = "") -> list[Path]:
-    """Temporary files of `path` that are there (`temporary_name`), of whichever process."""
-    ending = f".{'0' * 12}{TEMPORARY_SUFFIX}{suffix}"
-    front = glob.escape(str(fitting_name(path, ending)).removesuffix(ending))
-    return [Path(name) for name in glob.glob(f"{front}.{'[0-9a-f]' * 12}{TEMPORARY_SUFFIX}{suffix}")]
-
-
-def remove_abandoned(path: Path, suffix: str = "") -> None:
-    """Remove temporary files of `path` (`temporary_name`) that killed processes have left."""
-    for left in temporary_files(path, suffix):
-        with contextlib.suppress(OSError):  # another process has removed it
-            if time.time() - os.lstat(left).st_mtime >= ABANDONED_SECONDS:
-                os.unlink(left)
-
-
 def write_temporary(path: Path, content: memoryview) -> None:
     """Write a new file and sync it to the disk; raises OSError, also if the name exists."""
     handle = os.open(path, _NEW, 0o666)
@@ -130,13 +227,6 @@ def write_temporary(path: Path, content: memoryview) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
-
-
-def write_buffers(path: Path, buffers: Sequence[Buffer]) -> None:
-    """Write buffers one after another into a new file, or anew, without syncing it; raises OSError."""
-    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
-    with os.fdopen(os.open(path, flags, 0o666), "wb") as stream:
-        stream.writelines(buffers)
 
 
 def publish(temporary: Path, path: Path) -> None:

@@ -1,6 +1,11 @@
-"""Typed access to the HDF5 of contour files: arrays, attributes, and errors that name the file and the dataset.
+"""Typed access to palpate's HDF5 files: arrays, attributes, digests, and errors that name the file and the dataset.
 
-h5py has no type information, so everything that it returns is `Any`; this module returns typed values.
+| damage                                             | is found                                                     |
+|----------------------------------------------------|--------------------------------------------------------------|
+| a bit of the file's own structure                  | when that part is opened: libhdf5's checksums                |
+| a bit of a chunk of rows                           | whenever the chunk is read: Fletcher-32                      |
+| a file that is too short, rows that are not there  | when a dataset of it is opened                               |
+| a chunk of zeros, 0x0000 for 0xFFFF, an attribute  | by `require_rows` and `require_attributes`: digests (XXH3)   |
 """
 
 from __future__ import annotations
@@ -8,6 +13,7 @@ from __future__ import annotations
 import re
 from collections.abc import Generator
 from contextlib import contextmanager
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
@@ -18,11 +24,9 @@ from numpy.typing import NDArray
 
 from ..errors import ContourFileError, Hdf5Error, name_nothing
 from ..known_names import likely_file
-from .digests import DigestTable
+from .digests import ATTRIBUTE, Digests, RowDigest, attribute_digest
 from .hdf5_opening import Attribute, open_hdf5
-from .hdf5_structure import Structure
-from .proven_rows import ProvenRows
-from .schema import DIGESTS, FIELDS, Field, count_problems, shape_problem
+from .schema import FIELDS, Field, count_problems, shape_problem
 
 # Exceptions that h5py raises for damaged or foreign content; any other exception is a bug of palpate.
 FAILURES = (OSError, LookupError, ValueError, TypeError, RuntimeError, ArithmeticError, EOFError, MemoryError)
@@ -31,7 +35,7 @@ _BLOCK_ROWS = 1 << 17
 
 
 class Hdf5Reader:
-    """An HDF5 file opened for reading. Whenever rows are read, they are verified by the file's digests, if it has any.
+    """An HDF5 file opened for reading, of which only what is asked for is opened.
 
     Raises:
         ContourFileError: From every method, if the file is missing, foreign, truncated or damaged.
@@ -47,7 +51,6 @@ class Hdf5Reader:
             except IsADirectoryError:
                 raise name_nothing(ContourFileError(f"{self.path} is a folder, not a contour file")) from None
             self._state = self._opened.state()
-            self._proven = ProvenRows(self._opened)
 
     def close(self) -> None:
         """Close the file; closing twice does nothing."""
@@ -73,12 +76,8 @@ class Hdf5Reader:
             raise ContourFileError(f"{self.path} was changed {how} while it was read")
 
     def __contains__(self, name: str) -> bool:
-        return name in self._opened.structure.attributes
-
-    @property
-    def structure(self) -> Structure:
-        """Every dataset, and the names of the attributes of every group and dataset."""
-        return self._opened.structure
+        with _failures(self.path):
+            return name in self._opened
 
     def layout(self, name: str) -> tuple[np.dtype[Any], tuple[int, ...]]:
         """Dtype and shape of a dataset; raises if it is a scalar, or if any of its chunks is not in the file."""
@@ -108,24 +107,48 @@ class Hdf5Reader:
         own = self._opened.declared(name)
         if name in _SPECS and (problem := shape_problem(_SPECS[name], own.dtype, own.shape)):
             raise Hdf5Error(problem)
-        return self._proven.read(name, first, stop)
+        return self._opened.read(name, first, stop)
 
-    @property
-    def digest_table(self) -> DigestTable | None:
-        """The file's digests of its datasets and attributes; None if it has none."""
+    @cached_property
+    def digests(self) -> Digests | None:
+        """Digests of datasets and attributes; None if the file has none, or those of blocks, of formats 1.2 to 1.4."""
         with _failures(self.path):
-            return self._proven.table
+            text = self._opened.attribute("/", ATTRIBUTE)
+            if text is None:
+                return None
+            try:
+                return Digests.from_text(text if isinstance(text, str) else "")
+            except ValueError as error:
+                raise Hdf5Error(f"attribute {ATTRIBUTE} of / is damaged: {error}") from error
 
     def require_attributes(self) -> None:
-        """Raise ContourFileError if the attributes do not match the file's digests."""
+        """Raise ContourFileError if the attributes do not match the file's digests, where it has any."""
         with _failures(self.path):
-            self._proven.require_attributes()
+            for group, digests in self.digests.attributes.items() if self.digests else ():
+                for key, digest in digests.items():
+                    value = self._opened.attribute(group, key)
+                    if value is None or attribute_digest(value) != digest:
+                        raise Hdf5Error(f"attribute {key} of {group} is not what was written")
 
-    def require_rows(self, name: str) -> None:
-        """Read all rows of a dataset in bounded memory; raises ContourFileError for rows that fail their digests."""
-        _, shape = self.layout(name)
-        for first in range(0, shape[0], _BLOCK_ROWS):
-            self.read(name, first, first + _BLOCK_ROWS)
+    def require_rows(self) -> None:
+        """Read all datasets that have digests, in bounded memory; raises ContourFileError where one does not match."""
+        for name in self.digests.datasets if self.digests else ():
+            _, shape = self.layout(name)
+            digest = RowDigest()
+            for first in range(0, shape[0], _BLOCK_ROWS):
+                digest.add(self.read(name, first, first + _BLOCK_ROWS))
+            self.require_digest(name, digest)
+
+    def require_digest(self, name: str, found: RowDigest) -> None:
+        """Raise ContourFileError unless all rows of a dataset, which `found` got, are what was written."""
+        if self.digests is None:
+            return
+        if name not in self.digests.datasets:
+            raise ContourFileError(f"{self.path}: {name} has no digest, which every dataset of this format has")
+        if self.digests.datasets[name] != found.finish():
+            raise ContourFileError(
+                f"{self.path}: {name} is damaged: its rows are not what was written, by their digest"
+            )
 
     def attribute(self, name: str, key: str) -> Attribute | None:
         """An attribute of a group or dataset; None if it does not exist."""
@@ -150,7 +173,7 @@ class Hdf5Reader:
             return self._opened.whole(name, key)
 
 
-_SPECS = {spec.path: spec for spec in (*FIELDS, DIGESTS)}
+_SPECS = {spec.path: spec for spec in FIELDS}
 
 
 def require_fitting(file: Hdf5Reader, fields: tuple[Field, ...], pose_count: int) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import Hdf5Error
-from .hdf5_structure import Declared
+from .hdf5_declared import Declared
 
 _CHECKSUM_BYTES = 4
 _INDEX_BYTES = 8  # of a chunk's entry in the smallest of HDF5's indices

@@ -5,10 +5,9 @@ What goes wrong is a SweepStoreError that names the file.
 
 from __future__ import annotations
 
-import os
 import secrets
 import struct
-from collections.abc import Collection, Generator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, cast
@@ -18,10 +17,9 @@ from numpy.typing import NDArray
 
 from ..errors import Hdf5Error, SweepStoreError, name_nothing
 from .checksum import lookup3
-from .durable import Buffer, discard, temporary_name, whole_file, write_buffers
 from .hdf5 import FAILURES, reason_of
+from .hdf5_declared import h5py
 from .hdf5_opening import StrictFile, open_hdf5
-from .hdf5_structure import h5py
 
 Values = Sequence[Any] | NDArray[Any]
 """A column: an array, or a list of str, float, int, bool and None."""
@@ -175,34 +173,10 @@ def image_of(file: Any) -> memoryview:
     return memoryview(image if image.startswith(superblock) else superblock + image[_SUPERBLOCK_BYTES:])
 
 
-def write_whole(path: Path, *buffers: Buffer, durable: bool = True) -> None:
-    """Write a file such that its name never shows a part of it; when this returns, it is on the disk, if `durable`.
-
-    Else it outlives this process, but a power cut may leave a part of it. Of several processes that write it at once,
-    the last one's stays.
-
-    Raises:
-        OSError: From the system (ENOSPC, EFBIG, ...); nothing is left behind.
-    """
-    if durable:
-        with whole_file(path) as temporary:
-            write_buffers(temporary, buffers)
-        return
-    temporary = temporary_name(path)
-    try:
-        write_buffers(temporary, buffers)
-        os.replace(temporary, path)
-    except OSError:
-        discard(temporary)
-        raise
-
-
 @contextmanager
-def open_columns(
-    path: Path, content: bytes | None = None, *, unread: Collection[str] = ()
-) -> Generator[StrictFile, None, None]:
+def open_columns(path: Path, content: bytes | None = None) -> Generator[StrictFile, None, None]:
     """An HDF5 file open for reading, see `open_hdf5`; failures within name it (SweepStoreError)."""
-    with naming_failures(path), open_hdf5(path, content, unread=unread) as file:
+    with naming_failures(path), open_hdf5(path, content) as file:
         yield file
 
 

@@ -1,24 +1,25 @@
-"""Strict opening of HDF5 for reading: a file's complete structure is validated before any data is read.
+"""Strict opening of HDF5 for reading: only what a caller names is opened, and each such object is validated first.
 
     with open_hdf5(path) as opened:            # or open_hdf5(path, content) for bytes that are in memory already
-        opened.datasets["/rows"].shape         # from the structure; reads no data
+        opened.declared("/rows").shape         # the dataset's header; reads no data
         opened.read("/rows", first, stop)      # checked first: the rows are in the file and fit into memory
         opened.attribute("/", "format")        # a plain value of bounded size
 
-Refused content raises `Hdf5Error`; its message names the path inside the file, the value and the bound, but not the
-file, which the caller prepends. Exceptions of h5py for damaged files (`hdf5.FAILURES`) pass through.
+Refused are soft, external and user-defined links on the way, as they lead to other names and other files; declarations
+that palpate's files never have (hdf5_declared.py); rows that are not in the file (hdf5_chunks.py). Whatever else the
+file holds is never opened. Refused content raises `Hdf5Error`; its message names the path inside the file, the value
+and the bound, but not the file, which the caller prepends. Exceptions of h5py for damaged files (`hdf5.FAILURES`) pass
+through.
 
 HDF5 reads the file through a handle and not by name. It therefore takes no lock and does not notice that the same
-process may have the file open in h5py, for reading or writing. Opening a FIFO does not wait for its writer.
+process may have the file open in h5py, for reading or writing.
 """
 
 from __future__ import annotations
 
-import errno
 import math
-import os
-import stat
-from collections.abc import Collection
+from collections.abc import Callable
+from functools import partial
 from os import PathLike
 from types import TracebackType
 from typing import Any, Self
@@ -28,61 +29,51 @@ from numpy.typing import NDArray
 
 from ..errors import Hdf5Error
 from .hdf5_chunks import require_chunks, require_room
-from .hdf5_heap import collection_size, refuse_endless_heap
-from .hdf5_structure import ATTRIBUTE_BYTES_MOST, OF_SCALES, Declared, h5py, walk
+from .hdf5_declared import Declared, declaration_of, h5py, require_attribute
+from .hdf5_source import ByteSource, open_source
+
+_h5a, _h5d, _h5g, _h5l, _h5o = h5py.h5a, h5py.h5d, h5py.h5g, h5py.h5l, h5py.h5o
 
 MEMORY_MOST = 1 << 30
 """Most memory of one read [byte], plus 8 times the file's size, as compressed data grow when read."""
-
+NAMES_MOST = 1 << 16
+"""Names that a group or an object's attributes may have where they are listed; a sweep's shard has one a column."""
 Attribute = str | int | float | NDArray[Any]
 """Value of an attribute."""
 
-_PIECE_MOST = 2 * ATTRIBUTE_BYTES_MOST  # most bytes of one read during the walk of the structure
-_WALK_MOST = 1 << 26  # most bytes of the walk, plus 4 times the file's size: ends the walk of a cyclic structure
 _VLEN = np.dtype([("length", "<u4"), ("place", "<u4", 3)])  # reference to a text of variable length, VLEN_BYTES
 
 
-def open_hdf5(path: str | PathLike[str], content: bytes | None = None, *, unread: Collection[str] = ()) -> StrictFile:
-    """Open a file and validate its structure.
+def open_hdf5(path: str | PathLike[str], content: bytes | None = None) -> StrictFile:
+    """Open a file.
 
     content: the file's bytes, if they are in memory already; `path` is not opened then.
-    unread: paths of datasets that will not be read; they may declare rows that were never written.
 
     Raises:
         OSError: From the system: FileNotFoundError, IsADirectoryError, PermissionError.
-        Hdf5Error: Not a regular file, an empty file, or a structure that is refused.
+        Hdf5Error: Not a regular file, or an empty file.
         Exception: From h5py for a foreign or damaged file (`hdf5.FAILURES`).
     """
-    source = _MemorySource(content) if content is not None else _FileSource(path)
+    source = open_source(path, content)
     try:
-        return StrictFile(source, unread)
+        return StrictFile(source)
     except BaseException:
         source.close()
         raise
 
 
 class StrictFile:
-    """An open HDF5 file whose structure was validated; a context manager."""
+    """An open HDF5 file whose objects are validated when they are first asked for; a context manager."""
 
-    def __init__(self, source: _ByteSource, unread: Collection[str]) -> None:
-        self._source, self._unread = source, frozenset(unread)
+    def __init__(self, source: ByteSource) -> None:
+        self._source = source
         if source.size == 0:
             raise Hdf5Error("the file is empty")
-        source.left = _WALK_MOST + 4 * source.size
-        self.file: Any = h5py.File(source, "r")
-        """The `h5py.File`."""
-        try:
-            self.structure = walk(self.file.id, self._require_room)
-            """All groups, datasets and attribute names of the file."""
-        except BaseException:
-            self.file.close()
-            raise
-        source.left = None
-        self._opened: dict[str, Any] = {}
-
-    def _require_room(self, dataset: Any, own: Declared) -> None:
-        if own.path not in self._unread:
-            require_room(dataset, own, self._source.size)
+        with source.bounded():
+            self._file: Any = h5py.File(source, "r")
+            self._objects: dict[str, Any] = {"/": _h5g.open(self._file.id, b"/")}
+        self._declared: dict[str, Declared] = {}
+        self._datasets: dict[str, Any] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -94,40 +85,78 @@ class StrictFile:
 
     def close(self) -> None:
         """Close the file; closing twice does nothing."""
-        self._opened.clear()
-        self.file.close()
+        self._datasets.clear()
+        self._objects.clear()
+        self._file.close()
         self._source.close()
-
-    @property
-    def datasets(self) -> dict[str, Declared]:
-        """Declarations (dtype, shape, filters, ...) of the datasets, by path."""
-        return self.structure.datasets
 
     def state(self) -> tuple[int, int]:
         """Size [byte] and modification time [ns] of the opened file."""
         return self._source.state()
 
+    def __contains__(self, path: str) -> bool:
+        """Whether a group or dataset is there; raises Hdf5Error where a link on the way leads elsewhere."""
+        return self._object(path) is not None
+
+    def _object(self, path: str) -> Any:
+        """The opened group or dataset; None if there is none."""
+        if path not in self._objects:
+            parent, _, name = path.rpartition("/")
+            group = self._object(parent or "/")
+            if group is None:
+                return None
+            if not isinstance(group, _h5g.GroupID):
+                raise Hdf5Error(f"{parent} is a dataset, expected a group")
+            with self._source.bounded():
+                if not group.links.exists(name.encode()):
+                    return None
+                _require_hard_link(group, name.encode(), path)
+                self._objects[path] = _h5o.open(group, name.encode())
+        return self._objects[path]
+
+    def members(self, group: str) -> list[str]:
+        """Paths of what a group holds; raises Hdf5Error where they are too many, or have no printable names."""
+        owner = self._object(group)
+        if not isinstance(owner, _h5g.GroupID):
+            raise Hdf5Error(f"{group} is missing or not a group")
+        tracked = int(owner.get_create_plist().get_link_creation_order()) & h5py.h5p.CRT_ORDER_TRACKED
+        order = h5py.h5.INDEX_CRT_ORDER if tracked else h5py.h5.INDEX_NAME
+        with self._source.bounded():
+            names = _listed(partial(owner.links.iterate, idx_type=order), group)
+        return [f"{group.rstrip('/')}/{name}" for name in names]
+
+    def attribute_names(self, path: str) -> list[str]:
+        """Names of the attributes of a group or dataset; raises Hdf5Error as `members`."""
+        owner = self._object(path)
+        with self._source.bounded():
+            return _listed(partial(_h5a.iterate, owner), path)
+
     def declared(self, path: str) -> Declared:
-        """Declaration of a dataset; raises Hdf5Error if there is no such dataset."""
-        if path not in self.datasets or path in self._unread:
-            raise Hdf5Error(f"{path} is missing or not a dataset")
-        return self.datasets[path]
+        """Declaration of a dataset; raises Hdf5Error if there is none, or it declares what palpate's never have."""
+        if path not in self._declared:
+            dataset = self._object(path)
+            if not isinstance(dataset, _h5d.DatasetID):
+                raise Hdf5Error(f"{path} is missing or not a dataset")
+            with self._source.bounded():
+                own = declaration_of(dataset, path)
+                require_room(dataset, own, self._source.size)
+            self._declared[path] = own
+        return self._declared[path]
 
     def dataset(self, path: str) -> Any:
         """The `h5py.Dataset` of a path; raises Hdf5Error if it does not exist or is not completely in the file."""
-        if path not in self._opened:  # cached: opening a dataset takes longer than reading one pose from it
-            own = self.declared(path)
-            dataset: Any = self.file[path]
-            require_chunks(dataset.id, own, self._source.size)
-            self._opened[path] = dataset
-        return self._opened[path]
+        if path not in self._datasets:  # cached: opening a dataset takes longer than reading one pose from it
+            own, found = self.declared(path), self._object(path)
+            require_chunks(found, own, self._source.size)
+            self._datasets[path] = h5py.Dataset(found)
+        return self._datasets[path]
 
     def read(self, path: str, first: int = 0, stop: int | None = None) -> NDArray[Any]:
         """Rows `first` to `stop` (default: all) of a dataset, in native byte order; texts as an object array of str.
 
         Raises Hdf5Error as `dataset`, for a scalar, and if the rows would take too much memory.
         """
-        dataset, own = self.dataset(path), self.datasets[path]
+        dataset, own = self.dataset(path), self.declared(path)
         if not own.shape:
             raise Hdf5Error(f"{path} is one value, expected rows")
         if own.is_text:
@@ -141,13 +170,19 @@ class StrictFile:
         return values.astype(values.dtype.newbyteorder("="), copy=False)
 
     def attribute(self, path: str, key: str) -> Attribute | None:
-        """An attribute of a group or dataset; None if it does not exist. Raises Hdf5Error for text that is not UTF-8
-        and for attributes with which HDF5 marks dimension scales."""
-        if key not in self.structure.attributes.get(path, ()):
+        """An attribute of a group or dataset; None if it does not exist.
+
+        Raises Hdf5Error for text that is not UTF-8, and for what is no plain value of bounded size.
+        """
+        owner = self._object(path)
+        if owner is None:
             return None
-        if key in OF_SCALES:
-            raise Hdf5Error(f"attribute {key} of {path} is HDF5's own")
-        stored: Any = self.file[path].attrs[key]
+        with self._source.bounded():
+            if not _h5a.exists(owner, key.encode()):
+                return None
+            require_attribute(_h5a.open(owner, key.encode()), f"attribute {key} of {path}")
+            bound: Any = h5py.Group if isinstance(owner, _h5g.GroupID) else h5py.Dataset
+            stored: Any = bound(owner).attrs[key]
         value: Any = stored.item() if hasattr(stored, "item") and stored.ndim == 0 else stored
         try:
             if isinstance(value, bytes):
@@ -172,11 +207,6 @@ class StrictFile:
             raise Hdf5Error(f"attribute {key} of {path} is {_brief(value)}, expected a whole number")
         return value
 
-    def require_all_stored(self) -> None:
-        """Check the chunks of every dataset; raises Hdf5Error as `dataset`."""
-        for path in self.datasets.keys() - self._unread:
-            self.dataset(path)
-
     def _refuse_long_texts(self, dataset: Any, own: Declared) -> None:
         """Refuse texts longer in total than the file: many references to the same bytes would fill the memory."""
         if own.layout != "contiguous" or own.nbytes == 0 or not dataset.id.get_type().is_variable_str():
@@ -189,111 +219,30 @@ class StrictFile:
             raise Hdf5Error(f"{own.path} has texts of {total} bytes, more than the file's {self._source.size}")
 
 
+def _require_hard_link(group: Any, name: bytes, path: str) -> None:
+    kind = int(group.links.get_info(name).type)
+    if kind != _h5l.TYPE_HARD:
+        known = {_h5l.TYPE_SOFT: "a soft link", _h5l.TYPE_EXTERNAL: "a link to another file"}
+        raise Hdf5Error(f"{path} is {known.get(kind, f'a link of type {kind}')}, expected an object of this file")
+
+
+def _listed(iterate: Callable[..., object], owner: str) -> list[str]:
+    """Names that an iteration of h5py gives, in its order."""
+    names: list[bytes] = []
+
+    def note(name: bytes) -> bool | None:
+        names.append(name)
+        return True if len(names) > NAMES_MOST else None  # anything but None ends the iteration
+
+    iterate(note)
+    if len(names) > NAMES_MOST:
+        raise Hdf5Error(f"{owner} holds more than {NAMES_MOST} names")
+    for name in names:
+        if not (text := name.decode(errors="replace")).isprintable() or "\ufffd" in text:
+            raise Hdf5Error(f"{owner} holds a name that is not printable: {name[:80]!r}")
+    return [name.decode() for name in names]
+
+
 def _brief(value: object) -> str:
     shown = repr(value)
     return shown if len(shown) <= 80 else f"{shown[:80]}..."
-
-
-class _ByteSource:
-    """A file object that HDF5 reads from; each read fills its buffer completely or raises."""
-
-    size: int
-    """[byte]"""
-    left: int | None = None
-    """Bytes that may still be read, at most `_PIECE_MOST` at once; None: no bound."""
-    _at = 0
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Set the position of the next read; returns it [byte]."""
-        self._at = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self.size}[whence]
-        return self._at
-
-    def tell(self) -> int:
-        """Position of the next read [byte]."""
-        return self._at
-
-    def read(self, size: int) -> bytes:
-        """Read bytes; h5py requires this method of a file object, but calls `readinto`."""
-        content = bytearray(size)
-        self.readinto(content)
-        return bytes(content)
-
-    def flush(self) -> None:
-        """Do nothing; h5py requires this method."""
-
-    def readinto(self, buffer: Any) -> int:
-        """Fill a buffer; raises OSError if the file is too short, Hdf5Error if the walk reads too much."""
-        view = memoryview(buffer).cast("B")
-        if self.left is not None:
-            self.left -= len(view)
-            if len(view) > _PIECE_MOST:
-                bound = f"expected at most {_PIECE_MOST}"
-                raise Hdf5Error(f"a piece of the file's structure has {len(view)} bytes at byte {self._at}, {bound}")
-            if self.left < 0:
-                raise Hdf5Error("the file's structure leads in a circle, or is far larger than the file")
-        if self._at + len(view) > self.size:
-            raise OSError(f"truncated file: bytes {self._at} to {self._at + len(view)} of {self.size} are asked for")
-        self._fill(self._at, view)
-        if 0 < (size := collection_size(view)) <= self.size - self._at:
-            collection = memoryview(bytearray(size))  # checked now: libhdf5 may read the rest of it without its header
-            self._fill(self._at, collection)
-            refuse_endless_heap(collection)
-        self._at += len(view)
-        return len(view)
-
-    def _fill(self, at: int, view: memoryview) -> None:
-        """Fill `view` with the bytes from offset `at`; the caller has checked that they exist."""
-        raise NotImplementedError
-
-    def state(self) -> tuple[int, int]:
-        """Size [byte] and modification time [ns]."""
-        raise NotImplementedError
-
-    def close(self) -> None:
-        """Release the handle; a second call does nothing."""
-
-
-class _MemorySource(_ByteSource):
-    """Bytes in memory."""
-
-    def __init__(self, content: bytes) -> None:
-        self._content = memoryview(content)
-        self.size = len(content)
-
-    def _fill(self, at: int, view: memoryview) -> None:
-        view[:] = self._content[at : at + len(view)]
-
-    def state(self) -> tuple[int, int]:
-        return self.size, 0
-
-
-class _FileSource(_ByteSource):
-    """A regular file; raises Hdf5Error for anything else."""
-
-    def __init__(self, path: str | PathLike[str]) -> None:
-        # O_NONBLOCK: opening a FIFO would wait for a writer; for regular files it has no effect
-        self._handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
-        state = os.fstat(self._handle)
-        if not stat.S_ISREG(state.st_mode):
-            self.close()
-            if stat.S_ISDIR(state.st_mode):
-                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), os.fspath(path))
-            raise Hdf5Error("the file is a pipe, a device or a socket, expected a regular file")
-        self.size = state.st_size
-
-    def _fill(self, at: int, view: memoryview) -> None:
-        done = 0
-        while done < len(view):
-            count = os.preadv(self._handle, [view[done:]], at + done)
-            if count == 0:
-                raise OSError(f"truncated file: it ends at byte {at + done}, and had {self.size} when opened")
-            done += count
-
-    def state(self) -> tuple[int, int]:
-        state = os.fstat(self._handle)
-        return state.st_size, state.st_mtime_ns
-
-    def close(self) -> None:
-        if self._handle >= 0:
-            os.close(self._handle)
-            self._handle = -1

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from ..errors import ContourFileError
 
 FORMAT_NAME = "palpate contours"
-FORMAT_VERSION = (1, 4)
+FORMAT_VERSION = (1, 5)
 """(major, minor). Readers of an older major version refuse the file; a minor version adds what they may ignore."""
 
-DIGESTS_SINCE = (1, 2)
-"""First version with digests of content."""
+DIGESTS_SINCE = (1, 5)
+"""First version with a digest of each dataset and attribute; 1.2 to 1.4 had digests of blocks, which are ignored."""
 
 CHUNK_ROWS = 8192
 """Rows of an HDF5 chunk: 98 kB of points. Larger chunks slow down reading single poses, smaller ones writing."""
@@ -69,7 +69,7 @@ class Field:
         return str(self.dims[0]).endswith("+ 1")
 
 
-_F4, _F8, _I4, _I8, _U1, _U8 = (np.dtype(code) for code in ("<f4", "<f8", "<i4", "<i8", "u1", "<u8"))
+_F4, _F8, _I4, _I8, _U1 = (np.dtype(code) for code in ("<f4", "<f8", "<i4", "<i8", "u1"))
 
 CONTOURS = (
     Field("contours", "points", _F4, ("point", 3), "m", "array"),
@@ -119,8 +119,6 @@ TIMING = (
     Field("timing", "stop", _I8, ("chunk",)),
     Field("timing", "seconds", _F8, ("chunk", "stage"), "s"),
 )
-DIGESTS = Field("digests", "block", _U8, ("block",))
-"""Digests of the blocks of all other datasets (digests.py)."""
 FIELDS = (*CONTOURS, *METRICS, *HEADER, *TIMING)
 
 

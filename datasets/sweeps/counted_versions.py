@@ -32,7 +32,7 @@ def write_statements(folder: Path, statements: Statements) -> None:
     """Write the file into a store's folder unless it is there; a full disk leaves none."""
     if _content(folder) != statements:
         with contextlib.suppress(OSError):
-            write_file(folder / FILE, memoryview(json.dumps(statements, indent=2).encode()))
+            write_file(folder / FILE, json.dumps(statements, indent=2).encode())
 
 
 def read_counted(folder: Path, maker: str) -> tuple[str, ...]:

@@ -20,8 +20,7 @@ from typing import Any, Literal, cast
 from ..bounded_file import FileBoundError
 from ..errors import SweepStoreError
 from ..storage.content_digest import text_digest
-from ..storage.durable import discard, sync
-from ..storage.hdf5_columns import temporary_name
+from ..storage.durable import discard, sync, temporary_name
 from ..storage.sqlite_opening import open_database
 
 NAME = "store.sqlite"

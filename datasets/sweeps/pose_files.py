@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import SweepStoreError
-from ..storage.durable import discard_tree, sync
-from ..storage.hdf5_columns import Columns, Values, column_arrays, temporary_name, write_whole
+from ..storage.durable import discard_tree, sync, temporary_name, write_file
+from ..storage.hdf5_columns import Columns, Values, column_arrays
 from .table import PARQUET, Attributes, load_table, parquet_content, table_attributes
 
 POSES = "poses"
@@ -127,7 +127,7 @@ def _write_files(
             use_dictionary=["recipe"],  # values of other columns hardly repeat
         )
         numbered.append(folder / f"{len(numbered)}{PARQUET}")
-        write_whole(numbered[-1], content)
+        write_file(numbered[-1], content)
         row_count += len(next(iter(columns.values())))
     for number, path in enumerate(numbered):
         os.replace(path, folder / _name(number, len(numbered)))

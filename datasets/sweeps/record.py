@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ..errors import SweepStoreError
-from ..storage.durable import TEMPORARY_SUFFIX, discard, discard_tree, is_locked, sync
+from ..storage.durable import TEMPORARY_SUFFIX, discard, discard_left, discard_tree, sync
 from .manifest import Manifest, row_digest
 from .shard import DAMAGED_SUFFIX, Shard, read_shard
 
@@ -209,5 +209,5 @@ class Recorder:
         for folder in (self._folder, *(self._folder / name for name in (SHARDS, *KEPT))):
             for path in folder.glob(f"*{TEMPORARY_SUFFIX}"):
                 with contextlib.suppress(OSError):
-                    if now - path.lstat().st_mtime >= age and not is_locked(path):
-                        discard_tree(path)  # a file, or the folder of a table of poses
+                    if now - path.lstat().st_mtime >= age:
+                        (discard_tree if path.is_dir() else discard_left)(path)  # a folder is that of a table of poses

@@ -20,6 +20,7 @@ import numpy as np
 from ..errors import Hdf5Error, SweepStoreError
 from ..json_text import parse_json
 from ..storage.content_digest import content_trailer, read_whole, require_whole
+from ..storage.durable import write_file
 from ..storage.hdf5_columns import (
     Columns,
     Values,
@@ -29,7 +30,6 @@ from ..storage.hdf5_columns import (
     open_columns,
     put_column,
     take_column,
-    write_whole,
 )
 from ..storage.hdf5_opening import StrictFile
 
@@ -128,7 +128,7 @@ def write_shard(
                 for name, array in column_arrays(own).items():
                     put_column(group, name, array)
         image = image_of(file)
-    write_whole(path, image, content_trailer(_KIND, FORMAT_VERSION, image), durable=False)
+    write_file(path, image, content_trailer(_KIND, FORMAT_VERSION, image), durable=False)  # the parent syncs it
 
 
 def json_text(value: Any) -> str:
@@ -166,7 +166,7 @@ def read_shard(path: str | Path, *, columns: bool = True) -> Shard:
         if len(payloads) != len(places):
             raise SweepStoreError(f"{path} is damaged: {len(places)} rows have {len(payloads)} payloads")
         _refuse_unknown(file, len(places))
-        with_columns = tuple([f"/columns/{number}" in file.structure.attributes for number in range(len(places))])
+        with_columns = tuple([f"/columns/{number}" in file for number in range(len(places))])
         own = [_columns(file, number) if has and columns else None for number, has in enumerate(with_columns)]
         return Shard(maker, places, payloads, tuple(own), with_columns, digest)
 
@@ -194,12 +194,10 @@ def _place(row: Any, number: int) -> tuple[str, str, int]:
 
 
 def _refuse_unknown(file: StrictFile, row_count: int) -> None:
-    for path in file.datasets.keys() - {"/rows", "/payloads"}:
-        match path.split("/"):
-            case ["", "columns", number, _] if number.isdecimal() and int(number) < row_count:
-                pass
-            case _:
-                raise Hdf5Error(f"{path} is nothing that a shard of {row_count} rows has")
+    known = {"/rows", "/payloads", "/columns", *(f"/columns/{number}" for number in range(row_count))}
+    found = [*file.members("/"), *(file.members("/columns") if "/columns" in file else [])]
+    if unknown := next((path for path in found if path not in known), None):
+        raise Hdf5Error(f"{unknown} is nothing that a shard of {row_count} rows has")
 
 
 def _text(file: StrictFile, path: str) -> str:
@@ -223,7 +221,7 @@ def _payload(text: str) -> Mapping[str, Any]:
 
 def _columns(file: StrictFile, number: int) -> Columns:
     group = f"/columns/{number}/"
-    columns = {path.removeprefix(group): take_column(file, path) for path in file.datasets if path.startswith(group)}
+    columns = {path.removeprefix(group): take_column(file, path) for path in file.members(group[:-1])}
     count = len(next(iter(columns.values()), ()))
     for name, column in columns.items():
         if len(column) != count:

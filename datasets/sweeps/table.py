@@ -20,7 +20,7 @@ from ..bounded_file import open_regular, require_bytes
 from ..errors import SweepStoreError
 from ..json_text import parse_json
 from ..storage.content_digest import content_trailer, has_trailer, require_whole, text_digest
-from ..storage.durable import Buffer
+from ..storage.durable import Buffer, write_file
 from ..storage.hdf5_columns import (
     Columns,
     Values,
@@ -31,7 +31,6 @@ from ..storage.hdf5_columns import (
     open_columns,
     put_column,
     take_column,
-    write_whole,
 )
 from ..storage.hdf5_opening import StrictFile
 from .table_text import CONSTANTS, CSV, constant_columns, read_csv, require_constants
@@ -49,7 +48,6 @@ DIGEST = "digest"
 TRAILER = "BLAKE2b-256 behind the HDF5 file"
 KIND = "table"
 
-_SCALE = (f"/{ROW}",)  # in `poses.h5` of earlier palpate the dimension has a length and no values
 
 _METADATA, _METADATA_DIGEST = "palpate", "palpate.digest"
 """Keys of a Parquet schema's metadata: JSON of the attributes, and the digest of that and the units."""
@@ -177,10 +175,7 @@ def _load_columns(path: Path, verify: bool) -> Columns:
             raise SweepStoreError(f"{path} is damaged: the digest of its columns does not match")
         return columns
     with _opened(path, verify=verify) as file:
-        columns = {own.path[1:]: take_column(file, own.path) for own in file.datasets.values() if own.path[1:] != ROW}
-    for name in columns:
-        if "/" in name:
-            raise SweepStoreError(f"{path}: /{name} lies in a group, expected columns at the root only")
+        columns = {path[1:]: take_column(file, path) for path in file.members("/") if path[1:] != ROW}
     if len({len(column) for column in columns.values()}) > 1:
         found = ", ".join(f"{name}: {len(column)}" for name, column in list(columns.items())[:8])
         raise SweepStoreError(f"{path} is damaged: columns of a table have equally many rows, not {found}")
@@ -226,12 +221,12 @@ def column_units(path: str | Path, *, verify: bool = True) -> dict[str, str]:
         _parquet_attributes(path, schema)
         return {name: unit for name, unit in _parquet_units(path, schema) if unit}
     with _opened(path, verify=verify) as file:
-        units = {name[1:]: file.attribute(name, "units") for name in file.datasets}
+        units = {name[1:]: file.attribute(name, "units") for name in file.members("/")}
     return {name: unit for name, unit in units.items() if isinstance(unit, str)}
 
 
 def _attributes(file: StrictFile) -> dict[str, Any]:
-    return {key: file.attribute("/", key) for key in file.structure.attributes["/"]}
+    return {key: file.attribute("/", key) for key in file.attribute_names("/")}
 
 
 def is_table(path: str | Path) -> bool:
@@ -242,7 +237,7 @@ def is_table(path: str | Path) -> bool:
     try:
         if has_trailer(path, KIND):
             return True
-        with open_columns(path, unread=_SCALE) as file:
+        with open_columns(path) as file:
             name = file.attribute("/", "format")
             return isinstance(name, str) and name == FORMAT_NAME
     except SweepStoreError:
@@ -260,7 +255,7 @@ def _opened(path: Path, *, verify: bool) -> Generator[StrictFile, None, None]:
     is_proven = verify and has_trailer(path, KIND)
     if is_proven:
         require_whole(path, KIND, FORMAT_VERSION)
-    with open_columns(path, unread=_SCALE) as file:
+    with open_columns(path) as file:
         attributes = _attributes(file)
         _refuse_foreign(path, attributes)
         if verify and not is_proven and DIGEST in attributes:
@@ -272,7 +267,7 @@ def _opened(path: Path, *, verify: bool) -> Generator[StrictFile, None, None]:
 
 def _write(path: Path, *content: Buffer) -> None:
     try:
-        write_whole(path, *content)
+        write_file(path, *content)
     except OSError as error:
         raise SweepStoreError(f"{path} cannot be written: {error.strerror or error}") from error
 

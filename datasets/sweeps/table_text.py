@@ -14,7 +14,8 @@ from typing import Any, cast
 from ..bounded_file import read_content, require_bytes, require_parsable
 from ..errors import SweepStoreError
 from ..json_text import parse_json
-from ..storage.hdf5_columns import Columns, Values, column_array, column_arrays, naming_failures, write_whole
+from ..storage.durable import write_file
+from ..storage.hdf5_columns import Columns, Values, column_array, column_arrays, naming_failures
 
 CSV = ".csv"
 """What the name of a table as text ends with."""
@@ -54,7 +55,7 @@ def write_csv(
     cells = [[_quoted(_guarded(cell_text(value))) for value in array.tolist()] for array in arrays.values()]
     lines += [",".join(row) for row in zip(*cells, strict=True)]
     try:
-        write_whole(Path(path), "".join(f"{line}\n" for line in lines).encode())
+        write_file(Path(path), "".join(f"{line}\n" for line in lines).encode())
     except OSError as error:
         raise SweepStoreError(f"{path} cannot be written: {error.strerror or error}") from error
 

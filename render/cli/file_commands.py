@@ -8,7 +8,6 @@ from time import perf_counter
 from ...datasets.contour_file.blocks import work_folder
 from ...datasets.contour_file.check import check_file, unproven_content
 from ...datasets.contour_file.reader import ContourFile
-from ...datasets.contour_file.unknown_content import unknown_content
 from ...datasets.counted import counted
 from ...datasets.errors import ContourFileError, name_nothing
 from ...datasets.focus_files.frame_reader import check_frames, frame_format
@@ -268,7 +267,6 @@ def run_check(files: list[Path], *, as_json: bool) -> int:
 
 def check_one(file: Path, *, as_json: bool) -> int:
     """Check; 0 whole, 1 not."""
-    unknown: list[str] = []  # no problem: a newer minor version may add to the format
     with bars.loading_bar(f"checking {file}", quiet=as_json):
         if is_sweep_data(file):
             found = check_store(file)
@@ -276,9 +274,9 @@ def check_one(file: Path, *, as_json: bool) -> int:
         else:
             refuse_object(file)
             problems = check_file(file) if frame_format(file) is None else check_frames(file)
-            unproven, unknown = unproven_content(file), unknown_content(file)
+            unproven = unproven_content(file)
     if as_json:
-        result = {"path": str(file), "whole": not problems, "problems": problems, "unknown": unknown}
+        result = {"path": str(file), "whole": not problems, "problems": problems}
         console.show_values(result | ({"unproven": unproven} if unproven else {}), as_json=True, title="")
         return console.FAILED if problems else console.DONE
     for problem in problems:
@@ -287,6 +285,4 @@ def check_one(file: Path, *, as_json: bool) -> int:
         console.show_values(
             {"whole": "yes", "without digests": "; ".join(unproven) or None}, as_json=False, title=str(file)
         )
-    for sentence in unknown:
-        console.warn(f"{file}: {sentence}, and nothing reads it")
     return console.FAILED if problems else console.DONE

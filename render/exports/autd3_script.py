@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ...datasets.storage.durable import write_temporary
 from ...device.errors import UpdateRateError
 from ...device.registry import array_model
 from ..errors import StrategyError
@@ -35,7 +34,7 @@ def require_rate(update_rate: float) -> int:
         raise StrategyError(str(error)) from error
 
 
-def write_script(path: Path, source: Path, sampled: SampledFocus) -> int:
+def write_script(temporary: Path, source: Path, sampled: SampledFocus) -> int:
     """Write a script that plays focal points; returns how many it silences as the array cannot focus there.
 
     source: of the focal points, for the script's reader. Raises OSError, and StrategyError for a rate that the array
@@ -60,7 +59,7 @@ def write_script(path: Path, source: Path, sampled: SampledFocus) -> int:
         "DATA": "\n".join(textwrap.wrap(data, _LINE)),
     }
     text = re.sub(r"@([A-Z_]+)@", lambda found: values[found[1]], _SCRIPT)  # in one pass: a source's name may hold one
-    write_temporary(path, memoryview(text.encode()))
+    temporary.write_bytes(text.encode())
     return int(np.count_nonzero(lost))
 
 

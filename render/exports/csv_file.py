@@ -12,7 +12,7 @@ from .pose_choice import ExportBlock, Progress, chosen_blocks
 HEADER = "pose,time [s],polyline,x [m],y [m],z [m],kind,intensity"
 
 
-def write_csv(file: ContourFile, chosen: range, path: Path, *, watch: Progress) -> dict[str, Any]:
+def write_csv(file: ContourFile, chosen: range, temporary: Path, *, watch: Progress) -> dict[str, Any]:
     """Write a row for each point of the chosen poses; returns counts. Raises OSError.
 
     Numbers are the shortest that read back to the same bits. A pose without contours has no row; time is empty where
@@ -20,7 +20,7 @@ def write_csv(file: ContourFile, chosen: range, path: Path, *, watch: Progress) 
     """
     time = file.motion(chosen.start, chosen.stop).get("time")
     polylines = points = done = 0
-    with path.open("x", encoding="ascii", newline="\n") as stream:
+    with temporary.open("w", encoding="ascii", newline="\n") as stream:
         stream.write(HEADER + "\n")
         for block in chosen_blocks(file, chosen):
             moments = None if time is None else time[block.number - chosen.start]

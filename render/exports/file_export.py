@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from ...datasets.contour_file.reader import ContourFile
 from ...datasets.errors import ContourFileError
 from ...datasets.focus_files.ptlist import write_ptlist
-from ...datasets.storage.durable import whole_file
+from ...datasets.storage.durable import NewFile
 from ..contour_input import takes_batches
 from ..errors import StrategyError
 from ..file_kinds import is_point_list
@@ -192,8 +192,8 @@ def _opened_focus(
 def _written(out: Path, write: Callable[[Path], Any]) -> Any:
     """What a writer returns that writes `out` whole, or not at all."""
     try:
-        with whole_file(out) as new:
-            return write(new)
+        with NewFile(out) as new:
+            return write(new.temporary)
     except OSError as error:
         raise ContourFileError(f"{out}: cannot be written ({error.strerror or error})") from error
 

@@ -32,17 +32,17 @@ FOCUS_FILE = FocusFormat(
 )
 
 
-def _write_binary(source: FocusSource, rows: Rows, path: Path, gzip: int) -> None:
-    with path.open("xb") as stream:
+def _write_binary(source: FocusSource, rows: Rows, temporary: Path, gzip: int) -> None:
+    with temporary.open("wb") as stream:
         stream.write(struct.pack("<8sIIdQ", FOCUS_MAGIC, VERSION, source.foci, source.update_rate, source.frame_count))
         for position, intensity in rows:
             stream.write(np.concatenate([position, intensity[..., None]], axis=-1).astype("<f4").tobytes())
 
 
-def _write_csv(source: FocusSource, rows: Rows, path: Path, gzip: int) -> None:
+def _write_csv(source: FocusSource, rows: Rows, temporary: Path, gzip: int) -> None:
     """A row for each focal point of each sample; numbers are the shortest that read back to the same bits."""
     several, first = source.foci > 1, 0
-    with path.open("x", encoding="ascii", newline="\n") as stream:
+    with temporary.open("w", encoding="ascii", newline="\n") as stream:
         stream.write(f"time,{'point,' if several else ''}x,y,z,intensity\n")
         for position, intensity in rows:
             time = (np.arange(first, first + len(intensity)) / source.update_rate).tolist()
@@ -53,13 +53,15 @@ def _write_csv(source: FocusSource, rows: Rows, path: Path, gzip: int) -> None:
             first += len(intensity)
 
 
-def _write_npz(source: FocusSource, rows: Rows, path: Path, gzip: int) -> None:
+def _write_npz(source: FocusSource, rows: Rows, temporary: Path, gzip: int) -> None:
     """Arrays `position`, `intensity` and `update_rate`; equal contents make equal files."""
     samples, kind = (source.frame_count, source.foci), np.dtype("<f4")
     method = zipfile.ZIP_DEFLATED if gzip else zipfile.ZIP_STORED
     with (
-        zipfile.ZipFile(path, "x", method, compresslevel=gzip or None) as archive,
-        tempfile.TemporaryFile(dir=path.parent) as levels,  # an archive has one member after the other; it has no name
+        zipfile.ZipFile(temporary, "w", method, compresslevel=gzip or None) as archive,
+        tempfile.TemporaryFile(
+            dir=temporary.parent
+        ) as levels,  # without a name; an archive has one member after another
     ):
         with open_member(archive, "position", (*samples, 3), kind) as member:
             for position, intensity in rows:
@@ -80,13 +82,15 @@ FOCUS_WRITERS: dict[str, Callable[[FocusSource, Rows, Path, int], None]] = {
 """What writes a file of focal points, by its suffix."""
 
 
-def write_focus(source: FocusSource, name: Path, path: Path, suffix: str, *, gzip: int = 0, watch: Progress) -> None:
-    """Write focal points as a new file of one of FOCUS_WRITERS.
+def write_focus(
+    source: FocusSource, name: Path, temporary: Path, suffix: str, *, gzip: int = 0, watch: Progress
+) -> None:
+    """Write focal points in the format of one of FOCUS_WRITERS.
 
     name: of the file that they come from, for messages. Raises OSError, and ContourFileError for positions that are
     not finite, and intensities outside 0..1.
     """
-    FOCUS_WRITERS[suffix](source, _valid_rows(source, name, watch), path, gzip)
+    FOCUS_WRITERS[suffix](source, _valid_rows(source, name, watch), temporary, gzip)
 
 
 def _valid_rows(source: FocusSource, name: Path, watch: Progress) -> Rows:

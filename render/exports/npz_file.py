@@ -13,7 +13,7 @@ from ...datasets.storage.schema import CONTOURS
 from .pose_choice import Progress, chosen_blocks
 
 
-def write_npz(file: ContourFile, chosen: range, path: Path, *, gzip: int = 0, watch: Progress) -> dict[str, Any]:
+def write_npz(file: ContourFile, chosen: range, temporary: Path, *, gzip: int = 0, watch: Progress) -> dict[str, Any]:
     """Write the contours of the chosen poses, their motion and the object; returns counts. Raises OSError.
 
     Arrays have the names of docs/formats/file-format.md; `pose_number` is the number of each pose in the file.
@@ -24,7 +24,7 @@ def write_npz(file: ContourFile, chosen: range, path: Path, *, gzip: int = 0, wa
     fields = [spec for spec in CONTOURS if spec.name != "dwell" or "dwell" in file.optional]
     fields.sort(key=lambda spec: not spec.is_offset)  # the offsets of polylines count the points
     done, total = 0, len(fields) * len(chosen)
-    with zipfile.ZipFile(path, "x", method, compresslevel=gzip or None) as archive:
+    with zipfile.ZipFile(temporary, "w", method, compresslevel=gzip or None) as archive:
         for spec in fields:
             rows = str(spec.dims[0]).removesuffix(" + 1")
             shape = (counts[rows] + spec.is_offset, *spec.dims[1:])

@@ -20,7 +20,7 @@ POLYGONS_A_BLOCK = 1 << 16
 
 
 def write_vtkhdf(
-    file: ContourFile, chosen: range, path: Path, *, gzip: int = 0, scene: bool = False, watch: Progress
+    file: ContourFile, chosen: range, temporary: Path, *, gzip: int = 0, scene: bool = False, watch: Progress
 ) -> dict[str, Any]:
     """Write the contours of the chosen poses, a step each; returns counts.
 
@@ -28,7 +28,7 @@ def write_vtkhdf(
     """
     time = file.motion(chosen.start, chosen.stop).get("time")
     value = np.array(chosen, np.float64) if time is None else time[:: chosen.step]
-    with new_hdf5(path) as hdf5:
+    with new_hdf5(temporary) as hdf5:
         root = hdf5.create_group("VTKHDF", track_order=True)
         version = COLLECTION_VERSION if scene else POLYDATA_VERSION
         names = ("contours", "object", "hand") if scene else ()

@@ -19,7 +19,7 @@ import pickle
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from io import FileIO
+from io import BytesIO, FileIO
 from pathlib import Path
 from typing import Any, cast
 
@@ -27,7 +27,7 @@ import numpy as np
 
 from ...datasets.errors import ContourFileError
 from ...datasets.json_text import read_json
-from ...datasets.storage.durable import FolderLock, discard_tree
+from ...datasets.storage.durable import FolderLock, discard_tree, write_file
 from ..hands.hand import hand_from
 from ..hands.plane_hand import PlaneHand
 from ..objects.solid import Solid
@@ -77,8 +77,10 @@ class SpoolDescription:
 
     def write(self, folder: Path) -> None:
         """Write the files of the description; its text last, as the others are of no use without it."""
-        (folder / "solid.pickle").write_bytes(pickle.dumps(self.solid))
-        np.savez(folder / "hand.npz", **self.hand.arrays())
+        write_file(folder / "solid.pickle", pickle.dumps(self.solid))
+        arrays = BytesIO()
+        np.savez(arrays, **self.hand.arrays())
+        write_file(folder / "hand.npz", arrays.getbuffer())
         text = {
             "object": self.solid.described(),
             "hand": self.hand.described(),
@@ -87,7 +89,7 @@ class SpoolDescription:
             "patches": self.patches,
             **self.fields,
         }
-        (folder / "description.json").write_text(json.dumps(text))
+        write_file(folder / "description.json", json.dumps(text).encode())
 
     @classmethod
     def read(cls, folder: Path, solid: Solid | None, *, trusted: bool, allow_code: AllowCode) -> "SpoolDescription":

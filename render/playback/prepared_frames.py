@@ -136,7 +136,7 @@ def _write(frames: MadeFrames, driver: Driver, out: Path, watch: Callable[[int, 
     attributes: dict[str, dict[str, Attribute]] = {
         "/": {
             "format": WIRE_FRAMES,
-            "version": np.array([1, 0], np.int32),
+            "version": np.array([1, 1], np.int32),
             "drive": driver.strategy.to_json(),
             "versions": json.dumps({package: version(package) for package in PACKAGES}),
             "device": driver.device,

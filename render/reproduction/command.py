@@ -87,6 +87,6 @@ def _write(paths: dict[str, Path], found: Evaluation, values: dict) -> None:
     }
     for kind, path in paths.items():
         try:
-            write_file(path, memoryview(text[kind].encode()))
+            write_file(path, text[kind].encode())
         except OSError as error:
             raise RenderError(f"{path}: cannot be written ({error.strerror or error})") from error

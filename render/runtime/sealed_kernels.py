@@ -159,7 +159,7 @@ def _seal(folder: Path, output_name: str) -> None:
         sync(folder / output_name)
         sync(folder / f"{folder.name}.meta")
         sync(folder.parent)
-        write_file(folder / f"{output_name}{SEAL_SUFFIX}", memoryview(text.encode()))
+        write_file(folder / f"{output_name}{SEAL_SUFFIX}", text.encode())
 
 
 def _is_doubtful(path: Path) -> bool:

@@ -40,7 +40,7 @@ class AcceptanceReport:
         self._values |= changes
         text = json.dumps(console.finite(self._values), indent=1, allow_nan=False) + "\n"
         try:
-            write_file(self.path, memoryview(text.encode()))
+            write_file(self.path, text.encode())
         except OSError as error:
             raise RenderError(f"{self.path}: cannot be written ({error.strerror or error})") from error
 

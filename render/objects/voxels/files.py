@@ -25,7 +25,7 @@ from ....datasets.bounded_file import (
 )
 from ....datasets.errors import name_nothing
 from ....datasets.known_names import likely_file
-from ....datasets.storage.durable import whole_file
+from ....datasets.storage.durable import NewFile
 from ....kernels.solids.voxelise import gather_volume
 from ...errors import VoxelError
 from ...file_kinds import VOLUME_SUFFIXES
@@ -224,18 +224,18 @@ def signed_or_occupied(voxels: "VoxelObject") -> tuple[np.ndarray, str]:
     return ((voxels.values < 0).astype(np.uint8), "occupancy") if plain else (np.array(voxels.values), "distance")
 
 
-def write_npz(voxels: "VoxelObject", path: Path) -> None:
+def write_npz(voxels: "VoxelObject", temporary: Path) -> None:
     """Values, affine [m] and kind."""
     values, kind = signed_or_occupied(voxels)
-    np.savez_compressed(path, values=values, affine=voxels.affine, kind=np.array(kind))
+    np.savez_compressed(temporary, values=values, affine=voxels.affine, kind=np.array(kind))
 
 
-def write_npy(voxels: "VoxelObject", path: Path) -> None:
+def write_npy(voxels: "VoxelObject", temporary: Path) -> None:
     """Values alone."""
-    np.save(path, signed_or_occupied(voxels)[0])
+    np.save(temporary, signed_or_occupied(voxels)[0])
 
 
-def write_nrrd(voxels: "VoxelObject", path: Path) -> None:
+def write_nrrd(voxels: "VoxelObject", temporary: Path) -> None:
     """Values with directions and origin in millimetres."""
     header = {
         "space": "right-anterior-superior",
@@ -244,10 +244,10 @@ def write_nrrd(voxels: "VoxelObject", path: Path) -> None:
         "space units": ["mm"] * 3,
         "encoding": "gzip",
     }
-    imported("nrrd", "pynrrd").write(str(path), signed_or_occupied(voxels)[0], header)
+    imported("nrrd", "pynrrd").write(str(temporary), signed_or_occupied(voxels)[0], header)
 
 
-def write_nifti(voxels: "VoxelObject", path: Path) -> None:
+def write_nifti(voxels: "VoxelObject", temporary: Path) -> None:
     """Values with the affine map in millimetres, which NIfTI holds in float32."""
     nibabel = imported("nibabel", "nibabel")
     affine = voxels.affine.copy()
@@ -255,10 +255,10 @@ def write_nifti(voxels: "VoxelObject", path: Path) -> None:
     image = nibabel.Nifti1Image(signed_or_occupied(voxels)[0], affine)
     image.header.set_xyzt_units("mm")
     content = image.to_bytes()  # nibabel leaves a file open that it cannot write
-    path.write_bytes(gzip.compress(content, 1, mtime=0) if path.suffix == ".gz" else content)
+    temporary.write_bytes(gzip.compress(content, 1, mtime=0) if temporary.suffix == ".gz" else content)
 
 
-def write_nanovdb(voxels: "VoxelObject", path: Path) -> None:
+def write_nanovdb(voxels: "VoxelObject", temporary: Path) -> None:
     """Signed values as a level set of float; Warp writes grids along the axes only."""
     step = np.diag(voxels.affine)[:3]
     if not (step > 0).all() or not np.allclose(voxels.affine[:3, :3], np.diag(step), rtol=0, atol=1e-9 * step.max()):
@@ -269,7 +269,7 @@ def write_nanovdb(voxels: "VoxelObject", path: Path) -> None:
     )
     grid = volume.array().numpy()  # the volume's own memory
     grid[GRID_CLASS : GRID_CLASS + 4].view(np.uint32)[0] = LEVEL_SET
-    volume.save_to_nvdb(str(path), codec="zip")
+    volume.save_to_nvdb(str(temporary), codec="zip")
 
 
 WRITERS: dict[str, Callable[["VoxelObject", Path], None]] = {
@@ -301,8 +301,8 @@ def save_voxels(voxels: "VoxelObject", path: str | Path, *, overwrite: bool = Fa
     if path.exists() and not overwrite:
         raise VoxelError(f"{path}: exists; overwrite=True replaces it")
     try:
-        with whole_file(path, end) as new:
-            WRITERS[end](voxels, new)
+        with NewFile(path, end) as new:
+            WRITERS[end](voxels, new.temporary)
     except VoxelError as error:
         raise VoxelError(f"{path}: {error}") from error
     except OSError as error:

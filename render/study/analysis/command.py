@@ -105,7 +105,7 @@ def _write(folder: Path, analysis: StudyAnalysis, sections: list[ReportSection],
     earlier = _pictures_of(folder / REPORTS[1])
     for name, content in files.items():
         try:
-            write_file(folder / name, memoryview(content))
+            write_file(folder / name, content)
         except OSError as error:
             raise RenderError(f"{folder / name}: cannot be written ({error.strerror or error})") from error
     tables = (answer_columns(table), measure_columns(analysis), outcome_columns(analysis), fit_columns(analysis))

@@ -134,7 +134,7 @@ def _claim(path: Path, recipe: Recipe) -> None:
         shutil.rmtree(folder)
     parts = {name: getattr(recipe, name) for name in ("thing", "hand", "motion", "strategy")}
     text = json.dumps({"maker": code_version(), "recipe": parts}, indent=2)
-    write_file(_beside(path), memoryview(text.encode()))
+    write_file(_beside(path), text.encode())
 
 
 def _beside(path: Path) -> Path:
@@ -245,8 +245,8 @@ class DriveKeeper:
                 },
             },
             arrays={
-                "/array/position": np.concatenate([model.position for model in models]),
-                "/array/normal": np.concatenate([model.normal for model in models]),
+                FrameField("/array/position", (3,), "m"): np.concatenate([model.position for model in models]),
+                FrameField("/array/normal", (3,), "1"): np.concatenate([model.normal for model in models]),
             },
         )
 
@@ -271,7 +271,7 @@ def _attributes(form: str, recipe: Recipe, strategy: SamplingStrategy) -> dict[s
     """Attributes of every file."""
     return {
         "format": form,
-        "version": np.array([1, 0], np.int32),
+        "version": np.array([1, 1], np.int32),
         "recipe": recipe.to_json(),
         "sampling": strategy.to_json(),
         "maker": code_version(),

@@ -99,7 +99,7 @@ class Results:
         if self._is_complete:
             content = json.dumps(self._stamp | self._sizes())
             with contextlib.suppress(OSError):  # without the stamp the table is written again
-                write_file(self._folder / STAMP, memoryview(content.encode()))
+                write_file(self._folder / STAMP, content.encode())
 
     def _write_poses(self) -> None:
         """Write one row per pose if the plan asks for it; an earlier plan's rows would be of another table."""

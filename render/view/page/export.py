@@ -87,7 +87,7 @@ def export_page(
 
         content = _fitting(made, chosen, round(1e6 * limit), page)
     try:
-        write_file(page, memoryview(content))
+        write_file(page, content)
     except OSError as error:
         raise ViewError(f"{page}: the page cannot be written ({error.strerror or error})") from error
     return {"page": str(page), "bytes": len(content), "poses": [len(rows) for rows in chosen]}

@@ -13,6 +13,7 @@ import pytest
 import study_answers
 from study_answers import PLAN, answer, interval
 
+from palpate.datasets.storage import durable
 from palpate.render.errors import StudyError
 from palpate.render.study.run import study_file
 from palpate.render.study.run.answer_store import AnswerStore
@@ -115,7 +116,8 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path):
 
 def test_folders_are_made_with_their_parents_and_the_file_appears_whole(tmp_path, monkeypatch):
     synced = []
-    monkeypatch.setattr(study_file, "sync", lambda path: synced.append(path.relative_to(tmp_path)))
+    for module in (study_file, durable):
+        monkeypatch.setattr(module, "sync", lambda path: synced.append(path.relative_to(tmp_path)))
     AnswerStore(tmp_path / "a" / "b", PLAN).close()
     assert [str(path) for path in synced][:2] == [".", "a"]
     assert str(synced[-1]) == "a/b"

@@ -1,14 +1,10 @@
-"""Structure of an HDF5 file, read object by object and with bounds before any data is read.
+"""Declarations of datasets and attributes: validated before anything is read of them.
 
 | refused                                            | why                                                          |
 |----------------------------------------------------|--------------------------------------------------------------|
-| soft, external and user-defined links              | they lead to other names and other files                     |
-| an object with two names, groups that hold themselves | a walk would not end, and content would count twice       |
-| committed types, links and names out of bounds     | palpate's files have none                                    |
 | virtual datasets, external raw data                | they read other files                                        |
 | filters beyond gzip, shuffle, Fletcher-32 and LZF  | others are plug-ins, which are code                          |
-| types beyond integers, floats and text             | palpate's files have none; attributes of dimension scales    |
-|                                                    | excepted, which are not read                                 |
+| types beyond integers, floats and text             | palpate's files have none                                    |
 | attributes and chunks out of bounds                | they would be held in memory whole                           |
 """
 
@@ -16,7 +12,6 @@ from __future__ import annotations
 
 import importlib
 import math
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,23 +21,14 @@ from ..errors import Hdf5Error
 
 # h5py has no type information, so all of it is `Any`.
 h5py: Any = importlib.import_module("h5py")
-_h5, _h5a, _h5d, _h5g, _h5l, _h5o = h5py.h5, h5py.h5a, h5py.h5d, h5py.h5g, h5py.h5l, h5py.h5o
-_h5s, _h5t, _h5z = h5py.h5s, h5py.h5t, h5py.h5z
+_h5d, _h5s, _h5t, _h5z = h5py.h5d, h5py.h5s, h5py.h5t, h5py.h5z
 
-DEPTH_MOST = 8
-"""Groups in groups; palpate's files have 3."""
-OBJECTS_MOST = 1 << 16
-"""Groups and datasets of a file; a sweep's shard has one for each column of each row."""
-NAME_BYTES_MOST = 1024
 RANK_MOST = 4
 """Dimensions of a dataset; palpate's have at most 3."""
 CHUNK_BYTES_MOST = 1 << 25
 """[byte] of a chunk in memory: a chunk is decoded whole. palpate's have at most 512 KiB."""
-ATTRIBUTES_MOST = 1024
-"""Attributes of an object."""
 ATTRIBUTE_BYTES_MOST = 1 << 24
-"""[byte] of an attribute: a strategy's JSON, or a dimension's list of the columns that have it."""
-
+"""[byte] of an attribute: a strategy's JSON."""
 VLEN_BYTES = 16
 """[byte] of a text of any length where it stands among others: its length, and its place in the file."""
 
@@ -64,8 +50,6 @@ _CLASSES = {
     _h5t.VLEN: "variable-length array",
     _h5t.ARRAY: "array",
 }
-OF_SCALES = ("DIMENSION_LIST", "REFERENCE_LIST")
-"""Attributes that HDF5's dimension scales have, as tables do: references, which palpate never reads."""
 
 
 @dataclass(frozen=True)
@@ -96,82 +80,8 @@ class Declared:
         return math.prod(self.shape) * self.item_bytes
 
 
-@dataclass(frozen=True)
-class Structure:
-    """Declarations of a file's groups and datasets."""
-
-    datasets: dict[str, Declared]
-    """By path, as /contours/points."""
-    attributes: dict[str, tuple[str, ...]]
-    """Names of the attributes of each group and dataset, by path; the root is "/"."""
-
-
-def walk(file_id: Any, require: Callable[[Any, Declared], None]) -> Structure:
-    """Look at every group, dataset and attribute of an open file; raises Hdf5Error at the first that is refused.
-
-    file_id: `h5py.h5f.FileID`. require: refuses a dataset, `h5py.h5d.DatasetID`, by what it declares.
-    """
-    structure = Structure({}, {})
-    root = _h5g.open(file_id, b"/")
-    seen = {int(_h5o.get_info(root).addr): "/"}
-    structure.attributes["/"] = _attributes(root, "/")
-    pending = [("/", root, 0)]
-    while pending:
-        parent, group, depth = pending.pop()
-        for name, address in _links(group, parent):
-            path = f"{parent.rstrip('/')}/{name.decode()}"
-            if address in seen:
-                raise Hdf5Error(f"{path} is {seen[address]} once more, expected one name for an object")
-            if len(seen) >= OBJECTS_MOST:
-                raise Hdf5Error(f"{path} is one object too many, expected at most {OBJECTS_MOST}")
-            seen[address] = path
-            opened = _h5o.open(group, name)
-            if isinstance(opened, _h5g.GroupID):
-                if depth + 1 > DEPTH_MOST:
-                    raise Hdf5Error(f"{path} lies {depth + 1} groups deep, expected at most {DEPTH_MOST}")
-                pending.append((path, opened, depth + 1))
-            elif isinstance(opened, _h5d.DatasetID):
-                structure.datasets[path] = _declaration(opened, path)
-                require(opened, structure.datasets[path])
-            else:
-                raise Hdf5Error(f"{path} is neither a group nor a dataset, but a {type(opened).__name__}")
-            structure.attributes[path] = _attributes(opened, path)
-    return structure
-
-
-def _links(group: Any, parent: str) -> Iterator[tuple[bytes, int]]:
-    """Names and addresses of what a group holds; raises Hdf5Error for anything but a hard link."""
-    links: list[tuple[bytes, int, Any]] = []
-
-    def note(name: bytes, info: Any) -> bool | None:
-        links.append((name, int(info.type), info.u))
-        return True if len(links) > OBJECTS_MOST else None  # anything but None ends the iteration
-
-    tracked = int(group.get_create_plist().get_link_creation_order()) & h5py.h5p.CRT_ORDER_TRACKED
-    group.links.iterate(note, idx_type=_h5.INDEX_CRT_ORDER if tracked else _h5.INDEX_NAME, info=True)
-    if len(links) > OBJECTS_MOST:
-        raise Hdf5Error(f"{parent} holds more than {OBJECTS_MOST} objects")
-    for name, kind, address in links:
-        path = f"{parent.rstrip('/')}/{_name(name, parent)}"
-        if kind != _h5l.TYPE_HARD:
-            known = {_h5l.TYPE_SOFT: "a soft link", _h5l.TYPE_EXTERNAL: "a link to another file"}
-            raise Hdf5Error(f"{path} is {known.get(kind, f'a link of type {kind}')}, expected an object of this file")
-        yield name, int(address)
-
-
-def _name(name: bytes, parent: str) -> str:
-    try:
-        text = name.decode()
-    except UnicodeDecodeError:
-        raise Hdf5Error(f"{parent} holds a name that is not UTF-8: {name[:80]!r}") from None
-    if not text or text == "." or "/" in text or not text.isprintable() or len(name) > NAME_BYTES_MOST:
-        bounds = f"expected 1 to {NAME_BYTES_MOST} bytes, printable, without a slash"
-        raise Hdf5Error(f"{parent} holds the name {text[:80]!r} of {len(name)} bytes, {bounds}")
-    return text
-
-
-def _declaration(dataset: Any, path: str) -> Declared:
-    """A dataset's header; raises Hdf5Error for what palpate's files never have."""
+def declaration_of(dataset: Any, path: str) -> Declared:
+    """The header of a dataset, `h5py.h5d.DatasetID`; raises Hdf5Error for what palpate's files never have."""
     plist = dataset.get_create_plist()
     layout = int(plist.get_layout())
     if layout not in _LAYOUTS:
@@ -234,29 +144,12 @@ def _shape(space: Any) -> tuple[int, ...] | None:
     return tuple(map(int, space.get_simple_extent_dims())) if extent == _h5s.SIMPLE else None
 
 
-def _attributes(owner: Any, path: str) -> tuple[str, ...]:
-    """Names of an object's attributes; raises Hdf5Error where they are too many or too large, or no plain values."""
-    names: list[bytes] = []
-
-    def note(name: bytes) -> bool | None:
-        names.append(name)
-        return True if len(names) > ATTRIBUTES_MOST else None
-
-    _h5a.iterate(owner, note)
-    if len(names) > ATTRIBUTES_MOST:
-        raise Hdf5Error(f"{path} has more than {ATTRIBUTES_MOST} attributes")
-    for name in names:
-        _require_attribute(_h5a.open(owner, name), name, f"attribute {_name(name.replace(b'/', b''), path)} of {path}")
-    return tuple(name.decode() for name in names)
-
-
-def _require_attribute(attribute: Any, name: bytes, what: str) -> None:
-    kind = attribute.get_type()
-    if not (name.decode() in OF_SCALES and int(kind.get_class()) in (_h5t.VLEN, _h5t.COMPOUND)):
-        _require_plain(kind, what)
+def require_attribute(attribute: Any, what: str) -> None:
+    """Raise Hdf5Error unless an attribute, `h5py.h5a.AttrID`, is a plain value of bounded size."""
+    _require_plain(attribute.get_type(), what)
     shape = _shape(attribute.get_space())
     if shape is None or len(shape) > 1:
         found = "no value" if shape is None else f"shape {list(shape)}"
         raise Hdf5Error(f"{what} has {found}, expected one value or a list of them")
-    if (size := math.prod(shape) * int(kind.get_size())) > ATTRIBUTE_BYTES_MOST:
+    if (size := math.prod(shape) * int(attribute.get_type().get_size())) > ATTRIBUTE_BYTES_MOST:
         raise Hdf5Error(f"{what} has {size} bytes, expected at most {ATTRIBUTE_BYTES_MOST}")

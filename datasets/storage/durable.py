@@ -36,8 +36,7 @@ class NewFile:
 
     Leaving the `with` publishes the file, unless that has happened; leaving it by an exception discards the file. A
     writer holds a shared lock (flock) on its temporary file. So the next writer of the same path knows what killed
-    writers have left, and removes it. Two writers of one path do not disturb each other: the file that is published last
-    stays.
+    writers have left, and removes it. Two writers of one path do not disturb each other: what is published last stays.
 
     path: the file to make or to replace. suffix: end of the temporary name, for libraries that choose a format by it.
 

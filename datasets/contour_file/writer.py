@@ -295,6 +295,7 @@ class ContourWriter:
             if mode == "create":
                 self._refuse_sealed()  # again: now no other process can seal
                 self._refuse_unfinished()
+                self._clear_folder()  # of a killed writer's permission to overwrite
             if mode == "overwrite":
                 self._clear_folder()
                 write_file(self._folder / _OVERWRITE_NAME)
@@ -335,7 +336,7 @@ class ContourWriter:
         if not (self._folder / HEADER_NAME).exists():
             if block_files(self._folder):
                 raise ContourFileError(f'{self._folder} has no header, so it cannot be resumed: use mode="overwrite"')
-            self._clear_temporary()
+            self._clear_folder()
             if self.path.exists():
                 self._finish_with(self.path)
             return

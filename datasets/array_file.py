@@ -1,10 +1,11 @@
 """NumPy's files, .npy and .npz, within the budget: their headers are validated before an array is made, and objects of
 Python, which run code as they are read, are never read."""
 
+import math
 import zipfile
-from collections.abc import Collection
+from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any, BinaryIO
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,26 +16,35 @@ ONLY = ""
 """Name of the array that an .npy file holds."""
 
 
-def read_arrays(path: Path, wanted: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
+def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """Arrays of an .npz file by name, or the one of an .npy file as `ONLY`; the content decides which of the two it is.
-
-    wanted: which to read where they are there; None: all.
 
     Raises:
         FileBoundError: It is no regular file; it, or its arrays together, hold more than the budget.
         OSError: From the system.
         ValueError: It is none, damaged, or holds objects of Python.
     """
-    with open_regular(path) as file:
-        try:
-            if not zipfile.is_zipfile(file):
-                file.seek(0)
-                return {ONLY: _array(file, path.stat().st_size, 0)[0]}
-            return _read_members(file, wanted)
-        except (OSError, MemoryError):
-            raise
-        except Exception as error:  # zipfile, zlib, the parsers of Python's literals: each with errors of its own
-            raise ValueError(f"not a NumPy file of arrays ({error or type(error).__name__})") from error
+    found: dict[str, NDArray[Any]] = {}
+    taken = 0
+    try:
+        for name, stream, size in _members(path):
+            shape, dtype = _header(stream)
+            if dtype.hasobject:
+                raise ValueError("holds Python objects, which are never loaded")
+            count = math.prod(shape) * dtype.itemsize
+            if dtype.itemsize == 0 or count > size:
+                raise ValueError(
+                    f"an array of shape {list(shape)} and type {dtype} does not fit the {size} bytes that are there"
+                )
+            taken += count
+            require_bytes(taken, "what its arrays hold")
+            stream.seek(0)
+            found[name] = np.lib.format.read_array(stream, allow_pickle=False)
+    except (OSError, MemoryError):
+        raise
+    except Exception as error:  # zipfile, zlib, the parsers of Python's literals: each with errors of its own
+        raise ValueError(f"not a NumPy file of arrays ({error or type(error).__name__})") from error
+    return found
 
 
 def array_shape(path: Path, name: str) -> tuple[int, ...]:
@@ -42,47 +52,26 @@ def array_shape(path: Path, name: str) -> tuple[int, ...]:
 
     name: in an .npz file; an .npy file has one array only. Raises OSError as `read_arrays`.
     """
+    try:
+        return next(_header(stream)[0] for own, stream, _ in _members(path) if own in (name, ONLY))
+    except OSError:
+        raise
+    except Exception:  # as in `read_arrays`, which the caller calls next
+        return ()
+
+
+def _members(path: Path) -> Iterator[tuple[str, IO[bytes], int]]:
+    """Name, stream and size [byte] of each array."""
     with open_regular(path) as file:
-        try:
-            if not zipfile.is_zipfile(file):
-                file.seek(0)
-                return _header(file)[0]
-            with zipfile.ZipFile(file) as archive, archive.open(f"{name}.npy") as stream:
-                return _header(stream)[0]
-        except OSError:
-            raise
-        except Exception:  # as in `read_arrays`, which the caller calls next
-            return ()
-
-
-def _read_members(file: BinaryIO, wanted: Collection[str] | None) -> dict[str, NDArray[Any]]:
-    found: dict[str, NDArray[Any]] = {}
-    taken = 0
-    with zipfile.ZipFile(file) as archive:
-        for member in archive.infolist():
-            name = member.filename.removesuffix(".npy")
-            if name == member.filename or (wanted is not None and name not in wanted):
-                continue
-            with archive.open(member) as stream:
-                found[name], taken = _array(stream, member.file_size, taken)
-    return found
-
-
-def _array(stream: IO[bytes], size: int, taken: int) -> tuple[NDArray[Any], int]:
-    """The array that a stream of so many bytes holds, and the bytes of all so far."""
-    shape, dtype = _header(stream)
-    count = 1
-    for length in shape:
-        count *= int(length)
-    if dtype.hasobject:
-        raise ValueError("holds Python objects, which are never loaded")
-    if dtype.itemsize == 0 or count * dtype.itemsize > size:
-        raise ValueError(
-            f"an array of shape {list(shape)} and type {dtype} does not fit the {size} bytes that are there"
-        )
-    require_bytes(taken + count * dtype.itemsize, "what its arrays hold")
-    stream.seek(0)
-    return np.lib.format.read_array(stream, allow_pickle=False), taken + count * dtype.itemsize
+        if not zipfile.is_zipfile(file):
+            file.seek(0)
+            yield ONLY, file, path.stat().st_size
+            return
+        with zipfile.ZipFile(file) as archive:
+            for member in archive.infolist():
+                if member.filename.endswith(".npy"):
+                    with archive.open(member) as stream:
+                        yield member.filename.removesuffix(".npy"), stream, member.file_size
 
 
 def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:

@@ -12,17 +12,15 @@
 import bz2
 import gzip
 import io
-import json
 import os
-import re
 import stat
 import sys
-import tomllib
 import zipfile
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Generator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any, BinaryIO
+from typing import IO, BinaryIO
 
 LIMIT_VARIABLE = "PALPATE_READ_MB"
 """Environment variable: budget of one file, compressed and decompressed [MB]."""
@@ -32,19 +30,10 @@ LIMIT_DEFAULT = 3_000_000_000
 ANY_SIZE = 1 << 63
 """A size that no file exceeds [byte]."""
 
-DEPTH_MOST = 900
-"""Most levels of nested lists and objects in JSON."""
-LINE_MOST = 1 << 20
-"""Most characters of one line of text."""
-CODE_MOST = 16_000_000
-"""Largest file of source code [byte], a hundred times the longest that people write."""
-TOML_MOST = 1 << 24
-"""Most characters of one TOML text, a hundred times the longest sweep plan."""
-KEY_PARTS_MOST = 32
-"""Most parts of one dotted key in TOML."""
 
 _BLOCK_BYTES = 1 << 20
-_BROKEN = (zipfile.BadZipFile, zlib.error, gzip.BadGzipFile, EOFError, RuntimeError, NotImplementedError, ValueError)
+_BROKEN = (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, NotImplementedError, ValueError)
+_PACKED = "what is packed in it"
 # Most bytes that CPython 3.11 allocates per such character of JSON (measured): a list, an object, a unique name, and
 # a number or text with its list entry.
 _MARK_BYTES = {"[": 64, "{": 160, ":": 128, "=": 128, ",": 64}
@@ -52,11 +41,6 @@ _MARK_BYTES = {"[": 64, "{": 160, ":": 128, "=": 128, ",": 64}
 
 class FileBoundError(OSError):
     """A file is not read because it is not a regular file, too large or in a forbidden place; the message names why."""
-
-
-# One bare or quoted part of a key and its dot; possessive quantifiers never backtrack, so matching takes linear time.
-_PART = r"""(?>(?<![A-Za-z0-9_-])[A-Za-z0-9_-]++|(?<!\\)"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+"""
-_LONG_KEY = re.compile(f"(?:{_PART}){{{KEY_PARTS_MOST}}}")
 
 
 def byte_limit() -> int:
@@ -108,16 +92,10 @@ def _open_unblocked(path: str, flags: int) -> int:
     return os.open(path, flags | os.O_NONBLOCK | os.O_NOCTTY)
 
 
-def read_content(path: str | os.PathLike[str]) -> bytes:
-    """All bytes of a regular file within the budget; raises as `open_regular`."""
-    with open_regular(path) as stream:
-        return read_limited(stream, "it")
-
-
-def read_code(path: str | os.PathLike[str]) -> bytes:
-    """All bytes of a regular file of source code, at most CODE_MOST; raises as `open_regular`."""
-    with open_regular(path, CODE_MOST) as stream:
-        return stream.read(CODE_MOST)
+def read_content(path: str | os.PathLike[str], most: int | None = None) -> bytes:
+    """All bytes of a regular file; arguments and errors as `open_regular`."""
+    with open_regular(path, most) as stream:
+        return read_limited(stream, "it", most)
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
@@ -129,92 +107,56 @@ def read_text(path: str | os.PathLike[str]) -> str:
 
 def read_limited(stream: IO[bytes] | gzip.GzipFile | bz2.BZ2File, what: str, declared: int | None = None) -> bytes:
     """All bytes of a stream; raises FileBoundError once they exceed the budget or the declared size [byte]."""
-    limit = byte_limit()
-    if declared is not None and declared < limit:
-        content = stream.read(declared + 1)
-        if len(content) > declared:
-            raise FileBoundError(f"{what} takes more than the {declared} bytes that are declared")
-        return content
+    limit = byte_limit() if declared is None else min(declared, byte_limit())
     content = bytearray()
     while block := stream.read(min(_BLOCK_BYTES, limit + 1 - len(content))):
         content += block
-        if len(content) > limit:
-            require_bytes(len(content), what)
+        if len(content) > limit == declared:
+            raise FileBoundError(f"{what} takes more than the {declared} bytes that are declared")
+        require_bytes(len(content), what)
     return bytes(content)
 
 
-def gunzip(content: bytes, declared: int | None = None) -> bytes:
-    """Decompress gzip; raises FileBoundError beyond the budget or the declared size [byte], ValueError if damaged."""
-    return _decompress(gzip.open(io.BytesIO(content)), declared)
+def unpack(content: bytes, codec: str, declared: int | None = None, begin: int | None = None) -> bytes:
+    """Decompress `gzip`, `bzip2` or `zlib`; begin: only the first so many bytes, or all if there are fewer.
 
-
-def gunzip_begin(content: bytes, count: int) -> bytes:
-    """The first `count` bytes of what gzip packed, or all that there are; raises ValueError if they are damaged."""
-    try:
-        with gzip.open(io.BytesIO(content)) as stream:
-            return stream.read(count)
-    except (*_BROKEN, OSError) as error:
-        raise ValueError(f"damaged where it is packed ({error})") from error
-
-
-def bunzip(content: bytes, declared: int | None = None) -> bytes:
-    """Decompress bzip2; raises as `gunzip`."""
-    return _decompress(bz2.open(io.BytesIO(content)), declared)
-
-
-def inflate(content: bytes, declared: int | None = None) -> bytes:
-    """Decompress zlib; raises as `gunzip`."""
-    limit = byte_limit() if declared is None else min(byte_limit(), declared)
-    try:
-        unpacked = zlib.decompressobj().decompress(content, limit + 1)
-    except zlib.error as error:
-        raise ValueError(f"damaged where it is packed ({error})") from error
-    if declared is not None and declared < len(unpacked):
-        raise FileBoundError(f"what is packed in it takes more than the {declared} bytes that are declared")
-    require_bytes(len(unpacked), "what is packed in it")
-    return unpacked
-
-
-def _decompress(stream: gzip.GzipFile | bz2.BZ2File, declared: int | None) -> bytes:
-    try:
-        with stream:
-            return read_limited(stream, "what is packed in it", declared)
-    except FileBoundError:
-        raise
-    except (*_BROKEN, OSError) as error:
-        raise ValueError(f"damaged where it is packed ({error})") from error
-
-
-def unzip(content: bytes, names: Collection[str] | None = None) -> dict[str, bytes]:
-    """Members of a zip file by name, None for all; the budget holds for their total decompressed size.
-
-    Raises FileBoundError beyond the budget, ValueError for a damaged file.
+    Raises FileBoundError beyond the budget or the declared size [byte], ValueError if damaged.
     """
-    members: dict[str, bytes] = {}
-    taken = 0
+    with _naming_damage("where it is packed"):
+        if codec == "zlib":
+            limit = byte_limit() if declared is None else min(declared, byte_limit())
+            stream = io.BytesIO(zlib.decompressobj().decompress(content, limit + 1))
+        else:
+            stream = {"gzip": gzip.open, "bzip2": bz2.open}[codec](io.BytesIO(content))
+        with stream:
+            return read_limited(stream, _PACKED, declared) if begin is None else stream.read(begin)
+
+
+def unzip(content: bytes, choose: Callable[[list[str]], Collection[str]] = list) -> dict[str, bytes]:
+    """Members of a zip file by name; choose: of all names, those to unpack.
+
+    Raises FileBoundError if their decompressed sizes together exceed the budget, ValueError for a damaged file.
+    """
+    with _naming_damage("zip file"), zipfile.ZipFile(io.BytesIO(content)) as archive:
+        chosen = set(choose(archive.namelist()))
+        members = [member for member in archive.infolist() if member.filename in chosen]
+        require_bytes(sum(member.file_size for member in members), _PACKED)
+        found: dict[str, bytes] = {}
+        for member in members:
+            with archive.open(member) as stream:  # which ends after `file_size` bytes, whatever more is packed
+                found[member.filename] = read_limited(stream, _PACKED, member.file_size)
+        return found
+
+
+@contextmanager
+def _naming_damage(where: str) -> Generator[None]:
+    """Errors of the decompressors as ValueError."""
     try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            wanted = [member for member in archive.infolist() if names is None or member.filename in names]
-            require_bytes(sum(member.file_size for member in wanted), "what is packed in it")
-            for member in wanted:
-                with archive.open(member) as stream:
-                    members[member.filename] = read_limited(stream, "what is packed in it")
-                taken += len(members[member.filename])
-                require_bytes(taken, "what is packed in it")
+        yield
     except FileBoundError:
         raise
     except _BROKEN as error:
-        raise ValueError(f"damaged zip file: {error}") from error
-    return members
-
-
-def zip_names(content: bytes) -> list[str]:
-    """Names of the members of a zip file; raises ValueError for a damaged file."""
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            return archive.namelist()
-    except _BROKEN as error:
-        raise ValueError(f"damaged zip file: {error}") from error
+        raise ValueError(f"damaged {where}: {error}") from error
 
 
 def file_beside(path: Path, name: str) -> Path:
@@ -226,17 +168,15 @@ def file_beside(path: Path, name: str) -> Path:
     folder = path.parent.resolve()
     try:
         found = (folder / name).resolve()
-        lies_within = not os.path.isabs(name) and found.is_relative_to(folder)
-        is_regular = lies_within and found.is_file()
+        if os.path.isabs(name) or not found.is_relative_to(folder):
+            why = f"must lie in the folder of {path.name} or below"
+        elif found.is_file():
+            return found
+        else:
+            why = "is no regular file in its folder" if found.exists() else "is not there"
     except (OSError, ValueError, RuntimeError) as error:  # a NUL, a name that is too long, a cycle of links
-        raise FileBoundError(f"names the file {name[:200]!r}, which cannot be: {error}") from error
-    if not lies_within:
-        raise FileBoundError(f"names the file {name[:200]!r}, which must lie in the folder of {path.name} or below")
-    if not found.exists():
-        raise FileBoundError(f"names the file {name[:200]!r}, which is not there")
-    if not is_regular:
-        raise FileBoundError(f"names the file {name[:200]!r}, which is no regular file in its folder")
-    return found
+        why = f"cannot be: {error}"
+    raise FileBoundError(f"names the file {name[:200]!r}, which {why}")
 
 
 def require_parsable(content: str | bytes) -> None:
@@ -250,72 +190,3 @@ def require_parsable(content: str | bytes) -> None:
     else:
         size = sum(size * content.count(mark.encode()) for mark, size in marks)
     require_bytes(size + sys.getsizeof(content), "what its text holds")
-
-
-def text_lines(stream: IO[bytes]) -> Iterator[str]:
-    """Lines of UTF-8 text, with or without a byte order mark; each ends with one LF, except perhaps the last.
-
-    Raises ValueError, naming the line, for a line of more than LINE_MOST characters; UnicodeDecodeError.
-    """
-    with io.TextIOWrapper(stream, encoding="utf-8-sig") as lines:
-        number = 1
-        while line := lines.readline(LINE_MOST + 1):
-            if len(line) > LINE_MOST:
-                raise ValueError(f"line {number}: has more than {LINE_MOST} characters")
-            yield line
-            number += 1
-
-
-def parse_json(text: str) -> Any:
-    """The value of a JSON text.
-
-    Raises:
-        FileBoundError: It could take more memory than the budget.
-        ValueError: It is not JSON (json.JSONDecodeError), nested too deeply, or has a number with too many digits.
-    """
-    require_parsable(text)
-    try:
-        value = json.loads(text)
-    except RecursionError:
-        raise ValueError("nested too deeply") from None
-    except json.JSONDecodeError:
-        raise
-    except ValueError:  # Python limits the digits of an integer
-        raise ValueError("a number has too many digits") from None
-    _require_shallow(value)
-    return value
-
-
-def _require_shallow(value: Any) -> None:
-    """Raise ValueError beyond DEPTH_MOST levels, which recursive readers could not follow; Python 3.13 parses more."""
-    level: list[Any] = [value] if isinstance(value, list | dict) else []
-    below: list[Any]
-    for _ in range(DEPTH_MOST):
-        below = [own.values() if isinstance(own, dict) else own for own in level]
-        level = [item for items in below for item in items if isinstance(item, list | dict)]
-        if not level:
-            return
-    raise ValueError("nested too deeply")
-
-
-def read_json(path: str | os.PathLike[str]) -> Any:
-    """The value of a JSON file; raises as `read_text` and `parse_json`."""
-    return parse_json(read_text(path))
-
-
-def parse_toml(text: str) -> dict[str, Any]:
-    """The table of a TOML text.
-
-    Raises ValueError (tomllib.TOMLDecodeError) if it is not TOML, is nested too deeply, has more than TOML_MOST
-    characters, or more than KEY_PARTS_MOST parts joined by dots, also in a text or a comment. The reason: memory of
-    Python's parser grows with the square of a key's parts, to 4 GB for a key of 60 kB.
-    """
-    if len(text) > TOML_MOST:
-        raise ValueError(f"it holds {len(text)} characters, more than {TOML_MOST}")
-    if found := _LONG_KEY.search(text):
-        line = text.count("\n", 0, found.start()) + 1
-        raise ValueError(f"a key has more than {KEY_PARTS_MOST} parts (at line {line})")
-    try:
-        return tomllib.loads(text)
-    except RecursionError:
-        raise ValueError("nested too deeply") from None

@@ -6,7 +6,8 @@ from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
 
-from ..datasets.bounded_file import FileBoundError, parse_json, read_text
+from ..datasets.bounded_file import read_text
+from ..datasets.json_text import parse_json
 from ..datasets.known_names import find_name, likely_file, likely_name, unknown_name
 from ..datasets.shapes.built_in import shape_name
 from .errors import StrategyError
@@ -85,8 +86,8 @@ def read_fields(text: str, known: Collection[str], name: str) -> dict[str, Any]:
     Raises StrategyError for a text that is not a JSON object, and for unknown fields.
     """
     try:
-        values = parse_json(text)
-    except (ValueError, FileBoundError) as error:
+        values = parse_json(text, allow_nan=True)
+    except ValueError as error:
         raise StrategyError(f"{name}: not JSON ({error})") from error
     return known_fields(values, known, name)
 

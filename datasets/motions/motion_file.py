@@ -24,7 +24,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bounded_file import open_regular, read_content, require_bytes, text_lines
+from ..bounded_file import open_regular, read_content, require_bytes
 from ..errors import Hdf5Error, MotionError, RecordingWarning, name_nothing
 from ..json_text import parse_json
 from ..known_names import likely_file
@@ -33,7 +33,17 @@ from ..storage.hdf5 import FAILURES
 from ..storage.hdf5_declared import h5py
 from ..storage.hdf5_opening import StrictFile, open_hdf5
 from ..user_warnings import warn_user
-from .table_cells import Header, cells_of, header_of, not_a_number, not_utf8, number_in, without_empty_end, wrong_count
+from .table_cells import (
+    Header,
+    cells_of,
+    header_of,
+    not_a_number,
+    not_utf8,
+    number_in,
+    text_lines,
+    without_empty_end,
+    wrong_count,
+)
 
 POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 TIME_COLUMN = "time"

@@ -9,11 +9,14 @@
 """
 
 import csv
+import io
 import re
-from collections.abc import Iterable
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator
+from typing import IO, NamedTuple
 
 COMMA = ","
+LINE_MOST = 1 << 20
+"""Most characters of one line of text."""
 _STATED = "sep="
 _SEPARATORS = f"{COMMA};\t"
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
@@ -27,6 +30,20 @@ class Header(NamedTuple):
     separator: str
     number: int
     """Of the line, counted from 1; 0 where there is none."""
+
+
+def text_lines(stream: IO[bytes]) -> Iterator[str]:
+    """Lines of UTF-8 text, with or without a byte order mark; each ends with one LF, except perhaps the last.
+
+    Raises ValueError, naming the line, for a line of more than LINE_MOST characters; UnicodeDecodeError.
+    """
+    with io.TextIOWrapper(stream, encoding="utf-8-sig") as lines:
+        number = 1
+        while line := lines.readline(LINE_MOST + 1):
+            if len(line) > LINE_MOST:
+                raise ValueError(f"line {number}: has more than {LINE_MOST} characters")
+            yield line
+            number += 1
 
 
 def header_of(lines: Iterable[str]) -> Header:

@@ -74,8 +74,6 @@ def load_recording(
         raise RecordingError(f"{source}: cannot be read: {error.strerror or error}") from None
     except MemoryError:
         raise RecordingError(f"{source}: cannot be read: it takes more memory than there is") from None
-    except RecursionError:
-        raise RecordingError(f"{source}: cannot be read: nested too deeply") from None
     return recording if frame is None else recording.transformed(frame.pose)
 
 

@@ -14,9 +14,9 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from .. import bounded_file
-from ..bounded_file import parse_json, read_content, require_parsable
+from ..bounded_file import ANY_SIZE, read_content, read_text, require_parsable
 from ..errors import RecordingError
+from ..json_text import parse_json
 from ..motions.table_cells import COMMA, header_of, not_a_number, not_utf8, number_in, without_empty_end, wrong_count
 from ..rigid import Numbers
 from .lz_string import decompress_base64
@@ -40,8 +40,8 @@ def read_json(path: Path) -> Json:
     """
     try:
         if path.suffix.lower() == ".lz":
-            return parse_json(decompress_base64(read_content(path)))
-        text = bounded_file.read_text(path)
+            return _value_of(decompress_base64(read_content(path)))
+        text = read_text(path)
         return _json_lines(text) if path.suffix.lower() in LINE_SUFFIXES else _parse(text)
     except UnicodeDecodeError as error:
         raise RecordingError(not_utf8(error.object)) from None
@@ -49,13 +49,17 @@ def read_json(path: Path) -> Json:
         raise RecordingError(f"line {error.lineno} column {error.colno}: not JSON: {error.msg}") from None
     except RecordingError:
         raise
-    except ValueError as error:  # an integer of thousands of digits; nested too deeply
+    except ValueError as error:
         raise RecordingError(f"not JSON that can be read: {error}") from None
+
+
+def _value_of(text: str) -> Json:
+    return parse_json(text, allow_nan=True, text_most=ANY_SIZE)
 
 
 def _parse(text: str) -> Json:
     try:
-        return parse_json(text)
+        return _value_of(text)
     except json.JSONDecodeError as error:
         if error.msg != "Extra data":
             raise
@@ -70,7 +74,7 @@ def _json_lines(text: str) -> Json:
         if not line.strip():
             continue
         try:
-            values.append(parse_json(line))
+            values.append(_value_of(line))
         except json.JSONDecodeError as error:
             raise RecordingError(
                 f"line {number} column {error.colno}: neither JSON nor JSON Lines, one value a line: {error.msg}"

@@ -77,18 +77,18 @@ class NewFile:
         power cut may leave a part of the file.
 
         Raises:
-            OSError: From the system, or the file was discarded. If syncing the content fails, the file is discarded. If
-                syncing the folder fails, the file has its name, but a power cut may take that back; publishing again
-                syncs the folder again.
-            FileExistsError: There is a file, and `replaces` is False.
+            OSError: From the system, or the file was discarded before. If it comes from syncing the folder, the file
+                has its name, but a power cut may take that back; publishing again syncs the folder again. Else the file
+                is discarded: Linux reports only once that it has lost content, so that trying again proves nothing.
+            FileExistsError: There is a file, and `replaces` is False. The new one is discarded.
         """
         if not self.is_named:
             if self.handle < 0:
                 raise OSError(errno.EBADF, "was discarded", str(self.temporary))
-            if durable:
-                with self._discarding():  # since Linux reports once that it has lost content, and forgets it
+            with self._discarding():
+                if durable:
                     os.fsync(self.handle)
-            (os.replace if replaces else _link)(self.temporary, self.path)
+                (os.replace if replaces else _link)(self.temporary, self.path)
             self.is_named = True
         if durable and self.handle >= 0:
             sync(self.path.parent)

@@ -110,7 +110,10 @@ class StrictFile:
             with self._source.bounded():
                 if not group.links.exists(name.encode()):
                     return None
-                _require_hard_link(group, name.encode(), path)
+                if (kind := int(group.links.get_info(name.encode()).type)) != _h5l.TYPE_HARD:
+                    known = {_h5l.TYPE_SOFT: "a soft link", _h5l.TYPE_EXTERNAL: "a link to another file"}
+                    what = known.get(kind, f"a link of type {kind}")
+                    raise Hdf5Error(f"{path} is {what}, expected an object of this file")
                 self._objects[path] = _h5o.open(group, name.encode())
         return self._objects[path]
 
@@ -217,13 +220,6 @@ class StrictFile:
         total = int(places["length"].sum(dtype=np.uint64))
         if total > self._source.size:
             raise Hdf5Error(f"{own.path} has texts of {total} bytes, more than the file's {self._source.size}")
-
-
-def _require_hard_link(group: Any, name: bytes, path: str) -> None:
-    kind = int(group.links.get_info(name).type)
-    if kind != _h5l.TYPE_HARD:
-        known = {_h5l.TYPE_SOFT: "a soft link", _h5l.TYPE_EXTERNAL: "a link to another file"}
-        raise Hdf5Error(f"{path} is {known.get(kind, f'a link of type {kind}')}, expected an object of this file")
 
 
 def _listed(iterate: Callable[..., object], owner: str) -> list[str]:

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
-from ..bounded_file import read_json
+from ..json_text import read_json
 from ..storage.durable import write_file
 
 FILE = "same-results.json"

@@ -15,7 +15,7 @@ from typing import Any
 from ..contour_file.check import check_file
 from ..errors import SweepStoreError
 from ..focus_files.frame_reader import check_frames, frame_format
-from ..storage.durable import discard, open_own, publish, temporary_name
+from ..storage.durable import NewFile, discard, open_own
 from .failures import failures_of
 from .manifest import Manifest
 from .parts import PartRow, Parts, payload_of
@@ -164,19 +164,13 @@ def _copy(path: Path, to: Path) -> None:
 
     Raises OSError where it cannot be read, _UnwritableError where the copy cannot be written.
     """
-    temporary = temporary_name(to)
-    handle = open_own(path, os.O_RDONLY)
-    try:
-        to.parent.mkdir(exist_ok=True)
-        with os.fdopen(handle, "rb") as old, temporary.open("xb") as new:
-            shutil.copyfileobj(old, new)
-            new.flush()
-            os.fsync(new.fileno())
-        publish(temporary, to)
-    except OSError as error:
-        raise _unwritable(to, error) from error
-    finally:
-        discard(temporary)
+    with os.fdopen(open_own(path, os.O_RDONLY), "rb") as old:
+        try:
+            to.parent.mkdir(exist_ok=True)
+            with NewFile(to) as new:
+                shutil.copyfileobj(old, new)
+        except OSError as error:
+            raise _unwritable(to, error) from error
 
 
 class _UnwritableError(SweepStoreError):

@@ -6,13 +6,13 @@ damaged or shortened disagrees with the other. Manifests of version 1 have neith
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 from typing import Any, NamedTuple, cast
 
 from ..errors import SweepStoreError
+from ..json_text import parse_json
 from .manifest import Manifest, row_digest
 
 
@@ -117,8 +117,8 @@ def _digest_of(maker: str | bytes, group: str, row: PartRow) -> bytes:
 def payload_of(row: PartRow, where: object) -> dict[str, Any]:
     """A row's payload decoded; raises SweepStoreError, naming `where` it lies, for one that is no JSON object."""
     try:
-        payload: Any = json.loads(row.payload)
-    except (ValueError, TypeError, RecursionError) as error:  # TypeError: it is NULL
+        payload: Any = parse_json(row.payload, allow_nan=True)
+    except (ValueError, TypeError) as error:  # TypeError: it is NULL
         raise SweepStoreError(f"{where}: the payload of part {row.part} of {row.key} is damaged: {error}") from error
     if not isinstance(payload, dict):
         raise SweepStoreError(f"{where}: the payload of part {row.part} of {row.key} is {payload!r:.80}, no object")

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from ..errors import SweepStoreError
+from ..json_text import parse_json
 from ..storage.durable import discard
 from .manifest import Manifest
 from .record import COLUMNS, KEPT, kept_path
@@ -67,7 +67,7 @@ def _kept_paths(rows: Iterable[tuple[object, ...]]) -> set[PurePosixPath]:
     """Kept files that rows' payloads name, such as contours/KEY.h5; a payload that names another place is left out."""
     found: set[PurePosixPath] = set()
     for (payload,) in rows:
-        with contextlib.suppress(ValueError, TypeError, AttributeError, RecursionError, SweepStoreError):
-            path = kept_path(json.loads(str(payload)))
+        with contextlib.suppress(ValueError, TypeError, AttributeError, SweepStoreError):
+            path = kept_path(parse_json(str(payload), allow_nan=True))
             found |= set() if path is None else {path}
     return found

@@ -165,7 +165,10 @@ def read_shard(path: str | Path, *, columns: bool = True) -> Shard:
         payloads = tuple(_text(file, "/payloads").split("\n")) if places else ()
         if len(payloads) != len(places):
             raise SweepStoreError(f"{path} is damaged: {len(places)} rows have {len(payloads)} payloads")
-        _refuse_unknown(file, len(places))
+        known = {"/rows", "/payloads", "/columns", *(f"/columns/{number}" for number in range(len(places)))}
+        found = [*file.members("/"), *(file.members("/columns") if "/columns" in file else [])]
+        if unknown := next((path for path in found if path not in known), None):
+            raise Hdf5Error(f"{unknown} is nothing that a shard of {len(places)} rows has")
         with_columns = tuple([f"/columns/{number}" in file for number in range(len(places))])
         own = [_columns(file, number) if has and columns else None for number, has in enumerate(with_columns)]
         return Shard(maker, places, payloads, tuple(own), with_columns, digest)
@@ -191,13 +194,6 @@ def _place(row: Any, number: int) -> tuple[str, str, int]:
         case _:
             shown = str(cast(object, row))[:80]
             raise Hdf5Error(f"/rows has {shown} at place {number}, expected group, key, and part below {_PARTS_MOST}")
-
-
-def _refuse_unknown(file: StrictFile, row_count: int) -> None:
-    known = {"/rows", "/payloads", "/columns", *(f"/columns/{number}" for number in range(row_count))}
-    found = [*file.members("/"), *(file.members("/columns") if "/columns" in file else [])]
-    if unknown := next((path for path in found if path not in known), None):
-        raise Hdf5Error(f"{unknown} is nothing that a shard of {row_count} rows has")
 
 
 def _text(file: StrictFile, path: str) -> str:

@@ -19,6 +19,7 @@ from ...datasets.contour_file.live_summary import summarise_run
 from ...datasets.contour_file.reader import ContourFile
 from ...datasets.contour_file.writer import ContourWriter
 from ...datasets.errors import ContourFileError
+from ...datasets.json_text import parse_json
 from ...datasets.motions.hand_motion import HandMotion
 from ...datasets.storage.schema import LIVE_MARKS
 from ..errors import PoseError, StrategyError
@@ -160,7 +161,7 @@ def event_lines(events: list[tuple[float, str, str]]) -> bytes:
 
 def events_of(lines: bytes) -> list[tuple[float, str, str]]:
     """Events from the lines of JSON; raises ValueError for anything else."""
-    events = [json.loads(line) for line in lines.decode().splitlines()]
+    events = [parse_json(line) for line in lines.decode().splitlines()]
     if not all(isinstance(own, list) and len(own) == 3 and isinstance(own[0], int | float) for own in events):
         raise ValueError("an event must be a list of a time, a kind and a text")
     return [(float(time), str(kind), str(text)) for time, kind, text in events]

@@ -19,14 +19,15 @@ import pickle
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from io import FileIO
+from io import BytesIO, FileIO
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
 from ...datasets.errors import ContourFileError
-from ...datasets.storage.durable import FolderLock, discard_tree
+from ...datasets.json_text import read_json
+from ...datasets.storage.durable import FolderLock, discard_tree, write_file
 from ..hands.hand import hand_from
 from ..hands.plane_hand import PlaneHand
 from ..objects.solid import Solid
@@ -76,8 +77,10 @@ class SpoolDescription:
 
     def write(self, folder: Path) -> None:
         """Write the files of the description; its text last, as the others are of no use without it."""
-        (folder / "solid.pickle").write_bytes(pickle.dumps(self.solid))
-        np.savez(folder / "hand.npz", **self.hand.arrays())
+        write_file(folder / "solid.pickle", pickle.dumps(self.solid))
+        arrays = BytesIO()
+        np.savez(arrays, **self.hand.arrays())
+        write_file(folder / "hand.npz", arrays.getbuffer())
         text = {
             "object": self.solid.described(),
             "hand": self.hand.described(),
@@ -86,13 +89,13 @@ class SpoolDescription:
             "patches": self.patches,
             **self.fields,
         }
-        (folder / "description.json").write_text(json.dumps(text))
+        write_file(folder / "description.json", json.dumps(text).encode())
 
     @classmethod
     def read(cls, folder: Path, solid: Solid | None, *, trusted: bool, allow_code: AllowCode) -> "SpoolDescription":
         """Read the files back; raises ContourFileError where they cannot be, or `solid` is another object."""
         try:
-            text = json.loads((folder / "description.json").read_text())
+            text = read_json(folder / "description.json", allow_nan=True)
             if solid is None:
                 if not trusted:
                     raise ContourFileError(

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ...datasets.bounded_file import read_json
+from ...datasets.json_text import read_json
 from ...datasets.known_names import unknown_name
 from ...device.array import ArrayModel
 from ...device.registry import array_model

@@ -6,7 +6,6 @@ raised an error that names no file; so objects must be proven before they are lo
 
 import hashlib
 import inspect
-import json
 import os
 import struct
 import threading
@@ -16,6 +15,7 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ...datasets.json_text import read_json
 from ...datasets.storage.durable import discard_tree, sync, write_file
 from ..errors import KernelCacheError
 from ..user_warnings import warn_user
@@ -125,7 +125,7 @@ def _is_usable(folder: Path, output_name: str) -> bool:
     if not os.path.lexists(folder):
         return True
     try:
-        json.loads((folder / f"{folder.name}.meta").read_bytes())
+        read_json(folder / f"{folder.name}.meta")
     except FileNotFoundError:
         return True
     except (OSError, ValueError):

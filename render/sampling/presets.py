@@ -15,14 +15,13 @@
 | step, random | DOLPHIN (Mulot et al. 2021); the numbers are ours |
 """
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 from ...datasets.known_names import find_name, likely_name, unknown_name
 from ..errors import StrategyError
-from ..validation import load_by_name, value_text
+from ..validation import load_by_name, read_fields, value_text
 from .strategy import (
     AmplitudeModulation,
     Dwell,
@@ -118,4 +117,7 @@ def sampling_of(sampling: SamplingStrategy | str | Path) -> SamplingStrategy:
 def sets_rate(source: str) -> bool:
     """Whether a strategy that `load_sampling` takes has an update rate of its own: a file that names one."""
     silent = dict.fromkeys(PRESETS, lambda: False)
-    return load_by_name(source, silent, lambda text: "update_rate" in json.loads(text), "sampling", others=OTHERS)
+    fields = SamplingStrategy.__dataclass_fields__
+    return load_by_name(
+        source, silent, lambda text: "update_rate" in read_fields(text, fields, "sampling"), "sampling", others=OTHERS
+    )

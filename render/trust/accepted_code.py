@@ -1,19 +1,19 @@
 """The store of accepted code: one small file for each piece, in a folder that only its owner can write.
 
 It lies in `$XDG_CONFIG_HOME/palpate/trust`, by default `~/.config/palpate/trust`. A file's name is the digest of what
-was accepted (`trust.Code.digest`); its content is for people. A piece is accepted by writing a temporary file and
-renaming it, so that a killed process leaves none, or all of it.
+was accepted (`trust.Code.digest`); its content is for people.
 """
 
 import contextlib
 import json
 import os
 import re
-import secrets
 import stat
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from ...datasets.json_text import parse_json
+from ...datasets.storage.durable import NewFile
 from ..errors import TrustStoreError
 
 NAME = re.compile(r"[0-9a-f]{64}")
@@ -69,18 +69,11 @@ def accept(entry: Accepted) -> None:
     folder = _open_folder(make=True)
     if folder is None:
         raise TrustStoreError(f"{store_folder()}: cannot be made")
-    temporary = f".{secrets.token_hex(16)}"
     try:
-        handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600, dir_fd=folder)
-        with open(handle, "w", encoding="utf-8") as file:
-            json.dump(asdict(entry), file)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, entry.digest, src_dir_fd=folder, dst_dir_fd=folder)
-        os.fsync(folder)
+        with NewFile(store_folder() / entry.digest) as new:
+            os.fchmod(new.handle, 0o600)  # whatever the umask
+            new.write(json.dumps(asdict(entry)).encode())
     except OSError as error:
-        with contextlib.suppress(OSError):
-            os.unlink(temporary, dir_fd=folder)
         raise TrustStoreError(f"{store_folder()}: cannot be written ({error.strerror})") from error
     finally:
         os.close(folder)
@@ -103,10 +96,10 @@ def forget(digest: str) -> None:
 
 def _entry(digest: str) -> Accepted:
     """What a file of the store says; its name alone counts, so one that cannot be read is listed without words."""
-    with contextlib.suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         handle = os.open(store_folder() / digest, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
         with open(handle, encoding="utf-8") as file:
-            values = json.loads(file.read(ENTRY_BYTES))
+            values = parse_json(file.read(ENTRY_BYTES))
         files = tuple(str(path) for path in values["files"])
         return Accepted(digest, str(values["name"]), str(values["named_by"]), files, str(values["when"]))
     return Accepted(digest, "", "", (), "")

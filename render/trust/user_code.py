@@ -24,9 +24,11 @@ from threading import RLock
 from types import ModuleType
 from typing import Any
 
-from ...datasets.bounded_file import read_code, read_content
+from ...datasets.bounded_file import read_content
 from .permission import AllowCode, Code, Namer, require_permission
 
+CODE_MOST = 16_000_000
+"""Largest file of source code [byte], a hundred times the longest that people write."""
 _LOCK = RLock()  # a module may load a strategy while it is imported
 _SHA256: dict[str, str] = {}
 """Of the bytes that each module of a private name was run from."""
@@ -58,7 +60,7 @@ def find_file(path: Path, namer: Namer) -> CodeSource:
     """A Python file that a function is in; one that was edited becomes another module. Raises ImportError, OSError."""
     if not path.is_file():
         raise ImportError("no such file")
-    content = read_code(path)
+    content = read_content(path, CODE_MOST)
     return _of_file(path, path.name, namer, own=_private_name(path, content), content=content)
 
 
@@ -85,7 +87,7 @@ def run_all(sources: Iterable[CodeSource], allow_code: AllowCode) -> list[Module
 
 
 def _of_file(path: Path, name: str, namer: Namer, *, own: str, content: bytes | None = None) -> CodeSource:
-    content = read_code(path) if content is None else content
+    content = read_content(path, CODE_MOST) if content is None else content
     imported = sys.modules.get(name)
     file = getattr(imported, "__file__", None)
     if file is not None and Path(file).resolve() == path.resolve():  # by the user, under its own name
@@ -121,7 +123,7 @@ def _run(source: CodeSource) -> ModuleType:
 def _read_installed(path: Path, loader: Any) -> bytes | None:
     """The bytes that a module is made of, also within a ZIP; None where its loader does not give them."""
     if path.is_file():  # a compiled one may be larger than source code
-        return read_content(path) if path.name.endswith(tuple(EXTENSION_SUFFIXES)) else read_code(path)
+        return read_content(path, None if path.name.endswith(tuple(EXTENSION_SUFFIXES)) else CODE_MOST)
     try:
         return loader.get_data(str(path))
     except (AttributeError, OSError):

@@ -4,7 +4,6 @@ A datagram is one frame of the tracker: all hands that it sees, or none. What ca
 and left out.
 """
 
-import json
 import math
 import re
 import socket
@@ -19,6 +18,7 @@ from typing import Any, Final, Self
 import numpy as np
 
 from ....datasets.hand_model.joints import JOINT_COUNT
+from ....datasets.json_text import parse_json
 from ....datasets.rigid import Numbers
 from ...errors import StrategyError
 from .hand_frame import OWN, Seen, SeenHand, SourceFault
@@ -161,8 +161,8 @@ def _newest(opened: socket.socket) -> tuple[list[bytes], int]:
 
 def _json_frames(data: bytes) -> SeenHand | list[SeenHand]:
     try:
-        content = json.loads(data)
-    except (ValueError, RecursionError) as error:
+        content = parse_json(data, allow_nan=True)
+    except ValueError as error:
         raise DatagramError(f"a datagram is no JSON: {error}") from None
     if not isinstance(content, dict):
         raise DatagramError("a datagram must be one JSON object")

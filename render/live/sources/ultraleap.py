@@ -16,6 +16,7 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from ....datasets.errors import RecordingError
+from ....datasets.json_text import parse_json
 from ....datasets.recordings.clip import Sighting
 from ....datasets.recordings.leapjs import frame_hands
 from ...errors import StrategyError
@@ -105,8 +106,8 @@ def _newest(connection: Any) -> str | bytes:
 def seen_in(data: str | bytes) -> list[SeenHand] | SourceFault | None:
     """All hands of a message, or a frame without any; a fault; None for what need not be reported."""
     try:
-        content = json.loads(data)
-    except (ValueError, RecursionError) as error:
+        content = parse_json(data, allow_nan=True)
+    except ValueError as error:
         return SourceFault("message", f"a message of the tracking service is no JSON: {error}")
     if not isinstance(content, dict):
         return SourceFault("message", f"a message of the tracking service must be an object, not {content!r:.60}")

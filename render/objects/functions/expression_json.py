@@ -10,7 +10,8 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
-from ....datasets.bounded_file import FileBoundError, parse_json, read_text
+from ....datasets.bounded_file import read_text
+from ....datasets.json_text import parse_json
 from ....datasets.known_names import unknown_name
 from ...errors import ImplicitError
 from ...validation import value_text
@@ -76,8 +77,8 @@ def expression_from_json(text: str) -> Expression:
     Sphere(radius=0.04)
     """
     try:
-        described = parse_json(text)
-    except (ValueError, FileBoundError) as error:  # no JSON, nested too deeply, too large
+        described = parse_json(text, allow_nan=True)
+    except ValueError as error:
         raise ImplicitError(f"expression: not JSON ({error})") from error
     return expression_from(described)
 

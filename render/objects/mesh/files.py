@@ -16,14 +16,14 @@ from urllib.parse import unquote
 import numpy as np
 
 from ....datasets.bounded_file import (
+    ANY_SIZE,
     FileBoundError,
     file_beside,
-    parse_json,
     read_content,
     require_bytes,
     unzip,
-    zip_names,
 )
+from ....datasets.json_text import parse_json
 from ...errors import MeshError
 from ...file_kinds import MESH_SUFFIXES, NOT_READ
 from .formats.gltf import read_gltf
@@ -83,9 +83,7 @@ def load_mesh(path: Path) -> FileMesh:
 
 def archived(content: bytes) -> FileMesh:
     """All meshes in a zip file; raises MeshError, which names the member that cannot be read."""
-    names = [name for name in zip_names(content) if not is_of_macos(name)]
-    is_whole = any(name.lower().endswith(".gltf") for name in names)  # a .gltf may name any other member
-    members = unzip(content, [name for name in names if is_whole or Path(name).suffix.lower() in MESH_SUFFIXES])
+    members = unzip(content, needed_members)
 
     def member(name: str) -> bytes:
         if name not in members:
@@ -106,6 +104,13 @@ def archived(content: bytes) -> FileMesh:
     return united(meshes)
 
 
+def needed_members(names: list[str]) -> list[str]:
+    """Members of an archive that its meshes are read from: all if one is a .gltf, which may name any other."""
+    names = [name for name in names if not is_of_macos(name)]
+    is_whole = any(name.lower().endswith(".gltf") for name in names)
+    return [name for name in names if is_whole or Path(name).suffix.lower() in MESH_SUFFIXES]
+
+
 def is_of_macos(name: str) -> bool:
     """Whether a member of an archive holds what macOS keeps about a file, not the file."""
     parts = PurePosixPath(name).parts
@@ -117,7 +122,7 @@ def parsed(content: bytes, suffix: str, files: NamedFiles) -> FileMesh:
     if suffix in (".glb", ".gltf"):
         text, binary = glb_chunks(content) if suffix == ".glb" else (content, None)
         try:
-            tree = parse_json(text.decode("utf-8-sig"))
+            tree = parse_json(text.decode("utf-8-sig"), text_most=ANY_SIZE)
         except ValueError as error:
             raise MeshError(f"has JSON that cannot be read ({str(error)[:200]})") from error
         return read_gltf(tree, files.get, binary)

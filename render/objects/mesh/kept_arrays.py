@@ -20,11 +20,11 @@ from typing import TypeVar
 import numpy as np
 
 from ....datasets.array_file import read_arrays
-from ....datasets.storage.durable import discard, temporary_name, write_temporary
+from ....datasets.storage.durable import discard, write_file
 
 SWITCH = "PALPATE_CACHE"  # environment variable: "off", or a folder to use instead
 BYTES_MOST = 2_000_000_000  # of all entries; beyond, those that were used least lately are deleted
-ENTRY = re.compile(r"[0-9a-f]{64}\.npz|\.[0-9a-f]{64}\.[0-9a-f]+\.tmp")  # and what a killed process left of one
+ENTRY = re.compile(r"[0-9a-f]{64}\.npz(\.[0-9a-f]+\.tmp)?")  # and what a killed process left of one
 
 Kept = TypeVar("Kept")
 
@@ -78,16 +78,10 @@ def write_entry(path: Path, arrays: dict[str, np.ndarray]) -> None:
         return
     content = BytesIO()  # first in memory: zipfile reports a full disk again when it is deleted
     np.savez(content, **arrays)  # pyright: ignore[reportArgumentType]  # takes arrays by any name
-    temporary = temporary_name(path.with_name(f".{path.stem}"))
-    try:
+    with contextlib.suppress(OSError):
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        write_temporary(temporary, content.getbuffer())
-        os.replace(temporary, path)
+        write_file(path, content.getbuffer())
         drop_oldest(path.parent)
-    except OSError:
-        return
-    finally:
-        discard(temporary)
 
 
 def drop_oldest(folder: Path) -> None:

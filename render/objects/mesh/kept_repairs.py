@@ -8,6 +8,7 @@ from time import perf_counter
 
 import numpy as np
 
+from ....datasets.json_text import parse_json
 from ...runtime.loading_progress import Watch, unwatched
 from .kept_arrays import kept_folder, maker_digest, read_entry, write_entry
 from .repair import Mended, Repair, repair_mesh
@@ -79,7 +80,7 @@ def entry_key(vertices: np.ndarray, faces: np.ndarray, repair: Repair) -> str:
 def mended_of(entry: dict[str, np.ndarray]) -> Mended:
     """A repaired mesh from the arrays of an entry; raises ValueError for arrays that are none."""
     vertices, faces = entry["vertices"], entry["faces"]
-    solid_count, report = int(entry["solid_count"]), MeshReport(**json.loads(str(entry["report"])))
+    solid_count, report = int(entry["solid_count"]), MeshReport(**parse_json(str(entry["report"]), allow_nan=True))
     sound = vertices.ndim == faces.ndim == 2 and vertices.shape[1] == faces.shape[1] == 3
     if not (sound and 0 <= solid_count <= len(faces) and faces.min() >= 0 and faces.max() < len(vertices)):
         raise ValueError("the entry holds no mesh")

@@ -17,13 +17,11 @@ import warp as wp
 from ....datasets.array_file import ONLY, array_shape, read_arrays
 from ....datasets.bounded_file import (
     FileBoundError,
-    gunzip,
-    gunzip_begin,
-    inflate,
     open_regular,
     read_content,
     read_limited,
     require_bytes,
+    unpack,
 )
 from ....datasets.errors import name_nothing
 from ....datasets.known_names import likely_file
@@ -115,14 +113,14 @@ def read_nifti(path: Path, unit: str | None) -> VolumeFile:
 
 def unpacked_nifti(nibabel: Any, content: bytes) -> bytes:
     """A NIfTI file unpacked by gzip, no longer than its header says; raises FileBoundError for one that goes on."""
-    begin = gunzip_begin(content, NIFTI_BEGIN)
+    begin = unpack(content, "gzip", begin=NIFTI_BEGIN)
     kind = nibabel.Nifti2Header if begin[:4] in NIFTI2 else nibabel.Nifti1Header
     size = kind.sizeof_hdr
     if len(begin) < size:
         raise VoxelError(f"has {len(begin)} bytes, less than its header of {size}")
     header = kind(begin[:size], check=False)
     values = math.prod(int(count) for count in header.get_data_shape()) * header.get_data_dtype().itemsize
-    return gunzip(content, max(int(header.get_data_offset()), size + 4) + values)
+    return unpack(content, "gzip", max(int(header.get_data_offset()), size + 4) + values)
 
 
 @contextmanager
@@ -148,7 +146,7 @@ def nanovdb_content(content: bytes) -> bytes:
     if begin + 8 > len(content):
         raise VoxelError("ends before its grid")
     packed = content[begin + 8 : begin + 8 + struct.unpack_from("<Q", content, begin)[0]]
-    unpacked = inflate(packed, struct.unpack_from("<Q", content, GRID_BYTES)[0])
+    unpacked = unpack(packed, "zlib", struct.unpack_from("<Q", content, GRID_BYTES)[0])
     front = bytearray(content[:begin])
     struct.pack_into("<H", front, 14, 0)
     struct.pack_into("<Q", front, 24, len(unpacked))

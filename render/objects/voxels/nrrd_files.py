@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ....datasets.bounded_file import bunzip, file_beside, gunzip, open_regular, read_content, read_limited
+from ....datasets.bounded_file import file_beside, open_regular, read_content, read_limited, unpack
 from ...errors import VoxelError
 from .grid import affine_of
 from .values import require_room
@@ -21,7 +21,7 @@ RIGHT_SIGNS = {  # of a NRRD space's axes, to those of NIfTI: right, front, head
     "left-posterior-superior": (-1.0, -1.0, 1.0),
     "lps": (-1.0, -1.0, 1.0),
 }
-UNPACKED = {"gzip": gunzip, "gz": gunzip, "bzip2": bunzip, "bz2": bunzip}  # of NRRD's encodings
+CODECS = {"gzip": "gzip", "gz": "gzip", "bzip2": "bzip2", "bz2": "bzip2"}  # by NRRD's encoding
 NRRD_BYTES_MOST = 8  # of one value: float64, and integers of 64 bits
 BY_AXIS = ("space directions", "spacings", "units", "kinds")
 PLACE_KINDS = ("domain", "space", "???", "none")  # of an axis along which a place changes, or may change
@@ -103,12 +103,12 @@ def nrrd_content(data: bytes, header: Any) -> tuple[io.BytesIO, Any]:
     """Data without the lines to skip, then unpacked; and the header without that. Bytes are left for pynrrd to skip."""
     data = after_lines(data, int(header.get("line skip", header.get("lineskip", 0))))
     kept = {key: value for key, value in header.items() if key not in ("line skip", "lineskip")}
-    unpack = UNPACKED.get(str(header.get("encoding", "")).lower())
-    if unpack is None:
+    codec = CODECS.get(str(header.get("encoding", "")).lower())
+    if codec is None:
         return io.BytesIO(data), kept
     skip = int(header.get("byte skip", header.get("byteskip", 0)))  # -1: whatever is before the last bytes
     declared = None if skip < 0 else skip + NRRD_BYTES_MOST * math.prod(int(size) for size in header["sizes"])
-    return io.BytesIO(unpack(data, declared)), {**kept, "encoding": "raw"}
+    return io.BytesIO(unpack(data, codec, declared)), {**kept, "encoding": "raw"}
 
 
 def after_lines(data: bytes, count: int) -> bytes:

@@ -3,7 +3,6 @@
 Any program can change the file, so that every value is checked against its plan: an analysis counts on them.
 """
 
-import json
 import math
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ....datasets.bounded_file import FileBoundError
+from ....datasets.json_text import parse_json
 from ....datasets.storage.sqlite_opening import open_database
 from ...errors import StudyError
 from ...validation import value_text
@@ -76,7 +76,7 @@ def read_answers(folder: str | Path) -> StudyTable:
             ratios = [RatioRecord(*_typed(row, _RATIO_TYPES)) for row in connection.execute(_RATIOS)]
     except (OSError, sqlite3.Error, FileBoundError) as error:
         raise file_error(path, error) from error
-    except (ValueError, TypeError, RecursionError) as error:  # a list of stimuli that is none
+    except (ValueError, TypeError) as error:  # a list of stimuli that is none
         raise StudyError(f"{path} is damaged: a row cannot be read ({error})") from error
     if not texts:
         raise StudyError(f"{path} holds no plan: nobody has taken part yet")
@@ -99,7 +99,7 @@ def read_answers(folder: str | Path) -> StudyTable:
 
 def _answer_record(row: tuple[Any, ...]) -> AnswerRecord:
     values = _typed(row, _ANSWER_TYPES)
-    stimuli = json.loads(values[9])
+    stimuli = parse_json(values[9])
     if not isinstance(stimuli, list):
         raise ValueError(f"stimuli is {value_text(stimuli)}, and should be a list")
     values[9], values[10] = tuple(map(str, stimuli)), bool(values[10])

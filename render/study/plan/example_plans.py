@@ -3,6 +3,7 @@
 from importlib.resources import files
 from pathlib import Path
 
+from ....datasets.storage.durable import NewFile
 from ...errors import StudyError
 from ...terminal import console
 from ...validation import choose
@@ -26,8 +27,9 @@ def write_example(name: str, *, as_json: bool) -> None:
     name = choose("example", name, EXAMPLES)
     path = Path(f"{name}.toml")
     try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(example_text(name))
+        with NewFile(path) as new:
+            new.write(example_text(name).encode())
+            new.publish(replaces=False)
     except FileExistsError as error:
         raise StudyError(f"{path} exists: move it away, or call this command in another folder") from error
     except OSError as error:

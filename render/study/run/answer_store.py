@@ -19,6 +19,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from ....datasets.json_text import parse_json
 from ....datasets.known_names import likely_name
 from ....datasets.storage.durable import FolderLock, is_locked, sync
 from ...errors import StudyError, StudyStorageError
@@ -287,7 +288,7 @@ class AnswerStore:
                 return
             else:
                 # Codes may be added at the end, because the numbers of the others stay; comments change nothing.
-                codes = json.loads(kept[-1]["codes"])
+                codes = parse_json(kept[-1]["codes"])
                 if own[3] != kept[-1]["content"] or list(plan.codes[: len(codes)]) != codes:
                     raise StudyError(self._differing(kept[-1]["text"]))
             connection.execute(
@@ -362,7 +363,7 @@ class AnswerStore:
         answers: dict[tuple[str, int, str], AnswerRow] = {}
         statement = f"SELECT {', '.join(names)} FROM answers WHERE code = ? ORDER BY sequence"
         for row in self._file.rows(statement, (self._code,)):
-            values = {name: tuple(json.loads(row[name])) if name in LISTS else row[name] for name in names}
+            values = {name: tuple(parse_json(row[name])) if name in LISTS else row[name] for name in names}
             own = AnswerRow(**{**values, "is_practice": bool(values["is_practice"])})
             answers[own.block, own.trial, own.name] = own
         attempts = self._file.rows(

@@ -8,7 +8,6 @@ would lose them, and it works on no network file system.
 """
 
 import contextlib
-import os
 import sqlite3
 import threading
 from collections.abc import Generator, Sequence
@@ -17,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ....datasets.bounded_file import FileBoundError
-from ....datasets.storage.durable import discard, sync, temporary_name
+from ....datasets.storage.durable import NewFile, sync
 from ....datasets.storage.sqlite_opening import open_database
 from ...errors import StudyError, StudyStorageError
 from .store_rows import APPLICATION_ID, FORMAT_VERSION, SCHEMA
@@ -128,24 +127,15 @@ class StudyFile:
             self._connection = None
 
     def _make(self) -> None:
-        """Make the file under another name, then link it: it is never there without its tables."""
-        temporary = temporary_name(self.path)
-        try:
-            with closing(sqlite3.connect(temporary, isolation_level=None)) as connection:
+        """Make the file under another name, then publish it: it is never there without its tables."""
+        with NewFile(self.path) as new:
+            with closing(sqlite3.connect(new.temporary, isolation_level=None)) as connection:
                 connection.executescript(
                     f"PRAGMA journal_mode=MEMORY; PRAGMA synchronous=FULL; BEGIN; {SCHEMA}"
                     f"PRAGMA application_id={APPLICATION_ID}; PRAGMA user_version={FORMAT_VERSION}; COMMIT"
                 )
-            sync(temporary)
-            try:
-                os.link(temporary, self.path)
-            except FileExistsError:
-                return  # another process was first
-            except OSError:  # a file system without links
-                os.replace(temporary, self.path)
-            sync(self.path.parent)
-        finally:
-            discard(temporary)
+            with contextlib.suppress(FileExistsError):  # another process was first
+                new.publish(replaces=False)
 
     def _judge(self, connection: sqlite3.Connection) -> None:
         """Refuse what is no study's data, a newer format, and a damaged file."""

@@ -25,6 +25,7 @@ from ....datasets.contour_file.check import check_file
 from ....datasets.contour_file.reader import ContourFile
 from ....datasets.errors import ContourFileError
 from ....datasets.focus_files.frame_file import FrameField, FrameFile
+from ....datasets.json_text import read_json
 from ....datasets.motions.hand_motion import HandMotion
 from ....datasets.storage.durable import FolderLock, discard, write_file
 from ....datasets.storage.hdf5 import is_of_system
@@ -152,7 +153,7 @@ def _maker_beside(path: Path) -> str | None:
     Raises OSError if the file that has it may not be read: contours of other code are removed, so none may be mistaken.
     """
     try:
-        beside = json.loads(_beside(path).read_text(encoding="utf-8"))
+        beside = read_json(_beside(path))
     except (FileNotFoundError, ValueError):
         return None
     return beside.get("maker") if isinstance(beside, dict) else None

@@ -12,7 +12,7 @@ from typing import Annotated, Any, cast
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, ValidationInfo
 
-from ....datasets.bounded_file import parse_toml, read_text, require_parsable
+from ....datasets.bounded_file import read_text, require_parsable
 from ....datasets.known_names import likely_file
 from ...errors import PlanError
 from ...runtime.worker_devices import WORKERS_MOST
@@ -23,6 +23,7 @@ from .overrides import TABLES, put_override, unknown_key
 from .recipe import KEPT, METRICS
 from .sources import SourceIndex
 from .tied_keys import AxisKeyName, read_zip
+from .toml_text import parse_toml
 from .user_metric import find_metric
 from .values import ChoiceCheck, PlanFault, checked_items, refuse
 

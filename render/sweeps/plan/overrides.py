@@ -4,10 +4,10 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from ....datasets.bounded_file import parse_toml
 from ....datasets.known_names import likely_name
 from .axes import KEYS
 from .line_search import Place
+from .toml_text import parse_toml
 from .values import refuse
 
 TABLES = (*KEYS, "sample", "exclude", "only")

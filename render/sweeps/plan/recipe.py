@@ -19,7 +19,8 @@ from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import unquote
 
-from ....datasets.bounded_file import file_beside, open_regular, read_content, read_json
+from ....datasets.bounded_file import file_beside, open_regular, read_content
+from ....datasets.json_text import parse_json, read_json
 from ...errors import PlanError
 from ...motions.explorations.options import AROUND
 
@@ -109,8 +110,8 @@ class Recipe:
     def from_json(cls, text: str) -> "Recipe":
         """The recipe that `to_json` wrote; raises PlanError for any other text."""
         try:
-            values = json.loads(text)
-        except (ValueError, RecursionError) as error:
+            values = parse_json(text)
+        except ValueError as error:
             raise PlanError(f"recipe: not JSON ({error})") from error
         if not isinstance(values, dict) or set(values) != set(PARTS):
             raise PlanError(f"recipe: must be a JSON object of {', '.join(PARTS)}, not {text[:60]!r}")

@@ -13,8 +13,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ....datasets.bounded_file import read_json
 from ....datasets.errors import SweepStoreError
+from ....datasets.json_text import read_json
 from ....datasets.storage.durable import FolderLock, discard, discard_tree, write_file
 from ....datasets.storage.schema import PRUNED_NAMES, removed_name
 from ....datasets.sweeps.pose_files import POSES, write_pose_files

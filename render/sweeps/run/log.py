@@ -25,6 +25,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
 
+from ....datasets.json_text import parse_json
 from ....datasets.storage.durable import open_own
 
 LOG = "log.jsonl"
@@ -91,8 +92,8 @@ def read_log(path: Path) -> list[dict[str, Any]]:
         lines = file.read(READ_MOST).splitlines()
     events: list[dict[str, Any]] = []
     for line in lines:
-        with contextlib.suppress(ValueError, RecursionError):
-            event = json.loads(line)
+        with contextlib.suppress(ValueError):
+            event = parse_json(line)
             if isinstance(event, dict) and {"time", "run", "event"} <= event.keys():
                 events.append(event)
     return events

@@ -28,6 +28,7 @@ from websockets.http11 import Request, Response
 from websockets.sync.server import ServerConnection, serve
 
 from ....datasets.errors import DatasetError
+from ....datasets.json_text import parse_json
 from ....device.errors import DeviceError
 from ...errors import RenderError, StrategyError, ViewError
 from ...terminal.foreign_text import visible
@@ -284,8 +285,8 @@ def refusal(headers: Headers, port: int) -> str | None:
 def request_of(message: str | bytes) -> PageRequest:
     """A message of a page as a request; raises StrategyError for one that is no JSON object."""
     try:
-        values = json.loads(message)
-    except (ValueError, RecursionError):
+        values = parse_json(message, allow_nan=True)
+    except ValueError:
         values = None
     if not isinstance(values, dict):
         raise StrategyError(f"a request must be a JSON object, not {_short(message)}")

@@ -42,7 +42,7 @@ def test_valid_is_true_or_false_or_a_number_for_it(tmp_path, value, missing):
 
 def test_numbers_of_thousands_of_digits_are_refused_and_large_ones_not_known(tmp_path):
     text = json.dumps(with_joint(content_of(tmp_path, "openxr"), radius="HERE"))
-    with pytest.raises(RecordingError, match=r"hand\.json: .*too many digits"):
+    with pytest.raises(RecordingError, match=r"hand\.json: .*4300 digits"):
         load_recording(written(tmp_path, text.replace('"HERE"', "1" * 5000)))
     assert len(load_recording(written(tmp_path, text.replace('"HERE"', "1" * 400)))) == 6
 
@@ -281,9 +281,9 @@ def test_a_header_of_too_many_names_is_refused(tmp_path):
         ('{"position": [true, 0, 0], "orientation": [0, 0, 0, 1]}', "position: must be a number, got True"),
         ('{"position": [0, 0], "orientation": [0, 0, 0, 0, 1]}', "lists of 3 and 4 numbers"),
         (f'{{"position": [{"1" * 400}, 0, 0], "orientation": [0, 0, 0, 1]}}', "is not finite"),
-        (f'{{"position": [{"1" * 5000}, 0, 0], "orientation": [0, 0, 0, 1]}}', "too many digits"),
+        (f'{{"position": [{"1" * 5000}, 0, 0], "orientation": [0, 0, 0, 1]}}', "4300 digits"),
         ('{"matrix": "1"}', "matrix: must be a list, got '1'"),
-        ("[" * 200_000, "nested too deeply"),
+        ("[" * 200_000, "deep in each other"),
     ],
 )
 def test_an_alignment_s_file_is_judged(tmp_path, text, said):

@@ -168,8 +168,8 @@ def test_a_run_that_is_killed_keeps_all_that_was_appended(tmp_path):
 def test_files_are_brought_to_the_disk_off_the_thread_and_at_most_once_a_second(tmp_path, monkeypatch):
     segment, synced = marked_run(), []
     own = os.fsync
-    monkeypatch.setattr(os, "fsync", lambda handle: (synced.append(time.monotonic()), own(handle)))
     spool = spool_of(tmp_path / "spool", segment)
+    monkeypatch.setattr(os, "fsync", lambda handle: (synced.append(time.monotonic()), own(handle)))
     append(spool, segment, block=20)
     spool.add_event(0.0, "late", "")
     end = time.monotonic() + 5

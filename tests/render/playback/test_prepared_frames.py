@@ -14,7 +14,6 @@ import pytest
 from command_line import FAILED, MISUSED, answer, refused
 
 from palpate.datasets import HandMotion
-from palpate.datasets.contour_file.unknown_content import unknown_content
 from palpate.datasets.errors import ContourFileError
 from palpate.datasets.focus_files.frame_reader import FrameReader, check_frames
 from palpate.datasets.focus_files.ptlist import write_ptlist
@@ -186,7 +185,6 @@ def test_commands_write_show_and_check_them(contours, tmp_path):
     assert (shown["drive"]["level_max"], shown["sampling"]["update_rate"]) == (0.8, 2000)
     assert (shown["jumps"], shown["refused"], shown["switched"]) == (told["jumps"], 0, 0)
     assert answer("check", out)["whole"] is True
-    assert unknown_content(out) == []
 
 
 @pytest.mark.exhaustive

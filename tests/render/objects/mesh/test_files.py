@@ -165,3 +165,58 @@ def test_a_file_beside_a_gltf_is_read(tmp_path):
     (tmp_path / "a b.bin").write_bytes(file.content[:50])
     with pytest.raises(MeshError, match=r"bufferView 0 has 96 and the buffer 50: it may be cut off"):
         load_mesh(tmp_path / "a.gltf")
+    members = {"a.gltf": json.dumps(file.tree | {"buffers": buffers}), "a b.bin": file.content, "readme.txt": "no mesh"}
+    assert enclosed(load_mesh(archive(tmp_path / "a.zip", members))) == (12, [1, 1, 1], 1)
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        (
+            lambda tree, plain: {"accessors": [plain, {"componentType": 5123, "count": 10**12, "type": "SCALAR"}]},
+            "hold",
+        ),
+        (lambda tree, plain: {"accessors": [*tree["accessors"], {**plain, "count": 10**6}]}, "its arrays hold takes"),
+        (lambda tree, plain: {"bufferViews": tree["bufferViews"] + [{"buffer": 0, "byteLength": 900}] * 5600}, "hold"),
+        (lambda tree, plain: {"meshes": [{"primitives": tree["meshes"][0]["primitives"] * 200}]}, "its arrays hold"),
+        (lambda tree, plain: {"nodes": [{"mesh": 0}] * 300, "scenes": [{"nodes": [*range(300)]}]}, "copies"),
+        (lambda tree, plain: {"accessors": [{**plain, "count": -1}] * 2}, "whole number"),
+        (lambda tree, plain: {"accessors": [{**plain, "count": 1e300}] * 2}, "takes"),
+        (lambda tree, plain: {"accessors": 3}, "cannot be read as a mesh"),
+        (lambda tree, plain: {"nodes": [{"mesh": 0, "matrix": [float("nan")] * 16}]}, "NaN is not a finite number"),
+    ],
+)
+def test_a_scene_that_multiplies_is_refused(changed, said, tmp_path, monkeypatch):
+    monkeypatch.setenv(LIMIT_VARIABLE, "5")
+    file = GltfFile()
+    file.mesh(CUBE[:3], [[0, 1, 2]] * 1000)
+    (tmp_path / "a.glb").write_bytes(file.glb())
+    assert len(load_mesh(tmp_path / "a.glb").faces) == 1000
+    file.tree |= changed(file.tree, file.tree["accessors"][0])
+    (tmp_path / "a.glb").write_bytes(file.glb())
+    with pytest.raises(MeshError, match=said):
+        load_mesh(tmp_path / "a.glb")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("a.stl", bytes(80) + b"\xff" * 420, "neither text nor the 214748364834 bytes of the 4294967295 triangles"),
+        ("a.obj", b"v 0 0 0\n\xff\0", "no text: it holds NUL"),
+        ("a.off", b"OFF\xff\0\n", "no text: it holds NUL"),
+    ],
+)
+def test_a_mesh_that_is_no_text_and_nothing_else_is_told_so(name, content, said, tmp_path):
+    """Without the guesser of encodings, which trimesh has an error for that names a package."""
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(MeshError, match=said):
+        load_mesh(tmp_path / name)
+
+
+def test_a_mesh_with_letters_of_another_encoding_is_read(tmp_path):
+    mesh = "# Gr\xf6\xdfe\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+    (tmp_path / "a.obj").write_text(mesh, encoding="latin-1")
+    (tmp_path / "b.obj").write_text(mesh, encoding="utf-8")
+    found = [load_mesh(tmp_path / name) for name in ("a.obj", "b.obj")]
+    for key in ("vertices", "faces"):
+        np.testing.assert_array_equal(getattr(found[0], key), getattr(found[1], key))

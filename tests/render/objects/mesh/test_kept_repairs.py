@@ -118,12 +118,10 @@ def test_a_folder_that_cannot_be_written_and_a_full_disk_give_no_error(tmp_path,
     monkeypatch.setenv("PALPATE_CACHE", str(folder))
 
     def full(path, content):
-        with path.open("wb") as file:
-            file.write(content[:100])
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(kept_arrays, "write_temporary", full)
+        patch.setattr(kept_arrays, "write_file", full)
         MeshObject(*two_boxes())
     assert list(folder.iterdir()) == []
     assert len(repairs) == 2
@@ -153,7 +151,7 @@ def test_entries_used_least_lately_are_deleted_and_nothing_else(folder, monkeypa
     other = folder / "thesis.pdf"
     other.write_bytes(bytes(100_000))
     os.utime(other, (0, 0))
-    left = folder / f".{'0' * 64}.1.tmp"  # of a process that was killed
+    left = folder / f"{'0' * 64}.npz.0123456789ab.tmp"  # of a process that was killed
     left.write_bytes(bytes(50_000))
     os.utime(left, (0, 0))
     vertices, faces = two_boxes()

@@ -12,7 +12,7 @@ import warp as wp
 from field_points import values_at
 from voxel_cases import PLACE, TURNED, ball, balled, skipped_unless
 
-from palpate.datasets.bounded_file import gunzip
+from palpate.datasets.bounded_file import unpack
 from palpate.render import Placement
 from palpate.render.errors import PalpateWarning, VoxelError
 from palpate.render.objects.voxels import files
@@ -221,14 +221,19 @@ def test_a_packed_nifti_is_read_no_further_than_its_header_says(tmp_path, monkey
     """1 GiB of zeros behind the data of 24 bytes: refused when the first of them is unpacked."""
     nibabel = pytest.importorskip("nibabel")
     read = []
+
+    def noted(content, codec, declared=None, begin=None):
+        read.append(declared if begin is None else begin)
+        return unpack(content, codec, declared, begin)
+
     whole = nibabel.Nifti1Image(np.arange(24, dtype=np.uint8).reshape(2, 3, 4), np.eye(4)).to_bytes()
-    monkeypatch.setattr(files, "gunzip", lambda content, declared: read.append(declared) or gunzip(content, declared))
+    monkeypatch.setattr(files, "unpack", noted)
     (tmp_path / "a.nii.gz").write_bytes(gzip.compress(whole))
     assert read_volume(tmp_path / "a.nii.gz").values.ravel().tolist() == list(range(24))
     (tmp_path / "b.nii.gz").write_bytes(gzip.compress(whole + bytes(1 << 20)))
     with pytest.raises(VoxelError, match="takes more than the 376 bytes that are declared"):
         read_volume(tmp_path / "b.nii.gz")
-    assert read == [352 + 24] * 2
+    assert read == [540, 352 + 24] * 2
 
 
 def test_nanovdb_of_another_type_or_too_large_is_refused(tmp_path, monkeypatch):

@@ -1,5 +1,6 @@
 """A study's data file that is another program's, damaged or newer is refused; a disk that is full loses nothing."""
 
+import os
 import resource
 import shutil
 import sqlite3
@@ -13,6 +14,7 @@ import pytest
 import study_answers
 from study_answers import PLAN, answer, interval
 
+from palpate.datasets.storage import durable
 from palpate.render.errors import StudyError
 from palpate.render.study.run import study_file
 from palpate.render.study.run.answer_store import AnswerStore
@@ -115,11 +117,24 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path):
 
 def test_folders_are_made_with_their_parents_and_the_file_appears_whole(tmp_path, monkeypatch):
     synced = []
-    monkeypatch.setattr(study_file, "sync", lambda path: synced.append(path.relative_to(tmp_path)))
+    for module in (study_file, durable):
+        monkeypatch.setattr(module, "sync", lambda path: synced.append(path.relative_to(tmp_path)))
     AnswerStore(tmp_path / "a" / "b", PLAN).close()
     assert [str(path) for path in synced][:2] == [".", "a"]
     assert str(synced[-1]) == "a/b"
     assert sorted(path.name for path in (tmp_path / "a" / "b").iterdir()) == [NAME, f"{NAME}-journal"]
+
+
+def test_a_file_that_another_process_has_just_made_stays(folder, tmp_path, monkeypatch):
+    real, other = os.link, tmp_path / "other"
+
+    def late(*names):
+        shutil.copy(folder / NAME, other)
+        real(*names)
+
+    monkeypatch.setattr(os, "link", late)
+    AnswerStore(other, PLAN).close()
+    assert (other / NAME).read_bytes() == (folder / NAME).read_bytes()
 
 
 def test_another_program_that_reads_for_long_is_named_as_the_reason(folder, monkeypatch):

@@ -192,7 +192,7 @@ def test_focal_points_and_drives_are_those_of_playing_the_file(tmp_path, rendere
         np.testing.assert_array_equal(file["focus/position"], focus.position)
         np.testing.assert_array_equal(file["focus/intensity"], focus.intensity)
         assert file["focus"].attrs["update_rate"] == 1000.0
-        assert file["focus/position"].attrs["units"] == "m"
+        assert file["focus/position"].attrs["units"] == b"m"
         assert file.attrs["recipe"] == recipe.to_json()
     with h5py.File(tmp_path / got["keep-drives", recipe.key("keep-drives")]["path"]) as file:
         np.testing.assert_array_equal(file["drive/delay"], drives.delay)
@@ -343,7 +343,7 @@ def test_frames_come_in_any_blocks_and_appear_when_all_are_there(tmp_path, rng):
     with h5py.File(tmp_path / "a.h5") as read:
         np.testing.assert_array_equal(read["a/position"], rows[:, :3])
         np.testing.assert_array_equal(read["a/level"], rows[:, 3])
-        assert (read["a"].attrs["rate"], read["a/level"].attrs["units"]) == (7.0, "1")
+        assert (read["a"].attrs["rate"], read["a/level"].attrs["units"]) == (7.0, b"1")
 
 
 def test_frames_that_are_missing_leave_nothing(tmp_path):

@@ -33,7 +33,7 @@ def files_of(store):
     out = {}
     for path in (store / "focal-points").iterdir():
         with h5py.File(path) as file:
-            values = [file[name][...].tobytes() for name in ("focus/position", "focus/intensity", "digests/block")]
+            values = [file[name][...].tobytes() for name in ("focus/position", "focus/intensity")]
             attributes = [{key: str(value) for key, value in file[name].attrs.items()} for name in ("/", "focus")]
             out[path.name] = values, attributes
     return out

@@ -371,6 +371,8 @@ class ContourWriter:
 
     def _is_sealed_as(self, created: str) -> bool:
         """Whether OUT.h5 is of the run that began at `created`."""
+        if not self.path.exists():
+            return False
         try:
             with ContourFile(self.path) as file:
                 return file.sealed and file.attributes["created"] == created and file.recipe == self._recipe

@@ -141,27 +141,27 @@ def test_damage_of_a_sealed_file_is_found_when_it_is_said_to_be(sealed, damage):
 
 @pytest.fixture(scope="module")
 def committed(tmp_path_factory):
-    """A folder with a rendering of three blocks, which nobody has sealed."""
+    """A folder with a rendering of two blocks, which nobody has sealed."""
     folder = tmp_path_factory.mktemp("committed")
     with small_chunks(), ContourWriter(folder / "out.h5", make_header(POSES)) as writer:
-        write_ranges(writer, CONTOURS, [(0, 4), (4, 8), (8, 12)])
+        write_ranges(writer, CONTOURS, [(0, 6), (6, 12)])
     return folder
 
 
-@pytest.mark.exhaustive(but="zeros")
+@pytest.mark.exhaustive(but="chunk_of_zeros")
 @pytest.mark.parametrize("damage", FOUND, ids=lambda damage: damage.__name__)
 def test_damage_of_a_block_is_found_when_it_is_said_to_be_and_its_poses_are_rendered_again(tmp_path, committed, damage):
     path = shutil.copytree(committed, tmp_path / "copy") / "out.h5"
-    block = path.with_name("out.h5.partial") / "poses-000000000004-000000000008.h5"
+    block = path.with_name("out.h5.partial") / "poses-000000000006-000000000012.h5"
     with ContourWriter(path, make_header(POSES), mode="resume") as writer:
-        assert (writer.missing(), findings(path)) == ([], ())
+        assert writer.missing() == []
         damage(block)
         assert findings(path) == FOUND[damage][:-2]
         with pytest.raises(ContourFileError, match=block.name):
             writer.seal()
     assert not path.exists()
     missing, repairs = finish(path, CONTOURS)
-    assert missing == [(4, 8)]
+    assert missing == [(6, 12)]
     assert len(repairs) == 1
     assert block.name in repairs[0]
     assert repairs[0].endswith("dropped, its poses are rendered again")
@@ -179,7 +179,7 @@ def test_a_header_that_is_not_what_was_written_is_not_gone_on_with(tmp_path, com
     assert findings(path) == ("check", "verify")
     with pytest.raises(ContourFileError, match=r"header\.h5.* not what was written"):
         ContourWriter(path, make_header(POSES), mode="resume")
-    assert len(list(header.parent.glob("poses-*"))) == 3
+    assert len(list(header.parent.glob("poses-*"))) == 2
 
 
 def test_zeros_in_any_dataset_are_found(sealed):

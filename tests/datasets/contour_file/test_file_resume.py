@@ -66,24 +66,18 @@ ANOTHER = [
 ]
 
 
-def test_resuming_another_rendering_is_refused_naming_the_field(begun):
-    for field, changes, shown in ANOTHER:
-        with pytest.raises(ContourFileError, match=f"another rendering: {field} was .*{shown}.*overwrite") as refusal:
-            ContourWriter(begun, make_header(10, **{"moved": OTHER_POSE} | changes), mode="resume")
-        assert str(refusal.value).count(" is now ") == 1
-    assert finish(begun, CONTOURS, moved=OTHER_POSE)[0] == [(5, 7)]
-
-
-def test_a_sealed_file_has_nothing_to_resume_and_another_rendering_of_it_is_refused(path):
-    write_file(path, make_contours(4))
+def test_a_sealed_file_has_nothing_to_resume_and_another_rendering_is_refused_naming_the_field(path):
+    write_file(path, CONTOURS, moved=OTHER_POSE)
     before = path.read_bytes()
-    with ContourWriter(path, make_header(4), mode="resume") as writer:
+    with ContourWriter(path, make_header(10, moved=OTHER_POSE), mode="resume") as writer:
         assert writer.missing() == []
         writer.seal()
         with pytest.raises(ContourFileError, match="sealed already"):
-            write_ranges(writer, make_contours(4), [(0, 1)])
-    with pytest.raises(ContourFileError, match="another rendering: strategy was"):
-        ContourWriter(path, make_header(4, strategy={}), mode="resume")
+            write_ranges(writer, CONTOURS, [(0, 1)])
+    for field, changes, shown in ANOTHER:
+        with pytest.raises(ContourFileError, match=f"another rendering: {field} was .*{shown}.*overwrite") as refusal:
+            ContourWriter(path, make_header(10, **{"moved": OTHER_POSE} | changes), mode="resume")
+        assert str(refusal.value).count(" is now ") == 1
     assert path.read_bytes() == before
     assert list(path.parent.iterdir()) == [path]
 

@@ -205,7 +205,7 @@ def test_poses_not_done_are_refused_and_the_rest_is_read(path):
 def test_long_texts_are_kept(path):
     """HDF5 keeps an attribute of 64 KiB and more elsewhere than a shorter one (File Format Specification, IV.A.2.m)."""
     contours, stages = make_contours(3), [f"stage {k} {'x' * 200}" for k in range(200)]
-    strategy, hand = {"raw": "mesh", "note": "x" * 60_000}, {"kind": "palm", "note": "y" * 3_000_000}
+    strategy, hand = {"raw": "mesh", "note": "x" * 60_000}, {"kind": "palm", "note": "y" * 200_000}
     with ContourWriter(path, make_header(3, strategy=strategy, hand=hand)) as writer:
         writer.write(0, 3, contours, make_metrics(contours), dict.fromkeys(stages, 0.5))
         writer.commit()

@@ -117,12 +117,15 @@ def _check_open(file: ContourFile) -> list[str]:
     check.fields(HAND)
     check.fields(LIVE)
     check.header(header)
+    check.proven()
     check.live(header)
     try:
         for part, pose_count in parts:
             check = _PartCheck(part, findings, "" if file.sealed else f"{part.path.name}: ")
             check.fields((*CONTOURS, *METRICS), pose_count)
             check.fields(TIMING)
+            if not file.sealed:
+                check.proven()
             if "/timing/seconds" in check.shapes:
                 get_timing(part)
         if not findings.rows and len(findings.sentences) == int(not file.sealed) + len(file.problems):
@@ -149,13 +152,20 @@ class _PartCheck:
             stored, found = get_texts(part, "/", "recipe"), header.recipe
             if changed := recipe_differences(stored, {**found, "format": stored.get("format", "absent")}):
                 self._report(f"/: recipe is not of what the file holds: {'; '.join(changed)}")
-            part.require_attributes()
-            if lost := [path for path in (part.digests.datasets if part.digests else ()) if path not in part]:
-                self._report(f"{lost[0]} is missing, though it has a digest")
             if part.text("/object", "hash") != header.object_hash:
                 self._report("/object: hash is not of vertices and faces")
             if problem := hand_problem(header.hand, header.hand_arrays):
                 self._report(problem)
+        except ContourFileError as error:
+            self.findings.add(str(error))
+
+    def proven(self) -> None:
+        """Attributes by their digests, and whether every dataset is there that has a digest."""
+        try:
+            self.part.require_attributes()
+            digests = self.part.digests
+            if lost := [path for path in (digests.datasets if digests else ()) if path not in self.part]:
+                self._report(f"{lost[0]} is missing, though it has a digest")
         except ContourFileError as error:
             self.findings.add(str(error))
 

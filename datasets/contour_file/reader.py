@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cached_property
+from itertools import chain
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
@@ -105,12 +106,17 @@ class ContourFile:
         """
         if self._header_file.digests is None:
             raise ContourFileError(f"{self.path} has no digests that prove its content: format 1.5 brought them")
-        for rows in (self._header_file, *(block.rows for block in self._pose_blocks)):
+        for rows in chain([self._header_file], (block.rows for block in self._pose_blocks)):  # each is opened in turn
             rows.require_attributes()
             rows.require_rows()
 
     def intact_blocks(self) -> tuple[list[tuple[int, int]], list[str]]:
-        """Pose ranges of the blocks of an unfinished file whose rows are what was written, and why others are not."""
+        """Pose ranges of the blocks of an unfinished file whose rows are what was written, and why others are not.
+
+        Raises ContourFileError if the header is not what was written: sealing would refuse it.
+        """
+        self._header_file.require_attributes()
+        self._header_file.require_rows()
         intact: list[tuple[int, int]] = []
         damaged: list[str] = []
         for block in self._pose_blocks:

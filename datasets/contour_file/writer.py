@@ -295,6 +295,7 @@ class ContourWriter:
             if mode == "create":
                 self._refuse_sealed()  # again: now no other process can seal
                 self._refuse_unfinished()
+                self._clear_leftovers()
             if mode == "overwrite":
                 self._clear_folder()
                 write_file(self._folder / _OVERWRITE_NAME)
@@ -335,7 +336,7 @@ class ContourWriter:
         if not (self._folder / HEADER_NAME).exists():
             if block_files(self._folder):
                 raise ContourFileError(f'{self._folder} has no header, so it cannot be resumed: use mode="overwrite"')
-            self._clear_temporary()
+            self._clear_leftovers()
             if self.path.exists():
                 self._finish_with(self.path)
             return
@@ -370,6 +371,8 @@ class ContourWriter:
 
     def _is_sealed_as(self, created: str) -> bool:
         """Whether OUT.h5 is of the run that began at `created`."""
+        if not self.path.exists():
+            return False
         try:
             with ContourFile(self.path) as file:
                 return file.sealed and file.attributes["created"] == created and file.recipe == self._recipe
@@ -425,6 +428,11 @@ class ContourWriter:
         with contextlib.suppress(OSError):
             return f"{shutil.disk_usage(self.path.parent).free / 1e6:.1f} MB are free"
         return "free space unknown"
+
+    def _clear_leftovers(self) -> None:
+        """Remove what a writer leaves that is killed before its first commit, so that its permission ends, too."""
+        self._clear_temporary()
+        (self._folder / _OVERWRITE_NAME).unlink(missing_ok=True)
 
     def _clear_temporary(self) -> None:
         for path in self._folder.glob("*.h5.*" + TEMPORARY_SUFFIX):

@@ -131,8 +131,13 @@ class Hdf5Reader:
                         raise Hdf5Error(f"attribute {key} of {group} is not what was written")
 
     def require_rows(self) -> None:
-        """Read all datasets that have digests, in bounded memory; raises ContourFileError where one does not match."""
-        for name in self.digests.datasets if self.digests else ():
+        """Read all datasets, in bounded memory; raises ContourFileError where one does not match its digest.
+
+        Does nothing for a file without digests.
+        """
+        if self.digests is None:
+            return
+        for name in dict.fromkeys((*self.digests.datasets, *(path for path in _SPECS if path in self))):
             _, shape = self.layout(name)
             digest = RowDigest()
             for first in range(0, shape[0], _BLOCK_ROWS):

@@ -11,7 +11,10 @@ import numpy as np
 import pytest
 import xxhash
 
+from palpate.datasets.contour_file.blocks import work_folder
+from palpate.datasets.contour_file.check import check_file
 from palpate.datasets.contour_file.header import FileHeader
+from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.contour_file.writer import ContourWriter
 from palpate.datasets.storage import hdf5_output
 from palpate.datasets.storage.schema import PRUNED_NAMES
@@ -185,31 +188,69 @@ def content_digests(path: Path) -> dict[str, str]:
     """Digests of a file's datasets but those of /timing, which differ from run to run."""
     with h5py.File(path) as file:
         digests = json.loads(file.attrs["digests"])["datasets"]
-    return {name: digest for name, (_, digest) in digests.items() if not name.startswith("/timing/")}
+    return {name: digest for name, digest in digests.items() if not name.startswith("/timing/")}
 
 
 def redigest(path: Path) -> None:
-    """Give a file that was changed the digests of what it holds now, by the words of docs/formats/file-format.md."""
+    """Give a file that was changed the digests of what it holds now: XXH3-64, by xxhash, of what h5py reads."""
     with h5py.File(path, "r+") as file:
         table = json.loads(file.attrs["digests"])
-        blocks: list[int] = []
         for name in table["datasets"]:
             rows = file[name][...] if name in file else np.zeros(0)
-            firsts = range(0, len(rows) if rows.size else 0, table["block_rows"])
-            own = [xxhash.xxh3_64_intdigest(rows[k : k + table["block_rows"]].tobytes()) for k in firsts]
-            described = json.dumps([name, list(rows.shape)]).encode()
-            content = described + np.array(own, "<u8").tobytes()
-            table["datasets"][name] = [len(blocks), xxhash.xxh3_128_hexdigest(content)]
-            blocks += own
+            little = rows.astype(rows.dtype.newbyteorder("<"))
+            table["datasets"][name] = xxhash.xxh3_64_hexdigest(little.tobytes())
         for group, names in table["attributes"].items():
             for key in names:
                 value = file[group].attrs.get(key)
                 value = value.encode() if isinstance(value, str) else value
                 content = value if isinstance(value, bytes) else np.asarray(value).tobytes()
                 names[key] = xxhash.xxh3_64_hexdigest(content)
-        attributes = dict(file["/digests/block"].attrs)
-        del file["/digests/block"]
-        made = file.create_dataset("/digests/block", data=np.array(blocks, "<u8"), fletcher32=True)
-        made.attrs.update(attributes)
-        text = json.dumps(table).encode()
-        file.attrs["digests"] = np.array(text, h5py.string_dtype("utf-8", len(text)))
+        put_text(file, "digests", json.dumps(table))
+
+
+def put_text(owner: Any, key: str, text: str) -> None:
+    """An attribute as palpate writes it: text of fixed length."""
+    raw = text.encode()
+    owner.attrs[key] = np.array(raw, h5py.string_dtype("utf-8", len(raw)))
+
+
+def flip_bit(path: Path, at: int) -> None:
+    """Damage one byte of a file."""
+    content = bytearray(path.read_bytes())
+    content[at] ^= 0x10
+    path.write_bytes(content)
+
+
+def first_chunk(path: Path, name: str) -> tuple[int, int]:
+    """Where a dataset's first chunk begins and ends in the file."""
+    with h5py.File(path) as file:
+        chunk: Any = file[name].id.get_chunk_info(0)
+    return chunk.byte_offset, chunk.byte_offset + chunk.size
+
+
+def zero_chunk(path: Path, name: str) -> None:
+    """Put zeros for a dataset's first chunk: Fletcher-32 finds nothing, as that of zeros is 0."""
+    begin, end = first_chunk(path, name)
+    content = bytearray(path.read_bytes())
+    content[begin:end] = bytes(end - begin)
+    path.write_bytes(content)
+
+
+def assert_whole(path: Path, contours: Batch) -> None:
+    """Sealed, nothing wrong, no work folder beside it, and these contours in it."""
+    assert check_file(path) == []
+    assert not work_folder(path).exists()
+    with ContourFile(path, verify=True) as file:
+        assert file.sealed
+        assert_same(file.contours(), contours)
+
+
+def finish(path: Path, contours: Batch, **changes: Any) -> tuple[list[tuple[int, int]], tuple[str, ...]]:
+    """Resume a rendering to its end; the poses that were missing, and what was told of repairs."""
+    header = make_header(len(contours["pose_start"]) - 1, **changes)
+    with ContourWriter(path, header, mode="resume") as writer:
+        missing, repairs = writer.missing(), writer.repairs
+        write_ranges(writer, contours, missing, held=True)
+        writer.seal()
+    assert_whole(path, contours)
+    return missing, repairs

@@ -1,12 +1,13 @@
 """Focal points and drives that a sweep keeps: read, told of, checked, and played as they are."""
 
 import json
+import os
 
 import h5py
 import numpy as np
 import pytest
 from command_line import FAILED, MISUSED, answer, refused, run
-from contour_cases import redigest
+from contour_cases import first_chunk, flip_bit, put_text, redigest, zero_chunk
 
 from palpate.datasets.errors import ContourFileError
 from palpate.datasets.focus_files.frame_file import FrameField, FrameFile
@@ -138,6 +139,7 @@ def test_damage_is_found_and_named(tmp_path):
         assert message in problem
     result = run("check", path, "--json")
     assert (result.exit_code, json.loads(result.stdout)["whole"]) == (FAILED, False)
+    assert run("play", path, "--clock", "virtual").exit_code == FAILED
 
 
 def test_a_file_is_published_with_all_its_frames_or_not_at_all(tmp_path):
@@ -170,18 +172,69 @@ def test_parts_of_a_recipe_that_are_none_are_left_out(tmp_path):
     assert ("object" in told, "hand" in told, told["motion"]) == (False, False, "my motion")
 
 
-def test_content_that_is_not_what_was_written_is_refused(tmp_path):
-    whole = focal_points(tmp_path / "a.h5")[0].read_bytes()
+def another_rate(path):
+    with h5py.File(path, "r+") as file:
+        file["focus"].attrs["update_rate"] = RATE * 2
+
+
+DAMAGE = [
+    (lambda path: zero_chunk(path, "focus/position"), "check", "its rows are not what was written"),
+    (lambda path: zero_chunk(path, "focus/intensity"), "check", "its rows are not what was written"),
+    (lambda path: flip_bit(path, first_chunk(path, "focus/position")[0] + 5), "read", "checksum of a chunk"),
+    (another_rate, "open", "update_rate of /focus is not what was written"),
+    (lambda path: flip_bit(path, path.read_bytes().index(b"OHDR") + 20), "open", "cannot be read"),
+    (lambda path: os.truncate(path, path.stat().st_size // 2), "open", "truncated"),
+]
+
+
+def failing(path):
+    """The first step at which a file is refused, and by which words."""
+    step = "open"
+    try:
+        with FrameReader(path) as file:
+            step = "read"
+            file.focal_points(0, 1)
+    except ContourFileError as error:
+        return step, str(error)
+    return "check", check_frames(path)[0]
+
+
+def test_damage_is_found_when_it_is_said_to_be(tmp_path):
+    """As the table at the top of datasets/storage/hdf5.py has it."""
     path = tmp_path / "b.h5"
-    for name, row in (("focus/position", 2000), ("focus/intensity", 3), ("digests/block", 0), ("focus", None)):
+    whole = focal_points(tmp_path / "a.h5", count=50)[0].read_bytes()
+    for damage, found, message in DAMAGE:
         path.write_bytes(whole)
+        damage(path)
+        step, told = failing(path)
+        assert (step, message in told, check_frames(path) != []) == (found, True, True), told
+
+
+def test_chunks_have_checksums_and_digests_are_those_of_the_bytes(tmp_path):
+    path, _ = focal_points(tmp_path / "a.h5", count=50)
+    with h5py.File(path) as file:
+        told = json.loads(file.attrs["digests"])
+        assert all(file[name].fletcher32 for name in told["datasets"])
+    assert set(told["datasets"]) == {"/focus/position", "/focus/intensity"}
+    redigest(path)
+    with h5py.File(path) as file:
+        assert json.loads(file.attrs["digests"]) == told
+
+
+def test_digests_of_blocks_prove_nothing_and_wire_frames_are_not_played_without_proof(tmp_path):
+    """Files of older palpates have them."""
+    old = json.dumps({"block_rows": 8192, "datasets": {"/focus/position": [0, "0" * 32]}, "attributes": {}})
+    points, focus = focal_points(tmp_path / "a.h5", count=50)
+    fields, array = [FrameField("/wire/frames", (4,), "1", "u1")], {"frame_bytes": np.array([3, 1])}
+    wire = np.arange(40, dtype=np.uint8).reshape(10, 4)
+    wire_path = written(tmp_path / "w.h5", fields, "/wire", (wire,), format="palpate wire frames", **{"/array": array})
+    with FrameReader(wire_path) as file:
+        assert file.frame_bytes == [3, 1]
+        np.testing.assert_array_equal(file.wire_frames(2, 5)[0], wire[2:5, :3])
+    for path in (points, wire_path):
         with h5py.File(path, "r+") as file:
-            if row is None:
-                file[name].attrs["update_rate"] = RATE * 2
-            else:
-                file[name][row] = file[name][row] * 0 + 1
-        (problem,) = check_frames(path)
-        assert "not what was written" in problem
-    assert run("play", path, "--clock", "virtual").exit_code == FAILED
-    path.write_bytes(whole[: len(whole) // 2])
-    assert "truncated" in check_frames(path)[0]
+            put_text(file, "digests", old)
+    with FrameReader(points) as file:
+        np.testing.assert_array_equal(file.focal_points(0, 50)[0], focus.position)
+    with pytest.raises(ContourFileError, match="has no digests of whole datasets: prepare it anew"):
+        FrameReader(wire_path)

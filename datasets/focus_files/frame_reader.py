@@ -157,7 +157,7 @@ class FrameReader:
     def _array_ends(self, row_bytes: int) -> list[int]:
         """Where the bytes of each array end in a row; refuses a file that is not finished, or was cut."""
         if self._file.digests is None:
-            raise ContourFileError(f"{self.path} has no digests of whole datasets: prepare it anew")
+            raise ContourFileError(f"{self.path} has no digests: it is not finished, or this palpate did not write it")
         counts = self._file.attribute("/array", "frame_bytes")
         sizes: list[Any] = counts.tolist() if isinstance(counts, np.ndarray) and counts.dtype.kind == "i" else []
         if not sizes or min(sizes) < 1 or sum(sizes) != row_bytes:

@@ -36,8 +36,7 @@ class NewFile:
 
     Leaving the `with` publishes the file, unless that has happened; leaving it by an exception discards the file. A
     writer holds a shared lock (flock) on its temporary file. So the next writer of the same path knows what killed
-    writers have left, and removes it. Two writers of one path do not disturb each other: the one that publishes last
-    stays.
+    writers have left, and removes it. Two writers of one path do not disturb each other: what is published last stays.
 
     path: the file to make or to replace. suffix: end of the temporary name, for libraries that choose a format by it.
 
@@ -52,10 +51,12 @@ class NewFile:
         self.path = path
         """The file to make."""
         self.is_named = False
+        """Whether the file has its name, if perhaps not for sure on the disk."""
+        self._is_published = False
         for left in temporary_files(path, suffix):
             discard_left(left)
         self.temporary, self.handle = _create(path, suffix)
-        """Path to write to until then, which exists and is empty; and the same, open for reading and writing."""
+        """Path of an empty file to write the content to, and a handle of that file, for reading and writing."""
         _unfinished.add(self)
 
     def write(self, *buffers: Buffer) -> None:
@@ -82,6 +83,8 @@ class NewFile:
                 is discarded: Linux reports only once that it has lost content, so that trying again proves nothing.
             FileExistsError: There is a file, and `replaces` is False. The new one is discarded.
         """
+        if self._is_published:
+            return
         if not self.is_named:
             if self.handle < 0:
                 raise OSError(errno.EBADF, "was discarded", str(self.temporary))
@@ -90,8 +93,9 @@ class NewFile:
                     os.fsync(self.handle)
                 (os.replace if replaces else _link)(self.temporary, self.path)
             self.is_named = True
-        if durable and self.handle >= 0:
+        if durable:
             sync(self.path.parent)
+        self._is_published = True
         self._close()
 
     @contextlib.contextmanager
@@ -122,7 +126,7 @@ class NewFile:
     ) -> None:
         try:
             if error is None and self.handle >= 0:
-                self.publish()
+                self.publish()  # again, if the folder could not be synced
         finally:
             self.discard()
 

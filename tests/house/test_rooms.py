@@ -17,6 +17,20 @@ ALLOWED = {"kernels": set(), "datasets": set(), "device": set(), "render": {"ker
 MODULES_MOST = 20
 SHARED = {"Box", "Chunk", "Field", "Frame", "Lattice", "Parts", "Step", "Surface"}
 """Class names that still stand in two folders, each a term of both fields; no name may join them."""
+JSON_UNBOUNDED = {
+    "datasets/json_text.py": "the reader itself",
+    "device/live/writer_handle.py": "a message of palpate's own process",
+    "device/live/writer_process.py": "a message of palpate's own process, and the file that it names",
+    "device/playing/limits.py": "a package that imports no other; it bounds depth and digits itself",
+    "render/live/renderer_handle.py": "a message of palpate's own process",
+    "render/live/renderer_process.py": "a message of palpate's own process",
+    "render/live/spool.py": "what it wrote to a text in the same line",
+    "render/study/run/store_rows.py": "what it wrote to a text in the line before",
+    "render/sweeps/make/rendering.py": "parts of a recipe that it wrote to texts after reading it",
+    "render/sweeps/run/engine.py": "a recipe that palpate's planner made",
+    "render/view/served/noise_levels.py": "the output of palpate's own process",
+}
+"""Modules that parse JSON without `datasets.json_text`, which bounds it, with the reason."""
 ROW = re.compile(r"^\| `([a-z_0-9/]+)` \| (\d+) \| [^|]+ \| ([^|]*) \|$", re.MULTILINE)
 
 
@@ -256,3 +270,25 @@ def test_what_scripts_import_is_found_under_its_name_whatever_was_imported_befor
         assert getattr(pipeline, name) is getattr(import_module(f".{pipeline._HOMES[name]}", "palpate.render"), name)
     with pytest.raises(AttributeError, match="nothing"):
         _ = pipeline.nothing
+
+
+def parses_json(tree):
+    """Whether a module names a parser of the standard library's json."""
+    names = {"load", "loads", "JSONDecoder"}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module == "json" and names & {own.name for own in node.names}:
+            return True
+        if isinstance(node, ast.Attribute) and node.attr in names and getattr(node.value, "id", "") == "json":
+            return True
+    return False
+
+
+def test_only_listed_modules_parse_json_without_bounds():
+    found = {path.relative_to(ROOT).as_posix() for path in SOURCES if parses_json(tree_of(path))}
+    assert found == JSON_UNBOUNDED.keys()
+
+
+@pytest.mark.parametrize("text", ["json.loads(a)", "from json import load", "read = json.load", "json.JSONDecoder()"])
+def test_a_parser_is_found_however_it_is_named(text):
+    assert parses_json(ast.parse(text))
+    assert not parses_json(ast.parse("json.dumps(a); pickle.loads(a)"))

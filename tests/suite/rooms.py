@@ -20,7 +20,7 @@ BY_TEXT = {
     **dict.fromkeys(
         (
             "datasets/__init__.py",
-            "datasets/storage/hdf5_structure.py",
+            "datasets/storage/hdf5_declared.py",
             "datasets/sweeps/claims.py",
             "datasets/sweeps/table.py",
             "device/__init__.py",

@@ -327,17 +327,20 @@ def test_whichever_call_fails_there_is_the_old_file_or_the_new_one_and_writing_a
     assert {"open", "fsync", "unlink"} < set(names)
 
 
-def test_publishing_again_after_the_folder_could_not_be_synced_completes(tmp_path):
-    path = tmp_path / "a"
-    with NewFile(path) as new:
-        new.write(NEW)
-        faults = Faults(frozenset([3]))  # fsync, replace, open, fsync
-        with stood_in_for(faults):
-            with pytest.raises(OSError, match="Input/output error"):
-                new.publish()
-            assert path.read_bytes() == NEW
+@pytest.mark.parametrize("is_left", [False, True])
+def test_publishing_again_after_the_folder_could_not_be_synced_completes(tmp_path, is_left):
+    """Within the `with` and, as a writer does that is asked again, when that was left by the exception."""
+    path, faults = tmp_path / "a", Faults(frozenset([3]))  # fsync, replace, open, fsync
+    new = NewFile(path)
+    new.write(NEW)
+    with stood_in_for(faults):
+        with pytest.raises(OSError, match="Input/output error"):
             new.publish()
-            new.publish()
+        assert path.read_bytes() == NEW
+        if is_left:
+            new.discard()
+        new.publish()
+        new.publish()
     assert faults.names == ["fsync", "replace", "open", "fsync", "open", "fsync"]
     assert os.listdir(tmp_path) == ["a"]
 

@@ -198,12 +198,13 @@ def test_commands_play_them_and_replace_no_other_file(contours, frames, tmp_path
 
 def test_damage_is_found_before_its_block_is_played(frames):
     with h5py.File(frames, "r") as file:
-        start = file["wire/frames"].id.get_offset()
+        dataset = file["wire/frames"]
+        chunk = dataset.id.get_chunk_info_by_coord((1500 // dataset.chunks[0] * dataset.chunks[0], 0))
     with frames.open("r+b") as stream:
-        stream.seek(start + 512 * 1500 + 7)
+        stream.seek(chunk.byte_offset + 7)
         stream.write(b"\x55")
     (problem,) = check_frames(frames)
-    assert "/wire/frames is damaged: rows 1280 to 1536 are not what was written" in problem
+    assert "/wire/frames is damaged: the checksum of a chunk does not match" in problem
     bus = emulated_backend("emulator", clock=VirtualClock(), record=4000)
     with pytest.raises(ContourFileError, match="is damaged") as caught:
         play_file(frames, connection=Connection(backend=bus))

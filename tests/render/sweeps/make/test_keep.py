@@ -193,7 +193,7 @@ def test_focal_points_and_drives_are_those_of_playing_the_file(tmp_path, rendere
         np.testing.assert_array_equal(file["focus/intensity"], focus.intensity)
         assert file["focus"].attrs["update_rate"] == 1000.0
         assert file["focus/position"].attrs["units"] == b"m"
-        assert file.attrs["recipe"] == recipe.to_json()
+        assert file.attrs["recipe"].decode() == recipe.to_json()
     with h5py.File(tmp_path / got["keep-drives", recipe.key("keep-drives")]["path"]) as file:
         np.testing.assert_array_equal(file["drive/delay"], drives.delay)
         np.testing.assert_array_equal(file["drive/amplitude"], drives.amplitude)

@@ -113,15 +113,6 @@ def test_what_is_no_block_is_dropped_alone_and_its_poses_are_rendered_again(begu
     assert re.search(told, repair), repair
 
 
-@pytest.mark.exhaustive
-def test_a_block_that_is_a_link_is_read_and_what_it_leads_to_stays(begun, tmp_path):
-    theirs = block_of(begun).rename(tmp_path / "theirs.h5")
-    block_of(begun).symlink_to(theirs)
-    before = theirs.read_bytes()
-    assert finish(begun, CONTOURS) == ([(6, 10)], ())
-    assert theirs.read_bytes() == before
-
-
 def test_a_block_that_the_system_does_not_let_be_read_is_not_dropped(begun, monkeypatch):
     """As of a process with too many open files (POSIX: EMFILE)."""
     real = os.open

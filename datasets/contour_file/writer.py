@@ -222,7 +222,7 @@ class ContourWriter:
 
     def _seal(self, gzip: int) -> None:
         if self._new is not None and self._new.is_named:  # and then the sync of the folder failed
-            sync(self.path.parent)
+            self._new.publish()
             return
         self._remove_uncommitted()
         with NewFile(self.path) as self._new:

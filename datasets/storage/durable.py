@@ -222,23 +222,6 @@ def fitting_name(path: Path, ending: str) -> Path:
     return path.with_name(f"{front}~{digest}{ending}")
 
 
-def write_temporary(path: Path, content: memoryview) -> None:
-    """Write a new file and sync it to the disk; raises OSError, also if the name exists."""
-    handle = os.open(path, _NEW, 0o666)
-    try:
-        while content:
-            content = content[os.write(handle, content) :]
-        os.fsync(handle)
-    finally:
-        os.close(handle)
-
-
-def publish(temporary: Path, path: Path) -> None:
-    """Rename a synced file to its final name, replacing any old file, and sync the folder."""
-    os.replace(temporary, path)
-    sync(path.parent)
-
-
 def sync(path: Path) -> None:
     """Sync a file's content, or a folder's entries, to the disk; raises OSError."""
     handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)

@@ -99,7 +99,6 @@ def test_poses_are_committed_once_they_take_too_much_memory(path, monkeypatch):
             assert writer.committed == committed
 
 
-@pytest.mark.exhaustive
 def test_arrays_may_be_used_again_and_may_lie_in_memory_as_they_like(path):
     part = {name: np.asfortranarray(own.copy()) for name, own in CONTOURS.items()}
     part["kind"] = np.repeat(part["kind"], 2)[::2]  # not contiguous

@@ -13,7 +13,16 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from contour_cases import assert_same, cut_contours, make_contours, make_header, write_file, write_ranges
+from contour_cases import (
+    assert_same,
+    assert_whole,
+    cut_contours,
+    finish,
+    make_contours,
+    make_header,
+    write_file,
+    write_ranges,
+)
 from disk_faults import stood_in_for
 
 from palpate.datasets.contour_file.blocks import work_folder
@@ -25,13 +34,6 @@ from palpate.datasets.errors import ContourFileError
 PROCESS = Path(__file__).parents[2] / "faults" / "contour_process.py"
 CONTOURS, HEADER = make_contours(9), make_header(9)
 RANGES = [(0, 3), (3, 4), (4, 9)]
-
-
-def assert_whole(path, contours):
-    assert check_file(path) == []
-    assert not work_folder(path).exists()
-    with ContourFile(path) as file:
-        assert_same(file.contours(), contours)
 
 
 def assert_kept(path, contours, done):
@@ -102,11 +104,7 @@ def test_a_kill_while_overwriting_clears_the_folder_leaves_what_resuming_reads(t
 
     with calls_seen(see), pytest.raises(KeyboardInterrupt):
         ContourWriter(path, HEADER, mode="overwrite")
-    with ContourWriter(path, HEADER, mode="resume") as writer:
-        assert len(writer.missing()) > 0
-        write_ranges(writer, CONTOURS, writer.missing())
-        writer.seal()
-    assert_whole(path, CONTOURS)
+    assert finish(path, CONTOURS)[0] != []
 
 
 @contextmanager
@@ -117,21 +115,6 @@ def file_size_limit(size):
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, old)
-
-
-def test_a_commit_that_fails_keeps_what_is_held_and_the_next_one_writes_it(tmp_path):
-    path, contours = tmp_path / "out.h5", make_contours(800)
-    with ContourWriter(path, make_header(800)) as writer:
-        write_ranges(writer, contours, [(0, 10)])
-        message = r"cannot write poses 10 to 800: File too large.* 10 poses .*mode=.resume"
-        with file_size_limit(60_000), pytest.raises(ContourFileError, match=message):
-            write_ranges(writer, contours, [(10, 800)])
-        assert (writer.missing(), writer.committed) == ([], 10)
-        assert_kept(path, contours, [(0, 10)])
-        writer.commit()
-        assert writer.committed == 800
-        writer.seal()
-        assert_whole(path, contours)
 
 
 def test_a_full_disk_while_sealing_keeps_everything_and_the_old_file(tmp_path):
@@ -148,10 +131,7 @@ def test_a_full_disk_while_sealing_keeps_everything_and_the_old_file(tmp_path):
     assert check_file(path) == []
     with ContourFile(path) as file:
         assert_same(file.contours(), before)
-    with ContourWriter(path, make_header(100), mode="resume") as writer:
-        assert writer.missing() == []
-        writer.seal()
-    assert_whole(path, contours)
+    assert finish(path, contours)[0] == []
 
 
 def test_a_header_that_does_not_fit_leaves_no_block_without_it(tmp_path):
@@ -161,10 +141,7 @@ def test_a_header_that_does_not_fit_leaves_no_block_without_it(tmp_path):
         with file_size_limit(1000), pytest.raises(ContourFileError, match="cannot prepare to write: File too large"):
             writer.commit()
         assert (writer.committed, os.listdir(work_folder(path))) == (0, ["lock"])
-    with ContourWriter(path, HEADER, mode="resume") as writer:
-        assert writer.missing() == []
-        writer.seal()
-    assert_whole(path, CONTOURS)
+    assert finish(path, CONTOURS)[0] == []
 
 
 def test_sealing_again_after_the_folder_was_not_synced_keeps_the_file(tmp_path):
@@ -198,11 +175,7 @@ def test_blocks_that_somebody_changed_are_missed_and_those_that_he_added_are_non
         with pytest.raises(ContourFileError, match=message):
             writer.seal()
         assert os.listdir(tmp_path) == ["out.h5.partial"]
-    with ContourWriter(path, HEADER, mode="resume") as writer:
-        assert writer.missing() == [(3, 4)]
-        write_ranges(writer, CONTOURS, writer.missing())
-        writer.seal()
-    assert_whole(path, CONTOURS)
+    assert finish(path, CONTOURS)[0] == [(3, 4)]
 
 
 FAILING = """

@@ -1,9 +1,6 @@
 """Who may write a contour file: modes, recipes, locks, and what is refused before anything is written."""
 
 import re
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,7 +21,6 @@ from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.contour_file.writer import ContourWriter
 from palpate.datasets.errors import ContourFileError
 
-PROCESS = Path(__file__).parents[2] / "faults" / "contour_process.py"
 OTHER_POSE = np.tile(np.array([0, 0, 1, 0, 0, 0, 1], np.float32), (10, 1))
 CONTOURS = make_contours(10)
 MODES = ("create", "resume", "overwrite")
@@ -103,12 +99,6 @@ def test_overwriting_keeps_the_old_file_until_the_new_one_is_sealed_though_anoth
     assert list(path.parent.iterdir()) == [path]
 
 
-def test_overwriting_an_unfinished_rendering_begins_anew(begun):
-    with ContourWriter(begun, make_header(10, strategy={}), mode="overwrite") as writer:
-        assert writer.missing() == [(0, 10)]
-        assert block_files(begun.with_name("out.h5.partial")) == []
-
-
 @pytest.mark.parametrize("mode", MODES)
 def test_a_folder_without_a_commit_counts_as_nothing(path, mode):
     """As a writer leaves it that is killed before its first commit, and had leave to overwrite."""
@@ -143,14 +133,6 @@ def test_a_second_writer_is_refused(path):
         write_ranges(writer, CONTOURS, writer.missing())
         writer.seal()
     assert_whole(path, CONTOURS)
-
-
-@pytest.mark.exhaustive
-def test_a_second_writer_of_another_process_is_refused(begun):
-    with ContourWriter(begun, make_header(10, moved=OTHER_POSE), mode="resume"):
-        command = [sys.executable, PROCESS, begun, "overwrite", "10", "5"]
-        other = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert "is being written by another process" in other.stderr
 
 
 @pytest.mark.exhaustive(after=1)
@@ -220,32 +202,3 @@ def test_arrays_that_do_not_fit_are_refused_and_nothing_is_written(path):
     for call in (lambda: write_ranges(writer, CONTOURS, [(3, 4)]), writer.seal):
         with pytest.raises(ContourFileError, match="closed"):
             call()
-
-
-NO_HEADER = [
-    ({"pose": np.zeros((0, 7), np.float32), "time": None}, "at least 1 pose"),
-    ({"pose": np.full((3, 7), np.nan, np.float32), "time": None}, "row 0 is not finite"),
-    ({"time": np.array([0.0, 1.0, 1.0])}, "increase"),
-    ({"time": np.zeros(2)}, "/motion/pose has 3 pose rows, other fields have 2"),
-    ({"faces": np.array([[0, 1, 4]], np.int32)}, "vertices 0 to 4 of 4"),
-    ({"strategy": {"x": float("nan")}}, "strategy cannot be stored as JSON"),
-    ({"hand": {"x": object()}}, "hand cannot be stored as JSON"),
-    ({"object_name": "a\0b"}, "NUL"),
-    ({"object_name": "\udcff"}, "not valid Unicode"),
-    ({"versions": {}}, "must name palpate"),
-    ({"moved": np.zeros((2, 7), np.float32)}, "moved must be 3 poses"),
-    ({"moved": np.full((3, 7), np.nan, np.float32)}, "moved row 0 is not finite"),
-    ({"moved": np.zeros((3, 6), np.float32)}, r"/object/moved has shape \[3, 6\]"),
-    ({"hand_arrays": {"bones": np.zeros(3)}}, "/hand has no field 'bones'"),
-    ({"hand_arrays": {"skin_faces": np.zeros((2, 3))}}, "/hand/skin_faces is float64, expected int32"),
-]
-
-
-def test_a_header_or_place_that_does_not_fit_is_refused_and_nothing_is_made(path):
-    for changes, message in NO_HEADER:
-        with pytest.raises(ContourFileError, match=message):
-            ContourWriter(path, make_header(3, **changes))
-    for place, message in ((path / "out.h5", "there is no folder"), (path.parent, "is a folder")):
-        with pytest.raises(ContourFileError, match=message):
-            ContourWriter(place, make_header(1))
-    assert list(path.parent.iterdir()) == []

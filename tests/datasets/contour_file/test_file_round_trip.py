@@ -23,7 +23,6 @@ from contour_cases import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.datasets.contour_file.check import contour_lengths
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.contour_file.writer import ContourWriter
 from palpate.datasets.errors import ContourFileError
@@ -67,63 +66,43 @@ def path(tmp_path):
 
 @st.composite
 def renderings(draw):
-    """Contours, and the pose ranges of their blocks in some order."""
+    """Contours, and the pose ranges of their blocks in some order, each with whether it is held until the end."""
     count = draw(st.integers(1, 30))
     intensity = draw(st.booleans())
     contours = make_contours(count, seed=draw(st.integers(0, 1000)), intensity=intensity, dwell=draw(st.booleans()))
     cuts = [0, *sorted(draw(st.sets(st.integers(1, count - 1), max_size=6)) if count > 1 else []), count]
-    return contours, draw(st.permutations(list(itertools.pairwise(cuts))))
+    ranges = draw(st.permutations(list(itertools.pairwise(cuts))))
+    return contours, [(own, draw(st.booleans())) for own in ranges]
 
 
 @pytest.mark.exhaustive
-@given(renderings(), st.data())
+@given(renderings(), st.integers(0, 1), st.data())
 @settings(max_examples=40)
-def test_what_is_written_in_any_blocks_is_read_back_in_any_ranges(rendering, data):
+def test_what_is_written_in_any_blocks_is_read_back_in_any_ranges_and_sealed_to_the_content_of_one_write(
+    rendering, gzip, data
+):
     contours, ranges = rendering
     count = len(contours["pose_start"]) - 1
     first = data.draw(st.integers(0, count - 1))
     stop = data.draw(st.integers(first + 1, count))
     part = cut_contours(contours, first, stop)
     with tempfile.TemporaryDirectory() as name, small_chunks():
-        path = Path(name) / "out.h5"
+        path, at_once = Path(name) / "out.h5", Path(name) / "at_once.h5"
+        write_file(at_once, contours, chunk=count)
         with ContourWriter(path, make_header(count)) as writer:
-            write_ranges(writer, contours, ranges)
+            for own, held in ranges:
+                write_ranges(writer, contours, [own], held=held)
             assert writer.missing() == []
-            with ContourFile(path) as unsealed:
-                assert_same(unsealed.contours(first, stop), part)
-                assert_same(unsealed.metrics(first, stop), make_metrics(part))
-            writer.seal()
+            writer.seal(gzip=gzip)
         assert_whole(path, contours)
-        with ContourFile(path) as file:
+        assert content_digests(path) == content_digests(at_once)
+        with ContourFile(path) as file, h5py.File(path) as plain:
+            assert plain["/metrics/length"].compression == ("gzip" if gzip else None)
             assert file.done == [(0, count)]
             assert (file.point_count, file.polyline_count) == (len(contours["kind"]), len(contours["polyline_patch"]))
             assert_same(file.contours(first, stop), part)
             assert_same(file.metrics(first, stop), make_metrics(part))
             assert len(file.contours(first, first)["points"]) == 0
-
-
-@pytest.mark.exhaustive
-def test_blocks_and_poses_held_in_any_order_are_sealed_to_the_content_of_one_write(tmp_path):
-    contours = make_contours(30, intensity=True, dwell=True)
-    content = []
-    for name, committed, held in (
-        ("all held", [], [(0, 30)]),
-        ("none held", [(11, 30), (0, 11)], []),
-        ("held last", [(0, 11)], [(20, 30), (11, 20)]),
-        ("held between", [(20, 30), (0, 3)], [(3, 20)]),
-        ("held around", [(11, 20)], [(20, 30), (0, 11)]),
-    ):
-        gzip = len(content) % 2
-        with small_chunks(), ContourWriter(tmp_path / name, make_header(30, **everything(30))) as writer:
-            write_ranges(writer, contours, committed)
-            write_ranges(writer, contours, held, held=True)
-            writer.seal(gzip=gzip)
-        assert_whole(tmp_path / name, contours)
-        content.append(content_digests(tmp_path / name))
-        with h5py.File(tmp_path / name) as file:
-            points = file["/contours/points"]
-            assert (points.compression, points.shuffle) == (("gzip", True) if gzip else (None, False))
-    assert content == content[:1] * 5
 
 
 def test_the_header_is_read_back_as_it_was_given(path):
@@ -213,13 +192,6 @@ def test_long_texts_are_kept(path):
     assert_whole(path, contours)
     with ContourFile(path) as file:
         assert (file.strategy, file.hand, file.timing().stages) == (strategy, hand, stages)
-
-
-def test_lengths_are_those_of_a_plain_loop():
-    contours = make_contours(40, seed=5)
-    want = make_metrics(contours)
-    for name, length in contour_lengths(contours).items():
-        np.testing.assert_allclose(length, want[name], rtol=1e-6, atol=0, err_msg=name)
 
 
 def test_the_file_is_laid_out_as_it_always_was(path):

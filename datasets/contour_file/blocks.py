@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Mapping
-from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,7 +26,6 @@ HEADER_NAME = "header.h5"
 _BLOCK_NAME = re.compile(r"poses-(\d{12})-(\d{12})\.h5")
 _OLDER_NAME = re.compile(r"poses-\d{12}(\.log|\.rows|-\d{12}-[0-9a-f]{8}\.h5)")  # before a block was a whole file
 _RECIPE = "recipe"  # attribute of the root: SHA-256 of the rendering's recipe
-_OPEN_MOST = 64  # files: a day of rendering commits more blocks than a process may have files open
 
 
 class PoseRows(NamedTuple):
@@ -49,54 +47,24 @@ class PoseRows(NamedTuple):
         }
 
 
-class BlockFile:
-    """A file with the rows of consecutive poses: a block, or the finished file.
+class Block(NamedTuple):
+    """A file with the rows of consecutive poses, which was opened once: a block, or the finished file."""
 
-    recent: the blocks of the same folder that are open; the one that was opened first is closed when they are too many.
-    recipe: of a block, the SHA-256 of its rendering's recipe.
-    """
+    first: int
+    stop: int
+    path: Path
+    polyline_count: int
+    point_count: int
+    """The repeated points of closed polylines included."""
+    optional: frozenset[Field]
+    """Optional fields that the file has."""
 
-    def __init__(
-        self, first: int, stop: int, rows: Hdf5Reader, recent: list[BlockFile] | None = None, recipe: str = ""
-    ) -> None:
-        self.first, self.stop, self.path, self.recipe = first, stop, rows.path, recipe
-        self._recent: list[BlockFile] = [] if recent is None else recent
-        self._rows: Hdf5Reader | None = None
-        self._keep(rows)
 
-    @property
-    def rows(self) -> Hdf5Reader:
-        """The opened file; ask for it anew once other blocks were read."""
-        return self._rows or self._keep(Hdf5Reader(self.path))
-
-    @cached_property
-    def polylines(self) -> int:
-        """Number of polylines."""
-        return self.rows.layout("/contours/polyline_closed")[1][0]
-
-    @cached_property
-    def points(self) -> int:
-        """Number of points, the repeated ones of closed polylines included."""
-        return self.rows.layout("/contours/points")[1][0]
-
-    @cached_property
-    def optional(self) -> frozenset[Field]:
-        """Optional fields that the file has."""
-        return frozenset(spec for spec in (*CONTOURS, *METRICS) if spec.optional and spec.path in self.rows)
-
-    def _keep(self, rows: Hdf5Reader) -> Hdf5Reader:
-        self._rows = rows
-        self._recent.append(self)
-        if len(self._recent) > _OPEN_MOST:
-            self._recent[0].close()
-        return rows
-
-    def close(self) -> None:
-        """Close the file; closing twice does nothing."""
-        if self._rows is not None:
-            self._rows.close()
-            self._rows = None
-            self._recent.remove(self)
+def block_of(rows: Hdf5Reader, first: int, stop: int) -> Block:
+    """What an opened file says of its poses `first` to `stop`; raises ContourFileError where a field is missing."""
+    polylines, points = rows.layout("/contours/polyline_closed")[1][0], rows.layout("/contours/points")[1][0]
+    optional = frozenset(spec for spec in (*CONTOURS, *METRICS) if spec.optional and spec.path in rows)
+    return Block(first, stop, rows.path, polylines, points, optional)
 
 
 def work_folder(path: Path) -> Path:
@@ -129,25 +97,28 @@ def block_like_files(folder: Path) -> list[Path]:
     return sorted(named)
 
 
-def open_blocks(folder: Path) -> tuple[list[BlockFile], list[str]]:
-    """The blocks of a folder that can be opened, in pose order, without those that overlap one before.
+def find_blocks(folder: Path, recipe: str) -> tuple[list[Block], list[str]]:
+    """The blocks of a folder that are of a rendering, in pose order; and a sentence for each file that is none of them.
 
-    And a sentence for each that cannot. Raises as `block_files`, and ContourFileError where the system fails to read a
-    block, which may be whole.
+    recipe: SHA-256 of the rendering's recipe. Left out are also blocks that overlap one before. Raises as
+    `block_files`, and ContourFileError where the system fails to read a block, which may be whole.
     """
-    blocks: list[BlockFile] = []
+    blocks: list[Block] = []
     problems: list[str] = []
-    recent: list[BlockFile] = []
-    try:
-        for first, stop, path in block_files(folder):
-            try:
-                blocks.append(block := _opened(path, first, stop, blocks[-1].stop if blocks else 0, recent))
-                _ = block.polylines, block.points, block.optional  # kept, so that no file is opened again for them
-            except ContourFileError as error:
-                problems.append(problem_of(error))
-    except BaseException:
-        close_blocks(blocks)
-        raise
+    for first, stop, path in block_files(folder):
+        try:
+            if stop <= first:
+                raise ContourFileError(f"{path.name} names no pose")
+            if blocks and first < blocks[-1].stop:
+                raise ContourFileError(f"{path.name} overlaps the poses before {blocks[-1].stop}")
+            with Hdf5Reader(path) as rows:
+                for fields in (CONTOURS, METRICS, TIMING):
+                    require_fitting(rows, fields, stop - first)
+                if rows.text("/", _RECIPE) != recipe:
+                    raise ContourFileError(f"{path.name} is of another rendering than the folder it lies in")
+                blocks.append(block_of(rows, first, stop))
+        except ContourFileError as error:
+            problems.append(problem_of(error))
     return blocks, problems
 
 
@@ -156,12 +127,6 @@ def problem_of(error: ContourFileError) -> str:
     if is_of_system(str(error)):
         raise error
     return str(error)
-
-
-def close_blocks(blocks: Iterable[BlockFile]) -> None:
-    """Close their files."""
-    for block in blocks:
-        block.close()
 
 
 def write_block(folder: Path, rows: list[PoseRows], timing: Timing, recipe: str) -> None:
@@ -213,21 +178,3 @@ def _continued(spec: Field, part: PoseRows, base: Mapping[str, int], *, is_first
         return np.full(part.counts[str(spec.dims[0])], spec.absent, spec.dtype)
     rows = arrays[spec.name]
     return rows[int(not is_first) :] + base[spec.name] if spec.is_offset else rows
-
-
-def _opened(path: Path, first: int, stop: int, reached: int, recent: list[BlockFile]) -> BlockFile:
-    if stop <= first:
-        raise ContourFileError(f"{path.name} names no pose")
-    if first < reached:
-        raise ContourFileError(f"{path.name} overlaps the poses before {reached}")
-    rows = Hdf5Reader(path)
-    try:
-        for fields in (CONTOURS, METRICS, TIMING):
-            for spec in fields:
-                if not spec.optional:
-                    rows.layout(spec.path)
-            require_fitting(rows, fields, stop - first)
-        return BlockFile(first, stop, rows, recent, rows.text("/", _RECIPE))
-    except ContourFileError:
-        rows.close()
-        raise

@@ -17,7 +17,7 @@ from ..counted import counted
 from ..errors import ContourFileError
 from ..storage.hdf5 import Hdf5Reader, require_fitting
 from ..storage.schema import CONTOURS, HAND, LIVE, METRICS, MOTION, Arrays, Field
-from .blocks import HEADER_NAME, BlockFile, close_blocks, open_blocks, problem_of, work_folder
+from .blocks import HEADER_NAME, Block, block_of, find_blocks, problem_of, work_folder
 from .header import (
     FileHeader,
     get_header,
@@ -62,7 +62,8 @@ class ContourFile:
         self.sealed, self._header_file, blocks, self.problems = _open(self.path)
         """Sentences on damage in an unfinished file; resuming renders the damaged ranges again."""
         self._pose_blocks = blocks
-        self._fitting: set[tuple[Path, tuple[Field, ...]]] = set()
+        self._block_file: Hdf5Reader | None = None  # one at a time: a day of rendering commits thousands
+        self._fitting: set[tuple[Field, ...]] = set()
         try:
             refuse_foreign(self._header_file)
             _, shape = self._header_file.layout("/motion/pose")
@@ -71,9 +72,7 @@ class ContourFile:
             if self.pose_count == 0:
                 raise ContourFileError(f"{self._header_file.path}: /motion/pose has no rows")
             if self.sealed:
-                self._pose_blocks = [BlockFile(0, self.pose_count, self._header_file)]
-            else:
-                self._require_recipe()
+                self._pose_blocks = [block_of(self._header_file, 0, self.pose_count)]
             if verify:
                 self.require_whole()
         except ContourFileError:
@@ -96,7 +95,24 @@ class ContourFile:
     def close(self) -> None:
         """Close the file; closing twice does nothing."""
         self._header_file.close()
-        close_blocks(self._pose_blocks)
+        if self._block_file is not None:
+            self._block_file.close()
+
+    def _rows(self, block: Block) -> Hdf5Reader:
+        """The file of a block; it stays open until another one's is asked for."""
+        if self.sealed:
+            return self._header_file
+        if self._block_file is None or self._block_file.path != block.path:
+            if self._block_file is not None:
+                self._block_file.close()
+                self._block_file = None
+            try:
+                self._block_file = Hdf5Reader(block.path)
+            except ContourFileError:
+                if self.path.is_file():
+                    raise ContourFileError(f"{self.path} was finished while it was read: open it again") from None
+                raise
+        return self._block_file
 
     def require_whole(self) -> None:
         """Read everything once, in bounded memory, and raise ContourFileError for content that fails its digest.
@@ -106,7 +122,7 @@ class ContourFile:
         """
         if self._header_file.digests is None:
             raise ContourFileError(f"{self.path} has no digests that prove its content: format 1.5 brought them")
-        for rows in chain([self._header_file], (block.rows for block in self._pose_blocks)):  # each is opened in turn
+        for rows in chain([self._header_file], map(self._rows, self._pose_blocks)):  # each is opened in turn
             rows.require_attributes()
             rows.require_rows()
 
@@ -121,25 +137,17 @@ class ContourFile:
         damaged: list[str] = []
         for block in self._pose_blocks:
             try:
-                self._require_intact(block)
+                rows = self._rows(block)
+                rows.require_attributes()
+                rows.require_rows()
+                get_timing(rows)
+                own = self.contours(block.first, block.stop)  # sealing must not fail for what resuming has accepted
+                if (len(own["polyline_closed"]), len(own["points"])) != (block.polyline_count, block.point_count):
+                    raise ContourFileError(f"{block.path}: polylines or points belong to no pose")
                 intact.append((block.first, block.stop))
             except ContourFileError as error:
                 damaged.append(problem_of(error))
         return intact, damaged
-
-    def _require_intact(self, block: BlockFile) -> None:
-        """Read a block as `ContourWriter.seal` does, so that sealing cannot fail for what resuming has accepted."""
-        block.rows.require_attributes()
-        block.rows.require_rows()
-        get_timing(block.rows)
-        polylines = points = 0
-        for first, stop in self._divided(block, _BLOCK_POINTS):
-            contours = self.contours(first, stop)
-            self.metrics(first, stop)
-            polylines += len(contours["polyline_closed"])
-            points += len(contours["points"])
-        if (polylines, points) != (block.polylines, block.points):
-            raise ContourFileError(f"{block.path}: polylines or points belong to no pose")
 
     def require_unchanged(self) -> None:
         """Raise ContourFileError if a sealed file was changed since it was opened."""
@@ -152,7 +160,7 @@ class ContourFile:
 
     def parts(self) -> tuple[Hdf5Reader, Iterator[tuple[Hdf5Reader, int]]]:
         """The file's header, and for each rendered range of poses its rows and its number of poses, one by one."""
-        return self._header_file, ((block.rows, block.stop - block.first) for block in self._pose_blocks)
+        return self._header_file, ((self._rows(block), block.stop - block.first) for block in self._pose_blocks)
 
     @property
     def done(self) -> list[tuple[int, int]]:
@@ -168,12 +176,12 @@ class ContourFile:
     @cached_property
     def polyline_count(self) -> int:
         """Number of polylines of the poses done."""
-        return sum(block.polylines for block in self._pose_blocks)
+        return sum(block.polyline_count for block in self._pose_blocks)
 
     @cached_property
     def point_count(self) -> int:
         """Number of points of the poses done, the repeated ones of closed polylines included."""
-        return sum(block.points for block in self._pose_blocks)
+        return sum(block.point_count for block in self._pose_blocks)
 
     @cached_property
     def optional(self) -> tuple[str, ...]:
@@ -240,7 +248,7 @@ class ContourFile:
 
         `time` is float64 [pose]. Poses are there before their contours are done.
         """
-        self._require_fitting(self._header_file, MOTION, self.pose_count)
+        self._require_fitting(MOTION)
         names = ("pose", "time") if "/motion/time" in self._header_file else ("pose",)
         return {name: self._header_file.read(f"/motion/{name}", first, stop) for name in names}
 
@@ -281,54 +289,52 @@ class ContourFile:
         A pose with more points is a range of its own. Use it to read a file of any size in bounded memory.
         """
         for block in self._pose_blocks:
-            yield from self._divided(block, point_limit)
-
-    def _divided(self, block: BlockFile, point_limit: int) -> Iterator[tuple[int, int]]:
-        for first in range(0, block.stop - block.first, _BLOCK_POSES):
-            stop = min(first + _BLOCK_POSES, block.stop - block.first)
-            point_start = self._point_start(block, first, stop)
-            row = 0
-            while row < stop - first:
-                limit = int(point_start[row]) + point_limit
-                fitting = int(np.searchsorted(point_start, limit, side="right")) - 1
-                end = max(fitting, row + 1)
-                yield block.first + first + row, block.first + first + end
-                row = end
+            for first in range(0, block.stop - block.first, _BLOCK_POSES):
+                stop = min(first + _BLOCK_POSES, block.stop - block.first)
+                point_start = self._point_start(block, first, stop)
+                row = 0
+                while row < stop - first:
+                    limit = int(point_start[row]) + point_limit
+                    end = max(int(np.searchsorted(point_start, limit, side="right")) - 1, row + 1)
+                    yield block.first + first + row, block.first + first + end
+                    row = end
 
     def metrics(self, first: int = 0, stop: int | None = None) -> Arrays:
         """Metrics of poses `first` to `stop` (all) by name, each of shape [pose]: lengths [m], number of polylines.
 
         What prune stages removed [m] only where the file has it.
         """
-        parts, optional = self._parts(first, stop, METRICS), self.optional
-        wanted = [spec for spec in METRICS if not spec.optional or spec.name in optional]
-        return {
-            spec.name: np.concatenate([np.zeros(0, spec.dtype), *(self._metric(spec, *part) for part in parts)])
-            for spec in wanted
-        }
-
-    def _metric(self, spec: Field, block: BlockFile, first: int, stop: int) -> NDArray[Any]:
-        rows = block.rows
-        if spec.optional and spec.path not in rows:
-            return np.full(stop - first, spec.absent, spec.dtype)
-        return rows.read(spec.path, first, stop)
+        wanted = [spec for spec in METRICS if not spec.optional or spec.name in self.optional]
+        parts = [[np.zeros(0, spec.dtype) for spec in wanted]]
+        for block, low, high in self._parts(first, stop, METRICS):
+            rows = self._rows(block)
+            parts.append(
+                [
+                    rows.read(spec.path, low, high)
+                    if not spec.optional or spec in block.optional
+                    else np.full(high - low, spec.absent, spec.dtype)
+                    for spec in wanted
+                ]
+            )
+        return {spec.name: np.concatenate(own) for spec, own in zip(wanted, zip(*parts, strict=True), strict=True)}
 
     def timing(self) -> Timing:
         """Time that each chunk took, by stage; chunks in the order of their poses."""
-        return join_timing([get_timing(block.rows) for block in self._pose_blocks])
+        return join_timing([get_timing(rows) for rows in map(self._rows, self._pose_blocks)])
 
-    def _parts(self, first: int, stop: int | None, fields: tuple[Field, ...]) -> list[tuple[BlockFile, int, int]]:
+    def _parts(self, first: int, stop: int | None, fields: tuple[Field, ...]) -> list[tuple[Block, int, int]]:
         """Pieces that make up a pose range, each with the rows in it; the numbers of rows of the fields fit."""
         stop = self.pose_count if stop is None else stop
         if not 0 <= first <= stop <= self.pose_count:
             raise ContourFileError(
                 f"{self.path}: poses {first} to {stop} are out of range, there are {self.pose_count} poses"
             )
-        parts: list[tuple[BlockFile, int, int]] = []
+        if self.sealed:  # blocks were looked at when they were found
+            self._require_fitting(fields)
+        parts: list[tuple[Block, int, int]] = []
         reached = first
         for block in self._pose_blocks:
             if block.first <= reached < min(stop, block.stop):
-                self._require_fitting(block.rows, fields, block.stop - block.first)
                 end = min(stop, block.stop)
                 parts.append((block, reached - block.first, end - block.first))
                 reached = end
@@ -336,14 +342,14 @@ class ContourFile:
             raise ContourFileError(f"{self.path}: pose {reached} of {first} to {stop} is not done yet")
         return parts
 
-    def _require_fitting(self, rows: Hdf5Reader, fields: tuple[Field, ...], poses: int) -> None:
-        """`require_fitting`, once per file and fields."""
-        if (rows.path, fields) not in self._fitting:
-            require_fitting(rows, fields, poses)
-            self._fitting.add((rows.path, fields))
+    def _require_fitting(self, fields: tuple[Field, ...]) -> None:
+        """`require_fitting` of the file with the header, once for all reading."""
+        if fields not in self._fitting:
+            require_fitting(self._header_file, fields, self.pose_count)
+            self._fitting.add(fields)
 
-    def _contours_of(self, block: BlockFile, first: int, stop: int) -> Arrays:
-        file = block.rows
+    def _contours_of(self, block: Block, first: int, stop: int) -> Arrays:
+        file = self._rows(block)
         pose_start = _offsets(file, "/contours/pose_start", first, stop, "/contours/polyline_closed")
         low, high = int(pose_start[0]), int(pose_start[-1])
         polyline_start = _offsets(file, "/contours/polyline_start", low, high, "/contours/points")
@@ -351,26 +357,17 @@ class ContourFile:
         rows["point"] = int(polyline_start[0]), int(polyline_start[-1])
         arrays: Arrays = {"pose_start": pose_start - low, "polyline_start": polyline_start - rows["point"][0]}
         for spec in CONTOURS:
-            if not spec.is_offset and (not spec.optional or spec.path in file):
+            if not spec.is_offset and (not spec.optional or spec in block.optional):
                 arrays[spec.name] = file.read(spec.path, *rows[str(spec.dims[0])])
         return arrays
 
-    def _point_start(self, block: BlockFile, first: int, stop: int) -> NDArray[np.int64]:
+    def _point_start(self, block: Block, first: int, stop: int) -> NDArray[np.int64]:
         """Offsets into a piece's points where its poses `first` to `stop` begin, and where the last of them ends."""
-        file = block.rows
+        file = self._rows(block)
         pose_start = _offsets(file, "/contours/pose_start", first, stop, "/contours/polyline_closed")
         low, high = int(pose_start[0]), int(pose_start[-1])
         polyline_start = _offsets(file, "/contours/polyline_start", low, high, "/contours/points")
         return np.asarray(polyline_start[pose_start - low], np.int64)
-
-    def _require_recipe(self) -> None:
-        """Leave out blocks of another rendering than the header's."""
-        wanted = recipe_hash(self.recipe)
-        for block in tuple(self._pose_blocks):
-            if block.recipe != wanted:
-                self._pose_blocks.remove(block)
-                block.close()
-                self.problems.append(f"{block.path.name} is of another rendering than the folder it lies in")
 
 
 def join_contours(batches: list[Arrays]) -> Arrays:
@@ -389,23 +386,25 @@ def join_contours(batches: list[Arrays]) -> Arrays:
     return joined
 
 
-def _open(path: Path) -> tuple[bool, Hdf5Reader, list[BlockFile], list[str]]:
+def _open(path: Path) -> tuple[bool, Hdf5Reader, list[Block], list[str]]:
     """Whether the file is sealed, the file with its header, its blocks if it is not sealed, and their problems."""
     folder = path if (path / HEADER_NAME).is_file() else work_folder(path)
     if folder != path and (path.exists() or not folder.is_dir()):
         return True, Hdf5Reader(path), [], []
-    blocks: list[BlockFile] = []
     try:
-        blocks, problems = open_blocks(folder)
         header = Hdf5Reader(folder / HEADER_NAME)
-        if not problems or not path.is_file():
-            return False, header, blocks, problems
-        header.close()
+        try:
+            blocks, problems = find_blocks(folder, recipe_hash(get_texts(header, "/", "recipe")))
+        except BaseException:
+            header.close()
+            raise
     except (OSError, ContourFileError) as error:
         if not path.is_file():
-            close_blocks(blocks)
             raise ContourFileError(f"{path} is not written yet, and {folder} cannot be read ({error})") from error
-    close_blocks(blocks)
+    else:
+        if not path.is_file():
+            return False, header, blocks, problems
+        header.close()
     return True, Hdf5Reader(path), [], []  # it was sealed while its blocks were opened
 
 

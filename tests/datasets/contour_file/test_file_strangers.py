@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from contour_cases import assert_same, assert_whole, finish, make_contours, make_header, redigest, write_ranges
 
-from palpate.datasets.contour_file import blocks
 from palpate.datasets.contour_file.check import check_file
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.contour_file.writer import ContourWriter
@@ -130,21 +129,21 @@ def test_a_block_that_the_system_does_not_let_be_read_is_not_dropped(begun, monk
 
 
 @pytest.mark.exhaustive
-def test_more_blocks_than_may_be_open_at_once_are_read_and_sealed(path, monkeypatch):
-    monkeypatch.setattr(blocks, "_OPEN_MOST", 2)
+def test_many_blocks_are_read_and_sealed_one_at_a_time(path):
     with ContourWriter(path, make_header(10)) as writer:
         write_ranges(writer, CONTOURS, [(k, k + 2) for k in range(0, 10, 2)])
         before = len(os.listdir("/proc/self/fd"))
         with ContourFile(path) as file:
-            assert len(os.listdir("/proc/self/fd")) - before == 3  # the header, and two blocks
+            assert len(os.listdir("/proc/self/fd")) - before == 1  # the header
             assert_same(file.contours(), CONTOURS)
+            assert len(os.listdir("/proc/self/fd")) - before == 2  # and a block
         assert len(os.listdir("/proc/self/fd")) == before
         writer.seal()
     assert_whole(path, CONTOURS)
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("at", [2, 3, 4])
+@pytest.mark.parametrize("at", [1, 2, 3])
 def test_a_file_that_is_sealed_while_it_is_opened_is_read_as_sealed(path, monkeypatch, at):
     """Blocks go one by one, the header last."""
     with ContourWriter(path, make_header(10)) as writer:
@@ -162,6 +161,16 @@ def test_a_file_that_is_sealed_while_it_is_opened_is_read_as_sealed(path, monkey
         monkeypatch.setattr(os, "open", sealing)
         with ContourFile(path) as file:
             assert_same(file.contours(), CONTOURS)
+
+
+def test_a_file_that_is_sealed_while_it_is_read_must_be_opened_again(path):
+    with ContourWriter(path, make_header(10)) as writer:
+        write_ranges(writer, CONTOURS, [(0, 4), (4, 10)])
+        with ContourFile(path) as file:
+            writer.seal()
+            with pytest.raises(ContourFileError, match="was finished while it was read: open it again"):
+                file.contours()
+        assert_whole(path, CONTOURS)
 
 
 @pytest.mark.exhaustive(after=1)

@@ -363,6 +363,7 @@ ROWS = as_bytes('[["poses","k",0]]')
         ({"columns/0/a": np.zeros((2, 2))}, r"/columns/0/a has shape \[2, 2\], expected one dimension"),
         ({"columns/0/a": np.zeros(2, np.complex64)}, "/columns/0/a is of an HDF5 c"),
         ({"columns/0/a/b": np.zeros(2)}, "/columns/0/a is missing or not a dataset"),
+        ({"columns/7/a": np.zeros(2)}, "/columns/7 is nothing that a shard of 1 rows has"),
         ({"columns/0/a": np.zeros(2), "columns/0/b": np.zeros(3)}, "/columns/0/b has 3 rows, expected 2"),
     ],
 )

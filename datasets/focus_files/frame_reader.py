@@ -19,7 +19,6 @@ from ..storage.hdf5 import Hdf5Reader, get_version
 
 FOCAL_POINTS, DRIVES, WIRE_FRAMES = "palpate focal points", "palpate drives", "palpate wire frames"
 VERSION_MAJOR = 1
-_BLOCK_ROWS = 1 << 16
 _SLACK = 1e-5  # by which rounding may lift a level above 1
 
 
@@ -143,8 +142,8 @@ class FrameReader:
                 out.append(str(error))
         for rows in self._fields:
             bad = np.zeros(0, np.int64)
-            for first in range(0, self.frame_count, _BLOCK_ROWS):
-                values = self._file.read(rows.path, first, min(first + _BLOCK_ROWS, self.frame_count))
+            for first, stop in self._file.row_blocks(rows.path):
+                values = self._file.read(rows.path, first, stop)
                 is_bad = ~np.isfinite(values)
                 if rows.is_level:
                     is_bad |= ~((values >= -_SLACK) & (values <= 1.0 + _SLACK))

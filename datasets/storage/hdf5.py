@@ -10,8 +10,9 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from functools import cached_property
 from os import PathLike
@@ -31,7 +32,7 @@ from .schema import FIELDS, Field, count_problems, shape_problem
 # Exceptions that h5py raises for damaged or foreign content; any other exception is a bug of palpate.
 FAILURES = (OSError, LookupError, ValueError, TypeError, RuntimeError, ArithmeticError, EOFError, MemoryError)
 
-_BLOCK_ROWS = 1 << 17
+_BLOCK_BYTES = 1 << 22
 
 
 class Hdf5Reader:
@@ -138,11 +139,21 @@ class Hdf5Reader:
         if self.digests is None:
             return
         for name in dict.fromkeys((*self.digests.datasets, *(path for path in _SPECS if path in self))):
-            _, shape = self.layout(name)
             digest = RowDigest()
-            for first in range(0, shape[0], _BLOCK_ROWS):
-                digest.add(self.read(name, first, first + _BLOCK_ROWS))
+            for first, stop in self.row_blocks(name):
+                digest.add(self.read(name, first, stop))
             self.require_digest(name, digest)
+
+    def row_blocks(self, name: str) -> Iterator[tuple[int, int]]:
+        """Divide the rows of a dataset into ranges (first, stop) of at most 4 MiB, or one row where it is longer.
+
+        Raises ContourFileError as `layout`, and for text.
+        """
+        dtype, shape = self.layout(name)
+        if dtype.kind == "O":
+            raise ContourFileError(f"{self.path}: {name} is text, expected numbers")
+        step = max(1, _BLOCK_BYTES // max(1, dtype.itemsize * math.prod(shape[1:])))
+        yield from ((first, min(first + step, shape[0])) for first in range(0, shape[0], step))
 
     def require_digest(self, name: str, found: RowDigest) -> None:
         """Raise ContourFileError unless all rows of a dataset, which `found` got, are what was written."""

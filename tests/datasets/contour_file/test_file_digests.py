@@ -199,10 +199,12 @@ def test_digests_that_are_none_are_refused(sealed):
         ("[" * 50_000, "digests of / is damaged"),
         ('{"block_rows": 1, "datasets": {}, "attributes": {}}', r"is missing, which format 1\.5 has"),
         (json.dumps(told | {"datasets": {"/contours": ""}}), "/contours is missing or not a dataset"),
+        (json.dumps(told | {"datasets": {"/text": "0" * 16}}), "/text is text, expected numbers"),
         (json.dumps(told | {"datasets": {}}), "/contours/points has no digest"),
     ):
-        with h5py.File(sealed, "r+") as file:
+        with h5py.File(sealed, "a") as file:
             put_text(file, "digests", broken)
+            file.require_dataset("/text", (1,), h5py.string_dtype())[0] = "x"
         with pytest.raises(ContourFileError, match=message):
             ContourFile(sealed, verify=True)
         assert any("digest" in problem or "/contours is" in problem for problem in check_file(sealed)), broken

@@ -1,6 +1,7 @@
 """Focal points and drives that a sweep keeps: read, told of, checked, and played as they are."""
 
 import json
+import tracemalloc
 
 import h5py
 import numpy as np
@@ -204,3 +205,16 @@ def test_digests_of_blocks_prove_nothing_and_wire_frames_are_not_played_without_
         np.testing.assert_array_equal(file.focal_points(0, 50)[0], focus.position)
     with pytest.raises(ContourFileError, match="has no digests: it is not finished"):
         FrameReader(wire_path)
+
+
+@pytest.mark.exhaustive
+def test_checking_takes_little_memory_however_long_a_row_is(tmp_path):
+    rows, row_bytes = 40, 1 << 21
+    fields, array = [FrameField("/wire/frames", (row_bytes,), "1", "u1")], {"frame_bytes": np.array([row_bytes])}
+    wire = np.zeros((rows, row_bytes), np.uint8)
+    path = written(tmp_path / "w.h5", fields, "/wire", (wire,), format="palpate wire frames", **{"/array": array})
+    tracemalloc.start()
+    assert check_frames(path) == []
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < wire.nbytes

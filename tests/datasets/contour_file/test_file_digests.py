@@ -148,7 +148,7 @@ def committed(tmp_path_factory):
     return folder
 
 
-@pytest.mark.exhaustive(but="chunk_of_zeros")
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("damage", FOUND, ids=lambda damage: damage.__name__)
 def test_damage_of_a_block_is_found_when_it_is_said_to_be_and_its_poses_are_rendered_again(tmp_path, committed, damage):
     path = shutil.copytree(committed, tmp_path / "copy") / "out.h5"

@@ -129,10 +129,13 @@ class ContourFile:
     def intact_blocks(self) -> tuple[list[tuple[int, int]], list[str]]:
         """Pose ranges of the blocks of an unfinished file whose rows are what was written, and why others are not.
 
-        Raises ContourFileError if the header is not what was written: sealing would refuse it.
+        Raises ContourFileError if the header is not what was written, which sealing would refuse.
         """
-        self._header_file.require_attributes()
-        self._header_file.require_rows()
+        try:
+            self._header_file.require_attributes()
+            self._header_file.require_rows()
+        except ContourFileError as error:
+            raise ContourFileError(f'{problem_of(error)}; mode="overwrite" begins anew') from None
         intact: list[tuple[int, int]] = []
         damaged: list[str] = []
         for block in self._pose_blocks:

@@ -135,8 +135,13 @@ class ContourWriter:
             if not self._complete:
                 self.commit()
         finally:
+            if self._complete or not self._has_rendering():
+                self._remove_folder()
             self._lock.release()
             self._lock = None
+
+    def _has_rendering(self) -> bool:
+        return (self._folder / HEADER_NAME).exists() or bool(block_like_files(self._folder))
 
     @property
     def committed(self) -> int:
@@ -218,7 +223,7 @@ class ContourWriter:
             self._seal(gzip)
         self._complete = True
         self._held.clear()
-        self._remove_folder()
+        self.close()
 
     def _seal(self, gzip: int) -> None:
         if self._new is not None and self._new.is_named:  # and then the sync of the folder failed
@@ -289,13 +294,21 @@ class ContourWriter:
             )
 
     def _begin(self, mode: str) -> None:
-        fresh = self._make_folder()
+        try:
+            self._folder.mkdir()
+        except FileExistsError:
+            if self._folder.is_symlink() or not self._folder.is_dir():
+                raise ContourFileError(f"{self._folder} is no folder of its own, but a file or a link") from None
         try:
             self._lock = FolderLock(self._folder)
             if mode == "create":
                 self._refuse_sealed()  # again: now no other process can seal
-                self._refuse_unfinished()
-                self._clear_leftovers()
+                if self._has_rendering():
+                    raise ContourFileError(
+                        f"{self._folder} holds an unfinished rendering of {self.path}: "
+                        'mode="resume" goes on with it, mode="overwrite" begins anew'
+                    )
+                self._clear_folder()
             if mode == "overwrite":
                 self._clear_folder()
                 write_file(self._folder / _OVERWRITE_NAME)
@@ -303,27 +316,12 @@ class ContourWriter:
                 self._resume()
         except BlockingIOError:
             raise ContourFileError(f"{self.path} is being written by another process") from None
-        except BaseException as error:
-            if fresh and isinstance(error, (OSError, ContourFileError)):
-                self._remove_folder()
+        except BaseException:
+            if self._lock is None:
+                with contextlib.suppress(OSError):  # it is not empty
+                    self._folder.rmdir()
             self.close()
             raise
-
-    def _refuse_unfinished(self) -> None:
-        if (self._folder / HEADER_NAME).exists() or block_like_files(self._folder):
-            raise ContourFileError(
-                f"{self._folder} holds an unfinished rendering of {self.path}: "
-                'mode="resume" goes on with it, mode="overwrite" begins anew'
-            )
-
-    def _make_folder(self) -> bool:
-        try:
-            self._folder.mkdir()
-        except FileExistsError:
-            if self._folder.is_symlink() or not self._folder.is_dir():
-                raise ContourFileError(f"{self._folder} is no folder of its own, but a file or a link") from None
-            return False
-        return True
 
     def _write_header(self) -> None:
         if not (self._folder / HEADER_NAME).exists():
@@ -336,7 +334,7 @@ class ContourWriter:
         if not (self._folder / HEADER_NAME).exists():
             if block_files(self._folder):
                 raise ContourFileError(f'{self._folder} has no header, so it cannot be resumed: use mode="overwrite"')
-            self._clear_leftovers()
+            self._clear_folder()
             if self.path.exists():
                 self._finish_with(self.path)
             return
@@ -367,7 +365,7 @@ class ContourWriter:
                 raise ContourFileError(f"{path} is not whole")
             self._refuse_differing(old)
         self._complete = True
-        self._remove_folder()
+        self.close()
 
     def _is_sealed_as(self, created: str) -> bool:
         """Whether OUT.h5 is of the run that began at `created`."""
@@ -429,11 +427,6 @@ class ContourWriter:
             return f"{shutil.disk_usage(self.path.parent).free / 1e6:.1f} MB are free"
         return "free space unknown"
 
-    def _clear_leftovers(self) -> None:
-        """Remove what a writer leaves that is killed before its first commit, so that its permission ends, too."""
-        self._clear_temporary()
-        (self._folder / _OVERWRITE_NAME).unlink(missing_ok=True)
-
     def _clear_temporary(self) -> None:
         for path in self._folder.glob("*.h5.*" + TEMPORARY_SUFFIX):
             path.unlink()
@@ -441,19 +434,17 @@ class ContourWriter:
     def _clear_folder(self) -> None:
         """Remove what writers left, older palpates' too, the header last: blocks without it would be of nothing."""
         self._clear_temporary()
-        for path in block_like_files(self._folder):
+        last = [self._folder / name for name in (_OVERWRITE_NAME, HEADER_NAME)]
+        for path in (*block_like_files(self._folder), *(path for path in last if path.exists())):
             path.unlink()
-        for name in (_OVERWRITE_NAME, HEADER_NAME):
-            (self._folder / name).unlink(missing_ok=True)
 
     def _remove_folder(self) -> None:
-        # The file is whole by now; a folder that cannot go (another file is in it) does no harm.
+        # Nothing in it is needed any more; one that cannot go, as another file is in it, does no harm.
         with contextlib.suppress(OSError):
             self._clear_folder()
             if self._lock is not None:
                 self._lock.remove()
             self._folder.rmdir()
-        self.close()
 
 
 def _copied(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:

@@ -101,6 +101,8 @@ class StrictFile:
     def _object(self, path: str) -> Any:
         """The opened group or dataset; None if there is none."""
         if path not in self._objects:
+            if path == "/":
+                raise Hdf5Error("the file was closed")
             parent, _, name = path.rpartition("/")
             group = self._object(parent or "/")
             if group is None:

@@ -96,7 +96,7 @@ def unproven_content(path: str | PathLike[str]) -> list[str]:
     """
     try:
         with Hdf5Reader(path) as file:
-            return [] if file.digests is not None else ["everything: its format is older than these digests"]
+            return [] if file.digests else ["all content, as formats before 1.5 have no such digests"]
     except ContourFileError:
         return []
 
@@ -106,7 +106,7 @@ def _check_open(file: ContourFile) -> list[str]:
     if not file.sealed:
         done = sum(stop - first for first, stop in file.done)
         held = FolderLock.is_held(file.folder)
-        state = "is still being written" if held else 'was not finished, mode="resume" goes on with it'
+        state = "is still being written" if held else 'is not finished, mode="resume" finishes it'
         findings.add(f"{file.path} {state}: {done} of {file.pose_count} poses are done")
     for problem in file.problems:
         findings.add(problem)

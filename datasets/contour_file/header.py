@@ -202,10 +202,12 @@ def json_text(value: Mapping[str, Any], name: str) -> str:
     """Canonical JSON of a mapping: sorted names, ASCII; `name` is what an error calls it.
 
     Raises:
-        ContourFileError: The value is not JSON.
+        ContourFileError: The value is not JSON, or no reader would take it.
     """
     try:
-        return json.dumps(dict(value), sort_keys=True, allow_nan=False, ensure_ascii=True)
+        text = json.dumps(dict(value), sort_keys=True, allow_nan=False, ensure_ascii=True)
+        parse_json(text)  # a reader must take it
+        return text
     except (TypeError, ValueError, RecursionError) as error:
         raise ContourFileError(f"{name} cannot be stored as JSON: {error}") from error
 
@@ -338,7 +340,7 @@ def refuse_foreign(file: Hdf5Reader) -> None:
             f"{file.path} has format version {major}.{minor}, newer than this palpate reads ({FORMAT_VERSION[0]}.x)"
         )
     if (major, minor) >= DIGESTS_SINCE and file.digests is None:
-        raise ContourFileError(f"{file.path}: attribute digests of / is missing, which format {major}.{minor} has")
+        raise ContourFileError(f"{file.path}: attribute digests of / has no digests of whole datasets, as 1.5 has")
 
 
 def _digest(*arrays: NDArray[Any]) -> str:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..counted import counted
 from ..errors import ContourFileError
+from ..storage.durable import FolderLock
 from ..storage.hdf5 import Hdf5Reader, require_fitting
 from ..storage.schema import CONTOURS, HAND, LIVE, METRICS, MOTION, Arrays, Field
 from .blocks import HEADER_NAME, Block, block_of, find_blocks, problem_of, work_folder
@@ -394,6 +395,9 @@ def _open(path: Path) -> tuple[bool, Hdf5Reader, list[Block], list[str]]:
     folder = path if (path / HEADER_NAME).is_file() else work_folder(path)
     if folder != path and (path.exists() or not folder.is_dir()):
         return True, Hdf5Reader(path), [], []
+    if not any(folder.glob("*.h5")) and not path.is_file():
+        state = "is being written, nothing of it is saved yet" if FolderLock.is_held(folder) else "was never saved"
+        raise ContourFileError(f"{path} {state}")
     try:
         header = Hdf5Reader(folder / HEADER_NAME)
         try:

@@ -20,6 +20,7 @@ says that the run may replace OUT.h5.
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import shutil
 import time
@@ -33,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ContourFileError, name_nothing
-from ..storage.durable import TEMPORARY_SUFFIX, FolderLock, NewFile, sync, write_file
+from ..storage.durable import TEMPORARY_SUFFIX, FolderLock, NewFile, discard_left, sync, temporary_files, write_file
 from ..storage.hdf5_output import Hdf5Output, hdf5_output
 from ..storage.schema import CONTOURS, HEADER, METRICS, validate_fields
 from .blocks import (
@@ -141,6 +142,9 @@ class ContourWriter:
             self._lock = None
 
     def _has_rendering(self) -> bool:
+        """Whether the work folder holds more than what a writer leaves that is killed before its first commit."""
+        if not self._folder.is_dir():
+            return False
         return (self._folder / HEADER_NAME).exists() or bool(block_like_files(self._folder))
 
     @property
@@ -280,9 +284,10 @@ class ContourWriter:
 
     def _refuse_sealed(self) -> None:
         if self.path.exists():
+            begun = f"; {self._folder} holds an unfinished one, which overwriting discards" * self._has_rendering()
             raise ContourFileError(
                 f'{self.path} exists already: mode="overwrite" replaces it once the new one is whole, '
-                'mode="resume" keeps it if it is of the same rendering'
+                f'mode="resume" keeps it if it is of the same rendering{begun}'
             )
 
     def _refuse_stranger(self) -> None:
@@ -301,6 +306,8 @@ class ContourWriter:
                 raise ContourFileError(f"{self._folder} is no folder of its own, but a file or a link") from None
         try:
             self._lock = FolderLock(self._folder)
+            for left in temporary_files(self.path):  # of a writer that was killed while it sealed
+                discard_left(left)
             if mode == "create":
                 self._refuse_sealed()  # again: now no other process can seal
                 if self._has_rendering():
@@ -380,7 +387,7 @@ class ContourWriter:
     def _refuse_differing(self, old: ContourFile) -> None:
         if differences := recipe_differences(old.recipe, self._recipe):
             raise ContourFileError(
-                f"{self.path} cannot be resumed, it is of another rendering: {'; '.join(differences)}; "
+                f"{self.path} cannot be resumed, {old.path} is of another rendering: {'; '.join(differences)}; "
                 'mode="overwrite" begins anew'
             )
 
@@ -416,10 +423,10 @@ class ContourWriter:
             yield
         except OSError as error:
             done = self.committed
-            free = "" if isinstance(error, PermissionError) else f", {self._free()}"
-            kept = f'; the {done} poses done are kept in {self._folder}, make room and go on with mode="resume"'
+            free = f", {self._free()}" if error.errno in (errno.ENOSPC, errno.EDQUOT) else ""
+            kept = f'the {done} poses done are kept in {self._folder}: mend that and go on with mode="resume"'
             raise ContourFileError(
-                f"{self.path}: cannot {task}: {error.strerror or error}{free}{kept if done else ''}"
+                f"{self.path}: cannot {task}: {error.strerror or error}{free}; {kept if done else 'no pose was saved'}"
             ) from error
 
     def _free(self) -> str:

@@ -19,6 +19,7 @@ from ..storage.hdf5 import Hdf5Reader, get_version
 
 FOCAL_POINTS, DRIVES, WIRE_FRAMES = "palpate focal points", "palpate drives", "palpate wire frames"
 VERSION_MAJOR = 1
+DIGESTS_SINCE = (1, 1)
 _SLACK = 1e-5  # by which rounding may lift a level above 1
 
 
@@ -156,7 +157,7 @@ class FrameReader:
     def _array_ends(self, row_bytes: int) -> list[int]:
         """Where the bytes of each array end in a row; refuses a file that is not finished, or was cut."""
         if self._file.digests is None:
-            raise ContourFileError(f"{self.path} has no digests: it is not finished, or this palpate did not write it")
+            raise ContourFileError(f"{self.path} has no digests of its frames, which version 1.1 has: prepare it again")
         counts = self._file.attribute("/array", "frame_bytes")
         sizes: list[Any] = counts.tolist() if isinstance(counts, np.ndarray) and counts.dtype.kind == "i" else []
         if not sizes or min(sizes) < 1 or sum(sizes) != row_bytes:
@@ -167,9 +168,13 @@ class FrameReader:
         found = _format_version(self._file)
         if found is None:
             raise ContourFileError(f"{self.path} holds no focal points, drives or wire frames")
-        if (major := get_version(self._file)[0]) > VERSION_MAJOR:
+        version, digests = get_version(self._file), self._file.digests
+        named = digests is not None and all(own.path in digests.datasets for own in _FIELDS[found])
+        if version[0] > VERSION_MAJOR:
             newer = f"newer than this palpate reads ({VERSION_MAJOR}.x)"
-            raise ContourFileError(f"{self.path} has version {major}, {newer}")
+            raise ContourFileError(f"{self.path} has version {version[0]}, {newer}")
+        if version >= DIGESTS_SINCE and not named:
+            raise ContourFileError(f"{self.path} has no digests of its frames: it is not finished, or was changed")
         return found
 
     def _shape(self, rows: _Rows) -> tuple[int, ...]:

@@ -63,7 +63,7 @@ class Digests(NamedTuple):
         """
         found: Any = parse_json(text)
         try:
-            if "block_rows" in found:
+            if "block_rows" in found.keys():  # noqa: SIM118 - a list or a text would be searched by `in` alone
                 return None
             datasets = {path: str(digest) for path, digest in found["datasets"].items()}
             groups = found["attributes"].items()

@@ -53,6 +53,8 @@ class NewFile:
         self.is_named = False
         """Whether the file has its name, if perhaps not for sure on the disk."""
         self._is_published = False
+        self.process = os.getpid()
+        """The process that writes it."""
         for left in temporary_files(path, suffix):
             discard_left(left)
         self.temporary, self.handle = _create(path, suffix)
@@ -147,7 +149,8 @@ def write_file(path: Path, *buffers: Buffer, durable: bool = True) -> None:
 def discard_unfinished() -> None:
     """Remove all files that are half written, before this process ends in the middle of its work."""
     for new in tuple(_unfinished):
-        discard(new.temporary)  # its handle stays open: another thread may be writing to it
+        if new.process == os.getpid():  # a forked child leaves its parent's files alone
+            discard(new.temporary)  # its handle stays open: another thread may be writing to it
 
 
 def _create(path: Path, suffix: str) -> tuple[Path, int]:

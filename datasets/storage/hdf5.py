@@ -52,6 +52,7 @@ class Hdf5Reader:
             except IsADirectoryError:
                 raise name_nothing(ContourFileError(f"{self.path} is a folder, not a contour file")) from None
             self._state = self._opened.state()
+            self._kept: dict[str, tuple[int, NDArray[Any]]] = {}
 
     def close(self) -> None:
         """Close the file; closing twice does nothing."""
@@ -105,10 +106,18 @@ class Hdf5Reader:
             raise
 
     def _read(self, name: str, first: int, stop: int | None) -> NDArray[Any]:
+        """Rows of a dataset; of those in one chunk, the whole chunk is kept, as poses are often read one by one."""
         own = self._opened.declared(name)
-        if name in _SPECS and (problem := shape_problem(_SPECS[name], own.dtype, own.shape)):
+        if name not in self._kept and name in _SPECS and (problem := shape_problem(_SPECS[name], own.dtype, own.shape)):
             raise Hdf5Error(problem)
-        return self._opened.read(name, first, stop)
+        rows = own.chunk[0] if own.chunk else 0
+        begin, end, _ = slice(first, stop).indices(own.shape[0] if own.shape else 0)
+        if not rows or begin >= end or begin // rows != (end - 1) // rows:
+            return self._opened.read(name, first, stop)
+        chunk = begin // rows * rows
+        if self._kept.get(name, (-1,))[0] != chunk:
+            self._kept[name] = chunk, self._opened.read(name, chunk, chunk + rows)
+        return self._kept[name][1][begin - chunk : end - chunk].copy()
 
     @cached_property
     def digests(self) -> Digests | None:
@@ -145,14 +154,17 @@ class Hdf5Reader:
             self.require_digest(name, digest)
 
     def row_blocks(self, name: str) -> Iterator[tuple[int, int]]:
-        """Divide the rows of a dataset into ranges (first, stop) of at most 4 MiB, or one row where it is longer.
+        """Divide the rows of a dataset into ranges (first, stop) of at most 4 MiB, or one chunk where it is longer.
 
         Raises ContourFileError as `layout`, and for text.
         """
         dtype, shape = self.layout(name)
         if dtype.kind == "O":
             raise ContourFileError(f"{self.path}: {name} is text, expected numbers")
-        step = max(1, _BLOCK_BYTES // max(1, dtype.itemsize * math.prod(shape[1:])))
+        rows = (self._opened.declared(name).chunk or (1,))[
+            0
+        ]  # whole chunks: HDF5 decodes one whole whenever it is read
+        step = max(1, _BLOCK_BYTES // max(1, dtype.itemsize * math.prod(shape[1:])) // rows) * rows
         yield from ((first, min(first + step, shape[0])) for first in range(0, shape[0], step))
 
     def require_digest(self, name: str, found: RowDigest) -> None:

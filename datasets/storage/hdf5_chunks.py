@@ -53,19 +53,22 @@ def require_chunks(dataset: Any, own: Declared, file_bytes: int) -> None:
     least, most = _stored_bounds(own, nominal)
     unchecked = 1 << own.filters.index("fletcher32") if "fletcher32" in own.filters else 0
     count = _chunk_count(own)
+    seen = 0  # entries, which a few nodes that hold each other would make endless
     places: list[tuple[int, ...]] = []
     extents: list[tuple[int, int]] = []
 
     def look(chunk: Any) -> bool | None:
+        nonlocal seen
+        seen += 1
         if least <= chunk.size <= min(most, file_bytes - chunk.byte_offset) and not chunk.filter_mask & unchecked:
             places.append(chunk.chunk_offset)
             extents.append((chunk.byte_offset, chunk.size))
-        return True if len(places) > count else None  # anything but None ends the iteration
+        return True if seen > count else None  # anything but None ends the iteration
 
     dataset.chunk_iter(look)
     found = _apart(places, extents, own)
     if found != count:
-        raise Hdf5Error(f"{own.path} is damaged: {found} of its {count} chunks can be where its index says")
+        raise Hdf5Error(f"{own.path} is damaged: {count - found} of its {count} chunks cannot be where its index says")
     for place, (_, size) in zip(places, extents, strict=True) if "gzip" in own.filters else ():
         if size * _DEFLATE_RATIO > _INFLATED_MOST:
             _refuse_bomb(dataset, own, place, nominal)

@@ -133,8 +133,13 @@ def put_column(group: Any, name: str, array: NDArray[Any], unit: str = "") -> An
     return dataset
 
 
-def take_column(file: StrictFile, path: str) -> NDArray[Any]:
-    """A column of an open HDF5 file, as `column_array` gave it; raises Hdf5Error for what is no column."""
+def take_columns(file: StrictFile, paths: Sequence[str]) -> list[NDArray[Any]]:
+    """Columns of an open HDF5 file, as `column_array` gave them; raises Hdf5Error for what are none, or too much."""
+    file.require_memory(paths)
+    return [_take_column(file, path) for path in paths]
+
+
+def _take_column(file: StrictFile, path: str) -> NDArray[Any]:
     if len(shape := file.declared(path).shape) != 1:
         raise Hdf5Error(f"{path} has shape {list(shape)}, expected one dimension")
     array = file.read(path)

@@ -151,5 +151,7 @@ def require_attribute(attribute: Any, what: str) -> None:
     if shape is None or len(shape) > 1:
         found = "no value" if shape is None else f"shape {list(shape)}"
         raise Hdf5Error(f"{what} has {found}, expected one value or a list of them")
+    if shape and int(attribute.get_type().get_class()) == _h5t.STRING and attribute.get_type().is_variable_str():
+        raise Hdf5Error(f"{what} is a list of texts of any length, expected one text")  # all may be the same bytes
     if (size := math.prod(shape) * int(attribute.get_type().get_size())) > ATTRIBUTE_BYTES_MOST:
         raise Hdf5Error(f"{what} has {size} bytes, expected at most {ATTRIBUTE_BYTES_MOST}")

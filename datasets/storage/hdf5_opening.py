@@ -18,7 +18,7 @@ process may have the file open in h5py, for reading or writing.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from os import PathLike
 from types import TracebackType
@@ -72,6 +72,7 @@ class StrictFile:
         with source.bounded():
             self._file: Any = h5py.File(source, "r")
             self._objects: dict[str, Any] = {"/": _h5g.open(self._file.id, b"/")}
+            self._paths = {int(_h5o.get_info(self._objects["/"]).addr): "/"}
         self._declared: dict[str, Declared] = {}
         self._datasets: dict[str, Any] = {}
 
@@ -116,7 +117,11 @@ class StrictFile:
                     known = {_h5l.TYPE_SOFT: "a soft link", _h5l.TYPE_EXTERNAL: "a link to another file"}
                     what = known.get(kind, f"a link of type {kind}")
                     raise Hdf5Error(f"{path} is {what}, expected an object of this file")
-                self._objects[path] = _h5o.open(group, name.encode())
+                found = _h5o.open(group, name.encode())
+                known = self._paths.setdefault(int(_h5o.get_info(found).addr), path)
+                if known != path:  # the same bytes would count twice
+                    raise Hdf5Error(f"{path} is {known} once more, expected one name for an object")
+                self._objects[path] = found
         return self._objects[path]
 
     def members(self, group: str) -> list[str]:
@@ -212,10 +217,18 @@ class StrictFile:
             raise Hdf5Error(f"attribute {key} of {path} is {_brief(value)}, expected a whole number")
         return value
 
+    def require_memory(self, paths: Iterable[str]) -> None:
+        """Raise Hdf5Error where several datasets together would take more memory than one may."""
+        size, most = sum(self.declared(path).nbytes for path in paths), MEMORY_MOST + 8 * self._source.size
+        if size > most:
+            raise Hdf5Error(f"datasets of {size} bytes are to be read, expected at most {most}")
+
     def _refuse_long_texts(self, dataset: Any, own: Declared) -> None:
         """Refuse texts longer in total than the file: many references to the same bytes would fill the memory."""
-        if own.layout != "contiguous" or own.nbytes == 0 or not dataset.id.get_type().is_variable_str():
+        if own.nbytes == 0 or not dataset.id.get_type().is_variable_str():
             return
+        if own.layout != "contiguous":
+            raise Hdf5Error(f"{own.path} is text of any length in a {own.layout} layout, expected a contiguous one")
         places = np.zeros(own.nbytes // _VLEN.itemsize, _VLEN)
         self._source.seek(int(dataset.id.get_offset()))
         self._source.readinto(places.view(np.uint8))

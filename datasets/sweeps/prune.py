@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -33,7 +33,12 @@ def unused_parts(manifest: Manifest, folder: Path, makers: Iterable[int]) -> Unu
         f"(SELECT column_file FROM part WHERE column_file IS NOT NULL AND maker IN {own})"
     )
     kept = f"SELECT payload FROM part WHERE \"group\" LIKE 'keep-%' AND maker {{}} {own}"
-    unused = _kept_paths(manifest.run(kept.format("NOT IN"))) - _kept_paths(manifest.run(kept.format("IN")))
+    used = set(_kept_paths(manifest.run(kept.format("IN"))))
+    unused: set[PurePosixPath] = set()
+    for row in manifest.run(kept.format("NOT IN")):
+        with contextlib.suppress(SweepStoreError):  # a payload that names another place
+            unused.update(_kept_paths([row]))
+    unused -= used
     beside = {path.with_suffix(".json") for path in unused}
     columns = [folder / COLUMNS / str(name) for (name,) in names if PurePosixPath(str(name)).name == name]
     files = columns + [folder / path for path in sorted(unused | beside)]
@@ -63,11 +68,12 @@ def remove_parts(manifest: Manifest, folder: Path, makers: Iterable[int]) -> Unu
     return unused
 
 
-def _kept_paths(rows: Iterable[tuple[object, ...]]) -> set[PurePosixPath]:
-    """Kept files that rows' payloads name, such as contours/KEY.h5; a payload that names another place is left out."""
-    found: set[PurePosixPath] = set()
+def _kept_paths(rows: Iterable[tuple[object, ...]]) -> Iterator[PurePosixPath]:
+    """Kept files that rows' payloads name, such as contours/KEY.h5; raises SweepStoreError for others."""
     for (payload,) in rows:
-        with contextlib.suppress(ValueError, TypeError, AttributeError, SweepStoreError):
+        try:
             path = kept_path(parse_json(str(payload), allow_nan=True))
-            found |= set() if path is None else {path}
-    return found
+        except (ValueError, TypeError, AttributeError) as error:
+            raise SweepStoreError(f"a payload of the store cannot be read, so nothing is removed: {error}") from error
+        if path is not None:
+            yield path

@@ -29,7 +29,7 @@ from ..storage.hdf5_columns import (
     new_image,
     open_columns,
     put_column,
-    take_column,
+    take_columns,
 )
 from ..storage.hdf5_opening import StrictFile
 
@@ -217,7 +217,8 @@ def _payload(text: str) -> Mapping[str, Any]:
 
 def _columns(file: StrictFile, number: int) -> Columns:
     group = f"/columns/{number}/"
-    columns = {path.removeprefix(group): take_column(file, path) for path in file.members(group[:-1])}
+    paths = file.members(group[:-1])
+    columns = {path.removeprefix(group): column for path, column in zip(paths, take_columns(file, paths), strict=True)}
     count = len(next(iter(columns.values()), ()))
     for name, column in columns.items():
         if len(column) != count:

@@ -30,7 +30,7 @@ from ..storage.hdf5_columns import (
     new_image,
     open_columns,
     put_column,
-    take_column,
+    take_columns,
 )
 from ..storage.hdf5_opening import StrictFile
 from .table_text import CONSTANTS, CSV, constant_columns, read_csv, require_constants
@@ -175,7 +175,8 @@ def _load_columns(path: Path, verify: bool) -> Columns:
             raise SweepStoreError(f"{path} is damaged: the digest of its columns does not match")
         return columns
     with _opened(path, verify=verify) as file:
-        columns = {path[1:]: take_column(file, path) for path in file.members("/") if path[1:] != ROW}
+        paths = [path for path in file.members("/") if path[1:] != ROW]
+        columns = {path[1:]: column for path, column in zip(paths, take_columns(file, paths), strict=True)}
     if len({len(column) for column in columns.values()}) > 1:
         found = ", ".join(f"{name}: {len(column)}" for name, column in list(columns.items())[:8])
         raise SweepStoreError(f"{path} is damaged: columns of a table have equally many rows, not {found}")

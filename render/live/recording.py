@@ -123,7 +123,8 @@ def save_segment(path: str | Path, segment: LiveSegment, *, overwrite: bool = Fa
     job = job_of(segment.solid, hand, HandMotion(segment.time, segment.pose), segment.strategy)
     header = file_header(job.scene, job.motion, job.devices[0])
     header = replace(header, live=segment.run().described(), live_arrays=segment.arrays())
-    with ContourWriter(path, header, mode="overwrite" if overwrite else "create") as writer:
+    mode = "overwrite" if overwrite else "create" if Path(path).exists() else "resume"  # of a run that was killed here
+    with ContourWriter(path, header, mode=mode) as writer:
         with closing(rendered_chunks(job, writer.missing())) as chunks:
             for chunk in chunks:
                 writer.write(chunk.first, chunk.stop, chunk.contours.arrays(), metrics_of(chunk), chunk.timing)
@@ -155,8 +156,9 @@ def require_segment(segment: LiveSegment) -> None:
 
 
 def event_lines(events: list[tuple[float, str, str]]) -> bytes:
-    """Events as a file has them: a line of JSON each."""
-    return "".join(json.dumps([float(time), kind, text]) + "\n" for time, kind, text in events).encode()
+    """Events as a file has them: a line of JSON each. Half a surrogate pair, as in odd names of files, becomes `?`."""
+    rows = ([float(time), kind, text.encode(errors="replace").decode()] for time, kind, text in events)
+    return "".join(f"{json.dumps(row)}\n" for row in rows).encode()
 
 
 def events_of(lines: bytes) -> list[tuple[float, str, str]]:

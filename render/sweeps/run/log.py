@@ -71,7 +71,7 @@ class SweepLog:
         line = json.dumps({"time": now, "run": self.run, "event": event, **values}, ensure_ascii=False)
         if self._handle >= 0:
             with contextlib.suppress(OSError):
-                os.write(self._handle, f"{line}\n".encode(errors="backslashreplace"))
+                os.write(self._handle, f"{line}\n".encode(errors="replace"))
 
     def close(self) -> None:
         """Close the file; closing twice does nothing."""
@@ -93,7 +93,7 @@ def read_log(path: Path) -> list[dict[str, Any]]:
     events: list[dict[str, Any]] = []
     for line in lines:
         with contextlib.suppress(ValueError):
-            event = parse_json(line)
+            event = parse_json(line, allow_nan=True)
             if isinstance(event, dict) and {"time", "run", "event"} <= event.keys():
                 events.append(event)
     return events

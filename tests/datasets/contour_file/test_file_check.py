@@ -207,5 +207,5 @@ def test_a_file_being_written_says_so_and_what_is_done_is_checked(path):
     with ContourWriter(path, make_header(10)) as writer:
         write_ranges(writer, contours, [(0, 4), (6, 10)])
         assert check_file(path) == [f"{path} is still being written: 8 of 10 poses are done"]
-    stopped = f'{path} was not finished, mode="resume" goes on with it: 8 of 10 poses are done'
+    stopped = f'{path} is not finished, mode="resume" finishes it: 8 of 10 poses are done'
     assert check_file(path) == [stopped]

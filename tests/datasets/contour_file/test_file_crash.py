@@ -124,7 +124,7 @@ def test_a_full_disk_while_sealing_keeps_everything_and_the_old_file(tmp_path):
     with ContourWriter(path, make_header(100), mode="overwrite") as writer:
         write_ranges(writer, contours, [(50, 100)])
         write_ranges(writer, contours, [(0, 50)], held=True)
-        message = r"cannot seal: File too large.*MB are free"
+        message = r"cannot seal: File too large"
         with file_size_limit(20_000), pytest.raises(ContourFileError, match=message):
             writer.seal()
         assert not list(tmp_path.glob("**/*.tmp"))

@@ -197,7 +197,7 @@ def test_digests_that_are_none_are_refused(sealed):
         ("{", "digests of / is damaged"),
         ('{"datasets": {}, "attributes": {"/": "x"}}', "digests of / is damaged"),
         ("[" * 50_000, "digests of / is damaged"),
-        ('{"block_rows": 1, "datasets": {}, "attributes": {}}', r"is missing, which format 1\.5 has"),
+        ('{"block_rows": 1, "datasets": {}, "attributes": {}}', r"has no digests of whole datasets, as 1\.5 has"),
         (json.dumps(told | {"datasets": {"/contours": ""}}), "/contours is missing or not a dataset"),
         (json.dumps(told | {"datasets": {"/text": "0" * 16}}), "/text is text, expected numbers"),
         (json.dumps(told | {"datasets": {}}), "/contours/points has no digest"),

@@ -203,7 +203,7 @@ def test_digests_of_blocks_prove_nothing_and_wire_frames_are_not_played_without_
             put_text(file, "digests", old)
     with FrameReader(points) as file:
         np.testing.assert_array_equal(file.focal_points(0, 50)[0], focus.position)
-    with pytest.raises(ContourFileError, match="has no digests: it is not finished"):
+    with pytest.raises(ContourFileError, match="has no digests of its frames, which version"):
         FrameReader(wire_path)
 
 

@@ -215,7 +215,10 @@ def test_damage_is_found_before_its_block_is_played(frames):
 def test_files_that_are_not_whole_are_refused(frames, tmp_path):
     damaged = tmp_path / "damaged.h5"
     for damage, message in (
-        (lambda file: file.attrs.__delitem__("digests"), "has no digests: it is not finished"),
+        (
+            lambda file: file.attrs.__delitem__("digests"),
+            "has no digests of its frames: it is not finished, or was changed",
+        ),
         (lambda file: file["wire"].attrs.__setitem__("update_rate", 4000.0), "attribute update_rate of /wire is not"),
         (lambda file: file["array"].attrs.__setitem__("identities", "[]"), "attribute identities of /array is not"),
         (lambda file: file["array"].attrs.__setitem__("frame_bytes", np.array([256])), "frame_bytes of /array is not"),

@@ -198,7 +198,7 @@ def test_focal_points_and_drives_are_those_of_playing_the_file(tmp_path, rendere
         np.testing.assert_array_equal(file["drive/delay"], drives.delay)
         np.testing.assert_array_equal(file["drive/amplitude"], drives.amplitude)
         np.testing.assert_array_equal(file["array/position"], model.position)
-        assert model.identity() in file["array"].attrs["identities"]
+        assert model.identity() in file["array"].attrs["identities"].decode()
     assert got["keep-drives", recipe.key("keep-drives")]["refused"] == drives.refused
 
 

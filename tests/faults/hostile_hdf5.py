@@ -298,6 +298,12 @@ change(
 change("a link to another file beside the groups", link("/extra", ExternalLink("other.h5", "/x")), UNREAD)
 change("a group that holds the root", link("/contours/self", lambda f: f["/"]), UNREAD)
 change("a dataset with two names", link("/extra", lambda f: f["/contours/points"]), UNREAD)
+change(
+    "a dataset in place of another",
+    link("/metrics/length_hand", lambda f: f["/metrics/length"]),
+    TEXTS,
+    "/metrics/length_hand is /metrics/length once more",
+)
 change("groups a thousand deep", lambda f: f.create_group("/a" * 1000), UNREAD)
 change("names of control characters", link("/\x1b]0;x\x07", np.zeros(1)), UNREAD)
 change(
@@ -403,6 +409,30 @@ def all_chunks_in_one_place(path):
     path.write_bytes(content)
 
 
+def a_chunk_index_without_end(path):
+    """A tree of chunks whose every entry is the same node: 32 entries a level, seven levels, none of them right."""
+    with h5py.File(path, "r+", libver=("v108", "latest")) as file:
+        new = replaced(file, "/contours/kind", shape=(64,), dtype="u1", chunks=(1,))
+        new[...] = 1
+        room = file.create_dataset("/room", data=np.zeros(1 << 16, "u1")).id.get_offset()
+    content = bytearray(path.read_bytes())
+    root = next(
+        at for at in range(len(content)) if content[at : at + 5] == b"TREE\1" and content[at + 6 : at + 8] == b"\x40\0"
+    )
+    key = bytes(content[root + 24 : root + 48])  # bytes, filters that were left out, offsets of a chunk
+    wrong = struct.pack("<I", 3) + key[4:]
+    below = 1 << 40
+    for level in range(7):
+        entries = (
+            struct.pack("<I", 3) + key[4:8] + struct.pack("<QQ", k, 0) + struct.pack("<Q", below) for k in range(32)
+        )
+        node = struct.pack("<4sBBHqq", b"TREE", 1, level, 32, -1, -1) + b"".join(entries) + wrong
+        at = root if level == 6 else room + 4096 * level
+        content[at : at + len(node)] = node
+        below = at
+    path.write_bytes(content)
+
+
 def chunk_moved(move):
     """The index of chunks leads elsewhere."""
 
@@ -417,7 +447,8 @@ def chunk_moved(move):
 
 
 change("only the first chunk written, filled with sound values", only_the_first_chunk_written, CONTOURS)
-case("all chunks in one place", all_chunks_in_one_place, CONTOURS, "/contours/kind is damaged: 1 of its 64 chunks")
+case("all chunks in one place", all_chunks_in_one_place, CONTOURS, "/contours/kind is damaged: 63 of its 64 chunks")
+case("a chunk index without end", a_chunk_index_without_end, CONTOURS, "/contours/kind is damaged")
 case("a chunk beyond the end", chunk_moved(lambda at: 1 << 40), CONTOURS)
 case("a bit in the place of a chunk", chunk_moved(lambda at: at ^ 0x20), CONTOURS)
 
@@ -569,6 +600,7 @@ for name, path, key, value, refusing, message in (
     ("a name of a compound", "/object", "name", np.zeros(4, [("a", "i4")]), TEXTS, ""),
     ("a seed of three dimensions", "/", "seed", np.zeros((2, 2, 2)), NOT_PLAYED, "seed of / has shape [2, 2, 2]"),
     ("a seed of 64 MB", "/", "seed", np.zeros(1 << 23), NOT_PLAYED, "piece of the file's structure has 67"),
+    ("a name of many texts", "/object", "name", np.array(["a"] * 9, object), TEXTS, "is a list of texts of any length"),
     ("64 MB beside the other attributes", "/", "extra", np.zeros(1 << 23), UNREAD, ""),
     ("a seed without a value", "/", "seed", h5py.Empty("f4"), NOT_PLAYED, ""),
     ("references to objects", "/", "seed", lambda f: np.array([f["/object"].ref] * 4, h5py.ref_dtype), NOT_PLAYED, ""),
@@ -623,6 +655,7 @@ for kind, name, edit in (
     ("table", "a column of 1e9 rows that were never written", put("/x", shape=(10**9,), dtype="f8", chunks=(65536,))),
     ("table", "a column of a compound", link("/odd", ODD)),
     ("table", "a column of lists", put("/odd", shape=(3,), dtype=h5py.vlen_dtype("i4"))),
+    ("table", "a column of two names", lambda f: (link("/c", lambda own: own["r"])(f), f.attrs.pop("digest"))),
     ("table", "a group among columns", link("/odd/inner", np.zeros(3))),
     ("table", "a scalar among columns", link("/odd", 5.0)),
     ("table", "text that is not UTF-8", put("/odd", data=NOT_UTF_8, dtype=h5py.string_dtype())),

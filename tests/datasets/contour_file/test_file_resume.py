@@ -167,6 +167,7 @@ def test_leftovers_of_a_kill_are_removed_and_other_peoples_files_are_not(begun):
     with ContourWriter(begun, make_header(10, moved=OTHER_POSE), mode="resume") as writer:
         assert writer.repairs == ()
         assert {own.name for own in folder.iterdir()} == {"header.h5", "lock"} | blocks | theirs
+        assert not begun.with_name("out.h5.0123456789ab.tmp").exists()
         write_ranges(writer, CONTOURS, writer.missing())
         writer.seal()
     assert {own.name for own in folder.iterdir()} == theirs

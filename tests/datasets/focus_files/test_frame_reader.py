@@ -207,6 +207,17 @@ def test_digests_of_blocks_prove_nothing_and_wire_frames_are_not_played_without_
         FrameReader(wire_path)
 
 
+def test_frames_of_this_version_are_refused_without_digests(tmp_path):
+    path, _ = focal_points(tmp_path / "a.h5", count=50)
+    with h5py.File(path, "r+") as file:
+        file.attrs["version"] = np.array([1, 1], np.int32)
+    for text in ('{"block_rows": 1}', '{"datasets": {}, "attributes": {}}', '["block_rows"]', '"block_rows"'):
+        with h5py.File(path, "r+") as file:
+            put_text(file, "digests", text)
+        with pytest.raises(ContourFileError, match="digests"):
+            FrameReader(path)
+
+
 @pytest.mark.exhaustive
 def test_checking_takes_little_memory_however_long_a_row_is(tmp_path):
     rows, row_bytes = 40, 1 << 21

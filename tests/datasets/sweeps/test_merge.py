@@ -238,6 +238,19 @@ def test_pruning_removes_kept_files_that_nothing_else_names(tmp_path):
     assert json.dumps(check_store(tmp_path / "s").unproven) == "[]"
 
 
+def test_pruning_stops_where_it_cannot_tell_what_is_used(tmp_path):
+    with SweepStore(made(tmp_path / "s", ALL, maker="old"), maker="old") as store:
+        kept = keep(store, "shared")
+    with SweepStore(made(tmp_path / "s", ALL), maker=MAKER) as store:
+        keep(store, "shared")
+    with closing(sqlite3.connect(tmp_path / "s" / "store.sqlite")) as file, file:
+        file.execute("UPDATE part SET payload = '[' WHERE \"group\" LIKE 'keep-%' AND maker = 2")
+    with SweepStore(tmp_path / "s", maker=MAKER) as store:
+        with pytest.raises(SweepStoreError, match="a payload of the store cannot be read, so nothing is removed"):
+            store.prune()
+    assert kept.exists()
+
+
 def test_a_kept_file_of_another_code_version_stays(tmp_path):
     with SweepStore(made(tmp_path / "all", ALL), maker=MAKER) as store:
         kept = keep(store, "k", seed=1)

@@ -64,6 +64,16 @@ def path(tmp_path):
     return tmp_path / "out.h5"
 
 
+def test_poses_are_read_one_by_one_in_any_order(path):
+    contours = make_contours(40)
+    with small_chunks(7):
+        write_file(path, contours)
+    with ContourFile(path) as file:
+        for pose in np.random.default_rng(2).permutation(40):
+            assert_same(file.contours(pose, pose + 1), cut_contours(contours, pose, pose + 1))
+            assert file.metrics(pose, pose + 1)["polylines"] == np.diff(contours["pose_start"])[pose]
+
+
 @st.composite
 def renderings(draw):
     """Contours, and the pose ranges of their blocks in some order, each with whether it is held until the end."""

@@ -30,10 +30,13 @@ _STEP[list(_MARKS)] = (1, 1, -1, -1, 0)
 _MARK_BYTES = 12  # that `_depth` takes for each mark
 
 
-def parse_json(text: str | bytes, *, allow_nan: bool = False, text_most: int = TEXT_MOST) -> Any:
+def parse_json(
+    text: str | bytes, *, allow_nan: bool = False, allow_halves: bool = False, text_most: int = TEXT_MOST
+) -> Any:
     """The value of a JSON text; bytes are UTF-8.
 
     allow_nan: whether NaN, Infinity and numbers beyond float64 may stand in it.
+    allow_halves: whether texts may hold half a surrogate pair, which the caller must replace before it writes them.
     text_most: most characters or bytes; the budget of memory holds besides.
 
     Raises ValueError, whose message may follow "not JSON: "; it is a json.JSONDecodeError where the grammar is broken.
@@ -51,7 +54,7 @@ def parse_json(text: str | bytes, *, allow_nan: bool = False, text_most: int = T
     if depth > DEPTH_MOST:
         raise ValueError(f"lists or objects lie {depth} deep in each other, more than {DEPTH_MOST}")
     value: Any = (_LENIENT if allow_nan else _FINITE).decode(text)
-    if rb"\ud" in content or rb"\uD" in content:
+    if not allow_halves and (rb"\ud" in content or rb"\uD" in content):
         json.dumps(value, ensure_ascii=False).encode()  # raises UnicodeEncodeError, a ValueError, for half a pair
     return value
 

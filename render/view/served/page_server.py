@@ -285,7 +285,7 @@ def refusal(headers: Headers, port: int) -> str | None:
 def request_of(message: str | bytes) -> PageRequest:
     """A message of a page as a request; raises StrategyError for one that is no JSON object."""
     try:
-        values = parse_json(message, allow_nan=True)
+        values = parse_json(message, allow_nan=True, allow_halves=True)  # what people typed
     except ValueError:
         values = None
     if not isinstance(values, dict):

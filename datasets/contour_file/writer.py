@@ -301,13 +301,15 @@ class ContourWriter:
     def _begin(self, mode: str) -> None:
         try:
             self._folder.mkdir()
+            left: list[Path] = []
         except FileExistsError:
+            left = temporary_files(self.path)  # perhaps of a writer that was killed while it sealed
             if self._folder.is_symlink() or not self._folder.is_dir():
                 raise ContourFileError(f"{self._folder} is no folder of its own, but a file or a link") from None
         try:
             self._lock = FolderLock(self._folder)
-            for left in temporary_files(self.path):  # of a writer that was killed while it sealed
-                discard_left(left)
+            for path in left:
+                discard_left(path)
             if mode == "create":
                 self._refuse_sealed()  # again: now no other process can seal
                 if self._has_rendering():

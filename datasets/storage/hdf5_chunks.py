@@ -87,8 +87,9 @@ def _apart(places: list[tuple[int, ...]], extents: list[tuple[int, int]], own: D
     if not places:
         return 0
     offsets, stored = np.array(places, np.uint64), np.array(sorted(extents), np.uint64)
-    inside = (offsets < np.array(own.shape, np.uint64)) & (offsets % np.array(own.chunk, np.uint64) == 0)
-    count = len(np.unique(offsets[inside.all(axis=1)], axis=0))
+    shape, chunk = np.array(own.shape, np.uint64), np.array(own.chunk, np.uint64)
+    inside = ((offsets < shape) & (offsets % chunk == 0)).all(axis=1)
+    count = len(set(map(tuple, (offsets[inside] // chunk).tolist())))
     return min(count, len(places) - int(np.count_nonzero(stored[:-1].sum(axis=1) > stored[1:, 0])))
 
 

@@ -284,7 +284,8 @@ def parses_json(tree):
 
 
 def test_only_listed_modules_parse_json_without_bounds():
-    found = {path.relative_to(ROOT).as_posix() for path in SOURCES if parses_json(tree_of(path))}
+    named = [path for path in SOURCES if re.search(r"\bjson\b", path.read_text()) is not None]  # quick: most have not
+    found = {path.relative_to(ROOT).as_posix() for path in named if parses_json(tree_of(path))}
     assert found == JSON_UNBOUNDED.keys()
 
 

@@ -89,7 +89,7 @@ def _apart(places: list[tuple[int, ...]], extents: list[tuple[int, int]], own: D
     offsets, stored = np.array(places, np.uint64), np.array(sorted(extents), np.uint64)
     shape, chunk = np.array(own.shape, np.uint64), np.array(own.chunk, np.uint64)
     inside = ((offsets < shape) & (offsets % chunk == 0)).all(axis=1)
-    count = len(set(map(tuple, (offsets[inside] // chunk).tolist())))
+    count = len({row.tobytes() for row in offsets[inside]})
     return min(count, len(places) - int(np.count_nonzero(stored[:-1].sum(axis=1) > stored[1:, 0])))
 
 

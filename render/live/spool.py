@@ -130,11 +130,14 @@ class LiveSpool:
         """Samples so far."""
         self._row = pose_row(self.description.patches)
         self._files: dict[str, FileIO] = {}
-        with _failures(self.folder):
+        with _failures(self.folder), contextlib.ExitStack() as opened:
             self.folder.mkdir(mode=0o700)
             self._lock = FolderLock(self.folder)
-            self._files = {name: FileIO(str(self.folder / name), "ab") for name in FILES}
+            opened.callback(self._lock.release)
+            for name in FILES:
+                self._files[name] = opened.enter_context(FileIO(str(self.folder / name), "ab"))
             self.description.write(self.folder)
+            opened.pop_all()  # `close` closes them
         self._dirty, self._ended = threading.Event(), threading.Event()
         self._syncer = threading.Thread(target=self._sync_often, name="live spool", daemon=True)
         self._syncer.start()

@@ -1,5 +1,6 @@
 """A live run's files: what was appended is the run, also after kill -9, and a last row that is torn is left out."""
 
+import errno
 import os
 import pickle
 import signal
@@ -13,8 +14,10 @@ import pytest
 from live_cases import regular, run_live
 
 from palpate.datasets.errors import ContourFileError
+from palpate.datasets.storage.durable import FolderLock
 from palpate.render import flat_hand
 from palpate.render.intersection.named_inputs import solid_of
+from palpate.render.live import spool as spool_module
 from palpate.render.live.recording import DROPPED, FADED, LiveRecording, save_segment
 from palpate.render.live.spool import FIELDS, FILES, LiveSpool, finish_spool
 from palpate.render.sampling.strategy import SamplingStrategy
@@ -130,6 +133,18 @@ def test_a_run_that_drew_nothing_leaves_no_file_and_samples_must_follow_each_oth
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(ContourFileError, match="is no folder of a live run that can be read"):
         finish_spool(tmp_path / "spool", tmp_path / "a.h5")
+
+
+def test_a_description_that_cannot_be_written_leaves_no_file_open(tmp_path, monkeypatch):
+    def full(path, *content):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    segment, before = marked_run(), len(os.listdir("/proc/self/fd"))
+    monkeypatch.setattr(spool_module, "write_file", full)
+    with pytest.raises(ContourFileError, match="No space left on device"):
+        spool_of(tmp_path / "spool", segment)
+    assert len(os.listdir("/proc/self/fd")) == before
+    assert not FolderLock.is_held(tmp_path / "spool")
 
 
 def test_a_file_that_is_in_the_way_leaves_the_folder_whole(tmp_path):

@@ -114,8 +114,8 @@ class StrictFile:
                 if not group.links.exists(name.encode()):
                     return None
                 if (kind := int(group.links.get_info(name.encode()).type)) != _h5l.TYPE_HARD:
-                    known = {_h5l.TYPE_SOFT: "a soft link", _h5l.TYPE_EXTERNAL: "a link to another file"}
-                    what = known.get(kind, f"a link of type {kind}")
+                    kinds = {_h5l.TYPE_SOFT: "a soft link", _h5l.TYPE_EXTERNAL: "a link to another file"}
+                    what = kinds.get(kind, f"a link of type {kind}")
                     raise Hdf5Error(f"{path} is {what}, expected an object of this file")
                 found = _h5o.open(group, name.encode())
                 known = self._paths.setdefault(int(_h5o.get_info(found).addr), path)

@@ -163,7 +163,7 @@ def event_lines(events: list[tuple[float, str, str]]) -> bytes:
 
 def events_of(lines: bytes) -> list[tuple[float, str, str]]:
     """Events from the lines of JSON; raises ValueError for anything else."""
-    events = [parse_json(line) for line in lines.decode().splitlines()]
+    events = [parse_json(line, allow_nan=True) for line in lines.decode().splitlines()]
     if not all(isinstance(own, list) and len(own) == 3 and isinstance(own[0], int | float) for own in events):
         raise ValueError("an event must be a list of a time, a kind and a text")
     return [(float(time), str(kind), str(text)) for time, kind, text in events]

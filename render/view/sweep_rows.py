@@ -91,7 +91,7 @@ class SweepRows:
         """
         recipe = read_recipe(str(self.columns["recipe"][row]))
         key = recipe.key("contours")
-        for found in (self._made.get(row), self.store / CONTOURS / f"{recipe.key('contours')}.h5"):
+        for found in (self._made.get(row), self.store / CONTOURS / f"{key}.h5"):
             if found is not None and found.is_file():
                 return found
         count = pose_count(recipe)

@@ -66,6 +66,11 @@ class Pool(Protocol):
         """Units that it makes at a time."""
         ...
 
+    @property
+    def is_ready(self) -> bool:
+        """Whether a worker has started: until then no unit takes time. Raises SweepError if none can start."""
+        ...
+
     def submit(self, unit: Unit) -> Future[UnitResult]:
         """Have a unit made."""
         ...
@@ -78,11 +83,8 @@ class Pool(Protocol):
         """End the worker that makes a unit."""
         ...
 
-    def restart(self, *, is_doubtful: bool) -> None:
-        """Have new workers after one died, where the executor does not do that itself.
-
-        is_doubtful: whether several died without a result between. Raises SweepError if none can work.
-        """
+    def restart(self) -> None:
+        """Have new workers after one died, where the executor does not do that itself; SweepError if none can start."""
         ...
 
     def close(self) -> None:
@@ -93,7 +95,7 @@ class Pool(Protocol):
 class OtherPool:
     """Workers of an executor that the caller has made, and closes. worker_count: None for as many as it has."""
 
-    is_shared = False
+    is_shared, is_ready = False, True
 
     def __init__(self, executor: Executor, device: str, worker_count: int | None = None) -> None:
         self.name, self.device = f"{type(executor).__name__}, on {device}", device
@@ -124,9 +126,8 @@ class OtherPool:
         self._capacity -= 1
         return Ended.STUCK
 
-    def restart(self, *, is_doubtful: bool) -> None:
+    def restart(self) -> None:
         """Nothing can be started; a broken executor stays broken."""
-        del is_doubtful
         raise SweepError(f"{self.name} is broken, as one of its workers died: give run_sweep a new executor")
 
     def close(self) -> None:
@@ -142,6 +143,10 @@ class ProcessPool:
         self.device, self._worker_count = device, worker_count
         self._memory = memory if device == "cpu" else 0  # a GPU's driver maps more than any machine has
         self._pool: Any = None
+        self._starting: list[Future[None]] = []
+        """One for each process, before all units."""
+        self._started_at = 0.0
+        self._failed_starts = 0
 
     @property
     def name(self) -> str:
@@ -153,11 +158,17 @@ class ProcessPool:
         """Units that it makes at a time."""
         return self._worker_count
 
+    @property
+    def is_ready(self) -> bool:
+        """Whether a process has started; raises SweepError if none does for START_LONGEST."""
+        if any(own.done() and own.exception() is None for own in self._starting):
+            return True
+        if self._pool is not None and time.monotonic() > self._started_at + START_LONGEST:
+            raise SweepError(f"{self.name}: no process has started in {START_LONGEST:.0f} s")
+        return False
+
     def submit(self, unit: Unit) -> Future[UnitResult]:
         """Have a unit made; the processes start with the first."""
-        return self._processes().submit(make_on, unit, self.device)
-
-    def _processes(self) -> Any:
         from loky.process_executor import ProcessPoolExecutor
 
         if self._pool is None:
@@ -165,9 +176,11 @@ class ProcessPool:
             environment = {**dict.fromkeys(SINGLE, "1"), **os.environ, "PYTHONSAFEPATH": "1"}
             given = (os.getpid(), self._memory)
             self._pool = ProcessPoolExecutor(
-                self._worker_count, timeout=None, initializer=start_worker, initargs=given, env=environment
+                self.capacity, timeout=None, initializer=start_worker, initargs=given, env=environment
             )
-        return self._pool
+            self._starting = [self._pool.submit(start_only) for _ in range(self.capacity)]
+            self._started_at = time.monotonic()
+        return self._pool.submit(make_on, unit, self.device)
 
     def is_lost(self, error: BaseException) -> bool:
         """Whether an error says that a process died."""
@@ -181,16 +194,13 @@ class ProcessPool:
         self.close()
         return Ended.LOST
 
-    def restart(self, *, is_doubtful: bool) -> None:
-        """Start anew, with the next unit; if that is doubtful, with a call that does nothing but start."""
+    def restart(self) -> None:
+        """Start anew, with the next unit."""
+        self._failed_starts = 0 if self.is_ready else self._failed_starts + 1
+        if self._failed_starts > 1:
+            reasons = [str(own.exception()) for own in self._starting if own.done() and own.exception() is not None]
+            raise SweepError(f"{self.name}: no process can start: {' '.join(' '.join(reasons[:1]).split())}")
         self.close()
-        if is_doubtful:
-            try:
-                self._processes().submit(start_only).result(timeout=START_LONGEST)
-            except (BrokenExecutor, TimeoutError, OSError) as error:
-                self.close()
-                reason = " ".join(str(error).split()) or type(error).__name__
-                raise SweepError(f"{self.name}: no process can start: {reason}") from error
 
     def close(self) -> None:
         """End all processes, whatever they do."""
@@ -244,7 +254,7 @@ class LocalPool(ProcessPool):
 class DaskPool:
     """Workers of a Dask cluster. executor: from `Client.get_executor()`."""
 
-    is_shared = False
+    is_shared, is_ready = False, True
 
     def __init__(self, executor: Any, device: str) -> None:
         # An executor does not say whose it is, and only the client knows which worker has a unit.
@@ -293,9 +303,8 @@ class DaskPool:
         self._counted = -COUNT_SECONDS
         return Ended.STUCK
 
-    def restart(self, *, is_doubtful: bool) -> None:
+    def restart(self) -> None:
         """Nothing: Dask does that."""
-        del is_doubtful
 
     def close(self) -> None:
         """Nothing: the caller closes the client."""

@@ -15,6 +15,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections import deque
 from collections.abc import Callable, Collection
@@ -30,11 +31,9 @@ from .missing import Missing, PendingChunk
 from .unit_cutting import UnitCutter
 
 UNIT_SECONDS = 1800.0  # that a unit may take by default
-START_SECONDS = 120.0  # more for the first units of a pool: its workers import and compile
 WAIT = 0.5  # [s] for a result, before what takes too long is looked at, and Ctrl-C
 HOLD = 1.0  # [s] that results wait for a transaction, which waits for the disk
 TRIES = 2  # workers that may die while they make a chunk alone
-LOSSES_DOUBTFUL = 3  # in a row without a result: perhaps no worker can start at all
 SYSTEM_FAILURES = 12  # one after another without a success: nothing can be written any more
 SYSTEM_WAIT = 0.5  # [s] before a unit is given again after the first of these; then longer
 STEP_LONGEST = 5.0  # [s] that one turn counts at most: a suspended machine wastes no unit's time
@@ -116,9 +115,7 @@ class UnitLoop:
         self._turned = clock()
         self._held_back_until = 0.0
         self._system_failures = 0
-        self._losses = 0
         self._idle = 0.0
-        self._fresh: set[int] = {id(pool) for pool in pools}  # that have returned nothing yet
 
     def run(self) -> None:
         """Make everything.
@@ -165,7 +162,7 @@ class UnitLoop:
             if not pool.is_lost(error):
                 raise
             self._again.appendleft(unit)
-            self._restart(pool)
+            pool.restart()
             return False
         self._running[future] = unit
         self.tally.names[pool.name] = None
@@ -194,7 +191,7 @@ class UnitLoop:
         for future in self._wait(list(self._running), WAIT):
             self._take_one(future, lost)
         for pool in {id(unit.pool): self._pool_of(unit) for unit, _ in lost}.values():
-            self._restart(pool)
+            pool.restart()
             for future, unit in list(self._running.items()):
                 if pool.is_shared and unit.pool is pool:  # it has ended with the others
                     self._take_one(future, lost)
@@ -212,17 +209,9 @@ class UnitLoop:
         except Exception as error:
             if not pool.is_lost(error) and future.done():
                 raise SweepError(f"{pool.name} cannot make units: {type(error).__name__}: {text_of(error)}") from error
-            lost.append((unit, " ".join(text_of(error).split()) or type(error).__name__))
+            lost.append((unit, death_reason(error)))
             return
-        self._fresh.discard(id(pool))
-        self._losses = 0
         self._settle(unit, result)
-
-    def _restart(self, pool: Pool) -> None:
-        """Have new workers after one died."""
-        self._losses += 1
-        self._fresh.add(id(pool))
-        pool.restart(is_doubtful=self._losses > LOSSES_DOUBTFUL)
 
     def _pool_of(self, unit: GivenUnit) -> Pool:
         if unit.pool is None:
@@ -301,19 +290,17 @@ class UnitLoop:
         now = self._clock()
         step, self._turned = min(STEP_LONGEST, now - self._turned), now
         for unit in self._running.values():
-            unit.age += step
+            unit.age += step if self._pool_of(unit).is_ready else 0.0
         is_idle = not self._running and now >= self._held_back_until
         self._idle = self._idle + step if is_idle else 0.0
-        if self._idle > (self._limit or UNIT_SECONDS) + START_SECONDS:
+        if self._idle > (self._limit or UNIT_SECONDS):
             names = ", ".join(pool.name for pool in self.pools)
             raise SweepError(f"{names}: there has been no worker for {self._idle:.0f} s; what was made is kept")
         for future, unit in list(self._running.items()):
-            pool = self._pool_of(unit)
-            allowed = self._limit + (START_SECONDS if id(pool) in self._fresh else 0.0)
-            if self._limit and unit.age > allowed and future in self._running and not future.done():
-                self._end(future, unit, pool, allowed)
+            if self._limit and unit.age > self._limit and future in self._running and not future.done():
+                self._end(future, unit, self._pool_of(unit))
 
-    def _end(self, future: Future[UnitResult], unit: GivenUnit, pool: Pool, allowed: float) -> None:
+    def _end(self, future: Future[UnitResult], unit: GivenUnit, pool: Pool) -> None:
         """End a unit that takes too long."""
         ended = pool.end(future)
         del self._running[future]
@@ -325,7 +312,7 @@ class UnitLoop:
                 )
             self._again.append(GivenUnit(unit.chunks, unit.is_single, unit.is_alone))
             return
-        why = f"it took longer than the {allowed:g} s that a unit may take (unit_timeout): {ended.value}"
+        why = f"it took longer than the {self._limit:g} s that a unit may take (unit_timeout): {ended.value}"
         self.tally.workers_lost += 1
         self.tally.note(f"{pool.name}: a unit was ended, as {why}")
         if len(unit.chunks) == 1:
@@ -333,10 +320,16 @@ class UnitLoop:
         else:
             self._give_again(unit.chunks)
         if pool.is_shared:
-            self._fresh.add(id(pool))
             for other, own in list(self._running.items()):
                 if own.pool is pool and not other.done():
                     del self._running[other]
                     self._again.append(GivenUnit(own.chunks, own.is_single, own.is_alone))
         if pool.capacity < 1 and not any(own.capacity for own in self.pools):
             raise SweepError(f"{pool.name} has no worker left that can be used: all take longer than the limit")
+
+
+def death_reason(error: BaseException) -> str:
+    """The reason why a worker died, by an executor's error; loky names the exit codes of all that died at a time."""
+    text = " ".join(text_of(error).split()) or type(error).__name__
+    codes = re.search(r"exit codes of the workers are \{(.+?)\}", text)
+    return text if codes is None else f"it ended with {codes[1]}"

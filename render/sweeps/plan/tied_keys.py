@@ -151,7 +151,7 @@ def ties_of(
     """
     ties: Ties = {axis: [{} for _ in own] for axis, own in tables.items()}
     for place in drawn:
-        ties[str(place[0])][int(place[1]) if len(place) == 3 else 0][str(place[-1])] = Tie(-1, 0)
+        ties[str(place[0])][int(place[1]) if len(place) == 3 else 0][str(place[-1])] = -1, 0
     for group, keys in enumerate(zipped):
         with within("zip", group):
             _tie(group, keys, tables, ties)
@@ -169,7 +169,7 @@ def _tie(group: int, keys: Sequence[AxisKeyName], tables: Mapping[str, Sequence[
             refuse(f"{axis}.{key} goes together with the other keys that [sample] draws already", (j,))
         counts[axis, key] = [len(values.listed) for values in own if values is not None]
         for k, tied in enumerate(ties[axis]):
-            tied[key] = Tie(group, sum(counts[axis, key][:k]))
+            tied[key] = group, sum(counts[axis, key][:k])
         (first, expected), count = next(iter(counts.items())), sum(counts[axis, key])
         if count != sum(expected):
             sentence = f"{axis}.{key} has {count} values, but {'.'.join(first)} has {sum(expected)}"

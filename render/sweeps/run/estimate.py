@@ -11,9 +11,8 @@ import random
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,7 @@ from .missing import Counts, Missing, PendingChunk
 from .schedule import START_SECONDS, poses_of
 
 RECIPES_MOST, POSES_MOST = 10**6, 10**12  # beyond either, a sweep is made only with --yes
-RECIPES_SCATTERED, PARTS_LISTED = 200, 1000  # looked at to know the size of a plan of any number of recipes
+RECIPES_SCATTERED = 200  # looked at to know the size of a plan of any number of recipes
 RECIPES_READ, CHUNKS_LISTED = 20_000, 200_000  # of a plan; the rest counts as their mean
 FAMILIES_SAMPLED = 20
 SECONDS_SAMPLED = 5.0
@@ -57,8 +56,6 @@ class Estimate:
     recipes: int
     is_exact: bool
     """Whether all recipes were read; otherwise all other numbers grow with those that were."""
-    is_bound: bool
-    """Whether there may be fewer recipes."""
     recipes_done: int
     """Of which everything is there."""
     renderings: int
@@ -93,9 +90,8 @@ class Estimate:
     def sentences(self) -> list[str]:
         """For people."""
         about = "" if self.is_exact else "about "
-        recipes = "at most " if self.is_bound else ""
         out = [
-            f"{recipes}{self.recipes:,} recipes, {about}{self.poses:,} poses; {self.recipes_done:,} recipes are done",
+            f"{self.recipes:,} recipes, {about}{self.poses:,} poses; {self.recipes_done:,} recipes are done",
             f"to make: {about}{self.renderings:,} renderings of {about}{self.poses_to_render:,} poses",
             f"on the disk: about {byte_size(self.bytes)} of {byte_size(self.bytes_free)} free",
         ]
@@ -155,7 +151,7 @@ def refuse_too_large(plan: Plan, folder: Path, *, share: float = 1.0) -> None:
     ]
     if any(reasons):
         raise PlanError(
-            f"the plan has {'' if plan.is_exact else 'at most '}{recipes:,} recipes, about {poses:,} poses to make, "
+            f"the plan has {recipes:,} recipes, about {poses:,} poses to make, "
             f"and they would take about {byte_size(size)}: {' and '.join(filter(None, reasons))}{ALL_THE_SAME}"
         )
 
@@ -173,21 +169,16 @@ def _refusal(plan: Plan, folder: Path, counts: Counts) -> str | None:
 def mean_size(plan: Plan) -> tuple[float, float]:
     """Poses and bytes of a recipe on average, from some that lie anywhere in the plan."""
     size, poses, total = _Size(), 0, 0
-    recipes = list(scattered(plan, RECIPES_SCATTERED))
+    recipes = scattered(plan, RECIPES_SCATTERED)
     for recipe in recipes:
         own = pose_count(recipe)
         poses, total = poses + own, total + size.of(recipe, own, plan.groups)
     return poses / len(recipes), total / len(recipes)
 
 
-def scattered(plan: Plan, count: int) -> Iterator[Recipe]:
-    """So many combinations of a plan's axes, whatever its constraints; always the same ones."""
-    rng = random.Random(0)
-    listed = {axis: list(islice(axis.parts(), PARTS_LISTED)) for product in plan.products for axis in product.axes}
-    weights = [product.recipe_count for product in plan.products]
-    for _ in range(count):
-        (product,) = rng.choices(plan.products, weights)
-        yield Recipe.of([rng.choice(listed[axis]) for axis in product.axes])
+def scattered(plan: Plan, count: int) -> list[Recipe]:
+    """So many of a plan's recipes; always the same ones."""
+    return random.Random(0).choices(plan.recipes(), k=count)
 
 
 def estimate(plan: Plan, missing: Missing, folder: Path, *, devices: Sequence[str]) -> Estimate:
@@ -214,7 +205,6 @@ def estimate(plan: Plan, missing: Missing, folder: Path, *, devices: Sequence[st
     return Estimate(
         recipes=recipe_count,
         is_exact=missing.is_exhausted,
-        is_bound=not (missing.is_exhausted or plan.is_exact),
         recipes_done=round(counts.done * scale),
         renderings=round(len({chunk.rendering for chunk in chunks}) * scale),
         poses=round(plan.recipe_count * mean_size(plan)[0]) if not missing.is_exhausted else counts.poses,

@@ -169,14 +169,14 @@ class Missing:
 
     def __init__(
         self,
-        recipes: Iterator[Recipe],
+        recipes: Iterable[Recipe],
         groups: Sequence[str],
         *,
         done: Callable[[Sequence[ResultKey]], dict[ResultKey, set[int]]],
         pose_count: Callable[[Recipe], int],
         failed: Collection[str] = (),
     ) -> None:
-        self._recipes, self._done, self._pose_count, self._failed = recipes, done, pose_count, failed
+        self._recipes, self._done, self._pose_count, self._failed = iter(recipes), done, pose_count, failed
         self._split = tuple(group for group in groups if group not in WHOLE_GROUPS)
         self._whole = tuple(group for group in groups if group in WHOLE_GROUPS)
         self._read_count = RECIPES_FIRST

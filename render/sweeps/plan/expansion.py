@@ -1,0 +1,160 @@
+"""Expands a plan's axes into its recipes: every combination that tied keys and constraints allow, last axis fastest.
+
+Combinations grow axis by axis. One that no later axis can complete is left out at once, so constraints keep the number
+of unfinished combinations small.
+"""
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import NamedTuple
+
+from ...errors import PlanError
+from ...user_warnings import warn_user
+from .axes import AxisPart, AxisTable
+from .constraint import Constraint
+from .recipe import Recipe, RecipePart
+from .tied_keys import Ties
+from .values import refuse
+
+RECIPES_MOST = 10**6
+"""Recipes of one plan, or of several together, and parts of one axis: all of them are held in memory."""
+WAY_OUT = "list fewer values, or draw some of them with [sample]"
+PartTuple = tuple[RecipePart, ...]
+
+
+class _Prefix(NamedTuple):
+    """A combination of parts of the first axes."""
+
+    parts: PartTuple
+    rows: dict[int, int]
+    """Row in each group of tied keys."""
+    matched: frozenset[int]
+    """Indices of the constraints that all of the parts match."""
+
+
+def require_few(tables: Mapping[str, Sequence[AxisTable]], ties: Ties, *, is_whole: bool) -> None:
+    """Raise PlanFault for an axis, or a product of all axes, that is too long to be expanded.
+
+    is_whole: whether there are no constraints. With constraints or tied keys only the axes are judged.
+    """
+    counts = [sum(map(AxisTable.part_count, own, ties[axis])) for axis, own in tables.items()]
+    is_exact = is_whole and not any(tied for own in ties.values() for tied in own)
+    if max(counts) > RECIPES_MOST or (is_exact and math.prod(counts) > RECIPES_MOST):
+        combinations = f"{math.prod(counts):,} {'recipes' if is_exact else 'combinations of its axes'}"
+        refuse(f"a plan must have at most {RECIPES_MOST:,} recipes, not {combinations}: {WAY_OUT}")
+
+
+def has_distinct_parts(tables: Sequence[AxisTable]) -> bool:
+    """Whether no two parts of an axis can be the same: values of a key differ, but two files may have one content."""
+    given = tables[0].given()
+    return len(tables) == 1 and all(len(given[key].listed) == 1 for key in ("source", "alignment") if key in given)
+
+
+def distinct_parts(axis: str, listed: Sequence[AxisPart]) -> list[AxisPart]:
+    """The parts of an axis, each once, or once for each row of tied keys; warns (PalpateWarning) of the others."""
+    known: dict[object, AxisPart] = {}
+    repeated: list[RecipePart] = []
+    for own in listed:
+        if known.setdefault((own.part.digest, tuple(own.rows.items())), own) is not own:
+            repeated.append(own.part)
+    if repeated:
+        same = {own.part.content["name"] for own in listed if own.part.digest == repeated[0].digest}
+        warn_user(
+            f"{axis}: {len(repeated)} of {len(listed)} values are the same as others and left out, "
+            f"such as {' and '.join(sorted(same))}"
+        )
+    return list(known.values())
+
+
+def combine(
+    axes: Mapping[str, Sequence[AxisPart]], exclude: Sequence[Constraint], only: Sequence[Constraint]
+) -> list[PartTuple]:
+    """The parts of each recipe; raises PlanFault for more than RECIPES_MOST.
+
+    axes: in the order of a recipe's parts.
+    """
+    constraints = (*exclude, *only)
+    every, kept = frozenset(range(len(constraints))), frozenset(range(len(exclude), len(constraints)))
+    prefixes = [_Prefix((), {}, every)]
+    later = list(axes)
+    for axis, parts in axes.items():
+        later.remove(axis)
+        ended = frozenset(k for k, own in enumerate(exclude) if not own.entries.keys() & later)
+        longer = (
+            own
+            for own in _extended(prefixes, _choices(axis, parts, constraints))
+            if not own.matched & ended and (not kept or own.matched & kept)
+        )
+        prefixes = list(islice(longer, RECIPES_MOST + 1))
+        if len(prefixes) > RECIPES_MOST:
+            refuse(f"a plan must have at most {RECIPES_MOST:,} recipes, not more, before all constraints: {WAY_OUT}")
+    return [own.parts for own in prefixes]
+
+
+def _choices(axis: str, parts: Iterable[AxisPart], constraints: Sequence[Constraint]) -> list[_Prefix]:
+    """The parts of one axis, each as a combination of its own."""
+    every = frozenset(range(len(constraints)))
+    about = [k for k in every if axis in constraints[k].entries]
+    return [
+        _Prefix((part,), rows, every.difference(k for k in about if not constraints[k].matches(axis, part.content)))
+        for part, rows in parts
+    ]
+
+
+def _extended(prefixes: Sequence[_Prefix], choices: Sequence[_Prefix]) -> Iterator[_Prefix]:
+    """Each prefix followed by each choice whose rows are those of the prefix."""
+    bound = {group for own in prefixes for group in own.rows} & {group for own in choices for group in own.rows}
+    first = min(bound, default=None)
+    by_row: dict[int, list[_Prefix]] = {row: [] for own in choices if (row := own.rows.get(first)) is not None}
+    for own in choices if by_row else ():
+        for row in by_row if first not in own.rows else (own.rows[first],):  # a choice without a row fits every row
+            by_row[row].append(own)
+    for prefix in prefixes:
+        for own in by_row[prefix.rows[first]] if first in prefix.rows else choices:
+            if all(prefix.rows.get(group, row) == row for group, row in own.rows.items()):
+                rows = prefix.rows | own.rows if own.rows else prefix.rows
+                yield _Prefix(prefix.parts + own.parts, rows, prefix.matched & own.matched)
+
+
+def unmatched(axes: Mapping[str, Sequence[AxisPart]], constraints: Sequence[Constraint]) -> list[int]:
+    """Indices of constraints that match no part of some axis, and therefore no recipe."""
+    return [
+        k
+        for k, constraint in enumerate(constraints)
+        if not all(any(constraint.matches(axis, own.part.content) for own in axes[axis]) for axis in constraint.entries)
+    ]
+
+
+def unique_recipes(combinations: Iterable[PartTuple]) -> list[Recipe]:
+    """Recipes of parts, the first of those that mean the same; raises PlanError for more than RECIPES_MOST."""
+    known: dict[tuple[str, ...], PartTuple] = {}
+    for parts in combinations:
+        known.setdefault(tuple(part.digest for part in parts), parts)
+    if len(known) > RECIPES_MOST:
+        raise PlanError(f"the plans must have at most {RECIPES_MOST:,} recipes together, not {len(known):,}")
+    return list(map(Recipe.of, known.values()))
+
+
+def distinct_names(plans: Sequence[Mapping[str, Sequence[AxisPart]]]) -> dict[tuple[str, str], str]:
+    """Names that tell apart sources of several plans that have one name in their plans, by source and this name."""
+    names: dict[tuple[str, str], str] = {}
+    for axis in plans[0]:
+        paths: dict[str, set[str]] = defaultdict(set)
+        for part, _ in (own for axes in plans for own in axes[axis]):
+            paths[part.content["name"]].add(part.content["source"])
+        for name, own in paths.items():
+            names |= {(path, name): end for path, end in _distinct_ends(sorted(own)).items() if len(own) > 1}
+    return names
+
+
+def _distinct_ends(paths: Sequence[str]) -> dict[str, str]:
+    """The shortest ends of paths, of one number of names each, that all differ."""
+    parts = [Path(path).parts for path in paths]
+    for count in range(2, max(map(len, parts)) + 1):
+        ends = [str(Path(*own[-count:])) for own in parts]
+        if len(set(ends)) == len(ends):
+            return dict(zip(paths, ends, strict=True))
+    return {path: path for path in paths}

@@ -187,22 +187,24 @@ def require_agreement(axis: str, table: AxisTable) -> None:
 
 def parts_of(axis: str, table: AxisTable, ties: Mapping[str, Tie]) -> Iterator[AxisPart]:
     """The parts that a table stands for, the last key fastest; raises PlanFault for values that do not go together."""
-    columns: dict[Any, list[tuple[dict[str, Any], dict[int, int]]]] = {}
+    columns: dict[str | int, dict[str, Sequence[Any]]] = {}  # a key, or the keys of one group, with all values
+    first_rows = dict(ties.values())
     for key, values in table.given().items():
-        if key not in ties:
-            columns[key] = [({key: value}, {}) for value in values]
-            continue
-        group, first = ties[key]
-        rows = columns.setdefault(group, [({}, {group: first + k}) for k in range(len(values.listed))])
-        for row, value in zip(rows, values.listed, strict=True):
-            row[0][key] = value
-    for cells in product(*columns.values()):
-        values = {key: value for own, _ in cells for key, value in own.items()}
+        if key in ties:
+            columns.setdefault(ties[key][0], {})[key] = values.listed
+        else:
+            columns[key] = {key: values.items}
+    for places in product(*(range(len(next(iter(column.values())))) for column in columns.values())):
+        values = {
+            key: own[k] for column, k in zip(columns.values(), places, strict=True) for key, own in column.items()
+        }
         try:
-            content = CONTENTS[axis](values["source"], values)
+            part = RecipePart(CONTENTS[axis](values["source"], values))
         except RenderError as error:
             refuse(str(error))
-        yield AxisPart(RecipePart(content), {group: row for _, own in cells for group, row in own.items()})
+        yield AxisPart(
+            part, {name: first_rows[name] + k for name, k in zip(columns, places, strict=True) if name in first_rows}
+        )
 
 
 def with_distinct_names(tables: Sequence[AxisTable]) -> list[AxisTable]:

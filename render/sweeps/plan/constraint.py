@@ -61,7 +61,7 @@ class ConstraintEntry:
         return any(fnmatchcase(name, pattern) for name in known for pattern in patterns)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Constraint:
     """One table of a plan: entries by axis."""
 

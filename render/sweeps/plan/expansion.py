@@ -7,7 +7,6 @@ of unfinished combinations small.
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,7 +14,7 @@ from ...errors import PlanError
 from ...user_warnings import warn_user
 from .axes import AxisPart, AxisTable
 from .constraint import Constraint
-from .recipe import Recipe, RecipePart
+from .recipe import RecipePart
 from .tied_keys import Ties
 from .values import refuse
 
@@ -31,8 +30,8 @@ class _Prefix(NamedTuple):
     parts: PartTuple
     rows: dict[int, int]
     """Row in each group of tied keys."""
-    matched: frozenset[int]
-    """Indices of the constraints that all of the parts match."""
+    matched: frozenset[Constraint]
+    """The constraints that all of the parts match."""
 
 
 def require_few(tables: Mapping[str, Sequence[AxisTable]], ties: Ties, *, is_whole: bool) -> None:
@@ -72,51 +71,65 @@ def distinct_parts(axis: str, listed: Sequence[AxisPart]) -> list[AxisPart]:
 def combine(
     axes: Mapping[str, Sequence[AxisPart]], exclude: Sequence[Constraint], only: Sequence[Constraint]
 ) -> list[PartTuple]:
-    """The parts of each recipe; raises PlanFault for more than RECIPES_MOST.
-
-    axes: in the order of a recipe's parts.
-    """
-    constraints = (*exclude, *only)
-    every, kept = frozenset(range(len(constraints))), frozenset(range(len(exclude), len(constraints)))
-    prefixes = [_Prefix((), {}, every)]
-    later = list(axes)
+    """The parts of each recipe, for axes in the order of a recipe's parts; raises PlanFault for too many recipes."""
+    every, kept = frozenset((*exclude, *only)), frozenset(only)
+    prefixes: Iterable[_Prefix] = [_Prefix((), {}, every)]
+    later, bound = list(axes), set[int]()
     for axis, parts in axes.items():
         later.remove(axis)
-        ended = frozenset(k for k, own in enumerate(exclude) if not own.entries.keys() & later)
-        longer = (
-            own
-            for own in _extended(prefixes, _choices(axis, parts, constraints))
-            if not own.matched & ended and (not kept or own.matched & kept)
-        )
-        prefixes = list(islice(longer, RECIPES_MOST + 1))
-        if len(prefixes) > RECIPES_MOST:
-            refuse(f"a plan must have at most {RECIPES_MOST:,} recipes, not more, before all constraints: {WAY_OUT}")
-    return [own.parts for own in prefixes]
+        decided = frozenset(own for own in exclude if not own.entries.keys() & later)
+        groups = {group for own in parts for group in own.rows}
+        longer = _extended(prefixes, _choices(axis, parts, every), min(groups & bound, default=None))
+        prefixes = _require_few_prefixes(_kept_by(longer, decided, kept), axis)
+        bound |= groups
+    combinations = [own.parts for own in prefixes]
+    return unique(combinations) if bound else combinations  # two rows of zip may have the same values
 
 
-def _choices(axis: str, parts: Iterable[AxisPart], constraints: Sequence[Constraint]) -> list[_Prefix]:
+def _choices(axis: str, parts: Iterable[AxisPart], constraints: frozenset[Constraint]) -> list[_Prefix]:
     """The parts of one axis, each as a combination of its own."""
-    every = frozenset(range(len(constraints)))
-    about = [k for k in every if axis in constraints[k].entries]
+    about = [own for own in constraints if axis in own.entries]
     return [
-        _Prefix((part,), rows, every.difference(k for k in about if not constraints[k].matches(axis, part.content)))
+        _Prefix((part,), rows, constraints.difference(own for own in about if not own.matches(axis, part.content)))
         for part, rows in parts
     ]
 
 
-def _extended(prefixes: Sequence[_Prefix], choices: Sequence[_Prefix]) -> Iterator[_Prefix]:
-    """Each prefix followed by each choice whose rows are those of the prefix."""
-    bound = {group for own in prefixes for group in own.rows} & {group for own in choices for group in own.rows}
-    first = min(bound, default=None)
-    by_row: dict[int, list[_Prefix]] = {row: [] for own in choices if (row := own.rows.get(first)) is not None}
-    for own in choices if by_row else ():
-        for row in by_row if first not in own.rows else (own.rows[first],):  # a choice without a row fits every row
+def _extended(prefixes: Iterable[_Prefix], choices: Sequence[_Prefix], group: int | None) -> Iterator[_Prefix]:
+    """Each prefix followed by each choice of the next axis that has the prefix's rows.
+
+    group: one that both may have a row in, by which the choices are looked up.
+    """
+    by_row: dict[int, list[_Prefix]] = {own.rows[group]: [] for own in choices if group in own.rows}
+    for own in choices:
+        for row in [own.rows[group]] if group in own.rows else by_row:  # a choice without a row fits every row
             by_row[row].append(own)
     for prefix in prefixes:
-        for own in by_row[prefix.rows[first]] if first in prefix.rows else choices:
-            if all(prefix.rows.get(group, row) == row for group, row in own.rows.items()):
+        for own in by_row[prefix.rows[group]] if group in prefix.rows else choices:
+            if all(prefix.rows.get(other, row) == row for other, row in own.rows.items()):
                 rows = prefix.rows | own.rows if own.rows else prefix.rows
                 yield _Prefix(prefix.parts + own.parts, rows, prefix.matched & own.matched)
+
+
+def _kept_by(
+    prefixes: Iterable[_Prefix], decided: frozenset[Constraint], only: frozenset[Constraint]
+) -> Iterator[_Prefix]:
+    """Prefixes that constraints do not leave out.
+
+    decided: constraints that exclude what they match, and have no entry of a later axis. only: one of these must match.
+    """
+    return (own for own in prefixes if not own.matched & decided and (not only or own.matched & only))
+
+
+def _require_few_prefixes(prefixes: Iterable[_Prefix], axis: str) -> Iterator[_Prefix]:
+    """The prefixes; raises PlanFault after RECIPES_MOST of them. axis: their last one."""
+    for count, own in enumerate(prefixes, 1):
+        if count > RECIPES_MOST:
+            refuse(
+                f"a plan must have at most {RECIPES_MOST:,} recipes, but more combinations are left after the axis {axis}: "
+                f"{WAY_OUT}"
+            )
+        yield own
 
 
 def unmatched(axes: Mapping[str, Sequence[AxisPart]], constraints: Sequence[Constraint]) -> list[int]:
@@ -128,14 +141,14 @@ def unmatched(axes: Mapping[str, Sequence[AxisPart]], constraints: Sequence[Cons
     ]
 
 
-def unique_recipes(combinations: Iterable[PartTuple]) -> list[Recipe]:
-    """Recipes of parts, the first of those that mean the same; raises PlanError for more than RECIPES_MOST."""
+def unique(combinations: Iterable[PartTuple]) -> list[PartTuple]:
+    """The first of all combinations that mean the same; raises PlanError for more than RECIPES_MOST."""
     known: dict[tuple[str, ...], PartTuple] = {}
     for parts in combinations:
         known.setdefault(tuple(part.digest for part in parts), parts)
     if len(known) > RECIPES_MOST:
         raise PlanError(f"the plans must have at most {RECIPES_MOST:,} recipes together, not {len(known):,}")
-    return list(map(Recipe.of, known.values()))
+    return list(known.values())
 
 
 def distinct_names(plans: Sequence[Mapping[str, Sequence[AxisPart]]]) -> dict[tuple[str, str], str]:

@@ -36,7 +36,7 @@ from .expansion import (
     distinct_parts,
     has_distinct_parts,
     require_few,
-    unique_recipes,
+    unique,
     unmatched,
 )
 from .line_search import Place
@@ -190,7 +190,7 @@ class _ReadPlan(NamedTuple):
 def _united(plans: Sequence[_ReadPlan]) -> Sequence[Recipe]:
     """The recipes of all plans, each once; sources that have one name in different plans have longer names."""
     if len(plans) == 1:
-        return unique_recipes(plans[0].combinations)
+        return list(map(Recipe.of, plans[0].combinations))
     names = distinct_names([own.axes for own in plans])
     renamed: dict[RecipePart, RecipePart] = {}
 
@@ -198,7 +198,8 @@ def _united(plans: Sequence[_ReadPlan]) -> Sequence[Recipe]:
         name = names.get((part.content["source"], part.content["name"]))
         return part if name is None else renamed.setdefault(part, RecipePart(part.content | {"name": name}))
 
-    return unique_recipes(tuple(map(with_name, parts)) for own in plans for parts in own.combinations)
+    combinations = unique(tuple(map(with_name, parts)) for own in plans for parts in own.combinations)
+    return list(map(Recipe.of, combinations))
 
 
 def _read(document: PlanDocument, index: SourceIndex) -> _ReadPlan | None:

@@ -1,17 +1,16 @@
-"""The six axes of a plan: their keys as pydantic models, and the recipe parts that their values make.
+"""The six axes of a plan: their keys, and the recipe parts that their values make.
 
 A key that is left out has one value, its default; a key that does not apply to a source is refused.
 """
 
 import json
 import math
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from itertools import product
-from typing import Annotated, Any, NamedTuple, cast
-
-from pydantic import BaseModel, BeforeValidator, ConfigDict, create_model
+from typing import Any, NamedTuple, cast
 
 from ....datasets.errors import MotionError
 from ....kernels.driving.solve import POINTS_MOST
@@ -37,8 +36,8 @@ from ...playback.placed_arrays import load_rig
 from ...sampling.strategy import SamplingStrategy
 from ...strategies.intersection_strategy import FLUSH_HIGHEST, STEP_HIGHEST, STEP_LOWEST
 from .recipe import RANDOM_AT, RANDOM_SIZE, RecipePart, model_of
-from .sources import PlanSource, alignments, sources_of
-from .values import Check, ChoiceCheck, LabelCheck, NumberCheck, TextCheck, Values, VectorCheck, refuse, swept
+from .sources import PlanSource, SourceIndex, read_alignments, read_sources
+from .values import Check, ChoiceCheck, LabelCheck, NumberCheck, TextCheck, Values, VectorCheck, read_values, refuse
 
 COUNT_MOST = 10**15  # poses of one recipe
 SIZE_SMALLEST = 1e-3  # [m] of an object
@@ -124,9 +123,13 @@ MESH_KEYS = ("solid", "weld", "fill_holes")
 VOLUME_KEYS = ("kind", "level", "label", "inside", "spacing", "unit")
 
 
-Tie = tuple[int, int]
-"""Marks a key whose values go together with those of other keys: the number of their group, which all of them have, and
-the row of the first value that the key's table lists."""
+class Tie(NamedTuple):
+    """Marks a key whose values go together with those of other keys."""
+
+    group: int
+    """Number of a group, which all of its keys have."""
+    row: int
+    """Row of the first value that the key's table lists."""
 
 
 class AxisPart(NamedTuple):
@@ -137,89 +140,85 @@ class AxisPart(NamedTuple):
     """The row of its values in each group of tied keys."""
 
 
-class AxisTable(BaseModel):
-    """One table of an axis: the values of its source, and of each key that was given."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, arbitrary_types_allowed=True)
-    source: Values
-
-    def given(self) -> dict[str, Values]:
-        """Values by key, those of keys that were given."""
-        return {name: value for name in type(self).model_fields if (value := getattr(self, name)) is not None}
-
-    def part_count(self, ties: Mapping[str, Tie]) -> int:
-        """Number of parts that the table stands for; values of a group of tied keys count once."""
-        given = self.given().items()
-        lengths = {ties[key][0] if key in ties else key: len(own.listed if key in ties else own) for key, own in given}
-        return math.prod(lengths.values())
+AxisTable = Mapping[str, Values]
+"""The values of an axis's source and of the keys that one of its tables has, in the order of `KEYS`."""
 
 
-def _model(axis: str) -> type[AxisTable]:
-    """The model of an axis."""
-    fields: dict[str, Any] = {
-        name: (Annotated[Values | None, BeforeValidator(alignments if key.check is None else swept(key.check))], None)
-        for name, key in KEYS[axis].items()
-    }
-    source = Annotated[Values, BeforeValidator(sources_of(axis))]
-    return create_model(f"{axis.capitalize()}Axis", __base__=AxisTable, source=(source, ...), **fields)
-
-
-MODELS: dict[str, type[AxisTable]] = {axis: _model(axis) for axis in KEYS}
-"""By axis; validated with a `SourceIndex` as context."""
+def read_key(axis: str, key: str, value: object, index: SourceIndex) -> Values:
+    """The values that a key of an axis stands for; raises PlanFault."""
+    if key == "source":
+        return read_sources(axis, value, index)
+    check = KEYS[axis][key].check
+    return read_alignments(value, index) if check is None else read_values(value, check)
 
 
 def require_agreement(axis: str, table: AxisTable) -> None:
     """Refuse keys that do not apply to one of the sources."""
-    given = table.given()
-    for source in table.source:
-        for name in given:
-            kinds = KEYS[axis][name].of if name != "source" else ()
+    for source in table["source"]:
+        for key in table:
+            kinds = KEYS[axis][key].of if key != "source" else ()
             if kinds and source.kind not in kinds:
-                others = f"; give it an [[{axis}]] of its own" if len(table.source) > 1 else ""
-                refuse(f"is of {' or '.join(kinds)}, which {source.source} is not{others}", (name,))
+                others = f"; give it an [[{axis}]] of its own" if len(table["source"]) > 1 else ""
+                refuse(f"is of {' or '.join(kinds)}, which {source.source} is not{others}", (key,))
         needed = NEEDED.get((axis, source.kind))
-        if needed and needed not in given:
+        if needed and needed not in table:
             refuse(f"is missing, which {source.source} needs", (needed,))
-    for k, box in enumerate(given.get("bounds", ())):
+    for k, box in enumerate(table.get("bounds", ())):
         if not all(low < high for low, high in zip(box[:3], box[3:], strict=True)):
             refuse(f"must be lowest x, y, z, then highest x, y, z, not {box}", ("bounds", k))
 
 
+class _Column(NamedTuple):
+    """Keys of one table that vary together: a key alone, or those of a group."""
+
+    values: dict[str, Sequence[Any]]
+    """By key, of one length."""
+    tie: Tie | None
+
+    @property
+    def places(self) -> range:
+        """Places of the values."""
+        return range(len(next(iter(self.values.values()))))
+
+
+def _columns(table: AxisTable, ties: Mapping[str, Tie]) -> list[_Column]:
+    """The columns of a table, in the order in which they vary."""
+    columns: dict[str | int, _Column] = {}
+    for key, values in table.items():
+        tie = ties.get(key)
+        column = columns.setdefault(tie.group if tie else key, _Column({}, tie))
+        column.values[key] = values.listed if tie else values.items
+    return list(columns.values())
+
+
+def part_count(table: AxisTable, ties: Mapping[str, Tie]) -> int:
+    """Number of parts that a table stands for."""
+    return math.prod(len(column.places) for column in _columns(table, ties))
+
+
 def parts_of(axis: str, table: AxisTable, ties: Mapping[str, Tie]) -> Iterator[AxisPart]:
     """The parts that a table stands for, the last key fastest; raises PlanFault for values that do not go together."""
-    columns: dict[str | int, dict[str, Sequence[Any]]] = {}  # a key, or the keys of one group, with all values
-    first_rows = dict(ties.values())
-    for key, values in table.given().items():
-        if key in ties:
-            columns.setdefault(ties[key][0], {})[key] = values.listed
-        else:
-            columns[key] = {key: values.items}
-    for places in product(*(range(len(next(iter(column.values())))) for column in columns.values())):
-        values = {
-            key: own[k] for column, k in zip(columns.values(), places, strict=True) for key, own in column.items()
-        }
+    columns = _columns(table, ties)
+    for places in product(*(column.places for column in columns)):
+        cells = list(zip(columns, places, strict=True))
+        values = {key: own[k] for column, k in cells for key, own in column.values.items()}
         try:
             part = RecipePart(CONTENTS[axis](values["source"], values))
         except RenderError as error:
             refuse(str(error))
-        yield AxisPart(
-            part, {name: first_rows[name] + k for name, k in zip(columns, places, strict=True) if name in first_rows}
-        )
+        yield AxisPart(part, {column.tie.group: column.tie.row + k for column, k in cells if column.tie})
 
 
 def with_distinct_names(tables: Sequence[AxisTable]) -> list[AxisTable]:
     """Tables of an axis in which sources of one name are shown with their paths."""
-    paths: dict[str, set[str]] = {}
-    for source in (source for table in tables for source in table.source):
-        paths.setdefault(source.name, set()).add(source.source)
+    paths: dict[str, set[str]] = defaultdict(set)
+    for source in (source for table in tables for source in table["source"]):
+        paths[source.name].add(source.source)
 
     def named(source: PlanSource) -> PlanSource:
         return replace(source, name=source.written) if len(paths[source.name]) > 1 and source.written else source
 
-    def renamed(values: Values) -> Values:
-        return replace(values, listed=tuple(map(named, values.listed)), items=tuple(map(named, values.items)))
-
-    return [table.model_copy(update={"source": renamed(table.source)}) for table in tables]
+    return [{**table, "source": table["source"].mapped(named)} for table in tables]
 
 
 def _object(source: PlanSource, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -341,14 +340,12 @@ def require_playable(sampling: RecipePart, array: RecipePart, *, keeps_drives: b
 
 
 def value_of(axis: str, key: str, content: Mapping[str, Any]) -> Any:
-    """The value that a part of a recipe has for a key of the plan; None where the key does not apply."""
-    described = cast(Mapping[str, Any], content.get("described", {}))
+    """The value that a recipe's part has for a key, the part itself for source; None where the key does not apply."""
+    if key == "source":
+        return content
+    if axis in ("array", "sampling"):
+        described = cast(Mapping[str, Any], content["described"])
+        return (described["drive"] if axis == "array" else described)[key]
     if axis == "object" and key in VOLUME_KEYS:
         return content["volume"].get(key)
-    if axis == "array" and key != "source":
-        return described["drive"][key]
-    if axis == "sampling" and key != "source":
-        return described[key]
-    if axis == "motion" and key == "model":
-        return model_of(content)
-    return content["name"] if key == "source" else content.get(key)
+    return model_of(content) if axis == "motion" and key == "model" else content.get(key)

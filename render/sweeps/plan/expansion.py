@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from ...errors import PlanError
 from ...user_warnings import warn_user
-from .axes import AxisPart, AxisTable
+from .axes import AxisPart, AxisTable, part_count
 from .constraint import Constraint
 from .recipe import RecipePart
 from .tied_keys import Ties
@@ -39,21 +39,18 @@ def require_few(tables: Mapping[str, Sequence[AxisTable]], ties: Ties, *, is_who
 
     is_whole: whether there are no constraints. With constraints or tied keys only the axes are judged.
     """
-    counts = [sum(map(AxisTable.part_count, own, ties[axis])) for axis, own in tables.items()]
+    counts = [sum(map(part_count, own, ties[axis])) for axis, own in tables.items()]
     is_exact = is_whole and not any(tied for own in ties.values() for tied in own)
     if max(counts) > RECIPES_MOST or (is_exact and math.prod(counts) > RECIPES_MOST):
         combinations = f"{math.prod(counts):,} {'recipes' if is_exact else 'combinations of its axes'}"
         refuse(f"a plan must have at most {RECIPES_MOST:,} recipes, not {combinations}: {WAY_OUT}")
 
 
-def has_distinct_parts(tables: Sequence[AxisTable]) -> bool:
-    """Whether no two parts of an axis can be the same: values of a key differ, but two files may have one content."""
-    given = tables[0].given()
-    return len(tables) == 1 and all(len(given[key].listed) == 1 for key in ("source", "alignment") if key in given)
-
-
-def distinct_parts(axis: str, listed: Sequence[AxisPart]) -> list[AxisPart]:
+def distinct_parts(axis: str, tables: Sequence[AxisTable], listed: Sequence[AxisPart]) -> Sequence[AxisPart]:
     """The parts of an axis, each once, or once for each row of tied keys; warns (PalpateWarning) of the others."""
+    files = [values for key, values in tables[0].items() if key in ("source", "alignment")]
+    if len(tables) == 1 and all(len(values.listed) == 1 for values in files):
+        return listed  # values of a key differ; only two files, or two tables, can mean the same
     known: dict[object, AxisPart] = {}
     repeated: list[RecipePart] = []
     for own in listed:
@@ -125,10 +122,8 @@ def _require_few_prefixes(prefixes: Iterable[_Prefix], axis: str) -> Iterator[_P
     """The prefixes; raises PlanFault after RECIPES_MOST of them. axis: their last one."""
     for count, own in enumerate(prefixes, 1):
         if count > RECIPES_MOST:
-            refuse(
-                f"a plan must have at most {RECIPES_MOST:,} recipes, but more combinations are left after the axis {axis}: "
-                f"{WAY_OUT}"
-            )
+            left = f"but more combinations are left after the axis {axis}"
+            refuse(f"a plan must have at most {RECIPES_MOST:,} recipes, {left}: {WAY_OUT}")
         yield own
 
 

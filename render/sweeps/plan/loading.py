@@ -19,10 +19,10 @@ from ...validation import value_text
 from .axes import (
     DEFAULT_SOURCES,
     KEYS,
-    MODELS,
     AxisPart,
     AxisTable,
     parts_of,
+    read_key,
     require_agreement,
     require_playable,
     with_distinct_names,
@@ -34,17 +34,17 @@ from .expansion import (
     combine,
     distinct_names,
     distinct_parts,
-    has_distinct_parts,
     require_few,
     unique,
     unmatched,
 )
 from .line_search import Place
-from .overrides import TABLES
+from .overrides import TABLES, unknown_key
 from .recipe import GROUPS, Recipe, RecipePart, groups_of, is_user_metric
 from .sources import SourceIndex
-from .tied_keys import SampleTable, Ties, drawn_numbers, drawn_places, placed_tables, ties_of, valid_number
+from .tied_keys import DrawnRange, SampleTable, Ties, drawn_ranges, placed_tables, ties_of
 from .user_metric import require_distinct_names
+from .values import Values
 
 
 @dataclass(frozen=True)
@@ -233,32 +233,30 @@ def _read(document: PlanDocument, index: SourceIndex) -> _ReadPlan | None:
     return _ReadPlan(table, axes, combinations)
 
 
-def _draw(document: PlanDocument) -> list[Place]:
-    """Put drawn numbers in place of the ranges of `[sample]`; returns their places."""
+def _draw(document: PlanDocument) -> list[DrawnRange]:
+    """Put drawn numbers in place of the ranges of `[sample]`; returns these ranges."""
     given = document.tables.get("sample")
     if given is None:
         return []
-    places = drawn_places(document.tables)
+    ranges = drawn_ranges(document.tables)
     sample = document.validated(SampleTable, given, ("sample",))
-    points = np.zeros((0, len(places)))
-    if not places:
+    points = np.zeros((0, len(ranges)))
+    if not ranges:
         document.fault(("sample",), "needs a range of from and to, without count or step, to draw numbers from")
     elif sample is not None:
         with document.noting("sample"):
-            points = sample.points(len(places))
-    for shares, place in zip(points.T, places, strict=True):
-        table = document.tables[place[0]]
-        table = table[place[1]] if len(place) == 3 else table
-        key = str(place[-1])
-        value, table[key] = table[key], [valid_number(place)]  # so that a fault here causes no other
-        with document.noting():
-            table[key] = drawn_numbers(place, value, shares.tolist()) or table[key]
-    return places
+            points = sample.points(len(ranges))
+    for shares, own in zip(points.T, ranges, strict=True):
+        numbers: list[float] = []
+        with document.noting(*own.place):
+            numbers = own.numbers(shares.tolist())
+        own.table[str(own.place[-1])] = numbers or [own.check.low]  # so that a fault here causes no other
+    return ranges
 
 
 def _expanded_axes(
     document: PlanDocument, tables: Mapping[str, Sequence[AxisTable]], ties: Ties, *, is_whole: bool
-) -> dict[str, list[AxisPart]]:
+) -> dict[str, Sequence[AxisPart]]:
     """The parts of each axis of valid tables; faults are noted. Warns (PalpateWarning) of values listed twice.
 
     is_whole: whether there are no constraints. Raises PlanFault for too many recipes.
@@ -271,12 +269,12 @@ def _expanded_axes(
             with document.noting(*place):
                 require_agreement(axis, table)
                 out[axis] += parts_of(axis, table, tied)
-            for key, values in table.given().items():
+            for key, values in table.items():
                 for k in values.repeated if key not in tied else ():
                     document.warn((*place, key, k), "is listed before, and taken once")
     if document.faults:
         return {}
-    return {axis: own if has_distinct_parts(tables[axis]) else distinct_parts(axis, own) for axis, own in out.items()}
+    return {axis: distinct_parts(axis, tables[axis], own) for axis, own in out.items()}
 
 
 def _require_playable(document: PlanDocument, pairs: Iterable[PartTuple], key: str, fault: str) -> None:
@@ -299,16 +297,28 @@ def _require_playable(document: PlanDocument, pairs: Iterable[PartTuple], key: s
 
 
 def _axis_tables(document: PlanDocument, axis: str, index: SourceIndex) -> list[AxisTable]:
-    """The tables of one axis; invalid ones are left out, and their faults noted."""
+    """The tables of one axis; faults are noted."""
     given = document.tables.get(axis)
     if given == []:
         document.fault((axis,), "must have at least one table, not []")
-    out: list[AxisTable] = []
-    for place, table in placed_tables(axis, given):
-        if isinstance(table, dict) and axis in DEFAULT_SOURCES:
-            table = {"source": DEFAULT_SOURCES[axis], **table}
-        model = document.validated(MODELS[axis], table, place, index)
-        out += [] if model is None else [model]
+    return [_axis_table(document, axis, place, table, index) for place, table in placed_tables(axis, given)]
+
+
+def _axis_table(document: PlanDocument, axis: str, place: Place, table: object, index: SourceIndex) -> AxisTable:
+    """The valid keys of one table of an axis; faults of the others are noted."""
+    if not isinstance(table, dict):
+        document.fault(place, f"must be a table, not {value_text(table)}")
+        return {}
+    known = ("source", *KEYS[axis])
+    for key in table.keys() - known:
+        document.fault((*place, key), unknown_key(key, known))
+    given = {"source": DEFAULT_SOURCES[axis], **table} if axis in DEFAULT_SOURCES else table
+    if "source" not in given:
+        document.fault((*place, "source"), "is missing")
+    out: dict[str, Values] = {}
+    for key in known:
+        with document.noting(*place, key):
+            out |= {key: read_key(axis, key, given[key], index)} if key in given else {}
     return out
 
 

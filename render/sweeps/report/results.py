@@ -21,7 +21,7 @@ from ....datasets.sweeps.pose_files import POSES, write_pose_files
 from ....datasets.sweeps.store import SweepStore, is_read_only
 from ...errors import RenderError, SweepError
 from ...terminal import console
-from ..plan.code_version import code_version, modules_digest
+from ..plan.code_version import code_version, files_digest
 
 if TYPE_CHECKING:
     from ..plan.loading import Plan
@@ -32,7 +32,7 @@ LENGTHS = ("length", *(f"length_{kind}" for kind in ("object", "hand", "made", "
 REMOVED = tuple(map(removed_name, PRUNED_NAMES))
 FREQUENCIES = ("draw_frequency_nominal", "draw_frequency_actual")
 POSE_UNITS = dict.fromkeys((*LENGTHS, *REMOVED), "m") | dict.fromkeys(FREQUENCIES, "Hz") | {"area": "m2"}
-WRITING = ("render/sweeps/report/results.py",)  # and what it imports: code that decides tables and pictures
+WRITING = ("render/sweeps/report/*.py", "datasets/sweeps/*.py")  # code that decides tables and pictures
 NAMED_MOST = 3  # recipes without contact that a warning names
 LOCK_SECONDS = 60.0  # for another parent that writes the same store's table
 
@@ -47,7 +47,7 @@ class Results:
         with SweepStore(folder, code_version()) as store:
             self._made_by = store.code
             """Other code versions whose results count."""
-        self._stamp = {"plan": plan.described()["digest"], "maker": self._made_by, "code": modules_digest(WRITING)}
+        self._stamp = {"plan": plan.described()["digest"], "maker": self._made_by, "code": files_digest(WRITING)}
         self._attributes = {"plan": plan.described(), "name": plan.name, "maker": self._made_by}
         self._is_fresh = is_complete and not has_news and _stamped(folder) == self._stamp | self._sizes()
         self._is_fresh = self._is_fresh and _is_whole(folder / TABLE)

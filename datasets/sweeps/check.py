@@ -1,4 +1,4 @@
-"""Whether a sweep's store, or a table of one, is whole: all is read and proven by its digests; nothing is changed."""
+"""Whether a sweep's store is whole: all is read and proven by its digests; nothing is changed."""
 
 from __future__ import annotations
 
@@ -11,10 +11,8 @@ from ..errors import SweepStoreError
 from ..focus_files.frame_reader import check_frames, frame_format
 from .manifest import NAME, Manifest
 from .parts import manifest_problems
-from .pose_files import POSES, pose_file_problems
 from .record import COLUMNS, KEPT, SHARD_SUFFIX, SHARDS
 from .shard import read_shard, require_named
-from .table import PARQUET, has_digest, is_table, load_table
 
 
 @dataclass(frozen=True)
@@ -28,27 +26,20 @@ class StoreCheck:
 
 
 def is_sweep_data(path: str | Path) -> bool:
-    """Whether a path is a folder with a sweep's manifest, or a table."""
-    path = Path(path)
-    return (path / NAME).exists() or is_table(path)
+    """Whether a path is a folder with a sweep's manifest."""
+    return (Path(path) / NAME).exists()
 
 
 def check_store(path: str | Path) -> StoreCheck:
-    """Check a store (manifest, columns, shards, tables, kept files), or a table; nothing is raised for damage.
+    """Check a store (manifest, columns, shards, kept files); nothing is raised for damage.
 
     No sweep should write into the store meanwhile: what it removes would be missed.
     """
     path = Path(path)
     found = StoreCheck()
-    if not path.is_dir():
-        _check_table(path, found)
-        return found
     found.problems.extend(_manifest_sentences(path, found))
     for own in sorted((path / SHARDS).glob(f"*{SHARD_SUFFIX}")):
         found.problems.extend(_damage(read_shard, own))
-    for own in sorted(path.glob(f"*{SHARD_SUFFIX}")):
-        _check_table(own, found)
-    found.problems.extend(pose_file_problems(path / POSES))
     for folder in KEPT:
         for own in sorted((path / folder).glob(f"*{SHARD_SUFFIX}")):
             found.problems.extend(check_file(own) if frame_format(own) is None else check_frames(own))
@@ -73,18 +64,6 @@ def _manifest_sentences(folder: Path, found: StoreCheck) -> Iterator[str]:
         yield str(error)
     finally:
         manifest.close()
-
-
-def _check_table(path: Path, found: StoreCheck) -> None:
-    """Prove a table, or read all of one that carries no digest."""
-    try:
-        is_proven = has_digest(path)
-        if path.suffix == PARQUET or not is_proven:
-            load_table(path)
-        if not is_proven:
-            found.unproven.append(f"{path} carries no digest: it was written by a palpate that had none")
-    except SweepStoreError as error:
-        found.problems.append(str(error))
 
 
 def _damage(prove: Callable[[Path], object], path: Path) -> list[str]:

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from .claims import LEASE, PARENTS, is_dead_process
 from .manifest import NAME, Manifest
-from .pose_files import POSES
 from .record import COLUMNS, KEPT, SHARD_SUFFIX, SHARDS
 from .store import SweepStore
+from .table import POSES
 
 
 @dataclass(frozen=True)

@@ -1,18 +1,15 @@
-"""Damages a sweep's store and its tables, and counts what reading them gives: right, an error, or something wrong."""
+"""Damages a sweep's store, and counts what reading it gives: right, an error, or something wrong."""
 
 import shutil
 from collections import Counter
 from pathlib import Path
 
 import numpy as np
-from old_pose_table import write_old_table
 from sweep_store_rows import MAKER, places_of, write_rows
 
 from palpate.datasets.errors import DatasetError
-from palpate.datasets.sweeps.pose_files import write_pose_files
 from palpate.datasets.sweeps.shard import read_shard
 from palpate.datasets.sweeps.store import SweepStore
-from palpate.datasets.sweeps.table import column_units, load_table, table_attributes, write_parquet, write_table
 
 BLOCKS = (16, 64, 512, 4096)
 RECIPE_SHARDS, LEFT_SHARDS = 18, 2
@@ -79,7 +76,7 @@ def _copy(content, chance):
 
 
 def make_store(folder):
-    """A store of 54 parts, 18 of them with columns, two shards that nobody recorded yet, a failure, and tables."""
+    """A store of 54 parts, 18 of them with columns, two shards that nobody recorded yet, and a failure."""
     with SweepStore(folder, maker=MAKER) as store:
         for number in range(RECIPE_SHARDS + LEFT_SHARDS):
             name = f"shards/1-{number}.h5"
@@ -87,20 +84,6 @@ def make_store(folder):
             if number < RECIPE_SHARDS:
                 store.record(name)
         store.record_failure("0123abcd", "object: it is open")
-    count = 300
-    columns = {
-        "object": ["tube", "dög", "", "cube"] * (count // 4),
-        "seed": np.arange(count),
-        "length": np.arange(count) / 7,
-        "complete": np.arange(count) % 3 > 0,
-        "flat": np.zeros(count),
-    }
-    attributes = {"maker": MAKER, "plan": {"axes": ["object", "seed"]}, "name": "small"}
-    write_table(folder / "table.h5", columns, attributes, units={"length": "m"})
-    write_parquet(folder / "table.parquet", columns, attributes, units={"length": "m"})
-    numbers = {name: values for name, values in columns.items() if name != "object"}
-    write_old_table(folder / "poses.h5", numbers, {"maker": MAKER}, {"length": "m"})
-    write_pose_files(folder / "poses", [numbers] * 3, attributes, units={"length": "m"})
 
 
 def keys_of(folder):
@@ -127,9 +110,7 @@ def read_path(path, keys):
     if path.parent.name == "shards":
         shard = read_shard(path)
         return shard.maker, shard.rows, shard.columns
-    if path.name == "store.sqlite" or path.parent.name == "columns":
-        return read_store(path.parent if path.name == "store.sqlite" else path.parent.parent, keys)
-    return table_attributes(path), column_units(path), load_table(path)
+    return read_store(path.parent if path.name == "store.sqlite" else path.parent.parent, keys)
 
 
 def alike(a, b):
@@ -163,11 +144,8 @@ def _difference(a, b):
 
 def files_of(folder):
     """The files of a store that are read, each with its kind."""
-    names = ["store.sqlite", "table.h5", "poses.h5", "table.parquet"]
-    found = [(name, folder / name) for name in names if (folder / name).exists()]
-    return found + [
-        (sub, path) for sub in ("columns", "shards", "poses") for path in sorted((folder / sub).glob("*.*"))
-    ]
+    files = [(sub, path) for sub in ("columns", "shards") for path in sorted((folder / sub).glob("*.*"))]
+    return [("store.sqlite", folder / "store.sqlite"), *files]
 
 
 class Damages:

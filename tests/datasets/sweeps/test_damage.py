@@ -1,7 +1,6 @@
-"""Damage to a sweep's store and tables: what is read is right to the bit, or an error; a sweep makes it again."""
+"""Damage to a sweep's store: what is read is right to the bit, or an error; a sweep makes it again."""
 
 import hashlib
-import os
 import shutil
 import sqlite3
 import struct
@@ -9,9 +8,7 @@ from contextlib import closing
 
 import h5py
 import numpy as np
-import pyarrow
 import pytest
-from pyarrow import parquet
 from sweep_damage import RECIPE_SHARDS, Damages, damaged, make_store, read_path
 from sweep_store_rows import MAKER, payload, places_of, pose_columns, write_rows
 
@@ -19,14 +16,6 @@ from palpate.datasets.errors import SweepStoreError
 from palpate.datasets.sweeps.check import check_store
 from palpate.datasets.sweeps.shard import read_shard
 from palpate.datasets.sweeps.store import SweepStore
-from palpate.datasets.sweeps.table import (
-    column_units,
-    has_digest,
-    load_table,
-    table_attributes,
-    write_parquet,
-    write_table,
-)
 
 TRAILER_BYTES = 56
 PLACES = [place for number in range(RECIPE_SHARDS) for place in places_of(1, number)]
@@ -236,14 +225,13 @@ def test_a_manifest_with_other_tables_views_or_triggers_is_refused_by_their_name
 
 def test_digests_are_what_the_document_says(folder):
     """Computed here from the document, not by palpate."""
-    for path in [folder / "table.h5", folder / "poses.h5", *(folder / "columns").iterdir()]:
+    for path in (folder / "columns").iterdir():
         content = path.read_bytes()
         mark, size, digest = struct.unpack("<16sQ32s", content[-TRAILER_BYTES:])
-        assert mark.rstrip(b"\0") in (b"palpate table 1\n", b"palpate shard 1\n")
+        assert mark.rstrip(b"\0") == b"palpate shard 1\n"
         assert size == len(content) - TRAILER_BYTES
         assert digest == hashlib.blake2b(content[:-TRAILER_BYTES], digest_size=32).digest()
-        if path.parent.name == "columns":
-            assert path.stem == digest.hex()
+        assert path.stem == digest.hex()
     with closing(sqlite3.connect(folder / "store.sqlite")) as connection:
         query = (
             "SELECT maker, \"group\", key, part, coalesce(substr(file, 9), ''), coalesce(\"row\", ''), payload "
@@ -254,79 +242,6 @@ def test_digests_are_what_the_document_says(folder):
     assert len(rows) == len(PLACES)
     texts = ["\n".join(map(str, row)).encode() for row in rows]
     assert [(hashlib.blake2b(text, digest_size=16).digest(),) for text in texts] == digests
-
-
-TABLE = {"name": ["tube", "dög"], "length": [0.1, 0.2], "seed": [1, 2]}
-
-
-def test_tables_that_carry_no_digest_are_read(tmp_path):
-    path = tmp_path / "old.h5"
-    write_table(path, TABLE, {"maker": "m"}, units={"length": "m"})
-    with h5py.File(path, "r+") as file:  # which cuts what is behind the file
-        del file.attrs["digest"]
-    assert not has_digest(path)
-    assert load_table(path)["length"].tolist() == [0.1, 0.2]
-    assert column_units(path) == {"length": "m"}
-    assert check_store(path).unproven
-
-
-def test_a_table_whose_digest_was_cut_off_is_refused(tmp_path):
-    path = tmp_path / "t.h5"
-    write_table(path, {"length": [0.1, 0.2]}, {})
-    os.truncate(path, path.stat().st_size - TRAILER_BYTES)
-    for read in (load_table, table_attributes, column_units):
-        with pytest.raises(SweepStoreError, match="was written with a digest behind it, which is gone"):
-            read(path)
-    assert load_table(path, verify=False)["length"].tolist() == [0.1, 0.2]
-
-
-def test_a_value_of_parquet_that_changed_is_found(tmp_path):
-    path = tmp_path / "t.parquet"
-    lengths = np.random.default_rng(0).random(400)  # which no compression makes shorter
-    write_parquet(path, {"length": lengths}, {"name": "n"})
-    content = path.read_bytes()
-    value = struct.pack("<d", lengths[99])
-    assert content.count(value) == 1
-    path.write_bytes(content.replace(value, struct.pack("<d", 101.5)))
-    with pytest.raises(SweepStoreError, match="the digest of its columns does not match"):
-        load_table(path)
-    assert load_table(path, verify=False)["length"][99] == 101.5
-
-
-def test_metadata_of_parquet_that_changed_are_found(tmp_path):
-    path = tmp_path / "t.parquet"
-    write_parquet(path, TABLE, {"maker": "m"}, units={"length": "m"})
-    table = parquet.read_table(path)
-    own = table.schema.metadata
-    other = {**own, b"palpate": own[b"palpate"].replace(b'"maker": "m"', b'"maker": "n"')}
-    shorter = {key: value for key, value in own.items() if key != b"palpate.digest"}
-    without_units = table.rename_columns(table.column_names).cast(
-        pyarrow.schema([field.remove_metadata() for field in table.schema], metadata=own)
-    )
-    for changed in (table.replace_schema_metadata(other), table.replace_schema_metadata(shorter), without_units):
-        parquet.write_table(changed, path)
-        with pytest.raises(SweepStoreError, match="the digest of its metadata does not match"):
-            table_attributes(path)
-    parquet.write_table(table.select(["name", "seed"]), path)
-    with pytest.raises(SweepStoreError, match="is damaged: the digest of its"):
-        load_table(path)
-
-
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        (pyarrow.array([[1], [2]]), "column name is of list<.*>, expected bool, numbers or text"),
-        (pyarrow.array([b"a", b"b"]), "column name is of binary, expected bool, numbers or text"),
-        (pyarrow.array(["a", None]), "the digest of its columns does not match"),
-    ],
-)
-def test_a_column_of_parquet_that_palpate_never_writes_is_refused(tmp_path, values, message):
-    path = tmp_path / "t.parquet"
-    write_parquet(path, {"name": np.array(["a", "b"], object)}, {})
-    own = parquet.read_schema(path).metadata
-    parquet.write_table(pyarrow.table({"name": values}).replace_schema_metadata(own), path)
-    with pytest.raises(SweepStoreError, match=message):
-        load_table(path)
 
 
 def sealed(path):
@@ -378,27 +293,9 @@ def test_a_shard_of_other_ranks_and_types_is_refused_by_path(tmp_path, content, 
         read_shard(path)
 
 
-@pytest.mark.parametrize(
-    ("name", "values", "reason"),
-    [
-        ("a", np.zeros((2, 2)), r"/a has shape \[2, 2\], expected one dimension"),
-        ("a", np.float64(1.0), r"/a has shape \[\], expected one dimension"),
-        ("a", np.zeros(3, np.dtype([("x", "f4")])), "/a is of an HDF5 compound of 4 bytes, expected"),
-        ("a/b", np.zeros(3), "/a is missing or not a dataset"),
-    ],
-)
-def test_a_table_of_other_ranks_and_types_is_refused_by_path(tmp_path, name, values, reason):
-    path = tmp_path / "t.h5"
-    with h5py.File(path, "w") as file:
-        file.attrs.update({"format": "palpate table", "version": 1})
-        file[name] = values
-    with pytest.raises(SweepStoreError, match=reason):
-        load_table(path)
-
-
 def test_check_names_every_damaged_file_of_a_store(folder):
     assert check_store(folder).problems == check_store(folder).unproven == []
-    victims = [next((folder / "columns").iterdir()), next((folder / "shards").iterdir()), folder / "table.h5"]
+    victims = [next((folder / "columns").iterdir()), next((folder / "shards").iterdir())]
     for path in victims:
         content = bytearray(path.read_bytes())
         content[len(content) // 2] ^= 1

@@ -75,7 +75,7 @@ def test_the_table_is_read_as_the_document_reads_it(folder):
     assert said["data"].sizes == {"row": 6}
     said["data"].close()
     files = set(re.findall(r"`([a-z0-9.]+)`", SWEEP.read_text().split("| `study.sweep/` | is |")[1].split("![")[0]))
-    assert {"table.h5", "summary.png", "store.sqlite", "log.jsonl"} <= files & {
+    assert {"table.csv", "summary.png", "store.sqlite", "log.jsonl"} <= files & {
         p.name for p in Path("study.sweep").iterdir()
     }
 

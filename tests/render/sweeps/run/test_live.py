@@ -34,7 +34,7 @@ def finished(process):
 
 def rows(table):
     """Of a table, without times."""
-    columns = load_table(table, constants=True)
+    columns = load_table(table)
     names = [name for name in columns if not name.startswith("seconds")]
     values = zip(*([repr(value) for value in columns[name].tolist()] for name in names), strict=True)
     return sorted(dict(zip(names, row, strict=True)).items().__repr__() for row in values)

@@ -85,6 +85,12 @@ def load_table(path: str | Path) -> Columns:
 
     Raises:
         SweepStoreError: It is missing, damaged or larger than the budget, ends otherwise, or PyArrow is missing.
+
+    >>> from palpate.datasets import load_table, write_table
+    >>> write_table("own.parquet", {"length": [0.34, 0.26]}, units={"length": "m"}) < 1000  # bytes
+    True
+    >>> load_table("own.parquet")
+    {'length': array([0.34, 0.26])}
     """
     path = Path(path)
     _require_suffix(path)

@@ -17,7 +17,7 @@ from ...datasets.storage.durable import discard_tree
 from ..errors import KernelCacheError
 
 ROOM_LEAST = 64 * 2**20  # [byte] on the cache's disk: all of palpate's kernels take 40 MB
-_BUILD_SECONDS = 600.0  # one module is compiled in less, so an older folder is of no process on another machine
+BUILD_SECONDS = 600.0  # one module is compiled in less, so an older folder is of no process on another machine
 REMEDY = "set WARP_CACHE_PATH to a folder that only you can write, such as one in your home folder"
 
 
@@ -90,7 +90,7 @@ def remove_abandoned_builds() -> None:
         with contextlib.suppress(OSError):  # another process has removed it
             process = int(folder.name.rpartition("_p")[2].partition("_t")[0])
             age = time.time() - folder.stat().st_mtime
-            if age >= _BUILD_SECONDS and not Path("/proc", str(process)).exists():
+            if age >= BUILD_SECONDS and not Path("/proc", str(process)).exists():
                 discard_tree(folder)
 
 

@@ -136,7 +136,7 @@ def _digests(folder: Path, output_name: str) -> str:
 
 
 def _seal(folder: Path, output_name: str) -> None:
-    """Have a module on the disk and then say so; one that cannot be sealed is proven by loading it."""
+    """Write a module's seal once the module is on the disk; errors are ignored, as the next process judges it anew."""
     with suppress(OSError):
         text = _digests(folder, output_name)
         sync(folder / output_name)

@@ -1,4 +1,4 @@
-"""Which Warp devices workers use, from the command line's words; Warp is imported only where a GPU may be meant."""
+"""Warp devices of workers, by the command line's words; Warp is imported only where a GPU may be meant."""
 
 from __future__ import annotations
 

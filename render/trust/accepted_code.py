@@ -26,17 +26,17 @@ class Accepted:
 
     digest: str
     name: str
-    """As the data have it."""
+    """Name of the code in the data."""
     named_by: str
-    """The file that names it; empty: none."""
+    """Path of the file that names it; empty: the user named it."""
     files: tuple[str, ...]
-    """Where its files were."""
+    """Paths of its files."""
     when: str
     """Date and time, UTC."""
 
 
 def store_folder() -> Path:
-    """Where the store is, or will be; a relative `XDG_CONFIG_HOME` is ignored, as its specification asks.
+    """The store's folder, which may not exist yet; a relative `XDG_CONFIG_HOME` is ignored, as its specification asks.
 
     Raises TrustStoreError where there is no home folder either.
     """

@@ -1,13 +1,13 @@
-"""Code that data name: found without running any of it, then run from the very bytes that were judged.
+"""Code that data name is found without running any of it, and then run from the very bytes that were judged.
 
-| name | is looked for | runs as |
+| name | place where it is looked for | runs as |
 |---|---|---|
 | a module of a strategy | as `NAME.py` beside the JSON file | a module of a private name |
 | one that is not there, or has dots | on Python's path | the module |
-| `file.py` of a function | where the path says | a module of a private name |
+| `file.py` of a function | at that path | a module of a private name |
 
 No folder of data enters `sys.path`, so a file beside another is not found by `import`: code in several files is a
-package on Python's path. Python's cache of compiled files is used for the latter only.
+package on Python's path. Only for such packages is Python's cache of compiled files used.
 """
 
 import hashlib
@@ -36,7 +36,7 @@ _LOCK = RLock()  # a module may load a strategy while it is imported
 
 @dataclass(frozen=True)
 class CodeSource:
-    """Where code is, and how it is run."""
+    """Code that was found, and what is needed to run it."""
 
     code: Code
     module: str
@@ -44,7 +44,7 @@ class CodeSource:
     path: Path | None = None
     """File that is run under a private name; None: imported from Python's path."""
     content: bytes = field(default=b"", repr=False)
-    """Of that file."""
+    """Bytes of that file."""
 
 
 def find_module(name: str, folder: Path | None, namer: Namer) -> CodeSource:
@@ -130,7 +130,7 @@ def _read_installed(path: Path, loader: Any) -> bytes | None:
 
 
 def _origin(spec: ModuleSpec) -> tuple[str | None, Any]:
-    """Where a module's bytes are, and what reads them; None for what is in Python itself, and for a mere folder."""
+    """Path of a module's bytes, or None for a module of Python itself and for a folder; and its loader."""
     is_pythons = spec.loader in (BuiltinImporter, FrozenImporter)
     is_folder = spec.loader is None or isinstance(spec.loader, NamespaceLoader)
     return None if is_pythons or is_folder else spec.origin or "no file", spec.loader

@@ -19,7 +19,7 @@ from typing import Any, NoReturn
 from ...datasets.counted import counted
 from ...datasets.errors import DatasetError, NotStoreError, RecordingWarning
 from ...datasets.storage.durable import discard_unfinished
-from ...device.errors import DeviceError, PlayInterrupted, UnknownArrayError, UpdateRateError
+from ...device.errors import DeviceError, UnknownArrayError, UpdateRateError
 from ...device.report import PlayReport
 from ..errors import (
     PalpateWarning,
@@ -204,9 +204,9 @@ def since_start() -> float:
 def _end_at_once(as_json: bool) -> int:
     """Report that a command was interrupted, remove what it has half written, and return its exit code."""
     try:
-        with contextlib.suppress(OutputError):
-            errors.show_cursor()
-            return fail("interrupted", FAILED, as_json)
+        errors.show_cursor()
+        return fail("interrupted", FAILED, as_json)
+    except OutputError:
         return FAILED
     finally:
         discard_unfinished()
@@ -269,10 +269,8 @@ def _run(command: Callable[[], object], *, as_json: bool) -> int:
             is_missing = isinstance(error.__cause__, FileNotFoundError | NotADirectoryError)
             misused = isinstance(error, MISUSES) or getattr(error, "names_nothing", False) or is_missing
             return fail(str(error), MISUSED if misused else FAILED, as_json, _report_of(error), lines=faults)
-        except PlayInterrupted as error:
-            return fail(str(error), FAILED, as_json, _report_of(error))
-        except KeyboardInterrupt:
-            return fail("interrupted", FAILED, as_json)
+        except KeyboardInterrupt as error:  # PlayInterrupted is one, with a message and a report
+            return fail(str(error) or "interrupted", FAILED, as_json, _report_of(error))
         except Exception as error:  # a bug in palpate: one sentence too, with the way to a traceback
             if os.environ.get("PALPATE_TRACEBACK"):
                 raise
@@ -315,10 +313,9 @@ def off_state(report: PlayReport) -> str:
 
 def late_warning(report: PlayReport) -> str:
     """Sentence on how often an array ran out of frames or was silent, and how late frames were, with the source."""
-    board = "the board's own count is not known"
+    board, silent = "the board's own count is not known", ""
     if report.board_underruns is not None and report.board_starved is not None:
         board = f"by the board's own count {report.board_underruns} times, for {report.board_starved:.4g} s"
-    silent = ""
     if report.silenced:
         silent = f"was silent for {report.silenced:.4g} s, since its board had to begin anew after a pause, "
     return (

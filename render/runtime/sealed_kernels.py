@@ -67,7 +67,7 @@ def guard_kernels() -> None:
         self: Any, device: Any = None, output_dir: Any = None, output_name: Any = None, *rest: Any, **options: Any
     ) -> bool:
         with abandonable():
-            # Warp's `load` alone gives a name: else the caller compiles ahead of time, into a folder of its own.
+            # Only Warp's `load` names the output; what compiles ahead of time writes into a folder of its own.
             if output_name is not None and is_in_cache(output_dir) and not _is_sealed(Path(output_dir), output_name):
                 unproven.lock = unproven.lock or _lock(Path(output_dir))
                 if not _is_sealed(Path(output_dir), output_name):  # by the process that held the lock before

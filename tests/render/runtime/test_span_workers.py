@@ -276,18 +276,6 @@ def test_a_gpu_holds_at_most_twice_the_results_and_the_budget(device, poses, tmp
 
 
 @pytest.mark.exhaustive
-def test_a_file_of_several_workers_is_that_of_one(tmp_path, device, poses):
-    motion = HandMotion(None, poses)
-    for name, devices in (("one.h5", [device]), ("three.h5", [device] * 3)):
-        record(tmp_path / name, TUBE, PALM, motion, closed_contour(), devices=devices, memory=2**23)
-    with ContourFile(tmp_path / "one.h5") as one, ContourFile(tmp_path / "three.h5") as three:
-        assert one.attributes["device"] == three.attributes["device"] == device
-        for left, right in ((one.contours(), three.contours()), (one.metrics(), three.metrics())):
-            for name in left:
-                np.testing.assert_array_equal(left[name], right[name], err_msg=name)
-
-
-@pytest.mark.exhaustive
 def test_recording_that_fails_keeps_what_was_done_and_leaves_no_thread(tmp_path, poses, monkeypatch):
     motion, path = HandMotion(None, poses), tmp_path / "out.h5"
     real, calls = Scene.contours, []

@@ -13,12 +13,14 @@ import tempfile
 import time
 from pathlib import Path
 
-from ...datasets.storage.durable import discard_tree
+from ...datasets.storage.durable import FolderLock, discard_tree
 from ..errors import KernelCacheError
 
 ROOM_LEAST = 64 * 2**20  # [byte] on the cache's disk: all of palpate's kernels take 40 MB
 BUILD_SECONDS = 600.0  # longest time to compile one module: no process, of another machine either, uses an older folder
 REMEDY = "set WARP_CACHE_PATH to a folder that only you can write, such as one in your home folder"
+_POLL_SECONDS = 0.05  # between two looks at whether another process has compiled a module
+_LOCKS: list[FolderLock] = []  # of modules that this process compiles
 _TEMPORARY: list[Path] = []  # the temporary folder for kernels, if there is one
 
 
@@ -83,6 +85,25 @@ def kernels_lost() -> str | None:
     return f"kernels were compiled for this run only ({count} files), since their cache cannot be written: {REMEDY}"
 
 
+def lock_module(folder: Path) -> FolderLock | None:
+    """Lock a module's folder once no other process has it, or BUILD_SECONDS later; None without a lock."""
+    deadline = time.monotonic() + BUILD_SECONDS
+    with contextlib.suppress(OSError):  # a cache that cannot be written, or a file system without locks
+        while time.monotonic() < deadline:
+            with contextlib.suppress(BlockingIOError):
+                _LOCKS.append(lock := FolderLock(folder.parent, f"{folder.name}.lock"))
+                return lock
+            time.sleep(_POLL_SECONDS)
+    return None
+
+
+def unlock_module(lock: FolderLock) -> None:
+    """Let other processes have a module, and remove the lock's file."""
+    _LOCKS.remove(lock)
+    lock.remove()
+    lock.release()
+
+
 def remove_abandoned_builds() -> None:
     """Remove the folders that killed processes compiled in, from Warp's cache."""
     for folder in _builds(r"\d+"):
@@ -101,6 +122,8 @@ def remove_own_builds() -> None:
     headers.clear()  # a process that goes on, as one of tests does, makes new ones
     for folder in (*_builds(str(os.getpid())), *folders, *(folder.parent for folder in _TEMPORARY)):
         discard_tree(folder)
+    for lock in _LOCKS:
+        lock.remove()  # the lock itself ends with the process
 
 
 def _builds(process: str) -> list[Path]:

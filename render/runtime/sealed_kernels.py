@@ -20,12 +20,10 @@ from ...datasets.storage.durable import FolderLock, discard_tree, sync, write_fi
 from ..errors import KernelCacheError
 from ..user_warnings import warn_user
 from .interrupt import abandonable
-from .kernel_cache import BUILD_SECONDS, REMEDY, is_in_cache
+from .kernel_cache import REMEDY, is_in_cache, lock_module, unlock_module
 
 SEAL_SUFFIX = ".sha256"
 """Of the file beside an object that holds the digests of object and metadata as `sha256sum --check` reads them."""
-
-_POLL_SECONDS = 0.05  # between two looks at whether another process has compiled a module
 
 
 class _Unproven(threading.local):
@@ -41,8 +39,7 @@ class _Unproven(threading.local):
     def end(self) -> None:
         """Let other processes load the module."""
         if self.lock is not None:
-            self.lock.remove()
-            self.lock.release()
+            unlock_module(self.lock)
         self.folder = self.lock = None
 
 
@@ -69,7 +66,7 @@ def guard_kernels() -> None:
         with abandonable():
             # Only Warp's `load` names the output; what compiles ahead of time writes into a folder of its own.
             if output_name is not None and is_in_cache(output_dir) and not _is_sealed(Path(output_dir), output_name):
-                unproven.lock = unproven.lock or _lock(Path(output_dir))
+                unproven.lock = unproven.lock or lock_module(Path(output_dir))
                 if not _is_sealed(Path(output_dir), output_name):  # by the process that held the lock before
                     unproven.folder, unproven.output_name = Path(output_dir), output_name
                     _remove_unproven(Path(output_dir), output_name)
@@ -98,17 +95,6 @@ def guard_kernels() -> None:
         return loaded
 
     wp.Module._compile, wp.Module.load = compile_guarded, load_guarded
-
-
-def _lock(folder: Path) -> FolderLock | None:
-    """Lock of a module's folder, once no other process has it, but not later than the longest compiling takes."""
-    deadline = time.monotonic() + BUILD_SECONDS
-    with suppress(OSError):  # a cache that cannot be written, a file system without locks: each process compiles
-        while time.monotonic() < deadline:
-            with suppress(BlockingIOError):
-                return FolderLock(folder.parent, f"{folder.name}.lock")
-            time.sleep(_POLL_SECONDS)
-    return None
 
 
 def _is_sealed(folder: Path, output_name: str) -> bool:

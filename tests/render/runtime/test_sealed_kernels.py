@@ -20,7 +20,7 @@ import warp as wp
 
 from palpate.datasets.storage.durable import FolderLock
 from palpate.render.errors import KernelCacheError, PalpateWarning
-from palpate.render.runtime import sealed_kernels
+from palpate.render.runtime import kernel_cache
 from palpate.render.runtime.sealed_kernels import guard_kernels
 
 real_sleep = time.sleep
@@ -211,7 +211,7 @@ def test_a_module_that_another_process_compiles_is_waited_for_and_not_compiled_a
     module, waits = files(cache)[0].parent, threading.Event()
     module.rename(tmp_path / "compiled by another")
     lock = FolderLock(cache, f"{module.name}.lock")
-    monkeypatch.setattr(sealed_kernels.time, "sleep", lambda seconds: waits.set() or real_sleep(seconds))
+    monkeypatch.setattr(kernel_cache.time, "sleep", lambda seconds: waits.set() or real_sleep(seconds))
     monkeypatch.setattr(wp._src.build, "build_cpu", lambda *words, **options: pytest.fail("is compiled again"))
     with ThreadPoolExecutor(1) as pool:
         loaded = pool.submit(run)
@@ -226,7 +226,7 @@ def test_a_lock_that_is_never_released_is_not_waited_for_longer_than_compiling_t
     folder = files(cache)[0].parent
     shutil.rmtree(folder)
     lock = FolderLock(cache, f"{folder.name}.lock")
-    monkeypatch.setattr(sealed_kernels, "BUILD_SECONDS", 0.1)
+    monkeypatch.setattr(kernel_cache, "BUILD_SECONDS", 0.1)
     run()
     lock.release()
     assert files(cache)[2].is_file()

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .recordings.sample import write_sample
     from .shapes.built_in import shape, shape_names
     from .sweeps.pose_files import load_pose_table
-    from .sweeps.shard import ShardRow, write_shard
+    from .sweeps.result_row import ResultRow
     from .sweeps.store import SweepStore
     from .sweeps.table import load_table, table_attributes, write_parquet, write_table
 
@@ -39,7 +39,7 @@ _ROOMS = {
     "recordings.sample": "write_sample",
     "shapes.built_in": "shape shape_names",
     "sweeps.pose_files": "load_pose_table",
-    "sweeps.shard": "ShardRow write_shard",
+    "sweeps.result_row": "ResultRow",
     "sweeps.store": "SweepStore",
     "sweeps.table": "load_table table_attributes write_parquet write_table",
 }
@@ -54,7 +54,7 @@ __all__ = [
     "HandMotion",
     "HandRecording",
     "HandShape",
-    "ShardRow",
+    "ResultRow",
     "SweepStore",
     "check_file",
     "hand_shape",
@@ -70,7 +70,6 @@ __all__ = [
     "write_parquet",
     "write_ptlist",
     "write_sample",
-    "write_shard",
     "write_table",
 ]
 

@@ -44,9 +44,8 @@ class Results:
         """is_complete: whether every recipe could be made; has_news: whether any part was made just now."""
         self._plan, self._folder, self._is_complete = plan, folder, is_complete
         self._columns: dict[str, Any] = {}
-        with SweepStore(folder, maker=code_version(), mode="read") as store:
-            self._made_by = store.made_by
-            self.counted = store.counted
+        with SweepStore(folder, code_version()) as store:
+            self._made_by = store.code
             """Other code versions whose results count."""
         self._stamp = {"plan": plan.described()["digest"], "maker": self._made_by, "code": files_digest(WRITING)}
         self._attributes = {"plan": plan.described(), "name": plan.name, "maker": self._made_by}
@@ -65,7 +64,7 @@ class Results:
         elif not self._columns:
             from .table import tidy_columns
 
-            with SweepStore(self._folder, maker=code_version(), mode="read") as store:
+            with SweepStore(self._folder, code_version()) as store:
                 self._columns = tidy_columns(self._plan.recipes(), store, self._plan.groups)
         return self._columns
 
@@ -109,7 +108,7 @@ class Results:
             return
         from .table import pose_blocks
 
-        with SweepStore(self._folder, maker=code_version()) as store:
+        with SweepStore(self._folder, code_version()) as store:
             blocks = pose_blocks(self._plan.recipes(), store)
             write_pose_files(self._folder / POSES, blocks, self._attributes, units=POSE_UNITS)
 

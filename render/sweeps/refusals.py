@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...datasets.sweeps.store import SweepStore
+from ...datasets.sweeps.table import SUFFIXES
 from ..errors import PlanError, SweepError
 from .plan.code_version import code_version
 from .plan.loading import Plan
@@ -17,15 +18,14 @@ from .plan.recipe import Recipe, function_of, is_user_metric
 if TYPE_CHECKING:
     from .report.compare import Baseline, Tolerance
 
-TABLE_SUFFIXES = (".h5", ".hdf5", ".parquet")
 RECIPES_FIRST = 1000  # of a plan; a baseline of the same plan has some of these
 
 
 def refuse_tables(tables: Sequence[Path], *, overwrite: bool) -> None:
     """Raise PlanError for a table that cannot be written: of another form, there already, Parquet without PyArrow."""
     for table in tables:
-        if table.suffix not in TABLE_SUFFIXES:
-            raise PlanError(f"--table {table}: a table must end in {', '.join(TABLE_SUFFIXES)}")
+        if table.suffix not in SUFFIXES:
+            raise PlanError(f"--table {table}: a table must end in {' or '.join(SUFFIXES)}")
         if table.is_dir():
             raise PlanError(f"--table {table}: is a folder")
         if table.exists() and not overwrite:
@@ -46,12 +46,10 @@ def other_code_version(folder: Path) -> str:
 
 def refuse_baseline_file(path: Path | None) -> None:
     """Raise PlanError for a baseline that `--update-baseline` cannot write; None if no baseline is given."""
-    from .report.baseline import SUFFIXES
-
     if path is None:
         raise PlanError("--update-baseline needs --baseline FILE, the file to write")
     if path.suffix not in SUFFIXES or path.is_dir():
-        raise PlanError(f"--baseline {path}: a baseline to update must be a file that ends in {', '.join(SUFFIXES)}")
+        raise PlanError(f"--baseline {path}: a baseline to update must be a file that ends in {' or '.join(SUFFIXES)}")
     _require_pyarrow("--baseline", path)
 
 

@@ -11,15 +11,12 @@ from typing import Any
 import numpy as np
 
 from ....datasets.errors import SweepStoreError
-from ....datasets.sweeps.table import load_table
+from ....datasets.sweeps.table import TABLE, load_table
 from ...errors import RenderError, SweepError
 from ..plan.recipe import PARTS, Recipe
 from .layout import Axis, telling_axes
 from .matching import is_complete, pair_rows
 from .table import UNITS, is_metric, is_missing
-
-TABLE = "table.h5"
-"""Of a store: what stands for it as a baseline."""
 
 DEFAULT = 1e-6
 """Relative. One machine gives the same bits again; other processors and compilers round the last bits of float32
@@ -215,7 +212,7 @@ def parse_tolerances(words: Sequence[str]) -> tuple[Tolerance, ...]:
 
 
 def load_baseline(path: str | Path) -> Baseline:
-    """An earlier sweep: its store's folder, which has a table, or a table of its own (.csv, .h5, .parquet).
+    """An earlier sweep: its store's folder, which has a table, or a table of its own (.csv, .parquet).
 
     Raises SweepError where there is none, or it is no sweep's table.
     """
@@ -225,7 +222,7 @@ def load_baseline(path: str | Path) -> Baseline:
         why = f"has no {TABLE}: a sweep that ends writes one" if given.is_dir() else "does not exist"
         raise SweepError(f"baseline {given} {why}")
     try:
-        columns = load_table(file, constants=True)
+        columns = load_table(file)
     except SweepStoreError as error:
         raise SweepError(f"baseline {error}") from error
     if "recipe_hash" not in columns or not any(map(is_metric, columns)):

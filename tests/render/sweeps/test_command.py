@@ -15,7 +15,7 @@ import pytest
 import trimesh
 from command_line import FAILED, MISUSED, PALPATE, answer, refused, run
 
-from palpate.datasets.sweeps.table import load_table, table_attributes, write_table
+from palpate.datasets.sweeps.table import load_table, write_table
 from palpate.render.cli import app as cli
 from palpate.render.sweeps.run import estimate as estimate_module
 
@@ -53,7 +53,7 @@ def sweep(*arguments):
 
 def rows(told):
     """A table's rows without times, by recipe."""
-    table = load_table(told["table"], constants=True)
+    table = load_table(told["table"])
     names = [name for name in table if not name.startswith("seconds")]
     columns = [[repr(value) for value in table[name].tolist()] for name in names]
     return {row[names.index("recipe_hash")]: dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)}
@@ -88,23 +88,23 @@ def test_a_sweep_is_made_once_and_grows(tmp_path):
 @pytest.mark.exhaustive
 def test_a_change_is_caught_against_a_baseline(tmp_path):
     path = plan(tmp_path / "a.toml")
-    (tmp_path / "old.h5").write_bytes(b"of an earlier sweep")
-    sweep(path, "--overwrite", "--table", tmp_path / "old.h5")
-    for old in ("old.h5", "a.sweep"):
+    (tmp_path / "old.csv").write_bytes(b"of an earlier sweep")
+    sweep(path, "--overwrite", "--table", tmp_path / "old.csv")
+    for old in ("old.csv", "a.sweep"):
         told = sweep(path, "--store", tmp_path / "b.sweep", "--baseline", tmp_path / old)
         assert told["comparison"]["kept"] is True
         assert told["comparison"]["value_count"] > 20
-    columns = load_table(tmp_path / "old.h5")
+    columns = load_table(tmp_path / "old.csv")
     columns["length_mean"][2] *= 1.001
-    write_table(tmp_path / "old.h5", columns, table_attributes(tmp_path / "old.h5"))
-    result = run("sweep", path, "--device", "cpu", "--baseline", tmp_path / "old.h5")
+    write_table(tmp_path / "old.csv", columns)
+    result = run("sweep", path, "--device", "cpu", "--baseline", tmp_path / "old.csv")
     assert result.exit_code == FAILED
     assert "length_mean" in result.stderr
-    assert run("sweep", path, "--baseline", tmp_path / "old.h5", "--tolerance", "length_mean=0.01").exit_code == 0
+    assert run("sweep", path, "--baseline", tmp_path / "old.csv", "--tolerance", "length_mean=0.01").exit_code == 0
     plan(path, seeds=(5,))
-    told = sweep(path, "--baseline", tmp_path / "old.h5", "--update-baseline")
+    told = sweep(path, "--baseline", tmp_path / "old.csv", "--update-baseline")
     assert told["comparison"]["recipe_count"] == 0  # of another plan, and therefore replaced
-    assert len(load_table(tmp_path / "old.h5")["recipe_hash"]) == 2
+    assert len(load_table(tmp_path / "old.csv")["recipe_hash"]) == 2
 
 
 @pytest.mark.exhaustive

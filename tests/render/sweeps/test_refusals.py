@@ -74,8 +74,8 @@ def test_a_baseline_of_another_plan(path, tmp_path):
     old = Path(made(path)["store"])
     other = plan(tmp_path / "b.toml", [7])
     refused_before(tmp_path / "b.sweep", "no recipe in common", other, "--baseline", old)
-    (tmp_path / "no.h5").write_bytes(b"no table")
-    refused_before(tmp_path / "b.sweep", "no.h5", other, "--baseline", tmp_path / "no.h5")
+    (tmp_path / "no.csv").write_bytes(b"no table")
+    refused_before(tmp_path / "b.sweep", "no.csv", other, "--baseline", tmp_path / "no.csv")
 
 
 @pytest.mark.exhaustive
@@ -101,10 +101,10 @@ def test_extras_that_are_not_installed(path, tmp_path, monkeypatch):
 def test_tables_and_schedulers_that_cannot_be(path, tmp_path):
     pytest.importorskip("dask_jobqueue")
     store = tmp_path / "a.sweep"
-    (tmp_path / "t.h5").mkdir()
-    refused_before(store, "is a folder", path, "--table", tmp_path / "t.h5")
-    (tmp_path / "old.h5").write_bytes(b"precious")
-    refused_before(store, "old.h5: exists; --overwrite replaces it", path, "--table", tmp_path / "old.h5")
+    (tmp_path / "t.csv").mkdir()
+    refused_before(store, "is a folder", path, "--table", tmp_path / "t.csv")
+    (tmp_path / "old.csv").write_bytes(b"precious")
+    refused_before(store, "old.csv: exists; --overwrite replaces it", path, "--table", tmp_path / "old.csv")
     refused_before(store, "unknown scheduler 'slrum'", path, "--scheduler", "slrum", "--workers", "2")
     refused_before(store, "unknown scheduler 'slurm'", path, "--scheduler", "slurm")
     for shard in ("5/4", "0/3", "a/b", "2"):
@@ -114,8 +114,8 @@ def test_tables_and_schedulers_that_cannot_be(path, tmp_path):
     for count in ("many", "0", "257"):
         refused_before(store, "--workers must be a number in 1..256 or auto", path, "--workers", count)
     for option in ("--baseline", "--table", "--scheduler"):
-        refused_before(store, f"{option} does not go with --dry-run", path, "--dry-run", option, tmp_path / "n.h5")
-    refused_before(store, "a table must end in", path, "--table", tmp_path / "t.csv")
+        refused_before(store, f"{option} does not go with --dry-run", path, "--dry-run", option, tmp_path / "n.csv")
+    refused_before(store, "a table must end in", path, "--table", tmp_path / "t.h5")
     refused_before(store, "no device", path, "--device", "cuda:7")
     refused_before(store, "--worker-memory must be at least 0 MB", path, "--worker-memory", "-5")
     refused_before(store, "one device", path, "--scheduler", "tcp://127.0.0.1:1", "--device", "cuda:0,cuda:1")

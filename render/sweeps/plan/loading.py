@@ -95,18 +95,12 @@ class Plan:
         """Every recipe once, plan after plan."""
         return self.expanded
 
-    def described(self) -> dict[str, Any]:
-        """For JSON: the plans' texts and overrides, and a digest of all that the recipes, their names and the groups
-        follow from."""
-        out = {
-            "name": self.name,
-            "groups": list(self.groups),
-            "overrides": list(self.overrides),
-            "plans": [{"file": Path(path).name, "text": text} for path, text in self.texts.items()],
-        }
+    @property
+    def digest(self) -> str:
+        """SHA-256 that differs whenever the recipes, their names or the groups differ."""
         parts = dict.fromkeys(part for recipe in self.expanded for part in recipe.parts)
-        digest = hashlib.sha256(json.dumps([out, [part.text for part in parts]]).encode()).hexdigest()
-        return {**out, "device": self.device, "recipe_count": self.recipe_count, "digest": digest}
+        lines = [self.name, *self.groups, *self.overrides, *self.texts.values(), *(part.text for part in parts)]
+        return hashlib.sha256(json.dumps(lines).encode()).hexdigest()
 
 
 def load_plans(

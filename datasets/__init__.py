@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from .recordings.recording import HandRecording
     from .recordings.sample import write_sample
     from .shapes.built_in import shape, shape_names
-    from .sweeps.shard import ShardRow, write_shard
+    from .sweeps.result_row import ResultRow
     from .sweeps.store import SweepStore
     from .sweeps.table import load_table, write_table
 
@@ -37,7 +37,7 @@ _ROOMS = {
     "recordings.recording": "HandRecording",
     "recordings.sample": "write_sample",
     "shapes.built_in": "shape shape_names",
-    "sweeps.shard": "ShardRow write_shard",
+    "sweeps.result_row": "ResultRow",
     "sweeps.store": "SweepStore",
     "sweeps.table": "load_table write_table",
 }
@@ -52,7 +52,7 @@ __all__ = [
     "HandMotion",
     "HandRecording",
     "HandShape",
-    "ShardRow",
+    "ResultRow",
     "SweepStore",
     "check_file",
     "hand_shape",
@@ -65,7 +65,6 @@ __all__ = [
     "static_pose",
     "write_ptlist",
     "write_sample",
-    "write_shard",
     "write_table",
 ]
 

@@ -104,9 +104,7 @@ if TYPE_CHECKING:
     from .strategies.intersection_strategy import IntersectionStrategy, closed_contour, load_strategy, open_contour
     from .sweeps.plan.loading import load_plans
     from .sweeps.report.table import tidy_columns
-    from .sweeps.run.dask_engine import DaskEngine
-    from .sweeps.run.engine import InProcess
-    from .sweeps.run.parent import run_sweep
+    from .sweeps.run.sweep_run import run_sweep
     from .sweeps.study import SweepResult, sweep
     from .view.page.export import export_page
     from .view.served.viewing import view_files
@@ -185,10 +183,8 @@ _ROOMS = {
     "stages.registry": "Stage register_point_function register_prune register_transform",
     "stages.prune": "cut_batch",
     "strategies.intersection_strategy": "IntersectionStrategy closed_contour load_strategy open_contour",
-    "sweeps.run.dask_engine": "DaskEngine",
-    "sweeps.run.engine": "InProcess",
     "sweeps.plan.loading": "load_plans",
-    "sweeps.run.parent": "run_sweep",
+    "sweeps.run.sweep_run": "run_sweep",
     "sweeps.report.table": "tidy_columns",
     "sweeps.study": "SweepResult sweep",
     "view.served.viewing": "view_files",
@@ -203,7 +199,6 @@ __all__ = [
     "ContourBatch",
     "ContourFile",
     "ContourFileError",
-    "DaskEngine",
     "DatasetError",
     "DriveStrategy",
     "Driver",
@@ -218,7 +213,6 @@ __all__ = [
     "Hdf5Error",
     "ImplicitError",
     "ImplicitObject",
-    "InProcess",
     "Instant",
     "IntersectionStrategy",
     "KernelCacheError",

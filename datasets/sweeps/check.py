@@ -1,75 +1,52 @@
-"""Whether a sweep's store is whole: all is read and proven by its digests; nothing is changed."""
+"""Whether a sweep's store is whole: all of it is read, and nothing is changed."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..contour_file.check import check_file
 from ..errors import SweepStoreError
-from ..focus_files.frame_reader import check_frames, frame_format
-from .manifest import NAME, Manifest
-from .parts import manifest_problems
-from .record import COLUMNS, KEPT, SHARD_SUFFIX, SHARDS
-from .shard import read_shard, require_named
+from .merging import require_kept
+from .result_row import columns_of, payload_of
+from .store import KEEPING, SweepStore, kept_path
+from .store_database import NAME
 
 
-@dataclass(frozen=True)
-class StoreCheck:
-    """What a check found."""
-
-    problems: list[str] = field(default_factory=list[str])
-    """A sentence for each damage; none if all is whole."""
-    unproven: list[str] = field(default_factory=list[str])
-    """A sentence for each file without digests, as palpate wrote them before it had any: it was read, not proven."""
-
-
-def is_sweep_data(path: str | Path) -> bool:
-    """Whether a path is a folder with a sweep's manifest."""
+def is_store(path: str | Path) -> bool:
+    """Whether a path is a folder with a sweep's store."""
     return (Path(path) / NAME).exists()
 
 
-def check_store(path: str | Path) -> StoreCheck:
-    """Check a store (manifest, columns, shards, kept files); nothing is raised for damage.
-
-    No sweep should write into the store meanwhile: what it removes would be missed.
-    """
-    path = Path(path)
-    found = StoreCheck()
-    found.problems.extend(_manifest_sentences(path, found))
-    for own in sorted((path / SHARDS).glob(f"*{SHARD_SUFFIX}")):
-        found.problems.extend(_damage(read_shard, own))
-    for folder in KEPT:
-        for own in sorted((path / folder).glob(f"*{SHARD_SUFFIX}")):
-            found.problems.extend(check_file(own) if frame_format(own) is None else check_frames(own))
-    return found
-
-
-def _manifest_sentences(folder: Path, found: StoreCheck) -> Iterator[str]:
-    """Problems of a manifest, and of the files of columns that it names."""
+def check_store(folder: str | Path) -> list[str]:
+    """A sentence for each damage of a store; none if it is whole."""
+    problems: list[str] = []
     try:
-        manifest = Manifest(folder, "read")
+        with SweepStore(folder) as store:
+            problems += store.integrity()
+            codes = list(store.code_versions())
+        for code in codes:
+            with SweepStore(folder, code) as store:
+                problems += _row_problems(store)
     except SweepStoreError as error:
-        yield str(error)
-        return
-    try:
-        yield from manifest_problems(manifest)
-        if manifest.version == 1:
-            found.unproven.append(f"{manifest.path} is of version 1, without digests: the next sweep adds them")
-        for (name,) in manifest.run("SELECT CAST(name AS BLOB) FROM column_file ORDER BY 1"):
-            path = folder / COLUMNS / bytes(name).decode(errors="replace")
-            yield from _damage(require_named, path)
-    except SweepStoreError as error:
-        yield str(error)
-    finally:
-        manifest.close()
+        problems.append(str(error))
+    return problems
 
 
-def _damage(prove: Callable[[Path], object], path: Path) -> list[str]:
-    """What proving a file finds."""
-    try:
-        prove(path)
-    except SweepStoreError as error:
-        return [str(error)]
-    return []
+def _row_problems(store: SweepStore) -> list[str]:
+    """Of the rows of one code version, and of the kept files that they name."""
+    problems: list[str] = []
+    for row in store.rows():
+        place = f"{store.path}: chunk {row.chunk} of {row.group} {row.key}"
+        if not row.is_whole(store.code):
+            problems.append(f"{place} is damaged: it does not have its digest")
+            continue
+        try:
+            payload = payload_of(row.payload)
+            if row.columns is not None:
+                columns_of(row.columns)
+            if row.group.startswith(KEEPING) and payload.get("path") is not None:
+                require_kept(store.folder / kept_path(payload["path"]), payload.get("bytes"))
+        except (SweepStoreError, ValueError) as error:
+            problems.append(f"{place}: {error}")
+        except OSError as error:
+            problems.append(f"{error.filename or place} cannot be read: {error.strerror or error}")
+    return problems

@@ -1,120 +1,111 @@
-"""A sweep's store: a folder with what was made, found again by what it depends on; nothing in it is made twice.
+"""A sweep's store: a folder with one SQLite file of results, and kept files beside it; nothing in it is made twice.
 
-Workers leave shards in `shards/`; parents take them into the manifest (`manifest.py`), which is the only truth
-about what is done. A shard with per-pose columns then goes to `columns/`, named by its content; others are removed.
 docs/formats/sweep-store.md describes the same for readers in other languages.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import sqlite3
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
+from datetime import UTC, datetime
+from pathlib import Path, PurePosixPath
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 
 from ..errors import NotStoreError, SweepStoreError
-from ..storage.hdf5_columns import Columns
-from .counted_versions import counted_for, write_statements
-from .failures import add_failures, failures_of, remove_failures
-from .manifest import NAME, Manifest, Mode
-from .parts import PartRow, Parts, payload_of
-from .prune import Unused, remove_parts, unused_parts
-from .record import COLUMNS, SHARDS, Read, Recorder
-from .same_results import add_statement, latest_maker, statements_of
-from .shard import require_named, shard_columns
+from ..storage.durable import FolderLock, discard, discard_tree, sync
+from .result_row import ResultRow, columns_of, digest_of, payload_of
+from .store_database import NAME, naming_errors, open_store_file
 
-TEMPORARY_SECONDS = 900.0
-"""Age of a temporary file at which its writer is taken for dead; writing one takes seconds."""
-
-KEPT = "keep-"
-"""Begins the names of groups that leave a file in the store: their payloads hold its `path` in there and `bytes`."""
+KEPT_FOLDERS = ("contours", "focal-points", "drives")
+"""Folders of files that a plan keeps, each file named by its result's key."""
+KEEPING = "keep-"
+"""Begins the names of groups that keep a file: their payloads hold its `path` within the store and its `bytes`."""
+SCRATCH = "making"
+"""Folder of files that are being made; the next run removes what a killed one left there."""
+_BESIDE = (*KEPT_FOLDERS, SCRATCH, FolderLock.NAME)  # and tables and pictures, by their suffixes
+_DERIVED = (".csv", ".parquet", ".png")
+_ROWS_AT_ONCE = 1000  # that `rows` has in memory
+_VARIABLES_MOST = 900  # of a statement; old versions of SQLite take 999
 
 Key = tuple[str, str]
-"""Group and key."""
+"""Group and key of a result."""
+Mode = Literal["write", "read"]
 
 
 @dataclass(frozen=True)
-class _Place:
-    """Where the columns of a part lie."""
+class Failure:
+    """A recipe that could not be made."""
 
-    part: int
-    file: str
-    row: int
+    recipe_hash: str
+    name: str
+    sentence: str
+
+
+@dataclass(frozen=True)
+class Pruned:
+    """What `prune` removes, or would remove."""
+
+    code_versions: tuple[str, ...]
+    rows: int
+    rows_kept: int
+    files: tuple[Path, ...]
 
 
 class SweepStore:
-    """A sweep's store, open. Several processes may have it open, and write, at once; threads may share one.
+    """A sweep's store, open. One process at a time may have it open for writing; any number may read.
 
-    maker: which code's results count as done, and under which new ones are recorded. None, only for reading: the one
-    that recorded last.
-    mode: "create" makes the folder, or takes it up again; "read" changes nothing.
-    Raises NotStoreError where the folder holds other things, SweepStoreError where the store is damaged, of a newer
-    version, or cannot be written.
+    code: the code version whose results count as done, and under which new ones are recorded. None, only for reading:
+    the one that recorded last.
+    mode: "write" makes the folder if it is not there, and holds its lock until `close`; "read" changes nothing.
 
-    >>> from palpate.datasets import ShardRow, SweepStore, write_shard
-    >>> with SweepStore("study.sweep", maker="own code 1.0") as store:
-    ...     write_shard("study.sweep/shards/0.h5", [ShardRow("contours", "a1b2", 0, {"length": 0.34})])
-    ...     recorded = store.record("shards/0.h5")
+    Raises:
+        NotStoreError: The folder holds other things.
+        SweepStoreError: It is damaged, of another format version, in use by another process, or cannot be written.
+
+    >>> from palpate.datasets import ResultRow, SweepStore
+    >>> with SweepStore("study.sweep", "own code 1.0", mode="write") as store:
+    ...     count = store.add([ResultRow.of("own code 1.0", "contours", "a1b2", 0, {"length": 0.34})])
     ...     store.done([("contours", "a1b2"), ("contours", "c3d4")])
     {('contours', 'a1b2'): {0}, ('contours', 'c3d4'): set()}
     """
 
-    def __init__(self, folder: str | Path, *, maker: str | None = None, mode: Mode = "create") -> None:
+    def __init__(self, folder: str | Path, code: str | None = None, *, mode: Mode = "read") -> None:
         self.folder = Path(folder).absolute()
+        self.path = self.folder / NAME
         self.mode: Mode = mode
         self.damaged: list[str] = []
-        """One sentence for each damage that was met: a shard set aside, parts that count as not done."""
-        if mode == "create" and maker is None:
-            raise SweepStoreError(f'{self.folder}: recording needs maker=, who computes; mode="read" only reads')
-        _refuse_other_folder(self.folder, mode)
-        if mode == "create":
-            _make_folder(self.folder)
-        self._note_lost_manifest()
-        self._manifest = Manifest(self.folder, mode, maker)
-        if self._manifest.adopted:
-            self.damaged.append(
-                f"{self._manifest.path} carried no digests: its {self._manifest.adopted} parts are believed as they "
-                "are, and proven from now on"
-            )
+        """A sentence for each damage that was met; results with damage count as not done."""
+        if mode == "write" and code is None:
+            raise SweepStoreError(f"{self.folder}: writing needs the code version that computes")
+        _require_store_folder(self.folder, writes=mode == "write")
+        self._lock = _locked(self.folder) if mode == "write" else None
         try:
-            if mode == "create":
-                for name in (SHARDS, COLUMNS):
-                    _make_folder(self.folder / name)
-            self.maker = maker if maker is not None else next(reversed(self.makers()), "")
-            self._maker = self._maker_number(self.maker)
-            self._count(counted_for(statements_of(self._manifest), self.maker))
-            if mode == "create":
-                write_statements(self.folder, statements_of(self._manifest))
-            self._proven: dict[Path, tuple[int, int, int]] = {}
-            self._recorder = Recorder(self.folder, self._manifest, self.maker, self.damaged)
+            self._database = open_store_file(self.path, writes=mode == "write")
         except BaseException:
-            self.close()
+            self._release()
             raise
+        self.code = code if code is not None else next(reversed(self.code_versions()), "")
+        self._code = self._number_of(self.code)
 
     def __repr__(self) -> str:
         """One line."""
         return f"SweepStore({str(self.folder)!r})"
 
-    @property
-    def is_proven(self) -> bool:
-        """Whether the manifest carries digests; one of version 1, opened for reading, is believed as it is."""
-        return self._parts.are_proven
-
-    def _note_lost_manifest(self) -> None:
-        """Say that a folder had a manifest once, which is gone."""
-        if self.mode == "create" and (self.folder / SHARDS).is_dir() and not (self.folder / NAME).exists():
-            self.damaged.append(
-                f"{self.folder / NAME} is missing, so a new one is made: per-pose columns and kept files are taken "
-                "over, metrics are made anew"
-            )
-
     def close(self) -> None:
-        """Close the manifest; closing twice does nothing."""
-        self._manifest.close()
+        """Close the file and give the lock back; closing twice does nothing."""
+        self._database.close()
+        self._release()
+
+    def _release(self) -> None:
+        if self._lock is not None:
+            self._lock.release()
 
     def __enter__(self) -> Self:
         return self
@@ -124,241 +115,295 @@ class SweepStore:
     ) -> None:
         self.close()
 
-    def makers(self) -> dict[str, int]:
-        """Makers of what is in the store and how many parts each has made, the one that came last at the end."""
-        rows = self._manifest.run(
-            "SELECT maker.maker, count(part.id) FROM maker LEFT JOIN part ON part.maker = maker.id "
-            "GROUP BY maker.id ORDER BY max(part.id), maker.id"
-        )
-        found = {str(maker): int(count) for maker, count in rows}
-        if self._manifest.version > 1:
-            statement = (
-                "SELECT maker.maker, total(parts) FROM maker LEFT JOIN tally ON tally.maker = maker.id GROUP BY 1"
-            )
-            counted = {str(maker): int(count) for maker, count in self._manifest.run(statement)}
-            if counted != found:
-                raise self._manifest.damaged(f"makers have {found} parts, and {counted} were recorded")
-        return found
+    # ---- results
 
-    @property
-    def made_by(self) -> str:
-        """Whose results this gives, for people: the maker, and others whose results count for it."""
-        return "; ".join((self.maker, *(f"also results of {maker}" for maker in self.counted)))
+    def add(self, rows: Iterable[ResultRow], files: Mapping[str, Path | bytes] | None = None) -> int:
+        """Record results in one transaction; returns how many are new. When it returns, they are on the disk.
 
-    def latest_other(self) -> str | None:
-        """Of other makers the one that recorded a result last; None if no other has one in the store."""
-        return latest_maker(self._manifest, self._maker)
-
-    def count_results_of(self, maker: str) -> None:
-        """Have another maker's results, and what counts for that, count for this one; mode "create" records it.
-
-        In mode "read" they count until the store is closed. Stating it again does nothing.
+        files: kept files that the rows name, by their paths within the store: a file on the same disk, which is moved,
+        or its content. A file takes the place of one of another code version, whose results are forgotten.
         """
-        if self.mode == "create":
-            add_statement(self._manifest, (self._maker, self.maker), (self._maker_number(maker), maker))
-            write_statements(self.folder, statements_of(self._manifest))
-        statements = statements_of(self._manifest)
-        statements.setdefault(self.maker, []).append(maker)
-        self._count(counted_for(statements, self.maker))
+        for name, content in (files or {}).items():
+            self._keep(kept_path(name), content)
+        statement = "INSERT OR IGNORE INTO result VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
+        values = [
+            (self._code, row.group, row.key, row.chunk, row.payload, row.digest, row.columns, row.columns_digest)
+            for row in rows
+        ]
+        with self._transaction():
+            others = 'DELETE FROM result WHERE "group" = ? AND key = ? AND code != ?'
+            self._database.executemany(others, [(*row[1:3], self._code) for row in values if _is_keeping(row[1])])
+            return self._database.executemany(statement, values).rowcount if values else 0
 
-    def _count(self, makers: tuple[str, ...]) -> None:
-        """Let results of other makers count as this one's, which come first."""
-        self.counted = makers
-        """Other makers whose results count, because a person stated that they are the same."""
-        self._makers = [(self._maker_number(name), name) for name in (self.maker, *makers)]
-        self._parts = Parts(self._manifest, self._makers)
+    def _keep(self, name: PurePosixPath, content: Path | bytes) -> None:
+        """Have a kept file in its place."""
+        path = self.folder / name
+        with naming_errors(path):
+            path.parent.mkdir(exist_ok=True)
+            if isinstance(content, bytes):
+                made = self.scratch() / path.name
+                made.write_bytes(content)
+                content = made
+            sync(content)
+            os.replace(content, path)
+            sync(path.parent)
+
+    def scratch(self) -> Path:
+        """A folder on the store's disk for files that are being made."""
+        folder = self.folder / SCRATCH
+        with naming_errors(folder):
+            folder.mkdir(exist_ok=True)
+        return folder
+
+    def clear_scratch(self) -> None:
+        """Remove files that were being made, such as those of a killed run."""
+        discard_tree(self.folder / SCRATCH)
 
     def done(self, keys: Sequence[Key]) -> dict[Key, set[int]]:
-        """Parts that are there of each (group, key), all keys asked for, in their order; an empty set for nothing.
+        """Chunks that are there of each (group, key), all keys asked for, in their order; an empty set for nothing.
 
-        A part that left a file is there as long as that is, with its bytes; else it counts as not done from now on
-        (mode "create"). So does a part whose row in the manifest is damaged; `damaged` names it.
-
-        Raises:
-            SweepStoreError: The manifest is damaged beyond that; mode "read": or at all.
+        A result with a kept file is there as long as the file is, with its size. A row that does not have its digest
+        counts as not done, and `damaged` names it; mode "write" removes it, so that it is made again.
         """
         found: dict[Key, set[int]] = {key: set() for key in keys}
-        for group, own in _by_group(found):
-            lost: list[PartRow] = []
-            for rows, damaged in self._parts.of(group, own):
-                if damaged:
-                    self._forget_damaged(group, damaged)
-                for row in rows:
-                    if group.startswith(KEPT) and not self._has_file(payload_of(row, self._manifest.path)):
-                        lost.append(row)
-                    else:
-                        found[group, row.key].add(row.part)
-            if self.mode == "create":
-                self._parts.forget(lost)
+        lost: dict[int, str] = {}
+        for number, group, key, chunk, payload, digest in self._among("rowid, ", ", payload, digest", list(found)):
+            if digest_of(self.code, group, key, chunk, payload.encode(errors="surrogatepass")) != digest:
+                lost[number] = f"chunk {chunk} of {group} {key}"
+            elif not _is_keeping(group) or self._has_file(payload):
+                found[group, key].add(chunk)
+        if lost:
+            first = next(iter(lost.values()))
+            self.damaged.append(f"{self.path} is damaged: {len(lost)} results lack their digests, {first} first")
+            if self.mode == "write":
+                with self._transaction():
+                    self._database.executemany("DELETE FROM result WHERE rowid = ?", [(own,) for own in lost])
         return found
 
-    def _forget_damaged(self, group: str, rows: Sequence[PartRow]) -> None:
-        """Have parts made again whose rows are damaged."""
-        sentence = (
-            f"{self._manifest.path} is damaged: {len(rows)} parts of {group} do not have their digests, "
-            f"part {rows[0].part} of {rows[0].key} first"
-        )
-        if self.mode == "read":
-            raise SweepStoreError(f"{sentence}; run the sweep again: it makes them anew")
-        self._parts.forget(rows)
-        self.damaged.append(f"{sentence}; they count as not done")
-
-    def _has_file(self, payload: dict[str, Any]) -> bool:
+    def _has_file(self, payload: str) -> bool:
         """Whether the file that a payload names is there in full, or it names none."""
-        path = payload.get("path")
-        if path is None:
-            return True
         try:
-            return os.stat(f"{self.folder}/{path}").st_size == payload.get("bytes")
-        except (OSError, ValueError):  # a name with a null character
+            value = payload_of(payload)
+            name = value.get("path")
+            return name is None or os.stat(self.folder / kept_path(name)).st_size == value.get("bytes")
+        except (OSError, ValueError, SweepStoreError):
             return False
 
     def results(self, keys: Sequence[Key]) -> Iterator[tuple[str, str, int, dict[str, Any]]]:
-        """Group, key, part and payload of every part that is there, group by group, keys as asked for, parts upwards.
+        """Group, key, chunk and payload of every result that is there, keys as asked for, chunks upwards.
 
-        A key asked for twice comes once. Raises SweepStoreError where the manifest is damaged.
+        Raises SweepStoreError for a damaged row; the next run of the sweep removes it and makes it again.
         """
-        for group, own in _by_group(dict.fromkeys(keys)):
-            number = {key: place for place, key in enumerate(own)}
-            for rows in self._whole_rows(group, own):
-                rows.sort(key=lambda row: (number[row.key], row.part))
-                for row in rows:
-                    yield group, row.key, row.part, payload_of(row, self._manifest.path)
+        for group, key, chunk, text, digest in self._among("", ", payload, digest", list(dict.fromkeys(keys))):
+            self._require_digest(group, key, chunk, text.encode(errors="surrogatepass"), digest)
+            try:
+                payload = payload_of(text)
+            except ValueError as error:
+                raise SweepStoreError(f"{self.path}: chunk {chunk} of {group} {key}: {error}") from error
+            yield group, key, chunk, payload
 
-    def _whole_rows(self, group: str, keys: Sequence[str]) -> Iterator[list[PartRow]]:
-        """Rows of keys, all of them whole."""
-        for rows, damaged in self._parts.of(group, keys):
-            if damaged:
-                self._forget_damaged(group, damaged)
-                raise SweepStoreError(f"{self.damaged[-1]} from now on: run the sweep again")
-            yield rows
+    def _require_digest(self, group: str, key: str, chunk: int, content: bytes, digest: int) -> None:
+        if digest_of(self.code, group, key, chunk, content) != digest:
+            raise SweepStoreError(
+                f"{self.path} is damaged: chunk {chunk} of {group} {key} does not have its digest; run the sweep "
+                "again: it makes the chunk anew"
+            )
 
-    def columns(self, key: str, *, group: str = "poses") -> Columns:
-        """Per-pose columns of a rendering and sampling, all parts that are there, one behind another.
+    def column_chunks(self, key: str, *, group: str = "poses") -> Iterator[tuple[int, dict[str, np.ndarray[Any, Any]]]]:
+        """Columns of one value a pose, chunk by chunk: its number and the arrays by name.
 
-        Raises:
-            SweepStoreError: Nothing of it is there; or a file is missing or damaged, and its parts count as not done
-                from now on (mode "create").
+        Raises SweepStoreError for damaged ones; mode "write" removes them first, so that they are made again.
         """
-        parts = [own for _, own in self.column_parts(key, group=group)]
-        if not parts:
-            raise SweepStoreError(f"{self.folder} has no columns of {group} {key}")
-        return {name: np.concatenate([own[name] for own in parts]) for name in parts[0]}
+        for number, own, name, chunk, blob, digest in self._among(
+            "rowid, ", ", columns, columns_digest", [(group, key)]
+        ):
+            if blob is None:
+                continue
+            try:
+                self._require_digest(own, name, chunk, blob, digest)
+                columns = columns_of(blob)
+            except (SweepStoreError, ValueError) as error:
+                if self.mode == "write":
+                    with self._transaction():
+                        self._database.execute("DELETE FROM result WHERE rowid = ?", (number,))
+                raise SweepStoreError(str(error)) from error
+            yield chunk, columns
 
-    def column_parts(self, key: str, *, group: str = "poses") -> Iterator[tuple[int, Columns]]:
-        """The same part by part, as few in memory as that takes: part and its columns; raises as `columns`."""
-        rows = [row for batch in self._whole_rows(group, [key]) for row in batch]
-        places = [_Place(row.part, row.file.decode(), row.row) for row in rows if row.file and row.row is not None]
-        first = 0
-        while first < len(places):
-            stop = first + 1
-            while stop < len(places) and places[stop].file == places[first].file:
-                stop += 1
-            yield from self._file_parts(group, key, places[first:stop])
-            first = stop
+    def _among(self, front: str, columns: str, keys: Sequence[Key]) -> Iterator[tuple[Any, ...]]:
+        """Rows of keys, by group, key and chunk, with columns of the table before and after these three."""
+        groups: dict[str, list[str]] = {}
+        for group, key in keys:
+            groups.setdefault(group, []).append(key)
+        for group, own in groups.items():
+            for first in range(0, len(own), _VARIABLES_MOST):
+                some = own[first : first + _VARIABLES_MOST]
+                places = {key: place for place, key in enumerate(some)}
+                statement = (
+                    f'SELECT {front}"group", key, chunk{columns} FROM result WHERE code = ? AND "group" = ? '
+                    f"AND key IN ({','.join('?' * len(some))})"
+                )
+                at = front.count(",") + 1  # of the key
+                rows = self._run(statement, (self._code, group, *some))
+                yield from sorted(rows, key=lambda row: (places[row[at]], row[at + 1]))
 
-    def _file_parts(self, group: str, key: str, places: Sequence[_Place]) -> Iterator[tuple[int, Columns]]:
-        """Columns of parts that lie in one file."""
-        path = self.folder / COLUMNS / places[0].file
-        try:
-            self._require_named(path)
-            with shard_columns(path) as reader:
-                for place in places:
-                    yield place.part, reader.columns(place.row, group, key, place.part)
-        except SweepStoreError as error:
-            if self.mode == "read":
-                raise SweepStoreError(f"{error}; remove it and run the sweep again: its parts are made anew") from error
-            count = self._recorder.forget_file(path.name)
-            again = f"; its {count} parts count as not done from now on: run the sweep again"
-            raise SweepStoreError(f"{error}{again}") from error
+    def rows(self) -> Iterator[ResultRow]:
+        """Every row of this code version as it is stored, whether whole or damaged."""
+        last = -1
+        statement = (
+            'SELECT rowid, "group", key, chunk, payload, digest, columns, columns_digest FROM result '
+            "WHERE code = ? AND rowid > ? ORDER BY rowid LIMIT ?"
+        )
+        while rows := self._run(statement, (self._code, last, _ROWS_AT_ONCE)):
+            for last, *values in rows:  # noqa: B007 - the last one is where the next statement goes on
+                yield ResultRow(*values)
 
-    def _require_named(self, path: Path) -> None:
-        """Prove a file of columns by its name, once as long as nobody touches it."""
-        try:
-            state = path.stat()
-        except FileNotFoundError:
-            raise SweepStoreError(f"{path} does not exist") from None
-        except (OSError, ValueError) as error:
-            raise SweepStoreError(f"{path} cannot be read: {error}") from error
-        touched = (state.st_ino, state.st_size, state.st_mtime_ns)
-        if self._proven.get(path) != touched:
-            require_named(path)
-            self._proven[path] = touched
+    def integrity(self) -> list[str]:
+        """What SQLite itself finds wrong with the file, a sentence each."""
+        return [f"{self.path} is damaged: {text}" for (text,) in self._run("PRAGMA integrity_check(8)") if text != "ok"]
 
-    def record(self, shard: str | Path) -> int:
-        """Take a shard into the manifest, in one transaction; how many of its parts were not there yet.
+    # ---- failures and runs
 
-        shard: absolute, or within the store. When this returns its parts are on the disk, and the shard is gone or in
-        `columns/`. Recording again what was recorded, also by another process, gives 0.
+    def failures(self) -> list[Failure]:
+        """Recipes that this code version could not make."""
+        rows = self._run("SELECT recipe_hash, recipe, sentence FROM failure WHERE code = ?", (self._code,))
+        return [Failure(*row) for row in rows]
 
-        Raises:
-            SweepStoreError: It is missing, damaged, made by other code than `maker`; or the disk is full. A shard that
-                is whole stays where it is.
+    def replace_failures(self, failures: Iterable[Failure], forgotten: Iterable[str] = ()) -> None:
+        """Record recipes that could not be made, and forget those (hashes) that were made or are tried again."""
+        with self._transaction():
+            gone = "DELETE FROM failure WHERE code = ? AND recipe_hash = ?"
+            self._database.executemany(gone, [(self._code, own) for own in forgotten])
+            rows = [(self._code, own.recipe_hash, own.name, own.sentence) for own in failures]
+            self._database.executemany("INSERT OR REPLACE INTO failure VALUES (?, ?, ?, ?)", rows)
+
+    def begin_run(self, plan: str) -> int:
+        """Note that a sweep begins; returns the number of the run."""
+        begun = datetime.now(UTC).isoformat(timespec="seconds")
+        with self._transaction():
+            values = (plan, begun, "not ended")
+            number = self._database.execute("INSERT INTO run (plan, begun, state) VALUES (?, ?, ?)", values).lastrowid
+        return number or 0
+
+    def end_run(self, number: int, state: str) -> None:
+        """Note how a run ended, such as "ended" or "stopped: interrupted"."""
+        with self._transaction():
+            self._database.execute("UPDATE run SET state = ? WHERE id = ?", (state, number))
+
+    def last_run(self) -> dict[str, str] | None:
+        """Plan, beginning and state of the run that began last; None if there was none."""
+        rows = self._run("SELECT plan, begun, state FROM run ORDER BY id DESC LIMIT 1")
+        return dict(zip(("plan", "begun", "state"), rows[0], strict=True)) if rows else None
+
+    def group_counts(self) -> list[tuple[str, str, int, int]]:
+        """Code version, group, number of keys and of rows, the code version that recorded last at the end."""
+        order = list(self.code_versions())
+        rows = self._run(
+            'SELECT version, "group", count(DISTINCT key), count(*) FROM result JOIN code ON code.id = result.code '
+            'GROUP BY version, "group"'
+        )
+        return sorted(((str(v), str(g), int(k), int(r)) for v, g, k, r in rows), key=lambda own: order.index(own[0]))
+
+    def failure_counts(self) -> dict[str, int]:
+        """Number of recipes that each code version could not make; those that have none are left out."""
+        rows = self._run("SELECT version, count(*) FROM failure JOIN code ON code.id = failure.code GROUP BY version")
+        return {str(version): int(count) for version, count in rows}
+
+    # ---- code versions
+
+    def code_versions(self) -> dict[str, int]:
+        """Code versions and how many rows each has, the one that recorded last at the end."""
+        rows = self._run(
+            "SELECT version, count(result.code) FROM code LEFT JOIN result ON result.code = code.id "
+            "GROUP BY code.id ORDER BY max(result.rowid), code.id"
+        )
+        return {str(version): int(count) for version, count in rows}
+
+    def take_results_of(self, code: str) -> int:
+        """Have another code version's results and failures be this one's: a person knows that they are the same.
+
+        Returns how many results. What both have stays as this one made it.
         """
-        checked = self.check(shard)
-        return 0 if checked is None else self.record_all([checked])
+        other = self._number_of(code)
 
-    def check(self, shard: str | Path) -> Read | None:
-        """A shard that is whole and may be recorded, for `record_all`; None for one that was recorded.
+        def renewed(group: str, key: str, chunk: int, content: str | bytes | None, digest: int | None) -> int | None:
+            """The digest of a row under this code version; a damaged row stays damaged."""
+            if content is None or digest is None:
+                return None
+            blob = content.encode(errors="surrogatepass") if isinstance(content, str) else content
+            is_whole = digest_of(code, group, key, chunk, blob) == digest
+            return digest_of(self.code, group, key, chunk, blob) ^ (0 if is_whole else 1)
 
-        Raises SweepStoreError where it is missing, damaged, or made by other code than `maker`.
-        """
-        return self._recorder.check(self.folder / shard)
+        self._database.create_function("renewed", 5, renewed, deterministic=True)
+        with self._transaction():
+            count = self._database.execute(
+                'UPDATE OR IGNORE result SET code = ?, digest = renewed("group", key, chunk, payload, digest), '
+                'columns_digest = renewed("group", key, chunk, columns, columns_digest) WHERE code = ?',
+                (self._code, other),
+            ).rowcount
+            self._database.execute("UPDATE OR IGNORE failure SET code = ? WHERE code = ?", (self._code, other))
+        return count
 
-    def record_all(self, shards: Sequence[Read]) -> int:
-        """Take shards into the manifest as `record` does, in one transaction: one wait for the disk for all of them.
+    def unused(self) -> Pruned:
+        """What `prune` would remove: results of other code versions, and kept files that only these name."""
+        versions = tuple(own for own in self.code_versions() if own != self.code)
+        counts = self._run("SELECT total(code != ?), total(code = ?) FROM result", (self._code, self._code))[0]
+        keeping = "SELECT payload FROM result WHERE code = ? AND \"group\" LIKE 'keep-%'"
+        paths = [payload_of(text).get("path") for (text,) in self._run(keeping, (self._code,))]
+        named = {self.folder / kept_path(name) for name in paths if name is not None}
+        folders = [own for name in KEPT_FOLDERS if (own := self.folder / name).is_dir() and not own.is_symlink()]
+        files = tuple(sorted(path for own in folders for path in own.iterdir() if path not in named))
+        return Pruned(versions, int(counts[0]), int(counts[1]), files)
 
-        shards: from `check`; until then `recover` finds them, if this process is killed.
-        """
-        return self._recorder.record(shards)
-
-    def recover(self, *, temporary_age: float = TEMPORARY_SECONDS) -> int:
-        """Take over what killed processes have left; how many parts were found that way.
-
-        Shards that no parent recorded are recorded, under the maker that they name (without one they are removed);
-        damaged ones are set aside (`damaged`); parts whose columns are missing count as not done; files of columns that
-        nothing refers to are recorded or removed; so are temporary files older than `temporary_age` [s].
-        """
-        return self._recorder.recover(temporary_age)
-
-    def record_failure(self, recipe: str, sentence: str) -> None:
-        """Note that a recipe (its hash) could not be made, and why; a later note of the same recipe replaces it."""
-        self.record_failures({recipe: sentence})
-
-    def record_failures(self, failures: Mapping[str, str]) -> None:
-        """The same of several recipes, in one transaction."""
-        add_failures(self._manifest, (self._maker, self.maker), failures)
-
-    def forget_failures(self, recipes: Sequence[str]) -> None:
-        """Forget why these recipes could not be made: they are tried again, or were made."""
-        remove_failures(self._manifest, self._makers, recipes)
-
-    def failed(self) -> dict[str, str]:
-        """Recipes (their hashes) that could not be made by this maker, and why.
-
-        A damaged note is forgotten, and `damaged` names it; mode "read": it raises SweepStoreError.
-        """
-        found: dict[str, str] = {}
-        for maker in reversed(self._makers):  # of two sentences for a recipe, the own one stays
-            found |= failures_of(self._manifest, maker, None if self.mode == "read" else self.damaged)
+    def prune(self) -> Pruned:
+        """Remove what `unused` finds."""
+        found = self.unused()
+        with self._transaction():
+            for table in ("result", "failure"):
+                self._database.execute(f"DELETE FROM {table} WHERE code != ?", (self._code,))
+            self._database.execute("DELETE FROM code WHERE id != ?", (self._code,))
+        for path in found.files:
+            discard(path)
+        with contextlib.suppress(SweepStoreError):  # it makes the file smaller, which needs room for a second one
+            self._run("VACUUM")
         return found
 
-    def unused(self) -> Unused:
-        """What `prune` would remove."""
-        return unused_parts(self._manifest, self.folder, (number for number, _ in self._makers))
-
-    def prune(self) -> Unused:
-        """Remove what makers have made whose results do not count, and files that nothing else refers to."""
-        unused = remove_parts(self._manifest, self.folder, (number for number, _ in self._makers))
-        write_statements(self.folder, statements_of(self._manifest))
-        return unused
-
-    def _maker_number(self, maker: str) -> int:
-        """The manifest's number of a maker, entered if it may be; -1 for one that it does not know."""
-        if self.mode == "create":
-            return self._manifest.number_of("maker", "maker", maker)
-        rows = self._manifest.run("SELECT id FROM maker WHERE maker = ?", (maker,))
+    def _number_of(self, code: str) -> int:
+        """The number of a code version, entered if it may be; -1 for one that is not there."""
+        if self.mode == "write":
+            with self._transaction():
+                self._database.execute("INSERT OR IGNORE INTO code (version) VALUES (?)", (code,))
+        rows = self._run("SELECT id FROM code WHERE version = ?", (code,))
         return int(rows[0][0]) if rows else -1
+
+    # ---- SQL
+
+    def _run(self, statement: str, values: Sequence[Any] = ()) -> list[tuple[Any, ...]]:
+        """The rows of a statement, all read, so that no lock stays."""
+        with naming_errors(self.path):
+            return self._database.execute(statement, values).fetchall()
+
+    @contextmanager
+    def _transaction(self) -> Generator[None, None, None]:
+        """Everything within happens, and is on the disk, or nothing."""
+        if self.mode == "read":
+            raise SweepStoreError(f"{self.path} was opened for reading")
+        with naming_errors(self.path):
+            self._database.execute("BEGIN IMMEDIATE")
+            try:
+                yield
+                self._database.execute("COMMIT")
+            except BaseException:
+                with contextlib.suppress(sqlite3.Error):  # a full disk may have rolled it back already
+                    self._database.execute("ROLLBACK")
+                raise
+
+
+def kept_path(name: object) -> PurePosixPath:
+    """The path within a store of a kept file, such as contours/KEY.h5; raises SweepStoreError for any other path."""
+    path = PurePosixPath(str(name))
+    if len(path.parts) != 2 or path.parts[0] not in KEPT_FOLDERS or path.suffix != ".h5" or "\0" in path.name:
+        raise SweepStoreError(f"the path {str(name)!r:.80} is none of a kept file in a store")
+    return path
 
 
 def is_read_only(folder: Path) -> bool:
@@ -366,35 +411,34 @@ def is_read_only(folder: Path) -> bool:
     return (folder / NAME).exists() and not os.access(folder, os.W_OK)
 
 
-def _by_group(keys: Iterable[Key]) -> Iterator[tuple[str, list[str]]]:
-    """Groups in the order in which they come, each with its keys."""
-    groups: dict[str, list[str]] = {}
-    for group, key in keys:
-        groups.setdefault(group, []).append(key)
-    yield from groups.items()
+def _is_keeping(group: str) -> bool:
+    return group.startswith(KEEPING)
 
 
-def _refuse_other_folder(folder: Path, mode: Mode) -> None:
-    """Refuse a folder that is not a store: no manifest, and more in it than a store that lost its manifest has."""
+def _require_store_folder(folder: Path, *, writes: bool) -> None:
+    """Refuse a folder that holds other things than a store; make one that is not there, if `writes`."""
     if (folder / NAME).exists():
         return
-    try:
-        names = {path.name for path in folder.iterdir()} if mode == "create" else set[str]()
-    except FileNotFoundError:
-        return
-    except NotADirectoryError as error:
-        raise NotStoreError(f"{folder} cannot be a sweep's store: {error.strerror}") from error
-    except OSError as error:
-        raise SweepStoreError(f"{folder} cannot be a sweep's store: {error.strerror}") from error
-    if mode == "read":
+    if not writes:
         raise NotStoreError(f"{folder} is not a sweep's store: it has no {NAME}")
-    if names and SHARDS not in names and not all(name.startswith(NAME) for name in names):
-        shown = ", ".join(sorted(names)[:3])
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        names = sorted(path.name for path in folder.iterdir())
+    except OSError as error:
+        raise SweepStoreError(f"{folder} cannot be a sweep's store: {error.strerror or error}") from error
+    other = [name for name in names if name not in _BESIDE and not name.endswith(_DERIVED)]
+    if other:
+        shown = ", ".join(other[:3])
         raise NotStoreError(f"{folder} is not a sweep's store, but holds other things ({shown}): name a new folder")
 
 
-def _make_folder(folder: Path) -> None:
+def _locked(folder: Path) -> FolderLock:
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        return FolderLock(folder)
+    except BlockingIOError as error:
+        raise SweepStoreError(
+            f"{folder} is in use by another process, and a store takes one sweep at a time: wait for it, or name "
+            "another store (--shard divides a plan among several)"
+        ) from error
     except OSError as error:
-        raise SweepStoreError(f"{folder} cannot be made: {error.strerror}") from error
+        raise SweepStoreError(f"{folder} cannot be written: {error.strerror or error}") from error

@@ -14,7 +14,7 @@ from ...datasets.focus_files.frame_reader import check_frames, frame_format
 from ...datasets.known_names import likely_file, likely_name
 from ...datasets.motions.hand_motion import HandMotion
 from ...datasets.shapes.built_in import shape_names
-from ...datasets.sweeps.check import check_store, is_sweep_data
+from ...datasets.sweeps.check import check_store, is_store
 from ...kernels import PLAYING_STAGES
 from ..coordinate_spacing import apart_text, joining_place
 from ..errors import StrategyError
@@ -184,7 +184,7 @@ def run_info(files: list[Path], options: dict, pressure: bool, *, as_json: bool)
         if not _is_begun(file) and not is_mesh_name(str(file)):
             meant = likely_name(str(file), shape_names()) or likely_file(file)
             raise name_nothing(ContourFileError(f"{file} does not exist{meant}"))
-        if is_sweep_data(file) and file.is_dir():
+        if is_store(file):
             raise StrategyError(f"{file} is a sweep's store: palpate sweep status {file} shows it")
     for file in files:
         show_info(file, options, pressure, as_json=as_json)
@@ -268,9 +268,8 @@ def run_check(files: list[Path], *, as_json: bool) -> int:
 def check_one(file: Path, *, as_json: bool) -> int:
     """Check; 0 whole, 1 not."""
     with bars.loading_bar(f"checking {file}", quiet=as_json):
-        if is_sweep_data(file):
-            found = check_store(file)
-            problems, unproven = found.problems, found.unproven
+        if is_store(file):
+            problems, unproven = check_store(file), []
         else:
             refuse_object(file)
             problems = check_file(file) if frame_format(file) is None else check_frames(file)

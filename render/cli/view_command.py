@@ -7,7 +7,7 @@ from typing import Any
 import h5py
 
 from ...datasets.recordings.files import JOINT_SUFFIXES
-from ...datasets.sweeps.check import is_sweep_data
+from ...datasets.sweeps.check import is_store
 from ...device.playing.signals import ending_on_signals
 from ..coordinate_spacing import apart_text, joining_place
 from ..errors import MeshError, StrategyError
@@ -80,7 +80,7 @@ def _view(files: list[Path], options: dict[str, Any], what: str, *, as_json: boo
     for file in files:
         if len(files) > 1 and file.suffix.lower() in MOTION_SUFFIXES and file.exists():
             raise StrategyError(f"{file} is a motion: a preview takes the object first, then the motion")
-        if not is_sweep_data(file):
+        if not is_store(file):
             refuse_object(file)
     if options["export"] is not None:
         _refuse_given(options, OF_A_SERVER, "of a page that is served; --export writes one")
@@ -116,7 +116,7 @@ def _view(files: list[Path], options: dict[str, Any], what: str, *, as_json: boo
 def _export(files: list[Path], options: dict[str, Any], *, as_json: bool) -> None:
     """Write one page of all files, and say how large it is."""
     for file in files:
-        if file.is_dir() and is_sweep_data(file):
+        if is_store(file):
             raise StrategyError(f"{file} is a sweep's store: --export takes contour files")
     start_warp()
     with bars.loading_bar(f"writing {options['export']}", quiet=as_json):

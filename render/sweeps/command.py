@@ -8,14 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...datasets.sweeps.store import SweepStore
+from ...datasets.sweeps.store import Key, SweepStore
 from ..errors import PlanError, SweepError
 from ..runtime.warp_start import start_warp
 from ..runtime.worker_devices import WORKERS_MOST, has_cuda_driver, worker_devices
 from ..terminal import console
 from ..terminal.foreign_text import print_message, show_table, write
 from .make.poses import pose_count
-from .make.task import Engine
 from .plan.code_version import code_version
 from .plan.loading import Plan, draft_plans
 from .refusals import (
@@ -23,18 +22,17 @@ from .refusals import (
     refuse_baseline,
     refuse_baseline_file,
     refuse_poses,
-    refuse_share,
     refuse_summary,
     refuse_tables,
 )
 from .report.failures import failure_rows
 from .report.progress import sweep_bar
 from .report.results import Results
-from .run.estimate import RECIPES_MOST, Estimate, estimate, refuse_too_large
-from .run.limits import WorkerLimits, default_memory
-from .run.log import LOG, SweepLog, SweepProgress
-from .run.missing import Counts, Missing, ResultKey
-from .run.parent import SweepReport, run_sweep
+from .run.estimate import Estimate, estimate, refuse_too_large
+from .run.executors import dask_executor
+from .run.missing import Counts, Missing
+from .run.progress import SweepProgress
+from .run.sweep_run import SweepReport, run_sweep
 
 if TYPE_CHECKING:
     from .report.compare import Baseline, Comparison, Tolerance
@@ -48,7 +46,7 @@ TOLD = (
     "poses_rendered",
     "poses_per_second",
     "seconds",
-    "engine",
+    "executor",
     "retries",
     "workers_lost",
     "store",
@@ -72,8 +70,7 @@ class SweepJob:
     workers: str
     scheduler: str | None
     shard: str | None
-    share: str | None
-    task_timeout: float
+    unit_timeout: float
     worker_memory: int | None
     baseline: Path | None
     update_baseline: bool
@@ -125,14 +122,12 @@ class SweepJob:
                 if value:
                     raise PlanError(f"{option} does not go with --dry-run: it makes nothing, on this machine")
         self.shard_of()
-        if not self.task_timeout >= 0:  # NaN is not
-            raise PlanError(f"--task-timeout must be at least 0 s (0 is no limit), not {self.task_timeout:g}")
+        if not self.unit_timeout >= 0:  # NaN is not
+            raise PlanError(f"--unit-timeout must be at least 0 s (0 is no limit), not {self.unit_timeout:g}")
         if self.worker_memory is not None and self.worker_memory < 0:
             raise PlanError(f"--worker-memory must be at least 0 MB (0 is no limit), not {self.worker_memory}")
-        if self.share is not None:
-            refuse_share(self.share)
         if self.device not in (None, "auto", "cpu") and self.scheduler is None:
-            _worker_devices(self.device)
+            _named_devices(self.device)
 
     def device_of(self, plan: Plan) -> str:
         """The device that is asked for, by the command line or else by the plan."""
@@ -143,21 +138,8 @@ class SweepJob:
         count = self.worker_count()
         return plan.workers if count is None else count
 
-    def engine(self, plan: Plan) -> Engine:
-        """Who makes the sweep."""
-        from .run.engine import choose_engine
 
-        return choose_engine(self.device_of(plan), self.workers_of(plan), self.scheduler)
-
-    def limits(self, plan: Plan) -> WorkerLimits:
-        """What ends a worker; the memory of a cluster's workers is the cluster's to bound."""
-        if self.worker_memory is not None or self.scheduler is not None:
-            return WorkerLimits(self.task_timeout, (self.worker_memory or 0) * 1_000_000)
-        count = len(_worker_devices(self.device_of(plan), self.workers_of(plan)))
-        return WorkerLimits(self.task_timeout, default_memory(count))
-
-
-def _worker_devices(device: str, workers: int | None = None) -> list[str]:
+def _named_devices(device: str, workers: int | None = None) -> list[str]:
     """`worker_devices`; where Warp has to be asked, its greeting stays away from standard output."""
     if device != "cpu" and (device != "auto" or has_cuda_driver()):
         start_warp()
@@ -180,22 +162,15 @@ def run_sweep_command(options: dict, *, as_json: bool) -> int:
     other = other_code_version(job.folder) if job.same_results else None
     plan = draft_plans(job.plans, job.overrides)
     refuse_poses(plan)
-    if job.scheduler is not None:
-        from .run.dask_connection import require_scheduler
-
-        require_scheduler(job.scheduler, devices=job.device_of(plan))
     if job.dry_run:
         return _show_estimate(_estimated(job, plan, other), as_json=as_json)
-    if plan.recipe_count > RECIPES_MOST and not job.yes:
-        refuse_too_large(plan, job.folder)
     plan = plan.with_code(job.allow_code)
     if check is not None:
         refuse_baseline(check.baseline, check.tolerances, plan, needs_match=not job.update_baseline)
     if other is not None:
-        with SweepStore(job.folder, maker=code_version()) as store, SweepLog(store.folder / LOG) as log:
-            store.count_results_of(other)
-            log.write("same-results", maker=store.maker, counted=store.counted)
-        console.warn(f"--same-results: results that {other} made count from now on as those of {code_version()}")
+        with SweepStore(job.folder, code_version(), mode="write") as store:
+            count = store.take_results_of(other)
+        console.warn(f"--same-results: {count:,} results that {other} made are from now on those of {code_version()}")
     report = _made(job, plan, as_json=as_json)
     if report is None:
         return console.FAILED
@@ -208,7 +183,7 @@ def run_sweep_command(options: dict, *, as_json: bool) -> int:
         from .report.summary import append_summary, sweep_summary
 
         append_summary(job.summary, sweep_summary(plan.name, report, comparison, row_count=SHOWN))
-    outputs = {"store": str(job.folder), **results.files, "also_results_of": list(results.counted)}
+    outputs = {"store": str(job.folder), **results.files}
     _say(report, outputs, comparison, as_json=as_json)
     is_kept = comparison is None or comparison.is_kept or job.update_baseline
     return console.FAILED if report.failures or not is_kept else console.DONE
@@ -257,8 +232,11 @@ def _made(job: SweepJob, plan: Plan, *, as_json: bool) -> SweepReport | None:
 
     def approve(counts: Counts) -> None:
         if not job.yes:
-            refuse_too_large(plan, job.folder, share=counts.poses_incomplete / max(1, counts.poses))
+            refuse_too_large(plan, job.folder, counts)
 
+    executor = None if job.scheduler is None else dask_executor(job.scheduler)
+    if executor is None and job.device_of(plan) != "cpu":
+        _named_devices(job.device_of(plan), job.workers_of(plan))
     try:
         with sweep_bar(as_json=as_json) as bar:
 
@@ -270,12 +248,14 @@ def _made(job: SweepJob, plan: Plan, *, as_json: bool) -> SweepReport | None:
             return run_sweep(
                 plan,
                 job.folder,
-                lambda: job.engine(plan),
+                executor,
+                device=job.device_of(plan),
+                workers=job.workers_of(plan),
+                unit_timeout=job.unit_timeout,
+                worker_memory=None if job.worker_memory is None else job.worker_memory * 1_000_000,
+                shard=job.shard_of(),
                 progress=progress,
                 approve=approve,
-                limits=job.limits(plan),
-                shard=job.shard_of(),
-                share=job.share,
             )
     except KeyboardInterrupt:
         message = (
@@ -297,13 +277,10 @@ def _say(report: SweepReport, outputs: dict[str, Any], comparison: Comparison | 
         "poses_rendered": report.poses_rendered,
         "poses_reused": report.poses_reused,
         "chunks_made": report.rows,
-        "chunks_recovered": report.recovered,
         "seconds": report.seconds,
-        "seconds_starting": report.seconds_starting,
         "poses_per_second": report.rate,
-        "engine": report.engine,
-        "devices": list(report.devices),
-        "tasks": report.tasks,
+        "executor": report.executor,
+        "units": report.units,
         "retries": report.retries,
         "workers_lost": report.workers_lost,
         **outputs,
@@ -343,16 +320,14 @@ def _estimated(job: SweepJob, plan: Plan, other: str | None) -> Estimate:
     with contextlib.ExitStack() as stack:
         done = _nothing
         if job.folder.is_file() or (job.folder.is_dir() and any(job.folder.iterdir())):
-            store = stack.enter_context(SweepStore(job.folder, maker=code_version(), mode="read"))
-            if other is not None:
-                store.count_results_of(other)  # of this opened store only
-                console.warn(f"--same-results: this counts results that {other} made; a dry run does not record it")
+            # A dry run changes nothing, so with --same-results it looks at the other code's results instead.
+            store = stack.enter_context(SweepStore(job.folder, other or code_version()))
             done = store.done
-        missing = Missing(plan.recipes(), plan.groups, done=done, pose_count=pose_count)
+        missing = Missing(tuple(plan.recipes()), plan.groups, done=done, pose_count=pose_count, shard=job.shard_of())
         return estimate(plan, missing, job.folder, devices=devices)
 
 
-def _nothing(keys: Sequence[ResultKey]) -> dict[ResultKey, set[int]]:
+def _nothing(keys: Sequence[Key]) -> dict[Key, set[int]]:
     """What is done where there is no store."""
     return {key: set() for key in keys}
 

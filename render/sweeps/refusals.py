@@ -8,15 +8,12 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...datasets.errors import SweepStoreError
-from ...datasets.sweeps.claims import SharedPlace
 from ...datasets.sweeps.store import SweepStore
 from ...datasets.sweeps.table import SUFFIXES
 from ..errors import PlanError, SweepError
 from .plan.code_version import code_version
 from .plan.loading import Plan
 from .plan.recipe import Recipe, function_of, is_user_metric
-from .run.estimate import RECIPES_MOST
 
 if TYPE_CHECKING:
     from .report.compare import Baseline, Tolerance
@@ -40,8 +37,8 @@ def other_code_version(folder: Path) -> str:
     """The other code version that last recorded results in a store; raises PlanError if there is none."""
     if not folder.exists():
         raise PlanError(f"--same-results: there is no store {folder}, so it has no results that could be kept")
-    with SweepStore(folder, maker=code_version(), mode="read") as store:
-        other = store.latest_other()
+    with SweepStore(folder, own := code_version()) as store:
+        other = next((code for code, count in reversed(store.code_versions().items()) if count and code != own), None)
     if other is None:
         raise PlanError(f"--same-results: {folder} has no results of another code version than this one's")
     return other
@@ -54,14 +51,6 @@ def refuse_baseline_file(path: Path | None) -> None:
     if path.suffix not in SUFFIXES or path.is_dir():
         raise PlanError(f"--baseline {path}: a baseline to update must be a file that ends in {' or '.join(SUFFIXES)}")
     _require_pyarrow("--baseline", path)
-
-
-def refuse_share(url: str) -> None:
-    """Raise PlanError for a place that parents cannot share: no URL or absolute path, or one of an unknown kind."""
-    try:
-        SharedPlace(url)
-    except SweepStoreError as error:
-        raise PlanError(f"--share {error}") from error
 
 
 def refuse_summary(path: Path | None) -> None:
@@ -92,12 +81,10 @@ def refuse_baseline(
     """Raise PlanError where a tolerance is of no metric of a plan or baseline, or no recipe is of both.
 
     needs_match: whether a baseline of another plan is refused; one that is to be replaced is not.
-    Of plans of more than RECIPES_MOST recipes only the tolerances are judged.
     """
     from .report.compare import compare_tables
 
-    counts = (RECIPES_FIRST, *([RECIPES_MOST] if RECIPES_FIRST < plan.recipe_count <= RECIPES_MOST else []))
-    for count in counts:
+    for count in (RECIPES_FIRST, plan.recipe_count):
         columns = _columns_ahead(islice(plan.recipes(), count), plan.groups)
         try:
             found = compare_tables(baseline, columns, tolerances)
@@ -105,8 +92,7 @@ def refuse_baseline(
             raise PlanError(str(error)) from error
         if found.recipe_count or not needs_match:
             return
-    if plan.recipe_count <= RECIPES_MOST:
-        raise PlanError(f"baseline {baseline.path} has no recipe in common with this plan: it is of another one")
+    raise PlanError(f"baseline {baseline.path} has no recipe in common with this plan: it is of another one")
 
 
 def _columns_ahead(recipes: Iterable[Recipe], groups: Sequence[str]) -> dict[str, list[Any]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,18 +13,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...datasets.sweeps.columns import column_arrays
-from ...datasets.sweeps.store import SweepStore
+from ...datasets.sweeps.store import Failure, SweepStore
 from ..errors import PlanError, SweepError
-from ..runtime.worker_devices import worker_devices
 from ..trust.permission import AllowCode
 from .plan.code_version import code_version
 from .plan.loading import Plan, load_plans
 from .report.table import column_units, is_metric, plain_cell, tidy_columns
-from .run.engine import choose_engine
 from .run.estimate import refuse_too_large
-from .run.limits import WorkerLimits, default_memory
-from .run.missing import Counts, Failure
-from .run.parent import SweepReport, run_sweep
+from .run.missing import Counts
+from .run.sweep_run import SweepReport, run_sweep
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -62,7 +60,7 @@ class SweepResult:
     @cached_property
     def columns(self) -> dict[str, np.ndarray]:
         """Every column of the table, those that have one value in all rows included; a missing value is NaN or ""."""
-        with SweepStore(self.store, maker=code_version(), mode="read") as store:
+        with SweepStore(self.store, code_version()) as store:
             return dict(column_arrays(tidy_columns(self.plan.recipes(), store, self.plan.groups)))
 
     @property
@@ -109,14 +107,14 @@ def sweep(
     store: str | Path | None = None,
     device: str | None = None,
     workers: int | None = None,
-    scheduler: str | None = None,
+    executor: Executor | None = None,
     allow_code: AllowCode = False,
     yes: bool = False,
 ) -> SweepResult:
     """Make everything of a plan, or of several, that its store lacks, as `palpate sweep` does, and give the table.
 
     set: values by key, which replace those of the plan: {"motion.seed": [1, 2], "object.fit": 0.1}. store: folder, by
-    default beside the first plan, with the suffix .sweep. device, workers, scheduler: as the command's options, by
+    default beside the first plan, with the suffix .sweep. device, workers, executor: see `run_sweep`, by
     default the plan's. allow_code: whether code that the plan names may be run. yes: also makes sweeps that the command
     would refuse without --yes, because they are very large. Writes no table and no picture into the store.
     Recipes that fail are in `failures`. Raises PlanError, UntrustedCodeError as `load_plans`, and SweepError and
@@ -133,19 +131,13 @@ def sweep(
         paths, [f"{key}={toml_text(key, value)}" for key, value in (set or {}).items()], allow_code=allow_code
     )
     folder = paths[0].with_suffix(STORE_SUFFIX) if store is None else Path(store)
-    where, count = device or loaded.device, workers or loaded.workers
-    memory = 0 if scheduler is not None else default_memory(len(worker_devices(where, count)))
 
     def approve(counts: Counts) -> None:
         if not yes:
-            refuse_too_large(loaded, folder, share=counts.poses_incomplete / max(1, counts.poses))
+            refuse_too_large(loaded, folder, counts)
 
     report = run_sweep(
-        loaded,
-        folder,
-        lambda: choose_engine(where, count, scheduler),
-        approve=approve,
-        limits=WorkerLimits(memory=memory),
+        loaded, folder, executor, device=device or loaded.device, workers=workers or loaded.workers, approve=approve
     )
     return SweepResult(loaded, folder, report)
 

@@ -6,127 +6,111 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ...datasets.sweeps.merge import Merged, merge_store
-from ...datasets.sweeps.status import StoreStatus, living_parents, store_status
+from ...datasets.storage.durable import FolderLock
+from ...datasets.sweeps.merging import Merged, merge_store
 from ...datasets.sweeps.store import SweepStore
-from ..errors import PlanError, SweepError
+from ..errors import PlanError
 from ..terminal import console
 from ..terminal.foreign_text import show_table, visible
 from .plan.code_version import code_version
 from .report.failures import failure_rows
-from .run.log import LOG, read_log
-from .run.missing import Failure
 
 
 def show_status(folder: Path, *, as_json: bool) -> int:
     """Show what a store holds, and how its last run ended."""
-    status, last = store_status(folder), _last_run(folder)
-    own, makers = code_version(), list(status.groups)
+    own = code_version()
+    with SweepStore(folder) as store:
+        last, counts, failures = store.last_run(), store.group_counts(), store.failure_counts()
+        versions = list(store.code_versions())
+    paths = [path for path in folder.iterdir() if path.is_file() or path.is_dir()]
+    sizes = {path.name: size for path in sorted(paths) if (size := _bytes(path))}
     values: dict[str, Any] = {
         "store": str(folder),
         "last_run": last,
-        "parents": list(status.parents),
-        "shards_waiting": status.shards_waiting,
-        "bytes": status.bytes,
+        "is_in_use": FolderLock.is_held(folder),
+        "bytes": sizes,
         "code_version": own,
-        "makers": [
+        "code_versions": [
             {
-                "maker": maker,
-                "is_this_code": maker == own,
-                "failures": status.failures.get(maker, 0),
-                "groups": [vars(count) for count in status.groups[maker]],
+                "code_version": version,
+                "is_this_code": version == own,
+                "failures": failures.get(version, 0),
+                "groups": [
+                    {"group": group, "results": results, "chunks": chunks}
+                    for code, group, results, chunks in counts
+                    if code == version
+                ],
             }
-            for maker in makers
+            for version in versions
         ],
     }
     if as_json:
         console.show_values(values, as_json=True, title="")
         return console.DONE
     shown = {
-        "last run": None if last is None else f"{last['plan']}, {last['time']}, {last['state']}",
-        "at work now": ", ".join(status.parents) or "nobody",
-        "shards waiting": status.shards_waiting,
-        **{name: f"{size:,} bytes" for name, size in status.bytes.items()},
+        "last run": None if last is None else f"{last['plan']}, {last['begun']}, {last['state']}",
+        "in use now": "yes" if values["is_in_use"] else "no",
+        **{name: f"{size:,} bytes" for name, size in sizes.items()},
     }
     console.show_values(shown, as_json=False, title=str(folder))
-    _show_makers(status, own)
+    rows: list[tuple[str, ...]] = []
+    for version in reversed(versions):
+        name = f"{visible(version)}{' (this code)' if version == own else ''}"
+        rows += [(name, visible(own), f"{results:,}", f"{n:,}") for code, own, results, n in counts if code == version]
+        if version in failures:
+            rows.append((name, "recipes that failed", f"{failures[version]:,}", ""))
+    show_table("results by code version, the last one first", rows, ("code version", "group", "results", "chunks"))
     return console.DONE
 
 
-def _show_makers(status: StoreStatus, own: str) -> None:
-    """A row for each group of each code version."""
-    rows: list[tuple[str, ...]] = []
-    for maker, groups in reversed(status.groups.items()):
-        name = f"{maker}{' (this code)' if maker == own else ''}"
-        rows += [(name, visible(count.group), f"{count.results:,}", f"{count.parts:,}") for count in groups]
-        if failures := status.failures.get(maker):
-            rows.append((name, "recipes that failed", f"{failures:,}", ""))
-    show_table("results by code version, the last one first", rows, ("code version", "group", "results", "parts"))
-
-
-def _last_run(folder: Path) -> dict[str, Any] | None:
-    """Plan, start and state of the run that began last, by the log; None without a log."""
-    last: dict[str, Any] | None = None
-    for event in read_log(folder / LOG):
-        if event["event"] == "start":
-            last = {"run": event["run"], "plan": event.get("plan"), "time": event["time"], "state": "not ended"}
-        elif last is not None and event["run"] == last["run"] and event["event"] in ("end", "stopped"):
-            last["state"] = "ended" if event["event"] == "end" else f"stopped: {event.get('sentence')}"
-    return last
+def _bytes(path: Path) -> int:
+    """Of a file, or of the files of a folder [byte]."""
+    files = path.glob("*") if path.is_dir() else [path]
+    return sum(own.lstat().st_size for own in files if own.is_file())
 
 
 def show_failures(folder: Path, *, as_json: bool) -> int:
     """Show which recipes could not be made, and why: by this code version, or else by the one that recorded last."""
     own = code_version()
-    with SweepStore(folder, maker=own if own in store_status(folder).groups else None, mode="read") as store:
-        maker, failed = store.maker, store.failed()
-    names = {
-        str(event.get("recipe_hash")): str(event.get("recipe"))
-        for event in read_log(folder / LOG)
-        if event["event"] == "failure"
-    }
-    failures = [Failure(recipe, names.get(recipe, recipe), sentence) for recipe, sentence in failed.items()]
+    with SweepStore(folder) as store:
+        is_known = own in store.code_versions()
+    with SweepStore(folder, own if is_known else None) as store:
+        code, failures = store.code, store.failures()
     if as_json:
-        values = {"store": str(folder), "maker": maker, "failures": [vars(failure) for failure in failures]}
+        values = {"store": str(folder), "code_version": code, "failures": [vars(failure) for failure in failures]}
         console.show_values(values, as_json=True, title="")
         return console.DONE
-    console.show_values({"code version": maker, "recipes failed": len(failures)}, as_json=False, title=str(folder))
+    console.show_values({"code version": code, "recipes failed": len(failures)}, as_json=False, title=str(folder))
     if rows := failure_rows(failures):
         show_table("recipes that could not be made", rows, ("recipe", "why"))
     return console.DONE
 
 
 def prune_store(folder: Path, *, is_dry: bool, as_json: bool) -> int:
-    """Remove results of other code versions that do not count for this one's.
+    """Remove results of other code versions than this one.
 
-    Raises PlanError where this code has no result that would stay, SweepError while a sweep runs in the store.
+    Raises PlanError where this code has no result that would stay, SweepStoreError while the store is in use.
     """
     own = code_version()
-    with SweepStore(folder, maker=own, mode="read") as store:
-        makers = store.makers()
-        kept = {maker: count for maker, count in makers.items() if count and maker in (own, *store.counted)}
-        unused = store.unused()
-    files = [path for path in unused.files if path.is_file()]
-    byte_count = sum(path.stat().st_size for path in files)
-    if not kept:
+    with SweepStore(folder, own) as store:
+        found = store.unused()
+    if not found.rows_kept:
         raise PlanError(
-            f"{folder}: all of its {sum(makers.values()):,} parts are of other code versions than this one's, {own}, "
-            "so nothing would stay; run the sweep first, keep them by --same-results, or delete the folder"
+            f"{folder}: all of its {found.rows:,} results are of other code versions than this one's, {own}, so "
+            "nothing would stay; run the sweep first, keep them by --same-results, or delete the folder"
         )
+    byte_count = sum(path.stat().st_size for path in found.files if path.is_file())
     if not is_dry:
-        if parents := list(living_parents(folder)):
-            raise SweepError(f"{folder}: a sweep runs in it ({', '.join(parents)}); prune it when that has ended")
-        with SweepStore(folder, maker=own) as store:
-            store.prune()
-    removed = [maker for maker in makers if maker not in kept]
+        with SweepStore(folder, own, mode="write") as store:
+            found = store.prune()
     values = {
         "store": str(folder),
         "is_dry_run": is_dry,
-        "code_versions_removed": removed,
-        "parts_removed": unused.part_count,
-        "files_removed": len(files),
+        "code_versions_removed": list(found.code_versions),
+        "results_removed": found.rows,
+        "files_removed": len(found.files),
         "bytes_removed": byte_count,
-        "parts_kept": sum(kept.values()),
+        "results_kept": found.rows_kept,
     }
     shown = {name: len(own) if isinstance(own, list) else own for name, own in values.items() if name != "store"}
     console.show_values(values if as_json else shown, as_json=as_json, title=str(folder))
@@ -138,51 +122,54 @@ def merge_stores(target: Path, sources: Sequence[Path], *, with_other_code: bool
 
     Raises PlanError for a source that is the target, or has results of another code version only.
     """
-    found = {source: _makers_of(source) for source in sources}
-    if twice := next(
-        (source for source in sources if source.absolute().resolve() == target.absolute().resolve()), None
-    ):
+    found = {source: _versions_of(source) for source in sources}
+    if twice := next((own for own in sources if own.absolute().resolve() == target.absolute().resolve()), None):
         raise PlanError(f"{twice} cannot be merged into itself")
-    main = _main_maker(target, found, refuses_others=not with_other_code)
-    others = dict.fromkeys(maker for own in found.values() for maker in own if maker != main)
+    main = _main_version(target, found, refuses_others=not with_other_code)
+    others = dict.fromkeys(code for own in found.values() for code in own if code != main)
     merged = {source: Merged() for source in sources}
-    for maker in (*(others if with_other_code else ()), main):  # the main one last, so that it recorded last
-        with SweepStore(target, maker=maker) as store:
+    for code in (*(others if with_other_code else ()), main):  # the main one last, so that it recorded last
+        with SweepStore(target, code, mode="write") as store:
             for source, own in merged.items():
-                own.add(merge_store(store, source))
+                with SweepStore(source, code) as other:
+                    new = merge_store(store, other)
+                own.results += new.results
+                own.failures += new.failures
+                own.problems += new.problems
     for source, own in merged.items():
         for problem in own.problems:
-            console.warn(f"{problem}; these parts were left out")
-        left = [maker for maker in found[source] if maker != main]
+            console.warn(f"{problem}; it was left out")
+        left = [code for code in found[source] if code != main]
         if left and not with_other_code:
             console.warn(f"{source}: results of {len(left)} other code versions were left out; --other-code takes them")
     values = {
         "store": str(target),
         "code_version": main,
-        "parts_merged": sum(own.parts for own in merged.values()),
+        "results_merged": sum(own.results for own in merged.values()),
         "failures_merged": sum(own.failures for own in merged.values()),
         "sources": [{"store": str(source), **vars(own)} for source, own in merged.items()],
     }
-    shown = ("code_version", "parts_merged", "failures_merged")
+    shown = ("code_version", "results_merged", "failures_merged")
     console.show_values(values, as_json=as_json, title=str(target), shown_names=shown)
     return console.FAILED if any(own.problems for own in merged.values()) else console.DONE
 
 
-def _makers_of(source: Path) -> list[str]:
+def _versions_of(source: Path) -> list[str]:
     """Code versions with results or failures in a store, the one that recorded last at the end."""
-    status = store_status(source)
-    return [maker for maker, groups in status.groups.items() if groups or maker in status.failures]
+    with SweepStore(source) as store:
+        failures = store.failure_counts()
+        return [code for code, count in store.code_versions().items() if count or code in failures]
 
 
-def _main_maker(target: Path, found: dict[Path, list[str]], *, refuses_others: bool) -> str:
-    """Whose results are merged: this code's if there are any, else those of the code version that all stores share."""
+def _main_version(target: Path, found: dict[Path, list[str]], *, refuses_others: bool) -> str:
+    """The code version that is merged: this one if there are results of it, else the one that all stores share."""
     stores = dict(found)
     if target.exists() and not (target.is_dir() and not any(target.iterdir())):
-        stores = {target: _makers_of(target)} | stores
+        stores = {target: _versions_of(target)} | stores
     own = code_version()
-    latest = {store: own if own in makers else makers[-1] for store, makers in stores.items() if makers}
+    latest = {store: own if own in codes else codes[-1] for store, codes in stores.items() if codes}
     if refuses_others and len(set(latest.values())) > 1:
-        each = "; ".join(f"{store} has {maker}" for store, maker in latest.items())
+        each = "; ".join(f"{store} has {code}" for store, code in latest.items())
         raise PlanError(
             f"these stores have results of different code versions: {each}. Results of two code versions do not make "
             "one table: merge stores of one, or merge all with --other-code, where each keeps its code version"

@@ -10,7 +10,7 @@ import numpy as np
 from ...datasets.sweeps.table import TABLE, load_table
 from ..errors import ViewError
 from ..intersection.file_recording import record
-from ..sweeps.make.keep import contours_at
+from ..sweeps.make.keep import CONTOURS
 from ..sweeps.make.poses import pose_count
 from ..sweeps.make.rendering import read_recipe, recipe_cache
 from ..sweeps.report.table import is_axis, is_metric
@@ -89,7 +89,8 @@ class SweepRows:
         recipe that names code, and ViewError for more than two million poses.
         """
         recipe = read_recipe(str(self.columns["recipe"][row]))
-        for found in (self._made.get(row), contours_at(self.store, recipe.key("contours"))):
+        key = recipe.key("contours")
+        for found in (self._made.get(row), self.store / CONTOURS / f"{key}.h5"):
             if found is not None and found.is_file():
                 return found
         count = pose_count(recipe)

@@ -10,12 +10,11 @@ from .output import Json, Overwrite, Quiet, run_job
 from .trust import AllowCode
 
 DEVICE_HELP = "Instead of the plan's: cpu, cuda:0, several with commas between, cuda (all GPUs), auto."
-SCHEDULER_HELP = "A cluster: tcp://HOST:PORT or the scheduler file of a Dask scheduler; local: one of this host."
-SHARD_HELP = "Make only part I of N, for a matrix of jobs; with --share a last command fetches all parts."
-SHARE_HELP = "Divide the work with other machines, each with a store of its own: a shared folder or s3://BUCKET/NAME."
-TIMEOUT_HELP = "End a worker that uses so much processor time without progress, or waits 8 times as long; 0: never."
-MEMORY_HELP = "End a worker that holds more memory; by default an equal share of the machine's; 0: no limit."
-SAME_HELP = "Count results of the store's latest other code version: you know that the change moved none."
+SCHEDULER_HELP = "A Dask cluster: the address of its scheduler, tcp://HOST:PORT, or its scheduler file (.json)."
+SHARD_HELP = "Make only part I of N, in a store of its own; palpate sweep merge puts the parts together."
+TIMEOUT_HELP = "End a unit of work that takes longer; one is planned to take 2 to 3 s. 0: never."
+MEMORY_HELP = "Memory that a process may allocate; by default an equal share of the machine's; 0: no limit."
+SAME_HELP = "Take over results of the store's latest other code version: you know that the change moved none."
 UPDATE_HELP = "Write --baseline's file (.csv or .parquet) after the run, and exit 0 though values moved."
 SUMMARY_HELP = "Append counts, failures and what moved to FILE.md as Markdown, for the step summary of CI."
 TOLERANCE_HELP = "[COLUMN=]NUMBER[abs]: relative, or absolute; by default 1e-6. May be repeated."
@@ -57,7 +56,7 @@ def run(
         bool, typer.Option("--dry-run", help="Only tell recipes, poses, bytes and time to expect.")
     ] = False,
     yes: Annotated[
-        bool, typer.Option("--yes", help="Also more than a million recipes, or more bytes than the disk has.")
+        bool, typer.Option("--yes", help="Also more than 10^12 poses, or more bytes than the disk has.")
     ] = False,
     same_results: Annotated[bool, typer.Option("--same-results", help=SAME_HELP)] = False,
     device: Annotated[str | None, typer.Option(metavar="DEVICE", help=DEVICE_HELP)] = None,
@@ -65,8 +64,7 @@ def run(
         str, typer.Option(metavar="N", help="On each device; auto: one for each core of the CPU, two on a GPU.")
     ] = "auto",
     shard: Annotated[str | None, typer.Option(metavar="I/N", help=SHARD_HELP)] = None,
-    share: Annotated[str | None, typer.Option(metavar="URL", help=SHARE_HELP)] = None,
-    task_timeout: Annotated[float, typer.Option(metavar="SECONDS", help=TIMEOUT_HELP)] = 600.0,
+    unit_timeout: Annotated[float, typer.Option(metavar="SECONDS", help=TIMEOUT_HELP)] = 1800.0,
     worker_memory: Annotated[int | None, typer.Option(metavar="MB", help=MEMORY_HELP)] = None,
     scheduler: Annotated[str | None, typer.Option(metavar="ADDRESS", help=SCHEDULER_HELP)] = None,
     baseline: Annotated[
@@ -96,8 +94,7 @@ def run(
         "workers": workers,
         "scheduler": scheduler,
         "shard": shard,
-        "share": share,
-        "task_timeout": task_timeout,
+        "unit_timeout": unit_timeout,
         "worker_memory": worker_memory,
         "baseline": baseline,
         "update_baseline": update_baseline,

@@ -1,1 +1,1 @@
-"""What a worker of a sweep does with a task: renders chunks, measures them, keeps files."""
+"""Units of a sweep made into results: chunks are rendered, measured, sampled and kept."""

@@ -1,7 +1,6 @@
 """Audible noise of a whole recipe, and pressure at a sample of its poses: how loud it is, and how it presses."""
 
 import math
-from collections.abc import Callable
 from time import perf_counter
 from typing import Any
 
@@ -29,19 +28,11 @@ class NoiseMeter:
     """Takes the focal points of a recipe, and predicts the levels of the noise that they make [dB].
 
     All frames are in memory until then, on the device, Warp's, which makes them. device: of all that is made; a GPU's
-    levels are within 0.02 dB of the CPU's. tick: called after every block of periods, as a sign of progress.
+    levels are within 0.02 dB of the CPU's.
     Raises StrategyError for more frames than fit into memory, DeviceError for arrays that cannot play the sampling.
     """
 
-    def __init__(
-        self,
-        recipe: Recipe,
-        strategy: SamplingStrategy,
-        frame_count: int,
-        *,
-        device: str = "cpu",
-        tick: Callable[[], object] = lambda: None,
-    ) -> None:
+    def __init__(self, recipe: Recipe, strategy: SamplingStrategy, frame_count: int, *, device: str = "cpu") -> None:
         models, drive = arrays_of(recipe.array)
         for model in models:
             model.divider(strategy.update_rate)
@@ -52,7 +43,7 @@ class NoiseMeter:
         self._frames = DeviceFrames(
             wp.empty(shape, dtype=wp.uint8, device=device), wp.zeros(frame_count, dtype=wp.float32, device=device)
         )
-        self._count, self._rate, self._tick = 0, strategy.update_rate, tick
+        self._count, self._rate = 0, strategy.update_rate
 
     def take(self, focus: FocalPoints) -> None:
         """Frames of the next focal points."""
@@ -70,7 +61,7 @@ class NoiseMeter:
             return {"reason": f"{duration:g} s are too short for a spectrum", "seconds": {}}
         listener = NoiseListener(self._driver.arrays, device=self._driver.device)
         frames = DeviceFrames(*(own[: self._count] for own in self._frames))
-        signal = listener.signal_of(frames, self._rate, lambda *_: self._tick())
+        signal = listener.signal_of(frames, self._rate)
         levels = signal.spectrum().levels()
         heard = {f"noise_{name}": level if math.isfinite(level) else None for name, level in levels.items()}
         return {**heard, "seconds": {"noise": perf_counter() - started}}
@@ -83,11 +74,10 @@ def measure_pressure(
     recipe: Recipe,
     *,
     device: str = "cpu",
-    tick: Callable[[], object] = lambda: None,
 ) -> dict[str, Any]:
     """Pressure of a recipe at a sample of its poses, by its columns; none of a hand that is a mesh.
 
-    device: Warp's; a GPU's values are within 1e-3 of the CPU's. tick: called after every pose, as a sign of progress.
+    device: Warp's; a GPU's values are within 1e-3 of the CPU's.
     """
     started = perf_counter()
     if isinstance(hand, MeshHand):
@@ -98,10 +88,9 @@ def measure_pressure(
     parts = []
     for first, stop in contours.blocks(point_limit=POINTS_A_READ):
         parts.append(ContourBatch.from_arrays(contours.contours(first, stop)).length())
-        tick()
     length = np.concatenate(parts) if parts else np.zeros(0)
     arrays = tuple(PlacedArray(model) for model in models)
     meter = PoseMeter(arrays, strategy, drive, Resonance(), PRESSURE_AT_1M, device)
-    found = measure_sample(contours, hand, length, meter, progress=lambda *_: tick()).as_dict()
+    found = measure_sample(contours, hand, length, meter).as_dict()
     by_column = {f"pressure_{name}": value for name, value in found.items()}
     return {**by_column, "seconds": {"pressure": perf_counter() - started}}

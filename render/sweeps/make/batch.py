@@ -16,14 +16,14 @@ from ...sampling.strategy import SamplingStrategy
 from ..plan.recipe import Recipe, is_user_metric
 from .metrics import Measured
 from .rendering import Rendering, sampling_of
-from .task import CHUNK_POSES, SPAN
+from .unit import CHUNK_POSES, SPAN
 from .user_metrics import UserMetric
 
 GPU_POSES = 128 * CHUNK_POSES  # of a batch: 16 M, if the memory has room; launches and waits cost less than 2 % then
 GPU_SHARE = 8  # of a GPU's memory, a batch's working arrays take one eighth
 POINTS_A_POSE = 32  # supposed, until a batch does not fit
 POSES_FIRST = {"cpu": 4 * SPAN, "cuda": 8 * CHUNK_POSES}  # of a batch of a scene, before its speed is known
-BATCH_SECONDS = 1.0  # a worker shows a sign of progress after each batch
+BATCH_SECONDS = 1.0  # long beside launching a batch, short beside what a smaller limit of memory would lose
 GROWTH = 8  # largest ratio of a batch to the one before
 
 
@@ -48,7 +48,7 @@ class WantedResult:
     metric: UserMetric | None = None
     """The user's function that computes it, if one does."""
     places: set[int] = field(default_factory=set)
-    """Chunks of the task that ask for it."""
+    """Chunks of the unit that ask for it."""
 
 
 @dataclass(eq=False)
@@ -75,7 +75,7 @@ class RenderedChunk:
 
     @property
     def places(self) -> set[int]:
-        """Chunks of the task that ask for any of it."""
+        """Chunks of the unit that ask for any of it."""
         return set().union(*(wanted.places for wanted in self.wanted.values()))
 
     @property
@@ -107,7 +107,7 @@ def want_chunk(
     rendering: Rendering,
     user_metrics: Mapping[str, UserMetric],
 ) -> None:
-    """Add the results that a chunk of a task asks for; chunks of one rendering become one.
+    """Add the results that a chunk of a unit asks for; chunks of one rendering become one.
 
     user_metrics: functions of groups that users define.
     """

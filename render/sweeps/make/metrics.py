@@ -36,7 +36,7 @@ from ...sampling.strategy import SamplingStrategy
 from ...stages.registry import BY_RAW_KERNELS
 from . import histogram
 from .frequency import Pacer, needs_contours
-from .task import CHUNK_POSES, SPAN
+from .unit import CHUNK_POSES, SPAN
 from .user_metrics import UserMetric, measure
 
 FACING = tuple(f"facing_{degrees}" for degrees in SHARE_ANGLES)

@@ -21,7 +21,7 @@ from ....datasets.storage.hdf5 import Hdf5Reader
 from ...errors import SweepError
 from ...motions.explorations.explored import ExploredPoses, HostPoses
 from ..plan.recipe import Recipe, digest_source
-from .task import CHUNK_POSES
+from .unit import CHUNK_POSES
 
 RANDOM, EXPLORATION = "random", "exploration"
 ARTICULATED = ("planes", "skin")

@@ -167,7 +167,7 @@ class RecipeCache:
 
 @lru_cache(maxsize=16)
 def recipe_cache(device: str) -> RecipeCache:
-    """The cache of a device, kept from task to task."""
+    """The cache of a device, kept from unit to unit."""
     return RecipeCache(device)
 
 

@@ -3,7 +3,7 @@
 Contours are rendered as they are sampled, or read where they are kept.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Any, Protocol
@@ -95,17 +95,15 @@ def sample_recipe(
     takers: Sequence[FocusTaker] = (),
     *,
     counted: bool = True,
-    tick: Callable[[], object] = lambda: None,
 ) -> dict[str, Any]:
     """Go once through all focal points of a motion; returns `NUMBERS`, if they are to be counted, and the seconds.
 
-    takers: who else takes the focal points. tick: called after every block of poses, as a sign of progress. Raises what
-    rendering and sampling raise.
+    takers: who else takes the focal points. Raises what rendering and sampling raise.
     """
     started = perf_counter()
     sampler = Sampler(strategy, revisits=counted)
     source = ContourSource(contours, sampler, block=SPAN_SAMPLES)
-    blocks = _taken(source, takers, tick)
+    blocks = _taken(source, takers)
     if not counted:
         for _ in blocks:
             pass
@@ -117,10 +115,9 @@ def sample_recipe(
     return {**numbers, "seconds": {"sampling": perf_counter() - started}}
 
 
-def _taken(source: FocusSource, takers: Sequence[FocusTaker], tick: Callable[[], object]) -> Iterator[FocalPoints]:
+def _taken(source: FocusSource, takers: Sequence[FocusTaker]) -> Iterator[FocalPoints]:
     """Focal points, once all takers have had them."""
     for focus in source:
-        tick()
         for taker in takers:
             taker.take(focus)
         yield focus

@@ -3,12 +3,11 @@
 | a rendering of which unsplit groups are asked | is made |
 |---|---|
 | only these two, of a motion with times on a rigid hand, by kernels | with others of its scene and sampling |
-| the same, of contours that the store has | alone, as they are read, which may take less than rendering them again |
 | focal points on a GPU, modulated by sines, which round otherwise there | alone (`unsplit`), on the CPU |
 | anything else, as kept drives, which take 20 times as long as their focal points | alone |
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
@@ -20,21 +19,21 @@ from ...motions.groups import MotionGroup, motion_groups, sample_counts
 from ...sampling.strategy import SamplingStrategy
 from ..plan.recipe import Recipe
 from .batch import batch_bytes
-from .keep import contours_at, is_kept, keep_focal_points
+from .keep import keep_focal_points
 from .rendering import Rendering, sampling_of
 
 FOCI_AT_ONCE = 5_000_000  # 0.2 GB of focal points of a motion; more are made alone, block by block
-CPU_BYTES = 256_000_000  # of a group on a CPU: some 10 motions of 30 s, so a sign of progress every half second
+CPU_BYTES = 256_000_000  # of a group on a CPU: some 10 motions of 30 s
 SAMPLING, FOCAL_POINTS = "sampling", "keep-focal-points"
 Results = dict[str, dict[str, Any] | Exception]
 """Of a motion, by group: the payload, or why there is none."""
 
 
 class UnsplitChunk(NamedTuple):
-    """A chunk of a task that holds all poses of a recipe, as its groups cannot be split."""
+    """A chunk of a unit that holds all poses of a recipe, as its groups cannot be split."""
 
     place: int
-    """In the task."""
+    """In the unit."""
     groups: Sequence[str]
     recipe: Recipe
     rendering: Rendering
@@ -48,13 +47,8 @@ class SampledAlike:
     asked: dict[str, list[UnsplitChunk]] = field(default_factory=dict)
     """By key of the result: those that ask for it."""
 
-    def groups(
-        self, device: str, store: Path, *, tick: Callable[[], object] = lambda: None
-    ) -> Iterator[list[tuple[list[UnsplitChunk], Results]]]:
-        """Group by group, the results of each motion, and who asks for them.
-
-        tick: called after every file, as a sign of progress.
-        """
+    def groups(self, device: str, folder: Path) -> Iterator[list[tuple[list[UnsplitChunk], Results]]]:
+        """Group by group, the results of each motion, and the chunks that ask for them. folder: of kept files."""
         asked = list(self.asked.values())
         first = asked[0][0].rendering
         motions = [own[0].rendering.poses for own in asked]
@@ -63,15 +57,13 @@ class SampledAlike:
         started = perf_counter()
         for group in motion_groups(first.scene, motions, self.strategy, device, memory=memory):
             own = asked[group.first : group.stop]
-            made = self._results(group, own, store, tick)
+            made = self._results(group, own, folder)
             seconds = {"sampling": (perf_counter() - started) / len(own)}
             del group  # before the next takes as much memory
             yield [(chunks, _timed(results, seconds)) for chunks, results in zip(own, made, strict=True)]
             started = perf_counter()
 
-    def _results(
-        self, group: MotionGroup, asked: Sequence[list[UnsplitChunk]], store: Path, tick: Callable[[], object]
-    ) -> list[Results]:
+    def _results(self, group: MotionGroup, asked: Sequence[list[UnsplitChunk]], folder: Path) -> list[Results]:
         """Of each motion of a group. Raises what sampling raises: whose fault that is, making each alone tells."""
         samples = group.samples
         is_counted = any(SAMPLING in groups_of(own) for own in asked)
@@ -84,10 +76,9 @@ class SampledAlike:
                     made[name] = dict(numbers[number])
                     continue
                 try:
-                    made[name] = keep_focal_points(own[0].recipe, store, self.strategy, samples.focus(number))
+                    made[name] = keep_focal_points(own[0].recipe, folder, self.strategy, samples.focus(number))
                 except Exception as error:  # of this file only
                     made[name] = error
-                tick()
             results.append(made)
         return results
 
@@ -107,7 +98,7 @@ def _timed(results: Results, seconds: dict[str, float]) -> Results:
 
 
 def divide_chunks(
-    chunks: Sequence[UnsplitChunk], store: Path, device: str
+    chunks: Sequence[UnsplitChunk], device: str
 ) -> tuple[list[SampledAlike], dict[str, list[UnsplitChunk]]]:
     """Chunks that are sampled in groups, and by rendering those that are made alone."""
     by_rendering: dict[str, list[UnsplitChunk]] = {}
@@ -116,7 +107,7 @@ def divide_chunks(
     alike: dict[tuple[str, SamplingStrategy], SampledAlike] = {}
     alone: dict[str, list[UnsplitChunk]] = {}
     for key, own in by_rendering.items():
-        if is_kept(contours_at(store, key)) or not all(_is_grouped(chunk, device) for chunk in own):
+        if not all(_is_grouped(chunk, device) for chunk in own):
             alone[key] = own
             continue
         for chunk in own:

@@ -3,32 +3,20 @@
 Recipes of one rendering share its contours; those of one sampling strategy, too, share its focal points.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ....datasets.errors import ContourFileError
 from ....datasets.motions.hand_motion import HandMotion
 from ...intersection.scene import Scene
 from ...motions.numbers import NUMBERS
 from ...playback.focal_points import ContourRows, ContourSource
-from ...sampling.metrics import FocalPoints
 from ...sampling.sampler import Sampler
 from ...sampling.strategy import SamplingStrategy
 from ..plan.recipe import Recipe
 from .acoustic_metrics import NoiseMeter, measure_pressure
-from .keep import (
-    DriveKeeper,
-    FocusKeeper,
-    contours_at,
-    contours_of,
-    damage_of,
-    is_kept,
-    keep_contours,
-    set_aside,
-)
+from .keep import DriveKeeper, FocusKeeper, contours_of, keep_contours
 from .poses import RandomPoses
 from .rendering import Rendering, sampling_of
 from .sampling import sample_recipe, why_not_sampled
@@ -40,34 +28,19 @@ Made = dict[Place, dict[str, Any] | Exception]
 """Payloads, or why there is none."""
 
 
-@dataclass(frozen=True)
-class Ticker:
-    """Shows progress whenever focal points are made."""
-
-    tick: Callable[[], object]
-
-    def take(self, focus: FocalPoints) -> None:
-        """Show it."""
-        self.tick()
-
-
 KEEPERS = {"keep-focal-points": FocusKeeper, "keep-drives": DriveKeeper}
 
 
-def make_unsplit(
-    rendering: Rendering, wanted: Wanted, store: Path, device: str, *, tick: Callable[[], object] = lambda: None
-) -> Made:
+def make_unsplit(rendering: Rendering, wanted: Wanted, folder: Path, device: str) -> Made:
     """Make the groups that cannot be split, of recipes that have one rendering.
 
-    tick: called after every block of poses, as a sign of progress. What goes wrong with a group stands in its place;
-    the others are made.
+    folder: of kept files. What goes wrong with a group stands in its place; the others are made.
     """
     made: Made = {}
     kept = {place: recipe for place, recipe in wanted.items() if place[0] == "keep-contours"}
-    for place, recipe in kept.items():
+    for place in kept:
         try:
-            motion = rendering.poses.motion
-            made[place] = keep_contours(rendering.scene, motion, recipe, rendering.key, store, device, tick=tick)
+            made[place] = keep_contours(rendering.scene, rendering.poses.motion, rendering.key, folder, device)
         except Exception as error:  # of this group only
             made[place] = error
     sampled = {place: recipe for place, recipe in wanted.items() if place not in kept}
@@ -77,41 +50,16 @@ def make_unsplit(
     reason = why_not_sampled(motion)
     if reason is not None or motion is None:
         return made | {place: _nothing(place, reason or "") for place in sampled}
-    results = _sampled(rendering, motion, sampled, store, device, tick)
-    failed = {place: sampled[place] for place, error in results.items() if isinstance(error, ContourFileError)}
-    if failed:
-        results |= _repaired(rendering, motion, failed, store, device, tick)
-    return made | results
+    return made | _sampled(rendering, motion, sampled, folder, device)
 
 
-def _repaired(
-    rendering: Rendering, motion: HandMotion, failed: Wanted, store: Path, device: str, tick: Callable[[], object]
-) -> Made:
-    """The groups again if it was a damaged contour file that they failed of, which is set aside and made anew.
-
-    Nothing if it is whole, or cannot be read for now: the error stays theirs.
-    """
-    path = contours_at(store, rendering.key)
-    try:
-        damage = damage_of(path) if is_kept(path) else None
-        if damage is None or not set_aside(path, damage):
-            return {}
-        recipe = next(iter(failed.values()))  # any: they have one rendering
-        keep_contours(rendering.scene, motion, recipe, rendering.key, store, device, tick=tick)
-    except Exception as error:  # it cannot be looked at, or not be made again
-        return dict.fromkeys(failed, error)
-    return _sampled(rendering, motion, failed, store, device, tick)
-
-
-def _sampled(
-    rendering: Rendering, motion: HandMotion, sampled: Wanted, store: Path, device: str, tick: Callable[[], object]
-) -> Made:
+def _sampled(rendering: Rendering, motion: HandMotion, sampled: Wanted, folder: Path, device: str) -> Made:
     """Groups that are made of focal points, walk by walk through the contours."""
     made: Made = {}
     try:
-        with contours_of(rendering.scene, motion, rendering.key, store, device) as contours:
+        with contours_of(rendering.scene, motion, rendering.key, folder, device) as contours:
             for strategy, asked in walks_of(sampled):
-                made |= _walk(contours, motion, rendering.scene, strategy, asked, store, tick)
+                made |= _walk(contours, motion, rendering.scene, strategy, asked, folder)
     except Exception as error:  # a kept file that cannot be read
         made |= {place: error for place in sampled if place not in made}
     return made
@@ -144,18 +92,17 @@ def _walk(
     scene: Scene,
     strategy: SamplingStrategy,
     asked: Wanted,
-    store: Path,
-    tick: Callable[[], object],
+    folder: Path,
 ) -> Made:
     """Sample once for all groups of one sampling strategy; if that fails, once for each."""
     try:
-        return _walked(contours, motion, scene, strategy, asked, store, tick)
+        return _walked(contours, motion, scene, strategy, asked, folder)
     except Exception as error:  # of one group, which the others are not to suffer from
         if len(asked) == 1:
             return dict.fromkeys(asked, error)
     made: Made = {}
     for place, recipe in asked.items():
-        made |= _walk(contours, motion, scene, strategy, {place: recipe}, store, tick)
+        made |= _walk(contours, motion, scene, strategy, {place: recipe}, folder)
     return made
 
 
@@ -165,8 +112,7 @@ def _walked(
     scene: Scene,
     strategy: SamplingStrategy,
     asked: Wanted,
-    store: Path,
-    tick: Callable[[], object],
+    folder: Path,
 ) -> Made:
     frame_count = ContourSource(contours, Sampler(strategy)).frame_count
     made: dict[Place, dict[str, Any]] = {}
@@ -174,25 +120,17 @@ def _walked(
         keepers: dict[Place, FocusKeeper | DriveKeeper | NoiseMeter] = {}
         for place, recipe in asked.items():
             if place[0] in KEEPERS:
-                keeper = KEEPERS[place[0]](recipe, place[1], store, strategy, frame_count)
+                keeper = KEEPERS[place[0]](recipe, place[1], folder, strategy, frame_count)
                 stack.enter_context(keeper.file)
                 keepers[place] = keeper
             elif place[0] == "noise":  # both on the CPU, whatever renders: the same bits by whichever worker
-                keepers[place] = NoiseMeter(recipe, strategy, frame_count, tick=tick)
+                keepers[place] = NoiseMeter(recipe, strategy, frame_count)
             elif place[0] == "pressure":
-                made[place] = measure_pressure(contours, scene.hand, strategy, recipe, tick=tick)
+                made[place] = measure_pressure(contours, scene.hand, strategy, recipe)
         if len(made) == len(asked):  # pressure alone needs no focal points but those of its sample
             return dict(made)
         counted = any(place[0] == "sampling" for place in asked)
-        numbers = sample_recipe(
-            contours,
-            motion,
-            scene.hand,
-            strategy,
-            [*keepers.values(), Ticker(tick)],
-            counted=counted,
-            tick=tick,
-        )
+        numbers = sample_recipe(contours, motion, scene.hand, strategy, list(keepers.values()), counted=counted)
         walking, counts = numbers["seconds"], {**numbers, "seconds": {}}
         for place in asked:
             payload = keepers[place].publish() if place in keepers else made.get(place, counts)

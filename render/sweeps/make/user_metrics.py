@@ -14,7 +14,7 @@ import numpy as np
 
 from ...contour_batch import ContourBatch
 from ...errors import SweepError
-from .task import SPAN, text_of
+from .unit import SPAN, text_of
 
 Payload = dict[str, Any]
 Numbers = dict[str, np.ndarray]

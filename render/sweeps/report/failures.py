@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..run.missing import Failure
+from ....datasets.sweeps.store import Failure
 
 
 def failure_rows(failures: Sequence[Failure]) -> list[tuple[str, str]]:

@@ -42,10 +42,7 @@ class Results:
     def __init__(self, plan: Plan, folder: Path, *, is_complete: bool, has_news: bool) -> None:
         """is_complete: whether every recipe could be made; has_news: whether any chunk was made just now."""
         self._plan, self._folder, self._is_complete = plan, folder, is_complete
-        with SweepStore(folder, maker=code_version(), mode="read") as store:
-            self.counted = store.counted
-            """Other code versions whose results count."""
-            self._stamp = {"plan": plan.described()["digest"], "maker": store.made_by}
+        self._stamp = {"plan": plan.described()["digest"], "maker": code_version()}
         self._has_poses = "poses" in plan.groups
         self._is_fresh = is_complete and not has_news and self._is_stamped()
         self.files: dict[str, str] = {}
@@ -54,7 +51,7 @@ class Results:
     @cached_property
     def columns(self) -> dict[str, Any]:
         """Columns of the table, made when first asked for."""
-        with SweepStore(self._folder, maker=code_version(), mode="read") as store:
+        with SweepStore(self._folder, code_version()) as store:
             return tidy_columns(self._plan.recipes(), store, self._plan.groups)
 
     def write(self, tables: Sequence[Path], *, figure: bool) -> None:
@@ -94,7 +91,7 @@ class Results:
         if (text := contactless_text(self.columns)) is not None:
             console.warn(text)
         if self._has_poses:
-            with SweepStore(self._folder, maker=code_version(), mode="read") as store:
+            with SweepStore(self._folder, code_version()) as store:
                 write_blocks(self._folder / POSES, pose_blocks(self._plan.recipes(), store), units=POSE_UNITS)
         if self._is_complete:
             with contextlib.suppress(OSError):  # without the stamp all are written again

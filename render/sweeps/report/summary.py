@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 from ....datasets.storage.durable import open_own
 from ...errors import SweepError
 from ...terminal.foreign_text import visible
-from ..run.log import clock_time
+from ..run.progress import clock_time
 from .compare import ROWS_SHOWN, Comparison
 from .failures import failure_rows
 
 if TYPE_CHECKING:
-    from ..run.parent import SweepReport
+    from ..run.sweep_run import SweepReport
 
 TEXT_MOST = 300  # characters of a text from outside
 # Signs that could begin markup, HTML or a link; an underscore inside a word begins nothing.
@@ -68,7 +68,7 @@ def _counts(report: SweepReport) -> str:
         "poses": f"{report.poses:,}",
         "poses rendered": f"{report.poses_rendered:,}",
         "time": clock_time(report.seconds),
-        "engine": report.engine or "none",
+        "executor": report.executor or "none",
     }
     return _table(list(values), [list(values.values())])
 

@@ -123,8 +123,8 @@ class ResultStore(Protocol):
     """What the table needs of a store."""
 
     @property
-    def made_by(self) -> str:
-        """Whose results it gives."""
+    def code(self) -> str:
+        """The code version whose results it gives."""
         ...
 
     def results(self, keys: Sequence[tuple[str, str]], /) -> Iterable[tuple[str, str, int, Mapping[str, Any]]]:
@@ -178,7 +178,7 @@ def tidy_columns(recipes: Iterable[Recipe], store: ResultStore, groups: Sequence
             for part in parts:
                 row |= part.columns
             row["complete"] = all(part.is_whole for part in parts)
-            row |= {"recipe": recipe.to_json(), "recipe_hash": recipe.hash, "maker": store.made_by}
+            row |= {"recipe": recipe.to_json(), "recipe_hash": recipe.hash, "maker": store.code}
             rows.append(row)
             merged = _merged_seconds([part.seconds for part in parts])
             by_stage = {f"seconds_{stage}": value for stage, value in merged.items() if stage}
@@ -358,7 +358,7 @@ def pose_blocks(recipes: Iterable[Recipe], store: SweepStore) -> Iterator[dict[s
     which nothing is there give no rows. Raises SweepStoreError for a damaged file.
     """
     for number, recipe in enumerate(recipes):
-        for _, columns in store.column_parts(recipe.key("poses")):
+        for _, columns in store.column_chunks(recipe.key("poses")):
             count = len(next(iter(columns.values()), ()))
             block = {"recipe": np.full(count, number, np.int64), **columns}
             for name in map(removed_name, PRUNED_NAMES):

@@ -1,33 +1,31 @@
-"""What of a plan's recipes the store lacks: read lazily, each result once, however many recipes share it.
+"""What of a plan's recipes the store lacks: each result once, however many recipes share it.
 
-| of a recipe                                | what follows                                                         |
-|--------------------------------------------|----------------------------------------------------------------------|
-| every result is there                      | it counts as done                                                    |
-| chunks of a result are missing             | each becomes a `PendingChunk`                                        |
-| another recipe has asked for the result    | it waits for that one: what is made once serves all                  |
-| a result that it needs could not be made   | it fails with the same sentence, under its own name                  |
-| its motion cannot be read                  | it fails                                                             |
+| of a recipe                              | what follows                                                       |
+|------------------------------------------|--------------------------------------------------------------------|
+| every result is there                    | it is done                                                         |
+| chunks of a result are missing           | each becomes a `PendingChunk`                                      |
+| another recipe needs the same result     | both wait for it: what is made once serves all                     |
+| a result that it needs cannot be made    | it fails with the same sentence, under its own name                |
+| its motion cannot be read                | it fails                                                           |
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
 from zlib import crc32
 
 from ....datasets.errors import DatasetError
+from ....datasets.sweeps.store import Failure, Key
 from ...errors import RenderError
-from ..make.task import CHUNK_POSES, Chunk, stored_text
+from ..make.unit import CHUNK_POSES, Chunk, stored_text
 from ..plan.recipe import WHOLE_GROUPS, Recipe
 
-FAMILY = ("thing", "hand", "strategy")  # what decides the cost of a pose
-RECIPES_FIRST, RECIPES_READ = 256, 4096  # asked for at once: few at first, so that work begins at once
-BUCKETS, BUCKET_CHUNKS = 8, 64  # of a family; consecutive chunks of a motion that are in one bucket
-CHUNKS_READ = 1 << 16  # given at once: a recipe of 10^12 poses has millions
+FAMILY = ("thing", "hand", "strategy")  # the parts of a recipe that decide the cost of a pose
+SHARD_CHUNKS = 64  # consecutive chunks of a recipe that one shard makes
 
-ResultKey = tuple[str, str]
-"""A group and the key that its result is stored under."""
+Place = tuple[str, int]
+"""Key of a rendering, and number of a chunk: what is rendered once for all results."""
 
 
 @dataclass(eq=False)
@@ -40,15 +38,17 @@ class PendingRecipe:
     message: str | None = None
     """Why it failed."""
     is_left: bool = False
-    """Whether chunks of it are left to other shards."""
+    """Whether other shards make a part of it."""
 
 
 @dataclass(eq=False)
 class PendingResult:
     """A result of which chunks are missing."""
 
-    key: ResultKey
+    key: Key
     chunks_left: int
+    there: set[int]
+    """Numbers of the chunks that the store has."""
     recipes: list[PendingRecipe] = field(default_factory=list)
     """That wait for it."""
     message: str | None = None
@@ -66,30 +66,13 @@ class PendingChunk:
     """Of its recipe."""
     family: str
     """Chunks of one family cost the same time a pose."""
-    rendering: str
-    """Chunks of one rendering and number are rendered once."""
+    place: Place
+    """Chunks of one place are rendered together."""
     pose_count: int
-    failure_count: int = 0
-    """Workers that died, or were ended, while they made it alone."""
-
-    @property
-    def place(self) -> tuple[str, str, int]:
-        """Chunks of one place are rendered together."""
-        return self.family, self.rendering, self.chunk.number
-
-    @property
-    def bucket_number(self) -> int:
-        """The same in every parent: of its rendering and place, for sharing work."""
-        return crc32(self.rendering.encode()) + self.chunk.number // BUCKET_CHUNKS
-
-    @property
-    def bucket(self) -> str:
-        """Chunks of one bucket are made by one parent, where several share a sweep."""
-        return f"{self.family.replace('/', '-')}-{self.bucket_number % BUCKETS}"
-
-    def is_in(self, there: Mapping[ResultKey, Collection[int]]) -> bool:
-        """Whether all its results are there. there: numbers of the chunks of each result."""
-        return all(self.chunk.number in there.get(result.key, ()) for result in self.results)
+    deaths: int = 0
+    """Workers that died while they made it alone."""
+    tries: int = 0
+    """Times that the system failed while it was made."""
 
     @property
     def is_wanted(self) -> bool:
@@ -99,50 +82,38 @@ class PendingChunk:
 
 @dataclass(eq=False)
 class IncompleteRecipe:
-    """A recipe of which chunks are still to be given."""
+    """A recipe of which chunks are to be made."""
 
     recipe: Recipe
-    text: str
-    family: str
-    rendering: str
     pose_count: int
-    split: list[tuple[PendingResult, set[int]]]
-    """Results that chunks make, and which of their chunks are there."""
-    whole: tuple[PendingResult, ...]
-    """Results that all poses make at once."""
+    results: tuple[PendingResult, ...]
+    is_whole: bool
+    """Whether its results are made of all poses at once."""
+
+    @property
+    def family(self) -> str:
+        """See `PendingChunk.family`."""
+        return f"{self.recipe.digest(FAMILY)}/{'whole' if self.is_whole else 'split'}"
 
     @property
     def chunk_count(self) -> int:
         """Chunks of its motion, those that are there included."""
-        return max(1, -(-self.pose_count // CHUNK_POSES)) if self.split else 1
+        return 1 if self.is_whole else max(1, -(-self.pose_count // CHUNK_POSES))
 
-    def chunks(self, numbers: range) -> Iterator[PendingChunk]:
-        """Those that are missing of some numbers; what cannot be split is of number 0."""
-        for number in range(numbers.start, min(numbers.stop, self.chunk_count)):
-            absent = tuple(result for result, there in self.split if number not in there)
-            if absent:
-                yield self._chunk(absent, number, min(CHUNK_POSES, self.pose_count - number * CHUNK_POSES))
-        if self.whole and numbers.start == 0:
-            yield self._chunk(self.whole, 0, self.pose_count)
-
-    def _chunk(self, results: tuple[PendingResult, ...], number: int, pose_count: int) -> PendingChunk:
-        chunk = Chunk(self.text, tuple(result.key[0] for result in results), number)
-        family = f"{self.family}/{'whole' if results is self.whole else 'split'}"
-        return PendingChunk(chunk, results, self.recipe.title, family, self.rendering, pose_count)
-
-
-@dataclass(frozen=True)
-class Failure:
-    """A recipe that could not be made."""
-
-    recipe_hash: str
-    name: str
-    sentence: str
+    def chunk(self, number: int) -> PendingChunk | None:
+        """A chunk that is missing; None for one that is there."""
+        absent = tuple(result for result in self.results if number not in result.there)
+        if not absent:
+            return None
+        count = self.pose_count if self.is_whole else min(CHUNK_POSES, self.pose_count - number * CHUNK_POSES)
+        chunk = Chunk(self.recipe.to_json(), tuple(result.key[0] for result in absent), number)
+        place = self.recipe.key("contours"), number
+        return PendingChunk(chunk, absent, self.recipe.title, self.family, place, count)
 
 
 @dataclass
 class Counts:
-    """What has been read of a plan, and what has been done."""
+    """What a plan has, and what has been done of it."""
 
     recipes: int = 0
     done: int = 0
@@ -151,150 +122,131 @@ class Counts:
     left: int = 0
     """Recipes that other shards make, in part at least."""
     poses: int = 0
-    """Of all recipes read."""
-    poses_missing: int = 0
-    """Of chunks to be made; a rendering that several recipes share counts once, or twice if it is sampled, too."""
+    """Of all recipes."""
     poses_incomplete: int = 0
-    """Of all recipes read of which something is missing."""
+    """Of all recipes of which something is missing."""
     poses_once: int = 0
-    """Of which something is missing, each once however many recipes and groups need it."""
+    """To be rendered, each once however many recipes and groups need it."""
+    renderings: int = 0
+    """Of which something is missing."""
 
 
 class Missing:
-    """What is missing, in the order of the recipes; of those that are read at once, family by family.
+    """What is missing, family by family, in the order of the recipes.
 
-    done: which chunks of results are there (`SweepStore.done`); pose_count: of a recipe's motion; failed: hashes of
-    recipes that could not be made before.
+    done: which chunks of results are there (`SweepStore.done`); pose_count: of a recipe's motion; shard (k, n): chunks
+    of the other n - 1 shards are left out.
     """
 
     def __init__(
         self,
-        recipes: Iterator[Recipe],
+        recipes: Sequence[Recipe],
         groups: Sequence[str],
         *,
-        done: Callable[[Sequence[ResultKey]], dict[ResultKey, set[int]]],
+        done: Callable[[Sequence[Key]], dict[Key, set[int]]],
         pose_count: Callable[[Recipe], int],
-        failed: Collection[str] = (),
+        shard: tuple[int, int] = (0, 1),
     ) -> None:
-        self._recipes, self._done, self._pose_count, self._failed = recipes, done, pose_count, failed
-        self._split = tuple(group for group in groups if group not in WHOLE_GROUPS)
-        self._whole = tuple(group for group in groups if group in WHOLE_GROUPS)
-        self._read_count = RECIPES_FIRST
-        self._incomplete: list[IncompleteRecipe] = []
-        """Of which chunks are given from `_number` on."""
-        self._number = 0
-        self._results: dict[ResultKey, PendingResult] = {}
-        self._given_up: dict[ResultKey, str] = {}
         self.failures: list[Failure] = []
-        """Not reported yet."""
         self.counts = Counts()
-        self.is_exhausted = False
-        """Whether all recipes were read."""
-        self.met_again: set[str] = set()
-        """Recipes that could not be made before and are asked for again."""
-
-    def there(self, keys: Sequence[ResultKey]) -> dict[ResultKey, set[int]]:
-        """Which chunks of results the store has now."""
-        return self._done(list(dict.fromkeys(keys)))
-
-    @property
-    def poses_unread(self) -> int:
-        """At most so many poses of recipes that were read are in chunks that were not given yet."""
-        left = {own.rendering: own.pose_count - self._number * CHUNK_POSES for own in self._incomplete}
-        return sum(max(0, count) for count in left.values())
-
-    def read(self) -> list[PendingChunk]:
-        """Read on; returns chunks that are missing, and sets `is_exhausted` after the last."""
-        if not self._incomplete:
-            self._read_recipes()
-        step = max(1, CHUNKS_READ // max(1, len(self._incomplete)))
-        numbers = range(self._number, self._number + step)
-        found: dict[tuple[str, str, int], list[PendingChunk]] = {}
-        for own in self._incomplete:
-            for chunk in own.chunks(numbers):
-                found.setdefault(chunk.place, []).append(chunk)
-        self._number = numbers.stop
-        if all(own.chunk_count <= numbers.stop for own in self._incomplete):
-            self._incomplete = []
-        self._count(chunks[0] for chunks in found.values())
-        families: dict[str, list[PendingChunk]] = {}
-        for (family, _, _), chunks in found.items():
-            families.setdefault(family, []).extend(chunks)
-        return [chunk for family in families.values() for chunk in family]
-
-    def _read_recipes(self) -> None:
-        """Read the next recipes, and note those that lack something; `is_exhausted` if there is none."""
-        recipes = list(islice(self._recipes, self._read_count))
-        self._read_count, self._number = RECIPES_READ, 0
-        self.is_exhausted = not recipes
-        keys = [{group: recipe.key(group) for group in (*self._split, *self._whole)} for recipe in recipes]
-        there = self._done(list(dict.fromkeys(pair for one in keys for pair in one.items())))
+        self._done, self._shard = done, shard
+        self._results: dict[Key, PendingResult] = {}
+        self._families: dict[str, dict[str, list[IncompleteRecipe]]] = {}  # by family, then by rendering
+        kinds = [own for own in (False, True) if any((group in WHOLE_GROUPS) is own for group in groups)]
+        keys = [[(group, recipe.key(group)) for group in groups] for recipe in recipes]
+        there = done(list(dict.fromkeys(key for own in keys for key in own)))
         for recipe, own in zip(recipes, keys, strict=True):
-            incomplete = self._read_recipe(recipe, own, there)
-            if incomplete is not None:
-                self._incomplete.append(incomplete)
+            self._add(recipe, own, there, pose_count, kinds)
+        self._count_once()
 
-    def _read_recipe(
-        self, recipe: Recipe, own: dict[str, str], there: dict[ResultKey, set[int]]
-    ) -> IncompleteRecipe | None:
-        """A recipe, if it has results that are missing and that no other recipe has asked for."""
+    def _add(
+        self,
+        recipe: Recipe,
+        keys: Sequence[Key],
+        there: dict[Key, set[int]],
+        pose_count: Callable[[Recipe], int],
+        kinds: Sequence[bool],
+    ) -> None:
+        """Note a recipe, and results that are missing and that no recipe before needs."""
         self.counts.recipes += 1
-        if self._failed and recipe.hash in self._failed:
-            self.met_again.add(recipe.hash)
         pending = PendingRecipe(recipe.hash, recipe.title)
         try:
-            pose_count = self._pose_count(recipe)
+            poses = pose_count(recipe)
         except (RenderError, DatasetError, OSError) as error:
             self._fail(pending, str(error))
             self._settle_recipe(pending)
-            return None
-        self.counts.poses += pose_count
-        split: list[tuple[PendingResult, set[int]]] = []
-        whole: list[PendingResult] = []
-        for group, key in own.items():
-            is_whole, done = group in self._whole, there.get((group, key), set())
-            chunk_count = 1 if is_whole else max(1, -(-pose_count // CHUNK_POSES))
-            absent = chunk_count - sum(number < chunk_count for number in done)
-            result = self._wait_for((group, key), absent, pending) if absent else None
-            if result is not None and is_whole:
-                whole.append(result)
-            elif result is not None:
-                split.append((result, done))
-        if pending.results_left or pending.message:
-            self.counts.poses_incomplete += pose_count
-        if not pending.results_left:
+            return
+        self.counts.poses += poses
+        for is_whole in kinds:
+            own = IncompleteRecipe(recipe, poses, (), is_whole)
+            of_kind = [key for key in keys if (key[0] in WHOLE_GROUPS) is is_whole]
+            found = [self._wait_for(key, own.chunk_count, there.get(key, set()), pending) for key in of_kind]
+            own.results = tuple(result for result in found if result is not None)
+            if own.results:
+                self._families.setdefault(own.family, {}).setdefault(recipe.key("contours"), []).append(own)
+        if pending.results_left:
+            self.counts.poses_incomplete += poses
+        else:
             self._settle_recipe(pending)
-        if not split and not whole:
-            return None
-        text, family, rendering = recipe.to_json(), recipe.digest(FAMILY), recipe.key("contours")
-        return IncompleteRecipe(recipe, text, family, rendering, pose_count, split, tuple(whole))
 
-    def _wait_for(self, key: ResultKey, chunk_count: int, pending: PendingRecipe) -> PendingResult | None:
-        """Have a recipe wait for a result; gives the result if its chunks are to be made for this recipe."""
-        if key in self._given_up:
-            self._fail(pending, self._given_up[key])
+    def _wait_for(self, key: Key, count: int, there: set[int], pending: PendingRecipe) -> PendingResult | None:
+        """Have a recipe wait for a result; returns the result if its chunks are to be made for this recipe."""
+        absent = count - sum(number < count for number in there)
+        if not absent:
             return None
-        result, is_new = self._results.get(key), False
+        result, is_new = self._results.get(key), key not in self._results
         if result is None:
-            result, is_new = PendingResult(key, chunk_count), True
-            self._results[key] = result
+            self._results[key] = result = PendingResult(key, absent, there)
         result.recipes.append(pending)
         pending.results_left += 1
-        if result.message is not None:
-            self._fail(pending, result.message)
         return result if is_new else None
 
-    def _count(self, chunks: Iterable[PendingChunk]) -> None:
-        """Add up poses of chunks, one of each place."""
-        once: dict[str, int] = {}
-        whole: dict[str, int] = {}
-        for chunk in chunks:
-            self.counts.poses_missing += chunk.pose_count
-            if chunk.family.endswith("/whole"):
-                whole[chunk.rendering] = chunk.pose_count
-            else:
-                once[chunk.rendering] = once.get(chunk.rendering, 0) + chunk.pose_count
-        self.counts.poses_once += sum((once | whole).values())
+    def _count_once(self) -> None:
+        """Count poses to be rendered, and renderings."""
+        poses: dict[str, int] = {}
+        for renderings in self._families.values():
+            for rendering, recipes in renderings.items():
+                numbers = {number for own in recipes for result in own.results for number in result.there}
+                needed = recipes[0].chunk_count - sum(self._is_there(recipes, number) for number in numbers)
+                own = min(recipes[0].pose_count, needed * CHUNK_POSES) if not recipes[0].is_whole else None
+                poses[rendering] = max(poses.get(rendering, 0), recipes[0].pose_count if own is None else own)
+        self.counts.poses_once, self.counts.renderings = sum(poses.values()), len(poses)
+
+    def _is_there(self, recipes: Sequence[IncompleteRecipe], number: int) -> bool:
+        """Whether a chunk is there of every result of recipes."""
+        return all(number in result.there for own in recipes for result in own.results)
+
+    @property
+    def poses_by_family(self) -> dict[str, int]:
+        """Poses of recipes of which something is missing, one recipe of each rendering."""
+        return {
+            family: sum(recipes[0].pose_count for recipes in renderings.values())
+            for family, renderings in self._families.items()
+        }
+
+    def first_chunks(self) -> Iterator[tuple[str, PendingChunk]]:
+        """Each family, and a chunk of it that is missing."""
+        for family, renderings in self._families.items():
+            own = next(iter(renderings.values()))[0]
+            yield family, next(chunk for k in range(own.chunk_count) if (chunk := own.chunk(k)) is not None)
+
+    def places(self) -> Iterator[list[PendingChunk]]:
+        """Chunks to be made, those of one place together; chunks of other shards are settled as left."""
+        for renderings in self._families.values():
+            for recipes in renderings.values():
+                for number in range(max(own.chunk_count for own in recipes)):
+                    made = [own.chunk(number) for own in recipes if number < own.chunk_count]
+                    chunks = [chunk for chunk in made if chunk is not None]
+                    if chunks and self._is_own(chunks[0]):
+                        yield chunks
+                    else:
+                        for chunk in chunks:
+                            self._leave(chunk)
+
+    def _is_own(self, chunk: PendingChunk) -> bool:
+        number, count = self._shard
+        rendering, at = chunk.place
+        return (crc32(rendering.encode()) + at // SHARD_CHUNKS) % count == number
 
     def settle(self, chunk: PendingChunk) -> None:
         """A chunk is made, or given up."""
@@ -302,15 +254,12 @@ class Missing:
             result.chunks_left -= 1
             if result.chunks_left:
                 continue
-            del self._results[result.key]
-            if result.message is not None:
-                self._given_up[result.key] = result.message
             for recipe in result.recipes:
                 recipe.results_left -= 1
                 if not recipe.results_left:
                     self._settle_recipe(recipe)
 
-    def leave(self, chunk: PendingChunk) -> None:
+    def _leave(self, chunk: PendingChunk) -> None:
         """A chunk is another shard's: recipes that need it are neither done nor failed."""
         for result in chunk.results:
             for recipe in result.recipes:
@@ -318,10 +267,13 @@ class Missing:
         self.settle(chunk)
 
     def give_up(self, chunk: PendingChunk, message: str) -> None:
-        """A chunk cannot be made: recipes that need a result that lacks it have failed."""
+        """A chunk cannot be made: recipes that need a result that lacks it have failed.
+
+        Results that the same unit made of it in spite of the failure must be in the store by now.
+        """
         there = self._done([result.key for result in chunk.results])
         for result in chunk.results:
-            if chunk.chunk.number not in there.get(result.key, set()):
+            if chunk.chunk.number not in there[result.key]:
                 result.message = result.message or message
                 for recipe in result.recipes:
                     self._fail(recipe, message)

@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Self
 
-from ....datasets.sweeps.check import is_sweep_data
+from ....datasets.sweeps.check import is_store
 from ...contour_input import takes_batches
 from ...errors import StrategyError, ViewError
 from ...live.handle import Live
@@ -57,7 +57,7 @@ def view_files(
     arrays = load_rig(array, calibration=calibration)
     start_warp()
     with contextlib.ExitStack() as stack:
-        if len(files) == 1 and files[0].is_dir() and is_sweep_data(files[0]):
+        if len(files) == 1 and is_store(files[0]):
             rows = SweepRows(files[0])
             folder = Path(stack.enter_context(TemporaryDirectory(prefix="palpate-view-")))
             page = ServedPage(served_document, lambda: SweepPage(rows, arrays, folder, allow_code=allow_code))

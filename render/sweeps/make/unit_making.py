@@ -1,4 +1,4 @@
-"""What a worker of a sweep does: make the chunks of a task, leave one shard, and report the outcome.
+"""Making a unit: a pure function from chunks to rows of the store, on any worker.
 
 | poses of | rendered |
 |---|---|
@@ -11,21 +11,28 @@ How poses are put into batches changes no bit of a result. A recipe that fails d
 that fails is made again, recipe by recipe.
 """
 
-import contextlib
 import errno
+import json
+import os
+import shutil
+import tempfile
 import time
-from collections.abc import Callable, Iterable, Sequence
+import warnings
+from collections.abc import Iterable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import warp as wp
 
 from ....datasets.errors import DatasetError
-from ....datasets.sweeps.shard import ShardRow, write_shard
+from ....datasets.sweeps.result_row import ResultRow
 from ....device.errors import DeviceError
 from ....kernels.offsets import PointLimitError
-from ...errors import RenderError, SweepError
+from ...errors import PalpateWarning, RenderError, SweepError
 from ...intersection.batch_rendering import is_too_large
 from ..plan.code_version import code_version
 from ..plan.recipe import WHOLE_GROUPS, Recipe, is_user_metric
@@ -48,48 +55,45 @@ from .batch import (
 from .metrics import ChunkSlice, measure_batch
 from .rendering import Rendering, read_recipe, recipe_cache
 from .sampling_groups import SampledAlike, UnsplitChunk, divide_chunks
-from .task import SPAN, FailedChunk, Outcome, Task, text_of
+from .unit import SPAN, Chunk, FailedChunk, Unit, UnitResult, text_of, this_process
 from .unsplit import make_unsplit
 from .user_metrics import UserMetric
 
-SHARDS = "shards"
-NAMED = 3  # recipes that failed in an error's sentence; all are in `Outcome.failed`
 TRANSIENT = {
     getattr(errno, name)
     for name in ("ENOSPC", "EDQUOT", "EFBIG", "EROFS", "EIO", "ESTALE", "ETIMEDOUT", "EAGAIN", "EMFILE", "ENFILE")
 }
 """Errors of the system that may have passed when the chunk is made again."""
 
-Progress = Callable[[Sequence[int] | None], object]
-"""Takes the places of the chunks that are begun; None where these go on."""
-
 
 @dataclass(eq=False)
-class TaskWork:
-    """A task under way: what has been made and what could not be."""
+class UnitWork:
+    """A unit under way: what has been made and what could not be."""
 
+    unit: Unit
     device: str
-    store: Path
-    progress: Progress
-    until: float = float("inf")
-    """Nothing more is begun after this [s, `time.perf_counter`]."""
-    rows: list[ShardRow] = field(default_factory=list)
-    columns: list[dict[str, Any] | None] = field(default_factory=list)
+    folder: Path
+    """Of kept files, under their paths within the store."""
+    rows: list[ResultRow] = field(default_factory=list)
+    files: list[str] = field(default_factory=list)
+    """Paths of kept files within the store."""
     failed: dict[int, FailedChunk] = field(default_factory=dict)
-    left: set[int] = field(default_factory=set)
     user_metrics: dict[str, UserMetric] = field(default_factory=dict)
     """By group, those that are loaded."""
     pose_count: int = 0
 
-    @property
-    def is_over(self) -> bool:
-        """Whether the task's time is over, and something of it was made, so that no task goes round for ever."""
-        return time.perf_counter() > self.until and bool(self.rows or self.failed)
-
-    def add(self, row: ShardRow, columns: dict[str, Any] | None = None) -> None:
-        """Put into the shard."""
-        self.rows.append(row)
-        self.columns.append(columns)
+    def add(
+        self,
+        group: str,
+        key: str,
+        chunk: int,
+        payload: dict[str, Any],
+        columns: dict[str, np.ndarray] | None = None,
+    ) -> None:
+        """Add a result."""
+        self.rows.append(ResultRow.of(self.unit.code_version, group, key, chunk, payload, columns))
+        if payload.get("path") is not None:
+            self.files.append(payload["path"])
 
     def fail(self, places: Iterable[int], title: str, error: BaseException) -> None:
         """Note chunks that could not be made, the first reason of each."""
@@ -98,33 +102,82 @@ class TaskWork:
             self.failed.setdefault(place, failed)
 
 
-def run_task(task: Task, device: str, *, worker: str = "", progress: Progress = lambda places: None) -> Outcome:
-    """Make the chunks of a task and write their results as one shard of the store.
+def make_unit(unit: Unit, device: str) -> UnitResult:
+    """Make the chunks of a unit; nothing is changed but `unit.scratch`, and only there if files are kept.
 
-    device: Warp's. worker: who this is, for the outcome. progress: called when chunks are begun, and after every batch.
-    Raises nothing but what ends the process: what goes wrong is in the outcome, by chunk.
+    device: Warp's. Raises nothing but what ends the process: what goes wrong is in the result, by chunk.
     """
     started = time.perf_counter()
-    work = TaskWork(device, Path(task.store), progress, started + task.seconds)
+    if unit.code_version != (own := code_version()):
+        return UnitResult(refusal=f"a worker runs other code: {own}, not {unit.code_version}")
+    is_near = unit.scratch != "" and Path(unit.scratch).is_dir()
     try:
-        _make(task, work)
-        shard = _write(task, work)
-    except Exception as error:  # whatever it is, the parent gets to know
-        seconds = time.perf_counter() - started
-        every = tuple(FailedChunk(place, reason_of(error), is_transient(error)) for place, _ in enumerate(task.chunks))
-        message = f"task {task.number}: {reason_of(error)}"
-        return Outcome(task.number, worker, seconds=seconds, error=message, failed=every)
-    return Outcome(
-        task.number,
-        worker,
-        shard,
-        row_count=len(work.rows),
-        pose_count=work.pose_count,
-        seconds=time.perf_counter() - started,
-        error=_sentence([failed.message for failed in work.failed.values()]),
-        failed=tuple(work.failed[place] for place in sorted(work.failed)),
-        left=tuple(sorted(work.left - work.failed.keys())),
-    )
+        folder = Path(tempfile.mkdtemp(prefix="unit-", dir=unit.scratch if is_near else None))
+    except OSError as error:
+        return _all_failed(unit, error, started)
+    work = UnitWork(unit, device, folder)
+    is_elsewhere = unit.parent != this_process()
+    caught: list[warnings.WarningMessage] = []
+    try:
+        with warnings.catch_warnings(record=True) if is_elsewhere else nullcontext(caught) as caught:
+            if is_elsewhere:  # this process has no reader of warnings; the giving one shows them
+                warnings.simplefilter("always", PalpateWarning)
+            _make(work)
+        files = tuple((name, folder / name if is_near else (folder / name).read_bytes()) for name in work.files)
+    except Exception as error:
+        return _all_failed(unit, error, started)
+    except (SystemExit, KeyboardInterrupt) as error:  # raised by a user's function: no reason to end a worker
+        if isinstance(error, KeyboardInterrupt) and not is_elsewhere:
+            raise
+        return _all_failed(unit, RuntimeError(f"something in it raised {error!r:.80}"), started)
+    finally:
+        if not (is_near and work.files):
+            shutil.rmtree(folder, ignore_errors=True)
+    failed = tuple(work.failed[place] for place in sorted(work.failed))
+    if failed and is_elsewhere and not is_usable(device):
+        os._exit(1)  # nothing works in this process any more; the unit is made again in another one
+    texts = tuple(dict.fromkeys(str(own.message) for own in caught if issubclass(own.category, PalpateWarning)))
+    seconds = time.perf_counter() - started
+    return UnitResult(tuple(work.rows), files, failed, work.pose_count, seconds, warnings=texts)
+
+
+def is_usable(device: str) -> bool:
+    """Whether Warp can still work on a device; on a GPU, nothing does after a fault in a kernel."""
+    if wp.get_device(device).is_cpu:
+        return True
+    try:
+        return wp.full(1, 7, dtype=wp.int32, device=device).numpy()[0] == 7
+    except Exception:
+        return False
+
+
+def _all_failed(unit: Unit, error: BaseException, started: float) -> UnitResult:
+    """A unit of which the reason for its failure names no chunk."""
+    reason, passes = reason_of(error), is_transient(error)
+    failed = tuple(FailedChunk(place, reason, passes) for place, _ in enumerate(unit.chunks))
+    return UnitResult(failed=failed, seconds=time.perf_counter() - started, is_unnamed=True)
+
+
+def runs_python(chunk: Chunk) -> bool:
+    """Whether making a chunk runs Python of stages, or code of a user: such may crash or never end."""
+    if any(map(is_user_metric, chunk.groups)):
+        return True
+    parts = json.loads(chunk.recipe)
+    described = parts["strategy"]["described"]
+    has_code = parts["thing"].get("function") is not None or bool(described.get("modules"))
+    return has_code or _has_python_stages(json.dumps(described))
+
+
+@lru_cache(maxsize=256)
+def _has_python_stages(strategy: str) -> bool:
+    """Whether a strategy, as JSON, has stages that run on the host or are a user's."""
+    from ...stages.registry import known_stages
+
+    described = json.loads(strategy)
+    stages = [(role, stage) for role in ("prune", "transform") for stage in described.get(role, ())]
+    names = [(role, stage if isinstance(stage, str) else stage["stage"]) for role, stage in stages]
+    entries = [known_stages(role).get(name) for role, name in names]
+    return any(entry is None or not entry.own or (entry.function and entry.on == "host") for entry in entries)
 
 
 def reason_of(error: BaseException) -> str:
@@ -144,46 +197,27 @@ def is_transient(error: BaseException | None) -> bool:
     return (isinstance(error, OSError) and error.errno in TRANSIENT) or is_transient(error.__cause__)
 
 
-def _sentence(messages: Sequence[str]) -> str | None:
-    """One sentence for all recipes that failed."""
-    names = list(dict.fromkeys(messages))
-    if not names:
-        return None
-    rest = f"; and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    return "; ".join(names[:NAMED]) + rest
-
-
-def _write(task: Task, work: TaskWork) -> str | None:
-    """The shard, by its path within the store; None if there is nothing to write."""
-    if not work.rows:
-        return None
-    name = f"{SHARDS}/{task.name}.h5"
-    path = work.store / name
-    with contextlib.suppress(FileExistsError):
-        path.parent.mkdir()
-    write_shard(path, work.rows, work.columns, maker=code_version())
-    return name
-
-
-def _make(task: Task, work: TaskWork) -> None:
+def _make(work: UnitWork) -> None:
     """All chunks: those that share batches first, then what cannot be split."""
+    unit = work.unit
     cache = recipe_cache(work.device)
     known: dict[
         str, tuple[Recipe, Rendering]
     ] = {}  # chunks of a recipe share a rendering, whose poses are made at once
     chunks: dict[tuple[str, int], RenderedChunk] = {}
     unsplit: list[UnsplitChunk] = []
-    for place, chunk in enumerate(task.chunks):
-        if time.perf_counter() > work.until and place:
-            work.left.add(place)
-            continue
-        work.progress((place,))  # loading a mesh takes seconds
+    for place, chunk in enumerate(unit.chunks):
         title = f"chunk {place}"
         try:
+            if unit.parent == this_process() and runs_python(chunk):
+                raise SweepError(
+                    "it runs Python, which a sweep runs in other processes only, as nothing could end a stage that "
+                    "hangs in this one: give run_sweep an executor of processes, not of threads"
+                )
             if chunk.recipe not in known:
                 recipe = read_recipe(chunk.recipe)
                 title = recipe.title
-                known[chunk.recipe] = recipe, cache.rendering(recipe, allow_code=task.code)
+                known[chunk.recipe] = recipe, cache.rendering(recipe, allow_code=unit.granted)
         except Exception as error:  # of a user's module, too
             work.fail([place], title, error)
             continue
@@ -192,7 +226,7 @@ def _make(task: Task, work: TaskWork) -> None:
         if chunk.groups[0] in WHOLE_GROUPS:
             unsplit.append(UnsplitChunk(place, chunk.groups, recipe, rendering))
         else:
-            groups = [group for group in chunk.groups if _is_ready(group, place, title, task, work)]
+            groups = [group for group in chunk.groups if _is_ready(group, place, title, work)]
             if groups:
                 want_chunk(chunks, place, chunk.number, groups, recipe, rendering, work.user_metrics)
     families: dict[str, list[RenderedChunk]] = {}
@@ -201,7 +235,7 @@ def _make(task: Task, work: TaskWork) -> None:
         families.setdefault(own.rendering.family + alone, []).append(own)
     for family in families.values():
         _render_family(family, work)
-    alike, alone = divide_chunks(unsplit, work.store, work.device)
+    alike, alone = divide_chunks(unsplit, work.device)
     for shared in alike:
         for chunk in _sample_alike(shared, work):
             alone.setdefault(chunk.rendering.key, []).append(chunk)
@@ -209,19 +243,19 @@ def _make(task: Task, work: TaskWork) -> None:
         _make_unsplit(asked, work)
 
 
-def _is_ready(group: str, place: int, title: str, task: Task, work: TaskWork) -> bool:
+def _is_ready(group: str, place: int, title: str, work: UnitWork) -> bool:
     """Whether a group can be made: the function of a user's metric is loaded first, once; else the chunk has failed."""
     if not is_user_metric(group) or group in work.user_metrics:
         return True
-    source = dict(task.user_metrics).get(group, "")
+    source = dict(work.unit.user_metrics).get(group, "")
     try:
-        work.user_metrics[group] = UserMetric(group, shown_name(source), load_planned(group, source, task.code))
+        work.user_metrics[group] = UserMetric(group, shown_name(source), load_planned(group, source, work.unit.granted))
     except RenderError as error:
         work.fail([place], title, error)
     return group in work.user_metrics
 
 
-def _render_family(chunks: Sequence[RenderedChunk], work: TaskWork) -> None:
+def _render_family(chunks: Sequence[RenderedChunk], work: UnitWork) -> None:
     """Chunks of one scene, in batches."""
     rendering, is_fixed = chunks[0].rendering, chunks[0].rendering.has_own_stages
     known = (rendering.family, work.device)
@@ -230,11 +264,10 @@ def _render_family(chunks: Sequence[RenderedChunk], work: TaskWork) -> None:
     wants = wants_of(chunks)
     left = [PoseRange(chunk, chunk.first, chunk.stop) for chunk in chunks]
     lost: set[str] = set()
-    while left := _wanted_still(left, lost, work):
+    while left := [own for own in left if own.chunk.rendering.key not in lost]:
         batch, left = take_batch(left, size.poses)
         count = sum(own.count for own in batch)
         started = time.perf_counter()
-        work.progress(sorted(set().union(*(own.chunk.places for own in batch))))
         try:
             _render_batch(batch, wants, work)
             size.learn(count, time.perf_counter() - started)
@@ -251,28 +284,16 @@ def _render_family(chunks: Sequence[RenderedChunk], work: TaskWork) -> None:
 
 
 _batches_known: dict[tuple[str, str], int] = {}
-"""Poses of the last batch of a family on a device: the next task begins with as many."""
+"""Poses of the last batch of a family on a device: the next unit begins with as many."""
 
 
-def _wanted_still(left: Sequence[PoseRange], lost: set[str], work: TaskWork) -> list[PoseRange]:
-    """What has not failed; once the task's time is over, only chunks that are begun, the others are left."""
-    ranges = [own for own in left if own.chunk.rendering.key not in lost]
-    if not work.is_over:
-        return ranges
-    for own in ranges:
-        if own.chunk.measured is None:
-            work.left |= own.chunk.places
-    return [own for own in ranges if own.chunk.measured is not None]
-
-
-def _render_alone(batch: Sequence[PoseRange], wants: Wants, work: TaskWork, error: Exception) -> set[str]:
+def _render_alone(batch: Sequence[PoseRange], wants: Wants, work: UnitWork, error: Exception) -> set[str]:
     """Make a batch that failed again, rendering by rendering; returns those that fail by themselves."""
     keys = list(dict.fromkeys(own.chunk.rendering.key for own in batch))
     lost: set[str] = set()
     for key in keys:
         alone = [own for own in batch if own.chunk.rendering.key == key]
         places = set().union(*(own.chunk.places for own in alone))
-        work.progress(sorted(places))
         try:
             if len(keys) == 1:
                 raise error
@@ -283,7 +304,7 @@ def _render_alone(batch: Sequence[PoseRange], wants: Wants, work: TaskWork, erro
     return lost
 
 
-def _render_batch(batch: Sequence[PoseRange], wants: Wants, work: TaskWork) -> None:
+def _render_batch(batch: Sequence[PoseRange], wants: Wants, work: UnitWork) -> None:
     """Render and measure poses of one scene together; rows of the chunks that end here are added."""
     keys = list(dict.fromkeys(own.chunk.rendering.key for own in batch))
     slices, at = [], 0
@@ -310,7 +331,7 @@ def _render_batch(batch: Sequence[PoseRange], wants: Wants, work: TaskWork) -> N
             _add_rows(own.chunk, wants[own.chunk.rendering.key], work)
 
 
-def _add_rows(chunk: RenderedChunk, wants: RenderingWants, work: TaskWork) -> None:
+def _add_rows(chunk: RenderedChunk, wants: RenderingWants, work: UnitWork) -> None:
     """Rows of a chunk of which all poses have been measured."""
     measured = chunk.measured
     if measured is None:
@@ -333,17 +354,15 @@ def _add_rows(chunk: RenderedChunk, wants: RenderingWants, work: TaskWork) -> No
             columns = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
             payload = {"poses": chunk.stop - chunk.first, "seconds": {}}
         own = {} if payload is measured.contours else payload["seconds"]
-        work.add(ShardRow(group, key, chunk.number, {**payload, "seconds": rendering | own}), columns)
+        work.add(group, key, chunk.number, {**payload, "seconds": rendering | own}, columns)
         rendering = {}
 
 
-def _sample_alike(shared: SampledAlike, work: TaskWork) -> list[UnsplitChunk]:
+def _sample_alike(shared: SampledAlike, work: UnitWork) -> list[UnsplitChunk]:
     """Results of motions in groups; returns the chunks that are left, after a group that failed as a whole."""
     left = dict(shared.asked)
-    places = {chunk.place for chunks in left.values() for chunk in chunks}
-    work.progress(sorted(places))
     try:
-        for group in shared.groups(work.device, work.store, tick=lambda: work.progress(None)):
+        for group in shared.groups(work.device, work.folder):
             for chunks, results in group:
                 recipe = chunks[0].recipe
                 for name, payload in results.items():
@@ -351,33 +370,23 @@ def _sample_alike(shared: SampledAlike, work: TaskWork) -> list[UnsplitChunk]:
                     _note_result(work, (name, recipe.key(name)), recipe.title, asking, payload)
                 work.pose_count += chunks[0].rendering.poses.count
                 del left[recipe.key("sampling")]
-                places -= {chunk.place for chunk in chunks}
-            work.progress(sorted(places))
-            if work.is_over:
-                break
     except Exception:  # of one motion, as making each alone tells
         return [chunk for chunks in left.values() for chunk in chunks]
-    work.left |= places
     return []
 
 
 def _note_result(
-    work: TaskWork, result: tuple[str, str], title: str, places: Iterable[int], payload: dict[str, Any] | Exception
+    work: UnitWork, result: tuple[str, str], title: str, places: Iterable[int], payload: dict[str, Any] | Exception
 ) -> None:
-    """A row of the shard, or why there is none."""
+    """Add a result, or the reason why there is none."""
     if isinstance(payload, Exception):
         work.fail(places, f"{title} ({result[0]})", payload)
     else:
-        work.add(ShardRow(*result, 0, payload))
+        work.add(*result, 0, payload)
 
 
-def _make_unsplit(asked: Sequence[UnsplitChunk], work: TaskWork) -> None:
+def _make_unsplit(asked: Sequence[UnsplitChunk], work: UnitWork) -> None:
     """Groups of one rendering that cannot be split."""
-    asking = {chunk.place for chunk in asked}
-    if work.is_over:
-        work.left |= asking
-        return
-    work.progress(sorted(asking))
     wanted: dict[tuple[str, str], Recipe] = {}
     places: dict[tuple[str, str], set[int]] = {}
     for chunk in asked:
@@ -387,8 +396,7 @@ def _make_unsplit(asked: Sequence[UnsplitChunk], work: TaskWork) -> None:
             places.setdefault(key, set()).add(chunk.place)
     rendering = asked[0].rendering
     is_rendered = False
-    made = make_unsplit(rendering, wanted, work.store, work.device, tick=lambda: work.progress(None))
-    for result, payload in made.items():
+    for result, payload in make_unsplit(rendering, wanted, work.folder, work.device).items():
         _note_result(work, result, wanted[result].title, places[result], payload)
         is_rendered = is_rendered or (isinstance(payload, dict) and payload.get("reason") is None)
     work.pose_count += rendering.poses.count if is_rendered else 0

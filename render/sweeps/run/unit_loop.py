@@ -1,0 +1,335 @@
+"""Units given to workers, and what follows from each result.
+
+| result of a unit                            | what follows                                                          |
+|---------------------------------------------|-----------------------------------------------------------------------|
+| chunks are made                             | their results are recorded                                            |
+| a chunk failed, and is named                | it is given up by name: the same error would come again               |
+| a chunk failed as the system failed         | it is made again later; `SYSTEM_FAILURES` in a row end the sweep      |
+| a reason that names no chunk                | the chunks again, each in a unit of its own; such a one is given up   |
+| its worker died                             | the unit again, alone: nothing else is made meanwhile. If it dies     |
+|                                             | again, each chunk alone; one that was alone `TRIES` times is given up |
+| it takes longer than the limit              | its worker is ended, and its chunks are made again, each in a unit of |
+|                                             | its own; such a one is given up                                       |
+| no worker has it, and nothing else is made  | the sweep ends with an error                                          |
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from collections import deque
+from collections.abc import Callable, Collection
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass, field
+
+from ....datasets.sweeps.store import SweepStore
+from ...errors import SweepError
+from ...runtime.interrupt import interrupt_between
+from ..make.unit import FailedChunk, Unit, UnitResult, text_of
+from .executors import Ended, Pool
+from .missing import Missing, PendingChunk
+from .unit_cutting import UnitCutter
+
+UNIT_SECONDS = 1800.0  # that a unit may take by default
+WAIT = 0.5  # [s] for a result, before what takes too long is looked at, and Ctrl-C
+HOLD = 1.0  # [s] that results wait for a transaction, which waits for the disk
+TRIES = 2  # workers that may die while they make a chunk alone
+SYSTEM_FAILURES = 12  # one after another without a success: nothing can be written any more
+SYSTEM_WAIT = 0.5  # [s] before a unit is given again after the first of these; then longer
+STEP_LONGEST = 5.0  # [s] that one turn counts at most: a suspended machine wastes no unit's time
+
+
+@dataclass(eq=False)
+class GivenUnit:
+    """A unit that a pool has, or will have again."""
+
+    chunks: list[PendingChunk]
+    is_single: bool = False
+    """Whether it has one chunk because a unit with it went wrong."""
+    is_alone: bool = False
+    """Whether nothing else is made meanwhile, as a worker died that had it."""
+    pool: Pool | None = None
+    age: float = 0.0
+    """Since it was given [s]."""
+
+
+@dataclass
+class Tally:
+    """What has happened in a run."""
+
+    poses: int = 0
+    rows: int = 0
+    units: int = 0
+    retries: int = 0
+    workers_lost: int = 0
+    notes: dict[str, int] = field(default_factory=dict)
+    """Sentences, and how often each was met."""
+    names: dict[str, None] = field(default_factory=dict)
+    """Of the pools that made units."""
+
+    def note(self, sentence: str) -> None:
+        """Take note of a sentence for the report."""
+        self.notes[sentence] = self.notes.get(sentence, 0) + 1
+
+
+Wait = Callable[[Collection[Future[UnitResult]], float], Collection[Future[UnitResult]]]
+"""Waits for one of some futures, at most so many seconds; gives those that are done."""
+
+
+def wait_for(futures: Collection[Future[UnitResult]], timeout: float) -> Collection[Future[UnitResult]]:
+    """See `Wait`; without futures the time passes."""
+    if not futures:
+        time.sleep(timeout)
+        return ()
+    return wait(futures, timeout, FIRST_COMPLETED).done
+
+
+class UnitLoop:
+    """Makes what is missing.
+
+    pools: at least one. unit_of: a `Unit` of chunks. limit: seconds that a unit may take, 0 for no limit. on_turn:
+    called in every turn. clock: seconds; wait: see `Wait`; tests give their own.
+    """
+
+    def __init__(
+        self,
+        missing: Missing,
+        cutter: UnitCutter,
+        store: SweepStore,
+        pools: list[Pool],
+        unit_of: Callable[[list[PendingChunk]], Unit],
+        *,
+        limit: float = UNIT_SECONDS,
+        on_turn: Callable[[], None] = lambda: None,
+        clock: Callable[[], float] = time.monotonic,
+        wait: Wait = wait_for,
+    ) -> None:
+        self.missing, self.cutter, self.pools = missing, cutter, pools
+        self.tally = Tally()
+        self._store, self._unit_of, self._limit, self._on_turn = store, unit_of, limit, on_turn
+        self._clock, self._wait = clock, wait
+        self._running: dict[Future[UnitResult], GivenUnit] = {}
+        self._again: deque[GivenUnit] = deque()
+        self._held: list[UnitResult] = []
+        self._recorded = clock()
+        self._turned = clock()
+        self._held_back_until = 0.0
+        self._system_failures = 0
+        self._idle = 0.0
+
+    def run(self) -> None:
+        """Make everything.
+
+        Raises SweepError if no worker can go on, SweepStoreError if nothing can be recorded, KeyboardInterrupt between
+        two turns. What was made is recorded whatever happens.
+        """
+        try:
+            with interrupt_between() as raise_if_interrupted:
+                self._give()
+                while self._running or self._again or not self.cutter.is_empty:
+                    self._take()
+                    self._end_late()
+                    self._on_turn()
+                    raise_if_interrupted()
+                    self._give()
+        finally:
+            for pool in self.pools:
+                pool.close()
+            self._record()
+
+    # ---- giving
+
+    def _give(self) -> None:
+        """Give units to pools that have room."""
+        if self._clock() < self._held_back_until:
+            return
+        while (pool := self._free_pool()) is not None and (unit := self._next_unit(pool)) is not None:
+            chunks = [chunk for chunk in unit.chunks if chunk.is_wanted]
+            for chunk in unit.chunks:
+                if not chunk.is_wanted:
+                    self.missing.settle(chunk)
+            unit.chunks, unit.pool, unit.age = chunks, pool, 0.0
+            if chunks and not self._submit(unit, pool):
+                return
+            if unit.is_alone:
+                return
+
+    def _submit(self, unit: GivenUnit, pool: Pool) -> bool:
+        """Give a unit to a pool; whether it took it."""
+        try:
+            future = pool.submit(self._unit_of(unit.chunks))
+        except Exception as error:
+            if not pool.is_lost(error):
+                raise
+            self._again.appendleft(unit)
+            pool.restart()
+            return False
+        self._running[future] = unit
+        self.tally.names[pool.name] = None
+        return True
+
+    def _free_pool(self) -> Pool | None:
+        if any(unit.is_alone for unit in self._running.values()):
+            return None
+        counts = [sum(unit.pool is pool for unit in self._running.values()) for pool in self.pools]
+        free = [pool for pool, count in zip(self.pools, counts, strict=True) if count < pool.capacity]
+        return free[0] if free else None
+
+    def _next_unit(self, pool: Pool) -> GivenUnit | None:
+        if self._again:
+            if self._again[0].is_alone and self._running:
+                return None
+            return self._again.popleft()
+        chunks = self.cutter.take(pool.device)
+        return GivenUnit(chunks) if chunks else None
+
+    # ---- taking
+
+    def _take(self) -> None:
+        """Take results of units that are made, and losses."""
+        lost: list[tuple[GivenUnit, str]] = []
+        for future in self._wait(list(self._running), WAIT):
+            self._take_one(future, lost)
+        for pool in {id(unit.pool): self._pool_of(unit) for unit, _ in lost}.values():
+            pool.restart()
+            for future, unit in list(self._running.items()):
+                if pool.is_shared and unit.pool is pool:  # it has ended with the others
+                    self._take_one(future, lost)
+        for unit, why in lost:
+            self._lose(unit, why)
+        if self._clock() > self._recorded + HOLD or not self._running:
+            self._record()
+
+    def _take_one(self, future: Future[UnitResult], lost: list[tuple[GivenUnit, str]]) -> None:
+        """Take one unit's result, or add it to those that are lost."""
+        unit = self._running.pop(future)
+        pool = self._pool_of(unit)
+        try:
+            result = future.result(timeout=0)
+        except Exception as error:
+            if not pool.is_lost(error) and future.done():
+                raise SweepError(f"{pool.name} cannot make units: {type(error).__name__}: {text_of(error)}") from error
+            lost.append((unit, death_reason(error)))
+            return
+        self._settle(unit, result)
+
+    def _pool_of(self, unit: GivenUnit) -> Pool:
+        if unit.pool is None:
+            raise RuntimeError("a unit that was not given has a result")
+        return unit.pool
+
+    def _settle(self, unit: GivenUnit, result: UnitResult) -> None:
+        """Do about a result what the module's table has."""
+        if result.refusal is not None:
+            raise SweepError(f"{self._pool_of(unit).name}: {result.refusal}")
+        for text in result.warnings:
+            self.tally.note(text)
+        self.tally.units += 1
+        if result.is_unnamed and len(unit.chunks) > 1:
+            self._give_again(unit.chunks)
+            return
+        self._held.append(result)
+        self.tally.poses += result.pose_count
+        failed = {own.place: own for own in result.failed}
+        if failed:
+            self._record()  # giving up asks the store
+        for place, chunk in enumerate(unit.chunks):
+            if place in failed:
+                self._fail(chunk, failed[place])
+            else:
+                self.missing.settle(chunk)
+        if len(failed) < len(unit.chunks):
+            self._system_failures = 0
+            self.cutter.learn(unit.chunks[0].family, result.pose_count, result.seconds)
+
+    def _fail(self, chunk: PendingChunk, failed: FailedChunk) -> None:
+        if not failed.is_transient:
+            self.missing.give_up(chunk, failed.message)
+            return
+        self._system_failures += 1
+        if self._system_failures >= SYSTEM_FAILURES:
+            raise SweepError(f"nothing can be written or read any more: {failed.message}")
+        self._held_back_until = self._clock() + SYSTEM_WAIT * self._system_failures
+        self._give_again([chunk])
+
+    def _give_again(self, chunks: Collection[PendingChunk], *, alone: bool = False) -> None:
+        """Have chunks made again, each in a unit of its own."""
+        self._again.extend(GivenUnit([chunk], is_single=True, is_alone=alone) for chunk in chunks)
+        self.tally.retries += len(chunks)
+
+    def _lose(self, unit: GivenUnit, why: str) -> None:
+        """A unit whose worker died."""
+        pool = self._pool_of(unit)
+        self.tally.workers_lost += 1
+        self.tally.note(f"a worker of {pool.name} died: {why}")
+        if not unit.is_alone:
+            self._again.append(GivenUnit(unit.chunks, unit.is_single, is_alone=True))
+            self.tally.retries += 1
+        elif len(unit.chunks) > 1:
+            self._give_again(unit.chunks, alone=True)
+        else:
+            (chunk,) = unit.chunks
+            chunk.deaths += 1
+            if chunk.deaths >= TRIES:
+                self.missing.give_up(chunk, f"{chunk.title}: the worker that made it died: {why}")
+            else:
+                self._give_again([chunk], alone=True)
+
+    def _record(self) -> None:
+        """Have results on the disk, in one transaction."""
+        self._recorded = self._clock()
+        results, self._held = self._held, []
+        rows = [row for result in results for row in result.rows]
+        if rows:
+            self.tally.rows += self._store.add(rows, dict(pair for result in results for pair in result.files))
+
+    # ---- watching
+
+    def _end_late(self) -> None:
+        """End units that take too long."""
+        now = self._clock()
+        step, self._turned = min(STEP_LONGEST, now - self._turned), now
+        for unit in self._running.values():
+            unit.age += step if self._pool_of(unit).is_ready else 0.0
+        is_idle = not self._running and now >= self._held_back_until
+        self._idle = self._idle + step if is_idle else 0.0
+        if self._idle > (self._limit or UNIT_SECONDS):
+            names = ", ".join(pool.name for pool in self.pools)
+            raise SweepError(f"{names}: there has been no worker for {self._idle:.0f} s; what was made is kept")
+        for future, unit in list(self._running.items()):
+            if self._limit and unit.age > self._limit and future in self._running and not future.done():
+                self._end(future, unit, self._pool_of(unit))
+
+    def _end(self, future: Future[UnitResult], unit: GivenUnit, pool: Pool) -> None:
+        """End a unit that takes too long."""
+        ended = pool.end(future)
+        del self._running[future]
+        if ended is Ended.NOWHERE:
+            if not any(own.pool is pool for own in self._running.values()):
+                raise SweepError(
+                    f"a unit was given to {pool.name} {unit.age:.0f} s ago, and no worker of it has begun: is any "
+                    "worker left? What was made is kept"
+                )
+            self._again.append(GivenUnit(unit.chunks, unit.is_single, unit.is_alone))
+            return
+        why = f"it took longer than the {self._limit:g} s that a unit may take (unit_timeout): {ended.value}"
+        self.tally.workers_lost += 1
+        self.tally.note(f"{pool.name}: a unit was ended, as {why}")
+        if len(unit.chunks) == 1:
+            self.missing.give_up(unit.chunks[0], f"{unit.chunks[0].title}: {why}")
+        else:
+            self._give_again(unit.chunks)
+        if pool.is_shared:
+            for other, own in list(self._running.items()):
+                if own.pool is pool and not other.done():
+                    del self._running[other]
+                    self._again.append(GivenUnit(own.chunks, own.is_single, own.is_alone))
+        if pool.capacity < 1 and not any(own.capacity for own in self.pools):
+            raise SweepError(f"{pool.name} has no worker left that can be used: all take longer than the limit")
+
+
+def death_reason(error: BaseException) -> str:
+    """The reason why a worker died, by an executor's error; loky names the exit codes of all that died at a time."""
+    text = " ".join(text_of(error).split()) or type(error).__name__
+    codes = re.search(r"exit codes of the workers are \{(.+?)\}", text)
+    return text if codes is None else f"it ended with {codes[1]}"

@@ -323,7 +323,7 @@ def _estimated(job: SweepJob, plan: Plan, other: str | None) -> Estimate:
             # A dry run changes nothing, so with --same-results it looks at the other code's results instead.
             store = stack.enter_context(SweepStore(job.folder, other or code_version()))
             done = store.done
-        missing = Missing(tuple(plan.recipes()), plan.groups, done=done, pose_count=pose_count, shard=job.shard_of())
+        missing = Missing(plan.recipes(), plan.groups, done=done, pose_count=pose_count, shard=job.shard_of())
         return estimate(plan, missing, job.folder, devices=devices)
 
 

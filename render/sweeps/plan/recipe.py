@@ -12,7 +12,7 @@ Keys are made like this, so that any program can make them again:
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache, cached_property
 from pathlib import Path
@@ -59,7 +59,7 @@ KEY_DIGITS = 32
 CANONICAL = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RecipePart:
     """One of a recipe's six parts; its text and digest are computed once for all recipes that have it."""
 
@@ -95,16 +95,17 @@ class Recipe:
     def of(cls, parts: Sequence[RecipePart]) -> "Recipe":
         """A recipe of six parts, which it may share with others."""
         recipe = cls(*(part.content for part in parts))
-        vars(recipe)["_parts"] = tuple(parts)  # instead of new ones by the cached property
+        vars(recipe)["parts"] = tuple(parts)  # instead of new ones by the cached property
         return recipe
 
     @cached_property
-    def _parts(self) -> tuple[RecipePart, ...]:
+    def parts(self) -> tuple[RecipePart, ...]:
+        """The six parts, whose digests recipes share."""
         return tuple(RecipePart(getattr(self, name)) for name in PARTS)
 
     def to_json(self) -> str:
         """One line of JSON that `from_json` reads back."""
-        return "{" + ", ".join(f'"{name}": {part.text}' for name, part in zip(PARTS, self._parts, strict=True)) + "}"
+        return "{" + ", ".join(f'"{name}": {part.text}' for name, part in zip(PARTS, self.parts, strict=True)) + "}"
 
     @classmethod
     def from_json(cls, text: str) -> "Recipe":
@@ -119,7 +120,7 @@ class Recipe:
 
     def digest(self, names: Iterable[str]) -> str:
         """Key of some parts together, 32 hexadecimal digits; work is shared between recipes of equal keys."""
-        parts = self._parts
+        parts = self.parts
         lines = [f"{name} {parts[_PLACE[name]].digest}\n" for name in names]
         return hashlib.sha256(f"{FORMAT}\n{''.join(lines)}".encode()).hexdigest()[:KEY_DIGITS]
 
@@ -200,7 +201,7 @@ class SweepPlan(Protocol):
 
     @property
     def recipe_count(self) -> int:
-        """Number of recipes, or an upper bound."""
+        """Number of recipes."""
         ...
 
     @property
@@ -213,7 +214,7 @@ class SweepPlan(Protocol):
         """Source of each group that a user's function computes."""
         ...
 
-    def recipes(self) -> Iterator[Recipe]:
+    def recipes(self) -> Iterable[Recipe]:
         """Every recipe once."""
         ...
 

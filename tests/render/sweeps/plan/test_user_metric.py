@@ -68,7 +68,7 @@ def test_a_plan_runs_it_with_permission_only(folder):
     assert plan.groups == draft.groups
     assert [group.split()[0::2] for group in plan.groups[1:]] == [["metric", "longest"], ["metric", "kinds"]]
     assert set(plan.user_metrics.values()) == {f"{folder}/mine.py:longest", f"{folder}/mine.py:kinds"}
-    recipe = next(plan.recipes())
+    recipe = plan.recipes()[0]
     assert recipe.key(plan.groups[1]) == recipe.key("contours")
 
 
@@ -158,6 +158,6 @@ def test_trust_in_the_plan_permits_it_until_it_is_edited(folder):
 
 def test_chunks_that_call_it_are_made_in_processes(folder):
     plan = load_plans([folder / "plan.toml"], allow_code=True)
-    text = next(plan.recipes()).to_json()
+    text = plan.recipes()[0].to_json()
     assert runs_python(Chunk(text, plan.groups))
     assert not runs_python(Chunk(text, ("contours",)))

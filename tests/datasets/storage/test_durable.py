@@ -270,22 +270,24 @@ def test_no_link_and_no_fifo_that_somebody_planted_is_written_or_waited_for(tmp_
     assert set(planted) < set(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("count", [1, 2, 9])
-def test_writers_of_one_path_at_once_leave_nothing_and_what_they_left_is_found(tmp_path, count):
-    """The folder is never listed: it may have very many files."""
+def test_writers_of_one_path_at_once_have_names_of_their_own_and_leave_nothing(tmp_path):
     path = tmp_path / "a"
-    for _ in range(2):
-        with contextlib.ExitStack() as stack:
-            writers = [stack.enter_context(NewFile(path)) for _ in range(count)]
-            assert len({writer.temporary for writer in writers}) == len(temporary_files(path)) == count
-        assert os.listdir(tmp_path) == ["a"]
-        for number in range(count):
-            temporary_name(path, number).write_bytes(b"half")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(os, "listdir", None)
-        patch.setattr(os, "scandir", None)
-        write_file(path, NEW)
+    with contextlib.ExitStack() as stack:
+        writers = [stack.enter_context(NewFile(path)) for _ in range(9)]
+        assert len({writer.temporary for writer in writers}) == len(temporary_files(path)) == 9
     assert os.listdir(tmp_path) == ["a"]
+
+
+@pytest.mark.parametrize("numbers", [[0], [3], [1, 3], range(9)], ids=str)
+def test_leftovers_are_found_though_the_folder_is_never_listed(tmp_path, monkeypatch, numbers):
+    """A folder may have very many files, as that of a sweep's kept ones."""
+    path, listed = tmp_path / "a", os.listdir
+    for number in numbers:
+        temporary_name(path, number).write_bytes(b"half")
+    monkeypatch.setattr(os, "listdir", None)
+    monkeypatch.setattr(os, "scandir", None)
+    write_file(path, NEW)
+    assert listed(tmp_path) == ["a"]
 
 
 def test_a_left_file_that_another_process_has_removed_and_begun_again_stays(tmp_path, monkeypatch):

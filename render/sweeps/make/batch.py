@@ -1,11 +1,10 @@
-"""Which poses a worker renders together: chunks of renderings, cut to batches that fit the memory and take a second.
+"""Batches of poses that are rendered together: chunks of renderings, cut to fit the memory and to take a second.
 
-How they are cut changes no bit of a result: batches hold whole spans, and a chunk that is cut goes on in the next one.
+The cuts change no bit of a result: batches hold whole spans, and a chunk that is cut goes on in the next one.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 import warp as wp
@@ -13,7 +12,7 @@ import warp as wp
 from ...intersection.batch_rendering import CPU_SPAN_BYTES, POINT_BYTES
 from ...motions.explorations.explored import joined_rows
 from ...sampling.strategy import SamplingStrategy
-from ..plan.recipe import Recipe, is_user_metric
+from ..plan.recipe import Recipe
 from .metrics import Measured
 from .rendering import Rendering, sampling_of
 from .unit import CHUNK_POSES, SPAN
@@ -27,25 +26,22 @@ BATCH_SECONDS = 1.0  # long beside launching a batch, short beside what a smalle
 GROWTH = 8  # largest ratio of a batch to the one before
 
 
-class RenderingWants(NamedTuple):
-    """What is computed of the contours of a rendering."""
+@dataclass(eq=False)
+class AskedMetrics:
+    """What is measured of the contours of a rendering, of all of its chunks alike."""
 
-    samplings: tuple[SamplingStrategy, ...]
-    """Whose draw frequencies are asked for."""
-    user_metrics: tuple[UserMetric, ...]
-
-
-Wants = dict[str, RenderingWants]
-"""By rendering."""
+    samplings: tuple[SamplingStrategy, ...] = ()
+    """Strategies whose draw frequencies are asked for."""
+    user_metrics: tuple[UserMetric, ...] = ()
 
 
 @dataclass(eq=False)
-class WantedResult:
+class AskedResult:
     """A result of a chunk that is asked for."""
 
     sampling: SamplingStrategy | None
     """None where contours are all that it needs."""
-    metric: UserMetric | None = None
+    metric: UserMetric | None
     """The user's function that computes it, if one does."""
     places: set[int] = field(default_factory=set)
     """Chunks of the unit that ask for it."""
@@ -57,11 +53,14 @@ class RenderedChunk:
 
     rendering: Rendering
     number: int
-    wanted: dict[tuple[str, str], WantedResult] = field(default_factory=dict)
+    metrics: AskedMetrics
+    """Of the rendering."""
+    asked: dict[tuple[str, str], AskedResult] = field(default_factory=dict)
     """By group and key."""
     measured: Measured | None = None
     """Of the poses rendered so far."""
     columns: list[tuple[dict[str, np.ndarray], ...]] = field(default_factory=list)
+    """Of these poses, block by block, for each sampling strategy."""
 
     @property
     def first(self) -> int:
@@ -74,14 +73,23 @@ class RenderedChunk:
         return min(self.first + CHUNK_POSES, self.rendering.poses.count)
 
     @property
-    def places(self) -> set[int]:
-        """Chunks of the unit that ask for any of it."""
-        return set().union(*(wanted.places for wanted in self.wanted.values()))
+    def reached(self) -> int:
+        """The first pose that has not been measured."""
+        return self.first + (0 if self.measured is None else self.measured.contours["poses"])
 
     @property
-    def per_pose(self) -> bool:
-        """Whether a row a pose is asked for."""
-        return any(group == "poses" for group, _ in self.wanted)
+    def places(self) -> set[int]:
+        """Chunks of the unit that ask for any of it."""
+        return set().union(*(asked.places for asked in self.asked.values()))
+
+    def ask(self, place: int, group: str, recipe: Recipe, metric: UserMetric | None) -> None:
+        """Have a group made. place: of the unit's chunk that asks for it; metric: of a group that a user defines."""
+        sampling = None if group == "contours" or metric is not None else sampling_of(recipe.sampling)
+        if sampling is not None and sampling not in self.metrics.samplings:
+            self.metrics.samplings += (sampling,)
+        if metric is not None and metric not in self.metrics.user_metrics:
+            self.metrics.user_metrics += (metric,)
+        self.asked.setdefault((group, recipe.key(group)), AskedResult(sampling, metric)).places.add(place)
 
 
 @dataclass(frozen=True)
@@ -98,72 +106,29 @@ class PoseRange:
         return self.stop - self.first
 
 
-def want_chunk(
-    chunks: dict[tuple[str, int], RenderedChunk],
-    place: int,
-    number: int,
-    groups: Sequence[str],
-    recipe: Recipe,
-    rendering: Rendering,
-    user_metrics: Mapping[str, UserMetric],
-) -> None:
-    """Add the results that a chunk of a unit asks for; chunks of one rendering become one.
-
-    user_metrics: functions of groups that users define.
-    """
-    chunk = chunks.setdefault((rendering.key, number), RenderedChunk(rendering, number))
-    for group in groups:
-        is_of_contours = group == "contours" or is_user_metric(group)
-        sampling = None if is_of_contours else sampling_of(recipe.sampling)
-        wanted = WantedResult(sampling, user_metrics.get(group))
-        chunk.wanted.setdefault((group, recipe.key(group)), wanted).places.add(place)
-
-
-def wants_of(chunks: Sequence[RenderedChunk]) -> Wants:
-    """What is computed of each rendering, for all of its chunks alike: they go on from batch to batch."""
-    out: Wants = {}
-    for chunk in chunks:
-        known = out.get(chunk.rendering.key, RenderingWants((), ()))
-        wanted = chunk.wanted.values()
-        samplings = [one.sampling for one in wanted if one.sampling is not None]
-        metrics = [one.metric for one in wanted if one.metric is not None]
-        out[chunk.rendering.key] = RenderingWants(
-            tuple(dict.fromkeys((*known.samplings, *samplings))), tuple(dict.fromkeys((*known.user_metrics, *metrics)))
-        )
-    return out
-
-
-def join_ranges(ranges: Sequence[PoseRange], by: Callable[[RenderedChunk], object]) -> list[PoseRange]:
-    """Ranges; those that follow each other, and have the same in `by` of their chunks, as one, of the first's chunk."""
-    out: list[PoseRange] = []
-    for own in ranges:
-        last = out[-1] if out else None
-        if last and last.stop == own.first and by(last.chunk) is by(own.chunk):
-            out[-1] = PoseRange(last.chunk, last.first, own.stop)
-        else:
-            out.append(own)
-    return out
-
-
-def take_batch(left: Sequence[PoseRange], capacity: int) -> tuple[list[PoseRange], list[PoseRange]]:
-    """Ranges of up to `capacity` poses, the last one cut between spans, and what is left."""
+def take_batch(chunks: Sequence[RenderedChunk], capacity: int) -> list[PoseRange]:
+    """The next poses of chunks in their order, `capacity` at most; a chunk that does not fit is cut between spans."""
     batch: list[PoseRange] = []
     room = capacity
-    for k, own in enumerate(left):
+    for chunk in chunks:
+        own = PoseRange(chunk, chunk.reached, chunk.stop)
         if own.count > room:
             cut = own.first + spans_below(room)
-            if cut > own.first:
-                batch.append(PoseRange(own.chunk, own.first, cut))
-                own = PoseRange(own.chunk, cut, own.stop)  # the rest of the same one
-            return batch, [own, *left[k + 1 :]]
+            return [*batch, PoseRange(chunk, own.first, cut)] if cut > own.first else batch
         batch.append(own)
         room -= own.count
-    return batch, []
+    return batch
 
 
 def poses_of(batch: Sequence[PoseRange], device: str) -> np.ndarray | wp.array:
     """Poses of all ranges, one after the other: on the host if all are there, else on the device."""
-    joined = join_ranges(batch, lambda chunk: chunk.rendering)
+    joined: list[PoseRange] = []  # ranges that follow each other in one rendering are made at once
+    for own in batch:
+        last = joined[-1] if joined else None
+        if last and last.stop == own.first and last.chunk.rendering is own.chunk.rendering:
+            joined[-1] = PoseRange(last.chunk, last.first, own.stop)
+        else:
+            joined.append(own)
     return joined_rows([(own.chunk.rendering.poses, own.first, own.stop) for own in joined], device)
 
 

@@ -14,8 +14,8 @@
 What does not apply is NaN in columns, and not counted in statistics. These are of the columns' float32, in float64.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import chain
 from typing import Any, NamedTuple, Self
 
@@ -47,38 +47,38 @@ WHOLE_NUMBERS = ("polylines",)  # columns of int32
 
 @dataclass(frozen=True)
 class ChunkSlice:
-    """Poses of a batch that belong to one chunk of one rendering, one after the other."""
+    """Consecutive poses of a batch that belong to one chunk."""
 
-    rendering: int
-    """Which of the renderings that the batch is made of."""
     number: int
-    """Which chunk of the rendering, counted from its first pose in steps of `CHUNK_POSES`."""
+    """Of the chunk, whose first pose is `number * CHUNK_POSES` of its recipe."""
     first: int
-    """First pose, counted in the batch."""
+    """Place of the first pose in the batch."""
     count: int
-    """How many poses, at most `CHUNK_POSES`; a multiple of `SPAN` unless the chunk ends here."""
+    """Number of poses, at most `CHUNK_POSES`; a multiple of `SPAN` unless the chunk ends here."""
+    samplings: tuple[SamplingStrategy, ...] = ()
+    """Strategies whose draw frequencies are asked for."""
+    user_metrics: tuple[UserMetric, ...] = ()
     before: "Measured | None" = None
-    """What an earlier batch measured of the poses of this chunk before these; None: the chunk begins here."""
+    """The measurement of the chunk's earlier poses, asked for the same; None where the chunk begins here."""
 
 
 @dataclass(frozen=True)
 class Measured:
-    """What of a chunk has been measured, that of `ChunkSlice.before` included; payloads are JSON.
+    """The measurement of a chunk up to the end of a slice, that of `ChunkSlice.before` included; payloads are JSON.
 
     A payload is {"poses": n, "poses_drawn": n, "stat": {metric: [count, sum, sum of squares, least, greatest]},
     "seconds": {stage: s}}; only finite values count, and where none does, least and greatest are None. That of contours
     also has "histogram": {"length": numbers of poses in the bins of `histogram`}.
     """
 
-    slice: ChunkSlice
     contours: dict[str, Any]
     """`METRICS` of the kernels, `FACING`, and removed_<stage>."""
     frequency: tuple[dict[str, Any], ...]
-    """Metrics draw_frequency_nominal, draw_frequency_actual, for each sampling strategy of the chunk's rendering."""
-    user_metrics: dict[str, dict[str, Any] | SweepError] = field(default_factory=dict)
-    """By group: what a user's function gives, as `user_metrics.measure` returns it, or why it gives nothing."""
-    columns: tuple[dict[str, np.ndarray], ...] = field(default=())
-    """If asked, for each sampling strategy a row for each of the chunk's poses in this batch, those before left out."""
+    """`FREQUENCIES` of each sampling strategy of the slice."""
+    user_metrics: dict[str, dict[str, Any] | SweepError]
+    """By group: the payload that `user_metrics.measure` returns, or why there is none."""
+    columns: tuple[dict[str, np.ndarray], ...] = ()
+    """If asked for: of each sampling strategy a row for each pose of the slice, without those before."""
 
 
 def measure_batch(
@@ -87,29 +87,28 @@ def measure_batch(
     slices: Sequence[ChunkSlice],
     *,
     device: str,
-    samplings: Sequence[Sequence[SamplingStrategy]],
-    user_metrics: Sequence[Sequence[UserMetric]] = (),
     per_pose: bool = False,
     first: int = 0,
     point_limit: int | None = None,
     timing: dict[str, float] | None = None,
 ) -> list[Measured]:
-    """Render a batch of poses and measure it, nothing but statistics leaving the device; one result a chunk, in order.
+    """Render a batch of poses and measure it; returns one result a slice, in order.
 
-    pose: float32, shape [pose, 7], or wp.transform [pose] on the device: those of all slices. samplings: of each
-    rendering, empty where draw frequencies are not asked for. user_metrics: of each rendering, if any. first: row of
-    the motion that `pose` begins at, for what is articulated or moves. timing: takes the seconds of each stage. Results
-    are bit-identical however slices are put into batches, and on every device.
-    Raises PointLimitError before memory is taken for more points than `point_limit`, which none is on a GPU where
-    lengths are enough (`Scene.is_drawn_to_measure`, `needs_contours`); SweepError for slices that are not within the
+    Only statistics leave the device, unless columns or user metrics are asked for. Results are bit-identical however
+    slices are put into batches, and on every device.
+    pose: of all slices, float32, shape [pose, 7], or wp.transform [pose] on the device. per_pose: whether columns are
+    asked for. first: row of the motion that `pose` begins at, for hands that are posed row by row and objects that
+    move. timing: takes the seconds of each stage.
+    Raises PointLimitError before memory is taken for more points than `point_limit`; a GPU takes none where lengths
+    are enough (`Scene.is_drawn_to_measure`, `needs_contours`). Raises SweepError for slices that are not within the
     batch, and for one that goes on in the middle of a span.
     """
-    _require_slices(slices, len(pose), len(samplings))
+    _require_slices(slices, len(pose))
     clock = stage_times(device)
-    renderings = dict.fromkeys(own.rendering for own in slices)
-    asked = list(dict.fromkeys(chain.from_iterable(samplings[rendering] for rendering in renderings)))
+    asked = list(dict.fromkeys(chain.from_iterable(own.samplings for own in slices)))
+    has_user_metrics = any(own.user_metrics for own in slices)
     draws = DRAWS_ON_CPU and wp.get_device(device).is_cpu
-    if draws or scene.is_drawn_to_measure or any(map(needs_contours, asked)) or any(user_metrics):
+    if draws or scene.is_drawn_to_measure or any(map(needs_contours, asked)) or has_user_metrics:
         tallied = _tallied(scene, pose, first, device, point_limit, clock, len(asked))
     else:  # raw and exact contours are not drawn: a GPU takes longer to write points than to walk
         names = (*METRICS, *FACING)
@@ -129,7 +128,7 @@ def measure_batch(
             pacer.frequencies(strategy, tallied.value[row : row + 2])
     with StageClock(clock, "measure", device):
         spans = Spans.of(slices, device)
-        sums = _sums(tallied, slices, spans, asked, samplings, device)
+        sums = _sums(tallied, slices, spans, asked, device)
         length, places = tallied.value[METRICS.index("length")], (spans.first, spans.count, spans.chunk_start)
         lowest, highest = histogram.LOWEST, histogram.HIGHEST
         counted = count_bins(length, *places, lowest=lowest, highest=highest, bits=histogram.BITS)
@@ -146,29 +145,33 @@ def measure_batch(
     for payload, numbers in zip(contours, histogram.describe(bins), strict=True):
         payload["histogram"] = {"length": numbers}
     drawn = [payload["poses_drawn"] for payload in contours]
-    frequency = []
-    for k, strategy in enumerate(asked):
-        own = found[:, len(tallied.names) + 2 * k :][:, :2]
-        before = _paced_before(slices, strategy, samplings)
-        frequency.append(_payloads(slices, FREQUENCIES, own, before, pacing, len(pose), drawn))
-    numbers = {rendering: [asked.index(strategy) for strategy in samplings[rendering]] for rendering in renderings}
-    columns = _columns(tallied, slices, numbers) if per_pose else [()] * len(slices)
-    paced = [tuple(frequency[s][k] for s in numbers[own.rendering]) for k, own in enumerate(slices)]
-    ended = [own if own.before is None else replace(own, before=None) for own in slices]  # it is in the payloads
-    own = _user_metrics(tallied, slices, user_metrics) if any(user_metrics) else [{}] * len(slices)
-    return [Measured(*row) for row in zip(ended, contours, paced, own, columns, strict=True)]
+    frequency = [
+        _payloads(
+            slices,
+            FREQUENCIES,
+            found[:, len(tallied.names) + 2 * k :][:, :2],
+            _frequency_before(slices, strategy),
+            pacing,
+            len(pose),
+            drawn,
+        )
+        for k, strategy in enumerate(asked)
+    ]
+    places = [[asked.index(strategy) for strategy in own.samplings] for own in slices]
+    paced = [tuple(frequency[place][k] for place in own) for k, own in enumerate(places)]
+    columns = _columns(tallied, slices, places) if per_pose else [()] * len(slices)
+    users = _user_metrics(tallied, slices) if has_user_metrics else [{}] * len(slices)
+    return [Measured(*row) for row in zip(contours, paced, users, columns, strict=True)]
 
 
-def _user_metrics(
-    tallied: "Tallied", slices: Sequence[ChunkSlice], user_metrics: Sequence[Sequence[UserMetric]]
-) -> list[dict[str, dict[str, Any] | SweepError]]:
-    """What users' functions give of each chunk; what one raises is the result of its own group."""
+def _user_metrics(tallied: "Tallied", slices: Sequence[ChunkSlice]) -> list[dict[str, dict[str, Any] | SweepError]]:
+    """Payloads of users' metrics of each slice; an error of one is the result of its own group."""
     if tallied.batch is None:
         raise ValueError("contours are needed for a user's metric, and none were drawn")
     host, out = tallied.batch.numpy(), []
     for own in slices:
         found: dict[str, dict[str, Any] | SweepError] = {}
-        for metric in user_metrics[own.rendering]:
+        for metric in own.user_metrics:
             before = None if own.before is None else own.before.user_metrics[metric.group]
             try:
                 is_failed = isinstance(before, SweepError)
@@ -179,13 +182,11 @@ def _user_metrics(
     return out
 
 
-def _require_slices(slices: Sequence[ChunkSlice], pose_count: int, rendering_count: int) -> None:
+def _require_slices(slices: Sequence[ChunkSlice], pose_count: int) -> None:
     """Raise SweepError for slices that no batch has."""
     for own in slices:
         done = 0 if own.before is None else own.before.contours["poses"]
-        name = f"chunk {own.number} of rendering {own.rendering}"
-        if not 0 <= own.rendering < rendering_count:
-            raise SweepError(f"{name}: there are samplings for {rendering_count} renderings")
+        name = f"chunk {own.number}"
         if own.count < 1 or not 0 <= own.first <= pose_count - own.count:
             raise SweepError(f"{name}: poses {own.first}..{own.first + own.count} of a batch of {pose_count}")
         if done % SPAN or done + own.count > CHUNK_POSES:
@@ -269,14 +270,13 @@ def _sums(
     slices: Sequence[ChunkSlice],
     spans: Spans,
     asked: Sequence[SamplingStrategy],
-    samplings: Sequence[Sequence[SamplingStrategy]],
     device: str,
 ) -> wp.array:
     """Statistics of each chunk on the device, those of earlier batches included, shape [chunk, metric, statistic]."""
     begun = None
     if any(own.before is not None for own in slices):
         contours = [None if own.before is None else own.before.contours for own in slices]
-        rates = [_begun(FREQUENCIES, _paced_before(slices, strategy, samplings)) for strategy in asked]
+        rates = [_begun(FREQUENCIES, _frequency_before(slices, strategy)) for strategy in asked]
         table = np.concatenate([_begun(tallied.names, contours), *rates], axis=1)
         begun = wp.array(table, dtype=wp.float64, device=device)
     return sum_parts(tallied.value, spans.first, spans.count, spans.chunk_start, begun)
@@ -296,13 +296,10 @@ def _begun(names: Sequence[str], before: Sequence[dict[str, Any] | None]) -> np.
     return begun
 
 
-def _paced_before(
-    slices: Sequence[ChunkSlice], strategy: SamplingStrategy, samplings: Sequence[Sequence[SamplingStrategy]]
-) -> list[dict[str, Any] | None]:
-    """What earlier batches measured of a strategy's draw frequencies, a chunk each."""
-    place = [list(own).index(strategy) if strategy in own else None for own in samplings]
+def _frequency_before(slices: Sequence[ChunkSlice], strategy: SamplingStrategy) -> list[dict[str, Any] | None]:
+    """The payload of a strategy's draw frequencies that earlier batches measured of each slice's chunk."""
     return [
-        None if own.before is None or (at := place[own.rendering]) is None else own.before.frequency[at]
+        own.before.frequency[own.samplings.index(strategy)] if own.before and strategy in own.samplings else None
         for own in slices
     ]
 
@@ -335,22 +332,22 @@ def _payloads(
 
 
 def _columns(
-    tallied: Tallied, slices: Sequence[ChunkSlice], numbers: Mapping[int, Sequence[int]]
+    tallied: Tallied, slices: Sequence[ChunkSlice], places: Sequence[Sequence[int]]
 ) -> list[tuple[dict[str, np.ndarray], ...]]:
-    """A row a pose of each chunk, for each sampling strategy of its rendering.
+    """A row a pose of each slice, for each of its sampling strategies.
 
-    numbers: of each rendering's sampling strategies, in the order of the rows of `tallied`.
+    places: of each slice's sampling strategies among those whose frequencies `tallied` has.
     """
     count, table = len(tallied.names), tallied.value.numpy()
     values = dict(zip(tallied.names, table[:count], strict=True))
     values |= {name: values[name].astype(np.int32) for name in WHOLE_NUMBERS}
     out = []
-    for own in slices:
+    for own, numbers in zip(slices, places, strict=True):
         done = own.number * CHUNK_POSES + (0 if own.before is None else own.before.contours["poses"])
         pose = {"pose": np.arange(done, done + own.count)}
         rows = slice(own.first, own.first + own.count)
         blocks = []
-        for number in numbers[own.rendering]:
+        for number in numbers:
             rates = table[count + 2 * number :][:2]
             columns = values | dict(zip(FREQUENCIES, rates, strict=True))
             blocks.append(pose | {name: value[rows].copy() for name, value in columns.items()})

@@ -37,7 +37,7 @@ from palpate.render.sampling.presets import PRESETS
 from palpate.render.sweeps.make import metrics as metrics_module
 from palpate.render.sweeps.make.histogram import merge, quantiles
 from palpate.render.sweeps.make.metrics import FREQUENCIES, ChunkSlice, measure_batch
-from palpate.render.sweeps.make.task import CHUNK_POSES, SPAN
+from palpate.render.sweeps.make.unit import CHUNK_POSES, SPAN
 
 TUBE, CUBE, CC = MeshObject.load("tube"), MeshObject.load("cube"), closed_contour()
 STM, RETURN = SamplingStrategy(), PRESETS["fast-return"]()
@@ -58,8 +58,8 @@ def random_on(device, count, seed=0):
 
 def measured(scene, pose, device, samplings=(STM,), **options):
     """All poses as one part."""
-    part = ChunkSlice(0, 0, 0, len(pose))
-    return measure_batch(scene, pose, [part], device=device, samplings=[samplings], **options)[0]
+    own = ChunkSlice(0, 0, len(pose), tuple(samplings))
+    return measure_batch(scene, pose, [own], device=device, **options)[0]
 
 
 def without_seconds(result):
@@ -98,14 +98,15 @@ def test_bits_do_not_depend_on_how_parts_are_cut_and_fused(takes, renderings):
     done, columns = [None] * 3, [[], [], []]
     for batch in filter(None, batches_of(takes, [len(p) for p in poses])):
         starts = np.cumsum([0, *(count for _, _, count in batch)]).tolist()
-        parts = [
-            ChunkSlice(rendering, 0, first, count, done[rendering])
+        slices = [
+            ChunkSlice(0, first, count, samplings[rendering], before=done[rendering])
             for first, (rendering, _, count) in zip(starts, batch, strict=False)  # the last start is the end
         ]
         pose = np.concatenate([poses[rendering][at : at + count] for rendering, at, count in batch])
-        for result in measure_batch(CUBE_SCENE, pose, parts, device="cpu", samplings=samplings, per_pose=True):
-            done[result.slice.rendering] = result
-            columns[result.slice.rendering].append(result.columns)
+        results = measure_batch(CUBE_SCENE, pose, slices, device="cpu", per_pose=True)
+        for (rendering, _, _), result in zip(batch, results, strict=True):
+            done[rendering] = result
+            columns[rendering].append(result.columns)
     for rendering in range(3):
         assert without_seconds(done[rendering]) == without_seconds(whole[rendering])
         for k, want in enumerate(whole[rendering].columns):
@@ -251,12 +252,9 @@ def refuse_large(numpy, rows):
 def test_time_is_shared_by_poses_and_adds_up(device):
     pose = random_on(device, SPAN + 20)
     first, then = {}, {}
-    begun = measure_batch(
-        CUBE_SCENE, pose[:SPAN], [ChunkSlice(0, 0, 0, SPAN)], device=device, samplings=[(STM,)], timing=first
-    )
-    parts = [ChunkSlice(0, 0, 0, 20, begun[0]), ChunkSlice(1, 0, 20, 60)]
-    pose = random_on(device, 80)
-    one, two = measure_batch(CUBE_SCENE, pose, parts, device=device, samplings=[(STM,), (STM,)], timing=then)
+    begun = measure_batch(CUBE_SCENE, pose[:SPAN], [ChunkSlice(0, 0, SPAN, (STM,))], device=device, timing=first)
+    slices = [ChunkSlice(0, 0, 20, (STM,), before=begun[0]), ChunkSlice(0, 20, 60, (STM,))]
+    one, two = measure_batch(CUBE_SCENE, random_on(device, 80), slices, device=device, timing=then)
     for stage, seconds in one.contours["seconds"].items():
         assert seconds == pytest.approx(first[stage] + then[stage] / 4)
         assert two.contours["seconds"][stage] == pytest.approx(then[stage] * 3 / 4)
@@ -264,22 +262,18 @@ def test_time_is_shared_by_poses_and_adds_up(device):
     assert math.isfinite(sum(then.values()))
 
 
-def test_parts_that_no_batch_has_are_refused():
-    pose = random_on("cpu", 100)
-    ended = measured(CUBE_SCENE, pose, "cpu")
-    for part, message in (
-        (ChunkSlice(0, 3, 50, 51), r"chunk 3 of rendering 0: poses 50\.\.101 of a batch of 100"),
-        (ChunkSlice(0, 0, 0, 0), "poses 0..0"),
-        (ChunkSlice(1, 0, 0, 10), "samplings for 1 renderings"),
-        (ChunkSlice(0, 0, 0, 10, ended), "goes on after 100 poses"),
+def test_slices_that_no_batch_has_are_refused():
+    pose = random_on("cpu", SPAN + 1)
+    ended = measured(CUBE_SCENE, pose[:100], "cpu")
+    full = replace(ended, contours=ended.contours | {"poses": CHUNK_POSES - SPAN})
+    for own, message in (
+        (ChunkSlice(3, 50, SPAN), rf"chunk 3: poses 50\.\.{SPAN + 50} of a batch of {SPAN + 1}"),
+        (ChunkSlice(0, 0, 0), "poses 0..0"),
+        (ChunkSlice(0, 0, 10, before=ended), "goes on after 100 poses"),
+        (ChunkSlice(0, 0, SPAN + 1, before=full), f"{CHUNK_POSES} poses at most"),
     ):
         with pytest.raises(SweepError, match=message):
-            measure_batch(CUBE_SCENE, pose, [part], device="cpu", samplings=[()])
-    full = replace(ended, contours=ended.contours | {"poses": CHUNK_POSES - SPAN})
-    with pytest.raises(SweepError, match=f"{CHUNK_POSES} poses at most"):
-        measure_batch(
-            CUBE_SCENE, random_on("cpu", SPAN + 1), [ChunkSlice(0, 0, 0, SPAN + 1, full)], device="cpu", samplings=[()]
-        )
+            measure_batch(CUBE_SCENE, pose, [own], device="cpu")
 
 
 def test_contours_are_drawn_only_where_their_points_are_needed(device):

@@ -58,11 +58,3 @@ def test_numbers_and_focal_points_are_those_of_the_whole_motion_however_it_is_cu
 def test_without_counting_the_takers_have_their_focal_points():
     numbers, points = sampled(SamplingStrategy(), counted=False)
     assert (numbers, len(points)) == ({}, 20_000)
-
-
-def test_each_block_is_a_sign_of_progress(monkeypatch):
-    monkeypatch.setattr(sampling, "SPAN_SAMPLES", 8000)
-    motion, ticks = exploration("tube", duration=2.0, rate=90.0), []
-    contours = RenderedContours(Scene.of(MeshObject.load("tube"), Palm(), "cc"), motion, "cpu")
-    sample_recipe(contours, motion, Palm(), SamplingStrategy(), tick=lambda: ticks.append(1))
-    assert len(ticks) == 3

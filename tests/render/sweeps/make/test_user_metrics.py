@@ -9,17 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mesh_cases import generic_poses
-from sweep_recipes import digest, random_motion, recipe_of, task_of
+from sweep_recipes import digest, payloads_of, random_motion, recipe_of, unit_of
 
-from palpate.datasets.sweeps.shard import read_shard
 from palpate.kernels.metrics.random_pose import random_poses
 from palpate.render import MeshObject, Palm, closed_contour
 from palpate.render.errors import SweepError
 from palpate.render.intersection.scene import Scene
 from palpate.render.sweeps.make.metrics import ChunkSlice, measure_batch
-from palpate.render.sweeps.make.task import SPAN
+from palpate.render.sweeps.make.unit import SPAN
+from palpate.render.sweeps.make.unit_making import make_unit
 from palpate.render.sweeps.make.user_metrics import UserMetric, measure
-from palpate.render.sweeps.make.work import run_task
 from palpate.render.sweeps.plan.user_metric import DIGITS
 
 SCENE = Scene.of(MeshObject.load("tube"), Palm(), closed_contour())
@@ -67,7 +66,7 @@ def renderings():
 
 def rendered(poses, slices, device="cpu"):
     """Without times."""
-    found = measure_batch(SCENE, poses, slices, device=device, samplings=[()] * 3, user_metrics=[METRICS] * 3)
+    found = measure_batch(SCENE, poses, [replace(own, user_metrics=METRICS) for own in slices], device=device)
     return found, [{group: own["stat"] for group, own in result.user_metrics.items()} for result in found]
 
 
@@ -87,7 +86,7 @@ def test_whatever_a_function_raises_names_the_metric(batch, error):
 
 def test_statistics_are_numpys(renderings, device):
     poses = renderings[0]
-    ((result,), (stats,)) = rendered(poses, [ChunkSlice(0, 0, 0, len(poses))], device)
+    ((result,), (stats,)) = rendered(poses, [ChunkSlice(0, 0, len(poses))], device)
     lengths = SCENE.contours(poses, 0, "cpu")[0].numpy().length().astype(np.float64)
     count, total, square, least, greatest = stats["metric 0 length"][""]
     assert (count, least, greatest) == (len(poses), lengths.min(), lengths.max())
@@ -102,7 +101,7 @@ def test_statistics_are_numpys(renderings, device):
 def test_bits_do_not_depend_on_batches(spans, together, renderings):
     _, want = rendered(
         np.concatenate(renderings),
-        [ChunkSlice(k, 0, sum(COUNTS[:k]), count) for k, count in enumerate(COUNTS)],
+        [ChunkSlice(0, sum(COUNTS[:k]), count) for k, count in enumerate(COUNTS)],
     )
     poses, at, before = renderings[0], 0, None
     other = renderings[2] if together else renderings[2][:0]
@@ -110,8 +109,8 @@ def test_bits_do_not_depend_on_batches(spans, together, renderings):
         count = min(count, len(poses) - at)
         if not count:
             break
-        slices = [ChunkSlice(2, 0, 0, len(other))] if together else []
-        slices.append(ChunkSlice(0, 0, len(other), count, before))
+        slices = [ChunkSlice(0, 0, len(other))] if together else []
+        slices.append(ChunkSlice(0, len(other), count, before=before))
         found, stats = rendered(np.concatenate([other, poses[at : at + count]]), slices)
         before, at = found[-1], at + count
         assert not together or stats[0] == want[2]
@@ -178,16 +177,14 @@ def test_a_metric_that_fails_leaves_the_other_groups(tmp_path):
     mine.write_text(CODE)
     groups = {f"metric {digest(mine)[:DIGITS]} {name}": f"{mine}:{name}" for name in ("length", "wrong")}
     recipe = recipe_of(motion=random_motion(600))
-    task = task_of(tmp_path, [recipe], ("contours", *groups))
-    task = replace(task, user_metrics=tuple(groups.items()))
-    assert "not the code that was permitted" in run_task(task, "cpu").error
-    task = replace(task, code=frozenset([digest(mine)]), name="permitted")
-    outcome = run_task(task, "cpu")
-    (failed,) = outcome.failed
+    unit = replace(unit_of([recipe], ("contours", *groups)), user_metrics=tuple(groups.items()))
+    assert "not the code that was permitted" in make_unit(unit, "cpu").failed[0].message
+    unit = replace(unit, granted=frozenset([digest(mine)]))
+    result = make_unit(unit, "cpu")
+    (failed,) = result.failed
     assert "metric mine.py:wrong: must return one number per pose" in failed.message
-    payloads = {row.group: row.payload for row in read_shard(tmp_path / outcome.shard).rows}
+    payloads = {group: payload for (group, _, _), payload in payloads_of(result).items()}
     assert set(payloads) == {"contours", next(iter(groups))}
     assert payloads["contours"]["stat"]["length"][1] == pytest.approx(payloads[next(iter(groups))]["stat"][""][1])
     mine.write_text(CODE + "\n# edited\n")
-    edited = run_task(replace(task, name="edited"), "cpu")
-    assert "has changed since the plan was read" in edited.error
+    assert "has changed since the plan was read" in make_unit(unit, "cpu").failed[0].message

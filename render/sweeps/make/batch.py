@@ -5,6 +5,7 @@ The cuts change no bit of a result: batches hold whole spans, and a chunk that i
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 import warp as wp
@@ -12,9 +13,8 @@ import warp as wp
 from ...intersection.batch_rendering import CPU_SPAN_BYTES, POINT_BYTES
 from ...motions.explorations.explored import joined_rows
 from ...sampling.strategy import SamplingStrategy
-from ..plan.recipe import Recipe
 from .metrics import Measured
-from .rendering import Rendering, sampling_of
+from .rendering import AskedResult, Rendering
 from .unit import CHUNK_POSES, SPAN
 from .user_metrics import UserMetric
 
@@ -33,18 +33,6 @@ class AskedMetrics:
     samplings: tuple[SamplingStrategy, ...] = ()
     """Strategies whose draw frequencies are asked for."""
     user_metrics: tuple[UserMetric, ...] = ()
-
-
-@dataclass(eq=False)
-class AskedResult:
-    """A result of a chunk that is asked for."""
-
-    sampling: SamplingStrategy | None
-    """None where contours are all that it needs."""
-    metric: UserMetric | None
-    """The user's function that computes it, if one does."""
-    places: set[int] = field(default_factory=set)
-    """Chunks of the unit that ask for it."""
 
 
 @dataclass(eq=False)
@@ -82,14 +70,13 @@ class RenderedChunk:
         """Chunks of the unit that ask for any of it."""
         return set().union(*(asked.places for asked in self.asked.values()))
 
-    def ask(self, place: int, group: str, recipe: Recipe, metric: UserMetric | None) -> None:
-        """Have a group made. place: of the unit's chunk that asks for it; metric: of a group that a user defines."""
-        sampling = None if group == "contours" or metric is not None else sampling_of(recipe.sampling)
-        if sampling is not None and sampling not in self.metrics.samplings:
-            self.metrics.samplings += (sampling,)
-        if metric is not None and metric not in self.metrics.user_metrics:
-            self.metrics.user_metrics += (metric,)
-        self.asked.setdefault((group, recipe.key(group)), AskedResult(sampling, metric)).places.add(place)
+    def ask(self, own: AskedResult, place: int) -> None:
+        """Have a result made. place: of the unit's chunk that asks for it."""
+        if own.sampling is not None and own.sampling not in self.metrics.samplings:
+            self.metrics.samplings += (own.sampling,)
+        if own.metric is not None and own.metric not in self.metrics.user_metrics:
+            self.metrics.user_metrics += (own.metric,)
+        self.asked.setdefault((own.group, own.key), own).places.add(place)
 
 
 @dataclass(frozen=True)
@@ -155,21 +142,30 @@ def point_limit(device: str) -> int:
 
 
 class BatchSize:
-    """How many poses of a scene make a batch: what fits the memory, and takes about BATCH_SECONDS."""
+    """The number of poses of a scene that make a batch: they fit the memory, and take about BATCH_SECONDS.
 
-    def __init__(self, capacity: int, first: int, *, is_fixed: bool) -> None:
-        """is_fixed: whether a user's stage sees the batches, which must not depend on how fast they are made then."""
+    capacity: see `batch_capacity`. is_fixed: whether a user's stage sees the batches, which then must not depend on how
+    fast they are made.
+    """
+
+    def __init__(self, capacity: int, device: str, *, is_fixed: bool) -> None:
         self._capacity, self._is_fixed = capacity, is_fixed
-        self.poses = min(capacity, max(SPAN, first))
+        self.poses = min(capacity, POSES_FIRST["cpu" if device == "cpu" else "cuda"])
         """Of the next batch."""
 
     def learn(self, pose_count: int, seconds: float) -> None:
         """Take note of a batch: the next one is to take BATCH_SECONDS."""
-        if self._is_fixed:
-            return
-        wanted = pose_count * BATCH_SECONDS / max(seconds, 1e-9)
-        self.poses = max(SPAN, spans_below(round(min(wanted, GROWTH * pose_count, self._capacity))))
+        if not self._is_fixed:
+            wanted = pose_count * BATCH_SECONDS / max(seconds, 1e-9)
+            self.poses = max(SPAN, spans_below(round(min(wanted, GROWTH * pose_count, self._capacity))))
 
     def shrink(self, pose_count: int) -> None:
         """Take note of a batch that did not fit the memory."""
         self._capacity = self.poses = max(SPAN, spans_below(pose_count // 2))
+
+
+@lru_cache(maxsize=4096)
+def learned_size(family: str, device: str, capacity: int) -> BatchSize:
+    """The batch size of a family of renderings, kept from unit to unit."""
+    del family
+    return BatchSize(capacity, device, is_fixed=False)

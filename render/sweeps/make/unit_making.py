@@ -18,7 +18,7 @@ import shutil
 import tempfile
 import time
 import warnings
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -35,24 +35,24 @@ from ....device.errors import DeviceError
 from ...errors import PalpateWarning, RenderError, SweepError
 from ...intersection.batch_rendering import is_too_large
 from ..plan.code_version import code_version
-from ..plan.recipe import WHOLE_GROUPS, Recipe, is_user_metric
+from ..plan.recipe import WHOLE_GROUPS, is_user_metric
 from ..plan.user_metric import load_planned, shown_name
 from .batch import (
-    POSES_FIRST,
     AskedMetrics,
     BatchSize,
     PoseRange,
     RenderedChunk,
     batch_capacity,
+    learned_size,
     point_limit,
     poses_of,
     take_batch,
 )
 from .metrics import ChunkSlice, measure_batch
-from .rendering import Rendering, read_recipe, recipe_cache
-from .sampling_groups import SampledAlike, UnsplitChunk, divide_chunks
+from .rendering import AskedResult, Rendering, read_recipe, recipe_cache
+from .sampling_groups import SampledAlike, divide_results
 from .unit import CHUNK_POSES, SPAN, Chunk, FailedChunk, Unit, UnitResult, text_of, this_process
-from .unsplit import make_unsplit
+from .unsplit import Payloads, make_unsplit
 from .user_metrics import UserMetric
 
 TRANSIENT = {
@@ -127,13 +127,6 @@ class UnitWork:
         if payload.get("path") is not None:
             self.files.append(payload["path"])
 
-    def add_unsplit(self, key: Key, places: Iterable[int], title: str, payload: dict[str, Any] | Exception) -> None:
-        """Add a result of all poses, or note why there is none. places: of the chunks that ask for it."""
-        if isinstance(payload, Exception):
-            self.fail(places, f"{title} ({key[0]})", payload)
-        else:
-            self.add(key, 0, payload)
-
     def fail(self, places: Iterable[int], title: str, error: BaseException) -> None:
         """Note chunks that could not be made, the first reason of each."""
         for place in places:
@@ -151,66 +144,69 @@ class UnitWork:
 
 def _make(work: UnitWork) -> None:
     """All chunks: those of split groups in batches, then those of groups that need all poses at once."""
-    rendered, unsplit = _sorted_chunks(work)
+    rendered, unsplit = _load_chunks(work)
     families: dict[str, list[RenderedChunk]] = {}
     for own in rendered:
         alone = "" if own.rendering.is_fusable else f" {own.rendering.key} {own.number}"
         families.setdefault(own.rendering.family + alone, []).append(own)
     for family in families.values():
         _render_family(family, work)
-    alike, alone = divide_chunks(unsplit, work.device)
+    alike, alone = divide_results(unsplit, work.device)
     for shared in alike:
-        for chunk in _sample_alike(shared, work):
-            alone.setdefault(chunk.rendering.key, []).append(chunk)
+        for own in _sample_alike(shared, work):
+            alone.setdefault(own.rendering.key, []).append(own)
     for asked in alone.values():
-        _make_unsplit(asked, work)
+        _add_unsplit(make_unsplit(asked, work.folder, work.device), work)
 
 
-def _sorted_chunks(work: UnitWork) -> tuple[Collection[RenderedChunk], list[UnsplitChunk]]:
-    """Chunks of the unit by how they are made, their recipes loaded; those that cannot be loaded have failed."""
-    known: dict[str, tuple[Recipe, Rendering, AskedMetrics]] = {}  # by recipe: its chunks share all of these
-    metrics: dict[str, AskedMetrics] = {}  # by rendering, which recipes share
+def _load_chunks(work: UnitWork) -> tuple[list[RenderedChunk], list[AskedResult]]:
+    """All that the unit's chunks ask for, each once, with what their recipes name; what cannot be loaded has failed."""
+    renderings: dict[str, Rendering] = {}  # by recipe
+    metrics: dict[str, AskedMetrics] = {}  # by rendering
     rendered: dict[tuple[str, int], RenderedChunk] = {}
-    unsplit: list[UnsplitChunk] = []
+    unsplit: dict[Key, AskedResult] = {}
     for place, chunk in enumerate(work.unit.chunks):
         title = f"chunk {place}"
         try:
+            recipe = read_recipe(chunk.recipe)
+            title = recipe.title
             if work.unit.parent == this_process() and runs_python(chunk):
                 raise SweepError(
                     "it runs Python, which a sweep runs in other processes only, as nothing could end a stage that "
                     "hangs in this one: give run_sweep an executor of processes, not of threads"
                 )
-            if chunk.recipe not in known:
-                recipe = read_recipe(chunk.recipe)
-                title = recipe.title
-                rendering = recipe_cache(work.device).rendering(recipe, allow_code=work.unit.granted)
-                known[chunk.recipe] = recipe, rendering, metrics.setdefault(rendering.key, AskedMetrics())
-            if chunk.number * CHUNK_POSES >= (count := known[chunk.recipe][1].poses.count):
-                raise SweepError(f"it has no chunk {chunk.number}, as its motion has {count} poses")
+            if chunk.recipe not in renderings:
+                cache = recipe_cache(work.device)
+                renderings[chunk.recipe] = cache.rendering(recipe, allow_code=work.unit.granted)
+            rendering = renderings[chunk.recipe]
+            if chunk.number * CHUNK_POSES >= rendering.poses.count:
+                raise SweepError(f"it has no chunk {chunk.number}, as its motion has {rendering.poses.count} poses")
         except Exception as error:  # of a user's module, too
             work.fail([place], title, error)
-            continue
-        recipe, rendering, asked = known[chunk.recipe]
-        if chunk.groups[0] in WHOLE_GROUPS:
-            unsplit.append(UnsplitChunk(place, chunk.groups, recipe, rendering))
             continue
         for group in chunk.groups:
             try:
                 metric = work.user_metric(group) if is_user_metric(group) else None
             except RenderError as error:
-                work.fail([place], recipe.title, error)
+                work.fail([place], title, error)
                 continue
-            key = rendering.key, chunk.number
-            rendered.setdefault(key, RenderedChunk(rendering, chunk.number, asked)).ask(place, group, recipe, metric)
-    return rendered.values(), unsplit
+            own = AskedResult(group, recipe, rendering, metric)
+            if group in WHOLE_GROUPS:
+                unsplit.setdefault((group, own.key), own).places.add(place)
+                continue
+            asked = metrics.setdefault(rendering.key, AskedMetrics())
+            shared = RenderedChunk(rendering, chunk.number, asked)
+            rendered.setdefault((rendering.key, chunk.number), shared).ask(own, place)
+    return list(rendered.values()), list(unsplit.values())
 
 
 def _render_family(chunks: Sequence[RenderedChunk], work: UnitWork) -> None:
     """Chunks of one scene, in batches."""
-    rendering, is_fixed = chunks[0].rendering, chunks[0].rendering.has_own_stages
-    family = rendering.family, work.device
-    first = _batch_poses.get(family, POSES_FIRST["cpu" if work.device == "cpu" else "cuda"])
-    size = BatchSize(batch_capacity(rendering.scene.pose_bytes, work.device), first, is_fixed=is_fixed)
+    rendering = chunks[0].rendering
+    capacity = batch_capacity(rendering.scene.pose_bytes, work.device)
+    size = learned_size(rendering.family, work.device, capacity)
+    if rendering.has_own_stages:
+        size = BatchSize(capacity, work.device, is_fixed=True)
     while chunks:
         batch = take_batch(chunks, size.poses)
         count = sum(own.count for own in batch)
@@ -228,12 +224,6 @@ def _render_family(chunks: Sequence[RenderedChunk], work: UnitWork) -> None:
             if (error := failed.get(chunk.rendering.key)) is not None:
                 work.fail(chunk.places, chunk.rendering.name, error)
         chunks = [own for own in chunks if own.reached < own.stop and own.rendering.key not in failed]
-    if not is_fixed:
-        _batch_poses[family] = size.poses
-
-
-_batch_poses: dict[tuple[str, str], int] = {}
-"""Poses of the last batch of a family on a device: the next unit begins with as many."""
 
 
 def _render_alone(batch: Sequence[PoseRange], work: UnitWork, error: Exception) -> dict[str, Exception]:
@@ -256,12 +246,8 @@ def _render_batch(batch: Sequence[PoseRange], work: UnitWork) -> None:
     """Render and measure poses of one scene together; rows of the chunks that end here are added."""
     slices, at = [], 0
     for own in batch:
-        metrics = own.chunk.metrics
-        slices.append(
-            ChunkSlice(
-                own.chunk.number, at, own.count, metrics.samplings, metrics.user_metrics, before=own.chunk.measured
-            )
-        )
+        chunk, asked = own.chunk, own.chunk.metrics
+        slices.append(ChunkSlice(chunk.number, at, own.count, asked.samplings, asked.user_metrics, chunk.measured))
         at += own.count
     found = measure_batch(
         batch[0].chunk.rendering.scene,
@@ -310,38 +296,27 @@ def _add_results(chunk: RenderedChunk, work: UnitWork) -> None:
         rendering = {}
 
 
-def _sample_alike(shared: SampledAlike, work: UnitWork) -> list[UnsplitChunk]:
-    """Results of motions in groups; returns the chunks that are left after a group failed as a whole."""
-    left = dict(shared.asked)
+def _sample_alike(shared: SampledAlike, work: UnitWork) -> list[AskedResult]:
+    """Make results of motions in groups; returns those that are left after a group failed as a whole."""
+    left = list(shared.motions.values())
     try:
-        for group in shared.groups(work.device, work.folder):
-            for chunks, results in group:
-                recipe = chunks[0].recipe
-                for name, payload in results.items():
-                    places = {chunk.place for chunk in chunks if name in chunk.groups}
-                    work.add_unsplit((name, recipe.key(name)), places, recipe.title, payload)
-                work.pose_count += chunks[0].rendering.poses.count
-                del left[recipe.key("sampling")]
+        for payloads in shared.make(work.device, work.folder):
+            _add_unsplit(payloads, work)
+            left.pop(0)
     except Exception:  # of one motion: making each alone finds which
-        return [chunk for chunks in left.values() for chunk in chunks]
+        return [own for asked in left for own in asked]
     return []
 
 
-def _make_unsplit(asked: Sequence[UnsplitChunk], work: UnitWork) -> None:
-    """Groups of one rendering that cannot be split."""
-    wanted: dict[Key, Recipe] = {}
-    places: dict[Key, set[int]] = {}
-    for chunk in asked:
-        for group in chunk.groups:
-            key = group, chunk.recipe.key(group)
-            wanted.setdefault(key, chunk.recipe)
-            places.setdefault(key, set()).add(chunk.place)
-    rendering = asked[0].rendering
-    results = make_unsplit(rendering, wanted, work.folder, work.device)
-    for key, payload in results.items():
-        work.add_unsplit(key, places[key], wanted[key].title, payload)
-    if any(isinstance(payload, dict) and payload.get("reason") is None for payload in results.values()):
-        work.pose_count += rendering.poses.count
+def _add_unsplit(payloads: Payloads, work: UnitWork) -> None:
+    """Add results of all poses of a rendering, or note why there are none."""
+    for own, payload in payloads.items():
+        if isinstance(payload, Exception):
+            work.fail(own.places, f"{own.recipe.title} ({own.group})", payload)
+        else:
+            work.add((own.group, own.key), 0, payload)
+    if any(isinstance(payload, dict) and payload.get("reason") is None for payload in payloads.values()):
+        work.pose_count += next(iter(payloads)).rendering.poses.count
 
 
 def is_usable(device: str) -> bool:

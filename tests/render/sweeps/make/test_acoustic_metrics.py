@@ -10,6 +10,7 @@ from palpate.render import Palm, exploration, predict_noise, pressure_metrics, r
 from palpate.render.hands.mesh_hand import MeshHand
 from palpate.render.sampling.metrics import FocalPoints
 from palpate.render.sweeps.make.acoustic_metrics import NoiseMeter, measure_pressure
+from palpate.render.sweeps.make.rendering import AskedResult
 from palpate.render.sweeps.make.rendering import sampling_of as sampling_strategy
 from palpate.render.sweeps.make.sampling import RenderedContours
 from palpate.render.sweeps.make.unsplit import walks_of
@@ -25,7 +26,8 @@ def payloads(recipe):
 def test_columns_are_what_files_give(tmp_path):
     motion, levels = exploration("cube", duration=1.5, seed=3), {}
     for strategy in ("oc", "cc"):
-        got = payloads(recipe_of("cube", motion=explored(1.5, seed=3), strategy=strategy))
+        explored_over_array = explored(1.5, seed=3) | {"model": "over-array"}
+        got = payloads(recipe_of("cube", motion=explored_over_array, strategy=strategy))
         path = render("cube", Palm(), motion, strategy).save(tmp_path / f"{strategy}.h5")
         for name, level in predict_noise(path).spectrum().levels().items():
             assert got["noise"][f"noise_{name}"] == pytest.approx(level, abs=1e-3)
@@ -101,8 +103,8 @@ def test_one_noise_at_most_has_its_frames_in_memory():
     recipes = [recipe_of("cube", array=name) for name in ("emulator", "autd3")]
     other = recipe_of("cube", sampling=sampling_of("stm", update_rate=4000.0))
     groups = ("sampling", "noise", "pressure")
-    wanted = {(group, recipe.key(group)): recipe for recipe in (*recipes, other) for group in groups}
-    walks = walks_of(wanted)
-    assert [[group for group, _ in walk].count("noise") for _, walk in walks] == [1, 1, 1]
-    assert [[group for group, _ in walk].count("sampling") for _, walk in walks] == [1, 0, 1]
-    assert {place: recipe for _, walk in walks for place, recipe in walk.items()} == wanted
+    asked = [AskedResult(group, recipe, None) for recipe in (*recipes, other) for group in groups]
+    walks = walks_of(asked)
+    counts = [[sum(own.group == group for own in walk) for group in groups] for _, walk in walks]
+    assert counts == [[2, 1, 2], [0, 1, 0], [1, 1, 1]]
+    assert {own for _, walk in walks for own in walk} == set(asked)

@@ -80,7 +80,7 @@ def test_voxels_and_expressions_are_rendered_as_render_does(tmp_path):
     (tmp_path / "drop.json").write_text(expression_to_json(sphere(0.05)))
     for name in ("ball.npz", "drop.json"):
         payload = contours_of(recipe_of(thing_of(tmp_path / name, at=[0.0, 0.0, 0.2]), motion=random_motion(200)))
-        solid = load_solid(tmp_path / name, Placement(at=(0.0, 0.0, 0.2)))
+        solid = load_solid(str(tmp_path / name), Placement(at=(0.0, 0.0, 0.2)))
         lengths = render(solid, load_hand("palm", None), poses_of(200), load_strategy("cc")).length()
         assert payload["poses_drawn"] == np.count_nonzero(lengths) > 20
         assert payload["stat"]["length"][1] == pytest.approx(lengths.sum(dtype=np.float64), rel=1e-6)
@@ -106,7 +106,7 @@ def alone():
 BATCHES = {  # how batches are made otherwise: of everything, of two spans, and too large ones halved
     "together": {},
     "small": {"batch_capacity": lambda *_: 2 * SPAN},
-    "halved": {"point_limit": lambda _: 12_000, "_batch_poses": {}},  # some 600 poses of the tube
+    "halved": {"point_limit": lambda _: 12_000},  # some 600 poses of the tube
 }
 
 
@@ -123,6 +123,7 @@ def counts(monkeypatch):
 def test_recipes_in_any_batches_and_on_every_device_are_bit_identical(alone, monkeypatch, device, batches, counts):
     for name, value in BATCHES[batches].items():
         monkeypatch.setattr(unit_making, name, value)
+    unit_making.learned_size.cache_clear()
     assert made(mixed(), GROUPS, device) == alone
     assert (max(counts) > 2 * SPAN) == (batches != "small")
     assert batches != "halved" or min(counts[1:6]) < max(counts)

@@ -1,4 +1,4 @@
-"""What a sweep keeps of poses: the same bits however parts are put into batches and on any device; what is NaN."""
+"""Metrics of poses: the same bits in any batches and on any device; NaN where a metric does not apply."""
 
 import json
 import math
@@ -27,6 +27,7 @@ from palpate.render import (
     load_strategy,
     open_contour,
 )
+from palpate.render.contour_batch import ContourBatch
 from palpate.render.errors import StrategyError, SweepError
 from palpate.render.hands.mesh_hand import MeshHand
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand
@@ -38,11 +39,21 @@ from palpate.render.sweeps.make import metrics as metrics_module
 from palpate.render.sweeps.make.histogram import merge, quantiles
 from palpate.render.sweeps.make.metrics import FREQUENCIES, ChunkSlice, measure_batch
 from palpate.render.sweeps.make.unit import CHUNK_POSES, SPAN
+from palpate.render.sweeps.make.user_metrics import UserMetric
 
 TUBE, CUBE, CC = MeshObject.load("tube"), MeshObject.load("cube"), closed_contour()
 STM, RETURN = SamplingStrategy(), PRESETS["fast-return"]()
 PRUNED = IntersectionStrategy(prune=("outside", "turned-away", "small"), transform=("close",))
 CUBE_SCENE = Scene.of(CUBE, Palm(), CC)
+
+
+def share(contours):
+    """Numbers that depend on the other poses of the same call, with NaN among them."""
+    own = np.where(contours.length() > 0.1, contours.length("hand"), np.nan)
+    return {"hand": own, "among": np.full(len(own), np.nansum(own) + len(own))}
+
+
+USERS = (UserMetric("metric 0 length", "mine.py:length", ContourBatch.length), UserMetric("metric 0 share", "", share))
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -63,18 +74,21 @@ def measured(scene, pose, device, samplings=(STM,), **options):
 
 
 def without_seconds(result):
-    """What must be the same to the bit, as stored."""
-    payloads = [result.contours, *result.frequency]
+    """All that must be bit-identical, as it is stored."""
+    payloads = [result.contours, *result.frequency, *result.user_metrics.values()]
     return json.dumps([{name: value for name, value in p.items() if name != "seconds"} for p in payloads])
 
 
 @pytest.fixture(scope="module")
 def renderings():
-    """Poses of three recipes, and what each gives alone, in one batch."""
+    """Poses of three recipes, the metrics that each asks for, and the result of each alone, in one batch."""
     poses = [random_on("cpu", count, seed).numpy() for seed, count in enumerate((3 * SPAN + 70, 2 * SPAN, 45))]
-    samplings = [(STM, RETURN), (), (RETURN,)]
-    whole = [measured(CUBE_SCENE, p, "cpu", s, per_pose=True) for p, s in zip(poses, samplings, strict=True)]
-    return poses, samplings, whole
+    asked = [((STM, RETURN), USERS), ((), ()), ((RETURN,), USERS[1:])]
+    whole = [
+        measure_batch(CUBE_SCENE, own, [ChunkSlice(0, 0, len(own), *metrics)], device="cpu", per_pose=True)[0]
+        for own, metrics in zip(poses, asked, strict=True)
+    ]
+    return poses, asked, whole
 
 
 def batches_of(takes, counts):
@@ -93,13 +107,13 @@ def batches_of(takes, counts):
 
 @given(takes=st.lists(st.tuples(st.integers(0, 2), st.integers(1, 3), st.booleans()), max_size=8))
 @settings(max_examples=10)
-def test_bits_do_not_depend_on_how_parts_are_cut_and_fused(takes, renderings):
-    poses, samplings, whole = renderings
+def test_bits_do_not_depend_on_how_chunks_are_cut_and_joined(takes, renderings):
+    poses, asked, whole = renderings
     done, columns = [None] * 3, [[], [], []]
     for batch in filter(None, batches_of(takes, [len(p) for p in poses])):
         starts = np.cumsum([0, *(count for _, _, count in batch)]).tolist()
         slices = [
-            ChunkSlice(0, first, count, samplings[rendering], before=done[rendering])
+            ChunkSlice(0, first, count, *asked[rendering], before=done[rendering])
             for first, (rendering, _, count) in zip(starts, batch, strict=False)  # the last start is the end
         ]
         pose = np.concatenate([poses[rendering][at : at + count] for rendering, at, count in batch])
@@ -234,19 +248,14 @@ def test_poses_on_the_device_give_the_same_contours(device):
 
 
 def test_poses_of_a_rigid_hand_stay_on_the_device(device, monkeypatch):
-    there = random_on(device, 30)
-    monkeypatch.setattr(wp.array, "numpy", refuse_large(wp.array.numpy, 30))
-    measured(Scene.of(TUBE, Palm(), CC), there, device)
-
-
-def refuse_large(numpy, rows):
-    """Downloads of a row a pose or more fail."""
+    there, numpy = random_on(device, 30), wp.array.numpy
 
     def download(array):
-        assert array.shape[0] < rows
+        assert array.shape[0] < 30
         return numpy(array)
 
-    return download
+    monkeypatch.setattr(wp.array, "numpy", download)
+    measured(Scene.of(TUBE, Palm(), CC), there, device)
 
 
 def test_time_is_shared_by_poses_and_adds_up(device):

@@ -91,7 +91,6 @@ def measure_batch(
     per_pose: bool = False,
     first: int = 0,
     point_limit: int | None = None,
-    timing: dict[str, float] | None = None,
 ) -> list[Measured]:
     """Render a batch of poses and measure it; returns one result a slice, in order.
 
@@ -99,7 +98,7 @@ def measure_batch(
     slices are put into batches, and on every device.
     pose: of all slices, float32, shape [pose, 7], or wp.transform [pose] on the device. per_pose: whether columns are
     asked for. first: row of the motion that `pose` begins at, for hands that are posed row by row and objects that
-    move. timing: takes the seconds of each stage.
+    move.
     Raises PointLimitError before memory is taken for more points than `point_limit`; a GPU takes none where lengths
     are enough (`Scene.is_drawn_to_measure`, `needs_contours`). Raises SweepError for slices that are not within the
     batch, and for one that goes on in the middle of a span.
@@ -108,12 +107,8 @@ def measure_batch(
     clock = stage_times(device)
     asked = list(dict.fromkeys(chain.from_iterable(own.samplings for own in slices)))
     has_user_metrics = any(own.user_metrics for own in slices)
-    is_drawn = (
-        (DRAWS_ON_CPU and wp.get_device(device).is_cpu)
-        or has_user_metrics
-        or scene.is_drawn_to_measure
-        or any(map(needs_contours, asked))
-    )
+    needs_points = has_user_metrics or scene.is_drawn_to_measure or any(map(needs_contours, asked))
+    is_drawn = needs_points or (DRAWS_ON_CPU and wp.get_device(device).is_cpu)
     tallied = _tallied(scene, PoseBlock(pose, first, device, point_limit, clock), len(asked), is_drawn=is_drawn)
     with StageClock(clock, "measure", device):  # whether the palm faces the array; of several patches, their frame
         row = tallied.names.index(FACING[0])
@@ -132,8 +127,6 @@ def measure_batch(
         counted = count_bins(length, *spans, lowest=lowest, highest=highest, bits=histogram.BITS)
     found, bins = sums.numpy(), counted.numpy()  # the first downloads: they wait for all work of the device
     seconds = resolved_times(clock)
-    if timing is not None:
-        timing |= {stage: timing.get(stage, 0.0) + s for stage, s in seconds.items()}
     pacing = {"frequency": seconds.pop("frequency") / max(1, len(asked))}
     before = [None if own.before is None else own.before.contours for own in slices]
     contours = _payloads(slices, tallied.names, found, before, seconds, len(pose))
@@ -143,18 +136,10 @@ def measure_batch(
     for payload, numbers in zip(contours, histogram.describe(bins), strict=True):
         payload["histogram"] = {"length": numbers}
     drawn = [payload["poses_drawn"] for payload in contours]
-    frequency = [
-        _payloads(
-            slices,
-            FREQUENCIES,
-            found[:, len(tallied.names) + 2 * k :][:, :2],
-            _frequency_before(slices, strategy),
-            pacing,
-            len(pose),
-            drawn,
-        )
-        for k, strategy in enumerate(asked)
-    ]
+    frequency = []
+    for k, strategy in enumerate(asked):
+        own, before = found[:, len(tallied.names) + 2 * k :][:, :2], _frequency_before(slices, strategy)
+        frequency.append(_payloads(slices, FREQUENCIES, own, before, pacing, len(pose), drawn))
     places = [[asked.index(strategy) for strategy in own.samplings] for own in slices]
     paced = [tuple(frequency[place][k] for place in own) for k, own in enumerate(places)]
     columns = _columns(tallied, slices, places) if per_pose else [()] * len(slices)

@@ -4,10 +4,10 @@ Contours are rendered as they are sampled, or read where they are kept.
 """
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -24,14 +24,6 @@ from ...sampling.sampler import SPAN_SAMPLES, Sampler, sample_bounds
 from ...sampling.strategy import SamplingStrategy
 
 KEPT_BYTES = 256_000_000  # of a rendering's contours on the host, for the next walk through them
-
-
-class FocusTaker(Protocol):
-    """A receiver of focal points as they are made."""
-
-    def take(self, focus: FocalPoints) -> None:
-        """Take the next focal points."""
-        ...
 
 
 class RenderedContours:
@@ -82,13 +74,13 @@ def sample_recipe(
     motion: HandMotion,
     hand: Hand,
     strategy: SamplingStrategy,
-    takers: Sequence[FocusTaker] = (),
+    takers: Sequence[Callable[[FocalPoints], object]] = (),
     *,
     counted: bool = True,
 ) -> dict[str, Any]:
     """Go once through all focal points of a motion; returns `NUMBERS`, if they are to be counted, and the seconds.
 
-    takers: receive the focal points, block by block. Raises what rendering and sampling raise.
+    takers: are called with the focal points, block by block. Raises what rendering and sampling raise.
     """
     started = perf_counter()
     sampler = Sampler(strategy, revisits=counted)
@@ -97,7 +89,7 @@ def sample_recipe(
     def taken() -> Iterator[FocalPoints]:
         for focus in source:
             for taker in takers:
-                taker.take(focus)
+                taker(focus)
             yield focus
 
     numbers: dict[str, Any] = {}

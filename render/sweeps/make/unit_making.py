@@ -12,7 +12,6 @@ that fails is made again, recipe by recipe.
 """
 
 import errno
-import json
 import os
 import shutil
 import tempfile
@@ -21,7 +20,6 @@ import warnings
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -331,20 +329,13 @@ def is_usable(device: str) -> bool:
 
 def runs_python(chunk: Chunk) -> bool:
     """Whether making a chunk runs Python of stages, or code of a user: such may crash or never end."""
-    if any(map(is_user_metric, chunk.groups)):
-        return True
-    parts = json.loads(chunk.recipe)
-    described = parts["strategy"]["described"]
-    has_code = parts["thing"].get("function") is not None or bool(described.get("modules"))
-    return has_code or _has_python_stages(json.dumps(described))
-
-
-@lru_cache(maxsize=256)
-def _has_python_stages(strategy: str) -> bool:
-    """Whether a strategy, as JSON, has stages that run on the host or are a user's."""
     from ...stages.registry import known_stages
 
-    described = json.loads(strategy)
+    recipe = read_recipe(chunk.recipe)
+    described = recipe.strategy["described"]
+    has_code = recipe.thing.get("function") is not None or bool(described.get("modules"))
+    if has_code or any(map(is_user_metric, chunk.groups)):
+        return True
     stages = [(role, stage) for role in ("prune", "transform") for stage in described.get(role, ())]
     names = [(role, stage if isinstance(stage, str) else stage["stage"]) for role, stage in stages]
     entries = [known_stages(role).get(name) for role, name in names]

@@ -103,7 +103,8 @@ def _walk(contours: ContourRows, strategy: SamplingStrategy, walk: Sequence[Aske
         if len(payloads) == len(walk):  # pressure alone needs no focal points but those of its sample
             return dict(payloads)
         is_counted = any(own.group == "sampling" for own in walk)
-        numbers = sample_recipe(contours, motion, scene.hand, strategy, list(takers.values()), counted=is_counted)
+        takes = [own.take for own in takers.values()]
+        numbers = sample_recipe(contours, motion, scene.hand, strategy, takes, counted=is_counted)
         walking = numbers.pop("seconds")
         for own in walk:
             payload = takers[own].publish() if own in takers else payloads.get(own, {**numbers, "seconds": {}})

@@ -14,23 +14,13 @@ from palpate.render.sweeps.make import sampling
 from palpate.render.sweeps.make.sampling import RenderedContours, sample_recipe
 
 
-class Collector:
-    """Takes focal points and keeps them."""
-
-    def __init__(self):
-        self.blocks = []
-
-    def take(self, focus):
-        self.blocks.append(focus)
-
-
 def sampled(strategy, *, counted=True):
     motion = exploration("tube", duration=2.0, rate=90.0)
     contours = RenderedContours(Scene.of(MeshObject.load("tube"), Palm(), "oc"), motion, "cpu")
-    collector = Collector()
-    numbers = sample_recipe(contours, motion, Palm(), strategy, [collector], counted=counted)
+    blocks = []
+    numbers = sample_recipe(contours, motion, Palm(), strategy, [blocks.append], counted=counted)
     assert numbers.pop("seconds")["sampling"] > 0
-    return numbers, np.concatenate([block.position for block in collector.blocks])
+    return numbers, np.concatenate([block.position for block in blocks])
 
 
 def whole(strategy):

@@ -8,8 +8,10 @@ import pytest
 from sweep_recipes import explored, made, payloads_of, recipe_of, unit_of
 
 from palpate.render import StrategyError
+from palpate.render.motions.numbers import NUMBERS
+from palpate.render.sampling import sampler
 from palpate.render.sweeps.make import keep as keep_module
-from palpate.render.sweeps.make import sampling_groups
+from palpate.render.sweeps.make import sampling, sampling_groups
 from palpate.render.sweeps.make import unsplit as unsplit_module
 from palpate.render.sweeps.make.unit_making import make_unit
 
@@ -48,7 +50,7 @@ def touching(*seeds):
 @pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("groups_asked", [BOTH, ("sampling",), ("keep-focal-points",)])
 @pytest.mark.parametrize("strategy", ["cc", "corners"])
-def test_motions_that_are_sampled_together_are_the_same_as_alone(tmp_path, monkeypatch, device, strategy, groups_asked):
+def test_motions_are_sampled_together_as_alone_and_in_blocks(tmp_path, monkeypatch, device, strategy, groups_asked):
     recipes = sampled(*touching(5, 7, 4), strategy=strategy)
     groups, real = [], sampling_groups.motion_groups
 
@@ -61,9 +63,14 @@ def test_motions_that_are_sampled_together_are_the_same_as_alone(tmp_path, monke
     payloads, files = made_in(tmp_path, recipes, groups_asked, device)
     assert [(group.first, group.stop) for group in groups] == [(0, 3), (0, 3)]
     monkeypatch.setattr(sampling_groups, "_is_grouped", lambda *_: False)
+    for module in (sampling, sampler):
+        monkeypatch.setattr(module, "SPAN_SAMPLES", 3000)
     assert made_in(tmp_path, recipes, groups_asked, device) == (payloads, files)
     assert len(payloads) == 6 * len(groups_asked)
     if "sampling" in groups_asked:
+        assert all(
+            {*NUMBERS, "samples"} <= own.keys() for (group, _, _), own in payloads.items() if group == "sampling"
+        )
         assert any(payload.get("jumps_per_second", 0) > 0 for payload in payloads.values())
     assert len(files) == (6 if "keep-focal-points" in groups_asked else 0)
 

@@ -24,19 +24,10 @@ def payloads(recipe):
 
 @pytest.mark.exhaustive
 def test_columns_are_what_files_give(tmp_path):
-<<<<<<< HEAD
-    (tmp_path / "plan.toml").write_text(PLAN)
-    answer("sweep", tmp_path / "plan.toml", "--no-figure", "--device", "cpu")
-    table = load_table(tmp_path / "plan.sweep" / "table.csv")
-    assert list(table["strategy"]) == ["oc", "cc"]
-    motion = exploration("cube", duration=1.5, seed=3)
-    for row, strategy in enumerate(table["strategy"]):
-=======
     motion, levels = exploration("cube", duration=1.5, seed=3), {}
     for strategy in ("oc", "cc"):
         explored_over_array = explored(1.5, seed=3) | {"model": "over-array"}
         got = payloads(recipe_of("cube", motion=explored_over_array, strategy=strategy))
->>>>>>> h-m
         path = render("cube", Palm(), motion, strategy).save(tmp_path / f"{strategy}.h5")
         for name, level in predict_noise(path).spectrum().levels().items():
             assert got["noise"][f"noise_{name}"] == pytest.approx(level, abs=1e-3)

@@ -56,7 +56,7 @@ def run_sweep_command(options: dict[str, Any], *, as_json: bool) -> int:
     if other is not None:
         with SweepStore(job.folder, code_version(), mode="write") as store:
             count = store.take_results_of(other)
-        console.warn(f"--same-results: {counted(count, 'result')} of {other} now count as those of {code_version()}")
+        console.warn(f"--same-results: {counted(count, 'chunk')} of {other} now count as those of {code_version()}")
     report = _made(job, plan, as_json=as_json)
     if report is None:
         return console.FAILED

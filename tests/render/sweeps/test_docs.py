@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from palpate.datasets import SweepStore
 from palpate.datasets.shapes.built_in import shape_names
-from palpate.render import InProcess, MeshObject, run_sweep, tidy_columns
+from palpate.render import MeshObject, run_sweep, tidy_columns
 from palpate.render.cli.app import app
 from palpate.render.sweeps.make.poses import pose_count
 from palpate.render.sweeps.plan.loading import load_plans
@@ -75,9 +75,7 @@ def test_the_table_is_read_as_the_document_reads_it(folder):
     assert said["data"].sizes == {"row": 6}
     said["data"].close()
     files = set(re.findall(r"`([a-z0-9.]+)`", SWEEP.read_text().split("| `study.sweep/` | is |")[1].split("![")[0]))
-    assert {"table.h5", "summary.png", "store.sqlite", "log.jsonl"} <= files & {
-        p.name for p in Path("study.sweep").iterdir()
-    }
+    assert {"table.h5", "summary.png", "store.sqlite"} <= files & {p.name for p in Path("study.sweep").iterdir()}
 
 
 def test_every_metric_is_told():
@@ -138,7 +136,7 @@ def test_the_metrics_of_the_document_are_metrics(folder):
         'object.source="cube"',
     ]
     plan = load_plans([folder / "study.toml"], given, allow_code=True)
-    report = run_sweep(plan, folder / "store", InProcess("cpu"))
+    report = run_sweep(plan, folder / "store", device="cpu", workers=1)
     assert not report.failures
     with SweepStore(folder / "store", mode="read") as store:
         columns = tidy_columns(plan.recipes(), store, plan.groups)

@@ -19,10 +19,9 @@ if TYPE_CHECKING:
     from .recordings.recording import HandRecording
     from .recordings.sample import write_sample
     from .shapes.built_in import shape, shape_names
-    from .sweeps.pose_files import load_pose_table
     from .sweeps.result_row import ResultRow
     from .sweeps.store import SweepStore
-    from .sweeps.table import load_table, table_attributes, write_parquet, write_table
+    from .sweeps.table import load_table, write_table
 
 
 _ROOMS = {
@@ -38,10 +37,9 @@ _ROOMS = {
     "recordings.recording": "HandRecording",
     "recordings.sample": "write_sample",
     "shapes.built_in": "shape shape_names",
-    "sweeps.pose_files": "load_pose_table",
     "sweeps.result_row": "ResultRow",
     "sweeps.store": "SweepStore",
-    "sweeps.table": "load_table table_attributes write_parquet write_table",
+    "sweeps.table": "load_table write_table",
 }
 """What each module has that scripts use: it is imported when that is asked for, as most programs need few of them."""
 
@@ -58,7 +56,6 @@ __all__ = [
     "SweepStore",
     "check_file",
     "hand_shape",
-    "load_pose_table",
     "load_recording",
     "load_table",
     "posed_vertices",
@@ -66,8 +63,6 @@ __all__ = [
     "shape",
     "shape_names",
     "static_pose",
-    "table_attributes",
-    "write_parquet",
     "write_ptlist",
     "write_sample",
     "write_table",

@@ -323,7 +323,6 @@ _OTHER_FILES = {
     "palpate focal points": "focal points, which palpate play plays, and palpate info tells of",
     "palpate drives": "drives of arrays, of which palpate info tells; what can be played are contours and focal points",
     "palpate wire frames": "wire bytes of arrays, which palpate play plays, and palpate info tells of",
-    "palpate table": "a table of a sweep, which palpate.datasets.sweeps.table.load_table reads",
 }
 
 

@@ -30,7 +30,7 @@ KEEPING = "keep-"
 SCRATCH = "making"
 """Folder of files that are being made; the next run removes what a killed one left there."""
 _BESIDE = (*KEPT_FOLDERS, SCRATCH, FolderLock.NAME)  # and tables and pictures, by their suffixes
-_DERIVED = (".csv", ".parquet", ".png")
+_DERIVED = (".csv", ".json", ".parquet", ".png")
 _ROWS_AT_ONCE = 1000  # that `rows` has in memory
 _VARIABLES_MOST = 900  # of a statement; old versions of SQLite take 999
 

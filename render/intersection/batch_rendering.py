@@ -15,7 +15,7 @@ from ..contour_batch import ContourBatch, join_batches
 from ..errors import StrategyError
 from ..runtime.gpu_download import Downloader
 from ..runtime.interrupt import interrupt_between
-from ..runtime.span_workers import PoseSpans, WorkerThreads
+from ..runtime.span_workers import PoseSpans, chunks_in_order
 from .job import MEMORY_SMALLEST, ContourJob
 
 POINT_BYTES = 28  # of a contour's point and its share of the polylines: 13 and up to 13
@@ -65,7 +65,7 @@ def rendered_chunks(job: ContourJob, ranges: Sequence[tuple[int, int]] | None = 
     for name in turns:  # uploads the object and loads Warp's modules once, by one thread: one pose takes all of them
         job.scene.contours(job.motion.pose[:1], 0, name)[0].lengths()
     workers = [_Worker(job, name, share, turns[name]) for name in devices]
-    yield from cast(Iterator[Chunk], WorkerThreads(spans, workers).chunks())
+    yield from cast(Iterator[Chunk], chunks_in_order(spans, workers))
 
 
 def _share_count(devices: Sequence[str]) -> int:

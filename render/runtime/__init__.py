@@ -1,1 +1,1 @@
-"""Threads, devices, time and Ctrl-C: how work runs; nothing of haptics."""
+"""Threads, devices, compiled kernels, time and Ctrl-C: the machinery that work runs on; nothing of haptics."""

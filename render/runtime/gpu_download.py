@@ -1,4 +1,4 @@
-"""Results from a GPU to the host, through pinned memory, while the GPU goes on with the next chunk."""
+"""Downloading of results from a GPU, through pinned memory, while the GPU goes on with the next chunk."""
 
 import weakref
 from collections.abc import Mapping
@@ -9,7 +9,7 @@ import warp as wp
 
 
 class Landed:
-    """An array in pinned memory that NumPy looks into; its memory serves another chunk once nobody does."""
+    """An array in pinned memory that NumPy views; once no view is left, the memory is used for another chunk."""
 
     def __init__(self, held: Any, view: np.ndarray) -> None:
         self._held = held
@@ -17,16 +17,16 @@ class Landed:
 
 
 class Downloader:
-    """Brings one worker's results down on a stream of its own; for one thread, one download at a time.
+    """Downloads one worker's results on a stream of its own; for one thread, one download at a time.
 
     Warp's current stream belongs to the device, not to the thread, so workers on one GPU take turns in computing on
-    it; copies are told their stream one by one, and need no turn.
+    it. Each copy is given its stream, and needs no turn.
 
-    Arrays of Warp's memory pool (its default on CUDA) are given back in the order of the device's current stream, which
-    knows nothing of this one: they are kept here until their copies are done.
+    Warp's memory pool (its default on CUDA) takes an array back in the order of the device's current stream, which
+    does not wait for this one. So arrays are held here until their copies are done.
 
-    What comes down is handed out where it landed. To copy it would take longer than to compute it: pages of new memory
-    are given to a process one at a time, whatever the number of its threads.
+    The results are views of the pinned memory. To copy them would take longer than to compute them: a process gets
+    pages of new memory one at a time, whatever the number of its threads.
     """
 
     def __init__(self, device: str) -> None:
@@ -47,7 +47,7 @@ class Downloader:
             self._under_way[name] = (held, landing, array)
 
     def finish(self) -> dict[str, np.ndarray]:
-        """The arrays by name, once they are down."""
+        """The arrays by name; waits for their copies."""
         wp.synchronize_stream(self._stream)
         host = {}
         for name, (held, landing, _) in self._under_way.items():

@@ -18,6 +18,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from concurrent.futures import Future
 from contextlib import suppress
 from types import TracebackType
 from typing import Self
@@ -27,7 +28,6 @@ from .kernel_cache import is_temporary, remove_own_builds
 
 DELAY = 1.5  # [s] of rendering before the process begins: shorter ones need no help, and are not slowed down
 _NICENESS = 10  # the rendering goes first
-_POLL = 0.1  # [s] between looks at whether compiling is done
 
 
 class CompilingAhead:
@@ -77,27 +77,24 @@ def compile_now(stages: tuple[str, ...], device: str = "cpu") -> None:
     """Compile kernels that Warp's cache lacks for a device; Ctrl-C raises KeyboardInterrupt at once, as elsewhere.
 
     Native code hears no signal, so another thread compiles. After Ctrl-C it goes on until the process ends, which
-    removes what is half compiled. One thread does it all: each translates Warp's own headers first, 1.4 s of CPU.
+    removes what is half compiled. It is one thread, since each translates the headers of Warp first: 1.4 s of CPU.
     """
-    errors: list[BaseException] = []
+    compiled: Future[None] = Future()
 
     def compile_all() -> None:
         try:
             for stage in stages:
                 compile_kernels(device, (stage,))
+            compiled.set_result(None)
         except BaseException as error:  # the calling thread raises it
-            errors.append(error)
+            compiled.set_exception(error)
 
-    thread = threading.Thread(target=compile_all, name="palpate compiling", daemon=True)
-    thread.start()
+    threading.Thread(target=compile_all, name="palpate compiling", daemon=True).start()
     try:
-        while thread.is_alive():
-            thread.join(_POLL)
+        compiled.result()
     except KeyboardInterrupt:
         atexit.register(remove_own_builds)
         raise
-    if errors:
-        raise errors[0]
 
 
 def _is_asked_to_end(timeout: float) -> bool:

@@ -1,45 +1,54 @@
 """Compiled kernels are proven before they run: damaged ones, as a power cut leaves them, are compiled anew.
 
 Warp loads whatever its cache holds. Of an object with 256 bytes replaced by zeros, 2 of 17 made the process crash and 5
-raised an error that names no file; so objects must be proven before they are loaded.
+raised an error that names no file. So the digests of a module's files are written beside them, as their seal, and are
+compared before it is loaded. Several processes that lack the same module compile it once: the first one holds a lock,
+and the others wait.
 """
 
 import hashlib
 import inspect
 import os
-import struct
 import threading
 import time
 from contextlib import suppress
 from functools import wraps
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from ...datasets.json_text import read_json
-from ...datasets.storage.durable import discard_tree, sync, write_file
+from ...datasets.storage.durable import FolderLock, discard_tree, sync, write_file
 from ..errors import KernelCacheError
 from ..user_warnings import warn_user
 from .interrupt import abandonable
-from .kernel_cache import REMEDY, is_in_cache
+from .kernel_cache import REMEDY, is_in_cache, lock_module, unlock_module
 
 SEAL_SUFFIX = ".sha256"
-"""Of a file beside an object, with the digests of object and metadata as `sha256sum --check` reads them."""
+"""Of the file beside an object that holds the digests of object and metadata as `sha256sum --check` reads them."""
 
-_BLOCK_BYTES = 512  # the smallest block of a file system, which it may not have written yet
 
-_END_BYTES = 32  # an object ends with its table of sections, which holds no more zeros than these
+class _Unproven(threading.local):
+    """The module that this thread is loading although no seal proves it."""
 
-_ELF_HEAD_BYTES = 64
+    folder: Path | None = None
+    output_name = ""
+    is_new = False
+    """Whether it was compiled just now."""
+    lock: FolderLock | None = None
+    """Held until it is loaded and sealed; None where the file system has no locks."""
 
-_loading = threading.local()
+    def end(self) -> None:
+        """Let other processes load the module."""
+        if self.lock is not None:
+            unlock_module(self.lock)
+        self.folder = self.lock = None
 
 
 def guard_kernels() -> None:
-    """Have Warp seal each module that it compiles into its cache, and prove each one that it finds there.
+    """Have Warp prove each module that it finds in its cache, and seal each one that it compiles, which happens once.
 
-    Threads that need the same module wait for the one that loads it. A module that differs from its seal is removed
-    with a warning and compiled again. One without a seal, made by another program, is compiled again if a power cut may
-    have damaged it, and if it cannot be loaded. A second call does nothing.
+    A module that differs from its seal is removed with a warning and compiled anew. One without a seal, made by another
+    program, is compiled anew if a power cut may have damaged it, and if it cannot be loaded. Threads and processes that
+    need the same module wait for the one that compiles it. A second call does nothing.
     """
     import warp as wp
 
@@ -48,102 +57,62 @@ def guard_kernels() -> None:
         return
     if list(inspect.signature(compile_module).parameters)[1:4] != ["device", "output_dir", "output_name"]:
         return  # a Warp that compiles in another way
+    unproven = _Unproven()
 
     @wraps(compile_module)
     def compile_guarded(
         self: Any, device: Any = None, output_dir: Any = None, output_name: Any = None, *rest: Any, **options: Any
     ) -> bool:
-        _loading.unproven = None
-        if output_name is None or not is_in_cache(output_dir):  # ahead of time, for a folder of the caller's
-            return compile_module(self, device, output_dir, output_name, *rest, **options)
-        is_proven = _prove(Path(output_dir), output_name)
         with abandonable():
-            compiled = compile_module(self, device, output_dir, output_name, *rest, **options)
-        if not is_proven:
-            _loading.unproven = _Unproven(self, Path(output_dir), output_name, compiled)
-        return compiled
+            # Only Warp's `load` names the output; what compiles ahead of time writes into a folder of its own.
+            if output_name is not None and is_in_cache(output_dir) and not _is_sealed(Path(output_dir), output_name):
+                unproven.lock = unproven.lock or lock_module(Path(output_dir))
+                if not _is_sealed(Path(output_dir), output_name):  # by the process that held the lock before
+                    unproven.folder, unproven.output_name = Path(output_dir), output_name
+                    _remove_unproven(Path(output_dir), output_name)
+            unproven.is_new = compile_module(self, device, output_dir, output_name, *rest, **options)
+            return unproven.is_new
 
     @wraps(load)
     def load_guarded(self: Any, *rest: Any, **options: Any) -> Any:
         # Two threads that load one module at once get two of it, of which Warp unloads one, perhaps while it runs.
         with vars(self).setdefault("palpate_lock", threading.RLock()):
-            return load_alone(self, *rest, **options)
+            try:
+                return load_alone(self, *rest, **options)
+            finally:
+                unproven.end()
 
     def load_alone(self: Any, *rest: Any, **options: Any) -> Any:
         try:
             loaded = load(self, *rest, **options)
         except Exception:
-            if (unproven := _take_unproven(self)) is None:
+            if unproven.folder is None:
                 raise
-            _remove(unproven.folder)
+            _remove(unproven.folder, is_damaged=True)
             loaded = load(self, *rest, **options)
-        if (unproven := _take_unproven(self)) is not None and unproven.is_new:
+        if unproven.folder is not None and unproven.is_new:  # only now: a full disk may have cut the object off
             _seal(unproven.folder, unproven.output_name)
         return loaded
 
     wp.Module._compile, wp.Module.load = compile_guarded, load_guarded
 
 
-class _Unproven(NamedTuple):
-    """A module that this thread is loading."""
-
-    module: Any
-    folder: Path
-    output_name: str
-    is_new: bool
-    """Whether it was compiled just now: it is sealed once it could be loaded, as a full disk may have cut it off."""
-
-
-def _take_unproven(module: Any) -> _Unproven | None:
-    found: _Unproven | None = getattr(_loading, "unproven", None)
-    if found is None:
-        return None
-    _loading.unproven = None
-    return found if found.module is module else None
-
-
-def _prove(folder: Path, output_name: str) -> bool:
-    """Whether a module's folder has a seal that its files fit; a module that may be damaged is removed."""
-    seal = folder / f"{output_name}{SEAL_SUFFIX}"
-    if not os.path.lexists(seal):
-        if not _is_usable(folder, output_name):
-            _remove(folder)
-        elif not folder.is_symlink() and _is_doubtful(folder / output_name):
-            _remove(folder, is_damaged=False)
-        return False
+def _is_sealed(folder: Path, output_name: str) -> bool:
+    """Whether a module's files fit its seal."""
     with suppress(OSError, UnicodeDecodeError):
-        if seal.read_text("ascii") == _digests(folder, output_name):
-            return True
-    _remove(folder)
+        return (folder / f"{output_name}{SEAL_SUFFIX}").read_text("ascii") == _digests(folder, output_name)
     return False
 
 
-def _is_usable(folder: Path, output_name: str) -> bool:
-    """Whether Warp can load from a folder without a seal, or compile into it, where it keeps the metadata it finds."""
-    if (folder / output_name).exists():
-        return not _is_cut_off(folder / output_name)
-    if not os.path.lexists(folder):
-        return True
-    try:
-        read_json(folder / f"{folder.name}.meta")
-    except FileNotFoundError:
-        return True
-    except (OSError, ValueError):
-        return False
-    return True
-
-
-def _is_cut_off(path: Path) -> bool:
-    """Whether an object cannot be read, or ends before its table of sections: the loader prints a line about that."""
-    try:
-        content = path.read_bytes()
-    except OSError:
-        return True
-    if not content.startswith(b"\x7fELF"):
-        return path.suffix == ".o"
-    head = content[:_ELF_HEAD_BYTES].ljust(_ELF_HEAD_BYTES, b"\0")
-    (table,), (row_bytes, row_count) = struct.unpack_from("<Q", head, 0x28), struct.unpack_from("<HH", head, 0x3A)
-    return table + row_bytes * row_count > len(content)
+def _remove_unproven(folder: Path, output_name: str) -> None:
+    """Remove a module, so that Warp compiles it, if it differs from its seal, or has none and may be damaged."""
+    if os.path.lexists(folder / f"{output_name}{SEAL_SUFFIX}"):
+        _remove(folder, is_damaged=True)
+    elif not folder.is_symlink():  # a link leads to a cache that is only read: its modules are taken as they are
+        started = time.time() - time.clock_gettime(time.CLOCK_BOOTTIME)  # of this machine: no power cut since
+        with suppress(OSError):
+            if (folder / output_name).stat().st_mtime < started:
+                _remove(folder, is_damaged=False)
 
 
 def _digests(folder: Path, output_name: str) -> str:
@@ -153,7 +122,7 @@ def _digests(folder: Path, output_name: str) -> str:
 
 
 def _seal(folder: Path, output_name: str) -> None:
-    """Have a module on the disk and then say so; one that cannot be sealed is proven by loading it."""
+    """Write a module's seal once the module is on the disk; errors are ignored, as the next process judges it anew."""
     with suppress(OSError):
         text = _digests(folder, output_name)
         sync(folder / output_name)
@@ -162,16 +131,7 @@ def _seal(folder: Path, output_name: str) -> None:
         write_file(folder / f"{output_name}{SEAL_SUFFIX}", text.encode())
 
 
-def _is_doubtful(path: Path) -> bool:
-    """Whether a power cut may have damaged a file: written before this machine started, or with a block of zeros."""
-    with suppress(OSError):
-        started = time.time() - time.clock_gettime(time.CLOCK_BOOTTIME)
-        content = path.read_bytes()
-        return path.stat().st_mtime < started or bytes(_BLOCK_BYTES) in content or content.endswith(bytes(_END_BYTES))
-    return False
-
-
-def _remove(folder: Path, *, is_damaged: bool = True) -> None:
+def _remove(folder: Path, *, is_damaged: bool) -> None:
     """Remove a module from the cache, at once for all who look; raises KernelCacheError if that cannot be done.
 
     is_damaged: whether it is known to be; one that only may be stays if it cannot be removed, and is loaded as it is.

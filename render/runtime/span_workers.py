@@ -7,14 +7,15 @@ workers take turns: one computes while the results of the other are downloaded.
 |-----------------------------|-------------------------------------------------------------------------------|
 | a worker raises             | the consumer gets the chunks before it, then the exception; all are joined    |
 | the consumer stops, raises  | current spans are finished and dropped, all threads are joined                |
-| a span is too large         | the worker gives a chunk of its first poses; any worker takes the rest        |
+| a span is too large         | the worker returns a chunk of its first poses; any worker renders the rest    |
 """
 
 from __future__ import annotations
 
 import heapq
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Protocol
 
 import warp as wp
@@ -23,7 +24,6 @@ from ..errors import StrategyError
 
 POSES_FIRST = 2048  # in each of the first spans, whose contours show how large the next may be
 POSES_FEWEST = 4096  # smaller spans are not made so that all workers end together
-BEFORE_ALL = -1  # a pose before the first: an error stored there is raised next
 GROWTH = 4  # largest ratio of a span to the one before, as later poses may have more points
 
 
@@ -108,99 +108,40 @@ class PoseSpans:
         self._size = max(1, min(int(0.8 * self._budget / needed), GROWTH * pose_count))
 
 
-class WorkerThreads:
-    """Worker threads; at most twice as many chunks as workers are being rendered or wait for the consumer."""
+def chunks_in_order(spans: PoseSpans, renderers: Sequence[SpanRenderer]) -> Generator[Rendered, None, None]:
+    """Yield all chunks in pose order, each rendered by one of the renderers, which has a thread of its own.
 
-    def __init__(self, spans: PoseSpans, works: Sequence[SpanRenderer]) -> None:
-        self._spans = spans
-        self._limit = 2 * len(works)
-        self._changed = threading.Condition()
-        self._at_work: set[int] = set()  # first poses
-        self._waiting: dict[int, Rendered | BaseException] = {}
-        self._stopped = False
-        self._threads = [
-            threading.Thread(target=self._run, args=(work,), name=f"palpate worker {k}", daemon=True)
-            for k, work in enumerate(works)
-        ]
+    At most twice as many chunks as renderers are under way or wait for the consumer, besides the one that it has. The
+    threads end with this generator.
+    """
+    thread = threading.local()
+    unassigned = list(renderers)
 
-    def chunks(self) -> Iterator[Rendered]:
-        """All chunks in pose order; the threads end with this generator."""
-        try:
-            for thread in self._threads:
-                thread.start()
-            while (outcome := self._next()) is not None:
-                if isinstance(outcome, BaseException):
-                    raise outcome
-                yield outcome
-                del outcome  # otherwise its memory would be kept until the next chunk
-        finally:
-            self._dismiss()
+    def assign() -> None:
+        thread.renderer = unassigned.pop()
 
-    def _next(self) -> Rendered | BaseException | None:
-        """Wait for the next chunk in pose order; None after the last."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._earliest() is None or self._earliest() in self._waiting)
-            earliest = self._earliest()
-            if earliest is None:
-                return None
-            self._changed.notify_all()
-            return self._waiting.pop(earliest)
+    def render(first: int, stop: int) -> Rendered:
+        return thread.renderer(first, stop)
 
-    def _dismiss(self) -> None:
-        with self._changed:
-            self._stopped = True
-            self._changed.notify_all()
-        for thread in self._threads:
-            if thread.ident is not None:
-                thread.join()
-        self._waiting.clear()
+    pool = ThreadPoolExecutor(len(renderers), "palpate worker", initializer=assign)
+    under_way: list[tuple[int, int, Future[Rendered]]] = []  # a heap by first pose, which no two share
 
-    def _run(self, work: SpanRenderer) -> None:
-        while (span := self._take()) is not None:
-            try:
-                outcome = work(*span)
-            except BaseException as error:  # any exception is passed to the consumer
-                outcome = error
-            self._hand_in(span, outcome)
-            del outcome  # otherwise its memory would be kept until the next chunk
+    def submit() -> None:
+        while spans.first is not None and len(under_way) < 2 * len(renderers):
+            first, stop = spans.take()
+            heapq.heappush(under_way, (first, stop, pool.submit(render, first, stop)))
 
-    def _take(self) -> tuple[int, int] | None:
-        """Wait until there is room for another chunk, and take the next span; None when all are rendered."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._is_over() or self._may_take())
-            if self._is_over():
-                return None
-            try:
-                span = self._spans.take()
-            except BaseException as error:  # otherwise the consumer would wait for ever
-                self._waiting[BEFORE_ALL] = error
-                self._changed.notify_all()
-                return None
-            self._at_work.add(span[0])
-            return span
+    def earliest() -> Rendered:
+        first, stop, future = heapq.heappop(under_way)
+        chunk = future.result()
+        spans.give_back(chunk.stop, stop)
+        spans.learn(chunk.stop - first, chunk.point_count)
+        submit()
+        return chunk
 
-    def _hand_in(self, span: tuple[int, int], outcome: Rendered | BaseException) -> None:
-        first, stop = span
-        with self._changed:
-            self._at_work.remove(first)
-            self._waiting[first] = outcome
-            try:
-                if not isinstance(outcome, BaseException):
-                    self._spans.give_back(outcome.stop, stop)
-                    self._spans.learn(outcome.stop - first, outcome.point_count)
-            except BaseException as error:  # the worker gave an object that is no chunk: passed to the consumer too
-                self._waiting[first] = error
-            finally:
-                self._changed.notify_all()
-
-    def _earliest(self) -> int | None:
-        left = () if self._spans.first is None else (self._spans.first,)
-        return min([*self._waiting, *self._at_work, *left], default=None)
-
-    def _is_over(self) -> bool:
-        return self._stopped or (self._spans.first is None and not self._at_work)
-
-    def _may_take(self) -> bool:
-        # Cannot deadlock: the consumer takes the earliest waiting chunk unless an earlier span is being rendered, and
-        # that span ends without needing another place.
-        return self._spans.first is not None and len(self._at_work) + len(self._waiting) < self._limit
+    try:
+        submit()
+        while under_way:
+            yield earliest()  # without a name here, which would keep its memory until the next chunk
+    finally:
+        pool.shutdown(cancel_futures=True)

@@ -7,11 +7,11 @@ from collections.abc import Generator
 from contextlib import contextmanager
 
 from .kernel_cache import (
+    is_writable,
     remove_abandoned_builds,
     require_private_cache,
     unusable_cache,
     use_temporary_cache,
-    why_unwritable,
 )
 from .sealed_kernels import guard_kernels
 
@@ -27,10 +27,10 @@ def start_warp() -> None:
     """
     _start()
     require_private_cache()
-    if why_unwritable():
-        use_temporary_cache()
-    else:
+    if is_writable():
         remove_abandoned_builds()
+    else:
+        use_temporary_cache()
     guard_kernels()
 
 
@@ -40,7 +40,7 @@ def start_quietly() -> None:
 
     if wp.config.log_level == wp.LOG_INFO:  # else the script has chosen
         _start()
-        if why_unwritable():
+        if not is_writable():
             use_temporary_cache()
     guard_kernels()
 

@@ -1,16 +1,14 @@
-"""Which Warp devices workers use, from the command line's words; Warp is imported only where a GPU may be meant."""
+"""Warp devices of workers, by the command line's words; Warp is imported only where a GPU may be meant."""
 
 from __future__ import annotations
 
 import ctypes
 import os
-import sys
 
 from ..errors import StrategyError
 
 WORKERS_MOST = 256  # on one device; a larger number is probably a typing error
 GPU_WORKERS = 2  # one computes while the other downloads its results
-DRIVER = {"linux": "libcuda.so.1", "win32": "nvcuda.dll"}
 
 
 def worker_devices(device: str, workers: int | None = None) -> list[str]:
@@ -38,15 +36,12 @@ def worker_devices(device: str, workers: int | None = None) -> list[str]:
 
 
 def has_cuda_driver() -> bool:
-    """Whether this machine has a driver of NVIDIA's, so that Warp may find a GPU.
-
-    Asking Warp takes a second, and has it print its greeting to standard output.
-    """
+    """Whether this machine has NVIDIA's driver, so that Warp may find a GPU; asking Warp itself takes a second."""
     try:
-        ctypes.CDLL(DRIVER.get(sys.platform, ""))
+        ctypes.CDLL("libcuda.so.1")
     except OSError:
         return False
-    return sys.platform in DRIVER
+    return True
 
 
 def _warp_devices(device: str) -> list[str]:

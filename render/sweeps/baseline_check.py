@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
+from ...datasets.sweeps.table import PARQUET, SUFFIXES
 from ..errors import PlanError, SweepError
-from .job import PARQUET, SweepJob, require_pyarrow
+from .job import SweepJob, require_pyarrow
 from .plan.loading import Plan
 from .plan.recipe import Recipe, function_of, is_user_metric
-from .report.baseline import SUFFIXES, write_baseline
+from .report.baseline import write_baseline
 from .report.compare import Baseline, Comparison, Tolerance, compare_tables, load_baseline, parse_tolerances
 from .report.table import METRICS, user_columns
 
@@ -32,7 +33,7 @@ class BaselineCheck:
         """Read the baseline; raises PlanError for one that cannot be read, or not be updated if that is asked for."""
         if job.update_baseline:
             if path.suffix not in SUFFIXES or path.is_dir():
-                raise PlanError(f"--baseline {path}: --update-baseline writes only {', '.join(SUFFIXES)}")
+                raise PlanError(f"--baseline {path}: --update-baseline writes only {' or '.join(SUFFIXES)}")
             if path.suffix == PARQUET:
                 require_pyarrow(f"--baseline {path}")
         try:
@@ -49,7 +50,7 @@ class BaselineCheck:
         if self.old is None:
             return
         try:
-            found = compare_tables(self.old, _columns_ahead(tuple(plan.recipes()), plan.groups), self.tolerances)
+            found = compare_tables(self.old, _columns_ahead(plan.recipes(), plan.groups), self.tolerances)
         except SweepError as error:
             raise PlanError(str(error)) from error
         if not found.recipe_count and not self.is_updated:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...datasets.counted import counted
 from ...datasets.sweeps.store import Key, SweepStore
@@ -13,21 +13,21 @@ from ..runtime.warp_start import start_warp
 from ..runtime.worker_devices import worker_devices
 from ..terminal import console
 from ..terminal.foreign_text import print_message, show_table, write
+from .baseline_check import BaselineCheck
 from .job import SweepJob, is_occupied
 from .make.poses import pose_count
 from .plan.code_version import code_version
 from .plan.loading import Plan, draft_plans
+from .report.compare import Comparison
 from .report.failures import failure_rows
 from .report.progress import sweep_bar
 from .report.results import Results
+from .report.summary import append_summary, sweep_summary
 from .run.estimate import Estimate, estimate, refuse_too_large
 from .run.executors import dask_executor
 from .run.missing import Missing
 from .run.progress import SweepProgress
 from .run.sweep_run import SweepReport, run_sweep
-
-if TYPE_CHECKING:
-    from .report.compare import Comparison
 
 SHOWN = 20  # rows of failures, and of values that moved; JSON has all
 SHOWN_NAMES = (
@@ -40,11 +40,7 @@ def run_sweep_command(options: dict[str, Any], *, as_json: bool) -> int:
     """Make a sweep, or estimate what it would cost; the options are those of `SweepJob`."""
     job = SweepJob(**options)
     job.refuse_nonsense()
-    check = None
-    if job.baseline is not None:
-        from .baseline_check import BaselineCheck  # takes 0.2 s to import
-
-        check = BaselineCheck.of(job, job.baseline)
+    check = None if job.baseline is None else BaselineCheck.of(job, job.baseline)
     other = job.other_code_version() if job.same_results else None
     plan = draft_plans(job.plans, job.overrides or ())
     job.refuse_plan(plan)
@@ -73,8 +69,6 @@ def run_sweep_command(options: dict[str, Any], *, as_json: bool) -> int:
             check.update(results.columns)
             results.files["baseline"] = str(check.path)
     if job.summary is not None:
-        from .report.summary import append_summary, sweep_summary  # as above
-
         append_summary(job.summary, sweep_summary(plan.name, report, comparison, row_count=SHOWN))
     _show_report(report, {"store": str(job.folder), **results.files}, comparison, as_json=as_json)
     has_moved = comparison is not None and not comparison.is_kept and not job.update_baseline
@@ -167,7 +161,7 @@ def _estimated(job: SweepJob, plan: Plan, other: str | None) -> Estimate:
         done = _nothing_done
         if is_occupied(job.folder):
             done = stack.enter_context(SweepStore(job.folder, other or code_version())).done
-        missing = Missing(tuple(plan.recipes()), plan.groups, done=done, pose_count=pose_count, shard=job.shard_number)
+        missing = Missing(plan.recipes(), plan.groups, done=done, pose_count=pose_count, shard=job.shard_number)
         return estimate(plan, missing, job.folder, devices=devices)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...datasets.sweeps.store import SweepStore
+from ...datasets.sweeps.table import PARQUET, SUFFIXES
 from ..errors import PlanError
 from ..runtime.worker_devices import worker_devices
 from .plan.code_version import code_version
@@ -14,8 +15,6 @@ from .plan.loading import Plan
 
 STORE_SUFFIX = ".sweep"
 """Of a store that is not named: it lies beside the first plan."""
-PARQUET = ".parquet"
-TABLE_SUFFIXES = (".h5", ".hdf5", PARQUET)
 WRITTEN = ("baseline", "update_baseline", "tables", "summary", "scheduler")  # options that a dry run does not use
 
 
@@ -98,8 +97,8 @@ class SweepJob:
 
     def _refuse_files(self) -> None:
         for table in self.tables or ():
-            if table.suffix not in TABLE_SUFFIXES:
-                raise PlanError(f"--table {table}: a table must end in {', '.join(TABLE_SUFFIXES)}")
+            if table.suffix not in SUFFIXES:
+                raise PlanError(f"--table {table}: a table must end in {' or '.join(SUFFIXES)}")
             if table.is_dir():
                 raise PlanError(f"--table {table}: is a folder")
             if table.exists() and not self.overwrite:

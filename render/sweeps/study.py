@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...datasets.storage.hdf5_columns import column_arrays
+from ...datasets.sweeps.columns import column_arrays
 from ...datasets.sweeps.store import Failure, SweepStore
 from ..errors import PlanError, SweepError
 from ..trust.permission import AllowCode

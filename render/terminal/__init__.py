@@ -1,1 +1,1 @@
-"""How commands talk to people: progress, warnings, results; foreign text is shown and not obeyed."""
+"""Messages, progress and results of commands; text from others is shown, and the terminal does not obey it."""

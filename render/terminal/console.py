@@ -19,7 +19,7 @@ from typing import Any, NoReturn
 from ...datasets.counted import counted
 from ...datasets.errors import DatasetError, NotStoreError, RecordingWarning
 from ...datasets.storage.durable import discard_unfinished
-from ...device.errors import DeviceError, PlayInterrupted, UnknownArrayError, UpdateRateError
+from ...device.errors import DeviceError, UnknownArrayError, UpdateRateError
 from ...device.report import PlayReport
 from ..errors import (
     PalpateWarning,
@@ -41,6 +41,7 @@ from .foreign_text import (
     set_quiet,
     show_table,
     visible,
+    write,
     write_output,
 )
 from .value_words import UNITS, words_of
@@ -55,13 +56,13 @@ _began = perf_counter()
 
 
 def set_wording(wording: Wording) -> None:
-    """Have messages write arguments as the command does that runs now."""
+    """Set the way that the running command writes arguments, for all messages."""
     global _wording  # one command runs in a process at a time
     _wording = wording
 
 
 def worded(message: object) -> str:
-    """A message, with arguments written as the running command writes them."""
+    """A message with arguments written as the running command writes them."""
     return _wording(str(message))
 
 
@@ -94,22 +95,20 @@ def show_values(
     if as_json:
         write_output(json_line(values))
         return
-    rows: list[tuple[str, str]] = []
+    rows = []
     for name, value in values.items():
-        if shown_names is not None and name not in shown_names:
-            continue
-        if value is not None:
-            unit = f" {UNITS[name]}" if name in UNITS else ""
-            rows.append((words_of(name), shown(value) + unit))
-        elif name in unknown:
-            rows.append((words_of(name), "not known"))
+        if shown_names is None or name in shown_names:
+            if value is not None:
+                rows.append((words_of(name), f"{shown(value)} {UNITS.get(name, '')}".rstrip()))
+            elif name in unknown:
+                rows.append((words_of(name), "not known"))
     show_table(title, rows)
 
 
 def conclude(sentence: str, *, as_json: bool) -> None:
     """End a command's table with a sentence on what its numbers mean; with --json nothing is printed."""
     if not as_json:
-        write_output(f"{visible(worded(sentence))}\n")
+        write(worded(sentence))
 
 
 def json_line(values: object) -> str:
@@ -132,7 +131,7 @@ def finite(value: object) -> object:
 
 
 def shown(value: object) -> str:
-    """A value as words for a table."""
+    """A value as text for a table."""
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, dict) and "stage" in value:
@@ -203,11 +202,11 @@ def since_start() -> float:
 
 
 def _end_at_once(as_json: bool) -> int:
-    """Say that a command was interrupted and remove what it has half written; its exit code."""
+    """Report that a command was interrupted, remove what it has half written, and return its exit code."""
     try:
-        with contextlib.suppress(OutputError):
-            errors.show_cursor()
-            return fail("interrupted", FAILED, as_json)
+        errors.show_cursor()
+        return fail("interrupted", FAILED, as_json)
+    except OutputError:
         return FAILED
     finally:
         discard_unfinished()
@@ -251,7 +250,7 @@ def _run(command: Callable[[], object], *, as_json: bool) -> int:
     with warnings.catch_warnings():
         for kind in SHOWN_WARNINGS:
             warnings.simplefilter("always", kind)
-        shown: set[str] = set()  # what several parts of one job find is told once
+        shown: set[str] = set()  # several parts of one job may give the same warning
 
         def show(message: Warning | str, category: type[Warning], *rest: object) -> None:
             del category, rest
@@ -270,10 +269,8 @@ def _run(command: Callable[[], object], *, as_json: bool) -> int:
             is_missing = isinstance(error.__cause__, FileNotFoundError | NotADirectoryError)
             misused = isinstance(error, MISUSES) or getattr(error, "names_nothing", False) or is_missing
             return fail(str(error), MISUSED if misused else FAILED, as_json, _report_of(error), lines=faults)
-        except PlayInterrupted as error:
-            return fail(str(error), FAILED, as_json, _report_of(error))
-        except KeyboardInterrupt:
-            return fail("interrupted", FAILED, as_json)
+        except KeyboardInterrupt as error:  # PlayInterrupted is one, with a message and a report
+            return fail(str(error) or "interrupted", FAILED, as_json, _report_of(error))
         except Exception as error:  # a bug in palpate: one sentence too, with the way to a traceback
             if os.environ.get("PALPATE_TRACEBACK"):
                 raise
@@ -284,14 +281,14 @@ def _run(command: Callable[[], object], *, as_json: bool) -> int:
                 sentence = f"a name of {len(os.fsencode(longest))} bytes is more than this file system takes"
                 return fail(f"{error.filename}: {sentence} (most take 255)", MISUSED, as_json)
             name = f"{type(error).__name__}: {error}"
-            return fail(f"{name} (unexpected; with PALPATE_TRACEBACK=1 it tells where)", FAILED, as_json)
+            return fail(f"{name} (unexpected; PALPATE_TRACEBACK=1 shows the traceback)", FAILED, as_json)
     return code if isinstance(code, int) else DONE
 
 
 def fail(
     message: str, code: int, as_json: bool, report: PlayReport | None = None, *, lines: Sequence[object] = ()
 ) -> int:
-    """Report an error and return its exit code. lines: of a message that has several lines."""
+    """Report an error and return its exit code; lines: the lines of a message that has several."""
     message = worded(message)
     first, *rest = [worded(line) for line in lines] or (message,)
     print_message(first, "error")
@@ -310,16 +307,15 @@ def fail(
 
 
 def off_state(report: PlayReport) -> str:
-    """Words on whether an array is off."""
-    return report.off_doubt or "the array says that it is off"
+    """Whether an array is off, as a part of a sentence."""
+    return report.off_doubt or "the array reports that it is off"
 
 
 def late_warning(report: PlayReport) -> str:
     """Sentence on how often an array ran out of frames or was silent, and how late frames were, with the source."""
-    board = "the board's own count is not known"
+    board, silent = "the board's own count is not known", ""
     if report.board_underruns is not None and report.board_starved is not None:
         board = f"by the board's own count {report.board_underruns} times, for {report.board_starved:.4g} s"
-    silent = ""
     if report.silenced:
         silent = f"was silent for {report.silenced:.4g} s, since its board had to begin anew after a pause, "
     return (
@@ -330,7 +326,7 @@ def late_warning(report: PlayReport) -> str:
 
 
 def report_compiling(module_count: int) -> None:
-    """Tell why nothing is played yet."""
+    """Report that kernels are compiled before anything is played."""
     what = counted(module_count, "module")
     print_message(f"compiling {what} of kernels that sample contours: some seconds, once on a machine", "progress")
 

@@ -18,7 +18,7 @@ from ..errors import RenderError
 
 
 class _Errors:
-    """Standard error as it is when a line is written; one that is closed or full stops no work."""
+    """The standard error that Python has when a line is written; one that is closed or full stops no work."""
 
     def __getattr__(self, name: str) -> Any:
         return getattr(sys.stderr, name)
@@ -37,7 +37,7 @@ errors = Console(file=cast("IO[str]", _Errors()), highlight=False, soft_wrap=Tru
 
 
 class OutputError(RenderError):
-    """Results cannot be written to standard output; without words if who read them has gone, as `head` does."""
+    """Results cannot be written to standard output; without a message if their reader has ended, as `head` does."""
 
 
 _is_quiet = False
@@ -70,14 +70,14 @@ def visible(text: object) -> str:
 
 
 def plain(text: object) -> Text:
-    """The same for Rich, which then takes nothing in it for markup."""
+    """A visible text for Rich, which then takes no part of it for markup."""
     return Text(visible(text))
 
 
 def print_message(text: object, kind: Literal["", "error", "warning", "note", "progress"] = "") -> None:
-    """A line on standard error, begun with what kind of news it is; a quiet command leaves out all but errors.
+    """Print a line on standard error that begins with its kind; a quiet command leaves out all but errors.
 
-    Lines without a kind go on with an error, or are what a person is to do.
+    A line without a kind continues an error, or asks a person to do something.
     """
     if _is_quiet and kind in ("warning", "note", "progress"):
         return
@@ -127,7 +127,7 @@ def show_table(
     for row in cells:
         table.add_row(*map(plain, row))
     for column in table.columns:
-        column.overflow = "fold"  # what is cut off may be what tells one file from another
+        column.overflow = "fold"  # two files may differ only in the end of their names
     console.print(table)
 
 

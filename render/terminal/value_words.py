@@ -1,55 +1,29 @@
-"""What tables call values, and the units that they show after them; --json has the names."""
+"""Words for values in tables, and the units that stand after them; --json has the names."""
 
-UNITS = {
-    "length_mean": "m, all poses",
-    "length_mean_drawn": "m, poses with contours",
-    "length_longest": "m",
-    "length_object_mean": "m, all poses",
-    "length_hand_mean": "m, all poses",
-    "draw_frequency": "Hz, mean while something is drawn",
-    "draw_frequency_p05": "Hz",
-    "draw_frequency_median": "Hz",
-    "draw_frequency_p95": "Hz",
-    "draw_frequency_of_mean_length": "Hz",
-    "fused_share": "of the length, in a sample of poses",
-    "facing_share_30": "of poses with contours",
-    "facing_share_60": "of poses with contours",
-    "update_rate": "Hz",
-    "revisit_rate": "Hz",
-    "on_time": "s",
-    "duration": "s",
-    "elapsed": "s",
-    "seconds": "s",
-    **dict.fromkeys(
-        [f"{name}_{which}" for name in ("latency", "latency_recent", "age") for which in ("p50", "p99", "longest")], "s"
-    ),
-    "pose_seconds": "s",
-    "render_seconds": "s",
-    "starved": "s",
-    "silenced": "s",
-    "off_after": "s",
-    "first_frame_seconds": "s after the command began",
-    "board_starved": "s",
-    "jump_length": "m",
-    "jump_threshold": "m",
-    "step_longest": "m",
-    "hop_speed_max": "m/s",
-    "absence_max": "s",
-    "height": "m",
-    "size": "m",
-    "spacing": "m",
-    "pressure_peak": "Pa, amplitude",
-    "radiation_peak": "Pa",
-    "force": "N",
-    "focal_width": "m",
-    "focus_pressure": "Pa, amplitude",
-    "focus_pressure_least": "Pa, amplitude",
-    **dict.fromkeys(("db_40_300", "db_300_10k", "rms", "peak"), "dB"),
-    "dba": "dB(A)",
-    **dict.fromkeys(("samples", "silent", "held"), "focal points"),
-    "duty": "of full drive",
+_NAMES = {
+    "m": "length_longest jump_length jump_threshold step_longest height size spacing focal_width",
+    "m, all poses": "length_mean length_object_mean length_hand_mean",
+    "m, poses with contours": "length_mean_drawn",
+    "m/s": "hop_speed_max",
+    "s": """on_time duration elapsed seconds pose_seconds render_seconds starved silenced board_starved off_after
+        absence_max latency_p50 latency_p99 latency_longest latency_recent_p50 latency_recent_p99 latency_recent_longest
+        age_p50 age_p99 age_longest""",
+    "s after the command began": "first_frame_seconds",
+    "Hz": """draw_frequency_p05 draw_frequency_median draw_frequency_p95 draw_frequency_of_mean_length update_rate
+        revisit_rate""",
+    "Hz, mean while something is drawn": "draw_frequency",
+    "Pa": "radiation_peak",
+    "Pa, amplitude": "pressure_peak focus_pressure focus_pressure_least",
+    "N": "force",
+    "dB": "db_40_300 db_300_10k rms peak",
+    "dB(A)": "dba",
+    "focal points": "samples silent held",
+    "of full drive": "duty",
+    "of poses with contours": "facing_share_30 facing_share_60",
+    "of the length, in a sample of poses": "fused_share",
 }
-"""Units shown after values in tables; for --json, docs/guide/command-line.md gives them."""
+UNITS = {name: unit for unit, names in _NAMES.items() for name in names.split()}
+"""Units shown after values in tables, by name; for --json, docs/guide/command-line.md gives them."""
 
 WORDS = {
     "r": "r = |CC| / |OC|",
@@ -71,9 +45,9 @@ WORDS = {
     "absence_max": "longest absence from a place",
     "duty": "mean drive",
 }
-"""What tables call values whose name alone says too little; --json has the names."""
+"""Words for values whose names alone are not clear."""
 
 
 def words_of(name: str) -> str:
-    """What a table calls a value."""
+    """Words for a value in a table."""
     return WORDS.get(name, name.replace("_", " "))

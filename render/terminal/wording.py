@@ -18,7 +18,7 @@ _SUBJECT = re.compile(r"([a-z_]+)(?= (?:must|is of|is for|means)\b)")
 
 
 class Wording:
-    """How the running command writes arguments.
+    """Writes arguments as the running command does.
 
     options: names of its options, as Python has them; others: those of other commands; keys: those of a plan,
     which have precedence.
@@ -29,7 +29,7 @@ class Wording:
         self.all = self.options | frozenset(others)
 
     def __call__(self, message: str) -> str:
-        """The message, with arguments written so."""
+        """The message with arguments as options, or as keys of a plan."""
         first = _SUBJECT.match(message)
         if first and first[1] in self.options:
             message = _option(first[1]) + message[first.end() :]

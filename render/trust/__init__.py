@@ -1,1 +1,1 @@
-"""Permission to run code that data name, and how that code is found and run."""
+"""Permission to run code that data name, and the way that code is found and run."""

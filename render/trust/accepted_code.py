@@ -12,12 +12,12 @@ import stat
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from ...datasets.json_text import parse_json
+from ...datasets.errors import DatasetError
+from ...datasets.json_text import read_json
 from ...datasets.storage.durable import NewFile
 from ..errors import TrustStoreError
 
 NAME = re.compile(r"[0-9a-f]{64}")
-ENTRY_BYTES = 1 << 16  # of one file; longer ones are not ours
 
 
 @dataclass(frozen=True)
@@ -26,17 +26,17 @@ class Accepted:
 
     digest: str
     name: str
-    """As the data have it."""
+    """Name of the code in the data."""
     named_by: str
-    """The file that names it; empty: none."""
+    """Path of the file that names it; empty: the user named it."""
     files: tuple[str, ...]
-    """Where its files were."""
+    """Paths of its files."""
     when: str
     """Date and time, UTC."""
 
 
 def store_folder() -> Path:
-    """Where the store is, or will be; a relative `XDG_CONFIG_HOME` is ignored, as its specification asks.
+    """The store's folder, which may not exist yet; a relative `XDG_CONFIG_HOME` is ignored, as its specification asks.
 
     Raises TrustStoreError where there is no home folder either.
     """
@@ -49,91 +49,62 @@ def store_folder() -> Path:
 
 def accepted() -> frozenset[str]:
     """Digests of all that was accepted; raises TrustStoreError for a store that others can write."""
-    folder = _open_folder(make=False)
-    if folder is None:
-        return frozenset()
+    folder = store_folder()
     try:
-        return frozenset(name for name in os.listdir(folder) if NAME.fullmatch(name) and _is_ours(name, folder))
-    finally:
-        os.close(folder)
+        _require_private(folder)
+        with os.scandir(folder) as files:
+            return frozenset(
+                file.name for file in files if NAME.fullmatch(file.name) and file.is_file(follow_symlinks=False)
+            )
+    except FileNotFoundError:  # nothing was ever accepted
+        return frozenset()
+    except OSError as error:
+        raise TrustStoreError(f"{folder}: cannot be read ({error.strerror})") from error
 
 
 def entries() -> list[Accepted]:
     """All that was accepted, oldest first; raises TrustStoreError as `accepted` does."""
-    found = [_entry(digest) for digest in accepted()]
-    return sorted(found, key=lambda entry: (entry.when, entry.digest))
+    return sorted(map(_entry, accepted()), key=lambda entry: (entry.when, entry.digest))
 
 
 def accept(entry: Accepted) -> None:
     """Put a piece of code into the store; raises TrustStoreError if that cannot be written, or others could."""
-    folder = _open_folder(make=True)
-    if folder is None:
-        raise TrustStoreError(f"{store_folder()}: cannot be made")
+    folder = store_folder()
     try:
-        with NewFile(store_folder() / entry.digest) as new:
+        for private in (folder.parent, folder):
+            private.mkdir(mode=0o700, parents=True, exist_ok=True)
+        _require_private(folder)
+        with NewFile(folder / entry.digest) as new:
             os.fchmod(new.handle, 0o600)  # whatever the umask
             new.write(json.dumps(asdict(entry)).encode())
     except OSError as error:
-        raise TrustStoreError(f"{store_folder()}: cannot be written ({error.strerror})") from error
-    finally:
-        os.close(folder)
+        raise TrustStoreError(f"{folder}: cannot be written ({error.strerror})") from error
 
 
 def forget(digest: str) -> None:
     """Take a piece of code out of the store; raises TrustStoreError if that cannot be written."""
-    folder = _open_folder(make=False)
-    if folder is None:
-        return
+    folder = store_folder()
     try:
-        os.unlink(digest, dir_fd=folder)
-    except FileNotFoundError:
-        return
+        (folder / digest).unlink(missing_ok=True)
     except OSError as error:
-        raise TrustStoreError(f"{store_folder()}: cannot be written ({error.strerror})") from error
-    finally:
-        os.close(folder)
+        raise TrustStoreError(f"{folder}: cannot be written ({error.strerror})") from error
 
 
 def _entry(digest: str) -> Accepted:
-    """What a file of the store says; its name alone counts, so one that cannot be read is listed without words."""
-    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
-        handle = os.open(store_folder() / digest, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-        with open(handle, encoding="utf-8") as file:
-            values = parse_json(file.read(ENTRY_BYTES))
+    """The content of a file of the store; its name alone counts, so one that cannot be read is listed without text."""
+    with contextlib.suppress(DatasetError, OSError, ValueError, KeyError, TypeError):
+        values = read_json(store_folder() / digest)
         files = tuple(str(path) for path in values["files"])
         return Accepted(digest, str(values["name"]), str(values["named_by"]), files, str(values["when"]))
     return Accepted(digest, "", "", (), "")
 
 
-def _open_folder(*, make: bool) -> int | None:
-    """The store's folder, opened; None where there is none. Raises TrustStoreError for one that others can write."""
-    path = store_folder()
-    try:
-        if make:
-            path.parent.parent.mkdir(parents=True, exist_ok=True)
-            for folder in (path.parent, path):
-                folder.mkdir(mode=0o700, exist_ok=True)
-        for folder in (path.parent, path):
-            _require_private(folder)
-        return os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-    except FileNotFoundError:
-        return None
-    except OSError as error:
-        raise TrustStoreError(f"{path}: cannot be opened ({error.strerror})") from error
-
-
-def _require_private(folder: Path) -> None:
-    found = os.stat(folder, follow_symlinks=False)
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.geteuid() or found.st_mode & 0o022:
-        raise TrustStoreError(
-            f"{folder}: must be a folder of yours that nobody else can write, or others could accept code for you "
-            f"(chmod 700 {folder})"
-        )
-
-
-def _is_ours(name: str, folder: int) -> bool:
-    try:
-        found = os.stat(name, dir_fd=folder, follow_symlinks=False)
-    except FileNotFoundError:  # taken out at this moment
-        return False
-    return stat.S_ISREG(found.st_mode) and found.st_uid == os.geteuid()
+def _require_private(store: Path) -> None:
+    """Raise TrustStoreError if another user can write the store, or replace it; FileNotFoundError if there is none."""
+    for folder in (store.parent, store):
+        found = folder.lstat()
+        if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.geteuid() or found.st_mode & 0o022:
+            raise TrustStoreError(
+                f"{folder}: must be a folder of yours that nobody else can write, or others could accept code for you "
+                f"(chmod 700 {folder})"
+            )

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...datasets.sweeps.table import load_table
+from ...datasets.sweeps.table import TABLE, load_table
 from ..errors import ViewError
 from ..intersection.file_recording import record
 from ..sweeps.make.keep import CONTOURS
@@ -16,7 +16,6 @@ from ..sweeps.make.rendering import read_recipe, recipe_cache
 from ..sweeps.report.table import is_axis, is_metric
 from ..trust.permission import AllowCode
 
-TABLE = "table.h5"
 POSES_MOST = 2_000_000  # of a row that is rendered again to be looked at
 HIDDEN = ("recipe", "recipe_hash", "complete")
 

@@ -32,7 +32,7 @@ from palpate.datasets.focus_files.ptlist import PointListError, read_ptlist
 from palpate.datasets.motions.hand_motion import HandMotion
 from palpate.datasets.recordings.alignment import alignment_pose
 from palpate.datasets.recordings.files import load_recording
-from palpate.datasets.sweeps.table import load_table, write_parquet
+from palpate.datasets.sweeps.table import load_table, write_table
 from palpate.device.boards.pat16.board_file import read_pat
 from palpate.device.errors import CalibrationError
 from palpate.render.cli.trust_commands import code_of
@@ -277,11 +277,11 @@ def test_a_packed_grid_of_nanovdb_is_judged(tmp_path):
 @pytest.mark.exhaustive
 def test_a_parquet_table_of_one_value_a_billion_times_is_judged_by_its_rows(tmp_path):
     pytest.importorskip("pyarrow")
-    write_parquet(tmp_path / "a.parquet", {"a": np.zeros(3 * LIMIT)}, {})
+    write_table(tmp_path / "a.parquet", {"a": np.zeros(3 * LIMIT)})
     assert (tmp_path / "a.parquet").stat().st_size < LIMIT
     with pytest.raises(SweepStoreError, match="its table takes"):
         load_table(tmp_path / "a.parquet")
-    write_parquet(tmp_path / "b.parquet", {"a": ["x" * 20_000] * 10_000, "b": ["y", None] * 5_000}, {})
+    write_table(tmp_path / "b.parquet", {"a": ["x" * 20_000] * 10_000, "b": ["y", None] * 5_000})
     columns = load_table(tmp_path / "b.parquet")  # 200 MB, were each text one of its own
     assert len({id(text) for text in columns["a"]}) == 1
     assert columns["a"][7] == "x" * 20_000
@@ -290,7 +290,7 @@ def test_a_parquet_table_of_one_value_a_billion_times_is_judged_by_its_rows(tmp_
 
 def test_a_parquet_text_that_is_no_utf_8_is_named(tmp_path):
     pytest.importorskip("pyarrow")
-    write_parquet(tmp_path / "a.parquet", {"a": ["palpate"]}, {})
+    write_table(tmp_path / "a.parquet", {"a": ["palpate"]})
     content = (tmp_path / "a.parquet").read_bytes()
     (tmp_path / "a.parquet").write_bytes(content.replace(b"palpate", b"\xff" * 7, 1))
     with pytest.raises(SweepStoreError, match=r"a\.parquet cannot be read"):

@@ -15,7 +15,6 @@ from board_file_cases import board_lines
 from bounded import Refused, Wrong
 from contour_cases import everything, make_contours, make_header, small_chunks, write_file, write_ranges
 from gltf_files import full_file
-from old_pose_table import write_old_table
 from ply_files import MIXED, face_element, ply_file, vertex_element
 from sweep_rows import recipe
 from typer.testing import CliRunner
@@ -38,7 +37,7 @@ from palpate.datasets.recordings.alignment import alignment_pose, write_alignmen
 from palpate.datasets.recordings.sample import write_sample
 from palpate.datasets.sweeps.shard import ShardRow, read_shard, shard_columns, write_shard
 from palpate.datasets.sweeps.store import SweepStore
-from palpate.datasets.sweeps.table import column_units, load_table, table_attributes, write_parquet, write_table
+from palpate.datasets.sweeps.table import load_table, write_table
 from palpate.device.playing.limits import Limits
 from palpate.render import (
     DriveStrategy,
@@ -214,18 +213,15 @@ def table_seeds(folder: Path) -> None:
         "poses": np.arange(20),
         "complete": np.arange(20) % 2 > 0,
     }
-    attributes = {"maker": "me", "count": 20, "plan": {"object": ["cube"]}}
-    write_table(folder / "table.h5", columns, attributes, units={"length_mean": "m"})
-    write_parquet(folder / "table.parquet", columns, attributes, units={"length_mean": "m"})
-
-
-def old_seeds(folder: Path) -> None:
-    write_old_table(folder / "poses.h5", COLUMNS, {"maker": "me"}, {"length": "m"})
+    constants = {"maker": "me", "speed": 7, "object_fit": None}
+    write_table(folder / "table.csv", columns)
+    write_table(folder / "baseline.csv", columns, constants=constants)
+    write_table(folder / "table.parquet", columns, units={"length_mean": "m"})
 
 
 def read_table(path: Path) -> Any:
-    found = load_table(path), table_attributes(path), column_units(path)
-    if "recipe_hash" in found[0]:
+    found = load_table(path)
+    if "recipe_hash" in found:
         load_baseline(path)
     return found
 
@@ -501,7 +497,6 @@ READERS: tuple[Reader, ...] = (
     Reader("recording", recording_seeds, read_recording),
     Reader("alignment", alignment_seeds, lambda path: near(alignment_pose(path)[:3])),
     Reader("table", table_seeds, read_table),
-    Reader("old-poses", old_seeds, read_table),
     Reader("shard", shard_seeds, read_a_shard, True),
     Reader("store", store_seeds, read_store, True, ("store.sqlite", "*.h5")),
     Reader("frames", frame_seeds, read_frames, True),

@@ -22,14 +22,12 @@ from h5py import ExternalLink, SoftLink, h5d, h5p, h5s, h5t, h5z
 from palpate.datasets.focus_files.frame_file import FrameField, FrameFile
 from palpate.datasets.motions.hand_motion import HandMotion
 from palpate.datasets.sweeps.shard import ShardRow, write_shard
-from palpate.datasets.sweeps.table import write_table
 
 POSES = 30
 OPERATIONS = {
     "contours": ("check", "info", "read", "play", "motion"),
     "frames": ("check", "info", "read", "play"),
     "motion": ("motion",),
-    "table": ("read",),
     "shard": ("read",),
 }
 CONTOURS = ("check", "read", "play")
@@ -113,15 +111,11 @@ def _motion(path):
     HandMotion(np.arange(POSES) / 90.0, pose, seed=3).save(path)
 
 
-def _table(path):
-    write_table(path, {"name": ["a", "b", "c"], "r": [1.0, 2.0, 3.0]}, {"maker": "x"}, units={"r": "m"})
-
-
 def _shard(path):
     write_shard(path, [ShardRow("metrics", "k", 0, {"a": 1})], [{"length": np.arange(5.0)}], maker="x")
 
 
-SOUND = {"contours": _contours, "frames": _frames, "motion": _motion, "table": _table, "shard": _shard}
+SOUND = {"contours": _contours, "frames": _frames, "motion": _motion, "shard": _shard}
 
 
 # edits
@@ -626,7 +620,6 @@ case("a sound size of zeros", written(lambda content: bytes(len(content))))
 
 # frames, motions, tables
 
-ODD, NOT_UTF_8 = np.zeros(3, [("a", "i4")]), np.array([b"\xff\xfe"] * 3, object)
 POSITION, INTENSITY = "/focus/position", "/focus/intensity"
 for kind, name, edit in (
     ("frames", "frames of version -1", attribute("/", "version", np.array([-1, 0], np.int32))),
@@ -650,42 +643,11 @@ for kind, name, edit in (
     ("motion", "a motion with a seed of truth", attribute("/motion", "seed", np.bool_(True))),
     ("motion", "a motion with an offset of text", attribute("/motion", "offset", "3")),
     ("motion", "a motion with an offset of a list", attribute("/motion", "offset", np.zeros(1))),
-    ("table", "a column of two dimensions", link("/wide", np.zeros((3, 2)))),
-    ("table", "columns of unequal lengths", link("/long", np.zeros(5))),
-    ("table", "a column of 1e9 rows that were never written", put("/x", shape=(10**9,), dtype="f8", chunks=(65536,))),
-    ("table", "a column of a compound", link("/odd", ODD)),
-    ("table", "a column of lists", put("/odd", shape=(3,), dtype=h5py.vlen_dtype("i4"))),
-    ("table", "a column of two names", lambda f: (link("/c", lambda own: own["r"])(f), f.attrs.pop("digest"))),
-    ("table", "a group among columns", link("/odd/inner", np.zeros(3))),
-    ("table", "a scalar among columns", link("/odd", 5.0)),
-    ("table", "text that is not UTF-8", put("/odd", data=NOT_UTF_8, dtype=h5py.string_dtype())),
-    ("table", "a table's version of text", attribute("/", "version", "one")),
-    ("table", "a table's version of a list", attribute("/", "version", np.arange(3))),
-    ("table", "a table's version below one", attribute("/", "version", -4)),
-    ("table", "a table's format of a list", attribute("/", "format", np.arange(3))),
 ):
     change(name, edit, kind=kind)
 change("frames of a recipe of 30,000 lists", attribute("/", "recipe", DEEP), TEXTS, kind="frames")
 case("a motion on a FIFO", on_a_fifo("/motion/pose", "<f4", 7), kind="motion")
 
-
-def a_million_texts_in_one_place(path):
-    count = 1 << 17
-    with h5py.File(path, "r+", libver=("v108", "latest")) as file:
-        long = file.create_dataset("/text", (1,), h5py.string_dtype())
-        long[0] = "x" * 60_000
-        begin = long.id.get_offset()
-        del file["/name"]
-        places = file.create_dataset("/name", (count,), h5py.string_dtype())
-        places[...] = np.array([b""] * count, object)
-        places[0] = "a"
-        at = places.id.get_offset()
-    content = bytearray(path.read_bytes())
-    content[at : at + 16 * count] = bytes(content[begin : begin + 16]) * count
-    path.write_bytes(content)
-
-
-case("a million texts in one place", a_million_texts_in_one_place, kind="table")
 
 # shards
 

@@ -15,7 +15,6 @@ from hostile_hdf5 import CASES, OPERATIONS, sound, write_case
 from palpate.datasets import ContourFile, HandMotion, check_file
 from palpate.datasets.focus_files.frame_reader import FrameReader, check_frames, frame_format
 from palpate.datasets.sweeps.shard import read_shard, shard_columns
-from palpate.datasets.sweeps.table import column_units, load_table, table_attributes
 from palpate.device.boards.emulator.usb_side import EmulatorBackend
 from palpate.device.clock import VirtualClock
 from palpate.render.playback.file_playback import Connection, play_file
@@ -43,9 +42,6 @@ def read(path, kind):
         with FrameReader(path) as file:
             file.recipe()
             file.focal_points(0, file.frame_count)
-    elif kind == "table":
-        columns, _, _ = load_table(path), table_attributes(path), column_units(path)
-        assert len({column.shape for column in columns.values()}) == 1
     elif kind == "shard":
         rows = read_shard(path).rows
         with shard_columns(path) as columns:

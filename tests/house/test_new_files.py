@@ -29,7 +29,6 @@ EXCEPTIONS = {
     ("datasets/sweeps/claims.py", "fdopen"): "its name alone is the claim, and must be made exclusively",
     ("datasets/sweeps/claims.py", "write_text"): "a sign of life, of which a part is as good",
     ("datasets/sweeps/manifest.py", "os.replace"): "a store that another process made first must stay",
-    ("datasets/sweeps/pose_files.py", "os.replace"): "a folder gets its name",
     ("datasets/sweeps/record.py", "os.replace"): "shards that are whole move between folders",
     ("device/live/writer_handle.py", "open"): "to a process of its own, in a folder that goes with both",
     ("device/live/writer_handle.py", "write_text"): "to a process of its own, in a folder that goes with both",

@@ -15,8 +15,8 @@ SHARD_HELP = "Make only part I of N, in a store of its own; palpate sweep merge 
 TIMEOUT_HELP = "End a unit of work that takes longer; one is planned to take 2 to 3 s. 0: never."
 MEMORY_HELP = "Memory that a process may allocate; by default an equal share of the machine's; 0: no limit."
 SAME_HELP = "Take over results of the store's latest other code version: you know that the change moved none."
-TABLE_HELP = "The table once more: .h5 or .parquet. May be repeated."
-UPDATE_HELP = "Write --baseline's file (.csv for review, .h5, .parquet) after the run, and exit 0 though values moved."
+TABLE_HELP = "The table once more: .csv or .parquet. May be repeated."
+UPDATE_HELP = "Write --baseline's file (.csv or .parquet) after the run, and exit 0 though values moved."
 SUMMARY_HELP = "Append counts, failures and what moved to FILE.md as Markdown, for the step summary of CI."
 TOLERANCE_HELP = "[COLUMN=]NUMBER[abs]: relative, or absolute; by default 1e-6. May be repeated."
 

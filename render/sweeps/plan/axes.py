@@ -1,14 +1,16 @@
-"""The six axes of a plan: their keys as pydantic models, and the recipe parts that their values make.
+"""The six axes of a plan: their keys, and the recipe parts that their values make.
 
 A key that is left out has one value, its default; a key that does not apply to a source is refused.
 """
 
 import json
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+import math
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Annotated, Any, NamedTuple, cast
-
-from pydantic import BaseModel, BeforeValidator, ConfigDict, create_model
+from functools import lru_cache
+from itertools import product
+from typing import Any, NamedTuple, cast
 
 from ....datasets.errors import MotionError
 from ....kernels.driving.solve import POINTS_MOST
@@ -16,7 +18,6 @@ from ...errors import RenderError, StrategyError
 from ...hands.hand import LARGEST, SMALLEST, Palm
 from ...motions.explorations.habits import NUMBER_MOST
 from ...motions.explorations.options import (
-    AROUND,
     EXPLORATION_DEFAULTS,
     EXPLORATION_MODELS,
     FACING_LEAST,
@@ -25,7 +26,6 @@ from ...motions.explorations.options import (
     POSES_MOST,
     VERSIONS,
     check_options,
-    check_workspace,
 )
 from ...objects.mesh.placement import SIZE_LARGEST, UP_AXES
 from ...objects.mesh.solid_mesh import SOLID_RULES
@@ -36,8 +36,8 @@ from ...playback.placed_arrays import load_rig
 from ...sampling.strategy import SamplingStrategy
 from ...strategies.intersection_strategy import FLUSH_HIGHEST, STEP_HIGHEST, STEP_LOWEST
 from .recipe import RANDOM_AT, RANDOM_SIZE, RecipePart, model_of
-from .sources import PlanSource, alignments, sources_of
-from .values import Check, ChoiceCheck, LabelCheck, NumberCheck, TextCheck, Values, VectorCheck, refuse, swept
+from .sources import PlanSource, SourceIndex, read_alignments, read_sources
+from .values import Check, ChoiceCheck, LabelCheck, NumberCheck, TextCheck, Values, VectorCheck, read_values, refuse
 
 COUNT_MOST = 10**15  # poses of one recipe
 SIZE_SMALLEST = 1e-3  # [m] of an object
@@ -124,135 +124,101 @@ VOLUME_KEYS = ("kind", "level", "label", "inside", "spacing", "unit")
 
 
 class Tie(NamedTuple):
-    """Marks a key whose values go together, row by row, with those of other keys."""
+    """Marks a key whose values go together with those of other keys."""
 
     group: int
-    """Which keys: a number that all of them have."""
+    """Number of a group, which all of its keys have."""
     row: int
-    """Row of the first value that its table lists."""
+    """Row of the first value that the key's table lists."""
 
 
-@dataclass(frozen=True)
-class KeyColumn:
-    """Keys of one table that vary together."""
+class AxisPart(NamedTuple):
+    """A part that a table stands for."""
 
-    values: Mapping[str, Sequence[Any]]
+    part: RecipePart
+    rows: dict[int, int]
+    """The row of its values in each group of tied keys."""
+
+
+AxisTable = Mapping[str, Values]
+"""The values of an axis's source and of the keys that one of its tables has, in the order of `KEYS`."""
+
+
+def read_key(axis: str, key: str, value: object, index: SourceIndex) -> Values:
+    """The values that a key of an axis stands for; raises PlanFault."""
+    if key == "source":
+        return read_sources(axis, value, index)
+    check = KEYS[axis][key].check
+    return read_alignments(value, index) if check is None else read_values(value, check)
+
+
+def require_agreement(axis: str, table: AxisTable) -> None:
+    """Refuse keys that do not apply to one of the sources."""
+    for source in table["source"]:
+        for key in table:
+            kinds = KEYS[axis][key].of if key != "source" else ()
+            if kinds and source.kind not in kinds:
+                others = f"; give it an [[{axis}]] of its own" if len(table["source"]) > 1 else ""
+                refuse(f"is of {' or '.join(kinds)}, which {source.source} is not{others}", (key,))
+        needed = NEEDED.get((axis, source.kind))
+        if needed and needed not in table:
+            refuse(f"is missing, which {source.source} needs", (needed,))
+    for k, box in enumerate(table.get("bounds", ())):
+        if not all(low < high for low, high in zip(box[:3], box[3:], strict=True)):
+            refuse(f"must be lowest x, y, z, then highest x, y, z, not {box}", ("bounds", k))
+
+
+class _Column(NamedTuple):
+    """Keys of one table that vary together: a key alone, or those of a group."""
+
+    values: dict[str, Sequence[Any]]
     """By key, of one length."""
     tie: Tie | None
 
-    def __len__(self) -> int:
-        return len(next(iter(self.values.values())))
-
-    def at(self, place: int) -> dict[str, Any]:
-        """The value of each key at a place from 0."""
-        return {key: values[place] for key, values in self.values.items()}
+    @property
+    def places(self) -> range:
+        """Places of the values."""
+        return range(len(next(iter(self.values.values()))))
 
 
-class AxisTable(BaseModel):
-    """One table of an axis: the values of its source, and of each key that was given."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, arbitrary_types_allowed=True)
-    source: Values
-
-    def given(self) -> dict[str, Values]:
-        """Values by key, those of keys that were given."""
-        return {name: value for name in type(self).model_fields if (value := getattr(self, name)) is not None}
-
-    def columns(self, ties: Mapping[str, Tie]) -> list[KeyColumn]:
-        """The keys that vary by themselves, and the tied ones together, in the order in which they vary."""
-        given, columns = self.given(), dict[str | Tie, dict[str, Sequence[Any]]]()
-        for key, values in given.items():
-            column = columns.setdefault(ties.get(key, key), {})
-            column[key] = values.listed if key in ties else values.items
-        return [KeyColumn(own, name if isinstance(name, Tie) else None) for name, own in columns.items()]
+def _columns(table: AxisTable, ties: Mapping[str, Tie]) -> list[_Column]:
+    """The columns of a table, in the order in which they vary."""
+    columns: dict[str | int, _Column] = {}
+    for key, values in table.items():
+        tie = ties.get(key)
+        column = columns.setdefault(tie.group if tie else key, _Column({}, tie))
+        column.values[key] = values.listed if tie else values.items
+    return list(columns.values())
 
 
-def _model(axis: str) -> type[AxisTable]:
-    """The model of an axis."""
-    fields: dict[str, Any] = {
-        name: (Annotated[Values | None, BeforeValidator(alignments if key.check is None else swept(key.check))], None)
-        for name, key in KEYS[axis].items()
-    }
-    source = Annotated[Values, BeforeValidator(sources_of(axis))]
-    return create_model(f"{axis.capitalize()}Axis", __base__=AxisTable, source=(source, ...), **fields)
+def part_count(table: AxisTable, ties: Mapping[str, Tie]) -> int:
+    """Number of parts that a table stands for."""
+    return math.prod(len(column.places) for column in _columns(table, ties))
 
 
-MODELS: dict[str, type[AxisTable]] = {axis: _model(axis) for axis in KEYS}
-"""By axis; validated with a `SourceIndex` as context."""
-
-
-def require_agreement(axis: str, table: AxisTable, ties: Mapping[str, Tie]) -> None:
-    """Refuse keys that do not apply to one of the sources, and values that do not go together."""
-    given = table.given()
-    for source in table.source:
-        for name in given:
-            kinds = KEYS[axis][name].of if name != "source" else ()
-            if kinds and source.kind not in kinds:
-                others = f"; give it an [[{axis}]] of its own" if len(table.source) > 1 else ""
-                refuse(f"is of {' or '.join(kinds)}, which {source.source} is not{others}", (name,))
-        needed = NEEDED.get((axis, source.kind))
-        if needed and needed not in given:
-            refuse(f"is missing, which {source.source} needs", (needed,))
-    for k, box in enumerate(given.get("bounds", ())):
-        if not all(low < high for low, high in zip(box[:3], box[3:], strict=True)):
-            refuse(f"must be lowest x, y, z, then highest x, y, z, not {box}", ("bounds", k))
-    if axis not in VALIDATORS:
-        return
-    keys, validate = VALIDATORS[axis]
-    columns = [column for column in table.columns(ties) if {*keys, "source"} & column.values.keys()]
-    for places in combinations([_extremes(column) for column in columns]):
+def parts_of(axis: str, table: AxisTable, ties: Mapping[str, Tie]) -> Iterator[AxisPart]:
+    """The parts that a table stands for, the last key fastest; raises PlanFault for values that do not go together."""
+    columns = _columns(table, ties)
+    for places in product(*(column.places for column in columns)):
+        cells = list(zip(columns, places, strict=True))
+        values = {key: own[k] for column, k in cells for key, own in column.values.items()}
         try:
-            validate(_values_at(columns, places))
+            part = RecipePart(CONTENTS[axis](values["source"], values))
         except RenderError as error:
             refuse(str(error))
-
-
-def _extremes(column: KeyColumn) -> Sequence[int]:
-    """Places that decide whether values go together: of numbers that vary alone, the least and the greatest."""
-    values = next(iter(column.values.values()))
-    if column.tie or not isinstance(values[0], int | float):
-        return range(len(column))
-    if isinstance(values, range):
-        return (0, len(column) - 1)
-    return (values.index(min(values)), values.index(max(values)))
-
-
-def _values_at(columns: Sequence[KeyColumn], places: Sequence[int]) -> dict[str, Any]:
-    return {key: value for column, k in zip(columns, places, strict=True) for key, value in column.at(k).items()}
-
-
-def combinations(ranges: Sequence[Sequence[int]]) -> Iterator[tuple[int, ...]]:
-    """As `itertools.product`, the last fastest, but without a copy of each range in memory."""
-    if not ranges:
-        yield ()
-        return
-    for place in ranges[0]:
-        for rest in combinations(ranges[1:]):
-            yield (place, *rest)
-
-
-def parts_of(axis: str, table: AxisTable, ties: Mapping[str, Tie]) -> Iterator[tuple[RecipePart, dict[int, int]]]:
-    """The parts that a table stands for, one after the other, each with its row in every group of tied keys."""
-    columns = table.columns(ties)
-    for places in combinations([range(len(column)) for column in columns]):
-        values = _values_at(columns, places)
-        rows = {c.tie.group: c.tie.row + k for c, k in zip(columns, places, strict=True) if c.tie}
-        yield RecipePart(CONTENTS[axis](values["source"], values)), rows
+        yield AxisPart(part, {column.tie.group: column.tie.row + k for column, k in cells if column.tie})
 
 
 def with_distinct_names(tables: Sequence[AxisTable]) -> list[AxisTable]:
     """Tables of an axis in which sources of one name are shown with their paths."""
-    paths: dict[str, set[str]] = {}
-    for source in (source for table in tables for source in table.source):
-        paths.setdefault(source.name, set()).add(source.source)
+    paths: dict[str, set[str]] = defaultdict(set)
+    for source in (source for table in tables for source in table["source"]):
+        paths[source.name].add(source.source)
 
     def named(source: PlanSource) -> PlanSource:
         return replace(source, name=source.written) if len(paths[source.name]) > 1 and source.written else source
 
-    def renamed(values: Values) -> Values:
-        return replace(values, listed=tuple(map(named, values.listed)), items=tuple(map(named, values.items)))
-
-    return [table.model_copy(update={"source": renamed(table.source)}) for table in tables]
+    return [{**table, "source": table["source"].mapped(named)} for table in tables]
 
 
 def _object(source: PlanSource, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -280,8 +246,7 @@ def _hand(source: PlanSource, values: Mapping[str, Any]) -> dict[str, Any]:
 def _motion(source: PlanSource, values: Mapping[str, Any]) -> dict[str, Any]:
     out = _identified(source)
     if source.kind == "exploration":
-        out |= {name: values.get(name, default) for name, default in EXPLORATION_DEFAULTS.items()}
-        return out | _exploration_model(values)
+        return out | _exploration(values)
     if source.kind == "random":
         defaults = {"seed": EXPLORATION_DEFAULTS["seed"], "size": RANDOM_SIZE, "at": list(RANDOM_AT)}
         return out | {name: values.get(name, defaults.get(name)) for name in ("count", "seed", "size", "at")}
@@ -290,27 +255,32 @@ def _motion(source: PlanSource, values: Mapping[str, Any]) -> dict[str, Any]:
     return out
 
 
-def _exploration_model(values: Mapping[str, Any]) -> dict[str, Any]:
-    """What a part says of an exploration's model: nothing of the first one, `around`, as before there was another."""
+def _exploration(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The keys of an exploration; refused are options of another model, and more poses than palpate makes."""
+    explorer, facing, workspace = (values.get(name) for name in OPTION_DEFAULTS)
     model = values.get("model", EXPLORATION_MODELS[0])
-    if model == AROUND:
-        return {}
-    full = {name: values.get(name, default) for name, default in OPTION_DEFAULTS.items()}
-    full["workspace"] = check_workspace(full["workspace"]).ravel().tolist()
-    return {"model": model, "version": VERSIONS[model], **full}
-
-
-def _require_exploration(values: Mapping[str, Any]) -> None:
-    """Refuse explorations of more poses than palpate makes, and options of another model."""
-    given = {name: values.get(name) for name in OPTION_DEFAULTS}
-    if values["source"].kind == "exploration":
-        try:
-            check_options(values.get("model", EXPLORATION_MODELS[0]), **given)
-        except MotionError as error:
-            refuse(str(error), next(((name,) for name in OPTION_DEFAULTS if str(error).startswith(name)), ()))
-    duration, rate = (values.get(name, EXPLORATION_DEFAULTS[name]) for name in ("duration", "rate"))
-    if values["source"].kind == "exploration" and duration * rate > POSES_MOST:
+    options = _model_options(model, explorer, facing, None if workspace is None else tuple(workspace))
+    timing = {name: values.get(name, default) for name, default in EXPLORATION_DEFAULTS.items()}
+    duration, rate = timing["duration"], timing["rate"]
+    if duration * rate > POSES_MOST:
         refuse(f"must give at most {POSES_MOST:g} poses with rate, not {duration:g} s at {rate:g} Hz", ("duration",))
+    return timing | options
+
+
+@lru_cache
+def _model_options(
+    model: str, explorer: int | None, facing: float | None, workspace: tuple[float, ...] | None
+) -> dict[str, Any]:
+    """A model's name and options as recipes have them; cached, because most parts differ in their seeds alone."""
+    try:
+        options = check_options(model, explorer, facing, workspace)
+    except MotionError as error:
+        refuse(str(error), next(((name,) for name in OPTION_DEFAULTS if str(error).startswith(name)), ()))
+    if options.workspace is None:  # recipes of `around` do not name their model: they are older than the other model
+        return {}
+    box = options.workspace.ravel().tolist()
+    own = {"explorer": options.explorer, "facing": options.facing, "workspace": box}
+    return {"model": options.model, "version": VERSIONS[options.model], **own}
 
 
 def _strategy(source: PlanSource, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -319,21 +289,15 @@ def _strategy(source: PlanSource, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _sampling(source: PlanSource, values: Mapping[str, Any]) -> dict[str, Any]:
-    return {**_named(source), "described": _sampled(values)}
-
-
-def _sampled(values: Mapping[str, Any]) -> dict[str, Any]:
-    return values["source"].loaded | {name: values[name] for name in KEYS["sampling"] if name in values}
+    described = source.loaded | {name: values[name] for name in KEYS["sampling"] if name in values}
+    SamplingStrategy.from_json(json.dumps(described))  # raises StrategyError for values that do not go together
+    return {**_named(source), "described": described}
 
 
 def _array(source: PlanSource, values: Mapping[str, Any]) -> dict[str, Any]:
-    drive = _drive(values)
+    drive = DriveStrategy(**{name: values[name] for name in KEYS["array"] if name in values})
     counts = {"gs_pat_iterations": drive.iterations[0] or None, "wgs_iterations": drive.iterations[1] or None}
     return {**_named(source), "described": {**source.loaded, "drive": {**asdict(drive), **counts}}}
-
-
-def _drive(values: Mapping[str, Any]) -> DriveStrategy:
-    return DriveStrategy(**{name: values[name] for name in KEYS["array"] if name in values})
 
 
 def _named(source: PlanSource) -> dict[str, Any]:
@@ -352,13 +316,7 @@ CONTENTS: dict[str, Callable[[PlanSource, Mapping[str, Any]], dict[str, Any]]] =
     "sampling": _sampling,
     "array": _array,
 }
-
-VALIDATORS: dict[str, tuple[Collection[str], Callable[[Mapping[str, Any]], object]]] = {
-    "motion": (("duration", "rate", "model", *OPTION_DEFAULTS), _require_exploration),
-    "sampling": (KEYS["sampling"], lambda values: SamplingStrategy.from_json(json.dumps(_sampled(values)))),
-    "array": (KEYS["array"], _drive),
-}
-"""Keys whose values may not go together, and a function that raises if they do not; of other axes all values do."""
+"""Content of each axis's part, by its source and the values of its keys; raises RenderError or PlanFault."""
 
 
 def require_playable(sampling: RecipePart, array: RecipePart, *, keeps_drives: bool) -> None:
@@ -382,14 +340,12 @@ def require_playable(sampling: RecipePart, array: RecipePart, *, keeps_drives: b
 
 
 def value_of(axis: str, key: str, content: Mapping[str, Any]) -> Any:
-    """The value that a part of a recipe has for a key of the plan; None where the key does not apply."""
-    described = cast(Mapping[str, Any], content.get("described", {}))
+    """The value that a recipe's part has for a key, the part itself for source; None where the key does not apply."""
+    if key == "source":
+        return content
+    if axis in ("array", "sampling"):
+        described = cast(Mapping[str, Any], content["described"])
+        return (described["drive"] if axis == "array" else described)[key]
     if axis == "object" and key in VOLUME_KEYS:
         return content["volume"].get(key)
-    if axis == "array" and key != "source":
-        return described["drive"][key]
-    if axis == "sampling" and key != "source":
-        return described[key]
-    if axis == "motion" and key == "model":
-        return model_of(content)
-    return content["name"] if key == "source" else content.get(key)
+    return model_of(content) if axis == "motion" and key == "model" else content.get(key)

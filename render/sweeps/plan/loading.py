@@ -5,10 +5,10 @@ All faults of a plan are reported together, one on each line.
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,21 +19,32 @@ from ...validation import value_text
 from .axes import (
     DEFAULT_SOURCES,
     KEYS,
-    MODELS,
+    AxisPart,
     AxisTable,
+    parts_of,
+    read_key,
     require_agreement,
     require_playable,
     with_distinct_names,
 )
 from .constraint import Constraint, constraint_of
 from .document import PlanDocument, PlanTable, parse_plan, read_plan
+from .expansion import (
+    PartTuple,
+    combine,
+    distinct_names,
+    distinct_parts,
+    require_few,
+    unique,
+    unmatched,
+)
 from .line_search import Place
-from .overrides import TABLES
-from .product import PlanAxis, Product, show_distinct_names
-from .recipe import GROUPS, Recipe, groups_of, is_user_metric
+from .overrides import TABLES, unknown_key
+from .recipe import GROUPS, Recipe, RecipePart, groups_of, is_user_metric
 from .sources import SourceIndex
-from .tied_keys import SampleTable, Ties, drawn_numbers, drawn_places, placed_tables, ties_of, valid_number
+from .tied_keys import DrawnRange, SampleTable, Ties, drawn_ranges, placed_tables, ties_of
 from .user_metric import require_distinct_names
+from .values import Values
 
 
 @dataclass(frozen=True)
@@ -41,7 +52,8 @@ class Plan:
     """The recipes of a sweep: those of one plan, or of several together, each once."""
 
     name: str
-    products: tuple[Product, ...]
+    expanded: Sequence[Recipe] = field(repr=False)
+    """Every recipe once."""
     groups: tuple[str, ...]
     """Groups of results that are made of each recipe: names of `recipe.GROUPS`."""
     device: str
@@ -76,44 +88,19 @@ class Plan:
 
     @property
     def recipe_count(self) -> int:
-        """Number of recipes; an upper bound if not `is_exact`."""
-        return sum(product.recipe_count for product in self.products)
+        """Number of recipes."""
+        return len(self.expanded)
+
+    def recipes(self) -> Sequence[Recipe]:
+        """Every recipe once, plan after plan."""
+        return self.expanded
 
     @property
-    def is_exact(self) -> bool:
-        """Whether `recipe_count` is the number, not a bound: several plans may have the same recipes."""
-        return len(self.products) == 1 and self.products[0].is_exact
-
-    def recipes(self) -> Iterator[Recipe]:
-        """Every recipe once, plan after plan, made when it is asked for; of one plan without memory of those before."""
-        if len(self.products) == 1:
-            yield from self.products[0].recipes()
-            return
-        seen: set[bytes] = set()
-        for product in self.products:
-            for recipe in product.recipes():
-                key = bytes.fromhex(recipe.hash)
-                if key not in seen:
-                    seen.add(key)
-                    yield recipe
-
-    def described(self) -> dict[str, Any]:
-        """For JSON: the plans' texts, overrides, the number of parts of each axis, and a digest of all that.
-
-        The digest differs whenever the recipes, their names, or the groups differ.
-        """
-        out = {
-            "name": self.name,
-            "groups": list(self.groups),
-            "overrides": list(self.overrides),
-            "plans": [{"file": Path(path).name, "text": text} for path, text in self.texts.items()],
-            "axes": [{axis.name: axis.part_count for axis in product.axes} for product in self.products],
-        }
-        parts = [axis.digest for product in self.products for axis in product.axes]
-        digest = hashlib.sha256(json.dumps([out, parts]).encode()).hexdigest()
-        return {**out, "device": self.device, "recipe_count": self.recipe_count, "is_exact": self.is_exact} | {
-            "digest": digest
-        }
+    def digest(self) -> str:
+        """SHA-256 that differs whenever the recipes, their names or the groups differ."""
+        parts = dict.fromkeys(part for recipe in self.expanded for part in recipe.parts)
+        lines = [self.name, *self.groups, *self.overrides, *self.texts.values(), *(part.text for part in parts)]
+        return hashlib.sha256(json.dumps(lines).encode()).hexdigest()
 
 
 def load_plans(
@@ -155,21 +142,16 @@ def _joined(documents: Sequence[PlanDocument], overrides: Sequence[str], allow_c
     ]
     read = [_read(document, index) for document, index in zip(documents, indices, strict=True)]
     faults = [fault for document in documents for fault in document.faults]
-    tables = [pair[0] for pair in read if pair is not None]
-    products = [pair[1] for pair in read if pair is not None]
-    if not faults:
-        empty = [d for d, product in zip(documents, products, strict=True) if not product.recipe_count]
-        faults = [f"{document.path}: its constraints leave no recipe" for document in empty]
     if faults:
         raise PlanError(*dict.fromkeys(faults))
-    if len(products) > 1:
-        show_distinct_names(products)
+    tables = [own.table for own in read if own is not None]
+    recipes = _united([own for own in read if own is not None])
     groups = dict.fromkeys(group for t in tables for group in groups_of(t.metrics, t.per_pose, t.keep))
     metrics = [pair for index in indices for pair in index.metrics.items()]
     require_distinct_names(metrics)
     return Plan(
         name="+".join(document.path.stem for document in documents),
-        products=tuple(products),
+        expanded=recipes,
         groups=(*(group for group in GROUPS if group in groups), *filter(is_user_metric, groups)),
         device=_agreed("device", tables, documents),
         workers=_agreed("workers", tables, documents),
@@ -190,85 +172,113 @@ def _agreed(name: str, tables: Sequence[PlanTable], documents: Sequence[PlanDocu
     return next(iter(given.values()), PlanTable.model_fields[name].default)
 
 
-def _read(document: PlanDocument, index: SourceIndex) -> tuple[PlanTable, Product] | None:
+class _ReadPlan(NamedTuple):
+    """What one plan stands for."""
+
+    table: PlanTable
+    axes: Mapping[str, Sequence[AxisPart]]
+    combinations: Sequence[PartTuple]
+    """The parts of each recipe."""
+
+
+def _united(plans: Sequence[_ReadPlan]) -> Sequence[Recipe]:
+    """The recipes of all plans, each once; sources that have one name in different plans have longer names."""
+    if len(plans) == 1:
+        return tuple(map(Recipe.of, plans[0].combinations))
+    names = distinct_names([own.axes for own in plans])
+    renamed: dict[RecipePart, RecipePart] = {}
+
+    def with_name(part: RecipePart) -> RecipePart:
+        name = names.get((part.content["source"], part.content["name"]))
+        return part if name is None else renamed.setdefault(part, RecipePart(part.content | {"name": name}))
+
+    combinations = unique(tuple(map(with_name, parts)) for own in plans for parts in own.combinations)
+    return tuple(map(Recipe.of, combinations))
+
+
+def _read(document: PlanDocument, index: SourceIndex) -> _ReadPlan | None:
     """A plan's keys and its recipes; None with faults noted."""
     rest = {key: value for key, value in document.tables.items() if key not in TABLES}
     table = document.validated(PlanTable, rest, (), index)
     if table is not None and not (table.metrics or table.per_pose or table.keep):
         document.fault(("metrics",), "is empty, and there is nothing to keep either: the sweep would make nothing")
     drawn = _draw(document)
-    axes = {axis: _axis_tables(document, axis, index) for axis in KEYS}
-    constraints = {name: _constraints(document, name, index.folder) for name in ("exclude", "only")}
-    product = None
-    if table is not None and not document.faults:
-        with document.noting():
-            product = _product(document, axes, ties_of(table.zip, drawn, axes), constraints)
-    if document.faults or product is None or table is None:
+    tables = {axis: _axis_tables(document, axis, index) for axis in KEYS}
+    exclude, only = (_constraints(document, name, index.folder) for name in ("exclude", "only"))
+    if table is None or document.faults:
         return None
+    axes: Mapping[str, Sequence[AxisPart]] = {}
+    combinations: Sequence[PartTuple] = ()
+    with document.noting():
+        axes = _expanded_axes(document, tables, ties_of(table.zip, drawn, tables), is_whole=not (exclude or only))
+        combinations = combine(axes, exclude, only) if not document.faults else ()
+    if document.faults:
+        return None
+    pairs = dict.fromkeys(parts[-2:] for parts in combinations)
     if "drives" in table.keep:
-        _require_playable(document, product, "keep", "drives of {} cannot be played")
+        _require_playable(document, pairs, "keep", "drives of {} cannot be played")
     if predicted := [group for group in ("noise", "pressure") if group in table.metrics]:
-        _require_playable(document, product, "metrics", " and ".join(predicted) + " of {} cannot be predicted")
-    for k in product.unmatched():
-        excluding = len(constraints["exclude"])
-        place: Place = ("exclude", k) if k < excluding else ("only", k - excluding)
+        _require_playable(document, pairs, "metrics", " and ".join(predicted) + " of {} cannot be predicted")
+    if not combinations:
+        document.faults.append(f"{document.path}: its constraints leave no recipe")
+    for k in unmatched(axes, (*exclude, *only)):
+        place: Place = ("exclude", k) if k < len(exclude) else ("only", k - len(exclude))
         document.warn(place, "matches nothing that the axes have")
-    return table, product
+    return _ReadPlan(table, axes, combinations)
 
 
-def _draw(document: PlanDocument) -> list[Place]:
-    """Put drawn numbers in place of the ranges of `[sample]`; returns their places."""
+def _draw(document: PlanDocument) -> list[DrawnRange]:
+    """Put drawn numbers in place of the ranges of `[sample]`; returns these ranges."""
     given = document.tables.get("sample")
     if given is None:
         return []
-    places = drawn_places(document.tables)
+    ranges = drawn_ranges(document.tables)
     sample = document.validated(SampleTable, given, ("sample",))
-    points = np.zeros((0, len(places)))
-    if not places:
+    points = np.zeros((0, len(ranges)))
+    if not ranges:
         document.fault(("sample",), "needs a range of from and to, without count or step, to draw numbers from")
     elif sample is not None:
         with document.noting("sample"):
-            points = sample.points(len(places))
-    for shares, place in zip(points.T, places, strict=True):
-        table = document.tables[place[0]]
-        table = table[place[1]] if len(place) == 3 else table
-        key = str(place[-1])
-        value, table[key] = table[key], [valid_number(place)]  # so that a fault here causes no other
-        with document.noting():
-            table[key] = drawn_numbers(place, value, shares.tolist()) or table[key]
-    return places
+            points = sample.points(len(ranges))
+    for shares, own in zip(points.T, ranges, strict=True):
+        numbers: list[float] = []
+        with document.noting(*own.place):
+            numbers = own.numbers(shares.tolist())
+        own.table[str(own.place[-1])] = numbers or [own.check.low]  # so that a fault here causes no other
+    return ranges
 
 
-def _product(
-    document: PlanDocument,
-    tables: Mapping[str, Sequence[AxisTable]],
-    ties: Ties,
-    constraints: Mapping[str, Sequence[Constraint]],
-) -> Product | None:
-    """The recipes of valid tables; None with faults noted. Warns (PalpateWarning) of values listed twice."""
+def _expanded_axes(
+    document: PlanDocument, tables: Mapping[str, Sequence[AxisTable]], ties: Ties, *, is_whole: bool
+) -> dict[str, Sequence[AxisPart]]:
+    """The parts of each axis of valid tables; faults are noted. Warns (PalpateWarning) of values listed twice.
+
+    is_whole: whether there are no constraints. Raises PlanFault for too many recipes.
+    """
+    require_few(tables, ties, is_whole=is_whole)
+    out: dict[str, list[AxisPart]] = {axis: [] for axis in tables}
     for axis, own in tables.items():
-        given = [place for place, _ in placed_tables(axis, document.tables.get(axis))]
-        for place, table, tied in zip(given, own, ties[axis], strict=True):
+        given = placed_tables(axis, document.tables.get(axis))
+        for (place, _), table, tied in zip(given, with_distinct_names(own), ties[axis], strict=True):
             with document.noting(*place):
-                require_agreement(axis, table, tied)
-            for key, values in table.given().items():
+                require_agreement(axis, table)
+                out[axis] += parts_of(axis, table, tied)
+            for key, values in table.items():
                 for k in values.repeated if key not in tied else ():
                     document.warn((*place, key, k), "is listed before, and taken once")
     if document.faults:
-        return None
-    axes = [PlanAxis(axis, with_distinct_names(own), ties[axis]) for axis, own in tables.items()]
-    return Product(axes, constraints["exclude"], constraints["only"])
+        return {}
+    return {axis: distinct_parts(axis, tables[axis], own) for axis, own in out.items()}
 
 
-def _require_playable(document: PlanDocument, product: Product, key: str, fault: str) -> None:
+def _require_playable(document: PlanDocument, pairs: Iterable[PartTuple], key: str, fault: str) -> None:
     """Note update rates and foci of recipes at which their array cannot be driven.
 
-    key: of the plan, which asks for what needs drives. fault: with {} for the name of the sampling strategy.
+    pairs: the sampling and the array of recipes. key: of the plan, which asks for what needs drives. fault: with {} for
+    the name of the sampling strategy.
     """
-    if any(axis.listed is None for axis in product.axes[-2:]):
-        return
     reported: set[tuple[float, int, str]] = set()
-    for sampling, array in product.endings(2):
+    for sampling, array in pairs:
         described = sampling.content["described"]
         case = described["update_rate"], described["foci"], array.digest
         if case in reported:
@@ -281,16 +291,29 @@ def _require_playable(document: PlanDocument, product: Product, key: str, fault:
 
 
 def _axis_tables(document: PlanDocument, axis: str, index: SourceIndex) -> list[AxisTable]:
-    """The tables of one axis; invalid ones are left out, and their faults noted."""
+    """The tables of one axis; faults are noted."""
     given = document.tables.get(axis)
     if given == []:
         document.fault((axis,), "must have at least one table, not []")
-    out: list[AxisTable] = []
-    for place, table in placed_tables(axis, given):
-        if isinstance(table, dict) and axis in DEFAULT_SOURCES:
-            table = {"source": DEFAULT_SOURCES[axis], **table}
-        model = document.validated(MODELS[axis], table, place, index)
-        out += [] if model is None else [model]
+    return [_axis_table(document, axis, place, table, index) for place, table in placed_tables(axis, given)]
+
+
+def _axis_table(document: PlanDocument, axis: str, place: Place, table: object, index: SourceIndex) -> AxisTable:
+    """The valid keys of one table of an axis; faults of the others are noted."""
+    if not isinstance(table, dict):
+        document.fault(place, f"must be a table, not {value_text(table)}")
+        return {}
+    known = ("source", *KEYS[axis])
+    for key in table:
+        if key not in known:
+            document.fault((*place, key), unknown_key(key, known))
+    given = {"source": DEFAULT_SOURCES[axis], **table} if axis in DEFAULT_SOURCES else table
+    if "source" not in given:
+        document.fault((*place, "source"), "is missing")
+    out: dict[str, Values] = {}
+    for key in known:
+        with document.noting(*place, key):
+            out |= {key: read_key(axis, key, given[key], index)} if key in given else {}
     return out
 
 

@@ -12,7 +12,7 @@ Keys are made like this, so that any program can make them again:
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache, cached_property
 from pathlib import Path
@@ -59,7 +59,7 @@ KEY_DIGITS = 32
 CANONICAL = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RecipePart:
     """One of a recipe's six parts; its text and digest are computed once for all recipes that have it."""
 
@@ -95,16 +95,17 @@ class Recipe:
     def of(cls, parts: Sequence[RecipePart]) -> "Recipe":
         """A recipe of six parts, which it may share with others."""
         recipe = cls(*(part.content for part in parts))
-        vars(recipe)["_parts"] = tuple(parts)  # instead of new ones by the cached property
+        vars(recipe)["parts"] = tuple(parts)  # instead of new ones by the cached property
         return recipe
 
     @cached_property
-    def _parts(self) -> tuple[RecipePart, ...]:
+    def parts(self) -> tuple[RecipePart, ...]:
+        """The six parts, whose digests recipes share."""
         return tuple(RecipePart(getattr(self, name)) for name in PARTS)
 
     def to_json(self) -> str:
         """One line of JSON that `from_json` reads back."""
-        return "{" + ", ".join(f'"{name}": {part.text}' for name, part in zip(PARTS, self._parts, strict=True)) + "}"
+        return "{" + ", ".join(f'"{name}": {part.text}' for name, part in zip(PARTS, self.parts, strict=True)) + "}"
 
     @classmethod
     def from_json(cls, text: str) -> "Recipe":
@@ -119,7 +120,7 @@ class Recipe:
 
     def digest(self, names: Iterable[str]) -> str:
         """Key of some parts together, 32 hexadecimal digits; work is shared between recipes of equal keys."""
-        parts = self._parts
+        parts = self.parts
         lines = [f"{name} {parts[_PLACE[name]].digest}\n" for name in names]
         return hashlib.sha256(f"{FORMAT}\n{''.join(lines)}".encode()).hexdigest()[:KEY_DIGITS]
 
@@ -200,7 +201,7 @@ class SweepPlan(Protocol):
 
     @property
     def recipe_count(self) -> int:
-        """Number of recipes, or an upper bound."""
+        """Number of recipes."""
         ...
 
     @property
@@ -213,7 +214,7 @@ class SweepPlan(Protocol):
         """Source of each group that a user's function computes."""
         ...
 
-    def recipes(self) -> Iterator[Recipe]:
+    def recipes(self) -> Iterable[Recipe]:
         """Every recipe once."""
         ...
 
@@ -377,22 +378,9 @@ def _companions(path: Path) -> list[Path]:
         buffers = read_json(path)["buffers"]
         names = [buffer.get("uri", "data:") for buffer in buffers]
         return [file_beside(path, unquote(name)) for name in names if not name.startswith("data:")]
-    return _nrrd_data(path) if path.suffix.lower() == ".nhdr" else []
-
-
-def _nrrd_data(path: Path) -> list[Path]:
-    """Data files of a detached NRRD header: one, a list of several, or numbered ones."""
-    lines = read_content(path).decode("ascii", errors="replace").splitlines()
-    for place, line in enumerate(lines):
-        field, _, value = (text.strip() for text in line.partition(":"))
-        if field.lower() not in ("data file", "datafile"):
-            continue
-        words = value.split()
-        if words[:1] == ["LIST"]:
-            return [file_beside(path, name.strip()) for name in lines[place + 1 :] if name.strip()]
-        if len(words) >= 4 and "%" in words[0]:
-            first, last, step = (int(word) for word in words[1:4])
-            numbers = range(first, last + (1 if step > 0 else -1), step)
-            return [file_beside(path, words[0] % number) for number in numbers]
-        return [file_beside(path, value)]
+    if path.suffix.lower() == ".nhdr":
+        for line in read_content(path).decode("ascii", errors="replace").splitlines():
+            field, _, name = (text.strip() for text in line.partition(":"))
+            if field.lower() in ("data file", "datafile"):  # "LIST" is no file: no reader takes one
+                return [file_beside(path, name)]
     return []

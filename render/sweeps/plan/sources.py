@@ -15,9 +15,7 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, cast
-
-from pydantic import ValidationInfo
+from typing import Any
 
 from ....datasets.errors import DatasetError
 from ....datasets.known_names import find_name, likely_file, likely_name
@@ -95,32 +93,29 @@ class SourceIndex:
         return Path(text) if Path(text).is_absolute() else self.folder / text
 
 
-def sources_of(axis: str) -> Callable[[object, ValidationInfo], Values]:
-    """The reader of an axis's `source`; the validation's context is the plan's `SourceIndex`."""
-    return _reader(lambda item, index: _found(axis, item, index), lambda source: source.source)
+def read_sources(axis: str, value: object, index: SourceIndex) -> Values:
+    """The values of an axis's `source`; raises PlanFault."""
+    return _read_listed(value, lambda item: _found(axis, item, index), lambda source: source.source)
 
 
-def _reader(
-    find: Callable[[object, SourceIndex], Sequence[Any]], identity: Callable[[Any], str]
-) -> Callable[[object, ValidationInfo], Values]:
-    """Reads a value or a list of them, each of which may stand for several."""
+def read_alignments(value: object, index: SourceIndex) -> Values:
+    """The values of a recording's `alignment`, words and JSON files; raises PlanFault."""
+    return _read_listed(value, lambda item: _alignment(item, index), lambda found: found["source"])
 
-    def read(value: object, info: ValidationInfo) -> Values:
-        index = cast(SourceIndex, info.context)
-        if value == []:
-            refuse("must have at least one value, not []")
-        is_list = isinstance(value, list)
-        found = checked_items(lambda item: find(item, index), value) if is_list else [find(value, index)]
-        known: set[str] = set()
-        repeated: list[int] = []
-        for k, some in enumerate(found):
-            own = {identity(one) for one in some}
-            repeated += [k] if own <= known else []
-            known |= own
-        listed = [one for some in found for one in some]
-        return replace(unique(listed, [identity(one) for one in listed]), repeated=tuple(repeated))
 
-    return read
+def _read_listed(value: object, find: Callable[[object], Sequence[Any]], identity: Callable[[Any], str]) -> Values:
+    """A value or a list of them, each of which may stand for several."""
+    if value == []:
+        refuse("must have at least one value, not []")
+    found = checked_items(find, value) if isinstance(value, list) else [find(value)]
+    known: set[str] = set()
+    repeated: list[int] = []
+    for k, some in enumerate(found):
+        own = {identity(one) for one in some}
+        repeated += [k] if own <= known else []
+        known |= own
+    listed = [one for some in found for one in some]
+    return replace(unique(listed, [identity(one) for one in listed]), repeated=tuple(repeated))
 
 
 def _alignment(item: object, index: SourceIndex) -> list[dict[str, str]]:
@@ -137,10 +132,6 @@ def _alignment(item: object, index: SourceIndex) -> list[dict[str, str]]:
         return [{"source": str(path), "name": path.name, "sha256": index.digest(str(path))}]
     except (DatasetError, RenderError) as error:
         refuse(str(error))
-
-
-alignments = _reader(_alignment, lambda found: found["source"])
-"""The reader of a recording's `alignment`: words and JSON files."""
 
 
 def _found(axis: str, item: object, index: SourceIndex) -> list[PlanSource]:

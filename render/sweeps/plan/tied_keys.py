@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,14 +95,35 @@ class SampleTable(BaseModel):
         return qmc.Sobol(dimension_count, **generator).random(self.count)
 
 
-def drawn_places(tables: Mapping[str, Any]) -> list[Place]:
-    """Places of the plan's ranges that have `from` and `to` alone."""
+class DrawnRange(NamedTuple):
+    """A range of a plan that `[sample]` draws numbers from."""
+
+    place: Place
+    table: dict[str, Any]
+    """The plan's table that has it."""
+    check: NumberCheck
+
+    def numbers(self, shares: Sequence[float]) -> list[float]:
+        """Numbers in the range; shares: of the way from `from` to `to`, in 0..1 without 1. Raises PlanFault."""
+        first, last, log = range_ends(self.table[str(self.place[-1])], self.check)
+        if log:
+            drawn = [logarithmic(first, last, share) for share in shares]
+        elif self.check.whole:  # each whole number with the same probability
+            return [int(first) + int(share * (int(last) - int(first) + 1)) for share in shares]
+        else:
+            drawn = [rounded(first + share * (last - first)) for share in shares]
+        return [min(max(round(n) if self.check.whole else n, first), last) for n in drawn]
+
+
+def drawn_ranges(tables: Mapping[str, Any]) -> list[DrawnRange]:
+    """The plan's ranges that have `from` and `to` alone."""
     return [
-        (*place, key)
-        for axis in KEYS
+        DrawnRange((*place, key), table, check)
+        for axis, keys in KEYS.items()
         for place, table in placed_tables(axis, tables.get(axis))
         for key, value in (table.items() if isinstance(table, dict) else ())
-        if isinstance(value, dict) and set(value) - {"log"} == DRAWN and _check(axis, key) is not None
+        if key in keys and isinstance(check := keys[key].check, NumberCheck)
+        if isinstance(value, dict) and set(value) - {"log"} == DRAWN
     ]
 
 
@@ -114,43 +135,16 @@ def placed_tables(axis: str, given: object) -> Iterator[tuple[Place, Any]]:
         yield (axis,), {} if given is None else given
 
 
-def _check(axis: str, key: str) -> NumberCheck | None:
-    check = KEYS[axis][key].check if key in KEYS[axis] else None
-    return check if isinstance(check, NumberCheck) else None
-
-
-def valid_number(place: Place) -> float:
-    """A number that the key at a place of the plan accepts."""
-    check = _check(str(place[0]), str(place[-1]))
-    assert check is not None
-    return check.low
-
-
-def drawn_numbers(place: Place, value: dict[str, Any], shares: Sequence[float]) -> list[float]:
-    """Numbers in the range at a place of the plan; shares: of the way from `from` to `to`, in 0..1 without 1."""
-    check = _check(str(place[0]), str(place[-1]))
-    assert check is not None
-    with within(*place):
-        first, last, log = range_ends(value, check)
-    if log:
-        numbers = [logarithmic(first, last, share) for share in shares]
-    elif check.whole:  # each whole number with the same probability
-        return [int(first) + int(share * (int(last) - int(first) + 1)) for share in shares]
-    else:
-        numbers = [rounded(first + share * (last - first)) for share in shares]
-    return [min(max(round(n) if check.whole else n, first), last) for n in numbers]
-
-
 def ties_of(
-    zipped: Sequence[Sequence[AxisKeyName]], drawn: Sequence[Place], tables: Mapping[str, Sequence[AxisTable]]
+    zipped: Sequence[Sequence[AxisKeyName]], drawn: Sequence[DrawnRange], tables: Mapping[str, Sequence[AxisTable]]
 ) -> Ties:
     """The tied keys of each table.
 
     zipped: groups of keys; the values of a key are those of all tables of its axis, one table after the other.
-    drawn: places of keys that have a number for each point of the sample. Raises PlanFault with a place of the plan.
+    drawn: ranges that have a number for each point of the sample. Raises PlanFault with a place of the plan.
     """
     ties: Ties = {axis: [{} for _ in own] for axis, own in tables.items()}
-    for place in drawn:
+    for place in (own.place for own in drawn):
         ties[str(place[0])][int(place[1]) if len(place) == 3 else 0][str(place[-1])] = Tie(-1, 0)
     for group, keys in enumerate(zipped):
         with within("zip", group):
@@ -162,7 +156,7 @@ def _tie(group: int, keys: Sequence[AxisKeyName], tables: Mapping[str, Sequence[
     """Tie the keys of one group of `zip`."""
     counts: dict[AxisKeyName, list[int]] = {}
     for j, (axis, key) in enumerate(keys):
-        own = [table.given().get(key) for table in tables[axis]]
+        own = [table.get(key) for table in tables[axis]]
         if any(values is None for values in own):
             refuse(f"{axis}.{key} has no values in a table of the plan; list as many as the other keys have", (j,))
         if any(key in tied for tied in ties[axis]):

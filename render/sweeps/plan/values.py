@@ -16,7 +16,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, NoReturn
 
@@ -79,6 +79,10 @@ class Values:
 
     def __iter__(self) -> Iterator[Any]:
         return iter(self.items)
+
+    def mapped(self, change: Callable[[Any], Any]) -> "Values":
+        """The same values changed one by one."""
+        return replace(self, listed=tuple(map(change, self.listed)), items=tuple(map(change, self.items)))
 
 
 @dataclass(frozen=True)
@@ -180,24 +184,20 @@ class TextCheck:
 Check = NumberCheck | VectorCheck | LabelCheck | ChoiceCheck | TextCheck
 
 
-def swept(check: Check) -> Callable[[object], Values]:
-    """The reader of a key's value, list, range or seeds; it raises PlanFault with the place within the value."""
-
-    def read(value: object) -> Values:
-        if isinstance(value, dict):
-            if not isinstance(check, NumberCheck):
-                refuse(f"cannot be a range, {value_text(value)}: it is no number")
-            numbers = _ranged(value, check)
-            return Values(numbers, numbers)
-        is_list = isinstance(value, list)
-        if isinstance(check, VectorCheck | LabelCheck):  # of which one value may be a list
-            is_list = isinstance(value, list) and (not value or any(isinstance(item, list) for item in value))
-        if is_list and value in ([], [[]]):
-            refuse("must have at least one value, not []")
-        listed = checked_items(check, value) if is_list and isinstance(value, list) else [check(value)]
-        return unique(listed, [repr(item) for item in listed])
-
-    return read
+def read_values(value: object, check: Check) -> Values:
+    """The values that a value of a plan stands for: itself, those of a list, a range or seeds; raises PlanFault."""
+    if isinstance(value, dict):
+        if not isinstance(check, NumberCheck):
+            refuse(f"cannot be a range, {value_text(value)}: it is no number")
+        numbers = _ranged(value, check)
+        return Values(numbers, numbers)
+    is_list = isinstance(value, list)
+    if isinstance(check, VectorCheck | LabelCheck):  # of which one value may be a list
+        is_list = isinstance(value, list) and (not value or any(isinstance(item, list) for item in value))
+    if is_list and value in ([], [[]]):
+        refuse("must have at least one value, not []")
+    listed = checked_items(check, value) if is_list and isinstance(value, list) else [check(value)]
+    return unique(listed, [repr(item) for item in listed])
 
 
 def unique(listed: Sequence[Any], identities: Sequence[str]) -> Values:

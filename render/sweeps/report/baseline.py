@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ....datasets.errors import SweepStoreError
-from ....datasets.storage.hdf5_columns import column_arrays
-from ....datasets.sweeps.table import PARQUET, write_parquet, write_table
-from ....datasets.sweeps.table_text import CSV, write_csv
+from ....datasets.sweeps.columns import column_arrays
+from ....datasets.sweeps.table import write_table
 from ...errors import SweepError
 from .compare import Baseline, Tolerance, as_floats, tolerance_of
 from .matching import pair_rows
-from .table import UNITS, column_units, constant_attributes, is_axis, is_metric, plain_cell, split_constants
-
-SUFFIXES = (CSV, ".h5", ".hdf5", PARQUET)
-"""What the name of a baseline ends with that palpate writes."""
-
-WRITERS: dict[str, Callable[..., None]] = {CSV: write_csv, PARQUET: write_parquet}
+from .table import UNITS, column_units, is_axis, is_metric, plain_cell, split_constants
 
 Table = Mapping[str, Sequence[Any] | np.ndarray]
 
@@ -37,10 +31,9 @@ def write_baseline(
     Returns the number of recipes. Raises SweepError if a recipe has no whole results, or the file cannot be written.
     """
     varying, constants = baseline_table(columns, old=old, tolerances=tolerances)
-    write = WRITERS.get(path.suffix, write_table)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write(path, varying, constant_attributes(constants), units=column_units(varying))
+        write_table(path, varying, units=column_units((*varying, *constants)), constants=constants)
     except (OSError, SweepStoreError) as error:
         raise SweepError(f"baseline {path} cannot be written ({error})") from error
     return len(varying["recipe_hash"])

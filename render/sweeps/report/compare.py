@@ -11,15 +11,12 @@ from typing import Any
 import numpy as np
 
 from ....datasets.errors import SweepStoreError
-from ....datasets.sweeps.table import load_table
+from ....datasets.sweeps.table import TABLE, load_table
 from ...errors import RenderError, SweepError
 from ..plan.recipe import PARTS, Recipe
 from .layout import Axis, telling_axes
 from .matching import is_complete, pair_rows
 from .table import UNITS, is_metric, is_missing
-
-TABLE = "table.h5"
-"""Of a store: what stands for it as a baseline."""
 
 DEFAULT = 1e-6
 """Relative. One machine gives the same bits again; other processors and compilers round the last bits of float32
@@ -164,34 +161,18 @@ class Comparison:
             count = "1 recipe is" if len(self.changed) == 1 else f"{len(self.changed)} recipes are"
             why = "the file behind this name" if self.sources else "a file behind their names"
             out.append(f"{count} compared by name: {why} has changed: {_few(self.sources or self.changed)}")
-        for names, one, several in self._notes():
+        for names, one in (
+            (self.missing, "recipe of the baseline is not in this plan"),
+            (self.incomplete, "recipe has no whole results here"),
+            (self.columns_missing, "metric of the baseline is not measured here"),
+            (self.added, "recipe is new, and compared with nothing"),
+            (self.columns_added, "metric is new, and compared with nothing"),
+        ):
             if names:
-                out.append(f"{len(names)} {one if len(names) == 1 else several}: {_few(names)}")
+                out.append(f"{_counted(len(names), one)}: {_few(names)}")
         if self.makers[0] and self.makers[0] != self.makers[1]:
             out.append(f"the baseline was made by {self.makers[0]}, this by {self.makers[1]}")
         return out
-
-    def _notes(self) -> tuple[tuple[tuple[str, ...], str, str], ...]:
-        """Names, with the sentence for one and for several."""
-        return (
-            (
-                self.missing,
-                "recipe of the baseline is not in this plan",
-                "recipes of the baseline are not in this plan",
-            ),
-            (self.incomplete, "recipe has no whole results here", "recipes have no whole results here"),
-            (
-                self.columns_missing,
-                "metric of the baseline is not measured here",
-                "metrics of the baseline are not measured here",
-            ),
-            (self.added, "recipe is new, and compared with nothing", "recipes are new, and compared with nothing"),
-            (
-                self.columns_added,
-                "metric is new, and compared with nothing",
-                "metrics are new, and compared with nothing",
-            ),
-        )
 
     def rows(self, count: int = ROWS_SHOWN) -> list[tuple[str, str, str, str, str]]:
         """What moved most, as words: recipe, metric, old, new, change."""
@@ -215,7 +196,7 @@ def parse_tolerances(words: Sequence[str]) -> tuple[Tolerance, ...]:
 
 
 def load_baseline(path: str | Path) -> Baseline:
-    """An earlier sweep: its store's folder, which has a table, or a table of its own (.csv, .h5, .parquet).
+    """An earlier sweep: its store's folder, which has a table, or a table of its own (.csv, .parquet).
 
     Raises SweepError where there is none, or it is no sweep's table.
     """
@@ -225,7 +206,7 @@ def load_baseline(path: str | Path) -> Baseline:
         why = f"has no {TABLE}: a sweep that ends writes one" if given.is_dir() else "does not exist"
         raise SweepError(f"baseline {given} {why}")
     try:
-        columns = load_table(file, constants=True)
+        columns = load_table(file)
     except SweepStoreError as error:
         raise SweepError(f"baseline {error}") from error
     if "recipe_hash" not in columns or not any(map(is_metric, columns)):
@@ -326,6 +307,13 @@ def as_floats(values: Sequence[Any] | np.ndarray) -> np.ndarray:
 
 def _maker(columns: Mapping[str, Sequence[Any] | np.ndarray]) -> str:
     return ", ".join(sorted({str(maker) for maker in columns.get("maker", ())}))
+
+
+def _counted(count: int, one: str) -> str:
+    """A clause on one recipe or metric, for as many as there are."""
+    noun, _, rest = one.partition(" ")
+    several = f"{noun}s {rest}".replace(" is ", " are ").replace(" has ", " have ")
+    return f"{count} {one if count == 1 else several}"
 
 
 def _few(names: Sequence[str], most: int = 3) -> str:

@@ -11,7 +11,6 @@ import numpy as np
 from ....datasets.motions.facing import SHARE_ANGLES
 from ....datasets.storage.schema import PRUNED_NAMES, removed_name
 from ....datasets.sweeps.store import SweepStore
-from ....datasets.sweeps.table_text import CONSTANTS
 from ...reports.file_summary import length_ratio
 from ..make import histogram
 from ..make.poses import chunk_count
@@ -211,11 +210,6 @@ def differs(values: Sequence[Any] | np.ndarray) -> bool:
     return any(plain_cell(value) != first for value in values)
 
 
-def constant_attributes(constants: Mapping[str, Any]) -> dict[str, Any]:
-    """Attributes of a table's file that hold its constants, and the units of those that have one."""
-    return {CONSTANTS: dict(constants), "constant_units": column_units(constants)}
-
-
 def is_missing(value: Any) -> bool:
     """Whether a cell says that its column does not apply."""
     return value is None or value == "" or (isinstance(value, float) and math.isnan(value))
@@ -360,12 +354,13 @@ def _merged_seconds(parts: Iterable[Mapping[str, float]]) -> dict[str, float]:
 def pose_blocks(recipes: Iterable[Recipe], store: SweepStore) -> Iterator[dict[str, np.ndarray]]:
     """The per-pose table, part by part: "recipe" (row of the sweep's table), then the store's columns.
 
-    All blocks have the same columns: what a recipe's strategy does not remove is NaN. Recipes of which nothing is there
-    give no rows. Raises SweepStoreError for a damaged file.
+    All blocks have the same columns in the same order: what a recipe's strategy does not remove is NaN. Recipes of
+    which nothing is there give no rows. Raises SweepStoreError for a damaged file.
     """
     for number, recipe in enumerate(recipes):
         for _, columns in store.column_chunks(recipe.key("poses")):
             count = len(next(iter(columns.values()), ()))
-            absent = [name for name in map(removed_name, PRUNED_NAMES) if name not in columns]
-            removed = {name: np.full(count, np.nan, np.float32) for name in absent}
-            yield {"recipe": np.full(count, number, np.int64), **columns, **removed}
+            block = {"recipe": np.full(count, number, np.int64), **columns}
+            for name in map(removed_name, PRUNED_NAMES):
+                block[name] = block.pop(name, np.full(count, np.nan, np.float32))
+            yield block

@@ -114,7 +114,7 @@ def bytes_of(recipe: Recipe, poses: int, groups: Sequence[str]) -> float:
 
 def bytes_to_make(plan: Plan, counts: Counts) -> int:
     """Bytes that a plan's missing results take, from some recipes all over the plan."""
-    recipes = tuple(plan.recipes())
+    recipes = plan.recipes()
     some = recipes[:: -(-len(recipes) // RECIPES_SIZED)]
     sizes = [(bytes_of(own, count, plan.groups), count) for own in some if (count := pose_count(own))]
     mean = sum(size for size, _ in sizes) / max(1, sum(count for _, count in sizes))

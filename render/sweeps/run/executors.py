@@ -62,6 +62,11 @@ class Pool(Protocol):
         ...
 
     @property
+    def is_spent(self) -> bool:
+        """Whether all its workers are stuck for ever."""
+        ...
+
+    @property
     def capacity(self) -> int:
         """Units that it makes at a time."""
         ...
@@ -111,13 +116,16 @@ class OtherPool:
 
     def submit(self, unit: Unit) -> Future[UnitResult]:
         """Have a unit made."""
-        from ..make.unit_making import make_unit  # what renders
-
-        return self._executor.submit(make_unit, unit, self.device)
+        return self._executor.submit(make_on, unit, self.device)
 
     def is_lost(self, error: BaseException) -> bool:
         """Whether a future's error says that the worker died."""
         return isinstance(error, BrokenExecutor | CancelledError)
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether all its workers are stuck for ever."""
+        return self._capacity < 1
 
     def end(self, future: Future[UnitResult]) -> Ended:
         """Give a worker up: nothing ends it."""
@@ -137,7 +145,7 @@ class OtherPool:
 class ProcessPool:
     """Processes of this host. memory: that each may allocate [byte], 0 for no limit; not of workers of a GPU."""
 
-    is_shared = True
+    is_shared, is_spent = True, False
 
     def __init__(self, device: str, worker_count: int, memory: int = 0) -> None:
         self.device, self._worker_count = device, worker_count
@@ -254,33 +262,59 @@ class LocalPool(ProcessPool):
 class DaskPool:
     """Workers of a Dask cluster. executor: from `Client.get_executor()`."""
 
-    is_shared, is_ready = False, True
+    is_shared, is_ready, is_spent = False, True, False
 
     def __init__(self, executor: Any, device: str) -> None:
         # An executor does not say whose it is, and only the client knows which worker has a unit.
         self._executor, self._client = executor, executor._client
         self.name, self.device = f"Dask at {self._client.scheduler.address}, on {device}", device
         self._keys: dict[Future[UnitResult], str] = {}
+        self._starting: dict[str, Future[None]] = {}
+        """By address of the worker."""
         self._stuck: set[str] = set()
         self._workers: list[str] = []
         self._counted = -COUNT_SECONDS
 
     @property
     def capacity(self) -> int:
-        """Workers of the cluster, which may come and go."""
+        """Workers of the cluster that have started Warp, one unit each. They may come and go.
+
+        Raises SweepError, naming the worker, for one that cannot start.
+        """
         if (now := time.monotonic()) > self._counted + COUNT_SECONDS:
-            self._workers = [address for address in self._client.nthreads() if address not in self._stuck]
             self._counted = now
+            there = [address for address in self._client.nthreads() if address not in self._stuck]
+            self._starting = {address: own for address, own in self._starting.items() if address in there}
+            for address in there:
+                if address not in self._starting:
+                    self._starting[address] = self._submit([address], start_only)
+            self._workers = [address for address in there if self._has_started(address)]
         return len(self._workers)
 
-    def submit(self, unit: Unit) -> Future[UnitResult]:
-        """Have a unit made."""
-        key = f"palpate-unit-{os.urandom(8).hex()}"
-        where = {"workers": self._workers, "allow_other_workers": False} if self._stuck else {}
-        future = self._executor.submit(make_on, unit, self.device, key=key, pure=False, retries=0, **where)
+    def _has_started(self, address: str) -> bool:
+        own = self._starting[address]
+        if not own.done():
+            return False
+        error = None if own.cancelled() else own.exception()
+        if error is not None and not self.is_lost(error):
+            raise SweepError(f"{self.name}: worker {address} cannot make units: {type(error).__name__}: {error}")
+        if own.cancelled() or error is not None:  # it died, and has come back
+            del self._starting[address]
+            return False
+        return True
+
+    def _submit(self, workers: list[str], function: Callable[..., Any], *arguments: object) -> Future[Any]:
+        key = f"palpate-{os.urandom(8).hex()}"
+        future = self._executor.submit(
+            function, *arguments, key=key, pure=False, retries=0, workers=workers, allow_other_workers=False
+        )
         self._keys[future] = key
         future.add_done_callback(lambda own: self._keys.pop(own, None))
         return future
+
+    def submit(self, unit: Unit) -> Future[UnitResult]:
+        """Have a unit made."""
+        return self._submit(self._workers, make_on, unit, self.device)
 
     def is_lost(self, error: BaseException) -> bool:
         """Whether a future's error says that the worker died, or that the cluster forgot the unit."""
@@ -295,7 +329,9 @@ class DaskPool:
             return Ended.NOWHERE
         try:
             outcome = self._client.restart_workers(having, timeout=RESTART_LONGEST, raise_for_error=False)
-            if all(own == "OK" for own in outcome.values()):
+            for address in having:
+                self._starting.pop(address, None)
+            if "timed out" not in outcome.values():
                 return Ended.LOST
         except Exception:  # no nanny, no answer: whatever it is, the worker is not used any more
             pass
@@ -304,7 +340,8 @@ class DaskPool:
         return Ended.STUCK
 
     def restart(self) -> None:
-        """Nothing: Dask does that."""
+        """Count workers again, as Dask starts another one."""
+        self._counted = -COUNT_SECONDS
 
     def close(self) -> None:
         """Nothing: the caller closes the client."""

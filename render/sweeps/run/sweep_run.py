@@ -103,7 +103,7 @@ def run_sweep(
     begun, code, folder = time.monotonic(), code or code_version(), Path(store_folder)
     mode = "read" if is_read_only(folder) else "write"
     with SweepStore(folder, code, mode=mode) as store:
-        missing = Missing(tuple(plan.recipes()), plan.groups, done=store.done, pose_count=count_poses, shard=shard)
+        missing = Missing(plan.recipes(), plan.groups, done=store.done, pose_count=count_poses, shard=shard)
         counts = missing.counts
         cutter = UnitCutter(missing.places(), missing.poses_by_family)
         tally = Tally()

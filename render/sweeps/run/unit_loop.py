@@ -44,13 +44,13 @@ class GivenUnit:
     """A unit that a pool has, or will have again."""
 
     chunks: list[PendingChunk]
-    is_single: bool = False
-    """Whether it has one chunk because a unit with it went wrong."""
     is_alone: bool = False
     """Whether nothing else is made meanwhile, as a worker died that had it."""
     pool: Pool | None = None
     age: float = 0.0
     """Since it was given [s]."""
+    strays: int = 0
+    """Times that no worker had it, as when the workers of a cluster change."""
 
 
 @dataclass
@@ -254,7 +254,7 @@ class UnitLoop:
 
     def _give_again(self, chunks: Collection[PendingChunk], *, alone: bool = False) -> None:
         """Have chunks made again, each in a unit of its own."""
-        self._again.extend(GivenUnit([chunk], is_single=True, is_alone=alone) for chunk in chunks)
+        self._again.extend(GivenUnit([chunk], is_alone=alone) for chunk in chunks)
         self.tally.retries += len(chunks)
 
     def _lose(self, unit: GivenUnit, why: str) -> None:
@@ -263,7 +263,7 @@ class UnitLoop:
         self.tally.workers_lost += 1
         self.tally.note(f"a worker of {pool.name} died: {why}")
         if not unit.is_alone:
-            self._again.append(GivenUnit(unit.chunks, unit.is_single, is_alone=True))
+            self._again.append(GivenUnit(unit.chunks, is_alone=True))
             self.tally.retries += 1
         elif len(unit.chunks) > 1:
             self._give_again(unit.chunks, alone=True)
@@ -305,12 +305,13 @@ class UnitLoop:
         ended = pool.end(future)
         del self._running[future]
         if ended is Ended.NOWHERE:
-            if not any(own.pool is pool for own in self._running.values()):
+            unit.strays += 1
+            if unit.strays >= TRIES and not any(own.pool is pool for own in self._running.values()):
                 raise SweepError(
-                    f"a unit was given to {pool.name} {unit.age:.0f} s ago, and no worker of it has begun: is any "
+                    f"a unit was given to {pool.name} {unit.strays} times, and no worker of it has begun: is any "
                     "worker left? What was made is kept"
                 )
-            self._again.append(GivenUnit(unit.chunks, unit.is_single, unit.is_alone))
+            self._again.append(unit)
             return
         why = f"it took longer than the {self._limit:g} s that a unit may take (unit_timeout): {ended.value}"
         self.tally.workers_lost += 1
@@ -323,8 +324,8 @@ class UnitLoop:
             for other, own in list(self._running.items()):
                 if own.pool is pool and not other.done():
                     del self._running[other]
-                    self._again.append(GivenUnit(own.chunks, own.is_single, own.is_alone))
-        if pool.capacity < 1 and not any(own.capacity for own in self.pools):
+                    self._again.append(GivenUnit(own.chunks, own.is_alone))
+        if all(own.is_spent for own in self.pools):
             raise SweepError(f"{pool.name} has no worker left that can be used: all take longer than the limit")
 
 

@@ -204,7 +204,7 @@ def test_faults_of_its_own_are_one_sentence_too(rendered, monkeypatch):
         raise KeyError("planted")
 
     monkeypatch.setattr(file_commands, "summarise", broken)
-    refused(FAILED, "KeyError: 'planted' (unexpected; with PALPATE_TRACEBACK=1 it tells where)", "info", rendered)
+    refused(FAILED, "KeyError: 'planted' (unexpected; PALPATE_TRACEBACK=1 shows the traceback)", "info", rendered)
     monkeypatch.setenv("PALPATE_TRACEBACK", "1")
     with pytest.raises(KeyError, match="planted"):
         run("info", rendered)

@@ -11,7 +11,7 @@ import time
 import pytest
 import warp as wp
 
-from palpate.render.runtime.kernel_cache import remove_abandoned_builds, remove_own_builds
+from palpate.render.runtime.kernel_cache import lock_module, remove_abandoned_builds, remove_own_builds, unlock_module
 
 HOUR_AGO = time.time() - 3600
 
@@ -52,9 +52,11 @@ def test_what_a_killed_process_left_is_removed_and_what_may_be_in_use_is_not(cac
 
 def test_a_process_that_ends_in_the_middle_removes_its_own(cache):
     own, other = build(cache, os.getpid(), time.time()), build(cache, ended_process(), time.time())
+    lock = lock_module(cache / "wp_user_0ac5d3f")
+    assert len(list(cache.iterdir())) == 3
     remove_own_builds()
-    assert not own.exists()
-    assert other.exists()
+    assert (own.exists(), list(cache.iterdir())) == (False, [other])
+    unlock_module(lock)
 
 
 @pytest.mark.exhaustive

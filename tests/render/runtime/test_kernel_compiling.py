@@ -32,8 +32,8 @@ def empty(tmp_path, monkeypatch):
 
 
 def compiled(folder):
-    """Stages in a cache, by the names of the folders that Warp makes; those that are being compiled left out."""
-    names = [path.name for path in folder.iterdir() if not BUILD.search(path.name)]
+    """Stages in a cache, by the names of the folders that Warp makes; those that are being compiled are left out."""
+    names = [path.name for path in folder.iterdir() if path.is_dir() and not BUILD.search(path.name)]
     return sorted(name.removeprefix(FOLDER).rpartition("_")[0] for name in names)
 
 

@@ -5,9 +5,9 @@ The truths are Warp's own compiler and loader, which kernels go through here, an
 
 import errno
 import os
-import random
 import shutil
 import subprocess
+import sys
 import threading
 import time
 import warnings
@@ -18,8 +18,12 @@ import numpy as np
 import pytest
 import warp as wp
 
+from palpate.datasets.storage.durable import FolderLock
 from palpate.render.errors import KernelCacheError, PalpateWarning
+from palpate.render.runtime import kernel_cache
 from palpate.render.runtime.sealed_kernels import guard_kernels
+
+real_sleep = time.sleep
 
 
 @wp.kernel(module="palpate_test_sealed_kernels", enable_backward=False)
@@ -28,20 +32,14 @@ def double(values: wp.array(dtype=float)):
     values[place] = 2.0 * values[place]
 
 
-DAMAGES = {  # object and metadata are written anew, as a power cut may leave them
+UNLOADABLE = {  # object and metadata are written anew, as a power cut may leave them
     "an object cut off": lambda o, m: o.write_bytes(o.read_bytes()[:700]),
-    "an empty object": lambda o, m: o.write_bytes(b""),
-    "an object of zeros": lambda o, m: o.write_bytes(bytes(o.stat().st_size)),
-    "the end of an object as zeros": lambda o, m: o.write_bytes(o.read_bytes()[:-152] + bytes(152)),
-    "garbage of an object's size": lambda o, m: o.write_bytes(random.Random(1).randbytes(o.stat().st_size)),
-    "a folder for an object": lambda o, m: (o.unlink(), o.mkdir()),
     "no object and empty metadata": lambda o, m: (o.unlink(), m.write_bytes(b"")),
-    "empty metadata": lambda o, m: m.write_bytes(b""),
     "metadata that are no text": lambda o, m: m.write_bytes(b"\xff\xfe\x80"),
-    "a folder for metadata": lambda o, m: (m.unlink(), m.mkdir()),
     "a file for the module's folder": lambda o, m: (shutil.rmtree(o.parent), o.parent.write_bytes(b"")),
 }
-SEALED_DAMAGES = {  # these Warp loads without a word, and may crash in
+LOADABLE = {  # these Warp loads without a word, and may crash in
+    "an object of zeros": lambda o, m: o.write_bytes(bytes(o.stat().st_size)),
     "zeros within an object": lambda o, m: o.write_bytes(o.read_bytes()[:512] + bytes(256) + o.read_bytes()[768:]),
     "metadata of another kernel": lambda o, m: m.write_bytes(b"{}"),
     "no object": lambda o, m: o.unlink(),
@@ -98,7 +96,7 @@ def test_whole_modules_are_loaded_and_stay(cache):
 
 
 @pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize("damage", {**DAMAGES, **SEALED_DAMAGES}.values(), ids={**DAMAGES, **SEALED_DAMAGES})
+@pytest.mark.parametrize("damage", [*UNLOADABLE.values(), *LOADABLE.values()], ids=[*UNLOADABLE, *LOADABLE])
 def test_a_damaged_module_is_removed_with_one_warning_and_compiled_anew(cache, whole, damage):
     damage(*files(cache)[:2])
     with pytest.warns(PalpateWarning, match=rf"^{cache}: compiled kernels were damaged .* compiled anew$") as told:
@@ -111,8 +109,8 @@ def test_a_damaged_module_is_removed_with_one_warning_and_compiled_anew(cache, w
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("damage", DAMAGES.values(), ids=DAMAGES)
-def test_modules_of_other_programs_have_no_seal_and_are_compiled_anew_if_damaged(cache, damage, capfd):
+@pytest.mark.parametrize("damage", UNLOADABLE.values(), ids=UNLOADABLE)
+def test_modules_of_other_programs_have_no_seal_and_are_compiled_anew_if_damaged(cache, damage):
     found, meta, seal = files(cache)
     seal.unlink()
     damage(found, meta)
@@ -120,7 +118,6 @@ def test_modules_of_other_programs_have_no_seal_and_are_compiled_anew_if_damaged
         warnings.simplefilter("ignore", PalpateWarning)
         run()
     assert files(cache)[2].is_file()
-    assert "object file" not in capfd.readouterr().err  # as LLVM begins its own line
 
 
 def test_a_module_without_a_seal_is_used_unless_the_power_may_have_failed_since(cache):
@@ -207,6 +204,63 @@ def test_threads_that_need_a_module_at_once_share_one(cache):
         with ThreadPoolExecutor(2) as pool:
             first, second = (own.result() for own in [pool.submit(load), pool.submit(load)])
         assert first is second
+
+
+def test_a_module_that_another_process_compiles_is_waited_for_and_not_compiled_again(cache, tmp_path, monkeypatch):
+    """The other process is this test: it holds the lock, and gives the module its name while the thread waits."""
+    module, waits = files(cache)[0].parent, threading.Event()
+    module.rename(tmp_path / "compiled by another")
+    lock = FolderLock(cache, f"{module.name}.lock")
+    monkeypatch.setattr(kernel_cache.time, "sleep", lambda seconds: waits.set() or real_sleep(seconds))
+    monkeypatch.setattr(wp._src.build, "build_cpu", lambda *words, **options: pytest.fail("is compiled again"))
+    with ThreadPoolExecutor(1) as pool:
+        loaded = pool.submit(run)
+        assert waits.wait(20)
+        (tmp_path / "compiled by another").rename(module)
+        lock.release()
+        loaded.result()
+    assert [path.name for path in cache.iterdir()] == [module.name]  # the lock's file is gone
+
+
+def test_a_lock_that_is_never_released_is_not_waited_for_longer_than_compiling_takes(cache, monkeypatch):
+    folder = files(cache)[0].parent
+    shutil.rmtree(folder)
+    lock = FolderLock(cache, f"{folder.name}.lock")
+    monkeypatch.setattr(kernel_cache, "BUILD_SECONDS", 0.1)
+    run()
+    lock.release()
+    assert files(cache)[2].is_file()
+
+
+COMPILING = """
+import sys
+import warp as wp
+from palpate.kernels import compile_kernels
+from palpate.render.runtime.warp_start import start_warp
+
+start_warp()
+build, built = wp._src.build.build_cpu, []
+wp._src.build.build_cpu = lambda *words, **options: (built.append(1), build(*words, **options))[1]
+print("ready", flush=True)
+sys.stdin.readline()
+compile_kernels("cpu", ("sampling.contour_faults",))
+print(len(built))
+"""
+
+
+@pytest.mark.exhaustive
+def test_processes_that_lack_a_module_at_once_compile_it_once(tmp_path):
+    tmp_path.chmod(0o700)
+    environment = os.environ | {"WARP_CACHE_PATH": str(tmp_path)}
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    processes = [subprocess.Popen([sys.executable, "-c", COMPILING], env=environment, **pipes) for _ in range(3)]
+    for process in processes:
+        assert process.stdout.readline() == "ready\n"
+    for process in processes:
+        process.stdin.write("go\n")
+        process.stdin.flush()
+    counts = [int(process.communicate()[0]) for process in processes]
+    assert (sorted(counts), [process.returncode for process in processes]) == ([0, 0, 1], [0, 0, 0])
 
 
 def test_warp_has_what_is_guarded():

@@ -25,7 +25,7 @@ from palpate.render.intersection import batch_rendering as batch_module
 from palpate.render.intersection.batch_rendering import rendered_chunks
 from palpate.render.intersection.job import ContourJob
 from palpate.render.intersection.scene import Scene
-from palpate.render.runtime.span_workers import PoseSpans, WorkerThreads
+from palpate.render.runtime.span_workers import PoseSpans, chunks_in_order
 from palpate.render.runtime.worker_devices import worker_devices
 
 PALM = Palm()
@@ -53,7 +53,7 @@ def assert_same(one, two):
 
 @dataclass(frozen=True)
 class Made:
-    """A chunk of a crew without geometry."""
+    """A chunk without geometry."""
 
     first: int
     stop: int
@@ -90,7 +90,7 @@ def test_chunks_cover_every_pose_in_order_within_bounds(ranges, size, workers, f
         return Made(first, min(stop, first + fits))
 
     covered = []
-    for chunk in WorkerThreads(spans_of(pairs, size=size, workers=workers), [work] * workers).chunks():
+    for chunk in chunks_in_order(spans_of(pairs, size=size, workers=workers), [work] * workers):
         covered += range(chunk.first, chunk.stop)
         with lock:
             alive -= 1
@@ -99,27 +99,14 @@ def test_chunks_cover_every_pose_in_order_within_bounds(ranges, size, workers, f
 
 
 @pytest.mark.parametrize("at", ["learn", "give_back", "take"])
-def test_a_failure_of_the_bookkeeping_comes_out_and_nobody_waits_for_ever(at):
+def test_a_failure_of_the_bookkeeping_is_raised(at):
     def fail(*_):
         raise OverflowError(at)
 
     spans = spans_of([(0, 40)])
     setattr(spans, at, fail)
-    crew = WorkerThreads(spans, [Made] * 2)
-    for thread in crew._threads:
-        thread.daemon = True
-    got = []
-
-    def consume():
-        try:
-            list(crew.chunks())
-        except OverflowError as error:
-            got.append(str(error))
-
-    consumer = threading.Thread(target=consume, daemon=True)
-    consumer.start()
-    consumer.join(timeout=20.0)
-    assert got == [at]
+    with pytest.raises(OverflowError, match=at):
+        list(chunks_in_order(spans, [Made] * 2))
 
 
 @pytest.mark.parametrize("workers", [1, 2, 3])
@@ -133,7 +120,7 @@ def test_a_failure_comes_out_as_itself_after_all_chunks_before_it(workers):
         time.sleep(0.001 if first % 20 else 0.01)
         return Made(first, stop)
 
-    chunks = WorkerThreads(spans_of([(0, 1000)], workers=workers), [work] * workers).chunks()
+    chunks = chunks_in_order(spans_of([(0, 1000)], workers=workers), [work] * workers)
     with pytest.raises(RuntimeError) as raised:
         done.extend((chunk.first, chunk.stop) for chunk in chunks)
     assert raised.value is fault
@@ -151,12 +138,12 @@ def test_the_earliest_of_several_failures_comes_out():
         raise ValueError("late")
 
     with pytest.raises(ValueError, match="early"):
-        list(WorkerThreads(spans_of([(0, 100)]), [work] * 2).chunks())
+        list(chunks_in_order(spans_of([(0, 100)]), [work] * 2))
 
 
 @pytest.mark.parametrize("interruption", [KeyboardInterrupt, GeneratorExit])
 def test_a_consumer_that_stops_early_leaves_no_thread(interruption):
-    chunks = WorkerThreads(spans_of([(0, 1000)]), [lambda a, b: Made(a, b)] * 2).chunks()
+    chunks = chunks_in_order(spans_of([(0, 1000)]), [lambda a, b: Made(a, b)] * 2)
     next(chunks)
     if interruption is GeneratorExit:
         chunks.close()
@@ -286,18 +273,6 @@ def test_a_gpu_holds_at_most_twice_the_results_and_the_budget(device, poses, tmp
     peak, largest = map(int, out.split()[-2:])
     assert largest > 2**20
     assert peak <= 2 * largest + 2**26
-
-
-@pytest.mark.exhaustive
-def test_a_file_of_several_workers_is_that_of_one(tmp_path, device, poses):
-    motion = HandMotion(None, poses)
-    for name, devices in (("one.h5", [device]), ("three.h5", [device] * 3)):
-        record(tmp_path / name, TUBE, PALM, motion, closed_contour(), devices=devices, memory=2**23)
-    with ContourFile(tmp_path / "one.h5") as one, ContourFile(tmp_path / "three.h5") as three:
-        assert one.attributes["device"] == three.attributes["device"] == device
-        for left, right in ((one.contours(), three.contours()), (one.metrics(), three.metrics())):
-            for name in left:
-                np.testing.assert_array_equal(left[name], right[name], err_msg=name)
 
 
 @pytest.mark.exhaustive

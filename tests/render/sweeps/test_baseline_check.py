@@ -5,7 +5,7 @@ import re
 import pytest
 from command_line import FAILED, MISUSED, answer, refused, run
 
-from palpate.datasets.sweeps.table import load_table, table_attributes, write_table
+from palpate.datasets.sweeps.table import load_table, write_table
 from palpate.render.sweeps.baseline_check import BaselineCheck
 
 PLAN = """
@@ -35,7 +35,7 @@ def sweep(path, *arguments):
 
 @pytest.mark.exhaustive
 def test_a_change_is_caught(path, tmp_path):
-    old = tmp_path / "old.h5"
+    old = tmp_path / "old.csv"
     old.write_bytes(b"of an earlier sweep")
     sweep(path, "--overwrite", "--table", old)
     for baseline in (old, tmp_path / "a.sweep"):
@@ -44,7 +44,7 @@ def test_a_change_is_caught(path, tmp_path):
         assert comparison["value_count"] > 20
     columns = load_table(old)
     columns["length_mean"][2] *= 1.001
-    write_table(old, columns, table_attributes(old))
+    write_table(old, columns)
     result = run("sweep", path, "--device", "cpu", "--baseline", old)
     assert result.exit_code == FAILED
     assert "length_mean" in result.stderr
@@ -79,8 +79,8 @@ def test_a_baseline_that_cannot_serve_is_refused_before_a_sweep(path, tmp_path):
     (tmp_path / "thesis.csv").write_text("year,title\n")
     for more in ([], ["--update-baseline"]):
         refused(MISUSED, "is no table", *words, tmp_path / "thesis.csv", *more)
-    (tmp_path / "no.h5").write_bytes(b"no table")
-    refused(MISUSED, "no.h5", *words, tmp_path / "no.h5")
+    (tmp_path / "no.csv").write_bytes(b"no table")
+    refused(MISUSED, "no.csv", *words, tmp_path / "no.csv")
     sweep(path)
     old = tmp_path / "a.sweep"
     refused(MISUSED, "no such metric", *words, old, "--tolerance", "lenght_mean=1")

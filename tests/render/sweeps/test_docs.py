@@ -68,14 +68,13 @@ def test_the_table_is_read_as_the_document_reads_it(folder):
     assert done.exit_code == 0, done.output
     assert json.loads(done.stdout)["recipes"] == 6
     said = {}
-    reading = next(block for block in blocks(SWEEP, "python") if "load_table" in block)
+    reading = next(block for block in blocks(SWEEP, "python") if "read_csv" in block)
     exec(reading.replace("print(", "said = ("), said)  # what a user types
-    assert said["said"].loc[("tube", "cc"), "r"] > 1
+    assert said["said"].sel(object="tube", strategy="cc").item() > 1
     assert said["frame"].shape[0] == 6
-    assert said["data"].sizes == {"row": 6}
-    said["data"].close()
+    assert said["data"].sizes == {"object": 2, "palm_width": 1, "seed": 1, "strategy": 3}
     files = set(re.findall(r"`([a-z0-9.]+)`", SWEEP.read_text().split("| `study.sweep/` | is |")[1].split("![")[0]))
-    assert {"table.h5", "summary.png", "store.sqlite"} <= files & {p.name for p in Path("study.sweep").iterdir()}
+    assert {"table.csv", "summary.png", "store.sqlite"} <= files & {p.name for p in Path("study.sweep").iterdir()}
 
 
 def test_every_metric_is_told():

@@ -61,7 +61,7 @@ def store(tmp_path):
 
 @pytest.mark.exhaustive
 def test_all_that_only_reads_works(store, tmp_path):
-    sweep, all_of, tube = (store.with_suffix(".toml"), "--device", "cpu"), tmp_path / "all.h5", tmp_path / "tube.h5"
+    sweep, all_of, tube = (store.with_suffix(".toml"), "--device", "cpu"), tmp_path / "all.csv", tmp_path / "tube.csv"
     (made, report, _), (partly, part, warning), *others = run_all(
         store,
         (*sweep, "--table", all_of, "--baseline", store, "--summary", tmp_path / "summary.md"),
@@ -74,11 +74,11 @@ def test_all_that_only_reads_works(store, tmp_path):
     assert (made, partly, [code for code, *_ in others]) == (0, 0, [0] * 4)
     assert (report["poses_rendered"], report["figure"]) == (0, f"{store}/summary.png")
     assert report["comparison"]["moved"] == []
-    for name, column in load_table(report["table"], constants=True).items():
-        assert repr(column.tolist()) == repr(load_table(all_of, constants=True)[name].tolist())
+    for name, column in load_table(report["table"]).items():
+        assert repr(column.tolist()) == repr(load_table(all_of)[name].tolist())
     assert not {"table", "figure"} & set(part)
     assert "its own table is of another plan" in warning
-    assert load_table(tube, constants=True)["object"].tolist() == ["tube"]
+    assert load_table(tube)["object"].tolist() == ["tube"]
     assert others[-1][1]["chunks_merged"] == 2
 
 

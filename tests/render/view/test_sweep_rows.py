@@ -69,5 +69,5 @@ def test_a_kept_contour_file_is_opened_where_it_lies(tmp_path):
 def test_a_store_without_a_table_is_refused(tmp_path):
     (tmp_path / "plan.toml").write_text(PLAN)
     result = sweep(tmp_path / "plan.toml", {"object.source": "cube"}, device="cpu", workers=1)
-    with pytest.raises(ViewError, match=r"has no table\.h5"):  # a script writes none
+    with pytest.raises(ViewError, match=r"has no table\.csv"):  # a script writes none
         SweepRows(result.store)

@@ -36,7 +36,7 @@ source = ["oc", "cc"]
 def test_columns_are_what_files_give(tmp_path):
     (tmp_path / "plan.toml").write_text(PLAN)
     answer("sweep", tmp_path / "plan.toml", "--no-figure", "--device", "cpu")
-    table = load_table(tmp_path / "plan.sweep" / "table.h5", constants=True)
+    table = load_table(tmp_path / "plan.sweep" / "table.csv")
     assert list(table["strategy"]) == ["oc", "cc"]
     motion = exploration("cube", duration=1.5, seed=3)
     for row, strategy in enumerate(table["strategy"]):

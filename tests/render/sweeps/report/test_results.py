@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from command_line import FAILED, PALPATE, answer, run
 
-from palpate.datasets.sweeps.pose_files import load_pose_table
 from palpate.datasets.sweeps.table import load_table
 from palpate.render.sweeps.report.results import contactless_text
 
@@ -23,7 +22,6 @@ count = 300
 [strategy]
 source = {strategies}
 """
-ROWS_FILE = "poses/000000-of-000001.parquet"
 OWN_STAGE = '''"""A stage of one's own."""
 
 import numpy as np
@@ -65,7 +63,7 @@ def small(folder, length, **more):
 def test_recipes_with_other_prune_stages_have_one_table_of_poses(tmp_path):
     small(tmp_path, 0.05)
     told = sweep("--no-figure", plan(tmp_path, "mine.json", "oc"))
-    poses = load_pose_table(told["poses_table"])
+    poses = load_table(told["poses_table"])
     assert len(poses["pose"]) == 600
     first = poses["recipe"] == 0
     assert np.isfinite(poses["removed_small"]).tolist() == first.tolist()
@@ -79,12 +77,12 @@ def test_recipes_with_other_prune_stages_have_one_table_of_poses(tmp_path):
 def test_an_edited_strategy_is_compared_with_what_it_was(tmp_path):
     path = plan(tmp_path, "mine.json")
     small(tmp_path, 0.05)
-    sweep("--no-figure", path, "--table", tmp_path / "old.h5")
+    sweep("--no-figure", path, "--table", tmp_path / "old.csv")
     small(tmp_path, 0.05 + 1e-12)  # harmless
-    told = sweep("--no-figure", path, "--baseline", tmp_path / "old.h5")["comparison"]
+    told = sweep("--no-figure", path, "--baseline", tmp_path / "old.csv")["comparison"]
     assert (told["kept"], told["recipe_count"], told["sources"]) == (True, 1, ["strategy mine.json"])
     small(tmp_path, 0.2)
-    found = run("sweep", "--device", "cpu", "--workers", "1", "--no-figure", path, "--baseline", tmp_path / "old.h5")
+    found = run("sweep", "--device", "cpu", "--workers", "1", "--no-figure", path, "--baseline", tmp_path / "old.csv")
     assert found.exit_code == FAILED
     said = " ".join(found.stderr.split())
     assert "the file behind this name has changed: strategy mine.json" in said
@@ -107,46 +105,49 @@ def test_a_stage_of_ones_own_may_have_its_words_changed_and_tells_what_it_remove
         "--json",
     ]
     told = []
-    for text, more in ((OWN_STAGE, []), (OWN_STAGE.replace("Leave", "Drop"), ["--baseline", tmp_path / "old.h5"])):
+    for text, more in ((OWN_STAGE, []), (OWN_STAGE.replace("Leave", "Drop"), ["--baseline", tmp_path / "old.csv"])):
         (tmp_path / "renewed_stage.py").write_text(text)  # a process of its own, since Python imports a module once
-        done = subprocess.run([*words, "--table", tmp_path / f"{'new' if more else 'old'}.h5", *more],
+        done = subprocess.run([*words, "--table", tmp_path / f"{'new' if more else 'old'}.csv", *more],
                               capture_output=True, text=True)  # fmt: skip
         assert done.returncode == 0, done.stderr
         told.append(json.loads(done.stdout))
     assert told[1]["poses_rendered"] == 300
     found = told[1]["comparison"]
     assert (found["kept"], found["recipe_count"], found["sources"]) == (True, 1, ["strategy mine.json"])
-    removed = load_table(tmp_path / "new.h5")["removed_other_mean"]
+    removed = load_table(tmp_path / "new.csv")["removed_other_mean"]
     assert removed[0] > 0
-    assert load_pose_table(told[1]["poses_table"])["removed_other"].mean(dtype=float) == pytest.approx(removed[0])
+    assert load_table(told[1]["poses_table"])["removed_other"].mean(dtype=float) == pytest.approx(removed[0])
 
 
-def flip(path):
-    content = path.read_bytes()
-    path.write_bytes(content[:-20] + bytes([content[-20] ^ 1]) + content[-19:])
+LOSSES = {"deleted": Path.unlink, "emptied": lambda path: path.write_bytes(b"")}
 
 
-LOSSES = {"deleted": Path.unlink, "emptied": lambda path: path.write_bytes(b""), "changed": flip}
-
-
-@pytest.mark.exhaustive(but="emptied-poses")
-@pytest.mark.parametrize("name", [ROWS_FILE, "table.h5", "summary.png"])
-@pytest.mark.parametrize("loss", LOSSES)
-def test_what_a_store_has_lost_is_written_again(tmp_path, name, loss):
-    if (loss, name) in (("changed", "summary.png"), ("changed", ROWS_FILE)):
-        pytest.skip("only tables are proven")
-    path, figure = plan(tmp_path, "oc"), [] if name == ROWS_FILE else ["--figure"]
-    told = sweep(path, *(figure or ["--no-figure"]))
-    lost = Path(told["store"]) / name
+@pytest.mark.parametrize(
+    ("loss", "name"), [("deleted", "poses.parquet"), ("deleted", "table.csv"), ("emptied", "table.csv")]
+)
+def test_what_a_store_has_lost_is_written_again(tmp_path, loss, name):
+    path = plan(tmp_path, "oc")
+    lost = Path(sweep(path, "--no-figure")["store"]) / name
     before = lost.read_bytes()
     LOSSES[loss](lost)
-    again = run("sweep", "--device", "cpu", "--workers", "1", *(figure or ["--no-figure"]), path, "--json")
-    told = json.loads(again.stdout)
-    assert (again.exit_code, told["poses_rendered"]) == (0, 0)
-    assert all(Path(told[key]).stat().st_size for key in ("table", "poses_table", *(["figure"] if figure else [])))
-    assert name == "summary.png" or lost.read_bytes() == before
-    said = " ".join(again.stderr.split())
-    assert ("table.h5 is damaged: its checksum does not match; it is written again" in said) == (loss == "changed")
+    told = sweep(path, "--no-figure")
+    assert told["poses_rendered"] == 0
+    assert lost.read_bytes() == before
+    assert Path(told["poses_table"]).stat().st_size
+
+
+@pytest.mark.exhaustive
+def test_a_store_has_the_files_of_its_last_plan_and_writes_them_once(tmp_path):
+    path = plan(tmp_path, "oc")
+    store = Path(sweep(path)["store"])
+    files = [store / name for name in ("table.csv", "poses.parquet", "summary.png", "table.json")]
+    before = [file.stat().st_mtime_ns for file in files]
+    assert sweep(path).keys() >= {"table", "poses_table", "figure"}
+    assert [file.stat().st_mtime_ns for file in files] == before
+    told = sweep(path, "--set", "per_pose=false", "--set", "strategy.source=['oc', 'cc']", "--no-figure")
+    assert [file.exists() for file in files] == [True, False, False, True]
+    assert not {"poses_table", "figure"} & told.keys()
+    assert load_table(store / "table.csv")["strategy"].tolist() == ["oc", "cc"]
 
 
 def test_a_picture_that_fails_is_told_and_costs_nothing_else(tmp_path, monkeypatch):

@@ -10,11 +10,10 @@ from hypothesis import strategies as st
 from sweep_rows import HandMadeStore, payload, recipe, statistic
 
 from palpate.datasets.storage.schema import PRUNED_NAMES, removed_name
-from palpate.datasets.sweeps.pose_files import load_pose_table, write_pose_files
-from palpate.datasets.sweeps.shard import ShardRow, write_shard
+from palpate.datasets.sweeps.result_row import ResultRow
 from palpate.datasets.sweeps.store import SweepStore
-from palpate.datasets.sweeps.table import load_table, write_table
-from palpate.render.sweeps.make.task import CHUNK_POSES
+from palpate.datasets.sweeps.table import load_table, write_blocks
+from palpate.render.sweeps.make.unit import CHUNK_POSES
 from palpate.render.sweeps.report.table import (
     CONTOUR_METRICS,
     FREQUENCY_METRICS,
@@ -139,28 +138,26 @@ def test_results_of_thousands_of_recipes_are_looked_up_together():
     assert columns["seed"] == [one.motion["seed"] for one in recipes]
 
 
-def test_a_real_store_gives_the_table_and_the_file_gives_it_back(tmp_path):
+def test_a_real_store_gives_the_table_and_rows_of_poses(tmp_path):
     one, other, bare = recipe(), recipe("cube"), recipe("rock")
-    rows = [ShardRow("contours", one.key("contours"), 0, payload(length=[0.25], area=[])),
-            *(ShardRow("poses", r.key("poses"), 0, {"poses": 3}) for r in (one, bare))]  # fmt: skip
-    with SweepStore(tmp_path / "store", maker="m") as store:
-        shard = store.folder / "shards" / "1.h5"
-        lengths = {"pose": np.arange(3), "length": np.ones(3, np.float32)}
-        pruned = {**lengths, "removed_small": np.full(3, 0.5, np.float32)}
-        write_shard(shard, rows, [None, pruned, lengths], maker="m")
-        store.record(shard)
+    lengths = {"pose": np.arange(3), "length": np.ones(3, np.float32)}
+    pruned = {**lengths, "removed_small": np.full(3, 0.5, np.float32)}
+    rows = [
+        ResultRow.of("m", "contours", one.key("contours"), 0, payload(length=[0.25], area=[])),
+        ResultRow.of("m", "poses", one.key("poses"), 0, {"poses": 3}, pruned),
+        ResultRow.of("m", "poses", bare.key("poses"), 0, {"poses": 3}, lengths),
+    ]
+    with SweepStore(tmp_path / "store", "m", mode="write") as store:
+        assert store.add(rows) == 3
         columns = tidy_columns([other, one], store, ["contours"])
         blocks = list(pose_blocks([other, one, bare], store))
-        assert write_pose_files(tmp_path / "poses", blocks, {}, units={}) == 6
+        write_blocks(tmp_path / "poses.parquet", blocks)
     assert columns["maker"] == ["m", "m"]
-    write_table(tmp_path / "table.h5", columns, {}, units=column_units(columns))
-    back = load_table(tmp_path / "table.h5")
-    assert math.isnan(back["length_mean"][0])
-    assert back["length_mean"][1] == 0.25
-    assert back["complete"].tolist() == [False, True]
+    assert columns["length_mean"] == [None, 0.25]
+    assert columns["complete"] == [False, True]
     assert [block["recipe"].tolist() for block in blocks] == [[1, 1, 1], [2, 2, 2]]
     assert set(blocks[0]) == set(blocks[1]) == {"recipe", "pose", "length", *map(removed_name, PRUNED_NAMES)}
-    removed = load_pose_table(tmp_path / "poses")["removed_small"]
+    removed = load_table(tmp_path / "poses.parquet")["removed_small"]
     np.testing.assert_array_equal(removed, [0.5] * 3 + [np.nan] * 3)
 
 

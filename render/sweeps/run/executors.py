@@ -385,7 +385,7 @@ def make_on(unit: Unit, device: str) -> UnitResult:
     from ..make.unit_making import make_unit
 
     start_warp()
-    return make_unit(unit, worker_devices("auto")[0] if device == "auto" else device)
+    return make_unit(unit, worker_devices(device, 1)[0])  # an error of all units where there is no such device
 
 
 @contextlib.contextmanager

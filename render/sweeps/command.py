@@ -30,9 +30,7 @@ from .run.progress import SweepProgress
 from .run.sweep_run import SweepReport, run_sweep
 
 SHOWN = 20  # rows of failures, and of values that moved; JSON has all
-SHOWN_NAMES = (
-    "recipes recipes_failed poses poses_rendered poses_per_second seconds executor store table figure baseline"
-)
+SHOWN_NAMES = "recipes recipes_failed poses poses_rendered poses_per_second seconds executor"
 SHOWN_IF_ANY = "recipes_left retries workers_lost"
 
 
@@ -62,9 +60,7 @@ def run_sweep_command(options: dict[str, Any], *, as_json: bool) -> int:
     comparison = None if check is None else check.compare(results.columns)
     if check is not None and check.is_updated:
         if report.failures:
-            console.warn(
-                f"{check.path} is not written, because {counted(len(report.failures), 'recipe')} could not be made"
-            )
+            console.warn(f"{check.path} is not written, because {_failed_text(report)}")
         else:
             check.update(results.columns)
             results.files["baseline"] = str(check.path)
@@ -125,21 +121,19 @@ def _show_report(report: SweepReport, files: dict[str, str], comparison: Compari
     console.show_values(values, as_json=as_json, title=files["store"], shown_names=shown)
     if as_json:
         return
-    _show_rows(
-        f"{counted(len(report.failures), 'recipe')} could not be made",
-        ("recipe", "why"),
-        failure_rows(report.failures),
-    )
+    _show_rows(_failed_text(report), ("recipe", "why"), failure_rows(report.failures))
     if comparison is not None:
         for sentence in comparison.sentences():
             print_message(sentence)
         moved = comparison.rows(len(comparison.moved))
         _show_rows("what moved", ("recipe", "metric", "was", "is", "change"), moved)
     if report.recipes_left:
-        console.conclude(
-            f"{counted(report.recipes_left, 'recipe')} left to other shards: palpate sweep merge joins the stores",
-            as_json=as_json,
-        )
+        left = counted(report.recipes_left, "recipe")
+        console.conclude(f"{left} left to other shards: palpate sweep merge joins the stores", as_json=as_json)
+
+
+def _failed_text(report: SweepReport) -> str:
+    return f"{counted(len(report.failures), 'recipe')} could not be made"
 
 
 def _show_rows(title: str, names: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -129,13 +129,12 @@ def sweep(
         paths, [f"{key}={toml_text(key, value)}" for key, value in (set or {}).items()], allow_code=allow_code
     )
     folder = paths[0].with_suffix(STORE_SUFFIX) if store is None else Path(store)
-
     report = run_sweep(
         loaded,
         folder,
         executor,
         device=device or loaded.device,
-        workers=workers or loaded.workers,
+        workers=loaded.workers if workers is None else workers,
         approve=(lambda counts: None) if yes else partial(refuse_too_large, loaded, folder),
     )
     return SweepResult(loaded, folder, report)

@@ -99,8 +99,8 @@ def prune_store(folder: Path, *, is_dry: bool, as_json: bool) -> int:
         "bytes_removed": byte_count,
         "chunks_kept": found.rows_kept,
     }
-    shown = {name: len(own) if isinstance(own, list) else own for name, own in values.items() if name != "store"}
-    console.show_values(values if as_json else shown, as_json=as_json, title=str(folder))
+    shown = list(values)[1:]  # the store is the title
+    console.show_values(values, as_json=as_json, title=str(folder), shown_names=shown)
     return console.DONE
 
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.render import sweep
-from palpate.render.errors import PlanError, SweepError
+from palpate.render.errors import PlanError, StrategyError, SweepError
 from palpate.render.sweeps.study import toml_text
 
 GUIDE = Path(__file__).parents[3] / "docs/guide/sweep.md"
@@ -136,6 +136,8 @@ def test_recipes_that_fail_are_in_the_result(plan, tmp_path):
 def test_faults_of_values_name_the_key(plan):
     with pytest.raises(PlanError, match=r"--set object\.fit=80: object\.fit: must lie in"):
         sweep(plan, {"object.fit": 80})
+    with pytest.raises(StrategyError, match="workers must be at least 1, not 0"):
+        sweep(plan, workers=0)
 
 
 @pytest.mark.exhaustive

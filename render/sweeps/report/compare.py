@@ -168,8 +168,10 @@ class Comparison:
             (self.added, "recipe is new, and compared with nothing"),
             (self.columns_added, "metric is new, and compared with nothing"),
         ):
+            noun, _, rest = one.partition(" ")
+            several = f"{noun}s {rest}".replace(" is ", " are ").replace(" has ", " have ")
             if names:
-                out.append(f"{_counted(len(names), one)}: {_few(names)}")
+                out.append(f"{len(names)} {one if len(names) == 1 else several}: {_few(names)}")
         if self.makers[0] and self.makers[0] != self.makers[1]:
             out.append(f"the baseline was made by {self.makers[0]}, this by {self.makers[1]}")
         return out
@@ -307,13 +309,6 @@ def as_floats(values: Sequence[Any] | np.ndarray) -> np.ndarray:
 
 def _maker(columns: Mapping[str, Sequence[Any] | np.ndarray]) -> str:
     return ", ".join(sorted({str(maker) for maker in columns.get("maker", ())}))
-
-
-def _counted(count: int, one: str) -> str:
-    """A clause on one recipe or metric, for as many as there are."""
-    noun, _, rest = one.partition(" ")
-    several = f"{noun}s {rest}".replace(" is ", " are ").replace(" has ", " have ")
-    return f"{count} {one if count == 1 else several}"
 
 
 def _few(names: Sequence[str], most: int = 3) -> str:

@@ -61,10 +61,10 @@ def sweep(*arguments):
 
 
 def rows(report):
-    """A table's rows without times, by recipe."""
+    """A table's rows without times, by recipe; in CSV a column of whole numbers loses its decimal points."""
     table = load_table(report["table"])
     names = [name for name in table if not name.startswith("seconds")]
-    columns = [[repr(value) for value in table[name].tolist()] for name in names]
+    columns = [[str(value).removesuffix(".0") for value in table[name].tolist()] for name in names]
     return {row[names.index("recipe_hash")]: dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)}
 
 

@@ -2,6 +2,7 @@
 
 import shutil
 import sys
+from importlib import import_module
 
 import pytest
 from command_line import MISUSED, answer, refused, run
@@ -34,6 +35,8 @@ def sweep(path, *arguments):
 
 def change_code(monkeypatch, text=OTHER):
     """Let palpate take itself for another code version."""
+    for name in ("command", "upkeep"):  # imported only now, they would keep the patched function
+        import_module(f"palpate.render.sweeps.{name}")
     for module in list(sys.modules.values()):
         is_own = getattr(module, "__name__", "").startswith("palpate.")
         if is_own and callable(getattr(module, "code_version", None)):

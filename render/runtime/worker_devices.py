@@ -48,7 +48,9 @@ def _warp_devices(device: str) -> list[str]:
     import warp as wp
 
     from .span_workers import warp_device
+    from .warp_start import start_quietly
 
+    start_quietly()  # else Warp greets on standard output, where results are
     gpus = [str(gpu) for gpu in wp.get_cuda_devices()]
     names = {"auto": gpus[:1] or ["cpu"], "cuda": gpus or ["cuda"]}.get(device) or device.split(",")
     return [warp_device(name.strip()) for name in names]

@@ -123,8 +123,9 @@ class SweepStore:
         """Record results in one transaction; returns how many are new. When it returns, they are on the disk.
 
         files: kept files that the rows name, by their paths within the store: a file on the same disk, which is moved,
-        or its content. A file takes the place of one of another code version, whose results are forgotten.
+        or its content. A file takes the place of an earlier one, whose result is forgotten, whatever code made it.
         """
+        rows = list(rows)
         for name, content in (files or {}).items():
             self._keep(kept_path(name), content)
         statement = "INSERT OR IGNORE INTO result VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
@@ -133,8 +134,9 @@ class SweepStore:
             for row in rows
         ]
         with self._transaction():
-            others = 'DELETE FROM result WHERE "group" = ? AND key = ? AND code != ?'
-            self._database.executemany(others, [(*row[1:3], self._code) for row in values if _is_keeping(row[1])])
+            # A file that was made again, perhaps with another size, or by other code, has its new row only.
+            made = [(row.group, row.key) for row in rows if _is_keeping(row.group)] if files else []
+            self._database.executemany('DELETE FROM result WHERE "group" = ? AND key = ?', made)
             return self._database.executemany(statement, values).rowcount if values else 0
 
     def _keep(self, name: PurePosixPath, content: Path | bytes) -> None:

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from palpate.datasets import SweepStore
 from palpate.datasets.shapes.built_in import shape_names
-from palpate.render import InProcess, MeshObject, run_sweep, tidy_columns
+from palpate.render import MeshObject, run_sweep, tidy_columns
 from palpate.render.cli.app import app
 from palpate.render.sweeps.make.poses import pose_count
 from palpate.render.sweeps.plan.loading import load_plans
@@ -74,9 +74,7 @@ def test_the_table_is_read_as_the_document_reads_it(folder):
     assert said["frame"].shape[0] == 6
     assert said["data"].sizes == {"object": 2, "palm_width": 1, "seed": 1, "strategy": 3}
     files = set(re.findall(r"`([a-z0-9.]+)`", SWEEP.read_text().split("| `study.sweep/` | is |")[1].split("![")[0]))
-    assert {"table.csv", "summary.png", "store.sqlite", "log.jsonl"} <= files & {
-        p.name for p in Path("study.sweep").iterdir()
-    }
+    assert {"table.csv", "summary.png", "store.sqlite"} <= files & {p.name for p in Path("study.sweep").iterdir()}
 
 
 def test_every_metric_is_told():
@@ -129,19 +127,14 @@ def test_the_plan_of_palpates_own_ci_is_wide_and_large():
 
 
 def test_the_metrics_of_the_document_are_metrics(folder):
-    (folder / "mine.py").write_text(next(block for block in blocks(SWEEP, "python") if "def corners" in block))
-    given = [
-        'metrics=["mine.py:corners","mine.py:shares"]',
-        "motion.duration=4.0",
-        "motion.seed=1",
-        'object.source="cube"',
-    ]
+    (folder / "mine.py").write_text(next(block for block in blocks(SWEEP, "python") if "def shares" in block))
+    given = ['metrics=["mine.py:shares"]', "motion.duration=4.0", "motion.seed=1", 'object.source="cube"']
     plan = load_plans([folder / "study.toml"], given, allow_code=True)
-    report = run_sweep(plan, folder / "store", InProcess("cpu"))
+    report = run_sweep(plan, folder / "store", device="cpu", workers=1)
     assert not report.failures
-    with SweepStore(folder / "store", mode="read") as store:
+    with SweepStore(folder / "store") as store:
         columns = tidy_columns(plan.recipes(), store, plan.groups)
-    assert set(columns) >= {f"metric_corners_{s}" for s in ("mean", "std", "max", "count")} | {
-        "metric_shares.hand_mean"
-    }
-    assert min(columns["metric_corners_mean"]) >= 2  # a segment has two ends
+    names = {f"metric_shares.{kind}_{own}" for kind in ("object", "hand") for own in ("mean", "std", "max", "count")}
+    assert names <= set(columns)
+    drawn_by_oc = [own for own, name in zip(columns["metric_shares.object_mean"], columns["strategy"]) if name == "oc"]
+    assert drawn_by_oc == [1.0] * 4  # OC has nothing but segments of the object: the founding paper's definition

@@ -2,13 +2,13 @@
 
     python benchmarks/sweeps.py devices --devices cpu cpu > cpu.jsonl
     python benchmarks/sweeps.py devices --devices cuda:0 cuda:1 --poses 4000000000 > cuda.jsonl
-    python benchmarks/sweeps.py parent                                   # seconds of the parent a part
+    python benchmarks/sweeps.py parent                                   # seconds of the parent a chunk
     python benchmarks/sweep_projection.py cpu.jsonl cuda.jsonl --parent 1e-4 --picture scaling.png
 
 docs/pictures.py draws docs/measured/sweep-scaling.json in the same way.
 
-On paper a sweep of N poses on n devices takes start + max(N / (n rate), parts x parent): workers share nothing but the
-parent, which takes down every part, one after the other, while they go on. `rate` is one device's, measured;
+On paper a sweep of N poses on n devices takes start + max(N / (n rate), chunks x parent): workers share nothing but the
+parent, which records every chunk, one after the other, while they go on. `rate` is one device's, measured;
 what n of them lose to each other (a host's memory, its disk) is not in it, but for the measured points.
 """
 
@@ -18,13 +18,13 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from palpate.render.sweeps.make.task import CHUNK_POSES
+from palpate.render.sweeps.make.unit import CHUNK_POSES
 
 DEVICES = (1, 2, 4, 8, 16, 32, 64, 128, 256)
 
 
 def projected_seconds(poses: float, devices: int, *, rate: float, parent: float, start: float) -> float:
-    """Seconds of a sweep on paper; rate of one device [pose/s], parent [s] a part, start [s]."""
+    """Seconds of a sweep on paper; rate of one device [pose/s], parent [s] a chunk, start [s]."""
     return start + max(poses / (devices * rate), -(-poses // CHUNK_POSES) * parent)
 
 
@@ -69,7 +69,7 @@ def draw(measured: dict[str, list[dict]], poses: float, parent: float, picture: 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("lines", nargs="+", type=Path, help="files of JSON lines, one a kind of device")
-    parser.add_argument("--parent", type=float, required=True, help="seconds of the parent a part")
+    parser.add_argument("--parent", type=float, required=True, help="seconds of the parent a chunk")
     parser.add_argument("--poses", type=float, default=1e12)
     parser.add_argument("--picture", type=Path)
     options = parser.parse_args()

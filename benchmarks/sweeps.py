@@ -6,24 +6,25 @@
     python benchmarks/sweeps.py metrics --device cuda:0 --poses 100000000    # metrics only and the bare kernels
     python benchmarks/sweeps.py finished                         # until 10^4 finished recipes are recognised
     python benchmarks/sweeps.py devices --devices cuda:0 cuda:1  # one GPU, two, ...
-    python benchmarks/sweeps.py parent --device cuda:0           # what the parent does for a part
+    python benchmarks/sweeps.py parent --device cuda:0           # what the process with the store does for a chunk
 
 Tube, CC, palm 85 x 85 mm, random poses. One line of JSON a case; sides take turns, medians of wall time.
 
 | case | a sweep | beside |
 |---|---|---|
-| overhead | one recipe, metrics, in this process, store included | contours and lengths of the same poses, one worker |
+| overhead | one recipe, metrics, one process, store included | contours and lengths of the same poses, one worker |
 | recipes | a hundred recipes, as many poses | the same |
 | workers | one recipe, two processes, their start left out | two processes that each render half |
-| metrics | one recipe, metrics: here, by one process, by two (start left out) | find, join, draw of 4 M at a time |
+| metrics | one recipe, metrics: by one process, by two (start left out) | find, join, draw of 4 M at a time |
 | finished | `palpate sweep` once more | nothing |
 | devices | one recipe, a process a device, start left out and told | one device |
-| parent | one recipe, one process beside: processor time of the parent a part | nothing |
+| parent | one recipe, one process beside: processor time of this process a chunk | nothing |
 """
 
 import argparse
 import json
 import multiprocessing
+import os
 import subprocess
 import sys
 import tempfile
@@ -33,6 +34,7 @@ from time import perf_counter, process_time, sleep
 
 import numpy as np
 import warp as wp
+from loky.process_executor import ProcessPoolExecutor
 from turns import seconds_by_turns
 
 from palpate.datasets.motions.hand_motion import HandMotion
@@ -44,58 +46,59 @@ from palpate.render.intersection.mesh_section import intersect
 from palpate.render.intersection.scene import Scene
 from palpate.render.objects.mesh.solid_mesh import MeshObject
 from palpate.render.strategies.intersection_strategy import closed_contour
-from palpate.render.sweeps.make.task import CHUNK_POSES, Engine
+from palpate.render.sweeps.make.unit import CHUNK_POSES
 from palpate.render.sweeps.plan.loading import load_plans
-from palpate.render.sweeps.run.engine import InProcess
-from palpate.render.sweeps.run.parent import run_sweep
-from palpate.render.sweeps.run.processes import Processes
+from palpate.render.sweeps.run.executors import start_only, start_worker
+from palpate.render.sweeps.run.sweep_run import run_sweep
 
 BATCH = 4_000_000  # poses; of the bare kernels
 CUBE = {"size": 0.13, "at": (0.0, 0.0, 0.2)}
 
 
-class Started:
-    """An engine whose workers live on from sweep to sweep, as they do through a long one."""
+class Workers:
+    """Processes for a device, which live on from sweep to sweep, as they do through a long one."""
 
-    def __init__(self, engine: Engine, store: Path) -> None:
-        self._engine = engine
+    def __init__(self, device: str, count: int) -> None:
         started = perf_counter()
-        engine.start(store)
-        engine.grow(engine.worker_most)
-        while engine.free_count() < engine.worker_most:
-            engine.wait(0.1)
+        self.device = device
+        self.executor = ProcessPoolExecutor(count, timeout=None, initializer=start_worker, initargs=(os.getpid(), 0))
+        for future in [self.executor.submit(start_only) for _ in range(count)]:
+            future.result()
         self.seconds = perf_counter() - started
         """Of the start."""
 
-    def __getattr__(self, name: str) -> object:
-        return getattr(self._engine, name)
-
-    def start(self, store: Path) -> None:
-        """It has."""
-
     def close(self) -> None:
-        """It goes on."""
+        self.executor.shutdown(kill_workers=True)
 
 
 class Sweeps:
     """Sweeps of the tube's CC, each into a store of its own."""
 
     def __init__(self, folder: Path, count: int, recipe_count: int = 1) -> None:
-        self._folder, self._number = folder, 0
+        self._folder, self._number = folder / str(count), 0
+        self._folder.mkdir(exist_ok=True)
         self.poses = count // recipe_count * recipe_count
-        path = folder / "plan.toml"
+        path = self._folder / "plan.toml"
         path.write_text(
             f'[object]\nsource = "tube"\n[strategy]\nsource = "cc"\n[motion]\nsource = "random"\n'
             f"count = {count // recipe_count}\nseed = {{ first = 1, count = {recipe_count} }}\n"
         )
         self.plan = load_plans([path])
 
-    def run(self, engine: Callable[[], Engine]) -> None:
+    def run(self, workers: Workers) -> None:
         """Sweep from nothing."""
         self._number += 1
-        report = run_sweep(self.plan, self._folder / f"store{self._number}", engine)
+        store = self._folder / f"store{self._number}"
+        report = run_sweep(self.plan, store, workers.executor, device=workers.device)
         if report.failures or report.poses_rendered != self.poses:
             raise SystemExit(f"the sweep failed: {report}")
+
+    def run_on(self, names: Sequence[str]) -> None:
+        """Sweep from nothing on devices, processes started anew; a name that is repeated has so many processes."""
+        self._number += 1
+        store, repeated = self._folder / f"store{self._number}", names.count(names[0])
+        workers = repeated if repeated == len(names) > 1 else None
+        run_sweep(self.plan, store, device=",".join(dict.fromkeys(names)), workers=workers)
 
 
 def tube_scene() -> Scene:
@@ -118,9 +121,10 @@ def plain(poses: np.ndarray, device: str) -> Callable[[], None]:
 
 
 def overhead(folder: Path, device: str, count: int, rounds: int, recipe_count: int = 1) -> dict:
-    sweeps = Sweeps(folder, count, recipe_count)
-    sides = [lambda: sweeps.run(lambda: InProcess(device)), plain(host_poses(0, sweeps.poses), device)]
+    sweeps, one = Sweeps(folder, count, recipe_count), Workers(device, 1)
+    sides = [lambda: sweeps.run(one), plain(host_poses(0, sweeps.poses), device)]
     swept, rendered = seconds_by_turns(sides, "wall", rounds)
+    one.close()
     figures = {"poses": sweeps.poses, "recipes": recipe_count, "sweep_seconds": swept, "render_seconds": rendered}
     return figures | {"overhead": swept / rendered - 1, "poses_per_second": sweeps.poses / swept}
 
@@ -142,16 +146,13 @@ def bare(count: int, device: str) -> Callable[[], None]:
 def metrics(folder: Path, device: str, count: int, rounds: int) -> list[dict]:
     count = count if count < BATCH else count // BATCH * BATCH
     sweeps, kernels = Sweeps(folder, count), bare(count, device)
-    one, two = (Started(Processes([device] * size), folder) for size in (1, 2))
-    engines = {"here": lambda: InProcess(device), "process": lambda: one, "processes": lambda: two}
     out = []
-    for name, engine in engines.items():
-        sides = [lambda e=engine: sweeps.run(e), kernels]
-        swept, alone = seconds_by_turns(sides, "wall", rounds)
-        figures = {"engine": name, "poses": count, "sweep_seconds": swept, "kernel_seconds": alone}
+    for size in (1, 2):
+        workers = Workers(device, size)
+        swept, alone = seconds_by_turns([lambda own=workers: sweeps.run(own), kernels], "wall", rounds)
+        workers.close()
+        figures = {"processes": size, "poses": count, "sweep_seconds": swept, "kernel_seconds": alone}
         out.append(figures | {"share": alone / swept, "poses_per_second": count / swept})
-    for engine in (one, two):
-        engine._engine.close()
     return out
 
 
@@ -178,49 +179,49 @@ def workers(folder: Path, count: int, rounds: int, worker_count: int = 2) -> dic
     for process in beside:
         process.start()
     sweeps = Sweeps(folder, share * worker_count)
-    engine = Started(Processes(["cpu"] * worker_count), folder)
+    own = Workers("cpu", worker_count)
     apart, together = [], []
-    sweeps.run(lambda: engine)
+    sweeps.run(own)
     for _ in range(rounds):
         gate.wait()
         apart.append(max(out.get() for _ in beside))
         sleep(0.1)  # they have ended
         started = perf_counter()
-        sweeps.run(lambda: engine)
+        sweeps.run(own)
         together.append(perf_counter() - started)
     for process in beside:
         process.join()
-    engine._engine.close()
-    figures = {"poses": sweeps.poses, "workers": worker_count, "start_seconds": engine.seconds}
+    own.close()
+    figures = {"poses": sweeps.poses, "workers": worker_count, "start_seconds": own.seconds}
     seconds = {"sweep_seconds": float(np.median(together)), "apart_seconds": float(np.median(apart))}
     return figures | seconds | {"share": seconds["apart_seconds"] / seconds["sweep_seconds"]}
 
 
 def devices(folder: Path, names: Sequence[str], count: int, rounds: int) -> list[dict]:
-    """One device, then two, four, ..."""
+    """One device, then two, four, ...; the start of processes, which a sweep of few poses takes, is left out."""
     out: list[dict] = []
-    sizes = [size for size in (1, 2, 4, 8) if size <= len(names)]
-    for size in sizes:
-        part = folder / str(size)
+    for size in [size for size in (1, 2, 4, 8) if size <= len(names)]:
+        part, named = folder / str(size), names[:size]
         part.mkdir()
-        sweeps, engine = Sweeps(part, count), Started(Processes(list(names[:size])), part)
-        (seconds,) = seconds_by_turns([lambda s=sweeps, e=engine: s.run(lambda: e)], "wall", rounds)
-        engine._engine.close()
+        few, many = Sweeps(part, 1000), Sweeps(part, count)
+        sides = [lambda s=few, n=named: s.run_on(n), lambda s=many, n=named: s.run_on(n)]
+        start, whole = seconds_by_turns(sides, "wall", rounds)
+        seconds = whole - start
         first = out[0]["seconds"] if out else seconds
-        out.append({"devices": size, "poses": count, "start_seconds": engine.seconds, "seconds": seconds})
+        out.append({"devices": size, "poses": count, "start_seconds": start, "seconds": seconds})
         out[-1] |= {"poses_per_second": count / seconds, "speedup": first / seconds}
     return out
 
 
 def parent(folder: Path, device: str, count: int, rounds: int) -> dict:
-    sweeps, engine = Sweeps(folder, count), Started(Processes([device]), folder)
+    sweeps, one = Sweeps(folder, count), Workers(device, 1)
     seconds = []
     for _ in range(rounds + 1):
         started = process_time()
-        sweeps.run(lambda: engine)
+        sweeps.run(one)
         seconds.append(process_time() - started)
-    engine._engine.close()
-    return {"poses": count, "parent_seconds_a_part": float(np.median(seconds[1:])) / -(-count // CHUNK_POSES)}
+    one.close()
+    return {"poses": count, "parent_seconds_a_chunk": float(np.median(seconds[1:])) / -(-count // CHUNK_POSES)}
 
 
 def finished(folder: Path, recipe_count: int, rounds: int) -> dict:

@@ -260,7 +260,7 @@ def _provenance(value: object) -> dict[str, Any] | None:
 def _numbers(file: StrictFile, name: str, rank: int) -> NDArray[Any]:
     """As they are stored where that is float32 or float64: a copy in float64 would take twice the memory."""
     own = file.declared(name)
-    if own.is_text or len(own.shape) != rank:
+    if len(own.shape) != rank:
         raise MotionError(f"{name} is not an array of numbers of {rank} dimensions, but {own.dtype} {list(own.shape)}")
     values = file.read(name)
     return values if values.dtype.kind == "f" and values.itemsize >= 4 else values.astype(np.float64)

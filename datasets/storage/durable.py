@@ -7,11 +7,10 @@ import errno
 import fcntl
 import hashlib
 import os
-import re
-import secrets
 import shutil
 import stat
 from collections.abc import Generator
+from itertools import count
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -24,7 +23,7 @@ TEMPORARY_SUFFIX = ".tmp"
 
 _NAME_BYTES = 255  # NAME_MAX of Linux
 _DIGEST_DIGITS = 12
-_RANDOM_DIGITS = 12
+_NAMES_SOUGHT = 4  # temporary names of a path under which what killed writers have left is always found
 
 _NEW = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC  # never an existing file or a link
 
@@ -37,6 +36,7 @@ class NewFile:
     Leaving the `with` publishes the file, unless that has happened; leaving it by an exception discards the file. A
     writer holds a shared lock (flock) on its temporary file. So the next writer of the same path knows what killed
     writers have left, and removes it. Two writers of one path do not disturb each other: what is published last stays.
+    Temporary names are numbered, so leftovers are found without a listing of the folder, which may have many files.
 
     path: the file to make or to replace. suffix: end of the temporary name, for libraries that choose a format by it.
 
@@ -73,11 +73,10 @@ class NewFile:
                 while left:
                     left = left[os.write(self.handle, left) :]
 
-    def publish(self, *, replaces: bool = True, durable: bool = True) -> None:
+    def publish(self, *, replaces: bool = True) -> None:
         """Give the file its name and have it on the disk; once more does nothing.
 
-        replaces: False refuses to replace a file that has come meanwhile. durable: False waits for no disk, so that a
-        power cut may leave a part of the file.
+        replaces: False refuses to replace a file that has come meanwhile.
 
         Raises:
             OSError: From the system, or the file was discarded before. If it comes from syncing the folder, the file
@@ -91,12 +90,10 @@ class NewFile:
             if self.handle < 0:
                 raise OSError(errno.EBADF, "was discarded", str(self.temporary))
             with self._discarding():
-                if durable:
-                    os.fsync(self.handle)
+                os.fsync(self.handle)
                 (os.replace if replaces else _link)(self.temporary, self.path)
             self.is_named = True
-        if durable:
-            sync(self.path.parent)
+        sync(self.path.parent)
         self._is_published = True
         self._close()
 
@@ -133,17 +130,15 @@ class NewFile:
             self.discard()
 
 
-def write_file(path: Path, *buffers: Buffer, durable: bool = True) -> None:
+def write_file(path: Path, *buffers: Buffer) -> None:
     """Write a file so that `path` never holds only a part of it; when this returns, it survives a power cut.
-
-    durable: False waits for no disk (`NewFile.publish`).
 
     Raises:
         OSError: From the system (ENOSPC, EFBIG, EDQUOT, ...); no temporary file stays.
     """
     with NewFile(path) as new:
         new.write(*buffers)
-        new.publish(durable=durable)
+        new.publish()
 
 
 def discard_unfinished() -> None:
@@ -155,9 +150,13 @@ def discard_unfinished() -> None:
 
 def _create(path: Path, suffix: str) -> tuple[Path, int]:
     """A new temporary file and a handle that holds its lock."""
+    number = 0
     while True:
-        temporary = temporary_name(path, suffix)
-        handle = os.open(temporary, _NEW, 0o666)
+        temporary, number = temporary_name(path, number, suffix), number + 1
+        try:
+            handle = os.open(temporary, _NEW, 0o666)
+        except FileExistsError:  # another writer's, or one that somebody planted
+            continue
         try:
             # Shared, as readers of HDF5 lock: they may open the file as soon as it has its name.
             fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -166,7 +165,7 @@ def _create(path: Path, suffix: str) -> tuple[Path, int]:
             continue
         except OSError:  # a file system without locks, where no writer removes what others have left
             return temporary, handle
-        if os.path.lexists(temporary):  # random names do not come back: it was not removed before it was locked
+        if _is_named(handle, temporary):  # it was not removed before it was locked
             return temporary, handle
         os.close(handle)
 
@@ -177,7 +176,8 @@ def discard_left(temporary: Path) -> None:
         handle = open_own(temporary, os.O_RDWR)
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            os.unlink(temporary)
+            if _is_named(handle, temporary):  # names are used again: another process may have removed it before
+                os.unlink(temporary)
         finally:
             os.close(handle)
 
@@ -195,23 +195,32 @@ def _link(temporary: Path, path: Path) -> None:
     discard(temporary)
 
 
-def temporary_name(path: Path, suffix: str = "") -> Path:
-    """A random name in the file's folder to write it under, so that no other user can plant a link there.
+def _is_named(handle: int, path: Path) -> bool:
+    """Whether an open file has a name for sure: it may be that of another file by now, or of none."""
+    try:
+        return os.path.samestat(os.fstat(handle), os.lstat(path))
+    except OSError:
+        return False
+
+
+def temporary_name(path: Path, number: int = 0, suffix: str = "") -> Path:
+    """A name in the file's folder to write it under; a file or link that has this name is never written to.
 
     suffix: how it ends, for writers that choose a format by the name.
     """
-    return fitting_name(path, f".{secrets.token_hex(_RANDOM_DIGITS // 2)}{TEMPORARY_SUFFIX}{suffix}")
+    return fitting_name(path, f".{number}{TEMPORARY_SUFFIX}{suffix}")
 
 
 def temporary_files(path: Path, suffix: str = "") -> list[Path]:
     """Temporary files of `path` that are there (`temporary_name`), of whichever process."""
-    ending = f".{'0' * _RANDOM_DIGITS}{TEMPORARY_SUFFIX}{suffix}"
-    front = re.escape(fitting_name(path, ending).name.removesuffix(ending))
-    name = re.compile(rf"{front}\.[0-9a-f]{{{_RANDOM_DIGITS}}}{re.escape(TEMPORARY_SUFFIX + suffix)}")
-    try:
-        return [path.with_name(own) for own in os.listdir(path.parent) if name.fullmatch(own)]
-    except OSError:  # a folder that takes new files but may not be listed
-        return []
+    found: list[Path] = []
+    for number in count():
+        temporary = temporary_name(path, number, suffix)
+        if os.path.lexists(temporary):
+            found.append(temporary)
+        elif number >= _NAMES_SOUGHT:
+            break
+    return found
 
 
 def fitting_name(path: Path, ending: str) -> Path:

@@ -4,7 +4,7 @@
 |----------------------------------------------------|--------------------------------------------------------------|
 | virtual datasets, external raw data                | they read other files                                        |
 | filters beyond gzip, shuffle, Fletcher-32 and LZF  | others are plug-ins, which are code                          |
-| types beyond integers, floats and text             | palpate's files have none                                    |
+| types beyond integers and floats; text in datasets | palpate's files have none                                    |
 | attributes and chunks out of bounds                | they would be held in memory whole                           |
 """
 
@@ -29,8 +29,6 @@ CHUNK_BYTES_MOST = 1 << 25
 """[byte] of a chunk in memory: a chunk is decoded whole. palpate's have at most 512 KiB."""
 ATTRIBUTE_BYTES_MOST = 1 << 24
 """[byte] of an attribute: a strategy's JSON."""
-VLEN_BYTES = 16
-"""[byte] of a text of any length where it stands among others: its length, and its place in the file."""
 
 _FILTERS = {_h5z.FILTER_DEFLATE: "gzip", _h5z.FILTER_SHUFFLE: "shuffle", _h5z.FILTER_FLETCHER32: "fletcher32"}
 _FILTERS[_h5z.FILTER_LZF] = "lzf"
@@ -58,7 +56,6 @@ class Declared:
 
     path: str
     dtype: np.dtype[Any]
-    """Object for text."""
     shape: tuple[int, ...]
     layout: str
     """compact, contiguous or chunked."""
@@ -68,11 +65,6 @@ class Declared:
     """In the order in which writing applies them."""
     item_bytes: int
     """[byte] of an element in the file."""
-
-    @property
-    def is_text(self) -> bool:
-        """Whether its elements are text."""
-        return self.dtype.kind == "O"
 
     @property
     def nbytes(self) -> int:
@@ -90,19 +82,19 @@ def declaration_of(dataset: Any, path: str) -> Declared:
     if external := int(plist.get_external_count()):
         raise Hdf5Error(f"{path} has its data in {external} external files, expected them in this one")
     kind = dataset.get_type()
+    if int(kind.get_class()) == _h5t.STRING:
+        raise Hdf5Error(f"{path} is text, expected numbers")
     _require_plain(kind, path)
-    dtype = np.dtype(object if int(kind.get_class()) == _h5t.STRING else kind.dtype)
     shape = _shape(dataset.get_space())
     if shape is None or len(shape) > RANK_MOST:
         found = "no dataspace" if shape is None else f"{len(shape)} dimensions"
         raise Hdf5Error(f"{path} has {found}, expected at most {RANK_MOST} dimensions")
     chunk = tuple(map(int, plist.get_chunk())) if layout == _h5d.CHUNKED else ()
-    item_bytes = VLEN_BYTES if dtype.kind == "O" and kind.is_variable_str() else int(kind.get_size())
-    own = Declared(path, dtype, shape, _LAYOUTS[layout], chunk, _filters(plist, path), item_bytes)
+    own = Declared(
+        path, np.dtype(kind.dtype), shape, _LAYOUTS[layout], chunk, _filters(plist, path), int(kind.get_size())
+    )
     if math.prod(chunk) * own.item_bytes > CHUNK_BYTES_MOST:
         raise Hdf5Error(f"{path} has chunks of {list(chunk)} items, expected at most {CHUNK_BYTES_MOST} bytes each")
-    if own.is_text and layout == _h5d.CHUNKED and 0 not in shape:
-        raise Hdf5Error(f"{path} is text in chunks, expected text in one piece")
     return own
 
 

@@ -1,6 +1,6 @@
 """Strict opening of HDF5 for reading: only what a caller names is opened, and each such object is validated first.
 
-    with open_hdf5(path) as opened:            # or open_hdf5(path, content) for bytes that are in memory already
+    with open_hdf5(path) as opened:
         opened.declared("/rows").shape         # the dataset's header; reads no data
         opened.read("/rows", first, stop)      # checked first: the rows are in the file and fit into memory
         opened.attribute("/", "format")        # a plain value of bounded size
@@ -18,8 +18,6 @@ process may have the file open in h5py, for reading or writing.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
-from functools import partial
 from os import PathLike
 from types import TracebackType
 from typing import Any, Self
@@ -30,31 +28,25 @@ from numpy.typing import NDArray
 from ..errors import Hdf5Error
 from .hdf5_chunks import require_chunks, require_room
 from .hdf5_declared import Declared, declaration_of, h5py, require_attribute
-from .hdf5_source import ByteSource, open_source
+from .hdf5_source import ByteSource
 
 _h5a, _h5d, _h5g, _h5l, _h5o = h5py.h5a, h5py.h5d, h5py.h5g, h5py.h5l, h5py.h5o
 
 MEMORY_MOST = 1 << 30
 """Most memory of one read [byte], plus 8 times the file's size, as compressed data grow when read."""
-NAMES_MOST = 1 << 16
-"""Names that a group or an object's attributes may have where they are listed; a sweep's shard has one a column."""
 Attribute = str | int | float | NDArray[Any]
 """Value of an attribute."""
 
-_VLEN = np.dtype([("length", "<u4"), ("place", "<u4", 3)])  # reference to a text of variable length, VLEN_BYTES
 
-
-def open_hdf5(path: str | PathLike[str], content: bytes | None = None) -> StrictFile:
+def open_hdf5(path: str | PathLike[str]) -> StrictFile:
     """Open a file.
-
-    content: the file's bytes, if they are in memory already; `path` is not opened then.
 
     Raises:
         OSError: From the system: FileNotFoundError, IsADirectoryError, PermissionError.
         Hdf5Error: Not a regular file, or an empty file.
         Exception: From h5py for a foreign or damaged file (`hdf5.FAILURES`).
     """
-    source = open_source(path, content)
+    source = ByteSource(path)
     try:
         return StrictFile(source)
     except BaseException:
@@ -124,23 +116,6 @@ class StrictFile:
                 self._objects[path] = found
         return self._objects[path]
 
-    def members(self, group: str) -> list[str]:
-        """Paths of what a group holds; raises Hdf5Error where they are too many, or have no printable names."""
-        owner = self._object(group)
-        if not isinstance(owner, _h5g.GroupID):
-            raise Hdf5Error(f"{group} is missing or not a group")
-        tracked = int(owner.get_create_plist().get_link_creation_order()) & h5py.h5p.CRT_ORDER_TRACKED
-        order = h5py.h5.INDEX_CRT_ORDER if tracked else h5py.h5.INDEX_NAME
-        with self._source.bounded():
-            names = _listed(partial(owner.links.iterate, idx_type=order), group)
-        return [f"{group.rstrip('/')}/{name}" for name in names]
-
-    def attribute_names(self, path: str) -> list[str]:
-        """Names of the attributes of a group or dataset; raises Hdf5Error as `members`."""
-        owner = self._object(path)
-        with self._source.bounded():
-            return _listed(partial(_h5a.iterate, owner), path)
-
     def declared(self, path: str) -> Declared:
         """Declaration of a dataset; raises Hdf5Error if there is none, or it declares what palpate's never have."""
         if path not in self._declared:
@@ -162,16 +137,13 @@ class StrictFile:
         return self._datasets[path]
 
     def read(self, path: str, first: int = 0, stop: int | None = None) -> NDArray[Any]:
-        """Rows `first` to `stop` (default: all) of a dataset, in native byte order; texts as an object array of str.
+        """Rows `first` to `stop` (default: all) of a dataset, in native byte order.
 
         Raises Hdf5Error as `dataset`, for a scalar, and if the rows would take too much memory.
         """
         dataset, own = self.dataset(path), self.declared(path)
         if not own.shape:
             raise Hdf5Error(f"{path} is one value, expected rows")
-        if own.is_text:
-            self._refuse_long_texts(dataset, own)
-            return np.asarray(dataset.asstr()[first:stop], object)
         rows = len(range(*slice(first, stop).indices(own.shape[0])))
         size, most = rows * own.nbytes // max(own.shape[0], 1), MEMORY_MOST + 8 * self._source.size
         if size > most:
@@ -216,42 +188,6 @@ class StrictFile:
         if value is not None and not isinstance(value, int):
             raise Hdf5Error(f"attribute {key} of {path} is {_brief(value)}, expected a whole number")
         return value
-
-    def require_memory(self, paths: Iterable[str]) -> None:
-        """Raise Hdf5Error where several datasets together would take more memory than one may."""
-        size, most = sum(self.declared(path).nbytes for path in paths), MEMORY_MOST + 8 * self._source.size
-        if size > most:
-            raise Hdf5Error(f"datasets of {size} bytes are to be read, expected at most {most}")
-
-    def _refuse_long_texts(self, dataset: Any, own: Declared) -> None:
-        """Refuse texts longer in total than the file: many references to the same bytes would fill the memory."""
-        if own.nbytes == 0 or not dataset.id.get_type().is_variable_str():
-            return
-        if own.layout != "contiguous":
-            raise Hdf5Error(f"{own.path} is text of any length in a {own.layout} layout, expected a contiguous one")
-        places = np.zeros(own.nbytes // _VLEN.itemsize, _VLEN)
-        self._source.seek(int(dataset.id.get_offset()))
-        self._source.readinto(places.view(np.uint8))
-        total = int(places["length"].sum(dtype=np.uint64))
-        if total > self._source.size:
-            raise Hdf5Error(f"{own.path} has texts of {total} bytes, more than the file's {self._source.size}")
-
-
-def _listed(iterate: Callable[..., object], owner: str) -> list[str]:
-    """Names that an iteration of h5py gives, in its order."""
-    names: list[bytes] = []
-
-    def note(name: bytes) -> bool | None:
-        names.append(name)
-        return True if len(names) > NAMES_MOST else None  # anything but None ends the iteration
-
-    iterate(note)
-    if len(names) > NAMES_MOST:
-        raise Hdf5Error(f"{owner} holds more than {NAMES_MOST} names")
-    for name in names:
-        if not (text := name.decode(errors="replace")).isprintable() or "\ufffd" in text:
-            raise Hdf5Error(f"{owner} holds a name that is not printable: {name[:80]!r}")
-    return [name.decode() for name in names]
 
 
 def _brief(value: object) -> str:

@@ -23,19 +23,27 @@ _PIECE_MOST = 2 * ATTRIBUTE_BYTES_MOST  # most bytes of one read of structure
 _WALK_MOST = 1 << 26  # most bytes read to open one object, plus 4 times the file's size: ends a cyclic structure
 
 
-def open_source(path: str | PathLike[str], content: bytes | None) -> ByteSource:
-    """The bytes of a file, or `content`; raises OSError, and Hdf5Error for what is no regular file."""
-    return _FileSource(path) if content is None else _MemorySource(content)
-
-
 class ByteSource:
-    """A file object that HDF5 reads from; each read fills its buffer completely or raises."""
+    """A file object that HDF5 reads from; each read fills its buffer completely or raises.
 
-    size: int
-    """[byte]"""
+    Opening raises OSError, and Hdf5Error for what is no regular file.
+    """
+
     left: int | None = None
     """Bytes that may still be read, at most `_PIECE_MOST` at once; None: no bound."""
     _at = 0
+
+    def __init__(self, path: str | PathLike[str]) -> None:
+        # O_NONBLOCK: opening a FIFO would wait for a writer; for regular files it has no effect
+        self._handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+        state = os.fstat(self._handle)
+        if not stat.S_ISREG(state.st_mode):
+            self.close()
+            if stat.S_ISDIR(state.st_mode):
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), os.fspath(path))
+            raise Hdf5Error("the file is a pipe, a device or a socket, expected a regular file")
+        self.size = state.st_size
+        """[byte]"""
 
     @contextmanager
     def bounded(self) -> Generator[None, None, None]:
@@ -85,46 +93,7 @@ class ByteSource:
         return len(view)
 
     def _fill(self, at: int, view: memoryview) -> None:
-        """Fill `view` with the bytes from offset `at`; the caller has checked that they exist."""
-        raise NotImplementedError
-
-    def state(self) -> tuple[int, int]:
-        """Size [byte] and modification time [ns]."""
-        raise NotImplementedError
-
-    def close(self) -> None:
-        """Release the handle; a second call does nothing."""
-
-
-class _MemorySource(ByteSource):
-    """Bytes in memory."""
-
-    def __init__(self, content: bytes) -> None:
-        self._content = memoryview(content)
-        self.size = len(content)
-
-    def _fill(self, at: int, view: memoryview) -> None:
-        view[:] = self._content[at : at + len(view)]
-
-    def state(self) -> tuple[int, int]:
-        return self.size, 0
-
-
-class _FileSource(ByteSource):
-    """A regular file; raises Hdf5Error for anything else."""
-
-    def __init__(self, path: str | PathLike[str]) -> None:
-        # O_NONBLOCK: opening a FIFO would wait for a writer; for regular files it has no effect
-        self._handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
-        state = os.fstat(self._handle)
-        if not stat.S_ISREG(state.st_mode):
-            self.close()
-            if stat.S_ISDIR(state.st_mode):
-                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), os.fspath(path))
-            raise Hdf5Error("the file is a pipe, a device or a socket, expected a regular file")
-        self.size = state.st_size
-
-    def _fill(self, at: int, view: memoryview) -> None:
+        """Fill `view` with the bytes from offset `at`; the caller has checked that they are in the file."""
         done = 0
         while done < len(view):
             count = os.preadv(self._handle, [view[done:]], at + done)
@@ -133,10 +102,12 @@ class _FileSource(ByteSource):
             done += count
 
     def state(self) -> tuple[int, int]:
+        """Size [byte] and modification time [ns]."""
         state = os.fstat(self._handle)
         return state.st_size, state.st_mtime_ns
 
     def close(self) -> None:
+        """Release the handle; a second call does nothing."""
         if self._handle >= 0:
             os.close(self._handle)
             self._handle = -1

@@ -8,6 +8,7 @@ since its last `fsync` are kept up to any point, each folder by itself, a move b
 import errno
 import os
 import random
+import resource
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -19,6 +20,18 @@ CHANGING = (
     "rename", "link", "unlink", "mkdir", "rmdir", "close", "fstat",
 )  # fmt: skip
 """Calls that make, change, sync or remove files, and those that they need."""
+
+
+@contextmanager
+def file_size_limit(size: int) -> Iterator[None]:
+    """Let no file of this process grow beyond a size [byte], as on a disk that is full."""
+    before, most = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, most))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (before, most))
+
 
 SYNCS = ("fsync", "fdatasync")
 

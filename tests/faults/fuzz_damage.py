@@ -1,7 +1,6 @@
 """How the fuzzer damages a valid file: bytes of any file, and the structure of the formats that it knows."""
 
 import gzip
-import hashlib
 import io
 import json
 import random
@@ -22,8 +21,6 @@ CONTROL = "\x1b]0;title\x07\x1b[2J\r\nerror: forged\x00"
 """Characters that would rename a terminal, clear it and forge a line in it."""
 PIPE = "pipe"
 """A FIFO beside every case's files: opening it waits for ever."""
-TRAILER = struct.Struct("<16sQ32s")
-"""Of a shard, by docs/formats/sweep-store.md: mark, length, BLAKE2b-256."""
 ELSEWHERE = "elsewhere"
 """In the description of a damage: an object is not in the file that is read, or not where its name says."""
 
@@ -235,8 +232,7 @@ ATTRIBUTES: tuple[Callable[[], Any], ...] = (
 
 
 def damage_hdf5(path: Path, rng: random.Random) -> str:
-    """Change an attribute, a group or a dataset of an HDF5 file; a shard's own digest is corrected."""
-    content = path.read_bytes()
+    """Change an attribute, a group or a dataset of an HDF5 file."""
     with h5py.File(path, "r+", locking=False) as file:
         places = ["/"]
         file.visit(lambda name: places.append(f"/{name}"))
@@ -246,10 +242,6 @@ def damage_hdf5(path: Path, rng: random.Random) -> str:
             how = _change_attribute(found, rng) if len(found.attrs) else "nothing"
         else:
             how = (_change_group if isinstance(found, h5py.Group) else _change_dataset)(file, name, rng)
-    if content[-TRAILER.size :].startswith(b"palpate shard "):
-        image = path.read_bytes().removesuffix(content[-TRAILER.size :])
-        mark = content[-TRAILER.size : -TRAILER.size + 16]
-        path.write_bytes(image + TRAILER.pack(mark, len(image), hashlib.blake2b(image, digest_size=32).digest()))
     return f"structure: {how}"
 
 

@@ -35,8 +35,8 @@ from palpate.datasets.focus_files.frame_file import FrameField, FrameFile
 from palpate.datasets.focus_files.frame_reader import FOCAL_POINTS, FrameReader, check_frames
 from palpate.datasets.recordings.alignment import alignment_pose, write_alignment
 from palpate.datasets.recordings.sample import write_sample
-from palpate.datasets.sweeps.shard import ShardRow, read_shard, shard_columns, write_shard
-from palpate.datasets.sweeps.store import SweepStore
+from palpate.datasets.sweeps.result_row import ResultRow
+from palpate.datasets.sweeps.store import Failure, SweepStore
 from palpate.datasets.sweeps.table import load_table, write_table
 from palpate.device.playing.limits import Limits
 from palpate.render import (
@@ -226,43 +226,22 @@ def read_table(path: Path) -> Any:
     return found
 
 
-def shard_seeds(folder: Path) -> None:
-    rows = [ShardRow("contours", "k", 0, {"poses": 3, "name": "ü"}), ShardRow("poses", "k", 1, {"stat": [1, 0.5]})]
-    write_shard(folder / "a.h5", rows, [None, COLUMNS], maker="fuzz")
-
-
-def read_a_shard(path: Path) -> Any:
-    shard = read_shard(path)
-    with shard_columns(path) as reader:
-        reader.columns(1, "poses", "k", 1)
-    return [vars(row) for row in shard.rows], list(shard.columns)
-
-
 def store_seeds(folder: Path) -> None:
-    own = folder / "a.sweep"
-    with SweepStore(own, maker="fuzz") as store:
-        for number in range(4):
-            rows = [ShardRow("poses", "k", number, {"poses": 300, "stat": {"length": [1.0, number]}, "name": "ü"})]
-            write_shard(own / "shards" / f"{number}.h5", rows, [COLUMNS], maker="fuzz")
-            store.record(f"shards/{number}.h5")
-        rows = [ShardRow("contours", f"k{k}", 0, {"poses": k, "stat": {"length": [k / 7] * 5}}) for k in range(60)]
-        write_shard(own / "shards" / "b.h5", rows, maker="fuzz")
-        store.record("shards/b.h5")
-        store.record_failure("r", "could not be made: ü")
+    rows = [
+        ResultRow.of("fuzz", "poses", "k", n, {"stat": {"length": [1.0, n]}, "name": "ü"}, COLUMNS) for n in range(4)
+    ]
+    rows += [ResultRow.of("fuzz", "contours", f"k{k}", 0, {"stat": {"length": [k / 7] * 5}}) for k in range(60)]
+    with SweepStore(folder / "a.sweep", "fuzz", mode="write") as store:
+        store.add(rows)
+        store.replace_failures([Failure("r", "a recipe", "could not be made: ü")])
 
 
 def read_store(folder: Path) -> Any:
-    """All that a store gives back; parts that it does not report as done may be missing, and no others."""
+    """All that a store gives back; chunks that it does not report as done may be missing, and no others."""
     keys = [("poses", "k"), *(("contours", f"k{k}") for k in range(60))]
-    with SweepStore(folder, maker="fuzz") as store:
-        store.recover()
-        done = {place: sorted(parts) for place, parts in store.done(keys).items()}
-        found = list(store.results(keys)), store.failed(), list(store.column_parts("k")), done
-        if [part for part, _ in found[2]] != done["poses", "k"]:
-            raise Wrong("parts are done whose columns are not there")
-        if store.damaged:
-            raise Refused("; ".join(store.damaged))
-    return found
+    with SweepStore(folder, "fuzz") as store:
+        done = {place: sorted(chunks) for place, chunks in store.done(keys).items()}
+        return list(store.results(keys)), store.failures(), list(store.column_chunks("k")), done
 
 
 def frame_seeds(folder: Path) -> None:
@@ -497,7 +476,6 @@ READERS: tuple[Reader, ...] = (
     Reader("recording", recording_seeds, read_recording),
     Reader("alignment", alignment_seeds, lambda path: near(alignment_pose(path)[:3])),
     Reader("table", table_seeds, read_table),
-    Reader("shard", shard_seeds, read_a_shard, True),
     Reader("store", store_seeds, read_store, True, ("store.sqlite", "*.h5")),
     Reader("frames", frame_seeds, read_frames, True),
     Reader("mesh", mesh_seeds, read_mesh),

@@ -3,7 +3,6 @@
 `CASES` has each file by name; it changes a sound file of one of palpate's formats (`sound`).
 """
 
-import hashlib
 import json
 import os
 import struct
@@ -21,14 +20,12 @@ from h5py import ExternalLink, SoftLink, h5d, h5p, h5s, h5t, h5z
 
 from palpate.datasets.focus_files.frame_file import FrameField, FrameFile
 from palpate.datasets.motions.hand_motion import HandMotion
-from palpate.datasets.sweeps.shard import ShardRow, write_shard
 
 POSES = 30
 OPERATIONS = {
     "contours": ("check", "info", "read", "play", "motion"),
     "frames": ("check", "info", "read", "play"),
     "motion": ("motion",),
-    "shard": ("read",),
 }
 CONTOURS = ("check", "read", "play")
 """Those that read contours."""
@@ -111,11 +108,7 @@ def _motion(path):
     HandMotion(np.arange(POSES) / 90.0, pose, seed=3).save(path)
 
 
-def _shard(path):
-    write_shard(path, [ShardRow("metrics", "k", 0, {"a": 1})], [{"length": np.arange(5.0)}], maker="x")
-
-
-SOUND = {"contours": _contours, "frames": _frames, "motion": _motion, "shard": _shard}
+SOUND = {"contours": _contours, "frames": _frames, "motion": _motion}
 
 
 # edits
@@ -618,7 +611,7 @@ case("half a file", written(lambda content: content[: len(content) // 2]))
 case("a superblock that says a larger file", written(lambda content: content[:28] + LARGER + content[36:]))
 case("a sound size of zeros", written(lambda content: bytes(len(content))))
 
-# frames, motions, tables
+# frames, motions
 
 POSITION, INTENSITY = "/focus/position", "/focus/intensity"
 for kind, name, edit in (
@@ -647,42 +640,3 @@ for kind, name, edit in (
     change(name, edit, kind=kind)
 change("frames of a recipe of 30,000 lists", attribute("/", "recipe", DEEP), TEXTS, kind="frames")
 case("a motion on a FIFO", on_a_fifo("/motion/pose", "<f4", 7), kind="motion")
-
-
-# shards
-
-
-def resealed(edit):
-    """A shard's HDF5 file changed, with a right checksum."""
-
-    def make(path):
-        path.write_bytes(path.read_bytes()[:-56])
-        with h5py.File(path, "r+", libver=("v108", "latest")) as file:
-            edit(file)
-        content = path.read_bytes()
-        digest = hashlib.blake2b(content, digest_size=32).digest()
-        path.write_bytes(content + struct.pack("<16sQ32s", b"palpate shard 1\n", len(content), digest))
-
-    return make
-
-
-def text(path, content):
-    return link(path, np.frombuffer(content.encode(), np.uint8))
-
-
-LENGTH = "/columns/0/length"
-for name, edit in (
-    ("rows of 100,000 lists", text("rows", "[" * 10**5 + "]" * 10**5)),
-    ("rows that are no rows", text("rows", '{"a": 1}')),
-    ("rows of two", text("rows", '[["a", "b"]]')),
-    ("rows of numbers", text("rows", "[[1, 2, 3]]")),
-    ("rows that are not UTF-8", rows("rows", 0, 255)),
-    ("rows on themselves", virtual("/rows")),
-    ("rows of floats", put("/rows", data=np.zeros(9))),
-    ("payload of 100,000 lists", text("payloads", "[" * 10**5 + "]" * 10**5)),
-    ("payload that is no object", text("payloads", "[1]")),
-    ("column of a compound", put(LENGTH, data=np.zeros(5, [("a", "i4")]))),
-    ("columns that are a dataset", link("/columns", np.zeros(5))),
-    ("column never written", put(LENGTH, shape=(10**9,), dtype="f8")),
-):
-    case(f"a shard's {name}", resealed(edit), kind="shard")

@@ -14,7 +14,6 @@ from hostile_hdf5 import CASES, OPERATIONS, sound, write_case
 
 from palpate.datasets import ContourFile, HandMotion, check_file
 from palpate.datasets.focus_files.frame_reader import FrameReader, check_frames, frame_format
-from palpate.datasets.sweeps.shard import read_shard, shard_columns
 from palpate.device.boards.emulator.usb_side import EmulatorBackend
 from palpate.device.clock import VirtualClock
 from palpate.render.playback.file_playback import Connection, play_file
@@ -42,10 +41,6 @@ def read(path, kind):
         with FrameReader(path) as file:
             file.recipe()
             file.focal_points(0, file.frame_count)
-    elif kind == "shard":
-        rows = read_shard(path).rows
-        with shard_columns(path) as columns:
-            columns.columns(0, rows[0].group, rows[0].key, rows[0].part)
     else:
         with ContourFile(path) as file:
             file.attributes, file.header(), file.strategy, file.hand, file.object()

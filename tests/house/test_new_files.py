@@ -26,20 +26,13 @@ MOVE = re.compile(r"\.replace\([^,]*[()]")
 EXCEPTIONS = {
     ("datasets/storage/hdf5_output.py", "File"): "libhdf5 writes to a stream of ours, which keeps what goes wrong",
     ("datasets/storage/sqlite_opening.py", "shutil.copyfile"): "into a folder that goes once the copy is read",
-    ("datasets/sweeps/claims.py", "fdopen"): "its name alone is the claim, and must be made exclusively",
-    ("datasets/sweeps/claims.py", "write_text"): "a sign of life, of which a part is as good",
-    ("datasets/sweeps/manifest.py", "os.replace"): "a store that another process made first must stay",
-    ("datasets/sweeps/record.py", "os.replace"): "shards that are whole move between folders",
+    ("datasets/sweeps/merging.py", "shutil.copyfile"): "into the scratch folder, from which the store moves it",
+    ("datasets/sweeps/store.py", "os.replace"): "a kept file that is whole moves into its folder",
+    ("datasets/sweeps/store.py", "write_bytes"): "into the scratch folder, from which the store moves it",
     ("device/live/writer_handle.py", "open"): "to a process of its own, in a folder that goes with both",
     ("device/live/writer_handle.py", "write_text"): "to a process of its own, in a folder that goes with both",
     ("render/exports/npz_file.py", "open"): "a member of an archive under a temporary name",
     ("render/runtime/sealed_kernels.py", "os.rename"): "a folder that is damaged goes out of the way at once",
-    ("render/sweeps/make/keep.py", "os.replace"): "a file that is damaged is set aside",
-    ("render/sweeps/run/dask_engine.py", "write_text"): "a token by which workers prove that they see the store",
-    ("render/sweeps/run/dask_worker.py", "open"): "the file of a lock, which is empty",
-    ("render/sweeps/run/dask_worker.py", "write_text"): "the answer to the token",
-    ("render/sweeps/run/recording.py", "open"): "a probe for room, which is removed at once",
-    ("render/sweeps/run/sharing.py", "os.replace"): "fsspec fetches to a path of its own choice",
 }
 """Calls that stand elsewhere, by file, with their reason."""
 
@@ -85,6 +78,10 @@ def unpublished(tree: ast.Module) -> list[str]:
         for name, target in written_targets(tree)
         if ast.unparse(target).removeprefix("str(").removesuffix(")").rpartition(".")[2] != "temporary"
         and not (isinstance(target, ast.Name) and target.id in memory)
+        and not (
+            isinstance(target, ast.NamedExpr)
+            and ast.unparse(target.value).partition("(")[0].rpartition(".")[2] in MEMORY
+        )
     ]
 
 
@@ -123,6 +120,7 @@ plt.imsave(path, pixels)
 PUBLISHED = """
 content = io.BytesIO()
 np.savez(content, values=values)
+np.savez(stream := BytesIO(), values=values)
 figure.savefig(content, format="png")
 new.temporary.write_text("a")
 temporary.open("w")

@@ -3,7 +3,6 @@
 A key that is left out has one value, its default; a key that does not apply to a source is refused.
 """
 
-import json
 import math
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -33,10 +32,9 @@ from ...objects.voxels.files import UNITS
 from ...objects.voxels.values import KINDS
 from ...playback.drive import AMPLITUDES, SOLVERS, Driver, DriveStrategy
 from ...playback.placed_arrays import load_rig
-from ...sampling.strategy import SamplingStrategy
 from ...strategies.intersection_strategy import FLUSH_HIGHEST, STEP_HIGHEST, STEP_LOWEST
 from .recipe import RANDOM_AT, RANDOM_SIZE, RecipePart, model_of
-from .sources import PlanSource, SourceIndex, read_alignments, read_sources
+from .sources import PlanSource, SourceIndex, described_sampling, read_alignments, read_sources
 from .values import Check, ChoiceCheck, LabelCheck, NumberCheck, TextCheck, Values, VectorCheck, read_values, refuse
 
 COUNT_MOST = 10**15  # poses of one recipe
@@ -289,9 +287,9 @@ def _strategy(source: PlanSource, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _sampling(source: PlanSource, values: Mapping[str, Any]) -> dict[str, Any]:
-    described = source.loaded | {name: values[name] for name in KEYS["sampling"] if name in values}
-    SamplingStrategy.from_json(json.dumps(described))  # raises StrategyError for values that do not go together
-    return {**_named(source), "described": described}
+    given = {name: values[name] for name in KEYS["sampling"] if name in values}
+    replace(source.loaded, **given)  # raises StrategyError for values that do not go together
+    return {**_named(source), "described": described_sampling(source.loaded) | given}
 
 
 def _array(source: PlanSource, values: Mapping[str, Any]) -> dict[str, Any]:

@@ -77,8 +77,9 @@ def _entry(axis: str, key: str, given: object, folder: Path) -> Matches:
             refuse(f"must be a value or a list of them, not {value_text(given)}: it is no number")
         return _bounds(axis, key, given, check)
     if check is None:
-        texts = given if isinstance(given, list) else [given]
-        if not texts or not all(isinstance(text, str) and text for text in texts):
+        listed = given if isinstance(given, list) else [given]
+        texts = [text for text in listed if isinstance(text, str) and text]
+        if not texts or len(texts) < len(listed):
             refuse(f"must be a name, or a list of names, not {value_text(given)}")
         exact = {*texts, *(str(folder / text) for text in texts)}  # a name with brackets is no pattern of itself
         patterns = (*texts, *(str(Path(glob.escape(str(folder))) / text) for text in texts))

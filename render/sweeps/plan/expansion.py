@@ -74,22 +74,18 @@ def combine(
     later, bound = list(axes), set[int]()
     for axis, parts in axes.items():
         later.remove(axis)
-        decided = frozenset(own for own in exclude if not own.entries.keys() & later)
+        about = [own for own in every if axis in own.entries]
+        choices = [
+            _Prefix((part,), rows, every.difference(own for own in about if not own.matches(axis, part.content)))
+            for part, rows in parts
+        ]
         groups = {group for own in parts for group in own.rows}
-        longer = _extended(prefixes, _choices(axis, parts, every), min(groups & bound, default=None))
-        prefixes = _require_few_prefixes(_kept_by(longer, decided, kept), axis)
+        longer = _extended(prefixes, choices, min(groups & bound, default=None))
+        decided = frozenset(own for own in exclude if not own.entries.keys() & later)
+        prefixes = _allowed(longer, axis, decided, kept)
         bound |= groups
     combinations = [own.parts for own in prefixes]
     return unique(combinations) if bound else combinations  # two rows of zip may have the same values
-
-
-def _choices(axis: str, parts: Iterable[AxisPart], constraints: frozenset[Constraint]) -> list[_Prefix]:
-    """The parts of one axis, each as a combination of its own."""
-    about = [own for own in constraints if axis in own.entries]
-    return [
-        _Prefix((part,), rows, constraints.difference(own for own in about if not own.matches(axis, part.content)))
-        for part, rows in parts
-    ]
 
 
 def _extended(prefixes: Iterable[_Prefix], choices: Sequence[_Prefix], group: int | None) -> Iterator[_Prefix]:
@@ -108,19 +104,19 @@ def _extended(prefixes: Iterable[_Prefix], choices: Sequence[_Prefix], group: in
                 yield _Prefix(prefix.parts + own.parts, rows, prefix.matched & own.matched)
 
 
-def _kept_by(
-    prefixes: Iterable[_Prefix], decided: frozenset[Constraint], only: frozenset[Constraint]
+def _allowed(
+    prefixes: Iterable[_Prefix], axis: str, decided: frozenset[Constraint], only: frozenset[Constraint]
 ) -> Iterator[_Prefix]:
-    """Prefixes that constraints do not leave out.
+    """Prefixes that constraints do not leave out; raises PlanFault after RECIPES_MOST of them.
 
-    decided: constraints that exclude what they match, and have no entry of a later axis. only: one of these must match.
+    axis: of their last parts. decided: constraints that exclude what they match, and have no entry of a later axis.
+    only: constraints of which one must match.
     """
-    return (own for own in prefixes if not own.matched & decided and (not only or own.matched & only))
-
-
-def _require_few_prefixes(prefixes: Iterable[_Prefix], axis: str) -> Iterator[_Prefix]:
-    """The prefixes; raises PlanFault after RECIPES_MOST of them. axis: their last one."""
-    for count, own in enumerate(prefixes, 1):
+    count = 0
+    for own in prefixes:
+        if own.matched & decided or (only and not own.matched & only):
+            continue
+        count += 1
         if count > RECIPES_MOST:
             left = f"but more combinations are left after the axis {axis}"
             refuse(f"a plan must have at most {RECIPES_MOST:,} recipes, {left}: {WAY_OUT}")

@@ -95,18 +95,12 @@ class Plan:
         """Every recipe once, plan after plan."""
         return self.expanded
 
-    def described(self) -> dict[str, Any]:
-        """For JSON: the plans' texts and overrides, and a digest of all that the recipes, their names and the groups
-        follow from."""
-        out = {
-            "name": self.name,
-            "groups": list(self.groups),
-            "overrides": list(self.overrides),
-            "plans": [{"file": Path(path).name, "text": text} for path, text in self.texts.items()],
-        }
+    @property
+    def digest(self) -> str:
+        """SHA-256 that differs whenever the recipes, their names or the groups differ."""
         parts = dict.fromkeys(part for recipe in self.expanded for part in recipe.parts)
-        digest = hashlib.sha256(json.dumps([out, [part.text for part in parts]]).encode()).hexdigest()
-        return {**out, "device": self.device, "recipe_count": self.recipe_count, "digest": digest}
+        lines = [self.name, *self.groups, *self.overrides, *self.texts.values(), *(part.text for part in parts)]
+        return hashlib.sha256(json.dumps(lines).encode()).hexdigest()
 
 
 def load_plans(
@@ -190,7 +184,7 @@ class _ReadPlan(NamedTuple):
 def _united(plans: Sequence[_ReadPlan]) -> Sequence[Recipe]:
     """The recipes of all plans, each once; sources that have one name in different plans have longer names."""
     if len(plans) == 1:
-        return list(map(Recipe.of, plans[0].combinations))
+        return tuple(map(Recipe.of, plans[0].combinations))
     names = distinct_names([own.axes for own in plans])
     renamed: dict[RecipePart, RecipePart] = {}
 
@@ -199,7 +193,7 @@ def _united(plans: Sequence[_ReadPlan]) -> Sequence[Recipe]:
         return part if name is None else renamed.setdefault(part, RecipePart(part.content | {"name": name}))
 
     combinations = unique(tuple(map(with_name, parts)) for own in plans for parts in own.combinations)
-    return list(map(Recipe.of, combinations))
+    return tuple(map(Recipe.of, combinations))
 
 
 def _read(document: PlanDocument, index: SourceIndex) -> _ReadPlan | None:
@@ -310,8 +304,9 @@ def _axis_table(document: PlanDocument, axis: str, place: Place, table: object, 
         document.fault(place, f"must be a table, not {value_text(table)}")
         return {}
     known = ("source", *KEYS[axis])
-    for key in table.keys() - known:
-        document.fault((*place, key), unknown_key(key, known))
+    for key in table:
+        if key not in known:
+            document.fault((*place, key), unknown_key(key, known))
     given = {"source": DEFAULT_SOURCES[axis], **table} if axis in DEFAULT_SOURCES else table
     if "source" not in given:
         document.fault((*place, "source"), "is missing")

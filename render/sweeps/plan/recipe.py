@@ -378,22 +378,9 @@ def _companions(path: Path) -> list[Path]:
         buffers = read_json(path)["buffers"]
         names = [buffer.get("uri", "data:") for buffer in buffers]
         return [file_beside(path, unquote(name)) for name in names if not name.startswith("data:")]
-    return _nrrd_data(path) if path.suffix.lower() == ".nhdr" else []
-
-
-def _nrrd_data(path: Path) -> list[Path]:
-    """Data files of a detached NRRD header: one, a list of several, or numbered ones."""
-    lines = read_content(path).decode("ascii", errors="replace").splitlines()
-    for place, line in enumerate(lines):
-        field, _, value = (text.strip() for text in line.partition(":"))
-        if field.lower() not in ("data file", "datafile"):
-            continue
-        words = value.split()
-        if words[:1] == ["LIST"]:
-            return [file_beside(path, name.strip()) for name in lines[place + 1 :] if name.strip()]
-        if len(words) >= 4 and "%" in words[0]:
-            first, last, step = (int(word) for word in words[1:4])
-            numbers = range(first, last + (1 if step > 0 else -1), step)
-            return [file_beside(path, words[0] % number) for number in numbers]
-        return [file_beside(path, value)]
+    if path.suffix.lower() == ".nhdr":
+        for line in read_content(path).decode("ascii", errors="replace").splitlines():
+            field, _, name = (text.strip() for text in line.partition(":"))
+            if field.lower() in ("data file", "datafile"):  # "LIST" is no file: no reader takes one
+                return [file_beside(path, name)]
     return []

@@ -14,6 +14,7 @@ Modules that only some sources need are imported where these are read, so that a
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -64,8 +65,7 @@ class PlanSource:
     """Path as the plan has it, shown where names are alike."""
     sha256: str | None = None
     loaded: Any = field(default=None, compare=False)
-    """JSON of a strategy (in a draft without digests of stages), of a sampling strategy or of arrays; or a function's
-    name."""
+    """JSON of a strategy (of a draft without stages' digests) or of arrays; a sampling strategy; a function's name."""
 
 
 @dataclass
@@ -227,7 +227,7 @@ def _sampling(text: str, index: SourceIndex) -> PlanSource:
         source = PlanSource("preset", found, found)
     else:
         source = _file(text, index, tuple(SAMPLING_PRESETS), "sampling", "file")
-    return replace(source, loaded=described_sampling(load_sampling(source.source)))
+    return replace(source, loaded=load_sampling(source.source))
 
 
 def _array(text: str, index: SourceIndex) -> PlanSource:
@@ -268,6 +268,7 @@ def _shortest(role: str, stage: Stage) -> Stage:
     return Stage(stage.name, {name: value for name, value in stage.options.items() if value != defaults[name]})
 
 
+@lru_cache
 def described_sampling(strategy: SamplingStrategy) -> dict[str, Any]:
     """JSON of a sampling strategy, numbers as floats where they need not be whole."""
     defaults = {**asdict(SamplingStrategy()), **{name: asdict(group()) for name, group in GROUPS.items()}}

@@ -161,34 +161,20 @@ class Comparison:
             count = "1 recipe is" if len(self.changed) == 1 else f"{len(self.changed)} recipes are"
             why = "the file behind this name" if self.sources else "a file behind their names"
             out.append(f"{count} compared by name: {why} has changed: {_few(self.sources or self.changed)}")
-        for names, one, several in self._notes():
+        for names, one in (
+            (self.missing, "recipe of the baseline is not in this plan"),
+            (self.incomplete, "recipe has no whole results here"),
+            (self.columns_missing, "metric of the baseline is not measured here"),
+            (self.added, "recipe is new, and compared with nothing"),
+            (self.columns_added, "metric is new, and compared with nothing"),
+        ):
+            noun, _, rest = one.partition(" ")
+            several = f"{noun}s {rest}".replace(" is ", " are ").replace(" has ", " have ")
             if names:
                 out.append(f"{len(names)} {one if len(names) == 1 else several}: {_few(names)}")
         if self.makers[0] and self.makers[0] != self.makers[1]:
             out.append(f"the baseline was made by {self.makers[0]}, this by {self.makers[1]}")
         return out
-
-    def _notes(self) -> tuple[tuple[tuple[str, ...], str, str], ...]:
-        """Names, with the sentence for one and for several."""
-        return (
-            (
-                self.missing,
-                "recipe of the baseline is not in this plan",
-                "recipes of the baseline are not in this plan",
-            ),
-            (self.incomplete, "recipe has no whole results here", "recipes have no whole results here"),
-            (
-                self.columns_missing,
-                "metric of the baseline is not measured here",
-                "metrics of the baseline are not measured here",
-            ),
-            (self.added, "recipe is new, and compared with nothing", "recipes are new, and compared with nothing"),
-            (
-                self.columns_added,
-                "metric is new, and compared with nothing",
-                "metrics are new, and compared with nothing",
-            ),
-        )
 
     def rows(self, count: int = ROWS_SHOWN) -> list[tuple[str, str, str, str, str]]:
         """What moved most, as words: recipe, metric, old, new, change."""

@@ -42,7 +42,7 @@ class Results:
     def __init__(self, plan: Plan, folder: Path, *, is_complete: bool, has_news: bool) -> None:
         """is_complete: whether every recipe could be made; has_news: whether any chunk was made just now."""
         self._plan, self._folder, self._is_complete = plan, folder, is_complete
-        self._stamp = {"plan": plan.described()["digest"], "code_version": code_version()}
+        self._stamp = {"plan": plan.digest, "code_version": code_version()}
         self._has_poses = "poses" in plan.groups
         self._is_fresh = is_complete and not has_news and self._is_stamped()
         self.files: dict[str, str] = {}

@@ -116,9 +116,7 @@ class OtherPool:
 
     def submit(self, unit: Unit) -> Future[UnitResult]:
         """Have a unit made."""
-        from ..make.unit_making import make_unit  # what renders
-
-        return self._executor.submit(make_unit, unit, self.device)
+        return self._executor.submit(make_on, unit, self.device)
 
     def is_lost(self, error: BaseException) -> bool:
         """Whether a future's error says that the worker died."""

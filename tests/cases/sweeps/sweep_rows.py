@@ -44,7 +44,7 @@ def payload(poses=1000, **values):
 class HandMadeStore:
     """Results by (group, key), a list of parts' payloads."""
 
-    made_by = "hand"
+    code = "hand"
 
     def __init__(self, results: Mapping[tuple[str, str], list[dict]]) -> None:
         self._results = results

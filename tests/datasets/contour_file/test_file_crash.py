@@ -4,12 +4,10 @@ How a file gets its name, and what a power cut leaves of it, is shown once for a
 """
 
 import os
-import resource
 import shutil
 import signal
 import subprocess
 import sys
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -23,7 +21,7 @@ from contour_cases import (
     write_file,
     write_ranges,
 )
-from disk_faults import stood_in_for
+from disk_faults import file_size_limit, stood_in_for
 
 from palpate.datasets.contour_file.blocks import work_folder
 from palpate.datasets.contour_file.check import check_file
@@ -105,16 +103,6 @@ def test_a_kill_while_overwriting_clears_the_folder_leaves_what_resuming_reads(t
     with calls_seen(see), pytest.raises(KeyboardInterrupt):
         ContourWriter(path, HEADER, mode="overwrite")
     assert finish(path, CONTOURS)[0] != []
-
-
-@contextmanager
-def file_size_limit(size):
-    old = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, old[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, old)
 
 
 def test_a_full_disk_while_sealing_keeps_everything_and_the_old_file(tmp_path):

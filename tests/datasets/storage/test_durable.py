@@ -56,7 +56,7 @@ WRITERS = {"at once": lambda path: write_file(path, NEW), "in steps": put, "by p
 
 def leave(path, suffix=""):
     """What a killed writer leaves."""
-    left = temporary_name(path, suffix)
+    left = temporary_name(path, suffix=suffix)
     left.write_bytes(b"half")
     return left
 
@@ -145,11 +145,7 @@ def test_the_content_is_on_the_disk_before_the_name_and_the_name_before_the_end(
     faults = Faults(frozenset())
     with stood_in_for(faults):
         write_file(tmp_path / "a", NEW)
-    assert faults.names == ["open", "write", "fsync", "replace", "open", "fsync"]
-    unsynced = Faults(frozenset())
-    with stood_in_for(unsynced):
-        write_file(tmp_path / "a", NEW, durable=False)
-    assert unsynced.names == ["open", "write", "replace"]
+    assert faults.names == ["open", "fstat", "write", "fsync", "replace", "open", "fsync"]
 
 
 # Killed writers, and two at once.
@@ -262,18 +258,56 @@ def test_a_file_system_without_locks_keeps_what_others_may_be_writing(tmp_path, 
     assert sorted(tmp_path.iterdir()) == [path, left]
 
 
-def test_no_link_and_no_fifo_that_somebody_planted_is_written_or_waited_for(tmp_path, monkeypatch):
+def test_no_link_and_no_fifo_that_somebody_planted_is_written_or_waited_for(tmp_path):
     victim, path = tmp_path / "victim", tmp_path / "a.txt"
     victim.write_bytes(b"precious")
-    os.mkfifo(temporary_name(path))
-    temporary_name(path).symlink_to(victim)
+    planted = [temporary_name(path, number) for number in range(12)]
+    os.mkfifo(planted[0])
+    for link in planted[1:]:
+        link.symlink_to(victim)
     write_file(path, NEW)
     assert (path.read_bytes(), victim.read_bytes()) == (NEW, b"precious")
-    monkeypatch.setattr(durable.secrets, "token_hex", lambda count: "00" * count)  # as if it were guessed
-    temporary_name(path).symlink_to(victim)
-    with pytest.raises(FileExistsError):
-        write_file(path, b"newer")
-    assert (path.read_bytes(), victim.read_bytes()) == (NEW, b"precious")
+    assert set(planted) < set(tmp_path.iterdir())
+
+
+def test_writers_of_one_path_at_once_have_names_of_their_own_and_leave_nothing(tmp_path):
+    path = tmp_path / "a"
+    with contextlib.ExitStack() as stack:
+        writers = [stack.enter_context(NewFile(path)) for _ in range(9)]
+        assert len({writer.temporary for writer in writers}) == len(temporary_files(path)) == 9
+    assert os.listdir(tmp_path) == ["a"]
+
+
+@pytest.mark.parametrize("numbers", [[0], [3], [1, 3], range(9)], ids=str)
+def test_leftovers_are_found_though_the_folder_is_never_listed(tmp_path, monkeypatch, numbers):
+    """A folder may have very many files, as that of a sweep's kept ones."""
+    path, listed = tmp_path / "a", os.listdir
+    for number in numbers:
+        temporary_name(path, number).write_bytes(b"half")
+    monkeypatch.setattr(os, "listdir", None)
+    monkeypatch.setattr(os, "scandir", None)
+    write_file(path, NEW)
+    assert listed(tmp_path) == ["a"]
+
+
+def test_a_left_file_that_another_process_has_removed_and_begun_again_stays(tmp_path, monkeypatch):
+    """Between opening a left file and locking it, another process removes it and begins one of the same name."""
+    path, real = tmp_path / "a", fcntl.flock
+    left = leave(path)
+    begun = []
+
+    def late(handle, how):
+        if how & fcntl.LOCK_EX and not begun:
+            left.unlink()
+            begun.append(NewFile(path))
+        real(handle, how)
+
+    monkeypatch.setattr(fcntl, "flock", late)
+    write_file(path, OLD)
+    begun[0].write(NEW)
+    begun[0].publish()
+    assert path.read_bytes() == NEW
+    assert os.listdir(tmp_path) == ["a"]
 
 
 # Calls that fail, and power cuts.
@@ -392,7 +426,13 @@ def test_a_power_cut_leaves_the_old_file_or_the_new_one_and_once_it_is_written_t
 
 
 def test_the_model_of_power_cuts_finds_a_file_that_is_not_synced(tmp_path):
-    during, after = remains(tmp_path, lambda path: write_file(path, NEW, durable=False), OLD, seeds=5)
+    def put_unsynced(path):
+        handle = os.open(path.with_name("other"), os.O_WRONLY | os.O_CREAT)
+        os.write(handle, NEW)
+        os.close(handle)
+        os.replace(path.with_name("other"), path)
+
+    during, after = remains(tmp_path, put_unsynced, OLD, seeds=30)
     assert not set(during) <= {OLD, NEW}
     assert set(after) != {NEW}
 

@@ -7,9 +7,9 @@ import math
 
 import numpy as np
 import pytest
+from disk_faults import file_size_limit
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sweep_store_rows import file_size_limit
 
 from palpate.datasets.errors import SweepStoreError
 from palpate.datasets.sweeps import table as table_module

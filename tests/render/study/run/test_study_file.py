@@ -1,17 +1,17 @@
 """A study's data file that is another program's, damaged or newer is refused; a disk that is full loses nothing."""
 
 import os
-import resource
 import shutil
 import sqlite3
 import struct
 import subprocess
 import sys
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, suppress
 from pathlib import Path
 
 import pytest
 import study_answers
+from disk_faults import file_size_limit
 from study_answers import PLAN, answer, interval
 
 from palpate.datasets.storage import durable
@@ -209,17 +209,6 @@ def test_whichever_statement_fails_the_same_call_made_again_saves_the_row_once(f
         for table, first in (("intervals", 1), ("answers", 0)):
             rows = connection.execute(f"SELECT trial FROM {table} ORDER BY sequence").fetchall()
             assert rows == [(trial,) for trial in range(first, 13)]
-
-
-@contextmanager
-def file_size_limit(size):
-    """Let no file of this process grow beyond a size [byte], as on a disk that is full."""
-    before, most = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, most))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (before, most))
 
 
 def test_a_file_that_may_not_grow_loses_nothing_and_goes_on_when_it_may(folder):

@@ -9,7 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
-import traced_tasks
+import traced_units
 
 from palpate.render.sweeps.plan import code_version as module
 from palpate.render.sweeps.plan.code_version import COMPUTING, HOUSE, LIBRARIES, code_version, files_digest
@@ -17,7 +17,7 @@ from palpate.render.sweeps.plan.code_version import COMPUTING, HOUSE, LIBRARIES,
 PACKAGES = ("kernels", "render", "datasets", "device")
 PROVING_AND_STORING = ("datasets/contour_file/", "datasets/focus_files/", "datasets/storage/", "datasets/sweeps/",
                        "render/runtime/", "render/sweeps/plan/", "render/trust/")  # fmt: skip
-"""Folders that a task runs and that decide no number: they identify, permit, schedule and store."""
+"""Folders that a unit runs and that decide no number: they identify, permit, schedule and store."""
 
 
 def computing_files():
@@ -41,10 +41,10 @@ def test_another_version_of_a_library_is_another_code_version(monkeypatch):
 
 
 @pytest.mark.exhaustive
-def test_every_module_that_runs_in_a_task_counts(tmp_path, monkeypatch):
-    """A trace of tasks of every kind finds no module outside COMPUTING that computes."""
+def test_every_module_that_runs_in_a_unit_counts(tmp_path, monkeypatch):
+    """A trace of units of every kind finds no module outside COMPUTING that computes."""
     monkeypatch.setenv("PALPATE_CACHE", "off")  # meshes are repaired, not read
-    command = [sys.executable, "-W", "ignore", traced_tasks.__file__, str(tmp_path)]
+    command = [sys.executable, "-W", "ignore", traced_units.__file__, str(tmp_path)]
     monkeypatch.setenv("PYTHONPATH", ":".join(sys.path))
     told = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()[-1])
     assert told["failures"] == []

@@ -1,28 +1,20 @@
-"""Sweeps while files change beside them: edited sources, stages that go by the motion's row, kept files gone or cut."""
+"""Plans while files change beside them: edited sources, and stages that go by the motion's row."""
 
 import importlib
 import json
 import os
-import subprocess
 import sys
-from functools import partial
+from dataclasses import replace
 
-import numpy as np
 import pytest
-import warp as wp
-from sweep_recipes import random_motion, recipe_of, task_of
+from sweep_recipes import made, random_motion, recipe_of, unit_of
 
-from palpate.datasets.sweeps.shard import ShardRow, read_shard, write_shard
-from palpate.datasets.sweeps.store import SweepStore
+from palpate.datasets.sweeps.result_row import payload_of
 from palpate.render.errors import ImplicitError
 from palpate.render.objects.functions.user_function import load_function
 from palpate.render.stages import registry as stages
-from palpate.render.stages.user_code_digest import digest_of
-from palpate.render.sweeps.make.work import run_task
-from palpate.render.sweeps.plan.code_version import code_version
+from palpate.render.sweeps.make.unit_making import make_unit
 from palpate.render.sweeps.plan.loading import load_plans
-from palpate.render.sweeps.run.engine import InProcess
-from palpate.render.sweeps.run.parent import run_sweep
 
 BALL = """
 import warp as wp
@@ -81,25 +73,23 @@ def edit(file, old, new):
     os.utime(file, ns=(before.st_atime_ns, before.st_mtime_ns))
 
 
-def mean_length(folder, source):
-    """Of what a sweep stores of the file's ball as it is now."""
+def length_sum(folder, source):
+    """Of the contours of the file's ball as it is now."""
     plan = plan_in(folder, source)
-    (recipe,) = plan.recipes()
-    run_sweep(plan, folder / "store", InProcess("cpu"))
-    with SweepStore(folder / "store", maker=code_version(), mode="read") as made:
-        ((_, _, _, payload),) = made.results([("contours", recipe.key("contours"))])
-    return payload["stat"]["length"][1]
+    unit = replace(unit_of(plan.recipes(), ("contours",)), granted=plan.granted)
+    (row,) = make_unit(unit, "cpu").rows
+    return payload_of(row.payload)["stat"]["length"][1]
 
 
 @pytest.mark.exhaustive
 def test_an_edited_function_is_another_object_in_the_same_process(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "dont_write_bytecode", False)
     (tmp_path / "shapes.py").write_text(BALL)
-    before = mean_length(tmp_path, "shapes.py:ball")
+    before = length_sum(tmp_path, "shapes.py:ball")
     edit(tmp_path / "shapes.py", "0.02", "0.05")
-    after = mean_length(tmp_path, "shapes.py:ball")
+    after = length_sum(tmp_path, "shapes.py:ball")
     (tmp_path / "new.py").write_text(BALL.replace("0.02", "0.05") + "# a file of its own\n")
-    assert before != after == mean_length(tmp_path, "new.py:ball")
+    assert before != after == length_sum(tmp_path, "new.py:ball")
 
 
 def test_an_edited_package_is_refused_until_python_starts_anew(tmp_path, monkeypatch):
@@ -115,111 +105,28 @@ def test_an_edited_package_is_refused_until_python_starts_anew(tmp_path, monkeyp
     del sys.modules[name]
 
 
-def test_a_plan_runs_an_edited_module_anew_and_tasks_of_the_old_plan_are_refused(tmp_path, own):
+def test_a_plan_runs_an_edited_module_anew_and_units_of_the_old_plan_are_refused(tmp_path, own):
     (before,) = plan_in(tmp_path, "tube", "own.json").recipes()
     edit(own, "1.0", "2.0")
     (after,) = plan_in(tmp_path, "tube", "own.json").recipes()
     assert before.key("contours") != after.key("contours")
-    outcome = run_task(task_of(tmp_path, [before]), "cpu", worker="here")
-    assert "stages of one's own are not those of the plan" in outcome.error
-    assert run_task(task_of(tmp_path, [after]), "cpu", worker="here").error is None
+    (failed,) = make_unit(unit_of([before]), "cpu").failed
+    assert "are not those of the plan" in failed.message
+    assert len(made([after])) == 2
 
 
-def bound(first, *, second=None):
-    """What registers a stage may bind."""
-    return first, second
-
-
-def closure(level):
-    """A stage made by a factory elsewhere."""
-    return lambda batch, setting: (batch, level)
-
-
-def test_stages_of_ones_own_see_the_rows_of_their_motion_whoever_shares_the_task(tmp_path, own):
+def test_stages_of_ones_own_see_the_rows_of_their_motion_whoever_shares_the_unit(tmp_path, own):
     recipes = [recipe_of("tube", motion=random_motion(60, seed=s), strategy=tmp_path / "own.json") for s in (1, 2)]
-
-    def payloads(asked, name):
-        outcome = run_task(task_of(tmp_path, asked, name=name), "cpu", worker="here")
-        assert outcome.error is None
-        return {row.key: row.payload["stat"] for row in read_shard(tmp_path / outcome.shard).rows}
-
-    together = payloads(recipes, "both")
+    together = made(recipes)
     assert len(together) == 4
-    assert together == payloads(recipes[:1], "one") | payloads(recipes[1:], "two")
-
-
-def test_what_a_store_says_of_kept_files_goes_by_their_bytes(tmp_path):
-    key = ("keep-drives", "0123")
-    rows = [ShardRow(*key, 0, {"path": "drives/a.h5", "bytes": 3}), ShardRow("keep-drives", "45", 0, {"path": None})]
-    with SweepStore(tmp_path, maker="test") as store:
-        write_shard(tmp_path / "shards" / "a.h5", rows, [None, None], maker="test")
-        store.record("shards/a.h5")
-        (tmp_path / "drives").mkdir()
-        (tmp_path / "drives" / "a.h5").write_bytes(b"abc")
-        asked = [key, ("keep-drives", "45")]
-        assert list(store.done(asked).values()) == [{0}, {0}]
-        (tmp_path / "drives" / "a.h5").write_bytes(b"abcd")
-        with SweepStore(tmp_path, maker="test", mode="read") as reader:
-            assert list(reader.done(asked).values()) == [set(), {0}]
-        assert len(list(store.results(asked))) == 2
-        assert list(store.done(asked).values()) == [set(), {0}]
-        assert len(list(store.results(asked))) == 1
-
-
-class Settings:
-    """What a stage may be bound to: it does not tell how it is written."""
-
-    def __init__(self, share):
-        self.share = share
-
-
-class Slotted:
-    __slots__ = ("share",)
-
-    def __init__(self, share):
-        self.share = share
-
-    def __call__(self, batch, setting):
-        return batch
-
-
-def test_what_is_bound_counts_by_what_it_holds():
-    pairs = [
-        (partial(bound, Settings(0.1)), partial(bound, Settings(0.5))),
-        (partial(bound, wp.zeros(3, device="cpu")), partial(bound, wp.ones(3, device="cpu"))),
-        (partial(bound, {"a", "b"}), partial(bound, {"a", "c"})),
-        (partial(bound, np.array(["a", None], object)), partial(bound, np.array(["b", None], object))),
-        (Slotted(1), Slotted(2)),
-        (partial(bound, closure, bound, closure), partial(bound, closure, bound, bound)),
-        (bound, closure),
-        (closure(1), closure(2)),
-        (partial(bound, 1, second={"a": 1}), partial(bound, 1, second={"a": 2})),
-        (partial(bound, np.zeros(100_000)), partial(bound, np.eye(1, 100_000, 50_000)[0])),
-    ]
-    for one, other in pairs:
-        assert digest_of(one) != digest_of(other), one
-        assert digest_of(one) == digest_of(one)
-    for make in (lambda: Settings(0.1), object, lambda: np.zeros(100_000)):
-        assert digest_of(partial(bound, second=make())) == digest_of(partial(bound, second=make()))
-
-
-@pytest.mark.exhaustive
-def test_sets_are_told_alike_in_every_process(tmp_path):
-    code = (
-        "from functools import partial; from palpate.render.stages.user_code_digest import digest_of;"
-        "import numpy as np;"
-        "print(digest_of(partial(print, frozenset({'object', 'hand', 'made', 'other'}), np.array(['a', 'b'], object))))"
-    )
-    run = partial(subprocess.run, [sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    told = {run(env={**os.environ, "PYTHONHASHSEED": seed}).stdout for seed in ("1", "2", "3")}
-    assert len(told) == 1
+    assert together == made(recipes[:1]) | made(recipes[1:])
 
 
 def test_a_stage_that_remembers_is_not_taken_for_an_edited_one(tmp_path, own):
     own.write_text(own.read_text().replace("setting):", "setting, _seen=[]):\n    _seen.append(1)", 1))
     plan_in(tmp_path, "tube", "own.json")
     (recipe,) = plan_in(tmp_path, "tube", "own.json").recipes()
-    assert run_task(task_of(tmp_path, [recipe]), "cpu", worker="here").error is None
+    assert len(made([recipe])) == 2
     (again,) = plan_in(tmp_path, "tube", "own.json").recipes()
     assert again.key("contours") == recipe.key("contours")
 

@@ -325,7 +325,6 @@ def test_overrides_take_the_place_of_what_the_plan_says(folder):
     assert column(plan, "seed") == [7, 8]
     assert set(column(plan, "object")) == {"tube"}
     assert "keep-contours" in plan.groups
-    assert plan.described()["overrides"][1] == "object.source=tube"
 
 
 def test_overrides_reach_all_tables_of_an_axis(folder):
@@ -369,18 +368,18 @@ def test_plans_that_run_together_agree_on_devices_and_unite_what_they_ask_for(fo
 
 def test_plans_are_told_apart(folder):
     digests = [
-        load(folder, text, *overrides).described()["digest"]
+        load(folder, text, *overrides).digest
         for text, *overrides in ([SHORT], [SHORT, "object.fit=0.1"], [SHORT, "per_pose=true"], [SHORT + "fit = 0.1"])
     ]
     assert len(set(digests)) == 4
-    assert load(folder, SHORT).described()["digest"] == digests[0]
+    assert load(folder, SHORT).digest == digests[0]
     (folder / "meshes" / "b.stl").unlink()
-    before = load(folder, '[object]\nsource = "meshes/*"').described()["digest"]
+    before = load(folder, '[object]\nsource = "meshes/*"').digest
     (folder / "meshes" / "a.stl").write_text("solid changed")
-    changed = load(folder, '[object]\nsource = "meshes/*"').described()["digest"]
+    changed = load(folder, '[object]\nsource = "meshes/*"').digest
     assert changed != before
     (folder / "meshes" / "a.stl").rename(folder / "meshes" / "x.stl")  # tables and constraints have names
-    assert load(folder, '[object]\nsource = "meshes/*"').described()["digest"] != changed
+    assert load(folder, '[object]\nsource = "meshes/*"').digest != changed
 
 
 # The document

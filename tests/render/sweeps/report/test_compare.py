@@ -137,6 +137,10 @@ def test_recipes_that_are_gone_fail_and_new_ones_do_not():
     assert not gone.is_kept
     assert gone.missing == ("seed=2",)
     assert "1 recipe of the baseline is not in this plan: seed=2" in gone.sentences()
+    several = against(large, table(SEEDS[0])).sentences()
+    assert "2 recipes of the baseline are not in this plan: seed=1; seed=2" in several
+    part = table(*(row | {"complete": False} for row in SEEDS[:2]))
+    assert "2 recipes have no whole results here: seed=0; seed=1" in against(small, part).sentences()
 
 
 def edited(*rows):

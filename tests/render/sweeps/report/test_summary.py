@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 from sweep_rows import table
 
+from palpate.datasets.sweeps.store import Failure
 from palpate.render.errors import SweepError
 from palpate.render.sweeps.report.compare import Baseline, compare_tables
 from palpate.render.sweeps.report.summary import TEXT_MOST, append_summary, markdown_text, sweep_summary
-from palpate.render.sweeps.run.missing import Failure
-from palpate.render.sweeps.run.parent import SweepReport
+from palpate.render.sweeps.run.sweep_run import SweepReport
 from palpate.render.terminal.foreign_text import visible
 
 HOSTILE = ["<img src=x onerror=alert(1)>", "a | b", "`a", "**a**", "[a](http://b)", "![a](b)", "\\|", "&lt;", "- a",
@@ -78,7 +78,7 @@ def test_a_long_text_is_cut():
 def test_what_moved_and_what_is_new_or_missing_stands_in_tables():
     old = [{"seed": k, "recipe_hash": f"h{k}"} for k in range(4)]
     new = [{"seed": k, "recipe_hash": f"h{k}", "length_mean": 0.2 if k != 2 else 0.3} for k in range(1, 6)]
-    page = Page(sweep_summary("study", SweepReport(5, 500, 500, 0, 75.0, engine="in process"), compared(old, new)))
+    page = Page(sweep_summary("study", SweepReport(5, 500, 500, 0, 75.0, executor="in process"), compared(old, new)))
     assert page.of("td")[:6] == ["5", "0", "500", "500", "1 min 15 s", "in process"]
     assert page.of("td")[6:] == ["seed=2", "length_mean", "0.2", "0.3", "+50 %", "seed=0", "seed=4", "seed=5"]
     assert page.of("h4") == ["What moved", "Recipes of the baseline that are missing", "New recipes"]

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from sweep_rows import HandMadeStore, payload, recipe, statistic
 
 from palpate.datasets.storage.schema import PRUNED_NAMES, removed_name
-from palpate.datasets.sweeps.shard import ShardRow, write_shard
+from palpate.datasets.sweeps.result_row import ResultRow
 from palpate.datasets.sweeps.store import SweepStore
 from palpate.datasets.sweeps.table import load_table, write_blocks
-from palpate.render.sweeps.make.task import CHUNK_POSES
+from palpate.render.sweeps.make.unit import CHUNK_POSES
 from palpate.render.sweeps.report.table import (
     CONTOUR_METRICS,
     FREQUENCY_METRICS,
@@ -140,14 +140,15 @@ def test_results_of_thousands_of_recipes_are_looked_up_together():
 
 def test_a_real_store_gives_the_table_and_rows_of_poses(tmp_path):
     one, other, bare = recipe(), recipe("cube"), recipe("rock")
-    rows = [ShardRow("contours", one.key("contours"), 0, payload(length=[0.25], area=[])),
-            *(ShardRow("poses", r.key("poses"), 0, {"poses": 3}) for r in (one, bare))]  # fmt: skip
-    with SweepStore(tmp_path / "store", maker="m") as store:
-        shard = store.folder / "shards" / "1.h5"
-        lengths = {"pose": np.arange(3), "length": np.ones(3, np.float32)}
-        pruned = {**lengths, "removed_small": np.full(3, 0.5, np.float32)}
-        write_shard(shard, rows, [None, pruned, lengths], maker="m")
-        store.record(shard)
+    lengths = {"pose": np.arange(3), "length": np.ones(3, np.float32)}
+    pruned = {**lengths, "removed_small": np.full(3, 0.5, np.float32)}
+    rows = [
+        ResultRow.of("m", "contours", one.key("contours"), 0, payload(length=[0.25], area=[])),
+        ResultRow.of("m", "poses", one.key("poses"), 0, {"poses": 3}, pruned),
+        ResultRow.of("m", "poses", bare.key("poses"), 0, {"poses": 3}, lengths),
+    ]
+    with SweepStore(tmp_path / "store", "m", mode="write") as store:
+        assert store.add(rows) == 3
         columns = tidy_columns([other, one], store, ["contours"])
         blocks = list(pose_blocks([other, one, bare], store))
         write_blocks(tmp_path / "poses.parquet", blocks)

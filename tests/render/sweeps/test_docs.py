@@ -126,6 +126,7 @@ def test_the_plan_of_palpates_own_ci_is_wide_and_large():
     assert all(f'"{stage}"' in stages for stage in ("small", "turned-away", "hatch", "inset", "corners", "contact"))
 
 
+@pytest.mark.exhaustive
 def test_the_metrics_of_the_document_are_metrics(folder):
     (folder / "mine.py").write_text(next(block for block in blocks(SWEEP, "python") if "def shares" in block))
     given = ['metrics=["mine.py:shares"]', "motion.duration=4.0", "motion.seed=1", 'object.source="cube"']

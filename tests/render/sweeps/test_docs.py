@@ -137,5 +137,6 @@ def test_the_metrics_of_the_document_are_metrics(folder):
         columns = tidy_columns(plan.recipes(), store, plan.groups)
     names = {f"metric_shares.{kind}_{own}" for kind in ("object", "hand") for own in ("mean", "std", "max", "count")}
     assert names <= set(columns)
-    drawn_by_oc = [own for own, name in zip(columns["metric_shares.object_mean"], columns["strategy"]) if name == "oc"]
+    shares = zip(columns["metric_shares.object_mean"], columns["strategy"], strict=True)
+    drawn_by_oc = [own for own, name in shares if name == "oc"]
     assert drawn_by_oc == [1.0] * 4  # OC has nothing but segments of the object: the founding paper's definition

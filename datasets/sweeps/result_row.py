@@ -52,6 +52,8 @@ class ResultRow:
         digest = digest_of(code, group, key, chunk, text.encode())
         if columns is None:
             return cls(group, key, chunk, text, digest)
+        if taken := {"file", "allow_pickle"} & set(columns):  # names of numpy.savez's own
+            raise SweepStoreError(f"a column cannot have the name {min(taken)!r}")
         np.savez(stream := io.BytesIO(), **cast("Any", columns))
         blob = stream.getvalue()
         return cls(group, key, chunk, text, digest, blob, digest_of(code, group, key, chunk, blob))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import secrets
 import sqlite3
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -80,6 +81,7 @@ class SweepStore:
         self.folder = Path(folder).absolute()
         self.path = self.folder / NAME
         self.mode: Mode = mode
+        self._scratch = self.folder / SCRATCH / secrets.token_hex(8)
         self.damaged: list[str] = []
         """A sentence for each damage that was met; results with damage count as not done."""
         if mode == "write" and code is None:
@@ -149,11 +151,10 @@ class SweepStore:
             sync(path.parent)
 
     def scratch(self) -> Path:
-        """A folder on the store's disk for files that are being made."""
-        folder = self.folder / SCRATCH
-        with naming_errors(folder):
-            folder.mkdir(exist_ok=True)
-        return folder
+        """A folder on the store's disk for files that are being made; no other store, on any host, has its path."""
+        with naming_errors(self._scratch):
+            self._scratch.mkdir(parents=True, exist_ok=True)
+        return self._scratch
 
     def clear_scratch(self) -> None:
         """Remove files that were being made, such as those of a killed run."""

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,18 +16,16 @@ from ...datasets.sweeps.columns import column_arrays
 from ...datasets.sweeps.store import Failure, SweepStore
 from ..errors import PlanError, SweepError
 from ..trust.permission import AllowCode
+from .job import STORE_SUFFIX
 from .plan.code_version import code_version
 from .plan.loading import Plan, load_plans
 from .report.table import column_units, is_metric, plain_cell, tidy_columns
 from .run.estimate import refuse_too_large
-from .run.missing import Counts
 from .run.sweep_run import SweepReport, run_sweep
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
-
-STORE_SUFFIX = ".sweep"
 
 
 @dataclass(frozen=True)
@@ -131,13 +129,13 @@ def sweep(
         paths, [f"{key}={toml_text(key, value)}" for key, value in (set or {}).items()], allow_code=allow_code
     )
     folder = paths[0].with_suffix(STORE_SUFFIX) if store is None else Path(store)
-
-    def approve(counts: Counts) -> None:
-        if not yes:
-            refuse_too_large(loaded, folder, counts)
-
     report = run_sweep(
-        loaded, folder, executor, device=device or loaded.device, workers=workers or loaded.workers, approve=approve
+        loaded,
+        folder,
+        executor,
+        device=device or loaded.device,
+        workers=loaded.workers if workers is None else workers,
+        approve=(lambda counts: None) if yes else partial(refuse_too_large, loaded, folder),
     )
     return SweepResult(loaded, folder, report)
 

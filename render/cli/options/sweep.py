@@ -15,6 +15,7 @@ SHARD_HELP = "Make only part I of N, in a store of its own; palpate sweep merge 
 TIMEOUT_HELP = "End a unit of work that takes longer; one is planned to take 2 to 3 s. 0: never."
 MEMORY_HELP = "Memory that a process may allocate; by default an equal share of the machine's; 0: no limit."
 SAME_HELP = "Take over results of the store's latest other code version: you know that the change moved none."
+TABLE_HELP = "The table once more: .csv or .parquet. May be repeated."
 UPDATE_HELP = "Write --baseline's file (.csv or .parquet) after the run, and exit 0 though values moved."
 SUMMARY_HELP = "Append counts, failures and what moved to FILE.md as Markdown, for the step summary of CI."
 TOLERANCE_HELP = "[COLUMN=]NUMBER[abs]: relative, or absolute; by default 1e-6. May be repeated."
@@ -71,10 +72,8 @@ def run(
         Path | None, typer.Option(metavar="OLD", help="Store or table to compare with: exit 1 if anything moved.")
     ] = None,
     update_baseline: Annotated[bool, typer.Option("--update-baseline", help=UPDATE_HELP)] = False,
-    tolerance: Annotated[list[str] | None, typer.Option(metavar="T", help=TOLERANCE_HELP)] = None,
-    table: Annotated[
-        list[Path] | None, typer.Option(metavar="OUT", help="The table once more: .csv or .parquet. May be repeated.")
-    ] = None,
+    tolerances: Annotated[list[str] | None, typer.Option("--tolerance", metavar="T", help=TOLERANCE_HELP)] = None,
+    tables: Annotated[list[Path] | None, typer.Option("--table", metavar="OUT", help=TABLE_HELP)] = None,
     overwrite: Overwrite = False,
     figure: Annotated[bool, typer.Option("--figure/--no-figure", help="Draw the store's summary.png.")] = True,
     summary: Annotated[Path | None, typer.Option(metavar="FILE.md", help=SUMMARY_HELP)] = None,
@@ -83,29 +82,7 @@ def run(
     json: Json = False,
 ) -> None:
     """Make every combination that a plan names, what is there already left out, and a table of what came of it."""
-    options = {
-        "plans": plans,
-        "store": store,
-        "overrides": overrides or [],
-        "dry_run": dry_run,
-        "yes": yes,
-        "same_results": same_results,
-        "device": device,
-        "workers": workers,
-        "scheduler": scheduler,
-        "shard": shard,
-        "unit_timeout": unit_timeout,
-        "worker_memory": worker_memory,
-        "baseline": baseline,
-        "update_baseline": update_baseline,
-        "tolerances": tolerance or [],
-        "tables": table or [],
-        "overwrite": overwrite,
-        "figure": figure,
-        "summary": summary,
-        "allow_code": allow_code,
-    }
-
+    options = {name: value for name, value in locals().items() if name not in ("quiet", "json")}
     run_job("..sweeps.command", "run_sweep_command", options, json=json, quiet=quiet)
 
 
@@ -139,11 +116,8 @@ def prune(
 def merge(
     store: Annotated[Path, typer.Argument(metavar="STORE", help="Takes the results; made if it is not there.")],
     others: Annotated[list[Path], typer.Argument(metavar="OTHER", help="Stores to read; they stay as they are.")],
-    other_code: Annotated[
-        bool, typer.Option("--other-code", help="Also results of other code versions; each keeps its own.")
-    ] = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
     """Take over what other stores hold, such as those of the machines that each made a shard."""
-    run_job(UPKEEP, "merge_stores", store, others, with_other_code=other_code, json=json, quiet=quiet)
+    run_job(UPKEEP, "merge_stores", store, others, json=json, quiet=quiet)

@@ -21,21 +21,19 @@ from ...playback.placed_arrays import PlacedArray
 from ...sampling.metrics import FocalPoints
 from ...sampling.strategy import SamplingStrategy
 from ..plan.recipe import Recipe
-from .rendering import arrays_of
+from .rendering import playing_arrays
 
 
 class NoiseMeter:
     """Takes the focal points of a recipe, and predicts the levels of the noise that they make [dB].
 
-    All frames are in memory until then, on the device, Warp's, which makes them. device: of all that is made; a GPU's
-    levels are within 0.02 dB of the CPU's.
+    The frames of all of them stay in the device's memory until then. device: Warp's; a GPU's levels are within 0.02 dB
+    of the CPU's.
     Raises StrategyError for more frames than fit into memory, DeviceError for arrays that cannot play the sampling.
     """
 
     def __init__(self, recipe: Recipe, strategy: SamplingStrategy, frame_count: int, *, device: str = "cpu") -> None:
-        models, drive = arrays_of(recipe.array)
-        for model in models:
-            model.divider(strategy.update_rate)
+        models, drive = playing_arrays(recipe, strategy)
         require_alike(models)
         require_room(frame_count, strategy.update_rate, models)
         self._driver = Driver(models, drive, update_rate=strategy.update_rate, device=device)
@@ -46,7 +44,7 @@ class NoiseMeter:
         self._count, self._rate = 0, strategy.update_rate
 
     def take(self, focus: FocalPoints) -> None:
-        """Frames of the next focal points."""
+        """Add the frames of the next focal points."""
         rows = slice(self._count, self._count + len(focus.intensity))
         found = self._driver.rounded(focus)
         wp.copy(self._frames.delay[rows], found.delay)
@@ -54,7 +52,7 @@ class NoiseMeter:
         self._count = rows.stop
 
     def publish(self) -> dict[str, Any]:
-        """Levels, by their columns: None where nothing is heard; no levels of less than a spectrum needs."""
+        """The levels by their columns, None for silence; a reason instead if the frames are too few for a spectrum."""
         started = perf_counter()
         duration = self._count / self._rate
         if duration < DURATION_LEAST:
@@ -82,15 +80,12 @@ def measure_pressure(
     started = perf_counter()
     if isinstance(hand, MeshHand):
         return {"reason": "pressure is predicted on patches of skin, not on meshes", "seconds": {}}
-    models, drive = arrays_of(recipe.array)
-    for model in models:
-        model.divider(strategy.update_rate)
-    parts = []
-    for first, stop in contours.blocks(point_limit=POINTS_A_READ):
-        parts.append(ContourBatch.from_arrays(contours.contours(first, stop)).length())
-    length = np.concatenate(parts) if parts else np.zeros(0)
+    models, drive = playing_arrays(recipe, strategy)
+    blocks = contours.blocks(point_limit=POINTS_A_READ)
+    lengths = [ContourBatch.from_arrays(contours.contours(first, stop)).length() for first, stop in blocks]
+    length = np.concatenate(lengths) if lengths else np.zeros(0)
     arrays = tuple(PlacedArray(model) for model in models)
     meter = PoseMeter(arrays, strategy, drive, Resonance(), PRESSURE_AT_1M, device)
     found = measure_sample(contours, hand, length, meter).as_dict()
-    by_column = {f"pressure_{name}": value for name, value in found.items()}
-    return {**by_column, "seconds": {"pressure": perf_counter() - started}}
+    columns = {f"pressure_{name}": value for name, value in found.items()}
+    return {**columns, "seconds": {"pressure": perf_counter() - started}}

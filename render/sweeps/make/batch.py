@@ -1,11 +1,11 @@
-"""Which poses a worker renders together: chunks of renderings, cut to batches that fit the memory and take a second.
+"""Batches of poses that are rendered together: chunks of renderings, cut to fit the memory and to take a second.
 
-How they are cut changes no bit of a result: batches hold whole spans, and a chunk that is cut goes on in the next one.
+The cuts change no bit of a result: batches hold whole spans, and a chunk that is cut goes on in the next one.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from functools import lru_cache
 
 import numpy as np
 import warp as wp
@@ -13,9 +13,8 @@ import warp as wp
 from ...intersection.batch_rendering import CPU_SPAN_BYTES, POINT_BYTES
 from ...motions.explorations.explored import joined_rows
 from ...sampling.strategy import SamplingStrategy
-from ..plan.recipe import Recipe, is_user_metric
 from .metrics import Measured
-from .rendering import Rendering, sampling_of
+from .rendering import AskedResult, Rendering
 from .unit import CHUNK_POSES, SPAN
 from .user_metrics import UserMetric
 
@@ -27,28 +26,13 @@ BATCH_SECONDS = 1.0  # long beside launching a batch, short beside what a smalle
 GROWTH = 8  # largest ratio of a batch to the one before
 
 
-class RenderingWants(NamedTuple):
-    """What is computed of the contours of a rendering."""
-
-    samplings: tuple[SamplingStrategy, ...]
-    """Whose draw frequencies are asked for."""
-    user_metrics: tuple[UserMetric, ...]
-
-
-Wants = dict[str, RenderingWants]
-"""By rendering."""
-
-
 @dataclass(eq=False)
-class WantedResult:
-    """A result of a chunk that is asked for."""
+class AskedMetrics:
+    """What is measured of the contours of a rendering, of all of its chunks alike."""
 
-    sampling: SamplingStrategy | None
-    """None where contours are all that it needs."""
-    metric: UserMetric | None = None
-    """The user's function that computes it, if one does."""
-    places: set[int] = field(default_factory=set)
-    """Chunks of the unit that ask for it."""
+    samplings: tuple[SamplingStrategy, ...] = ()
+    """Strategies whose draw frequencies are asked for."""
+    user_metrics: tuple[UserMetric, ...] = ()
 
 
 @dataclass(eq=False)
@@ -57,11 +41,14 @@ class RenderedChunk:
 
     rendering: Rendering
     number: int
-    wanted: dict[tuple[str, str], WantedResult] = field(default_factory=dict)
+    metrics: AskedMetrics
+    """Of the rendering."""
+    asked: dict[tuple[str, str], AskedResult] = field(default_factory=dict)
     """By group and key."""
     measured: Measured | None = None
     """Of the poses rendered so far."""
     columns: list[tuple[dict[str, np.ndarray], ...]] = field(default_factory=list)
+    """Of these poses, block by block, for each sampling strategy."""
 
     @property
     def first(self) -> int:
@@ -74,14 +61,22 @@ class RenderedChunk:
         return min(self.first + CHUNK_POSES, self.rendering.poses.count)
 
     @property
-    def places(self) -> set[int]:
-        """Chunks of the unit that ask for any of it."""
-        return set().union(*(wanted.places for wanted in self.wanted.values()))
+    def reached(self) -> int:
+        """The first pose that has not been measured."""
+        return self.first + (0 if self.measured is None else self.measured.contours["poses"])
 
     @property
-    def per_pose(self) -> bool:
-        """Whether a row a pose is asked for."""
-        return any(group == "poses" for group, _ in self.wanted)
+    def places(self) -> set[int]:
+        """Chunks of the unit that ask for any of it."""
+        return set().union(*(asked.places for asked in self.asked.values()))
+
+    def ask(self, own: AskedResult, place: int) -> None:
+        """Have a result made. place: of the unit's chunk that asks for it."""
+        if own.sampling is not None and own.sampling not in self.metrics.samplings:
+            self.metrics.samplings += (own.sampling,)
+        if own.metric is not None and own.metric not in self.metrics.user_metrics:
+            self.metrics.user_metrics += (own.metric,)
+        self.asked.setdefault((own.group, own.key), own).places.add(place)
 
 
 @dataclass(frozen=True)
@@ -98,72 +93,29 @@ class PoseRange:
         return self.stop - self.first
 
 
-def want_chunk(
-    chunks: dict[tuple[str, int], RenderedChunk],
-    place: int,
-    number: int,
-    groups: Sequence[str],
-    recipe: Recipe,
-    rendering: Rendering,
-    user_metrics: Mapping[str, UserMetric],
-) -> None:
-    """Add the results that a chunk of a unit asks for; chunks of one rendering become one.
-
-    user_metrics: functions of groups that users define.
-    """
-    chunk = chunks.setdefault((rendering.key, number), RenderedChunk(rendering, number))
-    for group in groups:
-        is_of_contours = group == "contours" or is_user_metric(group)
-        sampling = None if is_of_contours else sampling_of(recipe.sampling)
-        wanted = WantedResult(sampling, user_metrics.get(group))
-        chunk.wanted.setdefault((group, recipe.key(group)), wanted).places.add(place)
-
-
-def wants_of(chunks: Sequence[RenderedChunk]) -> Wants:
-    """What is computed of each rendering, for all of its chunks alike: they go on from batch to batch."""
-    out: Wants = {}
-    for chunk in chunks:
-        known = out.get(chunk.rendering.key, RenderingWants((), ()))
-        wanted = chunk.wanted.values()
-        samplings = [one.sampling for one in wanted if one.sampling is not None]
-        metrics = [one.metric for one in wanted if one.metric is not None]
-        out[chunk.rendering.key] = RenderingWants(
-            tuple(dict.fromkeys((*known.samplings, *samplings))), tuple(dict.fromkeys((*known.user_metrics, *metrics)))
-        )
-    return out
-
-
-def join_ranges(ranges: Sequence[PoseRange], by: Callable[[RenderedChunk], object]) -> list[PoseRange]:
-    """Ranges; those that follow each other, and have the same in `by` of their chunks, as one, of the first's chunk."""
-    out: list[PoseRange] = []
-    for own in ranges:
-        last = out[-1] if out else None
-        if last and last.stop == own.first and by(last.chunk) is by(own.chunk):
-            out[-1] = PoseRange(last.chunk, last.first, own.stop)
-        else:
-            out.append(own)
-    return out
-
-
-def take_batch(left: Sequence[PoseRange], capacity: int) -> tuple[list[PoseRange], list[PoseRange]]:
-    """Ranges of up to `capacity` poses, the last one cut between spans, and what is left."""
+def take_batch(chunks: Sequence[RenderedChunk], capacity: int) -> list[PoseRange]:
+    """The next poses of chunks in their order, `capacity` at most; a chunk that does not fit is cut between spans."""
     batch: list[PoseRange] = []
     room = capacity
-    for k, own in enumerate(left):
+    for chunk in chunks:
+        own = PoseRange(chunk, chunk.reached, chunk.stop)
         if own.count > room:
             cut = own.first + spans_below(room)
-            if cut > own.first:
-                batch.append(PoseRange(own.chunk, own.first, cut))
-                own = PoseRange(own.chunk, cut, own.stop)  # the rest of the same one
-            return batch, [own, *left[k + 1 :]]
+            return [*batch, PoseRange(chunk, own.first, cut)] if cut > own.first else batch
         batch.append(own)
         room -= own.count
-    return batch, []
+    return batch
 
 
 def poses_of(batch: Sequence[PoseRange], device: str) -> np.ndarray | wp.array:
     """Poses of all ranges, one after the other: on the host if all are there, else on the device."""
-    joined = join_ranges(batch, lambda chunk: chunk.rendering)
+    joined: list[PoseRange] = []  # ranges that follow each other in one rendering are made at once
+    for own in batch:
+        last = joined[-1] if joined else None
+        if last and last.stop == own.first and last.chunk.rendering is own.chunk.rendering:
+            joined[-1] = PoseRange(last.chunk, last.first, own.stop)
+        else:
+            joined.append(own)
     return joined_rows([(own.chunk.rendering.poses, own.first, own.stop) for own in joined], device)
 
 
@@ -190,21 +142,30 @@ def point_limit(device: str) -> int:
 
 
 class BatchSize:
-    """How many poses of a scene make a batch: what fits the memory, and takes about BATCH_SECONDS."""
+    """The number of poses of a scene that make a batch: they fit the memory, and take about BATCH_SECONDS.
 
-    def __init__(self, capacity: int, first: int, *, is_fixed: bool) -> None:
-        """is_fixed: whether a user's stage sees the batches, which must not depend on how fast they are made then."""
+    capacity: see `batch_capacity`. is_fixed: whether a user's stage sees the batches, which then must not depend on how
+    fast they are made.
+    """
+
+    def __init__(self, capacity: int, device: str, *, is_fixed: bool) -> None:
         self._capacity, self._is_fixed = capacity, is_fixed
-        self.poses = min(capacity, max(SPAN, first))
+        self.poses = min(capacity, POSES_FIRST["cpu" if device == "cpu" else "cuda"])
         """Of the next batch."""
 
     def learn(self, pose_count: int, seconds: float) -> None:
         """Take note of a batch: the next one is to take BATCH_SECONDS."""
-        if self._is_fixed:
-            return
-        wanted = pose_count * BATCH_SECONDS / max(seconds, 1e-9)
-        self.poses = max(SPAN, spans_below(round(min(wanted, GROWTH * pose_count, self._capacity))))
+        if not self._is_fixed:
+            wanted = pose_count * BATCH_SECONDS / max(seconds, 1e-9)
+            self.poses = max(SPAN, spans_below(round(min(wanted, GROWTH * pose_count, self._capacity))))
 
     def shrink(self, pose_count: int) -> None:
         """Take note of a batch that did not fit the memory."""
         self._capacity = self.poses = max(SPAN, spans_below(pose_count // 2))
+
+
+@lru_cache(maxsize=4096)
+def learned_size(family: str, device: str, capacity: int) -> BatchSize:
+    """The batch size of a family of renderings, kept from unit to unit."""
+    del family
+    return BatchSize(capacity, device, is_fixed=False)

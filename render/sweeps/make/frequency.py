@@ -12,6 +12,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -66,16 +67,15 @@ class Pacer:
     """On the device; None where no strategy needs it, see `needs_contours`."""
     length: wp.array
     """Of each pose's contours [m], float64, shape [pose]."""
-    _gaps: tuple[wp.array, wp.array, wp.array] | None = None
 
     def frequencies(self, strategy: SamplingStrategy, value: wp.array | None = None) -> wp.array:
         """Draw frequency nominal and actual [Hz], float32, shape [2, pose]; NaN for poses without contours.
 
-        Nominal is the strategy's own word, pauses left out; actual is update rate / samples of a cycle. value: takes
+        Nominal is what the strategy asks for, pauses left out; actual is update rate / samples of a cycle. value: takes
         them, if given.
         """
-        gaps = self._gaps_of() if needs_gaps(strategy) else None
-        value = pace_poses(pacing_of(strategy), self.length, None if gaps is None else gaps[:2], value)
+        gaps = self._gaps[:2] if needs_gaps(strategy) else None
+        value = pace_poses(pacing_of(strategy), self.length, gaps, value)
         rows = self._rows_of_cycles(strategy)
         if len(rows):
             host = value.numpy()
@@ -86,11 +86,10 @@ class Pacer:
             value.assign(host)
         return value
 
-    def _gaps_of(self) -> tuple[wp.array, wp.array, wp.array]:
-        """What lies between the ends of polylines."""
-        if self._gaps is None:
-            self._gaps = measure_gaps(self._contours().struct)
-        return self._gaps
+    @cached_property
+    def _gaps(self) -> tuple[wp.array, wp.array, wp.array]:
+        """Lengths between the ends of polylines, and their number; see `measure_gaps`."""
+        return measure_gaps(self._contours().struct)
 
     def _rows_of_cycles(self, strategy: SamplingStrategy) -> np.ndarray:
         """Poses whose samples are known only from a cycle."""
@@ -99,9 +98,7 @@ class Pacer:
         paused = self.batch is not None and self.batch.dwell is not None
         if paused or strategy.dwell.time > 0 or strategy.dwell.share > 0:
             return np.flatnonzero(self.length.numpy() > 0)
-        return (
-            np.flatnonzero(self._gaps_of()[2].numpy() > 1) if strategy.gap.kind == "return" else np.zeros(0, np.int64)
-        )
+        return np.flatnonzero(self._gaps[2].numpy() > 1) if strategy.gap.kind == "return" else np.zeros(0, np.int64)
 
     def _contours(self) -> ContourBatch:
         if self.batch is None:

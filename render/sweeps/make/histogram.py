@@ -50,15 +50,9 @@ def quantiles(count: np.ndarray, percents: Sequence[int], least: float, greatest
     if not total[-1]:
         return [None] * len(percents)
     ranks = [max(1, -(-percent * int(total[-1]) // 100)) for percent in percents]
-    middles = [_middle(int(own), greatest) for own in np.searchsorted(total, ranks)]
-    return [min(max(middle, least), greatest) for middle in middles]
-
-
-def _middle(own: int, greatest: float) -> float:
-    """The middle of a bin; of values up to 0 it is 0, of those beyond the range the greatest."""
-    if own in (0, BINS - 1):
-        return greatest if own else 0.0
-    return (_lower_edge(own) + _lower_edge(own + 1)) / 2
+    bins = np.searchsorted(total, ranks).tolist()
+    middles = {own: (_lower_edge(own) + _lower_edge(own + 1)) / 2 for own in bins} | {0: 0.0, BINS - 1: greatest}
+    return [min(max(middles[own], least), greatest) for own in bins]
 
 
 def _lower_edge(own: int) -> float:

@@ -1,4 +1,4 @@
-"""What a sweep keeps of a batch of poses: statistics of each chunk of a recipe, and a row a pose where asked for.
+"""Measuring a batch of poses: statistics of each chunk of a recipe, and a row a pose where asked for.
 
 | metric | of a pose | does not apply |
 |---|---|---|
@@ -8,16 +8,17 @@
 | area | of S and R together, on all patches: what raw contours enclose, before other stages [m^2] | OC; hand mesh |
 | facing_30, facing_60 | whether the palm faces the array's centre within so many degrees: 1 or 0 | without contours |
 | removed_<stage> | length that a prune stage removed [m] | |
-| draw_frequency_nominal | the sampling strategy's word, pauses left out [Hz] | without contours |
+| draw_frequency_nominal | by the sampling strategy, pauses left out [Hz] | without contours |
 | draw_frequency_actual | update rate / samples of a cycle [Hz]; 0 for a still focal point | without contours |
 
-What does not apply is NaN in columns, and not counted in statistics. These are of the columns' float32, in float64.
+A metric that does not apply to a pose is NaN in columns and does not count in statistics, which are those of the
+columns' float32 values, added up in float64.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import chain
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -47,38 +48,38 @@ WHOLE_NUMBERS = ("polylines",)  # columns of int32
 
 @dataclass(frozen=True)
 class ChunkSlice:
-    """Poses of a batch that belong to one chunk of one rendering, one after the other."""
+    """Consecutive poses of a batch that belong to one chunk."""
 
-    rendering: int
-    """Which of the renderings that the batch is made of."""
     number: int
-    """Which chunk of the rendering, counted from its first pose in steps of `CHUNK_POSES`."""
+    """Of the chunk, whose first pose is `number * CHUNK_POSES` of its recipe."""
     first: int
-    """First pose, counted in the batch."""
+    """Place of the first pose in the batch."""
     count: int
-    """How many poses, at most `CHUNK_POSES`; a multiple of `SPAN` unless the chunk ends here."""
+    """Number of poses, at most `CHUNK_POSES`; a multiple of `SPAN` unless the chunk ends here."""
+    samplings: tuple[SamplingStrategy, ...] = ()
+    """Strategies whose draw frequencies are asked for."""
+    user_metrics: tuple[UserMetric, ...] = ()
     before: "Measured | None" = None
-    """What an earlier batch measured of the poses of this chunk before these; None: the chunk begins here."""
+    """The measurement of the chunk's earlier poses, asked for the same; None where the chunk begins here."""
 
 
 @dataclass(frozen=True)
 class Measured:
-    """What of a chunk has been measured, that of `ChunkSlice.before` included; payloads are JSON.
+    """The measurement of a chunk up to the end of a slice, that of `ChunkSlice.before` included; payloads are JSON.
 
     A payload is {"poses": n, "poses_drawn": n, "stat": {metric: [count, sum, sum of squares, least, greatest]},
     "seconds": {stage: s}}; only finite values count, and where none does, least and greatest are None. That of contours
     also has "histogram": {"length": numbers of poses in the bins of `histogram`}.
     """
 
-    slice: ChunkSlice
     contours: dict[str, Any]
     """`METRICS` of the kernels, `FACING`, and removed_<stage>."""
     frequency: tuple[dict[str, Any], ...]
-    """Metrics draw_frequency_nominal, draw_frequency_actual, for each sampling strategy of the chunk's rendering."""
-    user_metrics: dict[str, dict[str, Any] | SweepError] = field(default_factory=dict)
-    """By group: what a user's function gives, as `user_metrics.measure` returns it, or why it gives nothing."""
-    columns: tuple[dict[str, np.ndarray], ...] = field(default=())
-    """If asked, for each sampling strategy a row for each of the chunk's poses in this batch, those before left out."""
+    """`FREQUENCIES` of each sampling strategy of the slice."""
+    user_metrics: dict[str, dict[str, Any] | SweepError]
+    """By group: the payload that `user_metrics.measure` returns, or why there is none."""
+    columns: tuple[dict[str, np.ndarray], ...] = ()
+    """If asked for: of each sampling strategy a row for each pose of the slice, without those before."""
 
 
 def measure_batch(
@@ -87,36 +88,28 @@ def measure_batch(
     slices: Sequence[ChunkSlice],
     *,
     device: str,
-    samplings: Sequence[Sequence[SamplingStrategy]],
-    user_metrics: Sequence[Sequence[UserMetric]] = (),
     per_pose: bool = False,
     first: int = 0,
     point_limit: int | None = None,
-    timing: dict[str, float] | None = None,
 ) -> list[Measured]:
-    """Render a batch of poses and measure it, nothing but statistics leaving the device; one result a chunk, in order.
+    """Render a batch of poses and measure it; returns one result a slice, in order.
 
-    pose: float32, shape [pose, 7], or wp.transform [pose] on the device: those of all slices. samplings: of each
-    rendering, empty where draw frequencies are not asked for. user_metrics: of each rendering, if any. first: row of
-    the motion that `pose` begins at, for what is articulated or moves. timing: takes the seconds of each stage. Results
-    are bit-identical however slices are put into batches, and on every device.
-    Raises PointLimitError before memory is taken for more points than `point_limit`, which none is on a GPU where
-    lengths are enough (`Scene.is_drawn_to_measure`, `needs_contours`); SweepError for slices that are not within the
+    Only statistics leave the device, unless columns or user metrics are asked for. Results are bit-identical however
+    slices are put into batches, and on every device.
+    pose: of all slices, float32, shape [pose, 7], or wp.transform [pose] on the device. per_pose: whether columns are
+    asked for. first: row of the motion that `pose` begins at, for hands that are posed row by row and objects that
+    move.
+    Raises PointLimitError before memory is taken for more points than `point_limit`; a GPU takes none where lengths
+    are enough (`Scene.is_drawn_to_measure`, `needs_contours`). Raises SweepError for slices that are not within the
     batch, and for one that goes on in the middle of a span.
     """
-    _require_slices(slices, len(pose), len(samplings))
+    _require_slices(slices, len(pose))
     clock = stage_times(device)
-    renderings = dict.fromkeys(own.rendering for own in slices)
-    asked = list(dict.fromkeys(chain.from_iterable(samplings[rendering] for rendering in renderings)))
-    draws = DRAWS_ON_CPU and wp.get_device(device).is_cpu
-    if draws or scene.is_drawn_to_measure or any(map(needs_contours, asked)) or any(user_metrics):
-        tallied = _tallied(scene, pose, first, device, point_limit, clock, len(asked))
-    else:  # raw and exact contours are not drawn: a GPU takes longer to write points than to walk
-        names = (*METRICS, *FACING)
-        value = wp.empty((len(names) + 2 * len(asked), len(pose)), dtype=wp.float32, device=device)
-        length = wp.empty(len(pose), dtype=wp.float64, device=device)
-        scene.tally(PoseBlock(pose, first, device, timing=clock), value, length)
-        tallied = Tallied(None, names, value, length)
+    asked = list(dict.fromkeys(chain.from_iterable(own.samplings for own in slices)))
+    has_user_metrics = any(own.user_metrics for own in slices)
+    needs_points = has_user_metrics or scene.is_drawn_to_measure or any(map(needs_contours, asked))
+    is_drawn = needs_points or (DRAWS_ON_CPU and wp.get_device(device).is_cpu)
+    tallied = _tallied(scene, PoseBlock(pose, first, device, point_limit, clock), len(asked), is_drawn=is_drawn)
     with StageClock(clock, "measure", device):  # whether the palm faces the array; of several patches, their frame
         row = tallied.names.index(FACING[0])
         placed = pose if isinstance(pose, wp.array) else wp.array(pose, dtype=wp.transform, device=device)
@@ -128,15 +121,12 @@ def measure_batch(
             row = len(tallied.names) + 2 * number
             pacer.frequencies(strategy, tallied.value[row : row + 2])
     with StageClock(clock, "measure", device):
-        spans = Spans.of(slices, device)
-        sums = _sums(tallied, slices, spans, asked, samplings, device)
-        length, places = tallied.value[METRICS.index("length")], (spans.first, spans.count, spans.chunk_start)
+        spans, length = _spans(slices, device), tallied.value[METRICS.index("length")]
+        sums = sum_parts(tallied.value, *spans, _begun(tallied, slices, asked, device))
         lowest, highest = histogram.LOWEST, histogram.HIGHEST
-        counted = count_bins(length, *places, lowest=lowest, highest=highest, bits=histogram.BITS)
-    found, bins = sums.numpy(), counted.numpy()  # all that is downloaded; waits for all that was asked of the device
+        counted = count_bins(length, *spans, lowest=lowest, highest=highest, bits=histogram.BITS)
+    found, bins = sums.numpy(), counted.numpy()  # the first downloads: they wait for all work of the device
     seconds = resolved_times(clock)
-    if timing is not None:
-        timing |= {stage: timing.get(stage, 0.0) + s for stage, s in seconds.items()}
     pacing = {"frequency": seconds.pop("frequency") / max(1, len(asked))}
     before = [None if own.before is None else own.before.contours for own in slices]
     contours = _payloads(slices, tallied.names, found, before, seconds, len(pose))
@@ -148,44 +138,39 @@ def measure_batch(
     drawn = [payload["poses_drawn"] for payload in contours]
     frequency = []
     for k, strategy in enumerate(asked):
-        own = found[:, len(tallied.names) + 2 * k :][:, :2]
-        before = _paced_before(slices, strategy, samplings)
+        own, before = found[:, len(tallied.names) + 2 * k :][:, :2], _frequency_before(slices, strategy)
         frequency.append(_payloads(slices, FREQUENCIES, own, before, pacing, len(pose), drawn))
-    numbers = {rendering: [asked.index(strategy) for strategy in samplings[rendering]] for rendering in renderings}
-    columns = _columns(tallied, slices, numbers) if per_pose else [()] * len(slices)
-    paced = [tuple(frequency[s][k] for s in numbers[own.rendering]) for k, own in enumerate(slices)]
-    ended = [own if own.before is None else replace(own, before=None) for own in slices]  # it is in the payloads
-    own = _user_metrics(tallied, slices, user_metrics) if any(user_metrics) else [{}] * len(slices)
-    return [Measured(*row) for row in zip(ended, contours, paced, own, columns, strict=True)]
+    places = [[asked.index(strategy) for strategy in own.samplings] for own in slices]
+    paced = [tuple(frequency[place][k] for place in own) for k, own in enumerate(places)]
+    columns = _columns(tallied, slices, places) if per_pose else [()] * len(slices)
+    users = _user_metrics(tallied, slices) if has_user_metrics else [{}] * len(slices)
+    return [Measured(*row) for row in zip(contours, paced, users, columns, strict=True)]
 
 
-def _user_metrics(
-    tallied: "Tallied", slices: Sequence[ChunkSlice], user_metrics: Sequence[Sequence[UserMetric]]
-) -> list[dict[str, dict[str, Any] | SweepError]]:
-    """What users' functions give of each chunk; what one raises is the result of its own group."""
+def _user_metrics(tallied: "Tallied", slices: Sequence[ChunkSlice]) -> list[dict[str, dict[str, Any] | SweepError]]:
+    """Payloads of users' metrics of each slice; an error of one is the result of its own group."""
     if tallied.batch is None:
         raise ValueError("contours are needed for a user's metric, and none were drawn")
     host, out = tallied.batch.numpy(), []
     for own in slices:
+        before = {} if own.before is None else own.before.user_metrics
         found: dict[str, dict[str, Any] | SweepError] = {}
-        for metric in user_metrics[own.rendering]:
-            before = None if own.before is None else own.before.user_metrics[metric.group]
+        for metric in own.user_metrics:
+            known = before.get(metric.group)
             try:
-                is_failed = isinstance(before, SweepError)
-                found[metric.group] = before if is_failed else measure(metric, host, own.first, own.count, before)
+                is_failed = isinstance(known, SweepError)
+                found[metric.group] = known if is_failed else measure(metric, host, own.first, own.count, known)
             except SweepError as error:
                 found[metric.group] = error
         out.append(found)
     return out
 
 
-def _require_slices(slices: Sequence[ChunkSlice], pose_count: int, rendering_count: int) -> None:
+def _require_slices(slices: Sequence[ChunkSlice], pose_count: int) -> None:
     """Raise SweepError for slices that no batch has."""
     for own in slices:
         done = 0 if own.before is None else own.before.contours["poses"]
-        name = f"chunk {own.number} of rendering {own.rendering}"
-        if not 0 <= own.rendering < rendering_count:
-            raise SweepError(f"{name}: there are samplings for {rendering_count} renderings")
+        name = f"chunk {own.number}"
         if own.count < 1 or not 0 <= own.first <= pose_count - own.count:
             raise SweepError(f"{name}: poses {own.first}..{own.first + own.count} of a batch of {pose_count}")
         if done % SPAN or done + own.count > CHUNK_POSES:
@@ -196,7 +181,7 @@ def _require_slices(slices: Sequence[ChunkSlice], pose_count: int, rendering_cou
 
 
 class Tallied(NamedTuple):
-    """A batch and what is known of each of its poses, on the device."""
+    """A batch and the metrics of each of its poses, on the device."""
 
     batch: ContourBatch | None  # None: not drawn
     names: tuple[str, ...]  # of metrics of contours
@@ -204,26 +189,21 @@ class Tallied(NamedTuple):
     length: wp.array  # of all contours [m], float64, shape [pose]
 
 
-def _tallied(
-    scene: Scene,
-    pose: np.ndarray | wp.array,
-    first: int,
-    device: str,
-    limit: int | None,
-    clock: dict[str, float],
-    paced: int,
-) -> Tallied:
-    """Render and measure, with room for so many sampling strategies.
+def _tallied(scene: Scene, block: PoseBlock, paced: int, *, is_drawn: bool) -> Tallied:
+    """Render and measure poses, with room for the frequencies of `paced` sampling strategies.
 
-    The area is of raw contours, since stages may leave what encloses something else.
+    is_drawn: whether points are written; raw and exact contours can be measured without, which takes a GPU less time.
+    The area is of raw contours, as the lines that stages make may enclose something else.
     """
-    block = PoseBlock(pose, first, device, limit, clock)
-    batch = scene.raw_contours(block)
-    encloses = scene.strategy.closes and isinstance(scene.hand, PatchHand)
     stages = [stage.name for stage in scene.strategy.prune_stages if stage.name not in BY_RAW_KERNELS]
     names = (*METRICS, *FACING, *dict.fromkeys(map(removed_name, stages)))
-    value = wp.empty((len(names) + 2 * paced, batch.pose_count), dtype=wp.float32, device=device)
-    length = wp.empty(batch.pose_count, dtype=wp.float64, device=device)
+    value = wp.empty((len(names) + 2 * paced, len(block.pose)), dtype=wp.float32, device=block.device)
+    length = wp.empty(len(block.pose), dtype=wp.float64, device=block.device)
+    if not is_drawn:
+        scene.tally(block, value, length)
+        return Tallied(None, names, value, length)
+    batch = scene.raw_contours(block)
+    encloses = scene.strategy.closes and isinstance(scene.hand, PatchHand)
     if not encloses:
         value[METRICS.index("area")].fill_(np.nan)
     removed: dict[str, np.ndarray] = {}
@@ -231,8 +211,8 @@ def _tallied(
         if encloses:
             tally_contours(batch.struct, value, length, measures=False, encloses=True)
         batch, removed = scene.staged(batch, block)
-        batch = batch.to(device)
-    with StageClock(clock, "measure", device):
+        batch = batch.to(block.device)
+    with StageClock(block.timing, "measure", block.device):
         tally_contours(batch.struct, value, length, measures=True, encloses=encloses and scene.is_raw)
         for row, name in enumerate(names[len(METRICS) + len(FACING) :], len(METRICS) + len(FACING)):
             total = sum(gone for stage, gone in removed.items() if removed_name(stage) == name)
@@ -240,69 +220,51 @@ def _tallied(
     return Tallied(batch, names, value, length)
 
 
-@dataclass(frozen=True)
-class Spans:
-    """Which poses of a batch are added up, in which order; on the device."""
+def _spans(slices: Sequence[ChunkSlice], device: str) -> tuple[Any, Any, Any]:
+    """The spans of slices in the order in which they are added up: first pose, number of poses, first span of a slice.
 
-    first: wp.array
-    """First pose of each span, int64, shape [span]."""
-    count: wp.array
-    """Its poses, int64, shape [span]."""
-    chunk_start: wp.array
-    """Offsets of slices into spans, int64, shape [chunk + 1]."""
-
-    @classmethod
-    def of(cls, slices: Sequence[ChunkSlice], device: str) -> Self:
-        """The spans of slices, each counted from the chunk's first pose."""
-        first, count = (np.array([getattr(own, name) for own in slices], np.int64) for name in ("first", "count"))
-        spans = -(-count // SPAN)
-        start = np.concatenate([[0], np.cumsum(spans)])
-        place = SPAN * (np.arange(start[-1]) - np.repeat(start[:-1], spans))  # within the chunk
-        left = np.minimum(np.repeat(count, spans) - place, SPAN)
-        table = np.concatenate([np.repeat(first, spans) + place, left, start])
-        on_device = wp.array(table, dtype=wp.int64, device=device)  # one upload
-        return cls(on_device[: start[-1]], on_device[start[-1] : 2 * start[-1]], on_device[2 * start[-1] :])
+    int64 on the device, shapes [span], [span] and [slice + 1].
+    """
+    first, count = (np.array([getattr(own, name) for own in slices], np.int64) for name in ("first", "count"))
+    spans = -(-count // SPAN)
+    start = np.concatenate([[0], np.cumsum(spans)])
+    place = SPAN * (np.arange(start[-1]) - np.repeat(start[:-1], spans))  # within the slice
+    left = np.minimum(np.repeat(count, spans) - place, SPAN)
+    table = np.concatenate([np.repeat(first, spans) + place, left, start])
+    on_device = wp.array(table, dtype=wp.int64, device=device)  # one upload
+    return on_device[: start[-1]], on_device[start[-1] : 2 * start[-1]], on_device[2 * start[-1] :]
 
 
-def _sums(
-    tallied: Tallied,
-    slices: Sequence[ChunkSlice],
-    spans: Spans,
-    asked: Sequence[SamplingStrategy],
-    samplings: Sequence[Sequence[SamplingStrategy]],
-    device: str,
-) -> wp.array:
-    """Statistics of each chunk on the device, those of earlier batches included, shape [chunk, metric, statistic]."""
-    begun = None
-    if any(own.before is not None for own in slices):
-        contours = [None if own.before is None else own.before.contours for own in slices]
-        rates = [_begun(FREQUENCIES, _paced_before(slices, strategy, samplings)) for strategy in asked]
-        table = np.concatenate([_begun(tallied.names, contours), *rates], axis=1)
-        begun = wp.array(table, dtype=wp.float64, device=device)
-    return sum_parts(tallied.value, spans.first, spans.count, spans.chunk_start, begun)
+def _begun(
+    tallied: Tallied, slices: Sequence[ChunkSlice], asked: Sequence[SamplingStrategy], device: str
+) -> wp.array | None:
+    """Statistics of earlier batches, shape [slice, metric, statistic]; None if all slices begin a chunk."""
+    if all(own.before is None for own in slices):
+        return None
+    contours = [None if own.before is None else own.before.contours for own in slices]
+    tables = [_statistics(FREQUENCIES, _frequency_before(slices, strategy)) for strategy in asked]
+    table = np.concatenate([_statistics(tallied.names, contours), *tables], axis=1)
+    return wp.array(table, dtype=wp.float64, device=device)
 
 
-def _begun(names: Sequence[str], before: Sequence[dict[str, Any] | None]) -> np.ndarray:
-    """Statistics of payloads, shape [chunk, metric, statistic]."""
-    begun = np.zeros((len(before), len(names), len(STATISTICS)))
-    begun[..., 3:5] = np.inf, -np.inf
-    for row_number, payload in enumerate(before):
+def _statistics(names: Sequence[str], payloads: Sequence[dict[str, Any] | None]) -> np.ndarray:
+    """Statistics of payloads, shape [payload, metric, statistic]."""
+    table = np.zeros((len(payloads), len(names), len(STATISTICS)))
+    table[..., 3:5] = np.inf, -np.inf
+    for number, payload in enumerate(payloads):
         if payload is not None:
             for row, name in enumerate(names):
                 known = payload["stat"][name]
                 used = 5 if known[0] else 3  # without values there is no least
-                begun[row_number, row, :used] = known[:used]
-            begun[row_number, :, 5] = payload["poses_drawn"]
-    return begun
+                table[number, row, :used] = known[:used]
+            table[number, :, 5] = payload["poses_drawn"]
+    return table
 
 
-def _paced_before(
-    slices: Sequence[ChunkSlice], strategy: SamplingStrategy, samplings: Sequence[Sequence[SamplingStrategy]]
-) -> list[dict[str, Any] | None]:
-    """What earlier batches measured of a strategy's draw frequencies, a chunk each."""
-    place = [list(own).index(strategy) if strategy in own else None for own in samplings]
+def _frequency_before(slices: Sequence[ChunkSlice], strategy: SamplingStrategy) -> list[dict[str, Any] | None]:
+    """The payload of a strategy's draw frequencies that earlier batches measured of each slice's chunk."""
     return [
-        None if own.before is None or (at := place[own.rendering]) is None else own.before.frequency[at]
+        own.before.frequency[own.samplings.index(strategy)] if own.before and strategy in own.samplings else None
         for own in slices
     ]
 
@@ -316,41 +278,42 @@ def _payloads(
     pose_count: int,
     drawn: Sequence[int] | None = None,
 ) -> list[dict[str, Any]]:
-    """What is stored of each chunk.
+    """The payload of each slice's chunk.
 
-    seconds: of the whole batch of `pose_count` poses. drawn: None for the first metric's.
+    before: payloads of earlier batches. seconds: of the whole batch of `pose_count` poses. drawn: poses with contours,
+    by default those of the first metric.
     """
     out, rows = [], sums.tolist()
-    for k, part in enumerate(slices):
-        own = before[k] or {"poses": 0, "seconds": {}}
-        known = own["seconds"]
+    for k, own in enumerate(slices):
+        begun = before[k] or {"poses": 0, "seconds": {}}
+        known = begun["seconds"]
         stat = {
             name: [int(row[0]), row[1], row[2], *(row[3:5] if row[0] else (None, None))]
             for name, row in zip(names, rows[k], strict=False)  # frequencies follow
         }
-        share = known | {stage: known.get(stage, 0.0) + s * part.count / pose_count for stage, s in seconds.items()}
+        share = known | {stage: known.get(stage, 0.0) + s * own.count / pose_count for stage, s in seconds.items()}
         poses_drawn = int(rows[k][0][5]) if drawn is None else drawn[k]
-        out.append({"poses": own["poses"] + part.count, "poses_drawn": poses_drawn, "stat": stat, "seconds": share})
+        out.append({"poses": begun["poses"] + own.count, "poses_drawn": poses_drawn, "stat": stat, "seconds": share})
     return out
 
 
 def _columns(
-    tallied: Tallied, slices: Sequence[ChunkSlice], numbers: Mapping[int, Sequence[int]]
+    tallied: Tallied, slices: Sequence[ChunkSlice], places: Sequence[Sequence[int]]
 ) -> list[tuple[dict[str, np.ndarray], ...]]:
-    """A row a pose of each chunk, for each sampling strategy of its rendering.
+    """A row a pose of each slice, for each of its sampling strategies.
 
-    numbers: of each rendering's sampling strategies, in the order of the rows of `tallied`.
+    places: of each slice's sampling strategies among those whose frequencies `tallied` has.
     """
     count, table = len(tallied.names), tallied.value.numpy()
     values = dict(zip(tallied.names, table[:count], strict=True))
     values |= {name: values[name].astype(np.int32) for name in WHOLE_NUMBERS}
     out = []
-    for own in slices:
+    for own, numbers in zip(slices, places, strict=True):
         done = own.number * CHUNK_POSES + (0 if own.before is None else own.before.contours["poses"])
         pose = {"pose": np.arange(done, done + own.count)}
         rows = slice(own.first, own.first + own.count)
         blocks = []
-        for number in numbers[own.rendering]:
+        for number in numbers:
             rates = table[count + 2 * number :][:2]
             columns = values | dict(zip(FREQUENCIES, rates, strict=True))
             blocks.append(pose | {name: value[rows].copy() for name, value in columns.items()})

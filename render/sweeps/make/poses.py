@@ -61,7 +61,7 @@ Poses = HostPoses | RandomPoses | ExploredPoses
 
 
 def pose_count(recipe: Recipe) -> int:
-    """Number of poses of a recipe; nothing is made for it, unless only a file's content has it.
+    """Number of poses of a recipe; a motion is read or resampled only where nothing else gives the number.
 
     Raises MotionError, RecordingError, ContourFileError for a file that cannot be read.
     """
@@ -71,15 +71,9 @@ def pose_count(recipe: Recipe) -> int:
     if motion["source"] == EXPLORATION:
         return max(1, math.ceil(motion["duration"] * motion["rate"] - ROUNDING))
     held = recipe.hand["source"] if recipe.hand["source"] in ARTICULATED else ""
-    alignment = motion.get("alignment") or {}
-    return _file_pose_count(
-        motion["source"],
-        motion.get("sha256"),
-        held,
-        motion.get("side"),
-        alignment.get("source"),
-        motion.get("rate"),
-    )
+    alignment = (motion.get("alignment") or {}).get("source")
+    given = motion["source"], motion.get("sha256"), held, motion.get("side"), alignment, motion.get("rate")
+    return _file_pose_count(*given)
 
 
 def chunk_count(recipe: Recipe) -> int:
@@ -109,6 +103,6 @@ def _file_pose_count(
 
 
 def require_unchanged(source: str, sha256: str | None) -> None:
-    """Raise SweepError, naming the file, unless it can be read and still what the plan saw; None: no file is meant."""
+    """Raise SweepError, naming the file, unless it can be read and has this digest; without one there is no file."""
     if sha256 is not None and (found := digest_source(source)) != sha256:
         raise SweepError(f"{source}: has changed since the plan was read (SHA-256 {found[:12]}, not {sha256[:12]})")

@@ -1,13 +1,13 @@
-"""A recipe's things, loaded once and kept while they are in use: object, hand, poses, strategies, arrays.
+"""The objects, hands, poses, strategies and arrays that recipes name: each is loaded once, and kept while it is in use.
 
-What is kept is found by the digest of what it depends on, contents of files included, so nothing is ever out of date.
+They are found by the digest of all that they depend on, contents of files included, so none is ever out of date.
 """
 
 import json
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from pathlib import Path
 from threading import RLock
 from typing import Any, Generic, TypeVar
@@ -37,9 +37,10 @@ from ...strategies.user_stage_sources import has_own_stages, stage_sources
 from ...trust.permission import AllowCode
 from ..plan.recipe import PARTS, RANDOM_AT, RANDOM_SIZE, Recipe, RecipePart, model_of
 from .poses import ARTICULATED, EXPLORATION, RANDOM, Poses, RandomPoses, require_unchanged
+from .user_metrics import UserMetric
 
-Thing = TypeVar("Thing")
-THINGS_KEPT = 8
+Value = TypeVar("Value")
+SOLIDS_KEPT = 8
 HANDS_KEPT = 16
 BYTES_KEPT = 256_000_000  # of motions, posed hands with them; and of the posed hands of scenes
 SCENE_BYTES = BYTES_KEPT // 16  # that a scene counts for, so that there are not too many
@@ -47,21 +48,21 @@ POSE_BYTES = 36  # a pose and its time on the host
 POSES_BYTES = BYTES_KEPT // 65536  # that any motion counts for: numbers of random poses are small, but many
 
 
-class CostCache(Generic[Thing]):
-    """What was made last, up to a limit of its costs; one thing at least. Threads may ask at once."""
+class CostCache(Generic[Value]):
+    """The values that were used last, up to a limit of their costs, but at least one. Threads may ask at once."""
 
-    def __init__(self, limit: int, cost: Callable[[Thing], int] = lambda _: 1) -> None:
+    def __init__(self, limit: int, cost: Callable[[Value], int] = lambda _: 1) -> None:
         self._limit, self._cost = limit, cost
-        self._values: OrderedDict[str, tuple[Thing, int]] = OrderedDict()  # with its cost
+        self._values: OrderedDict[str, tuple[Value, int]] = OrderedDict()  # with its cost
         self._cost_sum = 0  # kept, as adding up thousands for each new one takes longer than making them
         self._lock = RLock()
 
-    def get(self, key: str, make: Callable[[], Thing]) -> Thing:
-        """What was made for this key; made now if it is not there. What `make` raises passes through."""
+    def get(self, key: str, make: Callable[[], Value]) -> Value:
+        """The value of a key, made now if it is not there; raises what `make` raises."""
         with self._lock:  # held while it is made, so that two threads do not make the same
             if key not in self._values:
-                made = make()
-                self._values[key] = made, self._cost(made)
+                value = make()
+                self._values[key] = value, self._cost(value)
                 self._cost_sum += self._values[key][1]
                 while len(self._values) > 1 and self._cost_sum > self._limit:
                     self._cost_sum -= self._values.popitem(last=False)[1][1]
@@ -71,12 +72,12 @@ class CostCache(Generic[Thing]):
 
 @dataclass(frozen=True, eq=False)
 class Rendering:
-    """What contours depend on: object, hand, poses and intersection strategy of a recipe."""
+    """All that contours depend on: object, hand, poses and intersection strategy of a recipe."""
 
     key: str
     """Of the group "contours"."""
     name: str
-    """For people: object, hand, motion, strategy."""
+    """The title of the first recipe that has it, for messages."""
     scene: Scene
     family: str
     """Renderings of one family have the same scene."""
@@ -88,65 +89,81 @@ class Rendering:
     def is_fusable(self) -> bool:
         """Whether its poses may be rendered together with those of other motions.
 
-        Not where a user's stage sees them, which may go by `Setting.first` and by what else is in its batch.
+        A user's stage rules that out, as it may depend on `Setting.first` and on the other poses of its batch.
         """
         return self.scene.hand.pose_count is None and self.scene.object_pose is None and not self.has_own_stages
+
+
+@dataclass(eq=False)
+class AskedResult:
+    """A result that chunks of a unit ask for."""
+
+    group: str
+    recipe: Recipe
+    rendering: Rendering
+    metric: UserMetric | None = None
+    """The user's function that computes it, if one does."""
+    places: set[int] = field(default_factory=set)
+    """Chunks of the unit that ask for it."""
+
+    @property
+    def key(self) -> str:
+        """Under which it is stored."""
+        return self.recipe.key(self.group)
+
+    @cached_property
+    def sampling(self) -> SamplingStrategy | None:
+        """The sampling strategy that it depends on; None where contours are all that it needs."""
+        needs_contours_only = self.group in ("contours", "keep-contours") or self.metric is not None
+        return None if needs_contours_only else sampling_of(self.recipe.sampling)
 
 
 class RecipeCache:
     """Everything that recipes name, for one Warp device; what is loaded is kept within bounds.
 
-    Raises what loading raises (RenderError, DatasetError, DeviceError), and SweepError for a file that is no longer
-    what the plan saw.
+    Raises what loading raises (RenderError, DatasetError, DeviceError), and SweepError for a file that has changed
+    since the plan was read.
     """
 
-    def __init__(self, device: str) -> None:
-        self.device = device
-        self._things: CostCache[Solid] = CostCache(THINGS_KEPT)
+    def __init__(self) -> None:
+        self._solids: CostCache[Solid] = CostCache(SOLIDS_KEPT)
         self._hands: CostCache[Hand] = CostCache(HANDS_KEPT)
-        self._scenes: CostCache[tuple[Scene, bool]] = CostCache(
-            BYTES_KEPT, lambda kept: SCENE_BYTES + hand_bytes(kept[0].hand)
-        )
-        self._placed: CostCache[tuple[Hand, Poses]] = CostCache(BYTES_KEPT, _pose_bytes)
+        self._scenes: CostCache[Scene] = CostCache(BYTES_KEPT, lambda scene: SCENE_BYTES + hand_bytes(scene.hand))
+        self._placed: CostCache[tuple[Hand, Poses]] = CostCache(BYTES_KEPT, _placed_bytes)
 
     def rendering(self, recipe: Recipe, *, allow_code: AllowCode = frozenset()) -> Rendering:
-        """The scene and the poses of a recipe. allow_code: which code that it names may be run, by default none."""
-        thing = self._things.get(recipe.digest(["thing"]), lambda: _load_thing(recipe.thing, allow_code))
-        hand, poses = self._hand_and_poses(recipe, thing)
-        posed = () if hand.pose_count is None else ("motion",)  # whose rows a posed hand has
-        family = recipe.digest(["thing", "hand", "strategy", *posed])
-        scene, has_own = self._scenes.get(
-            family, lambda: _scene_of(thing, hand, strategy_of(recipe.strategy, allow_code))
-        )
-        if has_own:
+        """The scene and the poses of a recipe. allow_code: code that it names and that may be run, by default none."""
+        solid = self._solids.get(recipe.digest(["thing"]), lambda: _load_solid(recipe.thing, allow_code))
+        bounds = ("thing",) if recipe.motion["source"] == EXPLORATION else ()  # which it keeps to
+        placed = recipe.digest(["hand", "motion", *bounds])
+        hand, poses = self._placed.get(placed, lambda: self._hand_and_poses(recipe, solid))
+        rows = () if hand.pose_count is None else ("motion",)  # which a posed hand has
+        family = recipe.digest(["thing", "hand", "strategy", *rows])
+        scene = self._scenes.get(family, lambda: Scene.of(solid, hand, strategy_of(recipe.strategy, allow_code)))
+        if has_own := has_own_stages(scene.strategy):
             _require_planned(scene.strategy, recipe.strategy)
-        return Rendering(recipe.key("contours"), title_of(recipe), scene, family, poses, has_own)
+        return Rendering(recipe.key("contours"), recipe.title, scene, family, poses, has_own)
 
-    def _hand_and_poses(self, recipe: Recipe, thing: Solid) -> tuple[Hand, Poses]:
-        explored = ("thing",) if recipe.motion["source"] == EXPLORATION else ()  # whose bounds it keeps to
-        key = recipe.digest(["hand", "motion", *explored])
-        return self._placed.get(key, lambda: self._made(recipe, thing))
-
-    def _made(self, recipe: Recipe, thing: Solid) -> tuple[Hand, Poses]:
-        hand, motion = recipe.hand, recipe.motion
-        source = motion["source"]
+    def _hand_and_poses(self, recipe: Recipe, solid: Solid) -> tuple[Hand, Poses]:
+        """A hand, posed if a recording poses it, and its motion."""
+        motion, source = recipe.motion, recipe.motion["source"]
         if source == RANDOM:
-            return self._rigid(recipe), random_poses_of(motion)
+            at, size = motion.get("at") or RANDOM_AT, float(motion.get("size") or RANDOM_SIZE)
+            return self._rigid(recipe), RandomPoses(int(motion["count"]), int(motion["seed"]), size, tuple(at))
         require_unchanged(source, motion.get("sha256"))
-        options = {name: motion.get(name) for name in EXPLORATION_OPTIONS} | {"model": model_of(motion)}
+        if source == EXPLORATION:
+            return self._rigid(recipe), _explored_poses(solid, motion)
         if not is_recording(source):
-            if source == EXPLORATION:
-                return self._rigid(recipe), explored_poses_of(thing, options)
-            return self._rigid(recipe), HostPoses(load_motion(source, thing, {}))
+            return self._rigid(recipe), HostPoses(load_motion(source, solid, {}))
         alignment = motion.get("alignment")
         if alignment is not None:
             require_unchanged(alignment["source"], alignment.get("sha256"))
-        is_posed = hand["source"] in ARTICULATED
+        is_posed = recipe.hand["source"] in ARTICULATED
         posed, poses = load_hand_and_motion(
-            hand["source"] if is_posed else "palm",
+            recipe.hand["source"] if is_posed else "palm",
             None,
             source,
-            thing,
+            solid,
             exploration_options={"duration": None, "rate": motion.get("rate"), "seed": None},
             side=motion.get("side"),
             alignment=None if alignment is None else Path(alignment["source"]),
@@ -168,7 +185,8 @@ class RecipeCache:
 @lru_cache(maxsize=16)
 def recipe_cache(device: str) -> RecipeCache:
     """The cache of a device, kept from unit to unit."""
-    return RecipeCache(device)
+    del device  # whose copies of objects and hands the cached ones hold
+    return RecipeCache()
 
 
 @lru_cache(maxsize=1024)
@@ -176,34 +194,21 @@ def _part_from(text: str) -> RecipePart:
     return RecipePart(json.loads(text))
 
 
+@lru_cache(maxsize=1024)
 def read_recipe(text: str) -> Recipe:
-    """A recipe from its JSON; parts that many recipes have are hashed once. Raises PlanError for what is none."""
+    """A recipe from its JSON; parts that many recipes have are hashed once. Raises PlanError for any other text."""
     recipe = Recipe.from_json(text)
     return Recipe.of([_part_from(json.dumps(getattr(recipe, name))) for name in PARTS])
 
 
-def title_of(recipe: Recipe) -> str:
-    """A recipe as a sentence names it: object, hand, motion and strategy."""
-    seed = recipe.motion.get("seed")
-    motion = recipe.motion["name"] if seed is None else f"{recipe.motion['name']} of seed {seed}"
-    return f"{recipe.thing['name']}, {recipe.hand['name']}, {motion}, {recipe.strategy['name']}"
-
-
-def explored_poses_of(thing: Solid, options: dict[str, Any]) -> ExploredPoses:
-    """Poses of an exploration, by its options; raises StrategyError as `load_motion` does."""
+def _explored_poses(solid: Solid, motion: dict[str, Any]) -> ExploredPoses:
+    """Poses of an exploration, by the motion of a recipe; raises StrategyError as `load_motion` does."""
+    options = {name: motion.get(name) for name in EXPLORATION_OPTIONS} | {"model": model_of(motion)}
     given = {name: value for name, value in options.items() if value is not None}
     try:
-        return ExploredPoses.of(thing.bounds, **given)
+        return ExploredPoses.of(solid.bounds, **given)
     except MotionError as error:
         raise StrategyError(f"{EXPLORATION}: {error}") from error
-
-
-def random_poses_of(motion: dict[str, Any]) -> RandomPoses:
-    """Poses of a random motion, by its part of a recipe."""
-    at = motion.get("at") or RANDOM_AT
-    return RandomPoses(
-        int(motion["count"]), int(motion["seed"]), float(motion.get("size") or RANDOM_SIZE), (at[0], at[1], at[2])
-    )
 
 
 @lru_cache(maxsize=64)
@@ -215,7 +220,7 @@ def _strategy_from(text: str, source: str, allow_code: AllowCode) -> Intersectio
 
 
 def _require_planned(made: IntersectionStrategy, strategy: dict[str, Any]) -> None:
-    """Refuse stages of a user's own that are not those that the plan saw; they may be registered again at any time."""
+    """Refuse a user's stages that are not those that the plan saw; they may be registered again at any time."""
     if stage_sources(made) != strategy["described"].get("sources", {}):
         raise SweepError(
             f"{strategy['source']}: stages of one's own are not those of the plan: their files have changed since it "
@@ -249,12 +254,15 @@ def arrays_of(array: dict[str, Any]) -> tuple[tuple[ArrayModel, ...], DriveStrat
     return models, DriveStrategy.from_json(json.dumps(array["described"]["drive"]))
 
 
-def _scene_of(thing: Solid, hand: Hand, strategy: IntersectionStrategy) -> tuple[Scene, bool]:
-    """A scene, and whether it has a user's own stages."""
-    return Scene.of(thing, hand, strategy), has_own_stages(strategy)
+def playing_arrays(recipe: Recipe, strategy: SamplingStrategy) -> tuple[tuple[ArrayModel, ...], DriveStrategy]:
+    """The same; raises DeviceError for an array that cannot play the update rate of a sampling strategy."""
+    models, drive = arrays_of(recipe.array)
+    for model in models:
+        model.divider(strategy.update_rate)
+    return models, drive
 
 
-def _load_thing(thing: dict[str, Any], allow_code: AllowCode) -> Solid:
+def _load_solid(thing: dict[str, Any], allow_code: AllowCode) -> Solid:
     require_unchanged(thing["source"], thing.get("sha256"))
     at, bounds = thing.get("at"), thing.get("bounds")
     placement = Placement(
@@ -276,15 +284,17 @@ def _load_thing(thing: dict[str, Any], allow_code: AllowCode) -> Solid:
 
 
 def hand_bytes(hand: Hand) -> int:
-    """What a hand that a recording poses takes; a rigid one's is left out [byte]."""
+    """Memory of a hand that a recording poses [byte]; a rigid one counts as nothing."""
     return 0 if hand.pose_count is None else sum(array.nbytes for array in hand.arrays().values())
 
 
-def _pose_bytes(kept: tuple[Hand, Poses]) -> int:
-    hand, poses = kept
-    if isinstance(poses, RandomPoses):
-        return POSES_BYTES + hand_bytes(hand)
+def _placed_bytes(placed: tuple[Hand, Poses]) -> int:
+    """Memory of a hand and its poses [byte]."""
+    hand, poses = placed
+    arrays = 0
     if isinstance(poses, ExploredPoses):  # its motion is made where something needs it on the host
-        return POSES_BYTES + hand_bytes(hand) + POSE_BYTES * poses.count
-    time = poses.motion.time
-    return POSES_BYTES + hand_bytes(hand) + poses.motion.pose.nbytes + (0 if time is None else time.nbytes)
+        arrays = POSE_BYTES * poses.count
+    elif isinstance(poses, HostPoses):
+        time = poses.motion.time
+        arrays = poses.motion.pose.nbytes + (0 if time is None else time.nbytes)
+    return POSES_BYTES + hand_bytes(hand) + arrays

@@ -1,12 +1,13 @@
-"""What sampling comes to over a whole recipe: jumps by cause, revisits, silence, dwell; counted as `palpate play` does.
+"""Sampling metrics of a whole recipe: jumps by cause, revisits, silence, dwell; counted as `palpate play` does.
 
 Contours are rendered as they are sampled, or read where they are kept.
 """
 
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -17,24 +18,12 @@ from ...intersection.batch_rendering import rendered_chunks
 from ...intersection.job import ContourJob
 from ...intersection.scene import Scene
 from ...motions.numbers import dwell_grid, sampling_numbers
-from ...playback.focal_points import (
-    ContourRows,
-    ContourSource,
-    FocusSource,
-)
+from ...playback.focal_points import ContourRows, ContourSource
 from ...sampling.metrics import FocalPoints, dwell_map
 from ...sampling.sampler import SPAN_SAMPLES, Sampler, sample_bounds
 from ...sampling.strategy import SamplingStrategy
 
-KEPT_BYTES = 256_000_000  # of a rendering's contours on the host, for whoever samples it next
-
-
-class FocusTaker(Protocol):
-    """Who takes focal points as they are made."""
-
-    def take(self, focus: FocalPoints) -> None:
-        """The next ones."""
-        ...
+KEPT_BYTES = 256_000_000  # of a rendering's contours on the host, for the next walk through them
 
 
 class RenderedContours:
@@ -80,44 +69,35 @@ class RenderedContours:
         self._kept = kept
 
 
-def why_not_sampled(motion: HandMotion | None) -> str | None:
-    """Why a motion has no focal points over time; None if it has. None as the motion: random poses."""
-    if motion is None or motion.time is None:
-        return "the poses have no times"
-    return "there is one pose only" if len(motion) == 1 else None
-
-
 def sample_recipe(
     contours: ContourRows,
     motion: HandMotion,
     hand: Hand,
     strategy: SamplingStrategy,
-    takers: Sequence[FocusTaker] = (),
+    takers: Sequence[Callable[[FocalPoints], object]] = (),
     *,
     counted: bool = True,
 ) -> dict[str, Any]:
     """Go once through all focal points of a motion; returns `NUMBERS`, if they are to be counted, and the seconds.
 
-    takers: who else takes the focal points. Raises what rendering and sampling raise.
+    takers: are called with the focal points, block by block. Raises what rendering and sampling raise.
     """
     started = perf_counter()
     sampler = Sampler(strategy, revisits=counted)
     source = ContourSource(contours, sampler, block=SPAN_SAMPLES)
-    blocks = _taken(source, takers)
-    if not counted:
-        for _ in blocks:
-            pass
-        return {"seconds": {"sampling": perf_counter() - started}}
-    rate, time = strategy.update_rate, np.zeros(len(motion)) if motion.time is None else motion.time
-    bounds = sample_bounds(time, source.duration, rate)
-    dwell = dwell_map(blocks, motion.pose, bounds, rate, **dwell_grid(hand))
-    numbers = sampling_numbers(sampler.count, dwell, rate)
+
+    def taken() -> Iterator[FocalPoints]:
+        for focus in source:
+            for taker in takers:
+                taker(focus)
+            yield focus
+
+    numbers: dict[str, Any] = {}
+    if counted:
+        rate, time = strategy.update_rate, np.zeros(len(motion)) if motion.time is None else motion.time
+        bounds = sample_bounds(time, source.duration, rate)
+        dwell = dwell_map(taken(), motion.pose, bounds, rate, **dwell_grid(hand))
+        numbers = sampling_numbers(sampler.count, dwell, rate)
+    else:
+        deque(taken(), maxlen=0)
     return {**numbers, "seconds": {"sampling": perf_counter() - started}}
-
-
-def _taken(source: FocusSource, takers: Sequence[FocusTaker]) -> Iterator[FocalPoints]:
-    """Focal points, once all takers have had them."""
-    for focus in source:
-        for taker in takers:
-            taker.take(focus)
-        yield focus

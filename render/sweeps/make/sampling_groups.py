@@ -4,39 +4,26 @@
 |---|---|
 | only these two, of a motion with times on a rigid hand, by kernels | with others of its scene and sampling |
 | focal points on a GPU, modulated by sines, which round otherwise there | alone (`unsplit`), on the CPU |
-| anything else, as kept drives, which take 20 times as long as their focal points | alone |
+| anything else, such as drives, which take 20 times as long as their focal points | alone |
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
-from typing import Any, NamedTuple
 
 import warp as wp
 
 from ...motions.groups import MotionGroup, motion_groups, sample_counts
 from ...sampling.strategy import SamplingStrategy
-from ..plan.recipe import Recipe
 from .batch import batch_bytes
 from .keep import keep_focal_points
-from .rendering import Rendering, sampling_of
+from .rendering import AskedResult, sampling_of
+from .unsplit import Payloads, why_not_sampled
 
 FOCI_AT_ONCE = 5_000_000  # 0.2 GB of focal points of a motion; more are made alone, block by block
 CPU_BYTES = 256_000_000  # of a group on a CPU: some 10 motions of 30 s
 SAMPLING, FOCAL_POINTS = "sampling", "keep-focal-points"
-Results = dict[str, dict[str, Any] | Exception]
-"""Of a motion, by group: the payload, or why there is none."""
-
-
-class UnsplitChunk(NamedTuple):
-    """A chunk of a unit that holds all poses of a recipe, as its groups cannot be split."""
-
-    place: int
-    """In the unit."""
-    groups: Sequence[str]
-    recipe: Recipe
-    rendering: Rendering
 
 
 @dataclass(eq=False)
@@ -44,87 +31,71 @@ class SampledAlike:
     """Motions of one scene that one strategy samples."""
 
     strategy: SamplingStrategy
-    asked: dict[str, list[UnsplitChunk]] = field(default_factory=dict)
-    """By key of the result: those that ask for it."""
+    motions: dict[str, list[AskedResult]] = field(default_factory=dict)
+    """The results that are asked for of each, by the key that they have in common."""
 
-    def groups(self, device: str, folder: Path) -> Iterator[list[tuple[list[UnsplitChunk], Results]]]:
-        """Group by group, the results of each motion, and the chunks that ask for them. folder: of kept files."""
-        asked = list(self.asked.values())
-        first = asked[0][0].rendering
-        motions = [own[0].rendering.poses for own in asked]
-        is_small = wp.get_device(device).is_cpu or any(FOCAL_POINTS in groups_of(own) for own in asked)
-        memory = CPU_BYTES if is_small else batch_bytes(device)
+    def make(self, device: str, folder: Path) -> Iterator[Payloads]:
+        """Results of each motion, made group by group; raises what sampling raises. folder: of kept files."""
+        asked = list(self.motions.values())
+        is_kept = any(own.group == FOCAL_POINTS for results in asked for own in results)
+        memory = CPU_BYTES if is_kept or wp.get_device(device).is_cpu else batch_bytes(device)
+        scene, poses = asked[0][0].rendering.scene, [results[0].rendering.poses for results in asked]
         started = perf_counter()
-        for group in motion_groups(first.scene, motions, self.strategy, device, memory=memory):
+        for group in motion_groups(scene, poses, self.strategy, device, memory=memory):
             own = asked[group.first : group.stop]
-            made = self._results(group, own, folder)
-            seconds = {"sampling": (perf_counter() - started) / len(own)}
+            made = [self._payloads(group, number, results, folder) for number, results in enumerate(own)]
             del group  # before the next takes as much memory
-            yield [(chunks, _timed(results, seconds)) for chunks, results in zip(own, made, strict=True)]
+            share = {"sampling": (perf_counter() - started) / len(own)}
+            for payloads in made:
+                seconds = share
+                for payload in payloads.values():
+                    if not isinstance(payload, Exception):
+                        payload["seconds"], seconds = seconds, {}  # counted once
+            yield from made
             started = perf_counter()
 
-    def _results(self, group: MotionGroup, asked: Sequence[list[UnsplitChunk]], folder: Path) -> list[Results]:
-        """Of each motion of a group. Raises what sampling raises: whose fault that is, making each alone tells."""
-        samples = group.samples
-        is_counted = any(SAMPLING in groups_of(own) for own in asked)
-        numbers = group.numbers if is_counted else [{} for _ in asked]
-        results: list[Results] = []
-        for number, own in enumerate(asked):
-            made: Results = {}
-            for name in groups_of(own):
-                if name == SAMPLING:
-                    made[name] = dict(numbers[number])
-                    continue
-                try:
-                    made[name] = keep_focal_points(own[0].recipe, folder, self.strategy, samples.focus(number))
-                except Exception as error:  # of this file only
-                    made[name] = error
-            results.append(made)
-        return results
+    def _payloads(self, group: MotionGroup, number: int, asked: Sequence[AskedResult], folder: Path) -> Payloads:
+        """Results of one motion of a group."""
+        samples, payloads = group.samples, Payloads()
+        for own in asked:
+            if own.group == SAMPLING:
+                payloads[own] = dict(group.numbers[number])
+                continue
+            try:
+                payloads[own] = keep_focal_points(own.recipe, folder, self.strategy, samples.focus(number))
+            except Exception as error:  # of this file only
+                payloads[own] = error
+        return payloads
 
 
-def groups_of(chunks: Sequence[UnsplitChunk]) -> list[str]:
-    """Groups that chunks ask for, each once."""
-    return list(dict.fromkeys(group for chunk in chunks for group in chunk.groups))
-
-
-def _timed(results: Results, seconds: dict[str, float]) -> Results:
-    """The same with seconds, which the first payload has."""
-    out = dict(results)
-    for name, payload in results.items():
-        if not isinstance(payload, Exception):
-            out[name], seconds = {**payload, "seconds": seconds}, {}
-    return out
-
-
-def divide_chunks(
-    chunks: Sequence[UnsplitChunk], device: str
-) -> tuple[list[SampledAlike], dict[str, list[UnsplitChunk]]]:
-    """Chunks that are sampled in groups, and by rendering those that are made alone."""
-    by_rendering: dict[str, list[UnsplitChunk]] = {}
-    for chunk in chunks:
-        by_rendering.setdefault(chunk.rendering.key, []).append(chunk)
+def divide_results(
+    asked: Sequence[AskedResult], device: str
+) -> tuple[list[SampledAlike], dict[str, list[AskedResult]]]:
+    """Results that are made in groups, and by rendering those that are made alone."""
+    by_rendering: dict[str, list[AskedResult]] = {}
+    for own in asked:
+        by_rendering.setdefault(own.rendering.key, []).append(own)
     alike: dict[tuple[str, SamplingStrategy], SampledAlike] = {}
-    alone: dict[str, list[UnsplitChunk]] = {}
-    for key, own in by_rendering.items():
-        if not all(_is_grouped(chunk, device) for chunk in own):
-            alone[key] = own
+    alone: dict[str, list[AskedResult]] = {}
+    for key, results in by_rendering.items():
+        if not all(_is_grouped(own, device) for own in results):
+            alone[key] = results
             continue
-        for chunk in own:
-            strategy = sampling_of(chunk.recipe.sampling)
-            shared = alike.setdefault((chunk.rendering.family, strategy), SampledAlike(strategy))
-            shared.asked.setdefault(chunk.recipe.key("sampling"), []).append(chunk)
+        for own in results:
+            strategy = sampling_of(own.recipe.sampling)
+            shared = alike.setdefault((own.rendering.family, strategy), SampledAlike(strategy))
+            shared.motions.setdefault(own.key, []).append(own)
     return list(alike.values()), alone
 
 
-def _is_grouped(chunk: UnsplitChunk, device: str) -> bool:
-    """Whether a chunk is made together with others, by the table above."""
-    if not {SAMPLING, FOCAL_POINTS}.issuperset(chunk.groups) or not chunk.rendering.is_fusable:
+def _is_grouped(own: AskedResult, device: str) -> bool:
+    """Whether a result is made together with others, by the table above."""
+    if own.group not in (SAMPLING, FOCAL_POINTS) or not own.rendering.is_fusable:
         return False
-    strategy, poses = sampling_of(chunk.recipe.sampling), chunk.rendering.poses
+    strategy, poses = sampling_of(own.recipe.sampling), own.rendering.poses
     has_sines = strategy.am is not None or strategy.lm is not None
-    if FOCAL_POINTS in chunk.groups and has_sines and not wp.get_device(device).is_cpu:
+    if own.group == FOCAL_POINTS and has_sines and not wp.get_device(device).is_cpu:
         return False
-    if poses.time is None or poses.count < 2:  # no motion in time, so no focal points
+    if why_not_sampled(poses) is not None:
         return False
     return 0 < sample_counts([poses], strategy)[0] * strategy.foci <= FOCI_AT_ONCE

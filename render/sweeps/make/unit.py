@@ -1,7 +1,7 @@
 """A unit of a sweep and its result: what a worker is given at a time, and what it gives back."""
 
 import os
-import socket
+import secrets
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -28,9 +28,12 @@ class Chunk:
     """The chunk's first pose is `number * CHUNK_POSES`; a chunk of all poses has number 0."""
 
 
+_TOKEN = secrets.token_hex(8)
+
+
 def this_process() -> tuple[str, int]:
-    """Host and number of this process."""
-    return socket.gethostname(), os.getpid()
+    """A mark of this process that no other one has, on any host; a forked process has another number."""
+    return _TOKEN, os.getpid()
 
 
 @dataclass(frozen=True)

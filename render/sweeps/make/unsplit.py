@@ -1,139 +1,113 @@
-"""Groups of a recipe that are made in one go: contour files, then one walk through the focal points for all the rest.
+"""Results of all poses of one rendering, which cannot be split: its contour file, then all that focal points give.
 
-Recipes of one rendering share its contours; those of one sampling strategy, too, share its focal points.
+Recipes of one rendering share its contours; those of one sampling strategy also share its focal points.
 """
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from ....datasets.motions.hand_motion import HandMotion
-from ...intersection.scene import Scene
+from ...motions.explorations.explored import TimedPoses
 from ...motions.numbers import NUMBERS
 from ...playback.focal_points import ContourRows, ContourSource
 from ...sampling.sampler import Sampler
 from ...sampling.strategy import SamplingStrategy
-from ..plan.recipe import Recipe
 from .acoustic_metrics import NoiseMeter, measure_pressure
 from .keep import DriveKeeper, FocusKeeper, contours_of, keep_contours
-from .poses import RandomPoses
-from .rendering import Rendering, sampling_of
-from .sampling import sample_recipe, why_not_sampled
-
-Place = tuple[str, str]
-"""Group and key."""
-Wanted = Mapping[Place, Recipe]
-Made = dict[Place, dict[str, Any] | Exception]
-"""Payloads, or why there is none."""
-
+from .rendering import AskedResult, sampling_of
+from .sampling import sample_recipe
 
 KEEPERS = {"keep-focal-points": FocusKeeper, "keep-drives": DriveKeeper}
 
 
-def make_unsplit(rendering: Rendering, wanted: Wanted, folder: Path, device: str) -> Made:
-    """Make the groups that cannot be split, of recipes that have one rendering.
+Payloads = dict[AskedResult, dict[str, Any] | Exception]
+"""The payload of each result, or why there is none."""
 
-    folder: of kept files. What goes wrong with a group stands in its place; the others are made.
-    """
-    made: Made = {}
-    kept = {place: recipe for place, recipe in wanted.items() if place[0] == "keep-contours"}
-    for place in kept:
-        try:
-            made[place] = keep_contours(rendering.scene, rendering.poses.motion, rendering.key, folder, device)
-        except Exception as error:  # of this group only
-            made[place] = error
-    sampled = {place: recipe for place, recipe in wanted.items() if place not in kept}
+
+def make_unsplit(asked: Sequence[AskedResult], folder: Path, device: str) -> Payloads:
+    """Make results of one rendering; the error of one leaves the others. folder: of kept files."""
+    rendering = asked[0].rendering
+    payloads: Payloads = {}
+    for own in asked:
+        if own.group == "keep-contours":
+            try:
+                payloads[own] = keep_contours(rendering, folder, device)
+            except Exception as error:  # of this file only
+                payloads[own] = error
+    sampled = [own for own in asked if own not in payloads]
+    if reason := why_not_sampled(rendering.poses):
+        return payloads | {own: _absent(own.group, reason) for own in sampled}
     if not sampled:
-        return made
-    motion = None if isinstance(rendering.poses, RandomPoses) else rendering.poses.motion
-    reason = why_not_sampled(motion)
-    if reason is not None or motion is None:
-        return made | {place: _nothing(place, reason or "") for place in sampled}
-    return made | _sampled(rendering, motion, sampled, folder, device)
-
-
-def _sampled(rendering: Rendering, motion: HandMotion, sampled: Wanted, folder: Path, device: str) -> Made:
-    """Groups that are made of focal points, walk by walk through the contours."""
-    made: Made = {}
+        return payloads
     try:
-        with contours_of(rendering.scene, motion, rendering.key, folder, device) as contours:
-            for strategy, asked in walks_of(sampled):
-                made |= _walk(contours, motion, rendering.scene, strategy, asked, folder)
-    except Exception as error:  # a kept file that cannot be read
-        made |= {place: error for place in sampled if place not in made}
-    return made
+        with contours_of(rendering, folder, device) as contours:
+            walks = walks_of(sampled)
+            while walks:
+                strategy, walk = walks.pop(0)
+                try:
+                    payloads |= _walk(contours, strategy, walk, folder)
+                except Exception as error:  # of one result: each is made alone, so that only that one fails
+                    if len(walk) == 1:
+                        payloads[walk[0]] = error
+                    else:
+                        walks[:0] = [(strategy, [own]) for own in walk]
+    except Exception as error:  # of a kept file that cannot be read
+        payloads |= {own: error for own in sampled if own not in payloads}
+    return payloads
 
 
-def walks_of(sampled: Wanted) -> list[tuple[SamplingStrategy, dict[Place, Recipe]]]:
-    """Groups that are made by one walk through the focal points: all of one sampling strategy, but one noise at most.
-
-    Noise has all frames of a recipe in memory, up to 4 GiB; further arrays of the same sampling get walks of their own.
-    """
-    by_sampling: dict[SamplingStrategy, list[dict[Place, Recipe]]] = {}
-    for place, recipe in sampled.items():
-        walks = by_sampling.setdefault(sampling_of(recipe.sampling), [{}])
-        walk = walks[0]
-        if place[0] == "noise" and any(group == "noise" for group, _ in walk):
-            walks.append(walk := {})
-        walk[place] = recipe
-    return [(strategy, walk) for strategy, walks in by_sampling.items() for walk in walks]
+def why_not_sampled(poses: TimedPoses) -> str | None:
+    """Why poses have no focal points over time; None if they have."""
+    if poses.time is None:
+        return "the poses have no times"
+    return "there is one pose only" if poses.count == 1 else None
 
 
-def _nothing(place: Place, reason: str) -> dict[str, Any]:
-    """What stands for a group that a recipe cannot have."""
-    names = {"sampling": NUMBERS, "noise": (), "pressure": ()}.get(place[0], ("path",))
+def _absent(group: str, reason: str) -> dict[str, Any]:
+    """The payload of a group that a recipe cannot have."""
+    names = {"sampling": NUMBERS, "noise": (), "pressure": ()}.get(group, ("path",))
     return {**dict.fromkeys(names), "reason": reason, "seconds": {}}
 
 
-def _walk(
-    contours: ContourRows,
-    motion: HandMotion,
-    scene: Scene,
-    strategy: SamplingStrategy,
-    asked: Wanted,
-    folder: Path,
-) -> Made:
-    """Sample once for all groups of one sampling strategy; if that fails, once for each."""
-    try:
-        return _walked(contours, motion, scene, strategy, asked, folder)
-    except Exception as error:  # of one group, which the others are not to suffer from
-        if len(asked) == 1:
-            return dict.fromkeys(asked, error)
-    made: Made = {}
-    for place, recipe in asked.items():
-        made |= _walk(contours, motion, scene, strategy, {place: recipe}, folder)
-    return made
+def walks_of(sampled: Sequence[AskedResult]) -> list[tuple[SamplingStrategy, list[AskedResult]]]:
+    """Results that one walk through the focal points makes: all of one sampling strategy, but one noise at most.
+
+    Noise has all frames of a recipe in memory, up to 4 GiB; further arrays of the same sampling get walks of their own.
+    """
+    by_sampling: dict[SamplingStrategy, list[list[AskedResult]]] = {}
+    for own in sampled:
+        walks = by_sampling.setdefault(sampling_of(own.recipe.sampling), [[]])
+        if own.group == "noise" and any(other.group == "noise" for other in walks[0]):
+            walks.append([own])
+        else:
+            walks[0].append(own)
+    return [(strategy, walk) for strategy, walks in by_sampling.items() for walk in walks]
 
 
-def _walked(
-    contours: ContourRows,
-    motion: HandMotion,
-    scene: Scene,
-    strategy: SamplingStrategy,
-    asked: Wanted,
-    folder: Path,
-) -> Made:
+def _walk(contours: ContourRows, strategy: SamplingStrategy, walk: Sequence[AskedResult], folder: Path) -> Payloads:
+    """Sample once for all results of a walk; raises what any of them raises."""
+    scene, motion = walk[0].rendering.scene, walk[0].rendering.poses.motion
     frame_count = ContourSource(contours, Sampler(strategy)).frame_count
-    made: dict[Place, dict[str, Any]] = {}
+    payloads: dict[AskedResult, dict[str, Any]] = {}
+    takers: dict[AskedResult, FocusKeeper | DriveKeeper | NoiseMeter] = {}
     with ExitStack() as stack:
-        keepers: dict[Place, FocusKeeper | DriveKeeper | NoiseMeter] = {}
-        for place, recipe in asked.items():
-            if place[0] in KEEPERS:
-                keeper = KEEPERS[place[0]](recipe, place[1], folder, strategy, frame_count)
+        for own in walk:
+            if own.group in KEEPERS:
+                takers[own] = keeper = KEEPERS[own.group](own.recipe, folder, strategy, frame_count)
                 stack.enter_context(keeper.file)
-                keepers[place] = keeper
-            elif place[0] == "noise":  # both on the CPU, whatever renders: the same bits by whichever worker
-                keepers[place] = NoiseMeter(recipe, strategy, frame_count)
-            elif place[0] == "pressure":
-                made[place] = measure_pressure(contours, scene.hand, strategy, recipe)
-        if len(made) == len(asked):  # pressure alone needs no focal points but those of its sample
-            return dict(made)
-        counted = any(place[0] == "sampling" for place in asked)
-        numbers = sample_recipe(contours, motion, scene.hand, strategy, list(keepers.values()), counted=counted)
-        walking, counts = numbers["seconds"], {**numbers, "seconds": {}}
-        for place in asked:
-            payload = keepers[place].publish() if place in keepers else made.get(place, counts)
-            made[place] = {**payload, "seconds": walking | payload["seconds"]}
+            elif own.group == "noise":  # as pressure on the CPU, whatever renders: the same bits on any worker
+                takers[own] = NoiseMeter(own.recipe, strategy, frame_count)
+            elif own.group == "pressure":
+                payloads[own] = measure_pressure(contours, scene.hand, strategy, own.recipe)
+        if len(payloads) == len(walk):  # pressure alone needs no focal points but those of its sample
+            return dict(payloads)
+        is_counted = any(own.group == "sampling" for own in walk)
+        takes = [own.take for own in takers.values()]
+        numbers = sample_recipe(contours, motion, scene.hand, strategy, takes, counted=is_counted)
+        walking = numbers.pop("seconds")
+        for own in walk:
+            payload = takers[own].publish() if own in takers else payloads.get(own, {**numbers, "seconds": {}})
+            payloads[own] = {**payload, "seconds": walking | payload["seconds"]}
             walking = {}  # counted once
-    return dict(made)
+    return dict(payloads)

@@ -194,14 +194,15 @@ class FamilySamples:
 
         What a user's code computes is not run, and contours stand for it.
         """
-        from ..make.unit_making import make_unit  # what renders
+        from ..make.unit_making import make_unit, runs_python  # what renders
 
         recipe = Recipe.from_json(chunk.chunk.recipe)
-        if recipe.thing.get("function") is not None or recipe.strategy["described"].get("modules"):
-            return None  # an estimate runs no code of a user
         groups = tuple(group for group in chunk.chunk.groups if not is_user_metric(group)) or ("contours",)
         short = shortened(recipe, poses)
-        result = make_unit(Unit((Chunk(short.to_json(), groups),), code_version(), parent=("", 0)), self.device)
+        sample = Chunk(short.to_json(), groups)
+        if runs_python(sample):
+            return None  # which runs in other processes only
+        result = make_unit(Unit((sample,), code_version()), self.device)
         if result.failed:
             self.problems.append(result.failed[0].message)
             return None

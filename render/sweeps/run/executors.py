@@ -10,13 +10,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import resource
 import signal
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from enum import Enum
 from typing import Any, Protocol
@@ -183,10 +184,11 @@ class ProcessPool:
             # PYTHONSAFEPATH keeps modules of the current folder from being imported.
             environment = {**dict.fromkeys(SINGLE, "1"), **os.environ, "PYTHONSAFEPATH": "1"}
             given = (os.getpid(), self._memory)
-            self._pool = ProcessPoolExecutor(
-                self.capacity, timeout=None, initializer=start_worker, initargs=given, env=environment
-            )
-            self._starting = [self._pool.submit(start_only) for _ in range(self.capacity)]
+            with _safe_path():
+                self._pool = ProcessPoolExecutor(
+                    self.capacity, timeout=None, initializer=start_worker, initargs=given, env=environment
+                )
+                self._starting = [self._pool.submit(start_only) for _ in range(self.capacity)]
             self._started_at = time.monotonic()
         return self._pool.submit(make_on, unit, self.device)
 
@@ -383,7 +385,20 @@ def make_on(unit: Unit, device: str) -> UnitResult:
     from ..make.unit_making import make_unit
 
     start_warp()
-    return make_unit(unit, worker_devices("auto")[0] if device == "auto" else device)
+    return make_unit(unit, worker_devices(device, 1)[0])  # an error of all units where there is no such device
+
+
+@contextlib.contextmanager
+def _safe_path() -> Generator[None, None, None]:
+    """Set PYTHONSAFEPATH in this process: the resource tracker that loky starts has this environment."""
+    before = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        yield
+    finally:
+        del os.environ["PYTHONSAFEPATH"]
+        if before is not None:
+            os.environ["PYTHONSAFEPATH"] = before
 
 
 def start_only() -> None:

@@ -71,6 +71,8 @@ class PendingChunk:
     pose_count: int
     deaths: int = 0
     """Workers that died while they made it alone."""
+    tries: int = 0
+    """Times that the system failed while it was made."""
 
     @property
     def is_wanted(self) -> bool:

@@ -33,6 +33,8 @@ class SweepReport:
 
     recipes: int
     """Of the plan, each once."""
+    recipes_left: int
+    """Recipes that other shards make, in part at least."""
     poses: int
     """Of all recipes."""
     poses_rendered: int
@@ -132,6 +134,7 @@ def run_sweep(
             tally.note(sentence)
     return SweepReport(
         recipes=counts.recipes,
+        recipes_left=counts.left,
         poses=counts.poses,
         poses_rendered=tally.poses,
         poses_reused=max(0, counts.poses - counts.poses_once),
@@ -177,7 +180,7 @@ class _SweepLoop:
         try:
             self._loop.run()
         except BaseException as error:
-            state = f"stopped: {error or type(error).__name__}"
+            state = f"stopped: {str(error) or type(error).__name__}"
             raise
         finally:
             self._store.clear_scratch()

@@ -4,7 +4,8 @@
 |---------------------------------------------|-----------------------------------------------------------------------|
 | chunks are made                             | their results are recorded                                            |
 | a chunk failed, and is named                | it is given up by name: the same error would come again               |
-| a chunk failed as the system failed         | it is made again later; `SYSTEM_FAILURES` in a row end the sweep      |
+| a chunk failed as the system failed         | it is made again later, and given up after `SYSTEM_TRIES`;            |
+|                                             | `SYSTEM_FAILURES` of any chunks in a row end the sweep                |
 | a reason that names no chunk                | the chunks again, each in a unit of its own; such a one is given up   |
 | its worker died                             | the unit again, alone: nothing else is made meanwhile. If it dies     |
 |                                             | again, each chunk alone; one that was alone `TRIES` times is given up |
@@ -34,8 +35,9 @@ UNIT_SECONDS = 1800.0  # that a unit may take by default
 WAIT = 0.5  # [s] for a result, before what takes too long is looked at, and Ctrl-C
 HOLD = 1.0  # [s] that results wait for a transaction, which waits for the disk
 TRIES = 2  # workers that may die while they make a chunk alone
+SYSTEM_TRIES = 5  # for a chunk, the last one some eight seconds after the first
 SYSTEM_FAILURES = 12  # one after another without a success: nothing can be written any more
-SYSTEM_WAIT = 0.5  # [s] before a unit is given again after the first of these; then longer
+SYSTEM_WAIT = 0.5  # [s] before a chunk is given again after the first of these; then twice as long each time
 STEP_LONGEST = 5.0  # [s] that one turn counts at most: a suspended machine wastes no unit's time
 
 
@@ -113,7 +115,7 @@ class UnitLoop:
         self._held: list[UnitResult] = []
         self._recorded = clock()
         self._turned = clock()
-        self._held_back_until = 0.0
+        self._later: list[tuple[float, GivenUnit]] = []  # with the time from which they may be given again
         self._system_failures = 0
         self._idle = 0.0
 
@@ -126,7 +128,7 @@ class UnitLoop:
         try:
             with interrupt_between() as raise_if_interrupted:
                 self._give()
-                while self._running or self._again or not self.cutter.is_empty:
+                while self._running or self._again or self._later or not self.cutter.is_empty:
                     self._take()
                     self._end_late()
                     self._on_turn()
@@ -141,8 +143,9 @@ class UnitLoop:
 
     def _give(self) -> None:
         """Give units to pools that have room."""
-        if self._clock() < self._held_back_until:
-            return
+        now = self._clock()
+        self._again.extend(unit for due, unit in self._later if due <= now)
+        self._later = [own for own in self._later if own[0] > now]
         while (pool := self._free_pool()) is not None and (unit := self._next_unit(pool)) is not None:
             chunks = [chunk for chunk in unit.chunks if chunk.is_wanted]
             for chunk in unit.chunks:
@@ -249,8 +252,12 @@ class UnitLoop:
         self._system_failures += 1
         if self._system_failures >= SYSTEM_FAILURES:
             raise SweepError(f"nothing can be written or read any more: {failed.message}")
-        self._held_back_until = self._clock() + SYSTEM_WAIT * self._system_failures
-        self._give_again([chunk])
+        chunk.tries += 1
+        if chunk.tries == SYSTEM_TRIES:
+            self.missing.give_up(chunk, failed.message)
+            return
+        self._later.append((self._clock() + SYSTEM_WAIT * 2 ** (chunk.tries - 1), GivenUnit([chunk])))
+        self.tally.retries += 1
 
     def _give_again(self, chunks: Collection[PendingChunk], *, alone: bool = False) -> None:
         """Have chunks made again, each in a unit of its own."""
@@ -291,7 +298,7 @@ class UnitLoop:
         step, self._turned = min(STEP_LONGEST, now - self._turned), now
         for unit in self._running.values():
             unit.age += step if self._pool_of(unit).is_ready else 0.0
-        is_idle = not self._running and now >= self._held_back_until
+        is_idle = not self._running and not self._later
         self._idle = self._idle + step if is_idle else 0.0
         if self._idle > (self._limit or UNIT_SECONDS):
             names = ", ".join(pool.name for pool in self.pools)

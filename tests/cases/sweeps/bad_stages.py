@@ -53,10 +53,10 @@ source = {}
 """
 REASONS = {
     "fail": "this stage fails",
-    "crash": "was killed by signal 11",
-    "never-end": "no progress",
-    "sleep-on": "no progress",
-    "take-all": "more than the limit of 1 GB",
+    "crash": "the worker that made it died",
+    "never-end": "that a unit may take",
+    "sleep-on": "that a unit may take",
+    "take-all": "MemoryError",
 }
 
 

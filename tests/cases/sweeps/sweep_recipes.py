@@ -1,17 +1,20 @@
-"""Recipes for tests of a sweep's worker, made without a plan; and what renders them without a sweep."""
+"""Recipes and units for tests of what a sweep's worker makes, without a plan; and their results."""
 
 import json
 from dataclasses import asdict
 from hashlib import sha256
 from pathlib import Path
 
+from palpate.datasets.sweeps.result_row import columns_of, payload_of
 from palpate.device.registry import array_model
 from palpate.render.playback.drive import DriveStrategy
 from palpate.render.sampling.presets import load_sampling
 from palpate.render.sampling.strategy import SamplingStrategy
 from palpate.render.strategies.intersection_strategy import draft_strategy, load_strategy
 from palpate.render.strategies.user_stage_sources import stage_sources
-from palpate.render.sweeps.make.task import Chunk, Task
+from palpate.render.sweeps.make.unit import Chunk, Unit
+from palpate.render.sweeps.make.unit_making import make_unit
+from palpate.render.sweeps.plan.code_version import code_version
 from palpate.render.sweeps.plan.recipe import WHOLE_GROUPS, Recipe
 
 
@@ -85,9 +88,11 @@ def recipe_of(thing="tube", hand="palm", motion=None, strategy="cc", sampling="s
 
 
 SPLIT = ("contours", "frequency")
+ELSEWHERE = ("another host", 1)
+"""A process that gives units, so that users' code may run in this one."""
 
 
-def task_of(store, recipes, groups=SPLIT, *, chunk_count=1, number=0, name=None):
+def unit_of(recipes, groups=SPLIT, *, chunk_count=1, scratch="", parent=ELSEWHERE):
     """Chunks of each recipe: so many of the groups that can be split, and one of the others."""
     chunks = []
     for recipe in recipes:
@@ -95,10 +100,29 @@ def task_of(store, recipes, groups=SPLIT, *, chunk_count=1, number=0, name=None)
         whole = tuple(group for group in groups if group in WHOLE_GROUPS)
         chunks += [Chunk(recipe.to_json(), split, k) for k in range(chunk_count)] if split else []
         chunks += [Chunk(recipe.to_json(), whole)] if whole else []
-    return Task(number, tuple(chunks), str(store), name or f"shard-{number}", code_of(recipes))
+    return Unit(tuple(chunks), code_version(), code_of(recipes), scratch=str(scratch), parent=parent)
+
+
+def payloads_of(result):
+    """The payload of each result by (group, key, chunk)."""
+    payloads = {(row.group, row.key, row.chunk): payload_of(row.payload) for row in result.rows}
+    assert len(payloads) == len(result.rows)
+    return payloads
+
+
+def made(recipes, groups=SPLIT, device="cpu", **options):
+    """Payloads without seconds, and bytes of columns, by (group, key, chunk), of a unit in which nothing fails."""
+    result = make_unit(unit_of(recipes, groups, **options), device)
+    assert (result.failed, result.refusal) == ((), None)
+    payloads = payloads_of(result)
+    columns = [{} if row.columns is None else columns_of(row.columns) for row in result.rows]
+    return {
+        place: ({**payload, "seconds": None}, {name: array.tobytes() for name, array in own.items()})
+        for (place, payload), own in zip(payloads.items(), columns, strict=True)
+    }
 
 
 def code_of(recipes):
-    """SHA-256 of the modules' files that strategies of recipes name: what the parent of a sweep would grant."""
+    """SHA-256 of the modules' files that strategies of recipes name: what a sweep would grant."""
     files = {recipe.strategy["source"] for recipe in recipes if recipe.strategy["described"].get("modules")}
     return frozenset(sha256 for file in files for code in draft_strategy(file)[1] for _, sha256 in code.files)

@@ -3,9 +3,10 @@
 import json
 import shlex
 import subprocess
+import sys
 
 import pytest
-from command_line import FAILED, PALPATE, answer
+from command_line import FAILED, answer
 
 from palpate.datasets.sweeps.table import load_table
 
@@ -16,6 +17,12 @@ source = ["cube", "tube"]
 [motion]
 duration = 0.5
 """
+RUN_ALL = """
+import json, sys
+from command_line import run
+done = [run(*words) for words in json.loads(sys.argv[1])]
+print(json.dumps([(own.exit_code, own.stdout, own.stderr) for own in done]))
+"""
 
 
 def mounted(store, *words):
@@ -23,6 +30,20 @@ def mounted(store, *words):
     store = shlex.quote(str(store))
     script = f"mount --bind {store} {store} && mount -o remount,ro,bind {store} && exec {shlex.join(map(str, words))}"
     return subprocess.run(["unshare", "-rm", "sh", "-c", script], capture_output=True, text=True, check=False)
+
+
+def run_all(store, *commands):
+    """Exit code, JSON and messages of commands of palpate there; the store stays as it was."""
+    before = content(store)
+    listed = [["sweep", *map(str, words), "--json"] for words in commands]
+    done = mounted(store, sys.executable, "-P", "-c", RUN_ALL, json.dumps(listed))
+    assert (done.returncode, "Traceback" in done.stdout) == (0, False), done.stderr
+    assert content(store) == before
+    return [(code, json.loads(out), " ".join(err.split())) for code, out, err in json.loads(done.stdout)]
+
+
+def content(folder):
+    return {path: (path.stat().st_mtime_ns, path.stat().st_size) for path in folder.rglob("*")}
 
 
 @pytest.fixture
@@ -38,64 +59,40 @@ def store(tmp_path):
     return tmp_path / "a.sweep"
 
 
-def sweep(store, *arguments):
-    plan = store.with_suffix(".toml")
-    return mounted(store, *PALPATE, "sweep", plan, "--device", "cpu", "--workers", "1", "--json", *arguments)
-
-
-def content(folder):
-    return {path: (path.stat().st_mtime_ns, path.stat().st_size) for path in folder.rglob("*")}
-
-
 @pytest.mark.exhaustive
-def test_tables_and_baselines_come_from_it(store, tmp_path):
-    before = content(store)
-    out = tmp_path / "out.csv"
-    made = sweep(store, "--table", out, "--baseline", store, "--summary", tmp_path / "summary.md")
-    assert made.returncode == 0, made.stderr
-    told = json.loads(made.stdout)
-    assert (told["poses_rendered"], told["table"], told["figure"]) == (
-        0,
-        f"{store}/table.csv",
-        f"{store}/summary.png",
+def test_all_that_only_reads_works(store, tmp_path):
+    sweep, all_of, tube = (store.with_suffix(".toml"), "--device", "cpu"), tmp_path / "all.csv", tmp_path / "tube.csv"
+    (made, report, _), (partly, part, warning), *others = run_all(
+        store,
+        (*sweep, "--table", all_of, "--baseline", store, "--summary", tmp_path / "summary.md"),
+        (*sweep, "--set", "object.source=tube", "--table", tube),
+        ("status", store),
+        ("failures", store),
+        ("prune", store, "--dry-run"),
+        ("merge", tmp_path / "merged", store),
     )
-    assert told["comparison"]["moved"] == []
-    for name, column in load_table(store / "table.csv").items():
-        assert repr(column.tolist()) == repr(load_table(out)[name].tolist())
-    assert content(store) == before
+    assert (made, partly, [code for code, *_ in others]) == (0, 0, [0] * 4)
+    assert (report["poses_rendered"], report["figure"]) == (0, f"{store}/summary.png")
+    assert report["comparison"]["moved"] == []
+    for name, column in load_table(report["table"]).items():
+        assert repr(column.tolist()) == repr(load_table(all_of)[name].tolist())
+    assert not {"table", "figure"} & set(part)
+    assert "its own table is of another plan" in warning
+    assert load_table(tube)["object"].tolist() == ["tube"]
+    assert others[-1][1]["chunks_merged"] == 2
 
 
 @pytest.mark.exhaustive
-def test_what_looks_after_a_store_reads_it(store, tmp_path):
-    before = content(store)
-    for words in (("status", store), ("failures", store), ("prune", store, "--dry-run")):
-        assert mounted(store, *PALPATE, "sweep", *words, "--json").returncode == 0
-    merged = mounted(store, *PALPATE, "sweep", "merge", tmp_path / "all", store, "--json")
-    assert json.loads(merged.stdout)["parts_merged"] == 2
-    assert content(store) == before
-
-
-@pytest.mark.exhaustive
-def test_a_part_of_the_plan_is_served_without_the_stores_own_table(store, tmp_path):
-    out = tmp_path / "out.csv"
-    made = sweep(store, "--set", "object.source=tube", "--table", out)
-    assert made.returncode == 0, made.stderr
-    told = json.loads(made.stdout)
-    assert "table" not in told
-    assert "figure" not in told
-    assert "its own table is of another plan" in made.stderr
-    assert load_table(out)["object"].tolist() == ["tube"]
-
-
-@pytest.mark.exhaustive
-def test_what_it_lacks_is_refused(store):
-    before = content(store)
-    made = sweep(store, "--set", "motion.seed=5")
-    assert made.returncode == FAILED
-    assert "cannot be written, and lacks results of at least 2 recipes" in json.loads(made.stdout)["error"]
-    for words in (("--same-results",), ("--update-baseline", "--baseline", store / "b.csv")):
-        assert sweep(store, *words).returncode != 0
-    pruned = mounted(store, *PALPATE, "sweep", "prune", store, "--json")
-    assert pruned.returncode == FAILED
-    assert "Traceback" not in pruned.stderr
-    assert content(store) == before
+def test_all_that_would_write_is_refused(store, tmp_path):
+    sweep = (store.with_suffix(".toml"), "--device", "cpu")
+    lacking, *others = run_all(
+        store,
+        (*sweep, "--set", "motion.seed=5"),
+        (*sweep, "--same-results"),
+        (*sweep, "--update-baseline", "--baseline", store / "b.csv"),
+        ("prune", store),
+        ("merge", store, tmp_path / "a.sweep"),
+    )
+    assert lacking[0] == FAILED
+    assert "cannot be written, and lacks results of 2 recipes" in lacking[1]["error"]
+    assert all(code for code, *_ in others)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.render import sweep
-from palpate.render.errors import PlanError, SweepError
+from palpate.render.errors import PlanError, StrategyError, SweepError
 from palpate.render.sweeps.study import toml_text
 
 GUIDE = Path(__file__).parents[3] / "docs/guide/sweep.md"
@@ -102,10 +102,10 @@ def test_what_the_plan_leaves_out_is_nan(plan):
 @pytest.mark.exhaustive
 def test_a_sparse_design_has_one_row_a_recipe(plan):
     fits = [{"source": "sphere", "fit": 0.05 + k / 1000, "scale": 1 + k % 7 / 10} for k in range(20)]
-    data = sweep(plan, {"object": fits}).to_xarray()
+    data = sweep(plan, {"object": fits}, workers=1).to_xarray()
     assert dict(data.sizes) == {"object_fit": 20, "strategy": 2}  # the size decides the scale
     places = [{"source": "sphere", "fit": 0.05 + k // 2 / 1000, "at": [0, 0, 0.2 + k % 40 / 999]} for k in range(80)]
-    data = sweep(plan, {"object": places, "strategy.source": "oc"}).to_xarray()
+    data = sweep(plan, {"object": places, "strategy.source": "oc"}, workers=1).to_xarray()
     assert dict(data.sizes) == {"recipe": 80}
     assert data["object_fit"].dims == data["object_at_z"].dims == ("recipe",)
 
@@ -136,6 +136,8 @@ def test_recipes_that_fail_are_in_the_result(plan, tmp_path):
 def test_faults_of_values_name_the_key(plan):
     with pytest.raises(PlanError, match=r"--set object\.fit=80: object\.fit: must lie in"):
         sweep(plan, {"object.fit": 80})
+    with pytest.raises(StrategyError, match="workers must be at least 1, not 0"):
+        sweep(plan, workers=0)
 
 
 @pytest.mark.exhaustive

@@ -11,7 +11,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from sweep_recipes import recipe_of, strategy_of, task_of, thing_of
+from sweep_recipes import recipe_of, strategy_of, thing_of, unit_of
 from typer.testing import CliRunner
 
 from palpate.datasets import HandMotion, static_pose
@@ -19,7 +19,7 @@ from palpate.render import ImplicitObject, load_strategy
 from palpate.render.cli.app import app
 from palpate.render.errors import PlanError, StrategyError, TrustStoreError, UntrustedCodeError
 from palpate.render.strategies.intersection_strategy import IntersectionStrategy, draft_strategy
-from palpate.render.sweeps.make.work import run_task
+from palpate.render.sweeps.make.unit_making import make_unit
 from palpate.render.sweeps.plan.loading import draft_plans, load_plans
 from palpate.render.terminal.console import DONE, FAILED, MISUSED
 from palpate.render.trust.accepted_code import Accepted, accept, accepted, entries, store_folder
@@ -209,12 +209,12 @@ def test_a_sweep_lets_its_workers_run_what_it_ran(folder, ran):
 
 def test_a_worker_refuses_code_that_has_changed_since(folder):
     recipe = recipe_of("tube", strategy=strategy_of(folder / "own.json"))
-    task = task_of(folder, [recipe])
+    unit = unit_of([recipe])
     text = (folder / "notes.py").read_text()
     (folder / "notes.py").write_text(text + "\nraise SystemExit('planted')\n")
-    assert "it has changed since, so it is not run" in run_task(task, "cpu").error
+    assert "it has changed since, so it is not run" in make_unit(unit, "cpu").failed[0].message
     ball = thing_of(f"{folder / 'ball.py'}:ball", bounds=[float(x) for x in BOX])
-    assert "is not the code that was permitted" in run_task(task_of(folder, [recipe_of(ball)]), "cpu").error
+    assert "is not the code that was permitted" in make_unit(unit_of([recipe_of(ball)]), "cpu").failed[0].message
 
 
 def test_a_worker_refuses_a_package_of_which_one_file_has_changed():

@@ -34,8 +34,8 @@ STRATEGIES = {name: make() for name, make in PRESETS.items()} | {
 }
 
 
-def batch_of(thing, strategy, poses, device):
-    return Scene.of(thing, Palm(), strategy).contours(poses, 0, device)[0].to(device)
+def batch_of(solid, strategy, poses, device):
+    return Scene.of(solid, Palm(), strategy).contours(poses, 0, device)[0].to(device)
 
 
 def pacer_of(batch, device):
@@ -74,8 +74,8 @@ def poses():
 @pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", STRATEGIES)
 def test_draw_frequencies_are_those_of_the_cycles(name, poses, device):
-    for thing, strategy in ((MeshObject.load("tube"), closed_contour()), (MeshObject(*bodies()), open_contour())):
-        actual = assert_as_sampled(batch_of(thing, strategy, poses, device), STRATEGIES[name], device)
+    for solid, strategy in ((MeshObject.load("tube"), closed_contour()), (MeshObject(*bodies()), open_contour())):
+        actual = assert_as_sampled(batch_of(solid, strategy, poses, device), STRATEGIES[name], device)
         assert np.isnan(actual).any()
         assert np.isfinite(actual).any()
 

@@ -1,6 +1,5 @@
 """A user's metrics: NumPy's numbers, the same however poses are batched; bad ones fail alone, and name what came."""
 
-import json
 import math
 from dataclasses import replace
 
@@ -9,21 +8,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mesh_cases import generic_poses
-from sweep_recipes import digest, random_motion, recipe_of, task_of
+from sweep_recipes import digest, payloads_of, random_motion, recipe_of, unit_of
 
-from palpate.datasets.sweeps.shard import read_shard
-from palpate.kernels.metrics.random_pose import random_poses
 from palpate.render import MeshObject, Palm, closed_contour
 from palpate.render.errors import SweepError
 from palpate.render.intersection.scene import Scene
-from palpate.render.sweeps.make.metrics import ChunkSlice, measure_batch
-from palpate.render.sweeps.make.task import SPAN
+from palpate.render.sweeps.make.unit_making import make_unit
 from palpate.render.sweeps.make.user_metrics import UserMetric, measure
-from palpate.render.sweeps.make.work import run_task
 from palpate.render.sweeps.plan.user_metric import DIGITS
 
 SCENE = Scene.of(MeshObject.load("tube"), Palm(), closed_contour())
-COUNTS = (3 * SPAN + 70, 2 * SPAN, 45)
 CODE = """
 import numpy as np
 
@@ -35,19 +29,6 @@ def wrong(contours):
 """
 
 
-def length(contours):
-    return contours.length().astype(np.float64)
-
-
-def share(contours):
-    """Also depends on what else is in the batch, which must not matter."""
-    own = np.where(contours.length() > 0.1, contours.length("hand"), np.nan)
-    return {"hand": own, "among": np.full(len(own), np.nansum(own) + len(own))}
-
-
-METRICS = tuple(UserMetric(f"metric 0 {f.__name__}", f"mine.py:{f.__name__}", f) for f in (length, share))
-
-
 def metric_of(function):
     return UserMetric("metric 0 f", "mine.py:f", function)
 
@@ -55,20 +36,6 @@ def metric_of(function):
 @pytest.fixture(scope="module")
 def batch():
     return SCENE.contours(generic_poses(40, 2), 0, "cpu")[0].numpy()
-
-
-@pytest.fixture(scope="module")
-def renderings():
-    return [
-        random_poses(0, count, seed=seed, size=0.13, at=(0, 0, 0.2), device="cpu").numpy()
-        for seed, count in enumerate(COUNTS)
-    ]
-
-
-def rendered(poses, slices, device="cpu"):
-    """Without times."""
-    found = measure_batch(SCENE, poses, slices, device=device, samplings=[()] * 3, user_metrics=[METRICS] * 3)
-    return found, [{group: own["stat"] for group, own in result.user_metrics.items()} for result in found]
 
 
 class Strange(BaseException):
@@ -85,37 +52,10 @@ def test_whatever_a_function_raises_names_the_metric(batch, error):
         metric_of(fail).numbers(batch)
 
 
-def test_statistics_are_numpys(renderings, device):
-    poses = renderings[0]
-    ((result,), (stats,)) = rendered(poses, [ChunkSlice(0, 0, 0, len(poses))], device)
-    lengths = SCENE.contours(poses, 0, "cpu")[0].numpy().length().astype(np.float64)
-    count, total, square, least, greatest = stats["metric 0 length"][""]
-    assert (count, least, greatest) == (len(poses), lengths.min(), lengths.max())
-    assert total == pytest.approx(math.fsum(lengths), rel=1e-15)
-    assert square == pytest.approx(math.fsum(lengths**2), rel=1e-15)
-    assert stats["metric 0 share"]["hand"][0] == np.count_nonzero(lengths > np.float32(0.1)) < len(poses)
-    assert result.contours["stat"]["length"][0] == len(poses)
-
-
-@given(spans=st.lists(st.integers(1, 3), min_size=1, max_size=4), together=st.booleans())
-@settings(max_examples=4)
-def test_bits_do_not_depend_on_batches(spans, together, renderings):
-    _, want = rendered(
-        np.concatenate(renderings),
-        [ChunkSlice(k, 0, sum(COUNTS[:k]), count) for k, count in enumerate(COUNTS)],
-    )
-    poses, at, before = renderings[0], 0, None
-    other = renderings[2] if together else renderings[2][:0]
-    for count in [*(SPAN * own for own in spans), len(poses)]:
-        count = min(count, len(poses) - at)
-        if not count:
-            break
-        slices = [ChunkSlice(2, 0, 0, len(other))] if together else []
-        slices.append(ChunkSlice(0, 0, len(other), count, before))
-        found, stats = rendered(np.concatenate([other, poses[at : at + count]]), slices)
-        before, at = found[-1], at + count
-        assert not together or stats[0] == want[2]
-    assert json.dumps(stats[-1]) == json.dumps(want[0])
+def test_statistics_are_numpys(batch):
+    stat = measure(metric_of(lambda contours: {"own": contours.length()}), batch, 0, 40, None)["stat"]["own"]
+    lengths = batch.length().astype(np.float64)
+    assert stat == [40, math.fsum(lengths), math.fsum(lengths**2), lengths.min(), lengths.max()]
 
 
 BAD = {
@@ -138,14 +78,9 @@ BAD = {
 }
 
 
-def endless():
-    """A list within itself."""
-    own = []
-    own.append(own)
-    return own
-
-
-BAD["endless"] = (lambda contours: endless(), "not list")
+ENDLESS = []
+ENDLESS.append(ENDLESS)  # a list within itself
+BAD["endless"] = (lambda contours: ENDLESS, "not list")
 
 
 def test_what_is_no_number_per_pose_is_refused_by_name(batch):
@@ -178,16 +113,14 @@ def test_a_metric_that_fails_leaves_the_other_groups(tmp_path):
     mine.write_text(CODE)
     groups = {f"metric {digest(mine)[:DIGITS]} {name}": f"{mine}:{name}" for name in ("length", "wrong")}
     recipe = recipe_of(motion=random_motion(600))
-    task = task_of(tmp_path, [recipe], ("contours", *groups))
-    task = replace(task, user_metrics=tuple(groups.items()))
-    assert "not the code that was permitted" in run_task(task, "cpu").error
-    task = replace(task, code=frozenset([digest(mine)]), name="permitted")
-    outcome = run_task(task, "cpu")
-    (failed,) = outcome.failed
+    unit = replace(unit_of([recipe], ("contours", *groups)), user_metrics=tuple(groups.items()))
+    assert "not the code that was permitted" in make_unit(unit, "cpu").failed[0].message
+    unit = replace(unit, granted=frozenset([digest(mine)]))
+    result = make_unit(unit, "cpu")
+    (failed,) = result.failed
     assert "metric mine.py:wrong: must return one number per pose" in failed.message
-    payloads = {row.group: row.payload for row in read_shard(tmp_path / outcome.shard).rows}
+    payloads = {group: payload for (group, _, _), payload in payloads_of(result).items()}
     assert set(payloads) == {"contours", next(iter(groups))}
     assert payloads["contours"]["stat"]["length"][1] == pytest.approx(payloads[next(iter(groups))]["stat"][""][1])
     mine.write_text(CODE + "\n# edited\n")
-    edited = run_task(replace(task, name="edited"), "cpu")
-    assert "has changed since the plan was read" in edited.error
+    assert "has changed since the plan was read" in make_unit(unit, "cpu").failed[0].message

@@ -1,0 +1,112 @@
+"""Options of `palpate sweep` that mean nothing are misuse, and refused before anything is made."""
+
+import sqlite3
+import sys
+from contextlib import closing
+
+import pytest
+from command_line import FAILED, MISUSED, answer, refused, run
+
+from palpate.render.sweeps.job import is_occupied
+
+ADDRESS = "tcp://127.0.0.1:1"  # where nothing listens
+
+
+@pytest.fixture
+def path(tmp_path):
+    path = tmp_path / "a.toml"
+    path.write_text('[object]\nsource = "cube"\n[motion]\nduration = 0.2\n')
+    return path
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("--shard 5/4", "--shard must be I/N with I in 1..N, such as 2/4, not '5/4'"),
+        ("--shard 0/3", "not '0/3'"),
+        ("--shard a/b", "not 'a/b'"),
+        ("--shard 2", "not '2'"),
+        ("--unit-timeout -1", "--unit-timeout must be at least 0 s (0 is no limit), not -1"),
+        ("--unit-timeout nan", "not nan"),
+        ("--worker-memory -5", "--worker-memory must be at least 0 MB (0 is no limit), not -5"),
+        ("--workers many", "--workers must be a number or auto, not 'many'"),
+        ("--workers 0", "--workers must be at least 1, not 0"),
+        ("--workers 257", "--workers must be at most 256 on each device, not 257"),
+        ("--device gpu", "no device 'gpu' on this machine"),
+        ("--scheduler gone.json", "gone.json: there is no such file"),
+        (f"--scheduler {ADDRESS} --workers 2", "--workers does not go with --scheduler"),
+        (f"--scheduler {ADDRESS} --worker-memory 2", "--worker-memory does not go with --scheduler"),
+        (f"--scheduler {ADDRESS} --device cuda:0,cuda:1", "not 'cuda:0,cuda:1'"),
+        ("--dry-run --scheduler x", "--scheduler does not go with --dry-run"),
+        ("--dry-run --table n.parquet", "--table does not go with --dry-run"),
+        ("--dry-run --summary a.md", "--summary does not go with --dry-run"),
+        ("--dry-run --baseline a.csv", "--baseline does not go with --dry-run"),
+        ("--dry-run --update-baseline", "--update-baseline does not go with --dry-run"),
+        ("--table t.xlsx", "--table t.xlsx: a table must end in"),
+        ("--table folder.parquet", "is a folder"),
+        ("--table old.parquet", "old.parquet: exists; --overwrite replaces it"),
+        ("--summary .", "must be a file in a folder"),
+        ("--summary missing/page.md", "must be a file in a folder"),
+        ("--update-baseline", "--update-baseline needs --baseline FILE"),
+        ("--tolerance 1", "--tolerance needs --baseline"),
+        ("--baseline a.csv --shard 1/2", "--baseline does not go with --shard"),
+        ("--same-results", "there is no store a.sweep"),
+        ("--set nonsense", "--set nonsense: must be key=value"),
+    ],
+)
+def test_an_option_that_means_nothing_is_refused(path, monkeypatch, words, message):
+    monkeypatch.chdir(path.parent)
+    (path.parent / "folder.parquet").mkdir()
+    (path.parent / "old.parquet").touch()
+    result = run("sweep", "a.toml", *words.split())
+    assert (result.exit_code, "Traceback" in result.output) == (MISUSED, False)
+    assert message in " ".join(result.stderr.split())
+    assert not (path.parent / "a.sweep").exists()
+
+
+def test_extras_that_are_not_installed_are_named(path, monkeypatch):
+    for name in ("pyarrow", "distributed"):
+        monkeypatch.setitem(sys.modules, name, None)
+    refused(MISUSED, "pip install -e '.[parquet]'", "sweep", path, "--table", path.with_name("t.parquet"))
+    refused(MISUSED, "per_pose = true: Parquet needs PyArrow", "sweep", path, "--set", "per_pose=true")
+    refused(FAILED, "--scheduler needs Dask", "sweep", path, "--scheduler", ADDRESS)
+
+
+def test_a_store_that_is_something_else_is_refused(path, tmp_path):
+    other, empty = tmp_path / "other", tmp_path / "empty"
+    other.mkdir()
+    empty.mkdir()
+    (other / "thesis.tex").touch()
+    for words in ([], ["--dry-run"], ["--same-results"]):
+        refused(MISUSED, "is not a sweep's store", "sweep", path, "--store", other, *words)
+    assert run("sweep", path, "--store", path).exit_code
+    assert [left.name for left in other.iterdir()] == ["thesis.tex"]
+    assert [is_occupied(own) for own in (other, path, empty, tmp_path / "none")] == [True, True, False, False]
+    assert answer("sweep", path, "--dry-run", "--device", "cpu", "--store", empty)["recipes_done"] == 0
+
+
+@pytest.mark.parametrize("version", [1, 2, 3, 5])
+def test_a_store_of_another_format_is_refused_with_the_way_out(path, tmp_path, version):
+    store = tmp_path / "a.sweep"
+    store.mkdir()
+    with closing(sqlite3.connect(store / "store.sqlite")) as connection:
+        connection.execute(f"PRAGMA application_id={0x70616C70}")  # "palp", see docs/formats/sweep-store.md
+        connection.execute(f"PRAGMA user_version={version}")
+        connection.execute("CREATE TABLE maker (id INTEGER PRIMARY KEY)")
+        connection.commit()
+    before = (store / "store.sqlite").read_bytes()
+    way_out = "delete its folder or name another store, and run the sweep again" if version < 4 else "update palpate"
+    for words in ([path], [path, "--dry-run"], [path, "--same-results"], ["status", store], ["merge", store, store]):
+        result = run("sweep", *words)
+        assert result.exit_code
+        text = " ".join(result.stderr.split())
+        assert f"has format version {version}, and this palpate reads version 4" in text or "into itself" in text
+    refused(FAILED, way_out, "sweep", path, "--device", "cpu")
+    assert (store / "store.sqlite").read_bytes() == before
+
+
+def test_what_the_shell_took_apart_needs_quotes(path):
+    # --set motion.seed={first=1,count=5}, as bash gives it
+    apart = ["--set", "motion.seed=first=1", "motion.seed=count=5"]
+    refused(MISUSED, "a --set with braces or blanks needs quotes", "sweep", path, *apart)
+    assert "quotes" not in run("sweep", path, "none=such.toml").stderr

@@ -27,7 +27,6 @@ NO_RUN = {  # pages with blocks that are marked `no-run`, and what runs them ins
     "docs/develop/add-an-object.md": "the same",
     "docs/formats/exports.md": "tests/render/exports/test_vtkhdf_file.py, where PyVista is installed",
     "docs/formats/study-analysis.md": "tests/render/study/test_analysis_page.py, with a table of the plan",
-    "docs/guide/sweep-cluster.md": "test_dask_engine.py, with other jobs for want of SLURM",
 }
 NOT_HERE = {  # command lines that no test runs, and why
     r"^(python3 -m venv|pip install|apt-get)": "changes the machine; .ci/run runs README's two",
@@ -35,7 +34,7 @@ NOT_HERE = {  # command lines that no test runs, and why
     r"npm ci": "tests/render/view/page/test_bundle.py runs it, where npm reaches its registry",
     r"^(dask |CUDA_VISIBLE)": "is a program of Dask that does not end by itself",
     r"--device cuda": "needs a GPU",
-    r"--scheduler": "tests/render/sweeps/run/test_dask_engine.py has schedulers",
+    r"--scheduler": "needs a cluster of Dask; the page's Python makes the same with one of its own",
     r"^palpate selftest --acceptance": "asks a person; tests/render/selftest/test_acceptance.py answers",
     r"^palpate bench": "takes minutes; tests/render/bench/ runs it small",
     r"^(cmake|palpate-ultraleap)": "needs a vendor's SDK; tests/device/bridges/ compiles and runs it with a stub",
@@ -44,9 +43,6 @@ COLUMN = 88  # characters of a line of code
 FEW = "--set motion.duration=1.0 --set motion.seed=1 --set object.source=tube"
 ELSEWHERE = {  # what stands in a page -> what stands for it on this machine
     r"^python3 -m venv .* && \.venv/bin/(palpate demo)": r"\1 --clock virtual",
-    r"s3://": "file://FOLDER/",
-    r"file:///mnt": "file://FOLDER/mnt",
-    r" /shared": " FOLDER/shared",
     r"(palpate sweep (?:objects|study)\.toml)": rf"\1 {FEW}",  # seconds instead of a minute
 }
 REFUSED = {
@@ -219,7 +215,7 @@ def test_a_broken_example_would_be_found(reader):
 
 # Words in the text
 
-FORMATS = {"contours", "table", "shard", "recipe", "code"}  # `palpate table 1`: a file's format, and no command
+FORMATS = {"contours", "table", "recipe", "code"}  # `palpate table 1`: a file's format, and no command
 
 
 def known_options():

@@ -128,19 +128,15 @@ def test_the_plan_of_palpates_own_ci_is_wide_and_large():
 
 @pytest.mark.exhaustive
 def test_the_metrics_of_the_document_are_metrics(folder):
-    (folder / "mine.py").write_text(next(block for block in blocks(SWEEP, "python") if "def corners" in block))
-    given = [
-        'metrics=["mine.py:corners","mine.py:shares"]',
-        "motion.duration=4.0",
-        "motion.seed=1",
-        'object.source="cube"',
-    ]
+    (folder / "mine.py").write_text(next(block for block in blocks(SWEEP, "python") if "def shares" in block))
+    given = ['metrics=["mine.py:shares"]', "motion.duration=4.0", "motion.seed=1", 'object.source="cube"']
     plan = load_plans([folder / "study.toml"], given, allow_code=True)
     report = run_sweep(plan, folder / "store", device="cpu", workers=1)
     assert not report.failures
-    with SweepStore(folder / "store", mode="read") as store:
+    with SweepStore(folder / "store") as store:
         columns = tidy_columns(plan.recipes(), store, plan.groups)
-    assert set(columns) >= {f"metric_corners_{s}" for s in ("mean", "std", "max", "count")} | {
-        "metric_shares.hand_mean"
-    }
-    assert min(columns["metric_corners_mean"]) >= 2  # a segment has two ends
+    names = {f"metric_shares.{kind}_{own}" for kind in ("object", "hand") for own in ("mean", "std", "max", "count")}
+    assert names <= set(columns)
+    shares = zip(columns["metric_shares.object_mean"], columns["strategy"], strict=True)
+    drawn_by_oc = [own for own, name in shares if name == "oc"]
+    assert drawn_by_oc == [1.0] * 4  # OC has nothing but segments of the object: the founding paper's definition

@@ -6,7 +6,7 @@ import io
 import json
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Self, cast
 
 import numpy as np
@@ -24,8 +24,8 @@ class ResultRow:
     """The result of one chunk.
 
     >>> from palpate.datasets import ResultRow
-    >>> ResultRow.of("own code 1.0", "contours", "a1b2", 0, {"length": 0.34}).payload
-    '{"length":0.34}'
+    >>> ResultRow.of("own code 1.0", "contours", "a1b2", 0, {"length": 0.34})
+    ResultRow(group='contours', key='a1b2', chunk=0, payload='{"length":0.34}')
     """
 
     group: str
@@ -36,11 +36,11 @@ class ResultRow:
     """Number of the chunk among the recipe's poses, from 0."""
     payload: str
     """JSON of sums, seconds, or the path and size of a kept file."""
-    digest: int
+    digest: int = field(repr=False)
     """XXH3-64 of the code version, the three above and the payload, as a signed number."""
-    columns: bytes | None = None
+    columns: bytes | None = field(default=None, repr=False)
     """Arrays of one value a pose, in NumPy's .npz format without compression."""
-    columns_digest: int | None = None
+    columns_digest: int | None = field(default=None, repr=False)
     """The same digest of the columns."""
 
     @classmethod

@@ -15,7 +15,7 @@ from rooms import BY_TEXT, PACKAGES, ROOT, SOURCES, folder_of, imports_of, is_in
 
 ALLOWED = {"kernels": set(), "datasets": set(), "device": set(), "render": {"kernels", "datasets", "device"}}
 MODULES_MOST = 20
-SHARED = {"Box", "Chunk", "Field", "Frame", "Lattice", "Parts", "Step", "Surface"}
+SHARED = {"Box", "Chunk", "Field", "Frame", "Lattice", "Step", "Surface"}
 """Class names that still stand in two folders, each a term of both fields; no name may join them."""
 JSON_UNBOUNDED = {
     "datasets/json_text.py": "the reader itself",
@@ -27,7 +27,6 @@ JSON_UNBOUNDED = {
     "render/live/spool.py": "what it wrote to a text in the same line",
     "render/study/run/store_rows.py": "what it wrote to a text in the line before",
     "render/sweeps/make/rendering.py": "parts of a recipe that it wrote to texts after reading it",
-    "render/sweeps/run/engine.py": "a recipe that palpate's planner made",
     "render/view/served/noise_levels.py": "the output of palpate's own process",
 }
 """Modules that parse JSON without `datasets.json_text`, which bounds it, with the reason."""

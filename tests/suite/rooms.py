@@ -21,7 +21,6 @@ BY_TEXT = {
         (
             "datasets/__init__.py",
             "datasets/storage/hdf5_declared.py",
-            "datasets/sweeps/claims.py",
             "datasets/sweeps/table.py",
             "device/__init__.py",
             "kernels/__init__.py",
@@ -32,7 +31,6 @@ BY_TEXT = {
             "render/objects/voxels/files.py",
             "render/stages/registry.py",
             "render/strategies/intersection_strategy.py",
-            "render/sweeps/run/worker.py",
             "render/trust/user_code.py",
         ),
         (),

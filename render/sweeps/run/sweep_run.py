@@ -22,7 +22,7 @@ from .memory import default_memory
 from .missing import Counts, Missing, PendingChunk
 from .progress import SweepProgress
 from .unit_cutting import UnitCutter
-from .unit_loop import UNIT_SECONDS, Tally, UnitLoop
+from .unit_loop import UNIT_SECONDS, RunFigures, UnitLoop
 
 SHOW_SECONDS = 0.5  # between two calls of `progress`
 
@@ -106,7 +106,7 @@ def run_sweep(
         missing = Missing(plan.recipes(), plan.groups, done=store.done, pose_count=count_poses, shard=shard)
         counts = missing.counts
         cutter = UnitCutter(missing.places(), missing.poses_by_family)
-        tally = Tally()
+        tally = RunFigures()
         if not cutter.is_empty:
             if mode == "read":
                 raise SweepError(
@@ -168,7 +168,7 @@ class _SweepLoop:
         self._loop = UnitLoop(missing, cutter, store, pools, self._unit_of, limit=limit, on_turn=self._show)
 
     @property
-    def tally(self) -> Tally:
+    def tally(self) -> RunFigures:
         """What has happened."""
         return self._loop.tally
 

@@ -56,7 +56,7 @@ class GivenUnit:
 
 
 @dataclass
-class Tally:
+class RunFigures:
     """What has happened in a run."""
 
     poses: int = 0
@@ -107,7 +107,7 @@ class UnitLoop:
         wait: Wait = wait_for,
     ) -> None:
         self.missing, self.cutter, self.pools = missing, cutter, pools
-        self.tally = Tally()
+        self.tally = RunFigures()
         self._store, self._unit_of, self._limit, self._on_turn = store, unit_of, limit, on_turn
         self._clock, self._wait = clock, wait
         self._running: dict[Future[UnitResult], GivenUnit] = {}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from functools import partial
 from typing import Any
 
@@ -44,6 +45,7 @@ def run_sweep_command(options: dict[str, Any], *, as_json: bool) -> int:
     job.refuse_plan(plan)
     if job.dry_run:
         return _show_estimate(_estimated(job, plan, other), as_json=as_json)
+    executor = None if job.scheduler is None else dask_executor(job.scheduler)  # before code of a user runs
     plan = plan.with_code(job.allow_code)
     if check is not None:
         check.require_recipes_of(plan)
@@ -51,7 +53,7 @@ def run_sweep_command(options: dict[str, Any], *, as_json: bool) -> int:
         with SweepStore(job.folder, code_version(), mode="write") as store:
             count = store.take_results_of(other)
         console.warn(f"--same-results: {counted(count, 'chunk')} of {other} now count as those of {code_version()}")
-    report = _made(job, plan, as_json=as_json)
+    report = _made(job, plan, executor, as_json=as_json)
     if report is None:
         return console.FAILED
     is_complete = not report.failures and not report.recipes_left
@@ -71,10 +73,9 @@ def run_sweep_command(options: dict[str, Any], *, as_json: bool) -> int:
     return console.FAILED if report.failures or has_moved else console.DONE
 
 
-def _made(job: SweepJob, plan: Plan, *, as_json: bool) -> SweepReport | None:
+def _made(job: SweepJob, plan: Plan, executor: Executor | None, *, as_json: bool) -> SweepReport | None:
     """Run the sweep; None, after an error message, if it was interrupted."""
     last = SweepProgress(0, plan.recipe_count, 0, 0.0, None)
-    executor = None if job.scheduler is None else dask_executor(job.scheduler)
     with sweep_bar(as_json=as_json) as bar:
 
         def progress(now: SweepProgress) -> None:

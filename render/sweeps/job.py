@@ -92,6 +92,8 @@ class SweepJob:
         for option, value in {"--workers": self.worker_count, "--worker-memory": self.worker_memory}.items():
             if value is not None:
                 raise PlanError(f"{option} does not go with --scheduler: a Dask cluster has workers of its own")
+        if "://" not in scheduler and not scheduler.endswith(".json"):
+            raise PlanError(f"--scheduler must be tcp://HOST:PORT or a scheduler file (.json), not {scheduler!r}")
         if scheduler.endswith(".json") and not Path(scheduler).is_file():
             raise PlanError(f"--scheduler {scheduler}: there is no such file; dask scheduler --scheduler-file makes it")
 

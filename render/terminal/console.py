@@ -19,7 +19,7 @@ from typing import Any, NoReturn
 from ...datasets.counted import counted
 from ...datasets.errors import DatasetError, NotStoreError, RecordingWarning
 from ...datasets.storage.durable import discard_unfinished
-from ...device.errors import DeviceError, UnknownArrayError, UpdateRateError
+from ...device.errors import DeviceError, PlayInterrupted, UnknownArrayError, UpdateRateError
 from ...device.report import PlayReport
 from ..errors import (
     PalpateWarning,
@@ -269,8 +269,9 @@ def _run(command: Callable[[], object], *, as_json: bool) -> int:
             is_missing = isinstance(error.__cause__, FileNotFoundError | NotADirectoryError)
             misused = isinstance(error, MISUSES) or getattr(error, "names_nothing", False) or is_missing
             return fail(str(error), MISUSED if misused else FAILED, as_json, _report_of(error), lines=faults)
-        except KeyboardInterrupt as error:  # PlayInterrupted is one, with a message and a report
-            return fail(str(error) or "interrupted", FAILED, as_json, _report_of(error))
+        except KeyboardInterrupt as error:
+            message = str(error) if isinstance(error, PlayInterrupted) else "interrupted"
+            return fail(message, FAILED, as_json, _report_of(error))
         except Exception as error:  # a bug in palpate: one sentence too, with the way to a traceback
             if os.environ.get("PALPATE_TRACEBACK"):
                 raise

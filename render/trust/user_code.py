@@ -1,26 +1,24 @@
-"""Code that data name is found without running any of it, and then run from the very bytes that were judged.
+"""Code that data name: found without running any of it, then run from the very bytes that were judged.
 
-| name | place where it is looked for | runs as |
+| name | is looked for | runs as |
 |---|---|---|
 | a module of a strategy | as `NAME.py` beside the JSON file | a module of a private name |
 | one that is not there, or has dots | on Python's path | the module |
-| `file.py` of a function | at that path | a module of a private name |
+| `file.py` of a function | where the path says | a module of a private name |
 
 No folder of data enters `sys.path`, so a file beside another is not found by `import`: code in several files is a
-package on Python's path. Only for such packages is Python's cache of compiled files used.
+package on Python's path. Python's cache of compiled files is used for the latter only.
 """
 
 import hashlib
 import importlib
 import importlib.util
 import linecache
-import os
 import re
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from importlib.machinery import EXTENSION_SUFFIXES, BuiltinImporter, FrozenImporter, ModuleSpec, NamespaceLoader
-from itertools import accumulate
 from pathlib import Path
 from threading import RLock
 from types import ModuleType
@@ -32,11 +30,13 @@ from .permission import AllowCode, Code, Namer, require_permission
 CODE_MOST = 16_000_000
 """Largest file of source code [byte], a hundred times the longest that people write."""
 _LOCK = RLock()  # a module may load a strategy while it is imported
+_SHA256: dict[str, str] = {}
+"""Of the bytes that each module of a private name was run from."""
 
 
 @dataclass(frozen=True)
 class CodeSource:
-    """Code that was found, and what is needed to run it."""
+    """Where code is, and how it is run."""
 
     code: Code
     module: str
@@ -44,7 +44,7 @@ class CodeSource:
     path: Path | None = None
     """File that is run under a private name; None: imported from Python's path."""
     content: bytes = field(default=b"", repr=False)
-    """Bytes of that file."""
+    """Of that file."""
 
 
 def find_module(name: str, folder: Path | None, namer: Namer) -> CodeSource:
@@ -52,27 +52,16 @@ def find_module(name: str, folder: Path | None, namer: Namer) -> CodeSource:
     OSError for one that cannot be read."""
     beside = None if folder is None or "." in name else folder / f"{name}.py"
     if beside is not None and beside.is_file():
-        return find_file(beside, namer, name)
+        return _of_file(beside, name, namer, own=_private_name(beside))
     return find_installed(name, namer)
 
 
-def find_file(path: Path, namer: Namer, name: str = "") -> CodeSource:
-    """A Python file; raises ImportError if there is none, and OSError for one that cannot be read.
-
-    name: as the data have it, by default the file's. A file that was edited becomes another module.
-    """
+def find_file(path: Path, namer: Namer) -> CodeSource:
+    """A Python file that a function is in; one that was edited becomes another module. Raises ImportError, OSError."""
     if not path.is_file():
         raise ImportError("no such file")
-    content, name = read_content(path, CODE_MOST), name or path.name
-    place = path.resolve()
-    file = getattr(sys.modules.get(name), "__file__", None)
-    if file is not None and Path(file).resolve() == place:  # the user has imported it, under its own name
-        module = name
-    else:
-        stem = re.sub(r"[^0-9A-Za-z]", "_", path.stem)  # a dot would be a package
-        module = f"palpate_code_{stem}_{_sha256(os.fsencode(place) + bytes(1) + content)[:16]}"
-    code = Code(name, ((str(place), _sha256(content)),), namer, is_loaded=module in sys.modules)
-    return CodeSource(code, module, path, content)
+    content = read_content(path, CODE_MOST)
+    return _of_file(path, path.name, namer, own=_private_name(path, content), content=content)
 
 
 def find_installed(name: str, namer: Namer) -> CodeSource:
@@ -97,11 +86,23 @@ def run_all(sources: Iterable[CodeSource], allow_code: AllowCode) -> list[Module
     return [_run(source) for source in sources]
 
 
+def _of_file(path: Path, name: str, namer: Namer, *, own: str, content: bytes | None = None) -> CodeSource:
+    content = read_content(path, CODE_MOST) if content is None else content
+    imported = sys.modules.get(name)
+    file = getattr(imported, "__file__", None)
+    if file is not None and Path(file).resolve() == path.resolve():  # by the user, under its own name
+        own = name
+    is_loaded = own == name or (own in sys.modules and _SHA256.get(own) == _sha256(content))
+    code = Code(name, ((str(path.resolve()), _sha256(content)),), namer, is_loaded)
+    return CodeSource(code, own, path, content)
+
+
 def _run(source: CodeSource) -> ModuleType:
     if source.path is None:
         return importlib.import_module(source.module)
     with _LOCK:
-        if source.module in sys.modules:
+        digest = source.code.files[0][1]
+        if source.module in sys.modules and _SHA256.get(source.module, digest) == digest:
             return sys.modules[source.module]
         spec = importlib.util.spec_from_file_location(source.module, source.path)
         if spec is None:
@@ -110,7 +111,7 @@ def _run(source: CodeSource) -> ModuleType:
         file, text = str(source.path), importlib.util.decode_source(source.content)
         # Warp and `inspect` read a function's text from here: what was judged, whatever the file has become since.
         linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
-        sys.modules[source.module] = module
+        sys.modules[source.module], _SHA256[source.module] = module, digest
         try:
             exec(compile(source.content, file, "exec", dont_inherit=True), vars(module))
         except BaseException:
@@ -130,29 +131,43 @@ def _read_installed(path: Path, loader: Any) -> bytes | None:
 
 
 def _origin(spec: ModuleSpec) -> tuple[str | None, Any]:
-    """Path of a module's bytes, or None for a module of Python itself and for a folder; and its loader."""
+    """Where a module's bytes are, and what reads them; None for what is in Python itself, and for a mere folder."""
     is_pythons = spec.loader in (BuiltinImporter, FrozenImporter)
     is_folder = spec.loader is None or isinstance(spec.loader, NamespaceLoader)
     return None if is_pythons or is_folder else spec.origin or "no file", spec.loader
 
 
-def _specs(name: str) -> Iterator[ModuleSpec]:
+def _specs(name: str) -> list[ModuleSpec]:
     """Specs of the packages that a module is in, from outside inwards, and its own; none of them is imported."""
+    found: list[ModuleSpec] = []
     within: list[str] | None = None
-    for full in accumulate(name.split("."), "{}.{}".format):
-        if full in sys.modules:
-            spec = sys.modules[full].__spec__
-        else:
-            try:
-                spec = next(filter(None, (finder.find_spec(full, within) for finder in sys.meta_path)), None)
-            except (KeyError, AttributeError, ValueError) as error:  # a namespace package in one that is not imported
-                raise ImportError(
-                    f"{full!r} cannot be found before what it is in is imported: import it first"
-                ) from error
+    parts = name.split(".")
+    for k in range(len(parts)):
+        full = ".".join(parts[: k + 1])
+        spec = _spec(full, within)
         if spec is None:
             raise ModuleNotFoundError(f"there is no module {full!r} on Python's path")
-        yield spec
+        found.append(spec)
         within = list(spec.submodule_search_locations or ())
+    return found
+
+
+def _spec(name: str, within: list[str] | None) -> ModuleSpec | None:
+    if name in sys.modules:
+        return sys.modules[name].__spec__
+    for finder in sys.meta_path:
+        try:
+            spec = finder.find_spec(name, within)
+        except (KeyError, AttributeError, ValueError) as error:  # a namespace package in one that is not imported
+            raise ImportError(f"{name!r} cannot be found before what it is in is imported: import it first") from error
+        if spec is not None:
+            return spec
+    return None
+
+
+def _private_name(path: Path, content: bytes = b"") -> str:
+    told = str(path.resolve()).encode(errors="surrogateescape") + b"\0" + hashlib.sha256(content).digest()
+    return f"palpate_code_{re.sub(r'[^0-9A-Za-z]', '_', path.stem)}_{_sha256(told)[:16]}"  # a dot would be a package
 
 
 def _sha256(content: bytes) -> str:

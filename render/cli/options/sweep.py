@@ -62,7 +62,7 @@ def run(
     same_results: Annotated[bool, typer.Option("--same-results", help=SAME_HELP)] = False,
     device: Annotated[str | None, typer.Option(metavar="DEVICE", help=DEVICE_HELP)] = None,
     workers: Annotated[
-        str, typer.Option(metavar="N", help="On each device; auto: one for each core of the CPU, two on a GPU.")
+        str, typer.Option(metavar="N", help="On each device; auto: one for each core of the CPU, four on a GPU.")
     ] = "auto",
     shard: Annotated[str | None, typer.Option(metavar="I/N", help=SHARD_HELP)] = None,
     unit_timeout: Annotated[float, typer.Option(metavar="SECONDS", help=TIMEOUT_HELP)] = 1800.0,

@@ -1,1 +1,1 @@
-"""How a sweep is run: what its store lacks, the schedule, and the engines whose workers make tasks."""
+"""Running a sweep: what its store lacks, units of it, and the executors that make them."""

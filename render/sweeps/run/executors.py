@@ -262,15 +262,20 @@ class LocalPool(ProcessPool):
 
 
 class DaskPool:
-    """Workers of a Dask cluster. executor: from `Client.get_executor()`."""
+    """Workers of a Dask cluster. executor: from `Client.get_executor()`.
+
+    Each unit is for one worker: so it is known which one has it, and Dask does not give a unit that ends its worker to
+    others. One whose worker has left the cluster is cancelled.
+    """
 
     is_shared, is_ready, is_spent = False, True, False
 
     def __init__(self, executor: Any, device: str) -> None:
-        # An executor does not say whose it is, and only the client knows which worker has a unit.
+        # An executor does not say whose it is, and only the client can restart a worker.
         self._executor, self._client = executor, executor._client
         self.name, self.device = f"Dask at {self._client.scheduler.address}, on {device}", device
-        self._keys: dict[Future[UnitResult], str] = {}
+        self._given: dict[Future[Any], str] = {}
+        """Address of the worker of each unit."""
         self._starting: dict[str, Future[None]] = {}
         """By address of the worker."""
         self._stuck: set[str] = set()
@@ -286,10 +291,12 @@ class DaskPool:
         if (now := time.monotonic()) > self._counted + COUNT_SECONDS:
             self._counted = now
             there = [address for address in self._client.nthreads() if address not in self._stuck]
+            for future in [future for future, address in self._given.items() if address not in there]:
+                future.cancel()
             self._starting = {address: own for address, own in self._starting.items() if address in there}
             for address in there:
                 if address not in self._starting:
-                    self._starting[address] = self._submit([address], start_only)
+                    self._starting[address] = self._submit(address, start_only)
             self._workers = [address for address in there if self._has_started(address)]
         return len(self._workers)
 
@@ -305,18 +312,25 @@ class DaskPool:
             return False
         return True
 
-    def _submit(self, workers: list[str], function: Callable[..., Any], *arguments: object) -> Future[Any]:
-        key = f"palpate-{os.urandom(8).hex()}"
-        future = self._executor.submit(
-            function, *arguments, key=key, pure=False, retries=0, workers=workers, allow_other_workers=False
+    def _submit(self, address: str, function: Callable[..., Any], *arguments: object) -> Future[Any]:
+        return self._executor.submit(
+            function,
+            *arguments,
+            key=f"palpate-{os.urandom(8).hex()}",
+            pure=False,
+            retries=0,
+            workers=[address],
+            allow_other_workers=False,
         )
-        self._keys[future] = key
-        future.add_done_callback(lambda own: self._keys.pop(own, None))
-        return future
 
     def submit(self, unit: Unit) -> Future[UnitResult]:
-        """Have a unit made."""
-        return self._submit(self._workers, make_on, unit, self.device)
+        """Have a unit made by a worker that has none."""
+        busy = set(self._given.values())
+        address = next(own for own in self._workers if own not in busy)
+        future = self._submit(address, make_on, unit, self.device)
+        self._given[future] = address
+        future.add_done_callback(lambda own: self._given.pop(own, None))
+        return future
 
     def is_lost(self, error: BaseException) -> bool:
         """Whether a future's error says that the worker died, or that the cluster forgot the unit."""
@@ -324,21 +338,19 @@ class DaskPool:
 
     def end(self, future: Future[UnitResult]) -> Ended:
         """Restart the worker that makes a unit, by the client; one that cannot be restarted is not used any more."""
-        key = self._keys.get(future, "")
-        having = [address for address, keys in self._client.processing().items() if key in keys]
+        address = self._given.get(future, "")
         future.cancel()
-        if not having:
+        self._counted = -COUNT_SECONDS
+        if address not in self._client.nthreads():
             return Ended.NOWHERE
+        self._starting.pop(address, None)
         try:
-            outcome = self._client.restart_workers(having, timeout=RESTART_LONGEST, raise_for_error=False)
-            for address in having:
-                self._starting.pop(address, None)
+            outcome = self._client.restart_workers([address], timeout=RESTART_LONGEST, raise_for_error=False)
             if "timed out" not in outcome.values():
                 return Ended.LOST
         except Exception:  # no nanny, no answer: whatever it is, the worker is not used any more
             pass
-        self._stuck.update(having)
-        self._counted = -COUNT_SECONDS
+        self._stuck.add(address)
         return Ended.STUCK
 
     def restart(self) -> None:

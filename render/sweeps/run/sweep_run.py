@@ -24,6 +24,7 @@ from .progress import SweepProgress
 from .unit_cutting import UnitCutter
 from .unit_loop import UNIT_SECONDS, RunFigures, UnitLoop
 
+GPU_PROCESSES = 4  # on each GPU: while one computes, others add up and encode results, half of a unit's time on an H200
 SHOW_SECONDS = 0.5  # between two calls of `progress`
 
 
@@ -120,6 +121,8 @@ def run_sweep(
                     "store on a local disk, one for each machine, and merge them"
                 )
             devices = [device] if executor is not None else worker_devices(device, workers)
+            if executor is None and workers is None and devices[0] != "cpu":
+                devices = [name for name in dict.fromkeys(devices) for _ in range(GPU_PROCESSES)]
             memory = default_memory(len(devices)) if worker_memory is None else worker_memory
             pools = pools_of(executor, devices, memory, cutter.seconds_left)
             loop = _SweepLoop(plan, store, missing, cutter, pools, progress, unit_timeout, begun)

@@ -20,7 +20,7 @@ import re
 import time
 from collections import deque
 from collections.abc import Callable, Collection
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import dataclass, field
 
 from ....datasets.sweeps.store import SweepStore
@@ -338,6 +338,8 @@ class UnitLoop:
 
 def death_reason(error: BaseException) -> str:
     """The reason why a worker died, by an executor's error; loky names the exit codes of all that died at a time."""
+    if isinstance(error, CancelledError):
+        return "it left the cluster"
     text = " ".join(text_of(error).split()) or type(error).__name__
     codes = re.search(r"exit codes of the workers are \{(.+?)\}", text)
     return text if codes is None else f"it ended with {codes[1]}"

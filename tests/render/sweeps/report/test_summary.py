@@ -60,7 +60,7 @@ def compared(old, new):
 @example("<script>alert(1)</script>")
 def test_a_name_is_shown_as_it_is_and_begins_nothing(name):
     failure = Failure("00", name, f"{name}: {name}")
-    page = Page(sweep_summary(name, SweepReport(1, 10, 10, 0, 1.5, failures=(failure,)), None))
+    page = Page(sweep_summary(name, SweepReport(1, 0, 10, 10, 0, 1.5, failures=(failure,)), None))
     assert page.tags <= TAGS
     cut = " ".join(visible(name).split())
     if len(cut) < TEXT_MOST:
@@ -78,7 +78,7 @@ def test_a_long_text_is_cut():
 def test_what_moved_and_what_is_new_or_missing_stands_in_tables():
     old = [{"seed": k, "recipe_hash": f"h{k}"} for k in range(4)]
     new = [{"seed": k, "recipe_hash": f"h{k}", "length_mean": 0.2 if k != 2 else 0.3} for k in range(1, 6)]
-    page = Page(sweep_summary("study", SweepReport(5, 500, 500, 0, 75.0, executor="in process"), compared(old, new)))
+    page = Page(sweep_summary("study", SweepReport(5, 0, 500, 500, 0, 75.0, executor="in process"), compared(old, new)))
     assert page.of("td")[:6] == ["5", "0", "500", "500", "1 min 15 s", "in process"]
     assert page.of("td")[6:] == ["seed=2", "length_mean", "0.2", "0.3", "+50 %", "seed=0", "seed=4", "seed=5"]
     assert page.of("h4") == ["What moved", "Recipes of the baseline that are missing", "New recipes"]
@@ -87,7 +87,7 @@ def test_what_moved_and_what_is_new_or_missing_stands_in_tables():
 
 def test_tables_are_short_and_count_what_they_lack():
     moved = [row | {"length_mean": 0.3} for row in SEEDS]
-    page = Page(sweep_summary("x", SweepReport(30, 30, 0, 30, 0.1), compared(SEEDS, moved), row_count=4))
+    page = Page(sweep_summary("x", SweepReport(30, 0, 30, 0, 30, 0.1), compared(SEEDS, moved), row_count=4))
     assert page.of("td").count("length_mean") == 4
     assert "and 26 more" in page.of("p")
 
@@ -95,7 +95,7 @@ def test_tables_are_short_and_count_what_they_lack():
 def test_a_summary_is_appended(tmp_path):
     path = tmp_path / "step"
     for name in ("first", "second"):
-        append_summary(path, sweep_summary(name, SweepReport(1, 10, 10, 0, 1.0), None))
+        append_summary(path, sweep_summary(name, SweepReport(1, 0, 10, 10, 0, 1.0), None))
     assert Page(path.read_text()).of("h3") == ["Sweep first", "Sweep second"]
     path.write_text("no line feed")
     append_summary(path, "### after\n")

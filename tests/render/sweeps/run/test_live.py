@@ -73,7 +73,7 @@ def cluster():
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": 0}),
         distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, memory_limit="1.5GB", dashboard_address=None
+            n_workers=2, threads_per_worker=1, memory_limit="1.5GB", dashboard_address=":0"
         ) as workers,
     ):
         yield workers

@@ -328,5 +328,6 @@ class FolderLock:
     def release(self) -> None:
         """Release the lock; a second call does nothing."""
         if self._handle >= 0:
+            fcntl.flock(self._handle, fcntl.LOCK_UN)  # closing alone does not while a forked child has the handle, too
             os.close(self._handle)
             self._handle = -1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import filecmp
 import os
 import shutil
 from collections.abc import Iterator
@@ -82,10 +81,12 @@ def _kept_file(
         if payload.get("path") is None:
             return {}
         name = kept_path(payload["path"])
-        path, there = source.folder / name, target.folder / name
+        if name.stem != row.key:
+            raise SweepStoreError(f"chunk {row.chunk} of {row.group} {row.key} names the file of another, {name}")
+        if row.chunk in target.done([(row.group, row.key)])[row.group, row.key]:
+            return None  # the target has a whole one
+        path = source.folder / name
         require_kept(path, payload.get("bytes"))
-        if there.exists() and filecmp.cmp(path, there, shallow=False):
-            return {}
     except (SweepStoreError, ValueError) as error:
         merged.problems.append(str(error) if str(source.folder) in str(error) else f"{source.path}: {error}")
         return None

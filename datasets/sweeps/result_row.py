@@ -61,9 +61,13 @@ class ResultRow:
     def is_whole(self, code: str) -> bool:
         """Whether the row has the digests that it got when this code version made it."""
         place = code, self.group, self.key, self.chunk
-        if digest_of(*place, self.payload.encode(errors="surrogatepass")) != self.digest:
+        # A hostile store may hold other types.
+        if not (isinstance(self.chunk, int) and self.chunk >= 0 and isinstance(self.payload, str)):  # pyright: ignore[reportUnnecessaryIsInstance]
             return False
-        return self.columns is None or digest_of(*place, self.columns) == self.columns_digest
+        if digest_of(*place, self.payload.encode(errors="surrogateescape")) != self.digest:
+            return False
+        is_blob = isinstance(self.columns, bytes) and digest_of(*place, self.columns) == self.columns_digest
+        return self.columns is None or is_blob
 
 
 def _plain(value: object) -> object:
@@ -74,7 +78,7 @@ def _plain(value: object) -> object:
 
 def digest_of(code: str, group: str, key: str, chunk: int, content: bytes) -> int:
     """XXH3-64 of a result's identity and content, as the signed number that SQLite holds."""
-    head = f"{code}\n{group}\n{key}\n{chunk}\n".encode(errors="surrogatepass")
+    head = f"{code}\n{group}\n{key}\n{chunk}\n".encode(errors="surrogateescape")
     number = xxhash.xxh3_64_intdigest(head + content)
     return number - (1 << 64) if number >> 63 else number
 

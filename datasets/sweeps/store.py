@@ -90,11 +90,15 @@ class SweepStore:
         self._lock = _locked(self.folder) if mode == "write" else None
         try:
             self._database = open_store_file(self.path, writes=mode == "write")
+            try:
+                self.code = code if code is not None else next(reversed(self.code_versions()), "")
+                self._code = self._number_of(self.code)
+            except BaseException:
+                self._database.close()
+                raise
         except BaseException:
             self._release()
             raise
-        self.code = code if code is not None else next(reversed(self.code_versions()), "")
-        self._code = self._number_of(self.code)
 
     def __repr__(self) -> str:
         """One line."""
@@ -126,17 +130,20 @@ class SweepStore:
         or its content. A file takes the place of an earlier one, whose result is forgotten, whatever code made it.
         """
         rows = list(rows)
-        for name, content in (files or {}).items():
-            self._keep(kept_path(name), content)
+        if files:
+            # A file that is made again, perhaps with another size, or by other code, has its new row only; the old one
+            # goes before the file changes, as a kill may come between.
+            made = [(row.group, row.key) for row in rows if _is_keeping(row.group)]
+            with self._transaction():
+                self._database.executemany('DELETE FROM result WHERE "group" = ? AND key = ?', made)
+            for name, content in files.items():
+                self._keep(kept_path(name), content)
         statement = "INSERT OR IGNORE INTO result VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
         values = [
             (self._code, row.group, row.key, row.chunk, row.payload, row.digest, row.columns, row.columns_digest)
             for row in rows
         ]
         with self._transaction():
-            # A file that was made again, perhaps with another size, or by other code, has its new row only.
-            made = [(row.group, row.key) for row in rows if _is_keeping(row.group)] if files else []
-            self._database.executemany('DELETE FROM result WHERE "group" = ? AND key = ?', made)
             return self._database.executemany(statement, values).rowcount if values else 0
 
     def _keep(self, name: PurePosixPath, content: Path | bytes) -> None:
@@ -171,7 +178,7 @@ class SweepStore:
         found: dict[Key, set[int]] = {key: set() for key in keys}
         lost: dict[int, str] = {}
         for number, group, key, chunk, payload, digest in self._among("rowid, ", ", payload, digest", list(found)):
-            if digest_of(self.code, group, key, chunk, payload.encode(errors="surrogatepass")) != digest:
+            if not _is_proven(self.code, group, key, chunk, payload, digest):
                 lost[number] = f"chunk {chunk} of {group} {key}"
             elif not _is_keeping(group) or self._has_file(payload):
                 found[group, key].add(chunk)
@@ -198,15 +205,15 @@ class SweepStore:
         Raises SweepStoreError for a damaged row; the next run of the sweep removes it and makes it again.
         """
         for group, key, chunk, text, digest in self._among("", ", payload, digest", list(dict.fromkeys(keys))):
-            self._require_digest(group, key, chunk, text.encode(errors="surrogatepass"), digest)
+            self._require_digest(group, key, chunk, text, digest)
             try:
                 payload = payload_of(text)
             except ValueError as error:
                 raise SweepStoreError(f"{self.path}: chunk {chunk} of {group} {key}: {error}") from error
             yield group, key, chunk, payload
 
-    def _require_digest(self, group: str, key: str, chunk: int, content: bytes, digest: int) -> None:
-        if digest_of(self.code, group, key, chunk, content) != digest:
+    def _require_digest(self, group: str, key: str, chunk: int, content: str | bytes, digest: int) -> None:
+        if not _is_proven(self.code, group, key, chunk, content, digest):
             raise SweepStoreError(
                 f"{self.path} is damaged: chunk {chunk} of {group} {key} does not have its digest; run the sweep "
                 "again: it makes the chunk anew"
@@ -217,13 +224,13 @@ class SweepStore:
 
         Raises SweepStoreError for damaged ones; mode "write" removes them first, so that they are made again.
         """
-        for number, own, name, chunk, blob, digest in self._among(
-            "rowid, ", ", columns, columns_digest", [(group, key)]
-        ):
+        statement = "SELECT columns, columns_digest FROM result WHERE rowid = ?"
+        for number, _, _, chunk in self._among("rowid, ", "", [(group, key)]):
+            ((blob, digest),) = self._run(statement, (number,)) or [(None, None)]
             if blob is None:
                 continue
             try:
-                self._require_digest(own, name, chunk, blob, digest)
+                self._require_digest(group, key, chunk, blob, digest)
                 columns = columns_of(blob)
             except (SweepStoreError, ValueError) as error:
                 if self.mode == "write":
@@ -276,21 +283,21 @@ class SweepStore:
         with self._transaction():
             gone = "DELETE FROM failure WHERE code = ? AND recipe_hash = ?"
             self._database.executemany(gone, [(self._code, own) for own in forgotten])
-            rows = [(self._code, own.recipe_hash, own.name, own.sentence) for own in failures]
+            rows = [(self._code, own.recipe_hash, _stored(own.name), _stored(own.sentence)) for own in failures]
             self._database.executemany("INSERT OR REPLACE INTO failure VALUES (?, ?, ?, ?)", rows)
 
     def begin_run(self, plan: str) -> int:
         """Note that a sweep begins; returns the number of the run."""
         begun = datetime.now(UTC).isoformat(timespec="seconds")
         with self._transaction():
-            values = (plan, begun, "not ended")
+            values = (_stored(plan), begun, "not ended")
             number = self._database.execute("INSERT INTO run (plan, begun, state) VALUES (?, ?, ?)", values).lastrowid
         return number or 0
 
     def end_run(self, number: int, state: str) -> None:
         """Note how a run ended, such as "ended" or "stopped: interrupted"."""
         with self._transaction():
-            self._database.execute("UPDATE run SET state = ? WHERE id = ?", (state, number))
+            self._database.execute("UPDATE run SET state = ? WHERE id = ?", (_stored(state), number))
 
     def last_run(self) -> dict[str, str] | None:
         """Plan, beginning and state of the run that began last; None if there was none."""
@@ -332,7 +339,7 @@ class SweepStore:
             """The digest of a row under this code version; a damaged row stays damaged."""
             if content is None or digest is None:
                 return None
-            blob = content.encode(errors="surrogatepass") if isinstance(content, str) else content
+            blob = content.encode(errors="surrogateescape") if isinstance(content, str) else content
             is_whole = digest_of(code, group, key, chunk, blob) == digest
             return digest_of(self.code, group, key, chunk, blob) ^ (0 if is_whole else 1)
 
@@ -351,9 +358,12 @@ class SweepStore:
         versions = tuple(own for own in self.code_versions() if own != self.code)
         counts = self._run("SELECT total(code != ?), total(code = ?) FROM result", (self._code, self._code))[0]
         keeping = "SELECT payload FROM result WHERE code = ? AND \"group\" LIKE 'keep-%'"
-        paths = [payload_of(text).get("path") for (text,) in self._run(keeping, (self._code,))]
+        try:
+            paths = [payload_of(text).get("path") for (text,) in self._run(keeping, (self._code,))]
+        except ValueError as error:
+            raise SweepStoreError(f"{self.path} is damaged: {error}; run the sweep again first") from error
         named = {self.folder / kept_path(name) for name in paths if name is not None}
-        folders = [own for name in KEPT_FOLDERS if (own := self.folder / name).is_dir() and not own.is_symlink()]
+        folders = [own for name in KEPT_FOLDERS if (own := self.folder / name).is_dir()]
         files = tuple(sorted(path for own in folders for path in own.iterdir() if path not in named))
         return Pruned(versions, int(counts[0]), int(counts[1]), files)
 
@@ -414,6 +424,18 @@ def is_read_only(folder: Path) -> bool:
     return (folder / NAME).exists() and not os.access(folder, os.W_OK)
 
 
+def _is_proven(code: str, group: str, key: str, chunk: object, content: object, digest: object) -> bool:
+    """Whether a row has its digest, and the types that only a hostile store can lack."""
+    content = content.encode(errors="surrogateescape") if isinstance(content, str) else content
+    is_typed = isinstance(chunk, int) and chunk >= 0 and isinstance(content, bytes)
+    return is_typed and digest_of(code, group, key, chunk, content) == digest
+
+
+def _stored(text: str) -> str:
+    """A text as SQLite holds it, such as the name of a file that is no UTF-8."""
+    return text.encode(errors="backslashreplace").decode()
+
+
 def _is_keeping(group: str) -> bool:
     return group.startswith(KEEPING)
 
@@ -421,6 +443,8 @@ def _is_keeping(group: str) -> bool:
 def _require_store_folder(folder: Path, *, writes: bool) -> None:
     """Refuse a folder that holds other things than a store; make one that is not there, if `writes`."""
     if (folder / NAME).exists():
+        if writes:
+            _refuse_links(folder)
         return
     if not writes:
         raise NotStoreError(f"{folder} is not a sweep's store: it has no {NAME}")
@@ -429,10 +453,18 @@ def _require_store_folder(folder: Path, *, writes: bool) -> None:
         names = sorted(path.name for path in folder.iterdir())
     except OSError as error:
         raise SweepStoreError(f"{folder} cannot be a sweep's store: {error.strerror or error}") from error
+    _refuse_links(folder)
     other = [name for name in names if name not in _BESIDE and not name.endswith(_DERIVED)]
     if other:
         shown = ", ".join(other[:3])
         raise NotStoreError(f"{folder} is not a sweep's store, but holds other things ({shown}): name a new folder")
+
+
+def _refuse_links(folder: Path) -> None:
+    """Refuse links in the place of folders: files behind them are not the store's to replace."""
+    for name in (*KEPT_FOLDERS, SCRATCH):
+        if (folder / name).is_symlink():
+            raise SweepStoreError(f"{folder / name} is a link, which no sweep makes: remove it, or name another store")
 
 
 def _locked(folder: Path) -> FolderLock:

@@ -61,6 +61,8 @@ def open_store_file(path: Path, *, writes: bool) -> sqlite3.Connection:
         except FileBoundError as error:
             raise SweepStoreError(str(error)) from error
         try:
+            # A flipped bit may leave no UTF-8, which is one row's damage: its digest tells.
+            connection.text_factory = _decoded
             if writes and not connection.execute("SELECT 1 FROM sqlite_master").fetchone():
                 _make(connection)
             _require_ours(connection, path)
@@ -70,6 +72,10 @@ def open_store_file(path: Path, *, writes: bool) -> sqlite3.Connection:
             connection.close()
             raise
     return connection
+
+
+def _decoded(text: bytes) -> str:
+    return text.decode(errors="surrogateescape")
 
 
 def _make(connection: sqlite3.Connection) -> None:

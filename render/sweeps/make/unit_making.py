@@ -14,6 +14,7 @@ that fails is made again, recipe by recipe.
 import errno
 import os
 import shutil
+import signal
 import tempfile
 import time
 import warnings
@@ -30,7 +31,7 @@ from ....datasets.errors import DatasetError
 from ....datasets.sweeps.result_row import Columns, ResultRow
 from ....datasets.sweeps.store import Key
 from ....device.errors import DeviceError
-from ...errors import PalpateWarning, RenderError, SweepError
+from ...errors import PalpateWarning, RenderError, StrategyError, SweepError
 from ...intersection.batch_rendering import is_too_large
 from ..plan.code_version import code_version
 from ..plan.recipe import WHOLE_GROUPS, is_user_metric
@@ -77,7 +78,8 @@ def make_unit(unit: Unit, device: str) -> UnitResult:
         try:
             result = _made(unit, device)
         except BaseException as error:  # a user's function may raise any: that is no reason to end a worker
-            if isinstance(error, KeyboardInterrupt) and not is_elsewhere:
+            is_signal = not is_elsewhere or signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
+            if isinstance(error, KeyboardInterrupt) and is_signal:
                 raise
             reason, passes = reason_of(error), is_transient(error)
             failed = tuple(FailedChunk(place, reason, passes) for place, _ in enumerate(unit.chunks))
@@ -353,7 +355,7 @@ def reason_of(error: BaseException) -> str:
 
 
 def is_transient(error: BaseException | None) -> bool:
-    """Whether the system failed, or an error that it caused, in a way that may pass."""
-    if error is None:
+    """Whether the system failed, or an error that it caused, in a way that may pass; never so in a user's code."""
+    if error is None or isinstance(error, StrategyError | SweepError):
         return False
     return (isinstance(error, OSError) and error.errno in TRANSIENT) or is_transient(error.__cause__)

@@ -91,7 +91,8 @@ class Results:
         if (text := contactless_text(self.columns)) is not None:
             console.warn(text)
         if self._has_poses:
-            with SweepStore(self._folder, code_version()) as store:
+            # Open for writing, so that damaged rows are removed and made again by the next run.
+            with SweepStore(self._folder, code_version(), mode="write") as store:
                 write_blocks(self._folder / POSES, pose_blocks(self._plan.recipes(), store), units=POSE_UNITS)
         if self._is_complete:
             with contextlib.suppress(OSError):  # without the stamp all are written again

@@ -11,7 +11,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import os
 import resource
 import signal
@@ -34,7 +33,7 @@ SINGLE = (
     "VECLIB_MAXIMUM_THREADS",
 )
 """Libraries that would take all cores in each worker; how many they take can also change the last bits of a sum."""
-START_SECONDS = 3.0  # of work for each process that is started: starting one takes 1 to 2 s
+START_SECONDS = 3.0  # of work that is left for processes to be started: starting one takes 1 to 2 s
 START_LONGEST = 120.0  # [s] for a process to start
 PARENT_LOOK = 0.5  # [s] between two looks of a worker whether its parent lives
 COUNT_SECONDS = 1.0  # between two counts of a cluster's workers
@@ -193,8 +192,8 @@ class ProcessPool:
         return self._pool.submit(make_on, unit, self.device)
 
     def is_lost(self, error: BaseException) -> bool:
-        """Whether an error says that a process died."""
-        return isinstance(error, BrokenExecutor | CancelledError)
+        """Whether an error says that a process died, or was ended with the pool."""
+        return isinstance(error, BrokenExecutor | CancelledError) or type(error).__name__ == "ShutdownExecutorError"
 
     def end(self, future: Future[UnitResult]) -> Ended:
         """End all processes."""
@@ -250,10 +249,8 @@ class LocalPool(ProcessPool):
 
         if self._is_here:
             start_warp()
-            left = self._seconds_left() if self._most > 1 else 0.0
-            count = min(self._most, math.ceil(left / START_SECONDS))
-            if count > 1 or any(map(runs_python, unit.chunks)):
-                self._is_here, self._worker_count = False, max(1, count)
+            is_much = self._most > 1 and self._seconds_left() > START_SECONDS
+            self._is_here = not (is_much or any(map(runs_python, unit.chunks)))
         if not self._is_here:
             return super().submit(unit)
         future: Future[UnitResult] = Future()
@@ -325,8 +322,8 @@ class DaskPool:
 
     def submit(self, unit: Unit) -> Future[UnitResult]:
         """Have a unit made by a worker that has none."""
-        busy = set(self._given.values())
-        address = next(own for own in self._workers if own not in busy)
+        busy = {address for future, address in self._given.items() if not future.done()}
+        address = next((own for own in self._workers if own not in busy), self._workers[0])
         future = self._submit(address, make_on, unit, self.device)
         self._given[future] = address
         future.add_done_callback(lambda own: self._given.pop(own, None))

@@ -74,7 +74,6 @@ def run_sweep(
     shard: tuple[int, int] = (0, 1),
     progress: Callable[[SweepProgress], None] = lambda now: None,
     approve: Callable[[Counts], None] = lambda counts: None,
-    code: str | None = None,
     count_poses: Callable[[Recipe], int] = pose_count,
 ) -> SweepReport:
     """Make everything of a plan that its store lacks; what was made is kept whatever happens, and not made again.
@@ -87,8 +86,7 @@ def run_sweep(
     unit_timeout: seconds that a unit of work may take, which is planned to take 2 to 3; 0 for no limit.
     worker_memory: that a process of this host may allocate [byte], by default an equal share; 0 for no limit.
     shard: (k, n) makes part k of n, from 0; each shard has a store of its own.
-    approve: called with what is missing before anything is made; what it raises ends the sweep. code: the code version
-    of the results, by default this code's.
+    approve: called with what is missing before anything is made; what it raises ends the sweep.
 
     A store on a read-only disk suffices if it lacks nothing. Recipes that cannot be made are in the report. Raises
     SweepError if no worker can go on; SweepStoreError for a folder that is no store, is in use by another process or
@@ -101,7 +99,13 @@ def run_sweep(
     >>> [run_sweep(plan, "twice.sweep", device="cpu").poses_rendered for _ in range(2)]  # the second finds all made
     [9, 0]
     """
-    begun, code, folder = time.monotonic(), code or code_version(), Path(store_folder)
+    if not 0 <= shard[0] < shard[1]:
+        raise SweepError(f"shard must be (k, n) with 0 <= k < n, not {shard}")
+    if not unit_timeout >= 0:  # NaN is not
+        raise SweepError(f"unit_timeout must be at least 0 s (0 is no limit), not {unit_timeout:g}")
+    if worker_memory is not None and worker_memory < 0:
+        raise SweepError(f"worker_memory must be at least 0 bytes (0 is no limit), not {worker_memory}")
+    begun, code, folder = time.monotonic(), code_version(), Path(store_folder)
     mode = "read" if is_read_only(folder) else "write"
     with SweepStore(folder, code, mode=mode) as store:
         missing = Missing(plan.recipes(), plan.groups, done=store.done, pose_count=count_poses, shard=shard)

@@ -9,6 +9,7 @@ from .missing import PendingChunk
 SECONDS = {"cpu": 2.0, "cuda": 3.0}  # of a unit: long beside handing it over, short beside what a kill may lose
 RATE_FIRST = {"cpu": 1e4, "cuda": 2e6}  # [pose/s] supposed until any unit was made
 FIRST_SHARE = 0.25  # of a unit's length, that of the first unit of a family, whose speed is not known
+CHUNKS_FIRST, CHUNKS_MOST = 8, 1000  # of a unit of a family whose speed is not known, and of any
 BLEND = 0.5  # weight of the last unit in a family's speed
 
 
@@ -39,16 +40,19 @@ class UnitCutter:
         """For one worker, of what was not given yet."""
         return sum(poses / self.rate(family) for family, poses in self._poses.items())
 
-    def take(self, device: str) -> list[PendingChunk]:
-        """Chunks for a worker with a device; none if all was given."""
+    def take(self, device: str, worker_count: int = 1) -> list[PendingChunk]:
+        """Chunks for one of some workers with a device; none if all was given."""
         self._kind = "cuda" if device.startswith("cuda") else "cpu"
         if not self._next:
             return []
         family = self._next[0].family
         seconds = SECONDS[self._kind] * (1.0 if family in self._rates else FIRST_SHARE)
-        room = seconds * self.rate(family)
+        room = min(seconds * self.rate(family), self._poses[family] / worker_count)
+        most = CHUNKS_MOST if family in self._rates else CHUNKS_FIRST
         chunks: list[PendingChunk] = []
         while self._next and self._next[0].family == family and (not chunks or self._next[0].pose_count <= room):
+            if len(chunks) >= most:
+                break
             room -= self._next[0].pose_count
             self._poses[family] = max(0, self._poses[family] - self._next[0].pose_count)
             chunks += self._next

@@ -5,7 +5,7 @@
 | chunks are made                             | their results are recorded                                            |
 | a chunk failed, and is named                | it is given up by name: the same error would come again               |
 | a chunk failed as the system failed         | it is made again later, and given up after `SYSTEM_TRIES`;            |
-|                                             | `SYSTEM_FAILURES` of any chunks in a row end the sweep                |
+|                                             | if it fails for `SYSTEM_FAILURES` chunks in a row, the sweep ends     |
 | a reason that names no chunk                | the chunks again, each in a unit of its own; such a one is given up   |
 | its worker died                             | the unit again, alone: nothing else is made meanwhile. If it dies     |
 |                                             | again, each chunk alone; one that was alone `TRIES` times is given up |
@@ -116,7 +116,7 @@ class UnitLoop:
         self._recorded = clock()
         self._turned = clock()
         self._later: list[tuple[float, GivenUnit]] = []  # with the time from which they may be given again
-        self._system_failures = 0
+        self._system_failures: set[int] = set()  # chunks on which the system failed since the last success
         self._idle = 0.0
 
     def run(self) -> None:
@@ -135,9 +135,11 @@ class UnitLoop:
                     raise_if_interrupted()
                     self._give()
         finally:
-            for pool in self.pools:
-                pool.close()
-            self._record()
+            try:
+                self._record()
+            finally:
+                for pool in self.pools:
+                    pool.close()
 
     # ---- giving
 
@@ -167,7 +169,7 @@ class UnitLoop:
             self._again.appendleft(unit)
             pool.restart()
             return False
-        self._running[future] = unit
+        self._running[future], self._idle = unit, 0.0
         self.tally.names[pool.name] = None
         return True
 
@@ -183,7 +185,7 @@ class UnitLoop:
             if self._again[0].is_alone and self._running:
                 return None
             return self._again.popleft()
-        chunks = self.cutter.take(pool.device)
+        chunks = self.cutter.take(pool.device, sum(own.capacity for own in self.pools))
         return GivenUnit(chunks) if chunks else None
 
     # ---- taking
@@ -242,15 +244,15 @@ class UnitLoop:
             else:
                 self.missing.settle(chunk)
         if len(failed) < len(unit.chunks):
-            self._system_failures = 0
+            self._system_failures.clear()
             self.cutter.learn(unit.chunks[0].family, result.pose_count, result.seconds)
 
     def _fail(self, chunk: PendingChunk, failed: FailedChunk) -> None:
         if not failed.is_transient:
             self.missing.give_up(chunk, failed.message)
             return
-        self._system_failures += 1
-        if self._system_failures >= SYSTEM_FAILURES:
+        self._system_failures.add(id(chunk))
+        if len(self._system_failures) >= SYSTEM_FAILURES:
             raise SweepError(f"nothing can be written or read any more: {failed.message}")
         chunk.tries += 1
         if chunk.tries == SYSTEM_TRIES:
@@ -329,7 +331,7 @@ class UnitLoop:
             self._give_again(unit.chunks)
         if pool.is_shared:
             for other, own in list(self._running.items()):
-                if own.pool is pool and not other.done():
+                if own.pool is pool and not (other.done() and other.exception() is None):
                     del self._running[other]
                     self._again.append(GivenUnit(own.chunks, own.is_alone))
         if all(own.is_spent for own in self.pools):

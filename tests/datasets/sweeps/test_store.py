@@ -204,14 +204,46 @@ def test_pruning_removes_other_code_and_files_that_nothing_names(folder):
         assert (found.rows, found.rows_kept, found.files) == (0, 1, ())
 
 
-def test_pruning_follows_no_link_out_of_the_store(folder, tmp_path):
-    (tmp_path / "elsewhere").mkdir()
-    (tmp_path / "elsewhere/own.h5").write_bytes(b"x")
+@pytest.mark.parametrize("name", ["contours", "focal-points", "drives", "making"])
+def test_links_in_the_place_of_folders_are_refused(folder, tmp_path, name):
+    """Files behind them are not the store's to replace or to prune."""
     written(folder, row("a"))
-    (folder / "contours").symlink_to(tmp_path / "elsewhere")
-    with SweepStore(folder, OTHER, mode="write") as store:
-        assert store.prune().files == ()
-    assert (tmp_path / "elsewhere/own.h5").exists()
+    (folder / name).symlink_to(tmp_path)
+    with pytest.raises(SweepStoreError, match=f"{name} is a link"):
+        SweepStore(folder, OTHER, mode="write")
+
+
+@pytest.mark.parametrize(
+    "change", ["payload = x'7b7d'", "chunk = -1", "chunk = 'abc'", "payload = CAST(x'ff' AS TEXT)"]
+)
+def test_rows_of_other_types_are_damage(folder, change):
+    """As only a hostile store, or a flipped bit, has them."""
+    changed(written(folder, row("a"), row("b")), f"UPDATE result SET {change} WHERE key = 'a'")
+    assert len(check_store(folder)) == 1
+    with SweepStore(folder, CODE) as store:
+        assert store.done([("contours", "a"), ("contours", "b")]) == {("contours", "a"): set(), ("contours", "b"): {0}}
+
+
+def test_a_folder_is_unlocked_when_opening_fails_after_its_lock(folder, monkeypatch):
+    monkeypatch.setattr(SweepStore, "_number_of", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        SweepStore(folder, CODE, mode="write")
+    monkeypatch.undo()
+    SweepStore(folder, CODE, mode="write").close()
+
+
+def test_the_lock_ends_although_a_forked_child_lives(folder):
+    store = SweepStore(folder, CODE, mode="write")
+    child = os.fork()
+    if not child:
+        time.sleep(60.0)
+        os._exit(0)
+    try:
+        store.close()
+        SweepStore(folder, CODE, mode="write").close()
+    finally:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
 
 
 def test_failures_and_runs_are_kept_by_code_version(folder):
@@ -359,6 +391,16 @@ def test_merging_adds_what_is_missing_once(folder, tmp_path):
     with SweepStore(folder, CODE) as store:
         assert len(list(store.rows())) == 3
         assert len(list(store.column_chunks("a1"))) == 1
+
+
+def test_merging_keeps_the_whole_kept_file_of_the_target(folder, tmp_path):
+    for place, content in ((folder, b"mine"), (tmp_path / "b", b"theirs")):
+        with SweepStore(place, CODE, mode="write") as store:
+            store.add(*kept(content=content))
+    assert merged(folder, tmp_path / "b").results == 0
+    assert (folder / "focal-points/k1.h5").read_bytes() == b"mine"
+    with SweepStore(folder, CODE) as store:
+        assert store.done([(KEEP, "k1")]) == {(KEEP, "k1"): {0}}
 
 
 def test_merging_leaves_damage_out_and_names_it(folder, tmp_path):

@@ -88,11 +88,35 @@ def test_a_system_that_fails_once_costs_nothing():
 
 def test_a_system_that_fails_for_good_ends_the_sweep_with_its_reason():
     memory, workers = Memory(), Workers(1)
-    loop = loop_of([StandIn("cube"), *(StandIn("full", str(seed)) for seed in range(3))], workers, memory)
+    loop = loop_of([StandIn("cube"), *(StandIn("full", str(seed)) for seed in range(20))], workers, memory)
     with pytest.raises(SweepError, match="nothing can be written or read any more: the disk is full"):
         loop.run()
     assert set(memory.rows) == {row for group in GROUPS for row in rows_wanted(StandIn("cube"), group)}
     assert SYSTEM_FAILURES > TRIES
+
+
+def test_a_chunk_on_which_the_system_keeps_failing_is_given_up_by_name():
+    loop = loop_of([StandIn("full"), StandIn("cube"), StandIn("tube")], Workers(1))
+    loop.run()
+    assert [(own.name, own.sentence) for own in loop.missing.failures] == [(StandIn("full").title, "the disk is full")]
+    assert loop.missing.counts.done == 2
+
+
+def test_long_work_in_this_process_is_no_idle_time():
+    """Its futures are done when they are given, so that nothing runs between two turns."""
+    workers = Workers(1)
+    submit = workers.submit
+
+    def make_here(unit):
+        future = submit(unit)
+        workers.now += 10.0
+        workers._resolve(future)
+        return future
+
+    workers.submit = make_here
+    loop = loop_of([StandIn(motion=str(seed), poses=10**5) for seed in range(20)], workers, limit=15.0)
+    loop.run()
+    assert loop.missing.counts.done == 20
 
 
 def test_a_unit_that_no_worker_has_is_an_error():

@@ -427,8 +427,9 @@ def is_read_only(folder: Path) -> bool:
 def _is_proven(code: str, group: str, key: str, chunk: object, content: object, digest: object) -> bool:
     """Whether a row has its digest, and the types that only a hostile store can lack."""
     content = content.encode(errors="surrogateescape") if isinstance(content, str) else content
-    is_typed = isinstance(chunk, int) and chunk >= 0 and isinstance(content, bytes)
-    return is_typed and digest_of(code, group, key, chunk, content) == digest
+    if not (isinstance(chunk, int) and chunk >= 0 and isinstance(content, bytes)):
+        return False
+    return digest_of(code, group, key, chunk, content) == digest
 
 
 def _stored(text: str) -> str:

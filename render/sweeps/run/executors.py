@@ -287,7 +287,10 @@ class DaskPool:
         """
         if (now := time.monotonic()) > self._counted + COUNT_SECONDS:
             self._counted = now
-            there = [address for address in self._client.nthreads() if address not in self._stuck]
+            try:
+                there = [address for address in self._client.nthreads() if address not in self._stuck]
+            except OSError as error:
+                raise SweepError(f"{self.name}: its scheduler does not answer: {error}") from error
             for future in [future for future, address in self._given.items() if address not in there]:
                 future.cancel()
             self._starting = {address: own for address, own in self._starting.items() if address in there}

@@ -185,7 +185,7 @@ class Missing:
             if own.results:
                 self._families.setdefault(own.family, {}).setdefault(recipe.key("contours"), []).append(own)
         if pending.results_left:
-            self.counts.poses_incomplete += poses
+            self.counts.poses_incomplete += round(poses * self._share(recipe.key("contours"), poses))
         else:
             self._settle_recipe(pending)
 
@@ -209,8 +209,11 @@ class Missing:
                 numbers = {number for own in recipes for result in own.results for number in result.there}
                 needed = recipes[0].chunk_count - sum(self._is_there(recipes, number) for number in numbers)
                 own = min(recipes[0].pose_count, needed * CHUNK_POSES) if not recipes[0].is_whole else None
-                poses[rendering] = max(poses.get(rendering, 0), recipes[0].pose_count if own is None else own)
-        self.counts.poses_once, self.counts.renderings = sum(poses.values()), len(poses)
+                own = recipes[0].pose_count if own is None else own
+                own = round(own * self._share(rendering, recipes[0].pose_count))
+                poses[rendering] = max(poses.get(rendering, 0), own)
+        self.counts.poses_once = sum(poses.values())
+        self.counts.renderings = sum(count > 0 for count in poses.values())
 
     def _is_there(self, recipes: Sequence[IncompleteRecipe], number: int) -> bool:
         """Whether a chunk is there of every result of recipes."""
@@ -218,16 +221,24 @@ class Missing:
 
     @property
     def poses_by_family(self) -> dict[str, int]:
-        """Poses of recipes of which something is missing, one recipe of each rendering."""
-        return {
-            family: sum(recipes[0].pose_count for recipes in renderings.values())
-            for family, renderings in self._families.items()
-        }
+        """Poses of this shard's recipes of which something is missing, one recipe of each rendering."""
+        counts: dict[str, int] = {}
+        for family, renderings in self._families.items():
+            poses = {key: recipes[0].pose_count for key, recipes in renderings.items()}
+            counts[family] = sum(round(count * self._share(key, count)) for key, count in poses.items())
+        return counts
+
+    def _share(self, rendering: str, pose_count: int) -> float:
+        """Share of a rendering's chunks that this shard makes."""
+        blocks = max(1, -(-pose_count // (CHUNK_POSES * SHARD_CHUNKS)))
+        return sum(self._is_own((rendering, block * SHARD_CHUNKS)) for block in range(blocks)) / blocks
 
     def first_chunks(self) -> Iterator[tuple[str, PendingChunk]]:
         """Each family, and a chunk of it that is missing."""
         for family, renderings in self._families.items():
             own = next(iter(renderings.values()))[0]
+            if not any(self._is_own((key, 0)) for key in renderings):
+                continue
             yield family, next(chunk for k in range(own.chunk_count) if (chunk := own.chunk(k)) is not None)
 
     def places(self) -> Iterator[list[PendingChunk]]:
@@ -237,15 +248,15 @@ class Missing:
                 for number in range(max(own.chunk_count for own in recipes)):
                     made = [own.chunk(number) for own in recipes if number < own.chunk_count]
                     chunks = [chunk for chunk in made if chunk is not None]
-                    if chunks and self._is_own(chunks[0]):
+                    if chunks and self._is_own(chunks[0].place):
                         yield chunks
                     else:
                         for chunk in chunks:
                             self._leave(chunk)
 
-    def _is_own(self, chunk: PendingChunk) -> bool:
+    def _is_own(self, place: Place) -> bool:
         number, count = self._shard
-        rendering, at = chunk.place
+        rendering, at = place
         return (crc32(rendering.encode()) + at // SHARD_CHUNKS) % count == number
 
     def settle(self, chunk: PendingChunk) -> None:

@@ -65,6 +65,14 @@ def test_shards_share_all_rows_and_none_twice():
     assert all(every)
 
 
+def test_counts_of_shards_add_up_to_those_of_the_plan():
+    shards = [missing_of(RECIPES, Memory(), (k, 3)) for k in range(3)]
+    whole = missing_of(RECIPES, Memory())
+    assert sum(own.counts.poses_once for own in shards) == whole.counts.poses_once
+    assert sum(own.counts.renderings for own in shards) == whole.counts.renderings
+    assert sum(sum(own.poses_by_family.values()) for own in shards) == sum(whole.poses_by_family.values())
+
+
 def test_a_recipe_of_other_shards_is_neither_done_nor_failed():
     missing = missing_of(RECIPES, Memory(), (0, 3))
     for chunks in missing.places():

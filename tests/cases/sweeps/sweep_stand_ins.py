@@ -11,7 +11,7 @@ from palpate.render.sweeps.run.executors import Ended
 
 CODE = "code 1"
 BAD = ("raises", "crashes", "hangs", "ends-the-unit")
-"""Objects whose stand-ins misbehave; the system fails once for "flickers"."""
+"""Objects, or motions, whose stand-ins misbehave; the system fails once for "flickers"."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,8 @@ class Workers:
 
     @staticmethod
     def _things(unit):
-        return [StandIn.of(chunk).thing for chunk in unit.chunks]
+        recipes = [StandIn.of(chunk) for chunk in unit.chunks]
+        return [own.motion if own.motion in BAD else own.thing for own in recipes]
 
     def _end(self, unit, begun):
         """When a unit ends; None if it never does."""

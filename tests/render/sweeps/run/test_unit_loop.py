@@ -54,6 +54,29 @@ def test_a_fault_costs_its_own_recipes_by_name_within_a_stated_time(bad, count, 
 
 
 @pytest.mark.parametrize("bad", ["hangs", "crashes"])
+def test_healthy_recipes_of_a_units_family_are_made(bad):
+    recipes = [StandIn("cube", motion) for motion in ("1", "2", bad, "3", "4")]
+    loop = loop_of(recipes, Workers(2), groups=("contours",))
+    loop.run()
+    assert [own.name for own in loop.missing.failures] == [recipes[2].title]
+    assert loop.missing.counts.done == 4
+
+
+def test_nothing_is_made_beside_a_unit_whose_worker_died():
+    workers = Workers(8)
+    submit, beside = workers.submit, []
+
+    def watch(unit):
+        if workers.restarts:
+            beside.append(len(workers.units))
+        return submit(unit)
+
+    workers.submit = watch
+    loop_of([StandIn("crashes"), *(StandIn(f"thing {k}") for k in range(7))], workers, groups=("contours",)).run()
+    assert beside[:8] == [0] * 8
+
+
+@pytest.mark.parametrize("bad", ["hangs", "crashes"])
 def test_workers_that_cannot_be_ended_are_not_used_any_more(bad):
     workers, memory = Workers(8, "other"), Memory()
     loop = loop_of(recipes_with(bad, 1), workers, memory)
@@ -124,6 +147,7 @@ def test_a_unit_that_no_worker_has_is_an_error():
     workers.submit = lambda unit: type(workers).submit(Workers(1), unit)  # given, and forgotten
     with pytest.raises(SweepError, match="no worker of it has begun"):
         loop_of([StandIn()], workers).run()
+    assert workers.now < LIMIT * 5  # twice for each of two units
 
 
 def test_a_pool_without_workers_is_an_error_after_the_limit():

@@ -49,9 +49,10 @@ def merge_store(target: SweepStore, source: SweepStore) -> Merged:
             merged.results += target.add(rows)
             rows.clear()
     merged.results += target.add(rows)
-    known = {failure.recipe_hash for failure in target.failures()}
+    before = target.failures()
+    known = {failure.recipe_hash for failure in before}
     failures = [failure for failure in source.failures() if failure.recipe_hash not in known]
-    target.replace_failures(failures)
+    target.replace_failures([*before, *failures])
     merged.failures = len(failures)
     target.clear_scratch()
     return merged

@@ -278,11 +278,10 @@ class SweepStore:
         rows = self._run("SELECT recipe_hash, recipe, sentence FROM failure WHERE code = ?", (self._code,))
         return [Failure(*row) for row in rows]
 
-    def replace_failures(self, failures: Iterable[Failure], forgotten: Iterable[str] = ()) -> None:
-        """Record recipes that could not be made, and forget those (hashes) that were made or are tried again."""
+    def replace_failures(self, failures: Iterable[Failure]) -> None:
+        """Record the recipes that this code version could not make in its last run, in place of all earlier ones."""
         with self._transaction():
-            gone = "DELETE FROM failure WHERE code = ? AND recipe_hash = ?"
-            self._database.executemany(gone, [(self._code, own) for own in forgotten])
+            self._database.execute("DELETE FROM failure WHERE code = ?", (self._code,))
             rows = [(self._code, own.recipe_hash, _stored(own.name), _stored(own.sentence)) for own in failures]
             self._database.executemany("INSERT OR REPLACE INTO failure VALUES (?, ?, ?, ?)", rows)
 

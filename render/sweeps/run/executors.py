@@ -21,7 +21,7 @@ from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from enum import Enum
 from typing import Any, Protocol
 
-from ...errors import SweepError
+from ...errors import PlanError, SweepError
 from ...runtime.worker_devices import worker_devices
 from ..make.unit import Unit, UnitResult
 
@@ -379,11 +379,14 @@ def pools_of(
 
 
 def dask_executor(scheduler: str) -> Executor:
-    """The executor of a Dask cluster. scheduler: its address, or its scheduler file; raises SweepError without it."""
+    """The executor of a Dask cluster. scheduler: its address, or its scheduler file.
+
+    Raises PlanError where Dask is not installed, SweepError where nobody answers.
+    """
     try:
         from distributed import Client
     except ImportError as error:
-        raise SweepError("--scheduler needs Dask: pip install 'palpate[cluster]'") from error
+        raise PlanError("--scheduler needs Dask: pip install -e '.[cluster]' in palpate's folder") from error
     given = {"scheduler_file": scheduler} if scheduler.endswith(".json") else {"address": scheduler}
     try:
         return Client(**given, set_as_default=False).get_executor(pure=False, retries=0)

@@ -133,10 +133,10 @@ def run_sweep(
             try:
                 loop.run()
             finally:
-                _note_failures(plan, store, missing)
+                _note_failures(store, missing)
             tally = loop.tally
         else:
-            _note_failures(plan, store, missing)
+            _note_failures(store, missing)
         for sentence in store.damaged:
             tally.note(sentence)
     return SweepReport(
@@ -216,11 +216,7 @@ class _SweepLoop:
         self._progress(SweepProgress(done, counts.recipes, poses, poses / seconds if seconds > 0 else 0.0, left))
 
 
-def _note_failures(plan: SweepPlan, store: SweepStore, missing: Missing) -> None:
-    """Record recipes that could not be made, and forget those of the plan that were made."""
-    known = {failure.recipe_hash for failure in store.failures()}
-    failed = {failure.recipe_hash for failure in missing.failures}
-    if store.mode == "read" or not (known or failed):
-        return
-    made = {recipe.hash for recipe in plan.recipes()} if known else set()
-    store.replace_failures(missing.failures, (known & made) - failed)
+def _note_failures(store: SweepStore, missing: Missing) -> None:
+    """Record recipes that could not be made, in place of those of earlier runs."""
+    if store.mode == "write" and (missing.failures or store.failures()):
+        store.replace_failures(missing.failures)

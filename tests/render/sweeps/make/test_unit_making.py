@@ -2,6 +2,7 @@
 
 import errno
 import json
+import signal
 import warnings
 from dataclasses import replace
 
@@ -292,7 +293,9 @@ RAISED = ["KeyboardInterrupt()", "GeneratorExit()", "type('Strange', (BaseExcept
 
 
 @pytest.mark.parametrize("raised", RAISED)
-def test_no_exception_of_a_stage_ends_a_worker(tmp_path, raised):
+def test_no_exception_of_a_stage_ends_a_worker(tmp_path, raised, monkeypatch):
+    """A worker ignores Ctrl-C, so that KeyboardInterrupt is the stage's own."""
+    monkeypatch.setattr(signal, "getsignal", lambda number: signal.SIG_IGN)
     strategy = own_strategy(tmp_path, f"    raise {raised}")
     recipes = [recipe_of(), recipe_of(strategy=strategy)]
     result = make_unit(unit_of(recipes, ("contours",)), "cpu")

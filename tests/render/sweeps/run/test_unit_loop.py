@@ -72,7 +72,9 @@ def test_nothing_is_made_beside_a_unit_whose_worker_died():
         return submit(unit)
 
     workers.submit = watch
-    loop_of([StandIn("crashes"), *(StandIn(f"thing {k % 7}", str(k)) for k in range(70))], workers, groups=("contours",)).run()
+    loop_of(
+        [StandIn("crashes"), *(StandIn(f"thing {k % 7}", str(k)) for k in range(70))], workers, groups=("contours",)
+    ).run()
     assert beside == [0, 0]
 
 

@@ -69,7 +69,7 @@ def test_extras_that_are_not_installed_are_named(path, monkeypatch):
         monkeypatch.setitem(sys.modules, name, None)
     refused(MISUSED, "pip install -e '.[parquet]'", "sweep", path, "--table", path.with_name("t.parquet"))
     refused(MISUSED, "per_pose = true: Parquet needs PyArrow", "sweep", path, "--set", "per_pose=true")
-    refused(FAILED, "--scheduler needs Dask", "sweep", path, "--scheduler", ADDRESS)
+    refused(MISUSED, "--scheduler needs Dask", "sweep", path, "--scheduler", ADDRESS)
 
 
 def test_a_store_that_is_something_else_is_refused(path, tmp_path):

@@ -486,7 +486,7 @@ READERS: tuple[Reader, ...] = (
     Reader("strategy", strategy_seeds, lambda path: load_strategy(str(path)).described()),
     Reader("sampling", sampling_seeds, lambda path: load_sampling(str(path)).described()),
     Reader("descriptions", description_seeds, read_description),
-    Reader("plan", plan_seeds, lambda folder: load_plans([folder / "study.toml"]).described()),
+    Reader("plan", plan_seeds, lambda folder: load_plans([folder / "study.toml"]).digest),
     Reader("board", board_seeds, lambda folder: load_rig(str(folder / "rig.json"))),
     Reader("ptlist", ptlist_seeds, read_ptlist),
     Reader("palpate check", contour_seeds, run_check),

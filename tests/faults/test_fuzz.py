@@ -18,7 +18,7 @@ from palpate.datasets.errors import MotionError
 
 FUZZ = Path(__file__).parent / "fuzz.py"
 SEED = 20261122
-LOADERS = 29
+LOADERS = 27
 
 
 def raising(error):

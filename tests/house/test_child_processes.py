@@ -63,7 +63,7 @@ def test_workers_of_a_sweep_stand_there_too(hostile):
     done = subprocess.run([*PALPATE, "sweep", "plan.toml", *options], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stdout + done.stderr
     report = json.loads(done.stdout)
-    assert (report["poses_rendered"], report["executor"]) == (20, "1 process, on cpu")
+    assert (report["poses_rendered"], report["executor"]) == (20, "2 processes, on cpu")
 
 
 @pytest.mark.exhaustive

@@ -91,10 +91,10 @@ if TYPE_CHECKING:
     from .reports.contour_figure import draw_figure
     from .reports.file_summary import summarise
     from .runtime.worker_devices import worker_devices
-    from .sampling.metrics import FocalPoints, dwell_map
+    from .sampling.metrics import FocalPoints, MotionSamples, dwell_map
     from .sampling.presets import load_sampling, preset
     from .sampling.revisits import revisit_rate
-    from .sampling.sampler import MotionSamples, Sampler, sample_bounds, sample_contours, sample_motions
+    from .sampling.sampler import Sampler, sample_bounds, sample_contours, sample_motions
     from .sampling.strategy import Dwell, Gap, SamplingStrategy
     from .scripting.rendered_batch import RenderedBatch
     from .scripting.rendering import load_contours, render
@@ -172,10 +172,10 @@ _ROOMS = {
     "reports.contour_figure": "draw_figure",
     "reports.file_summary": "summarise",
     "runtime.worker_devices": "worker_devices",
-    "sampling.metrics": "FocalPoints dwell_map",
+    "sampling.metrics": "FocalPoints MotionSamples dwell_map",
     "sampling.presets": "load_sampling preset",
     "sampling.revisits": "revisit_rate",
-    "sampling.sampler": "MotionSamples Sampler sample_bounds sample_contours sample_motions",
+    "sampling.sampler": "Sampler sample_bounds sample_contours sample_motions",
     "sampling.strategy": "Dwell Gap SamplingStrategy",
     "scripting.rendered_batch": "RenderedBatch",
     "scripting.rendering": "load_contours render",

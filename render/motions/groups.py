@@ -32,10 +32,10 @@ from ..playback.drive import Driver, PackedFrames
 from ..playback.focal_points import require_increasing
 from ..playback.pose_insertion import require_insertion
 from ..runtime.span_workers import warp_device
-from ..sampling.metrics import FocalPoints, dwell_maps
+from ..sampling.metrics import FocalPoints, MotionSamples, dwell_maps
 from ..sampling.plan import plan_of
 from ..sampling.presets import sampling_of
-from ..sampling.sampler import ROWS_A_POINT, ROWS_MOST, MotionSamples, sample_motions
+from ..sampling.sampler import ROWS_A_POINT, ROWS_MOST, sample_motions
 from ..sampling.strategy import SamplingStrategy
 from ..strategies.intersection_strategy import IntersectionStrategy
 from ..strategies.user_stage_sources import has_own_stages

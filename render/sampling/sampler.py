@@ -35,7 +35,7 @@ from ..contour_batch import (
 from ..errors import PoseError, StrategyError
 from ..runtime.span_workers import warp_device
 from ..validation import is_number, value_text
-from .metrics import CAUSES, FocalPoints, SamplingCount
+from .metrics import CAUSES, FocalPoints, MotionSamples, SamplingCount, focal_points
 from .plan import TICKS, plan_of, shown_order, ticks_of
 from .presets import sampling_of
 from .revisits import RevisitWatch
@@ -380,18 +380,6 @@ def drawn_part(batch: ContourBatch, first: int, stop: int) -> ContourBatch:
     return replace(part, points=wp.array(part.points, dtype=wp.vec3, device="cpu", copy=False), **given)
 
 
-def focal_points(position: wp.array, intensity: wp.array, count: int) -> FocalPoints:
-    """The first focal points of a room on the host, without an axis for foci where there is one."""
-    foci = intensity.shape[1]
-    if count == 0:
-        place, level = np.zeros((0, foci, 3), np.float32), np.zeros((0, foci), np.float32)
-    elif wp.get_device(intensity.device).is_cpu:
-        place, level = position.numpy()[:count].copy(), intensity.numpy()[:count].copy()
-    else:
-        place, level = position[:count].numpy(), intensity[:count].numpy()
-    return FocalPoints(place[:, 0], level[:, 0]) if foci == 1 else FocalPoints(place, level)
-
-
 def joined(parts: list[FocalPoints]) -> FocalPoints:
     """Join consecutive focal points."""
     return parts[0] if len(parts) == 1 else FocalPoints(*(np.concatenate(part) for part in zip(*parts, strict=True)))
@@ -497,53 +485,6 @@ def counted_of(row: np.void, strategy: SamplingStrategy) -> SamplingCount:
 
 
 # Many whole motions at once.
-
-
-@dataclass(frozen=True, eq=False)
-class MotionSamples:
-    """Focal points of many motions, one motion after the other, and what each was counted as.
-
-    >>> import numpy as np
-    >>> from palpate.render import SamplingStrategy, render, sample_motions, static_pose
-    >>> batch = render("cube", "palm", static_pose([0, 0, 0.2]), "cc")
-    >>> time, start, end = np.zeros(1), np.array([0, 1]), np.array([0.2])  # of one motion, of one pose
-    >>> samples = sample_motions(batch, batch.motion.pose, time, start, end, SamplingStrategy())
-    >>> len(samples.focus(0).position), samples.counts[0].drawn  # in 0.2 s at 10 kHz
-    (2000, 2000)
-    """
-
-    position: wp.array
-    """[m], array frame, vec3, shape [sample, focus]."""
-    intensity: wp.array
-    """Relative pressure amplitude 0..1, float32, shape [sample, focus]."""
-    sample_start: np.ndarray
-    """Offsets of motions into samples, int64, shape [motion + 1]."""
-    counts: list[SamplingCount]
-    """Of each motion."""
-    schedule: Any
-    """Samples of each pose: a PoseSchedule, which type checkers take for no class, as any struct of Warp's."""
-    pose: wp.array
-    """Hand frame -> array frame, transformd, shape [pose]."""
-
-    def __repr__(self) -> str:
-        """One line."""
-        samples, motions = counted(int(self.sample_start[-1]), "sample"), counted(len(self.counts), "motion")
-        return f"MotionSamples({samples}, {motions})"
-
-    @property
-    def pose_count(self) -> int:
-        """Poses of all motions; the arrays of their schedule have room for more."""
-        return self.pose.shape[0]
-
-    def focus(self, motion: int) -> FocalPoints:
-        """Focal points of one motion on the host; raises IndexError for a motion that is not there."""
-        count = len(self.counts)
-        if not 0 <= motion < count:
-            raise IndexError(f"motion {motion} is outside the {counted(count, 'motion')} sampled, numbered from 0")
-        first, stop = self.sample_start[motion : motion + 2].tolist()
-        if first == stop:
-            return focal_points(self.position, self.intensity, 0)
-        return focal_points(self.position[first:stop], self.intensity[first:stop], stop - first)
 
 
 def sample_motions(

@@ -61,6 +61,39 @@ def test_arrows_are_those_of_the_table_and_point_up(package):
         above.add("root" if name == package else name.removeprefix(f"{package}/"))
 
 
+def circles(imports):
+    """Groups of files that reach themselves through what they import: strongly connected components (Tarjan 1972)."""
+    number, low, open_files, found = {}, {}, [], []
+
+    def visit(path):
+        number[path] = low[path] = len(number)
+        open_files.append(path)
+        for target in imports[path]:
+            if target not in number:
+                visit(target)
+            if target in open_files:
+                low[path] = min(low[path], low[target])
+        if low[path] == number[path]:
+            members = open_files[open_files.index(path) :]
+            del open_files[-len(members) :]
+            if len(members) > 1:
+                found.append(sorted(members))
+
+    for path in imports:
+        if path not in number:
+            visit(path)
+    return found
+
+
+def test_no_files_import_each_other_in_a_circle():
+    assert circles({path: imports_of(path)[0] for path in SOURCES}) == []  # lazy and type imports are arrows, too
+
+
+def test_a_circle_is_found():
+    arrows_of = {"a": "b", "b": "cd", "c": "a", "d": "e", "e": "", "f": "gd", "g": "f"}
+    assert circles(arrows_of) == [["a", "b", "c"], ["f", "g"]]
+
+
 def test_files_that_import_by_text_are_listed():
     found = [path for path in SOURCES if re.search(r"\bimport_module\(|\b__import__\(", path.read_text())]
     assert {path.relative_to(ROOT).as_posix() for path in found} == set(BY_TEXT)

@@ -14,6 +14,7 @@ from typing import Any
 from ...device.live.writer_handle import WriterHandle, start_process
 from .. import errors
 from ..errors import RenderError, StrategyError
+from ..stages.registry import Stage, StageEntry, find_stage
 from .drawn_log import PIPE_BYTES
 from .moment_slot import MomentSlot
 from .recorder import SegmentRecorder
@@ -48,7 +49,7 @@ class RendererHandle:
         """Where what it draws is recorded now."""
         self.counts: dict[str, int] = {}
         """What it has counted, as it told last."""
-        self.moments = MomentSlot(max(own.hand.patch_count for own in self.renderings))
+        self.moments = MomentSlot()
         """What it draws now, for viewers."""
         self._own, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.log_fd, log_end = os.pipe() if is_recorded else (None, None)
@@ -76,7 +77,7 @@ class RendererHandle:
         shared = [writer.ring.fd, writer.wake_fd, self.moments.fd]
         files = [other, pose_fd, *shared, *([] if log_end is None else [log_end])]
         try:
-            content = ship(settings, [own.strategy for own in renderings])
+            content = ship((_stages_of(renderings), settings))
             self._process = start_process("palpate.render.live.renderer_process", (other.fileno(), content), *files)
         except BaseException:
             self.release()
@@ -152,6 +153,17 @@ class RendererHandle:
         self.moments.close()
         if self.log_fd is not None:
             os.close(self.log_fd)
+
+
+def _stages_of(renderings: Sequence[LiveRendering]) -> list[StageEntry]:
+    """The user-defined stages of strategies, which the process that draws registers again."""
+    entries = [
+        find_stage(role, Stage.read(own, role).name)
+        for role in ("prune", "transform")
+        for rendering in renderings
+        for own in getattr(rendering.strategy, role)
+    ]
+    return [entry for entry in entries if not entry.own]
 
 
 def slow_text(name: str, seconds: float, lead: float) -> str | None:

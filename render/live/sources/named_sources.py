@@ -31,9 +31,9 @@ from ...intersection.named_inputs import (
 from ...objects.solid import Solid
 from ...trust.permission import UNNAMED, AllowCode
 from ...trust.user_code import find_installed, run_all
+from ..shaping import PoseShaping
 from .hand_frame import PoseSource
 from .live_hands import live_hand, patch_layout
-from .pose_stream import PoseShaper
 from .replay import ReplaySource
 from .selection import ANY
 from .source_process import SourceSettings
@@ -105,7 +105,7 @@ def settings_and_hand(
     alignment: Alignment | None = None,
     options: Mapping[str, Any] | None = None,
     loops: bool = False,
-    shaper: PoseShaper | None = None,
+    shaper: PoseShaping | None = None,
     realtime: bool = False,
     allow_code: AllowCode = False,
 ) -> tuple[SourceSettings, Hand]:

@@ -5,10 +5,9 @@ It reads no clock and no socket: whatever comes is given with the time of its ar
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from ....datasets.recordings.alignment import Alignment
-from ....datasets.rigid import Numbers
 from .clock_map import ClockMap
 from .hand_frame import Seen, SeenHand, SourceFault
 from .hand_poses import HandPoses, PatchLayout
@@ -16,24 +15,15 @@ from .messages import PoseMessage
 from .plausibility import Implausible
 from .selection import ANY, HandSelection
 
+if TYPE_CHECKING:
+    from ..shaping import PoseShaping  # scipy.signal takes seconds to import, and only smoothing needs it
+
 FAULT_PERIOD_NS = 10_000_000_000
 """A fault that goes on is reported again after this time [ns], with its count."""
 KINDS_MOST = 256  # of faults that are told apart: a source may invent them
 SPACING_NS = 1_000_000
 """Poses come no faster than one in this time [ns], on average: more of them change nothing that is felt."""
 BURST = 3  # poses that may come at once: a tracker's late frame, and the next one in time
-
-
-class PoseShaper(Protocol):
-    """Smooths or predicts poses, one by one."""
-
-    def shaped(self, time: float, pose: Numbers) -> Numbers:
-        """A pose, float64 [7], for one that was measured at a time [s]."""
-        ...
-
-    def reset(self) -> None:
-        """The next pose does not follow from those before."""
-        ...
 
 
 class FaultLog:
@@ -68,7 +58,7 @@ class PoseStream:
         alignment: Alignment | None = None,
         side: str = ANY,
         patches: PatchLayout | None = None,
-        shaper: PoseShaper | None = None,
+        shaper: "PoseShaping | None" = None,
     ) -> None:
         self._clock = ClockMap(clock)
         self._selection = HandSelection(side)

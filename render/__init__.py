@@ -68,8 +68,8 @@ if TYPE_CHECKING:
     from .live.moment import LiveMoment, LiveScene
     from .live.recording import LiveRecording
     from .live.session import LiveStimulus, Onset, Session, Stimulus
-    from .live.shaping import PoseShaping, Prediction, Smoothing
     from .live.sources.hand_frame import PoseSource, SeenHand, SourceFault
+    from .live.sources.shaping import PoseShaping, Prediction, Smoothing
     from .motions.explorations.explored import ExploredPoses, exploration
     from .motions.explorations.habits import ExplorerHabits, explorer_habits
     from .motions.groups import MotionGroup, render_motions
@@ -159,7 +159,7 @@ _ROOMS = {
     "live.moment": "LiveMoment LiveScene",
     "live.recording": "LiveRecording",
     "live.session": "LiveStimulus Onset Session Stimulus",
-    "live.shaping": "PoseShaping Prediction Smoothing",
+    "live.sources.shaping": "PoseShaping Prediction Smoothing",
     "live.sources.hand_frame": "PoseSource SeenHand SourceFault",
     "motions.groups": "MotionGroup render_motions",
     "motions.explorations.explored": "ExploredPoses exploration",

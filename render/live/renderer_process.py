@@ -56,8 +56,8 @@ from ..strategies.intersection_strategy import IntersectionStrategy
 from .drawn_log import DrawnLog, LoggedPoints, LoggedPose
 from .instant import POSE_INTERVAL, Instant, checked_pose
 from .moment_slot import DRAWING, RESTING, WAITING, MomentSlot, MomentTap
-from .shipped_settings import unship
 from .sources.messages import PoseMessage, received_messages
+from .sources.shipped_settings import unship
 
 SLICE_NS = 1_000_000  # between slices while no pose comes
 FRESH_NS = 30_000_000  # a pose so young is where the hand is
@@ -299,7 +299,7 @@ class LiveRenderer:
         self._pose_first = self._drawn
         self._last = LoggedPose(self._drawn, self._pose_number, message.stamp_ns, pose, message.patch_pose)
         if self._log is not None:
-            self._log.add_pose(self._last)
+            self._log.add(self._last)
         self._pose_number += 1
 
     def show(self) -> None:
@@ -333,7 +333,7 @@ class LiveRenderer:
             first, self._drawn = self._drawn, stop
             gain = self._gains(stop - first)
             if self._log is not None:
-                self._log.add_points(LoggedPoints(first, *focus, gain))
+                self._log.add(LoggedPoints(first, *focus, gain))
             if not is_late:
                 self._put(first, focus, gain)
 

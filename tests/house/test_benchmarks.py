@@ -36,7 +36,7 @@ from transforms import measure as measure_transforms
 from wire_bytes import measure as measure_bytes
 
 from palpate.render import MeshObject
-from palpate.render.live.shaping import PoseShaping, Prediction
+from palpate.render.live.sources.shaping import PoseShaping, Prediction
 
 
 @pytest.mark.exhaustive

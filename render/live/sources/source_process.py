@@ -13,7 +13,6 @@ import sys
 import threading
 import time
 from dataclasses import dataclass
-from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from ....datasets.known_names import find_name
@@ -21,15 +20,14 @@ from ....datasets.recordings.alignment import Alignment, split_alignment
 from ....device.live.realtime import SOURCE_PRIORITY, enter_realtime
 from ....device.live.writer_handle import start_process
 from ...errors import RenderError, StrategyError
-from ..shipped_settings import ship, unship
 from .hand_frame import PoseSource, Seen, SourceFault
 from .hand_poses import PatchLayout
 from .messages import PoseSender, message_pair
-from .pose_stream import PoseStream
-from .selection import ANY, SIDES
+from .pose_stream import ANY, SIDES, PoseStream
+from .shipped_settings import ship, unship
 
 if TYPE_CHECKING:
-    from ..shaping import PoseShaping  # scipy.signal takes seconds to import, and only smoothing needs it
+    from .shaping import PoseShaping  # scipy.signal takes seconds to import, and only smoothing needs it
 
 EXIT_FAILED = 1
 _END_TIMEOUT = 2.0  # [s]
@@ -78,9 +76,7 @@ class SourceProcess:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     @property

@@ -20,8 +20,8 @@ from palpate.datasets.errors import RecordingError
 from palpate.render import exploration
 from palpate.render.errors import StrategyError
 from palpate.render.live.sources.hand_frame import SeenHand
-from palpate.render.live.sources.live_hands import live_hand, patch_layout
 from palpate.render.live.sources.messages import PoseSender, message_pair, received_messages
+from palpate.render.live.sources.named_sources import live_hand, patch_layout
 from palpate.render.live.sources.replay import ReplaySource
 from palpate.render.live.sources.source_process import SourceSettings, run_source, start_source
 from palpate.render.live.sources.udp import UdpSource

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt, sosfilt_zi
 
-from ...datasets.rigid import NORM_TOLERANCE
-from ..errors import PoseError
-from ..validation import require_number, value_text
+from ....datasets.rigid import NORM_TOLERANCE
+from ...errors import PoseError
+from ...validation import require_number, value_text
 
 HORIZON_MOST = 0.1  # [s]
 DAMPING_MOST = 1000.0  # [1/s]
@@ -159,7 +159,6 @@ class PoseShaping:
         self.reset()
 
     def __repr__(self) -> str:
-        """One line."""
         return f"PoseShaping({self.prediction}, {self.smoothing})"
 
     def reset(self) -> None:

@@ -10,8 +10,8 @@ from palpate.device.registry import kind_of
 from palpate.render import Palm, SamplingStrategy
 from palpate.render.errors import RenderError, StrategyError
 from palpate.render.intersection.named_inputs import solid_of
-from palpate.render.live import renderer_handle
-from palpate.render.live.renderer_handle import RendererHandle, slow_text
+from palpate.render.live import drawing_run
+from palpate.render.live.drawing_run import RendererHandle, slow_text
 from palpate.render.live.renderer_process import LiveRendering
 from palpate.render.playback.drive import DriveStrategy
 from palpate.render.strategies.intersection_strategy import strategy_of
@@ -53,7 +53,7 @@ def test_a_process_that_is_not_started_leaves_no_descriptor(monkeypatch, fault):
         raise OSError("no more processes")
 
     handle_of = {"start": lambda: handle(), "pickle": lambda: handle(drive=lambda: 0)}[fault]
-    monkeypatch.setattr(renderer_handle, "start_process", refuse)
+    monkeypatch.setattr(drawing_run, "start_process", refuse)
     open_before = os.listdir("/proc/self/fd")
     with pytest.raises(OSError if fault == "start" else StrategyError):
         handle_of()
@@ -73,7 +73,7 @@ def messages_of(*messages):
     ],
 )
 def test_what_a_process_failed_with_is_raised(monkeypatch, message, error, sentence):
-    monkeypatch.setattr(renderer_handle, "start_process", lambda *_: SimpleNamespace())
+    monkeypatch.setattr(drawing_run, "start_process", lambda *_: SimpleNamespace())
     monkeypatch.setattr(RendererHandle, "messages", messages_of(message))
     own = handle()
     with pytest.raises(RenderError, match=sentence) as raised:

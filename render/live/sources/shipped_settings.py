@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from ..errors import StrategyError
+from ...errors import StrategyError
 
 UNPICKLABLE = (pickle.PickleError, AttributeError, ImportError, TypeError, ValueError)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.render.errors import StrategyError
-from palpate.render.live.shipped_settings import ship, unship
+from palpate.render.live.sources.shipped_settings import ship, unship
 from palpate.render.objects.functions.implicit_object import ImplicitObject
 
 MODULE = """
@@ -28,7 +28,7 @@ def ball(x: wp.vec3):
 """
 READING = """
 import sys
-from palpate.render.live.shipped_settings import unship
+from palpate.render.live.sources.shipped_settings import unship
 print(*unship(sys.stdin.buffer.read()))
 """
 

@@ -15,7 +15,7 @@ from scipy.signal import group_delay, sosfilt, sosfilt_zi
 from scipy.spatial.transform import Rotation
 
 from palpate.render.errors import PoseError, StrategyError
-from palpate.render.live.shaping import FILTER_RATE, PoseShaping, Prediction, Smoothing
+from palpate.render.live.sources.shaping import FILTER_RATE, PoseShaping, Prediction, Smoothing
 
 sys.path.insert(0, str(Path(__file__).parents[3] / "benchmarks"))
 from live_prediction import measure, recorded_clip

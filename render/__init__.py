@@ -58,7 +58,6 @@ if TYPE_CHECKING:
     from .hands.mesh_hand import MeshHand
     from .hands.plane_hand import HandPatch, PatchJoint, PlaneHand
     from .intersection.file_recording import record
-    from .intersection.overlap_tour import overlap_points
     from .intersection.patch_points import array_points
     from .intersection.prepared_contours import PreparedContours
     from .intersection.scene import Scene
@@ -139,7 +138,6 @@ _ROOMS = {
     "hands.mesh_hand": "MeshHand",
     "hands.plane_hand": "HandPatch PatchJoint PlaneHand",
     "intersection.file_recording": "record",
-    "intersection.overlap_tour": "overlap_points",
     "intersection.patch_points": "array_points",
     "intersection.prepared_contours": "PreparedContours",
     "intersection.scene": "Scene",
@@ -305,7 +303,6 @@ __all__ = [
     "load_sampling",
     "load_strategy",
     "open_contour",
-    "overlap_points",
     "play_file",
     "predict_noise",
     "prepare_frames",

@@ -10,8 +10,7 @@ from typing import Any, Unpack
 import numpy as np
 import warp as wp
 
-from ....kernels.fields.bricked_grid import bricked_field
-from ....kernels.fields.dense_grid import pad_outside
+from ....kernels.fields.bricked_grid import bricked_field, pad_outside
 from ....kernels.fields.field import Field
 from ...device_copies import KeepsDeviceCopies
 from ...errors import VoxelError

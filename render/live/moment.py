@@ -11,8 +11,8 @@ from ...datasets.hand_model.cage import BREADTH
 from ...datasets.rigid import rotate, unit
 from ..contour_batch import ContourBatch
 from ..hands.hand import Hand
-from ..hands.hand_look import HandLook, hand_around
 from ..hands.plane_hand import PlaneHand
+from ..hands.stored_hand import HandLook, hand_around
 from ..sampling.metrics import FocalPoints
 from ..sampling.sampler import NOWHERE
 from ..sampling.strategy import SamplingStrategy

@@ -27,8 +27,9 @@ import numpy as np
 from ...datasets.errors import ContourFileError
 from ...datasets.json_text import read_json
 from ...datasets.storage.durable import FolderLock, discard_tree, write_file
-from ..hands.hand import Hand, hand_from
+from ..hands.hand import Hand
 from ..hands.plane_hand import PlaneHand
+from ..hands.stored_hand import hand_from
 from ..objects.solid import Solid
 from ..sampling.strategy import SamplingStrategy
 from ..strategies.intersection_strategy import IntersectionStrategy

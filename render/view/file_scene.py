@@ -11,7 +11,7 @@ from ...datasets.contour_file.reader import ContourFile
 from ...datasets.errors import ContourFileError
 from ...datasets.rigid import rotate, unit
 from ..contour_batch import ContourBatch
-from ..hands.hand_look import HandLook, HandLooks
+from ..hands.stored_hand import HandLook, HandLooks
 from ..sampling.strategy import SamplingStrategy
 
 

@@ -8,7 +8,7 @@ import pytest
 from palpate.datasets.hand_model.shape import hand_shape
 from palpate.render import IntersectionStrategy, MeshHand, MeshObject, Palm, Stage, render
 from palpate.render.contour_batch import join_batches
-from palpate.render.hands.flat_hand import flat_hand
+from palpate.render.hands.plane_hand import flat_hand
 from palpate.render.stages.registry import known_stages
 from palpate.render.strategies.intersection_strategy import PRESETS
 

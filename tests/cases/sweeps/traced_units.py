@@ -18,8 +18,7 @@ from sweep_recipes import thing_of as placed
 import palpate.render
 from palpate.datasets.motions.motion_file import MotionRows, row_place, write_rows
 from palpate.datasets.recordings.sample import write_sample
-from palpate.render.objects.functions.expression import sphere
-from palpate.render.objects.functions.expression_json import expression_to_json
+from palpate.render.objects.functions.expression import expression_to_json, sphere
 from palpate.render.sampling.presets import PRESETS as SAMPLINGS
 from palpate.render.strategies.intersection_strategy import PRESETS
 from palpate.render.sweeps.make.unit_making import make_unit

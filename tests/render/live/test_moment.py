@@ -6,7 +6,7 @@ import pytest
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.motions.hand_motion import PALM_DOWN
 from palpate.render import MeshHand, Palm, SamplingStrategy, flat_hand, render
-from palpate.render.hands.hand_look import HandLooks
+from palpate.render.hands.stored_hand import HandLooks
 from palpate.render.intersection.named_inputs import solid_of
 from palpate.render.live.drawn_log import LoggedPose
 from palpate.render.live.moment import LiveScene, moment_of

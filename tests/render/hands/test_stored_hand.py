@@ -5,8 +5,7 @@ import pytest
 
 from palpate.datasets import ContourFile, load_recording, write_sample
 from palpate.render import Palm, PlaneHand, exploration, flat_hand, render
-from palpate.render.hands.hand import hand_from
-from palpate.render.hands.hand_look import HandLooks
+from palpate.render.hands.stored_hand import HandLooks, hand_from
 
 
 def save(tmp_path, hand, motion):

@@ -1,6 +1,8 @@
-"""How a hand of a file looks at a pose: the skin that was rendered, and a whole hand around it."""
+"""Hands of files: read back, and how they look at a pose: the skin that was rendered, a whole hand around it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -9,7 +11,9 @@ from ...datasets.contour_file.reader import ContourFile
 from ...datasets.hand_model.cage import BREADTH, LENGTH
 from ...datasets.hand_model.shape import BREADTHS, LENGTHS, HandShape, hand_shape
 from ...datasets.rigid import rotate, unit
-from .hand import Palm, hand_from
+from ..errors import RenderError, StrategyError
+from .hand import Hand, Palm
+from .mesh_hand import MeshHand
 from .plane_hand import PlaneHand
 
 DETAIL = 1  # triangles of the hand around a palm: 1,312
@@ -85,3 +89,27 @@ def hand_around(width: float, detail: int = DETAIL) -> HandShape:
     """palpate's own right hand, as broad as a palm is wide [m], or as the nearest breadth that a hand can have."""
     breadth = min(max(width, BREADTHS[0]), BREADTHS[1])
     return hand_shape(breadth=breadth, length=min(LENGTH * breadth / BREADTH, LENGTHS[1]), detail=detail)
+
+
+def hand_from(described: Mapping[str, Any], arrays: Mapping[str, np.ndarray] | None = None) -> Hand:
+    """The hand that a file describes; arrays: those of its /hand by name.
+
+    Raises StrategyError for a kind that this version does not know, and for a description that lacks a field.
+    """
+    if not isinstance(described, Mapping):
+        raise StrategyError(f"the description of a hand must be a mapping, not {described!r:.60}")
+    kind, arrays = described.get("kind"), arrays or {}
+    try:
+        if kind == "palm":
+            return Palm(float(described["width"]), float(described["length"]))
+        if kind == "planes":
+            return PlaneHand.from_file(described, arrays)
+        if kind == "mesh":
+            return MeshHand.from_file(described, arrays)
+    except KeyError as error:
+        raise StrategyError(f"the description of a hand of kind {kind!r} lacks {error.args[0]!r}") from None
+    except RenderError:
+        raise
+    except (TypeError, ValueError, AttributeError) as error:  # something of another type, or of another shape
+        raise StrategyError(f"the description of a hand of kind {kind!r} cannot be read: {error}") from error
+    raise StrategyError(f"unknown hand {kind!r}; known: palm, planes, mesh")

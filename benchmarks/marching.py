@@ -21,7 +21,6 @@ from functools import partial
 
 import numpy as np
 import warp as wp
-from poses import random_poses
 from turns import Case, Curves, copying, installed, measure_curves
 
 from palpate.kernels.contours import Contours
@@ -29,6 +28,7 @@ from palpate.kernels.fields.bricked_grid import bricked_field
 from palpate.kernels.fields.dense_grid import dense_field, pad_outside
 from palpate.kernels.march.contours import march_patches
 from palpate.kernels.metrics.measure import measure_contours
+from palpate.render.bench.cases import random_poses
 from palpate.render.hands.hand import Palm, frames_at
 
 PALM = Palm()

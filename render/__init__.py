@@ -93,7 +93,6 @@ if TYPE_CHECKING:
     from .playback.file_playback import Connection, play_file
     from .playback.placed_arrays import PlacedArray, load_rig
     from .playback.prepared_frames import prepare_frames
-    from .reports.contour_animation import draw_animation
     from .reports.contour_figure import draw_figure
     from .reports.file_summary import summarise
     from .runtime.worker_devices import worker_devices
@@ -171,7 +170,6 @@ _ROOMS = {
     "playback.file_playback": "Connection play_file",
     "playback.placed_arrays": "PlacedArray load_rig",
     "playback.prepared_frames": "prepare_frames",
-    "reports.contour_animation": "draw_animation",
     "reports.contour_figure": "draw_figure",
     "reports.file_summary": "summarise",
     "runtime.worker_devices": "worker_devices",
@@ -285,7 +283,6 @@ __all__ = [
     "closed_contour",
     "cut_batch",
     "cylinder",
-    "draw_animation",
     "draw_figure",
     "drive_focus",
     "dwell_map",

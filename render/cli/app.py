@@ -285,7 +285,7 @@ def check(
     run_job(".file_commands", "run_check", files, json=json, quiet=quiet)
 
 
-app.command(short_help="Draw contours on hand and object, or animate them.")(figure)
+app.command(short_help="Draw contours on hand and object.")(figure)
 
 
 app.command(short_help="Show renderings in the browser.")(view)

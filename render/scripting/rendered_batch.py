@@ -138,14 +138,6 @@ class RenderedBatch(ContourBatch):
         with TemporaryDirectory(prefix="palpate-") as folder:
             return ShownPicture(self.figure(Path(folder) / "batch.png", times=times, **options).read_bytes())
 
-    def animation(self, path: str | Path, **options: Any) -> Path:
-        """Draw contours on object and hand over time into a GIF; options as for `draw_animation`; returns its path."""
-        from ..reports.contour_animation import draw_animation
-
-        require_path(path, "the picture")
-        draw_animation([self], path, **options)
-        return Path(path)
-
     @contextmanager
     def as_file(self) -> Iterator[Path]:
         """The contour file that the batch was read from, or one that is removed afterwards."""

@@ -15,7 +15,7 @@ from rooms import BY_TEXT, PACKAGES, ROOT, SOURCES, folder_of, imports_of, is_in
 
 ALLOWED = {"kernels": set(), "datasets": set(), "device": set(), "render": {"kernels", "datasets", "device"}}
 MODULES_MOST = 20
-SHARED = {"Box", "Chunk", "Field", "Frame", "Lattice", "Step", "Surface"}
+SHARED = {"Box", "Chunk", "Field", "Frame", "Lattice", "Surface"}
 """Class names that still stand in two folders, each a term of both fields; no name may join them."""
 JSON_UNBOUNDED = {
     "datasets/json_text.py": "the reader itself",

@@ -25,8 +25,6 @@ BY_TEXT = {
             "device/__init__.py",
             "kernels/__init__.py",
             "render/__init__.py",
-            "render/bench/libraries.py",
-            "render/bench/peers.py",
             "render/cli/options/command_group.py",
             "render/objects/voxels/files.py",
             "render/stages/registry.py",

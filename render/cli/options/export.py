@@ -13,13 +13,13 @@ from .sampling import Duration, Sampling, Speed, UpdateRate
 def export(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Contour file; for focal points also those of a sweep.")],
     out: Annotated[
-        Path, typer.Option("-o", "--out", metavar="OUT", help="File to write: .vtkhdf, .csv, .npz, .ptlist, .py, .bin.")
+        Path, typer.Option("-o", "--out", metavar="OUT", help="File to write: .vtkhdf, .csv, .npz, .ptlist, .bin.")
     ],
     to: Annotated[
         str | None,
         typer.Option(
             metavar="FORMAT",
-            help="vtkhdf, csv, npz (contours), ptlist, autd3, focal-points (.bin, .csv, .npz); by default as OUT ends.",
+            help="vtkhdf, csv, npz (contours), ptlist, focal-points (.bin, .csv, .npz); by default as OUT ends.",
             autocompletion=complete_format,
         ),
     ] = None,

@@ -12,7 +12,7 @@ PictureWidth = Annotated[
     str | None,
     typer.Option(
         metavar="METRES|NAME",
-        help="Of the picture [m], or single, double, ieee-single, ieee-double; of an animated one [pixel].",
+        help="Of the picture [m], or single, double, ieee-single, ieee-double.",
     ),
 ]
 FontSize = Annotated[
@@ -22,9 +22,7 @@ FontSize = Annotated[
 
 def figure(
     files: Annotated[list[Path], typer.Argument(metavar="FILE", help="Contour files of one object and motion.")],
-    out: Annotated[
-        Path, typer.Option("-o", "--out", metavar="PICTURE", help="PNG, SVG or PDF to write; with --animate GIF.")
-    ],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="PICTURE", help="PNG, SVG or PDF to write.")],
     times: Annotated[
         str | None,
         typer.Option(metavar="T,T,..", help="Moments to show [s], or pose numbers if there are no times; else chosen."),
@@ -38,19 +36,12 @@ def figure(
         list[str] | None,
         typer.Option(metavar="TEXT", help="Name of a file in the picture: one for each file, in their order."),
     ] = None,
-    animate: Annotated[bool, typer.Option("--animate", help="Draw contours over time, as a GIF.")] = False,
-    seconds: Annotated[
-        str | None, typer.Option(metavar="START:STOP", help="Only the poses of this time [s]; as 1.5:3 or :3.")
-    ] = None,
-    frame_rate: Annotated[
-        float | None, typer.Option(metavar="HZ", help="With --animate: frames a second [Hz], by default up to 12.5.")
-    ] = None,
     width: PictureWidth = None,
     font_size: FontSize = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Draw contours on hand and object at some moments, their length and draw frequency; or over time."""
+    """Draw contours on hand and object at some moments, their length and draw frequency."""
     options = {name: value for name, value in locals().items() if name not in ("files", "quiet", "json")}
     run_job(".figure_command", "run_figure", files, options, json=json, quiet=quiet)

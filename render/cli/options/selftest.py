@@ -1,4 +1,4 @@
-"""The command line of `palpate selftest`: stimuli for a hand, or a first hour with a real board."""
+"""The command line of `palpate selftest`."""
 
 from pathlib import Path
 from typing import Annotated
@@ -14,17 +14,13 @@ def selftest(
     serial: Serial = None,
     calibration: Calibration = None,
     emulate: Emulate = False,
-    acceptance: Annotated[
+    report: Annotated[
         Path | None,
-        typer.Option(metavar="REPORT.json", help="A first hour with a board, led (docs/guide/first-contact.md)."),
+        typer.Option(metavar="FILE", help="Ask what was felt, and write answers and figures as JSON, to be sent back."),
     ] = None,
     overwrite: Overwrite = False,
-    height: Annotated[
-        float | None, typer.Option(metavar="METRES", help="Of the hand above the array [m], by default 0.2.")
-    ] = None,
-    duration: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Of each of the three stimuli [s], by default 3.")
-    ] = None,
+    height: Annotated[float, typer.Option(metavar="METRES", help="Of the hand above the array [m].")] = 0.2,
+    duration: Annotated[float, typer.Option(metavar="SECONDS", help="Of each of the three stimuli [s].")] = 3.0,
     watchdog: Watchdog = False,
     uncalibrated: Uncalibrated = False,
     baud: Baud = None,
@@ -32,7 +28,6 @@ def selftest(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Play a point, a circle and a slow turn for a hand above the array, or lead through a first hour with it."""
+    """Play a point, a circle and a slow turn for a hand above the array."""
     options = {name: value for name, value in locals().items() if name not in ("quiet", "json")}
-    module, name = ("stimuli", "run_selftest") if acceptance is None else ("acceptance", "run_acceptance")
-    run_job(f"..selftest.{module}", name, options, json=json, quiet=quiet)
+    run_job("..selftest.stimuli", "run_selftest", options, json=json, quiet=quiet)

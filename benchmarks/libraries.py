@@ -1,16 +1,19 @@
 """The peers, one class a library, each in the setting that was measured as its fastest for one core."""
 
 import ctypes
+import warnings
+from collections.abc import Sequence
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
+from peers import COMPLETION, Absence, Declined, Peer
+from section_completion import PalmFrames, Polylines, offsets, rings_of, stitched
 
-from ..hands.hand import Palm
-from ..objects.mesh.solid_mesh import MeshObject
-from ..strategies.intersection_strategy import IntersectionStrategy
-from .peers import Declined, Peer
-from .section_completion import PalmFrames, Polylines, offsets, rings_of, stitched
+from palpate.render.hands.hand import Palm
+from palpate.render.objects.mesh.solid_mesh import MeshObject
+from palpate.render.strategies.intersection_strategy import IntersectionStrategy
 
 
 class MeshLib(Peer):
@@ -292,4 +295,34 @@ class Cgal(Peer):
         return Polylines(frames.flat(points, np.repeat(pose, size)), offsets(size), pose)
 
 
-LIBRARIES: tuple[type[Peer], ...] = (MeshLib, Vtk, Manifold, LibIgl, Trimesh, CompasCgal, Cgal)
+PEERS: dict[str, type[Peer]] = {peer.name: peer for peer in (MeshLib, Vtk, Manifold, LibIgl, Trimesh, CompasCgal, Cgal)}
+
+
+def find_peers(wanted: Sequence[str]) -> tuple[list[Peer], list[Absence]]:
+    """Of the peers of these names (all, none) those that are installed, and the others with the reason.
+
+    Raises SystemExit for an unknown name.
+    """
+    names = {("all",): tuple(PEERS), ("none",): ()}.get(tuple(wanted), tuple(wanted))
+    if unknown := set(names) - PEERS.keys():
+        raise SystemExit(f"unknown peers {', '.join(sorted(unknown))}; known: {', '.join(PEERS)}, all, none")
+    reasons = {name: _missing(PEERS[name]) for name in names}
+    found = [PEERS[name]() for name, reason in reasons.items() if not reason]
+    return found, [Absence(name, reason) for name, reason in reasons.items() if reason]
+
+
+def _missing(peer: type[Peer]) -> str:
+    """Why a peer cannot run here, or nothing."""
+    for module in (*peer.modules, *COMPLETION):
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # what a library warns of itself when imported is nothing of ours
+                import_module(module)
+        except (ImportError, OSError) as error:  # OSError: a shared library that it links to is missing
+            return f"cannot be imported ({module}: {error})"
+    try:
+        for package in (*peer.packages, *COMPLETION):
+            version(package)
+    except PackageNotFoundError as error:
+        return f"not installed (no distribution {error})"
+    return ""

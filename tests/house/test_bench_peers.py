@@ -1,4 +1,4 @@
-"""Peers of `palpate bench`: their completion, their agreement, and that a wrong one is told from a right one."""
+"""Peers of benchmarks/bench.py: their completion, their agreement, and that a wrong one is told from a right one."""
 
 import sys
 from pathlib import Path
@@ -7,23 +7,24 @@ import numpy as np
 import pytest
 import warp as wp
 
-from palpate.render.bench import clocks as bench_measure
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+import bench
+from bench import OBJECTS, Trial, Yield, compare, lengths_of, measure_trial
+from libraries import PEERS, find_peers
+from peers import Declined, Peer, check_peer
+from section_completion import PalmFrames, Polylines, clipped, rings_of
+
 from palpate.render.bench.cases import bench_object, random_poses
-from palpate.render.bench.peers import Declined, Peer, check_peer, find_peers, peer_classes
-from palpate.render.bench.rows import measure_trial
-from palpate.render.bench.section_completion import PalmFrames, Polylines, clipped, rings_of
-from palpate.render.bench.turns import BenchOptions, Trial
+from palpate.render.contour_batch import ContourBatch
 from palpate.render.hands.hand import Palm
 from palpate.render.intersection.mesh_section import intersect
 from palpate.render.strategies.intersection_strategy import load_strategy
 
-sys.path.insert(0, str(Path(__file__).parents[3] / "benchmarks"))
-from throughput import OBJECTS
-
 
 @pytest.fixture(autouse=True)
 def _small_copies(monkeypatch):
-    monkeypatch.setattr(bench_measure, "COPY_BYTES", {True: 2**20, False: 2**20})
+    monkeypatch.setattr(bench, "COPY_BYTES", {True: 2**20, False: 2**20})
+    monkeypatch.setattr(bench, "COPIES", 1)
 
 
 # Completion: the palm is 85 mm square, half 42.5
@@ -67,15 +68,15 @@ def test_rings_are_clipped_and_closed(turn):
 
 @pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("strategy", ["oc", "cc"])
-@pytest.mark.parametrize("name", list(peer_classes()))
+@pytest.mark.parametrize("name", list(PEERS))
 def test_peer_gives_the_same_contours_on_every_object(name, strategy):
-    found, absent = find_peers(name)
+    found, absent = find_peers([name])
     if absent:
         pytest.skip(f"{name}: {absent[0].reason}")
     for thing in OBJECTS:
         found[0].setup(bench_object(thing), Palm())
         agreement = check_peer(found[0], bench_object(thing), Palm(), random_poses(50), load_strategy(strategy))
-        assert (agreement.apart, agreement.lines_apart) == (0, 0), f"{thing}: {agreement.told()}"
+        assert (agreement.apart, agreement.lines_apart) == (0, 0), f"{thing}: {agreement.text()}"
 
 
 class Mirror(Peer):
@@ -108,7 +109,7 @@ def _mirror(**faults):
 
 
 def _trial(strategy="cc", poses=100, **options):
-    return Trial("tube", bench_object("tube"), strategy, random_poses(poses), BenchOptions(repeats=1, **options))
+    return Trial("tube", strategy, random_poses(poses), repeats=1, **options)
 
 
 @pytest.mark.exhaustive
@@ -124,20 +125,47 @@ def _trial(strategy="cc", poses=100, **options):
     ids=lambda value: str(value),
 )
 def test_a_wrong_peer_is_reported_and_not_timed(faults, state):
-    row = measure_trial(_trial(seconds=0.001), [_mirror(**faults)], find_peers("none")[1])
-    (peer,) = row.peers
-    assert peer.state == state
+    row = measure_trial(_trial(seconds=0.001), [_mirror(**faults)])
+    (peer,) = row["peers"]
+    assert peer["state"] == state
     if state == "timed":
-        assert (row.peer, row.peer_ratio) == ("mirror", peer.ratio)
-        assert peer.us > 0
+        assert (row["peer"], row["peer_ratio"]) == ("mirror", peer["ratio"])
+        assert peer["us"] > 0
     else:
-        assert (row.peer, peer.us) == (None, None)
-        assert peer.note
+        assert (row["peer"], peer["us"]) == (None, None)
+        assert peer["note"]
 
 
 def test_a_peer_that_is_not_installed_is_no_error(monkeypatch):
     monkeypatch.setitem(sys.modules, "vtkmodules.vtkFiltersCore", None)
-    found, absent = find_peers("vtk")
+    found, absent = find_peers(["vtk"])
     assert found == []
     assert absent[0].name == "vtk"
     assert "cannot be imported" in absent[0].reason
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("name", OBJECTS)
+def test_a_case_measures_what_it_renders(name, device):
+    trial = Trial(name, "cc", random_poses(50), device, repeats=1)
+    figures, lengths = measure_trial(trial), lengths_of(trial)
+    assert lengths.shape == (50, 3)
+    assert figures["hit"] == np.mean(lengths.sum(axis=1) > 0)
+    assert figures["floor_ratio"] == pytest.approx(figures["us_wall"] / figures["floor_us"])
+    assert sum(figures["stages"].values()) == pytest.approx(1.0)
+    assert compare(lengths, lengths)["equal_bits"] == 50
+    assert compare(lengths, lengths + np.float32(0.1))["apart_over_1e-5"] == 50
+
+
+def test_distinct_vertices_leave_out_repeated_ones_and_the_floor_counts_each_byte_once():
+    batch = ContourBatch(
+        points=np.zeros((6, 3), np.float32),
+        kind=np.zeros(6, np.uint8),
+        polyline_start=np.array([0, 4, 6]),
+        polyline_patch=np.zeros(2, np.int32),
+        polyline_closed=np.array([1, 0], np.uint8),
+        pose_start=np.array([0, 2, 2, 2]),
+    )
+    found = Yield.of([batch])
+    assert (found.poses, found.hit, found.vertices, found.polylines) == (3, 1, 5, 2)
+    assert found.floor(1e3) == pytest.approx((28 * 3 + 12 * 5 + 8 * 2) / 1e3)

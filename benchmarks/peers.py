@@ -1,26 +1,22 @@
-"""Peers: published libraries that cut a mesh by a plane, brought to the output that palpate gives.
+"""Peers: published libraries that cut a mesh by a plane, brought to palpate's output and compared with it.
 
-Which exist, whether they are installed, and whether what they give is right. docs/measured/bench.md has the details.
+docs/measured/bench.md has the details.
 """
 
 import os
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 
 import numpy as np
 import warp as wp
+from section_completion import PalmFrames, Polylines, clipped
 
-from ...datasets.known_names import unknown_name
-from ..errors import StrategyError
-from ..hands.hand import Palm
-from ..intersection.mesh_section import intersect
-from ..objects.mesh.solid_mesh import MeshObject
-from ..strategies.intersection_strategy import IntersectionStrategy
-from .section_completion import PalmFrames, Polylines, clipped
+from palpate.render.hands.hand import Palm
+from palpate.render.intersection.mesh_section import intersect
+from palpate.render.objects.mesh.solid_mesh import MeshObject
+from palpate.render.strategies.intersection_strategy import IntersectionStrategy
 
 APART = 1e-4  # of a pose's length; what single precision costs in general position
 SHIFT = 1e-7  # [m]; single precision puts a plane anywhere in this: what that changes is nobody's mistake
@@ -84,56 +80,6 @@ class Absence:
 
     name: str
     reason: str
-
-
-def peer_classes() -> dict[str, type[Peer]]:
-    """Every known peer by name, installed or not."""
-    from .libraries import LIBRARIES
-
-    return {library.name: library for library in LIBRARIES}
-
-
-def peer_names(wanted: str) -> list[str]:
-    """Names of peers, separated by commas, or all, or none.
-
-    Raises StrategyError for an unknown one.
-    """
-    known = peer_classes()
-    names = {"all": list(known), "none": []}.get(wanted, [name.strip() for name in wanted.split(",")])
-    unknown = [name for name in names if name not in known]
-    if unknown:
-        raise StrategyError(unknown_name("peer", unknown[0], [*known, "all", "none"]))
-    return list(dict.fromkeys(names))
-
-
-def find_peers(wanted: str) -> tuple[list[Peer], list[Absence]]:
-    """Of the peers that `peer_names` gives those that are installed, and the others with the reason."""
-    known = peer_classes()
-    found, absent = [], []
-    for name in peer_names(wanted):
-        reason = _missing(known[name])
-        if reason:
-            absent.append(Absence(name, reason))
-        else:
-            found.append(known[name]())
-    return found, absent
-
-
-def _missing(peer: type[Peer]) -> str:
-    """Why a peer cannot run here, or nothing."""
-    for module in (*peer.modules, *COMPLETION):
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # what a library warns of itself when imported is nothing of ours
-                import_module(module)
-        except (ImportError, OSError) as error:  # OSError: a shared library that it links to is missing
-            return f"cannot be imported ({module}: {error})"
-    try:
-        for package in (*peer.packages, *COMPLETION):
-            version(package)
-    except PackageNotFoundError as error:
-        return f"not installed (no distribution {error})"
-    return ""
 
 
 @contextmanager

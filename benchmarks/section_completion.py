@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from ...datasets.rigid import rotate
-from ..hands.hand import Palm
+from palpate.datasets.rigid import rotate
+from palpate.render.hands.hand import Palm
 
 POLYGON, LINE, MULTI_LINE = 3, 1, 5  # GEOS type numbers
 

@@ -1,8 +1,8 @@
-"""What `palpate field` does: pressure on the palm, a plane or in a volume, mean over frames; numbers and pictures."""
+"""What `palpate field` and `palpate noise` do: pressure on the palm, in a plane or a volume; sound and its levels."""
 
 import io
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,31 +10,37 @@ import numpy as np
 
 from ...datasets.contour_file.reader import ContourFile
 from ...datasets.errors import ContourFileError
+from ...datasets.focus_files.frame_reader import frame_format
 from ...datasets.rigid import rotate
 from ...datasets.storage.durable import write_file
-from ..acoustics.averaged_frames import AVERAGES, frames_of_average
+from ...device.array import ArrayModel
+from ..acoustics.averaged_frames import frames_of_average
 from ..acoustics.drawn_frames import DrawnPose, drawn_pose, drives_of, longest_pose, pose_at
 from ..acoustics.field_metrics import planes_of, sampling_for, width_at
+from ..acoustics.noise import NoiseListener, NoiseModel, NoiseSignal
+from ..acoustics.prediction import frames_of
 from ..acoustics.pressure import PressureSum, complex_drives, follow_drives, require_places
 from ..acoustics.radiation import AIR_DENSITY, mean_square
 from ..acoustics.sampled_places import sample_plane, sample_volume
 from ..acoustics.skin_print import CELLS, SkinPrint, points_along, print_on, unevenness
+from ..acoustics.spectrum import NoiseSpectrum, level_differences
 from ..acoustics.transducers import PRESSURE_AT_1M, Resonance, TransducerSet
+from ..acoustics.wave_files import require_wave_file, write_wave_files
 from ..errors import StrategyError
-from ..output_file import require_output
-from ..playback.drive import Driver
+from ..playback.drive import Driver, DriveStrategy
 from ..playback.placed_arrays import PlacedArray, load_rig
 from ..reports.field_figure import FieldPicture, draw_fields, print_picture, volume_picture
+from ..reports.noise_figure import draw_noise
 from ..reports.picture_page import font_of, width_of
-from ..reports.picture_style import require_picture
 from ..runtime.warp_start import start_warp
 from ..sampling.sampler import has_contours
-from ..sampling.strategy import SamplingStrategy
 from ..terminal import bars, console
-from ..validation import choose, refuse_object, require_number
+from ..terminal.foreign_text import print_message
+from ..terminal.value_words import words_of
+from ..validation import require_number
+from .contour_options import FieldCommand, NoiseCommand
+from .play_commands import require_device, sampling_of
 
-PLACES = ("palm", "plane", "volume")
-FILES_MOST = 4
 SIZES = {"plane": 0.2, "volume": 0.12}  # [m]
 SPACINGS = {"palm": 1e-3, "plane": 1e-3, "volume": 4e-3}  # [m]
 LEFT_OUT = "the hand's shadow and echo; pressures are right to some 50 %, forces to a factor of 2"
@@ -42,60 +48,6 @@ SHOWN = (
     "pose", "time", "where", "average", "frames", "points", "pressure_peak", "radiation_peak", "force", "focal_width",
     "share_on_contour", "unevenness", "out", "left_out", "supposed",
 )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class FieldJob:
-    """All options of `palpate field`."""
-
-    at: float | None
-    pose: int | None
-    where: str
-    average: str
-    size: float | None
-    spacing: float | None
-    centre: tuple[float, float, float] | None
-    array: str
-    calibration: Path | None
-    sampling: str | None
-    speed: float | None
-    update_rate: float | None
-    resonance: float | None
-    out: Path | None
-    width: str | None
-    font_size: float | None
-    overwrite: bool
-    device: str
-
-    def __post_init__(self) -> None:
-        """Raise StrategyError for options that exclude each other, or are out of range."""
-        choose("where", self.where, PLACES)
-        choose("average", self.average, AVERAGES)
-        if self.at is not None and self.pose is not None:
-            raise StrategyError("--at and --pose exclude each other: both choose what is shown")
-        if self.where == "palm" and (self.size is not None or self.centre is not None):
-            raise StrategyError("--size and --centre are of a plane or volume; a palm has its own")
-        if self.size is not None:
-            require_number("--size", self.size, 1e-3, 2.0, unit="m")
-        if self.out is not None:
-            require_picture(self.out, overwrite=self.overwrite, also=(".npz",))
-        given = [
-            option for option, value in (("--width", self.width), ("--font-size", self.font_size)) if value is not None
-        ]
-        if given and not self.draws:
-            raise StrategyError(f"{given[0]} is of a picture: add -o PICTURE (PNG, SVG or PDF)")
-        width_of(self.width)
-        font_of(self.font_size)
-
-    @property
-    def draws(self) -> bool:
-        """Whether a picture is asked for."""
-        return self.out is not None and self.out.suffix.lower() != ".npz"
-
-    def strategy(self, arrays: tuple[PlacedArray, ...]) -> SamplingStrategy:
-        """How contours become focal points."""
-        changes = {name: getattr(self, name) for name in ("speed", "update_rate") if getattr(self, name) is not None}
-        return replace(sampling_for(self.sampling, arrays), **changes)
 
 
 class AveragedDrives(NamedTuple):
@@ -113,18 +65,13 @@ class AveragedDrives(NamedTuple):
         return PressureSum(self.transducers, device=self.device)
 
 
-def run_field(paths: list[Path], options: dict, *, as_json: bool) -> None:
+def run_field(job: FieldCommand, *, as_json: bool) -> None:
     """Compute, draw or write, report; several files into one picture."""
-    for path in paths:
-        refuse_object(path)
-    if len(paths) > FILES_MOST:
-        raise StrategyError(f"up to {FILES_MOST} files are drawn beside each other, not {len(paths)}")
-    job = FieldJob(**options)
-    if job.out is not None:
-        require_output(job.out, overwrite=job.overwrite, sources=paths)
-        if len(paths) > 1 and not job.draws:
-            raise StrategyError(f"{job.out}: numbers are those of one file, not of {len(paths)}: write one for each")
-    job = replace(job, where=choose("where", job.where, PLACES), average=choose("average", job.average, AVERAGES))
+    paths = job.files
+    width_of(job.width)
+    font_of(job.font_size)
+    if job.size is not None:
+        require_number("--size", job.size, 1e-3, 2.0, unit="m")
     start_warp()
     arrays = load_rig(job.array, calibration=job.calibration)
     found, shown = [], []
@@ -146,9 +93,12 @@ def run_field(paths: list[Path], options: dict, *, as_json: bool) -> None:
         console.show_values(values, as_json=as_json, title=str(path), shown_names=SHOWN)
 
 
-def averaged_drives(path: Path, job: FieldJob, arrays: tuple[PlacedArray, ...]) -> AveragedDrives:
+def averaged_drives(path: Path, job: FieldCommand, arrays: tuple[PlacedArray, ...]) -> AveragedDrives:
     """What is emitted, as the boards round it, in the frames that a job asks for."""
-    sampling = job.strategy(arrays)
+    sampling = replace(
+        sampling_for(job.sampling, arrays),
+        **{name: getattr(job, name) for name in ("speed", "update_rate") if getattr(job, name) is not None},
+    )
     resonance = None if job.resonance is None else Resonance(pole=job.resonance)
     with ContourFile(path) as file:
         if not file.sealed:
@@ -170,7 +120,7 @@ def averaged_drives(path: Path, job: FieldJob, arrays: tuple[PlacedArray, ...]) 
     return AveragedDrives(drawn, drive[lead:], transducers, job.device)
 
 
-def _facts(path: Path, job: FieldJob, emitted: AveragedDrives) -> dict:
+def _facts(path: Path, job: FieldCommand, emitted: AveragedDrives) -> dict:
     drawn = emitted.drawn
     return {
         "path": str(path),
@@ -186,7 +136,11 @@ def _facts(path: Path, job: FieldJob, emitted: AveragedDrives) -> dict:
 
 
 def _on_planes(
-    path: Path, job: FieldJob, emitted: AveragedDrives, arrays: tuple[PlacedArray, ...], bar: Callable[[int, int], None]
+    path: Path,
+    job: FieldCommand,
+    emitted: AveragedDrives,
+    arrays: tuple[PlacedArray, ...],
+    bar: Callable[[int, int], None],
 ) -> tuple[dict, FieldPicture]:
     drawn, spacing = emitted.drawn, job.spacing or SPACINGS[job.where]
     if job.where == "palm":
@@ -234,7 +188,11 @@ def _numbers(
 
 
 def _in_volume(
-    path: Path, job: FieldJob, emitted: AveragedDrives, arrays: tuple[PlacedArray, ...], bar: Callable[[int, int], None]
+    path: Path,
+    job: FieldCommand,
+    emitted: AveragedDrives,
+    arrays: tuple[PlacedArray, ...],
+    bar: Callable[[int, int], None],
 ) -> tuple[dict, FieldPicture]:
     centre = _centre(job, emitted.drawn)
     size, spacing = job.size or SIZES["volume"], job.spacing or SPACINGS["volume"]
@@ -259,7 +217,7 @@ def _in_volume(
     return values, picture
 
 
-def _centre(job: FieldJob, drawn: DrawnPose) -> np.ndarray:
+def _centre(job: FieldCommand, drawn: DrawnPose) -> np.ndarray:
     return np.asarray(drawn.pose[:3] if job.centre is None else job.centre, float)
 
 
@@ -274,3 +232,115 @@ def _write_arrays(out: Path, arrays: dict[str, np.ndarray], emitted: AveragedDri
         write_file(out, content.getbuffer())
     except OSError as error:
         raise ContourFileError(f"{out}: cannot be written ({error.strerror or error})") from error
+
+
+def run_noise(job: NoiseCommand, *, as_json: bool) -> None:
+    """Predict, compare with the first file, and write what is asked for."""
+    files = job.files
+    waves = _wave_files(job)
+    arrays = load_rig(job.array, calibration=job.calibration)
+    signals = _signals(job, arrays, as_json=as_json)
+    spectra = {file: NoiseSpectrum.of(signal) for file, signal in signals.items()}
+    for file, spectrum in spectra.items():
+        if not np.isfinite(spectrum.rms):
+            console.warn(f"{file}: there is nothing to hear, as nothing is drawn; its levels are those of silence")
+    durations = [signal.duration for signal in signals.values()]
+    if max(durations) > 1.02 * min(durations):
+        console.warn(f"files last {min(durations):g} to {max(durations):g} s: levels of different motions are compared")
+    first = spectra[files[0]]
+    rows = [
+        {
+            "path": str(file),
+            "duration": signals[file].duration,
+            **spectrum.levels(),
+            "difference": level_differences(spectrum, first),
+        }
+        for file, spectrum in spectra.items()
+    ]
+    if waves:
+        write_wave_files({waves[file]: signal for file, signal in signals.items()}, overwrite=job.overwrite)
+    if job.out is not None:
+        stems = [file.stem for file in signals]
+        label = {file: str(file) if stems.count(file.stem) > 1 else file.stem for file in signals}
+        draw_noise({label[file]: signal for file, signal in signals.items()}, job.out)
+    written = {
+        "wav": [str(path) for path in waves.values()] or None,
+        "picture": None if job.out is None else str(job.out),
+    }
+    supposed = TransducerSet([placed.model for placed in arrays]).supposed
+    if as_json:
+        chosen = {
+            name: getattr(job, name)
+            for name in ("array", "sampling", "speed", "update_rate", "slew", "source", "sources", "pole", "microphone")
+        }
+        values = {"files": rows, **written, "supposed": supposed, "options": chosen}
+        console.show_values(values, as_json=True, title="")
+        return
+    for row in rows:
+        found = {words_of(name).removeprefix("noise, "): value for name, value in row["difference"].items()}
+        difference = {name: f"{value:+.2f}" for name, value in found.items()} if row is not rows[0] else None
+        console.show_values(row | {"path": None, "difference": difference}, as_json=False, title=row["path"])
+    if any(value is not None for value in written.values()):
+        console.show_values(written, as_json=False, title="written")
+    if supposed is not None:
+        print_message(supposed, "note")
+    console.conclude(meaning_of(rows), as_json=False)
+
+
+def meaning_of(rows: list[dict]) -> str:
+    """What levels of files say, in a sentence; rows: of each file its path and differences from the first [dB]."""
+    first, others = rows[0]["path"], rows[1:]
+    if not others:
+        return "Levels have no absolute scale: name a second file, and the difference between both means something."
+    found = []
+    for row in others:
+        more = row["difference"]["dba"]
+        if not np.isfinite(more):
+            return "A file without sound has no level that could be compared."
+        word = "louder" if more > 0 else "quieter"
+        low = row["difference"]["db_40_300"]
+        found.append(f"{row['path']} is {abs(more):.1f} dB {word} to the ear (40 to 300 Hz: {low:+.1f} dB)")
+    return f"Beside {first}, {', '.join(found)}."
+
+
+def _signals(job: NoiseCommand, arrays: tuple[PlacedArray, ...], *, as_json: bool) -> dict[Path, NoiseSignal]:
+    require_device(job.device)
+    listener = _listener([placed.model for placed in arrays], job)
+    drive = DriveStrategy(slew=job.slew)
+    signals: dict[Path, NoiseSignal] = {}
+    for file in job.files:
+        with bars.loading_bar(f"sampling {file}", quiet=as_json):
+            frames = frames_of(
+                file,
+                arrays,
+                sampling=sampling_of(job, arrays, file, frame_format(file)),
+                drive=drive,
+                duration=job.duration,
+                device=job.device,
+            )
+        with bars.progress_bar(f"listening to {file}", quiet=as_json) as progress:
+            signals[file] = listener.listen(frames, progress)
+    return signals
+
+
+def _listener(arrays: list[ArrayModel], job: NoiseCommand) -> NoiseListener:
+    model = NoiseModel(
+        kind=job.source,
+        resonance=Resonance(pole=job.pole),
+        sources=job.sources,
+        microphone=job.microphone,
+    )
+    return NoiseListener(arrays, model, device=job.device)
+
+
+def _wave_files(job: NoiseCommand) -> dict[Path, Path]:
+    """Where each file's sound goes; empty if none is asked for."""
+    files = job.files
+    if len({file.resolve() for file in files}) != len(files):
+        raise StrategyError(f"{', '.join(map(str, files))}: a file is named twice")
+    waves = {file: file.with_suffix(".wav") for file in files} if job.wav else {}
+    if len(set(waves.values())) != len(waves):
+        raise StrategyError(f"{', '.join(map(str, files))}: two files would have one WAV; rename one")
+    for path in waves.values():
+        require_wave_file(path, overwrite=job.overwrite, sources=files)
+    return waves

@@ -1,5 +1,15 @@
-"""Groups of commands whose help imports nothing that a command needs."""
+"""Groups of commands whose help imports nothing that a command needs; what their parser refuses names the way out.
 
+| refused | said besides |
+|---|---|
+| an argument or option is missing | what it is |
+| a value is no number, or outside its bounds | the value, what is wanted, the bound |
+| an option takes several values | which, and that blanks are between them |
+| an option is unknown, and has another name here | that name |
+| there are more arguments than the command takes | which it takes |
+"""
+
+import re
 from collections.abc import Collection, Mapping
 from importlib import import_module
 from pathlib import Path
@@ -8,34 +18,22 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from ....datasets.known_names import find_name, likely_name
-from ...terminal import console
-from ...terminal.wording import Wording
+from ...datasets.known_names import find_name, likely_name
+from ..terminal import console
+from ..terminal.wording import Wording
 
 RUN = "run"
+WANTED = {"float": "no number", "int": "no whole number", "bool": "neither true nor false"}
+BOUNDS = {"ge": "at least", "gt": "more than", "le": "at most", "lt": "less than"}
+_SEVERAL = re.compile(r"Option '(-\S+)' requires (\d+) arguments")
 COMPLETION = ("--install-completion", "--show-completion")
-OLD_NAMES = {
-    "demo": {"--folder": "--out"},
-    "selftest": {"--seconds": "--duration"},
-    "bench": {"--strategies": "--strategy"},
-}
-"""Options that had another name; both are understood."""
-LIKELY_COMMANDS = {
-    **dict.fromkeys(("plot", "draw", "picture", "view"), "figure"),
-    **dict.fromkeys(("show", "inspect", "describe", "cat"), "info"),
-    **dict.fromkeys(("validate", "verify"), "check"),
-    **dict.fromkeys(("stream", "run", "start"), "play"),
-    **dict.fromkeys(("record", "intersect", "make"), "render"),
-    **dict.fromkeys(("sample", "convert", "write"), "export"),
-    **dict.fromkeys(("arrays", "boards", "scan"), "devices"),
-    **dict.fromkeys(("list", "ls", "presets"), "strategies"),
-    **dict.fromkeys(("benchmark", "time"), "bench"),
-    **dict.fromkeys(("objects", "shapes"), "render --help"),
-    "voxelize": "voxelise",
-    **dict.fromkeys(("paper", "replicate", "evaluate"), "reproduce"),
-    "test": "selftest",
-}
-"""Commands of ours by words of other programs."""
+PLAN_KEYS = (
+    "scale", "up", "fit", "rotate", "at", "kind", "level", "label", "inside", "spacing", "unit", "bounds", "solid",
+    "weld", "fill_holes", "simplify", "palm", "duration", "rate", "seed", "model", "explorer", "facing", "workspace",
+    "side", "alignment", "interpolate", "step", "flush", "speed", "update_rate", "solver", "amplitude", "slew",
+    "sound_speed", "level_max",
+)  # fmt: skip
+"""Keys of a plan that are arguments in Python (those of the plan itself take long to import; a test compares them)."""
 
 
 class CommandGroup(TyperGroup):
@@ -47,20 +45,12 @@ class CommandGroup(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the command, and have messages write arguments as its options."""
         args = [find_name(args[0], self.commands) or args[0], *args[1:]]
-        if args[0] in LIKELY_COMMANDS and args[0] not in self.commands and not ctx.resilient_parsing:
-            ctx.fail(f"No such command '{args[0]}'. Did you mean '{LIKELY_COMMANDS[args[0]]}'?")
         name, command, rest = super().resolve_command(ctx, args)
         if command is not None:
             self.found = command
             others = [option.name for other in self.commands.values() for option in other.params]
             console.set_wording(Wording([option.name for option in command.params], others, self.plan_keys))
-        taking = {
-            word
-            for option in getattr(command, "params", ())
-            if not getattr(option, "is_flag", True)
-            for word in option.opts
-        }
-        return name, command, renamed(rest, OLD_NAMES.get(name or "", {}), taking)
+        return name, command, rest
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command; what its parser refuses is explained."""
@@ -69,7 +59,7 @@ class CommandGroup(TyperGroup):
             return super().invoke(ctx)
         except Exception as error:
             if hasattr(error, "format_message") and not isinstance(self.found, CommandGroup | None):
-                import_module(".parser_errors", __package__).explain(error, self.found, self.commands)
+                explain(error, self.found, self.commands)
             raise
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -108,14 +98,10 @@ class RunCommand(TyperCommand):
     context_class = RunContext
 
 
-def renamed(args: list[str], new_names: Mapping[str, str], taking: Collection[str]) -> list[str]:
-    """Arguments with options of old names under their new ones; taking: options whose next argument is their value."""
-    out: list[str] = []
-    for arg in args:
-        name, *rest = arg.partition("=")
-        is_value = "--" in out or (out and out[-1] in taking)
-        out.append(arg if is_value else "".join((new_names.get(name, name), *rest)))
-    return out
+class SweepGroup(PlanGroup):
+    """Commands about stores; any other first word is a plan, or an option, of `run`."""
+
+    plan_keys = PLAN_KEYS
 
 
 class MainGroup(CommandGroup):
@@ -131,3 +117,33 @@ class MainGroup(CommandGroup):
             typer.echo(f"palpate {import_module('importlib.metadata').version('palpate')}")
             raise typer.Exit
         return super().parse_args(ctx, args)
+
+
+def explain(error: Any, command: Any, commands: Mapping[str, Any]) -> None:
+    """Complete the message of a parser's error on a command's arguments; commands: all of its group, by name."""
+    parameter = getattr(error, "param", None)
+    if hasattr(error, "param_type") and parameter is not None:  # one is missing
+        error.message = f"It is: {parameter.help}" if parameter.help else ""
+    elif parameter is not None and (faults := getattr(error.__cause__, "errors", None)) is not None:
+        error.message = _fault(faults()[0], error.message, parameter)
+    elif several := _SEVERAL.match(error.message):
+        option = next(option for option in command.params if several[1] in option.opts)
+        error.message = f"{several[1]} takes {several[2]} values, {option.metavar}, with blanks between: {option.help}"
+    elif (name := getattr(error, "option_name", "")) and (
+        having := [other for other, one in commands.items() if any(name in option.opts for option in one.params)]
+    ):
+        error.message, error.possibilities = f"{error.message}, which is of {', '.join(having)}", []
+    elif error.message.startswith("Got unexpected extra argument"):
+        taken = [one.metavar for one in command.params if one.param_type_name == "argument"]
+        error.message = f"{error.message}: this command takes {' '.join(taken) or 'options only'}"
+
+
+def _fault(fault: dict[str, Any], message: str, parameter: Any) -> str:
+    """What is wrong with a value, which pydantic leaves out of its message."""
+    value, bound = fault.get("input"), fault.get("ctx", {})
+    kind = str(fault.get("type", "")).partition("_")[0]
+    what = WANTED.get(kind)
+    limits = [f"{word} {bound[name]}" for name, word in BOUNDS.items() if name in bound]
+    if what is None and not limits:
+        return message
+    return f"{value!r} is {what}. {parameter.help}" if what else f"it must be {limits[0]}, not {value}"

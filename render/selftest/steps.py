@@ -18,9 +18,9 @@ _GRID = (
     "512 at each frame."
 )
 _WIRING = (
-    "pat16: lines 4 and 5 of its board file, or `_published` in device/boards/pat16/geometry.py without one; "
-    "sonicsurface: `_at_rate` in device/boards/sonicsurface/geometry.py; "
-    "autd3: `autd3_model` in device/boards/autd3/geometry.py."
+    "pat16: lines 4 and 5 of its board file, or `_published` in device/boards/pat16/kind.py without one; "
+    "sonicsurface: `_at_rate` in device/boards/sonicsurface/kind.py; "
+    "autd3: `autd3_model` in device/boards/autd3/kind.py."
 )
 _OFFSETS = "pat16: `--calibration` with the board's own file, line 6 of which has the phase offsets."
 _NOTHING = "`palpate devices` and the supply; pat16: the mode of its FT232H (docs/guide/first-contact.md, failure 3)."
@@ -232,7 +232,7 @@ _CLOCK = (
                 "The second is much higher.",
                 "The board did not take the divider of 45 and plays at its old rate.",
                 (
-                    "pat16: `with_divider` in device/boards/pat16/layout.py; emulator: `UsbLink.start` in "
+                    "pat16: `with_divider` in device/boards/pat16/kind.py; emulator: `UsbLink.start` in "
                     "device/boards/emulator/link.py."
                 ),
             ),
@@ -240,7 +240,7 @@ _CLOCK = (
                 "lower",
                 "The second is lower.",
                 "The board took another divider: the order of its bits is another.",
-                "pat16: `with_divider` in device/boards/pat16/layout.py.",
+                "pat16: `with_divider` in device/boards/pat16/kind.py.",
             ),
             Answer(
                 "first-only",
@@ -263,7 +263,7 @@ _CLOCK = (
                 "starved",
                 "It is lower, rough, or has gaps.",
                 "The chip passes on fewer than 6.8 MB/s, so the board starves at divider 3.",
-                "`divider_sustained` in device/boards/pat16/geometry.py: 4. Until then `--update-rate 10000` at most.",
+                "`divider_sustained` in device/boards/pat16/kind.py: 4. Until then `--update-rate 10000` at most.",
             ),
             Answer("none", "No tone is heard.", "The board plays one frame only, or none.", _NOTHING),
         ),

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from .array import ArrayModel, FocalZone, UsbIdentity
     from .array_kind import ArrayKind, EmulationRequest, LinkRequest
     from .boards.discovery import ArrayInfo, find_arrays, find_serial_arrays, open_link, udev_rule
+    from .boards.emulator.kind import EmulatorBackend
     from .boards.emulator.link import UsbLink
-    from .boards.emulator.usb_side import EmulatorBackend
     from .clock import Clock, MonotonicClock, VirtualClock
     from .codec import encode_frames, off_frame
     from .emulation.faults import Fault, FaultKind
@@ -61,7 +61,7 @@ _ROOMS = {
     "array_kind": "ArrayKind EmulationRequest LinkRequest",
     "boards.discovery": "ArrayInfo find_arrays find_serial_arrays open_link udev_rule",
     "boards.emulator.link": "UsbLink",
-    "boards.emulator.usb_side": "EmulatorBackend",
+    "boards.emulator.kind": "EmulatorBackend",
     "clock": "Clock MonotonicClock VirtualClock",
     "codec": "encode_frames off_frame",
     "emulation.faults": "Fault FaultKind",

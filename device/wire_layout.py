@@ -105,7 +105,7 @@ class Layout:
     Raises ArrayKindError for a number of steps or levels that does not fit, with the bound.
 
     >>> from palpate.device import encode_frames
-    >>> from palpate.device.boards.emulator.layout import LAYOUT
+    >>> from palpate.device.boards.emulator.kind import LAYOUT
     >>> frames = encode_frames([[0.0] * 256] * 2, [1.0, 0.0], array="emulator")  # at full drive, and off
     >>> LAYOUT.emitting(frames).tolist(), LAYOUT.width(frames).tolist(), LAYOUT.levels.count
     ([True, False], [1.0, 0.0], 255)

@@ -13,7 +13,7 @@ import usb.core
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.device.boards.emulator.usb_side import EmulatorBackend
+from palpate.device import EmulatorBackend
 from palpate.device.clock import VirtualClock
 from palpate.device.errors import DeviceLostError, DeviceStallError, DeviceTimeoutError, LinkError
 from palpate.device.transports.libusb import CANCELLED, COMPLETED, BulkQueue, Completion, is_queueable

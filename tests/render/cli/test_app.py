@@ -18,7 +18,7 @@ from contour_cases import redigest
 
 from palpate.datasets import ContourFile, HandMotion, check_file, static_pose
 from palpate.datasets.contour_file.blocks import block_files, work_folder
-from palpate.device.boards.emulator.usb_side import EmulatorBackend, Fault, FaultKind
+from palpate.device import EmulatorBackend, Fault, FaultKind, open_link
 from palpate.device.clock import VirtualClock
 from palpate.render import record
 from palpate.render.cli import info_command, render_command
@@ -291,12 +291,11 @@ def test_array_that_disappears_ends_the_playback_with_its_report(rendered, monke
 
 
 def test_second_player_on_the_same_array_is_refused(rendered, monkeypatch):
-    from palpate.device.boards.emulator.link import UsbLink
     from palpate.device.registry import array_model
 
     bus = EmulatorBackend(clock=VirtualClock())
     monkeypatch.setattr(playback, "emulated_backend", lambda name, **options: bus)
-    with UsbLink.open(array_model("emulator"), backend=bus):
+    with open_link(array_model("emulator"), backend=bus):
         refused(FAILED, "in use", "play", rendered, "--clock", "virtual")
 
 

@@ -59,7 +59,7 @@ MISTAKES = {
     "play cube.h5 --update-rate 10": "10 kHz are 10000",
     "play cube.h5 --update-rate 9999": "nearest are 8000 and 10000 Hz",
     "play cube.h5 --clock fast": "must be one of monotonic, virtual",
-    "export cube.h5 -o new.txt": "must end in one of .vtkhdf, .csv, .npz, .ptlist, .py",
+    "export cube.h5 -o new.txt": "must end in one of .vtkhdf, .csv, .npz, .ptlist, .bin",
     "figure cube.h5 -o new.gif": "one of .png, .svg, .pdf",
     "info nosuch.h5": "does not exist",
     "voxelise dog -o new.npz --spacing 1": "1 mm are 0.001",

@@ -138,10 +138,14 @@ class DevicesCommand(Command):
 class SelftestCommand(NamedOptions, OpenedArrayOptions, ClockOptions, OverwriteOptions):
     """Play a point, a circle and a slow turn for a hand above the array, or lead through a first hour with it."""
 
-    job = "..selftest.stimuli:run_selftest"
     acceptance: Path | None = option("REPORT.json", "A first hour with a board, led (docs/guide/first-contact.md).")
     height: float | None = option("METRES", "Of the hand above the array [m], by default 0.2.")
     duration: float | None = option("SECONDS", "Of each of the three stimuli [s], by default 3.")
+
+    @property
+    def job(self) -> str:  # type: ignore[override]  # which work it is depends on an option
+        """The stimuli, or the first hour."""
+        return f"..selftest.{'stimuli:run_selftest' if self.acceptance is None else 'acceptance:run_acceptance'}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -53,12 +53,10 @@ if TYPE_CHECKING:
     from .exports.file_export import export_file
     from .focal_spot import focal_width
     from .hands.combined_hands import together
-    from .hands.flat_hand import flat_hand
     from .hands.hand import Hand, Palm
     from .hands.mesh_hand import MeshHand
-    from .hands.plane_hand import HandPatch, PatchJoint, PlaneHand
+    from .hands.plane_hand import HandPatch, PatchJoint, PlaneHand, flat_hand
     from .intersection.file_recording import record
-    from .intersection.overlap_tour import overlap_points
     from .intersection.patch_points import array_points
     from .intersection.prepared_contours import PreparedContours
     from .intersection.scene import Scene
@@ -68,26 +66,33 @@ if TYPE_CHECKING:
     from .live.moment import LiveMoment, LiveScene
     from .live.recording import LiveRecording
     from .live.session import LiveStimulus, Onset, Session, Stimulus
-    from .live.shaping import PoseShaping, Prediction, Smoothing
     from .live.sources.hand_frame import PoseSource, SeenHand, SourceFault
+    from .live.sources.shaping import PoseShaping, Prediction, Smoothing
     from .motions.explorations.explored import ExploredPoses, exploration
     from .motions.explorations.habits import ExplorerHabits, explorer_habits
     from .motions.groups import MotionGroup, render_motions
-    from .objects.functions.expression import box, capsule, cylinder, half_space, sphere, torus
-    from .objects.functions.expression_json import expression_from_json, expression_to_json, load_expression
+    from .objects.functions.expression import (
+        box,
+        capsule,
+        cylinder,
+        expression_from_json,
+        expression_to_json,
+        half_space,
+        load_expression,
+        sphere,
+        torus,
+    )
     from .objects.functions.implicit_object import ImplicitObject
     from .objects.isosurface import isosurface
     from .objects.level_of_detail import simplify
     from .objects.mesh.placement import Placement
     from .objects.mesh.solid_mesh import MeshObject
-    from .objects.voxels.files import save_voxels
-    from .objects.voxels.voxel_object import VoxelObject
+    from .objects.voxels.voxel_object import VoxelObject, save_voxels
     from .objects.voxels.voxeliser import voxelise
     from .playback.drive import Driver, DriveStrategy, drive_focus
     from .playback.file_playback import Connection, play_file
     from .playback.placed_arrays import PlacedArray, load_rig
     from .playback.prepared_frames import prepare_frames
-    from .reports.contour_animation import draw_animation
     from .reports.contour_figure import draw_figure
     from .reports.file_summary import summarise
     from .runtime.worker_devices import worker_devices
@@ -134,24 +139,21 @@ _ROOMS = {
     "exports.file_export": "export_file",
     "focal_spot": "focal_width",
     "hands.combined_hands": "together",
-    "hands.flat_hand": "flat_hand",
     "hands.hand": "Hand Palm",
     "hands.mesh_hand": "MeshHand",
-    "hands.plane_hand": "HandPatch PatchJoint PlaneHand",
+    "hands.plane_hand": "HandPatch PatchJoint PlaneHand flat_hand",
     "intersection.file_recording": "record",
-    "intersection.overlap_tour": "overlap_points",
     "intersection.patch_points": "array_points",
     "intersection.prepared_contours": "PreparedContours",
     "intersection.scene": "Scene",
-    "objects.functions.expression": "box capsule cylinder half_space sphere torus",
-    "objects.functions.expression_json": "expression_from_json expression_to_json load_expression",
+    "objects.functions.expression": "box capsule cylinder half_space sphere torus expression_from_json "
+    "expression_to_json load_expression",
     "objects.functions.implicit_object": "ImplicitObject",
     "objects.isosurface": "isosurface",
     "objects.level_of_detail": "simplify",
     "objects.mesh.placement": "Placement",
     "objects.mesh.solid_mesh": "MeshObject",
-    "objects.voxels.files": "save_voxels",
-    "objects.voxels.voxel_object": "VoxelObject",
+    "objects.voxels.voxel_object": "VoxelObject save_voxels",
     "objects.voxels.voxeliser": "voxelise",
     "live.counts": "RunStatistics",
     "live.handle": "Live",
@@ -159,7 +161,7 @@ _ROOMS = {
     "live.moment": "LiveMoment LiveScene",
     "live.recording": "LiveRecording",
     "live.session": "LiveStimulus Onset Session Stimulus",
-    "live.shaping": "PoseShaping Prediction Smoothing",
+    "live.sources.shaping": "PoseShaping Prediction Smoothing",
     "live.sources.hand_frame": "PoseSource SeenHand SourceFault",
     "motions.groups": "MotionGroup render_motions",
     "motions.explorations.explored": "ExploredPoses exploration",
@@ -168,7 +170,6 @@ _ROOMS = {
     "playback.file_playback": "Connection play_file",
     "playback.placed_arrays": "PlacedArray load_rig",
     "playback.prepared_frames": "prepare_frames",
-    "reports.contour_animation": "draw_animation",
     "reports.contour_figure": "draw_figure",
     "reports.file_summary": "summarise",
     "runtime.worker_devices": "worker_devices",
@@ -282,7 +283,6 @@ __all__ = [
     "closed_contour",
     "cut_batch",
     "cylinder",
-    "draw_animation",
     "draw_figure",
     "drive_focus",
     "dwell_map",
@@ -305,7 +305,6 @@ __all__ = [
     "load_sampling",
     "load_strategy",
     "open_contour",
-    "overlap_points",
     "play_file",
     "predict_noise",
     "prepare_frames",

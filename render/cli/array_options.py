@@ -136,41 +136,26 @@ class DevicesCommand(Command):
 
 @dataclass(frozen=True, kw_only=True)
 class SelftestCommand(NamedOptions, OpenedArrayOptions, ClockOptions, OverwriteOptions):
-    """Play a point, a circle and a slow turn for a hand above the array, or lead through a first hour with it."""
+    """Play a point, a circle and a slow turn for a hand above the array."""
 
-    acceptance: Path | None = option("REPORT.json", "A first hour with a board, led (docs/guide/first-contact.md).")
-    height: float | None = option("METRES", "Of the hand above the array [m], by default 0.2.")
-    duration: float | None = option("SECONDS", "Of each of the three stimuli [s], by default 3.")
-
-    @property
-    def job(self) -> str:  # type: ignore[override]  # which work it is depends on an option
-        """The stimuli, or the first hour."""
-        return f"..selftest.{'stimuli:run_selftest' if self.acceptance is None else 'acceptance:run_acceptance'}"
+    job = "..selftest.stimuli:run_selftest"
+    report: Path | None = option("FILE", "Ask what was felt, and write answers and figures as JSON, to be sent back.")
+    height: float = option("METRES", "Of the hand above the array [m].", 0.2)
+    duration: float = option("SECONDS", "Of each of the three stimuli [s].", 3.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class BenchCommand(NamedOptions):
-    """Time contours: palpate and installed libraries (pip install -e '.[bench]') in turns, beside a memory copy."""
+class BenchCommand(Command):
+    """Time contours of random palms on this machine: one row for each object and strategy."""
 
-    job = "..bench.report:run_bench"
+    job = "..bench.speed:run_bench"
+    given = ("objects", "strategy", "device", "poses")
     objects: str = option(
-        "NAME,...",
-        "Built in, or blob-N of about N triangles (blob-5000); or none.",
-        "cube,tube,dog,sphere,boulder,blob-100k,blob-1m",
+        "NAME,...", "Built in, or blob-N of about N triangles (blob-5000).", "cube,tube,sphere,blob-100k"
     )
-    strategies: str = option("NAME,...", "oc, cc, or both.", "oc,cc", "--strategy")
-    device: str = option("DEVICE", "Of palpate: cpu, cuda:0, ...; peers run on the CPU.", "cpu")
-    poses: int | None = option(
-        "N", "Of palpate; by default half a second of them, on a GPU 4,000,000.", low=1, high=10**8
-    )
-    repeats: int = option("N", "Repetitions, of which the median is taken.", 7, low=1)
-    peers: str = option("NAME,...", "Libraries to compare with, or all, or none.", "all")
-    motion: str = option("KIND", "Poses: random, or exploration.", "random")
-    one_core: bool = switch(
-        "Compare CPU time on one core, or wall time on all.", "--one-core/--all-cores", default=True
-    )
-    curve: bool = switch("Cost against triangles and against poses, too.", "--curve")
-    first_use: bool = switch("Time a first and a later `render`, too.", "--first-use")
+    strategy: str = option("NAME,...", "oc, cc, or both.", "oc,cc")
+    device: str = option("DEVICE", "cpu, cuda:0, ...", "cpu")
+    poses: int | None = option("N", "By default half a second of them, on a GPU 4,000,000.", low=1, high=10**8)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -48,13 +48,12 @@ VOXELS = (".npz", ".npy", ".nrrd", ".nii", ".nii.gz", ".nvdb")
 CONTOURS = (".h5", ".hdf5")
 KEPT = "Contour file, prepared frames, or focal points or drives of a sweep."
 COMPRESSION = ("0..9", "Compress the file: 0 not, 9 most.", 0)
-FORMATS = ("vtkhdf", "csv", "npz", "ptlist", "autd3", "focal-points")
+FORMATS = ("vtkhdf", "csv", "npz", "ptlist", "focal-points")
 FIELDS_MOST = 4  # files beside each other in a picture
 MOTIONS = (".csv", ".json", ".jsonl", ".ndjson", ".lz", ".npz")
 NO_PLACEMENT = {"scale": 1.0, "up": "z", "fit": None, "rotate": (0.0, 0.0, 0.0), "at": None}
 OF_A_PAGE = ("poses", "every", "limit", "pressure", "overwrite")
 OF_A_SERVER = ("port", "no_browser", "allow_code")
-ANIMATION_ONLY = {"seconds": "--seconds", "frame_rate": "--frame-rate"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,38 +209,23 @@ class CheckCommand(Command):
 
 @dataclass(frozen=True, kw_only=True)
 class FigureCommand(Command, PictureOptions, OverwriteOptions):
-    """Draw contours on hand and object at some moments, their length and draw frequency; or over time."""
+    """Draw contours on hand and object at some moments, their length and draw frequency."""
 
     job = ".figure_command:run_figure"
     files: list[Path] = argument("FILE", "Contour files of one object and motion.")
-    out: Path = option("PICTURE", "PNG, SVG or PDF to write; with --animate GIF.", REQUIRED, "-o")
+    out: Path = option("PICTURE", "PNG, SVG or PDF to write.", REQUIRED, "-o")
     times: str | None = option("T,T,..", "Moments to show [s], or pose numbers if there are no times; else chosen.")
     view: str = option("NAME|EL,AZ", "iso, front, back, side, top, palm, or angles in degrees: 30,-45.", "iso")
     array: str | None = option(**ARRAY_OPTION)
     no_array: bool = switch("Leave out the array.", "--no-array")
     label: list[str] | None = option("TEXT", "Name of a file in the picture: one for each file, in their order.")
-    animate: bool = switch("Draw contours over time, as a GIF.", "--animate")
-    seconds: str | None = option("START:STOP", "Only the poses of this time [s]; as 1.5:3 or :3.")
-    frame_rate: float | None = option("HZ", "With --animate: frames a second [Hz], by default up to 12.5.")
 
     def judge(self) -> None:
         """Raise StrategyError for options that exclude each other, and for an output that cannot be written."""
         require_contour_files(self.files)
-        if self.animate and (self.no_array or self.array is not None):
-            option = "--no-array" if self.no_array else "--array"
-            raise StrategyError(f"{option} is of a still picture: --animate shows no array")
-        if self.animate and self.times is not None:
-            raise StrategyError("--times is of a still picture: --seconds chooses what --animate shows")
-        if self.animate and self.font_size is not None:
-            raise StrategyError("--font-size is of a still picture: texts of --animate grow with --width")
         if self.no_array and self.array is not None:
             raise StrategyError("--array and --no-array exclude each other: one shows an array, the other none")
-        given = [option for name, option in ANIMATION_ONLY.items() if getattr(self, name) is not None]
-        if given and not self.animate:
-            raise StrategyError(f"{given[0]} is of an animated picture: add --animate")
-        if self.out.suffix.lower() == ".gif" and not self.animate:
-            raise StrategyError(f"{self.out}: must end in one of {', '.join(PICTURES)}; --animate makes a .gif")
-        require_output_file(self.out, (".gif",) if self.animate else PICTURES, overwrite=self.overwrite)
+        require_output_file(self.out, PICTURES, overwrite=self.overwrite)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -299,10 +283,10 @@ class ExportCommand(Command, SamplingOptions, DurationOptions, OverwriteOptions)
 
     job = ".conversion_commands:run_export"
     file: Path = argument("FILE", "Contour file; for focal points also those of a sweep.")
-    out: Path = option("OUT", "File to write: .vtkhdf, .csv, .npz, .ptlist, .py, .bin.", REQUIRED, "-o")
+    out: Path = option("OUT", "File to write: .vtkhdf, .csv, .npz, .ptlist, .bin.", REQUIRED, "-o")
     to: str | None = option(
         "FORMAT",
-        "vtkhdf, csv, npz (contours), ptlist, autd3, focal-points (.bin, .csv, .npz); by default as OUT ends.",
+        "vtkhdf, csv, npz (contours), ptlist, focal-points (.bin, .csv, .npz); by default as OUT ends.",
         complete=FORMATS,
     )
     poses: str | None = option("FIRST:STOP", "Only these poses, STOP not included; as 100:200 or 100:.")

@@ -1,12 +1,10 @@
-"""`palpate figure`: contour files as a picture, or as an animated one."""
+"""`palpate figure`: contour files as a picture."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ...datasets.contour_file.reader import ContourFile
 from ..errors import StrategyError
-from ..exports.pose_choice import seconds_of
-from ..reports.contour_animation import WIDTH_USUAL, draw_animation
 from ..reports.contour_figure import draw_figure
 from ..reports.picture_page import font_of, width_of
 from ..terminal import bars, console
@@ -21,13 +19,6 @@ def moments(job: FigureCommand) -> list[float] | None:
         return [float(text) for text in job.times.split(",")]
     except ValueError:
         raise StrategyError(f"--times must be numbers with commas between, as 1.5,7, not {job.times!r:.60}") from None
-
-
-def pixels(job: FigureCommand) -> int:
-    """Width of an animated picture; raises StrategyError for what is no whole number."""
-    if job.width is not None and not (job.width.isascii() and job.width.isdigit() and len(job.width) < 9):
-        raise StrategyError(f"--width of an animated picture must be a number of pixels, not {job.width!r:.60}")
-    return WIDTH_USUAL if job.width is None else int(job.width)
 
 
 def labelled(job: FigureCommand) -> Sequence[Path] | Mapping[str, Path]:
@@ -45,15 +36,9 @@ def labelled(job: FigureCommand) -> Sequence[Path] | Mapping[str, Path]:
 
 def run_figure(job: FigureCommand, *, as_json: bool) -> None:
     """Draw."""
-    if not job.animate:
-        width_of(job.width)
-        font_of(job.font_size)
+    width_of(job.width)
+    font_of(job.font_size)
     _warn_unfinished(job.files)
-    draw = _animate if job.animate else _draw
-    console.show_values({"picture": str(job.out)} | draw(job, as_json=as_json), as_json=as_json, title="figure")
-
-
-def _draw(job: FigureCommand, *, as_json: bool) -> dict:
     with bars.loading_bar(f"drawing {job.out}", quiet=as_json):
         draw_figure(
             labelled(job),
@@ -65,30 +50,7 @@ def _draw(job: FigureCommand, *, as_json: bool) -> dict:
             font_size=job.font_size,
             overwrite=job.overwrite,
         )
-    return {}
-
-
-def _animate(job: FigureCommand, *, as_json: bool) -> dict:
-    start, stop = (None, None) if job.seconds is None else seconds_of(job.seconds)
-    with bars.progress_bar(f"drawing {job.out}", quiet=as_json) as bar:
-        frames = draw_animation(
-            labelled(job),
-            job.out,
-            start=start,
-            stop=stop,
-            frame_rate=job.frame_rate,
-            view=job.view,
-            width=pixels(job),
-            overwrite=job.overwrite,
-            progress=bar,
-        )
-    count = len(frames.poses)
-    return {
-        "frames": count,
-        "frame_rate": frames.rate,
-        "duration": count / frames.rate,
-        "bytes": job.out.stat().st_size,
-    }
+    console.show_values({"picture": str(job.out)}, as_json=as_json, title="figure")
 
 
 def _warn_unfinished(files: Sequence[Path]) -> None:

@@ -21,7 +21,7 @@ from ..intersection.named_inputs import load_solid
 from ..live.counts import RunStatistics
 from ..live.handle import Live
 from ..live.recorder import spool_folder
-from ..live.sources.selection import ANY
+from ..live.sources.pose_stream import ANY
 from ..live.spool import finish_spool
 from ..objects.mesh.placement import Placement
 from ..objects.solid import Solid
@@ -154,7 +154,7 @@ def _finish(solid: Solid, record: Path | None, *, overwrite: bool, as_json: bool
     if not spool_folder(record).exists():
         whole = "is there, so its run was not killed" if record.exists() else "is not there, nor is what a run left"
         raise StrategyError(f"{record} {whole}: there is nothing to finish")
-    made = finish_spool(spool_folder(record), record, solid=solid, overwrite=overwrite)
+    made = finish_spool(spool_folder(record), record, solid, overwrite=overwrite)
     console.show_values({"files": [] if made is None else [str(made)]}, as_json=as_json, title="live")
     console.conclude("nothing had been drawn." if made is None else f"{made} has what was drawn.", as_json=as_json)
     return console.DONE

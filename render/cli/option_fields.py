@@ -113,7 +113,7 @@ def add_command(
         def work() -> object:
             job = kind(**{name: _chosen(name, value, by_name[name]) for name, value in values.items()})
             job.judge()
-            module, _, function = job.job.partition(":")
+            module, _, function = kind.job.partition(":")
             return getattr(import_module(module, PACKAGE), function)(*job.arguments(), as_json=job.json)
 
         raise typer.Exit(console.run(work, as_json=values["json"], quiet=values["quiet"]))

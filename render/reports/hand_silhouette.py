@@ -6,8 +6,8 @@ import numpy as np
 
 from ...datasets.rigid import rotate
 from ..hands.hand import Hand, Palm
-from ..hands.hand_look import hand_around
 from ..hands.mesh_hand import MeshHand
+from ..hands.stored_hand import hand_around
 from .scene_view import flat
 
 DETAIL = 2  # of palpate's own hand: 5,248 triangles; its outline takes 30 ms

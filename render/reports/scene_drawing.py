@@ -8,8 +8,9 @@ import numpy as np
 from ...datasets.contour_file.reader import ContourFile
 from ...datasets.rigid import rotate
 from ..contour_batch import ContourBatch
-from ..hands.hand import Hand, hand_from
+from ..hands.hand import Hand
 from ..hands.mesh_hand import MeshHand
+from ..hands.stored_hand import hand_from
 from .contour_lines import WIDTH, draw_contours
 from .hand_silhouette import doubled_area, hand_surface, silhouette
 from .picture_style import COLOURS, FAINT, INK

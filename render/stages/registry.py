@@ -365,7 +365,6 @@ def _register_kernel_stages() -> None:
     for role, name, line, needs_closed, options in (
         ("raw", "section", "curves in which the object's surface meets the hand's patches or skin", False, {}),
         ("raw", "contact", "a path through points of skin inside the object (after MAMMOTH)", True, point_options),
-        ("raw", "overlap", "a path over the surface of what hand and object share", True, point_options),
         ("prune", "outside", "remove what lies outside the patch or on its sides", False, {}),
         ("transform", "close", "add the patch's own boundary where it lies inside the object", True, {}),
     ):

@@ -25,11 +25,6 @@ def closed_then(*transform: Stage | str) -> IntersectionStrategy:
     return IntersectionStrategy(prune=("outside",), transform=("close", *transform))
 
 
-def skin_tour(raw: str) -> IntersectionStrategy:
-    """A path over points of contact; see the raw stages "contact" and "overlap"."""
-    return IntersectionStrategy(raw=raw)
-
-
 def of_closed(*transform: Stage | str) -> Callable[[], IntersectionStrategy]:
     """A preset: CC and what is made of it."""
     return partial(closed_then, *transform)
@@ -65,8 +60,10 @@ CLOSED: Mapping[str, tuple[str, Callable[[], IntersectionStrategy]]] = {
 }
 OTHERS: Mapping[str, tuple[str, Callable[[], IntersectionStrategy]]] = {
     "whole": ("the object's whole outline in the hand's plane, on the skin or not", whole_outline),
-    "mammoth": ("a path over skin inside the object (after Maunsbach et al. 2024)", partial(skin_tour, "contact")),
-    "overlap": ("a path over the surface of what hand and object share", partial(skin_tour, "overlap")),
+    "mammoth": (
+        "a path over skin inside the object (after Maunsbach et al. 2024)",
+        partial(IntersectionStrategy, raw="contact"),
+    ),
 }
 PRESET_LINES: dict[str, str] = {**OUTLINES, **{name: line for name, (line, _) in {**OTHERS, **CLOSED}.items()}}
 """What each preset draws, in one line."""

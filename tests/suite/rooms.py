@@ -23,8 +23,6 @@ BY_TEXT = {
             "device/__init__.py",
             "kernels/__init__.py",
             "render/__init__.py",
-            "render/bench/libraries.py",
-            "render/bench/peers.py",
             "render/cli/command_group.py",
             "render/cli/option_fields.py",
             "render/objects/voxels/files.py",

@@ -13,7 +13,7 @@ from palpate.kernels.offsets import PointLimitError
 from palpate.render import MeshObject, Palm, closed_contour, open_contour
 from palpate.render.bench.cases import random_poses
 from palpate.render.errors import MeshError
-from palpate.render.hands.flat_hand import flat_hand
+from palpate.render.hands.plane_hand import flat_hand
 from palpate.render.intersection import mesh_section
 from palpate.render.intersection.mesh_section import PATTERN, intersect, tally_intersection
 from palpate.render.strategies.presets import whole_outline

@@ -7,7 +7,7 @@ from depth_oracle import weighed
 from transform_cases import a_setting, assert_equal, near_poses, random_regions, rendered, run_stage
 
 from palpate.render import MeshObject, Palm, PlaneHand, Scene, Stage, static_pose
-from palpate.render.hands.flat_hand import flat_hand
+from palpate.render.hands.plane_hand import flat_hand
 from palpate.render.stages.depth import CACHE_SIZE, mesh_of
 from palpate.render.strategies.presets import closed_then
 

@@ -6,7 +6,7 @@ from transform_cases import a_setting, random_poses
 
 from palpate.datasets.hand_model.shape import hand_shape
 from palpate.render import MeshHand, Palm, PlaneHand
-from palpate.render.hands.flat_hand import flat_hand
+from palpate.render.hands.plane_hand import flat_hand
 from palpate.render.stages.patch_frames import place_hand
 
 

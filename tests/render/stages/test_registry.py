@@ -13,7 +13,7 @@ from contour_random import random_batch
 
 from palpate.render import ContourBatch, IntersectionStrategy
 from palpate.render.errors import PalpateWarning, StrategyError
-from palpate.render.hands.flat_hand import flat_hand
+from palpate.render.hands.plane_hand import flat_hand
 from palpate.render.stages import registry
 from palpate.render.stages.prune import cut_batch
 from palpate.render.stages.registry import (

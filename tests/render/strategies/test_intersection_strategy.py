@@ -77,7 +77,7 @@ def test_flush_is_stored_where_it_is_given_and_refused_out_of_its_range():
     [
         ("[]", "JSON object"),
         ('{"rew": "section"}', "unknown field 'rew'"),
-        ('{"raw": "slices"}', "raw: unknown stage 'slices'; known: section, contact, overlap"),
+        ('{"raw": "slices"}', "raw: unknown stage 'slices'; known: section, contact"),
         ('{"raw": ["section"]}', "raw: a stage is a name"),
         ('{"prune": "outside"}', "prune must be a list, not 'outside'"),
         ('{"prune": ["tiny"]}', "prune: unknown stage 'tiny'; known: outside, off-skin"),

@@ -27,7 +27,7 @@ MAKERS = ("ellipse", "circle", "centroid", "hatch", "inset")
         ("section", ("outside",), ("close", "corners", "ellipse"), '"ellipse" draws .*"corners"'),
         ("section", (), ("depth", "smooth", "inset"), '"inset" draws .*"depth"'),
         ("section", ("outside",), ("close", "circle", "edges"), '"edges" tells .*"circle"'),
-        ("overlap", (), ("edges",), '"edges" tells .*raw "overlap"'),
+        ("contact", (), ("edges",), '"edges" tells .*raw "contact"'),
     ],
 )
 def test_orders_that_make_no_sense_are_refused(raw, prune, transform, message):

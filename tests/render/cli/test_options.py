@@ -17,7 +17,7 @@ from palpate.render.cli.app import app
 from palpate.render.exports.file_export import FORMATS
 from palpate.render.intersection.named_inputs import HANDS
 from palpate.render.objects.voxels.files import UNITS, WRITERS
-from palpate.render.objects.voxels.voxel_object import KINDS
+from palpate.render.objects.voxels.grid import KINDS
 from palpate.render.objects.voxels.voxeliser import SIGNS
 from palpate.render.playback.drive import AMPLITUDES, SOLVERS
 from palpate.render.playback.file_playback import CLOCKS

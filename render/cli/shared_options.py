@@ -9,7 +9,7 @@ from .option_fields import option, switch
 
 OBJECTS = ("cube", "sphere", "tube", "dog", "dog-detailed", "rock", "boulder")
 STRATEGIES = (
-    "oc", "cc", "whole", "mammoth", "overlap", "corners", "corner-pauses", "edges", "simplified", "smooth", "inset",
+    "oc", "cc", "whole", "mammoth", "corners", "corner-pauses", "edges", "simplified", "smooth", "inset",
     "hatch", "inset-hatch", "ellipse", "pca-ellipse", "circle", "centroid", "depth", "depth-hatch",
 )  # fmt: skip
 SAMPLINGS = (

@@ -65,7 +65,7 @@ add_command(app, arrays.DevicesCommand, "devices", "List arrays, and why one can
 add_command(app, arrays.SelftestCommand, "selftest", "Play stimuli that a hand should feel.")
 add_command(app, contours.NoiseCommand, "noise", "Predict how loud renderings are, and listen.")
 add_command(app, contours.FieldCommand, "field", "Predict the pressure on the palm, or in a plane.")
-add_command(app, arrays.BenchCommand, "bench", "Time contours on this machine.")
+add_command(app, arrays.BenchCommand, "bench", "Time contours of random palms.")
 add_command(app, arrays.ReproduceCommand, "reproduce", "Make the founding paper's evaluation again.")
 add_command(sweep, plans.SweepCommand, RUN, cls=RunCommand, hidden=True, epilog=STORES)
 add_command(sweep, plans.SweepStatusCommand, "status")

@@ -149,11 +149,11 @@ class BenchCommand(Command):
     """Time contours of random palms on this machine: one row for each object and strategy."""
 
     job = "..bench.speed:run_bench"
-    given = ("objects", "strategies", "device", "poses")
+    given = ("objects", "strategy", "device", "poses")
     objects: str = option(
         "NAME,...", "Built in, or blob-N of about N triangles (blob-5000).", "cube,tube,sphere,blob-100k"
     )
-    strategies: str = option("NAME,...", "oc, cc, or both.", "oc,cc", "--strategy")
+    strategy: str = option("NAME,...", "oc, cc, or both.", "oc,cc")
     device: str = option("DEVICE", "cpu, cuda:0, ...", "cpu")
     poses: int | None = option("N", "By default half a second of them, on a GPU 4,000,000.", low=1, high=10**8)
 

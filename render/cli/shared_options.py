@@ -269,9 +269,7 @@ class PageOptions:
 class PictureOptions:
     """The look of a picture."""
 
-    width: str | None = option(
-        "METRES|NAME", "Of the picture [m], or single, double, ieee-single, ieee-double; of an animated one [pixel]."
-    )
+    width: str | None = option("METRES|NAME", "Of the picture [m], or single, double, ieee-single, ieee-double.")
     font_size: float | None = option("POINTS", "Of all texts in the picture [pt], by default 8.")
 
 

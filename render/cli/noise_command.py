@@ -8,9 +8,9 @@ from ...datasets.errors import ContourFileError, name_nothing
 from ...datasets.focus_files.frame_reader import frame_format
 from ...datasets.known_names import likely_file
 from ...device.array import ArrayModel
-from ..acoustics.noise import NoiseListener, NoiseModel, NoiseSignal
+from ..acoustics.noise import NoiseListener, NoiseModel
 from ..acoustics.prediction import frames_of
-from ..acoustics.spectrum import NoiseSpectrum, level_differences
+from ..acoustics.spectrum import NoiseSignal, NoiseSpectrum, level_differences
 from ..acoustics.transducers import Resonance, TransducerSet
 from ..acoustics.wave_files import require_wave_file, write_wave_files
 from ..errors import StrategyError

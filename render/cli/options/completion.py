@@ -23,7 +23,7 @@ def complete_motion(incomplete: str) -> list[str]:
 
 def complete_strategy(incomplete: str) -> list[str]:
     """Presets of intersection strategies."""
-    return _named("..strategies.presets", "PRESETS", incomplete)
+    return _named("..strategies.intersection_strategy", "PRESETS", incomplete)
 
 
 def complete_hand(incomplete: str) -> list[str]:

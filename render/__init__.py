@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     from ..datasets.shapes.built_in import shape_names
     from .acoustics.emission import PlayedFrames
     from .acoustics.field_metrics import PressureMetrics, pressure_metrics
-    from .acoustics.noise import NoiseListener, NoiseModel, NoiseSignal
+    from .acoustics.noise import NoiseListener, NoiseModel
     from .acoustics.prediction import predict_noise
     from .acoustics.pressure import pressure_at
     from .acoustics.radiation import radiation_pressure
-    from .acoustics.spectrum import NoiseSpectrum, level_differences
+    from .acoustics.spectrum import NoiseSignal, NoiseSpectrum, level_differences
     from .acoustics.transducers import Resonance
     from .acoustics.wave_files import write_wave_files
     from .contour_batch import ContourBatch
@@ -104,8 +104,9 @@ if TYPE_CHECKING:
     from .scripting.rendered_batch import RenderedBatch
     from .scripting.rendering import load_contours, render
     from .scripting.sampled_contours import SampledContours
+    from .stages.point_function import register_point_function
     from .stages.prune import cut_batch
-    from .stages.registry import Stage, register_point_function, register_prune, register_transform
+    from .stages.registry import Stage, register_prune, register_transform
     from .strategies.intersection_strategy import IntersectionStrategy, closed_contour, load_strategy, open_contour
     from .sweeps.plan.loading import load_plans
     from .sweeps.report.table import tidy_columns
@@ -125,11 +126,11 @@ _ROOMS = {
     ".datasets.shapes.built_in": "shape_names",
     "acoustics.emission": "PlayedFrames",
     "acoustics.field_metrics": "PressureMetrics pressure_metrics",
-    "acoustics.noise": "NoiseListener NoiseModel NoiseSignal",
+    "acoustics.noise": "NoiseListener NoiseModel",
     "acoustics.prediction": "predict_noise",
     "acoustics.pressure": "pressure_at",
     "acoustics.radiation": "radiation_pressure",
-    "acoustics.spectrum": "NoiseSpectrum level_differences",
+    "acoustics.spectrum": "NoiseSignal NoiseSpectrum level_differences",
     "acoustics.transducers": "Resonance",
     "acoustics.wave_files": "write_wave_files",
     "contour_batch": "ContourBatch",
@@ -181,7 +182,8 @@ _ROOMS = {
     "scripting.rendered_batch": "RenderedBatch",
     "scripting.rendering": "load_contours render",
     "scripting.sampled_contours": "SampledContours",
-    "stages.registry": "Stage register_point_function register_prune register_transform",
+    "stages.registry": "Stage register_prune register_transform",
+    "stages.point_function": "register_point_function",
     "stages.prune": "cut_batch",
     "strategies.intersection_strategy": "IntersectionStrategy closed_contour load_strategy open_contour",
     "sweeps.plan.loading": "load_plans",

@@ -29,7 +29,8 @@ from ..objects.mesh.solid_mesh import MeshObject
 from ..objects.moving_object import seen_from
 from ..objects.solid import Solid
 from ..runtime.stage_timing import StageClock
-from ..stages.registry import BY_RAW_KERNELS, Setting, find_stage
+from ..stages.registry import BY_RAW_KERNELS, find_stage
+from ..stages.setting import Setting
 from ..strategies.intersection_strategy import IntersectionStrategy, strategy_of
 from ..strategies.stage_order import FILLS, SHAPES, TOURS
 from ..strategies.stage_runner import run_stages

@@ -11,8 +11,7 @@ from palpate.render import IntersectionStrategy
 from palpate.render.errors import StrategyError
 from palpate.render.hands.hand import PatchFrames
 from palpate.render.stages.registry import Stage, known_stages
-from palpate.render.strategies.intersection_strategy import PRESETS
-from palpate.render.strategies.presets import PRESET_LINES
+from palpate.render.strategies.intersection_strategy import PRESET_LINES, PRESETS
 from palpate.render.strategies.stage_order import require_order
 
 MAKERS = ("ellipse", "circle", "centroid", "hatch", "inset")

@@ -15,8 +15,8 @@ from palpate.kernels.stages.point_function import PLACES, map_intensity, map_poi
 from palpate.render import IntersectionStrategy, Stage, load_strategy, register_point_function, render, static_pose
 from palpate.render.errors import PalpateWarning
 from palpate.render.stages import registry
-from palpate.render.stages.registry import known_stages, set_intensity
-from palpate.render.stages.vertex_spacing import length_least, segment_lengths
+from palpate.render.stages.point_function import length_least, segment_lengths, set_intensity
+from palpate.render.stages.registry import known_stages
 
 GUIDE = Path(__file__).parents[3] / "docs/guide/strategies.md"
 CUBE = 0.085  # [m], its edges

@@ -7,7 +7,6 @@ from transform_cases import a_setting, random_poses
 from palpate.datasets.hand_model.shape import hand_shape
 from palpate.render import MeshHand, Palm, PlaneHand
 from palpate.render.hands.plane_hand import flat_hand
-from palpate.render.stages.patch_frames import place_hand
 
 
 def a_hand(kind, rng):
@@ -30,7 +29,7 @@ def test_patches_have_the_bits_of_the_frames(kind, count, device, rng):
     pose = random_poses(rng, count)
     pose[:, 3:] *= rng.uniform(0.999, 1.001, (count, 1)).astype(np.float32)
     setting = a_setting(pose, hand=a_hand(kind, rng), device=device)
-    patches = place_hand(setting)
+    patches = setting.patches
     for name in ("origin", "u", "v", "n", "half"):
         values = getattr(patches, name).numpy()
         np.testing.assert_array_equal(values, getattr(setting.frames, name).reshape(values.shape), err_msg=name)

@@ -25,7 +25,6 @@ SEVERAL_MEANINGS = {
     "--label": "a part of a volume, or a file in a picture",
     "--out": "what is written",
     "--poses": "which of a file, how many of a measurement",
-    "--repeats": "of a playback, of a measurement",
     "--sampling": "live takes several",
     "--resume": "a file's poses, or a participant",
     "--seed": "of an exploration, of simulated studies",

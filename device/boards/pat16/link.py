@@ -15,10 +15,10 @@ from ...clock import Clock
 from ...codec import off_frame
 from ...errors import CalibrationError, DeviceTimeoutError, UpdateRateError
 from ...link import never
-from ...transports.bulk import usb_backend
+from ...transports.bulk import open_transport, usb_backend
+from ...transports.lookup import emulated_clock
 from ...transports.stream import StreamLink
-from ...transports.transport import Transport, open_transport
-from ...transports.usb_lookup import emulated_clock
+from ...transports.transport import Transport
 from .ftdi import BULK_OUT, FtdiPort
 
 _MARK = 0x80

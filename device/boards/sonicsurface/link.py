@@ -13,10 +13,8 @@ from ...clock import Clock
 from ...codec import off_frame
 from ...errors import LinkError
 from ...link import never
-from ...transports.pyserial import SystemPorts
-from ...transports.serial_line import SerialPorts
-from ...transports.serial_lookup import choose_port, open_port
-from ...transports.serial_transport import SerialTransport
+from ...transports.lookup import choose_port, open_port
+from ...transports.serial_line import SerialPorts, SystemPorts
 from ...transports.stream import StreamLink
 from .swaps import SwapTransport
 
@@ -36,10 +34,9 @@ class SonicLink(StreamLink):
     _transport: SwapTransport
 
     def __init__(
-        self, model: ArrayModel, transport: SerialTransport, *, serial: str | None, clock: Clock | None = None
+        self, model: ArrayModel, transport: SwapTransport, *, serial: str | None, clock: Clock | None = None
     ) -> None:
-        frames = SwapTransport(transport, model.frame_bytes)
-        super().__init__(model, frames, off_frame(array=model).tobytes(), serial=serial, clock=clock)
+        super().__init__(model, transport, off_frame(array=model).tobytes(), serial=serial, clock=clock)
         self._byte_ns = 1e9 / model.frame_clock
 
     @property
@@ -71,7 +68,8 @@ class SonicLink(StreamLink):
         info = choose_port(model, request.serial, ports)
         port = open_port(model, info, ports, baud=baud)
         clock = request.clock or ports.clock
-        transport = SerialTransport(port, baud, who=f"{model.name} at {info.path}", clock=clock)
+        who = f"{model.name} at {info.path}"
+        transport = SwapTransport(port, baud, frame_bytes=model.frame_bytes, who=who, clock=clock)
         link = cls(model, transport, serial=info.serial or info.path, clock=clock)
         with suppress(LinkError):  # `start` meets it again
             link.send_off()  # a board that was just switched on emits

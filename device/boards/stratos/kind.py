@@ -14,7 +14,7 @@ import numpy as np
 from ...array import POINT_BYTES, ArrayModel
 from ...array_kind import ArrayKind, EmulationRequest, LinkRequest
 from ...flat_arrays import flat_array, flat_grid
-from ...focus_layout import FocusLayout
+from ...wire_layout import FocusLayout
 
 if TYPE_CHECKING:
     from .link import BridgeLink

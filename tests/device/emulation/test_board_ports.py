@@ -58,7 +58,7 @@ def test_they_know_nothing_of_pyserial() -> None:
     for module in ("emulation/serial_bus", "transports/serial_line", "boards/sonicsurface/model"):
         tree = ast.parse((folder / f"{module}.py").read_text())
         imported = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.level}
-        assert imported <= {"clock", "faults", "transports.serial_line", "emulation.serial_bus"}
+        assert imported <= {"clock", "errors", "faults", "transports.serial_line", "emulation.serial_bus"}
 
 
 def test_what_is_written_is_played(ports: SonicPorts, port: SerialPort) -> None:

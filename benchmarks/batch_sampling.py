@@ -17,8 +17,8 @@ from turns import seconds_by_turns
 
 from palpate.render import ContourBatch, MeshObject, Palm, SamplingStrategy, Scene
 from palpate.render.motions.explorations.explored import ExploredPoses, explored_rows
-from palpate.render.sampling.presets import load_sampling
 from palpate.render.sampling.metrics import MotionSamples
+from palpate.render.sampling.presets import load_sampling
 from palpate.render.sampling.sampler import sample_motions
 
 DURATION, RATE = 30.0, 90.0

@@ -16,8 +16,7 @@ import numpy as np
 
 from ...kernels.fields.field import Field
 from ...kernels.fields.mesh_inside import mesh_field
-from ...kernels.section.edge_pairing import OPEN, twins_of
-from ...kernels.section.half_edges import HalfEdges, upload_surface
+from ...kernels.section.half_edges import OPEN, HalfEdges, twins_of, upload_surface
 from ..errors import MeshError, StrategyError
 from .hand import Hand
 from .mesh_hand import MeshHand

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...kernels.section.edge_pairing import OPEN, twins_of
+from ...kernels.section.half_edges import OPEN, twins_of
 from ..errors import MeshError
 from ..user_warnings import warn_user
 

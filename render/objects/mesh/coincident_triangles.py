@@ -7,7 +7,7 @@ A triangle that is there twice in the same direction is no wall if two bodies on
 
 import numpy as np
 
-from ....kernels.section.edge_pairing import twins_of
+from ....kernels.section.half_edges import twins_of
 from .bodies import body_labels, largest_faces, normals_of, signed_volumes
 from .sheets import edges_of, joined_by_edges, joined_by_pairs
 

@@ -6,7 +6,7 @@ gaps here and overlaps there, and what uniting leaves of them would be drawn as 
 
 import numpy as np
 
-from ....kernels.section.edge_pairing import twins_of
+from ....kernels.section.half_edges import twins_of
 from ....kernels.solids.crossing import find_crossings
 from ...runtime.loading_progress import Watch
 from .bodies import body_labels, normals_of

@@ -6,12 +6,11 @@ from time import perf_counter
 
 import numpy as np
 
-from ....kernels.section.edge_pairing import OPEN
-from ....kernels.section.half_edges import LEAF, Boxes, HalfEdges
+from ....kernels.section.half_edges import LEAF, OPEN, Boxes, HalfEdges
 from .kept_arrays import kept_folder, maker_digest, read_entry, write_entry
 
 SECONDS_LEAST = 0.2  # of making them, below which they are not kept: some 200,000 triangles
-SOURCES = ("kernels/section/edge_pairing.py", "kernels/section/half_edges.py")  # of palpate, that decide what they are
+SOURCES = ("kernels/section/half_edges.py",)  # of palpate, that decide what they are
 LIBRARIES = ("numpy", "scipy")
 
 

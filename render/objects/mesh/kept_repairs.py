@@ -17,7 +17,7 @@ from .report import MeshReport
 SECONDS_LEAST = 0.5  # of repairing, below which a mesh is not kept
 SOURCES = (  # of palpate, that decide how a mesh is repaired
     "kernels/solids/crossing.py",
-    "kernels/section/edge_pairing.py",
+    "kernels/section/half_edges.py",
     "kernels/solids/nesting.py",
     "kernels/solids/orientation.py",
     "kernels/offsets.py",

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ....kernels.section.edge_pairing import group_starts, order_of
+from ....kernels.section.half_edges import group_starts, order_of
 from ...errors import MeshError
 
 ROUNDING = 2.0**-22  # of a mesh's size: two steps of float32, in which meshes are stored and cut

@@ -11,7 +11,7 @@ import trimesh
 from rich.console import Console
 
 from palpate.datasets.shapes.built_in import shape
-from palpate.kernels.section.edge_pairing import group_starts, order_of
+from palpate.kernels.section.half_edges import group_starts, order_of
 from palpate.render import MeshObject
 from palpate.render.errors import PalpateWarning
 from palpate.render.intersection.named_inputs import load_motion, load_solid

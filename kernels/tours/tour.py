@@ -18,7 +18,7 @@ from ..contours import Contours, room_for
 from ..offsets import launch, scan_counts
 from ..one_device import on_one_device
 from ..patch import EXACT
-from ..section.piece_walker import MADE
+from ..section.draw import MADE
 
 wp.set_module_options(EXACT)
 

@@ -7,7 +7,7 @@ from mesh_cases import CLOSED, MIDDLE, generic_poses
 from skin_cases import drawn, grid_skin, lines_of, oracle_lines, placed_by, solid_on, summary_of
 from stage_cases import assert_limited
 
-from palpate.kernels.section.edge_pairing import OPEN, twins_of
+from palpate.kernels.section.half_edges import OPEN, twins_of
 from palpate.kernels.skin.curves import list_curves
 from palpate.kernels.skin.edges import SkinEdges, upload_skin
 from palpate.kernels.skin.refine import refine_faces

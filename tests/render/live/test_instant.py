@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drawing import searching_by
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mesh_cases import CLOSED, MESHES, MIDDLE, generic_poses
@@ -16,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from palpate.datasets import HandMotion
 from palpate.datasets.errors import MotionError
 from palpate.datasets.motions.hand_motion import PALM_DOWN
-from palpate.kernels.section.recorded_launches import RoomSize
+from palpate.kernels.section.room import RoomSize
 from palpate.render import (
     IntersectionStrategy,
     MeshObject,
@@ -37,7 +38,6 @@ from palpate.render.sampling.sampler import Sampler, sample_bounds, sample_conto
 from palpate.render.sampling.strategy import AmplitudeModulation, LateralModulation, SamplingStrategy
 
 sys.path.insert(0, str(Path(__file__).parents[3] / "benchmarks"))
-from one_pose import object_of
 
 STRATEGIES = {"raw": IntersectionStrategy(), "oc": open_contour(), "cc": closed_contour()}
 PALM = Palm(0.085, 0.06)
@@ -86,15 +86,16 @@ def joined(blocks):
 
 
 @pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize("method", ["trace", "seek"])
+@pytest.mark.parametrize("search", ["scan", "tree"])
 @pytest.mark.parametrize("strategy", STRATEGIES)
 @pytest.mark.parametrize("name", MESHES)
-def test_contours_are_those_of_render_bit_for_bit(name, strategy, method):
+def test_contours_are_those_of_render_bit_for_bit(name, strategy, search):
     if strategy == "cc" and name not in CLOSED:
         return  # closed contours are not defined, or are refused
     thing, poses = thing_of(name), generic_poses(60, 3)
     expected = render(thing, PALM, poses, STRATEGIES[strategy])
-    contours = PreparedContours(thing, PALM, STRATEGIES[strategy], method=method)
+    with searching_by(search):
+        contours = PreparedContours(thing, PALM, STRATEGIES[strategy])
     assert expected.polyline_count > 5
     for i, pose in enumerate(poses):
         assert_same_bits(contours.at_checked(pose), expected.select(i, i + 1))
@@ -102,20 +103,22 @@ def test_contours_are_those_of_render_bit_for_bit(name, strategy, method):
 
 @pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("size", [RoomSize(1, 1, 1), RoomSize(200, 1, 1), RoomSize(1, 200, 1), RoomSize(1, 1, 10_000)])
-@pytest.mark.parametrize("method", ["trace", "seek"])
+@pytest.mark.parametrize("search", ["scan", "tree"])
 @pytest.mark.parametrize("strategy", STRATEGIES)
-def test_a_pose_that_needs_more_memory_gets_it_once(strategy, method, size):
+def test_a_pose_that_needs_more_memory_gets_it_once(strategy, search, size):
     thing, poses = thing_of("comb"), crowded_poses(6)
     expected = render(thing, PALM, poses, STRATEGIES[strategy])
     assert np.diff(expected.pose_start).max() > (2 if strategy == "cc" else 8)
-    contours = PreparedContours(thing, PALM, STRATEGIES[strategy], method=method, size=size)
+    with searching_by(search), pytest.MonkeyPatch.context() as there:
+        there.setattr(RoomSize, "for_sections", lambda _: size)
+        contours = PreparedContours(thing, PALM, STRATEGIES[strategy])
     grown = []
     for _ in range(2):
         for i, pose in enumerate(poses):
             assert_same_bits(contours.at_checked(pose), expected.select(i, i + 1))
             grown.append(contours.grown)
     assert 1 <= grown[len(poses) - 1] == grown[-1] <= 20
-    assert PreparedContours(thing, PALM, STRATEGIES[strategy], method=method).grown == 0
+    assert PreparedContours(thing, PALM, STRATEGIES[strategy]).grown == 0
 
 
 SAMPLINGS = {
@@ -308,24 +311,18 @@ def test_impossible_intervals_and_closed_contours_of_an_open_mesh_are_refused_wh
         Instant(thing_of("bowl"), PALM, closed_contour())
 
 
-@pytest.mark.exhaustive
-def test_a_method_that_there_is_not_is_refused_when_made():
-    with pytest.raises(ValueError, match="guess"):
-        PreparedContours(thing_of("tube"), PALM, closed_contour(), method="guess")
-    with pytest.raises(ValueError, match="no scan path"):
-        PreparedContours(object_of("blob-100k"), PALM, closed_contour(), method="trace")
-
-
 TWO_PALMS = PlaneHand((HandPatch("palm", 0.085, 0.085), HandPatch("over", 0.03, 0.1, (0.02, 0.015, -0.01, 0, 0, 0, 1))))
 
 
 @pytest.mark.parametrize("size", [RoomSize(), RoomSize(1, 1, 1)])
-@pytest.mark.parametrize("method", ["trace", "seek"])
-def test_every_patch_of_a_hand_is_drawn(method, size):
+@pytest.mark.parametrize("search", ["scan", "tree"])
+def test_every_patch_of_a_hand_is_drawn(search, size):
     thing, poses = thing_of("dog"), generic_poses(60, 5)
     expected = render(thing, TWO_PALMS, poses, closed_contour())
     assert set(expected.polyline_patch) == {0, 1}
-    contours = PreparedContours(thing, TWO_PALMS, closed_contour(), method=method, size=size)
+    with searching_by(search), pytest.MonkeyPatch.context() as there:
+        there.setattr(RoomSize, "for_sections", lambda _: size)
+        contours = PreparedContours(thing, TWO_PALMS, closed_contour())
     for i, pose in enumerate(poses):
         assert_same_bits(contours.at_checked(pose), expected.select(i, i + 1))
 

@@ -17,7 +17,7 @@ from transform_cases import (
     with_weights,
 )
 
-from palpate.kernels.section.piece_walker import OBJECT
+from palpate.kernels.section.draw import OBJECT
 from palpate.render import (
     ContourBatch,
     HandPatch,

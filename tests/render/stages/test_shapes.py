@@ -16,7 +16,7 @@ from transform_cases import (
     run_stage,
 )
 
-from palpate.kernels.section.piece_walker import MADE
+from palpate.kernels.section.draw import MADE
 from palpate.render.errors import PalpateWarning, StrategyError
 from palpate.render.stages.fill import inset_loops
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from palpate.kernels.section.edge_pairing import group_starts, order_of
+from palpate.kernels.section.half_edges import group_starts, order_of
 from palpate.render.intersection.named_inputs import load_solid
 from palpate.render.objects.mesh.placement import Placement
 from palpate.render.objects.mesh.solid_mesh import repeats_at_most

@@ -15,9 +15,6 @@ from palpate.kernels.fillings.inset import draw_inset
 
 SAGITTA = 1.0 - np.cos(np.pi / 64)  # of the distance, between an arc and its polygon
 SQUARE = 0.02 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]])
-BONE = 0.01 * np.array(
-    [[-3, -1], [-1, -1], [-1, -0.2], [1, -0.2], [1, -1], [3, -1], [3, 1], [1, 1], [1, 0.2], [-1, 0.2], [-1, 1], [-3, 1]]
-)
 TURNED = np.array([[np.cos(0.3), np.sin(0.3)], [-np.sin(0.3), np.cos(0.3)]])
 
 
@@ -96,21 +93,6 @@ def test_outlines_on_a_grid_have_their_inset(distance, device, rng):
         turned = [[loop @ turn for loop in region] for region in regions]
         for loops, region in zip(inset_of(turned, device, distance), turned, strict=True):
             assert_inset(loops, region, distance)
-
-
-def test_a_region_falls_apart_at_its_waist_and_vanishes(device):
-    for distance, count in ((0.001, 1), (0.003, 2), (0.011, 0)):
-        ((*loops,),) = inset_of([[BONE]], device, distance)
-        assert len(loops) == count
-        assert_inset(loops, [BONE], distance)
-
-
-def test_holes_grow_and_grow_together(device):
-    holes = [0.15 * SQUARE[::-1] + [side * 0.005, 0.0] for side in (-1, 1)]  # 4 mm between them
-    for distance, count in ((0.001, 3), (0.003, 2)):
-        ((*loops,),) = inset_of([[SQUARE, *holes]], device, distance)
-        assert [signed_area(loop) > 0 for loop in loops] == [True] + [False] * (count - 1)
-        assert_inset(loops, [SQUARE, *holes], distance)
 
 
 def test_outlines_that_cross_turn_straight_back_or_repeat_points_have_the_inset_of_manifold(device):

@@ -63,25 +63,6 @@ def test_random_contours_have_the_hatch_of_the_oracle(spacing, angle, connect, d
     assert assert_hatched(tangled, a_setting(random_poses(rng, 30), hand=hand, device=device), **options) > 10
 
 
-def test_batches_of_nothing_have_no_hatch(device, rng):
-    batch, setting, _ = random_regions(rng, 6)
-    for first in (0, 3):  # pose 0 and pose 3 have no contours
-        assert assert_hatched(batch.select(first, first), a_setting(setting.pose[:0], device=device)) == 0
-        pose = setting.pose[first : first + 1]
-        assert assert_hatched(batch.select(first, first + 1), a_setting(pose, device=device)) == 0
-    lone = batch_of_loops([[star(rng, np.zeros(2), 0.01)[::-1]]], setting.frames)  # a hole without a loop around it
-    assert assert_hatched(lone, a_setting(setting.pose[:1], device=device)) == 0
-
-
-def test_intensity_and_dwell_of_what_is_filled_are_left_out(device, rng):
-    batch, setting, _ = random_regions(rng, 6)
-    there = a_setting(setting.pose, device=device)
-    plain = run_stage("hatch", batch, there)
-    ones = np.ones(batch.point_count, np.float32)
-    assert plain.point_count > 0
-    assert_equal(run_stage("hatch", replace(batch, intensity=0.5 * ones, dwell=ones), there), plain)
-
-
 @pytest.mark.parametrize(("name", "options"), [("hatch", {"spacing": 0.002}), ("inset", {"distance": 0.001})])
 def test_more_points_than_the_limit_are_refused(name, options, device, rng):
     batch, setting, _ = random_regions(rng, 6)
@@ -142,14 +123,3 @@ def test_regions_that_wind_around_themselves_are_left_out_and_counted_whatever_b
         alone = a_setting(setting.pose[k : k + 1], device=device)
         assert_equal(run_stage("inset", batch.select(k, k + 1), alone, distance=0.001), got.select(k, k + 1))
         assert got.select(k, k + 1).polyline_count > 0
-
-
-def test_batches_of_nothing_have_no_inset(device, rng):
-    batch, setting, _ = random_regions(rng, 6)
-    empty = run_stage("inset", batch.select(3, 3), a_setting(setting.pose[:0], device=device))
-    assert (empty.pose_count, empty.point_count) == (0, 0)
-    for distance, there in ((0.001, True), (0.1, False)):
-        got = run_stage("inset", batch, a_setting(setting.pose, device=device), distance=distance)
-        assert_valid(got, 6)
-        assert (got.polyline_count > 0) == there
-    assert run_stage("inset", batch.select(0, 1), a_setting(setting.pose[:1], device=device)).point_count == 0

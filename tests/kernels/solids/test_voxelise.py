@@ -214,13 +214,6 @@ def test_bodies_that_overlap_in_an_open_mesh_leave_no_voids_where_nodes_lie_on_t
     assert whole.volume == pytest.approx((1 / 16) ** 2 * 3 / 32, rel=0.02 if kind == "distance" else 0.2)
 
 
-def test_on_a_closed_surface_the_winding_number_is_a_half(device):
-    vertices, faces = built_in("cube")
-    low, high = vertices.min(axis=0).astype(float), vertices.max(axis=0).astype(float)
-    nodes = GridNodes(np.array([*(low[:2] + 0.3 * (high - low)[:2]), low[2]]), np.array([1e-3, 1e-3, 1.0]), (5, 5, 1))
-    np.testing.assert_allclose(wind_nodes(vertices.astype(float), faces, nodes, device), 0.5, atol=1e-6)
-
-
 def test_parity_serves_a_closed_surface_whose_sides_do_not_agree(device):
     """Four faces of an octahedron and its three middle squares: one side only, but every column crosses it in pairs."""
     vertices = MIDDLE + 0.05 * np.concatenate([np.eye(3), -np.eye(3)])

@@ -1,12 +1,10 @@
 """`palpate info MESH`: planted faults are counted as they were planted, and the ways out that it names work."""
 
-import json
-
 import numpy as np
 import pytest
 import trimesh
 from box_meshes import box, inverted, joined
-from command_line import answer, refused, run
+from command_line import answer, run
 
 from palpate.datasets import ContourFile
 from palpate.render import MeshObject, Palm, closed_contour, open_contour, render
@@ -61,14 +59,6 @@ def test_planted_faults_are_counted(name, suffix, tmp_path):
     assert {key: str(told[key]).split(":")[0] for key in planted} == {key: str(value) for key, value in planted.items()}
     assert (told["changed"], told["left"]) == ("nothing", "nothing") or name != "nothing"
     assert {told["changed"], told["left"]} != {"nothing"} or name in ("nothing", "cavity")
-
-
-def test_rim_is_measured_as_placed(tmp_path):
-    vertices, faces = without_top(box(80.0, (0, 0, 200)))  # millimetres
-    trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / "open.ply")
-    told = answer("info", tmp_path / "open.ply", "--scale", "0.001")
-    assert told["rim_longest"] == pytest.approx(4 * 0.08, rel=1e-6)
-    assert told["size"] == pytest.approx([0.08] * 3, rel=1e-6)
 
 
 def suggested(told, option):
@@ -155,25 +145,6 @@ def test_rule_of_inside_is_stored_and_tells_objects_apart(tmp_path):
         assert file.object()["attributes"]["repair"] == {"solid": "even-odd", "weld": 0.0, "fill_holes": 0.0}
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--solid", "odd"), "solid must be one of winding, even-odd, not 'odd'"),
-        (("--weld", "-1"), "--weld must be a length in metres of 0 or more, not -1.0"),
-        (("--fill-holes", "nan"), "--fill-holes must be a length in metres of 0 or more, not nan"),
-    ],
-)
-def test_bad_options_are_refused_with_value_and_bound(options, message):
-    refused(2, message, "info", "cube", *options)
-
-
-def test_options_of_a_mesh_are_refused_for_other_files(tmp_path):
-    (tmp_path / "ball.json").write_text(json.dumps({"op": "sphere", "radius": 0.05}))
-    refused(2, "ball.json is not", "info", tmp_path / "ball.json", "--weld", "1e-6")
-    refused(2, "--solid is of a mesh", "render", tmp_path / "ball.json", "exploration", "-o", tmp_path / "o.h5",
-            "--solid", "winding")  # fmt: skip
-
-
 def test_sheets_beside_bodies_that_cross_are_drawn_with_what_the_bodies_bound(device):
     """Two overlapping boxes under the even-odd rule stay two: their section and a flag's are drawn together."""
     bodies = joined(CUBE, box(0.08, (0.03, 0.02, 0.21)))
@@ -195,12 +166,6 @@ def test_a_file_in_millimetres_is_told_the_scale(tmp_path):
     told = answer("info", path, "--scale", "0.001")
     assert told["could_be_done"] == "nothing needed"
     assert told["size"] == pytest.approx([0.04] * 3)
-
-
-def test_a_distance_of_welding_that_leaves_no_surface_is_named(tmp_path):
-    path = tmp_path / "ball.ply"
-    SPHERE.export(path)
-    refused(1, "weld merges what is 1 of the file's units apart", "info", path, "--weld", 1)
 
 
 def test_lids_are_not_suggested_where_they_enclose_nothing(tmp_path, rng):
@@ -234,20 +199,6 @@ def test_a_union_that_lost_a_body_is_not_believed(monkeypatch, device):
     assert not thing.is_simple
     length = render(thing, Palm(0.4, 0.4), LEVEL, closed_contour(), device=device).length()
     assert length == pytest.approx([4 * 0.08 + 2 * 0.01], abs=1e-6)
-
-
-@pytest.mark.exhaustive
-def test_the_command_that_an_open_mesh_is_answered_with_makes_a_closed_solid(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    vertices, faces = without_top(box(80.0))
-    trimesh.Trimesh(vertices, faces, process=False).export("box.stl")  # in millimetres
-    with pytest.warns(PalpateWarning):
-        mesh = MeshObject.load("box.stl", scale=0.001)
-    words = mesh.voxelising().removeprefix("palpate ").removesuffix(" makes a closed solid of it").split()
-    assert words[0] == "voxelise"
-    answer(*words, "--device", "cpu")
-    told = answer("render", "box.npz", "exploration", "--duration", 0.1, "--at", 0, 0, 0.2, "-o", "box.h5")
-    assert told["poses"] == 9
 
 
 def test_a_gltf_file_is_answered_with_its_axis_that_points_up(tmp_path):

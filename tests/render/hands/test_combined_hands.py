@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from palpate.datasets.motions.hand_motion import HandMotion
 from palpate.render import MeshObject, Palm, closed_contour, open_contour, render
 from palpate.render.errors import PoseError, StrategyError
-from palpate.render.hands.combined_hands import Times, together
+from palpate.render.hands.combined_hands import together
 from palpate.render.hands.mesh_hand import MeshHand
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand, flat_hand
 
@@ -86,14 +86,6 @@ def test_no_hand_is_invented_in_a_gap():
     assert not bridged.absent.any()
     slow = motion_of(6, 7, rate=5.0)  # farther apart than a gap, but always so
     assert not together([(Palm(), base), (Palm(), slow)])[0].absent[:, 1].any()
-
-
-def test_rotations_go_the_short_way_whatever_the_sign_of_a_quaternion():
-    turns = Rotation.from_rotvec([[0, 0, 0], [0, 0, np.radians(40)]]).as_quat()
-    pose = np.concatenate([np.zeros((2, 3)), turns * [[1], [-1]]], axis=1)
-    two, one = HandMotion(np.array([0.0, 1.0]), pose), HandMotion(np.array([0.0, 0.5]), pose)
-    half = Times.of(two, one, same_clock=True, gap=2.0).poses(pose[:, None])[1, 0, 3:]
-    assert Rotation.from_quat(half).as_euler("zyx", degrees=True)[0] == pytest.approx(20.0)
 
 
 def skin(width, length):

@@ -16,7 +16,7 @@ from palpate.kernels.section.half_edges import HalfEdges, upload_surface
 from palpate.kernels.section.joining import join_pieces
 from palpate.render.contour_batch import ContourBatch
 from palpate.render.errors import MeshError, PalpateWarning, PlacementError, PoseError, StrategyError
-from palpate.render.hands.hand import Hand, Palm
+from palpate.render.hands.hand import Palm
 from palpate.render.hands.mesh_hand import MeshHand, facing_palm
 from palpate.render.hands.stored_hand import hand_from
 from palpate.render.objects.functions.expression import box
@@ -161,20 +161,6 @@ def test_a_closed_hand_that_faces_inwards_is_turned_over():
         assert hand.palm_frames.n[0, 0] == pytest.approx([0, 1, 0])
         assert hand.palm_frames.half[0] == pytest.approx([0.05, 0.05])
         assert hand.palm_frames.origin[0, 0] == pytest.approx([0, -0.01, 0])
-
-
-def test_frames_follow_pose_and_rows():
-    hand, palm = MeshHand(*two_triangles()), Palm()
-    poses = generic_poses(4, 13)
-    for one, two in zip(hand.frames(poses), palm.frames(poses), strict=True):
-        np.testing.assert_allclose(one, two, atol=1e-7)
-    np.testing.assert_allclose(hand.corners(poses), palm.corners(poses), atol=1e-7)
-    assert isinstance(hand, Hand)
-    lifted = MeshHand(np.stack([VERTICES, VERTICES + np.float32([0, 0.01, 0])]), FACES)
-    rows = lifted.frames(poses[[0, 0]])
-    shift = rows.origin[1, 0] - rows.origin[0, 0]
-    assert shift == pytest.approx(0.01 * rows.n[0, 0], abs=1e-6)
-    np.testing.assert_allclose(lifted.frames(poses[:1], 1).origin[0], rows.origin[1])
 
 
 @pytest.mark.parametrize("rows", [None, 3])

@@ -24,7 +24,7 @@ from palpate.render import (
     render,
 )
 from palpate.render.errors import PoseError, StrategyError
-from palpate.render.hands.hand import Hand, PatchHand, require_rows
+from palpate.render.hands.hand import Hand, PatchHand
 from palpate.render.hands.plane_hand import FINGERS, HandPatch, PatchJoint, PlaneHand, flat_hand
 from palpate.render.hands.stored_hand import hand_from
 from palpate.render.intersection.mesh_section import intersect
@@ -110,20 +110,6 @@ def test_nothing_is_drawn_on_a_patch_that_is_not_there(strategy, device):
     np.testing.assert_array_equal(np.isnan(corners).all(axis=(2, 3)), gone.absent)
     np.testing.assert_array_equal(gone.corners(pose[5:8], 5), corners[5:8])
     assert np.isfinite(gone.frames(pose).origin).all()
-
-
-def test_rows_of_an_articulated_hand_are_those_of_the_motion():
-    pose, hand = generic_poses(10, 6), articulated(10)
-    whole = hand.section_poses(pose)
-    np.testing.assert_array_equal(hand.section_poses(pose[4:7], 4), whole[4:7])
-    np.testing.assert_array_equal(hand.corners(pose[4:7], 4), hand.corners(pose)[4:7])
-    np.testing.assert_array_equal(hand.frames(pose[4:7], 4).n, hand.frames(pose).n[4:7])
-    np.testing.assert_allclose(hand.frames(pose).corners(), hand.corners(pose))
-    with pytest.raises(PoseError, match=r"articulated for 10 poses, not for 8\.\.12"):
-        hand.section_poses(pose[:4], 8)
-    with pytest.raises(PoseError, match="articulated for 10 poses, but the motion has 11"):
-        require_rows(hand, 11)
-    require_rows(Palm(), 11)
 
 
 @pytest.mark.parametrize("hand", [Palm(0.08, 0.1), flat_hand(), articulated(4), articulated(1)], ids=range(4))

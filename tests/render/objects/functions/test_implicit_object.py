@@ -92,13 +92,6 @@ def test_an_expression_without_bounds_needs_some_and_is_cut_by_them():
 
 
 @pytest.mark.exhaustive
-def test_a_function_is_cut_by_its_bounds_with_a_warning():
-    with pytest.warns(PalpateWarning, match=r"ball: reaches its bounds' border, at \(-0.03, .*\) m for one"):
-        thing = made(functions.ball, [[-0.03] * 3, [0.06] * 3], placement=None, hand=True)
-    assert inside(thing, np.array([[-0.029, 0, 0], [-0.031, 0, 0]])).tolist() == [True, False]
-
-
-@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("name", "message"),
     [
@@ -201,20 +194,6 @@ def test_a_file_that_ends_the_program_is_refused(tmp_path):
     (tmp_path / "ends.py").write_text("raise SystemExit(3)\n")
     with pytest.raises(ImplicitError, match=r"ends\.py: cannot be imported \(SystemExit: 3\)"):
         ImplicitObject(f"{tmp_path / 'ends.py'}:f", bounds=[[-1] * 3, [1] * 3], allow_code=True)
-
-
-@pytest.mark.exhaustive
-def test_identity_is_of_what_decides_where_the_surface_is():
-    of = {
-        made(sphere(0.04)).identity,
-        made(sphere(0.041)).identity,
-        made(sphere(0.04), placement=Placement(at=(0, 0, 0.21))).identity,
-        made(functions.ball, AROUND).identity,
-        made(functions.ball_of_doubles, AROUND).identity,
-        made(functions.ball, [[-0.07] * 3, [0.06] * 3]).identity,
-    }
-    assert len(of) == 6
-    assert made(sphere(0.04), name="other").identity == made(sphere(0.04)).identity
 
 
 @pytest.mark.exhaustive

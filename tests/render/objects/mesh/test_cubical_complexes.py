@@ -8,7 +8,6 @@ from voxel_complexes import (
     Complex,
     as_indexed,
     as_soup,
-    has_cavity,
     layer_outline,
     mesh_outline,
     random_complex,
@@ -19,7 +18,6 @@ from voxel_complexes import (
 
 from palpate.render import MeshObject, Palm, closed_contour, open_contour, render
 from palpate.render.objects.mesh.repair import repair_mesh
-from palpate.render.objects.mesh.report import MeshReport
 
 SETS = 8  # of complexes, so that one that fails is found soon
 
@@ -92,19 +90,6 @@ def test_corners_on_sides_closed_by_slivers_change_nothing(kind):
     assert taken > 200
 
 
-@pytest.mark.exhaustive
-def test_walls_that_are_there_once_make_a_cavity_solid():
-    """The six sides of an empty voxel within single walls look like those of a filled one."""
-    filled = np.ones((3, 3, 3), bool)
-    filled[1, 1, 1] = False
-    rng = np.random.default_rng(2)
-    for walls, want in ((0, filled), (2, filled), (1, np.ones_like(filled))):
-        for _ in range(5):
-            mended = repair_mesh(*as_soup(triangles_of(Complex(filled, walls, True, False), rng)))
-            assert_is_solid(mended.vertices, mended.faces, want, 1e-9, walls)
-    assert has_cavity(filled)
-
-
 def random_boxes(rng, span=5):
     """Boxes with integer corners that overlap, touch and nest; the voxels they fill, and their triangles."""
     filled, triangles = np.zeros((span,) * 3, bool), []
@@ -159,10 +144,3 @@ def test_contours_of_random_complexes_are_those_of_their_layers(number, device):
             batch = render(thing, Palm(0.9, 0.9), poses, strategy, device=device)
             assert batch.length() == pytest.approx(want, abs=1e-5)
             assert batch.polyline_closed.all()
-
-
-def test_report_of_clean_cubes_says_nothing_was_done():
-    report = repair_mesh(
-        *as_soup(triangles_of(Complex(np.ones((1, 1, 1), bool), 0, True, False), np.random.default_rng(3)))
-    ).report
-    assert report == MeshReport(triangles=12, vertices_welded=28)

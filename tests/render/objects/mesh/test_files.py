@@ -1,7 +1,6 @@
 """Mesh files of every format as the object reads them: stray vertices, and what is said of files not read."""
 
 import json
-import warnings
 
 import numpy as np
 import pytest
@@ -56,17 +55,6 @@ def test_words_between_any_blanks_stay_within_the_budget(tmp_path, monkeypatch, 
     (tmp_path / "a.obj").write_text(OBJ + "f " + f"1{blank}" * 20_000 + "\n")
     with pytest.raises(MeshError, match="what its text holds takes 1"):
         load_mesh(tmp_path / "a.obj")
-
-
-def test_numbers_that_are_too_large_are_refused_without_a_line_of_numpys(tmp_path, capfd):
-    file = GltfFile(nodes=[{"mesh": 0, "scale": [1e300] * 3, "children": [1]}, {"mesh": 0, "scale": [1e300] * 3}])
-    file.mesh(np.where(CUBE > 0, 1e38, CUBE))
-    (tmp_path / "a.glb").write_bytes(file.glb())
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        with pytest.raises(MeshError, match="finite"):
-            MeshObject.load(tmp_path / "a.glb")
-    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply", ".off", ".glb"])
@@ -155,12 +143,3 @@ def test_a_scene_that_multiplies_is_refused(changed, said, tmp_path, monkeypatch
     (tmp_path / "a.glb").write_bytes(file.glb())
     with pytest.raises(MeshError, match=said):
         load_mesh(tmp_path / "a.glb")
-
-
-def test_a_mesh_with_letters_of_another_encoding_is_read(tmp_path):
-    mesh = "# Gr\xf6\xdfe\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
-    (tmp_path / "a.obj").write_text(mesh, encoding="latin-1")
-    (tmp_path / "b.obj").write_text(mesh, encoding="utf-8")
-    found = [load_mesh(tmp_path / name) for name in ("a.obj", "b.obj")]
-    for key in ("vertices", "faces"):
-        np.testing.assert_array_equal(getattr(found[0], key), getattr(found[1], key))

@@ -10,7 +10,6 @@ from palpate.datasets import ContourFile
 from palpate.render import MeshObject, Palm, closed_contour, open_contour, render
 from palpate.render.errors import MeshError, PalpateWarning
 from palpate.render.objects.mesh import repair as mend
-from palpate.render.objects.mesh.summary import ways_out
 
 LEVEL = np.array([[0, 0, 0.2, -np.sqrt(0.5), 0, 0, np.sqrt(0.5)]])  # a palm parallel to the array
 
@@ -99,16 +98,6 @@ def test_filling_holes_as_suggested_closes_them(tmp_path):
     assert volume == pytest.approx(SPHERE.volume, rel=1e-5)  # a lid over one triangle is that triangle
 
 
-def test_only_holes_up_to_the_length_are_filled(tmp_path):
-    (vertices, faces), _ = FAULTS["torn sphere"]
-    corner = SPHERE.triangles[SPHERE.triangles_center.argmax(axis=0)]  # of the triangles that are missing
-    rims = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).sum(axis=1)
-    trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / "torn.ply")
-    for length, filled in ((0.999 * rims.min(), 0), (1.001 * rims.max(), 3)):
-        told = answer("info", tmp_path / "torn.ply", "--fill-holes", length)
-        assert (told["open_edges"], told["holes_filled"]) == (9 - 3 * filled, filled)
-
-
 def test_welding_as_suggested_closes_a_soup_whose_corners_are_apart(tmp_path, rng):
     vertices, faces = CUBE
     soup = vertices[faces].reshape(-1, 3) + rng.uniform(-4e-7, 4e-7, (36, 3))
@@ -126,14 +115,6 @@ def test_sheets_beside_a_solid_are_drawn_by_oc_and_left_out_of_cc(device):
     lengths = [render(thing, Palm(0.4, 0.4), LEVEL, s(), device=device).length()[0] for s in
                (open_contour, closed_contour)]  # fmt: skip
     assert lengths == pytest.approx([4 * 0.08 + 0.04, 4 * 0.08], abs=1e-6)
-
-
-def test_an_open_surface_that_all_but_encloses_something_is_no_sheet():
-    with pytest.warns(PalpateWarning, match="4 open edges around 1 holes"):
-        thing = MeshObject(*joined(CUBE, without_top(box(0.05, (0.2, 0, 0.2)))))
-    assert thing.report.sheet_faces == 0
-    with pytest.raises(MeshError, match="4 open edges"):
-        thing.require_closed()
 
 
 def test_rule_of_inside_is_stored_and_tells_objects_apart(tmp_path):
@@ -199,12 +180,3 @@ def test_a_union_that_lost_a_body_is_not_believed(monkeypatch, device):
     assert not thing.is_simple
     length = render(thing, Palm(0.4, 0.4), LEVEL, closed_contour(), device=device).length()
     assert length == pytest.approx([4 * 0.08 + 2 * 0.01], abs=1e-6)
-
-
-def test_a_gltf_file_is_answered_with_its_axis_that_points_up(tmp_path):
-    vertices, faces = box(0.05, (0.0, 0.0, 0.2))
-    trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / "box.glb")
-    assert any(way.startswith('up="y"') for way in ways_out(MeshObject.load(tmp_path / "box.glb"), 1.0))
-    assert ways_out(MeshObject.load(tmp_path / "box.glb", up="y", at=(0, 0, 0.2)), 1.0) == []
-    trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / "box.stl")
-    assert ways_out(MeshObject.load(tmp_path / "box.stl"), 1.0) == []

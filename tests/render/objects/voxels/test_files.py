@@ -88,32 +88,6 @@ def test_numpy_files_without_a_grid_or_values_are_named(tmp_path):
         VoxelObject.load(tmp_path / "e.npz")
 
 
-def test_names_and_units_that_are_none_are_refused(tmp_path):
-    for name, message in (
-        ("a.vti", "is no volume by its name"),
-        ("a.vdb", "nanovdb_convert"),
-        ("missing.npz", r"missing\.npz: no such file"),
-    ):
-        with pytest.raises(VoxelError, match=message):
-            VoxelObject.load(tmp_path / name)
-    with pytest.raises(VoxelError, match="unit must be one of m, cm, mm, um, not 'inch'"):
-        VoxelObject.load(tmp_path / "a.npz", unit="inch")
-    with pytest.raises(VoxelError, match=r"unit must be one of .*, not \['mm'\]"):
-        VoxelObject.load(tmp_path / "a.npz", unit=["mm"])
-    with pytest.raises(VoxelError, match="path must be text or a Path, not None"):
-        VoxelObject.load(None)
-    with pytest.raises(VoxelError, match=r"a\.npz: spacing is in metres: give it or unit, not both \(2.0, 'mm'\)"):
-        VoxelObject.load(tmp_path / "a.npz", spacing=2.0, unit="mm")
-    with pytest.raises(VoxelError, match=r"written to \.npz, "):
-        save_voxels(balled(), tmp_path / "a.stl")
-    with pytest.raises(VoxelError, match=r"b\.npz: cannot be written"):
-        save_voxels(balled(), tmp_path / "nowhere" / "b.npz")
-    with pytest.warns(PalpateWarning, match="no spacing"):
-        save_voxels(balled(), tmp_path / "c.npy")
-    with pytest.raises(VoxelError, match="turned or mirrored"):
-        save_voxels(balled(placement=Placement(rotate=(1, 2, 3), at=(0, 0, 0.2))), tmp_path / "c.nvdb")
-
-
 @pytest.mark.parametrize(("end", "module", "package"), [(".nrrd", "nrrd", "pynrrd"), (".nii", "nibabel", "nibabel")])
 def test_a_missing_reader_is_named_with_the_command_that_brings_it(end, module, package, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, module, None)

@@ -59,13 +59,6 @@ def test_every_meaning_of_values_gives_the_same_inside():
         assert thing.inside_count == inside.sum()
 
 
-def test_a_binary_ball_is_within_a_voxel_and_a_half_and_smoothing_brings_it_closer():
-    plain = balled(ball() < 0, kind=None)
-    smooth = balled(ball() < 0, kind=None, smooth=0.004)
-    assert surface_distances(plain).max() < 1.5 * 0.003
-    assert np.std(surface_distances(smooth)) < 0.6 * np.std(surface_distances(plain))
-
-
 def test_smoothing_is_as_wide_in_metres_along_each_axis():
     """A Gaussian of 6 mm, of which voxels of 4, 5 and 3 mm take samples, has that standard deviation."""
     one = np.zeros((25, 25, 25), bool)
@@ -130,23 +123,6 @@ def test_bounds_hold_all_that_is_inside(rng):
         crossings = box_of(applied(affine, crossing_points(np.pad(thing.values, 1, constant_values=1.0))))
         beyond += int(((inside < crossings[0]) | (inside > crossings[1])).sum())
     assert beyond  # so the crossings' own box would not do
-
-
-@pytest.mark.parametrize("shape", [(3, 3, 3), (5, 6, 9), (12, 4, 7)])
-def test_boxes_of_first_and_last_crossings_are_those_of_all(shape, rng):
-    padded = np.pad(rng.normal(size=shape).astype(np.float32), 1, constant_values=1.0)
-    found = crossing_points(padded)
-    every = []
-    for axis in range(3):
-        for index in np.argwhere(np.diff((padded < 0).astype(int), axis=axis)):
-            step = np.eye(3, dtype=int)[axis]
-            a, b = (float(padded[tuple(i)]) for i in (index, index + step))
-            every.append(index - 1 + a / (a - b) * step)
-    assert {tuple(x) for x in found} <= {tuple(x) for x in every}
-    for matrix in (np.eye(3), *rng.normal(size=(4, 3, 3))):
-        np.testing.assert_allclose(box_of(found @ matrix), box_of(np.array(every) @ matrix), atol=1e-9)
-    lines = sum(padded.size // n for n in padded.shape)
-    assert len(found) <= 2 * lines
 
 
 def test_placement_moves_voxels_as_it_moves_the_mesh_of_their_surface():

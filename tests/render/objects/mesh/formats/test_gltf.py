@@ -136,14 +136,6 @@ def test_strips_fans_and_corners_in_order_are_triangles():
     assert enclosed(read(strip)) == (4, [1, 1, 1], round(1 / 6, 9))
 
 
-def test_hidden_nodes_are_left_out_with_those_below():
-    """KHR_node_visibility."""
-    hidden = {"extensions": {"KHR_node_visibility": {"visible": False}}}
-    nodes = [{"mesh": 0}, {"mesh": 0, "matrix": SHIFT, "children": [2], **hidden}, {"mesh": 0}]
-    file = cube_file(nodes=nodes, scenes=[{"nodes": [0, 1]}], extensionsUsed=["KHR_node_visibility"])
-    assert enclosed(read(file)) == (12, [1, 1, 1], 1)
-
-
 BOUND = [{"mesh": 0, "skin": 0, "children": [1]}, {"translation": [1, 0, 0]}]
 DRACO = {"extensions": {"KHR_draco_mesh_compression": {"bufferView": 0, "attributes": {"POSITION": 0}}}}
 INSTANCES = {"extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 0}}}}
@@ -216,14 +208,4 @@ def test_indices_that_are_no_triangles_are_named(triangles):
     file = GltfFile()
     file.mesh(triangles=triangles)
     with pytest.raises(MeshError, match=r"has 2 corners, not three|indices of a primitive name vertices 0 to 8"):
-        read(file)
-
-
-def test_compressed_data_beside_plain_ones_are_read_plain_or_refused():
-    """A file that only uses Draco or meshopt, and does not require it, holds the same data plain."""
-    file = cube_file(extensionsUsed=["KHR_draco_mesh_compression"])
-    file.tree["meshes"][0]["primitives"][0] |= DRACO
-    assert enclosed(read(file)) == (12, [1, 1, 1], 1)
-    del file.tree["accessors"][0]["bufferView"]
-    with pytest.raises(MeshError, match=r"has no data.*has the extension KHR_draco_mesh_compression"):
         read(file)

@@ -6,11 +6,9 @@ import shapely
 
 from palpate.datasets.bounded_file import LIMIT_VARIABLE, FileBoundError
 from palpate.render.objects.mesh.formats.polygons import (
-    FileMesh,
     fan_triangles,
     polygon_triangles,
     strip_triangles,
-    united,
 )
 
 
@@ -38,14 +36,6 @@ def test_every_second_triangle_of_a_strip_is_turned():
     assert strip_triangles(np.array(strip)).tolist() == [[4, 5, 6], [6, 5, 7], [6, 7, 8], [1, 2, 3]]
     joined = [0, 1, 2, 2, 3, 3, 4, 5]  # two strips joined by corners that repeat
     assert strip_triangles(np.array(joined)).tolist() == [[0, 1, 2], [4, 3, 5]]
-
-
-def test_meshes_are_united_with_their_own_vertices():
-    one = FileMesh(np.eye(3), np.array([[0, 1, 2]]), {"a": np.eye(4)})
-    two = FileMesh(2 * np.eye(3), np.array([[2, 1, 0]]), {"a": np.zeros((4, 4))})
-    found = united([one, two])
-    assert found.vertices[found.faces].tolist() == [np.eye(3).tolist(), (2 * np.eye(3))[::-1].tolist()]
-    assert found.nodes["a"].max() == 1
 
 
 L = [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)]

@@ -12,9 +12,9 @@ from statistics import median
 from time import perf_counter
 
 import warp as wp
-from poses import random_poses
 
 from palpate.render import MeshObject, Palm, PreparedContours, Scene
+from palpate.render.bench.cases import random_poses
 
 
 def measure(count: int, device: str, *, thing: str = "tube", strategy: str = "cc", rounds: int = 20) -> dict:

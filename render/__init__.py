@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from ..datasets.shapes.built_in import shape_names
     from .acoustics.emission import PlayedFrames
     from .acoustics.field_metrics import PressureMetrics, pressure_metrics
-    from .acoustics.noise import NoiseListener, NoiseModel, NoiseSignal
+    from .acoustics.noise import NoiseListener, NoiseModel
     from .acoustics.prediction import predict_noise
     from .acoustics.pressure import pressure_at
     from .acoustics.radiation import radiation_pressure
-    from .acoustics.spectrum import NoiseSpectrum, level_differences
+    from .acoustics.spectrum import NoiseSignal, NoiseSpectrum, level_differences
     from .acoustics.transducers import Resonance
     from .acoustics.wave_files import write_wave_files
     from .contour_batch import ContourBatch
@@ -59,7 +59,6 @@ if TYPE_CHECKING:
     from .hands.mesh_hand import MeshHand
     from .hands.plane_hand import HandPatch, PatchJoint, PlaneHand, flat_hand
     from .intersection.file_recording import record
-    from .intersection.overlap_tour import overlap_points
     from .intersection.patch_points import array_points
     from .intersection.prepared_contours import PreparedContours
     from .intersection.scene import Scene
@@ -69,8 +68,8 @@ if TYPE_CHECKING:
     from .live.moment import LiveMoment, LiveScene
     from .live.recording import LiveRecording
     from .live.session import LiveStimulus, Onset, Session, Stimulus
-    from .live.shaping import PoseShaping, Prediction, Smoothing
     from .live.sources.hand_frame import PoseSource, SeenHand, SourceFault
+    from .live.sources.shaping import PoseShaping, Prediction, Smoothing
     from .motions.explorations.explored import ExploredPoses, exploration
     from .motions.explorations.habits import ExplorerHabits, explorer_habits
     from .motions.groups import MotionGroup, render_motions
@@ -96,7 +95,6 @@ if TYPE_CHECKING:
     from .playback.file_playback import Connection, play_file
     from .playback.placed_arrays import PlacedArray, load_rig
     from .playback.prepared_frames import prepare_frames
-    from .reports.contour_animation import draw_animation
     from .reports.contour_figure import draw_figure
     from .reports.file_summary import summarise
     from .runtime.worker_devices import worker_devices
@@ -108,8 +106,9 @@ if TYPE_CHECKING:
     from .scripting.rendered_batch import RenderedBatch
     from .scripting.rendering import load_contours, render
     from .scripting.sampled_contours import SampledContours
+    from .stages.point_function import register_point_function
     from .stages.prune import cut_batch
-    from .stages.registry import Stage, register_point_function, register_prune, register_transform
+    from .stages.registry import Stage, register_prune, register_transform
     from .strategies.intersection_strategy import IntersectionStrategy, closed_contour, load_strategy, open_contour
     from .sweeps.plan.loading import load_plans
     from .sweeps.report.table import tidy_columns
@@ -212,7 +211,6 @@ __all__ = [
     "closed_contour",
     "cut_batch",
     "cylinder",
-    "draw_animation",
     "draw_figure",
     "drive_focus",
     "dwell_map",
@@ -235,7 +233,6 @@ __all__ = [
     "load_sampling",
     "load_strategy",
     "open_contour",
-    "overlap_points",
     "play_file",
     "predict_noise",
     "prepare_frames",

@@ -57,7 +57,6 @@ class LiveScene:
     """The hand's mesh is the skin that is rendered; False: it only shows where the patches' hand is."""
 
     def __repr__(self) -> str:
-        """One line."""
         return f"LiveScene({self.object_name}, {self.hand!r})"
 
     @classmethod
@@ -158,7 +157,6 @@ class LiveMoment:
     """Frames that were not played as drawn, so far."""
 
     def __repr__(self) -> str:
-        """One line."""
         lines = counted(self.contours.polyline_count, "polyline")
         return f"LiveMoment({self.number}: {self.state} at {self.time:.3f} s, {lines}, latency {self.latency!r})"
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...datasets.storage.schema import KIND_NAMES
 from ..contour_batch import HAND, ContourBatch
-from ..stages.point_insertion import divide_batch
+from ..stages.curves import divide_batch
 from .picture_style import COLOURS, HAND_DASHES, INK, paler
 
 FINE = 1e-3  # [m] of the pieces by which varying intensity is shown

@@ -6,7 +6,7 @@ from importlib.metadata import version
 from typing import NamedTuple
 
 from ..acoustics.spectrum import NoiseSpectrum
-from ..bench.report import machine_facts
+from ..bench.speed import machine_facts
 from ..objects.mesh.solid_mesh import MeshObject
 from ..reports.report_pages import ReportSection
 from ..runtime.loading_progress import Watch, unwatched

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..bench.clocks import OwnTurn, timed
+from ..bench.speed import OwnTurn, timed
 from ..hands.hand import Palm
 from ..intersection.prepared_contours import PreparedContours
 from ..objects.mesh.solid_mesh import MeshObject

@@ -26,7 +26,7 @@ if TYPE_CHECKING:  # and imported by the methods that need it: most scripts call
 
     from ...device.report import LiveStatistics
     from ..acoustics.field_metrics import PressureMetrics
-    from ..acoustics.noise import NoiseSignal
+    from ..acoustics.spectrum import NoiseSignal
     from ..playback.drive import DriveStrategy
     from ..playback.file_playback import ConnectionFields, Playback
     from ..sampling.strategy import SamplingStrategy
@@ -137,14 +137,6 @@ class RenderedBatch(ContourBatch):
         """
         with TemporaryDirectory(prefix="palpate-") as folder:
             return ShownPicture(self.figure(Path(folder) / "batch.png", times=times, **options).read_bytes())
-
-    def animation(self, path: str | Path, **options: Any) -> Path:
-        """Draw contours on object and hand over time into a GIF; options as for `draw_animation`; returns its path."""
-        from ..reports.contour_animation import draw_animation
-
-        require_path(path, "the picture")
-        draw_animation([self], path, **options)
-        return Path(path)
 
     @contextmanager
     def as_file(self) -> Iterator[Path]:

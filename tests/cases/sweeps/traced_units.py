@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from sweep_recipes import explored, hand_of, random_motion, recipe_of, recorded, sampling_of, strategy_of, unit_of
+from sweep_recipes import explored, random_motion, recipe_of, recorded, sampling_of, strategy_of, unit_of
 from sweep_recipes import thing_of as placed
 
 import palpate.render
@@ -72,10 +72,8 @@ def recipes(folder):
     (folder / "own_stage.py").write_text(STAGE.format("own"))
     own = {"modules": ["own_stage"], "prune": ["outside"], "transform": ["close", "own"]}
     (folder / "own.json").write_text(json.dumps(own))
-    trimesh.creation.box((0.06, 0.08, 0.02)).export(folder / "hand.stl")  # closed, as "overlap" needs it
     for strategy in (*PRESETS, folder / "own.json"):
-        hand = hand_of(folder / "hand.stl") if strategy == "overlap" else "palm"
-        yield recipe_of("dog", hand, short, strategy_of(strategy)), ("contours", "frequency", "poses")
+        yield recipe_of("dog", "palm", short, strategy_of(strategy)), ("contours", "frequency", "poses")
     for hand in ("planes", "skin"):
         yield recipe_of("dog", hand, short, "cc"), ("contours",)
     for name in SAMPLINGS:

@@ -12,7 +12,7 @@ from palpate.render.live.drawn_log import LoggedPose
 from palpate.render.live.moment import LiveScene, moment_of
 from palpate.render.live.moment_slot import DRAWING, RESTING, WAITING, CopiedMoment
 from palpate.render.live.renderer_process import LiveRendering
-from palpate.render.live.sources.live_hands import live_hand
+from palpate.render.live.sources.named_sources import live_hand
 from palpate.render.playback.drive import DriveStrategy
 from palpate.render.sampling.metrics import FocalPoints
 from palpate.render.strategies.intersection_strategy import strategy_of

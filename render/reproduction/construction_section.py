@@ -8,9 +8,8 @@ from ..contour_batch import HAND, OBJECT, ContourBatch
 from ..hands.hand import Palm
 from ..objects.mesh.solid_mesh import MeshObject
 from ..reports.picture_style import COLOURS
-from ..reports.report_pages import ReportPicture, ReportSection
-from ..reports.report_pictures import drawing, picture_content
-from ..reports.scene_view import SceneView, flat
+from ..reports.report_pages import ReportPicture, ReportSection, drawing, picture_content
+from ..reports.scene_drawing import SceneView, flat
 from ..reports.strategy_figure import POSE
 from ..scripting.rendering import render
 from ..strategies.intersection_strategy import IntersectionStrategy, closed_contour, open_contour

@@ -4,8 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ..reports.report_pages import ReportPicture, ReportSection
-from ..reports.report_pictures import drawing, picture_content
+from ..reports.report_pages import ReportPicture, ReportSection, drawing, picture_content
 from .compared_rows import ReportRow, compared
 from .noise_recordings import SHAPE_BAND, NoiseComparison, paper_above
 from .paper_numbers import NOISE_BANDS, NOISE_PEAK, NOISE_RMS, paper_spectra

@@ -5,9 +5,8 @@ from typing import Any
 import numpy as np
 
 from ..objects.mesh.solid_mesh import MeshObject
-from ..reports.report_pages import ReportPicture, ReportSection
-from ..reports.report_pictures import drawing, picture_content
-from ..reports.scene_view import NAMED
+from ..reports.report_pages import ReportPicture, ReportSection, drawing, picture_content
+from ..reports.scene_drawing import NAMED
 from .compared_rows import ReportRow, compared
 from .paper_numbers import OBJECTS
 

@@ -4,8 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ..reports.report_pages import ReportPicture, ReportSection, ReportTable
-from ..reports.report_pictures import drawing, picture_content
+from ..reports.report_pages import ReportPicture, ReportSection, ReportTable, drawing, picture_content
 from .compared_rows import ReportRow, compared
 from .explorations import StudySettings
 from .length_ratios import BlockRatios, ratio_tests, ratio_values

@@ -14,8 +14,10 @@ from palpate.render.reports.report_pages import (
     ReportPicture,
     ReportSection,
     ReportTable,
+    drawing,
     html_page,
     markdown_page,
+    picture_content,
 )
 from palpate.render.terminal.foreign_text import visible
 

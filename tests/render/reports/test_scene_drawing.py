@@ -9,7 +9,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 
-from palpate.datasets import hand_shape, static_pose
+from palpate.datasets import hand_shape
 from palpate.datasets.storage.schema import KIND_NAMES
 from palpate.render import ContourBatch, MeshHand, Palm, flat_hand, load_strategy, render, static_pose
 from palpate.render.errors import StrategyError

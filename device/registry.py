@@ -14,8 +14,7 @@ from .array import ArrayModel
 from .array_kind import ArrayKind, Emulation, EmulationRequest
 from .clock import Clock
 from .errors import ArrayKindError, CalibrationError, UnknownArrayError, UpdateRateError
-from .focus_layout import FocusLayout
-from .wire_layout import Layout
+from .wire_layout import FocusLayout, Layout
 
 _NAME: Final = re.compile(r"[a-z][a-z0-9-]*")
 _BUILT_IN: Final = ".boards.built_in"  # by name, since it is imported only when an array is asked for

@@ -41,7 +41,6 @@ FIELD_STAGES = (
 POINT_STAGES = (
     "tours.contact",
     "tours.nodes",
-    "tours.overlap",
     "tours.thinning",
     "tours.tour",
 )  # to paths through points

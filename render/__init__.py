@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     from ..datasets.shapes.built_in import shape_names
     from .acoustics.emission import PlayedFrames
     from .acoustics.field_metrics import PressureMetrics, pressure_metrics
-    from .acoustics.noise import NoiseListener, NoiseModel, NoiseSignal
+    from .acoustics.noise import NoiseListener, NoiseModel
     from .acoustics.prediction import predict_noise
     from .acoustics.pressure import pressure_at
     from .acoustics.radiation import radiation_pressure
-    from .acoustics.spectrum import NoiseSpectrum, level_differences
+    from .acoustics.spectrum import NoiseSignal, NoiseSpectrum, level_differences
     from .acoustics.transducers import Resonance
     from .acoustics.wave_files import write_wave_files
     from .contour_batch import ContourBatch
@@ -53,12 +53,10 @@ if TYPE_CHECKING:
     from .exports.file_export import export_file
     from .focal_spot import focal_width
     from .hands.combined_hands import together
-    from .hands.flat_hand import flat_hand
     from .hands.hand import Hand, Palm
     from .hands.mesh_hand import MeshHand
-    from .hands.plane_hand import HandPatch, PatchJoint, PlaneHand
+    from .hands.plane_hand import HandPatch, PatchJoint, PlaneHand, flat_hand
     from .intersection.file_recording import record
-    from .intersection.overlap_tour import overlap_points
     from .intersection.patch_points import array_points
     from .intersection.prepared_contours import PreparedContours
     from .intersection.scene import Scene
@@ -68,20 +66,28 @@ if TYPE_CHECKING:
     from .live.moment import LiveMoment, LiveScene
     from .live.recording import LiveRecording
     from .live.session import LiveStimulus, Onset, Session, Stimulus
-    from .live.shaping import PoseShaping, Prediction, Smoothing
     from .live.sources.hand_frame import PoseSource, SeenHand, SourceFault
+    from .live.sources.shaping import PoseShaping, Prediction, Smoothing
     from .motions.explorations.explored import ExploredPoses, exploration
     from .motions.explorations.habits import ExplorerHabits, explorer_habits
     from .motions.groups import MotionGroup, render_motions
-    from .objects.functions.expression import box, capsule, cylinder, half_space, sphere, torus
-    from .objects.functions.expression_json import expression_from_json, expression_to_json, load_expression
+    from .objects.functions.expression import (
+        box,
+        capsule,
+        cylinder,
+        expression_from_json,
+        expression_to_json,
+        half_space,
+        load_expression,
+        sphere,
+        torus,
+    )
     from .objects.functions.implicit_object import ImplicitObject
     from .objects.isosurface import isosurface
     from .objects.level_of_detail import simplify
     from .objects.mesh.placement import Placement
     from .objects.mesh.solid_mesh import MeshObject
-    from .objects.voxels.files import save_voxels
-    from .objects.voxels.voxel_object import VoxelObject
+    from .objects.voxels.voxel_object import VoxelObject, save_voxels
     from .objects.voxels.voxeliser import voxelise
     from .playback.drive import Driver, DriveStrategy, drive_focus
     from .playback.file_playback import Connection, play_file
@@ -98,8 +104,9 @@ if TYPE_CHECKING:
     from .scripting.rendered_batch import RenderedBatch
     from .scripting.rendering import load_contours, render
     from .scripting.sampled_contours import SampledContours
+    from .stages.point_function import register_point_function
     from .stages.prune import cut_batch
-    from .stages.registry import Stage, register_point_function, register_prune, register_transform
+    from .stages.registry import Stage, register_prune, register_transform
     from .strategies.intersection_strategy import IntersectionStrategy, closed_contour, load_strategy, open_contour
     from .sweeps.plan.loading import load_plans
     from .sweeps.report.table import tidy_columns
@@ -119,11 +126,11 @@ _ROOMS = {
     ".datasets.shapes.built_in": "shape_names",
     "acoustics.emission": "PlayedFrames",
     "acoustics.field_metrics": "PressureMetrics pressure_metrics",
-    "acoustics.noise": "NoiseListener NoiseModel NoiseSignal",
+    "acoustics.noise": "NoiseListener NoiseModel",
     "acoustics.prediction": "predict_noise",
     "acoustics.pressure": "pressure_at",
     "acoustics.radiation": "radiation_pressure",
-    "acoustics.spectrum": "NoiseSpectrum level_differences",
+    "acoustics.spectrum": "NoiseSignal NoiseSpectrum level_differences",
     "acoustics.transducers": "Resonance",
     "acoustics.wave_files": "write_wave_files",
     "contour_batch": "ContourBatch",
@@ -133,24 +140,21 @@ _ROOMS = {
     "exports.file_export": "export_file",
     "focal_spot": "focal_width",
     "hands.combined_hands": "together",
-    "hands.flat_hand": "flat_hand",
     "hands.hand": "Hand Palm",
     "hands.mesh_hand": "MeshHand",
-    "hands.plane_hand": "HandPatch PatchJoint PlaneHand",
+    "hands.plane_hand": "HandPatch PatchJoint PlaneHand flat_hand",
     "intersection.file_recording": "record",
-    "intersection.overlap_tour": "overlap_points",
     "intersection.patch_points": "array_points",
     "intersection.prepared_contours": "PreparedContours",
     "intersection.scene": "Scene",
-    "objects.functions.expression": "box capsule cylinder half_space sphere torus",
-    "objects.functions.expression_json": "expression_from_json expression_to_json load_expression",
+    "objects.functions.expression": "box capsule cylinder half_space sphere torus expression_from_json "
+    "expression_to_json load_expression",
     "objects.functions.implicit_object": "ImplicitObject",
     "objects.isosurface": "isosurface",
     "objects.level_of_detail": "simplify",
     "objects.mesh.placement": "Placement",
     "objects.mesh.solid_mesh": "MeshObject",
-    "objects.voxels.files": "save_voxels",
-    "objects.voxels.voxel_object": "VoxelObject",
+    "objects.voxels.voxel_object": "VoxelObject save_voxels",
     "objects.voxels.voxeliser": "voxelise",
     "live.counts": "RunStatistics",
     "live.handle": "Live",
@@ -158,7 +162,7 @@ _ROOMS = {
     "live.moment": "LiveMoment LiveScene",
     "live.recording": "LiveRecording",
     "live.session": "LiveStimulus Onset Session Stimulus",
-    "live.shaping": "PoseShaping Prediction Smoothing",
+    "live.sources.shaping": "PoseShaping Prediction Smoothing",
     "live.sources.hand_frame": "PoseSource SeenHand SourceFault",
     "motions.groups": "MotionGroup render_motions",
     "motions.explorations.explored": "ExploredPoses exploration",
@@ -178,7 +182,8 @@ _ROOMS = {
     "scripting.rendered_batch": "RenderedBatch",
     "scripting.rendering": "load_contours render",
     "scripting.sampled_contours": "SampledContours",
-    "stages.registry": "Stage register_point_function register_prune register_transform",
+    "stages.registry": "Stage register_prune register_transform",
+    "stages.point_function": "register_point_function",
     "stages.prune": "cut_batch",
     "strategies.intersection_strategy": "IntersectionStrategy closed_contour load_strategy open_contour",
     "sweeps.plan.loading": "load_plans",
@@ -302,7 +307,6 @@ __all__ = [
     "load_sampling",
     "load_strategy",
     "open_contour",
-    "overlap_points",
     "play_file",
     "predict_noise",
     "prepare_frames",

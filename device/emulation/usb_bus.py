@@ -72,7 +72,7 @@ class EmulatedBus(Backend, Generic[BoardT]):
 
     >>> from palpate.device import EmulatedBus, VirtualClock, find_arrays
     >>> from palpate.device.boards.emulator.model import Board
-    >>> from palpate.device.boards.emulator.usb_side import EmulatorUsb
+    >>> from palpate.device.boards.emulator.model import EmulatorUsb
     >>> plug = lambda clock, serial, on_for_ns: EmulatorUsb(serial, Board(clock))
     >>> bus = EmulatedBus(plug, ["left", "right"], clock=VirtualClock())
     >>> bus, [info.serial for info in find_arrays(bus)]

@@ -34,11 +34,9 @@ from ..errors import DeviceBusyError, DeviceError, DeviceTimeoutError, LinkError
 from ..link import Link
 from ..registry import array_kinds, kind_of, register_array
 from ..silence import is_switched_off, wait_silent
-from ..transports.pyserial import SystemPorts
+from ..transports.lookup import choose_port, find_device
 from ..transports.pyusb import Backend, libusb_backend
-from ..transports.serial_line import SerialPorts
-from ..transports.serial_lookup import choose_port
-from ..transports.usb_lookup import find_device
+from ..transports.serial_line import SerialPorts, SystemPorts
 
 EXIT_GOODBYE: Final = 0
 EXIT_OFF: Final = 3

@@ -130,7 +130,7 @@ class StreamLink:
 
     def note_boundary(self, *, torn: int = 0) -> None:
         """Note that the board has `torn` bytes of an incomplete frame now: it said so, or was made to."""
-        self._transport.forget_doubt()
+        self._transport.is_exact = True  # whoever calls this knows how much was taken
         self._boundary = self._transport.bytes_taken - torn
 
     def refresh(self) -> bool:

@@ -13,8 +13,9 @@ import numpy as np
 from ...datasets.contour_file.reader import ContourFile
 from ...datasets.rigid import rotate
 from ...datasets.storage.hdf5_output import new_hdf5
-from ..hands.hand import Hand, hand_from
+from ..hands.hand import Hand
 from ..hands.mesh_hand import MeshHand
+from ..hands.stored_hand import hand_from
 from .pose_choice import Progress, chosen_blocks, offsets, ragged
 
 CELLS = ("Vertices", "Lines", "Polygons", "Strips")

@@ -51,12 +51,13 @@ from ..playback.drive import Driver, DriveStrategy
 from ..runtime.warp_start import start_warp
 from ..sampling.metrics import FocalPoints
 from ..sampling.strategy import SamplingStrategy
+from ..stages.registry import known_stages, register_stage
 from ..strategies.intersection_strategy import IntersectionStrategy
 from .drawn_log import DrawnLog, LoggedPoints, LoggedPose
 from .instant import POSE_INTERVAL, Instant, checked_pose
 from .moment_slot import DRAWING, RESTING, WAITING, MomentSlot, MomentTap
-from .shipped_settings import unship
 from .sources.messages import PoseMessage, received_messages
+from .sources.shipped_settings import unship
 
 SLICE_NS = 1_000_000  # between slices while no pose comes
 FRESH_NS = 30_000_000  # a pose so young is where the hand is
@@ -104,12 +105,7 @@ class RendererSettings:
     control_fd: int
     log_fd: int | None
     moment_fd: int | None = None
-    """Memory for moments that a viewer shows, with room for `patch_most` patches; None: nobody can look."""
-
-    @property
-    def patch_most(self) -> int:
-        """Most patches of a hand."""
-        return max(own.hand.patch_count for own in self.renderings)
+    """Memory for moments that a viewer shows; None: nobody can look."""
 
 
 class LiveRenderer:
@@ -303,7 +299,7 @@ class LiveRenderer:
         self._pose_first = self._drawn
         self._last = LoggedPose(self._drawn, self._pose_number, message.stamp_ns, pose, message.patch_pose)
         if self._log is not None:
-            self._log.add_pose(self._last)
+            self._log.add(self._last)
         self._pose_number += 1
 
     def show(self) -> None:
@@ -337,7 +333,7 @@ class LiveRenderer:
             first, self._drawn = self._drawn, stop
             gain = self._gains(stop - first)
             if self._log is not None:
-                self._log.add_points(LoggedPoints(first, *focus, gain))
+                self._log.add(LoggedPoints(first, *focus, gain))
             if not is_late:
                 self._put(first, focus, gain)
 
@@ -412,7 +408,7 @@ class _RendererProcess:
             tap = None
             if own.moment_fd is not None:
                 (rate,) = {rendering.sampling.update_rate for rendering in own.renderings}
-                tap = MomentTap(MomentSlot(own.patch_most, fd=own.moment_fd), rate)
+                tap = MomentTap(MomentSlot(fd=own.moment_fd), rate)
             self._renderer = renderer = LiveRenderer(own, ring, log, tap=tap)
             cost = renderer.try_poses()
             is_realtime = own.realtime and enter_realtime(RENDERER_PRIORITY)
@@ -510,7 +506,10 @@ def main() -> int:
     # a pipe of our own, from the process that started this one
     control_fd, content = pickle.load(sys.stdin.buffer)
     try:
-        settings: RendererSettings = unship(content)
+        stages, settings = unship(content)
+        for entry in stages:
+            if entry.name not in known_stages(entry.role):  # importing its module may have registered it
+                register_stage(entry)
         for kind in settings.kinds:
             if kind not in array_kinds():
                 register_array(kind)

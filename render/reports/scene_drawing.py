@@ -17,10 +17,10 @@ from ...datasets.storage.schema import KIND_NAMES
 from ...device.array import ArrayModel
 from ..contour_batch import HAND, ContourBatch
 from ..errors import StrategyError
-from ..hands.hand import Hand, Palm, hand_from
-from ..hands.hand_look import hand_around
+from ..hands.hand import Hand, Palm
 from ..hands.mesh_hand import MeshHand
-from ..stages.point_insertion import divide_batch
+from ..hands.stored_hand import hand_around, hand_from
+from ..stages.curves import divide_batch
 from ..validation import value_text
 from .picture_style import COLOURS, FAINT, HAND_DASHES, INK, paler
 

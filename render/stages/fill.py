@@ -12,7 +12,8 @@ from ...kernels.stages.regions import FlatLines, find_filled, find_regions, lift
 from ..contour_batch import ContourBatch
 from ..errors import StrategyError
 from ..user_warnings import warn_user
-from .registry import Option, Setting, transform_stage
+from .registry import Option, transform_stage
+from .setting import Setting
 
 UNIT = 1e-3  # [m] that polygons are handed to manifold3d in: it works to 1e-8 of its unit
 ROUND = 64  # segments of a full turn around a corner

@@ -13,7 +13,7 @@ from ...device.link import TransportKind
 from ...device.playing.signals import ending_on_signals
 from ..errors import StrategyError, StudyPlanError
 from ..live.session import Session
-from ..live.sources.selection import ANY
+from ..live.sources.pose_stream import ANY
 from ..playback.file_playback import Connection
 from ..playback.placed_arrays import PlacedArray, load_rig
 from ..runtime.warp_start import start_warp

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -12,7 +11,7 @@ from ...datasets.contour_file.reader import ContourFile
 from ...datasets.errors import ContourFileError
 from ...datasets.rigid import rotate, unit
 from ..contour_batch import ContourBatch
-from ..hands.hand_look import HandLook, HandLooks
+from ..hands.stored_hand import HandLook, HandLooks
 from ..sampling.strategy import SamplingStrategy
 
 
@@ -85,9 +84,7 @@ class FileScene:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:

@@ -37,9 +37,9 @@ from palpate.device.boards.pat16.board_file import read_pat
 from palpate.device.errors import CalibrationError
 from palpate.render.cli.trust_commands import code_of
 from palpate.render.errors import ImplicitError, MeshError, PlanError, StrategyError, VoxelError
-from palpate.render.hands.mesh_hand_file import read_hand, region_of
+from palpate.render.hands.given_mesh import read_hand, region_of
 from palpate.render.intersection.named_inputs import is_recording
-from palpate.render.objects.functions.expression_json import load_expression
+from palpate.render.objects.functions.expression import load_expression
 from palpate.render.objects.mesh.solid_mesh import read_mesh
 from palpate.render.objects.voxels.files import read_volume
 from palpate.render.playback.placed_arrays import load_rig

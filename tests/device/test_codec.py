@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from wire_decoders import DECODERS, Drive
 
 from palpate.device.array import ArrayModel
-from palpate.device.boards.pat16.layout import with_divider
+from palpate.device.boards.pat16.link import with_divider
 from palpate.device.codec import duty, encode_frames, is_emitting, off_frame, switched_count
 from palpate.device.errors import FrameError, UnknownArrayError, UpdateRateError
 from palpate.device.registry import array_model

@@ -25,8 +25,8 @@ from palpate.device.errors import (
     NoBackendError,
 )
 from palpate.device.registry import array_model, array_names, emulated_backend
-from palpate.device.transports import usb_lookup as lookup
-from palpate.device.transports.usb_lookup import DeviceStrings
+from palpate.device.transports import lookup
+from palpate.device.transports.lookup import DeviceStrings
 
 USB_BOARDS = ["emulator", "pat16"]
 EACH_BOARD = pytest.mark.parametrize("name", USB_BOARDS)

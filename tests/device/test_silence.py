@@ -6,7 +6,7 @@ from array import array
 
 import pytest
 
-from palpate.device import EmulatorBackend, Fault, FaultKind, UsbLink, VirtualClock, array_model
+from palpate.device import EmulatorBackend, Fault, FaultKind, VirtualClock, array_model, open_link
 from palpate.device.silence import is_switched_off, wait_silent
 
 FRAME = 512
@@ -15,7 +15,7 @@ FRAME = 512
 @pytest.mark.parametrize("stalls", [0, 2, 3])
 def test_an_array_is_silent_once_what_it_holds_has_played(stalls: int) -> None:
     bus = EmulatorBackend(clock=VirtualClock(), record=10)
-    with UsbLink.open(array_model("emulator"), backend=bus) as link:
+    with open_link(array_model("emulator"), backend=bus) as link:
         link.start(4)
         link.write(array("B", bytes([200] * FRAME) * 5))  # none of them plays yet
         bus.inject(Fault(FaultKind.STALL, byte=5 * FRAME, count=stalls)) if stalls else None

@@ -55,10 +55,9 @@ from palpate.render import (
     record,
 )
 from palpate.render.cli.app import app
-from palpate.render.objects.mesh.kept_arrays import read_entry, write_entry
-from palpate.render.objects.mesh.kept_repairs import arrays_of, mended_of
+from palpate.render.objects.mesh.cache import arrays_of, mended_of, read_entry, write_entry
 from palpate.render.objects.mesh.repair import Repair, repair_mesh
-from palpate.render.objects.voxels.files import save_voxels
+from palpate.render.objects.voxels.voxel_object import save_voxels
 from palpate.render.sampling.presets import PRESETS
 from palpate.render.sweeps.plan.loading import load_plans
 from palpate.render.sweeps.plan.recipe import Recipe

@@ -34,7 +34,7 @@ from wire_bytes import measure as measure_bytes
 
 from palpate.render import MeshObject
 from palpate.render.bench.cases import random_poses
-from palpate.render.live.shaping import PoseShaping, Prediction
+from palpate.render.live.sources.shaping import PoseShaping, Prediction
 
 
 def test_poses_are_the_same_every_time_and_uniform():

@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("palpate.render", "palpate.datasets", "palpate.device")
 OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
-SLOW = {"ImplicitObject", "overlap_points", "isosurface", "draw_figure", "simplify", "predict_noise"}
+SLOW = {"ImplicitObject", "isosurface", "draw_figure", "simplify", "predict_noise"}
 SLOW |= {"Live", "LiveMoment", "LiveRecording", "LiveScene", "RunStatistics", "Session"}
 """Names whose examples take over 0.2 s."""
 

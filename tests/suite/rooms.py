@@ -12,8 +12,6 @@ PACKAGES = ("kernels", "render", "device", "datasets")
 SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 
 BY_TEXT = {
-    "render/cli/options/completion.py": ("render/cli",),
-    "render/cli/options/output.py": ("render/cli",),
     "device/registry.py": ("device/boards",),
     # The others import modules of their own room, other packages, or what a user wrote; or they give public names, and
     # `public_homes` knows the rooms of these.
@@ -25,7 +23,8 @@ BY_TEXT = {
             "device/__init__.py",
             "kernels/__init__.py",
             "render/__init__.py",
-            "render/cli/options/command_group.py",
+            "render/cli/command_group.py",
+            "render/cli/option_fields.py",
             "render/objects/voxels/files.py",
             "render/stages/registry.py",
             "render/strategies/intersection_strategy.py",

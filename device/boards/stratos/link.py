@@ -18,8 +18,8 @@ from ...clock import Clock, MonotonicClock
 from ...codec import off_frame
 from ...errors import DeviceBusyError, DeviceTimeoutError, FrameError, LinkError
 from ...link import BoardStatus, never
-from .bridge_side import EmulatedBridge
 from .channel import BridgeChannel, TcpChannel
+from .model import EmulatedBridge
 
 _MAGIC: Final = b"PALPATEU"
 _VERSION: Final = 1

@@ -9,8 +9,10 @@
 | another file that a .gltf names                   | in its folder or below; in a .zip, one of its members        |
 """
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
 import numpy as np
@@ -26,13 +28,17 @@ from ....datasets.bounded_file import (
 from ....datasets.json_text import parse_json
 from ...errors import MeshError
 from ...file_kinds import MESH_SUFFIXES, NOT_READ
-from .formats.gltf import read_gltf
-from .formats.gltf_arrays import glb_chunks
+from ...validation import value_text
+from .formats.gltf import glb_chunks, read_gltf
 from .formats.obj import read_obj
 from .formats.off import read_off
 from .formats.ply import read_ply
 from .formats.polygons import FileMesh, united
 from .formats.stl import is_binary_stl, read_stl
+
+if TYPE_CHECKING:
+    import pyvista
+    import trimesh
 
 WORD_BYTES = 64  # that parsing takes for a word of text: 30 to 75, measured
 Read = Callable[[str], bytes]
@@ -147,3 +153,54 @@ def without_stray(mesh: FileMesh) -> FileMesh:
         return mesh
     number = np.cumsum(~is_stray) - 1
     return FileMesh(mesh.vertices[~is_stray], number[mesh.faces], mesh.nodes)
+
+
+IMAGE_HINT = "VoxelObject(image.active_scalars.reshape(image.dimensions, order='F'), spacing=image.spacing) takes it"
+
+
+def foreign_arrays(mesh: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices, shape [vertex, 3], and triangles, shape [face, 3], of a mesh or scene of trimesh, or of PyVista.
+
+    Faces with more corners are divided into triangles. Raises MeshError for what is no such mesh.
+    """
+    if hasattr(mesh, "to_mesh") and hasattr(mesh, "geometry"):  # a scene of trimesh, whose transforms are applied
+        mesh = mesh.to_mesh()
+    if hasattr(mesh, "combine") and hasattr(mesh, "n_blocks"):  # PyVista's several meshes
+        if not mesh.n_blocks:
+            raise MeshError("the MultiBlock has no mesh")
+        mesh = mesh.combine()
+    if hasattr(mesh, "spacing") and mesh.active_scalars is not None:  # PyVista's image: its surface is only its box
+        raise MeshError(f"an image is a volume, not a mesh: {IMAGE_HINT}")
+    if np.ndim(mesh) == 3:
+        raise MeshError("an array [i, j, k] is a volume, not a mesh: VoxelObject(values, spacing=METRES) takes it")
+    if hasattr(mesh, "extract_surface"):  # PyVista's: PolyData, or a volume with a surface
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of PyVista, on an option that older versions do not have
+            surface = mesh if hasattr(mesh, "is_all_triangles") else mesh.extract_surface()
+        if not surface.n_cells or not surface.is_all_triangles:
+            surface = surface.triangulate()
+        if not len(surface.faces):
+            raise MeshError("the mesh has no triangles")
+        return np.asarray(surface.points), np.asarray(surface.regular_faces)
+    if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
+        return np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    raise MeshError(
+        f"{value_text(mesh)} is no mesh: give vertices and faces, a mesh of trimesh or PyVista, or load a file by "
+        "MeshObject.load(path)"
+    )
+
+
+def trimesh_mesh(vertices: np.ndarray, faces: np.ndarray) -> "trimesh.Trimesh":
+    """A mesh of trimesh with exactly these arrays."""
+    import trimesh
+
+    return trimesh.Trimesh(vertices, faces, process=False)
+
+
+def pyvista_mesh(vertices: np.ndarray, faces: np.ndarray) -> "pyvista.PolyData":
+    """A mesh of PyVista with exactly these arrays; raises MeshError if it is not installed."""
+    try:
+        import pyvista
+    except ImportError as error:
+        raise MeshError("a mesh of PyVista needs PyVista: pip install pyvista") from error
+    return pyvista.PolyData.from_regular_faces(vertices.copy(), faces.copy())

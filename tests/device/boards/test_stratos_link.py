@@ -35,8 +35,8 @@ from palpate.device import (
     open_link,
 )
 from palpate.device.boards.stratos import link as link_module
-from palpate.device.boards.stratos.bridge_side import EmulatedBridge
 from palpate.device.boards.stratos.channel import parsed_address
+from palpate.device.boards.stratos.model import EmulatedBridge
 
 MODEL = array_model("stratos")
 FREE = Limits(on_time_max=None, duty_max=None)

@@ -30,6 +30,7 @@ from palpate.device import (
     UsbLink,
     VirtualClock,
     array_model,
+    open_link,
 )
 from palpate.device.playing.limits import Guard
 
@@ -66,7 +67,7 @@ def bus() -> EmulatorBackend:
 
 @pytest.fixture
 def link(bus: EmulatorBackend) -> Iterator[UsbLink]:
-    with UsbLink.open(MODEL, backend=bus) as link:
+    with open_link(MODEL, backend=bus) as link:
         yield link
 
 
@@ -103,7 +104,7 @@ def assert_plays_again(bus: EmulatorBackend, link: UsbLink) -> None:
 def test_content_played_is_content_sent_then_off(count: int, size: int, queue: int, divider: int, seed: int) -> None:
     bus = EmulatorBackend(clock=VirtualClock(), record=10_000)
     wire = content(count, seed=seed)
-    with UsbLink.open(MODEL, backend=bus) as link:
+    with open_link(MODEL, backend=bus) as link:
         report = Player(link, queue_blocks=queue).play(in_blocks(wire, size), update_rate=40e3 / divider)
     played = bus.board().played
     assert np.array_equal(played[:-1], wire)
@@ -277,7 +278,7 @@ def test_stop_while_the_queued_frames_play_out_is_prompt() -> None:
             player.stop()
 
     bus = EmulatorBackend(record=10_000)  # real time: 2000 frames would play for 12.75 s
-    with UsbLink.open(MODEL, backend=bus) as real:
+    with open_link(MODEL, backend=bus) as real:
         player = Player(real)
         report = player.play(in_blocks(content(2000), 100), update_rate=40e3 / 255, progress=progress)
     assert report.stopped_by == "stop"
@@ -441,7 +442,7 @@ def test_threads_take_turns_faster_while_playing_only() -> None:
         yield bytes(FRAME)
         raise Broken
 
-    with UsbLink.open(MODEL, backend=EmulatorBackend(clock=VirtualClock())) as link, pytest.raises(Broken):
+    with open_link(MODEL, backend=EmulatorBackend(clock=VirtualClock())) as link, pytest.raises(Broken):
         Player(link).play(blocks(), update_rate=RATE)
     assert seen[0] < before == sys.getswitchinterval()
 

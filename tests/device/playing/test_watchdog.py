@@ -122,16 +122,16 @@ def test_it_silences_what_a_dead_player_left_although_a_request_fails(name: str,
 def test_it_waits_for_the_system_to_take_the_array_from_the_dead() -> None:
     model = array_model("emulator")
     bus = emulated_backend("emulator")
-    holder = UsbLink.open(model, backend=bus)
+    holder = open_link(model, backend=bus)
     threading.Timer(0.2, holder.close).start()
     switch_off(model, None, backend=bus, patience=20)
-    with UsbLink.open(model, backend=bus), pytest.raises(DeviceBusyError):
+    with open_link(model, backend=bus), pytest.raises(DeviceBusyError):
         switch_off(model, None, backend=bus, patience=0)
 
 
 @pytest.fixture
 def unreachable() -> Iterator[UsbLink]:
-    with UsbLink.open(array_model("emulator"), backend=emulated_backend("emulator")) as link:
+    with open_link(array_model("emulator"), backend=emulated_backend("emulator")) as link:
         yield link
 
 

@@ -17,7 +17,7 @@ from march_cases import (
     shape_field,
 )
 
-from palpate.kernels.fields.dense_grid import dense_field, pad_outside
+from palpate.kernels.fields.bricked_grid import bricked_field, pad_outside
 from palpate.kernels.fields.field import Field
 from palpate.kernels.patch import EXACT
 from palpate.render import ImplicitObject
@@ -203,7 +203,7 @@ def test_voxels_have_tips_where_they_are_finer_than_a_quarter_step(grain, device
         volume = np.repeat(value[:, None, ::-1], 5, axis=1).astype(np.float32)  # x = u, z = -v
         affine = np.diag([grain, grain, grain, 1.0])
         affine[:3, 3] = axis[0], -2 * grain, -axis[-1]
-        field = dense_field(pad_outside(volume), affine, device)
+        field = bricked_field(pad_outside(volume), affine, device)
         with_tips, without = (marched(f, [FLAT], device, step=STEP) for f in (field, field._replace(grain=1.0)))
         if grain > STEP / 4:
             np.testing.assert_array_equal(with_tips.points, without.points)

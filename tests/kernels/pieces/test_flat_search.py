@@ -19,7 +19,7 @@ from palpate.kernels.section.pieces import SLOTS
 from palpate.kernels.section.tally_undrawn import tally_pieces
 from palpate.render import Palm, closed_contour, open_contour
 from palpate.render.bench.cases import blob, random_poses
-from palpate.render.hands.flat_hand import flat_hand
+from palpate.render.hands.plane_hand import flat_hand
 from palpate.render.intersection.mesh_section import intersect
 from palpate.render.objects.mesh.solid_mesh import MeshObject
 

@@ -16,7 +16,7 @@ from palpate.kernels.stages.ovals import measure_strokes
 from palpate.kernels.stages.regions import FlatLines, Regions, find_filled, find_regions, lift_polylines
 from palpate.render import ContourBatch, Palm
 from palpate.render.contour_batch import join_batches
-from palpate.render.hands.flat_hand import flat_hand
+from palpate.render.hands.plane_hand import flat_hand
 
 HAND = flat_hand()
 

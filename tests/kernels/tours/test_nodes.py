@@ -12,8 +12,8 @@ from palpate.kernels.tours.nodes import inside_nodes, thin_nodes
 from palpate.kernels.tours.thinning import POINTS_MOST
 from palpate.render.bench.cases import random_poses
 from palpate.render.errors import StrategyError
-from palpate.render.hands.flat_hand import flat_hand
 from palpate.render.hands.hand import Palm
+from palpate.render.hands.plane_hand import flat_hand
 from palpate.render.intersection import contact_tour as contact
 from palpate.render.objects.mesh.solid_mesh import MeshObject
 

@@ -6,7 +6,7 @@ import time
 import pytest
 
 from palpate.kernels import PLAYING_STAGES
-from palpate.render.cli import demo_command, file_commands
+from palpate.render.cli import render_command
 from palpate.render.playback import file_playback
 from palpate.render.runtime import kernel_compiling
 from tests.cases.command_line import run
@@ -37,8 +37,7 @@ class Recorder:
 @pytest.fixture
 def events(monkeypatch):
     monkeypatch.setattr(Recorder, "events", [])
-    monkeypatch.setattr(file_commands, "CompilingAhead", Recorder)
-    monkeypatch.setattr(demo_command, "CompilingAhead", Recorder)
+    monkeypatch.setattr(render_command, "CompilingAhead", Recorder)
     return Recorder.events
 
 
@@ -58,8 +57,8 @@ def motion(tmp_path):
 
 
 def test_render_compiles_while_it_records_and_waits_once_all_is_shown(events, motion, tmp_path, monkeypatch):
-    monkeypatch.setattr(file_commands, "record", noting(events, "record", file_commands.record))
-    monkeypatch.setattr(file_commands.console, "show_values", lambda *given, **options: events.append("shown"))
+    monkeypatch.setattr(render_command, "record", noting(events, "record", render_command.record))
+    monkeypatch.setattr(render_command.console, "show_values", lambda *given, **options: events.append("shown"))
     assert run("render", "cube", motion, "-o", tmp_path / "cube.h5", "--device", "cpu").exit_code == 0
     assert events == [PLAYING_STAGES, "begin", "record", "end", "shown", "wait"]
 
@@ -74,7 +73,7 @@ def test_an_interrupted_render_waits_for_no_compiler(events, motion, tmp_path, m
     def interrupt(*given, **options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(file_commands, "record", interrupt)
+    monkeypatch.setattr(render_command, "record", interrupt)
     result = run("render", "cube", motion, "-o", tmp_path / "cube.h5", "--device", "cpu")
     assert (result.exit_code, events) == (1, [PLAYING_STAGES, "begin", "end"])
     assert "--resume goes on" in result.stderr
@@ -88,7 +87,7 @@ def test_a_warm_render_starts_no_process(motion, tmp_path, monkeypatch):
 
 def test_demo_waits_for_all_kernels_before_it_plays(events, tmp_path, monkeypatch):
     for name in ("record", "draw_figure", "play_file"):
-        monkeypatch.setattr(demo_command, name, lambda *given, name=name, **options: events.append(name))
+        monkeypatch.setattr(render_command, name, lambda *given, name=name, **options: events.append(name))
     run("demo", "-o", tmp_path, "--clock", "virtual")  # fails afterwards, as nothing was played
     expected = [PLAYING_STAGES, "begin", "record", "record", "draw_figure", "wait", "end", "play_file"]
     assert events[: len(expected)] == expected

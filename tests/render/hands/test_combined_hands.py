@@ -8,9 +8,8 @@ from palpate.datasets.motions.hand_motion import HandMotion
 from palpate.render import MeshObject, Palm, closed_contour, open_contour, render
 from palpate.render.errors import PoseError, StrategyError
 from palpate.render.hands.combined_hands import Times, together
-from palpate.render.hands.flat_hand import flat_hand
 from palpate.render.hands.mesh_hand import MeshHand
-from palpate.render.hands.plane_hand import HandPatch, PlaneHand
+from palpate.render.hands.plane_hand import HandPatch, PlaneHand, flat_hand
 
 
 def motion_of(count, seed, *, rate=90.0, start=0.0, time=True):

@@ -17,8 +17,9 @@ from palpate.kernels.section.joining import join_pieces
 from palpate.kernels.skin.curves import skin_contours
 from palpate.render.contour_batch import ContourBatch
 from palpate.render.errors import MeshError, PalpateWarning, PlacementError, PoseError, StrategyError
-from palpate.render.hands.hand import Hand, Palm, hand_from
+from palpate.render.hands.hand import Hand, Palm
 from palpate.render.hands.mesh_hand import MeshHand, facing_palm
+from palpate.render.hands.stored_hand import hand_from
 from palpate.render.objects.functions.expression import box, sphere
 from palpate.render.objects.functions.implicit_object import ImplicitObject
 

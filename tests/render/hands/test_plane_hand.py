@@ -24,10 +24,9 @@ from palpate.render import (
     render,
 )
 from palpate.render.errors import PoseError, StrategyError
-from palpate.render.hands.flat_hand import flat_hand
-from palpate.render.hands.hand import Hand, PatchHand, frames_at, hand_from, require_rows
-from palpate.render.hands.joint_planes import FINGERS
-from palpate.render.hands.plane_hand import HandPatch, PatchJoint, PlaneHand
+from palpate.render.hands.hand import Hand, PatchHand, frames_at, require_rows
+from palpate.render.hands.plane_hand import FINGERS, HandPatch, PatchJoint, PlaneHand, flat_hand
+from palpate.render.hands.stored_hand import hand_from
 from palpate.render.intersection.mesh_section import intersect
 from palpate.render.reports.contour_figure import draw_figure
 

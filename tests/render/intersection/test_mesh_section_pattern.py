@@ -13,10 +13,10 @@ from palpate.kernels.offsets import PointLimitError
 from palpate.render import MeshObject, Palm, closed_contour, open_contour
 from palpate.render.bench.cases import random_poses
 from palpate.render.errors import MeshError
-from palpate.render.hands.flat_hand import flat_hand
+from palpate.render.hands.plane_hand import flat_hand
 from palpate.render.intersection import mesh_section
 from palpate.render.intersection.mesh_section import PATTERN, intersect, tally_intersection
-from palpate.render.strategies.presets import whole_outline
+from palpate.render.strategies.intersection_strategy import IntersectionStrategy
 
 FIELDS = ("points", "kind", "polyline_start", "polyline_patch", "polyline_closed", "pose_start")
 SIMPLE = ("cube", "tetrahedra apart", "ring")
@@ -26,7 +26,9 @@ def poses_on(device, count=60):
     return wp.array(random_poses(count), dtype=wp.transform, device=device)
 
 
-@pytest.mark.parametrize("strategy", [whole_outline(), open_contour(), closed_contour()], ids=["raw", "oc", "cc"])
+@pytest.mark.parametrize(
+    "strategy", [IntersectionStrategy(), open_contour(), closed_contour()], ids=["raw", "oc", "cc"]
+)
 @pytest.mark.parametrize("name", SIMPLE)
 def test_meshes_and_hands_are_intersected_and_measured_alike(name, strategy, device):
     """Relative points and a flush, too, which the objects and hands bring."""

@@ -6,13 +6,13 @@ import pytest
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.motions.hand_motion import PALM_DOWN
 from palpate.render import MeshHand, Palm, SamplingStrategy, flat_hand, render
-from palpate.render.hands.hand_look import HandLooks
+from palpate.render.hands.stored_hand import HandLooks
 from palpate.render.intersection.named_inputs import solid_of
 from palpate.render.live.drawn_log import LoggedPose
 from palpate.render.live.moment import LiveScene, moment_of
 from palpate.render.live.moment_slot import DRAWING, RESTING, WAITING, CopiedMoment
 from palpate.render.live.renderer_process import LiveRendering
-from palpate.render.live.sources.live_hands import live_hand
+from palpate.render.live.sources.named_sources import live_hand
 from palpate.render.playback.drive import DriveStrategy
 from palpate.render.sampling.metrics import FocalPoints
 from palpate.render.strategies.intersection_strategy import strategy_of

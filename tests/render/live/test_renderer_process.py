@@ -63,8 +63,8 @@ class Drawing:
             control_fd=-1,
             log_fd=None,
         )
-        log = SimpleNamespace(add_pose=self.records.append, add_points=self.records.append, flush=lambda: None)
-        self.moments = MomentSlot(self.settings.patch_most)
+        log = SimpleNamespace(add=self.records.append, flush=lambda: None)
+        self.moments = MomentSlot()
         tap = MomentTap(self.moments, RATE)
         self.renderer = LiveRenderer(self.settings, self.ring, log, tap=tap, clock_ns=lambda: self.now_ns)
 

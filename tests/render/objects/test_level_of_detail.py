@@ -7,8 +7,7 @@ from scipy.spatial import cKDTree
 
 from palpate.render.errors import MeshError
 from palpate.render.focal_spot import focal_width
-from palpate.render.objects.hausdorff import farthest_distance, hausdorff_distance
-from palpate.render.objects.level_of_detail import Detail, simplify
+from palpate.render.objects.level_of_detail import Detail, farthest_distance, hausdorff_distance, simplify
 from palpate.render.objects.mesh.placement import Placement
 from palpate.render.objects.mesh.solid_mesh import MeshObject
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.special import j1
 
+from palpate.device import EmulatorBackend
 from palpate.device.boards.emulator.model import decode_frames, slot_position
-from palpate.device.boards.emulator.usb_side import EmulatorBackend
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames
 from palpate.device.registry import array_model

@@ -9,7 +9,7 @@ import pytest
 from palpate.datasets import HandMotion
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.focus_files.ptlist import write_ptlist
-from palpate.device.boards.emulator.usb_side import Fault, FaultKind
+from palpate.device.boards.emulator.model import Fault, FaultKind
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames
 from palpate.device.errors import DeviceBusyError, DeviceLostError, UpdateRateError

@@ -23,8 +23,7 @@ from palpate.device import (
     VirtualClock,
     open_link,
 )
-from palpate.device.boards.pat16.frame_reader import CommandReader
-from palpate.device.boards.pat16.model import PatBoard
+from palpate.device.boards.pat16.model import CommandReader, PatBoard
 from palpate.device.emulation.usb_bus import EmulatedBus
 
 SECOND = 1_000_000_000

@@ -11,7 +11,7 @@ from command_line import FAILED, answer, refused, run
 from palpate.datasets import HandMotion
 from palpate.datasets.focus_files.ptlist import write_ptlist
 from palpate.device import VirtualClock, array_model
-from palpate.device.boards.stratos.bridge_side import EmulatedBridge
+from palpate.device.boards.stratos.model import EmulatedBridge
 from palpate.render import (
     Connection,
     DriveStrategy,

@@ -103,9 +103,6 @@ ALONE = {
 }
 OF_A_BATCH = {
     "a pose too far": (lambda b: b[99], "pose 99 is outside the batch's 18 poses"),
-    "another library's picture": (lambda b: b.plot(), "figure(path) draws contours"),
-    "another library's table": (lambda b: b.to_dataframe(), "to_pandas() gives a table"),
-    "a picture of focal points": (lambda b: b.sample().plot(), "figure(path) draws contours"),
     "focal points as a table": (lambda b: b.sample().save("points.csv"), "to_pandas().to_csv(path) writes a table"),
     "a word for a pose": (lambda b: b["a"], "a pose's number or first:stop"),
     "a kind": (lambda b: b.length("objct"), "did you mean 'object'?"),

@@ -23,7 +23,7 @@ from palpate.render import (
     HandPatch,
     PlaneHand,
 )
-from palpate.render.stages.point_insertion import divide_batch
+from palpate.render.stages.curves import divide_batch
 
 SQUARE = 0.02 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 

@@ -19,7 +19,7 @@ from palpate.kernels.offsets import PointLimitError
 from palpate.render import ContourBatch, IntersectionStrategy, MeshObject, Palm, Stage, exploration, render
 from palpate.render.errors import StrategyError
 from palpate.render.intersection.job import MEMORY_SMALLEST
-from palpate.render.stages.vertex_spacing import segment_lengths
+from palpate.render.stages.point_function import segment_lengths
 
 ROUNDING = 1e-7  # [m]; of the length of a part whose ends are float32, near the array
 

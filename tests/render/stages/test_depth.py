@@ -7,9 +7,9 @@ from depth_oracle import weighed
 from transform_cases import a_setting, assert_equal, near_poses, random_regions, rendered, run_stage
 
 from palpate.render import MeshObject, Palm, PlaneHand, Scene, Stage, static_pose
-from palpate.render.hands.flat_hand import flat_hand
+from palpate.render.hands.plane_hand import flat_hand
 from palpate.render.stages.depth import CACHE_SIZE, mesh_of
-from palpate.render.strategies.presets import closed_then
+from palpate.render.strategies.intersection_strategy import closed_then
 
 DEFAULTS = {"shallow": 0.0, "deep": 0.02, "lowest": 0.3, "grid": 9, "spacing": 0.004}
 RAMPS = [{}, {"shallow": 0.003, "deep": 0.009, "lowest": 0.0}, {"shallow": 0.007, "deep": 0.001}]
@@ -89,7 +89,7 @@ def test_points_near_the_origin_of_the_objects_file_have_their_depth(moved, devi
     ball = trimesh.creation.icosphere(subdivisions=3, radius=0.06)
     solid = MeshObject(ball if moved else ball.apply_translation(place))
     object_pose = np.array([[*place, 0, 0, 0, 1]], np.float32) if moved else None
-    strategy = closed_then("centroid", Stage("depth", {"at": "point"}))
+    strategy = closed_then("centroid", Stage("depth", {"at": "point"}))()
     scene = Scene.of(solid, Palm(), strategy, object_pose=object_pose)
     batch, _ = scene.contours(static_pose(place).pose, 0, device)
     batch = batch.numpy()

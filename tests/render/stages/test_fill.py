@@ -23,7 +23,7 @@ from transform_cases import (
 from palpate.kernels.offsets import PointLimitError
 from palpate.render import MeshObject, Palm, render
 from palpate.render.errors import PalpateWarning
-from palpate.render.hands.flat_hand import flat_hand
+from palpate.render.hands.plane_hand import flat_hand
 from palpate.render.stages.fill import inset_loops, signed_area
 
 

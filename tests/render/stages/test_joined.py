@@ -10,11 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from palpate.kernels.stages.joint import divide_joints, side_pairs
 from palpate.render import ContourBatch, IntersectionStrategy, MeshObject, Palm, closed_contour, open_contour, render
-from palpate.render.hands.flat_hand import flat_hand
-from palpate.render.hands.plane_hand import HandPatch, PatchJoint, PlaneHand
+from palpate.render.hands.plane_hand import HandPatch, PatchJoint, PlaneHand, flat_hand
 from palpate.render.intersection.mesh_section import intersect
 from palpate.render.stages.prune import JOINT_GAP, drop_joined_sides
-from palpate.render.stages.registry import Setting
+from palpate.render.stages.setting import Setting
 
 STRATEGIES = {"oc": open_contour(), "cc": closed_contour()}
 ANGLE = np.radians(10.0)

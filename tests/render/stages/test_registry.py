@@ -13,20 +13,20 @@ from contour_random import random_batch
 
 from palpate.render import ContourBatch, IntersectionStrategy
 from palpate.render.errors import PalpateWarning, StrategyError
-from palpate.render.hands.flat_hand import flat_hand
+from palpate.render.hands.plane_hand import flat_hand
 from palpate.render.stages import registry
+from palpate.render.stages.point_function import register_point_function
 from palpate.render.stages.prune import cut_batch
 from palpate.render.stages.registry import (
     Option,
-    Setting,
     Stage,
     find_stage,
     known_stages,
     prune_stage,
-    register_point_function,
     register_prune,
     register_transform,
 )
+from palpate.render.stages.setting import Setting
 from palpate.render.strategies.stage_runner import run_stages
 
 POSE = np.tile(np.array([0, 0, 0.2, 0, 0, 0, 1], np.float32), (4, 1))

@@ -1,7 +1,6 @@
 """Intersection strategies as data: JSON, stages with options, order, thresholds in metres, modules of one's own."""
 
 import json
-import subprocess
 import sys
 from dataclasses import replace
 from threading import Thread
@@ -77,7 +76,7 @@ def test_flush_is_stored_where_it_is_given_and_refused_out_of_its_range():
     [
         ("[]", "JSON object"),
         ('{"rew": "section"}', "unknown field 'rew'"),
-        ('{"raw": "slices"}', "raw: unknown stage 'slices'; known: section, contact, overlap"),
+        ('{"raw": "slices"}', "raw: unknown stage 'slices'; known: section, contact"),
         ('{"raw": ["section"]}', "raw: a stage is a name"),
         ('{"prune": "outside"}', "prune must be a list, not 'outside'"),
         ('{"prune": ["tiny"]}', "prune: unknown stage 'tiny'; known: outside, off-skin"),
@@ -203,18 +202,6 @@ def test_a_stage_with_its_defaults_written_out_is_the_same_stage(options):
 def test_far_objects_scale_options_to_their_bounds():
     for make in PRESETS.values():
         make().resolved(0.9)
-
-
-@pytest.mark.exhaustive
-def test_presets_are_all_there_at_the_first_look_and_grow_while_looked_through():
-    code = (
-        "from palpate.render.strategies.intersection_strategy import PRESETS, open_contour\n"
-        "first = [name for name in PRESETS]\n"
-        "for name, make in PRESETS.items():\n"
-        "    PRESETS.setdefault('own', open_contour)\n"
-        "assert 'hatch' in first and list(PRESETS) == [*first, 'own'] and len(PRESETS) == len(first) + 1"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
 
 
 def test_an_unknown_strategy_lists_the_presets():

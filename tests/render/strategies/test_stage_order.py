@@ -11,8 +11,7 @@ from palpate.render import IntersectionStrategy
 from palpate.render.errors import StrategyError
 from palpate.render.hands.hand import PatchFrames
 from palpate.render.stages.registry import Stage, known_stages
-from palpate.render.strategies.intersection_strategy import PRESETS
-from palpate.render.strategies.presets import PRESET_LINES
+from palpate.render.strategies.intersection_strategy import PRESET_LINES, PRESETS
 from palpate.render.strategies.stage_order import require_order
 
 MAKERS = ("ellipse", "circle", "centroid", "hatch", "inset")
@@ -27,7 +26,7 @@ MAKERS = ("ellipse", "circle", "centroid", "hatch", "inset")
         ("section", ("outside",), ("close", "corners", "ellipse"), '"ellipse" draws .*"corners"'),
         ("section", (), ("depth", "smooth", "inset"), '"inset" draws .*"depth"'),
         ("section", ("outside",), ("close", "circle", "edges"), '"edges" tells .*"circle"'),
-        ("overlap", (), ("edges",), '"edges" tells .*raw "overlap"'),
+        ("contact", (), ("edges",), '"edges" tells .*raw "contact"'),
     ],
 )
 def test_orders_that_make_no_sense_are_refused(raw, prune, transform, message):

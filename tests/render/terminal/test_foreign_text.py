@@ -97,7 +97,7 @@ def test_what_is_wrong_with_options_is_shown_and_not_obeyed(name, monkeypatch, c
 
 
 def test_a_traceback_is_shown_and_not_obeyed(monkeypatch, capsys, rendered):
-    from palpate.render.cli import file_commands as job
+    from palpate.render.cli import info_command as job
 
     def broken(path):
         raise KeyError(TITLE) from ValueError(f"{CLEAR}a\x85b")

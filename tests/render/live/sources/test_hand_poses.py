@@ -17,7 +17,7 @@ from palpate.render.errors import StrategyError
 from palpate.render.hands.plane_hand import PlaneHand
 from palpate.render.live.sources.hand_frame import SeenHand
 from palpate.render.live.sources.hand_poses import MEASURED, HandPoses, PatchLayout, moved, phalanx_poses
-from palpate.render.live.sources.live_hands import patch_layout
+from palpate.render.live.sources.named_sources import patch_layout
 from palpate.render.live.sources.plausibility import Implausible
 
 DATA = Path(os.environ.get("PALPATE_TEST_DATA", ""))

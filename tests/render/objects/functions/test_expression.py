@@ -22,18 +22,16 @@ from palpate.render.objects.functions.expression import (
     box,
     capsule,
     cylinder,
+    expression_from,
+    expression_from_json,
+    expression_to_json,
     half_space,
+    load_expression,
     sphere,
     torus,
     union,
 )
 from palpate.render.objects.functions.expression_compiler import compile_expression, expression_bounds
-from palpate.render.objects.functions.expression_json import (
-    expression_from,
-    expression_from_json,
-    expression_to_json,
-    load_expression,
-)
 
 AT = np.random.default_rng(5).uniform(-0.3, 0.3, (400, 3))
 NEAR = 1e-12  # [m]

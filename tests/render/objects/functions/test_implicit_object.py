@@ -15,8 +15,14 @@ from palpate.kernels.fields.probe import probe_points
 from palpate.render import render
 from palpate.render.errors import ImplicitError, PalpateWarning
 from palpate.render.hands.hand import Palm
-from palpate.render.objects.functions.expression import box, half_space, sphere, torus
-from palpate.render.objects.functions.expression_json import expression_from, expression_to_json
+from palpate.render.objects.functions.expression import (
+    box,
+    expression_from,
+    expression_to_json,
+    half_space,
+    sphere,
+    torus,
+)
 from palpate.render.objects.functions.implicit_object import ImplicitObject
 from palpate.render.objects.mesh.placement import Placement
 from palpate.render.objects.mesh.solid_mesh import MeshObject

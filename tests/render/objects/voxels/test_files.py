@@ -16,8 +16,8 @@ from palpate.datasets.bounded_file import unpack
 from palpate.render import Placement
 from palpate.render.errors import PalpateWarning, VoxelError
 from palpate.render.objects.voxels import files
-from palpate.render.objects.voxels.files import is_volume, read_volume, save_voxels
-from palpate.render.objects.voxels.voxel_object import VoxelObject
+from palpate.render.objects.voxels.files import is_volume, read_volume
+from palpate.render.objects.voxels.voxel_object import VoxelObject, save_voxels
 
 FORMATS = {".npz": None, ".nrrd": "nrrd", ".nii": "nibabel", ".nii.gz": "nibabel", ".nvdb": None}
 
@@ -244,7 +244,7 @@ def test_nanovdb_of_another_type_or_too_large_is_refused(tmp_path, monkeypatch):
         with pytest.raises(VoxelError, match="float is needed"):
             VoxelObject.load(tmp_path / f"{name}.nvdb")
     save_voxels(balled(), tmp_path / "ball.nvdb")
-    monkeypatch.setattr("palpate.render.objects.voxels.values.PADDED_MOST", 1000)
+    monkeypatch.setattr("palpate.render.objects.voxels.grid.PADDED_MOST", 1000)
     with pytest.raises(VoxelError, match="values must be 1000 at most"):
         VoxelObject.load(tmp_path / "ball.nvdb")
 

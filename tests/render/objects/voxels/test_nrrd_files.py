@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.render.errors import VoxelError
-from palpate.render.objects.voxels.files import read_volume
-from palpate.render.objects.voxels.nrrd_files import without_lists
+from palpate.render.objects.voxels.files import read_volume, without_lists
 from palpate.render.objects.voxels.voxel_object import VoxelObject
 
 

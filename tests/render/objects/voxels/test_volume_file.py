@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.render.objects.voxels.volume_file import UNIT_NAMES, UNITS, scaled, without_ones
+from palpate.render.objects.voxels.files import UNIT_NAMES, UNITS, scaled, without_ones
 
 
 @pytest.mark.parametrize(("name", "metres"), [("metre", 1.0), ("centimeter", 1e-2), ("mm", 1e-3), ("micron", 1e-6)])

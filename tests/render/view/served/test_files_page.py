@@ -139,7 +139,7 @@ def test_of_more_poses_than_plots_show_those_around_the_moment_are_given(tmp_pat
         ({"ask": "moment", "pose": [90]}, r"pose must be one whole number of 0\.\.89, not \[90\]"),
         ({"ask": "moment", "time": "now"}, "time must be a number"),
         ({"ask": "pressure", "poses": [1], "where": "off"}, "where must be one of skin, plane"),
-        ({"ask": "noise", "poses": []}, r"0\.\.89, not \[\]"),
+        ({"ask": "series", "poses": []}, r"0\.\.89, not \[\]"),
         ({"ask": "news", "done": [91]}, r"0\.\.90, not \[91\]"),
     ],
 )

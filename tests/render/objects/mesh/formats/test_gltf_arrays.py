@@ -8,7 +8,7 @@ import pytest
 from gltf_files import GltfFile
 
 from palpate.render.errors import MeshError
-from palpate.render.objects.mesh.formats.gltf_arrays import (
+from palpate.render.objects.mesh.formats.gltf import (
     GltfArrays,
     accessor_bytes,
     embedded,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.render.errors import MeshError
-from palpate.render.objects.mesh.formats.plain_text import numbers_of, plain_text
+from palpate.render.objects.mesh.formats.polygons import numbers_of, plain_text
 
 
 @pytest.mark.parametrize("end", [b"\n", b"\r\n", b"\r"])

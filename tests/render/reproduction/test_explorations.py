@@ -7,10 +7,13 @@ from palpate.render import MeshObject, Palm, StrategyError, closed_contour, open
 from palpate.render.reproduction.explorations import (
     FeltLengths,
     StudySettings,
+    block_ratios,
     explorer_motion,
+    holm,
     measure_lengths,
+    ratio_tests,
+    ratio_values,
 )
-from palpate.render.reproduction.length_ratios import block_ratios, ratio_tests, ratio_values
 from palpate.render.reproduction.paper_numbers import BLOCK_COUNT, EXPLORATION_SECONDS
 
 
@@ -65,3 +68,13 @@ def test_lengths_are_those_of_both_renderings_of_the_same_motions():
 def test_counts_out_of_bounds_are_refused(explorers, repetitions, message):
     with pytest.raises(StrategyError, match=message):
         StudySettings(explorers, repetitions)
+
+
+def test_holm_steps_down_and_never_falls():
+    # Sorted 0.01, 0.02, 0.022 times 3, 2, 1: 0.03, 0.04, 0.022, and the last is raised to what stands before it.
+    assert holm({"a": 0.02, "b": 0.01, "c": 0.022}) == pytest.approx({"a": 0.04, "b": 0.03, "c": 0.04})
+
+
+def test_holm_ends_at_1_and_leaves_out_what_says_nothing():
+    assert holm({"a": 0.6, "b": None, "c": 0.9}) == {"a": 1.0, "b": None, "c": 1.0}
+    assert holm({}) == {}

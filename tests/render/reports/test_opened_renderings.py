@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.render.errors import StrategyError
-from palpate.render.reports.shown_moments import MOMENTS_MOST, MotionMoments, distinct_poses, poses_at
+from palpate.render.reports.opened_renderings import MOMENTS_MOST, MotionMoments, distinct_poses, poses_at
 
 STILL = np.array([0, 0, 0.2, 0, 0, 0, 1], np.float32)
 LINE = np.array([[0.0, 0, 0], [0.02, 0, 0]])  # [m], a contour in the hand's frame

@@ -1,16 +1,63 @@
-"""Figure 6C: distributions of r by object, beside the paper's means."""
+"""Sections 4.2, 5.2 and 6.2 and figure 6C: draw frequencies, r, and what people felt."""
 
 from typing import Any
 
 import numpy as np
 
-from ..reports.report_pages import ReportPicture, ReportSection, ReportTable
-from ..reports.report_pictures import drawing, picture_content
-from .compared_rows import ReportRow, compared
-from .explorations import StudySettings
-from .length_ratios import BlockRatios, ratio_tests, ratio_values
-from .paper_numbers import ALPHA, RATIOS
-from .significance import p_text
+from ..reports.file_summary import DRAW_FREQUENCIES, draw_frequencies
+from ..reports.report_pages import ReportPicture, ReportSection, ReportTable, drawing, picture_content
+from .explorations import BlockRatios, FeltLengths, StudySettings, p_text, ratio_tests, ratio_values
+from .paper_numbers import ALPHA, RATIOS, SPEED, ReportRow, compared
+
+FREQUENCY_TEXT = (
+    "The focal point moves at 7 m/s, so a longer contour is drawn at a lower frequency. All values are of the poses of "
+    "the explorations below that have a contour. The headline is the mean over these poses of update rate by whole "
+    "samples of a cycle; the others are its 5 %, 50 % and 95 % quantiles, and speed by mean length."
+)
+
+
+def frequency_section(lengths: dict[str, FeltLengths]) -> tuple[ReportSection, dict]:
+    """The section, and its values for JSON: draw frequencies [Hz] by object and strategy."""
+    values = {
+        name: {
+            strategy: draw_frequencies(length[length > 0.0])
+            for strategy, length in (("oc", felt.open), ("cc", felt.closed))
+        }
+        for name, felt in lengths.items()
+    }
+    rows = tuple(_frequency_row(name, found) for name, found in values.items())
+    head = ("object", "strategy", "headline [Hz]", "5 % [Hz]", "median [Hz]", "95 % [Hz]", "of mean length [Hz]")
+    table = tuple(
+        (name, strategy.upper(), *(_frequency_text(found[key]) for key in DRAW_FREQUENCIES))
+        for name, by_strategy in values.items()
+        for strategy, found in by_strategy.items()
+    )
+    section = ReportSection(
+        "Sections 4.2 and 4.3: draw frequencies",
+        FREQUENCY_TEXT,
+        (compared(rows), ReportTable("Draw frequencies", head, table)),
+    )
+    return section, {"draw_frequency": values}
+
+
+def _frequency_row(name: str, found: dict) -> ReportRow:
+    low, high = found["cc"]["draw_frequency_of_mean_length"], found["oc"]["draw_frequency_of_mean_length"]
+    headline = found["oc"]["draw_frequency"], found["cc"]["draw_frequency"]
+    ours = f"OC {_frequency_text(headline[0])} Hz, CC {_number(headline[1])} Hz (headline)"
+    verdict = "No contour was met"
+    if low is not None and high is not None:
+        verdict = "Agrees" if low < high else "Disagrees"
+        ours += f"; of mean length OC {high:.1f} Hz, CC {low:.1f} Hz"
+    why = (
+        f"{verdict}: the paper gives the speed and the order, no frequencies. The headline of OC is raised by poses "
+        "that only graze the object, whose contours are a few millimetres long."
+    )
+    return ReportRow(f"draw frequency, {name}", f"{SPEED:g} m/s; CC lower than OC", ours, why)
+
+
+def _frequency_text(value: float | None) -> str:
+    return "none" if value is None else f"{value:.1f}"
+
 
 AIM = 0.1
 """Of the paper's mean: how near r should come with nothing fitted."""
@@ -146,3 +193,60 @@ def _draw_sample(axes: Any, place: int, r: np.ndarray, paper: float) -> None:
     if len(r):
         axes.plot([place], [r.mean()], **mean, label="mean, palpate", zorder=4)
     axes.plot([place - 0.36, place + 0.36], [paper, paper], color=PAPER_COLOUR, lw=2, label="mean, paper", zorder=3)
+
+
+PEOPLE_TEXT = (
+    "No computation answers for people. Both studies can be run again with participants: `palpate study example paper` "
+    "writes the user study's plan, `palpate study paper.toml` runs the next participant, and `palpate study analyse "
+    "paper.toml` makes a report with the tests of these rows. The pilot's plan is `palpate study example pilot`."
+)
+NEEDED = "needs people"
+PEOPLE_ROWS = (
+    ("p_CC above 0.5 (Wilcoxon)", "p < 0.001", "Choices: p_cc, test against chance"),
+    ("p_CC is normally distributed (Shapiro)", "p < 0.001", "Choices: p_cc, Shapiro-Wilk test of all blocks"),
+    ("p_CC by object (Wilcoxon, Holm)", "cube above tube, p = 0.03", "Choices: p_cc, pairs of objects"),
+    ("p_CC by opacity (Wilcoxon)", "opaque above transparent, p = 0.006", "Choices: p_cc, pair of opacities"),
+    (
+        "p_CC of each participant",
+        "12 of 18 with 0.5 or more in at least 5 of 6 blocks; 3 opposite; 3 ambiguous",
+        "Choices: p_cc, table and picture of participants",
+    ),
+    (
+        "confidence by object (Wilcoxon, Holm)",
+        "cube above dog, p = 0.005; above tube, p = 0.012",
+        "Confidence, pairs of objects",
+    ),
+    (
+        "difficulty by object (Wilcoxon, Holm)",
+        "cube easier than dog and than tube, p = 0.004 both",
+        "Difficulty, pairs of objects",
+    ),
+    (
+        "confidence and difficulty by opacity (Wilcoxon)",
+        "no significant effect, p = 0.05 both (as printed)",
+        "Confidence, Difficulty, pair of opacities",
+    ),
+    (
+        "pilot: OC and CC feel different (of 6 participants, 5 objects each)",
+        "2 always, 2 failed once, 2 failed twice",
+        "What people wrote, question stimuli",
+    ),
+    (
+        "pilot: what differs",
+        "density and filling, named at least once by all 6",
+        "What people wrote, question objects",
+    ),
+    (
+        "pilot: which one fits what is seen",
+        "CC in most answers of 5 of 6",
+        "What people wrote, question coherence",
+    ),
+)
+"""Result, what the paper reports, and the section of a study's report that has it."""
+
+
+def people_section() -> ReportSection:
+    """The section; it has no values."""
+    rows = tuple((what, paper, NEEDED, how) for what, paper, how in PEOPLE_ROWS)
+    table = ReportTable("", ("result", "paper", "palpate", "section of a study's report"), rows, "compare")
+    return ReportSection("Sections 5.2 and 6.2: what people felt", PEOPLE_TEXT, (table,))

@@ -5,7 +5,7 @@ import pytest
 
 from palpate.render import ContourFile, MeshObject, render, static_pose
 from palpate.render.focal_spot import focal_width
-from palpate.render.reports.fused_contours import fused_places, fused_share
+from palpate.render.reports.file_summary import fused_places, fused_share
 
 WIDTH = 0.010  # [m]
 

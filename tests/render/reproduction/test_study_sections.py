@@ -5,13 +5,10 @@ import re
 import numpy as np
 import pytest
 
-from palpate.render.reproduction.construction_section import PALM, construction_section, section_solid
-from palpate.render.reproduction.explorations import FeltLengths, StudySettings
-from palpate.render.reproduction.frequency_section import frequency_section
-from palpate.render.reproduction.length_ratios import BlockRatios
+from palpate.render.reproduction.explorations import BlockRatios, FeltLengths, StudySettings
+from palpate.render.reproduction.object_sections import PALM, construction_section, section_solid
 from palpate.render.reproduction.paper_numbers import RATIOS
-from palpate.render.reproduction.people_section import people_section
-from palpate.render.reproduction.ratio_section import ratio_section
+from palpate.render.reproduction.study_sections import frequency_section, people_section, ratio_section
 
 
 def ratios(explorers):

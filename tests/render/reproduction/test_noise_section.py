@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.render import NoiseSpectrum, StrategyError
-from palpate.render.reproduction.noise_recordings import compare_noise, paper_above
+from palpate.render.reproduction.noise_section import compare_noise, paper_above
 from palpate.render.reproduction.paper_numbers import BIN, paper_spectra
 
 FREQUENCY = BIN * np.arange(1, 511)

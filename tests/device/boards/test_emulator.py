@@ -14,7 +14,7 @@ import usb.util
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.device import EmulatorBackend, Fault, FaultKind, VirtualClock
+from palpate.device import EmulatorBackend, VirtualClock
 
 FRAME = 512
 PERIOD = 4 * 25_000  # [ns], at the divider after power-up
@@ -171,14 +171,3 @@ def test_content_played_is_content_sent_in_pieces_of_any_size(sizes: list[int], 
     assert bus.board().played.tobytes() == sent[: whole * FRAME].tobytes()
     assert status(device)[4] == sum(sizes) % FRAME
     usb.util.dispose_resources(device)
-
-
-def test_a_fault_without_its_place_is_refused() -> None:
-    for kind, place in (
-        (FaultKind.STALL, {}),
-        (FaultKind.BUSY, {"byte": 3}),
-        (FaultKind.SHORT, {"request": 3}),
-        (FaultKind.UNPLUG, {"byte": 3, "request": 3}),
-    ):
-        with pytest.raises(ValueError, match="fault"):
-            Fault(kind, **place)

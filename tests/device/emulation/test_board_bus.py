@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 import usb.core
 import usb.util
+from injected_faults import Fault, FaultKind, inject
 
 import palpate.device
 from palpate.device.clock import VirtualClock
-from palpate.device.emulation.faults import Fault, FaultKind
 from palpate.device.emulation.usb_bus import EmulatedBus
 from palpate.device.errors import UnknownArrayError
 from palpate.device.registry import emulated_backend
@@ -89,7 +89,7 @@ def test_boards_are_written_from_documents_alone() -> None:
                 imported = module.parents[node.level - 1] / (node.module or "").replace(".", "/")
                 waiting += [] if str(imported.relative_to(DEVICE)) in reached else [imported]
     boards = {"emulator/model", "pat16/model", "pat16/ftdi_model", "sonicsurface/model"}
-    buses = {"peripheral", "usb_bus", "faults", "serial_bus"}
+    buses = {"peripheral", "usb_bus", "serial_bus"}
     assert reached == (
         {f"boards/{name}" for name in boards}
         | {f"emulation/{name}" for name in buses}
@@ -172,7 +172,7 @@ def test_a_write_blocked_at_its_timeout_is_short_and_without_any_byte_an_error(
     taken = plugged.write(ENDPOINT[name], sent, timeout=2)
     assert 0 < taken < len(sent)
     assert bus.clock.now_ns() == 2_000_000
-    bus.inject(Fault(FaultKind.TIMEOUT, byte=taken))
+    inject(bus, Fault(FaultKind.TIMEOUT, byte=taken))
     raised(errno.ETIMEDOUT, lambda: plugged.write(ENDPOINT[name], sent[taken:], timeout=1))
     assert bus.board().bytes_received == taken
 
@@ -183,7 +183,7 @@ def test_a_fault_strikes_at_its_byte(
     bus: EmulatedBus, name: str, plugged: usb.core.Device, kind: FaultKind, offset: int
 ) -> None:
     whole = 3 * FRAME
-    bus.inject(Fault(kind, byte=whole + offset))
+    inject(bus, Fault(kind, byte=whole + offset))
     sent = frames(6)
 
     def write(data: array) -> int:
@@ -209,8 +209,8 @@ def test_a_fault_strikes_at_its_byte(
 
 
 def test_opening_and_claiming_fail_when_told_to(bus: EmulatedBus, name: str) -> None:
-    bus.inject(Fault(FaultKind.DENIED))
-    bus.inject(Fault(FaultKind.BUSY))
+    inject(bus, Fault(FaultKind.DENIED))
+    inject(bus, Fault(FaultKind.BUSY))
     found = usb.core.find(backend=bus)
     raised(errno.EACCES, lambda: found.is_kernel_driver_active(0))
     if found.is_kernel_driver_active(0):
@@ -288,7 +288,7 @@ def test_an_unknown_request_and_another_port_stall(name: str, plugged: usb.core.
 
 @chips
 def test_a_request_can_be_made_to_fail(bus: EmulatedBus, name: str, plugged: usb.core.Device) -> None:
-    bus.inject(Fault(FaultKind.STALL, request=BIT_MODE))
+    inject(bus, Fault(FaultKind.STALL, request=BIT_MODE))
     raised(errno.EPIPE, lambda: plugged.ctrl_transfer(OUT, BIT_MODE, 0, 1))
     assert plugged.ctrl_transfer(OUT, BIT_MODE, 0, 1) == 0
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from injected_faults import Fault, FaultKind, inject
 
 import palpate.device
 from palpate.device.boards.sonicsurface.model import SonicPorts
 from palpate.device.clock import VirtualClock
-from palpate.device.emulation.faults import Fault, FaultKind
 from palpate.device.emulation.serial_bus import ADAPTER_BYTES, DRIVER_BYTES
 from palpate.device.transports.serial_line import SerialPort
 
@@ -58,7 +58,7 @@ def test_they_know_nothing_of_pyserial() -> None:
     for module in ("emulation/serial_bus", "transports/serial_line", "boards/sonicsurface/model"):
         tree = ast.parse((folder / f"{module}.py").read_text())
         imported = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.level}
-        assert imported <= {"clock", "errors", "faults", "transports.serial_line", "emulation.serial_bus"}
+        assert imported <= {"clock", "errors", "transports.serial_line", "emulation.serial_bus"}
 
 
 def test_what_is_written_is_played(ports: SonicPorts, port: SerialPort) -> None:
@@ -92,7 +92,7 @@ def test_closing_drops_what_the_driver_holds_and_the_board_plays_on(ports: Sonic
 @pytest.mark.parametrize("kind", [FaultKind.UNPLUG, FaultKind.TIMEOUT, FaultKind.SHORT])
 def test_a_fault_strikes_at_its_byte(ports: SonicPorts, port: SerialPort, kind: FaultKind, offset: int) -> None:
     whole = 3 * 258
-    ports.inject(Fault(kind, byte=whole + offset))
+    inject(ports, Fault(kind, byte=whole + offset))
     sent = memoryview(frames(6))
     assert port.write(sent[:whole]) == whole
     if kind is FaultKind.UNPLUG:
@@ -111,7 +111,7 @@ def test_a_fault_strikes_at_its_byte(ports: SonicPorts, port: SerialPort, kind: 
 def test_a_port_has_one_user_and_must_be_there(ports: SonicPorts, port: SerialPort) -> None:
     raised(errno.EAGAIN, lambda: ports.open(ports.path(), baud=BAUD))
     raised(errno.ENOENT, lambda: ports.open("emulated:9", baud=BAUD))
-    ports.inject(Fault(FaultKind.DENIED), index=1)
+    inject(ports, Fault(FaultKind.DENIED), index=1)
     raised(errno.EACCES, lambda: ports.open(ports.path(1), baud=BAUD))
     ports.open(ports.path(1), baud=BAUD).close()
 

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from injected_faults import Fault, FaultKind, inject
 
 from palpate.device import (
     DeviceBusyError,
@@ -21,8 +22,6 @@ from palpate.device import (
     DeviceLostError,
     DeviceTimeoutError,
     EmulatorBackend,
-    Fault,
-    FaultKind,
     FrameError,
     LiveStatistics,
     Player,
@@ -292,7 +291,7 @@ def test_a_torn_frame_is_completed_before_the_off_frame(bus: EmulatorBackend, li
     player = Player(link)
     wire = content(3000)
     torn_at = 2600 * FRAME + 77
-    bus.inject(Fault(FaultKind.TIMEOUT, byte=torn_at))
+    inject(bus, Fault(FaultKind.TIMEOUT, byte=torn_at))
     writes = link.short_writes
 
     def blocks() -> Iterator[array]:
@@ -343,7 +342,7 @@ def test_a_stop_whose_request_fails_still_ends_off(
 
     def blocks() -> Iterator[bytes]:
         yield from in_blocks(content(2500), 100)
-        bus.inject(Fault(kind, request=request_number))
+        inject(bus, Fault(kind, request=request_number))
         player.stop()
         yield bytes(FRAME)
 

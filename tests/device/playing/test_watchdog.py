@@ -10,11 +10,10 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from injected_faults import Fault, FaultKind, inject
 
 from palpate.device import (
     DeviceBusyError,
-    Fault,
-    FaultKind,
     UsbLink,
     VirtualClock,
     WatchdogError,
@@ -113,7 +112,7 @@ def test_it_silences_what_a_dead_player_left_although_a_request_fails(name: str,
     bus.clock.advance(20 / model.frame_clock * model.divider_default)
     assert bus.board().emitting
     if request_number is not None:
-        bus.inject(Fault(FaultKind.STALL, request=request_number))
+        inject(bus, Fault(FaultKind.STALL, request=request_number))
     switch_off(model, None, backend=bus)
     bus.clock.advance(1)
     assert not bus.board().emitting

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from injected_faults import Fault, FaultKind, inject
 
 from palpate.datasets import HandMotion
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.focus_files.ptlist import write_ptlist
-from palpate.device.boards.emulator.model import Fault, FaultKind
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames
 from palpate.device.errors import DeviceBusyError, DeviceLostError, UpdateRateError
@@ -253,7 +253,7 @@ def test_several_arrays_focus_at_the_same_point_each_from_where_it_stands(tmp_pa
 
 def test_when_one_of_several_arrays_is_lost_the_others_are_switched_off(tmp_path, moving, monkeypatch):
     buses = [emulated_backend("emulator", clock=VirtualClock()) for _ in range(2)]
-    buses[1].inject(Fault(FaultKind.UNPLUG, byte=200_000))
+    inject(buses[1], Fault(FaultKind.UNPLUG, byte=200_000))
     waiting = list(buses)
     monkeypatch.setattr(
         "palpate.render.playback.file_playback.emulated_backend", lambda name, **options: waiting.pop(0)

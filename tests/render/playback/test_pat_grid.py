@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from injected_faults import Fault, FaultKind, inject
 from pat_grid_cases import FRAME, MODEL, bus_of, content, played_since
 
 from palpate.device import (
     DeviceError,
     DeviceTimeoutError,
-    Fault,
-    FaultKind,
     Player,
     VirtualClock,
     open_link,
@@ -181,7 +180,7 @@ def test_a_host_that_miscounts_a_cut_transfer_ends_off_all_the_same(missing: int
     with open_link(MODEL, backend=bus) as link:
         link.start(4)
         link.write(array("B", content(2).tobytes()[: 2 * FRAME - missing]))
-        link._transport.bytes_taken += missing
+        link._transport._taken += missing
         link.send_off()
         bus.clock.advance(0.1)
         assert not bus.board().emitting
@@ -201,7 +200,7 @@ def ends(name: str, bus: EmulatedBus[PatBoard]) -> tuple[Iterator[np.ndarray], t
             if number == 20 and name == "exception":
                 raise Own
             if number == 20 and name == "stall":
-                bus.inject(Fault(FaultKind.STALL, byte=bus.board().bytes_received + 1000))
+                inject(bus, Fault(FaultKind.STALL, byte=bus.board().bytes_received + 1000))
             if number == 20 and name == "hiccup":
                 bus.clock.advance(0.95)
             if number == 20 and name == "pause":
@@ -246,7 +245,7 @@ def test_a_stream_that_breaks_off_at_any_byte_of_a_frame_ends_off_and_plays_whol
         for byte in range(first, first + 64):
             link.start(4)
             count = 1 + byte % 2 if kind is FaultKind.STALL else 30 if byte % 2 else 1
-            bus.inject(Fault(kind, byte=bus.board().bytes_received + 3 * FRAME + byte, count=count))
+            inject(bus, Fault(kind, byte=bus.board().bytes_received + 3 * FRAME + byte, count=count))
             before = len(bus.board().played)
             try:
                 player.play([content(8)], update_rate=10e3)

@@ -6,11 +6,11 @@ import sys
 
 import pytest
 from acceptance_script import EXPECTED, Emulated, answers_of, shorten, spend_hour, steps_of
+from injected_faults import Fault, FaultKind, inject
 from typer.testing import CliRunner
 from umockdev_session import write_pat_file
 
 from palpate.device.clock import VirtualClock
-from palpate.device.emulation.faults import Fault, FaultKind
 from palpate.device.registry import array_model, emulated_backend
 from palpate.render.cli.app import app
 from palpate.render.playback.file_playback import Connection
@@ -175,7 +175,7 @@ def test_an_array_that_fails_in_a_step_keeps_what_was_answered(capsys, monkeypat
     def look(number):
         if number == 2:
             board = emulated.buses[-1].board()
-            emulated.bus.inject(Fault(FaultKind.STALL, byte=board.bytes_received + 60_000))
+            inject(emulated.bus, Fault(FaultKind.STALL, byte=board.bytes_received + 60_000))
 
     monkeypatch.setattr("acceptance_script.Emulated", lambda *_, **__: emulated)
     done = spend_hour(capsys, monkeypatch, path, answers_of("pat16"), look=look)

@@ -53,7 +53,6 @@ from palpate.device.playing.watchdog import Watchdog
 from palpate.device.registry import emulated_backend
 from palpate.render.cli.app import app
 from palpate.render.playback.file_playback import Connection, play_file
-from palpate.render.selftest.steps import steps_for
 
 PAGE = next(folder for folder in Path(__file__).parents if (folder / "docs").is_dir()) / "docs/develop/add-an-array.md"
 FRAME = 33
@@ -242,12 +241,6 @@ def test_the_command_line_plays_to_it(toy: ArrayModel, points: Path) -> None:
     assert run.exit_code == 0, run.output
     told = json.loads(run.stdout)
     assert (told["array"], told["serial"], told["frames"]) == ("toy", "TOY1", 200)
-
-
-def test_it_has_the_steps_of_an_array_on_usb(toy: ArrayModel) -> None:
-    names = {step.name for step in steps_for(toy)}
-    assert {"corner", "pitch", "unplug", "replug"} <= names
-    assert "fast" not in names
 
 
 def test_no_watchdog_is_said_to_stand_that_could_not_switch_it_off(toy: ArrayModel, bus: EmulatedBus) -> None:

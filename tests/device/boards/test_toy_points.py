@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from palpate.datasets.focus_files.ptlist import write_ptlist
 from palpate.device import (
@@ -31,11 +30,8 @@ from palpate.device import (
     remove_array,
 )
 from palpate.device.boards.emulator.kind import KIND as EMULATOR
-from palpate.device.codec import is_emitting
 from palpate.device.link import never
 from palpate.device.registry import emulated_backend
-from palpate.render import Driver
-from palpate.render.cli.app import app
 from palpate.render.playback.file_playback import Connection, play_file
 
 
@@ -142,15 +138,6 @@ def test_a_file_is_played_to_it_as_its_focal_points(bus: PointsBus, tmp_path: Pa
     assert values[:, 3].tolist() == [1.0] * 50 + [0.0]
 
 
-def test_the_command_line_and_predictions_know_it(bus: PointsBus, tmp_path: Path) -> None:
-    path = tmp_path / "points.ptlist"
-    write_ptlist(path, np.full((20, 3), 0.1, np.float32), np.ones(20, np.float32), 10e3)
-    run = CliRunner().invoke(app, ["play", str(path), "--array", "points", "--emulate"])
-    assert run.exit_code == 0, run.output
-    assert Driver("points").takes_points
-    assert is_emitting(np.ones((1, 16), np.uint8), array="points").tolist() == [True]
-
-
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
@@ -171,11 +158,3 @@ def test_a_model_that_does_not_take_what_its_kind_says_is_refused(kind: ArrayKin
             array_model("points")
     finally:
         remove_array("points")
-
-
-def test_sentences_of_a_kind_are_sentences_or_none() -> None:
-    for field in ("supposed", "watches_itself"):
-        with pytest.raises(
-            ArrayKindError, match=f"{field} of array 'points' is True, but it must be a sentence or None"
-        ):
-            register_array(replace(POINTS, **{field: True}))

@@ -177,50 +177,6 @@ def test_a_write_blocked_at_its_timeout_is_short_and_without_any_byte_an_error(
     assert bus.board().bytes_received == taken
 
 
-@pytest.mark.parametrize("offset", [0, 700])
-@pytest.mark.parametrize("kind", [FaultKind.UNPLUG, FaultKind.STALL, FaultKind.TIMEOUT, FaultKind.SHORT])
-def test_a_fault_strikes_at_its_byte(
-    bus: EmulatedBus, name: str, plugged: usb.core.Device, kind: FaultKind, offset: int
-) -> None:
-    whole = 3 * FRAME
-    inject(bus, Fault(kind, byte=whole + offset))
-    sent = frames(6)
-
-    def write(data: array) -> int:
-        return plugged.write(ENDPOINT[name], data, timeout=1000)
-
-    assert write(sent[:whole]) == whole
-    if kind is FaultKind.SHORT or (kind is FaultKind.TIMEOUT and offset):
-        assert write(sent[whole:]) == offset
-    else:
-        code = {FaultKind.UNPLUG: errno.ENODEV, FaultKind.STALL: errno.EPIPE, FaultKind.TIMEOUT: errno.ETIMEDOUT}[kind]
-        raised(code, lambda: write(sent[whole:]))
-    assert bus.board().bytes_received == whole + offset
-    if kind is FaultKind.UNPLUG:
-        assert not bus.board().emitting
-        assert usb.core.find(backend=bus) is None
-        return
-    if kind is FaultKind.STALL:
-        raised(errno.EPIPE, lambda: write(sent))
-        plugged.clear_halt(ENDPOINT[name])
-    assert write(sent[whole + offset :]) == len(sent) - whole - offset
-    bus.clock.advance(0.5)
-    assert bus.board().played.tobytes() == sent.tobytes()
-
-
-def test_opening_and_claiming_fail_when_told_to(bus: EmulatedBus, name: str) -> None:
-    inject(bus, Fault(FaultKind.DENIED))
-    inject(bus, Fault(FaultKind.BUSY))
-    found = usb.core.find(backend=bus)
-    raised(errno.EACCES, lambda: found.is_kernel_driver_active(0))
-    if found.is_kernel_driver_active(0):
-        found.detach_kernel_driver(0)
-    found.set_configuration()
-    raised(errno.EBUSY, lambda: usb.util.claim_interface(found, 0))
-    usb.util.claim_interface(found, 0)
-    usb.util.dispose_resources(found)
-
-
 def test_a_kernel_driver_keeps_the_interface_until_it_is_detached(bus: EmulatedBus, name: str) -> None:
     found = usb.core.find(backend=bus)
     assert found.is_kernel_driver_active(0) == (name != "emulator")
@@ -238,12 +194,6 @@ def test_a_kernel_driver_keeps_the_interface_until_it_is_detached(bus: EmulatedB
     usb.util.release_interface(found, 0)
     found.attach_kernel_driver(0)
     assert found.is_kernel_driver_active(0)
-    usb.util.dispose_resources(found)
-
-
-def test_no_driver_of_the_system_knows_the_emulator() -> None:
-    found = usb.core.find(backend=bus_of("emulator"))
-    raised(errno.ENOENT, lambda: found.attach_kernel_driver(0))
     usb.util.dispose_resources(found)
 
 
@@ -284,13 +234,6 @@ def test_an_unknown_request_and_another_port_stall(name: str, plugged: usb.core.
         raised(errno.EPIPE, lambda request=request: plugged.ctrl_transfer(*request))
     for known in ((OUT, RESET, 0, 1), (OUT, BIT_MODE, 0x00FF, 1), (OUT, FLOW, 0, 1)):
         assert plugged.ctrl_transfer(*known) == 0
-
-
-@chips
-def test_a_request_can_be_made_to_fail(bus: EmulatedBus, name: str, plugged: usb.core.Device) -> None:
-    inject(bus, Fault(FaultKind.STALL, request=BIT_MODE))
-    raised(errno.EPIPE, lambda: plugged.ctrl_transfer(OUT, BIT_MODE, 0, 1))
-    assert plugged.ctrl_transfer(OUT, BIT_MODE, 0, 1) == 0
 
 
 @chips

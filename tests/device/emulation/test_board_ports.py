@@ -88,26 +88,6 @@ def test_closing_drops_what_the_driver_holds_and_the_board_plays_on(ports: Sonic
     ports.open(ports.path(), baud=BAUD).close()
 
 
-@pytest.mark.parametrize("offset", [0, 100])
-@pytest.mark.parametrize("kind", [FaultKind.UNPLUG, FaultKind.TIMEOUT, FaultKind.SHORT])
-def test_a_fault_strikes_at_its_byte(ports: SonicPorts, port: SerialPort, kind: FaultKind, offset: int) -> None:
-    whole = 3 * 258
-    inject(ports, Fault(kind, byte=whole + offset))
-    sent = memoryview(frames(6))
-    assert port.write(sent[:whole]) == whole
-    if kind is FaultKind.UNPLUG:
-        raised(errno.EIO, lambda: port.write(sent[whole:]))
-        for call in (port.waiting, port.drop_waiting, lambda: port.write(sent)):
-            raised(errno.EIO, call)
-        assert (ports.board().emitting, [info.serial for info in ports.listed()]) == (False, ["two"])
-        port.close()
-        return
-    assert port.write(sent[whole:]) == offset
-    assert port.write(sent[whole + offset :]) == len(sent) - whole - offset
-    ports.clock.sleep_until_ns(10**9)
-    assert ports.board().played.tobytes() == patterns(bytes(sent))
-
-
 def test_a_port_has_one_user_and_must_be_there(ports: SonicPorts, port: SerialPort) -> None:
     raised(errno.EAGAIN, lambda: ports.open(ports.path(), baud=BAUD))
     raised(errno.ENOENT, lambda: ports.open("emulated:9", baud=BAUD))

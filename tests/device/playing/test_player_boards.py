@@ -359,14 +359,6 @@ def test_whatever_it_raises_says_that_the_array_may_still_be_emitting(
     assert player.report.may_emit
 
 
-@pytest.mark.parametrize("setup", ["sonicsurface"], indirect=True)
-def test_a_swap_read_out_of_noise_brings_nothing_back(setup: Setup) -> None:
-    for _ in range(3):  # after the opening, and after a content
-        assert setup.board.accept(memoryview(b"\xfd")) == 1
-        setup.assert_off()
-        setup.play(content(setup.model, 9))
-
-
 def test_playing_begins_when_80_ms_are_ready_however_many_blocks_fit(monkeypatch: pytest.MonkeyPatch) -> None:
     model = array_model("emulator")
     begun = threading.Event()

@@ -183,13 +183,13 @@ ORDER = {"array": "pat16", "module": "json", "serial": None, "baud": None, "sile
     ],
 )
 def test_an_order_that_is_none_is_refused(text: str) -> None:
-    with pytest.raises(WatchdogError, match="order|silence_max"):
+    with pytest.raises(WatchdogError, match=r"order|silence_max"):
         read_order(text)
 
 
 def test_an_order_is_read_back_and_names_what_cannot_be_imported() -> None:
     assert read_order(json.dumps(ORDER)).model() is array_model("pat16")
-    with pytest.raises(WatchdogError, match="no other process can import no.such.module, which has array mine"):
+    with pytest.raises(WatchdogError, match=r"no other process can import no\.such\.module, which has array mine"):
         read_order(json.dumps(ORDER | {"array": "mine", "module": "no.such.module"})).model()
     with pytest.raises(UnknownArrayError, match="unknown array 'mine'"):
         read_order(json.dumps(ORDER | {"array": "mine"})).model()

@@ -18,7 +18,6 @@ from palpate.device import (
     DeviceTimeoutError,
     EmulatorBackend,
     LinkError,
-    UpdateRateError,
     UsbLink,
     VirtualClock,
     array_model,
@@ -45,12 +44,6 @@ def test_a_strangers_device_with_the_shared_test_ids_is_no_array(monkeypatch: py
     assert find_arrays(backend=bus) == ()
     with pytest.raises(DeviceNotFoundError, match="plug it in"):
         open_link(MODEL, backend=bus)
-
-
-def test_an_embedded_array_needs_no_backend() -> None:
-    with open_link(MODEL) as link:
-        assert link.clock.name == "monotonic"
-        assert link.status().level == 0
 
 
 def test_a_claim_refused_by_the_system_is_busy_and_leaves_nothing_open(bus: EmulatorBackend) -> None:
@@ -136,21 +129,6 @@ def test_a_failed_request_is_an_error_of_our_own(
         inject(bus, Fault(kind, request=request_number))
         with pytest.raises(error, match="array emulator one"):
             call(link)
-
-
-def test_an_unplugged_array_closes_without_an_error(bus: EmulatorBackend) -> None:
-    with open_link(MODEL, backend=bus) as link:
-        bus.unplug()
-        with pytest.raises(DeviceLostError):
-            link.write(frames(1))
-
-
-def test_a_divider_that_the_board_does_not_have_never_reaches_it(bus: EmulatorBackend) -> None:
-    with open_link(MODEL, backend=bus) as link:
-        with pytest.raises(UpdateRateError, match=r"divider 256 is outside 1\.\.255"):
-            link.start(256)
-        link.start(255)
-        assert link.status().divider == 255
 
 
 def test_a_write_never_blocks_for_more_than_50_ms(bus: EmulatorBackend, monkeypatch: pytest.MonkeyPatch) -> None:

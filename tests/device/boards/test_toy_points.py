@@ -30,7 +30,7 @@ from palpate.device import (
     remove_array,
 )
 from palpate.device.boards.emulator.kind import KIND as EMULATOR
-from palpate.device.link import never
+from palpate.device.link import Link, never
 from palpate.device.registry import emulated_backend
 from palpate.render.playback.file_playback import Connection, play_file
 
@@ -46,29 +46,19 @@ def points_model() -> ArrayModel:
     )
 
 
-class PointsLink:
+class PointsLink(Link):
     """Takes all at once, plays it in no time, and confirms that it is silent."""
 
-    transport, short_writes, bytes_under_way, is_exact, off_frames, hold_ns = "points", 0, 0, True, 1, 0
+    transport, bytes_sent, bytes_under_way, off_bytes = "points", 0, 0, b""
     serial = "P1"
 
     def __init__(self, model: ArrayModel, bus: PointsBus) -> None:
         self.array, self.clock, self._bus = model, bus.clock, bus
-        self.bytes_sent = 0
         self.off_bytes = bytes(model.frame_bytes)
-
-    def __enter__(self) -> PointsLink:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def start(self, divider: int) -> None:
         self.array.update_rate(divider)
         self._divider = divider
-
-    def refresh(self) -> bool:
-        return False
 
     def write(self, data: array[int], *, abandon: Callable[[], bool] = never) -> None:
         self._bus.received += data.tobytes()
@@ -83,9 +73,6 @@ class PointsLink:
         size = self.array.frame_bytes
         last = self._bus.received[-size:]
         return BoardStatus(len(self._bus.received) // size, 0, 0, 0, 0, int(any(last[12::16])), self._divider)
-
-    def clear(self) -> bool:
-        return False
 
     def send_off(self) -> None:
         self.write(array("B", self.off_bytes))

@@ -25,13 +25,13 @@ def never() -> bool:
 class BoardStatus:
     """What a board says of itself; the counts run from its power-up.
 
-        >>> from array import array
-        >>> from palpate.device import VirtualClock, array_model, open_link
-        >>> with open_link(array_model("emulator"), clock=VirtualClock()) as link:
-        ...     link.start(4)  # 10 kHz
-        ...     link.write(array("B", bytes([255] * 512) * 30))  # 30 frames, every transducer on
-        ...     link.status()  # they wait in its FIFO, as no time has passed
-        BoardStatus(frames_played=0, underruns=0, starved_periods=0, fifo_frames=30, torn_bytes=0, level=0, divider=4)
+    >>> from array import array
+    >>> from palpate.device import VirtualClock, array_model, open_link
+    >>> with open_link(array_model("emulator"), clock=VirtualClock()) as link:
+    ...     link.start(4)  # 10 kHz
+    ...     link.write(array("B", bytes([255] * 512) * 30))  # 30 frames, every transducer on
+    ...     link.status()  # they wait in its FIFO, as no time has passed
+    BoardStatus(frames_played=0, underruns=0, starved_periods=0, fifo_frames=30, torn_bytes=0, level=0, divider=4)
     """
 
     frames_played: int

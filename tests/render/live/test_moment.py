@@ -61,21 +61,6 @@ def test_a_hand_looks_as_that_of_a_file(name, tmp_path):
     assert scene.hand_kind == name.split()[-1]
 
 
-def test_a_patch_that_is_not_there_is_not_drawn():
-    hand = live_hand("planes")
-    patch_pose = hand.patch_pose[0].copy()
-    patch_pose[3] = np.nan
-    assert len(LiveScene.of(rendering(hand)).look(POSE, patch_pose).patches) == hand.patch_count - 1
-
-
-def test_a_scene_has_object_and_strategy_as_a_file_describes_them():
-    scene = LiveScene.of(rendering())
-    assert scene.object_name == "cube"
-    assert (scene.vertices.shape, scene.faces.shape) == ((8, 3), (12, 3))
-    assert scene.strategy == strategy_of("cc").described()
-    assert repr(scene) == "LiveScene(cube, Palm(width=0.085, length=0.085))"
-
-
 def moment(age, *, state=DRAWING, is_lost=False, copied=True):
     """A moment whose pose is so old [s]."""
     focus = FocalPoints(np.ones((2, 3), np.float32), np.ones(2, np.float32))

@@ -70,18 +70,6 @@ def test_what_a_service_cannot_mean_is_a_fault(content, text):
         raise AssertionError(fault.text)
 
 
-@pytest.mark.parametrize(
-    "content",
-    ['{"version": 6}', '{"version": 7}', '{"event": {"state": {"attached": true, "streaming": true}}}', '{"event": 3}'],
-)
-def test_what_a_service_says_about_itself_is_no_frame(content):
-    assert seen_in(content) is None
-
-
-def test_an_empty_frame_is_a_lost_hand():
-    assert seen_in(empty_leapjs_frame(2_500_000)) == [SeenHand(2.5)]
-
-
 @pytest.mark.parametrize(("version", "path"), [(6, "/v6.json"), (7, "/v7.json")])
 def test_the_source_asks_for_frames_reads_them_and_connects_again(monkeypatch, version, path):
     monkeypatch.setattr(ultraleap, "RECONNECT_DELAY", 0.0)
@@ -99,13 +87,6 @@ def test_the_source_asks_for_frames_reads_them_and_connects_again(monkeypatch, v
     assert isinstance(again, list)
     assert fault.kind == "connection"
     assert f"no connection to the tracking service at {url}" in fault.text
-
-
-def test_a_service_that_is_not_there_is_a_fault_again_and_again(monkeypatch):
-    monkeypatch.setattr(ultraleap, "RECONNECT_DELAY", 0.0)
-    faults = list(itertools.islice(UltraleapSource("ws://127.0.0.1:1/v6.json"), 2))
-    assert [fault.kind for fault in faults] == ["connection", "connection"]
-    assert "Connection refused; it is tried again" in faults[0].text
 
 
 def test_urls_are_read_and_others_refused():

@@ -12,10 +12,9 @@ from palpate.datasets.hand_model.joints import Joint
 from palpate.datasets.recordings.conventions import mirrored
 from palpate.datasets.recordings.leap import leap_arrays
 from palpate.datasets.recordings.sample import sample_recording
-from palpate.datasets.rigid import pose_product
 from palpate.render.hands.plane_hand import PlaneHand
 from palpate.render.live.sources.hand_frame import SeenHand
-from palpate.render.live.sources.hand_poses import MEASURED, HandPoses, moved, phalanx_poses
+from palpate.render.live.sources.hand_poses import MEASURED, HandPoses
 from palpate.render.live.sources.named_sources import patch_layout
 from palpate.render.live.sources.plausibility import Implausible
 
@@ -135,24 +134,6 @@ def test_a_palm_alone_has_its_fingers_at_rest():
     pose, patch_pose = HandPoses(None, layout).posed(SeenHand(0.0, "right", "1", palm_at(0.0)))
     assert np.array_equal(pose, palm_at(0.0))
     assert np.array_equal(patch_pose, layout.rest)
-
-
-def test_planes_of_bones_without_length_or_joints_are_not_there():
-    joints = recorded().joints_in_hand()[0]
-    joints[Joint.INDEX_INTERMEDIATE] = joints[Joint.INDEX_PROXIMAL]
-    joints[Joint.RING_DISTAL] = np.nan
-    starts = np.array([Joint.INDEX_PROXIMAL, Joint.RING_INTERMEDIATE, Joint.RING_DISTAL, Joint.LITTLE_PROXIMAL])
-    found = phalanx_poses(joints, np.full(26, 0.01), starts)
-    assert np.isnan(found).all(axis=1).tolist() == [True, True, True, False]
-    assert np.isfinite(found[3]).all()
-
-
-def test_poses_are_moved_as_by_the_product_of_poses():
-    rng = np.random.default_rng(4)
-    poses = rng.normal(size=(9, 7))
-    poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
-    assert np.allclose(moved(poses[0], poses), pose_product(poses[0], poses), atol=1e-14)
-    assert np.allclose(moved(poses[0], poses[1]), pose_product(poses[0], poses[1]), atol=1e-14)
 
 
 @needs_data

@@ -62,6 +62,7 @@ class Drawing:
             pose_fd=-1,
             control_fd=-1,
             log_fd=None,
+            moment_fd=-1,
         )
         log = SimpleNamespace(add=self.records.append, flush=lambda: None)
         self.moments = MomentSlot()

@@ -24,11 +24,10 @@ import warp as wp
 from poses import random_poses
 from turns import Case, Curves, copying, installed, measure_curves
 
-from palpate.kernels.contours import Contours
+from palpate.kernels.contours import Contours, measure_contours
 from palpate.kernels.fields.bricked_grid import bricked_field
 from palpate.kernels.fields.dense_grid import dense_field, pad_outside
 from palpate.kernels.march.contours import march_patches
-from palpate.kernels.metrics.measure import measure_contours
 from palpate.render.hands.hand import Palm, frames_at
 
 PALM = Palm()

@@ -59,9 +59,8 @@ if TYPE_CHECKING:
     from .hands.plane_hand import HandPatch, PatchJoint, PlaneHand
     from .intersection.file_recording import record
     from .intersection.overlap_tour import overlap_points
-    from .intersection.patch_points import array_points
     from .intersection.prepared_contours import PreparedContours
-    from .intersection.scene import Scene
+    from .intersection.scene import Scene, array_points
     from .live.counts import RunStatistics
     from .live.handle import Live
     from .live.instant import Instant
@@ -140,9 +139,8 @@ _ROOMS = {
     "hands.plane_hand": "HandPatch PatchJoint PlaneHand",
     "intersection.file_recording": "record",
     "intersection.overlap_tour": "overlap_points",
-    "intersection.patch_points": "array_points",
     "intersection.prepared_contours": "PreparedContours",
-    "intersection.scene": "Scene",
+    "intersection.scene": "Scene array_points",
     "objects.functions.expression": "box capsule cylinder half_space sphere torus",
     "objects.functions.expression_json": "expression_from_json expression_to_json load_expression",
     "objects.functions.implicit_object": "ImplicitObject",

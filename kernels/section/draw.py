@@ -20,23 +20,8 @@ from typing import Any
 import warp as wp
 
 from ..contours import Contours
-from ..lanes import lane_count
 from ..offsets import BLOCK
 from ..patch import EXACT, Frame, Patch, corner, half_extents, outcode, output_point, section_frame
-from ..warps import (
-    bits_to,
-    int_at,
-    is_bit,
-    lane_of_warp,
-    mark_bit,
-    memory_of_warp,
-    set_int,
-    set_long,
-    sums_of_warp,
-    sync_warp,
-    threads_for,
-    warp_size,
-)
 from .clip import NONE, corners_left, segment_of, side_point
 from .half_edges import OPEN, Surface
 from .join import (
@@ -56,6 +41,21 @@ from .join import (
     plane_memory,
     plane_of,
     slot_int,
+)
+from .lanes import (
+    bits_to,
+    int_at,
+    is_bit,
+    lane_count,
+    lane_of_warp,
+    mark_bit,
+    memory_of_warp,
+    set_int,
+    set_long,
+    sums_of_warp,
+    sync_warp,
+    threads_for,
+    warp_size,
 )
 from .pieces import CLOSED, SLOTS, ContourPieces, end_side, enter_side, leave_side, listed_step, section_of, start_of
 from .walk import crossing_after, crossing_at, point_of

@@ -13,7 +13,9 @@ import warp as wp
 
 from ..offsets import BLOCK, PointLimitError, lasts_of, offsets_of
 from ..patch import EXACT, Frame, Patch, corner, outcode, output_point, section_frame
-from ..warps import (
+from .clip import NONE, side_point, side_position
+from .half_edges import Surface
+from .lanes import (
     int_at,
     lane_of_warp,
     long_at,
@@ -28,8 +30,6 @@ from ..warps import (
     vec3d_at,
     warp_size,
 )
-from .clip import NONE, side_point, side_position
-from .half_edges import Surface
 from .pieces import (
     CLOSED,
     ContourPieces,

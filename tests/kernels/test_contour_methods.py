@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 from section_oracle import cut_mesh, is_degenerate, rotation, soup_length
 from stage_cases import assert_limited
 
-from palpate.kernels.contours import Contours
-from palpate.kernels.metrics.measure import measure_contours
+from palpate.kernels.contours import Contours, measure_contours
 from palpate.kernels.section import search
 from palpate.kernels.section.half_edges import MASK_WORDS, SCAN_FACES_MOST
 from palpate.kernels.section.pieces import SLOTS

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from section_oracle import cut_mesh
 
 from palpate.datasets.shapes.built_in import shape
-from palpate.kernels.flush import resolve_flush
+from palpate.kernels.patch import resolve_flush
 from palpate.render import ImplicitObject, IntersectionStrategy, MeshObject, Palm, closed_contour, open_contour, render
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand
 from palpate.render.intersection.prepared_contours import PreparedContours

@@ -1,12 +1,16 @@
 """Contours by the flat search: the same bits as by walking, on every mesh, whatever the memory for it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import warp as wp
 from drawing import STRATEGIES, Drawn, assert_same_bits, draw, drawn_of, join, patch_array, searching_by, surface_on
 from mesh_cases import CLOSED, MESHES, comb, generic_poses
 
-from palpate.kernels.section import flat_search
+from palpate.kernels import compile_kernels
+from palpate.kernels.offsets import BLOCK
+from palpate.kernels.section import flat_ranks, flat_search
 from palpate.kernels.section.draw import draw_contours
 from palpate.kernels.section.flat_search import FlatSearch
 from palpate.kernels.section.flat_space import FlatSize
@@ -180,3 +184,16 @@ def turn_slots(pieces):
             slots = start[query] + np.arange(stored)
             values[slots] = values[slots[::-1]]
         array.assign(values)
+
+
+def test_both_kernels_are_compiled_ahead_for_blocks_of_their_size(monkeypatch):
+    compiled = {}
+    monkeypatch.setattr(wp, "get_device", lambda device: SimpleNamespace(is_cpu=False))
+    monkeypatch.setattr(
+        wp, "force_load", lambda device, modules, *, block_dim, **_: compiled.update({block_dim: modules})
+    )
+    compile_kernels("cuda", ("section.flat_ranks",))
+    few, many = flat_ranks._rank_few_crossings, flat_ranks._rank_many_crossings
+    assert compiled == {BLOCK: [few.module], flat_ranks.MANY_LANES: [many.module]}
+    assert BLOCK < flat_ranks.MANY_LANES
+    assert few.module.options == many.module.options

@@ -45,17 +45,6 @@ def test_spatial_order_keeps_faces_edges_and_bounds(name):
     assert np.abs(edges.vertices.astype(np.float64)).sum(axis=1).max() <= reach * (1 + 1e-6)
 
 
-def test_spatial_order_keeps_neighbours_together():
-    vertices, faces = MESHES["sphere"]()
-    shuffled = np.random.default_rng(2).permutation(faces)
-    middle = vertices[HalfEdges(vertices, shuffled).faces].mean(axis=1)
-    before = vertices[shuffled].mean(axis=1)
-    assert (
-        np.linalg.norm(np.diff(middle, axis=0), axis=1).mean()
-        < 0.25 * np.linalg.norm(np.diff(before, axis=0), axis=1).mean()
-    )
-
-
 def test_spatial_order_takes_faces_that_all_lie_in_one_place():
     assert spatial_order(np.zeros((3, 3), np.float32), np.array([[0, 1, 2]] * 5)).tolist() == [0, 1, 2, 3, 4]
 

@@ -32,8 +32,7 @@ from palpate.datasets.rigid import pose_inverse, pose_product
 from palpate.device import Limits
 from palpate.render import SamplingStrategy, exploration
 from palpate.render.live.handle import Live
-from palpate.render.live.sources.hand_frame import SeenHand
-from palpate.render.live.sources.udp import UdpSource, packed_frames
+from palpate.render.live.sources.udp import UdpSource
 
 RATE = 90.0  # [Hz] of poses
 ARRAYS = {"emulator-10": ("emulator", 10e3), "emulator-40": ("emulator", 40e3), "pat16-10": ("pat16", 10e3)}
@@ -54,11 +53,11 @@ def send_hands(port: int, hand: str, duration: float) -> None:
         pose = motion.pose[number % len(motion)].astype(np.float64)
         if hand == "planes":
             placed = pose_product(pose, joints[number % len(joints)])
-            radius = recording.joint_radius
-            seen = SeenHand(time.monotonic(), "right", "1", None, placed, radius)
+            seen = {"joints": placed.tolist(), "radius": recording.joint_radius.tolist()}
         else:
-            seen = SeenHand(time.monotonic(), "right", "1", pose)
-        sender.sendto(packed_frames([seen]), ("127.0.0.1", port))
+            seen = {"palm": pose.tolist()}
+        frame = {"time": time.monotonic(), "side": "right", "id": 1, **seen}
+        sender.sendto(json.dumps(frame).encode(), ("127.0.0.1", port))
 
 
 def free_port() -> int:

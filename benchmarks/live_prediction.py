@@ -22,7 +22,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from palpate.datasets import load_recording
-from palpate.render.live.shaping import PoseShaping, Prediction, Smoothing
+from palpate.render.live.sources.shaping import PoseShaping, Prediction, Smoothing
 
 HORIZONS = (0.005, 0.01, 0.02, 0.04)  # [s]
 RATES = (60.0, 90.0, 110.0)  # [Hz]

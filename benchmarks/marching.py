@@ -5,11 +5,10 @@
     python benchmarks/marching.py --voxels 64 --cells 32 --poses 50
 
 Every round measures each case once, one after the other; figures are medians of the rounds, one line of JSON a case.
-On the CPU all run in one thread and its CPU time counts, else wall time until the device is done. "bricks" is what
-voxels are rendered with, "rows" the same volume without what tells where it is uniform. scikit-image gets the palm's
-nodes and samples them by scipy's map_coordinates; "sampled before" leaves that out. `length`: mean length of a
-section's contours [m]; `apart`: mean difference from palpate's, section by section. `floor`: bytes that there is no
-way around (4 for each node, the least of the volume that the palm's plane touches, 28 for the pose, and the contours
+On the CPU all run in one thread and its CPU time counts, else wall time until the device is done. scikit-image gets
+the palm's nodes and samples them by scipy's map_coordinates; "sampled before" leaves that out. `length`: mean length
+of a section's contours [m]; `apart`: mean difference from palpate's, section by section. `floor`: bytes that there is
+no way around (4 for each node, the least of the volume that the palm's plane touches, 28 for the pose, and the contours
 written) at the rate at which this device copies in this run, bytes read and bytes written both counted.
 """
 
@@ -21,13 +20,12 @@ from functools import partial
 
 import numpy as np
 import warp as wp
-from poses import random_poses
 from turns import Case, Curves, copying, installed, measure_curves
 
 from palpate.kernels.contours import Contours, measure_contours
-from palpate.kernels.fields.bricked_grid import bricked_field
-from palpate.kernels.fields.dense_grid import dense_field, pad_outside
+from palpate.kernels.fields.bricked_grid import bricked_field, pad_outside
 from palpate.kernels.march.contours import march_patches
+from palpate.render.bench.cases import random_poses
 from palpate.render.hands.hand import Palm, frames_at
 
 PALM = Palm()
@@ -70,17 +68,17 @@ def tube_distances(size: Size) -> np.ndarray:
     return (outer + np.minimum(np.maximum(a, b), 0)).astype(np.float32)
 
 
-def marched(poses: np.ndarray, device: str, size: Size, *, bricks: bool, closes: bool) -> Callable[[], Contours]:
+def marched(poses: np.ndarray, device: str, size: Size, *, closes: bool) -> Callable[[], Contours]:
     """All stages; the volume, the poses and the palm are on the device."""
-    field = (bricked_field if bricks else dense_field)(pad_outside(tube_distances(size)), size.affine, device)
+    field = bricked_field(pad_outside(tube_distances(size)), size.affine, device)
     pose = wp.array(poses[:, None], dtype=wp.transform, device=device)
     patch = PALM.on(device)
     return lambda: march_patches(field, pose, patch, step=size.step, bounds=BOUNDS, bounded=True, closes=closes)
 
 
-def ours(poses: np.ndarray, device: str, size: Size, *, bricks: bool, closes: bool) -> Curves:
+def ours(poses: np.ndarray, device: str, size: Size, *, closes: bool) -> Curves:
     """palpate, until the device is done."""
-    march = marched(poses, device, size, bricks=bricks, closes=closes)
+    march = marched(poses, device, size, closes=closes)
     kept: list[Contours] = []
 
     def run() -> None:
@@ -134,7 +132,7 @@ def find_contours(poses: np.ndarray, device: str, size: Size, *, sampled_before:
 def floor(poses: np.ndarray, device: str, size: Size) -> Curves:
     """As many bytes copied as must be read and written: half of them read, half written."""
     few = poses[:2000]
-    contours = marched(few, device, size, bricks=True, closes=False)()
+    contours = marched(few, device, size, closes=False)()
     columns = (getattr(contours, name) for name in vars(contours))
     written = sum(a.size * wp.types.type_size_in_bytes(a.dtype) for a in columns if isinstance(a, wp.array))
     each = 4 * (size.cells + 1) ** 2 + 28 + written / len(few)
@@ -144,9 +142,8 @@ def floor(poses: np.ndarray, device: str, size: Size) -> Curves:
 
 NEEDS = ("skimage", "scipy")
 CASES = (
-    Case("OC, bricks", partial(ours, bricks=True, closes=False)),
-    Case("OC, rows", partial(ours, bricks=False, closes=False)),
-    Case("CC, bricks", partial(ours, bricks=True, closes=True)),
+    Case("OC", partial(ours, closes=False)),
+    Case("CC", partial(ours, closes=True)),
     Case("floor", floor),
     Case("find_contours", partial(find_contours, sampled_before=False), NEEDS),
     Case("find_contours, sampled before", partial(find_contours, sampled_before=True), NEEDS),

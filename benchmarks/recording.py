@@ -20,12 +20,11 @@ import numpy as np
 import warp as wp
 
 sys.path.insert(0, str(Path(__file__).parent))
-from poses import random_poses
-
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.contour_file.writer import ContourWriter
 from palpate.datasets.motions.hand_motion import HandMotion
 from palpate.datasets.storage.schema import CHUNK_ROWS, CONTOURS, METRICS
+from palpate.render.bench.cases import random_poses
 from palpate.render.hands.hand import Palm
 from palpate.render.intersection.batch_rendering import Chunk, rendered_chunks
 from palpate.render.intersection.file_recording import file_header, metrics_of, record

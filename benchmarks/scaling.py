@@ -18,8 +18,7 @@ import numpy as np
 import warp as wp
 
 sys.path.insert(0, str(Path(__file__).parent))
-from poses import random_poses
-
+from palpate.render.bench.cases import random_poses
 from palpate.render.hands.hand import Palm
 from palpate.render.intersection.batch_rendering import rendered_chunks
 from palpate.render.intersection.job import ContourJob

@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from poses import random_poses
 from turns import Case, Curves, copying, installed, measure_curves
 
 from palpate.datasets.hand_model.shape import hand_shape
@@ -29,6 +28,7 @@ from palpate.kernels.contours import Contours, measure_contours
 from palpate.kernels.fields.mesh_inside import mesh_field
 from palpate.kernels.skin.curves import skin_contours
 from palpate.kernels.skin.sign import WORD
+from palpate.render.bench.cases import random_poses
 from palpate.render.hands.mesh_hand import MeshHand
 from palpate.render.objects.mesh.solid_mesh import MeshObject
 

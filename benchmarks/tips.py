@@ -16,11 +16,11 @@ from collections.abc import Callable
 
 import numpy as np
 import warp as wp
-from poses import random_poses
 
 from palpate.kernels.contours import Contours
 from palpate.kernels.march.contours import march_patches
 from palpate.render import ImplicitObject, Palm, Placement
+from palpate.render.bench.cases import random_poses
 from palpate.render.objects.functions.expression import Expression, box, cylinder, half_space, sphere, torus
 
 STEP = 0.0025

@@ -17,10 +17,10 @@ from pathlib import Path
 
 import numpy as np
 import warp as wp
-from poses import random_poses
 from turns import seconds_by_turns
 
 from palpate.render import ContourBatch, MeshObject, Palm, Scene
+from palpate.render.bench.cases import random_poses
 from palpate.render.motions.explorations.explored import ExploredPoses, explored_rows
 
 PRESETS = (

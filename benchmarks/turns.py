@@ -97,17 +97,19 @@ def measure_curves(cases: Sequence[Case], device: str, rounds: int, *inputs: Any
     return figures
 
 
-def copying(byte_count: float, device: str) -> tuple[Callable[[], None], float]:
-    """What copies that many bytes, read and written both counted, and how often over.
+def copying(byte_count: float, device: str, times: int = 1) -> tuple[Callable[[], None], float]:
+    """A function that copies one large array, and its bytes, read and written both counted, over `byte_count`.
 
-    Repeated to as much as the rate of this device's memory is measured with.
+    The array has at least as many bytes as the rate of this device's memory is measured with. times: copies in a row,
+    where waiting for one would take a good part of its time.
     """
     least = COPIED["cuda" if wp.get_device(device).is_cuda else "cpu"]
     source = wp.zeros(min(max(least, int(byte_count)), COPIED_MOST) // 2, dtype=wp.uint8, device=device)
     target = wp.empty_like(source)
 
     def run() -> None:
-        wp.copy(target, source)
+        for _ in range(times):
+            wp.copy(target, source)
         wp.synchronize_device(device)
 
-    return run, 2 * source.size / byte_count
+    return run, 2 * source.size * times / byte_count

@@ -8,15 +8,19 @@ import ast
 import re
 import sys
 import tempfile
+from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
+import typer.main
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.plugins import event_priority
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 from palpate.render import exploration, export_page, record
+from palpate.render.cli.app import app
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "docs"))
@@ -49,6 +53,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for package in ("render", "datasets", "device"):
         made[f"reference/{package}.md"] = names_of(f"palpate.{package}")
     made["reference/kernels.md"] = kernels()
+    made["reference/commands.md"] = commands()
     for path in sorted((ROOT / "docs" / "notebooks").glob("*.ipynb")):
         made |= {
             f"notebooks/{name}": content
@@ -110,6 +115,37 @@ def names_of(package: str) -> str:
             else "\n"
         )
     )
+
+
+def commands() -> str:
+    """A page of all commands: what each does, what it takes, and its options, as the dataclasses of them declare it."""
+    parts = []
+    for name, command in named_commands():
+        rows = [
+            _row(f"`{words}` {metavar}".strip(), text)
+            for words, metavar, text in (
+                (
+                    ", ".join([*one.opts, *one.secondary_opts])
+                    if one.param_type_name == "option"
+                    else one.metavar,
+                    ""
+                    if one.param_type_name == "argument" or one.is_flag
+                    else one.metavar,
+                    one.help,
+                )
+                for one in command.params
+            )
+        ]
+        table = "\n".join(["| argument or option | is |", "|---|---|", *rows])
+        parts.append(f"## palpate {name}\n\n{command.help}\n\n{table}")
+    return "# All commands and their options\n\n" + "\n\n".join(parts) + "\n"
+
+
+def named_commands() -> Iterator[tuple[str, Any]]:
+    """Every command by its name as one types it; `sweep PLAN` is its group's hidden command."""
+    for name, command in typer.main.get_command(app).commands.items():  # type: ignore[attr-defined]  # a group's
+        for part, inner in getattr(command, "commands", {"": command}).items():
+            yield name if inner.hidden else f"{name} {part}".strip(), inner
 
 
 def kernels() -> str:

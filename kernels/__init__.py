@@ -37,7 +37,6 @@ FIELD_STAGES = (
 POINT_STAGES = (
     "tours.contact",
     "tours.nodes",
-    "tours.overlap",
     "tours.thinning",
     "tours.tour",
 )  # to paths through points

@@ -1,4 +1,4 @@
-"""A dense volume laid out for planes that cut it anyhow, and that knows where it is the same for a long way.
+"""A dense volume as a field: trilinear between voxel centres, in any spacing and orientation.
 
 Values stand in pages of 8 x 8 x 16 (4 KiB, what addresses are looked up by), and there in lines of 2 x 2 x 4 (64 bytes,
 what memory is read by): a tilted plane meets a tenth of the lines that it meets in rows along one axis. Cells are
@@ -7,11 +7,11 @@ its neighbours'. Each brick knows how far around it, in bricks, that goes on.
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import warp as wp
 
-from .dense_grid import clamp_index, dense_field, grain_of, interpolate
 from .field import ROOT_WIDTH, Field, share_of
 
 SHIFT = 1
@@ -20,7 +20,8 @@ WIDE = wp.constant(wp.float64(BRICK))
 FAR = 100  # largest stored distance [brick]
 PAGE = (8, 8, 16)  # voxels
 LINE = (2, 2, 4)
-VALUES_MOST = 1 << 31  # what an int can count
+VALUES_MOST = (1 << 31) - 1  # what an int can count
+NEAR_ZERO = 1e-6  # of the smallest other value: what a 0 is replaced by, so that no part of space is at 0
 
 
 @wp.struct
@@ -36,6 +37,25 @@ class Bricked:
     reach: wp.array[wp.int8]  # bricks from each to the nearest of another side, below 0 inside, 0 if mixed
     brick_stride: wp.vec2i  # the like of `stride` for bricks
     spread: wp.vec3d  # how far a ball of 1 m reaches along each axis [voxel]
+
+
+def pad_outside(values: np.ndarray) -> np.ndarray:
+    """Values with a layer around them that is outside, so that the surface closes half a voxel beyond the border.
+
+    values: float32, finite, below 0 inside, shape [i, j, k]. A 0 becomes a little more than 0: where values are 0 over
+    a stretch, the surface is at its inner end. Returns float32, shape [i + 2, j + 2, k + 2].
+    """
+    if values.ndim != 3 or min(values.shape) < 1:
+        raise ValueError(f"a volume must be [i, j, k] with at least one voxel, not {values.shape}")
+    out = np.pad(values.astype(np.float32, copy=False), 1, mode="edge")
+    for axis in range(3):
+        for end in (0, -1):
+            layer = np.moveaxis(out, axis, 0)[end]
+            np.abs(layer, out=layer)
+    smallest = min(float(np.abs(x, out=x).min(where=x > 0, initial=np.inf)) for x in map(np.array, values))
+    lift = NEAR_ZERO * smallest if np.isfinite(smallest) else 1.0
+    out[out == 0] = max(lift, float(np.finfo(np.float32).tiny))
+    return out
 
 
 def brick_reach(padded: np.ndarray) -> np.ndarray:
@@ -74,6 +94,18 @@ def page_reach(reach: np.ndarray) -> np.ndarray:
     filled = np.zeros((4 * i, 4 * j, 4 * k), np.int8)
     filled[tuple(map(slice, reach.shape))] = reach
     return filled.reshape(i, 4, j, 4, k, 4).transpose(0, 2, 4, 1, 3, 5).ravel()
+
+
+@wp.func
+def interpolate(a: wp.float64, b: wp.float64, t: wp.float64):
+    """Between a (t = 0) and b (t = 1), never beyond either: two values below 0 stay below 0."""
+    return (wp.float64(1.0) - t) * a + t * b
+
+
+@wp.func
+def clamp_index(x: wp.float64, last: wp.float64):
+    """An index clamped to the volume."""
+    return wp.min(wp.max(x, wp.float64(0.0)), last)
 
 
 @wp.func
@@ -141,7 +173,7 @@ def index_of(data: Bricked, x: wp.vec3d):
 
 @wp.func
 def bricked_value(data: Bricked, x: wp.vec3d):
-    """`dense_value` of the volume."""
+    """Value at a point; beyond the volume that of its nearest point, which is outside the solid."""
     return value_at(data, index_of(data, x))
 
 
@@ -193,16 +225,24 @@ def bricked_ball(data: Bricked, x: wp.vec3d, radius: wp.float64):
     return wp.where(reach < 0, -1, 1)
 
 
+def paged_count(shape: Sequence[int]) -> int:
+    """Values that a volume of this shape takes in whole pages, of which there may be VALUES_MOST."""
+    return math.prod(-(-size // page) * page for size, page in zip(shape, PAGE, strict=True))
+
+
 def bricked_field(padded: np.ndarray, affine: np.ndarray, device: str) -> Field:
-    """`dense_field` with `Field.ball`, with bit-identical values; `dense_field` itself if the volume is too large."""
+    """A volume as a field on a Warp device.
+
+    padded: as `pad_outside` gives it; affine: from the indices of what was padded to the array's frame [m], float64,
+    shape [4, 4], of any orientation, sheared or mirrored too. Raises ValueError for more values than VALUES_MOST.
+    """
+    if paged_count(padded.shape) > VALUES_MOST:
+        raise ValueError(f"a volume must have {VALUES_MOST} values at most in whole pages, not {padded.shape}")
     affine = np.asarray(affine, np.float64)
-    if math.prod(-(-size // page) * page for size, page in zip(padded.shape, PAGE, strict=True)) >= VALUES_MOST:
-        return dense_field(padded, affine, device)
-    values = page_values(padded)
     inverse = np.linalg.inv(affine[:3, :3])
     _, j_size, k_size = (-(-size // page) for size, page in zip(padded.shape, PAGE, strict=True))
     data = Bricked()
-    data.values = wp.array(values, dtype=wp.float32, device=device, copy=False)
+    data.values = wp.array(page_values(padded), dtype=wp.float32, device=device, copy=False)
     data.to_index = wp.mat33d(*inverse.ravel())
     data.origin = wp.vec3d(*(affine[:3, 3] - affine[:3, :3].sum(axis=1)))  # where the layer starts: index -1
     data.last = wp.vec3d(*(np.array(padded.shape, np.float64) - 1.0))
@@ -212,12 +252,5 @@ def bricked_field(padded: np.ndarray, affine: np.ndarray, device: str) -> Field:
     data.reach = wp.array(page_reach(reach), dtype=wp.int8, device=device)
     data.brick_stride = wp.vec2i(64 * -(-reach.shape[1] // 4) * -(-reach.shape[2] // 4), 64 * -(-reach.shape[2] // 4))
     data.spread = wp.vec3d(*np.linalg.norm(inverse, axis=1))
-    return Field(
-        bricked_value,
-        Bricked,
-        data,
-        root=bricked_root,
-        ball=bricked_ball,
-        inside=bricked_inside,
-        grain=grain_of(affine),
-    )
+    grain = float(np.linalg.norm(affine[:3, :3], axis=0).max())
+    return Field(bricked_value, Bricked, data, bricked_root, bricked_ball, bricked_inside, grain)

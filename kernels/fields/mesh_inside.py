@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ..offsets import BLOCK
+from ..offsets import launch
 from ..patch import EXACT, ON, to_float32, to_float64
 from ..section.half_edges import LEAF, Surface
 from ..section.tree import node_after
@@ -368,12 +368,5 @@ def mesh_field(surface: Any, bounds: np.ndarray, *, solid: str = "winding") -> F
     inside.low = wp.vec3d(*(0.5 * (low + high - shape * cell)))
     inside.cell_side = wp.empty(tuple(shape.tolist()), dtype=wp.int8, device=device)
     inputs = [surface, inside.low, inside.cell, inside.rule]
-    wp.launch(
-        _classify_cells,
-        tuple(shape.tolist()),
-        inputs=inputs,
-        outputs=[inside.cell_side],
-        device=device,
-        block_dim=BLOCK,
-    )
+    launch(_classify_cells, inside.cell_side.shape, inputs, [inside.cell_side])
     return Field(mesh_value, Inside, inside, mesh_root, mesh_ball)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ..offsets import BLOCK
+from ..offsets import launch
 from ..patch import EXACT
 from .field import MODULE, Field, made_once
 
@@ -61,7 +61,7 @@ def probe_points(field: Field, points: np.ndarray, *, device: str) -> np.ndarray
     kernel = probing_kernels(field.value, field.data_type)[0]
     point = wp.array(np.ascontiguousarray(points, np.float64), dtype=wp.vec3d, device=device)
     out = wp.empty(len(points), dtype=wp.float64, device=device)
-    wp.launch(kernel, len(points), inputs=[field.data, point], outputs=[out], device=device, block_dim=BLOCK)
+    launch(kernel, len(points), [field.data, point], [out])
     return out.numpy()
 
 
@@ -69,5 +69,5 @@ def probe_nodes(field: Field, lattice: Lattice, shape: tuple[int, int, int], *, 
     """A field's values at the nodes of a lattice, float64, of the given shape."""
     kernel = probing_kernels(field.value, field.data_type)[1]
     out = wp.empty(shape, dtype=wp.float64, device=device)
-    wp.launch(kernel, shape, inputs=[field.data, lattice], outputs=[out], device=device, block_dim=BLOCK)
+    launch(kernel, shape, [field.data, lattice], [out])
     return out.numpy()

@@ -589,34 +589,18 @@ def _draw_contours(
     closes: int,  # 1: CC, 0: OC
     section_start: wp.array[wp.int64],  # offsets of the sections' polylines, shape [section + 1]
     point_start: wp.array[wp.int64],  # offsets of the sections' points, shape [section + 1]
-    # Out:
-    lines: Contours,
-):
-    """Write each query's polylines."""
-    write_section(surface, pose, patch, pieces, entries, wp.tid(), bounded, closes, section_start, point_start, lines)
-
-
-@wp.kernel
-def _draw_rest(
-    # In:
-    surface: Surface,
-    pose: wp.array2d[wp.transform],
-    patch: wp.array[Patch],
-    pieces: ContourPieces,
-    entries: Entries,
-    bounded: int,
-    closes: int,
-    section_start: wp.array[wp.int64],
-    point_start: wp.array[wp.int64],
-    rest: wp.array[wp.int32],  # queries that `_draw_listed_sections` leaves out
+    rest: wp.array[wp.int32],  # queries that `_draw_listed_sections` leaves out; none: all queries are drawn
     rest_count: wp.array[wp.int32],
     # Out:
     lines: Contours,
 ):
-    """Write the polylines of the queries that are left."""
-    if wp.tid() < rest_count[0]:
-        query = rest[wp.tid()]
-        write_section(surface, pose, patch, pieces, entries, query, bounded, closes, section_start, point_start, lines)
+    """Write each query's polylines."""
+    query = wp.tid()
+    if rest.shape[0] > 0:
+        if query >= rest_count[0]:
+            return
+        query = rest[query]
+    write_section(surface, pose, patch, pieces, entries, query, bounded, closes, section_start, point_start, lines)
 
 
 @wp.kernel
@@ -694,13 +678,13 @@ def draw_contours(joined: Joined) -> Contours:
             rest = [wp.empty(query_count, dtype=wp.int32, device=device), wp.zeros(1, dtype=wp.int32, device=device)]
             own = wp.empty(LANE_WORDS, dtype=wp.int64, device=device)
             launch(_draw_listed_sections, threads_for(device, query_count), inputs=inputs, outputs=[own, lines, *rest])
-            launch(_draw_rest, query_count, inputs=[*inputs, *rest], outputs=[lines])
+            launch(_draw_contours, query_count, inputs=[*inputs, *rest], outputs=[lines])
         elif pieces.listed is not None:
             launch(_draw_ends, query_count, inputs=inputs, outputs=[lines])
             lanes, groups = lane_count(device), min(query_count, GROUPS_MOST)
             launch(_draw_listed, groups * lanes, inputs=[surface, *drawn, lanes, groups], outputs=[lines.points])
         else:
-            launch(_draw_contours, query_count, inputs=inputs, outputs=[lines])
+            launch(_draw_contours, query_count, inputs=[*inputs, None, None], outputs=[lines])
     return lines
 
 

@@ -204,7 +204,7 @@ class Room:
         return [
             (self._record(_join_single_pieces, single, [entries, *rest]), None),
             (self._record(_join_pieces, several, [own, ends, entries], lanes_to_join), LISTED),
-        ], self._record(_draw_contours, [*drawn, self._polylines.start, self._points.start], [self._lines])
+        ], self._record(_draw_contours, [*drawn, self._polylines.start, self._points.start, None, None], [self._lines])
 
     def _record(self, kernel: Any, inputs: list, outputs: list, lanes: int | None = None) -> wp.Launch:
         options = {"device": CPU, "block_dim": BLOCK, "record_cmd": True}

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ..offsets import BLOCK
+from ..offsets import launch
 from ..patch import SELDOM
 from .orientation import line_side, plane_side
 
@@ -341,9 +341,7 @@ def find_crossings(
         count = min(step, len(faces) - first)
         pair = wp.empty(room, dtype=wp.vec2i, device=device)
         found = wp.zeros(1, dtype=wp.int32, device=device)
-        wp.launch(
-            _find_crossings, count, inputs=[triangles, first], outputs=[pair, found], device=device, block_dim=BLOCK
-        )
+        launch(_find_crossings, count, [triangles, first], [pair, found])
         crossing_count = int(found.numpy()[0])
         if crossing_count > room and room < ROOM_LARGEST:
             room = min(8 * room, ROOM_LARGEST)

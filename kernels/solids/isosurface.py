@@ -11,7 +11,7 @@ import warp.geometry
 
 from ..fields.field import MODULE, Field, inside_function, made_once, root_function
 from ..fields.probe import Lattice, node_at
-from ..offsets import BLOCK
+from ..offsets import launch
 from ..patch import EXACT
 
 wp.set_module_options(EXACT)
@@ -64,15 +64,8 @@ def mesh_isosurface(
     """
     mark, place = isosurface_kernels(inside_function(field), root_function(field), field.data_type)
     side = wp.empty(shape, dtype=wp.float32, device=device)
-    wp.launch(mark, shape, inputs=[field.data, lattice], outputs=[side], device=device, block_dim=BLOCK)
+    launch(mark, shape, [field.data, lattice], [side])
     middle, corner = warp.geometry.IsoSurfaceMarchingCubes.extract(side, 0.0)
     vertex = wp.empty(middle.shape[0], dtype=wp.vec3, device=device)
-    wp.launch(
-        place,
-        middle.shape[0],
-        inputs=[field.data, lattice, middle, margin],
-        outputs=[vertex],
-        device=device,
-        block_dim=BLOCK,
-    )
+    launch(place, middle.shape[0], [field.data, lattice, middle, margin], [vertex])
     return vertex, corner

@@ -3,7 +3,7 @@
 import numpy as np
 import warp as wp
 
-from ..offsets import BLOCK
+from ..offsets import launch
 from ..patch import EXACT
 
 wp.set_module_options(EXACT)
@@ -87,12 +87,5 @@ class MeshDistance:
         near = (triangles - self._middle).astype(np.float32)
         corner = wp.array(near, dtype=wp.vec3, device=self._device)
         known, bound = (wp.empty(len(near), dtype=float, device=self._device) for _ in range(2))
-        wp.launch(
-            _bound_distances,
-            len(near),
-            inputs=[self._mesh.id, corner],
-            outputs=[known, bound],
-            device=self._device,
-            block_dim=BLOCK,
-        )
+        launch(_bound_distances, len(near), [self._mesh.id, corner], [known, bound])
         return known.numpy().astype(np.float64), bound.numpy().astype(np.float64)

@@ -7,7 +7,7 @@ number at the point. Whether the ray passes through a face is asked edge by edge
 import numpy as np
 import warp as wp
 
-from ..offsets import BLOCK
+from ..offsets import launch
 from ..patch import SELDOM
 from .crossing import Triangles, corner_of, corners_of, project_along, upload_triangles
 from .orientation import line_side, plane_side
@@ -78,14 +78,7 @@ def wind_bodies(
         count = min(step, len(points) - first)
         hit = wp.empty(room, dtype=wp.vec3i, device=device)
         found = wp.zeros(1, dtype=wp.int32, device=device)
-        wp.launch(
-            _cross_upwards,
-            count,
-            inputs=[triangles, point, box, first],
-            outputs=[hit, found],
-            device=device,
-            block_dim=BLOCK,
-        )
+        launch(_cross_upwards, count, [triangles, point, box, first], [hit, found])
         hit_count = int(found.numpy()[0])
         if hit_count > room:
             step, room = (count // 2, room) if room >= most else (count, min(4 * room, most))

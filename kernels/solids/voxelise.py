@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from ..fields.probe import Lattice, lattice_of, node_at
-from ..offsets import BLOCK
+from ..offsets import launch
 from ..patch import EXACT
 from .nearest import triangle_distance
 from .winding import WindingTree, upload_winding, winding_at
@@ -18,7 +18,7 @@ LOST = 1e-3  # of a triangle's longest edge: what float32 adds to its distance; 
 
 
 class GridNodes(NamedTuple):
-    """A grid as people write it."""
+    """Nodes at equal steps along the axes, on the host."""
 
     origin: np.ndarray
     """The first node [m], shape [3]."""
@@ -26,10 +26,6 @@ class GridNodes(NamedTuple):
     """[m], shape [3]."""
     shape: tuple[int, int, int]
     """Nodes along each axis."""
-
-    def on_device(self) -> Lattice:
-        """For a kernel."""
-        return lattice_of(self.origin, self.spacing)
 
 
 @wp.func
@@ -171,11 +167,6 @@ def _look_up_voxels(
     values[i, j, k] = wp.volume_lookup(volume, low[0] + i, low[1] + j, low[2] + k, dtype=wp.float32)
 
 
-def launch_on_nodes(kernel: wp.Kernel, nodes: GridNodes, inputs: list, out: wp.array, device: str) -> None:
-    """Launch a kernel with a thread for each node."""
-    wp.launch(kernel, nodes.shape, inputs, [out], device=device, block_dim=BLOCK)
-
-
 def cross_columns(vertices: np.ndarray, faces: np.ndarray, nodes: GridNodes, *, odd: bool, device: str) -> np.ndarray:
     """Whether nodes are inside a closed surface, uint8, shape `nodes.shape`, by the crossings in each column.
 
@@ -185,13 +176,13 @@ def cross_columns(vertices: np.ndarray, faces: np.ndarray, nodes: GridNodes, *, 
     """
     step = wp.zeros(nodes.shape, dtype=wp.int32, device=device)
     inputs = [
-        nodes.on_device(),
+        lattice_of(nodes.origin, nodes.spacing),
         wp.array(vertices, dtype=wp.vec3d, device=device),
         wp.array(faces.astype(np.int32), dtype=wp.vec3i, device=device),
     ]
-    wp.launch(_cross_columns, len(faces), inputs, [step], device=device, block_dim=BLOCK)
+    launch(_cross_columns, len(faces), inputs, [step])
     inside = wp.empty(nodes.shape, dtype=wp.uint8, device=device)
-    wp.launch(_sum_columns, nodes.shape[:2], [step, int(odd)], [inside], device=device, block_dim=BLOCK)
+    launch(_sum_columns, nodes.shape[:2], [step, int(odd)], [inside])
     return inside.numpy()
 
 
@@ -200,7 +191,7 @@ def wind_nodes(vertices: np.ndarray, faces: np.ndarray, nodes: GridNodes, device
     over triangles, and within 5e-3 near 0.5."""
     winding = wp.empty(nodes.shape, dtype=wp.float32, device=device)
     tree = upload_winding(vertices, faces, device)
-    launch_on_nodes(_wind_nodes, nodes, [nodes.on_device(), tree], winding, device)
+    launch(_wind_nodes, nodes.shape, [lattice_of(nodes.origin, nodes.spacing), tree], [winding])
     return winding.numpy()
 
 
@@ -222,19 +213,18 @@ def measure_distances(
     )
     distance = wp.empty(nodes.shape, dtype=wp.float32, device=device)
     inputs = [
-        nodes._replace(origin=nodes.origin - middle).on_device(),
+        lattice_of(nodes.origin - middle, nodes.spacing),
         mesh.id,
         wp.array(corner, dtype=wp.vec3d, device=device),
         float(band),
         LOST * edge,
     ]
-    launch_on_nodes(_measure_distances, nodes, inputs, distance, device)
+    launch(_measure_distances, nodes.shape, inputs, [distance])
     return distance.numpy()
 
 
 def gather_volume(volume: wp.Volume, low: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:
     """Values of a sparse float volume in a box from voxel `low` on, float32, its background where nothing is stored."""
     values = wp.empty(shape, dtype=wp.float32, device=volume.device)
-    inputs = [volume.id, wp.vec3i(*(int(x) for x in low))]
-    wp.launch(_look_up_voxels, shape, inputs, [values], device=volume.device, block_dim=BLOCK)
+    launch(_look_up_voxels, shape, [volume.id, wp.vec3i(*(int(x) for x in low))], [values])
     return values.numpy()

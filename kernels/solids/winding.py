@@ -4,8 +4,6 @@ It is 1 inside and 0 outside of what is closed, and between them near holes: abo
 away act as one, by a series (Barill et al. 2018), along a heap of boxes in Morton order.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 import warp as wp
 
@@ -30,17 +28,6 @@ class WindingTree:
     square: wp.array[wp.float64]  # of its radius [m^2]
     leaf_first: wp.int32
     face_count: wp.int32
-
-
-class Heap(NamedTuple):
-    """The same on the host, `leaf_count` leaves of `LEAF` triangles."""
-
-    corner: np.ndarray
-    centre: np.ndarray
-    area: np.ndarray
-    moment: np.ndarray
-    square: np.ndarray
-    leaf_count: int
 
 
 @wp.func
@@ -99,8 +86,8 @@ def winding_at(tree: WindingTree, x: wp.vec3d):
     return w
 
 
-def heap_of(vertices: np.ndarray, faces: np.ndarray) -> Heap:
-    """Triangles in Morton order, and their areas and moments summed upwards.
+def upload_winding(vertices: np.ndarray, faces: np.ndarray, device: str) -> WindingTree:
+    """Triangles in Morton order on a Warp device, and their areas and moments summed upwards.
 
     vertices: [m], float64, shape [vertex, 3]; faces: int, shape [face, 3].
     """
@@ -134,17 +121,11 @@ def heap_of(vertices: np.ndarray, faces: np.ndarray) -> Heap:
     empty = ~np.isfinite(low[:, 0])
     radius = np.linalg.norm(np.maximum(high - centre, centre - low), axis=1)
     radius[empty], centre[empty] = 0.0, 1e9
-    return Heap(corner.reshape(-1, 3), centre, area, moment, radius**2, leaf_count)
-
-
-def upload_winding(vertices: np.ndarray, faces: np.ndarray, device: str) -> WindingTree:
-    """A triangle surface on a Warp device; see `heap_of`."""
-    heap = heap_of(vertices, faces)
     tree = WindingTree()
     tree.corner, tree.centre, tree.area = (
-        wp.array(x, dtype=wp.vec3d, device=device) for x in (heap.corner, heap.centre, heap.area)
+        wp.array(x, dtype=wp.vec3d, device=device) for x in (corner.reshape(-1, 3), centre, area)
     )
-    tree.moment = wp.array(heap.moment, dtype=wp.mat33d, device=device)
-    tree.square = wp.array(heap.square, dtype=wp.float64, device=device)
-    tree.leaf_first, tree.face_count = heap.leaf_count, len(heap.corner) // 3
+    tree.moment = wp.array(moment, dtype=wp.mat33d, device=device)
+    tree.square = wp.array(radius**2, dtype=wp.float64, device=device)
+    tree.leaf_first, tree.face_count = leaf_count, len(faces)
     return tree

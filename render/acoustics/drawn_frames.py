@@ -10,7 +10,8 @@ from ...datasets.motions.last_pose import end_of_motion
 from ..contour_batch import ContourBatch
 from ..errors import StrategyError
 from ..focal_spot import NEAREST
-from ..hands.hand import Hand, hand_from
+from ..hands.hand import Hand
+from ..hands.stored_hand import hand_from
 from ..playback.drive import Driver, Drives
 from ..playback.focal_points import ContourRows
 from ..playback.placed_arrays import PlacedArray

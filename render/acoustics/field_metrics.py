@@ -10,7 +10,8 @@ from ...datasets.contour_file.reader import ContourFile
 from ..contour_input import takes_batches
 from ..errors import StrategyError
 from ..focal_spot import focal_width
-from ..hands.hand import Hand, hand_from
+from ..hands.hand import Hand
+from ..hands.stored_hand import hand_from
 from ..playback.drive import Driver, DriveStrategy
 from ..playback.focal_points import ContourRows, sampling_for
 from ..playback.placed_arrays import PlacedArray, load_rig

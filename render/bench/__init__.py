@@ -1,1 +1,1 @@
-"""`palpate bench`: palpate beside published libraries on the same poses."""
+"""`palpate bench`: the speed of contours on this machine."""

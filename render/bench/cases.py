@@ -1,13 +1,12 @@
-"""What `palpate bench` renders: built-in objects, blobs of any number of triangles, and poses."""
+"""Objects and poses of `palpate bench`: built-in ones, blobs of any number of triangles, random palms."""
 
 import re
 
 import numpy as np
 
-from ...datasets.known_names import likely_name, unknown_name
+from ...datasets.known_names import likely_name
 from ...datasets.shapes.built_in import CENTRE, SIZE, shape_name, shape_names
 from ..errors import StrategyError
-from ..motions.explorations.explored import exploration
 from ..objects.mesh.solid_mesh import MeshObject
 
 BLOB_FREQUENCY_MOST = 1000  # 20 million triangles
@@ -17,9 +16,6 @@ BLOB_WELLS = 9  # concavities
 BLOB_WELL_DEPTH = (0.35, 0.55)  # of the radius
 BLOB_WELL_SHARPNESS = (14.0, 40.0)  # of exp(sharpness x (cosine - 1)): wells 20 to 35 degrees wide
 BLOB_RADIUS_LEAST = 0.12  # of the mean: keeps the surface away from its own centre
-MOTIONS = ("random", "exploration")
-EXPLORATION_RATE = 90.0  # [Hz]
-EXPLORATION_MODEL = "around"  # the tables of docs/measured were made with it
 
 _BLOB_NAME = re.compile(r"blob-(\d+)([kmKM]?)")
 
@@ -148,18 +144,3 @@ def random_poses(count: int, seed: int = 0) -> np.ndarray:
     centre = rng.uniform(-SIZE / 2, SIZE / 2, size=(count, 3)) + np.array(CENTRE)
     turn = rng.normal(size=(count, 4))
     return np.concatenate([centre, turn / np.linalg.norm(turn, axis=1, keepdims=True)], axis=1).astype(np.float32)
-
-
-def bench_poses(motion: str, mesh: MeshObject, count: int) -> np.ndarray:
-    """Poses by name, float32, shape [pose, 7]: `random`, or an `exploration` around the object at 90 Hz.
-
-    Raises StrategyError for another name or fewer than one pose.
-    """
-    if count < 1:
-        raise StrategyError(f"poses must be at least 1, not {count}")
-    if motion == "random":
-        return random_poses(count)
-    if motion == "exploration":
-        duration = count / EXPLORATION_RATE
-        return exploration(mesh.bounds, duration, rate=EXPLORATION_RATE, seed=1, model=EXPLORATION_MODEL).pose[:count]
-    raise StrategyError(unknown_name("motion", motion, MOTIONS))

@@ -1,1 +1,1 @@
-"""The command line: options of each command, and what the commands do."""
+"""The command line: the commands as their options, and what they do."""

@@ -8,7 +8,7 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from itertools import cycle
 from pathlib import Path
-from typing import Any, cast, get_args
+from typing import Any, cast
 
 from rich.progress import Progress, TextColumn
 
@@ -21,7 +21,7 @@ from ..intersection.named_inputs import load_solid
 from ..live.counts import RunStatistics
 from ..live.handle import Live
 from ..live.recorder import spool_folder
-from ..live.sources.selection import ANY
+from ..live.sources.pose_stream import ANY
 from ..live.spool import finish_spool
 from ..objects.mesh.placement import Placement
 from ..objects.solid import Solid
@@ -32,11 +32,12 @@ from ..runtime.warp_start import start_warp
 from ..sampling.strategy import SamplingStrategy
 from ..strategies.intersection_strategy import IntersectionStrategy, load_strategy
 from ..terminal import bars, console
-from ..terminal.foreign_text import errors, print_message, shows_progress
+from ..terminal.foreign_text import print_message, shows_progress
 from ..terminal.keys import pressed_keys
-from ..validation import choose
 from ..view.served.viewing import LiveViewer, announce
+from .array_options import LiveCommand
 from .play_commands import drive_of, limits_of
+from .shared_options import PlacementOptions
 
 POLL = 0.05  # [s] between looks at the keyboard
 LINE_PERIOD = 0.25  # [s]
@@ -59,29 +60,16 @@ class Choices:
     samplings: list[SamplingStrategy]
 
 
-def run_live(options: dict[str, Any], *, as_json: bool) -> int:
+def run_live(job: LiveCommand, *, as_json: bool) -> int:
     """Run until the end of the time, key q, or a signal; report."""
     start_warp()
-    arrays = load_rig(
-        options["array"], serial=options["serial"], calibration=options["calibration"], baud=options["baud"]
-    )
-    duration = options["duration"]
-    if duration is not None and not 0 < duration < float("inf"):  # a NaN compares false
-        raise StrategyError(f"--duration must be above 0 s, not {duration}")
-    if options["palm"] is not None and options["hand"] != "palm":
-        raise StrategyError(f"--palm is the size of --hand palm, which {options['hand']} is not")
-    for name in ("port", "no_browser"):
-        if options[name] and not options["view"]:
-            raise StrategyError(f"--{name.replace('_', '-')} is of the page that --view shows")
-    choices = _choices(options, arrays, as_json=as_json)
-    record: Path | None = options["record"]
-    if record is not None and record.suffix not in (".h5", ".hdf5"):
-        raise StrategyError(f"{record}: a contour file must end in .h5 or .hdf5")
-    if options["finish"]:
-        return _finish(choices.solids[0], record, overwrite=options["overwrite"], as_json=as_json)
+    arrays = load_rig(job.array, serial=job.serial, calibration=job.calibration, baud=job.baud)
+    choices = _choices(job, arrays, as_json=as_json)
+    if job.finish:
+        return _finish(choices.solids[0], job.record, overwrite=job.overwrite, as_json=as_json)
     # The port may be taken, so that the page is served before the array is opened.
-    with LiveViewer(options["port"]) if options["view"] else nullcontext() as viewer:
-        run, ended_by = _run_until_ended(choices, arrays, options, viewer, quiet=as_json)
+    with LiveViewer(job.port) if job.view else nullcontext() as viewer:
+        run, ended_by = _run_until_ended(choices, arrays, job, viewer, quiet=as_json)
     statistics = run.statistics()
     values = statistics.as_dict()
     values["poses_refused"] = values.pop("refused")  # "refused" are focal points, in other tables
@@ -104,41 +92,40 @@ def run_live(options: dict[str, Any], *, as_json: bool) -> int:
 def _run_until_ended(
     choices: Choices,
     arrays: tuple[PlacedArray, ...],
-    options: dict[str, Any],
+    job: LiveCommand,
     viewer: LiveViewer | None,
     *,
     quiet: bool,
 ) -> tuple[Live, str | None]:
     """Run until the end of the time, key q, or a signal; the run, and the name of the signal."""
-    record: Path | None = options["record"]
     run = Live(
         choices.solids[0],
-        hand=Palm(*options["palm"]) if options["palm"] else options["hand"],
+        hand=Palm(*job.palm) if job.palm else job.hand,
         strategy=choices.strategies[0],
         sampling=choices.samplings[0],
-        source=options["source"],
+        source=job.source,
         array=arrays,
-        drive=drive_of(options),
-        lead=options["lead"],
-        intensity=options["intensity"],
-        limits=limits_of(options),
-        record=record,
-        overwrite=options["overwrite"],
-        realtime=options["realtime"],
+        drive=drive_of(job),
+        lead=job.lead,
+        intensity=job.intensity,
+        limits=limits_of(job),
+        record=job.record,
+        overwrite=job.overwrite,
+        realtime=job.realtime,
         told=console.warn,
-        side=options["side"] or ANY,
-        alignment=options["alignment"],
-        prediction=options["prediction"],
-        smoothing=options["smoothing"],
-        allow_code=options["allow_code"],
+        side=job.side or ANY,
+        alignment=job.alignment,
+        prediction=job.prediction,
+        smoothing=job.smoothing,
+        allow_code=job.allow_code,
         connection=Connection(
-            emulate=options["emulate"],
-            transport=cast("TransportKind", choose("transport", options["transport"], get_args(TransportKind))),
-            uncalibrated=options["uncalibrated"],
-            watchdog=options["watchdog"],
+            emulate=job.emulate,
+            transport=cast("TransportKind", job.transport),
+            uncalibrated=job.uncalibrated,
+            watchdog=job.watchdog,
         ),
     )
-    if options["realtime"] and not run.statistics().realtime:
+    if job.realtime and not run.statistics().realtime:
         console.warn(
             "no real-time scheduling is permitted, so a busy machine drops more focal points: allow it with the limit "
             "rtprio in /etc/security/limits.conf, or give a longer --lead"
@@ -148,13 +135,13 @@ def _run_until_ended(
         try:
             if viewer is not None:
                 viewer.follow(run, arrays)
-                announce(viewer.address, "the hand that moves now", no_browser=options["no_browser"])
+                announce(viewer.address, "the hand that moves now", no_browser=job.no_browser)
             with (
                 run,
                 _live_line(run, quiet=quiet) as show,
                 pressed_keys() as keys,
             ):
-                _follow(run, Keys(run, choices), keys, show, options["duration"])
+                _follow(run, Keys(run, choices), keys, show, job.duration)
         except KeyboardInterrupt as interruption:
             ended_by = str(interruption)
     return run, ended_by
@@ -167,26 +154,26 @@ def _finish(solid: Solid, record: Path | None, *, overwrite: bool, as_json: bool
     if not spool_folder(record).exists():
         whole = "is there, so its run was not killed" if record.exists() else "is not there, nor is what a run left"
         raise StrategyError(f"{record} {whole}: there is nothing to finish")
-    made = finish_spool(spool_folder(record), record, solid=solid, overwrite=overwrite)
+    made = finish_spool(spool_folder(record), record, solid, overwrite=overwrite)
     console.show_values({"files": [] if made is None else [str(made)]}, as_json=as_json, title="live")
     console.conclude("nothing had been drawn." if made is None else f"{made} has what was drawn.", as_json=as_json)
     return console.DONE
 
 
-def _choices(options: dict[str, Any], arrays: tuple[PlacedArray, ...], *, as_json: bool) -> Choices:
+def _choices(job: LiveCommand, arrays: tuple[PlacedArray, ...], *, as_json: bool) -> Choices:
     """Everything that keys may choose, loaded before anything runs: an error is told at the start."""
-    placement = {name: options[name] for name in ("scale", "up", "fit", "rotate", "at")}
+    placement = Placement(**job.part(PlacementOptions))
     solids = []
-    for name in options["solids"]:
-        with bars.loading_bar(name, quiet=as_json) as watch:
-            solids.append(load_solid(name, Placement(**placement), watch=watch))
-    samplings = [sampling_for(name, arrays) for name in options["sampling"] or ["stm"]]
-    if (rate := options["update_rate"]) is not None:
+    for name in job.solids:
+        with bars.progress_bar(name, quiet=as_json) as watch:
+            solids.append(load_solid(name, placement, watch=watch))
+    samplings = [sampling_for(name, arrays) for name in job.sampling or ["stm"]]
+    if (rate := job.update_rate) is not None:
         samplings = [replace(own, update_rate=rate) for own in samplings]
     rates = sorted({own.update_rate for own in samplings})
     if len(rates) > 1:
         raise StrategyError(f"--sampling: all must have one update rate, not {rates} Hz; --update-rate sets it")
-    return Choices(solids, [load_strategy(name) for name in options["strategy"]], samplings)
+    return Choices(solids, [load_strategy(name) for name in job.strategy], samplings)
 
 
 class Keys:
@@ -264,7 +251,7 @@ def _live_line(run: Live, *, quiet: bool) -> Any:
         yield lambda: None
         return
     print_message(KEYS, "note")
-    with Progress(TextColumn("{task.description}", markup=False), console=errors, transient=True) as progress:
+    with Progress(TextColumn("{task.description}", markup=False), console=bars.screen(), transient=True) as progress:
         task = progress.add_task("waiting for a hand", total=None)
         yield lambda: progress.update(task, description=_line(run))
 

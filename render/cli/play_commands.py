@@ -1,35 +1,33 @@
-"""What `play`, `prepare`, `sampling` and `devices` do."""
+"""`palpate play` and `palpate prepare`: frames to an array, or into a file, and what a hand would miss."""
 
-import json
 import math
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import cast, get_args
+from typing import cast
 
 import warp as wp
 
 from ...datasets.counted import counted
 from ...datasets.focus_files.frame_reader import FOCAL_POINTS, WIRE_FRAMES, FrameReader, frame_format
-from ...device.boards.discovery import find_arrays, find_serial_arrays, udev_rule
-from ...device.errors import NoBackendError
 from ...device.link import TransportKind
 from ...device.playing.limits import Limits
 from ...device.playing.signals import ending_on_signals
-from ...device.registry import array_kinds, array_model, array_names, kind_of
+from ...device.registry import kind_of
 from ..errors import StrategyError
 from ..file_kinds import is_point_list
-from ..playback.drive import AMPLITUDES, SOLVERS, DriveStrategy
-from ..playback.file_playback import CLOCKS, Connection, Playback, play_file
+from ..playback.drive import DriveStrategy
+from ..playback.file_playback import Connection, Playback, play_file
 from ..playback.focal_points import live_run_of, sampling_of_run, usual_rate
 from ..playback.frames import Making
 from ..playback.placed_arrays import PlacedArray, load_rig
 from ..playback.prepared_frames import prepare_frames
 from ..runtime.warp_start import start_warp
-from ..sampling.presets import LINES, PRESETS, load_sampling, sets_rate
+from ..sampling.presets import load_sampling, sets_rate
 from ..sampling.strategy import JUMP_LENGTH, SamplingStrategy
 from ..terminal import bars, console
-from ..terminal.foreign_text import print_message, write_output
-from ..validation import choose, refuse_object
+from ..terminal.foreign_text import print_message
+from .array_options import PlayCommand, PrepareCommand
+from .shared_options import DriveOptions, LimitOptions, SamplingOptions
 
 SHOWN_OF_PLAYING = (
     "first_frame_seconds", "frames", "update_rate", "duration", "bytes", "repeats", "underruns", "starved", "silenced",
@@ -50,14 +48,11 @@ MODEL_LATE = (
 ONLY_THE_BOARD_KNOWS = ("board_underruns", "off_confirmed", "may_emit")
 
 
-def run_play(file: Path, options: dict, *, as_json: bool) -> int:
+def run_play(job: PlayCommand, *, as_json: bool) -> int:
     """Play and report; the exit code is 1 if anything was warned of, and `strict` asked for."""
-    if not is_point_list(file):
-        refuse_object(file)
-    arrays = load_rig(
-        options["array"], serial=options["serial"], calibration=options["calibration"], baud=options["baud"]
-    )
-    require_device(options["device"])
+    file = job.file
+    arrays = load_rig(job.array, serial=job.serial, calibration=job.calibration, baud=job.baud)
+    require_device(job.device)
     form = frame_format(file)
     names = ", ".join(f"{placed.model.name} {placed.serial or ''}".strip() for placed in arrays)
     line_of_progress = bars.playback_line(f"playing {file} to {names}", quiet=as_json, elapsed=console.since_start)
@@ -66,19 +61,25 @@ def run_play(file: Path, options: dict, *, as_json: bool) -> int:
         playback = play_file(
             file,
             array=arrays,
-            sampling=sampling_of(options, arrays, file, form),
-            drive=drive_of(options),
-            duration=options["duration"],
-            repeats=options["repeats"],
-            limits=limits_of(options),
-            connection=connection_of(options),
-            device=options["device"],
+            sampling=sampling_of(job, arrays, file, form),
+            drive=drive_of(job),
+            duration=job.duration,
+            repeats=job.repeats,
+            limits=limits_of(job),
+            connection=Connection(
+                emulate=job.emulate,
+                clock=job.clock,
+                transport=cast("TransportKind", job.transport),
+                uncalibrated=job.uncalibrated,
+                watchdog=job.watchdog,
+            ),
+            device=job.device,
             watch=line,
             compiling=console.report_compiling,
         )
-    is_busy = options["emulate"] and not options["strict"]
+    is_busy = job.emulate and not job.strict
     notes = model_notes(playback) if is_busy else []
-    notes += watchdog_notes(arrays) if options["watchdog"] else []
+    notes += watchdog_notes(arrays) if job.watchdog else []
     warnings = warnings_of(playback, arrays, is_model=is_busy)
     values = playback.as_dict() | {"warnings": warnings, "notes": notes}
     if playback.first_frame_seconds is not None:
@@ -97,7 +98,7 @@ def run_play(file: Path, options: dict, *, as_json: bool) -> int:
     for sentence in warnings:
         console.warn(sentence)
     console.conclude(meaning_of(playback), as_json=as_json)
-    return console.FAILED if warnings and options["strict"] else console.DONE
+    return console.FAILED if warnings and job.strict else console.DONE
 
 
 def meaning_of(playback: Playback) -> str:
@@ -113,27 +114,26 @@ def meaning_of(playback: Playback) -> str:
     return f"{text}; afterwards {console.off_state(played)}."
 
 
-def run_prepare(file: Path, out: Path, options: dict, *, as_json: bool) -> None:
+def run_prepare(job: PrepareCommand, *, as_json: bool) -> None:
     """Write frames, and report what was counted and what a hand would miss."""
-    if not is_point_list(file):
-        refuse_object(file)
-    arrays = load_rig(options["array"], calibration=options["calibration"], baud=options["baud"])
-    require_device(options["device"])
+    file = job.file
+    arrays = load_rig(job.array, calibration=job.calibration, baud=job.baud)
+    require_device(job.device)
     with bars.progress_bar(f"preparing {file}", quiet=as_json) as watch:
         prepared = prepare_frames(
             file,
-            out,
+            job.out,
             array=arrays,
-            sampling=sampling_of(options, arrays, file, frame_format(file)),
-            drive=drive_of(options),
-            duration=options["duration"],
-            device=options["device"],
-            overwrite=options["overwrite"],
+            sampling=sampling_of(job, arrays, file, frame_format(file)),
+            drive=drive_of(job),
+            duration=job.duration,
+            device=job.device,
+            overwrite=job.overwrite,
             watch=watch,
         )
     warnings = content_warnings(prepared.making, arrays)
     values = prepared.as_dict() | {"warnings": warnings}
-    console.show_values(values, as_json=as_json, title=str(out), shown_names=SHOWN_OF_PREPARING)
+    console.show_values(values, as_json=as_json, title=str(job.out), shown_names=SHOWN_OF_PREPARING)
     for sentence in warnings:
         console.warn(sentence)
 
@@ -212,22 +212,22 @@ def require_device(device: str) -> None:
 
 
 def sampling_of(
-    options: dict, arrays: tuple[PlacedArray, ...], file: Path, form: str | None
+    job: SamplingOptions, arrays: tuple[PlacedArray, ...], file: Path, form: str | None
 ) -> SamplingStrategy | None:
     """The sampling strategy asked for: a preset or a file, with other fields where options say so.
 
     form: of the file, as `frame_format` has it.
     """
-    changes = {name: options[name] for name in ("speed", "update_rate") if options[name] is not None}
+    changes = {name: getattr(job, name) for name in ("speed", "update_rate") if getattr(job, name) is not None}
     if form == WIRE_FRAMES:
-        return _sampling_of_frames(options, changes, file)
+        return _sampling_of_frames(job, changes, file)
     if is_point_list(file) or form == FOCAL_POINTS:
-        if changes or options["sampling"] is not None:
-            asked = _sampling_names(options, changes)
+        if changes or job.sampling is not None:
+            asked = _sampling_names(job, changes)
             raise StrategyError(f"{file}: holds focal points at a rate of its own, so {asked} cannot be asked for")
         return None
-    source = "stm" if options["sampling"] is None else options["sampling"]
-    run = live_run_of(file) if options["sampling"] is None and form is None else None
+    source = "stm" if job.sampling is None else job.sampling
+    run = live_run_of(file) if job.sampling is None and form is None else None
     sampling = load_sampling(source) if run is None else sampling_of_run(run)
     if "update_rate" not in changes and run is None and not sets_rate(source):
         changes["update_rate"] = usual_rate(arrays[0].model, sampling)
@@ -236,17 +236,17 @@ def sampling_of(
     return replace(sampling, **changes)
 
 
-def _sampling_names(options: dict, changes: dict) -> str:
+def _sampling_names(job: SamplingOptions, changes: dict) -> str:
     """Options of sampling that were given."""
-    named = [*(["sampling"] if options["sampling"] is not None else []), *sorted(changes)]
+    named = [*(["sampling"] if job.sampling is not None else []), *sorted(changes)]
     return ", ".join(f"--{name.replace('_', '-')}" for name in named)
 
 
-def _sampling_of_frames(options: dict, changes: dict, file: Path) -> None:
+def _sampling_of_frames(job: SamplingOptions, changes: dict, file: Path) -> None:
     """Refuse another rate than that of prepared frames, and anything else of sampling."""
     rate = changes.pop("update_rate", None)
-    if changes or options["sampling"] is not None:
-        asked = _sampling_names(options, changes)
+    if changes or job.sampling is not None:
+        asked = _sampling_names(job, changes)
         raise StrategyError(f"{file}: holds frames that were sampled before, so {asked} cannot be asked for")
     if rate is not None:
         with FrameReader(file) as frames:
@@ -254,73 +254,20 @@ def _sampling_of_frames(options: dict, changes: dict, file: Path) -> None:
                 raise StrategyError(f"{file}: holds frames at {frames.update_rate:g} Hz, so not at {rate:g} Hz")
 
 
-def drive_of(options: dict) -> DriveStrategy:
+def drive_of(job: DriveOptions) -> DriveStrategy:
     """How focal points become drives, as options say."""
     return DriveStrategy(
-        amplitude=choose("amplitude", options["amplitude"], AMPLITUDES),
-        solver=choose("solver", options["solver"], tuple(SOLVERS)),
-        slew=options["slew"],
-        sound_speed=options["sound_speed"],
-        level_max=options["level_max"],
+        amplitude=job.amplitude,
+        solver=job.solver,
+        slew=job.slew,
+        sound_speed=job.sound_speed,
+        level_max=job.level_max,
     )
 
 
-def limits_of(options: dict) -> Limits:
+def limits_of(job: LimitOptions) -> Limits:
     """Limits, as options say; 0 lifts one."""
     try:
-        return Limits(on_time_max=options["on_time_max"] or None, duty_max=options["duty_max"] or None)
+        return Limits(on_time_max=job.on_time_max or None, duty_max=job.duty_max or None)
     except ValueError as error:
         raise StrategyError(str(error)) from error
-
-
-def connection_of(options: dict) -> Connection:
-    """How the arrays are reached, as options say."""
-    return Connection(
-        emulate=options["emulate"],
-        clock=choose("clock", options["clock"], tuple(CLOCKS)),
-        transport=cast("TransportKind", choose("transport", options["transport"], get_args(TransportKind))),
-        uncalibrated=options["uncalibrated"],
-        watchdog=options["watchdog"],
-    )
-
-
-def run_devices(calibrations: list[Path], *, as_json: bool) -> None:
-    """List arrays: what is emulated, what libusb sees, and what cannot be seen."""
-    found: list[dict] = [
-        {"array": kind.name, "serial": None, "where": "emulated", "accessible": True, "certain": True, "reason": None}
-        for kind in array_kinds()
-        if kind.is_emulated
-    ]
-    emulated_count = len(found)
-    notes: list[str] = []
-    for find in (lambda: find_arrays(calibrations=calibrations), find_serial_arrays):
-        try:
-            found += [asdict(entry) for entry in find()]
-        except NoBackendError as error:
-            notes.append(str(error))
-    if as_json:
-        rules = {name: udev_rule(array_model(name)) for name in array_names()}
-        console.show_values(
-            {"devices": found, "note": "; ".join(notes) or None, "udev_rules": rules}, as_json=True, title=""
-        )
-        return
-    rows = {}
-    for entry in found:
-        where = entry["where"] + ("" if entry["accessible"] else ", cannot be opened")
-        name = f"{entry['array']} {entry['serial'] or ''}".strip() + ("" if entry["certain"] else "?")
-        name = f"{name} at {entry['where']}" if name in rows else name  # adapters without a serial number
-        rows[name] = f"{where}: {entry['reason']}" if entry["reason"] else where
-    console.show_values(rows, as_json=False, title="arrays")
-    if not notes and len(found) == emulated_count:
-        notes.append("nothing on USB has the ids of an array's chip, and there is no serial adapter")
-    notes += [kind.not_listed for kind in array_kinds() if kind.not_listed]
-    print_message(console.worded("; ".join(notes)), "note")
-
-
-def run_sampling(name: str | None, *, as_json: bool) -> None:
-    """Show presets, or one strategy as the JSON that --sampling takes."""
-    if name is None:
-        values = {"presets": list(PRESETS), "lines": LINES} if as_json else LINES
-        console.show_values(values, as_json=as_json, title="sampling presets")
-        return
-    write_output(json.dumps(load_sampling(name).described(), indent=None if as_json else 1) + "\n")

@@ -13,10 +13,10 @@ from ..trust.permission import UNNAMED, Code
 from ..trust.user_code import find_file
 
 
-def run_trust(files: list[str], remove: list[str], *, as_json: bool) -> None:
+def run_trust(files: list[str] | None, remove: list[str] | None, *, as_json: bool) -> None:
     """Accept, remove, and list what is accepted then."""
-    codes = [code for file in files for code in code_of(file)]  # all of them, before any is accepted
-    removed = [entry for word in remove for entry in _meant(word)]
+    codes = [code for file in files or () for code in code_of(file)]  # all of them, before any is accepted
+    removed = [entry for word in remove or () for entry in _meant(word)]
     for code in codes:
         accept(_entry(code))
     for entry in removed:

@@ -1,1 +1,1 @@
-"""Contour files as files that other programs open: VTKHDF, CSV, NPZ, point lists, scripts for an AUTD3."""
+"""Contour files as files that other programs open: VTKHDF, CSV, NPZ, point lists, files of focal points."""

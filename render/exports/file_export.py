@@ -17,9 +17,10 @@ from ..playback.focal_points import FocusSource
 from ..sampling.strategy import SamplingStrategy
 from ..user_warnings import warn_user
 from ..validation import choose, refuse_object, require_number, require_path
-from .autd3_script import AUTD3, write_script
-from .csv_file import write_csv
+from .contour_tables import write_csv, write_npz
 from .focal_points import (
+    FOCUS_FILE,
+    FOCUS_WRITERS,
     FocusFormat,
     SamplingFields,
     holds_focus,
@@ -27,23 +28,21 @@ from .focal_points import (
     open_focus,
     read_whole,
     sample_focus,
+    write_focus,
 )
-from .focus_file import FOCUS_FILE, FOCUS_WRITERS, write_focus
-from .npz_file import write_npz
 from .pose_choice import Ends, Progress, choose_poses
-from .vtkhdf_file import write_vtkhdf
+from .vtkhdf import write_vtkhdf
 
 FORMATS = {
     "vtkhdf": ".vtkhdf",
     "csv": ".csv",
     "npz": ".npz",
     "ptlist": ".ptlist",
-    "autd3": ".py",
     "focal-points": ".bin",
 }
 """Formats, and the suffixes that stand for them; focal-points has others too (FOCUS_WRITERS)."""
 
-OF_FOCUS = ("ptlist", "autd3", "focal-points")
+OF_FOCUS = ("ptlist", "focal-points")
 """Formats of focal points; the others hold contours."""
 
 POINT_LIST = FocusFormat("a point list", 10_000_000, lambda rate: None)  # rows of text; 17 minutes at 10 kHz
@@ -76,10 +75,10 @@ def export_file(
 ) -> dict[str, Any]:
     """Write a contour file, or a range of it, as a file that other programs open (docs/formats/exports.md).
 
-    Contours: vtkhdf, csv, npz. Focal points, sampled from them or of a file that holds them: ptlist, autd3,
+    Contours: vtkhdf, csv, npz. Focal points, sampled from them or of a file that holds them: ptlist,
     focal-points. Any size is read in bounded memory; the file is whole or not there. Returns what was written, by name.
 
-    to: the format; by default it follows from the suffix of `out` (.vtkhdf .csv .npz .ptlist .py .bin); with
+    to: the format; by default it follows from the suffix of `out` (.vtkhdf .csv .npz .ptlist .bin); with
     "focal-points" .csv and .npz hold focal points, too. poses: "FIRST:STOP" or two numbers, the pose after the last not
     included; either may be left out (None). seconds: the same by time [s]. every: n for each n-th of these poses.
     scene: object and hand, too (vtkhdf). gzip: compress, 0 not, 9 most (vtkhdf, .npz). sampling, speed [m/s],
@@ -108,7 +107,7 @@ def export_file(
     if not is_point_list(path):
         refuse_object(path)
     if name in OF_FOCUS:
-        target = {"ptlist": POINT_LIST, "autd3": AUTD3, "focal-points": FOCUS_FILE}[name]
+        target = {"ptlist": POINT_LIST, "focal-points": FOCUS_FILE}[name]
         with _opened_focus(path, (poses, seconds, every), asked, target) as source:
             values = _export_focus(path, source, out, name, gzip, overwrite, watch or _unwatched)
         return values | {"format": name, "path": str(out)}
@@ -155,23 +154,10 @@ def _export_focus(
     if name == "focal-points":
         _written(out, lambda new: write_focus(source, path, new, out.suffix.lower(), gzip=gzip, watch=watch))
         values = {"samples": source.frame_count, "foci": source.foci, "update_rate": source.update_rate}
-        return values | _jumps(jumps_of(source)) | {"bytes": out.stat().st_size}
-    sampled = read_whole(source, watch)
-    values = {"points": len(sampled.focus.intensity), "update_rate": sampled.update_rate, **_jumps(sampled.jumps)}
-    if name == "ptlist":
-        write_ptlist(out, sampled.focus.position, sampled.focus.intensity, sampled.update_rate, overwrite=overwrite)
-        return values
-    values["refused"] = _written(out, lambda new: write_script(new, path, sampled))
-    if values["refused"]:
-        warn_user(
-            f"{values['refused']} of {values['points']} focal points lie where an AUTD3 cannot focus, and are "
-            "silent in the script"
-        )
-    return values
-
-
-def _jumps(count: int | None) -> dict[str, int]:
-    return {} if count is None else {"jumps": count}
+        return values | jumps_of(source) | {"bytes": out.stat().st_size}
+    focus = read_whole(source, watch)
+    write_ptlist(out, focus.position, focus.intensity, source.update_rate, overwrite=overwrite)
+    return {"points": len(focus.intensity), "update_rate": source.update_rate, **jumps_of(source)}
 
 
 @contextmanager

@@ -1,6 +1,10 @@
-"""Focal points for formats that hold them: sampled from the chosen poses, or read from a file that has them."""
+"""Focal points of contours or of a file, and the binary, CSV and NPZ files of them for other programs."""
 
 import math
+import shutil
+import struct
+import tempfile
+import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -10,15 +14,18 @@ from typing import NamedTuple
 import numpy as np
 
 from ...datasets.contour_file.reader import ContourFile
+from ...datasets.errors import ContourFileError
 from ...datasets.focus_files.frame_reader import FOCAL_POINTS, FrameReader, frame_format
 from ...datasets.focus_files.ptlist import read_ptlist
 from ...datasets.storage.schema import Arrays
 from ..errors import StrategyError
+from ..file_kinds import FOCUS_MAGIC
 from ..playback.focal_points import ContourSource, FocusSource, PointSource, sampling_of_run
 from ..sampling.metrics import FocalPoints
 from ..sampling.presets import sampling_of
 from ..sampling.sampler import Sampler, joined
 from ..sampling.strategy import SamplingStrategy
+from .contour_tables import open_member
 from .pose_choice import Ends, Progress, picked, seconds_of
 
 SAMPLES_A_BLOCK = 1 << 12  # of eight focal points: 40 MB while they are made to text
@@ -48,16 +55,6 @@ class FocusFormat(NamedTuple):
     """Raises StrategyError for an update rate [Hz] that it does not take."""
     foci_most: int = 1
     """Focal points of a sample."""
-
-
-class SampledFocus(NamedTuple):
-    """Focal points, and what is known of them."""
-
-    focus: FocalPoints
-    update_rate: float
-    """[Hz]"""
-    jumps: int | None
-    """None for focal points that were read."""
 
 
 def holds_focus(path: Path) -> bool:
@@ -131,14 +128,14 @@ def watched_blocks(source: FocusSource, watch: Progress) -> Iterator[FocalPoints
         watch(done, source.frame_count)
 
 
-def jumps_of(source: FocusSource) -> int | None:
-    """Jumps of the focal points that were sampled; None for focal points that were read."""
-    return None if source.count is None else sum(source.count.jumps.values())
+def jumps_of(source: FocusSource) -> dict[str, int]:
+    """Jumps of the focal points that were sampled, as part of a result; empty for focal points that were read."""
+    return {} if source.count is None else {"jumps": sum(source.count.jumps.values())}
 
 
-def read_whole(source: FocusSource, watch: Progress) -> SampledFocus:
+def read_whole(source: FocusSource, watch: Progress) -> FocalPoints:
     """All focal points, for a format that is written at once."""
-    return SampledFocus(joined(list(watched_blocks(source, watch))), source.update_rate, jumps_of(source))
+    return joined(list(watched_blocks(source, watch)))
 
 
 class ChosenRows:
@@ -223,3 +220,94 @@ def _span(first: float, rate: float, target: FocusFormat, less: float = 0.0) -> 
 
 def _rounded_down(seconds: float) -> str:
     return f"{math.floor(seconds * 1e3) / 1e3:g}"
+
+
+VERSION = 1
+FOCI_MOST = 8
+ROUNDING = 1e-5  # by which an intensity that another program stored may lie outside 0..1; it is set to the bound
+
+Rows = Iterator[tuple[np.ndarray, np.ndarray]]
+"""Blocks of positions [m], float32 [sample, point, 3], and intensities 0..1, float32 [sample, point]."""
+
+FOCUS_FILE = FocusFormat(
+    "a file of focal points",
+    40_000_000,  # more is rather a mistake: 67 minutes at 10 kHz, 17 at 40 kHz; a .bin of 0.64 GB for each focal point
+    lambda rate: SamplingStrategy(update_rate=rate),
+    FOCI_MOST,
+)
+
+
+def _write_binary(source: FocusSource, rows: Rows, temporary: Path, gzip: int) -> None:
+    with temporary.open("wb") as stream:
+        stream.write(struct.pack("<8sIIdQ", FOCUS_MAGIC, VERSION, source.foci, source.update_rate, source.frame_count))
+        for position, intensity in rows:
+            stream.write(np.concatenate([position, intensity[..., None]], axis=-1).astype("<f4").tobytes())
+
+
+def _write_csv(source: FocusSource, rows: Rows, temporary: Path, gzip: int) -> None:
+    """A row for each focal point of each sample; numbers are the shortest that read back to the same bits."""
+    several, first = source.foci > 1, 0
+    with temporary.open("w", encoding="ascii", newline="\n") as stream:
+        stream.write(f"time,{'point,' if several else ''}x,y,z,intensity\n")
+        for position, intensity in rows:
+            time = (np.arange(first, first + len(intensity)) / source.update_rate).tolist()
+            heads = [f"{t!r},{k}," for t in time for k in range(source.foci)] if several else [f"{t!r}," for t in time]
+            values = np.concatenate([position, intensity[..., None]], axis=-1).reshape(-1, 4)
+            numbers = values.astype(str).tolist()  # of float32: the shortest text of each number
+            stream.writelines(f"{head}{','.join(row)}\n" for head, row in zip(heads, numbers, strict=True))
+            first += len(intensity)
+
+
+def _write_npz(source: FocusSource, rows: Rows, temporary: Path, gzip: int) -> None:
+    """Arrays `position`, `intensity` and `update_rate`; equal contents make equal files."""
+    samples, kind = (source.frame_count, source.foci), np.dtype("<f4")
+    method = zipfile.ZIP_DEFLATED if gzip else zipfile.ZIP_STORED
+    with (
+        zipfile.ZipFile(temporary, "w", method, compresslevel=gzip or None) as archive,
+        tempfile.TemporaryFile(
+            dir=temporary.parent
+        ) as levels,  # without a name; an archive has one member after another
+    ):
+        with open_member(archive, "position", (*samples, 3), kind) as member:
+            for position, intensity in rows:
+                member.write(position.astype(kind).tobytes())
+                levels.write(intensity.astype(kind).tobytes())
+        levels.seek(0)
+        with open_member(archive, "intensity", samples, kind) as member:
+            shutil.copyfileobj(levels, member)
+        with open_member(archive, "update_rate", (), np.dtype("<f8")) as member:
+            member.write(struct.pack("<d", source.update_rate))
+
+
+FOCUS_WRITERS: dict[str, Callable[[FocusSource, Rows, Path, int], None]] = {
+    ".bin": _write_binary,
+    ".csv": _write_csv,
+    ".npz": _write_npz,
+}
+"""What writes a file of focal points, by its suffix."""
+
+
+def write_focus(
+    source: FocusSource, name: Path, temporary: Path, suffix: str, *, gzip: int = 0, watch: Progress
+) -> None:
+    """Write focal points in the format of one of FOCUS_WRITERS.
+
+    name: of the file that they come from, for messages. Raises OSError, and ContourFileError for positions that are
+    not finite, and intensities outside 0..1.
+    """
+    FOCUS_WRITERS[suffix](source, _valid_rows(source, name, watch), temporary, gzip)
+
+
+def _valid_rows(source: FocusSource, name: Path, watch: Progress) -> Rows:
+    """Blocks of one shape, with a focal point's axis also where there is one, refused where values are out of range."""
+    first = 0
+    for block in watched_blocks(source, watch):
+        position, intensity = block.position.reshape(-1, source.foci, 3), block.intensity.reshape(-1, source.foci)
+        for what, bad in (
+            ("a position that is not finite", ~np.isfinite(position).all(axis=-1)),
+            ("an intensity outside 0..1", ~((intensity >= -ROUNDING) & (intensity <= 1 + ROUNDING))),
+        ):
+            if bad.any():
+                raise ContourFileError(f"{name}: sample {first + int(bad.any(axis=1).argmax())} has {what}")
+        yield position, np.clip(intensity, 0, 1)
+        first += len(intensity)

@@ -1,6 +1,5 @@
 """Hands: the patches of skin on which contours are drawn."""
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -11,7 +10,7 @@ import warp as wp
 from ...datasets.counted import counted
 from ...datasets.rigid import rotate
 from ...kernels.patch import ON, Patch
-from ..errors import PoseError, RenderError, StrategyError
+from ..errors import PoseError, StrategyError
 from ..validation import is_number, unit_hint
 
 IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
@@ -217,31 +216,3 @@ def frames_at(pose: np.ndarray, half: np.ndarray) -> PatchFrames:
     q = pose[..., 3:] / np.linalg.norm(pose[..., 3:], axis=-1, keepdims=True)
     u, back, n = (rotate(q, np.eye(3)[k]) for k in (0, 2, 1))
     return PatchFrames(pose[..., :3], u, 0.0 - back, n, np.asarray(half, np.float64))  # 0.0: no -0.0
-
-
-def hand_from(described: Mapping[str, Any], arrays: Mapping[str, np.ndarray] | None = None) -> Hand:
-    """The hand that a file describes; arrays: those of its /hand by name.
-
-    Raises StrategyError for a kind that this version does not know, and for a description that lacks a field.
-    """
-    if not isinstance(described, Mapping):
-        raise StrategyError(f"the description of a hand must be a mapping, not {described!r:.60}")
-    kind, arrays = described.get("kind"), arrays or {}
-    try:
-        if kind == "palm":
-            return Palm(float(described["width"]), float(described["length"]))
-        if kind == "planes":
-            from .plane_hand import PlaneHand  # both need this module
-
-            return PlaneHand.from_file(described, arrays)
-        if kind == "mesh":
-            from .mesh_hand import MeshHand
-
-            return MeshHand.from_file(described, arrays)
-    except KeyError as error:
-        raise StrategyError(f"the description of a hand of kind {kind!r} lacks {error.args[0]!r}") from None
-    except RenderError:
-        raise
-    except (TypeError, ValueError, AttributeError) as error:  # something of another type, or of another shape
-        raise StrategyError(f"the description of a hand of kind {kind!r} cannot be read: {error}") from error
-    raise StrategyError(f"unknown hand {kind!r}; known: palm, planes, mesh")

@@ -17,9 +17,8 @@ from ..errors import PoseError, StrategyError
 from ..objects.isosurface import isosurface
 from ..objects.solid import Solid
 from ..validation import is_number
+from .given_mesh import Glabrous, checked_hand, face_normals, facing_palm, placed_hand, read_hand, region_of
 from .hand import PatchFrames, poses_text, rigid_poses
-from .mesh_hand_check import checked_hand
-from .mesh_hand_file import Glabrous, face_normals, facing_palm, placed_hand, read_hand, region_of
 
 __all__ = ["MeshHand", "facing_palm"]
 

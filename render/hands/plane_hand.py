@@ -1,20 +1,145 @@
-"""A hand of several planes: palm and phalanges, rigid, or with a pose for each patch and each pose of the motion."""
+"""A hand of several planes: palm and phalanges, rigid, or with a pose for each patch and each pose of the motion.
+
+Planes come from the joints of a recorded hand, one under the palm and one under each phalanx, or from `flat_hand`.
+"""
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
 
 from ...datasets.counted import counted
+from ...datasets.hand_model.joints import JOINT_COUNT, JOINT_NAMES, Joint
 from ...datasets.rigid import NORM_TOLERANCE, compose, rotate
 from ..errors import PoseError, StrategyError
 from .hand import IDENTITY, PatchFrames, frames_at, patches_on, poses_text, require_sides, rigid_poses
-from .joint_planes import FINGERS, planes_of_joints
+
+KNUCKLES = {
+    "index": Joint.INDEX_PROXIMAL,
+    "middle": Joint.MIDDLE_PROXIMAL,
+    "ring": Joint.RING_PROXIMAL,
+    "little": Joint.LITTLE_PROXIMAL,
+}
+PHALANGES = {
+    "thumb": {"proximal": Joint.THUMB_PROXIMAL, "distal": Joint.THUMB_DISTAL},
+    **{
+        name: {"proximal": Joint(k), "intermediate": Joint(k + 1), "distal": Joint(k + 2)}
+        for name, k in KNUCKLES.items()
+    },
+}
+"""Parts of each finger, with the joint at which each begins; it ends at the next one."""
+FINGERS = tuple(PHALANGES)
+
+
+class Plane(NamedTuple):
+    """A rectangle under a bone, of one size, that moves."""
+
+    name: str
+    width: float  # [m]
+    length: float  # [m]
+    pose: np.ndarray  # in the hand's frame, float64, shape [frame, 7]; NaN where a joint is missing
+
+
+def planes_of_joints(
+    joints: np.ndarray, radius: np.ndarray, *, is_left: bool, palm: bool, fingers: tuple[str, ...]
+) -> list[Plane]:
+    """Planes of a hand: see `PlaneHand.from_joints`."""
+    joints, radius = checked_joints(joints, radius)
+    for finger in fingers:
+        if finger not in PHALANGES:
+            raise StrategyError(f"there is no finger {finger!r}; there are: {', '.join(FINGERS)}")
+    if not palm and not fingers:
+        raise StrategyError("a hand without palm and fingers has no patch")
+    require_side(joints, is_left)
+    planes = [palm_plane(joints, radius)] if palm else []
+    for finger in dict.fromkeys(fingers):
+        planes += [phalanx_plane(f"{finger}-{part}", joints, radius, k) for part, k in PHALANGES[finger].items()]
+    return planes
+
+
+def checked_joints(joints: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Joints [frame, 26, 7] and radii [frame, 26] in float64; a joint that is not wholly finite is wholly NaN."""
+    joints, radius = np.array(joints, np.float64), np.asarray(radius, np.float64)
+    if joints.ndim != 3 or joints.shape[1:] != (JOINT_COUNT, 7) or len(joints) == 0:
+        raise PoseError(f"joints must have shape [frame, {JOINT_COUNT}, 7], not {list(joints.shape)}")
+    if radius.shape not in ((JOINT_COUNT,), joints.shape[:2]):
+        raise PoseError(f"radius must have shape [{JOINT_COUNT}] or [frame, {JOINT_COUNT}], not {list(radius.shape)}")
+    joints[~np.isfinite(joints).all(axis=2)] = np.nan
+    radius = np.broadcast_to(radius, joints.shape[:2])
+    wrong = ~np.isnan(joints[..., 0]) & ~(radius > 0.0)  # a NaN compares false
+    if wrong.any():
+        frame, k = np.argwhere(wrong)[0]
+        raise PoseError(f"radius of {JOINT_NAMES[k]} in frame {frame} must be above 0 m, not {radius[frame, k]}")
+    return joints, radius
+
+
+def require_side(joints: np.ndarray, is_left: bool) -> None:
+    """Raise PoseError if the little finger's knuckle is on the other side of the index finger's than in this hand."""
+    across = joints[:, KNUCKLES["little"], 0] - joints[:, KNUCKLES["index"], 0]
+    if np.isnan(across).all():
+        return
+    if (np.nanmedian(across) < 0.0) != is_left:
+        sides = ("left", "right") if is_left else ("right", "left")
+        raise PoseError(f"these are joints of a {sides[1]} hand, not of a {sides[0]} one: see the knuckles' order")
+
+
+def palm_plane(joints: np.ndarray, radius: np.ndarray) -> Plane:
+    """The palm's plane y = 0: from the wrist to the middle finger's knuckle, across from index to little finger's.
+
+    It lies still in the hand's frame, at the median over the motion.
+    """
+    used = (Joint.WRIST, KNUCKLES["index"], KNUCKLES["middle"], KNUCKLES["little"])
+    there = np.isfinite(joints[:, used, 0])
+    if not there.all(axis=1).any():
+        names = ", ".join(JOINT_NAMES[k] for k in used)
+        raise PoseError(f"palm: in no frame are {names} all there: give them, or leave the palm out with palm=False")
+    frame_count = len(joints)
+    joints, radius = joints[there.all(axis=1)], radius[there.all(axis=1)]
+    ends = [KNUCKLES["index"], KNUCKLES["little"]]
+    x, rim = joints[:, ends, 0], radius[:, ends]
+    low, high = median((x - rim).min(axis=1)), median((x + rim).max(axis=1))
+    front, back = median(joints[:, KNUCKLES["middle"], 2]), median(joints[:, Joint.WRIST, 2])
+    pose = [(low + high) / 2, 0.0, (front + back) / 2, 0.0, 0.0, 0.0, 1.0]
+    return Plane("palm", high - low, abs(back - front), np.tile(pose, (frame_count, 1)))
+
+
+def phalanx_plane(name: str, joints: np.ndarray, radius: np.ndarray, k: Joint) -> Plane:
+    """The plane under the bone from joint k to the next one, as far away as the skin is.
+
+    Its normal into the finger is Y of the first joint, made orthogonal to the bone.
+    """
+    from scipy.spatial.transform import Rotation  # a tenth of a second that other hands do without
+
+    a, b = joints[:, k, :3], joints[:, k + 1, :3]
+    bone, across = b - a, radius[:, k] + radius[:, k + 1]
+    there = np.isfinite(joints[:, [k, k + 1]]).all(axis=(1, 2)) & (np.linalg.norm(bone, axis=1) > 1e-6)
+    if not there.any():
+        names = f"{JOINT_NAMES[k]} and {JOINT_NAMES[k + 1]}"
+        raise PoseError(f"{name}: {names} are in no frame both there and apart: leave the finger out")
+    pose = np.full((len(joints), 7), np.nan)
+    v = bone[there] / np.linalg.norm(bone[there], axis=1, keepdims=True)
+    up = Rotation.from_quat(joints[there, k, 3:]).as_matrix()[..., 1]
+    u = np.cross(v, up)
+    size = np.linalg.norm(u, axis=1, keepdims=True)
+    if (size < 1e-3).any():
+        frame = int(np.flatnonzero(there)[np.flatnonzero(size[:, 0] < 1e-3)[0]])
+        raise PoseError(f"{name}: in frame {frame} the back (+Y) of {JOINT_NAMES[k]} points along its bone")
+    u /= size
+    n = np.cross(u, v)
+    pose[there, :3] = (a + b)[there] / 2 - across[there, None] / 2 * n
+    pose[there, 3:] = Rotation.from_matrix(np.stack([u, n, -v], axis=2)).as_quat()
+    return Plane(name, median(across[there]), median(np.linalg.norm(bone[there], axis=1)), pose)
+
+
+def median(values: np.ndarray) -> float:
+    """Median of all."""
+    return float(np.median(values))
+
 
 ABSENT = np.array([0.0, 1000.0, 0.0, 0.0, 0.0, 0.0, 1.0], np.float32)
 """Array-frame pose of a patch that is not there: a plane 1 km away, where no contour is."""
@@ -301,3 +426,60 @@ def checked_poses(value: np.ndarray, name: str, shape: tuple[int | str, ...]) ->
     pose[loose, 3:] /= norm[loose, None]
     pose[missing] = np.nan
     return pose
+
+
+BREADTH, HAND_LENGTH = 0.085, 0.187  # [m]; near the means of adults in ANSUR II, which are 78..90 and 181..193 mm
+PALM_SHARE = 0.56  # of the hand's length, from the wrist to the middle finger's crease
+# Shares read off an open hand's tracked joints, rounded: of the middle finger's length and of the palm's width.
+FINGER_SHAPES = {"index": (0.91, 0.245), "middle": (1.0, 0.245), "ring": (0.93, 0.23), "little": (0.74, 0.195)}
+PHALANX_SHARES = {"proximal": (0.45, 1.0), "intermediate": (0.29, 0.95), "distal": (0.26, 0.87)}  # of a finger
+THUMB_SHAPES = {"proximal": (0.17, 0.28), "distal": (0.13, 0.25)}  # of the hand's length, of the palm's width
+THUMB_ANGLE = np.radians(40.0)  # away from the other fingers
+
+
+def flat_hand(width: float = BREADTH, length: float = HAND_LENGTH, *, is_left: bool = False) -> PlaneHand:
+    """A flat, open hand of 15 patches: palm, three phalanges of each finger, two of the thumb; all in one plane.
+
+    width: across the palm [m]; length: from the wrist to the tip of the middle finger [m]. The proportions are
+    plausible ones for adults, no measurement of anybody. Raises StrategyError for sides that are no size for skin.
+
+    >>> from palpate.render import flat_hand
+    >>> hand = flat_hand(length=0.18)
+    >>> hand
+    PlaneHand(15 patches, 13 joints, rigid)
+    >>> [patch.name for patch in hand.patches if patch.name.startswith("index")]
+    ['index-proximal', 'index-intermediate', 'index-distal']
+    """
+    require_sides("hand", width, length)
+    palm = PALM_SHARE * length
+    little = -1.0 if is_left else 1.0  # X points to the little finger on a right hand, to the thumb on a left one
+    patches = [HandPatch("palm", width, palm)]
+    gap = width * (1.0 - sum(share for _, share in FINGER_SHAPES.values())) / (len(FINGER_SHAPES) - 1)
+    edge = -width / 2
+    for finger, (length_share, width_share) in FINGER_SHAPES.items():
+        whole, across = length_share * (length - palm), width_share * width
+        x, z = little * (edge + across / 2), -palm / 2
+        for part, (along_share, across_share) in PHALANX_SHARES.items():
+            along = along_share * whole
+            place = (x, 0.0, z - along / 2, *IDENTITY[3:])
+            patches.append(HandPatch(f"{finger}-{part}", across_share * across, along, place))
+            z -= along
+        edge += across + gap
+    patches += _flat_thumb(width, length, little)
+    return PlaneHand(tuple(patches), phalanx_joints([patch.name for patch in patches]))
+
+
+def _flat_thumb(width: float, length: float, little: float) -> list[HandPatch]:
+    """The thumb's two phalanges, beside the palm and turned away from the fingers."""
+    sine, cosine = np.sin(THUMB_ANGLE), np.cos(THUMB_ANGLE)
+    along = np.array([-little * sine, 0.0, -cosine])  # to its tip
+    turn = (0.0, float(np.sin(little * THUMB_ANGLE / 2)), 0.0, float(np.cos(THUMB_ANGLE / 2)))
+    start = np.array([-little * (width / 2 + THUMB_SHAPES["proximal"][1] * width / 2 * cosine), 0.0, 0.02 * length])
+    patches = []
+    for part, (length_share, width_share) in THUMB_SHAPES.items():
+        middle = start + along * length_share * length / 2
+        patches.append(
+            HandPatch(f"thumb-{part}", width_share * width, length_share * length, (*middle.tolist(), *turn))
+        )
+        start = start + along * length_share * length
+    return patches

@@ -34,10 +34,9 @@ from ...datasets.recordings.files import JOINT_SUFFIXES, load_recording
 from ...datasets.recordings.recording import HandRecording
 from ...datasets.user_warnings import warn_user
 from ..errors import PoseError, StrategyError
-from ..hands.flat_hand import flat_hand
 from ..hands.hand import Hand, Palm
 from ..hands.mesh_hand import MeshHand
-from ..hands.plane_hand import PlaneHand
+from ..hands.plane_hand import PlaneHand, flat_hand
 from ..motions.explorations.explored import exploration
 from ..motions.explorations.options import EXPLORATION_OPTIONS
 from ..objects.functions.expression import Expression
@@ -47,7 +46,7 @@ from ..objects.mesh.placement import Placement
 from ..objects.mesh.solid_mesh import MeshObject
 from ..objects.solid import Solid
 from ..objects.voxels.files import UNITS, is_volume
-from ..objects.voxels.values import KINDS
+from ..objects.voxels.grid import KINDS
 from ..objects.voxels.voxel_object import VoxelObject
 from ..runtime.loading_progress import Watch, unwatched
 from ..trust.permission import AllowCode

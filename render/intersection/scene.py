@@ -6,7 +6,6 @@
 | march | voxels, function | patches | `kernels.march`: marching squares on a grid over each patch |
 | skin | any | skin | `kernels.skin`: marching triangles over the skin |
 | path | any | any | raw "contact": `contact_tour`, a path through the points of the skin that are inside the object |
-| path | any | given as a solid | raw "overlap": `overlap_tour`, a path over the surface of what both share |
 """
 
 from collections.abc import Callable
@@ -31,7 +30,8 @@ from ..objects.mesh.solid_mesh import MeshObject
 from ..objects.moving_object import seen_from
 from ..objects.solid import Solid
 from ..runtime.stage_timing import StageClock
-from ..stages.registry import BY_RAW_KERNELS, Setting, find_stage
+from ..stages.registry import BY_RAW_KERNELS, find_stage
+from ..stages.setting import Setting
 from ..strategies.intersection_strategy import IntersectionStrategy, strategy_of
 from ..strategies.stage_order import FILLS, SHAPES, TOURS
 from ..strategies.stage_runner import run_stages
@@ -39,7 +39,6 @@ from ..validation import require_choice, value_text
 from .contact_tour import contact_contours
 from .mesh_section import intersect, needs_regularising, patches_for
 from .named_inputs import motion_of
-from .overlap_tour import overlap_contours
 
 SECTION_BYTES = 1024  # for a pose and patch: slots of pieces (SLOTS x 72), listed steps (128), events (24 x 8), offsets
 
@@ -318,11 +317,9 @@ class Scene:
             return run_stages(batch, self.strategy, setting)
 
     def _path(self, block: PoseBlock) -> Any:
-        """Path through points of the skin, or over the surface of what object and hand share."""
-        raw = self.strategy.raw_stage
-        contours = contact_contours if raw.name == "contact" else overlap_contours
-        where = (poses_on_host(block.pose), block.first)
-        return contours(self.solid, self.hand, *where, device=block.device, step=self.step, **raw.options)
+        """Path through points of the skin that are inside the object."""
+        where, options = (poses_on_host(block.pose), block.first), self.strategy.raw_stage.options
+        return contact_contours(self.solid, self.hand, *where, device=block.device, step=self.step, **options)
 
     def _skin(self, block: PoseBlock) -> Any:
         """Section of an object's surface by a hand mesh."""

@@ -30,7 +30,6 @@ class Durations:
         return cls(float(p50), float(p99), float(np.max(seconds)))
 
     def __repr__(self) -> str:
-        """In milliseconds."""
         return f"Durations({self.p50 * 1e3:.1f}, {self.p99 * 1e3:.1f}, {self.longest * 1e3:.1f} ms)"
 
 
@@ -81,7 +80,6 @@ class RunStatistics:
     """What went wrong, and how often."""
 
     def __repr__(self) -> str:
-        """One line."""
         return (
             f"RunStatistics({self.seconds:.3g} s, {self.poses} poses, latency {self.latency!r}, {self.dropped} of "
             f"{self.frames} frames dropped)"

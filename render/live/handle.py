@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self, Unpack
 
 import numpy as np
@@ -27,12 +26,12 @@ from .counts import RunStatistics
 from .drawing_run import DrawingRun, require_intensity
 from .held_arrays import HeldArrays
 from .moment import LiveMoment, LiveScene
-from .recorder import RunRecorder, record_path
+from .recorder import record_path
 from .renderer_process import LiveRendering
-from .shaping import shaping_of
 from .sources.hand_frame import PoseSource
 from .sources.named_sources import settings_and_hand
-from .sources.selection import ANY
+from .sources.pose_stream import ANY
+from .sources.shaping import shaping_of
 
 POLL = 0.05  # [s]
 
@@ -120,7 +119,6 @@ class Live:
             solid,
             side=side,
             alignment=alignment,
-            loops=True,
             shaper=shaping_of(prediction, smoothing),
             realtime=realtime,
             allow_code=allow_code,
@@ -153,18 +151,9 @@ class Live:
             held.close()
             raise
         if path is not None:
-            held.recorder = RunRecorder(
-                path,
-                overwrite=overwrite,
-                source=str(source),
-                array=held.names,
-                lead=held.lead,
-                realtime=held.counts.realtime,
-                emission=held.emission,
-            )
+            held.recorder_to(path, overwrite=overwrite, source=source)
 
     def __repr__(self) -> str:
-        """One line."""
         return f"Live({self._run.rendering.solid.name}, {self.statistics().latency!r})"
 
     def __enter__(self) -> Self:
@@ -173,9 +162,7 @@ class Live:
         self._note("began", "")
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         self.close()
         ended_by = self._held.error or self._held.supervisor.error
         if ended_by is not None and error is None:

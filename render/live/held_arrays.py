@@ -1,7 +1,11 @@
-"""Arrays that a writer's process holds open, and one thread that hears it: what `Live` and `Session` stand on."""
+"""Arrays that a writer's process holds open, and one thread of the parent that hears all processes of a live run."""
 
+import os
+import select
+import threading
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 from ...device.errors import DeviceError
@@ -16,7 +20,6 @@ from ..playback.placed_arrays import PlacedArray
 from ..validation import require_number
 from .counts import LiveCounts
 from .recorder import RunRecorder
-from .supervisor import Supervisor
 
 LEAD = 6e-3  # [s]
 LEAD_RANGE = (2e-3, 0.1)  # [s]
@@ -24,12 +27,76 @@ LEAD_PERIODS = 4  # frames that a lead must have
 AGAIN = 5.0  # [s] until a sentence is told again
 
 
+class Supervisor:
+    """A thread that calls functions when something can be read; each until it returns False."""
+
+    def __init__(self) -> None:
+        self._watched: dict[int, Callable[[], object]] = {}
+        self._poll = select.epoll()  # `select` refuses descriptors from 1,024 on, and those that are closed meanwhile
+        self._wake = os.eventfd(0, os.EFD_NONBLOCK)
+        self._poll.register(self._wake, select.EPOLLIN)
+        self._is_ending = False
+        self._lock = threading.RLock()  # held while a function runs, so that nobody closes what it reads
+        self.error: BaseException | None = None
+        """What a function raised; it is not called again."""
+        self._thread = threading.Thread(target=self._run, name="palpate-live", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread."""
+        self._is_ending = True
+        os.eventfd_write(self._wake, 1)
+        if threading.current_thread() is not self._thread:  # a function may end what watches it
+            self._thread.join()
+            self._poll.close()
+            os.close(self._wake)
+
+    def watch(self, descriptor: int, heard: Callable[[], object]) -> None:
+        """Call a function in the thread whenever the descriptor can be read."""
+        with self._lock:
+            self._watched[descriptor] = heard
+            self._poll.register(descriptor, select.EPOLLIN)
+
+    def forget(self, descriptor: int) -> None:
+        """Watch it no more; it may be closed once this returns."""
+        with self._lock:
+            if self._watched.pop(descriptor, None) is not None:
+                self._poll.unregister(descriptor)
+
+    def settle(self, timeout: float = 2.0) -> None:
+        """Wait until all that can be read now has been heard, for `timeout` [s] at most."""
+        end = time.monotonic() + timeout
+        while time.monotonic() < end:
+            with self._lock:
+                poll = select.poll()
+                for descriptor in self._watched:
+                    poll.register(descriptor, select.POLLIN)
+                if not poll.poll(0):
+                    return
+            time.sleep(1e-3)
+
+    def _run(self) -> None:
+        while not self._is_ending:
+            for descriptor, _ in self._poll.poll():
+                if descriptor == self._wake:
+                    os.eventfd_read(self._wake)
+                    continue
+                with self._lock:
+                    heard = self._watched.get(descriptor)  # None: forgotten since
+                    try:
+                        goes_on = heard is None or heard() is not False
+                    except BaseException as error:  # the thread lives on for others; `error` says what happened
+                        self.error = self.error or error
+                        goes_on = False
+                    if not goes_on:
+                        self.forget(descriptor)
+
+
 class HeldArrays:
     """Arrays open until `close`, silent while nothing plays.
 
     lead: how far ahead of the present frames are written [s]; None: 6 ms, or four frames where those take longer. told:
-    called with sentences for people. heard: called
-    with the name of a message of the writer, and its values.
+    called with sentences for people. heard: called with the name of a message of the writer, and its values.
     Raises StrategyError for a lead out of its range, and for options that a live run has not; DeviceError where an
     array cannot be opened.
     """
@@ -74,8 +141,20 @@ class HeldArrays:
         self.counts = LiveCounts(period=1.0 / self.writer.update_rate, emission=self.emission)
         self.counts.realtime = ready["realtime"]
         self.supervisor = Supervisor()
-        self.supervisor.__enter__()
         self.supervisor.watch(self.writer.fileno(), self._hear)
+
+    def recorder_to(self, path: Path, *, overwrite: bool, source: object) -> RunRecorder:
+        """A recorder of what is reported of poses and frames from now on."""
+        self.recorder = RunRecorder(
+            path,
+            overwrite=overwrite,
+            source=str(source),
+            array=self.names,
+            lead=self.lead,
+            realtime=self.counts.realtime,
+            emission=self.emission,
+        )
+        return self.recorder
 
     @property
     def is_running(self) -> bool:
@@ -113,7 +192,7 @@ class HeldArrays:
         self.writer.close()
         ended()
         self.supervisor.settle()
-        self.supervisor.__exit__()
+        self.supervisor.close()
         self.writer.release()
 
     def _hear(self) -> bool:

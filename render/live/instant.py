@@ -83,7 +83,6 @@ class Instant:
         self._drawn = 0  # samples so far
 
     def __repr__(self) -> str:
-        """One line."""
         return f"Instant({self.sampler!r})"
 
     @property

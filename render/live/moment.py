@@ -11,8 +11,8 @@ from ...datasets.hand_model.cage import BREADTH
 from ...datasets.rigid import rotate, unit
 from ..contour_batch import ContourBatch
 from ..hands.hand import Hand
-from ..hands.hand_look import HandLook, hand_around
 from ..hands.plane_hand import PlaneHand
+from ..hands.stored_hand import HandLook, hand_around
 from ..sampling.metrics import FocalPoints
 from ..sampling.sampler import NOWHERE
 from ..sampling.strategy import SamplingStrategy
@@ -57,7 +57,6 @@ class LiveScene:
     """The hand's mesh is the skin that is rendered; False: it only shows where the patches' hand is."""
 
     def __repr__(self) -> str:
-        """One line."""
         return f"LiveScene({self.object_name}, {self.hand!r})"
 
     @classmethod
@@ -86,11 +85,6 @@ class LiveScene:
             glabrous=mesh[2],
             is_skin=is_skin,
         )
-
-    @property
-    def hand_kind(self) -> str:
-        """`palm`, `planes` or `mesh`."""
-        return str(self.hand.described()["kind"])
 
     @property
     def is_rigid(self) -> bool:
@@ -158,14 +152,8 @@ class LiveMoment:
     """Frames that were not played as drawn, so far."""
 
     def __repr__(self) -> str:
-        """One line."""
         lines = counted(self.contours.polyline_count, "polyline")
         return f"LiveMoment({self.number}: {self.state} at {self.time:.3f} s, {lines}, latency {self.latency!r})"
-
-    @property
-    def object_pose(self) -> None:
-        """None: the object of a live run is at rest."""
-        return
 
     @cached_property
     def hand(self) -> HandLook | None:

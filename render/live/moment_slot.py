@@ -6,18 +6,18 @@ ever waits for the other: there are two slots, the older of which is overwritten
 meanwhile reads again.
 """
 
-import math
 import mmap
 import os
+import pickle
 import threading
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from ..contour_batch import ContourBatch
 from ..sampling.metrics import FocalPoints
-from .drawn_log import LoggedPose
+from .drawn_log import LoggedPose, plain, restored
 
 COPY_NS = 25_000_000  # between copies at least, on average
 FOCUS_SECONDS = 1 / 30  # of focal points in a moment
@@ -29,8 +29,9 @@ RESTING, WAITING, DRAWING = range(3)
 """States of the process that draws: it draws nothing; it waits for the first pose; it has a pose to draw."""
 
 _CONTROL_BYTES: Final = 4096
-_COPIED, _BEGUN, _ASKED, _STATE, _IS_LOST, _POSE_DUE, _SEQUENCE = range(7)  # _SEQUENCE and the next: of the two slots
-_CONTOURS: Final = {"point": ("points", "kind", "intensity", "dwell"), "line": ("polyline_patch", "polyline_closed")}
+_SLOT_BYTES: Final = 1 << 19  # more than a moment of all the points above and a hand of 2,300 patches takes
+_COPIED, _BEGUN, _ASKED, _STATE, _IS_LOST, _POSE_DUE = range(6)
+_SEQUENCE, _LENGTH = 6, 8  # each and the next one: of the two slots
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,23 +58,18 @@ class CopiedMoment:
 class MomentSlot:
     """Moments from one process that draws to one that shows them, without a lock between the two.
 
-    patch_count: most patches of a hand. fd: of the memory that another process made; None makes it. Contours of more
-    than POINTS_MOST points or LINES_MOST polylines lose those polylines that come last, and the moment says how many
-    points they had.
+    fd: of the memory that another process made; None makes it. Contours of more than POINTS_MOST points or LINES_MOST
+    polylines lose those polylines that come last, and the moment says how many points they had.
     """
 
-    def __init__(self, patch_count: int, *, fd: int | None = None) -> None:
-        layout = _layout(patch_count)
-        size = _CONTROL_BYTES + 2 * layout.itemsize
+    def __init__(self, *, fd: int | None = None) -> None:
+        size = _CONTROL_BYTES + 2 * _SLOT_BYTES
         self.fd = os.memfd_create("palpate-moments") if fd is None else fd
         if fd is None:
             os.ftruncate(self.fd, size)
         self._map = mmap.mmap(self.fd, size)
         self._memory = memoryview(self._map)
         self._control = self._memory[:_CONTROL_BYTES].cast("q")
-        slots = np.frombuffer(self._map, layout, 2, _CONTROL_BYTES)
-        names = layout.names or ()
-        self._slots = [{name: slots[name][place] for name in names} for place in (0, 1)]
         self._lock = threading.Lock()  # of the reader's threads: none reads what another one closes
         self._is_closed = False
 
@@ -111,35 +107,15 @@ class MomentSlot:
     ) -> None:
         """Leave a moment; arguments as `CopiedMoment` has them."""
         copied = self._control[_COPIED]
+        kept = _with_room(contours)
+        left_out = contours.point_count - len(kept[0])
+        values = plain((*pose, *kept, *focus))
+        content = pickle.dumps((copied + 1, index, time, now_ns, left_out, values), pickle.HIGHEST_PROTOCOL)
         place = copied % 2  # the newest moment is in the other slot
-        slot, sequence = self._slots[place], self._control[_SEQUENCE + place]
+        first, sequence = _CONTROL_BYTES + place * _SLOT_BYTES, self._control[_SEQUENCE + place]
         self._control[_SEQUENCE + place] = sequence + 1  # odd: the slot is being written
-        slot["number"][0], slot["index"][0], slot["time"][0], slot["copied_ns"][0] = copied + 1, index, time, now_ns
-        slot["pose_first"][0], slot["pose_number"][0], slot["stamp_ns"][0] = pose.first, pose.number, pose.stamp_ns
-        slot["pose"][:] = pose.pose
-        slot["patches"][0] = -1 if pose.patch_pose is None else len(pose.patch_pose)
-        if pose.patch_pose is not None:
-            slot["patch_pose"][: len(pose.patch_pose)] = pose.patch_pose
-        lines = min(contours.polyline_count, LINES_MOST)
-        start = contours.polyline_start
-        if start[lines] > POINTS_MOST:
-            lines = int(np.searchsorted(start, POINTS_MOST, side="right")) - 1
-        counts = {"line": lines, "point": int(start[lines])}
-        slot["lines"][0], slot["point_count"][0] = lines, counts["point"]
-        slot["left_out"][0] = contours.point_count - counts["point"]
-        slot["raw_error"][0] = math.nan if contours.raw_error is None else contours.raw_error
-        slot["polyline_start"][: lines + 1] = start[: lines + 1]
-        for of, names in _CONTOURS.items():
-            for name in names:
-                values = getattr(contours, name)
-                if name in ("intensity", "dwell"):
-                    slot[f"has_{name}"][0] = values is not None
-                if values is not None:
-                    slot[name][: counts[of]] = values[: counts[of]]
-        samples, foci = len(focus.intensity), 0 if focus.intensity.ndim == 1 else focus.intensity.shape[1]
-        slot["samples"][0], slot["foci"][0] = samples, foci  # no foci: focal points have no axis for them
-        most = samples * max(foci, 1)
-        slot["position"][:most], slot["level"][:most] = focus.position.reshape(-1, 3), focus.intensity.reshape(-1)
+        self._control[_LENGTH + place] = len(content)
+        self._memory[first : first + len(content)] = content
         self._control[_SEQUENCE + place] = sequence + 2
         self._control[_COPIED] = copied + 1
 
@@ -159,10 +135,14 @@ class MomentSlot:
                 if copied <= self._control[_BEGUN]:
                     return None
                 place = (copied - 1) % 2
-                before = self._control[_SEQUENCE + place]
-                moment = _read_slot(self._slots[place])
+                first, before = _CONTROL_BYTES + place * _SLOT_BYTES, self._control[_SEQUENCE + place]
+                content = bytes(self._memory[first : first + self._control[_LENGTH + place]])
                 if before % 2 == 0 and before == self._control[_SEQUENCE + place]:
-                    return moment
+                    number, index, time, copied_ns, left_out, values = pickle.loads(content)  # of our own process
+                    values = restored(values)
+                    pose, contours = LoggedPose(*values[:5]), ContourBatch(*values[5:-2])
+                    focus = FocalPoints(*values[-2:])
+                    return CopiedMoment(number, index, time, copied_ns, pose, contours, left_out, focus)
         return None
 
     def close(self) -> None:
@@ -171,73 +151,27 @@ class MomentSlot:
             if self._is_closed:
                 return
             self._is_closed = True
-            self._slots.clear()  # arrays in the memory keep it from being closed
             self._control.release()
             self._memory.release()
             self._map.close()
             os.close(self.fd)
 
 
-def _layout(patch_count: int) -> np.dtype:
-    """A slot's fields; what is one number is an array of one, so that the field is a view of the memory."""
-    names = "number index copied_ns pose_first pose_number stamp_ns patches lines point_count left_out samples foci"
-    return np.dtype(
-        [
-            *((name, "<i8", 1) for name in [*names.split(), "has_intensity", "has_dwell"]),
-            ("time", "<f8", 1),
-            ("raw_error", "<f8", 1),
-            ("pose", "<f4", 7),
-            ("patch_pose", "<f4", (patch_count, 7)),
-            ("polyline_start", "<i8", LINES_MOST + 1),
-            ("polyline_patch", "<i4", LINES_MOST),
-            ("polyline_closed", "<u1", LINES_MOST),
-            ("points", "<f4", (POINTS_MOST, 3)),
-            ("intensity", "<f4", POINTS_MOST),
-            ("dwell", "<f4", POINTS_MOST),
-            ("kind", "<u1", POINTS_MOST),
-            ("position", "<f4", (FOCUS_MOST, 3)),
-            ("level", "<f4", FOCUS_MOST),
-        ],
-        align=True,
-    )
-
-
-def _read_slot(slot: dict[str, np.ndarray]) -> CopiedMoment:
-    """Copies of what a slot holds, which may be mixed: the caller looks whether it was written meanwhile."""
-
-    def number(name: str) -> int:
-        return int(slot[name][0])
-
-    lines, points, samples, foci = (max(number(name), 0) for name in ("lines", "point_count", "samples", "foci"))
-    counts = {"point": points, "line": lines}
-    given = {name: slot[name][: counts[of]].copy() for of, names in _CONTOURS.items() for name in names}
-    for name in ("intensity", "dwell"):
-        if not number(f"has_{name}"):
-            given[name] = None
-    patches, error, count = number("patches"), float(slot["raw_error"][0]), samples * max(foci, 1)
-    position, level = slot["position"][:count].copy(), slot["level"][:count].copy()
-    if foci and count <= FOCUS_MOST:
-        position, level = position.reshape(-1, foci, 3), level.reshape(-1, foci)
-    return CopiedMoment(
-        number=number("number"),
-        index=number("index"),
-        time=float(slot["time"][0]),
-        copied_ns=number("copied_ns"),
-        pose=LoggedPose(
-            number("pose_first"),
-            number("pose_number"),
-            number("stamp_ns"),
-            slot["pose"].copy(),
-            None if patches < 0 else slot["patch_pose"][:patches].copy(),
-        ),
-        contours=ContourBatch(
-            polyline_start=slot["polyline_start"][: lines + 1].copy(),
-            pose_start=np.array([0, lines], np.int64),
-            raw_error=None if math.isnan(error) else error,
-            **given,
-        ),
-        points_left_out=number("left_out"),
-        focus=FocalPoints(position, level),
+def _with_room(contours: ContourBatch) -> tuple[Any, ...]:
+    """The fields of a ContourBatch of the first polylines of a pose, as many as a slot has room for."""
+    start = contours.polyline_start
+    lines = min(contours.polyline_count, LINES_MOST, int(np.searchsorted(start, POINTS_MOST, side="right")) - 1)
+    points = int(start[lines])
+    return (
+        contours.points[:points],
+        contours.kind[:points],
+        start[: lines + 1],
+        contours.polyline_patch[:lines],
+        contours.polyline_closed[:lines],
+        np.array([0, lines], np.int64),
+        None if contours.intensity is None else contours.intensity[:points],
+        None if contours.dwell is None else contours.dwell[:points],
+        contours.raw_error,
     )
 
 

@@ -9,7 +9,6 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -22,7 +21,6 @@ from ...datasets.errors import ContourFileError
 from ...datasets.json_text import parse_json
 from ...datasets.motions.hand_motion import HandMotion
 from ...datasets.storage.schema import LIVE_MARKS
-from ..errors import PoseError, StrategyError
 from ..hands.hand import Hand
 from ..hands.plane_hand import PlaneHand
 from ..intersection.batch_rendering import rendered_chunks
@@ -38,8 +36,6 @@ from ..strategies.intersection_strategy import IntersectionStrategy
 EMITTED, DROPPED, HELD, FADED = range(len(LIVE_MARKS))
 """Marks of a sample: emitted as sampled; dropped, it came too late; held, nothing came in time, and the array held the
 frame before; faded, nothing came for longer, so the writer faded or was silent in its place."""
-EMISSIONS = ("board", "estimate")
-TIME_OFF = 1e-6  # samples by which a pose's time may differ from a sample's
 
 
 @dataclass
@@ -111,14 +107,10 @@ class LiveSegment:
 def save_segment(path: str | Path, segment: LiveSegment, *, overwrite: bool = False) -> Path:
     """Render a live run's poses into a contour file, and keep what the run itself did beside them; returns its path.
 
-    A kill leaves no half file. Raises StrategyError or PoseError where arrays do not fit each other, ContourFileError
-    for a file that is there unless `overwrite`, or cannot be written.
+    A kill leaves no half file. Raises ContourFileError for a file that is there unless `overwrite`, or is not written.
     """
-    require_segment(segment)
     hand = segment.hand
-    if segment.patch_pose is not None:
-        if not isinstance(hand, PlaneHand):
-            raise StrategyError(f"patch_pose is of a hand of planes, not of {hand!r:.60}")
+    if segment.patch_pose is not None and isinstance(hand, PlaneHand):
         hand = replace(hand, patch_pose=np.asarray(segment.patch_pose, np.float32))
     job = job_of(segment.solid, hand, HandMotion(segment.time, segment.pose), segment.strategy)
     header = file_header(job.scene, job.motion, job.devices[0])
@@ -130,29 +122,6 @@ def save_segment(path: str | Path, segment: LiveSegment, *, overwrite: bool = Fa
                 writer.write(chunk.first, chunk.stop, chunk.contours.arrays(), metrics_of(chunk), chunk.timing)
         writer.seal()
     return Path(path)
-
-
-def require_segment(segment: LiveSegment) -> None:
-    """Raise PoseError or StrategyError where the arrays of a live run do not fit each other."""
-    poses, samples, foci = len(segment.time), len(segment.intensity), segment.sampling.foci
-    if poses == 0 or samples == 0:
-        raise PoseError(f"a live run needs one pose and one sample at least, not {poses} and {samples}")
-    row = () if foci == 1 else (foci,)
-    shapes = {
-        "pose": (poses, 7), "stamp": (poses,), "emitted": (poses,), "position": (samples, *row, 3),
-        "intensity": (samples, *row), "mark": (samples,), "gain": (samples,),
-    }  # fmt: skip
-    for name, shape in shapes.items():
-        value = getattr(segment, name)
-        if value is not None and np.shape(value) != shape:
-            raise StrategyError(f"{name} must have shape {list(shape)}, not {list(np.shape(value))}")
-    number = np.asarray(segment.time, np.float64) * segment.sampling.update_rate
-    if segment.time[0] != 0 or np.abs(number - np.round(number)).max() > TIME_OFF:
-        raise PoseError("time of poses must begin at 0 s and be those of samples: whole numbers / update rate")
-    if not segment.hold >= segment.sampling.hold:  # a NaN compares false
-        raise StrategyError(f"hold must be {segment.sampling.hold:g} s or more, as sampling has it, not {segment.hold}")
-    if segment.emission not in EMISSIONS:
-        raise StrategyError(f"emission must be {' or '.join(EMISSIONS)}, not {segment.emission!r}")
 
 
 def event_lines(events: list[tuple[float, str, str]]) -> bytes:
@@ -179,7 +148,6 @@ class LiveComparison:
     first_differing: int | None
 
     def __repr__(self) -> str:
-        """One line."""
         where = "" if self.first_differing is None else f", from sample {self.first_differing} on"
         return f"LiveComparison({self.differing} of {self.samples} samples differ{where})"
 
@@ -210,16 +178,13 @@ class LiveRecording:
         """Everything of the run but its arrays."""
 
     def __repr__(self) -> str:
-        """One line."""
         run = self.run
         return f"LiveRecording({str(self.path)!r}, {self.file.pose_count} poses, {run.samples} samples, {run.array})"
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import Any, NamedTuple, Self, Unpack
 
 import numpy as np
@@ -36,10 +35,10 @@ from .held_arrays import HeldArrays
 from .moment import LiveMoment, LiveScene
 from .recorder import RunRecorder, record_path
 from .renderer_process import LiveRendering
-from .shaping import shaping_of
 from .sources.hand_frame import PoseSource
 from .sources.named_sources import settings_and_hand
-from .sources.selection import ANY
+from .sources.pose_stream import ANY
+from .sources.shaping import shaping_of
 
 STOP_TIMEOUT = 5.0  # [s]
 ONSET_TIMEOUT = 2.0  # [s] for a stimulus that is stored; a live one waits for a hand
@@ -200,7 +199,6 @@ class Session:
             {
                 "side": side,
                 "alignment": alignment,
-                "loops": True,
                 "shaper": shaping_of(prediction, smoothing),
                 "realtime": realtime,
                 "allow_code": allow_code,
@@ -230,16 +228,13 @@ class Session:
         """Of all stimuli [Hz]."""
 
     def __repr__(self) -> str:
-        """One line."""
         names = ", ".join(placed.model.name for placed in self._arrays)
         return f"Session({names}, {len(self._stimuli)} stimuli at {self.update_rate:g} Hz)"
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         try:
             self.close()
         except Exception:
@@ -325,7 +320,7 @@ class Session:
             self._current = current = _Current(number, is_live, called=called, saves_later=saves_later)
             if isinstance(stimulus, LiveStimulus) and self._run is not None:
                 if path is not None:
-                    current.recorder = self._held.recorder = self._recorder(path)
+                    current.recorder = self._held.recorder_to(path, overwrite=False, source=self._source)
                 self._run.begin(self._numbers[number], current.recorder)
                 threading.Thread(
                     target=self._end_in_time, args=(current, stimulus.duration), name="palpate-stimulus", daemon=True
@@ -488,17 +483,6 @@ class Session:
         return StrategyError(
             f"{what}: update_rate is {rate:g} Hz, but this session's array runs at {self.update_rate:g} Hz: give "
             f"Session(update_rate=...), or the sampling that rate"
-        )
-
-    def _recorder(self, path: Path) -> RunRecorder:
-        return RunRecorder(
-            path,
-            overwrite=False,
-            source=str(self._source),
-            array=self._held.names,
-            lead=self._held.lead,
-            realtime=self._held.counts.realtime,
-            emission=self._held.emission,
         )
 
     def _end_in_time(self, current: _Current, duration: float) -> None:

@@ -3,7 +3,7 @@
 | file | holds |
 |---|---|
 | description.json | what is rendered and how; written first |
-| hand.npz · solid.pickle | arrays of the hand · the object itself, for which no text stands |
+| hand.npz | arrays of the hand |
 | poses · position · intensity · gain | a row for each pose, or for each sample |
 | marks · emitted | a row for each span of samples not emitted as sampled · for each pose that was emitted |
 | events | a line of JSON for each event |
@@ -15,21 +15,21 @@ a second, so nobody waits for the disk. A row that is not whole is the last one 
 import contextlib
 import json
 import os
-import pickle
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from io import BytesIO, FileIO
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from ...datasets.errors import ContourFileError
 from ...datasets.json_text import read_json
 from ...datasets.storage.durable import FolderLock, discard_tree, write_file
-from ..hands.hand import hand_from
+from ..hands.hand import Hand
 from ..hands.plane_hand import PlaneHand
+from ..hands.stored_hand import hand_from
 from ..objects.solid import Solid
 from ..sampling.strategy import SamplingStrategy
 from ..strategies.intersection_strategy import IntersectionStrategy
@@ -53,31 +53,19 @@ def pose_row(patches: int) -> np.dtype:
 
 @dataclass(frozen=True)
 class SpoolDescription:
-    """What is rendered and how: everything of a LiveSegment that is known before its first pose.
-
-    patches: of an articulated hand of planes, otherwise 0; the hand itself is kept as rigid.
-    """
+    """What is rendered and how: everything of a LiveSegment that is known before its first pose."""
 
     solid: Solid
-    hand: Any
+    hand: Hand
+    """An articulated hand of planes is kept as rigid, since its poses come with the run."""
     strategy: IntersectionStrategy
     sampling: SamplingStrategy
     fields: dict[str, Any]
     patches: int
-
-    @classmethod
-    def of(cls, *, solid: Solid, hand: Any, strategy: Any, sampling: SamplingStrategy, **fields: Any) -> Any:
-        """From the fields of a LiveSegment; raises TypeError for others than FIELDS."""
-        if set(fields) != set(FIELDS):
-            raise TypeError(f"a spool needs {', '.join(FIELDS)}, not {', '.join(sorted(fields))}")
-        patches = 0
-        if isinstance(hand, PlaneHand) and hand.pose_count is not None:
-            hand, patches = replace(hand, patch_pose=None), hand.patch_count
-        return cls(solid, hand, strategy, sampling, fields, patches)
+    """Of an articulated hand of planes, otherwise 0."""
 
     def write(self, folder: Path) -> None:
         """Write the files of the description; its text last, as the others are of no use without it."""
-        write_file(folder / "solid.pickle", pickle.dumps(self.solid))
         arrays = BytesIO()
         np.savez(arrays, **self.hand.arrays())
         write_file(folder / "hand.npz", arrays.getbuffer())
@@ -92,18 +80,10 @@ class SpoolDescription:
         write_file(folder / "description.json", json.dumps(text).encode())
 
     @classmethod
-    def read(cls, folder: Path, solid: Solid | None, *, trusted: bool, allow_code: AllowCode) -> "SpoolDescription":
+    def read(cls, folder: Path, solid: Solid, *, allow_code: AllowCode) -> "SpoolDescription":
         """Read the files back; raises ContourFileError where they cannot be, or `solid` is another object."""
         try:
             text = read_json(folder / "description.json", allow_nan=True)
-            if solid is None:
-                if not trusted:
-                    raise ContourFileError(
-                        f"{folder}: its object is a Python pickle, which can run code when it is read: give the object "
-                        "itself as solid, or trusted=True if this computer's own live run wrote the folder"
-                    )
-                kept: Any = pickle.loads((folder / "solid.pickle").read_bytes())
-                solid = cast("Solid", kept)
             if json.loads(json.dumps(solid.described())) != text["object"]:
                 raise ContourFileError(f"{folder}: the run was of another object, {text['object'].get('name')!r}")
             with np.load(folder / "hand.npz", allow_pickle=False) as arrays:
@@ -111,21 +91,32 @@ class SpoolDescription:
             strategy = IntersectionStrategy.from_json(json.dumps(text["strategy"]), allow_code=allow_code)
             sampling = SamplingStrategy.from_json(json.dumps(text["sampling"]))
             return cls(solid, hand, strategy, sampling, {name: text[name] for name in FIELDS}, int(text["patches"]))
-        except (OSError, ValueError, TypeError, AttributeError, LookupError, EOFError, pickle.UnpicklingError) as error:
+        except (OSError, ValueError, TypeError, AttributeError, LookupError) as error:
             raise ContourFileError(f"{folder} is no folder of a live run that can be read: {error}") from error
 
 
 class LiveSpool:
     """Files of one live run of one object, hand, strategy and sampling, in a folder of their own.
 
-    folder: made anew. Others: the fields of a LiveSegment by name that are known before the run: solid, hand, strategy,
-    sampling, hold, source, array, lead, realtime, emission. For one thread.
+    folder: made anew. fields: FIELDS of a LiveSegment. For one thread.
     Raises ContourFileError, also from every method, for a folder that is there or cannot be written.
     """
 
-    def __init__(self, folder: str | Path, **fields: Any) -> None:
+    def __init__(
+        self,
+        folder: str | Path,
+        *,
+        solid: Solid,
+        hand: Hand,
+        strategy: IntersectionStrategy,
+        sampling: SamplingStrategy,
+        **fields: Any,
+    ) -> None:
         self.folder = Path(folder)
-        self.description: SpoolDescription = SpoolDescription.of(**fields)
+        patches = 0
+        if isinstance(hand, PlaneHand) and hand.pose_count is not None:
+            hand, patches = replace(hand, patch_pose=None), hand.patch_count
+        self.description = SpoolDescription(solid, hand, strategy, sampling, fields, patches)
         self.samples = 0
         """Samples so far."""
         self._row = pose_row(self.description.patches)
@@ -211,24 +202,16 @@ class LiveSpool:
 
 
 def finish_spool(
-    folder: str | Path,
-    path: str | Path,
-    *,
-    solid: Solid | None = None,
-    trusted: bool = False,
-    allow_code: AllowCode = False,
-    overwrite: bool = False,
+    folder: str | Path, path: str | Path, solid: Solid, *, allow_code: AllowCode = False, overwrite: bool = False
 ) -> Path | None:
     """Make the file of a live run that was killed, of what it left in its folder, and remove the folder.
 
-    solid: the object that was rendered. Without it, it is read from a Python pickle in the folder, which can run code:
-    only with `trusted`, of a folder that palpate wrote on this computer. allow_code: as in `load_strategy`.
+    solid: the object that was rendered. allow_code: as in `load_strategy`.
     Returns the path, or None where the run drew nothing. Raises ContourFileError for a folder of a run that goes on, or
     that cannot be read, for another object, and as `save_segment`.
     """
-    folder = Path(folder)
-    description = SpoolDescription.read(folder, solid, trusted=trusted, allow_code=allow_code)
-    return _finish(folder, description, Path(path), overwrite=overwrite)
+    description = SpoolDescription.read(Path(folder), solid, allow_code=allow_code)
+    return _finish(Path(folder), description, Path(path), overwrite=overwrite)
 
 
 def spooled_segment(folder: Path, description: SpoolDescription) -> LiveSegment | None:

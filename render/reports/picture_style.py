@@ -49,15 +49,14 @@ def require_picture(
     *,
     overwrite: bool,
     also: tuple[str, ...] = (),
-    only: tuple[str, ...] = SUFFIXES,
     sources: Iterable[Path] = (),
 ) -> None:
     """Raise StrategyError for a name that is none of a picture, and for what `require_output` refuses.
 
     also: other suffixes that may be written. sources: files that the picture is made from.
     """
-    if picture.suffix.lower() not in (*only, *also):
-        raise StrategyError(f"{picture}: must end in one of {', '.join((*only, *also))}")
+    if picture.suffix.lower() not in (*SUFFIXES, *also):
+        raise StrategyError(f"{picture}: must end in one of {', '.join((*SUFFIXES, *also))}")
     require_output(picture, overwrite=overwrite, sources=sources)
 
 

@@ -10,11 +10,10 @@ import numpy as np
 from ...datasets.motions.hand_motion import HandMotion
 from ..errors import StrategyError
 from ..hands.hand import Palm
-from ..hands.mesh_hand import MeshHand
 from ..intersection.file_recording import record
 from ..objects.mesh.solid_mesh import MeshObject
 from ..stages.registry import find_stage, first_line
-from ..strategies.intersection_strategy import PRESETS, IntersectionStrategy
+from ..strategies.intersection_strategy import PRESET_LINES, PRESETS, IntersectionStrategy
 from .contour_figure import contour_figure
 from .picture_style import require_picture, save_figure
 
@@ -24,13 +23,10 @@ POSE = np.array([[0.0, 0.0, 0.2, np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]], np.floa
 ANGLE = [(-60, -30), (32, -30), (32, 0), (0, 0), (0, 52), (-60, 52)]  # [mm]; two legs, wider than the palm
 HOLE, PEG = (12.0, (-22.0, 17.0)), (11.0, (24.0, 25.0))  # [mm] radius and middle
 HEIGHT = 60.0  # [mm]
-DEEP = 0.01  # [m] of the block that stands for a hand with an inside
 
 
 def strategy_rows() -> list[tuple[str, str]]:
     """Every preset by name, with what it draws in one line."""
-    from ..strategies.presets import PRESET_LINES
-
     return [(name, PRESET_LINES.get(name) or first_line(make)) for name, make in PRESETS.items()]
 
 
@@ -42,19 +38,6 @@ def shown_object() -> MeshObject:
     flat = CrossSection([ANGLE], FillRule.Positive) - discs[0] + discs[1]
     mesh = flat.extrude(HEIGHT).translate((0.0, 0.0, 1e3 * float(POSE[0, 2]) - 0.5 * HEIGHT)).to_mesh()
     return MeshObject(1e-3 * np.asarray(mesh.vert_properties)[:, :3], np.asarray(mesh.tri_verts), name="angle and peg")
-
-
-def hand_of(strategy: IntersectionStrategy) -> Palm | MeshHand:
-    """A palm, or where a strategy needs a hand with an inside, a block that is as large and feels on its palm only."""
-    from manifold3d import Manifold
-
-    palm = Palm()
-    if strategy.raw_stage.name != "overlap":
-        return palm
-    block = Manifold.cube((palm.width, DEEP, palm.length)).translate((-palm.width / 2, 0.0, -palm.length / 2)).to_mesh()
-    vertices, faces = np.asarray(block.vert_properties)[:, :3], np.asarray(block.tri_verts)
-    felt = (vertices[faces][:, :, 1] < DEEP / 2).all(axis=1)
-    return MeshHand(vertices.astype(np.float32), faces, glabrous=felt, name="block")
 
 
 def draw_strategies(
@@ -111,7 +94,7 @@ def _figure(shown: Sequence[tuple[str, str, IntersectionStrategy]]) -> Any:
         files: dict[str, Path] = {}
         for k, (title, _, strategy) in enumerate(shown):
             path = Path(folder) / f"{k}.h5"
-            record(path, solid, hand_of(strategy), HandMotion(None, POSE), strategy, devices=["cpu"])
+            record(path, solid, Palm(), HandMotion(None, POSE), strategy, devices=["cpu"])
             files[title if title not in files else f"{title} ({k})"] = path
         notes = [note for _, note, _ in shown]
         return contour_figure(files, view="palm", array=None, notes=notes, files_most=FILES_MOST)

@@ -4,16 +4,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..bench.clocks import OwnTurn, timed
+from ..bench.speed import OwnTurn, timed
 from ..hands.hand import Palm
 from ..intersection.prepared_contours import PreparedContours
 from ..objects.mesh.solid_mesh import MeshObject
 from ..reports.report_pages import ReportSection, ReportTable
 from ..scripting.rendering import render
 from ..strategies.intersection_strategy import IntersectionStrategy, closed_contour, open_contour
-from .compared_rows import ReportRow, compared
 from .explorations import explorer_motion
-from .paper_numbers import CLOSE_SECONDS, PRUNE_SECONDS, RAW_SECONDS
+from .paper_numbers import CLOSE_SECONDS, PRUNE_SECONDS, RAW_SECONDS, ReportRow, compared
 
 MESHES = ("cube", "tube", "dog", "dog-detailed")
 SHOWN = "tube"

@@ -18,8 +18,7 @@ from ..contour_batch import ContourBatch
 from ..errors import StrategyError
 from ..intersection.scene import Scene
 from ..validation import require_path
-from .likely_members import LikelyMembers
-from .notebook import ShownPicture, facts_page
+from .tables import ShownPicture, facts_page
 
 if TYPE_CHECKING:  # and imported by the methods that need it: most scripts call few of them
     import pandas as pd
@@ -27,7 +26,7 @@ if TYPE_CHECKING:  # and imported by the methods that need it: most scripts call
 
     from ...device.report import LiveStatistics
     from ..acoustics.field_metrics import PressureMetrics
-    from ..acoustics.noise import NoiseSignal
+    from ..acoustics.spectrum import NoiseSignal
     from ..playback.drive import DriveStrategy
     from ..playback.file_playback import ConnectionFields, Playback
     from ..sampling.strategy import SamplingStrategy
@@ -37,7 +36,7 @@ SHOWN_MOST = 200_000  # poses of a batch that a notebook draws by itself: more t
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class RenderedBatch(LikelyMembers, ContourBatch):
+class RenderedBatch(ContourBatch):
     """Contours of a motion, as `render` gives them: a ContourBatch that knows what it is of.
 
     >>> from palpate.render import Palm, render, static_pose
@@ -139,14 +138,6 @@ class RenderedBatch(LikelyMembers, ContourBatch):
         with TemporaryDirectory(prefix="palpate-") as folder:
             return ShownPicture(self.figure(Path(folder) / "batch.png", times=times, **options).read_bytes())
 
-    def animation(self, path: str | Path, **options: Any) -> Path:
-        """Draw contours on object and hand over time into a GIF; options as for `draw_animation`; returns its path."""
-        from ..reports.contour_animation import draw_animation
-
-        require_path(path, "the picture")
-        draw_animation([self], path, **options)
-        return Path(path)
-
     @contextmanager
     def as_file(self) -> Iterator[Path]:
         """The contour file that the batch was read from, or one that is removed afterwards."""
@@ -227,7 +218,7 @@ class RenderedBatch(LikelyMembers, ContourBatch):
 
         Raises StrategyError for another word, and if pandas is not installed.
         """
-        from .batch_tables import point_frame, pose_frame
+        from .tables import point_frame, pose_frame
 
         motion = self._known_motion()
         if of not in ("poses", "points"):
@@ -239,7 +230,7 @@ class RenderedBatch(LikelyMembers, ContourBatch):
 
         Raises StrategyError if xarray is not installed.
         """
-        from .batch_tables import pose_dataset
+        from .tables import pose_dataset
 
         return pose_dataset(self, self._known_motion())
 

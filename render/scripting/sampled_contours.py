@@ -13,15 +13,14 @@ from ..sampling.metrics import FocalPoints, SamplingCount
 from ..sampling.presets import sampling_of
 from ..sampling.sampler import Sampler, joined
 from ..sampling.strategy import SamplingStrategy
-from .batch_tables import frame_of
-from .likely_members import LikelyMembers
+from .tables import frame_of
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class SampledContours(LikelyMembers):
+class SampledContours:
     """Focal points at the update rate, as `RenderedBatch.sample` gives them.
 
     >>> from palpate.render import render, static_pose

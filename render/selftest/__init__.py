@@ -1,1 +1,1 @@
-"""`palpate selftest`: stimuli that a hand should feel, and a person's first hour with a board."""
+"""`palpate selftest`: three stimuli that a hand should feel, and a report of them to send back."""

@@ -1,43 +1,107 @@
-"""The report of an acceptance: questions, answers and playbacks as JSON, a whole file after each step."""
+"""The report of a selftest as JSON: boards, versions, playbacks with their confirmed off, a person's answers."""
 
 import hashlib
 import json
 import platform
+import signal
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from ...datasets.storage.durable import write_file
-from ...device.array import ArrayModel
-from ..errors import RenderError, StrategyError
+from ...device.errors import PlayInterrupted
+from ...device.link import Link
+from ...device.report import PlayReport
+from ..errors import RenderError
+from ..output_file import require_output
+from ..playback.placed_arrays import PlacedArray
 from ..terminal import console
-from .question import Step
+from ..terminal.foreign_text import print_message
 
-FORMAT = "palpate acceptance"
+FORMAT = "palpate selftest"
 VERSION = 1
 PACKAGES = ("palpate", "numpy", "pyusb", "warp-lang", "pyserial", "autd3")
+QUESTION = "What did you feel and hear, and where? One line, Enter ends it: "
 
 
-class AcceptanceReport:
-    """A report in the making; the file is replaced as a whole each time something is noted.
+class SelftestReport:
+    """A report in the making; the file is replaced as a whole after each answer.
 
-    Raises StrategyError for a path that exists (unless it may be overwritten) or that no file can have, RenderError
+    Raises StrategyError for a path that exists (unless it may be overwritten) or whose folder does not, RenderError
     where it cannot be written.
     """
 
-    def __init__(self, path: Path, *, overwrite: bool, about: dict[str, object]) -> None:
-        if path.is_dir() or not path.parent.is_dir():
-            raise StrategyError(f"{path}: is a folder, or its folder does not exist")
-        if path.exists() and not overwrite:
-            raise StrategyError(f"{path}: exists; --overwrite replaces it")
+    def __init__(self, path: Path, *, overwrite: bool, calibration: Path | None) -> None:
+        require_output(path, overwrite=overwrite)
         self.path = path
-        self.steps: list[dict[str, object]] = []
-        self._values: dict[str, object] = {"format": FORMAT, "version": VERSION, "date": now(), **about}
-        self._values |= {"ended_by": None, "failure": None, "steps": self.steps}
+        self._stimuli: list[dict[str, object]] = []
+        self._values: dict[str, object] = {
+            "format": FORMAT,
+            "version": VERSION,
+            "date": datetime.now(UTC).isoformat(timespec="seconds"),
+            "versions": {"python": platform.python_version(), **{name: _version(name) for name in PACKAGES}},
+            "platform": platform.platform(),
+            "arrays": [],
+            # The name without its folder, which may name a person.
+            "board_file": None if calibration is None else calibration.name,
+            "board_file_sha256": None if calibration is None else hashlib.sha256(calibration.read_bytes()).hexdigest(),
+            "ended_by": None,
+            "failure": None,
+            "stimuli": self._stimuli,
+        }
 
-    def write(self, **changes: object) -> None:
-        """Change values of the head, and write the file."""
-        self._values |= changes
+    def describe(self, arrays: Sequence[PlacedArray], links: Sequence[Link], *, emulated: bool) -> None:
+        """Note the opened boards."""
+        self._values["arrays"] = [
+            {
+                "array": link.array.name,
+                "serial": link.serial,
+                "transport": link.transport,
+                "clock": link.clock.name,
+                "emulated": emulated or link.array.embedded,
+                "calibrated": placed.model.calibrated,
+            }
+            for placed, link in zip(arrays, links, strict=True)
+        ]
+
+    def add(self, name: str, expected: str, reports: Sequence[PlayReport]) -> None:
+        """Note a stimulus that was played, ask the person about it, and write the file."""
+        played = [report.as_dict() for report in reports]
+        entry: dict[str, object] = {"stimulus": name, "expected": expected, "played": played, "answer": None}
+        self._stimuli.append(entry)
+        print_message(QUESTION)
+        entry["answer"] = read_answer()
+        self.write()
+
+    @contextmanager
+    def kept(self) -> Iterator[None]:
+        """Write the file on every way out but misuse, with what ended the selftest. The arrays are closed by then."""
+        try:
+            yield
+        except KeyboardInterrupt as error:
+            name = signal.Signals(error.signum).name if isinstance(error, PlayInterrupted) else str(error) or "SIGINT"
+            self._end(name, error)
+            raise
+        except console.MISUSES:
+            raise
+        except Exception as error:
+            self._end("failure", error)
+            raise
+        self._end("end", None)
+
+    def _end(self, ended_by: str, error: BaseException | None) -> None:
+        failed = getattr(error, "report", None)  # of a playback that did not reach its end
+        if failed is not None:
+            self._stimuli.append({"stimulus": None, "expected": None, "played": [failed.as_dict()], "answer": None})
+        self._values |= {"ended_by": ended_by, "failure": None if error is None else str(error) or "interrupted"}
+        self.write()
+        print_message(f"The report is {self.path}. Please send it back, whatever it says.")
+
+    def write(self) -> None:
+        """Replace the file by what is known now."""
         text = json.dumps(console.finite(self._values), indent=1, allow_nan=False) + "\n"
         try:
             write_file(self.path, text.encode())
@@ -45,42 +109,14 @@ class AcceptanceReport:
             raise RenderError(f"{self.path}: cannot be written ({error.strerror or error})") from error
 
 
-def entry_of(step: Step) -> dict[str, object]:
-    """A step as the report has it, before it is answered."""
-    return {
-        "step": step.name,
-        "instruction": step.instruction,
-        "question": step.question,
-        "answers": {answer.key: answer.sentence for answer in step.answers},
-        "expected": step.expected,
-        "answer": None,
-        "as_expected": None,
-        "skipped_because": None,
-        "date": now(),
-        "played": [],
-    }
+def read_answer() -> str | None:
+    """The next line of standard input, which may be a script's; None at its end."""
+    line = sys.stdin.readline()
+    return line.strip() if line else None
 
 
-def machine() -> dict[str, object]:
-    """Versions and platform that an acceptance ran on; null for a package that is not installed."""
-    versions: dict[str, object] = {"python": platform.python_version()}
-    for name in PACKAGES:
-        try:
-            versions[name] = version(name)
-        except PackageNotFoundError:
-            versions[name] = None
-    return {"versions": versions, "platform": platform.platform()}
-
-
-def calibration_of(path: Path | None, model: ArrayModel) -> dict[str, object]:
-    """The calibration that drives are made with: name and SHA-256 of the board file; null without one."""
-    return {
-        "calibrated": model.calibrated,
-        "file": None if path is None else path.name,
-        "sha256": None if path is None else hashlib.sha256(path.read_bytes()).hexdigest(),
-    }
-
-
-def now() -> str:
-    """Date and time, UTC, ISO 8601."""
-    return datetime.now(UTC).isoformat(timespec="seconds")
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None

@@ -1,5 +1,7 @@
 """Stimuli that a hand should feel, for `palpate selftest`."""
 
+from contextlib import nullcontext
+
 import numpy as np
 
 from ...device.playing.ensemble import play_together
@@ -16,19 +18,19 @@ from ..sampling.strategy import SamplingStrategy
 from ..terminal import console
 from ..terminal.foreign_text import print_message
 from ..validation import choose, unit_hint
+from .report import SelftestReport
 
 MODULATION = 200.0  # [Hz], where Pacinian corpuscles are most sensitive
 RADIUS = 0.02  # [m]; 7 m/s around it is 56 turns a second
 SLOW = 2 * np.pi * RADIUS  # [m/s] once around in a second: a hand feels which way
 FAST_ENOUGH = 1000.0  # [Hz] of update rate, for a circle at 7 m/s
-HEIGHT, SECONDS = 0.2, 3.0  # [m], [s] unless asked for
 SECONDS_MOST = 60.0  # within the limits of on-time
 STIMULI = {
     "point": "a point, modulated",
     "circle": "a circle",
     "turn": "a point that goes around once a second, anticlockwise as you look down on the array",
 }
-TOLD = ("frames", "underruns", "board_underruns", "off_sent", "off_confirmed")
+SHOWN = ("frames", "underruns", "board_underruns", "off_sent", "off_confirmed")
 
 
 def stimulus(name: str, height: float, seconds: float, sampling: SamplingStrategy) -> FocalPoints:
@@ -51,16 +53,19 @@ def stimulus(name: str, height: float, seconds: float, sampling: SamplingStrateg
 
 
 def run_selftest(options: dict, *, as_json: bool) -> None:
-    """Play them all and report."""
+    """Play them all, and report; with a report file each stimulus is asked about.
+
+    The arrays are switched off on every way out: after each stimulus, by a signal, and by a failure.
+    """
+    path = options["report"]
+    if path is None and options["overwrite"]:
+        raise StrategyError("--overwrite means nothing without --report FILE")
     start_warp()
-    if options["overwrite"]:
-        raise StrategyError("--overwrite means nothing without --acceptance REPORT.json")
     arrays = load_rig(
         options["array"], serial=options["serial"], calibration=options["calibration"], baud=options["baud"]
     )
     models = [placed.model for placed in arrays]
-    height = HEIGHT if options["height"] is None else options["height"]
-    seconds = SECONDS if options["duration"] is None else options["duration"]
+    height, seconds = options["height"], options["duration"]
     zone = models[0].focal_zone
     if not zone.z_min <= height <= zone.z_max:
         hint = unit_hint(height, zone.z_min, zone.z_max, "m")
@@ -74,25 +79,31 @@ def run_selftest(options: dict, *, as_json: bool) -> None:
         watchdog=options["watchdog"],
         uncalibrated=options["uncalibrated"],
     )
+    report = None
+    if path is not None:
+        report = SelftestReport(path, overwrite=options["overwrite"], calibration=options["calibration"])
     sampling = SamplingStrategy(update_rate=models[0].update_rate(models[0].divider_default))
     results = {}
-    with ending_on_signals(), connection.all_of(arrays) as links:
-        for name, told in STIMULI.items():
+    with report.kept() if report else nullcontext(), ending_on_signals(), connection.all_of(arrays) as links:
+        if report:
+            report.describe(arrays, links, emulated=connection.emulate)
+        for name, expected in STIMULI.items():
             if not as_json:
-                print_message(f"{told}: hold a palm {height:g} m above the array for {seconds:g} s")
+                print_message(f"{expected}: hold a palm {height:g} m above the array for {seconds:g} s")
             points = stimulus(name, height, seconds, sampling)
             frames = MadeFrames(PointSource(points, update_rate=sampling.update_rate), Driver(models))
             results[name] = play_together(links, frames, update_rate=sampling.update_rate)
+            if report:
+                report.add(name, expected, results[name])
     values = {
         "array": models[0].name,
         "serial": results["point"][0].serial,
         "height": height,
-        **{f"{name}_{key}": getattr(reports[0], key) for name, reports in results.items() for key in TOLD},
+        **{f"{name}_{key}": getattr(reports[0], key) for name, reports in results.items() for key in SHOWN},
     }
     if len(arrays) > 1:
-        told_of = ("array", "serial", *TOLD)
         values["arrays"] = [
-            {"stimulus": name, **{key: getattr(report, key) for key in told_of}}
+            {"stimulus": name, **{key: getattr(report, key) for key in ("array", "serial", *SHOWN)}}
             for name, reports in results.items()
             for report in reports
         ]

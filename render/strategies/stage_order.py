@@ -2,9 +2,9 @@
 
 | stage | needs | refused behind |
 |---|---|---|
-| hatch, inset | contours that enclose something | "outside" without "close"; "hatch"; raw "contact" and "overlap" |
+| hatch, inset | contours that enclose something | "outside" without "close"; "hatch"; raw "contact" |
 | ellipse, circle, centroid | | stages of intensity and dwell, whose work they would throw away (hatch, inset too) |
-| edges | object's and hand's edges apart | ellipse, circle, centroid, hatch, inset; raw "contact" and "overlap" |
+| edges | object's and hand's edges apart | ellipse, circle, centroid, hatch, inset; raw "contact" |
 
 A stage of a user's own may do anything: nothing is refused on account of what stands before it.
 """
@@ -17,7 +17,7 @@ SHAPES = ("ellipse", "circle", "centroid")  # draw loops anew
 FILLS = ("hatch", "inset")  # need loops
 WEIGHTS = ("corners", "edges", "depth")  # set intensity or dwell
 NEUTRAL = ("close", "identity", "resample", "simplify", "smooth")
-TOURS = ("contact", "overlap")  # raw stages that give a path over a surface
+TOURS = ("contact",)  # raw stages that give a path over a surface
 
 
 def require_order(raw: str, prune: Sequence[str], transform: Sequence[str]) -> None:

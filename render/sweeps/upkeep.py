@@ -73,7 +73,7 @@ def show_failures(folder: Path, *, as_json: bool) -> int:
     return console.DONE
 
 
-def prune_store(folder: Path, *, is_dry: bool, as_json: bool) -> int:
+def prune_store(folder: Path, is_dry: bool, *, as_json: bool) -> int:
     """Remove results of other code versions than this one.
 
     Raises PlanError where this code has no result that would stay, SweepStoreError while the store is in use.

@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -55,10 +54,9 @@ from palpate.render import (
     record,
 )
 from palpate.render.cli.app import app
-from palpate.render.objects.mesh.kept_arrays import read_entry, write_entry
-from palpate.render.objects.mesh.kept_repairs import arrays_of, mended_of
+from palpate.render.objects.mesh.cache import arrays_of, mended_of, read_entry, write_entry
 from palpate.render.objects.mesh.repair import Repair, repair_mesh
-from palpate.render.objects.voxels.files import save_voxels
+from palpate.render.objects.voxels.voxel_object import save_voxels
 from palpate.render.sampling.presets import PRESETS
 from palpate.render.sweeps.plan.loading import load_plans
 from palpate.render.sweeps.plan.recipe import Recipe
@@ -288,8 +286,6 @@ def mesh_seeds(folder: Path) -> None:
     (folder / "gltf").mkdir()
     for name, content in trimesh.exchange.gltf.export_gltf(trimesh.Scene(mesh)).items():
         (folder / "gltf" / name).write_bytes(content)
-    with zipfile.ZipFile(folder / "box.zip", "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("box.stl", mesh.export(file_type="stl"))
     mesh.export(folder / "ascii.stl", file_type="stl_ascii")
     mesh.export(folder / "ascii.ply", encoding="ascii")
     (folder / "full.gltf").write_bytes(full_file().text())

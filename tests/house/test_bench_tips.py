@@ -7,8 +7,9 @@ import pytest
 import warp as wp
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from poses import random_poses
 from tips import OBJECTS, marching
+
+from palpate.render.bench.cases import random_poses
 
 
 @pytest.mark.exhaustive

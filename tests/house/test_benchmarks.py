@@ -18,8 +18,6 @@ from live_prediction import measure as measure_prediction
 from one_pose import CASES as POSE_CASES
 from one_pose import measure as measure_pose
 from one_pose import measure_file, row_of
-from paper_ratio import table
-from poses import random_poses
 from pressure import CASES as PRESSURE_CASES
 from pressure import measure as measure_pressure
 from pressure import random_points
@@ -28,26 +26,14 @@ from recording import measure as measure_recording
 from scaling import measure as measure_scaling
 from solvers import SEVERAL, SINGLE, focal_points
 from solvers import measure as measure_solvers
-from throughput import CASES, compare, measure
 from transforms import PRESETS, measure_explorations, numbers_of
 from transforms import compare as compare_numbers
 from transforms import measure as measure_transforms
 from wire_bytes import measure as measure_bytes
 
 from palpate.render import MeshObject
-from palpate.render.live.shaping import PoseShaping, Prediction
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.thing}-{case.label}")
-def test_throughput_case_measures_what_it_renders(case, device):
-    figures, lengths = measure(case, device, random_poses(50), repeats=1)
-    assert lengths.shape == (50, 3)
-    assert figures["hit"] == np.mean(lengths.sum(axis=1) > 0)
-    assert figures["poses_per_second"] > 0
-    assert sum(figures["stages"].values()) == pytest.approx(1.0)
-    assert compare(lengths, lengths)["equal_bits"] == 50
-    assert compare(lengths, lengths + np.float32(0.1))["apart_over_1e-5"] == 50
+from palpate.render.bench.cases import random_poses
+from palpate.render.live.sources.shaping import PoseShaping, Prediction
 
 
 def test_poses_are_the_same_every_time_and_uniform():
@@ -56,15 +42,6 @@ def test_poses_are_the_same_every_time_and_uniform():
     assert np.abs(poses[:, :3] - [0, 0, 0.2]).max() <= 0.065
     assert np.linalg.norm(poses[:, 3:], axis=1) == pytest.approx(np.ones(4000), abs=1e-6)
     assert np.abs(poses[:, 3:].mean(axis=0)).max() < 0.05
-
-
-@pytest.mark.exhaustive
-def test_ratio_table_fits_the_cube_and_keeps_the_papers_order():
-    rows = table(range(1, 3))
-    fitted = {row["object"]: row["mean"] for row in rows[3:]}
-    assert rows[3]["side"] == rows[5]["side"] != rows[0]["side"]
-    assert fitted["cube"] == pytest.approx(2.54, abs=0.02)
-    assert fitted["cube"] > fitted["tube"] > fitted["dog"] > 1
 
 
 @pytest.mark.exhaustive(after=1)

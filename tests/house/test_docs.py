@@ -35,8 +35,7 @@ NOT_HERE = {  # command lines that no test runs, and why
     r"^(dask |CUDA_VISIBLE)": "is a program of Dask that does not end by itself",
     r"--device cuda": "needs a GPU",
     r"--scheduler": "needs a cluster of Dask; the page's Python makes the same with one of its own",
-    r"^palpate selftest --acceptance": "asks a person; tests/render/selftest/test_acceptance.py answers",
-    r"^palpate bench": "takes minutes; tests/render/bench/ runs it small",
+    r"^palpate bench": "takes half a minute; tests/render/bench/ runs it small",
     r"^(cmake|palpate-ultraleap)": "needs a vendor's SDK; tests/device/bridges/ compiles and runs it with a stub",
 }
 COLUMN = 88  # characters of a line of code

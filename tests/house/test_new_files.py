@@ -31,7 +31,7 @@ EXCEPTIONS = {
     ("datasets/sweeps/store.py", "write_bytes"): "into the scratch folder, from which the store moves it",
     ("device/live/writer_handle.py", "open"): "to a process of its own, in a folder that goes with both",
     ("device/live/writer_handle.py", "write_text"): "to a process of its own, in a folder that goes with both",
-    ("render/exports/npz_file.py", "open"): "a member of an archive under a temporary name",
+    ("render/exports/contour_tables.py", "open"): "a member of an archive under a temporary name",
     ("render/runtime/sealed_kernels.py", "os.rename"): "a folder that is damaged goes out of the way at once",
 }
 """Calls that stand elsewhere, by file, with their reason."""

@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("palpate.render", "palpate.datasets", "palpate.device")
 OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
-SLOW = {"ImplicitObject", "overlap_points", "isosurface", "draw_animation", "draw_figure", "simplify", "predict_noise"}
+SLOW = {"ImplicitObject", "isosurface", "draw_figure", "simplify", "predict_noise"}
 SLOW |= {"Live", "LiveMoment", "LiveRecording", "LiveScene", "RunStatistics", "Session"}
 """Names whose examples take over 0.2 s."""
 
@@ -46,8 +46,6 @@ EXPRESSIONS = {
     "palpate.datasets.ContourWriter": None,
     "palpate.device.Clock": "VirtualClock()",
     "palpate.device.EmulationRequest": "EmulationRequest(serials=('A',), clock=None, record=0, baud=None)",
-    "palpate.device.Fault": "Fault(FaultKind.TIMEOUT, byte=100)",
-    "palpate.device.FaultKind": "FaultKind.TIMEOUT",
     "palpate.device.Limits": "Limits()",
     "palpate.device.Player": "Player(open_link(array_model('emulator'), clock=VirtualClock()))",
     "palpate.device.LinkRequest": "LinkRequest(serial='A')",

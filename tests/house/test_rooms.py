@@ -15,19 +15,18 @@ from rooms import BY_TEXT, PACKAGES, ROOT, SOURCES, folder_of, imports_of, is_in
 
 ALLOWED = {"kernels": set(), "datasets": set(), "device": set(), "render": {"kernels", "datasets", "device"}}
 MODULES_MOST = 20
-SHARED = {"Box", "Chunk", "Field", "Frame", "Lattice", "Step", "Surface"}
+SHARED = {"Box", "Chunk", "Field", "Frame", "Lattice", "Surface"}
 """Class names that still stand in two folders, each a term of both fields; no name may join them."""
 JSON_UNBOUNDED = {
     "datasets/json_text.py": "the reader itself",
     "device/live/writer_handle.py": "a message of palpate's own process",
     "device/live/writer_process.py": "a message of palpate's own process, and the file that it names",
     "device/playing/limits.py": "a package that imports no other; it bounds depth and digits itself",
-    "render/live/renderer_handle.py": "a message of palpate's own process",
+    "render/live/drawing_run.py": "a message of palpate's own process",
     "render/live/renderer_process.py": "a message of palpate's own process",
     "render/live/spool.py": "what it wrote to a text in the same line",
     "render/study/run/store_rows.py": "what it wrote to a text in the line before",
     "render/sweeps/make/rendering.py": "parts of a recipe that it wrote to texts after reading it",
-    "render/view/served/noise_levels.py": "the output of palpate's own process",
 }
 """Modules that parse JSON without `datasets.json_text`, which bounds it, with the reason."""
 ROW = re.compile(r"^\| `([a-z_0-9/]+)` \| (\d+) \| [^|]+ \| ([^|]*) \|$", re.MULTILINE)

@@ -8,7 +8,7 @@ import pytest
 from palpate.datasets.hand_model.shape import hand_shape
 from palpate.render import IntersectionStrategy, MeshHand, MeshObject, Palm, Stage, render
 from palpate.render.contour_batch import join_batches
-from palpate.render.hands.flat_hand import flat_hand
+from palpate.render.hands.plane_hand import flat_hand
 from palpate.render.stages.registry import known_stages
 from palpate.render.strategies.intersection_strategy import PRESETS
 
@@ -20,7 +20,6 @@ MANY = IntersectionStrategy(
 PRUNED = {name: IntersectionStrategy(prune=("outside", name)) for name in known_stages("prune") if name != "outside"}
 STRATEGIES = {**{name: make() for name, make in PRESETS.items()}, "many": MANY, **PRUNED}
 FILLED = {"whole", "inset", "hatch", "inset-hatch", "depth-hatch"}  # which a hand mesh cannot have
-NO_SOLID = {"overlap"}  # of these hands
 
 
 @cache
@@ -47,7 +46,7 @@ def scene():
 @pytest.mark.exhaustive(after=1)
 @pytest.mark.filterwarnings("ignore::palpate.render.errors.PalpateWarning")
 @pytest.mark.parametrize("kind", ["palm", "planes", "skin"])
-@pytest.mark.parametrize("name", sorted(STRATEGIES.keys() - NO_SOLID))
+@pytest.mark.parametrize("name", sorted(STRATEGIES))
 def test_what_a_pose_becomes_does_not_depend_on_the_poses_beside_it(name, kind):
     if kind == "skin" and name in FILLED:
         pytest.skip("for planes")

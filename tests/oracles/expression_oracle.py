@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from palpate.render.objects.functions import expression as ex
-from palpate.render.objects.functions.expression_json import KINDS
+from palpate.render.objects.functions.expression import KINDS
 
 
 def value(e, x):

@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.kernels.section.draw import MADE
 from palpate.render import ContourBatch
-from palpate.render.stages.registry import Setting
+from palpate.render.stages.setting import Setting
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,8 @@ from palpate.datasets.recordings.alignment import write_alignment
 from palpate.datasets.recordings.sample import write_sample
 from palpate.render import FocalPoints, VoxelObject, exploration, save_voxels
 from palpate.render.cli.app import app
-from palpate.render.exports import csv_file
-from palpate.render.exports.focus_file import FOCUS_WRITERS, write_focus
+from palpate.render.exports.contour_tables import HEADER
+from palpate.render.exports.focal_points import FOCUS_WRITERS, write_focus
 from palpate.render.file_kinds import NOT_READ, described_file
 from palpate.render.playback.focal_points import PointSource
 from palpate.render.validation import refuse_object
@@ -53,7 +53,7 @@ def files(tmp_path_factory):
     write_sample("openxr", folder / "hand.json", frame_count=2)
     write_sample("leap", folder / "hand.npz", frame_count=2)
     np.savez(folder / "exported.npz", polyline_start=np.zeros(1, np.int64), points=np.zeros((0, 3)))
-    (folder / "exported.csv").write_text(f"{csv_file.HEADER}\n0,0.0,0,-0.04,-0.04,0.2,hand,1.0\n")
+    (folder / "exported.csv").write_text(f"{HEADER}\n0,0.0,0,-0.04,-0.04,0.2,hand,1.0\n")
     points = PointSource(FocalPoints(np.zeros((3, 3), np.float32), np.ones(3, np.float32)), update_rate=1e4)
     for suffix in FOCUS_WRITERS:
         write_focus(points, folder, folder / f"focus{suffix}", suffix, watch=lambda done, total: None)

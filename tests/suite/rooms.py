@@ -12,8 +12,6 @@ PACKAGES = ("kernels", "render", "device", "datasets")
 SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 
 BY_TEXT = {
-    "render/cli/options/completion.py": ("render/cli",),
-    "render/cli/options/output.py": ("render/cli",),
     "device/registry.py": ("device/boards",),
     # The others import modules of their own room, other packages, or what a user wrote; or they give public names, and
     # `public_homes` knows the rooms of these.
@@ -25,9 +23,8 @@ BY_TEXT = {
             "device/__init__.py",
             "kernels/__init__.py",
             "render/__init__.py",
-            "render/bench/libraries.py",
-            "render/bench/peers.py",
-            "render/cli/options/command_group.py",
+            "render/cli/command_group.py",
+            "render/cli/option_fields.py",
             "render/objects/voxels/files.py",
             "render/stages/registry.py",
             "render/strategies/intersection_strategy.py",
@@ -93,10 +90,11 @@ def public_homes() -> dict[str, dict[str, str]]:
     found = {}
     for package in PACKAGES:
         for node in ast.parse((ROOT / package / "__init__.py").read_text()).body:
-            if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_ROOMS":
-                modules = ast.literal_eval(node.value)
-                rooms = {module: folder_of(module_file(package, module)) for module in modules}
-                found[package] = {name: rooms[module] for module in modules for name in modules[module].split()}
+            if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+                imports = [each for each in node.body if isinstance(each, ast.ImportFrom)]
+                homes = [folder_of(module_file(package, "." * (each.level - 1) + str(each.module))) for each in imports]
+                names = zip(homes, imports, strict=True)
+                found[package] = {alias.name: room for room, each in names for alias in each.names}
     return found
 
 

@@ -41,7 +41,6 @@ class SeenHand(NamedTuple):
         return self.pose is None and self.joints is None
 
     def __repr__(self) -> str:
-        """One line."""
         given = [name for name in ("pose", "joints") if getattr(self, name) is not None] or ["not seen"]
         return f"SeenHand({self.time:.6g} s, {self.side or 'a'} hand {self.hand_id!r}, {' and '.join(given)})"
 

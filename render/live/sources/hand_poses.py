@@ -11,7 +11,7 @@ from ....datasets.recordings.conventions import mirrored
 from ....datasets.recordings.recording import GAP_MOST
 from ....datasets.rigid import Numbers, pose_inverse, quaternion_of, rotate
 from ...errors import StrategyError
-from ...hands.joint_planes import PHALANGES
+from ...hands.plane_hand import PHALANGES
 from .hand_frame import SeenHand
 from .plausibility import require_hand, require_near, unit_joints, unit_pose
 

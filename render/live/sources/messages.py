@@ -1,24 +1,11 @@
 """The message in which a source sends a pose to the process that draws: one packet of a socket each.
 
-| bytes | type | value |
-|---|---|---|
-| 0 | uint8 | version, 1 |
-| 1 | uint8 | flags: 1 a pose follows, 2 poses of patches follow |
-| 2 | uint16 | number of patches |
-| 4 | uint16 | bytes of the fault |
-| 8 | uint32 | frames skipped |
-| 16 | int64 | stamp [ns] |
-| 24 | float64 | time of the source [s] |
-| 32 | float64 [7] | pose, if flag 1 |
-| | float32 [patch, 7] | poses of patches, if flag 2 |
-| | UTF-8 | fault |
-
-Little endian. Sender and receiver are processes of one palpate, so the layout is no public format.
+Sender and receiver are processes of one palpate, so the layout is no public format.
 """
 
 import os
+import pickle
 import socket
-import struct
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,9 +14,6 @@ from ....datasets.rigid import Numbers
 
 FAULT_BYTES = 1024  # of a fault's text at most
 MESSAGE_BYTES = 65536  # of a message at most: 2,300 patches
-_HEADER = struct.Struct("<BBHHxxIxxxxqd")
-_VERSION, _HAS_POSE, _HAS_PATCHES = 1, 1, 2
-_POSE_BYTES, _PATCH_BYTES = 7 * 8, 7 * 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,33 +40,23 @@ class PoseMessage:
 
     def packed(self) -> bytes:
         """The message as bytes; a longer fault is cut to FAULT_BYTES."""
-        fault = self.fault.encode("utf-8", errors="replace")[:FAULT_BYTES] if self.fault else b""
-        flags = (self.pose is not None) * _HAS_POSE | (self.patch_pose is not None) * _HAS_PATCHES
-        count = 0 if self.patch_pose is None else len(self.patch_pose)
-        skipped = min(self.skipped, 0xFFFFFFFF)
-        head = _HEADER.pack(_VERSION, flags, count, len(fault), skipped, self.stamp_ns, self.source_time)
-        pose = b"" if self.pose is None else np.ascontiguousarray(self.pose, "<f8").tobytes()
-        patches = b"" if self.patch_pose is None else np.ascontiguousarray(self.patch_pose, "<f4").tobytes()
-        return head + pose + patches + fault
+        fault = self.fault.encode("utf-8", errors="replace")[:FAULT_BYTES].decode("utf-8", errors="ignore")
+        pose = None if self.pose is None else np.asarray(self.pose, np.float64).tobytes()
+        patches = None if self.patch_pose is None else np.asarray(self.patch_pose, np.float32).tobytes()
+        return pickle.dumps((self.stamp_ns, self.source_time, pose, patches, self.skipped, fault))
 
     @classmethod
     def unpacked(cls, data: bytes) -> "PoseMessage":
-        """Read what `packed` gave; the arrays are read-only. Raises ValueError for bytes that are no such message."""
-        if len(data) < _HEADER.size:
-            raise ValueError(f"a pose message has {_HEADER.size} bytes at least, not {len(data)}")
-        version, flags, count, fault_bytes, skipped, stamp_ns, source_time = _HEADER.unpack_from(data)
-        at = _HEADER.size
-        pose = patches = None
-        patches_at = at + (flags & _HAS_POSE) * _POSE_BYTES
-        end = patches_at + (count * _PATCH_BYTES if flags & _HAS_PATCHES else 0)
-        if version != _VERSION or end + fault_bytes != len(data):
-            raise ValueError(f"not a pose message of version {_VERSION}: {len(data)} bytes, version {version}")
-        if flags & _HAS_POSE:
-            pose = np.frombuffer(data, "<f8", 7, at)
-        if flags & _HAS_PATCHES:
-            patches = np.frombuffer(data, "<f4", count * 7, patches_at).reshape(count, 7)
-        fault = data[end:].decode("utf-8", errors="ignore") if fault_bytes else ""
-        return cls(stamp_ns, source_time, pose, patches, skipped, fault)
+        """Read what `packed` gave; the arrays are read-only."""
+        stamp_ns, source_time, pose, patches, skipped, fault = pickle.loads(data)  # of this program's own process
+        return cls(
+            stamp_ns,
+            source_time,
+            None if pose is None else np.frombuffer(pose),
+            None if patches is None else np.frombuffer(patches, np.float32).reshape(-1, 7),
+            skipped,
+            fault,
+        )
 
 
 def message_pair() -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""Sources of live poses by the texts of the command line.
+"""Sources of live poses by the texts of the command line, and the hands that they move.
 
 | text | source |
 |---|---|
@@ -10,21 +10,24 @@
 """
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
+from ....datasets.hand_model.shape import hand_shape
 from ....datasets.known_names import find_name, likely_name
 from ....datasets.recordings.alignment import Alignment
 from ....datasets.recordings.files import load_recording
 from ....datasets.recordings.recording import HandRecording
 from ...errors import StrategyError
 from ...hands.hand import Hand
+from ...hands.plane_hand import PlaneHand
 from ...intersection.named_inputs import (
     EXPLORATION,
     is_exploration,
     is_recording,
+    load_hand,
     load_motion,
     refuse_options,
 )
@@ -32,21 +35,22 @@ from ...objects.solid import Solid
 from ...trust.permission import UNNAMED, AllowCode
 from ...trust.user_code import find_installed, run_all
 from .hand_frame import PoseSource
-from .live_hands import live_hand, patch_layout
-from .pose_stream import PoseShaper
+from .hand_poses import PatchLayout
+from .pose_stream import ANY
 from .replay import ReplaySource
-from .selection import ANY
 from .source_process import SourceSettings
 from .udp import UdpSource
 from .ultraleap import UltraleapSource
+
+if TYPE_CHECKING:
+    from .shaping import PoseShaping
 
 UDP, ULTRALEAP = "udp", "ultraleap"
 _KINDS = {UDP: UdpSource.at, ULTRALEAP: UltraleapSource.at}
 _MODULE = re.compile(r"(?P<module>[A-Za-z_][\w.]*):(?P<name>[A-Za-z_]\w*)")
 
 
-@dataclass(frozen=True)
-class ChosenSource:
+class ChosenSource(NamedTuple):
     """A source by its text."""
 
     source: PoseSource
@@ -57,33 +61,22 @@ class ChosenSource:
 
 
 def source_of(
-    text: str,
-    solid: Solid,
-    *,
-    side: str = ANY,
-    alignment: Alignment | None = None,
-    options: Mapping[str, Any] | None = None,
-    loops: bool = False,
-    allow_code: AllowCode = False,
+    text: str, solid: Solid, *, side: str = ANY, alignment: Alignment | None = None, allow_code: AllowCode = False
 ) -> ChosenSource:
     """The source that a text names, by the table above; a text that does not name one raises StrategyError.
 
-    side, alignment: of recordings and trackers. options: of an exploration. loops: whether what has an end begins
-    again. allow_code: whether a module that is named may run.
+    side, alignment: of recordings and trackers. allow_code: whether a module that is named may run. What has an end
+    begins again after it.
     """
-    given = {name: value for name, value in (options or {}).items() if value is not None}
     word, _, rest = text.partition(":")
     kind = find_name(word, tuple(_KINDS))
     if kind is not None and not Path(text).exists():
-        refuse_options(given, "of a synthetic exploration", text)
         return ChosenSource(_KINDS[kind](rest), is_aligned=False)
     if not is_exploration(text) and is_recording(text):
-        refuse_options(given, "of a synthetic exploration", text)
         recording = load_recording(text, hand=None if side == ANY else side, alignment=alignment)
-        return ChosenSource(ReplaySource.of_recording(recording, loops=loops), True, recording)
+        return ChosenSource(ReplaySource.of_recording(recording, loops=True), True, recording)
     named = _MODULE.fullmatch(text)
     if named and not Path(text).exists():
-        refuse_options(given, "of a synthetic exploration", text)
         return ChosenSource(_made_by(named["module"], named["name"], allow_code), is_aligned=False)
     if not is_exploration(text) and not Path(text).suffix:
         meant = likely_name(word, (EXPLORATION, *_KINDS))
@@ -92,7 +85,7 @@ def source_of(
             f"{UDP}:HOST:PORT, {ULTRALEAP}, or MODULE:NAME of a source of your own"
         )
     refuse_options({"alignment": alignment, "side": None if side == ANY else side}, "of a tracker", text)
-    return ChosenSource(ReplaySource.of_motion(load_motion(text, solid, given), loops=loops), is_aligned=True)
+    return ChosenSource(ReplaySource.of_motion(load_motion(text, solid, {}), loops=True), is_aligned=True)
 
 
 def settings_and_hand(
@@ -100,12 +93,9 @@ def settings_and_hand(
     hand: Hand | str,
     solid: Solid,
     *,
-    palm: tuple[float, float] | None = None,
     side: str = ANY,
     alignment: Alignment | None = None,
-    options: Mapping[str, Any] | None = None,
-    loops: bool = False,
-    shaper: PoseShaper | None = None,
+    shaper: "PoseShaping | None" = None,
     realtime: bool = False,
     allow_code: AllowCode = False,
 ) -> tuple[SourceSettings, Hand]:
@@ -115,15 +105,42 @@ def settings_and_hand(
     `SourceSettings` have them.
     """
     if isinstance(source, str):
-        chosen = source_of(
-            source, solid, side=side, alignment=alignment, options=options, loops=loops, allow_code=allow_code
-        )
+        chosen = source_of(source, solid, side=side, alignment=alignment, allow_code=allow_code)
     else:
         chosen = ChosenSource(source, is_aligned=False)
-    own = live_hand(hand, palm=palm, side="left" if side == "left" else "right", recording=chosen.recording)
+    own = live_hand(hand, is_left=side == "left", recording=chosen.recording)
     if chosen.is_aligned:
         side, alignment = ANY, None  # chosen and aligned when it was loaded
     return SourceSettings(chosen.source, alignment, side, patch_layout(own), shaper, realtime), own
+
+
+def live_hand(hand: Hand | str, *, is_left: bool = False, recording: HandRecording | None = None) -> Hand:
+    """A hand for live poses.
+
+    hand: as `load_hand` takes it, or a hand. is_left: of planes. recording: gives planes the sizes of its hand.
+    Raises StrategyError for a skin mesh that is articulated: it has a shape for each pose of a recording.
+
+    >>> from palpate.render.live.sources.named_sources import live_hand
+    >>> live_hand("planes")
+    PlaneHand(15 patches, 13 joints, articulated for 1 pose)
+    """
+    if not isinstance(hand, str):
+        if hand.pose_count is not None and not isinstance(hand, PlaneHand):
+            raise StrategyError(f"{hand!r} has a shape for each pose of its motion; a live one is rigid, or of planes")
+        return hand
+    if find_name(hand, ("planes",)) is None or recording is not None:
+        return load_hand(hand, None, None if recording is None else recording.held())
+    shape = hand_shape(is_left=is_left)
+    return PlaneHand.from_joints(shape.joint_pose[None], shape.joint_radius, is_left=is_left)
+
+
+def patch_layout(hand: Hand) -> PatchLayout | None:
+    """The patches of an articulated hand; None for a rigid one. Raises StrategyError for a patch that no bone moves."""
+    if not isinstance(hand, PlaneHand) or hand.patch_pose is None:
+        return None
+    there = ~hand.absent  # a patch that is missing in the first pose may be there in a later one
+    rest = hand.patch_pose[np.argmax(there, axis=0), np.arange(hand.patch_count)]
+    return PatchLayout.of(tuple(patch.name for patch in hand.patches), rest)
 
 
 def _made_by(module: str, name: str, allow_code: AllowCode) -> PoseSource:

@@ -5,35 +5,28 @@ It reads no clock and no socket: whatever comes is given with the time of its ar
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import TYPE_CHECKING, Final
 
 from ....datasets.recordings.alignment import Alignment
-from ....datasets.rigid import Numbers
 from .clock_map import ClockMap
 from .hand_frame import Seen, SeenHand, SourceFault
 from .hand_poses import HandPoses, PatchLayout
 from .messages import PoseMessage
 from .plausibility import Implausible
-from .selection import ANY, HandSelection
 
+if TYPE_CHECKING:
+    from .shaping import PoseShaping  # scipy.signal takes seconds to import, and only smoothing needs it
+
+ANY: Final = "any"
+SIDES: Final = ("any", "left", "right")
+ABSENT = 0.25
+"""A hand of which nothing has come for so long, while another one is seen, is no longer followed [s]."""
 FAULT_PERIOD_NS = 10_000_000_000
 """A fault that goes on is reported again after this time [ns], with its count."""
 KINDS_MOST = 256  # of faults that are told apart: a source may invent them
 SPACING_NS = 1_000_000
 """Poses come no faster than one in this time [ns], on average: more of them change nothing that is felt."""
 BURST = 3  # poses that may come at once: a tracker's late frame, and the next one in time
-
-
-class PoseShaper(Protocol):
-    """Smooths or predicts poses, one by one."""
-
-    def shaped(self, time: float, pose: Numbers) -> Numbers:
-        """A pose, float64 [7], for one that was measured at a time [s]."""
-        ...
-
-    def reset(self) -> None:
-        """The next pose does not follow from those before."""
-        ...
 
 
 class FaultLog:
@@ -54,6 +47,48 @@ class FaultLog:
         return f"{fault.text} ({count + 1:,} times since it was reported last)" if count else fault.text
 
 
+class HandSelection:
+    """Chooses a hand, frame by frame. side: any, left or right; a hand of no known side is one of the side asked for.
+
+    The first hand of the side is followed by its id as long as it is there, whatever else comes; then the next one. A
+    tracker that loses a hand and finds it again may give it another id: that is the next hand. A hand is gone when a
+    frame comes without it, or, in a source that sends each hand on its own, when nothing of it came for ABSENT.
+    """
+
+    def __init__(self, side: str = ANY) -> None:
+        self._side = side
+        self._followed: tuple[str | None, str] | None = None
+        self._seen = 0.0  # when the followed hand was seen [s], on the source's clock
+
+    @property
+    def followed(self) -> str:
+        """Id of the hand that is followed; empty for none."""
+        return "" if self._followed is None else self._followed[1]
+
+    def ignores(self, hand: SeenHand) -> bool:
+        """Whether a hand that comes on its own is another one than the hand that is followed."""
+        if hand.is_lost:
+            return False
+        if not self._is_wanted(hand):
+            return True
+        is_other = self._followed is not None and (hand.side, hand.hand_id) != self._followed
+        return is_other and abs(hand.time - self._seen) <= ABSENT
+
+    def chosen(self, hands: Sequence[SeenHand], time: float) -> SeenHand:
+        """The hand that is followed, among all of one time [s]; a frame without hand if there is none."""
+        there = [hand for hand in hands if not hand.is_lost and self._is_wanted(hand)]
+        same = [hand for hand in there if (hand.side, hand.hand_id) == self._followed]
+        hand = next(iter(same or there), None)
+        if hand is None:
+            self._followed = None
+            return SeenHand(time)
+        self._followed, self._seen = (hand.side, hand.hand_id), time
+        return hand
+
+    def _is_wanted(self, hand: SeenHand) -> bool:
+        return self._side == ANY or hand.side in (None, self._side)
+
+
 class PoseStream:
     """Messages of one source, frame by frame.
 
@@ -68,7 +103,7 @@ class PoseStream:
         alignment: Alignment | None = None,
         side: str = ANY,
         patches: PatchLayout | None = None,
-        shaper: PoseShaper | None = None,
+        shaper: "PoseShaping | None" = None,
     ) -> None:
         self._clock = ClockMap(clock)
         self._selection = HandSelection(side)

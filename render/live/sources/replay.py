@@ -3,7 +3,6 @@
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -46,7 +45,6 @@ class ReplaySource:
     clock: str = MONOTONIC
 
     def __repr__(self) -> str:
-        """One line."""
         return f"ReplaySource({len(self.time)} poses, {self.duration:.6g} s{', again and again' * self.loops})"
 
     @classmethod
@@ -78,9 +76,7 @@ class ReplaySource:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Nothing is open."""
 
     def __iter__(self) -> Iterator[SeenHand]:

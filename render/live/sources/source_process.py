@@ -1,38 +1,36 @@
 """The process that a source runs in: reads a tracker, and sends a message for each pose.
 
-The process that starts it holds a pipe to its standard input; when that closes, however its holder ended, it ends, too.
+It ends once all receivers of its messages have closed their end, however they ended.
 A source that stalls sends nothing: the age of its last pose shows that.
 """
 
-import contextlib
 import gc
 import os
 import pickle
 import select
-import struct
 import subprocess
 import sys
 import threading
 import time
 from dataclasses import dataclass
-from importlib.util import find_spec
-from pathlib import Path
-from types import TracebackType
-from typing import IO, Self, cast
+from typing import TYPE_CHECKING, Self
 
 from ....datasets.known_names import find_name
 from ....datasets.recordings.alignment import Alignment, split_alignment
+from ....device.live.realtime import SOURCE_PRIORITY, enter_realtime
+from ....device.live.writer_handle import start_process
 from ...errors import RenderError, StrategyError
 from .hand_frame import PoseSource, Seen, SourceFault
 from .hand_poses import PatchLayout
 from .messages import PoseSender, message_pair
-from .pose_stream import PoseShaper, PoseStream
-from .selection import ANY, SIDES
+from .pose_stream import ANY, SIDES, PoseStream
+from .shipped_settings import ship, unship
+
+if TYPE_CHECKING:
+    from .shaping import PoseShaping  # scipy.signal takes seconds to import, and only smoothing needs it
 
 EXIT_FAILED = 1
-_LENGTH = struct.Struct("<I")
 _END_TIMEOUT = 2.0  # [s]
-_UNPICKLABLE = (pickle.PickleError, AttributeError, ImportError, TypeError)
 
 
 @dataclass(frozen=True)
@@ -50,7 +48,7 @@ class SourceSettings:
     """Which hand is followed: any, left or right."""
     patches: PatchLayout | None = None
     """Of an articulated hand: `patch_layout`."""
-    shaper: PoseShaper | None = None
+    shaper: "PoseShaping | None" = None
     """Smooths or predicts poses."""
     realtime: bool = False
     """Whether the process asks for SCHED_FIFO."""
@@ -78,9 +76,7 @@ class SourceProcess:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     @property
@@ -95,17 +91,14 @@ class SourceProcess:
 
     def close(self) -> None:
         """End the process and close the socket; a second time does nothing."""
-        if self._process.stdin is not None:
-            with contextlib.suppress(OSError):
-                self._process.stdin.close()
+        if self.socket_fd >= 0:
+            os.close(self.socket_fd)
+            self.socket_fd = -1
         try:
             self._process.wait(_END_TIMEOUT)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        if self.socket_fd >= 0:
-            os.close(self.socket_fd)
-            self.socket_fd = -1
 
 
 def start_source(settings: SourceSettings) -> SourceProcess:
@@ -113,78 +106,36 @@ def start_source(settings: SourceSettings) -> SourceProcess:
 
     Raises StrategyError for a source that another process cannot make.
     """
-    content = _pickled(settings)
+    if not isinstance(settings.source, PoseSource):
+        raise StrategyError(
+            "a source of poses has clock, __iter__, __enter__ and __exit__, and "
+            f"{type(settings.source).__name__} lacks one of them"
+        )
+    content = ship(settings)
     receiver, sender = message_pair()
     try:
-        process = subprocess.Popen(
-            # -P: no module of the current folder is imported
-            [sys.executable, "-P", "-m", "palpate.render.live.sources.source_process", str(sender)],
-            stdin=subprocess.PIPE,
-            pass_fds=(sender,),
-            bufsize=0,
-            start_new_session=True,  # the terminal's SIGINT is for the process that started it, which ends this one
-        )
+        process = start_process("palpate.render.live.sources.source_process", (sender, content), sender)
     except OSError as error:
         os.close(receiver)
         raise StrategyError(f"the source's process cannot be started: {error}") from error
     finally:
         os.close(sender)
-    pipe, rest = cast("IO[bytes]", process.stdin), memoryview(content)
-    with contextlib.suppress(BrokenPipeError):  # it has ended already, which `is_alive` shows
-        while rest:
-            rest = rest[pipe.write(rest) :]
     return SourceProcess(process, receiver)
 
 
-def _pickled(settings: SourceSettings) -> bytes:
-    """Settings as the process reads them: the folder of the source's module, then everything."""
-    kind = type(settings.source)
-    for part in (settings.source, settings.shaper):
-        if part is not None and type(part).__module__ == "__main__":
-            raise StrategyError(
-                f"{type(part).__name__} is in the program that was started, which another process cannot import: put "
-                "the class into a module of its own"
-            )
-    if not isinstance(settings.source, PoseSource):
-        raise StrategyError(
-            f"a source of poses has clock, __iter__, __enter__ and __exit__, and {kind.__name__} lacks one of them"
-        )
-    try:
-        parts = [pickle.dumps(_folder_of(kind.__module__)), pickle.dumps(settings)]
-    except _UNPICKLABLE as error:
-        raise StrategyError(f"source {kind.__name__} cannot be given to another process: {error}") from error
-    return b"".join(_LENGTH.pack(len(part)) + part for part in parts)
-
-
-def _folder_of(module: str) -> str:
-    """The folder from which Python imports a module's package; empty for those of palpate."""
-    top = module.partition(".")[0]
-    spec = None if top == "palpate" else find_spec(top)
-    if spec is None or spec.origin is None:
-        return ""
-    file = Path(spec.origin).resolve()
-    return str(file.parent.parent if spec.submodule_search_locations else file.parent)
-
-
 def main() -> int:
-    """Send the messages of the source that standard input describes, to the socket that the first argument names."""
-    sender = PoseSender(int(sys.argv[1]))
-    pipe = sys.stdin.fileno()
+    """Send the messages of the source that standard input describes."""
+    descriptor, content = pickle.load(sys.stdin.buffer)  # of the process that started this one
+    sender = PoseSender(descriptor)
     try:
-        folder = pickle.loads(_part(pipe))
-        if folder and folder not in sys.path:
-            sys.path.append(folder)  # last: a module beside the source's hides none of others
-        settings: SourceSettings = pickle.loads(_part(pipe))
-    except _UNPICKLABLE as error:
-        stream = PoseStream("own")
-        _send_all(sender, stream, SourceFault("start", f"the source cannot be made in its process: {error}"))
+        settings: SourceSettings = unship(content)
+    except StrategyError as error:
+        _send_all(sender, PoseStream("own"), SourceFault("start", f"the source cannot be made: {error}"))
         return EXIT_FAILED
-    threading.Thread(target=_end_with, args=(pipe,), name="palpate-source-end", daemon=True).start()
+    threading.Thread(target=_end_with, args=(descriptor,), name="palpate-source-end", daemon=True).start()
     gc.collect()
     gc.freeze()  # what has been imported stays: each collection would look at all of it again
     if settings.realtime:
-        from ....device.live.realtime import SOURCE_PRIORITY, enter_realtime
-
         enter_realtime(SOURCE_PRIORITY)
     return run_source(settings, sender)
 
@@ -217,26 +168,12 @@ def _send_all(sender: PoseSender, stream: PoseStream, seen: Seen) -> bool:
     return all(sender.send(message) for message in stream.taken(seen, time.monotonic_ns()))
 
 
-def _end_with(pipe: int) -> None:
-    """End this process when the pipe closes; a source may wait in a tracker's library, which nothing else ends."""
-    while True:
-        select.select([pipe], [], [])
-        if not os.read(pipe, 4096):
-            os._exit(0)
-
-
-def _part(pipe: int) -> bytes:
-    return _read(pipe, _LENGTH.unpack(_read(pipe, _LENGTH.size))[0])
-
-
-def _read(pipe: int, count: int) -> bytes:
-    data = bytearray()
-    while len(data) < count:
-        part = os.read(pipe, count - len(data))
-        if not part:
-            raise SystemExit(EXIT_FAILED)
-        data += part
-    return bytes(data)
+def _end_with(descriptor: int) -> None:
+    """End this process once nobody can receive messages; a source may wait in a tracker's library for ever."""
+    poll = select.poll()
+    poll.register(descriptor, 0)  # that the other end is closed is reported without being asked for
+    poll.poll()
+    os._exit(0)
 
 
 if __name__ == "__main__":

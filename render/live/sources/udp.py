@@ -1,4 +1,4 @@
-"""Poses by UDP: JSON for whoever tries something out, a binary form for whoever sends much; both in live-poses.md.
+"""Poses by UDP, in JSON; docs/formats/live-poses.md describes it.
 
 A datagram is one frame of the tracker: all hands that it sees, or none. What cannot be read is reported with its reason
 and left out.
@@ -7,13 +7,11 @@ and left out.
 import math
 import re
 import socket
-import struct
 import time
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -26,20 +24,10 @@ from .hand_frame import OWN, Seen, SeenHand, SourceFault
 HOST, PORT = "127.0.0.1", 5005
 DATAGRAM_BYTES = 65536
 HANDS_MOST = 8
-MAGIC: Final = b"palp"
-VERSION: Final = 1
-HEAD = struct.Struct("<4sBBxxd")
-"""Of a binary datagram: magic, version, number of hands, time [s]."""
-HAND = struct.Struct("<BBxxI")
-"""Of each hand: side, what follows, id."""
-SIDES: Final = (None, "left", "right")
-PALM, JOINTS = 1, 2
-"""What follows: the palm's pose, seven float64; 26 joints with radii, each eight float32."""
-
+SIDES = (None, "left", "right")
 _BURST = 4  # of more datagrams than these at a time, the newest are read
 _FLOOD = 3  # readings one after the other that left datagrams out: one alone is that of a machine that was busy
 _ROUND = 1e-3  # [s] between two readings of the socket, so that a flood costs little
-_JOINT_VALUES = 8
 _ADDRESS = re.compile(r"(?:(?P<host>.*):)?(?P<port>[0-9]+)")
 
 
@@ -60,27 +48,20 @@ def frames_of(data: bytes) -> SeenHand | list[SeenHand]:
 
     Raises DatagramError.
     """
-    if data[:4] == MAGIC:
-        return _binary_frames(data)
-    if data[:1] == b"{":
-        return _json_frames(data)
-    raise DatagramError(f"a datagram must begin with {{ (JSON) or {MAGIC.decode()} (binary), not with {data[:8]!r}")
-
-
-def packed_frames(frames: list[SeenHand]) -> bytes:
-    """The binary datagram of hands at one time, or of none: a frame without hand."""
-    there = [frame for frame in frames if not frame.is_lost]
-    parts = [HEAD.pack(MAGIC, VERSION, len(there), frames[0].time)]
-    for frame in there:
-        content = JOINTS if frame.joints is not None else PALM
-        hand_id = int(frame.hand_id) if frame.hand_id.isdecimal() else 0
-        parts.append(HAND.pack(SIDES.index(frame.side), content, hand_id))
-        if frame.joints is None:
-            parts.append(np.asarray(frame.pose, "<f8").tobytes())
-            continue
-        radius = np.full(JOINT_COUNT, np.nan) if frame.radius is None else frame.radius
-        parts.append(np.concatenate([frame.joints, radius[:, None]], axis=1).astype("<f4").tobytes())
-    return b"".join(parts)
+    try:
+        content = parse_json(data, allow_nan=True)
+    except ValueError as error:
+        raise DatagramError(f"a datagram is no JSON: {error}") from None
+    if not isinstance(content, dict):
+        raise DatagramError("a datagram must be one JSON object")
+    at = _number(content.get("time"), "time")
+    if "hands" not in content:
+        return _json_hand(content, at)
+    listed = content["hands"]
+    if not isinstance(listed, list) or len(listed) > HANDS_MOST:
+        raise DatagramError(f"hands: must be a list of at most {HANDS_MOST}, not {listed!r:.60}")
+    frames = [_json_hand(hand, at) for hand in listed]
+    return [frame for frame in frames if not frame.is_lost] or [SeenHand(at)]
 
 
 @dataclass
@@ -116,9 +97,7 @@ class UdpSource:
         self._socket = opened
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close the socket."""
         if self._socket is not None:
             self._socket.close()
@@ -157,23 +136,6 @@ def _newest(opened: socket.socket) -> tuple[list[bytes], int]:
     except BlockingIOError:
         pass
     return list(found), count - len(found)
-
-
-def _json_frames(data: bytes) -> SeenHand | list[SeenHand]:
-    try:
-        content = parse_json(data, allow_nan=True)
-    except ValueError as error:
-        raise DatagramError(f"a datagram is no JSON: {error}") from None
-    if not isinstance(content, dict):
-        raise DatagramError("a datagram must be one JSON object")
-    at = _number(content.get("time"), "time")
-    if "hands" not in content:
-        return _json_hand(content, at)
-    listed = content["hands"]
-    if not isinstance(listed, list) or len(listed) > HANDS_MOST:
-        raise DatagramError(f"hands: must be a list of at most {HANDS_MOST}, not {listed!r:.60}")
-    frames = [_json_hand(hand, at) for hand in listed]
-    return [frame for frame in frames if not frame.is_lost] or [SeenHand(at)]
 
 
 def _json_hand(hand: Any, at: float) -> SeenHand:
@@ -217,35 +179,3 @@ def _numbers(value: Any, name: str, shape: tuple[int, ...]) -> Numbers:
     if found.shape != shape:
         raise DatagramError(f"{name}: must have shape {list(shape)}, not {list(found.shape)}")
     return found
-
-
-def _binary_frames(data: bytes) -> list[SeenHand]:
-    if len(data) < HEAD.size:
-        raise DatagramError(f"a binary datagram has {HEAD.size} bytes at least, not {len(data)}")
-    _, version, count, at = HEAD.unpack_from(data)
-    if version != VERSION:
-        raise DatagramError(f"version: must be {VERSION}, not {version}")
-    if count > HANDS_MOST:
-        raise DatagramError(f"number of hands: must be at most {HANDS_MOST}, not {count}")
-    frames: list[SeenHand] = []
-    offset = HEAD.size
-    for _ in range(count):
-        if len(data) < offset + HAND.size:
-            raise DatagramError(f"a datagram of {count} hands ends after {len(data)} bytes, within a hand")
-        side, content, hand_id = HAND.unpack_from(data, offset)
-        offset += HAND.size
-        if side >= len(SIDES) or content not in (PALM, JOINTS):
-            raise DatagramError(f"side and content: must be 0..2 and 1 or 2, not {side} and {content}")
-        size = 7 * 8 if content == PALM else JOINT_COUNT * _JOINT_VALUES * 4
-        if len(data) < offset + size:
-            raise DatagramError(f"a datagram of {count} hands ends after {len(data)} bytes, within a hand")
-        if content == PALM:
-            frames.append(SeenHand(at, SIDES[side], str(hand_id), np.frombuffer(data, "<f8", 7, offset)))
-        else:
-            joints = np.frombuffer(data, "<f4", JOINT_COUNT * _JOINT_VALUES, offset).reshape(JOINT_COUNT, _JOINT_VALUES)
-            joints = joints.astype(np.float64)
-            frames.append(SeenHand(at, SIDES[side], str(hand_id), None, joints[:, :7], joints[:, 7]))
-        offset += size
-    if offset != len(data):
-        raise DatagramError(f"a datagram of {count} hands has {offset} bytes, not {len(data)}")
-    return frames or [SeenHand(at)]

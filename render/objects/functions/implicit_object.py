@@ -26,9 +26,8 @@ from ..mesh.placement import (
     up_rotation,
     warn_of_place,
 )
-from .expression import Box, Expression, Transform
+from .expression import Box, Expression, Transform, load_expression
 from .expression_compiler import WHOLE, Frame, compile_expression, expression_bounds
-from .expression_json import load_expression
 from .user_function import load_function, source_of, takes_double, try_function
 
 OUTLINE = 96  # cells along the longest side of the mesh to look at

@@ -2,15 +2,20 @@
 
 | in a file                                         | may be                                                       |
 |---------------------------------------------------|--------------------------------------------------------------|
-| its bytes; those of the members of a .zip         | as many as the budget, all together                          |
+| its bytes                                         | as many as the budget                                        |
 | words of text (OBJ, OFF, STL or PLY in ASCII)     | as many as it takes memory to parse                          |
 | arrays that a glTF's JSON declares; their uses    | the same, whatever lies in its buffers                       |
 | copies of a mesh in a scene                       | the same, before they are made                               |
-| another file that a .gltf names                   | in its folder or below; in a .zip, one of its members        |
+| another file that a .gltf names                   | in its folder or below                                       |
+
+The formats have readers of their own because trimesh 5.2 gives other shapes without an error: it counts relative
+indices of an OBJ from the last vertex of the file, and reads rows of unequal width of a binary PLY as if they were
+alike. It takes text that is cut off, and polygons with inward corners as fans.
 """
 
-from collections.abc import Callable
-from pathlib import Path, PurePosixPath
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
 import numpy as np
@@ -21,32 +26,34 @@ from ....datasets.bounded_file import (
     file_beside,
     read_content,
     require_bytes,
-    unzip,
 )
 from ....datasets.json_text import parse_json
 from ...errors import MeshError
 from ...file_kinds import MESH_SUFFIXES, NOT_READ
-from .formats.gltf import read_gltf
-from .formats.gltf_arrays import glb_chunks
+from ...validation import value_text
+from .formats.gltf import glb_chunks, read_gltf
 from .formats.obj import read_obj
 from .formats.off import read_off
 from .formats.ply import read_ply
-from .formats.polygons import FileMesh, united
+from .formats.polygons import FileMesh
 from .formats.stl import is_binary_stl, read_stl
 
+if TYPE_CHECKING:
+    import pyvista
+    import trimesh
+
 WORD_BYTES = 64  # that parsing takes for a word of text: 30 to 75, measured
-Read = Callable[[str], bytes]
 
 
 class NamedFiles:
-    """The files that a mesh names; all together within the budget."""
+    """The files that a mesh file names; all together within the budget."""
 
-    def __init__(self, read: Read) -> None:
-        self._read, self._taken = read, 0
+    def __init__(self, path: Path) -> None:
+        self._path, self._taken = path, 0
 
     def get(self, name: str) -> bytes:
         """Bytes of a file by its URI; raises FileBoundError."""
-        content = self._read(unquote(name))
+        content = read_content(file_beside(self._path, unquote(name)))
         self._taken += len(content)
         require_bytes(self._taken, "what it names")
         return content
@@ -68,9 +75,8 @@ def load_mesh(path: Path) -> FileMesh:
         raise MeshError(f"{path}: cannot be read as a mesh: {what}")
     try:
         content = read_content(path)
-        files = NamedFiles(lambda name: read_content(file_beside(path, name)))
         with np.errstate(all="ignore"):  # what is not finite is refused once it is placed
-            mesh = archived(content) if suffix == ".zip" else parsed(content, suffix, files)
+            mesh = parsed(content, suffix, NamedFiles(path))
     except FileBoundError as error:
         raise MeshError(f"{path}: {error}") from error
     except Exception as error:  # ValueErrors, MeshErrors too, say what is wrong
@@ -79,42 +85,6 @@ def load_mesh(path: Path) -> FileMesh:
     if len(mesh.faces) == 0:
         raise MeshError(f"{path}: has no triangles ({len(content)} bytes)")
     return without_stray(mesh)
-
-
-def archived(content: bytes) -> FileMesh:
-    """All meshes in a zip file; raises MeshError, which names the member that cannot be read."""
-    members = unzip(content, needed_members)
-
-    def member(name: str) -> bytes:
-        if name not in members:
-            raise FileBoundError(f"names the file {name[:200]!r}, which is not in the archive")
-        return members[name]
-
-    suffixes = {name: Path(name).suffix.lower() for name in members}
-    meshes = []
-    for name, suffix in suffixes.items():
-        if suffix not in MESH_SUFFIXES or suffix == ".zip":
-            continue
-        try:
-            meshes.append(parsed(members[name], suffix, NamedFiles(member)))
-        except MeshError as error:
-            raise MeshError(f"its member {name[:200]!r} {error}") from error
-    if not meshes:
-        raise MeshError(f"has no member whose name ends in one of {', '.join(MESH_SUFFIXES[:-1])}")
-    return united(meshes)
-
-
-def needed_members(names: list[str]) -> list[str]:
-    """Members of an archive that its meshes are read from: all if one is a .gltf, which may name any other."""
-    names = [name for name in names if not is_of_macos(name)]
-    is_whole = any(name.lower().endswith(".gltf") for name in names)
-    return [name for name in names if is_whole or Path(name).suffix.lower() in MESH_SUFFIXES]
-
-
-def is_of_macos(name: str) -> bool:
-    """Whether a member of an archive holds what macOS keeps about a file, not the file."""
-    parts = PurePosixPath(name).parts
-    return "__MACOSX" in parts or name.rpartition("/")[2].startswith("._")
 
 
 def parsed(content: bytes, suffix: str, files: NamedFiles) -> FileMesh:
@@ -147,3 +117,54 @@ def without_stray(mesh: FileMesh) -> FileMesh:
         return mesh
     number = np.cumsum(~is_stray) - 1
     return FileMesh(mesh.vertices[~is_stray], number[mesh.faces], mesh.nodes)
+
+
+IMAGE_HINT = "VoxelObject(image.active_scalars.reshape(image.dimensions, order='F'), spacing=image.spacing) takes it"
+
+
+def foreign_arrays(mesh: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices, shape [vertex, 3], and triangles, shape [face, 3], of a mesh or scene of trimesh, or of PyVista.
+
+    Faces with more corners are divided into triangles. Raises MeshError for what is no such mesh.
+    """
+    if hasattr(mesh, "to_mesh") and hasattr(mesh, "geometry"):  # a scene of trimesh, whose transforms are applied
+        mesh = mesh.to_mesh()
+    if hasattr(mesh, "combine") and hasattr(mesh, "n_blocks"):  # PyVista's several meshes
+        if not mesh.n_blocks:
+            raise MeshError("the MultiBlock has no mesh")
+        mesh = mesh.combine()
+    if hasattr(mesh, "spacing") and mesh.active_scalars is not None:  # PyVista's image: its surface is only its box
+        raise MeshError(f"an image is a volume, not a mesh: {IMAGE_HINT}")
+    if np.ndim(mesh) == 3:
+        raise MeshError("an array [i, j, k] is a volume, not a mesh: VoxelObject(values, spacing=METRES) takes it")
+    if hasattr(mesh, "extract_surface"):  # PyVista's: PolyData, or a volume with a surface
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of PyVista, on an option that older versions do not have
+            surface = mesh if hasattr(mesh, "is_all_triangles") else mesh.extract_surface()
+        if not surface.n_cells or not surface.is_all_triangles:
+            surface = surface.triangulate()
+        if not len(surface.faces):
+            raise MeshError("the mesh has no triangles")
+        return np.asarray(surface.points), np.asarray(surface.regular_faces)
+    if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
+        return np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    raise MeshError(
+        f"{value_text(mesh)} is no mesh: give vertices and faces, a mesh of trimesh or PyVista, or load a file by "
+        "MeshObject.load(path)"
+    )
+
+
+def trimesh_mesh(vertices: np.ndarray, faces: np.ndarray) -> "trimesh.Trimesh":
+    """A mesh of trimesh with exactly these arrays."""
+    import trimesh
+
+    return trimesh.Trimesh(vertices, faces, process=False)
+
+
+def pyvista_mesh(vertices: np.ndarray, faces: np.ndarray) -> "pyvista.PolyData":
+    """A mesh of PyVista with exactly these arrays; raises MeshError if it is not installed."""
+    try:
+        import pyvista
+    except ImportError as error:
+        raise MeshError("a mesh of PyVista needs PyVista: pip install pyvista") from error
+    return pyvista.PolyData.from_regular_faces(vertices.copy(), faces.copy())

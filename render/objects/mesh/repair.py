@@ -26,14 +26,22 @@ from .bodies import (
     rows_of,
     signed_volumes,
 )
-from .coincident_triangles import count_repeats, repeated, split_shared, unify_patches
-from .contacts import count_contacts
 from .holes import closing_distance, fill_holes, rim_lengths, rims_of
 from .report import MeshReport
 from .sheets import closed_part, edges_of, is_plain, joined_by_edges, outer_hull, split_repeats
-from .slivers import without_slivers
-from .union import Cluster, Crossings, check_union, clusters_of, count_crossings, unite
-from .welding import check_soup, rounding_of, sorted_faces, weld, weld_close
+from .union import Cluster, Crossings, check_union, clusters_of, count_contacts, count_crossings, unite
+from .welding import (
+    check_soup,
+    count_repeats,
+    repeated,
+    rounding_of,
+    sorted_faces,
+    split_shared,
+    unify_patches,
+    weld,
+    weld_close,
+    without_slivers,
+)
 
 ENCLOSES = 0.75  # winding number that an open surface must reach somewhere to count as a solid with holes
 ENCLOSURE_SAMPLES = 256  # triangles at which that is asked

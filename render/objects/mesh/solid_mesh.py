@@ -22,11 +22,8 @@ from ...errors import MeshError, RepairError
 from ...runtime.loading_progress import Watch, unwatched
 from ...user_warnings import warn_user
 from ...validation import unit_hint
-from .files import load_mesh
-from .foreign_meshes import foreign_arrays, pyvista_mesh, trimesh_mesh
-from .kept_arrays import kept_folder
-from .kept_edges import edges_of_mesh
-from .kept_repairs import repaired_mesh
+from .cache import edges_of_mesh, repaired_mesh
+from .files import foreign_arrays, load_mesh, pyvista_mesh, trimesh_mesh
 from .placement import SIZE_LARGEST, Placement, PlacementFields, place_text, placement_of, warn_of_place
 from .repair import Repair
 from .report import MeshReport
@@ -37,8 +34,6 @@ if TYPE_CHECKING:
 
 _EDGES: WeakValueDictionary[str, HalfEdges] = WeakValueDictionary()  # by `MeshObject.identity`
 POOL_KEPT = 0.5  # share of a GPU's memory kept for the next batch, because freeing it at every wait takes milliseconds
-TRIANGLES_ANNOUNCED = 2_000_000  # a warning gives the expected time before repairing at least as many
-REPAIR_SECONDS, REPAIR_GIGABYTES = 8.0, 0.6  # for a million triangles; measured, docs/measured/performance.md
 VOXELS_ACROSS = 100  # of a mesh, in the command that an error suggests
 SOLID_RULES = ("winding", "even-odd")
 
@@ -122,7 +117,7 @@ class MeshObject(KeepsDeviceCopies):
         if vertices.dtype.kind in "US":
             raise MeshError(f"{name}: vertices must be numbers, not text; MeshObject.load(path) loads a file")
         self._scale = self.placement.factor_of(vertices)
-        repaired = repaired_mesh(vertices, faces, self._repair(weld, fill_holes), watch, announce=self._announce)
+        repaired = repaired_mesh(vertices, faces, self._repair(weld, fill_holes), watch)
         self.report = repaired.report
         """Faults found and repairs made; lengths in the unit of the vertices as given."""
         self._solid_count = repaired.solid_count
@@ -184,15 +179,6 @@ class MeshObject(KeepsDeviceCopies):
                 hint = unit_hint(value, 0.0, SIZE_LARGEST, "m")
                 raise RepairError(f"{field} must be {SIZE_LARGEST:g} m at most, not {value}{hint}")
         return Repair(self.solid, weld / self._scale, fill_holes / self._scale)
-
-    def _announce(self, triangle_count: int) -> None:
-        if triangle_count >= TRIANGLES_ANNOUNCED:
-            millions = triangle_count / 1e6
-            once = "" if kept_folder() is None else "; the result is kept on disk"
-            warn_user(
-                f"{self.name}: {millions:.3g} million triangles take about {millions * REPAIR_SECONDS:.0f} s and "
-                f"{millions * REPAIR_GIGABYTES:.1f} GB of memory to check and repair{once}"
-            )
 
     def _warn_of_report(self) -> None:
         phrases = self.report.changes() + self.report.faults(self._scale)

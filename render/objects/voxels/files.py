@@ -1,4 +1,4 @@
-"""Volumes from files and into files: NumPy, NRRD, NIfTI, NanoVDB."""
+"""Volumes from files and into files: NumPy, NRRD, NIfTI, NanoVDB; their data unpacked within bounds."""
 
 import gzip
 import io
@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -17,6 +17,7 @@ import warp as wp
 from ....datasets.array_file import ONLY, array_shape, read_arrays
 from ....datasets.bounded_file import (
     FileBoundError,
+    file_beside,
     open_regular,
     read_content,
     read_limited,
@@ -31,13 +32,159 @@ from ...errors import VoxelError
 from ...file_kinds import VOLUME_SUFFIXES
 from ...user_warnings import warn_user
 from ...validation import value_text
-from .grid import affine_of
-from .nrrd_files import nrrd_volume
-from .values import require_room
-from .volume_file import UNIT_NAMES, UNITS, VolumeFile, scaled, without_ones
+from .grid import affine_of, require_room
 
-if TYPE_CHECKING:
-    from .voxel_object import VoxelObject
+UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}  # [m]
+UNIT_SPELLINGS = {
+    "m": ("m", "meter", "metre"),
+    "cm": ("cm", "centimeter", "centimetre"),
+    "mm": ("mm", "millimeter", "millimetre"),
+    "um": ("um", "µm", "micron", "micrometer", "micrometre"),
+}
+UNIT_NAMES = {name: unit for unit, names in UNIT_SPELLINGS.items() for name in names}
+
+
+class VolumeFile(NamedTuple):
+    """What a file says about a volume."""
+
+    values: np.ndarray
+    """Of any type, shape [i, j, k]."""
+    affine: np.ndarray | None
+    """Indices to coordinates [m], shape [4, 4]; None if the file has none."""
+    kind: str | None = None
+    """What the values mean, if the file says so."""
+    level: float | None = None
+    """Value on the surface, likewise."""
+
+
+def scaled(affine: np.ndarray, unit: str) -> np.ndarray:
+    """An affine map in metres."""
+    out = np.array(affine, np.float64)
+    out[:3] *= UNITS[unit]
+    return out
+
+
+def without_ones(values: np.ndarray) -> np.ndarray:
+    """Without axes of length 1 beyond the third, which some writers add."""
+    while values.ndim > 3 and values.shape[-1] == 1:
+        values = values[..., 0]
+    return values
+
+
+RIGHT_SIGNS = {  # of a NRRD space's axes, to those of NIfTI: right, front, head
+    "right-anterior-superior": (1.0, 1.0, 1.0),
+    "ras": (1.0, 1.0, 1.0),
+    "left-anterior-superior": (-1.0, 1.0, 1.0),
+    "las": (-1.0, 1.0, 1.0),
+    "left-posterior-superior": (-1.0, -1.0, 1.0),
+    "lps": (-1.0, -1.0, 1.0),
+}
+CODECS = {"gzip": "gzip", "gz": "gzip", "bzip2": "bzip2", "bz2": "bzip2"}  # by NRRD's encoding
+NRRD_BYTES_MOST = 8  # of one value: float64, and integers of 64 bits
+BY_AXIS = ("space directions", "spacings", "units", "kinds")
+PLACE_KINDS = ("domain", "space", "???", "none")  # of an axis along which a place changes, or may change
+
+
+def imported(module: str, package: str) -> Any:
+    """A reader that palpate does not bring along."""
+    try:
+        return import_module(module)
+    except ModuleNotFoundError as error:
+        raise VoxelError(f"needs the package {package}: pip install {package}") from error
+
+
+def nrrd_units(header: Any, field: str, unit: str | None) -> np.ndarray:
+    """Metres in the units that a NRRD header gives for the first three axes, mm where it gives none; shape [3]."""
+    said = [str(x).strip('" ').lower() for x in header.get(field) or []][:3]
+    said = [x for x in said if x not in ("", "none", "nan", "???")] and said
+    if unit is None and not set(said) <= UNIT_NAMES.keys():
+        names = ", ".join(dict.fromkeys(said))
+        raise VoxelError(f"{field} {names} are not known: give unit, one of {', '.join(UNITS)}")
+    names = [unit] * 3 if unit else [UNIT_NAMES[x] for x in said] or ["mm"] * 3
+    if len(names) != 3:
+        raise VoxelError(f"{field} {', '.join(said)} must be three: give unit, one of {', '.join(UNITS)}")
+    return np.array([UNITS[name] for name in names])
+
+
+def nrrd_affine(header: Any, unit: str | None) -> np.ndarray | None:
+    """The affine map of a NRRD header; the axes of an anatomical space turned to right, front, head, as NIfTI's."""
+    axes = header.get("space directions")
+    if axes is None:
+        if (spacings := header.get("spacings")) is None:
+            return None
+        return affine_of(np.asarray(spacings, np.float64)[:3] * nrrd_units(header, "units", unit), None, None, None)
+    rows = [np.asarray(row, np.float64) for row in axes if row is not None and np.isfinite(row).all()]
+    if len(rows) != 3 or any(row.shape != (3,) for row in rows):
+        raise VoxelError(f"space directions must be three vectors of three, not {axes}")
+    out = np.eye(4)
+    out[:3, :3] = np.stack(rows, axis=1)
+    out[:3, 3] = np.asarray(header.get("space origin", np.zeros(3)), np.float64)
+    out[:3] *= np.array(RIGHT_SIGNS.get(str(header.get("space", "")).lower(), (1.0, 1.0, 1.0)))[:, None]
+    out[:3] *= nrrd_units(header, "space units", unit)[:, None]
+    return out
+
+
+def read_nrrd(path: Path, unit: str | None) -> VolumeFile:
+    """A NRRD file, attached or detached header; its data within the budget, and in its own folder."""
+    nrrd = imported("nrrd", "pynrrd")
+    with open_regular(path) as file:
+        header = nrrd.read_header(file)
+        require_room(tuple(header["sizes"]))
+        name = header.pop("data file", header.pop("datafile", None))
+        data = read_limited(file, "its data") if name is None else read_content(file_beside(path, str(name)))
+    content, header = nrrd_content(data, header)
+    values = nrrd.read_data(header, content)
+    if content.read(1):
+        raise VoxelError(f"holds more data than its sizes {list(header['sizes'])} say")
+    values, header = without_lists(values, header)
+    return VolumeFile(without_ones(values), nrrd_affine(header, unit))
+
+
+def without_lists(values: np.ndarray, header: Any) -> tuple[np.ndarray, Any]:
+    """Without axes of one entry that are none of space, such as that of a segmentation of one layer.
+
+    These are the axes whose space direction is none, or whose kind is another than that of a place. Raises VoxelError
+    for fields that do not have an entry for each axis.
+    """
+    by_axis = {name: list(header[name]) for name in BY_AXIS if header.get(name) is not None}
+    if wrong := [name for name, entries in by_axis.items() if len(entries) != values.ndim]:
+        raise VoxelError(f"{wrong[0]} must have {values.ndim} entries, one for each axis, not {header[wrong[0]]}")
+    directions = by_axis.get("space directions")
+    lists = []
+    for axis, size in enumerate(values.shape):
+        if directions is not None:
+            is_list = directions[axis] is None or bool(np.isnan(directions[axis]).all())
+        else:
+            is_list = by_axis.get("kinds", ["domain"] * values.ndim)[axis] not in PLACE_KINDS
+        lists += [axis] if is_list and size == 1 else []
+    if values.ndim - len(lists) < 3:
+        return values, header
+    kept = {name: [entry for axis, entry in enumerate(own) if axis not in lists] for name, own in by_axis.items()}
+    return values.squeeze(tuple(lists)), {**header, **kept}
+
+
+def nrrd_content(data: bytes, header: Any) -> tuple[io.BytesIO, Any]:
+    """Data without the lines to skip, then unpacked; and the header without that. Bytes are left for pynrrd to skip."""
+    data = after_lines(data, int(header.get("line skip", header.get("lineskip", 0))))
+    kept = {key: value for key, value in header.items() if key not in ("line skip", "lineskip")}
+    codec = CODECS.get(str(header.get("encoding", "")).lower())
+    if codec is None:
+        return io.BytesIO(data), kept
+    skip = int(header.get("byte skip", header.get("byteskip", 0)))  # -1: whatever is before the last bytes
+    declared = None if skip < 0 else skip + NRRD_BYTES_MOST * math.prod(int(size) for size in header["sizes"])
+    return io.BytesIO(unpack(data, codec, declared)), {**kept, "encoding": "raw"}
+
+
+def after_lines(data: bytes, count: int) -> bytes:
+    """Data without their first lines."""
+    most = data.count(b"\n")
+    if not 0 <= count <= most:
+        raise VoxelError(f"line skip must be 0 to {most}, as many lines as the data have, not {count}")
+    content = io.BytesIO(data)
+    for _ in range(count):
+        content.readline()
+    return content.read()
+
 
 GRID_CLASS = 632  # byte of a NanoVDB grid that says what it holds
 TREE = 672  # byte where its tree starts: offsets of leaves, lower and upper nodes and root, which starts with its box
@@ -77,11 +224,6 @@ def read_numpy(path: Path, unit: str | None) -> VolumeFile:
         str(found["kind"]) if "kind" in found else None,
         float(found["level"]) if "level" in found else None,
     )
-
-
-def read_nrrd(path: Path, unit: str | None) -> VolumeFile:
-    """A NRRD file, see `nrrd_volume`."""
-    return nrrd_volume(imported("nrrd", "pynrrd"), path, unit)
 
 
 def read_nifti(path: Path, unit: str | None) -> VolumeFile:
@@ -176,14 +318,6 @@ def read_nanovdb(path: Path, unit: str | None) -> VolumeFile:
     return VolumeFile(gather_volume(volume, low, shape), scaled(affine, unit or "m"), kind, level)
 
 
-def imported(module: str, package: str) -> Any:
-    """A reader that palpate does not bring along."""
-    try:
-        return import_module(module)
-    except ModuleNotFoundError as error:
-        raise VoxelError(f"needs the package {package}: pip install {package}") from error
-
-
 READERS: dict[str, Callable[[Path, str | None], VolumeFile]] = {
     ".npy": read_numpy,
     ".npz": read_numpy,
@@ -218,61 +352,65 @@ def read_volume(path: str | Path, unit: str | None = None) -> VolumeFile:
         raise VoxelError(f"{path}: cannot be read as a volume ({what})") from error
 
 
-def signed_or_occupied(voxels: "VoxelObject") -> tuple[np.ndarray, str]:
-    """Values to store and what they mean: 0 and 1 where nothing is between, else signed."""
-    plain = voxels.rule.kind in ("occupancy", "label") and not voxels.rule.smooth
-    return ((voxels.values < 0).astype(np.uint8), "occupancy") if plain else (np.array(voxels.values), "distance")
+class WrittenVolume(NamedTuple):
+    """What a file of voxels holds."""
+
+    values: np.ndarray
+    """0 and 1, or signed values below 0 inside, shape [i, j, k]."""
+    kind: str
+    """"occupancy" or "distance"."""
+    affine: np.ndarray
+    """Indices to coordinates [m], shape [4, 4]."""
+    signed: np.ndarray
+    """Signed values, also of an occupancy, float32."""
 
 
-def write_npz(voxels: "VoxelObject", temporary: Path) -> None:
+def write_npz(volume: WrittenVolume, temporary: Path) -> None:
     """Values, affine [m] and kind."""
-    values, kind = signed_or_occupied(voxels)
-    np.savez_compressed(temporary, values=values, affine=voxels.affine, kind=np.array(kind))
+    np.savez_compressed(temporary, values=volume.values, affine=volume.affine, kind=np.array(volume.kind))
 
 
-def write_npy(voxels: "VoxelObject", temporary: Path) -> None:
+def write_npy(volume: WrittenVolume, temporary: Path) -> None:
     """Values alone."""
-    np.save(temporary, signed_or_occupied(voxels)[0])
+    np.save(temporary, volume.values)
 
 
-def write_nrrd(voxels: "VoxelObject", temporary: Path) -> None:
+def write_nrrd(volume: WrittenVolume, temporary: Path) -> None:
     """Values with directions and origin in millimetres."""
     header = {
         "space": "right-anterior-superior",
-        "space directions": voxels.affine[:3, :3].T * 1e3,
-        "space origin": voxels.affine[:3, 3] * 1e3,
+        "space directions": volume.affine[:3, :3].T * 1e3,
+        "space origin": volume.affine[:3, 3] * 1e3,
         "space units": ["mm"] * 3,
         "encoding": "gzip",
     }
-    imported("nrrd", "pynrrd").write(str(temporary), signed_or_occupied(voxels)[0], header)
+    imported("nrrd", "pynrrd").write(str(temporary), volume.values, header)
 
 
-def write_nifti(voxels: "VoxelObject", temporary: Path) -> None:
+def write_nifti(volume: WrittenVolume, temporary: Path) -> None:
     """Values with the affine map in millimetres, which NIfTI holds in float32."""
     nibabel = imported("nibabel", "nibabel")
-    affine = voxels.affine.copy()
+    affine = volume.affine.copy()
     affine[:3] *= 1e3
-    image = nibabel.Nifti1Image(signed_or_occupied(voxels)[0], affine)
+    image = nibabel.Nifti1Image(volume.values, affine)
     image.header.set_xyzt_units("mm")
     content = image.to_bytes()  # nibabel leaves a file open that it cannot write
     temporary.write_bytes(gzip.compress(content, 1, mtime=0) if temporary.suffix == ".gz" else content)
 
 
-def write_nanovdb(voxels: "VoxelObject", temporary: Path) -> None:
+def write_nanovdb(volume: WrittenVolume, temporary: Path) -> None:
     """Signed values as a level set of float; Warp writes grids along the axes only."""
-    step = np.diag(voxels.affine)[:3]
-    if not (step > 0).all() or not np.allclose(voxels.affine[:3, :3], np.diag(step), rtol=0, atol=1e-9 * step.max()):
+    step = np.diag(volume.affine)[:3]
+    if not (step > 0).all() or not np.allclose(volume.affine[:3, :3], np.diag(step), rtol=0, atol=1e-9 * step.max()):
         raise VoxelError("a turned or mirrored grid cannot be written as .nvdb; .npz, .nrrd and .nii can")
-    values = np.array(voxels.values)
-    volume = wp.Volume.load_from_numpy(
-        values, tuple(voxels.affine[:3, 3]), tuple(step), float(np.abs(values).max()), device="cpu"
-    )
-    grid = volume.array().numpy()  # the volume's own memory
+    low, most = tuple(volume.affine[:3, 3]), float(np.abs(volume.signed).max())
+    sparse = wp.Volume.load_from_numpy(volume.signed, low, tuple(step), most, device="cpu")
+    grid = sparse.array().numpy()  # the volume's own memory
     grid[GRID_CLASS : GRID_CLASS + 4].view(np.uint32)[0] = LEVEL_SET
-    volume.save_to_nvdb(str(temporary), codec="zip")
+    sparse.save_to_nvdb(str(temporary), codec="zip")
 
 
-WRITERS: dict[str, Callable[["VoxelObject", Path], None]] = {
+WRITERS: dict[str, Callable[[WrittenVolume, Path], None]] = {
     ".npz": write_npz,
     ".npy": write_npy,
     ".nrrd": write_nrrd,
@@ -282,19 +420,8 @@ WRITERS: dict[str, Callable[["VoxelObject", Path], None]] = {
 }
 
 
-def save_voxels(voxels: "VoxelObject", path: str | Path, *, overwrite: bool = False) -> None:
-    """Write voxels, as placed: .npz, .npy (values only), .nrrd, .nii, .nii.gz, or .nvdb (along the axes only).
-
-    Values that are signed are written as they are, occupancy and labels as 0 and 1. Raises VoxelError for another name,
-    for what the format cannot hold, and for a file that is there unless `overwrite`, which replaces it once the new one
-    is whole.
-
-    >>> from palpate.render import MeshObject, VoxelObject, save_voxels, voxelise
-    >>> save_voxels(voxelise(MeshObject.load("cube"), spacing=0.02), "cube.npz")
-    >>> VoxelObject.load("cube.npz")
-    VoxelObject('cube.npz', 216 voxels inside, 130 x 130 x 130 mm at (0, 0, 0.2) m)
-    """
-    path = Path(path)
+def write_volume(volume: WrittenVolume, path: Path, *, overwrite: bool) -> None:
+    """Write voxels in the format that a file's name ends with; errors as for `save_voxels`."""
     end = next((end for end in WRITERS if path.name.lower().endswith(end)), None)
     if end is None:
         raise VoxelError(f"{path}: voxels are written to {', '.join(WRITERS)}")
@@ -302,7 +429,7 @@ def save_voxels(voxels: "VoxelObject", path: str | Path, *, overwrite: bool = Fa
         raise VoxelError(f"{path}: exists; overwrite=True replaces it")
     try:
         with NewFile(path, end) as new:
-            WRITERS[end](voxels, new.temporary)
+            WRITERS[end](volume, new.temporary)
     except VoxelError as error:
         raise VoxelError(f"{path}: {error}") from error
     except OSError as error:

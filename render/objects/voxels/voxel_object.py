@@ -10,18 +10,27 @@ from typing import Any, Unpack
 import numpy as np
 import warp as wp
 
-from ....kernels.fields.bricked_grid import bricked_field
-from ....kernels.fields.dense_grid import pad_outside
+from ....kernels.fields.bricked_grid import bricked_field, pad_outside
 from ....kernels.fields.field import Field
 from ...device_copies import KeepsDeviceCopies
 from ...errors import VoxelError
 from ...user_warnings import warn_user
 from ...validation import value_text
-from ..mesh.foreign_meshes import IMAGE_HINT
+from ..mesh.files import IMAGE_HINT
 from ..mesh.placement import Placement, PlacementFields, place_text, placement_of, warn_of_place
 from ..mesh.solid_mesh import POOL_KEPT
-from .grid import affine_of, applied, box_around, crossing_points, placed_affine
-from .values import check_inside, rule_of, signed_values, values_of
+from .files import WrittenVolume, read_volume, write_volume
+from .grid import (
+    affine_of,
+    applied,
+    box_around,
+    check_inside,
+    crossing_points,
+    placed_affine,
+    rule_of,
+    signed_values,
+    values_of,
+)
 
 
 class VoxelObject(KeepsDeviceCopies):
@@ -121,8 +130,6 @@ class VoxelObject(KeepsDeviceCopies):
         meaning). The others: see VoxelObject; what is not given is taken from the file.
         Raises VoxelError, with the path, for a file that cannot be read and for what VoxelObject refuses.
         """
-        from .files import read_volume  # imports readers of many formats
-
         if not isinstance(path, str | Path):
             raise VoxelError(f"a volume's path must be text or a Path, not {value_text(path)}")
         path = Path(path)
@@ -222,3 +229,23 @@ class VoxelObject(KeepsDeviceCopies):
             "placement": asdict(self.placement),
             "source": self.source,
         }
+
+
+def save_voxels(voxels: VoxelObject, path: str | Path, *, overwrite: bool = False) -> None:
+    """Write voxels, as placed: .npz, .npy (values only), .nrrd, .nii, .nii.gz, or .nvdb (along the axes only).
+
+    Values that are signed are written as they are, occupancy and labels as 0 and 1. Raises VoxelError for another name,
+    for what the format cannot hold, and for a file that is there unless `overwrite`, which replaces it once the new one
+    is whole.
+
+    >>> from palpate.render import MeshObject, VoxelObject, save_voxels, voxelise
+    >>> save_voxels(voxelise(MeshObject.load("cube"), spacing=0.02), "cube.npz")
+    >>> VoxelObject.load("cube.npz")
+    VoxelObject('cube.npz', 216 voxels inside, 130 x 130 x 130 mm at (0, 0, 0.2) m)
+    """
+    signed = np.array(voxels.values)
+    if voxels.rule.kind in ("occupancy", "label") and not voxels.rule.smooth:  # nothing lies between inside and outside
+        volume = WrittenVolume((signed < 0).astype(np.uint8), "occupancy", voxels.affine, signed)
+    else:
+        volume = WrittenVolume(signed, "distance", voxels.affine, signed)
+    write_volume(volume, Path(path), overwrite=overwrite)

@@ -20,9 +20,8 @@ from ..mesh.bodies import body_labels, resolve_signs, signed_volumes
 from ..mesh.placement import Placement
 from ..mesh.repair import winding_number
 from ..mesh.solid_mesh import MeshObject
-from .grid import LENGTHS, numbers_of
-from .values import PADDED_MOST, is_bounded_number
-from .voxel_object import VoxelObject
+from .grid import LENGTHS, PADDED_MOST, is_bounded_number, numbers_of
+from .voxel_object import VoxelObject, save_voxels
 
 SIGNS = ("auto", "crossings", "parity", "winding")
 SPACING_LARGEST = 0.05  # [m]; a larger spacing is probably meant in millimetres
@@ -271,8 +270,6 @@ def voxelise_file(
     overwrite: bool = False,
 ) -> dict[str, Any]:
     """Voxelise a built-in object or a mesh file into a file of voxels; returns what it says about itself, for JSON."""
-    from .files import save_voxels
-
     mesh = MeshObject.load(source, placement=placement, watch=watch)
     watch("voxels", 0, 1)
     voxels = voxelise(mesh, spacing=spacing, kind=kind, margin=margin, band=band, sign=sign, device=device)

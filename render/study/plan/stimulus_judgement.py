@@ -19,7 +19,7 @@ from ...intersection.named_inputs import load_solid
 from ...intersection.scene import Scene
 from ...live.handle import sampling_at
 from ...live.session import LiveStimulus, Stimulus, opened_frames
-from ...live.sources.live_hands import live_hand
+from ...live.sources.named_sources import live_hand
 from ...objects.mesh.placement import Placement
 from ...objects.solid import Solid
 from ...playback.focal_points import require_duration, sampling_for

@@ -29,7 +29,7 @@ from ...motions.explorations.options import (
 from ...objects.mesh.placement import SIZE_LARGEST, UP_AXES
 from ...objects.mesh.solid_mesh import SOLID_RULES
 from ...objects.voxels.files import UNITS
-from ...objects.voxels.values import KINDS
+from ...objects.voxels.grid import KINDS
 from ...playback.drive import AMPLITUDES, SOLVERS, Driver, DriveStrategy
 from ...playback.placed_arrays import load_rig
 from ...strategies.intersection_strategy import FLUSH_HIGHEST, STEP_HIGHEST, STEP_LOWEST

@@ -185,7 +185,7 @@ def _object(text: str, index: SourceIndex) -> PlanSource:
     kind = "volume" if is_volume(text) else "expression" if text.endswith(".json") else "mesh"
     source = _file(text, index, names, "built-in object", kind)
     if kind == "expression":
-        from ...objects.functions.expression_json import load_expression
+        from ...objects.functions.expression import load_expression
 
         load_expression(source.source)
     return source

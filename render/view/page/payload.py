@@ -11,7 +11,7 @@ from ....device.array import ArrayModel
 from ...contour_batch import ContourBatch
 from ...coordinate_spacing import apart_text
 from ...errors import StrategyError
-from ...hands.hand_look import HandLook
+from ...hands.stored_hand import HandLook
 from ...reports.rendering_labels import hand_text, labels_of, strategy_name_of
 from ...sampling.draw_frequency import pose_frequencies
 from ...sampling.presets import PRESETS

@@ -7,14 +7,12 @@ from typing import Any
 import numpy as np
 
 from ...playback.placed_arrays import PlacedArray
-from ...reports.rendering_labels import labels_of
 from ...terminal.foreign_text import visible
 from ..file_scene import FileScene
 from ..packing import Packer
 from ..page.payload import describe_page, file_names, pack_constants, pack_poses
 from ..pressure_print import PLACES, PressurePrinter, pack_prints
 from ..series import longest_pose, overview_of, steps_in, window_around
-from .noise_levels import predict_levels_apart
 from .page_server import PageRequest, Send
 
 PLOTTED_MOST = 1000
@@ -24,7 +22,7 @@ PLOTTED_MOST = 1000
 class FilesPage:
     """Answers for open files, which stay the caller's; it keeps nothing of a page, so that many can be open at once.
 
-    arrays: shown under each file's hand; pressure and noise are predicted for them. titles: more words on each file.
+    arrays: shown under each file's hand; pressure is predicted for them. titles: more words on each file.
 
     | a page asks | it gets |
     |---|---|
@@ -33,15 +31,13 @@ class FilesPage:
     | series: `poses` | length, draw frequency and tilt of the poses around it |
     | news: `done` | how many poses are done, if that are others than `done` says |
     | pressure: `poses`, `where` | prints of pressure |
-    | noise: `poses` | levels of noise around them |
     """
 
-    slow = frozenset({"noise"})
+    slow = frozenset[str]()
 
     def __init__(self, scenes: Sequence[FileScene], arrays: Sequence[PlacedArray], titles: Sequence[str] = ()) -> None:
         self._scenes, self._arrays, self._titles = list(scenes), tuple(arrays), list(titles)
         self._by_time = all(scene.has_time for scene in scenes)
-        self._labels = labels_of([scene.file for scene in scenes])
 
     def close(self) -> None:
         """Nothing: the files are the caller's."""
@@ -49,7 +45,7 @@ class FilesPage:
     def answer(self, request: PageRequest, send: Send) -> None:
         """Answer one request; raises StrategyError for a request or a value that cannot be."""
         packer = Packer(exact=True)
-        match request.choice("ask", ("open", "moment", "series", "news", "pressure", "noise")):
+        match request.choice("ask", ("open", "moment", "series", "news", "pressure")):
             case "open":
                 described = self._opened(packer)
             case "moment":
@@ -58,12 +54,8 @@ class FilesPage:
                 described = self._series(request.integers("poses", len(self._scenes), self._counts), packer)
             case "news":
                 described = self._news(request, packer)
-            case "pressure":
-                described = self._pressure(request, packer)
             case _:
-                poses = request.integers("poses", len(self._scenes), self._counts)
-                paths = [scene.path for scene in self._scenes]
-                described = {"kind": "noise", **predict_levels_apart(paths, poses, self._labels, self._arrays)}
+                described = self._pressure(request, packer)
         send(described, packer)
 
     @cached_property
@@ -143,8 +135,8 @@ class FilesPage:
     def _series(self, poses: list[int], packer: Packer) -> dict[str, Any]:
         files = []
         for scene, row in zip(self._scenes, poses, strict=True):
-            window = window_around(scene, row, np.inf, PLOTTED_MOST)
-            steps = steps_in(scene, window)
+            window = window_around(scene, row, PLOTTED_MOST)
+            jump, hop = steps_in(scene, window)
             number = np.arange(window.first, window.first + len(window.time), dtype=np.float64)
             files.append(
                 {
@@ -152,8 +144,8 @@ class FilesPage:
                     "length": packer.numbers(window.length, "f4"),
                     "draw_frequency": packer.numbers(window.draw_frequency, "f4"),
                     "tilt": packer.numbers(np.degrees(window.tilt), "f4"),
-                    "jump": packer.numbers(_counts_in(window.time, steps.jump), "u2"),
-                    "hop": packer.numbers(_counts_in(window.time, steps.hop), "u2"),
+                    "jump": packer.numbers(_counts_in(window.time, jump), "u2"),
+                    "hop": packer.numbers(_counts_in(window.time, hop), "u2"),
                     "is_whole": len(window.time) == scene.pose_count,
                 }
             )

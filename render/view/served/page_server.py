@@ -64,7 +64,7 @@ class Conversation(Protocol):
 
     @property
     def slow(self) -> frozenset[str]:
-        """Requests that a process of its own answers: other pages are answered meanwhile."""
+        """Requests whose answer waits for something: other pages are answered meanwhile."""
         ...
 
     def answer(self, request: "PageRequest", send: Send) -> None:

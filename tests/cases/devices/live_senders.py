@@ -37,6 +37,12 @@ def joint_frames(rate, seconds, *, start=500.0, is_left=False):
     ]
 
 
+def datagram_of(frame):
+    """A frame as docs/formats/live-poses.md describes it."""
+    palm = None if frame.pose is None else frame.pose.tolist()
+    return json.dumps({"time": frame.time, "side": frame.side, "id": frame.hand_id, "palm": palm}).encode()
+
+
 def arrivals(frames, rng, *, delay=2e-3, jitter=0.0, loss=0.0, swaps=0.0, offset=-300.0, drift=0.0):
     """(arrival [ns], frame) in order of arrival.
 

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from acceptance_script import answers_of
 from board_file_cases import board_lines, write
 from page_blocks import blocks_of, commands_in
 
@@ -32,7 +31,6 @@ def fill_inputs(folder: Path) -> None:
     (folder / "study.toml").write_text(
         '[object]\nsource = ["cube", "tube"]\n[motion]\nduration = 1.0\nseed = [1, 2, 3, 4]\n'
     )
-    (folder / "answers.txt").write_text("\n".join(answers_of("pat16")) + "\n")
     (folder / "array.json").write_text('{"position": [0, 0, 0], "orientation": [0.70710678, 0, 0, 0.70710678]}')
     (folder / "rig.json").write_text(
         '[{"array": "pat16", "calibration": "left.pat", "pose": [-0.09, 0, 0, 0, 0, 0, 1]},'

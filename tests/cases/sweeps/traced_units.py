@@ -12,14 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from sweep_recipes import explored, hand_of, random_motion, recipe_of, recorded, sampling_of, strategy_of, unit_of
+from sweep_recipes import explored, random_motion, recipe_of, recorded, sampling_of, strategy_of, unit_of
 from sweep_recipes import thing_of as placed
 
 import palpate.render
 from palpate.datasets.motions.motion_file import MotionRows, row_place, write_rows
 from palpate.datasets.recordings.sample import write_sample
-from palpate.render.objects.functions.expression import sphere
-from palpate.render.objects.functions.expression_json import expression_to_json
+from palpate.render.objects.functions.expression import expression_to_json, sphere
 from palpate.render.sampling.presets import PRESETS as SAMPLINGS
 from palpate.render.strategies.intersection_strategy import PRESETS
 from palpate.render.sweeps.make.unit_making import make_unit
@@ -73,10 +72,8 @@ def recipes(folder):
     (folder / "own_stage.py").write_text(STAGE.format("own"))
     own = {"modules": ["own_stage"], "prune": ["outside"], "transform": ["close", "own"]}
     (folder / "own.json").write_text(json.dumps(own))
-    trimesh.creation.box((0.06, 0.08, 0.02)).export(folder / "hand.stl")  # closed, as "overlap" needs it
     for strategy in (*PRESETS, folder / "own.json"):
-        hand = hand_of(folder / "hand.stl") if strategy == "overlap" else "palm"
-        yield recipe_of("dog", hand, short, strategy_of(strategy)), ("contours", "frequency", "poses")
+        yield recipe_of("dog", "palm", short, strategy_of(strategy)), ("contours", "frequency", "poses")
     for hand in ("planes", "skin"):
         yield recipe_of("dog", hand, short, "cc"), ("contours",)
     for name in SAMPLINGS:

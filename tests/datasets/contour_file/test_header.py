@@ -23,9 +23,9 @@ from palpate.datasets.contour_file.writer import ContourWriter
 from palpate.datasets.errors import ContourFileError
 from palpate.datasets.hand_model.shape import hand_shape
 from palpate.datasets.storage.schema import LIVE
-from palpate.render.hands.hand import hand_from
 from palpate.render.hands.mesh_hand import MeshHand
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand
+from palpate.render.hands.stored_hand import hand_from
 
 POSES = 3
 CONTOURS = make_contours(POSES)

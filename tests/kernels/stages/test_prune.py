@@ -5,7 +5,7 @@ import warp as wp
 from transform_cases import a_setting, random_poses
 
 from palpate.kernels.stages.prune import place_patches
-from palpate.render.hands.flat_hand import flat_hand
+from palpate.render.hands.plane_hand import flat_hand
 
 
 def test_placing_again_at_the_identity_changes_nothing(device, rng):

@@ -15,13 +15,14 @@ import pytest
 import trimesh
 from command_line import FAILED, MISUSED, PALPATE, answer, refused, run
 from contour_cases import redigest
+from injected_faults import Fault, FaultKind, inject
 
 from palpate.datasets import ContourFile, HandMotion, check_file, static_pose
 from palpate.datasets.contour_file.blocks import block_files, work_folder
-from palpate.device.boards.emulator.usb_side import EmulatorBackend, Fault, FaultKind
+from palpate.device import EmulatorBackend, open_link
 from palpate.device.clock import VirtualClock
 from palpate.render import record
-from palpate.render.cli import file_commands
+from palpate.render.cli import info_command, render_command
 from palpate.render.playback import file_playback as playback
 
 
@@ -44,7 +45,7 @@ def rendered(motion, tmp_path_factory):
 
 @pytest.mark.exhaustive
 def test_demo_runs_the_main_job_again_and_again(tmp_path):
-    words = ("demo", "--folder", tmp_path / "demo", "--clock", "virtual")
+    words = ("demo", "--out", tmp_path / "demo", "--clock", "virtual")
     answer(*words)
     refused(MISUSED, "--overwrite", *words)  # the folder is not the demonstration's own
     told = answer(*words, "--overwrite")
@@ -105,7 +106,7 @@ def test_options_of_rendering_reach_it_in_its_units(tmp_path, monkeypatch):
         given.update(options)
         return record(*arguments, **options)
 
-    monkeypatch.setattr(file_commands, "record", watched)
+    monkeypatch.setattr(render_command, "record", watched)
     assert run(*words, "--memory", "8", "--gzip", "3").exit_code == 0
     assert (given["memory"], given["gzip"], given["mode"]) == (8_000_000, 3, "create")
     assert run(*words, "--strict", "--overwrite").exit_code == FAILED
@@ -137,7 +138,7 @@ def test_devices_lists_the_emulated_array_without_libusb_too():
 
 
 def test_selftest_plays_a_point_and_a_circle():
-    told = answer("selftest", "--clock", "virtual", "--seconds", "0.2")
+    told = answer("selftest", "--clock", "virtual", "--duration", "0.2")
     assert (told["point_frames"], told["circle_frames"]) == (2000, 2000)
     assert told["point_off_confirmed"]
     assert told["circle_off_confirmed"]
@@ -203,7 +204,7 @@ def test_faults_of_its_own_are_one_sentence_too(rendered, monkeypatch):
     def broken(path):
         raise KeyError("planted")
 
-    monkeypatch.setattr(file_commands, "summarise", broken)
+    monkeypatch.setattr(info_command, "summarise", broken)
     refused(FAILED, "KeyError: 'planted' (unexpected; PALPATE_TRACEBACK=1 shows the traceback)", "info", rendered)
     monkeypatch.setenv("PALPATE_TRACEBACK", "1")
     with pytest.raises(KeyError, match="planted"):
@@ -276,7 +277,7 @@ def test_files_that_are_not_contours_are_refused(rendered, tmp_path):
 
 def test_array_that_disappears_ends_the_playback_with_its_report(rendered, monkeypatch):
     bus = EmulatorBackend(clock=VirtualClock())
-    bus.inject(Fault(FaultKind.UNPLUG, byte=1_000_000))
+    inject(bus, Fault(FaultKind.UNPLUG, byte=1_000_000))
     monkeypatch.setattr(playback, "emulated_backend", lambda name, **options: bus)
     before = rendered.read_bytes()
     result = run("play", rendered, "--clock", "virtual", "--json")
@@ -291,12 +292,11 @@ def test_array_that_disappears_ends_the_playback_with_its_report(rendered, monke
 
 
 def test_second_player_on_the_same_array_is_refused(rendered, monkeypatch):
-    from palpate.device.boards.emulator.link import UsbLink
     from palpate.device.registry import array_model
 
     bus = EmulatorBackend(clock=VirtualClock())
     monkeypatch.setattr(playback, "emulated_backend", lambda name, **options: bus)
-    with UsbLink.open(array_model("emulator"), backend=bus):
+    with open_link(array_model("emulator"), backend=bus):
         refused(FAILED, "in use", "play", rendered, "--clock", "virtual")
 
 
@@ -326,7 +326,7 @@ main()
 """
 
 
-def render_command(path, *more):
+def rendering(path, *more):
     command = ["render", "tube", "exploration", "-o", str(path), "--duration", "5000", "--memory", "8", *more]
     return [sys.executable, "-c", COMMITTING_AT_ONCE, *command, "--json"]
 
@@ -343,7 +343,7 @@ def wait_for_commits(process, path, count):
 @pytest.mark.exhaustive
 def test_interrupted_rendering_says_how_to_go_on(tmp_path):
     path = tmp_path / "stopped.h5"
-    process = subprocess.Popen(render_command(path), stdout=-1, stderr=-1, text=True)
+    process = subprocess.Popen(rendering(path), stdout=-1, stderr=-1, text=True)
     wait_for_commits(process, path, 1)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
@@ -357,8 +357,8 @@ def test_interrupted_rendering_says_how_to_go_on(tmp_path):
 @pytest.mark.exhaustive
 def test_killed_rendering_is_resumed_to_the_same_data(tmp_path):
     killed, whole = tmp_path / "killed.h5", tmp_path / "whole.h5"
-    subprocess.run(render_command(whole), check=True, capture_output=True, timeout=300)
-    process = subprocess.Popen(render_command(killed, "--workers", "2"), stdout=-1, stderr=-1)
+    subprocess.run(rendering(whole), check=True, capture_output=True, timeout=300)
+    process = subprocess.Popen(rendering(killed, "--workers", "2"), stdout=-1, stderr=-1)
     wait_for_commits(process, killed, 2)
     process.kill()
     process.communicate()
@@ -370,7 +370,7 @@ def test_killed_rendering_is_resumed_to_the_same_data(tmp_path):
     assert "still being written, or was interrupted" in " ".join(told.stderr.split())
     assert run("check", killed).exit_code == FAILED
     refused(MISUSED, "not finished", "play", killed)
-    command = render_command(killed, "--resume", "--workers", "1")
+    command = rendering(killed, "--resume", "--workers", "1")
     result = subprocess.run(command, check=True, capture_output=True, timeout=300, text=True)
     assert json.loads(result.stdout)["poses_rendered"] == 450_000 - done
     assert_same_data(killed, whole)

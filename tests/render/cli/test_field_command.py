@@ -5,7 +5,7 @@ import pytest
 from command_line import MISUSED, answer, refused
 
 from palpate.render import HandMotion, Palm, StrategyError, radiation_pressure, render, static_pose
-from palpate.render.cli.field_command import FieldJob
+from palpate.render.cli.contour_options import FieldCommand
 
 
 @pytest.fixture(scope="module")
@@ -86,9 +86,8 @@ def test_a_pair_is_drawn_in_one_picture_and_reported_file_by_file(still, moving,
 
 def test_a_picture_is_not_overwritten_unasked(tmp_path):
     (tmp_path / "there.png").write_bytes(b"")
-    given = dict.fromkeys(FieldJob.__dataclass_fields__) | {"where": "palm", "average": "cycle", "overwrite": False}
     with pytest.raises(StrategyError, match="exists"):
-        FieldJob(**given | {"out": tmp_path / "there.png"})
+        FieldCommand(files=[], out=tmp_path / "there.png").judge()
 
 
 def test_info_has_pressure_when_asked(still):

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 from command_line import MISUSED, answer, refused, run
-from PIL import Image
 
 from palpate.render import MeshObject, exploration, render
 
@@ -50,31 +49,6 @@ def test_a_picture_has_the_times_views_labels_and_array_asked_for(files, tmp_pat
         assert f">{text}<" in content, text
 
 
-@pytest.mark.exhaustive
-def test_an_animated_picture_says_how_long_and_how_large_it_is(files, tmp_path):
-    out = tmp_path / "a.gif"
-    words = (
-        "figure",
-        files[1],
-        "-o",
-        out,
-        "--animate",
-        "--seconds",
-        "0.2:0.6",
-        "--frame-rate",
-        "5",
-        "--width",
-        "300",
-    )
-    told = answer(*words)
-    with Image.open(out) as gif:
-        assert gif.n_frames == told["frames"] == 3
-        assert gif.size[0] == 300
-    assert told["duration"] == pytest.approx(0.6)
-    assert told["bytes"] == out.stat().st_size
-    refused(MISUSED, "exists", *words)
-
-
 MISTAKES = {
     "--times 9": "time 9 s is outside",
     "--times 0.4,x": "--times must be numbers with commas between",
@@ -86,40 +60,15 @@ MISTAKES = {
     "--no-array --array emulator": "--array and --no-array exclude each other",
     "--label one": "--label must be given once for each file: 1 for 2 files",
     "--label one --label one": "two files are named alike",
-    "--seconds 1:2": "--seconds is of an animated picture: add --animate",
     "--width 300": "width must lie in 0.06..0.6 m, not 300.0; lengths are in metres",
     "--width wide": "unknown width 'wide'",
     "--font-size 99": "font size must lie in 4..14 points, not 99",
-    "--animate": "must end in one of .gif",
 }
 
 
 @pytest.mark.parametrize("options", MISTAKES)
 def test_mistakes_are_one_sentence_and_nothing_is_written(files, tmp_path, options):
     refused(MISUSED, MISTAKES[options], "figure", *files[:2], "-o", tmp_path / "a.png", *options.split())
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_gif_without_animate_is_refused_with_the_option(files, tmp_path):
-    refused(MISUSED, "--animate makes a .gif", "figure", *files[:2], "-o", tmp_path / "a.gif")
-
-
-ANIMATED = {
-    "--array pat16": "--array is of a still picture",
-    "--no-array": "--no-array is of a still picture",
-    "--times 1": "--times is of a still picture",
-    "--seconds :3": "time 3 s is outside",
-    "--seconds 1:0.5": "must end after it begins",
-    "--frame-rate 500": "frame rate must lie in 0.5..50 Hz",
-    "--width 9": "width must lie in 240..1280",
-    "--width single": "--width of an animated picture must be a number of pixels, not 'single'",
-    "--font-size 8": "--font-size is of a still picture",
-}
-
-
-@pytest.mark.parametrize("options", ANIMATED)
-def test_mistakes_of_animated_pictures_too(files, tmp_path, options):
-    refused(MISUSED, ANIMATED[options], "figure", files[0], "--animate", "-o", tmp_path / "a.gif", *options.split())
     assert list(tmp_path.iterdir()) == []
 
 

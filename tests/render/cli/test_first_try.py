@@ -9,7 +9,7 @@ from command_line import run
 
 from palpate.datasets.motions.hand_motion import HandMotion
 from palpate.render import ContourFile, ContourFileError, record, render, static_pose
-from palpate.render.cli.view_command import is_preview
+from palpate.render.cli.contour_options import ViewCommand
 from palpate.render.coordinate_spacing import apart_text, joining_place
 from palpate.render.intersection.file_recording import polylines_in
 
@@ -109,5 +109,5 @@ def test_placement_belongs_to_a_preview(tmp_path):
 def test_all_motions_that_render_takes_are_of_a_preview():
     """The suffixes that recordings have by docs/formats/recordings.md, a CSV of poses, and the word."""
     for motion in ("a.csv", "a.json", "a.npz", "a.jsonl", "a.ndjson", "a.json.lz", "exploration"):
-        assert is_preview([Path("cube"), Path(motion)]), motion
-    assert not is_preview([Path("a.h5"), Path("b.h5")])
+        assert ViewCommand(files=[Path("cube"), Path(motion)]).is_preview, motion
+    assert not ViewCommand(files=[Path("a.h5"), Path("b.h5")]).is_preview

@@ -6,7 +6,7 @@ import pytest
 from command_line import run
 
 from palpate.render import render, static_pose
-from palpate.render.cli.noise_command import meaning_of
+from palpate.render.cli.prediction_commands import meaning_of
 
 
 def row(path, dba, low=0.0):

@@ -1,78 +1,83 @@
-"""Options of all commands: the same word means the same, and the page that lists them is what the code has."""
+"""Options of all commands: what every command has, what their fields declare, and which words they know."""
 
-from collections import defaultdict
-from importlib import import_module
-from importlib.util import module_from_spec, spec_from_file_location
-from pathlib import Path
+from dataclasses import fields
 
 import pytest
-from command_line import run
+import typer.main
+from command_line import MISUSED, refused, run
 
-ROOT = Path(__file__).parents[3]
-spec = spec_from_file_location("option_table", ROOT / "docs" / "option_table.py")
-assert spec is not None
-assert spec.loader is not None
-option_table = module_from_spec(spec)
-spec.loader.exec_module(option_table)
-COMMANDS = dict(option_table.commands())
-SEVERAL_MEANINGS = {
-    "--at": "where an object is, or an instant",
-    "--calibration": "devices takes several board files",
-    "--device": "one, several, or only of solvers",
-    "--dry-run": "of a sweep, of pruning, of a study",
-    "--duration": "of an exploration, of a playback, of a stimulus, of a live run",
-    "--kind": "of a volume that is read, of one that is made",
-    "--label": "a part of a volume, or a file in a picture",
-    "--out": "what is written",
-    "--poses": "which of a file, how many of a measurement",
-    "--repeats": "of a playback, of a measurement",
-    "--sampling": "live takes several",
-    "--resume": "a file's poses, or a participant",
-    "--seed": "of an exploration, of simulated studies",
-    "--side": "a recording's hands have ids, a live one is whichever is seen",
-    "--source": "of poses, of noise",
-    "--spacing": "of a volume by axis, of voxels that are made",
-    "--strategy": "bench and live take several",
-    "--strict": "what is warned of",
-    "--workers": "a file, or a sweep",
-    "--pressure": "of a page, or of a sweep",
-    "--view": "where a picture is looked at from, or the page of a live run",
-}
-"""Options whose values are of one kind, and whose help says more than one sentence could for all commands."""
+from palpate.datasets.shapes.built_in import shape_names
+from palpate.device.link import TransportKind
+from palpate.device.registry import array_kinds
+from palpate.render.acoustics.averaged_frames import AVERAGES
+from palpate.render.cli import array_options as arrays
+from palpate.render.cli import contour_options as contours
+from palpate.render.cli import inputs
+from palpate.render.cli.app import app
+from palpate.render.exports.file_export import FORMATS
+from palpate.render.intersection.named_inputs import HANDS
+from palpate.render.objects.voxels.files import UNITS, WRITERS
+from palpate.render.objects.voxels.grid import KINDS
+from palpate.render.objects.voxels.voxeliser import SIGNS
+from palpate.render.playback.drive import AMPLITUDES, SOLVERS
+from palpate.render.playback.file_playback import CLOCKS
+from palpate.render.reports.picture_style import SUFFIXES
+from palpate.render.sampling.presets import PRESETS as SAMPLINGS
+from palpate.render.strategies.intersection_strategy import PRESETS as STRATEGIES
 
 
-def test_the_page_of_options_is_what_the_commands_have():
-    made, stands = option_table.page(), (ROOT / "docs" / "guide" / "options.md").read_text()
-    assert made == stands, "run: python docs/option_table.py"
+def commands():
+    """Every command by its name; `sweep PLAN` is its group's hidden command."""
+    for name, command in typer.main.get_command(app).commands.items():
+        yield from (
+            (f"{name} {part}".strip(), one) for part, one in getattr(command, "commands", {"": command}).items()
+        )
 
 
-def test_an_option_has_one_meaning_or_a_reason_for_several():
-    helps = defaultdict(set)
-    for option in option_table.options():
-        helps[option.names.split(", ")[-1]].add((option.takes, option.help))
-    assert {name for name, texts in helps.items() if len(texts) > 1} == set(SEVERAL_MEANINGS)
+def test_every_command_has_the_same_options_for_output():
+    for name, command in commands():
+        options = {word: option for option in command.params for word in option.opts}
+        assert {"--json", "--quiet", "-q"} <= set(options), name
+        assert "--overwrite" in options or "--out" not in options, name
+        assert ("-o" in options) == ("--out" in options), name
+        valued = [option for word, option in options.items() if word.startswith("--") and not option.is_flag]
+        assert all(option.metavar for option in valued), name  # else the help shows <str>
+        assert all(option.help and option.help.endswith(".") for option in options.values()), name
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_has_the_same_options_for_output(command):
-    options = {name: option for option in COMMANDS[command].params for name in option.opts}
-    assert {"--json", "--quiet", "-q"} <= set(options)
-    assert "--overwrite" in options or "--out" not in options
-    assert ("-o" in options) == ("--out" in options)
-    unnamed = [name for name, option in options.items() if name.startswith("--") and not option.is_flag]
-    assert [name for name in unnamed if not options[name].metavar] == []  # else the help shows <str>
-    assert all(option.help and option.help.endswith(".") for option in options.values())
+def test_names_that_the_command_line_knows_are_those_of_the_packages():
+    """The command line has them once more, since the modules that have what they name import Warp or NumPy."""
+    assert tuple(shape_names()) == inputs.OBJECTS
+    assert tuple(STRATEGIES) == inputs.STRATEGIES
+    assert tuple(SAMPLINGS) == inputs.SAMPLINGS
+    assert inputs.HANDS == HANDS
+    assert {kind.name: kind.aliases for kind in array_kinds()} == inputs.ARRAYS
+    assert tuple(FORMATS) == contours.FORMATS
+    assert tuple(WRITERS) == contours.VOXELS
+    assert SUFFIXES == contours.PICTURES
 
 
-def test_options_of_old_names_work():
-    assert run("selftest", "--clock", "virtual", "--seconds=0.1").exit_code == 0
+@pytest.mark.parametrize(
+    ("command", "option", "known"),
+    [
+        (contours.RenderCommand, "kind", KINDS),
+        (contours.RenderCommand, "unit", UNITS),
+        (contours.VoxeliseCommand, "sign", SIGNS),
+        (contours.FieldCommand, "average", AVERAGES),
+        (arrays.PlayCommand, "amplitude", AMPLITUDES),
+        (arrays.PlayCommand, "solver", SOLVERS),
+        (arrays.PlayCommand, "clock", CLOCKS),
+        (arrays.PlayCommand, "transport", TransportKind.__args__),
+    ],
+    ids=str,
+)
+def test_the_words_of_an_option_are_those_of_what_takes_it(command, option, known):
+    declared = next(field for field in fields(command) if field.name == option)
+    assert declared.metadata["one_of"] == tuple(known)
 
 
-def test_a_value_that_looks_like_an_old_name_is_left_alone():
-    renamed, taking = import_module("palpate.render.cli.options.command_group").renamed, {"-o", "--out"}
-    assert renamed(["-o", "--folder", "--folder=x", "--", "--folder"], {"--folder": "--out"}, taking) == [
-        "-o", "--folder", "--out=x", "--", "--folder"
-    ]  # fmt: skip
+def test_a_wrong_word_of_an_option_suggests_a_known_one():
+    refused(MISUSED, "of monotonic, virtual, not 'virtul' (did you mean 'virtual'?)", "demo", "--clock", "virtul")
 
 
 def test_quiet_leaves_out_warnings_and_keeps_results_and_errors(tmp_path):

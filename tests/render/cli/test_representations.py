@@ -10,8 +10,7 @@ from command_line import FAILED, MISUSED, answer, refused, run
 from palpate.datasets import ContourFile, HandMotion, check_file, load_recording, static_pose
 from palpate.datasets.recordings.sample import write_sample
 from palpate.render import play_file
-from palpate.render.objects.functions.expression import box, sphere
-from palpate.render.objects.functions.expression_json import expression_to_json
+from palpate.render.objects.functions.expression import box, expression_to_json, sphere
 from palpate.render.playback.file_playback import Connection
 
 DOWN = static_pose([0, 0, 0.2]).pose[0, 3:]

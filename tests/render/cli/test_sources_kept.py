@@ -11,7 +11,6 @@ WAYS = {
     "view --export": ["view", "FILE.html", "--export", "FILE.html"],
     "figure": ["figure", "FILE.png", "-o", "FILE.png"],
     "figure of two": ["figure", "OTHER", "FILE.svg", "-o", "FILE.svg"],
-    "figure --animate": ["figure", "FILE.gif", "-o", "FILE.gif", "--animate"],
     "field": ["field", "FILE.png", "-o", "FILE.png"],
     "noise": ["noise", "FILE.png", "-o", "FILE.png"],
     "noise --wav": ["noise", "FILE.wav", "--wav"],

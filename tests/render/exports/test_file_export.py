@@ -11,7 +11,7 @@ from export_cases import mostly_empty
 
 from palpate.datasets import ContourFile, ContourWriter, read_ptlist, static_pose
 from palpate.datasets.errors import ContourFileError
-from palpate.render import MeshObject, exploration, export_file, render
+from palpate.render import exploration, export_file, render
 from palpate.render.errors import PalpateWarning
 from palpate.render.exports.file_export import FORMATS
 
@@ -22,7 +22,6 @@ def desk(tmp_path_factory):
     folder = tmp_path_factory.mktemp("desk")
     render("tube", "palm", exploration("tube", duration=12.0, seed=1), "cc").save(folder / "tube.h5")
     render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save(folder / "cube.h5")
-    render(MeshObject.load("cube", at=(0, 0, 0.55)), "palm", static_pose([0, 0, 0.55]), "cc").save(folder / "high.h5")
     return folder
 
 
@@ -56,17 +55,6 @@ def test_a_point_list_is_as_before_and_by_range(here):
     assert abs(told["points"] - 15_000) <= 112  # a pose lasts 111 samples
 
 
-def test_a_script_is_made_of_a_range(here):
-    told = answer("export", "tube.h5", "-o", "new.py", "--seconds", "4:6", "--overwrite")
-    assert (told["format"], told["refused"]) == ("autd3", 0)
-    assert "10000 focal points a second" in (here / "new.py").read_text()
-
-
-def test_focal_points_out_of_reach_are_warned_of(here):
-    with pytest.warns(PalpateWarning, match="100 of 100 focal points lie where an AUTD3 cannot focus"):
-        assert export_file("high.h5", "new.py", duration=0.01)["refused"] == 100
-
-
 def test_python_takes_numbers_and_tells_the_progress(here):
     seen = []
     told = export_file("tube.h5", "new.csv", poses=(None, 700), every=2, watch=lambda *now: seen.append(now))
@@ -76,7 +64,7 @@ def test_python_takes_numbers_and_tells_the_progress(here):
 
 
 MISTAKES = {
-    "tube.h5 -o new.txt": "end in one of .vtkhdf, .csv, .npz, .ptlist, .py, .bin, or say the format with --to NAME",
+    "tube.h5 -o new.txt": "end in one of .vtkhdf, .csv, .npz, .ptlist, .bin, or say the format with --to NAME",
     "tube.h5 -o new.csv --to npz": "ends in .csv, but --to npz asks for another format",
     "tube.h5 -o new.x --to vtk": "did you mean 'vtkhdf'?",
     "tube.h5 -o new.csv --poses 5:5": "poses 5:5 are none",
@@ -85,11 +73,7 @@ MISTAKES = {
     "tube.h5 -o new.csv --seconds 50:60": "whose times are 0 to 11.9889 s",
     "tube.h5 -o new.csv --scene": "--scene is for vtkhdf, not for csv",
     "tube.h5 -o new.csv --gzip 3": "--gzip is for vtkhdf and npz, not for csv",
-    "tube.h5 -o new.npz --sampling stm": "--sampling is for ptlist, autd3 and focal-points, not for npz",
-    "tube.h5 -o new.py": "but the focus STM of an AUTD3 holds 65535: --seconds 0:6.536 fits",
-    "tube.h5 -o new.py --update-rate 9999": "nearest are 8000 and 10000 Hz",
-    "cube.h5 -o new.py": "say how long to play it with --duration SECONDS",
-    "cube.h5 -o new.py --duration 30": "--duration 6.553 fits",
+    "tube.h5 -o new.npz --sampling stm": "--sampling is for ptlist and focal-points, not for npz",
     "tube.h5 -o nowhere/new.csv": "there is no folder nowhere",
     "tube.h5 -o cube.h5 --to csv": "cube.h5: exists; --overwrite replaces it",
     "tube.h5 -o tube.h5 --to csv --overwrite": "is the file to read",
@@ -108,9 +92,9 @@ def test_a_mistake_is_answered_by_the_way_out_and_leaves_nothing(line, here):
 def test_focal_points_are_no_contours(here):
     export_file("tube.h5", "new.ptlist", seconds="4:5")
     refused(MISUSED, "holds focal points and no contours", "export", "new.ptlist", "-o", "new.csv")
-    refused(MISUSED, "choose them by seconds", "export", "new.ptlist", "-o", "new.py", "--every", "2")
+    refused(MISUSED, "choose them by seconds", "export", "new.ptlist", "-o", "new.bin", "--every", "2")
     points = read_ptlist("new.ptlist")
-    assert answer("export", "new.ptlist", "-o", "new.py")["points"] == len(points.intensity)
+    assert answer("export", "new.ptlist", "-o", "new.bin")["samples"] == len(points.intensity)
 
 
 @pytest.mark.exhaustive

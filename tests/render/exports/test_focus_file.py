@@ -2,10 +2,7 @@
 
 import csv
 import resource
-import signal
 import struct
-import subprocess
-import sys
 import tracemalloc
 
 import numpy as np
@@ -19,7 +16,7 @@ from page_blocks import ROOT, blocks_of
 from palpate.datasets import read_ptlist, write_ptlist
 from palpate.datasets.errors import ContourFileError
 from palpate.render import FocalPoints, exploration, export_file, load_contours, render, static_pose
-from palpate.render.exports.focus_file import FOCUS_WRITERS, write_focus
+from palpate.render.exports.focal_points import FOCUS_WRITERS, write_focus
 from palpate.render.playback.focal_points import PointSource
 
 pytestmark = pytest.mark.exhaustive
@@ -252,29 +249,6 @@ def test_a_full_disk_and_an_interruption_leave_the_old_file_and_no_part_of_the_n
         export_file("cube.h5", out, to=TO, duration=1.0, overwrite=True, watch=interrupt)
     assert out.read_text() == "old"
     assert sorted(here.iterdir()) == before
-
-
-KILLED = """
-import os, signal, sys
-from palpate.render import export_file
-
-def kill(done, total):
-    if done > 20_000:
-        os.kill(os.getpid(), signal.SIGKILL)
-
-export_file("cube.h5", sys.argv[1], to="focal-points", duration=10.0, overwrite=True, watch=kill)
-"""
-
-
-@pytest.mark.parametrize("suffix", FOCUS_WRITERS)
-def test_a_killed_export_leaves_the_old_file(suffix, here):
-    out = here / f"new{suffix}"
-    for content in (None, b"old"):
-        if content is not None:
-            out.write_bytes(content)
-        done = subprocess.run([sys.executable, "-c", KILLED, out], cwd=here, check=False)
-        assert done.returncode == -signal.SIGKILL
-        assert (out.read_bytes() if out.exists() else None) == content
 
 
 def test_the_count_in_the_header_holds_whatever_the_rate_and_the_duration(here):

@@ -24,7 +24,7 @@ from palpate.render import (
     static_pose,
 )
 from palpate.render.exports.pose_choice import choose_poses
-from palpate.render.exports.vtkhdf_file import write_vtkhdf
+from palpate.render.exports.vtkhdf import write_vtkhdf
 
 vtk = pytest.importorskip("vtk", reason="vtk is not installed: nothing to read VTKHDF with")
 from vtk.util.numpy_support import vtk_to_numpy  # noqa: E402

@@ -6,7 +6,7 @@ from export_cases import export_case, quiet
 
 from palpate.render.exports import pose_choice
 from palpate.render.exports.pose_choice import choose_poses
-from palpate.render.exports.vtkhdf_file import write_vtkhdf
+from palpate.render.exports.vtkhdf import write_vtkhdf
 
 LINES = 1  # place of lines among the kinds of cells: vertices, lines, polygons, strips
 

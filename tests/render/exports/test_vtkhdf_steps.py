@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
-from palpate.render.exports.vtkhdf_steps import PolyDataSteps, StepCells
+from palpate.render.exports.vtkhdf import PolyDataSteps, StepCells
 
 vtk = pytest.importorskip("vtk", reason="vtk is not installed: nothing to read VTKHDF with")
 from vtk.util.numpy_support import vtk_to_numpy  # noqa: E402

@@ -1,5 +1,7 @@
 """Arrays held open for a live run: what is refused before a process is started, and what ends a run."""
 
+import os
+import resource
 import threading
 from contextlib import contextmanager
 from types import SimpleNamespace
@@ -11,17 +13,14 @@ from palpate.device.playing.limits import Limits
 from palpate.render import Connection
 from palpate.render.errors import StrategyError
 from palpate.render.live import held_arrays
-from palpate.render.live.held_arrays import HeldArrays
+from palpate.render.live.held_arrays import HeldArrays, Supervisor
 from palpate.render.playback.placed_arrays import arrays_of
 
 REFUSED = {
     "lead of microseconds": ({"lead": 1e-9}, r"lead must lie in 0\.002\.\.0\.1 s .*, not 1e-09"),
-    "lead that is no number": ({"lead": float("nan")}, r"lead must .*0\.002\.\.0\.1 s .*nan"),
-    "lead of a second": ({"lead": 1.0}, r"lead must lie in .*, not 1"),
     "lead of few frames": ({"lead": 0.003, "update_rate": 1000.0}, r"lead must lie in 0\.004\.\.0\.1 s"),
     "rate": ({"update_rate": 20.0}, "update_rate of a live run must be 40 Hz or more, not 20"),
     "virtual clock": ({"connection": Connection(clock="virtual")}, "clock=virtual is not for live runs"),
-    "backend": ({"connection": Connection(backend=object())}, "backend is not for live runs"),
     "watchdog of what is emulated": ({"connection": Connection(watchdog=True)}, "a watchdog is for real arrays"),
 }
 
@@ -62,9 +61,7 @@ class Writer:
 @contextmanager
 def held(monkeypatch, **fields):
     monkeypatch.setattr(held_arrays, "WriterHandle", Writer)
-    watching = SimpleNamespace(
-        __enter__=lambda: None, watch=lambda *_: None, settle=lambda: None, __exit__=lambda: None, error=None
-    )
+    watching = SimpleNamespace(watch=lambda *_: None, settle=lambda: None, close=lambda: None, error=None)
     monkeypatch.setattr(held_arrays, "Supervisor", lambda: watching)
     Writer.end = 0
     yield HeldArrays(arrays_of("emulator"), Connection(), update_rate=10e3, **fields)
@@ -148,3 +145,80 @@ def test_an_array_is_held_open_and_off_at_the_end():
     own.close()
     assert own.outcome["off_confirmed"] is True
     assert threading.active_count() == before
+
+
+@contextmanager
+def supervised(count):
+    """A supervisor, and so many pipes."""
+    made, supervisor = [os.pipe() for _ in range(count)], Supervisor()
+    try:
+        yield supervisor, made
+    finally:
+        supervisor.close()
+        for descriptor in sum(made, ()):
+            os.close(descriptor)
+
+
+def test_a_function_that_raises_is_not_called_again_and_the_others_go_on():
+    with supervised(3) as (supervisor, ((a, to_a), (b, to_b), (c, to_c))):
+        calls, heard = [], []
+
+        def failing():
+            calls.append("raises")
+            raise ValueError("as a user's function may")
+
+        supervisor.watch(a, failing)
+        supervisor.watch(b, lambda: heard.append(os.read(b, 1)))
+        supervisor.watch(c, lambda: calls.append("false") or False)
+        for end in (to_a, to_b, to_c):
+            os.write(end, b"xy")
+        supervisor.settle()
+        os.write(to_b, b"z")
+        supervisor.settle()
+        assert sorted(calls) == ["false", "raises"]
+        assert heard == [b"x", b"y", b"z"]
+        assert isinstance(supervisor.error, ValueError)
+
+
+def test_what_is_forgotten_may_be_closed_at_once():
+    """Its function is not under way any more, and a new descriptor of the same number is another one."""
+    with supervised(1) as (supervisor, ((a, to_a),)):
+        is_reading, goes_on = threading.Event(), threading.Event()
+
+        def slow():
+            is_reading.set()
+            goes_on.wait(5)
+            os.read(a, 1)
+
+        supervisor.watch(a, slow)
+        os.write(to_a, b"x")
+        assert is_reading.wait(5)
+        threading.Timer(0.02, goes_on.set).start()
+        supervisor.forget(a)
+        assert goes_on.is_set()  # it waited
+        for _ in range(50):
+            end, other = os.pipe()
+            supervisor.watch(end, lambda end=end: os.read(end, 1))
+            supervisor.forget(end)
+            os.close(end)
+            os.close(other)
+        assert supervisor.error is None
+
+
+def test_descriptors_above_those_of_select_are_watched():
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if hard < 1200:
+        pytest.skip(f"this process may open {hard} files only")
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, 1200), hard))
+    try:
+        with supervised(1) as (supervisor, ((a, to_a),)):
+            high = os.dup2(a, 1100)
+            heard = []
+            supervisor.watch(high, lambda: heard.append(os.read(high, 1)))
+            os.write(to_a, b"x")
+            supervisor.settle()
+            supervisor.forget(high)
+            os.close(high)
+            assert heard == [b"x"]
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))

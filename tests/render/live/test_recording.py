@@ -12,8 +12,7 @@ from palpate.datasets.contour_file.check import check_file
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.errors import ContourFileError
 from palpate.datasets.focus_files.ptlist import read_ptlist
-from palpate.render import flat_hand, play_file
-from palpate.render.errors import PoseError, StrategyError
+from palpate.render import play_file
 from palpate.render.live.recording import (
     DROPPED,
     EMITTED,
@@ -21,8 +20,6 @@ from palpate.render.live.recording import (
     HELD,
     LiveComparison,
     LiveRecording,
-    event_lines,
-    events_of,
     save_segment,
 )
 from palpate.render.playback.focal_points import open_focal_points
@@ -56,19 +53,6 @@ def test_each_sample_of_a_run_is_given_again_bit_for_bit(run, tmp_path):
     assert check_file(tmp_path / "run.h5") == []
 
 
-@pytest.mark.exhaustive
-def test_an_articulated_hand_is_recorded_with_its_patches_and_given_again(tmp_path):
-    hand, first = flat_hand(), regular(90, 12, 0.004)
-    rest = np.array([patch.pose for patch in hand.patches], np.float32)
-    patch_pose = np.tile(rest, (len(first), 1, 1))
-    patch_pose[:, 1:, 1] += np.linspace(0, 0.01, len(first), dtype=np.float32)[:, None]  # fingers bend away
-    patch_pose[4:7, 3] = np.nan  # a finger that the tracker lost
-    segment = run_live(first, hand=replace(hand, patch_pose=patch_pose[:1]), patch_pose=patch_pose)
-    with LiveRecording(save_segment(tmp_path / "run.h5", segment)) as recording:
-        assert recording.compare().differing == 0
-        np.testing.assert_array_equal(recording.patch_pose, patch_pose, strict=True)
-
-
 def test_everything_of_a_run_is_read_back(tmp_path):
     segment = run_live(regular(90, 6))
     count = len(segment.intensity)
@@ -89,12 +73,6 @@ def test_everything_of_a_run_is_read_back(tmp_path):
     assert (summary["poses_emitted"], summary["seconds_dropped"]) == (3, 1)
     assert summarise(tmp_path / "run.h5")["live"] == summary
     assert EMITTED == 0
-
-
-def test_events_of_odd_words_are_kept():
-    """A file's name that is no UTF-8 comes with half a surrogate pair."""
-    assert events_of(event_lines([(0.5, "told", "cannot open a\udcff.json")])) == [(0.5, "told", "cannot open a?.json")]
-    assert np.isnan(events_of(event_lines([(np.nan, "told", "of no time")]))[0][0])
 
 
 @pytest.mark.parametrize(("name", "sample"), [("position", 77), ("intensity", 80)])
@@ -120,25 +98,6 @@ def test_a_playback_without_a_sampling_draws_what_the_run_drew(tmp_path, run):
     np.testing.assert_array_equal(intensity, segment.intensity, strict=True)
     assert play_file(path, clock="virtual").frames == len(intensity)
     assert play_file(path, sampling="stm", duration=0.01, clock="virtual").frames == 100
-
-
-BAD = {
-    "time": ([0.0, 0.01003, 0.02], "time of poses must begin at 0 s and be those of samples"),
-    "stamp": (np.zeros(2), r"stamp must have shape \[3\], not \[2\]"),
-    "mark": (np.zeros(5, np.uint8), r"mark must have shape \[\d+\], not \[5\]"),
-    "hold": (0.01, "hold must be 0.1 s or more, as sampling has it, not 0.01"),
-    "emission": ("guess", "emission must be board or estimate, not 'guess'"),
-    "patch_pose": (np.zeros((3, 1, 7)), "patch_pose is of a hand of planes, not of Palm"),
-}
-
-
-@pytest.mark.parametrize("name", BAD)
-def test_a_segment_whose_arrays_do_not_fit_is_refused(tmp_path, name):
-    value, sentence = BAD[name]
-    segment = replace(run_live(regular(90, 3)), **{name: value})
-    with pytest.raises((PoseError, StrategyError), match=sentence):
-        save_segment(tmp_path / "run.h5", segment)
-    assert not list(tmp_path.iterdir())
 
 
 def test_another_contour_file_is_no_live_recording_and_a_file_stays_unless_it_may_be_replaced(tmp_path):

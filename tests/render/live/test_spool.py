@@ -1,8 +1,6 @@
 """A live run's files: what was appended is the run, also after kill -9, and a last row that is torn is left out."""
 
-import errno
 import os
-import pickle
 import signal
 import subprocess
 import sys
@@ -14,11 +12,9 @@ import pytest
 from live_cases import regular, run_live
 
 from palpate.datasets.errors import ContourFileError
-from palpate.datasets.storage.durable import FolderLock
 from palpate.render import flat_hand
 from palpate.render.intersection.named_inputs import solid_of
-from palpate.render.live import spool as spool_module
-from palpate.render.live.recording import DROPPED, FADED, LiveRecording, save_segment
+from palpate.render.live.recording import DROPPED, FADED, LiveRecording
 from palpate.render.live.spool import FIELDS, FILES, LiveSpool, finish_spool
 from palpate.render.sampling.strategy import SamplingStrategy
 
@@ -68,7 +64,14 @@ def test_what_was_appended_becomes_the_file_of_the_run_and_the_folder_goes(tmp_p
     spool = spool_of(tmp_path / "spool", segment)
     append(spool, segment)
     with pytest.raises(ContourFileError, match="its live run goes on, or another process finishes it"):
-        finish_spool(tmp_path / "spool", tmp_path / "b.h5", solid=segment.solid)
+        finish_spool(tmp_path / "spool", tmp_path / "b.h5", segment.solid)
+    spool.close()
+    with pytest.raises(ContourFileError, match="the run was of another object, 'tube'"):
+        finish_spool(tmp_path / "spool", tmp_path / "b.h5", solid_of("cube"))
+    (tmp_path / "there.h5").touch()
+    with pytest.raises(ContourFileError, match="exists already"):
+        spool.finish(tmp_path / "there.h5")
+    (tmp_path / "there.h5").unlink()
     assert_same_run(spool.finish(tmp_path / "a.h5"), segment)
     assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
 
@@ -84,7 +87,7 @@ def test_several_foci_and_patches_of_an_articulated_hand_are_kept(tmp_path):
     spool = spool_of(tmp_path / "spool", segment)
     append(spool, segment)
     spool.close()
-    assert_same_run(finish_spool(tmp_path / "spool", tmp_path / "a.h5", trusted=True), segment)
+    assert_same_run(finish_spool(tmp_path / "spool", tmp_path / "a.h5", segment.solid), segment)
 
 
 def test_rows_that_are_torn_are_left_out(tmp_path):
@@ -100,26 +103,7 @@ def test_rows_that_are_torn_are_left_out(tmp_path):
     expected = replace(
         segment, position=segment.position[:last], intensity=segment.intensity[:last], mark=segment.mark[:last]
     )
-    assert_same_run(finish_spool(tmp_path / "spool", tmp_path / "a.h5", solid=segment.solid), expected)
-
-
-def test_a_pickle_is_read_with_consent_only_and_another_object_is_refused(tmp_path):
-    segment, made = marked_run(), tmp_path / "ran"
-    spool = spool_of(tmp_path / "spool", segment)
-    append(spool, segment)
-    spool.close()
-
-    class Evil:
-        def __reduce__(self):
-            return os.mkdir, (str(made),)
-
-    (tmp_path / "spool" / "solid.pickle").write_bytes(pickle.dumps(Evil()))
-    with pytest.raises(ContourFileError, match="give the object itself as solid, or trusted=True"):
-        finish_spool(tmp_path / "spool", tmp_path / "a.h5")
-    with pytest.raises(ContourFileError, match="the run was of another object, 'tube'"):
-        finish_spool(tmp_path / "spool", tmp_path / "a.h5", solid=solid_of("cube"))
-    assert not made.exists()
-    assert finish_spool(tmp_path / "spool", tmp_path / "a.h5", solid=segment.solid) is not None
+    assert_same_run(finish_spool(tmp_path / "spool", tmp_path / "a.h5", segment.solid), expected)
 
 
 def test_a_run_that_drew_nothing_leaves_no_file_and_samples_must_follow_each_other(tmp_path):
@@ -132,29 +116,7 @@ def test_a_run_that_drew_nothing_leaves_no_file_and_samples_must_follow_each_oth
     assert spool.finish(tmp_path / "a.h5") is None
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(ContourFileError, match="is no folder of a live run that can be read"):
-        finish_spool(tmp_path / "spool", tmp_path / "a.h5")
-
-
-def test_a_description_that_cannot_be_written_leaves_no_file_open(tmp_path, monkeypatch):
-    def full(path, *content):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    segment, before = marked_run(), len(os.listdir("/proc/self/fd"))
-    monkeypatch.setattr(spool_module, "write_file", full)
-    with pytest.raises(ContourFileError, match="No space left on device"):
-        spool_of(tmp_path / "spool", segment)
-    assert len(os.listdir("/proc/self/fd")) == before
-    assert not FolderLock.is_held(tmp_path / "spool")
-
-
-def test_a_file_that_is_in_the_way_leaves_the_folder_whole(tmp_path):
-    segment = replace(marked_run(), gain=None)
-    save_segment(tmp_path / "a.h5", segment)
-    spool = spool_of(tmp_path / "spool", segment)
-    append(spool, segment)
-    with pytest.raises(ContourFileError, match="exists already"):
-        spool.finish(tmp_path / "a.h5")
-    assert finish_spool(tmp_path / "spool", tmp_path / "b.h5", solid=segment.solid) == tmp_path / "b.h5"
+        finish_spool(tmp_path / "spool", tmp_path / "a.h5", segment.solid)
 
 
 KILLED = """
@@ -177,7 +139,7 @@ def test_a_run_that_is_killed_keeps_all_that_was_appended(tmp_path):
         assert process.stdout.readline() == b"appended\n"
         process.send_signal(signal.SIGKILL)
         process.wait()
-    assert_same_run(finish_spool(tmp_path / "spool", tmp_path / "a.h5", trusted=True), marked_run())
+    assert_same_run(finish_spool(tmp_path / "spool", tmp_path / "a.h5", solid_of("tube")), marked_run())
 
 
 def test_files_are_brought_to_the_disk_off_the_thread_and_at_most_once_a_second(tmp_path, monkeypatch):

@@ -15,7 +15,7 @@ from sampling_cases import random_motion, random_motions, random_strategy, with_
 from palpate.render import MeshObject, Palm, Scene, exploration, render
 from palpate.render.contour_batch import join_batches
 from palpate.render.errors import StrategyError
-from palpate.render.hands.flat_hand import flat_hand
+from palpate.render.hands.plane_hand import flat_hand
 from palpate.render.sampling.metrics import SamplingCount
 from palpate.render.sampling.presets import PRESETS, preset
 from palpate.render.sampling.sampler import joined, sample_motions

@@ -2,7 +2,7 @@
 
 import pytest
 
-from palpate.render.cli.options.sweep import PLAN_KEYS
+from palpate.render.cli.command_group import PLAN_KEYS
 from palpate.render.terminal.wording import Wording
 
 RENDER = Wording(["fit", "at", "up", "overwrite", "resume", "fill_holes", "strategy"], ["duration", "emulate"])

@@ -8,8 +8,7 @@ import re
 import numpy as np
 
 from ....errors import MeshError
-from .plain_text import numbers_of, plain_text, shown, wrong_line
-from .polygons import FileMesh, polygon_triangles
+from .polygons import FileMesh, numbers_of, plain_text, polygon_triangles, shown, wrong_line
 
 _CONTINUED = re.compile(rb"\\[ \t]*\n")
 _CONTINUED_LINES = re.compile(rb"^[ \t]*(?:v|fo?)[ \t](?:[^\n]*\\[ \t]*\n)+", re.MULTILINE)  # no name that ends in \

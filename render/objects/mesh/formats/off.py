@@ -5,8 +5,7 @@ import re
 import numpy as np
 
 from ....errors import MeshError
-from .plain_text import numbers_of, plain_text, wrong_line
-from .polygons import FileMesh, polygon_triangles, require_corners
+from .polygons import FileMesh, numbers_of, plain_text, polygon_triangles, require_corners, wrong_line
 
 _HEADER = re.compile(rb"\s*(ST)?C?N?(4?n?)OFF\b[ \t]*(BINARY\b)?")
 

@@ -12,8 +12,7 @@ import numpy as np
 
 from .....datasets.bounded_file import require_bytes
 from ....errors import MeshError
-from .plain_text import numbers_of, plain_text, shown
-from .polygons import FileMesh, polygon_triangles, require_corners, strip_triangles
+from .polygons import FileMesh, numbers_of, plain_text, polygon_triangles, require_corners, shown, strip_triangles
 
 _TYPES = {
     "char": "i1",

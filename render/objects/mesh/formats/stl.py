@@ -6,8 +6,7 @@ import struct
 import numpy as np
 
 from ....errors import MeshError
-from .plain_text import numbers_of, plain_text
-from .polygons import FileMesh
+from .polygons import FileMesh, numbers_of, plain_text
 
 _BEGIN = 84  # bytes before the first triangle of the binary form: a header, and the count of triangles
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])

@@ -7,21 +7,21 @@ import pytest
 
 from palpate.datasets import Y_UP, load_recording, write_sample
 from palpate.datasets.errors import RecordingError
-from palpate.render import MeshObject, PlaneHand, exploration
+from palpate.datasets.recordings.sample import sample_recording
+from palpate.render import HandPatch, MeshObject, Palm, PlaneHand, exploration, flat_hand
 from palpate.render.errors import StrategyError, UntrustedCodeError
-from palpate.render.live.sources.live_hands import live_hand
-from palpate.render.live.sources.named_sources import settings_and_hand, source_of
+from palpate.render.intersection.named_inputs import own_skin
+from palpate.render.live.sources.named_sources import live_hand, patch_layout, settings_and_hand, source_of
 from palpate.render.live.sources.replay import ReplaySource
 from palpate.render.live.sources.udp import UdpSource
 from palpate.render.live.sources.ultraleap import UltraleapSource
 
 CUBE = MeshObject.load("cube")
-SHORT = {"duration": 0.5, "seed": 4, "model": None}
 
 
-def test_an_exploration_is_the_object_s_own_with_its_options():
-    chosen = source_of("Exploration", CUBE, options=SHORT, loops=True)
-    assert np.array_equal(chosen.source.pose, exploration("cube", duration=0.5, seed=4).pose)
+def test_an_exploration_is_the_object_s_own_again_and_again():
+    chosen = source_of("Exploration", CUBE)
+    assert np.array_equal(chosen.source.pose, exploration("cube").pose)
     assert chosen.source.loops
     assert chosen.is_aligned
 
@@ -36,6 +36,8 @@ def test_a_motion_and_a_recording_are_files(tmp_path):
     assert np.array_equal(chosen.source.pose, load_recording(recording, alignment=Y_UP).skin_pose())
     with pytest.raises(RecordingError, match="no hand 'left'"):
         source_of(str(recording), CUBE, side="left")
+    with pytest.raises(StrategyError, match="--alignment is of a tracker, which exploration is not"):
+        source_of("exploration", CUBE, alignment="y-up")
 
 
 def test_trackers_have_names_and_addresses():
@@ -70,20 +72,6 @@ def test_a_text_that_names_no_source_is_refused(text, reason):
         source_of(text, CUBE, allow_code=True)
 
 
-@pytest.mark.parametrize(
-    ("text", "given", "reason"),
-    [
-        ("exploration", {"alignment": "y-up"}, "--alignment is of a tracker, which exploration is not"),
-        ("exploration", {"side": "left"}, "--side is of a tracker"),
-        ("udp", {"options": {"seed": 1}}, "--seed is of a synthetic exploration, which udp is not"),
-        ("ultraleap", {"options": {"rate": 90.0}}, "--rate is of a synthetic exploration"),
-    ],
-)
-def test_options_of_other_sources_are_refused(text, given, reason):
-    with pytest.raises(StrategyError, match=reason):
-        source_of(text, CUBE, **given)
-
-
 def test_settings_and_hand_fit_each_other(tmp_path):
     settings, hand = settings_and_hand("udp", "planes", CUBE, side="left", alignment="y-up", realtime=True)
     assert settings.patches.names == tuple(patch.name for patch in hand.patches)
@@ -95,3 +83,41 @@ def test_settings_and_hand_fit_each_other(tmp_path):
     assert (settings.side, settings.alignment) == ("any", None)
     assert isinstance(hand, PlaneHand)
     assert hand.patches != live_hand("planes").patches
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_planes_are_palm_and_phalanges_of_an_open_hand_of_the_side(side):
+    hand = live_hand("planes", is_left=side == "left")
+    names = [patch.name for patch in hand.patches]
+    assert (len(names), names[0], names[-1]) == (15, "palm", "little-distal")
+    across = hand.patch_pose[0, names.index("little-distal"), 0] - hand.patch_pose[0, names.index("index-distal"), 0]
+    assert (across > 0) == (side == "right")
+    breadth = hand.patches[0].width
+    assert 0.07 < breadth < 0.1
+
+
+def test_the_layout_has_names_and_places_of_articulated_patches_alone():
+    assert patch_layout(Palm()) is None
+    assert patch_layout(flat_hand()) is None
+    hand = live_hand("planes")
+    layout = patch_layout(hand)
+    assert layout.names == tuple(patch.name for patch in hand.patches)
+    assert np.array_equal(layout.rest, hand.patch_pose[0])
+
+
+def test_a_patch_that_the_first_pose_lacks_rests_where_a_later_one_has_it():
+    pose = np.zeros((2, 2, 7))
+    pose[..., 6] = 1.0
+    pose[1, 1, 0] = 0.05
+    pose[0, 1] = np.nan
+    layout = patch_layout(PlaneHand((HandPatch("palm", 0.08, 0.1), HandPatch("index-distal", 0.02, 0.02)), (), pose))
+    assert np.allclose(layout.rest[1], pose[1, 1])
+
+
+def test_hands_that_cannot_be_live_are_refused():
+    with pytest.raises(StrategyError, match="has a shape for each pose of its motion"):
+        live_hand(own_skin(sample_recording(frame_count=3).transformed(Y_UP)))
+    with pytest.raises(StrategyError, match="patch 'nose' lies under no bone"):
+        patch_layout(PlaneHand((HandPatch("nose", 0.02, 0.02),), (), np.array([[[0, 0, 0, 0, 0, 0, 1.0]]])))
+    with pytest.raises(StrategyError, match="hand must be"):
+        live_hand("plains")

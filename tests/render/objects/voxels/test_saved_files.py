@@ -13,7 +13,7 @@ from disk_faults import stood_in_for
 from voxel_cases import balled, skipped_unless
 
 from palpate.render.errors import VoxelError
-from palpate.render.objects.voxels.files import save_voxels
+from palpate.render.objects.voxels.voxel_object import save_voxels
 
 FORMATS = {".npz": None, ".npy": None, ".nrrd": "nrrd", ".nii": "nibabel", ".nii.gz": "nibabel", ".nvdb": None}
 OLD = b"what was there before"

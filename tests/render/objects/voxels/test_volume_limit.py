@@ -11,7 +11,7 @@ import warp as wp
 from palpate.render import MeshObject
 from palpate.render.errors import VoxelError
 from palpate.render.objects.voxels.files import read_volume
-from palpate.render.objects.voxels.values import PADDED_MOST, require_room
+from palpate.render.objects.voxels.grid import PADDED_MOST, require_room
 from palpate.render.objects.voxels.voxel_object import VoxelObject
 from palpate.render.objects.voxels.voxeliser import voxelise
 
@@ -74,7 +74,7 @@ def test_a_file_is_refused_by_its_header(tmp_path, ending):
 
 
 def test_the_layer_around_counts(monkeypatch):
-    monkeypatch.setattr("palpate.render.objects.voxels.values.PADDED_MOST", 12**3)
+    monkeypatch.setattr("palpate.render.objects.voxels.grid.PADDED_MOST", 12**3)
     monkeypatch.setattr("palpate.render.objects.voxels.voxeliser.PADDED_MOST", 12**3)
     ball = np.linalg.norm(np.indices((10, 10, 10)).T - 4.5, axis=3) - 3
     assert VoxelObject(ball, spacing=0.01, origin=(0, 0, 0.1), kind="distance").outline_mesh()[1].size

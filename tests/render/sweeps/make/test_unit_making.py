@@ -30,8 +30,7 @@ from palpate.kernels.metrics.random_pose import random_poses
 from palpate.render import render
 from palpate.render.errors import PalpateWarning, StrategyError
 from palpate.render.intersection.named_inputs import load_hand, load_hand_and_motion, load_solid
-from palpate.render.objects.functions.expression import sphere
-from palpate.render.objects.functions.expression_json import expression_to_json
+from palpate.render.objects.functions.expression import expression_to_json, sphere
 from palpate.render.objects.mesh.placement import Placement
 from palpate.render.strategies.intersection_strategy import load_strategy
 from palpate.render.sweeps.make import unit_making

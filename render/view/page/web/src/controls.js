@@ -119,7 +119,7 @@ export function layerSwitches(recordings, poses, stage) {
     if (colour) mark.style.setProperty("--colour", colour);
     return element("label", { title: `Key ${shown.indexOf(name) + 1}` }, box, mark, name);
   });
-  const more = poses.setPressure ? [pressureChoice(poses), noiseButton(poses)] : [];
+  const more = poses.setPressure ? [pressureChoice(poses)] : [];
   return element("fieldset", { class: "layers" }, element("legend", {}, "Show"), ...boxes, ...more);
 }
 
@@ -128,17 +128,6 @@ function pressureChoice(poses) {
   const choice = element("select", { id: "pressure" }, ...Object.entries(places).map(([value, text]) => element("option", { value }, text)));
   choice.addEventListener("change", () => poses.setPressure(choice.value || null));
   return element("label", { title: "Predicted mean radiation pressure of one draw cycle" }, "pressure", choice);
-}
-
-export function noiseButton(poses) {
-  const words = "Predicts how loud the four seconds around this moment are";
-  const button = element("button", { id: "noise", type: "button", title: words }, "Predict noise");
-  button.addEventListener("click", async () => {
-    [button.disabled, button.textContent] = [true, "Predicting noise …"];
-    await poses.noise();
-    [button.disabled, button.textContent] = [false, "Predict noise"];
-  });
-  return button;
 }
 
 // Layers that something shown now, or later, can be in.

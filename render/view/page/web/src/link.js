@@ -19,17 +19,8 @@ export class Link {
     this.opened = new Promise((done) => (this.socket.onopen = done));
   }
 
-  // Another connection, for what takes long, that shows what this one does.
-  async twin() {
-    const twin = new Link(() => {});
-    await twin.opened;
-    await twin.ask(this.first);
-    return twin;
-  }
-
   // The answer to a request; answers come in the order of their requests.
   ask(request, onProgress = () => {}) {
-    this.first ??= request;
     return new Promise((done, refuse) => {
       if (this.socket.readyState !== WebSocket.OPEN) return refuse(new Error(this.ended));
       this.waiting.push({ done, refuse, onProgress });

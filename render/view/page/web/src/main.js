@@ -91,10 +91,7 @@ function buildScene(page, recordings, poses, clock, focus, scene, side) {
   const readouts = new controls.Readouts(scene, recordings);
   const stage = makeStage(scene, recordings, page);
   if (stage) side.prepend(controls.layerSwitches(recordings, poses, stage));
-  else {
-    legend.host.remove();
-    if (poses.noise) side.prepend(controls.noiseButton(poses));
-  }
+  else legend.host.remove();
   controls.listenToKeys(clock, stage);
   clock.onChange(() => {
     readouts.show();

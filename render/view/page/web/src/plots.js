@@ -15,7 +15,6 @@ const PLOTS = [
   { name: "tilt", title: "Tilt of the palm", unit: "°", factor: 1, digits: 1 },
 ];
 const OVERVIEW = { name: "overview", title: "Whole recording: longest contours", unit: "mm", factor: 1000 };
-const NOISE = { name: "noise", title: "Predicted noise", unit: "dB(A)", factor: 1 };
 const AXIS = { stroke: "#6b7280", font: "11px system-ui, sans-serif", ticks: { show: false }, border: { show: false } };
 const GRID = { stroke: "#e8eaed", width: 1 };
 
@@ -41,7 +40,7 @@ export class Plots {
     chart.over.append(cursor);
     this.listen(chart, plot);
     this.watcher.observe(area);
-    const line = { chart, area, cursor, values, plot, caption: title.firstChild };
+    const line = { chart, area, cursor, values, plot };
     this.lines.push(line);
     return line;
   }
@@ -55,7 +54,7 @@ export class Plots {
       padding: [6, 8, 0, 0],
       scales: {
         x: { time: false, range: (_, low, high) => (low === high ? [low - 1, low + 1] : [low, high]) },
-        y: plot.logarithmic ? { distr: 3, range: decades } : { range: plot === NOISE ? undefined : fromZero },
+        y: plot.logarithmic ? { distr: 3, range: decades } : { range: fromZero },
       },
       axes: [
         { ...AXIS, grid: GRID, size: 24, gap: 5, space: 60, values: (_, splits) => splits.map((value) => this.clockText(value)) },
@@ -100,14 +99,6 @@ export class Plots {
     this.draw(line, files.map(({ time, length }) => ({ clock: time, overview: length })));
   }
 
-  // files: level over the clock; text: what they come to.
-  fillNoise({ files, text }) {
-    const line = this.lines.find(({ plot }) => plot === NOISE) ?? this.addPlot(NOISE);
-    this.draw(line, files.map(({ clock, level }) => ({ clock, noise: level })));
-    line.caption.textContent = `${NOISE.title}: ${text}`;
-    line.area.parentElement.scrollIntoView({ block: "nearest" });
-  }
-
   // Poses whose focal point jumps or hops, as ticks along the plot's lower edge.
   markSteps(chart) {
     const { ctx, bbox } = chart;
@@ -135,7 +126,7 @@ export class Plots {
     });
     chart.over.addEventListener("pointermove", (event) => {
       if (event.buttons & 1) this.clock.seek(timeAt(event));
-      showTooltip(event.buttons || plot === NOISE ? "" : this.wordsAt(timeAt(event), plot, chart), event);
+      showTooltip(event.buttons ? "" : this.wordsAt(timeAt(event), plot, chart), event);
     });
     chart.over.addEventListener("pointerleave", (event) => showTooltip("", event));
   }

@@ -118,16 +118,6 @@ export class ServedPoses {
     this.onFound({ at: this.poses[this.leading] });
   }
 
-  // A prediction takes seconds: another connection waits for it.
-  async noise() {
-    try {
-      this.twin ??= await this.link.twin();
-      this.plots.fillNoise(await this.twin.ask({ ask: "noise", poses: this.poses }));
-    } catch (error) {
-      this.show.message(error.message, true);
-    }
-  }
-
   look() {
     this.looked = 0;
     this.ask({ ask: "news", done: this.news.done }, (answer) => {

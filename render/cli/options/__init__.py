@@ -1,1 +1,0 @@
-"""The options of commands: of one each, and those that several share."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 # Poses to contours of a mesh on patches.
 RENDER_STAGES = (
-    "flush",
+    "patch",
     "section.scan",
     "section.clip",
     "section.tree",
@@ -21,7 +21,7 @@ RENDER_STAGES = (
     "section.join",
     "section.draw",
     "section.loops",
-    "metrics.measure",
+    "contours",
 )
 FIELD_STAGES = (
     "march.sample",
@@ -41,7 +41,6 @@ POINT_STAGES = (
     "tours.tour",
 )  # to paths through points
 FOLLOWING_STAGES = (
-    "contours",
     "stages.cut",
     "stages.insertion",
     "stages.joint",
@@ -65,9 +64,7 @@ MOTION_STAGES = ("metrics.contour_shift", "motions.halving")  # from pose to pos
 OBJECT_STAGES = ("solids.crossing", "solids.nesting", "solids.voxelise")  # what is made of objects before
 EXPLORATION_STAGES = ("motions.over_array", "motions.around")  # synthetic motions, over an array and around objects
 SWEEP_STAGES = (
-    "metrics.facing",
     "metrics.random_pose",
-    "metrics.histogram",
     "metrics.tally",
 )  # random poses, and sums over poses
 FOCUS_STAGES = (

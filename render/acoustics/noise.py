@@ -14,8 +14,7 @@ import warp as wp
 
 from ...datasets.rigid import rotate
 from ...device.array import ArrayModel
-from ...kernels.acoustics.late_power import split_lags, sum_late_power
-from ...kernels.acoustics.propagation import DEPTH, ROWS, propagate_signals, wave_rows
+from ...kernels.acoustics.propagation import DEPTH, ROWS, propagate_signals, split_lags, sum_late_power, wave_rows
 from ...kernels.acoustics.resonance import DeviceFrames, emit_frames
 from ..errors import StrategyError
 from ..focal_spot import SOUND_SPEED

@@ -12,10 +12,16 @@ import warp as wp
 
 from ...kernels.contours import with_columns
 from ...kernels.skin.sign import Posed
-from ...kernels.tours.contact import inside_vertices, list_nodes
-from ...kernels.tours.nodes import Nodes, inside_nodes, nodes_of_pose, outlined_nodes, thin_nodes
-from ...kernels.tours.thinning import POINTS_MOST, TooManyPointsError, separation_that_fits, thin_points
-from ...kernels.tours.tour import tour_points
+from ...kernels.tours.nodes import (
+    Nodes,
+    inside_nodes,
+    inside_vertices,
+    list_nodes,
+    nodes_of_pose,
+    outlined_nodes,
+    thin_nodes,
+)
+from ...kernels.tours.tour import POINTS_MOST, TooManyPointsError, separation_that_fits, thin_points, tour_points
 from ..errors import MeshError, StrategyError
 from ..hands.hand import Hand, PatchHand
 from ..objects.mesh.solid_mesh import MeshObject

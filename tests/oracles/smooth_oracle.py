@@ -1,4 +1,4 @@
-"""Chaikin's corner cutting and Laplace's smoothing in NumPy, polyline by polyline."""
+"""Chaikin's corner cutting in NumPy, polyline by polyline."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -7,10 +7,10 @@ import numpy as np
 from polyline_oracle import without_repeats
 
 
-def smooth(batch, *, method, rounds, reach=0.01, strength=0.5):
+def smooth(batch, *, rounds, reach=0.01):
     """A batch as the stage "smooth" leaves it."""
     for _ in range(rounds):
-        batch = cut_corners(batch, reach) if method == "chaikin" else relaxed(batch, strength)
+        batch = cut_corners(batch, reach)
     return without_repeats(batch)
 
 
@@ -53,19 +53,3 @@ def cut_line(own, closed, reach):
         out = {name: np.concatenate([values, values[:1]]) for name, values in out.items()}
         out["kind"][-1] = out["kind"][-2]
     return out
-
-
-def relaxed(batch, strength):
-    """Every vertex but open ends moved towards the middle of its neighbours."""
-    points = batch.points.copy()
-    for k, (a, b) in enumerate(pairwise(batch.polyline_start.tolist())):
-        if b - a < 2:
-            continue
-        p = batch.points[a:b].astype(np.float64)
-        ends = (p[-2:-1], p[1:2]) if batch.polyline_closed[k] else (p[:1], p[-1:])
-        before, after = np.concatenate([ends[0], p[:-1]]), np.concatenate([p[1:], ends[1]])
-        moved = (p + strength * (0.5 * (before + after) - p)).astype(np.float32)
-        if not batch.polyline_closed[k]:
-            moved[[0, -1]] = batch.points[[a, b - 1]]
-        points[a:b] = moved
-    return replace(batch, points=points)

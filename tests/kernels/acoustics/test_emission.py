@@ -7,8 +7,15 @@ import numpy as np
 import pytest
 import warp as wp
 
-from palpate.kernels.acoustics.late_power import split_lags, sum_late_power
-from palpate.kernels.acoustics.propagation import COLUMNS, DEPTH, ROWS, propagate_signals, wave_rows
+from palpate.kernels.acoustics.propagation import (
+    COLUMNS,
+    DEPTH,
+    ROWS,
+    propagate_signals,
+    split_lags,
+    sum_late_power,
+    wave_rows,
+)
 from palpate.kernels.acoustics.resonance import CHUNK, DeviceFrames, emit_frames
 
 CARRIER = 40_000.0

@@ -9,8 +9,7 @@ from stage_cases import assert_limited
 
 from palpate.kernels.section.edge_pairing import OPEN, twins_of
 from palpate.kernels.skin.curves import list_curves
-from palpate.kernels.skin.edges import SkinEdges, upload_skin
-from palpate.kernels.skin.refine import refine_faces
+from palpate.kernels.skin.edges import SkinEdges, refine_faces, upload_skin
 from palpate.render.contour_batch import join_batches
 from palpate.render.hands.mesh_hand import MeshHand
 

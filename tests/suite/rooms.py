@@ -30,7 +30,6 @@ BY_TEXT = {
             "render/cli/options/command_group.py",
             "render/objects/voxels/files.py",
             "render/stages/registry.py",
-            "render/strategies/intersection_strategy.py",
             "render/trust/user_code.py",
         ),
         (),

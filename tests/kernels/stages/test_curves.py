@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from contour_random import random_batch
-from polyline_oracle import without_repeats
-from smooth_oracle import smooth
+from polyline_oracle import smooth, without_repeats
 from stage_cases import assert_limited, stage_batches, stage_result
 from transform_cases import assert_equal, assert_valid
 

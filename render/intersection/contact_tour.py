@@ -196,8 +196,8 @@ def toured(point: wp.array, start: wp.array, *, closes: bool, patch_count: int) 
     """
     tours = tour_points(point, start, closes=closes)
     if tours.single_count:
-        message = f"contact: at {tours.single_count} of {start.shape[0] - 1} poses a single point touches, which has no length"
-        warn_user(message)
+        poses = start.shape[0] - 1
+        warn_user(f"contact: at {tours.single_count} of {poses} poses a single point touches, which has no length")
     if patch_count == 1:
         return tours.contours
     pose_start = tours.contours.pose_start.numpy()

@@ -35,9 +35,7 @@ FIELD_STAGES = (
     "stages.move",
 )  # of others
 POINT_STAGES = (
-    "tours.contact",
     "tours.nodes",
-    "tours.thinning",
     "tours.tour",
 )  # to paths through points
 FOLLOWING_STAGES = (
@@ -49,15 +47,13 @@ FOLLOWING_STAGES = (
     "stages.prune_crowded",
     "stages.prune_hidden",
     "stages.regions",
-    "stages.simplify",
-    "stages.smooth",
+    "stages.curves",
     "solids.nearest",
 )
 EMPHASIS_STAGES = ("emphasis.corners", "emphasis.edges", "emphasis.depth")  # strong and weak
 FILLING_STAGES = (
     "fillings.hatch",
     "fillings.inset",
-    "fillings.inset_edges",
     "fillings.inset_pieces",
 )  # of what contours enclose
 MOTION_STAGES = ("metrics.contour_shift", "motions.halving")  # from pose to pose
@@ -83,7 +79,6 @@ DRIVE_STAGES = (*BYTE_STAGES, "driving.solve", "driving.slew", "driving.foci")  
 ACOUSTIC_STAGES = (
     "acoustics.resonance",
     "acoustics.propagation",
-    "acoustics.late_power",
     "acoustics.pressure_sum",
 )  # phases to what is felt and heard
 STAGES = (

@@ -12,10 +12,16 @@ import warp as wp
 
 from ...kernels.contours import with_columns
 from ...kernels.skin.sign import Posed
-from ...kernels.tours.contact import inside_vertices, list_nodes
-from ...kernels.tours.nodes import Nodes, inside_nodes, nodes_of_pose, outlined_nodes, thin_nodes
-from ...kernels.tours.thinning import POINTS_MOST, TooManyPointsError, separation_that_fits, thin_points
-from ...kernels.tours.tour import tour_points
+from ...kernels.tours.nodes import (
+    Nodes,
+    inside_nodes,
+    inside_vertices,
+    list_nodes,
+    nodes_of_pose,
+    outlined_nodes,
+    thin_nodes,
+)
+from ...kernels.tours.tour import POINTS_MOST, TooManyPointsError, separation_that_fits, thin_points, tour_points
 from ..errors import MeshError, StrategyError
 from ..hands.hand import Hand, PatchHand
 from ..objects.mesh.solid_mesh import MeshObject
@@ -76,11 +82,10 @@ def contact_contours(
         raise StrategyError(f"contact: {error}") from error
 
 
-def require_length(name: str, value: Any, least: float = 0.0) -> None:
-    """Raise StrategyError unless a value is a positive, finite length of at least `least` [m]."""
-    if not is_number(value) or not 0.0 < value <= LARGEST or value < least:
-        bound = f"at least {least:g} m" if least else "a positive length in metres"
-        raise StrategyError(f"{name} must be {bound}, not {number_text(value)}")
+def require_length(name: str, value: Any) -> None:
+    """Raise StrategyError unless a value is a positive, finite length [m]."""
+    if not is_number(value) or not 0.0 < value <= LARGEST:
+        raise StrategyError(f"{name} must be a positive length in metres, not {number_text(value)}")
 
 
 def is_outlined(solid: Solid) -> bool:
@@ -191,8 +196,8 @@ def toured(point: wp.array, start: wp.array, *, closes: bool, patch_count: int) 
     """
     tours = tour_points(point, start, closes=closes)
     if tours.single_count:
-        poses = f"{tours.single_count} of {start.shape[0] - 1} poses"
-        warn_user(f"contact: at {poses} a single point touches, which has no length")
+        poses = start.shape[0] - 1
+        warn_user(f"contact: at {tours.single_count} of {poses} poses a single point touches, which has no length")
     if patch_count == 1:
         return tours.contours
     pose_start = tours.contours.pose_start.numpy()

@@ -188,13 +188,9 @@ def checked_hand(name: str, vertices: np.ndarray, faces: np.ndarray, glabrous: n
     if not glabrous.any():
         raise MeshError(f"{name}: the glabrous region has no triangle: curves are drawn on it alone")
     require_manifold(name, faces, welded_from)
-    twin = twins_of(faces)
-    if (
-        not (twin == OPEN).any()
-        and signed_volumes(vertices[0].astype(np.float64), faces, np.zeros(len(faces), np.int64))[0] < 0
-    ):
-        text = f"{name}: faces inwards; all {len(faces)} triangles were turned over"
-        warn_user(text)
+    volume = signed_volumes(vertices[0].astype(np.float64), faces, np.zeros(len(faces), np.int64))[0]
+    if volume < 0 and not (twins_of(faces) == OPEN).any():
+        warn_user(f"{name}: faces inwards; all {len(faces)} triangles were turned over")
         faces = faces[:, ::-1]
     require_rim(name, faces[glabrous], len(faces))
     warn_of_size(name, vertices)

@@ -1,4 +1,4 @@
-"""MeshObject: a mesh from a file, from arrays or built in, placed in the array's frame and repaired; what `info` says."""
+"""MeshObject: a mesh from a file, from arrays or built in, placed in the array's frame, repaired and described."""
 
 import hashlib
 import warnings

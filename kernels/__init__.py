@@ -56,7 +56,7 @@ FOLLOWING_STAGES = (
     "stages.regions",
     "stages.simplify",
     "stages.smooth",
-    "solids.nearest",
+    "solids.distance",
 )
 EMPHASIS_STAGES = ("emphasis.corners", "emphasis.edges", "emphasis.depth")  # strong and weak
 FILLING_STAGES = (

@@ -12,7 +12,7 @@ from ..reports.report_pages import ReportPicture, ReportSection
 from ..reports.report_pictures import drawing, picture_content
 from ..reports.scene_view import SceneView, flat
 from ..reports.strategy_figure import POSE
-from ..scripting.rendering import render
+from ..scripting.rendered_batch import render
 from ..strategies.intersection_strategy import IntersectionStrategy, closed_contour, open_contour
 from .compared_rows import ReportRow, compared
 

@@ -11,8 +11,7 @@ from ..objects.mesh.solid_mesh import MeshObject
 from ..playback.placed_arrays import load_rig
 from ..runtime.loading_progress import Watch
 from ..sampling.presets import load_sampling
-from ..scripting.rendered_batch import RenderedBatch
-from ..scripting.rendering import render
+from ..scripting.rendered_batch import RenderedBatch, render
 from .evaluation import NoiseRecordings
 from .explorations import StudySettings, recorded_motion
 

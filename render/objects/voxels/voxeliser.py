@@ -1,7 +1,6 @@
 """Meshes to voxels: the way to closed contours for a surface that has holes."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -32,20 +31,6 @@ DEEP = 0.9  # and above which it is even if it lies on the mesh: on a single sur
 ROUNDING = 1e-3  # of float32 distances, relative
 FLAT = 1e-6  # volume of a body, of the cube over its longest side, below which it has no inside
 BODIES_MOST = 2000  # beyond, bodies of an open mesh are taken as they face
-
-
-@dataclass(frozen=True)
-class VoxelReport:
-    """How a mesh became voxels."""
-
-    mesh: str
-    """SHA-256 of the mesh as placed."""
-    sign: str
-    """How inside was decided: crossings, parity or winding."""
-    bodies_turned: int
-    """Bodies of an open mesh that faced inwards and were turned over."""
-    hole_points: int
-    """Places between two nodes where the solid was closed over a hole of the mesh."""
 
 
 def sign_of(mesh: MeshObject, sign: str) -> str:
@@ -245,7 +230,12 @@ def voxelise(
         origin=nodes.origin,
         kind=kind,
         name=mesh.name,
-        source=asdict(VoxelReport(mesh.identity, sign, turned, len(points))),
+        source={
+            "mesh": mesh.identity,  # SHA-256 of the mesh as placed
+            "sign": sign,
+            "bodies_turned": turned,  # of an open mesh, which faced inwards
+            "hole_points": len(points),  # between two nodes, where the solid was closed over a hole
+        },
     )
 
 

@@ -10,10 +10,10 @@ from mesh_cases import CLOSED, generic_poses
 from section_oracle import rotation
 from skin_cases import drawn, grid_skin, lines_of
 
-from palpate.kernels.pieces.finding import find_pieces
-from palpate.kernels.section.contour_writing import draw_contours
+from palpate.kernels.section.draw import draw_contours
 from palpate.kernels.section.half_edges import HalfEdges, upload_surface
-from palpate.kernels.section.joining import join_pieces
+from palpate.kernels.section.join import join_sections
+from palpate.kernels.section.pieces import CutPlanes
 from palpate.render.contour_batch import ContourBatch
 from palpate.render.errors import MeshError, PalpateWarning, PlacementError, PoseError, StrategyError
 from palpate.render.hands.hand import Palm
@@ -35,9 +35,7 @@ def palm_contours(name, poses, device, *, closes):
     """What mesh x Palm draws."""
     surface, patch = upload_surface(HalfEdges(*CLOSED[name]()), device), Palm().on(device)
     pose = wp.array(poses[:, None], dtype=wp.transform, device=device)
-    found = find_pieces(surface, pose, patch, bounded=True, closes=closes)
-    joined = join_pieces(surface, found, pose, patch, closes=closes)
-    drawing = draw_contours(surface, pose, patch, joined, bounded=True, closes=closes)
+    drawing = draw_contours(join_sections(CutPlanes(surface, pose, patch, bounded=True, closes=closes)))
     return ContourBatch.of_sections(drawing, 1).numpy()
 
 

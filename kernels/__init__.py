@@ -48,7 +48,7 @@ FOLLOWING_STAGES = (
     "stages.prune_hidden",
     "stages.regions",
     "stages.curves",
-    "solids.nearest",
+    "solids.distance",
 )
 EMPHASIS_STAGES = ("emphasis.corners", "emphasis.edges", "emphasis.depth")  # strong and weak
 FILLING_STAGES = (

@@ -102,8 +102,7 @@ if TYPE_CHECKING:
     from .sampling.revisits import revisit_rate
     from .sampling.sampler import Sampler, sample_bounds, sample_contours, sample_motions
     from .sampling.strategy import Dwell, Gap, SamplingStrategy
-    from .scripting.rendered_batch import RenderedBatch
-    from .scripting.rendering import load_contours, render
+    from .scripting.rendered_batch import RenderedBatch, load_contours, render
     from .scripting.sampled_contours import SampledContours
     from .stages.point_function import register_point_function
     from .stages.prune import cut_batch

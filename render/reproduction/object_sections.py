@@ -11,7 +11,7 @@ from ..reports.picture_style import COLOURS
 from ..reports.report_pages import ReportPicture, ReportSection, drawing, picture_content
 from ..reports.scene_drawing import NAMED, SceneView, flat
 from ..reports.strategy_figure import POSE
-from ..scripting.rendering import render
+from ..scripting.rendered_batch import render
 from ..strategies.intersection_strategy import IntersectionStrategy, closed_contour, open_contour
 from .paper_numbers import OBJECTS, ReportRow, compared
 

@@ -10,7 +10,7 @@ from transform_cases import a_setting, near_poses, rendered, run_stage
 
 from palpate.kernels.emphasis.depth import find_deepest, make_ramp, place_body
 from palpate.kernels.patch import EXACT
-from palpate.kernels.solids.depth import distance_within, is_within
+from palpate.kernels.solids.distance import distance_within, is_within
 from palpate.render import MeshObject, Palm
 from palpate.render.hands.plane_hand import flat_hand
 from palpate.render.objects.moving_object import back_to

@@ -28,7 +28,6 @@ from palpate.render import IntersectionStrategy, MeshObject, Palm, closed_contou
 from palpate.render.contour_batch import HAND, OBJECT
 from palpate.render.hands.plane_hand import HandPatch, PatchJoint, PlaneHand
 from palpate.render.intersection import section_regularisation as regularisation
-from palpate.render.objects.mesh.coincident_faces import gap_of
 from palpate.render.objects.mesh.placement import Placement
 
 OC, CC, WHOLE = open_contour(), closed_contour(), IntersectionStrategy()
@@ -106,7 +105,7 @@ def test_the_middle_of_a_pentagram_is_inside_and_by_even_and_odd_a_hole():
 def test_lengths_and_areas_are_those_of_the_faces_that_geos_makes_of_the_lines(name, solid):
     mesh, poses = PRISMS[name](), generic_poses(60, 8, spread=0.02)
     batches = [render(crossing(mesh, solid), Palm(), poses, strategy) for strategy in (OC, CC)]
-    near = 10 * gap_of(crossing(mesh, solid))  # lids cover themselves: notches narrower than that are filled
+    near = 10 * crossing(mesh, solid).gap  # lids cover themselves: notches narrower than that are filled
     wrong_as_cut = 0
     as_cut = render(crossing(mesh, crossings=0), Palm(), poses, CC).length()
     for row, pose in enumerate(poses):
@@ -186,7 +185,7 @@ def test_where_a_solid_touches_itself_there_is_no_wall_and_no_gap(name, turned):
     """Exact lengths of sections across boxes; turned ones have gaps of float32's rounding where they touch."""
     parts, length = TOUCHING[name]
     mesh = merged(*parts)
-    assert gap_of(crossing(mesh)) > 0
+    assert crossing(mesh).gap > 0
     for seed in range(60):
         turn = Rotation.random(random_state=seed) if turned else Rotation.identity()
         there = turn.apply(mesh[0] - MIDDLE) + MIDDLE, mesh[1]
@@ -263,10 +262,10 @@ def test_a_plane_through_an_edge_gives_no_more_than_planes_beside_it(name, most)
 
 def test_only_faces_that_look_at_each_other_in_one_plane_may_touch():
     apart = [block([-0.02, 0, 0], [-0.01, 0.01, 0.01]), block([0.01, 0.001, 0.002], [0.02, 0.03, 0.03])]
-    assert gap_of(crossing(merged(*apart))) == 0
-    assert gap_of(crossing(overlapping_blocks()[0])) == 0
-    assert 0 < gap_of(crossing(merged(*TOUCHING["side by side"][0]))) < 1e-6  # far below the promised 1e-5 m
-    assert gap_of(crossing(block([0, 0, 0], [0.01, 0.01, 0.01]), "even-odd")) > 0  # faces twice there cancel
+    assert crossing(merged(*apart)).gap == 0
+    assert crossing(overlapping_blocks()[0]).gap == 0
+    assert 0 < crossing(merged(*TOUCHING["side by side"][0])).gap < 1e-6  # far below the promised 1e-5 m
+    assert crossing(block([0, 0, 0], [0.01, 0.01, 0.01]), "even-odd").gap > 0  # faces twice there cancel
 
 
 def as_if_simple(thing):

@@ -17,11 +17,10 @@ if TYPE_CHECKING:
     from .array import ArrayModel, FocalZone, UsbIdentity
     from .array_kind import ArrayKind, EmulationRequest, LinkRequest
     from .boards.discovery import ArrayInfo, find_arrays, find_serial_arrays, open_link, udev_rule
+    from .boards.emulator.kind import EmulatorBackend
     from .boards.emulator.link import UsbLink
-    from .boards.emulator.usb_side import EmulatorBackend
     from .clock import Clock, MonotonicClock, VirtualClock
     from .codec import encode_frames, off_frame
-    from .emulation.faults import Fault, FaultKind
     from .emulation.peripheral import Descriptors, Peripheral
     from .emulation.usb_bus import EmulatedBus
     from .errors import (
@@ -45,7 +44,6 @@ if TYPE_CHECKING:
         WatchdogError,
     )
     from .flat_arrays import flat_array, flat_grid
-    from .focus_layout import FocusLayout
     from .link import BoardStatus, Link
     from .playing.limits import Limits
     from .playing.player import Player
@@ -53,7 +51,7 @@ if TYPE_CHECKING:
     from .report import Lateness, LiveStatistics, PlayReport, QueueDepth, Underrun
     from .transports.bulk import open_bulk
     from .transports.stream import StreamLink
-    from .wire_layout import Layout, Levels, linear_levels, pulse_levels
+    from .wire_layout import FocusLayout, Layout, Levels, linear_levels, pulse_levels
 
 
 _ROOMS = {
@@ -61,17 +59,15 @@ _ROOMS = {
     "array_kind": "ArrayKind EmulationRequest LinkRequest",
     "boards.discovery": "ArrayInfo find_arrays find_serial_arrays open_link udev_rule",
     "boards.emulator.link": "UsbLink",
-    "boards.emulator.usb_side": "EmulatorBackend",
+    "boards.emulator.kind": "EmulatorBackend",
     "clock": "Clock MonotonicClock VirtualClock",
     "codec": "encode_frames off_frame",
-    "emulation.faults": "Fault FaultKind",
     "emulation.peripheral": "Descriptors Peripheral",
     "emulation.usb_bus": "EmulatedBus",
     "errors": "ArrayKindError CalibrationError DeviceBusyError DeviceError DeviceLostError DeviceNotFoundError "
     "DevicePermissionError DeviceStallError DeviceTimeoutError FrameError LimitsError LinkError "
     "NoBackendError PlayInterrupted SafetyLimitError UnknownArrayError UpdateRateError WatchdogError",
     "flat_arrays": "flat_array flat_grid",
-    "focus_layout": "FocusLayout",
     "link": "BoardStatus Link",
     "playing.limits": "Limits",
     "playing.player": "Player",
@@ -79,7 +75,7 @@ _ROOMS = {
     "report": "Lateness LiveStatistics PlayReport QueueDepth Underrun",
     "transports.bulk": "open_bulk",
     "transports.stream": "StreamLink",
-    "wire_layout": "Layout Levels linear_levels pulse_levels",
+    "wire_layout": "FocusLayout Layout Levels linear_levels pulse_levels",
 }
 """What each module has that scripts use: it is imported when that is asked for, as most programs need few of them."""
 
@@ -104,8 +100,6 @@ __all__ = [
     "EmulatedBus",
     "EmulationRequest",
     "EmulatorBackend",
-    "Fault",
-    "FaultKind",
     "FocalZone",
     "FocusLayout",
     "FrameError",

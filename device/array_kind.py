@@ -9,9 +9,8 @@ from typing import Protocol
 
 from .array import ArrayModel
 from .clock import Clock
-from .focus_layout import FocusLayout
 from .link import Link, TransportKind
-from .wire_layout import Layout
+from .wire_layout import FocusLayout, Layout
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,9 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from .array import ArrayModel
 from .errors import FrameError
-from .focus_layout import FocusLayout
 from .registry import array_model, kind_of
-from .wire_layout import Frames, Layout, Numbers
+from .wire_layout import FocusLayout, Frames, Layout, Numbers
 
 CHUNK_FRAMES = 256  # 256 KiB of float32 at 256 transducers: temporaries stay in the cache
 

@@ -14,11 +14,9 @@ from ..clock import Clock
 from ..errors import CalibrationError
 from ..link import Link, TransportKind
 from ..registry import array_kinds, array_model, array_names, emulated_backend, kind_of
-from ..transports.pyserial import SystemPorts
+from ..transports.lookup import candidates, driver_is_bound, likely_ports, matches, no_permission, strings_of
 from ..transports.pyusb import Backend, UsbDevice, UsbError, claim, dispose
-from ..transports.serial_line import PortInfo, SerialPorts
-from ..transports.serial_lookup import likely_ports, no_permission
-from ..transports.usb_lookup import candidates, driver_is_bound, matches, strings_of
+from ..transports.serial_line import PortInfo, SerialPorts, SystemPorts
 
 UDEV_FILE = "/etc/udev/rules.d/70-palpate.rules"
 """Where udev looks for rules of ours; its number must be below 73 for `uaccess` to work."""

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
-from typing import cast
+from typing import Final, cast, get_args
 
 from ..array import ArrayModel
 from ..array_kind import EmulationRequest, LinkRequest
 from ..clock import Clock, MonotonicClock
 from ..errors import LinkError, link_error
+from ..link import TransportKind
 from ..registry import kind_of
-from .pyusb import Backend, UsbDevice, UsbError, claim, dispose
+from .libusb import hidden_name, is_libusb
+from .lookup import emulated_clock, find_device
+from .pyusb import Backend, UsbDevice, UsbError, claim, configure, dispose
+from .queued import QueuedTransport
 from .serial_line import SerialPorts
-from .transport import Transport, open_transport
-from .usb_lookup import emulated_clock, find_device
+from .transport import SyncTransport, Transport
+
+PYUSB_TRIED: Final = "==1.3.1"
+"""Version of pyusb whose handle queued transfers are known to find."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +63,7 @@ def open_bulk(model: ArrayModel, request: LinkRequest, *, endpoint: int) -> Bulk
     device, serial = find_device(model, request.serial, backend)
     who = f"{model.name} {serial}" if serial else model.name
     try:
-        _configure(device)
+        configure(device)
         claim(device, 0)
         transport = open_transport(device, endpoint, kind=request.transport, who=who, clock=clock)
     except UsbError as error:
@@ -73,11 +80,36 @@ def usb_backend(backend: object) -> Backend | None:
     return None if isinstance(backend, SerialPorts) else cast("Backend | None", backend)
 
 
-def _configure(device: UsbDevice) -> None:
-    """Configure the device unless it is: doing it again would fail while another player has claimed it."""
-    try:
-        device.get_active_configuration()
-    except UsbError as error:
-        if error.errno is not None:  # pyusb's own "not set" has no errno
-            raise
-        device.set_configuration()
+def open_transport(
+    device: UsbDevice, endpoint: int, *, kind: TransportKind = "auto", who: str = "", clock: Clock | None = None
+) -> Transport:
+    """A transport to an endpoint of an opened, claimed device.
+
+    Where "auto" cannot queue although the backend is libusb's, a RuntimeWarning says why, and what to do.
+
+    Args:
+        device: pyusb's device.
+        endpoint: address of the bulk OUT endpoint.
+        kind: "queued" submits transfers on pyusb's own libusb handle, so that the kernel has the next bytes while
+            Python does something else; "sync" works with any backend of pyusb, one blocking write at a time; "auto"
+            is queued where the backend is libusb's, else sync.
+        who: name and serial number of the array, for messages.
+        clock: clock of time limits, by which the device runs; None is real time. Queued is always in real time.
+
+    Raises:
+        LinkError: there is no such kind; or queued was asked for, and the backend is not libusb's, or this pyusb
+            hides what is needed.
+    """
+    if kind not in get_args(TransportKind):
+        raise LinkError(f"unknown transport {kind!r}; known: {', '.join(get_args(TransportKind))}")
+    hidden = hidden_name(device)
+    if kind == "queued" or (kind == "auto" and hidden is None):
+        return QueuedTransport(device, endpoint, who=who)
+    if kind == "auto" and is_libusb(device):  # an emulated bus is meant to be written to
+        warnings.warn(
+            f"array {who} is played by blocking writes, between which it may run dry: {hidden}. Install a version that "
+            f"queued transfers were tried with: pip install 'pyusb{PYUSB_TRIED}'",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+    return SyncTransport(device, endpoint, who=who, clock=clock)

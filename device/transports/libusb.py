@@ -2,7 +2,7 @@
 
 pyusb has no transfers that go on while Python does something else. Of what it keeps to itself, this uses
 `Device._ctx.handle.handle`, `Device._ctx.backend` and the backend's `lib` and `ctx`; if a version of pyusb lacks one,
-`BulkQueue` refuses, and `is_queueable` is false. The struct and the codes are libusb's own, whose ABI is stable.
+`BulkQueue` refuses, and `hidden_name` says which. The struct and the codes are libusb's own, whose ABI is stable.
 """
 
 from __future__ import annotations
@@ -70,9 +70,28 @@ class _Timeval(ctypes.Structure):
     _fields_ = [("tv_sec", ctypes.c_long), ("tv_usec", ctypes.c_long)]
 
 
-def is_queueable(device: UsbDevice) -> bool:
-    """Whether the backend of an opened device is libusb's, with all that `BulkQueue` uses of it."""
-    return _hidden_name(device) is None
+def is_libusb(device: UsbDevice) -> bool:
+    """Whether the backend of an opened device is libusb's."""
+    return type(getattr(getattr(device, "_ctx", None), "backend", None)).__module__ == "usb.backend.libusb1"
+
+
+def hidden_name(device: UsbDevice) -> str | None:
+    """Reason for which transfers to an opened device cannot be queued; None: they can."""
+    context: Any = getattr(device, "_ctx", None)
+    backend: Any = getattr(context, "backend", None)
+    if not is_libusb(device):
+        return f"the backend is {type(backend).__module__}"
+    handle: Any = getattr(getattr(context, "handle", None), "handle", None)
+    if not handle:
+        return "the device is not open, or this version of pyusb keeps its handle elsewhere"
+    lib: Any = getattr(backend, "lib", None)
+    if not isinstance(lib, ctypes.CDLL) or not hasattr(backend, "ctx"):
+        return "this version of pyusb keeps libusb elsewhere"
+    names = ("alloc", "free", "submit", "cancel")
+    missing = [name for name in names if not hasattr(lib, f"libusb_{name}_transfer")]
+    if missing or not hasattr(lib, "libusb_handle_events_timeout_completed"):
+        return "this libusb is too old"
+    return None
 
 
 class BulkQueue:
@@ -80,11 +99,11 @@ class BulkQueue:
 
     A transfer has no time limit of its own: one that ended in the middle of a queue would tear the stream.
 
-    Raises `LinkError` unless `is_queueable(device)`.
+    Raises `LinkError` if there is a `hidden_name(device)`.
     """
 
     def __init__(self, device: UsbDevice, endpoint: int, *, slots: int) -> None:
-        if hidden := _hidden_name(device):
+        if hidden := hidden_name(device):
             raise LinkError(f"queued transfers need libusb through pyusb, but {hidden}: use the transport 'sync'")
         context: Any = getattr(device, "_ctx")  # noqa: B009  # pyusb's own name, checked for above
         self.done: deque[Completion] = deque()
@@ -178,25 +197,6 @@ def _prototype(lib: Any) -> None:
     lib.libusb_handle_events_timeout_completed.argtypes = [
         ctypes.c_void_p, ctypes.POINTER(_Timeval), ctypes.POINTER(ctypes.c_int),
     ]  # fmt: skip
-
-
-def _hidden_name(device: UsbDevice) -> str | None:
-    """What stands in the way of queued transfers, in words."""
-    context: Any = getattr(device, "_ctx", None)
-    backend: Any = getattr(context, "backend", None)
-    if type(backend).__module__ != "usb.backend.libusb1":
-        return f"the backend is {type(backend).__module__}"
-    handle: Any = getattr(getattr(context, "handle", None), "handle", None)
-    if not handle:
-        return "the device is not open, or this version of pyusb keeps its handle elsewhere"
-    lib: Any = getattr(backend, "lib", None)
-    if not isinstance(lib, ctypes.CDLL) or not hasattr(backend, "ctx"):
-        return "this version of pyusb keeps libusb elsewhere"
-    names = ("alloc", "free", "submit", "cancel")
-    missing = [name for name in names if not hasattr(lib, f"libusb_{name}_transfer")]
-    if missing or not hasattr(lib, "libusb_handle_events_timeout_completed"):
-        return "this libusb is too old"
-    return None
 
 
 def _errno(code: int) -> int:

@@ -29,7 +29,17 @@ else:
     from usb.core import USBError as UsbError
     from usb.core import USBTimeoutError as UsbTimeoutError
 
-__all__ = ["Backend", "UsbDevice", "UsbError", "UsbTimeoutError", "claim", "devices", "dispose", "libusb_backend"]
+__all__ = [
+    "Backend",
+    "UsbDevice",
+    "UsbError",
+    "UsbTimeoutError",
+    "claim",
+    "configure",
+    "devices",
+    "dispose",
+    "libusb_backend",
+]
 
 _NO_LIBUSB = "libusb is not installed, so no array can be looked for: install libusb-1.0 (Debian: libusb-1.0-0)"
 
@@ -112,3 +122,13 @@ def claim(device: UsbDevice, interface: int) -> None:
 def dispose(device: UsbDevice) -> None:
     """Release the interfaces of a device and close it."""
     usb.util.dispose_resources(device)  # pyright: ignore[reportUnknownMemberType]  # untyped parameters
+
+
+def configure(device: UsbDevice) -> None:
+    """Configure the device unless it is: doing it again would fail while another player has claimed it."""
+    try:
+        device.get_active_configuration()
+    except UsbError as error:
+        if error.errno is not None:  # pyusb's own "not set" has no errno
+            raise
+        device.set_configuration()

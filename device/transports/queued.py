@@ -9,18 +9,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Protocol
 
-from ..clock import Clock, MonotonicClock
+from ..clock import Clock
 from ..errors import LinkError, link_error
 from ..link import never
 from .libusb import CANCELLED, COMPLETED, STATUS_ERRNO, BulkQueue, Completion
-from .pyusb import UsbDevice, UsbError
+from .pyusb import UsbDevice
+from .transport import HUNG_NS, BulkTransport
 
 QUEUE_DEPTH: Final = 16
 """Transfers under way at most: 1 MiB, which 50 ms at 20.5 MB/s are; at lower rates `window_bytes` bounds them first."""
 CHUNK_BYTES: Final = 1 << 16
 """Most bytes of a transfer."""
 WAIT_SLICE: Final = 0.02  # [s] between questions whether to go on; the contract is 50 ms
-HUNG_NS: Final = 1_000_000_000  # nothing taken for so long: the device counts as hung
 
 
 class Pipe(Protocol):
@@ -55,7 +55,7 @@ class _Write:
     """Bytes of it that the device took, once it has ended."""
 
 
-class QueuedTransport:
+class QueuedTransport(BulkTransport):
     """Up to `depth` transfers under way, in order.
 
     Args:
@@ -70,8 +70,7 @@ class QueuedTransport:
         LinkError: the backend is not libusb's, or this pyusb hides what is needed.
     """
 
-    name = "queued"
-    is_exact = True  # libusb says of every transfer how much of it was taken
+    name = "queued"  # libusb says of every transfer how much of it was taken, so the count stays exact
 
     def __init__(
         self,
@@ -85,14 +84,7 @@ class QueuedTransport:
     ) -> None:
         if depth < 1:
             raise ValueError(f"depth is {depth}, but at least 1 transfer must be under way")
-        self.bytes_taken = 0
-        self.short_writes = 0
-        self.is_halted = False
-        self.window_bytes: int | None = None
-        self._device = device
-        self._endpoint = endpoint
-        self._who = who
-        self._clock: Clock = clock or MonotonicClock()
+        super().__init__(device, endpoint, who, clock)
         self._pipe: Pipe = pipe or BulkQueue(device, endpoint, slots=depth)
         self._free = list(range(depth))
         self._writes: deque[_Write] = deque()  # under way, the first in front
@@ -100,7 +92,6 @@ class QueuedTransport:
         self._short: _Write | None = None
         self._behind_short = 0  # bytes taken of what was submitted behind it
         self._error: LinkError | None = None
-        self._hung_at_ns = 0
         self._closed = False
 
     @property
@@ -114,7 +105,7 @@ class QueuedTransport:
         if self._closed:
             raise LinkError(f"array {self._who} is closed")
         if self.is_halted and not self._error:
-            self.clear_halt()
+            self._clear_halt()
         for start in range(0, len(data), CHUNK_BYTES):
             chunk = data if len(data) <= CHUNK_BYTES else data[start : start + CHUNK_BYTES]
             self._look(0.0)
@@ -140,17 +131,6 @@ class QueuedTransport:
         self._end_all()
         self._short = self._error = None
 
-    def forget_doubt(self) -> None:
-        """There never is any."""
-
-    def clear_halt(self) -> None:
-        """End the halt of the endpoint after a stall."""
-        try:
-            self._device.clear_halt(self._endpoint)
-        except UsbError as error:
-            raise link_error(self._who, error.errno, error) from error
-        self.is_halted = False
-
     def close(self) -> None:
         """Cancel, and free the transfers."""
         self._closed = True
@@ -174,7 +154,7 @@ class QueuedTransport:
             self.is_halted |= code == errno.EPIPE
             raise link_error(self._who, code)
         if not self._writes:
-            self._hung_at_ns = self._clock.now_ns() + HUNG_NS
+            self._note_progress()
         self._writes.append(_Write(self._free.pop(), data))
         self._bytes_under_way += len(data)
 
@@ -182,8 +162,8 @@ class QueuedTransport:
         """Until something has ended, for a slice at most; raises what went wrong."""
         self._look(WAIT_SLICE)
         self._settle()
-        if self._writes and self._clock.now_ns() >= self._hung_at_ns:
-            raise link_error(self._who, errno.ETIMEDOUT)
+        if self._writes:
+            self._require_progress()
 
     def _look(self, timeout: float) -> None:
         """Take note of what has ended; raises nothing."""
@@ -198,9 +178,9 @@ class QueuedTransport:
         write.taken = end.taken
         self._free.append(write.slot)
         self._bytes_under_way -= len(write.data)
-        self.bytes_taken += write.taken
+        self._taken += write.taken
         if write.taken:
-            self._hung_at_ns = self._clock.now_ns() + HUNG_NS
+            self._note_progress()
         if self._short is not None:
             self._behind_short += write.taken
         elif end.status == COMPLETED and end.taken < len(write.data):

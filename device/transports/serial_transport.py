@@ -8,18 +8,18 @@ from array import array
 from collections.abc import Callable
 from typing import Final
 
-from ..clock import Clock, MonotonicClock
+from ..clock import Clock
 from ..errors import LinkError, link_error
 from ..link import never
 from .serial_line import SerialPort
+from .transport import Transport
 
 BITS_PER_BYTE: Final = 10  # 8N1: a start and a stop bit
 _LOOK_NS: Final = 2_000_000  # between looks at the port while waiting
-_HUNG_NS: Final = 1_000_000_000  # nothing taken for so long: the line counts as hung
 _GONE: Final = (errno.EIO, errno.ENXIO, errno.EBADF)  # what a port says whose adapter was pulled
 
 
-class SerialTransport:
+class SerialTransport(Transport):
     """Bytes to a serial port, in order.
 
     A driver takes kilobytes at once, which a slow line carries for a long time. So at most `window_bytes` are on the
@@ -35,12 +35,8 @@ class SerialTransport:
     name = "serial"
 
     def __init__(self, port: SerialPort, baud: int, *, who: str = "", clock: Clock | None = None) -> None:
-        self.short_writes = 0
-        self.is_exact = True
-        self.window_bytes: int | None = None
+        super().__init__(who, clock)
         self._port = port
-        self._who = who
-        self._clock: Clock = clock or MonotonicClock()
         self._byte_ns = BITS_PER_BYTE * 1e9 / baud
         self._written = 0
         self._sent_by_ns = 0.0  # when the line is through with all that was written, if it is never held
@@ -52,19 +48,14 @@ class SerialTransport:
         return min(self._ahead(), self._written)
 
     @property
-    def bytes_written(self) -> int:
-        """Bytes written, those under way too; without those that were lost with the port."""
-        return self._written
-
-    @property
     def bytes_taken(self) -> int:
-        """Bytes written that are not under way."""
-        return self._written - self.bytes_under_way
+        """Bytes written that are not under way; without those that were lost with the port."""
+        return self._written - min(self._ahead(), self._written)
 
     def submit(self, data: array[int], *, abandon: Callable[[], bool] = never) -> None:
         """Write all bytes as the window lets them through, or some of them once `abandon` holds."""
         left = memoryview(data)
-        hung_at_ns = self._clock.now_ns() + _HUNG_NS
+        self._note_progress()
         while left:
             room = self._room(len(left))
             self._require_port()
@@ -72,9 +63,9 @@ class SerialTransport:
             left = left[count:]
             self.short_writes += count < room
             if count:
-                hung_at_ns = self._clock.now_ns() + _HUNG_NS
-            elif self._clock.now_ns() >= hung_at_ns:
-                raise link_error(self._who, errno.ETIMEDOUT)
+                self._note_progress()
+            else:
+                self._require_progress()
             if left:
                 if abandon():
                     return
@@ -82,14 +73,16 @@ class SerialTransport:
 
     def drain(self, *, abandon: Callable[[], bool] = never) -> bool:
         """Wait until nothing is under way; False if abandoned."""
-        least, hung_at_ns = self._ahead(), self._clock.now_ns() + _HUNG_NS
+        least = self._ahead()
+        self._note_progress()
         while ahead := self._ahead():
             if abandon():
                 return False
             if ahead < least:
-                least, hung_at_ns = ahead, self._clock.now_ns() + _HUNG_NS
-            elif self._clock.now_ns() >= hung_at_ns:
-                raise link_error(self._who, errno.ETIMEDOUT)
+                least = ahead
+                self._note_progress()
+            else:
+                self._require_progress()
             self._wait()
         self._require_port()
         return True
@@ -102,13 +95,6 @@ class SerialTransport:
             self.is_exact = False
             raise
 
-    def forget_doubt(self) -> None:
-        """Count as exact again."""
-        self.is_exact = True
-
-    def clear_halt(self) -> None:
-        """A line has no halt: nothing happens."""
-
     def close(self) -> None:
         """Let go of the port; what is still under way is dropped."""
         if self._lost is None:
@@ -117,10 +103,15 @@ class SerialTransport:
 
     def _room(self, wanted: int) -> int:
         """How many bytes may be written now; one at least where nothing is under way."""
-        if self.window_bytes is None:
+        window = self._line_window()
+        if window is None:
             return wanted
         ahead = self._ahead()
-        return min(wanted, max(self.window_bytes - ahead, 0 if ahead else 1))
+        return min(wanted, max(window - ahead, 0 if ahead else 1))
+
+    def _line_window(self) -> int | None:
+        """Most bytes to have on the way."""
+        return self.window_bytes
 
     def _write(self, data: memoryview) -> int:
         try:

@@ -8,7 +8,6 @@ envelope (`Resonance`); the squared pressure at virtual sources is what is heard
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
@@ -22,10 +21,8 @@ from ..errors import StrategyError
 from ..focal_spot import SOUND_SPEED
 from ..validation import require_choice, require_number
 from .emission import PlayedFrames
+from .spectrum import NoiseSignal
 from .transducers import Resonance, TransducerSet
-
-if TYPE_CHECKING:
-    from .spectrum import NoiseSpectrum
 
 ABOVE, ASIDE = 0.07, 0.15  # [m] the founding paper's microphone: over the face, and from the array's edge (4.3.2)
 KINDS = ("beam", "transducers")
@@ -122,40 +119,6 @@ def _from_array(transducers: TransducerSet, place: np.ndarray) -> np.ndarray:
     """Places in the first array's frame [m], shape [place, 3], in the common one."""
     pose = transducers.arrays[0].pose
     return pose[:3] + rotate(pose[3:], place)
-
-
-@dataclass(frozen=True, eq=False)
-class NoiseSignal:
-    """The audible signal at the microphone, in units of its own.
-
-    >>> import numpy as np
-    >>> from palpate.render import NoiseSignal
-    >>> beat = NoiseSignal(1 + np.sin(2 * np.pi * 200 * np.arange(40_000) / 40_000), rate=40_000.0)
-    >>> beat
-    NoiseSignal(1 s at 40000 Hz)
-    >>> round(beat.spectrum().band(100, 300), 1)  # [dB]
-    -3.0
-    """
-
-    samples: np.ndarray
-    """float64, shape [sample]."""
-    rate: float
-    """Samples a second [Hz]: the carrier."""
-
-    @property
-    def duration(self) -> float:
-        """[s]"""
-        return len(self.samples) / self.rate
-
-    def spectrum(self) -> "NoiseSpectrum":
-        """Its spectrum, bands and levels; raises StrategyError for less than two windows after the first 20 ms."""
-        from .spectrum import NoiseSpectrum
-
-        return NoiseSpectrum.of(self)
-
-    def __repr__(self) -> str:
-        """One line."""
-        return f"NoiseSignal({self.duration:g} s at {self.rate:g} Hz)"
 
 
 class NoiseListener:

@@ -10,7 +10,8 @@ from ..playback.focal_points import ContourRows, contour_source, open_focal_poin
 from ..playback.placed_arrays import PlacedArray, load_rig
 from ..sampling.strategy import SamplingStrategy
 from .emission import PlayedFrames, played_frames, require_room
-from .noise import NoiseListener, NoiseModel, NoiseSignal, Progress
+from .noise import NoiseListener, NoiseModel, Progress
+from .spectrum import NoiseSignal
 
 
 @takes_batches

@@ -1,11 +1,10 @@
-"""Spectra, bands and levels of audible signals, as the founding paper's Fig. 4 has them."""
+"""Audible signals, their spectra, bands and levels, as the founding paper's Fig. 4 has them."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import StrategyError
-from .noise import NoiseSignal
 
 RATE = 44_100.0  # [Hz] of the paper's spectra: bins of 44100 / 1024 Hz (Fig. 4), though it says 96 kHz
 WINDOW = 1024  # samples, Hann
@@ -13,6 +12,38 @@ BANDS = {"40_300": (40.0, 300.0), "300_10k": (300.0, 10_000.0)}
 """[Hz], those of the founding paper's 4.3.2."""
 SETTLING = 0.02  # [s] from silence to a steady beam: a thump that belongs to no rendering
 AUDIBLE = (20.0, 15_000.0)  # [Hz]
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseSignal:
+    """The audible signal at the microphone, in units of its own.
+
+    >>> import numpy as np
+    >>> from palpate.render import NoiseSignal
+    >>> beat = NoiseSignal(1 + np.sin(2 * np.pi * 200 * np.arange(40_000) / 40_000), rate=40_000.0)
+    >>> beat
+    NoiseSignal(1 s at 40000 Hz)
+    >>> round(beat.spectrum().band(100, 300), 1)  # [dB]
+    -3.0
+    """
+
+    samples: np.ndarray
+    """float64, shape [sample]."""
+    rate: float
+    """Samples a second [Hz]: the carrier."""
+
+    @property
+    def duration(self) -> float:
+        """[s]"""
+        return len(self.samples) / self.rate
+
+    def spectrum(self) -> "NoiseSpectrum":
+        """Its spectrum, bands and levels; raises StrategyError for less than two windows after the first 20 ms."""
+        return NoiseSpectrum.of(self)
+
+    def __repr__(self) -> str:
+        """One line."""
+        return f"NoiseSignal({self.duration:g} s at {self.rate:g} Hz)"
 
 
 @dataclass(frozen=True, eq=False)

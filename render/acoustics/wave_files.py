@@ -10,8 +10,7 @@ import numpy as np
 from ...datasets.storage.durable import write_file
 from ..errors import StrategyError
 from ..output_file import require_output
-from .noise import NoiseSignal
-from .spectrum import RATE, SETTLING, resampled
+from .spectrum import RATE, SETTLING, NoiseSignal, resampled
 
 PEAK = 0.9  # of full scale, for the loudest of all signals
 

@@ -17,13 +17,13 @@ from ...device.array import ArrayModel
 from ..acoustics.averaged_frames import frames_of_average
 from ..acoustics.drawn_frames import DrawnPose, drawn_pose, drives_of, longest_pose, pose_at
 from ..acoustics.field_metrics import planes_of, sampling_for, width_at
-from ..acoustics.noise import NoiseListener, NoiseModel, NoiseSignal
+from ..acoustics.noise import NoiseListener, NoiseModel
 from ..acoustics.prediction import frames_of
 from ..acoustics.pressure import PressureSum, complex_drives, follow_drives, require_places
 from ..acoustics.radiation import AIR_DENSITY, mean_square
 from ..acoustics.sampled_places import sample_plane, sample_volume
 from ..acoustics.skin_print import CELLS, SkinPrint, points_along, print_on, unevenness
-from ..acoustics.spectrum import NoiseSpectrum, level_differences
+from ..acoustics.spectrum import NoiseSignal, NoiseSpectrum, level_differences
 from ..acoustics.transducers import PRESSURE_AT_1M, Resonance, TransducerSet
 from ..acoustics.wave_files import require_wave_file, write_wave_files
 from ..errors import StrategyError

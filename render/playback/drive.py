@@ -12,9 +12,8 @@ import warp as wp
 from ...datasets.rigid import conjugate, matrix_of
 from ...device.array import ArrayModel
 from ...device.codec import require_unit_range
-from ...device.focus_layout import FocusLayout
 from ...device.registry import array_model, kind_of
-from ...device.wire_layout import Layout
+from ...device.wire_layout import FocusLayout, Layout
 from ...kernels import BYTE_STAGES
 from ...kernels.driving.foci import focus_board, pack_foci
 from ...kernels.driving.hold import FocalBox, HeldFrames, IntensityRule, hold_points

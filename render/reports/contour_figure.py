@@ -8,20 +8,107 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...datasets.storage.schema import KIND_NAMES
+from ...device.array import ArrayModel
+from ..contour_batch import ContourBatch
 from ..contour_input import takes_batches
+from ..hands.hand import Palm
+from ..hands.mesh_hand import MeshHand
 from ..playback.placed_arrays import load_rig
 from ..sampling.draw_frequency import file_frequencies
 from ..sampling.strategy import DEFAULT, SamplingStrategy
 from ..validation import require_path
-from .array_overview import draw_overview, is_near, letter
-from .contour_lines import WIDTH as WIDTH_OF_LINES
-from .figure_legend import legend_entries, line_entries, line_look
 from .opened_renderings import FILES_MOST, Renderings, files_of, opened, shown_poses
 from .picture_page import EDGE, GAP, Entry, Page, fit_text, font_of, text_width, width_of
-from .picture_style import FAINT, INK, require_picture, save_figure, style
+from .picture_style import COLOURS, DASHES, FAINT, HAND_DASHES, INK, LINES, paler, require_picture, save_figure, style
 from .rendering_labels import hand_text
-from .scene_drawing import draw_scale, draw_scene, extent_of, set_limits
-from .scene_view import SceneView
+from .scene_drawing import (
+    DISC,
+    HAND_EDGE,
+    HAND_FILL,
+    WIDTH,
+    SceneSource,
+    SceneView,
+    draw_overview,
+    draw_scale,
+    draw_scene,
+    extent_of,
+    is_near,
+    letter,
+    set_limits,
+    varies,
+)
+from .scene_drawing import WIDTH as WIDTH_OF_LINES
+
+TEXTS = {"object": "object's contour", "hand": "hand's boundary inside it", "made": "made by a stage"}
+SCALE = (0.0, 0.25, 0.5, 0.75, 1.0)  # intensities that the legend shows
+
+
+def legend_entries(
+    sources: Sequence[SceneSource],
+    batches: Sequence[ContourBatch],
+    models: Sequence[ArrayModel] = (),
+    shown: Sequence[ArrayModel] = (),
+    *,
+    overview: bool = False,
+) -> list[Entry]:
+    """The marks that scenes of these batches have, and their meanings.
+
+    models: arrays that were asked for; shown: those that are near enough to be drawn. overview: whether there is one.
+    """
+    from matplotlib.colors import to_rgb
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    kinds = {int(k) for batch in batches for k in batch.kind.tolist()}
+    named = {name: TEXTS[name] for k, name in enumerate(KIND_NAMES) if k in kinds}
+    look = {name: {"color": COLOURS[name], "lw": WIDTH, "solid_capstyle": "butt"} for name in named}
+    dashes = {"hand": (0, HAND_DASHES)}
+    entries: list[Entry] = [
+        (Line2D([], [], ls=dashes.get(name, "-"), dash_capstyle="round", **look[name]), text)
+        for name, text in named.items()
+    ]
+    if any(varies(batch) for batch in batches):
+        colour = COLOURS["made" if 2 in kinds else "object"]
+        bar = [Line2D([], [], color=paler(colour, s), lw=2 * WIDTH, solid_capstyle="butt") for s in SCALE]
+        entries.append((tuple(bar), "intensity 0 to 1: paler is weaker"))
+    if any(batch.dwell is not None and (batch.dwell > 0).any() for batch in batches):
+        entries.append((Line2D([], [], color=INK, marker="o", ls="", ms=4.5, mec="white"), "pause"))
+    hands = [source.hand for source in sources]
+    if any(not isinstance(hand, MeshHand) for hand in hands):
+        entries.append(
+            (Patch(fc=(*to_rgb(COLOURS["palm"]), 0.35), ec=COLOURS["palm"], lw=0.8), "skin that was rendered")
+        )
+    if any(isinstance(hand, Palm | MeshHand) for hand in hands):
+        rendered = all(isinstance(hand, MeshHand) for hand in hands)
+        text = "hand that was rendered" if rendered else "a hand, to show the pose"
+        entries.append((Patch(fc=(*to_rgb(HAND_FILL), 0.5), ec=HAND_EDGE, lw=0.7), text))
+    entries.append((Patch(fc="#c3cad4", ec="none"), "object"))
+    for model in models:
+        there = any(model is other for other in shown)
+        text = f"{model.name}, {len(model.position)} transducers" if there else f"{model.name}: too far away to show"
+        entries.append((Line2D([], [], marker="o", ls="", ms=4, mfc=DISC, mec="none"), text))
+    if overview:
+        moves = len(sources[0].pose) > 1
+        text = "way of the palm, moments" if moves else "palm at the moment"
+        way = {"color": FAINT, "lw": 0.5, "ls": "-" if moves else ""}
+        entries.append((Line2D([], [], marker="o", ms=6, mfc="white", mec=INK, mew=0.7, **way), text))
+    return entries
+
+
+def line_look(k: int) -> dict[str, Any]:
+    """Colour and dashes of file k's line over time."""
+    return {"color": LINES[k % len(LINES)], "ls": DASHES[(k // len(LINES) + k) % len(DASHES)]}
+
+
+def line_entries(labels: Sequence[str]) -> list[Entry]:
+    """Whose the lines over time are; nothing for one file, whose name stands above."""
+    from matplotlib.lines import Line2D
+
+    return (
+        [(Line2D([], [], lw=0.9, **line_look(k)), label) for k, label in enumerate(labels)] if len(labels) > 1 else []
+    )
+
 
 POINTS_MOST = 6000  # of a line over time: more than pixels, and few enough for an SVG
 FREQUENCY_SHOWN = 1000.0  # [Hz]; contours of a few millimetres would stretch the axis a hundredfold
@@ -128,8 +215,6 @@ class FigureParts(NamedTuple):
     scenes: list[Any]
     """Those of the first file, then of the next."""
     plots: list[Any]
-    moment: float
-    """Base of the line that says which moment is shown, from the top [inch]."""
     scene_width: float
     """[inch]"""
     half: np.ndarray
@@ -145,21 +230,19 @@ def lay_out(
     *,
     overview: bool,
     notes: Sequence[str] = (),
-    clock: bool = False,
 ) -> FigureParts:
     """Place the parts of a picture on a page, with titles and legends.
 
-    half: what scenes show to each side [mm]. clock: one scene a file whose moment changes, and one diagram.
+    half: what scenes show to each side [mm].
     """
     source, files = renderings.sources[0], len(renderings.sources)
-    narrow, single = page.width < NARROW, len(poses) == 1 and (files > 1 or clock)
+    narrow, single = page.width < NARROW, len(poses) == 1 and files > 1
     moments = [f"{letter(k)}   {renderings.moments.text(int(index))}" for k, index in enumerate(poses)]
     words = ", ".join([hand_text(source.file.hand), *([] if single or files > 1 else renderings.labels)])
     top = EDGE + page.text(str(source.solid["name"]), EDGE, EDGE, page.inner, lines=2, fontweight="bold", color=INK)
     top += page.text(words, EDGE, top, page.inner, lines=2, color=INK)
-    moment = top + 0.95 * page.font / 72
     if single and len(source.pose) > 1:
-        top += page.text("" if clock else moments[0], EDGE, top, page.inner, color=INK)
+        top += page.text(moments[0], EDGE, top, page.inner, color=INK)
     top += 0.3 * page.line
     left, setting, wide = EDGE, None, OVERVIEW_NARROW * page.inner
     beside = overview and narrow and page.legend_width(entries) <= page.inner - wide - GAP  # is the legend
@@ -198,45 +281,44 @@ def lay_out(
         top = max(top, first + high + GAP)
     if not beside:
         top += page.legend(entries, EDGE, top, page.inner)
-    top, diagrams = _place_plots(page, renderings, top, (1 if clock else 2) * (len(source.pose) > 1), narrow)
+    top, diagrams = _place_plots(page, renderings, top, narrow) if len(source.pose) > 1 else (top, [])
     page.finish(top + EDGE)
     shown = np.maximum(half, half[::-1] * [wide / tall, tall / wide])
-    return FigureParts(setting, scenes, diagrams, moment, wide, shown)
+    return FigureParts(setting, scenes, diagrams, wide, shown)
 
 
-def _place_plots(page: Page, renderings: Renderings, top: float, count: int, narrow: bool) -> tuple[float, list[Any]]:
-    """Place diagrams and their legend from `top` on; returns where they end, and their axes."""
-    if not count:
-        return top, []
+def _place_plots(page: Page, renderings: Renderings, top: float, narrow: bool) -> tuple[float, list[Any]]:
+    """Place two diagrams and their legend from `top` on; returns where they end, and their axes."""
     top += 0.4 * page.line + page.legend(line_entries(renderings.labels), EDGE, top + 0.4 * page.line, page.inner)
     ticks = 5 * 0.64 * page.font / 72 + 0.08  # five digits beside a diagram
     foot = 2 * page.line + 0.12  # numbers and the name of an axis
-    across = 1 if narrow else count
+    across = 1 if narrow else 2
     wide = page.inner / across - ticks - (0.15 if across > 1 else 0.05)
     plots = []
-    for k in range(count):
+    for k in range(2):
         left = EDGE + ticks + (k % across) * page.inner / across
         low = top + 1.2 * page.line + (k // across) * (1.2 * page.line + PLOT + foot)
         plots.append(page.axes(left, low, wide, PLOT))
-    return top + -(-count // across) * (1.2 * page.line + PLOT + foot), plots
+    return top + 2 // across * (1.2 * page.line + PLOT + foot), plots
 
 
 def draw_plots(
     plots: Sequence[Any], renderings: Renderings, poses: Sequence[int] | np.ndarray, sampling: SamplingStrategy
 ) -> None:
-    """Length and, if there is a second diagram, draw frequency over time, with the moments that are shown."""
+    """Length and draw frequency over time, with the moments that are shown."""
+    if not plots:
+        return
+    lengths, frequencies = plots
     across = renderings.across
-    drawn = zip(renderings.lengths, renderings.sources, strict=True) if plots else ()
-    for k, (length, source) in enumerate(drawn):
+    for k, (length, source) in enumerate(zip(renderings.lengths, renderings.sources, strict=True)):
         look = {"lw": 0.9, **line_look(k), "label": renderings.labels[k]}
         if len(length) < 3:
             look |= {"marker": "o", "ms": 3.5}
         rows = shown_rows(length)
-        plots[0].plot(across[rows], 1e3 * length[rows], **look)
-        for axes in plots[1:]:
-            axes.plot(across[rows], file_frequencies(source.file, rows, sampling), **look)
+        lengths.plot(across[rows], 1e3 * length[rows], **look)
+        frequencies.plot(across[rows], file_frequencies(source.file, rows, sampling), **look)
     titles = ("length of the contours [mm]", f"draw frequency at {sampling.speed:g} m/s [Hz]")
-    for axes, title in zip(plots, titles, strict=False):
+    for axes, title in zip(plots, titles, strict=True):
         font = axes.xaxis.label.get_size()
         wide = axes.get_window_extent().width / axes.figure.dpi
         axes.set_title(fit_text(title, wide, font), loc="left", pad=3)
@@ -245,15 +327,13 @@ def draw_plots(
         axes.set_xlim(float(across[0]) - beyond, float(across[-1]) + beyond)
         for index in poses:
             axes.axvline(across[index], color=FAINT, lw=0.6, ls=(0, (2, 2)), zorder=0)
-    for axes in plots[:1]:
-        axes.set_ylim(bottom=0.0)
-        where = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
-        for k, index in enumerate(poses):
-            axes.annotate(letter(k), (across[index], 1.0), (1.5, -1), va="top", **where)
-    for axes in plots[1:]:
-        axes.set_yscale("log")
-        low, high = axes.get_ylim()
-        axes.set_ylim(min(low, 10.0), min(max(high, 100.0), FREQUENCY_SHOWN))
+    lengths.set_ylim(bottom=0.0)
+    where = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+    for k, index in enumerate(poses):
+        lengths.annotate(letter(k), (across[index], 1.0), (1.5, -1), va="top", **where)
+    frequencies.set_yscale("log")
+    low, high = frequencies.get_ylim()
+    frequencies.set_ylim(min(low, 10.0), min(max(high, 100.0), FREQUENCY_SHOWN))
 
 
 def shown_rows(length: np.ndarray, most: int = POINTS_MOST) -> np.ndarray:

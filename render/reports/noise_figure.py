@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..acoustics.noise import NoiseSignal
-from ..acoustics.spectrum import RATE, NoiseSpectrum, resampled
+from ..acoustics.spectrum import RATE, NoiseSignal, NoiseSpectrum, resampled
 from ..errors import StrategyError
 from ..terminal.foreign_text import visible
 from .picture_style import LINES, save_picture

@@ -13,7 +13,7 @@ from ..hands.hand import Palm
 from ..intersection.file_recording import record
 from ..objects.mesh.solid_mesh import MeshObject
 from ..stages.registry import find_stage, first_line
-from ..strategies.intersection_strategy import PRESETS, IntersectionStrategy
+from ..strategies.intersection_strategy import PRESET_LINES, PRESETS, IntersectionStrategy
 from .contour_figure import contour_figure
 from .picture_style import require_picture, save_figure
 
@@ -27,8 +27,6 @@ HEIGHT = 60.0  # [mm]
 
 def strategy_rows() -> list[tuple[str, str]]:
     """Every preset by name, with what it draws in one line."""
-    from ..strategies.presets import PRESET_LINES
-
     return [(name, PRESET_LINES.get(name) or first_line(make)) for name, make in PRESETS.items()]
 
 

@@ -1,21 +1,79 @@
-"""`palpate reproduce`: the evaluation as a page for people, as Markdown and as JSON."""
+"""`palpate reproduce`: the whole evaluation, as a page for people, as Markdown and as JSON."""
 
 import json
+from datetime import UTC, datetime
+from importlib.metadata import version
 from os import W_OK, X_OK, access
 from pathlib import Path
 from time import perf_counter
+from typing import NamedTuple
 
 from ...datasets.storage.durable import write_file
+from ..bench.speed import machine_facts
 from ..errors import RenderError, StrategyError
 from ..hands.hand import Palm
-from ..reports.report_pages import html_page, markdown_page
+from ..objects.mesh.solid_mesh import MeshObject
+from ..reports.report_pages import ReportSection, html_page, markdown_page
+from ..runtime.loading_progress import Watch
 from ..runtime.warp_start import start_warp
 from ..terminal import bars, console
 from ..terminal.foreign_text import show_table
-from .evaluation import Evaluation, evaluate
-from .explorations import StudySettings
-from .paper_numbers import SOURCE
-from .predicted_noise import predicted_recordings
+from .explorations import FeltLengths, StudySettings, block_ratios, measure_lengths
+from .noise_section import noise_section, predicted_noise
+from .object_sections import construction_section, objects_section
+from .paper_numbers import BLOCK_COUNT, RATIOS, SOURCE
+from .stage_times import BATCH_POSES, LIVE_POSES, MESHES, REPEATS, measure_steps, time_section
+from .study_sections import frequency_section, people_section, ratio_section
+
+
+class Evaluation(NamedTuple):
+    """What came out."""
+
+    sections: tuple[ReportSection, ...]
+    values: dict
+    """For JSON; lengths [m], times [s], frequencies [Hz], levels [dB]."""
+
+
+def evaluate(settings: StudySettings, watch: Watch) -> Evaluation:
+    """Measure everything, in the order of the paper; where nothing is recorded, there is no section of noise."""
+    machine = machine_facts("cpu")
+    construction, values = construction_section()
+    times = {}
+    for done, name in enumerate(MESHES):
+        watch("time of stages", done, len(MESHES))
+        sizes = {"live_poses": LIVE_POSES, "batch_poses": BATCH_POSES, "repeats": REPEATS}
+        times[name] = measure_steps(MeshObject.load(name), settings.palm, **sizes)
+    parts = [(construction, values), time_section(times, machine["cpu"])]
+    if settings.recording:
+        parts.append(noise_section(*predicted_noise(settings, watch)))
+    lengths = _measure_all(settings, watch)
+    watch("pictures", 0, 1)
+    ratios = {name: block_ratios(felt) for name, felt in lengths.items()}
+    parts += [frequency_section(lengths), objects_section(), ratio_section(ratios, settings), (people_section(), {})]
+    about = {
+        "version": version("palpate"),
+        "date": datetime.now(UTC).date().isoformat(),
+        "machine": machine,
+        "explorers": settings.explorers,
+        "blocks": BLOCK_COUNT,
+        "repetitions": settings.repetitions,
+        "palm": [settings.palm.width, settings.palm.length],
+    }
+    found_values = {key: value for _, values in parts for key, value in values.items()}
+    return Evaluation(tuple(section for section, _ in parts), {**about, **found_values})
+
+
+def _measure_all(settings: StudySettings, watch: Watch) -> dict[str, FeltLengths]:
+    lengths = {}
+    count = len(RATIOS) * settings.explorers
+    for place, name in enumerate(RATIOS):
+        before = place * settings.explorers
+        watch("explorations", before, count)
+        lengths[name] = measure_lengths(
+            MeshObject.load(name), settings, lambda done, before=before: watch("explorations", before + done, count)
+        )
+    return lengths
+
 
 NAMES = {"html": "paper.html", "markdown": "paper.md", "json": "paper.json"}
 """Files by what they are."""
@@ -46,7 +104,7 @@ def run_reproduce(
     _require_room(folder, list(paths.values()), overwrite=overwrite)
     start_warp()
     with bars.progress_bar("palpate reproduce", quiet=as_json) as watch:
-        found = evaluate(settings, predicted_recordings if recording else None, watch)
+        found = evaluate(settings, watch)
     values = {**found.values, "seconds": perf_counter() - started}
     _write(paths, found, values)
     if as_json:

@@ -1,7 +1,30 @@
-"""What the founding paper reports: the numbers that palpate's are put beside, with the section that has each."""
+"""What the founding paper reports: its numbers, with the section that has each, and rows that put palpate's beside."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ..reports.report_pages import ReportTable
+
+ROW_HEAD = ("result", "paper", "palpate", "why they differ")
+
+
+class ReportRow(NamedTuple):
+    """One result of the paper beside palpate's."""
+
+    what: str
+    paper: str
+    ours: str
+    why: str
+    """Why the two differ, or may."""
+
+
+def compared(rows: Sequence[ReportRow]) -> ReportTable:
+    """The table of these rows, without a title: it stands right below the section's text."""
+    return ReportTable("", ROW_HEAD, tuple(rows), "compare")
+
 
 SOURCE = (
     "Mulot, Howard, Emery, Pacchierotti, Marchal: Designing 3D Object Rendering Techniques for Ultrasound Mid-Air "

@@ -11,9 +11,8 @@ from ..objects.mesh.solid_mesh import MeshObject
 from ..reports.report_pages import ReportSection, ReportTable
 from ..scripting.rendering import render
 from ..strategies.intersection_strategy import IntersectionStrategy, closed_contour, open_contour
-from .compared_rows import ReportRow, compared
 from .explorations import explorer_motion
-from .paper_numbers import CLOSE_SECONDS, PRUNE_SECONDS, RAW_SECONDS
+from .paper_numbers import CLOSE_SECONDS, PRUNE_SECONDS, RAW_SECONDS, ReportRow, compared
 
 MESHES = ("cube", "tube", "dog", "dog-detailed")
 SHOWN = "tube"

@@ -26,7 +26,7 @@ if TYPE_CHECKING:  # and imported by the methods that need it: most scripts call
 
     from ...device.report import LiveStatistics
     from ..acoustics.field_metrics import PressureMetrics
-    from ..acoustics.noise import NoiseSignal
+    from ..acoustics.spectrum import NoiseSignal
     from ..playback.drive import DriveStrategy
     from ..playback.file_playback import ConnectionFields, Playback
     from ..sampling.strategy import SamplingStrategy

@@ -1,11 +1,12 @@
 """Other curves along the same contours: as they are, smoother, or with fewer or more vertices."""
 
+from ...kernels.stages.insertion import divide_contours
 from ...kernels.stages.simplify import drop_repeats, simplify_polylines
 from ...kernels.stages.smooth import cut_corners, relax_points
 from ..contour_batch import ContourBatch
-from .point_insertion import divide_batch
-from .registry import Option, Setting, transform_stage
-from .vertex_spacing import LEVEL, RESAMPLED
+from .point_function import LEVEL, RESAMPLED
+from .registry import Option, transform_stage
+from .setting import Setting
 
 
 @transform_stage("identity", on="device")
@@ -58,3 +59,15 @@ def smooth_contours(
     else:
         contours = cut_corners(batch.struct, reach=reach, rounds=min(rounds, 6), point_limit=setting.point_limit)
     return ContourBatch.from_struct(drop_repeats(contours))
+
+
+def divide_batch(batch: ContourBatch, longest: float, point_limit: int | None = None) -> ContourBatch:
+    """A batch whose segments are at most so long [m]: longer ones fall into equal parts.
+
+    Parts are longer by the rounding of their ends to float32 at most, and dividing again changes nothing. Intensity is
+    linear along a segment, new points have no dwell.
+    Raises PointLimitError before memory is allocated for more points than `point_limit`.
+    """
+    there = batch if batch.on_device else batch.to("cpu")
+    out = ContourBatch.from_struct(divide_contours(there.struct, longest, point_limit), batch.raw_error)
+    return out if batch.on_device else out.numpy()

@@ -12,7 +12,8 @@ from ...kernels.solids.depth import mesh_for_depth
 from ...kernels.stages.insertion import divide_contours
 from ..contour_batch import ContourBatch
 from ..objects.solid import Solid
-from .registry import Option, Setting, transform_stage
+from .registry import Option, transform_stage
+from .setting import Setting
 
 CACHE_SIZE = 4  # meshes, of the objects whose depth was asked last
 _MESHES: OrderedDict[tuple[str, str], wp.Mesh] = OrderedDict()

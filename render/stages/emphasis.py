@@ -6,7 +6,8 @@ from ...kernels.emphasis.corners import find_corners, pause_at_corners, ramp_row
 from ...kernels.emphasis.edges import KindLevels, level_by_kind, measure_runs, ramp_between_levels
 from ...kernels.stages.insertion import insert_points
 from ..contour_batch import ContourBatch
-from .registry import Option, Setting, transform_stage
+from .registry import Option, transform_stage
+from .setting import Setting
 
 STRAIGHT = math.radians(5.0)  # a straight edge turns by less from segment to segment
 RAMP = 1e-3  # [m] over which intensity changes between segments

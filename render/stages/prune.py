@@ -29,7 +29,8 @@ from ..contour_batch import ContourBatch
 from ..errors import StrategyError
 from ..hands.hand import PatchFrames
 from ..hands.plane_hand import PlaneHand
-from .registry import Option, Setting, prune_stage
+from .registry import Option, prune_stage
+from .setting import Setting
 
 Pruned = tuple[ContourBatch, np.ndarray]
 

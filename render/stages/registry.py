@@ -1,7 +1,8 @@
 """Registry of the stages of intersection strategies: name, options and function of each.
 
 Built-in stages are registered by the decorators `prune_stage` and `transform_stage`, user-defined ones by
-`register_prune`, `register_transform` and `register_point_function`. A strategy refers to stages as data (`Stage`).
+`register_prune`, `register_transform` and `register_point_function` (`point_function`). A strategy refers to stages as
+data (`Stage`).
 
 | role | called as | returns |
 |---|---|---|
@@ -13,37 +14,64 @@ Several threads may call a stage at once, each with its own batch.
 """
 
 import hashlib
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
 from importlib import import_module
 from threading import RLock
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from ...datasets.known_names import unknown_name
-from ...kernels.stages.point_function import map_intensity, map_points
-from ..contour_batch import ContourBatch
 from ..errors import StrategyError
-from ..objects.solid import Solid
-from ..user_warnings import warn_user
-from ..validation import require_choice
-from .option import Option, Value, options_of
-from .patch_frames import place_hand
+from ..validation import number_text, require_choice, require_number
 from .user_code_digest import caller_file, digest_of, file_digests, innermost, place_of
-from .vertex_spacing import LEVEL, RESAMPLED, length_least, warn_of_bends
 
-if TYPE_CHECKING:
-    from ..hands.hand import Hand, PatchFrames
-
+Value = float | int | str | bool | None
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 ROLES = ("raw", "prune", "transform")
 BY_RAW_KERNELS = ("outside", "close")  # stages that the raw intersection itself does
-BUILT_IN = ("prune", "built_in")  # modules of this folder that register stages
+BUILT_IN = ("prune", "curves", "emphasis", "depth", "shapes", "fill")  # modules that register stages
 PACKAGE = __name__.rpartition(".stages.")[0]  # palpate.render
+
+
+@dataclass(frozen=True)
+class Option:
+    """An option of a stage: its default and what else it may be."""
+
+    default: Value = None
+    """None stands for `widths` focal widths."""
+    low: float = -np.inf
+    high: float = np.inf
+    unit: str = ""
+    choices: tuple[str, ...] = ()
+    """Of a text."""
+    widths: float = 1.0
+    """What None is replaced by, in focal widths (FWHM of p^2 across the focus), within `low`..`high`."""
+
+    def check(self, name: str, value: Value) -> None:
+        """Refuse a value that this option cannot have; `name` is stage and option."""
+        if value is None and self.default is None:
+            return
+        if isinstance(self.default, bool):
+            if not isinstance(value, bool):
+                raise StrategyError(f"{name} must be true or false, not {value!r}")
+        elif isinstance(self.default, str):
+            if self.choices:
+                require_choice(name, value, self.choices)
+            elif not isinstance(value, str):
+                raise StrategyError(f"{name} must be a text, not {value!r}")
+        else:
+            require_number(name, value, self.low, self.high, unit=self.unit, whole=isinstance(self.default, int))
+            if not abs(value or 0) <= sys.float_info.max:  # compared as it is: an int may be too large for a float
+                raise StrategyError(f"{name} must be finite, not {number_text(value)}")
+
+    def resolved(self, value: Value, focal_width: float) -> Value:
+        """The value, or the number that None stands for [m]."""
+        return min(max(self.widths * focal_width, self.low), self.high) if value is None else value
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,52 +173,6 @@ class StageEntry:
         }
 
 
-@dataclass(frozen=True)
-class Setting:
-    """Inputs of a stage beside the contours of one batch of poses."""
-
-    solid: Solid
-    hand: "Hand"
-    pose: np.ndarray
-    """Hand frame -> array frame, of this batch, float32, shape [pose, 7]."""
-    first: int
-    """Row of the motion that `pose` begins at."""
-    device: str
-    """Warp device on which stages with on="device" run."""
-    focal_width: float
-    """FWHM of p^2 across the focus at the object's middle [m]."""
-    step: float
-    """Grid step of marching [m]."""
-    array_position: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    """Middle of the array's face [m], shape [3]."""
-    array_normal: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
-    """Unit vector out of the array, shape [3]."""
-    object_pose: np.ndarray | None = None
-    """Position of the object's centre and its rotation at each pose, float32 [pose, 7]; None: it stands still."""
-    object_centre: np.ndarray | None = None
-    """The point of the placed object whose position `object_pose` gives [m], shape [3]; None: middle of its bounds."""
-    point_limit: int | None = None
-    """Most points that a stage of palpate's own may make of the batch: PointLimitError asks for smaller batches."""
-    warned: dict[str, object] = field(default_factory=dict, repr=False)
-    """Names of the warnings that this rendering has given; all its batches share it."""
-
-    @cached_property
-    def frames(self) -> "PatchFrames":
-        """The hand's patches at each pose, in the array frame."""
-        return self.hand.frames(self.pose, self.first)
-
-    @cached_property
-    def patches(self) -> Any:
-        """The same on `device`, as kernels take them: `kernels.stages.prune.Patches`."""
-        return place_hand(self)
-
-    def warn_once(self, name: str, message: str) -> None:
-        """Warn the user, unless a batch of this rendering has warned under this name."""
-        own = object()
-        if self.warned.setdefault(name, own) is own:  # one call, so one of several threads warns
-            warn_user(message)
-
-
 _LOCK = RLock()
 _ENTRIES: dict[str, StageEntry] = {}
 _LOADED: set[str] = set()
@@ -251,6 +233,14 @@ def first_line(function: Callable[..., Any]) -> str:
     return (function.__doc__ or "").strip().partition("\n")[0].rstrip(".") or "without description"
 
 
+def options_of(name: str, defaults: Mapping[str, Value | Option]) -> dict[str, Option]:
+    """Options from defaults: an Option as it is, else a value that later ones are like; None: one focal width."""
+    for option, default in defaults.items():
+        if not isinstance(default, Option | float | int | str | None):
+            raise StrategyError(f"stage {name!r}: option {option!r} cannot default to {default!r}")
+    return {key: value if isinstance(value, Option) else Option(value) for key, value in defaults.items()}
+
+
 def register_prune(name: str, function: Callable[..., Any], *, on: str = "host", **defaults: Value | Option) -> None:
     """Register a user-defined prune stage: f(batch, setting, **options) -> batch, or (batch, removed [pose]).
 
@@ -293,45 +283,6 @@ def register_transform(
     """
     options = options_of(name, defaults)
     register_stage(StageEntry(name, "transform", first_line(function), options, function, on, needs_closed))
-
-
-def register_point_function(name: str, func: Any, *, gives: str) -> None:
-    """Register a Warp function as a transform stage that runs for every point on the device.
-
-    func: a wp.func defined in a file. gives: "point" for x -> wp.vec3, the new point [m, array frame], or "intensity"
-    for x -> float in 0..1; x: wp.vec3 [m, array frame]. Segments stay straight between vertices, and intensity linear:
-    put the stage "resample" before a function that varies faster. Rendering warns of a segment longer than a quarter of
-    the focal width on which the function is off that by more than 0.05, or by a quarter of the focal width.
-
-    >>> import warp as wp
-    >>> from palpate.render import IntersectionStrategy, register_point_function, render, static_pose
-    >>> @wp.func
-    ... def twice_as_high(x: wp.vec3):
-    ...     "Every point twice as high."
-    ...     return wp.vec3(x[0], x[1], 2.0 * x[2])
-    >>> register_point_function("example-twice-as-high", twice_as_high, gives="point")
-    >>> strategy = IntersectionStrategy(prune=("outside",), transform=("close", "example-twice-as-high"))
-    >>> render("cube", "palm", static_pose([0, 0, 0.2]), strategy).points[0]
-    array([-0.0425, -0.0425,  0.4   ], dtype=float32)
-    """
-    require_choice(f"stage {name!r}: gives", gives, ("point", "intensity"))
-    stage = move_points if gives == "point" else set_intensity
-    line = first_line(getattr(func, "func", func))
-    register_stage(StageEntry(name, "transform", line, {}, partial(stage, func), "device"))
-
-
-def move_points(func: Any, batch: ContourBatch, setting: Setting) -> ContourBatch:
-    """Move every point to the result of a Warp function; warn of segments that it would bend."""
-    points, deviation = map_points(func, batch.points, length_least=length_least(func, setting))
-    warn_of_bends(func, batch, deviation, setting, most=RESAMPLED * setting.focal_width, unit=" m")
-    return replace(batch, points=points)
-
-
-def set_intensity(func: Any, batch: ContourBatch, setting: Setting) -> ContourBatch:
-    """Set the intensity at every point to the result of a Warp function; warn of segments where it is no ramp."""
-    intensity, deviation = map_intensity(func, batch.points, length_least=length_least(func, setting))
-    warn_of_bends(func, batch, deviation, setting, most=LEVEL)
-    return replace(batch, intensity=intensity)
 
 
 def prune_stage(name: str, *, on: str = "host", **defaults: Value | Option) -> Callable[[Function], Function]:

@@ -3,7 +3,8 @@
 from ...kernels.stages.ovals import Ovals, draw_ovals, find_centroids, fit_circles, fit_ellipses
 from ...kernels.stages.regions import find_regions
 from ..contour_batch import ContourBatch
-from .registry import Option, Setting, transform_stage
+from .registry import Option, transform_stage
+from .setting import Setting
 
 PER = Option("region", choices=("region", "patch"))
 SMALLEST = Option(None, 1e-6, 0.1, "m", widths=0.25)

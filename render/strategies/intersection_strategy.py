@@ -1,17 +1,16 @@
 """Intersection strategies: raw intersection -> pruning -> transformation, as data (Mulot et al. 2024, section 3)."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping, MutableMapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
-from importlib import import_module
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from ...datasets.known_names import find_name
 from ...kernels.patch import FLUSH_MOST
 from ..errors import StrategyError, UntrustedCodeError
-from ..stages.option import Value
-from ..stages.registry import ROLES, Stage, find_stage, known_stages
+from ..stages.registry import ROLES, Stage, Value, find_stage, known_stages
 from ..trust.permission import AllowCode, Code, Namer, require_permission
 from ..trust.user_code import CodeSource, find_module, run_all
 from ..validation import load_by_name, read_fields, require_number
@@ -200,44 +199,51 @@ def closed_contour() -> IntersectionStrategy:
     return IntersectionStrategy(prune=("outside",), transform=("close",))
 
 
-class Presets(MutableMapping[str, Callable[[], IntersectionStrategy]]):
-    """Strategies by name; the built-in ones are imported at first use, and modules may add some during a loop."""
-
-    def __init__(self, **own: Callable[[], IntersectionStrategy]) -> None:
-        """Presets of this module, by name."""
-        self._own = own
-
-    def __getitem__(self, name: str) -> Callable[[], IntersectionStrategy]:
-        """The function that makes a preset."""
-        _load_built_in()
-        return self._own[name]
-
-    def __iter__(self) -> Iterator[str]:
-        """Names at the time of the call."""
-        _load_built_in()
-        return iter(list(self._own))
-
-    def __len__(self) -> int:
-        """Number of presets."""
-        _load_built_in()
-        return len(self._own)
-
-    def __setitem__(self, name: str, make: Callable[[], IntersectionStrategy]) -> None:
-        """Add a preset, as modules with stages do when they are imported."""
-        self._own[name] = make
-
-    def __delitem__(self, name: str) -> None:
-        """Remove a preset."""
-        del self._own[name]
+def closed_then(*transform: Stage | str) -> Callable[[], IntersectionStrategy]:
+    """A preset: CC and what is made of it."""
+    return partial(IntersectionStrategy, prune=("outside",), transform=("close", *transform))
 
 
-def _load_built_in() -> None:
-    """Import the module that adds the presets beside oc and cc."""
-    import_module(".presets", __package__)
-
-
-PRESETS = Presets(oc=open_contour, cc=closed_contour)
-"""By name; modules of stages may add theirs."""
+# Martinez et al. 2019 compared ten strategies by letters; only theirs, A, is fully published: no preset has a letter.
+_PRESETS: dict[str, tuple[str, Callable[[], IntersectionStrategy]]] = {
+    "oc": ("open contours: the object's outline on the skin (Martinez et al. 2019, A)", open_contour),
+    "cc": ("closed contours: the contact's outline, hand edges too (Mulot et al. 2024)", closed_contour),
+    "whole": ("the object's whole outline in the hand's plane, on the skin or not", IntersectionStrategy),
+    "mammoth": (
+        "a path over skin inside the object (after Maunsbach et al. 2024)",
+        partial(IntersectionStrategy, raw="contact"),
+    ),
+    "corners": ("closed contours, strong at corners (after Martinez et al. 2019)", closed_then("corners")),
+    "corner-pauses": (
+        "closed contours, the focal point pausing 20 ms at corners",
+        closed_then(Stage("corners", {"level": 1.0, "dwell": 0.02})),
+    ),
+    "edges": ("closed contours, the object's edges strong, the hand's weak", closed_then("edges")),
+    "simplified": ("closed contours without vertices that nobody feels", closed_then("simplify")),
+    "smooth": ("closed contours with rounded corners", closed_then("smooth")),
+    "inset": ("outline of the contact, half a focal width farther in", closed_then("inset")),
+    "hatch": ("the contact filled with parallel lines", closed_then("hatch")),
+    "inset-hatch": (
+        "the contact, half a focal width farther in, filled with lines",
+        closed_then("inset", "hatch"),
+    ),
+    "ellipse": ("an ellipse of the contact's area and direction", closed_then("ellipse")),
+    "pca-ellipse": (
+        "an ellipse of 1.5 standard deviations of each contact (after shinolab)",
+        closed_then(Stage("ellipse", {"of": "moments", "scale": 0.75})),
+    ),
+    "circle": ("a circle of the contact's area", closed_then("circle")),
+    "centroid": ("a point at the contact's centroid, circling by 3 mm", closed_then("centroid")),
+    "depth": ("closed contours, the stronger the deeper the skin is in the object", closed_then("depth")),
+    "depth-hatch": (
+        "the contact filled with lines, each point as strong as it is deep",
+        closed_then("hatch", Stage("depth", {"at": "point"})),
+    ),
+}
+PRESETS = {name: make for name, (_, make) in _PRESETS.items()}
+"""Functions that make strategies, by name."""
+PRESET_LINES = {name: line for name, (line, _) in _PRESETS.items()}
+"""What each preset draws, in one line."""
 CONTOURS = ("-contour", "-contours")
 OTHERS = "; how contours are sampled, such as stm, is for sample and play"
 WORDS = {f"{word}{more}": name for word, name in (("open", "oc"), ("closed", "cc")) for more in ("", *CONTOURS)}

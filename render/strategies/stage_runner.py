@@ -6,8 +6,8 @@ import numpy as np
 
 from ..contour_batch import ContourBatch
 from ..errors import PalpateWarning, StrategyError
-from ..stages.option import Value
-from ..stages.registry import BY_RAW_KERNELS, Setting, Stage, StageEntry, find_stage
+from ..stages.registry import BY_RAW_KERNELS, Stage, StageEntry, Value, find_stage
+from ..stages.setting import Setting
 from ..stages.user_output_check import checked_batch, checked_removal
 from .intersection_strategy import IntersectionStrategy
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from wire_decoders import DECODERS, Drive
 
 from palpate.device.array import ArrayModel
-from palpate.device.boards.pat16.layout import with_divider
+from palpate.device.boards.pat16.link import with_divider
 from palpate.device.codec import duty, encode_frames, is_emitting, off_frame, switched_count
 from palpate.device.errors import FrameError, UnknownArrayError, UpdateRateError
 from palpate.device.registry import array_model
@@ -169,14 +169,6 @@ def test_a_divider_that_a_pat16_lacks_is_refused() -> None:
     for divider in (0, 256, -1):
         with pytest.raises(UpdateRateError, match=re.escape(f"divider {divider} is outside 1..255")):
             with_divider(off_frame(array="pat16"), divider)
-
-
-@EACH_BOARD
-def test_no_frames_encode_to_no_frames(name: str) -> None:
-    model = array_model(name)
-    none = encode_frames(np.zeros((0, model.transducer_count)), np.zeros(0), array=model)
-    assert none.shape == (0, model.frame_bytes)
-    assert is_emitting(none, array=model).shape == duty(none, array=model).shape == (0,)
 
 
 @EACH_BOARD

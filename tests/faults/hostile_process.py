@@ -14,7 +14,7 @@ from hostile_hdf5 import CASES, OPERATIONS, sound, write_case
 
 from palpate.datasets import ContourFile, HandMotion, check_file
 from palpate.datasets.focus_files.frame_reader import FrameReader, check_frames, frame_format
-from palpate.device.boards.emulator.usb_side import EmulatorBackend
+from palpate.device import EmulatorBackend
 from palpate.device.clock import VirtualClock
 from palpate.render.playback.file_playback import Connection, play_file
 from palpate.render.reports.file_summary import summarise, summarise_frames

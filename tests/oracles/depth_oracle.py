@@ -4,7 +4,7 @@ import numpy as np
 import trimesh
 
 from palpate.render.objects.moving_object import back_to
-from palpate.render.stages.point_insertion import divide_batch
+from palpate.render.stages.curves import divide_batch
 
 BLOCK = 500  # points at a time
 

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.kernels.section.piece_walker import MADE
+from palpate.kernels.section.draw import MADE
 from palpate.render import ContourBatch
-from palpate.render.stages.registry import Setting
+from palpate.render.stages.setting import Setting
 
 
 @dataclass(frozen=True, eq=False)

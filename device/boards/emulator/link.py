@@ -10,10 +10,10 @@ from ...array_kind import LinkRequest
 from ...clock import Clock
 from ...codec import off_frame
 from ...errors import DeviceTimeoutError, LinkError, link_error
-from ...link import BoardStatus, TransportKind
+from ...link import BoardStatus
 from ...silence import wait_silent
 from ...transports.bulk import open_bulk
-from ...transports.pyusb import Backend, UsbDevice, UsbError
+from ...transports.pyusb import UsbDevice, UsbError
 from ...transports.stream import StreamLink
 from ...transports.transport import Transport
 
@@ -26,39 +26,18 @@ _CONTROL_TIMEOUT_MS = 500
 
 
 class UsbLink(StreamLink):
-    """An opened `emulator`; a context manager that closes it. Made by `UsbLink.open`, and by `open_link`.
+    """An opened `emulator`; a context manager that closes it. `open_link` opens it.
 
-    >>> from palpate.device import UsbLink, VirtualClock, array_model
-    >>> with UsbLink.open(array_model("emulator"), clock=VirtualClock()) as link:
+    >>> from palpate.device import VirtualClock, array_model, open_link
+    >>> with open_link(array_model("emulator"), clock=VirtualClock()) as link:
     ...     link.start(8)  # 40 kHz / 8: 5 kHz
     ...     link, link.status().divider, link.status().level  # silent
     (UsbLink('emulator', serial='EMU0001'), 8, 0)
     """
 
     @classmethod
-    def open(
-        cls,
-        model: ArrayModel,
-        *,
-        serial: str | None = None,
-        backend: Backend | None = None,
-        clock: Clock | None = None,
-        transport: TransportKind = "auto",
-    ) -> Self:
-        """Find, open, configure and claim an array.
-
-        Args:
-            model: which kind.
-            serial: which one; None takes the first.
-            backend: pyusb's backend; None is libusb's, or a new emulated bus for an array that is only emulated.
-            clock: clock for deadlines; None takes the emulated bus's own, else the monotonic one.
-            transport: "queued", "sync", or "auto": queued where the backend is libusb's.
-
-        Raises:
-            DeviceNotFoundError, DeviceBusyError, DevicePermissionError, NoBackendError: as their names say.
-            LinkError: queued was asked for, and cannot be had.
-        """
-        request = LinkRequest(serial=serial, backend=backend, clock=clock, transport=transport)
+    def open(cls, model: ArrayModel, request: LinkRequest) -> Self:
+        """Find, open, configure and claim an array; raises as `open_link` does."""
         opened = open_bulk(model, request, endpoint=_BULK_OUT)
         return cls(model, opened.transport, opened.device, opened.who, serial=opened.serial, clock=opened.clock)
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...clock import Clock
+from ...emulation.peripheral import Descriptors, Peripheral
 
 FRAME_BYTES = 512
 FIFO_FRAMES = 2048
@@ -224,3 +225,30 @@ def decode_frames(frames: NDArray[np.uint8]) -> tuple[NDArray[np.float64], NDArr
         Delay [turns] and relative pressure amplitude 0..1, each of shape [frame, slot], slots as in `slot_position`.
     """
     return frames[:, 0::2] / 256, frames[:, 1::2] / 255
+
+
+VENDOR, PRODUCT = 0x1209, 0x0001  # pid.codes' shared product id for tests
+MANUFACTURER_STRING, PRODUCT_STRING = "palpate", "emulated 256-transducer array"
+BULK_OUT = 0x01
+
+_OUT, _IN = 0x40, 0xC0
+_SET_DIVIDER, _GET_STATUS, _CLEAR = 0x01, 0x02, 0x03
+
+
+class EmulatorUsb(Peripheral[Board]):
+    """The USB side of the board `emulator`, as docs/formats/emulator.md has it."""
+
+    def __init__(self, serial: str, board: Board) -> None:
+        descriptors = Descriptors(
+            VENDOR, PRODUCT, MANUFACTURER_STRING, PRODUCT_STRING, serial, (BULK_OUT,), 512, device_class=0xFF
+        )
+        super().__init__(descriptors, board)
+
+    def request(self, kind: int, request: int, value: int, index: int) -> bytes | None:
+        """Answer a vendor request; None is a stall."""
+        if (kind, request) == (_OUT, _SET_DIVIDER):
+            return b"" if self.board.set_divider(value) else None
+        if (kind, request) == (_OUT, _CLEAR):
+            self.board.clear()
+            return b""
+        return self.board.status() if (kind, request) == (_IN, _GET_STATUS) else None

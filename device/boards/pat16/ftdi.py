@@ -13,8 +13,8 @@ from typing import Final, Self, cast
 
 from ...array import ArrayModel
 from ...errors import LinkError, link_error
-from ...transports.pyusb import Backend, UsbDevice, UsbError, claim, dispose
-from ...transports.usb_lookup import DriverDevice, driver_is_bound, find_device
+from ...transports.lookup import DriverDevice, driver_is_bound, find_device
+from ...transports.pyusb import Backend, UsbDevice, UsbError, claim, configure, dispose
 
 BULK_OUT: Final = 0x02
 """Endpoint of the bytes to the board."""
@@ -59,7 +59,7 @@ class FtdiPort:
             if driver_is_bound(device):
                 cast("DriverDevice", device).detach_kernel_driver(0)
                 port.detached = True
-            _configure(device)
+            configure(device)
             claim(device, 0)
         except UsbError as error:
             port.close()
@@ -130,13 +130,3 @@ class FtdiPort:
             self.device.ctrl_transfer(_VENDOR_OUT, request, value, _PORT, None, _TIMEOUT_MS)
         except UsbError as error:
             raise link_error(self.who, error.errno, error) from error
-
-
-def _configure(device: UsbDevice) -> None:
-    """Configure the device unless it is: doing it again would fail while another player has claimed it."""
-    try:
-        device.get_active_configuration()
-    except UsbError as error:
-        if error.errno is not None:  # pyusb's own "not set" has no errno
-            raise
-        device.set_configuration()

@@ -7,18 +7,22 @@ from collections.abc import Callable
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...array import ArrayModel
+from ...array_kind import LinkRequest
 from ...clock import Clock
 from ...codec import off_frame
-from ...errors import CalibrationError, DeviceTimeoutError
-from ...link import TransportKind, never
-from ...transports.pyusb import Backend
+from ...errors import CalibrationError, DeviceTimeoutError, UpdateRateError
+from ...link import never
+from ...transports.bulk import open_transport, usb_backend
+from ...transports.lookup import emulated_clock
 from ...transports.stream import StreamLink
-from ...transports.transport import Transport, open_transport
-from ...transports.usb_lookup import emulated_clock
+from ...transports.transport import Transport
 from .ftdi import BULK_OUT, FtdiPort
-from .layout import with_divider
+
+_MARK = 0x80
+_DIVIDER_BYTE, _LOAD_BYTE = 26, 34  # the layout is a table in `kind`
 
 _LATENCY_MS = 2
 _SLOWEST = 255
@@ -32,8 +36,23 @@ _SLOWEST_BLOCK = 256  # carrier periods: what the board makes of divider 0, whic
 _REALIGN_ATTEMPTS = 3
 
 
+def with_divider(frames: NDArray[np.uint8], divider: int) -> NDArray[np.uint8]:
+    """Frames of a pat16, shape [..., 512], that also set its update rate to 40 kHz / divider, 1..255.
+
+    Raises `UpdateRateError` for another divider.
+    """
+    if not 1 <= divider <= 255:
+        raise UpdateRateError(f"divider {divider} is outside 1..255 of array pat16")
+    marked = frames.copy()
+    bits = marked[..., _DIVIDER_BYTE:_LOAD_BYTE]
+    bits &= 0xFF ^ _MARK
+    bits |= ((divider >> np.arange(8) & 1) * _MARK).astype(np.uint8)
+    marked[..., _LOAD_BYTE] |= _MARK
+    return marked
+
+
 class PatLink(StreamLink):
-    """An opened pat16; a context manager that closes it. Made by `PatLink.open`.
+    """An opened pat16; a context manager that closes it. `open_link` opens it.
 
     The board takes bytes in blocks of 512, counted from the last time that it cleared its FIFO, so each frame must fill
     a block exactly: else every second frame is dropped, and the last one never plays. This link keeps count. Where the
@@ -66,49 +85,32 @@ class PatLink(StreamLink):
         self._looked_ns = 0  # when that was looked at
 
     @classmethod
-    def open(
-        cls,
-        model: ArrayModel,
-        *,
-        serial: str | None = None,
-        backend: Backend | None = None,
-        clock: Clock | None = None,
-        transport: TransportKind = "auto",
-        uncalibrated: bool = False,
-    ) -> Self:
+    def open(cls, model: ArrayModel, request: LinkRequest) -> Self:
         """Find, open, configure and claim a board; a driver of the operating system is detached until `close`.
 
-        Nothing is sent: what a killed player left plays on until `start`, or `send_off`.
+        Nothing is sent: what a killed player left plays on until `start`, or `send_off`. `uncalibrated` plays on a real
+        board without its board file: a focus is not one there, as transducers are wired either way round.
 
-        Args:
-            model: the array, with the calibration of the board that is to be opened.
-            serial: which one; None takes that of the calibration.
-            backend: pyusb's; None is libusb's.
-            clock: clock that the board runs by; None takes an emulated bus's own, else the monotonic one.
-            transport: "queued", "sync", or "auto": queued where the backend is libusb's.
-            uncalibrated: play on a real board without its board file: a focus is not one there, as transducers are
-                wired either way round.
-
-        Raises:
-            CalibrationError: the model has no calibration, and the board is a real one; or it is another board's.
-            DeviceNotFoundError, DeviceBusyError, DevicePermissionError, NoBackendError: as their names say.
-            LinkError: queued was asked for, and cannot be had.
+        Raises, beside what `open_link` does, CalibrationError: the model has no calibration, and the board is a real
+        one; or it is another board's.
         """
+        backend, serial = usb_backend(request.backend), request.serial
         bus_clock = emulated_clock(backend)
         emulated = bus_clock is not None
-        if not (model.calibrated or emulated or uncalibrated):
+        if not (model.calibrated or emulated or request.uncalibrated):
             raise CalibrationError(
                 f"array {model.name} needs the board file (.pat) of its board: without the phase offsets in it about "
                 "half of the transducers work against the others; only an emulated board plays without"
             )
-        if not (serial is None or model.serial is None or emulated or uncalibrated) and serial != model.serial:
+        is_any = serial is None or model.serial is None or emulated or request.uncalibrated
+        if not is_any and serial != model.serial:
             raise CalibrationError(f"the board file is of {model.name} {model.serial}, not of {serial}")
         wanted = None if serial is None and emulated else serial or model.serial
         port = FtdiPort.open(model, serial=wanted, backend=backend)
         try:
             port.require_fifo_mode()
-            clock = clock or bus_clock
-            way = open_transport(port.device, BULK_OUT, kind=transport, who=port.who, clock=clock)
+            clock = request.clock or bus_clock
+            way = open_transport(port.device, BULK_OUT, kind=request.transport, who=port.who, clock=clock)
         except BaseException:
             port.close()
             raise

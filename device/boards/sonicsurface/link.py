@@ -8,23 +8,21 @@ from contextlib import suppress
 from typing import Self
 
 from ...array import ArrayModel
+from ...array_kind import LinkRequest
 from ...clock import Clock
 from ...codec import off_frame
 from ...errors import LinkError
 from ...link import never
-from ...transports.pyserial import SystemPorts
-from ...transports.serial_line import SerialPorts
-from ...transports.serial_lookup import choose_port, open_port
-from ...transports.serial_transport import SerialTransport
+from ...transports.lookup import choose_port, open_port
+from ...transports.serial_line import SerialPorts, SystemPorts
 from ...transports.stream import StreamLink
-from .geometry import BAUD_PUBLISHED
 from .swaps import SwapTransport
 
 _PRIMARY_BOARD, _SECONDARY_BOARD, _CLOCKS_ON = 0xC0, 0xC1, 0x97
 
 
 class SonicLink(StreamLink):
-    """An opened SonicSurface; a context manager that closes it. Made by `SonicLink.open`.
+    """An opened SonicSurface; a context manager that closes it. `open_link` opens it.
 
     Its UART is the clock: frames are played as they arrive, one after the other, at one rate; one pattern and off, in
     turns, at any rate that `SwapTransport` makes of it. The board has two buffers, and a swap that it reads out of
@@ -36,10 +34,9 @@ class SonicLink(StreamLink):
     _transport: SwapTransport
 
     def __init__(
-        self, model: ArrayModel, transport: SerialTransport, *, serial: str | None, clock: Clock | None = None
+        self, model: ArrayModel, transport: SwapTransport, *, serial: str | None, clock: Clock | None = None
     ) -> None:
-        frames = SwapTransport(transport, model.frame_bytes)
-        super().__init__(model, frames, off_frame(array=model).tobytes(), serial=serial, clock=clock)
+        super().__init__(model, transport, off_frame(array=model).tobytes(), serial=serial, clock=clock)
         self._byte_ns = 1e9 / model.frame_clock
 
     @property
@@ -60,33 +57,19 @@ class SonicLink(StreamLink):
         return round((self.array.frame_bytes - 1) * self._byte_ns) if is_loaded else 0
 
     @classmethod
-    def open(
-        cls,
-        model: ArrayModel,
-        *,
-        serial: str | None = None,
-        ports: SerialPorts | None = None,
-        clock: Clock | None = None,
-    ) -> Self:
+    def open(cls, model: ArrayModel, request: LinkRequest) -> Self:
         """Open the serial port of a board, which no other program can open until `close`, and switch the board off.
 
-        Args:
-            model: the array, with the baud rate that its firmware was compiled for.
-            serial: serial number of its adapter, or path of its port; None takes the only adapter.
-            ports: where to look for it; None is the system's, through pyserial.
-            clock: clock that the board runs by; None takes that of emulated ports, else the monotonic one.
-
-        Raises:
-            DeviceNotFoundError, DeviceBusyError, DevicePermissionError: as their names say.
-            NoBackendError: pyserial is not installed.
-            LinkError: it is no serial port, or it lacks the baud rate.
+        `serial` is that of its adapter, or the path of its port; None takes the only adapter. Raises, beside what
+        `open_link` does, NoBackendError without pyserial, and LinkError for a port that lacks the baud rate.
         """
-        ports = ports or SystemPorts()
-        baud = model.baud or BAUD_PUBLISHED
-        info = choose_port(model, serial, ports)
+        ports = request.backend if isinstance(request.backend, SerialPorts) else SystemPorts()
+        baud = model.baud or 0  # a model of this kind has one
+        info = choose_port(model, request.serial, ports)
         port = open_port(model, info, ports, baud=baud)
-        clock = clock or ports.clock
-        transport = SerialTransport(port, baud, who=f"{model.name} at {info.path}", clock=clock)
+        clock = request.clock or ports.clock
+        who = f"{model.name} at {info.path}"
+        transport = SwapTransport(port, baud, frame_bytes=model.frame_bytes, who=who, clock=clock)
         link = cls(model, transport, serial=info.serial or info.path, clock=clock)
         with suppress(LinkError):  # `start` meets it again
             link.send_off()  # a board that was just switched on emits

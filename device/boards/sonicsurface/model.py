@@ -10,13 +10,14 @@ from __future__ import annotations
 import random
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...clock import Clock
+from ...emulation.serial_bus import EmulatedPorts
 
 TRANSDUCER_COUNT = 256
 BAUD = 10.24e6 / 45
@@ -251,3 +252,22 @@ def decode_patterns(patterns: NDArray[np.uint8]) -> tuple[NDArray[np.float64], N
         pressure amplitude, 0 or 1; each [pattern, place], places as in `slot_position`.
     """
     return (patterns / COUNTS + 0.25) % 1.0, (patterns < COUNTS).astype(np.float64)
+
+
+class SonicPorts(EmulatedPorts[SonicBoard]):
+    """Serial ports with a SonicSurface at each: give them to `open_link` and `find_serial_arrays` as the backend.
+
+    Args:
+        serials: serial number of each adapter.
+        clock: clock of all boards; None takes the monotonic one.
+        record: how many of its last played patterns each board keeps, for tests.
+        baud: bits a second that the boards sample at [Bd].
+    """
+
+    def __init__(
+        self, serials: Sequence[str] = ("SONEMU01",), *, clock: Clock | None = None, record: int = 0, baud: float = BAUD
+    ) -> None:
+        def switch_on(clock: Clock, chip_bytes: int) -> SonicBoard:
+            return SonicBoard(clock, record=record, baud=baud, chip_bytes=chip_bytes)
+
+        super().__init__(switch_on, serials, clock=clock)

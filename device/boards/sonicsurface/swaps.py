@@ -10,8 +10,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...clock import Clock
 from ...errors import UpdateRateError
 from ...link import never
+from ...transports.serial_line import SerialPort
 from ...transports.serial_transport import SerialTransport
 
 _START, _SWAP = 0xFE, 0xFD
@@ -30,27 +32,25 @@ class _Span(NamedTuple):
     frame_bytes: int
 
 
-class SwapTransport:
+class SwapTransport(SerialTransport):
     """A transport that takes whole frames, and sends a byte that swaps the board's two buffers where they change.
 
     With `slot_bytes` bytes of the line for each frame, frames come at the line's byte rate / `slot_bytes`. The board's
     buffers must both be off when `slot_bytes` is set. The first frame that emits is then sent whole, which takes 257
     bytes of the line more; every later one must be the same, or off. Bytes that are no whole number of frames hide
-    the pattern, then go out as they are. All counts of bytes are of frames.
+    the pattern, then go out as they are. All counts of bytes are of frames, and so is `window_bytes`.
 
     Args:
-        line: the transport that carries the bytes.
+        port, baud, who, clock: as for `SerialTransport`.
         frame_bytes: of a whole frame.
     """
 
-    name = SerialTransport.name
-
-    def __init__(self, line: SerialTransport, frame_bytes: int) -> None:
-        self._line = line
+    def __init__(
+        self, port: SerialPort, baud: int, *, frame_bytes: int, who: str = "", clock: Clock | None = None
+    ) -> None:
+        super().__init__(port, baud, who=who, clock=clock)
         self._frame_bytes = frame_bytes
         self._slot_bytes = frame_bytes
-        self.window_bytes: int | None = None
-        """Most bytes of frames to have under way; None: as many as the line takes."""
         self._spans: deque[_Span] = deque()
         self._pattern: NDArray[np.uint8] | None = None  # the frame whose pattern one of the board's buffers holds
         self._shown = False
@@ -68,7 +68,7 @@ class SwapTransport:
     @property
     def bytes_taken(self) -> int:
         """Bytes of frames whose bytes of the line have left."""
-        taken = self._line.bytes_taken
+        taken = super().bytes_taken
         while len(self._spans) > 1 and self._spans[1].line <= taken:
             self._spans.popleft()
         return self._frame_byte(taken)
@@ -76,18 +76,8 @@ class SwapTransport:
     @property
     def bytes_under_way(self) -> int:
         """Bytes of frames submitted whose bytes of the line have not left; raises nothing."""
-        taken = self._line.bytes_taken  # first: the line's own count of what is under way shrinks between two looks
-        return self._frame_byte(self._line.bytes_written) - self._frame_byte(taken)
-
-    @property
-    def short_writes(self) -> int:
-        """Writes that took less than was offered, or nothing, and were continued."""
-        return self._line.short_writes
-
-    @property
-    def is_exact(self) -> bool:
-        """Whether `bytes_taken` is exact once nothing is under way."""
-        return self._line.is_exact
+        taken = super().bytes_taken  # first: the line's own count of what is under way shrinks between two looks
+        return self._frame_byte(self._written) - self._frame_byte(taken)
 
     def submit(self, data: array[int], *, abandon: Callable[[], bool] = never) -> None:
         """Send whole frames as swaps, or other bytes as they are.
@@ -95,30 +85,13 @@ class SwapTransport:
         Raises `UpdateRateError` for a frame that emits another pattern than the first one that did.
         """
         wire = self._as_it_is(data) if self._is_sent_as_it_is(data) else self._swaps(data)
-        window = self.window_bytes
-        self._line.window_bytes = None if window is None else window // self._frame_bytes * self._slot_bytes
-        start = self._line.bytes_written
+        start = self._written
         self._spans.append(_Span(start, len(wire), self._frame_byte(start), len(data)))
-        self._line.submit(wire, abandon=abandon)
+        super().submit(wire, abandon=abandon)
 
-    def drain(self, *, abandon: Callable[[], bool] = never) -> bool:
-        """Wait until nothing is under way; False if abandoned."""
-        return self._line.drain(abandon=abandon)
-
-    def cancel(self) -> None:
-        """Let what is under way leave."""
-        self._line.cancel()
-
-    def forget_doubt(self) -> None:
-        """Count as exact again."""
-        self._line.forget_doubt()
-
-    def clear_halt(self) -> None:
-        """A line has no halt: nothing happens."""
-
-    def close(self) -> None:
-        """Let go of the port."""
-        self._line.close()
+    def _line_window(self) -> int | None:
+        """Most bytes of the line to have on the way."""
+        return None if self.window_bytes is None else self.window_bytes // self._frame_bytes * self._slot_bytes
 
     def _is_sent_as_it_is(self, data: array[int]) -> bool:
         return self._slot_bytes == self._frame_bytes or len(data) % self._frame_bytes != 0

@@ -16,8 +16,7 @@ import numpy as np
 
 from ...reports.picture_page import fit_text, text_width
 from ...reports.picture_style import DPI, FAINT, INK, picture_bytes
-from ...reports.report_pages import ReportPicture
-from ...reports.report_pictures import STYLE, drawing
+from ...reports.report_pages import PICTURE_STYLE, ReportPicture, drawing
 from ...terminal.foreign_text import visible
 from .measures import Level, Measure, cell_text, level_text
 
@@ -30,7 +29,7 @@ COLOURS = ("#1d6fa5", "#e08a00", "#3b3b3b", "#74b79c", "#a3195b", "#8d99ae")
 """Of levels: lightness 44, 65, 25, 69, 36 and 63, told apart with any kind of colour vision."""
 MARKS = ("o", "s", "^", "D", "v", "P")
 WIDTH = 9.4  # [inch] of a wide picture
-FONT = STYLE["font.size"]
+FONT = PICTURE_STYLE["font.size"]
 DASHES = (0, (5, 3))  # of chance, and of means over trials
 LEVELS_MOST = 40  # in one picture
 PANELS_MOST = 24

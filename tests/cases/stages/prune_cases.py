@@ -6,7 +6,8 @@ import numpy as np
 
 from palpate.render import ContourBatch, IntersectionStrategy
 from palpate.render.hands.hand import PatchFrames
-from palpate.render.stages.registry import Setting, Stage
+from palpate.render.stages.registry import Stage
+from palpate.render.stages.setting import Setting
 from palpate.render.strategies.stage_runner import run_stages
 
 FOCAL_WIDTH = 0.0101

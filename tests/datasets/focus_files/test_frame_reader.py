@@ -12,7 +12,7 @@ from contour_cases import first_chunk, flip_bit, put_text, redigest, zero_chunk
 from palpate.datasets.errors import ContourFileError
 from palpate.datasets.focus_files.frame_file import FrameField, FrameFile
 from palpate.datasets.focus_files.frame_reader import FrameReader, check_frames, frame_format
-from palpate.device.boards.emulator.usb_side import EmulatorBackend
+from palpate.device import EmulatorBackend
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames
 from palpate.device.registry import array_model

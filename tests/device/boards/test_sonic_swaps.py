@@ -13,7 +13,6 @@ from palpate.device import Player, UpdateRateError, VirtualClock, array_model, e
 from palpate.device.boards.sonicsurface.model import SonicBoard
 from palpate.device.boards.sonicsurface.swaps import SwapTransport
 from palpate.device.registry import emulated_backend
-from palpate.device.transports.serial_transport import SerialTransport
 
 MODEL = array_model("sonicsurface")
 BYTE = 1 / 23040  # [s] on the line: ten bits at 230400 Bd
@@ -164,7 +163,7 @@ def test_a_link_used_without_a_player_refuses_a_second_pattern(line: Line) -> No
 
 def test_bytes_are_counted_as_those_of_whole_frames(line: Line) -> None:
     port = line.ports.open(line.ports.path(), baud=230_400)
-    transport = SwapTransport(SerialTransport(port, 230_400, clock=line.ports.clock), 258)
+    transport = SwapTransport(port, 230_400, frame_bytes=258, clock=line.ports.clock)
     transport.slot_bytes = 10
     transport.submit(array("B", frames([True] * 20).tobytes()))  # 257 + 200 bytes on the line
     assert (transport.bytes_taken, transport.bytes_under_way) == (0, 20 * 258)
@@ -184,7 +183,7 @@ def test_no_byte_is_lost_count_of_while_time_goes_on_between_two_looks(line: Lin
             return super().now_ns()
 
     port = line.ports.open(line.ports.path(), baud=230_400)
-    transport = SwapTransport(SerialTransport(port, 230_400, clock=Running()), 258)
+    transport = SwapTransport(port, 230_400, frame_bytes=258, clock=Running())
     transport.slot_bytes = 4
     for _ in range(20):
         transport.submit(array("B", frames([True, False]).tobytes()))

@@ -10,14 +10,14 @@ import threading
 
 import pytest
 
-from palpate.device import EmulatorBackend, Player, PlayInterrupted, UsbLink, VirtualClock, array_model
+from palpate.device import EmulatorBackend, Player, PlayInterrupted, VirtualClock, array_model, open_link
 from palpate.device.playing.signals import end_process, ending_on_signals
 
 PLAYS_FOREVER = """
 import json, signal, sys, threading, time
 import numpy as np
 signal.signal(signal.SIGHUP, signal.SIG_DFL)  # whatever runs the tests, such as nohup, may ignore it
-from palpate.device import EmulatorBackend, Player, PlayInterrupted, UsbLink, array_model
+from palpate.device import EmulatorBackend, Player, PlayInterrupted, array_model, open_link
 
 maker = sys.argv[1]
 bus = EmulatorBackend(record=10)
@@ -45,7 +45,7 @@ def progress(frames):
 
 signals = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 before = [signal.getsignal(s) for s in signals]
-with UsbLink.open(array_model("emulator"), backend=bus) as link:
+with open_link(array_model("emulator"), backend=bus) as link:
     try:
         Player(link).play(blocks(), update_rate=40e3 / 4 if maker != "ends" else 40e3 / 255, progress=progress)
     except PlayInterrupted as interrupt:
@@ -119,7 +119,7 @@ def test_the_first_of_two_signals_ends_the_playback_with_the_array_off(signum: s
     signal.signal(signum, lambda *_: None)  # if the player does not handle it, this test fails, and not all of pytest
     before = [signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
     bus = EmulatorBackend(clock=VirtualClock())
-    with UsbLink.open(array_model("emulator"), backend=bus) as link, pytest.raises(PlayInterrupted) as caught:
+    with open_link(array_model("emulator"), backend=bus) as link, pytest.raises(PlayInterrupted) as caught:
         Player(link).play(blocks(), update_rate=10e3, progress=progress)
     assert [signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
     report = caught.value.report
@@ -142,10 +142,10 @@ def test_a_signal_whose_exception_a_destructor_swallowed_keeps_the_next_playback
     with ending_on_signals():
         with pytest.raises(KeyboardInterrupt):  # stands for the destructor, out of which Python raises nothing
             end_process(signal.SIGTERM, None)
-        with UsbLink.open(array_model("emulator"), backend=bus) as link, pytest.raises(KeyboardInterrupt):
+        with open_link(array_model("emulator"), backend=bus) as link, pytest.raises(KeyboardInterrupt):
             Player(link).play([bytes([200]) * 512 * 100], update_rate=10e3)
     assert bus.board().frames_played == 0
-    with UsbLink.open(array_model("emulator"), backend=bus) as link:  # a program that goes on may play again
+    with open_link(array_model("emulator"), backend=bus) as link:  # a program that goes on may play again
         assert Player(link).play([bytes([200]) * 512 * 100], update_rate=10e3).frames == 100
 
 
@@ -157,7 +157,7 @@ def test_away_from_the_main_thread_no_handler_is_touched() -> None:
             seen.append(signal.getsignal(signal.SIGINT))
             yield bytes(512)
 
-        with UsbLink.open(array_model("emulator"), backend=EmulatorBackend(clock=VirtualClock())) as link:
+        with open_link(array_model("emulator"), backend=EmulatorBackend(clock=VirtualClock())) as link:
             seen.append(Player(link).play(blocks(), update_rate=10e3).stopped_by)
 
     thread = threading.Thread(target=play)
@@ -177,7 +177,7 @@ def tell():
     outcome["stopped_by"] = player.report.stopped_by if player.report else None
     print(json.dumps(outcome))
 
-from palpate.device import EmulatorBackend, Player, UsbLink, array_model
+from palpate.device import EmulatorBackend, Player, array_model, open_link
 
 bus = EmulatorBackend(record=10)
 wire = np.full((100, 512), 200, np.uint8)
@@ -189,7 +189,7 @@ def blocks():
         if bus.board().bytes_received:
             playing.set()
 
-link = UsbLink.open(array_model("emulator"), backend=bus)
+link = open_link(array_model("emulator"), backend=bus)
 player = Player(link)
 threading.Thread(target=lambda: player.play(blocks(), update_rate=10e3), daemon=True).start()
 playing.wait(30)
@@ -217,7 +217,7 @@ def test_a_signal_that_was_ignored_stays_ignored_while_it_plays() -> None:
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # as a shell does for `command &` in a script
     with (
-        UsbLink.open(array_model("emulator"), backend=EmulatorBackend(clock=VirtualClock())) as link,
+        open_link(array_model("emulator"), backend=EmulatorBackend(clock=VirtualClock())) as link,
         ending_on_signals(),
     ):
         seen.append(signal.getsignal(signal.SIGINT))

@@ -9,8 +9,7 @@ import struct
 
 import numpy as np
 
-from palpate.device.boards.emulator.model import Board
-from palpate.device.boards.emulator.usb_side import EmulatorUsb
+from palpate.device.boards.emulator.model import Board, EmulatorUsb
 from palpate.device.boards.pat16.ftdi_model import FT232H_CHIP_BYTES, Ft232h
 from palpate.device.boards.pat16.model import PatBoard
 from palpate.device.emulation.peripheral import Peripheral

@@ -12,7 +12,6 @@ import pytest
 
 from palpate.device.boards.discovery import open_link
 from palpate.device.boards.pat16.ftdi import FtdiPort
-from palpate.device.boards.pat16.link import PatLink
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames, off_frame
 from palpate.device.errors import CalibrationError, DeviceStallError, LinkError, UpdateRateError
@@ -119,7 +118,7 @@ def test_a_board_that_never_answers_says_nothing() -> None:
 
 def test_a_real_pat16_without_its_board_file_is_refused() -> None:
     with pytest.raises(CalibrationError, match="pat16 needs the board file"):
-        PatLink.open(array_model("pat16"))
+        open_link(array_model("pat16"))
 
 
 def test_a_board_file_chooses_its_board(tmp_path: Path) -> None:
@@ -127,7 +126,7 @@ def test_a_board_file_chooses_its_board(tmp_path: Path) -> None:
 
     model = array_model("pat16", calibration=write(tmp_path / "b.pat", board_lines(np.random.default_rng(0))[0]))
     with pytest.raises(CalibrationError, match="the board file is of pat16 FT4TKZL8, not of OTHER"):
-        PatLink.open(model, serial="OTHER")
+        open_link(model, serial="OTHER")
     bus = emulated_backend("pat16", clock=VirtualClock(), serials=["A", "FT4TKZL8"])
     port = FtdiPort.open(model, backend=bus)
     assert port.serial == "FT4TKZL8"
@@ -140,5 +139,5 @@ def test_an_open_that_fails_gives_the_chip_back() -> None:
     bus = emulated_backend("pat16", clock=VirtualClock())
     bus.bind_kernel_driver()
     with pytest.raises(LinkError):  # an emulated bus has no libusb handle
-        PatLink.open(array_model("pat16"), backend=bus, transport="queued")
+        open_link(array_model("pat16"), backend=bus, transport="queued")
     assert bus._ports[0].driver

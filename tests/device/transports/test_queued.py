@@ -13,13 +13,13 @@ import usb.core
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.device.boards.emulator.usb_side import EmulatorBackend
+from palpate.device import EmulatorBackend
 from palpate.device.clock import VirtualClock
 from palpate.device.errors import DeviceLostError, DeviceStallError, DeviceTimeoutError, LinkError
-from palpate.device.transports.libusb import CANCELLED, COMPLETED, BulkQueue, Completion, is_queueable
+from palpate.device.transports.bulk import open_transport
+from palpate.device.transports.libusb import CANCELLED, COMPLETED, BulkQueue, Completion, hidden_name
 from palpate.device.transports.queued import QueuedTransport
-from palpate.device.transports.sync import SyncTransport
-from palpate.device.transports.transport import open_transport
+from palpate.device.transports.transport import SyncTransport
 
 STALL, NO_DEVICE = 4, 5
 
@@ -252,15 +252,32 @@ def test_close_cancels_and_frees_and_returns_although_a_transfer_does_not_end() 
 
 def test_other_backends_are_refused_for_queued_and_take_sync_for_auto() -> None:
     (device,) = usb.core.find(find_all=True, backend=EmulatorBackend(clock=VirtualClock()))
-    assert not is_queueable(device)
+    assert "backend is palpate" in (hidden_name(device) or "")
     with pytest.raises(LinkError, match=r"the backend is palpate.*use the transport 'sync'"):
         open_transport(device, 1, kind="queued")
     assert isinstance(open_transport(device, 1), SyncTransport)
 
 
-def test_a_pyusb_that_hides_its_handle_is_refused_by_name() -> None:
+def libusb_device(**context: object) -> SimpleNamespace:
     backend = type("_LibUSB", (), {"__module__": "usb.backend.libusb1"})()
-    device = SimpleNamespace(_ctx=SimpleNamespace(backend=backend, handle=None))
+    return SimpleNamespace(_ctx=SimpleNamespace(backend=backend, **context))
+
+
+def test_a_pyusb_that_hides_its_handle_is_played_by_blocking_writes_with_a_warning() -> None:
+    device = libusb_device(opened=SimpleNamespace(handle=1))  # a pyusb that has moved its handle
+    with pytest.warns(RuntimeWarning, match=r"array left .*keeps its handle elsewhere.*pip install 'pyusb==") as noted:
+        transport = open_transport(device, 1, who="left")
+    assert len(noted) == 1
+    assert isinstance(transport, SyncTransport)
+
+
+@pytest.mark.filterwarnings("error")
+def test_blocking_writes_that_are_asked_for_are_no_surprise() -> None:
+    assert isinstance(open_transport(libusb_device(), 1, kind="sync"), SyncTransport)
+
+
+def test_a_pyusb_that_hides_its_handle_is_refused_by_name() -> None:
+    device = libusb_device(handle=None)
     with pytest.raises(LinkError, match="keeps its handle elsewhere"):
         BulkQueue(device, 1, slots=1)
     device._ctx.handle = SimpleNamespace(handle=1)

@@ -11,7 +11,7 @@ from transform_cases import assert_equal, assert_valid
 from palpate.kernels.offsets import PointLimitError
 from palpate.kernels.stages.insertion import divide_rows, insert_points
 from palpate.render import ContourBatch
-from palpate.render.stages.point_insertion import divide_batch
+from palpate.render.stages.curves import divide_batch
 
 
 def inserted(batch, segment, part, device="cpu"):

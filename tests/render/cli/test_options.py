@@ -23,7 +23,7 @@ from palpate.render.playback.drive import AMPLITUDES, SOLVERS
 from palpate.render.playback.file_playback import CLOCKS
 from palpate.render.reports.picture_style import SUFFIXES
 from palpate.render.sampling.presets import PRESETS as SAMPLINGS
-from palpate.render.strategies.presets import PRESETS as STRATEGIES
+from palpate.render.strategies.intersection_strategy import PRESETS as STRATEGIES
 
 
 def commands():

@@ -1,5 +1,6 @@
 """Report pages: texts from outside are shown and not obeyed, pictures are inside, nothing is loaded."""
 
+import re
 from html.parser import HTMLParser
 
 import pytest
@@ -13,8 +14,10 @@ from palpate.render.reports.report_pages import (
     ReportPicture,
     ReportSection,
     ReportTable,
+    drawing,
     html_page,
     markdown_page,
+    picture_content,
 )
 from palpate.render.terminal.foreign_text import visible
 
@@ -187,3 +190,21 @@ def test_a_list_of_contents_begins_a_page_of_many_sections():
     assert len(set(anchors)) == CONTENTS_FROM
     assert page.of("a")[-1] == page.of("h2")[-1] == "Last <part>"
     assert page.of("a")[:1] == ["Part 0"]
+
+
+def test_pictures_are_the_same_every_time_and_name_no_page_to_load():
+    contents = []
+    for _ in range(2):
+        with drawing(2.0, 1.0) as figure:
+            figure.subplots().plot([0, 1], [1, 0])
+            contents.append(picture_content(figure))
+    assert contents[0] == contents[1]
+    svg = contents[0].decode()
+    assert not re.search(r"(?:href|src)\s*=\s*[\"'](?!#)", svg)
+    assert "<date" not in svg.lower().replace("dc:", "<")
+
+
+def test_the_address_of_a_picture_says_of_what_kind_it_is():
+    with drawing(0.5, 0.5) as figure:
+        kinds = [ReportPicture(picture_content(figure, kind), "", "").uri.split(";")[0] for kind in ("svg", "png")]
+    assert kinds == ["data:image/svg+xml", "data:image/png"]

@@ -7,7 +7,7 @@ from html.parser import HTMLParser
 import pytest
 from command_line import FAILED, MISUSED, answer, refused, run
 
-from palpate.render.reproduction import command, evaluation
+from palpate.render.reproduction import command
 
 SMALL = ("--explorers", "2", "--repetitions", "1", "--recording", "2")
 VOID = {"meta", "img", "br"}
@@ -38,7 +38,7 @@ class Page(HTMLParser):
 def brief(monkeypatch):
     """Times of stages measured once, on few poses: a quick run."""
     for name, value in {"MESHES": ("tube",), "LIVE_POSES": 3, "BATCH_POSES": 20, "REPEATS": 1}.items():
-        monkeypatch.setattr(evaluation, name, value)
+        monkeypatch.setattr(command, name, value)
 
 
 @pytest.mark.exhaustive

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import trimesh
 from depth_oracle import weighed
-from transform_cases import a_setting, assert_equal, near_poses, random_regions, rendered, run_stage
+from transform_cases import a_setting, near_poses, rendered, run_stage
 
 from palpate.render import MeshObject, Palm, PlaneHand, Scene, Stage, static_pose
 from palpate.render.hands.plane_hand import flat_hand
 from palpate.render.stages.depth import CACHE_SIZE, mesh_of
-from palpate.render.strategies.presets import closed_then
+from palpate.render.strategies.intersection_strategy import closed_then
 
 DEFAULTS = {"shallow": 0.0, "deep": 0.02, "lowest": 0.3, "grid": 9, "spacing": 0.004}
 RAMPS = [{}, {"shallow": 0.003, "deep": 0.009, "lowest": 0.0}, {"shallow": 0.007, "deep": 0.001}]
@@ -51,27 +51,6 @@ def test_a_patch_that_is_absent_has_no_depth(at, device, rng):
     assert np.diff(got.pose_start)[3] == 0
 
 
-@pytest.mark.parametrize("at", ["patch", "pose", "point"])
-def test_depth_does_not_depend_on_the_batch_a_pose_is_in(at, device, rng):
-    batch, setting = rendered(rng, device, moved=True, count=24)
-    whole = run_stage("depth", batch, setting, **DEFAULTS, at=at)
-    for first, stop in ((0, 5), (5, 6), (6, 6), (6, 24)):
-        own = a_setting(
-            setting.pose[first:stop], thing=setting.solid, device=device, moved=setting.object_pose[first:stop]
-        )
-        part = run_stage("depth", batch.select(first, stop), own, **DEFAULTS, at=at)
-        assert_equal(part, whole.select(first, stop))
-
-
-@pytest.mark.parametrize("at", ["patch", "pose", "point"])
-def test_a_batch_without_contours_stays_one(at, device, rng):
-    batch, setting, _ = random_regions(rng)
-    empty = batch.select(0, 1)
-    setting = a_setting(setting.pose[:1], thing=MeshObject.load("tube"), device=device)
-    out = run_stage("depth", empty, setting, **DEFAULTS, at=at)
-    assert (out.pose_count, out.point_count, len(out.intensity)) == (1, 0, 0)
-
-
 def test_a_mesh_is_made_once_for_an_object_and_the_oldest_go(device):
     solids = [MeshObject.load("cube", at=(0, 0, 0.2 + 0.01 * k)) for k in range(CACHE_SIZE + 1)]
     first = mesh_of(solids[0], device)
@@ -89,7 +68,7 @@ def test_points_near_the_origin_of_the_objects_file_have_their_depth(moved, devi
     ball = trimesh.creation.icosphere(subdivisions=3, radius=0.06)
     solid = MeshObject(ball if moved else ball.apply_translation(place))
     object_pose = np.array([[*place, 0, 0, 0, 1]], np.float32) if moved else None
-    strategy = closed_then("centroid", Stage("depth", {"at": "point"}))
+    strategy = closed_then("centroid", Stage("depth", {"at": "point"}))()
     scene = Scene.of(solid, Palm(), strategy, object_pose=object_pose)
     batch, _ = scene.contours(static_pose(place).pose, 0, device)
     batch = batch.numpy()

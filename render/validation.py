@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeGuard, TypeVar
 
 from ..datasets.bounded_file import read_text
-from ..datasets.json_text import parse_json
 from ..datasets.known_names import find_name, likely_file, likely_name, unknown_name
 from .errors import StrategyError
 from .file_kinds import described_file
@@ -89,6 +88,8 @@ def read_fields(text: str, known: Collection[str], name: str) -> dict[str, Any]:
 
     Raises StrategyError for a text that is not a JSON object, and for unknown fields.
     """
+    from ..datasets.json_text import parse_json  # it imports NumPy
+
     try:
         values = parse_json(text, allow_nan=True)
     except ValueError as error:

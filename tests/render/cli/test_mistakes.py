@@ -44,6 +44,7 @@ MISTAKES = {
     "play tube": "palpate render tube exploration -o tube.h5 makes one",
     "play cub.h5": "did you mean 'cube.h5'?",
     "play cube.h5 --array pat16": "--calibration BOARD.pat, --emulate or --uncalibrated",
+    "play cube.h5 --array pat16 --calibration nosuch.pat": "nosuch.pat: cannot be read",
     "play cube.h5 --array pat61": "did you mean 'pat16'?",
     "play cube.h5 --speed 7000": "7000 mm/s are 7",
     "play cube.h5 --clock fast": "must be one of monotonic, virtual",

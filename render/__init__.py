@@ -59,9 +59,8 @@ if TYPE_CHECKING:
     from .hands.mesh_hand import MeshHand
     from .hands.plane_hand import HandPatch, PatchJoint, PlaneHand, flat_hand
     from .intersection.file_recording import record
-    from .intersection.patch_points import array_points
     from .intersection.prepared_contours import PreparedContours
-    from .intersection.scene import Scene
+    from .intersection.scene import Scene, array_points
     from .live.counts import RunStatistics
     from .live.handle import Live
     from .live.instant import Instant

@@ -10,8 +10,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import warp as wp
 
-from ...kernels.flush import FLUSH_RATE, resolve_flush
 from ...kernels.offsets import PointLimitError
+from ...kernels.patch import FLUSH_RATE, resolve_flush
 from ...kernels.section.draw import draw_contours
 from ...kernels.section.join import join_sections
 from ...kernels.section.loops import plane_loops

@@ -27,7 +27,6 @@ BY_TEXT = {
             "render/cli/option_fields.py",
             "render/objects/voxels/files.py",
             "render/stages/registry.py",
-            "render/strategies/intersection_strategy.py",
             "render/trust/user_code.py",
         ),
         (),

@@ -25,9 +25,7 @@ import warp as wp
 
 from ....datasets.motions.facing import SHARE_ANGLES
 from ....datasets.storage.schema import removed_name
-from ....kernels.metrics.facing import count_facing
-from ....kernels.metrics.histogram import count_bins
-from ....kernels.metrics.tally import METRICS, STATISTICS, sum_parts, tally_contours
+from ....kernels.metrics.tally import METRICS, STATISTICS, count_bins, count_facing, sum_parts, tally_contours
 from ...contour_batch import ContourBatch
 from ...errors import SweepError
 from ...hands.hand import PatchHand

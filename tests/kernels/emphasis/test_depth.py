@@ -79,7 +79,7 @@ def test_long_lines_are_measured_in_runs_that_agree(device, rng):
     """A line of many points inside and outside: the side of a point may come from the one before it, or not."""
     ball = trimesh.creation.icosphere(3, 0.03)
     solid = MeshObject(ball.vertices, ball.faces, name="ball", at=(0, 0, 0.2))
-    setting = a_setting(near_poses(rng, 1), thing=solid, device=device)
+    setting = a_setting(near_poses(rng, 1), solid=solid, device=device)
     points = (np.linspace([-0.05, 0.002, 0.2], [0.05, -0.003, 0.201], 701) + rng.normal(0, 1e-4, (701, 3))).astype("f4")
     batch = batch_of([[(points, False)]])
     got = run_stage("depth", batch, setting, at="point", deep=0.02, lowest=0.3, spacing=1.0).intensity

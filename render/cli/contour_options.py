@@ -298,7 +298,7 @@ class ExportCommand(Command, SamplingOptions, DurationOptions, OverwriteOptions)
     def judge(self) -> None:
         """Raise what makes the request impossible."""
         require_output(self.out, overwrite=self.overwrite, sources=[self.file])
-        require_contour_files([self.file])
+        require_contour_files([self.file], takes_points=True)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ from ..hands.hand import Palm
 from ..objects.mesh.solid_mesh import MeshObject
 from ..reports.picture_style import COLOURS
 from ..reports.report_pages import ReportPicture, ReportSection, drawing, picture_content
-from ..reports.scene_drawing import NAMED, SceneView, flat
+from ..reports.scene_drawing import SceneView, blank, draw_object, flat, set_limits
 from ..reports.strategy_figure import POSE
 from ..scripting.rendering import render
 from ..strategies.intersection_strategy import IntersectionStrategy, closed_contour, open_contour
@@ -164,29 +164,14 @@ def _volume(corner: np.ndarray) -> float:
 
 
 def _objects_picture(meshes: dict[str, MeshObject]) -> ReportPicture:
+    basis = SceneView.of("iso").basis()
     with drawing(10.0, 2.5) as figure:
-        for place, (name, mesh) in enumerate(meshes.items()):
-            axes = figure.add_subplot(1, len(meshes), place + 1, projection="3d")
-            _draw_object(axes, 1e3 * mesh.vertices[mesh.faces])
+        for axes, (name, mesh) in zip(figure.subplots(1, len(meshes)), meshes.items(), strict=True):
+            draw_object(axes, mesh.vertices[mesh.faces], basis)
+            blank(axes)
+            middle = flat(mesh.bounds.mean(axis=0), basis)
+            set_limits(axes, middle, np.full(2, 90.0))  # [mm]; half the diagonal of the paper's cube
             axes.set_title(name, fontsize=10)
         content = picture_content(figure, "png")  # a sphere of 1,280 shaded triangles is larger as SVG
     alt = "The five objects side by side: tube, dog, cube, sphere and rock"
     return ReportPicture(content, alt, "The built-in objects in the order of the paper's figure 5B.")
-
-
-def _draw_object(axes: Any, triangles: np.ndarray) -> None:
-    from matplotlib.colors import LightSource
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
-    light = LightSource(azdeg=200, altdeg=40)
-    body = Poly3DCollection(
-        list(triangles), facecolors="#b8c4d6", edgecolors="#5c677d", lw=0.15, shade=True, lightsource=light
-    )
-    axes.add_collection3d(body)
-    extent = triangles.reshape(-1, 3)
-    middle = (extent.min(axis=0) + extent.max(axis=0)) / 2
-    for name, m in zip("xyz", middle, strict=True):
-        getattr(axes, f"set_{name}lim")(m - 65, m + 65)
-    axes.set_box_aspect((1, 1, 1), zoom=1.1)
-    axes.view_init(elev=NAMED["iso"][0], azim=NAMED["iso"][1])
-    axes.set_axis_off()

@@ -154,8 +154,8 @@ MISTAKES = {
     "tube.h5 -o new.bin --update-rate 50000": "must lie in 1..40000 Hz, not 50000",
     "cube.h5 -o new.bin": "say how long to play it with --duration SECONDS",
     "cube.h5 -o new.bin --duration 5000": "50000000 samples (5000 s at 10000 Hz), but a file of focal points holds "
-    "40000000: --duration 4000 fits",
-    "tube.h5 -o cube.h5 --to focal-points": "must end in .bin, .csv, .npz",
+    "40000000: choose at most 4000 s",
+    "tube.h5 -o new.h5 --to focal-points": "must end in .bin, .csv, .npz",
     "tube.h5 -o newold.bin": "newold.bin: exists; --overwrite replaces it",
     "tube.h5 -o new.bin --sampling newnine.json": "holds up to 8 focal points at a time, not foci 9",
     "newnine.h5 -o new.bin": "holds up to 8 focal points at a time, not foci 9",

@@ -17,7 +17,7 @@ import stat
 import sys
 import zipfile
 import zlib
-from collections.abc import Callable, Collection, Generator
+from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, BinaryIO
@@ -130,22 +130,6 @@ def unpack(content: bytes, codec: str, declared: int | None = None, begin: int |
             stream = {"gzip": gzip.open, "bzip2": bz2.open}[codec](io.BytesIO(content))
         with stream:
             return read_limited(stream, _PACKED, declared) if begin is None else stream.read(begin)
-
-
-def unzip(content: bytes, choose: Callable[[list[str]], Collection[str]] = list) -> dict[str, bytes]:
-    """Members of a zip file by name; choose: of all names, those to unpack.
-
-    Raises FileBoundError if their decompressed sizes together exceed the budget, ValueError for a damaged file.
-    """
-    with _naming_damage("zip file"), zipfile.ZipFile(io.BytesIO(content)) as archive:
-        chosen = set(choose(archive.namelist()))
-        members = [member for member in archive.infolist() if member.filename in chosen]
-        require_bytes(sum(member.file_size for member in members), _PACKED)
-        found: dict[str, bytes] = {}
-        for member in members:
-            with archive.open(member) as stream:  # which ends after `file_size` bytes, whatever more is packed
-                found[member.filename] = read_limited(stream, _PACKED, member.file_size)
-        return found
 
 
 @contextmanager

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from .boards.emulator.link import UsbLink
     from .clock import Clock, MonotonicClock, VirtualClock
     from .codec import encode_frames, off_frame
-    from .emulation.faults import Fault, FaultKind
     from .emulation.peripheral import Descriptors, Peripheral
     from .emulation.usb_bus import EmulatedBus
     from .errors import (
@@ -63,7 +62,6 @@ _ROOMS = {
     "boards.emulator.kind": "EmulatorBackend",
     "clock": "Clock MonotonicClock VirtualClock",
     "codec": "encode_frames off_frame",
-    "emulation.faults": "Fault FaultKind",
     "emulation.peripheral": "Descriptors Peripheral",
     "emulation.usb_bus": "EmulatedBus",
     "errors": "ArrayKindError CalibrationError DeviceBusyError DeviceError DeviceLostError DeviceNotFoundError "
@@ -102,8 +100,6 @@ __all__ = [
     "EmulatedBus",
     "EmulationRequest",
     "EmulatorBackend",
-    "Fault",
-    "FaultKind",
     "FocalZone",
     "FocusLayout",
     "FrameError",

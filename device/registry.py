@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import functools
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Final, cast
@@ -190,54 +190,23 @@ def _require_types(kind: object) -> None:
     """Refuse what is no kind, or has a field of a wrong type: what comes from others is not type-checked."""
     if not isinstance(kind, ArrayKind):
         raise ArrayKindError(f"an array is registered as an ArrayKind, not as {kind!r}")
-    for field, (is_right, wanted) in _FIELDS.items():
-        value: object = getattr(kind, field)
-        if not is_right(value):
-            raise ArrayKindError(f"{field} of array {kind.name!r} is {value!r}, but it must be {wanted}")
 
+    def require(fields: str, is_right: Callable[[object], object], wanted: str) -> None:
+        for field in fields.split():
+            value: object = getattr(kind, field)
+            if not is_right(value):
+                raise ArrayKindError(f"{field} of array {kind.name!r} is {value!r}, but it must be {wanted}")
 
-def _is_name(value: object) -> bool:
-    return isinstance(value, str) and _NAME.fullmatch(value) is not None
+    require("name", lambda v: isinstance(v, str) and _NAME.fullmatch(v), "small letters, digits and -, a letter first")
+    require("aliases", _are_aliases, "a tuple of names")
+    require("build open_link", callable, "a function")
+    require("layout", lambda v: isinstance(v, Layout | FocusLayout), "a Layout or a FocusLayout")
+    require("calibration_serial emulate", lambda v: v is None or callable(v), "a function or None")
+    require("takes_baud emulates_itself", lambda v: isinstance(v, bool), "True or False")
+    sentences = "not_listed supposed watches_itself not_live"
+    require(sentences, lambda v: v is None or isinstance(v, str), "a sentence or None")
 
 
 def _are_aliases(value: object) -> bool:
     aliases = cast("tuple[object, ...]", value) if isinstance(value, tuple) else (None,)
     return all(isinstance(alias, str) and _letters(alias) for alias in aliases)
-
-
-def _is_flag(value: object) -> bool:
-    return isinstance(value, bool)
-
-
-def _is_function(value: object) -> bool:
-    return callable(value)
-
-
-def _is_function_or_none(value: object) -> bool:
-    return value is None or callable(value)
-
-
-def _is_layout(value: object) -> bool:
-    return isinstance(value, Layout | FocusLayout)
-
-
-def _is_text_or_none(value: object) -> bool:
-    return value is None or isinstance(value, str)
-
-
-# field of an ArrayKind: (whether a value is right, what it must be)
-_FIELDS: Final[Mapping[str, tuple[Callable[[object], bool], str]]] = {
-    "name": (_is_name, "small letters, digits and -, a letter first"),
-    "aliases": (_are_aliases, "a tuple of names"),
-    "build": (_is_function, "a function"),
-    "layout": (_is_layout, "a Layout or a FocusLayout"),
-    "open_link": (_is_function, "a function"),
-    "calibration_serial": (_is_function_or_none, "a function or None"),
-    "takes_baud": (_is_flag, "True or False"),
-    "emulate": (_is_function_or_none, "a function or None"),
-    "emulates_itself": (_is_flag, "True or False"),
-    "not_listed": (_is_text_or_none, "a sentence or None"),
-    "supposed": (_is_text_or_none, "a sentence or None"),
-    "watches_itself": (_is_text_or_none, "a sentence or None"),
-    "not_live": (_is_text_or_none, "a sentence or None"),
-}

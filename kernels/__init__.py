@@ -12,19 +12,15 @@ from typing import TYPE_CHECKING
 # Poses to contours of a mesh on patches.
 RENDER_STAGES = (
     "flush",
-    "section.scan_search",
-    "section.clip_events",
-    "section.tree_search",
-    "pieces.flat_boxes",
-    "pieces.flat_search",
-    "pieces.flat_ranks",
-    "section.joining",
-    "section.contour_writing",
-    "section.listed_drawing",
-    "pieces.near_corners",
-    "pieces.plane_loops",
-    "patterns.section_cutting",
-    "patterns.section_drawing",
+    "section.scan",
+    "section.clip",
+    "section.tree",
+    "section.flat_boxes",
+    "section.flat_search",
+    "section.flat_ranks",
+    "section.join",
+    "section.draw",
+    "section.loops",
     "metrics.measure",
 )
 FIELD_STAGES = (
@@ -65,7 +61,6 @@ FILLING_STAGES = (
     "fillings.inset_edges",
     "fillings.inset_pieces",
 )  # of what contours enclose
-PREPARED_STAGES = ("section.graph_room",)  # batches of as many poses, again and again, on GPUs
 MOTION_STAGES = ("metrics.contour_shift", "motions.halving")  # from pose to pose
 OBJECT_STAGES = ("solids.crossing", "solids.nesting", "solids.voxelise")  # what is made of objects before
 EXPLORATION_STAGES = ("motions.over_array", "motions.around")  # synthetic motions, over an array and around objects
@@ -74,8 +69,6 @@ SWEEP_STAGES = (
     "metrics.random_pose",
     "metrics.histogram",
     "metrics.tally",
-    "section.tally_undrawn",
-    "patterns.section_sums",
 )  # random poses, and sums over poses
 FOCUS_STAGES = (
     "sampling.cycles",
@@ -103,7 +96,6 @@ STAGES = (
     *FOLLOWING_STAGES,
     *EMPHASIS_STAGES,
     *FILLING_STAGES,
-    *PREPARED_STAGES,
     *MOTION_STAGES,
     *OBJECT_STAGES,
     *EXPLORATION_STAGES,

@@ -1,7 +1,9 @@
 """The pipeline: objects and hands in, contours, focal points and drives out."""
 
+import re
 import sys
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -116,86 +118,10 @@ if TYPE_CHECKING:
     from .view.served.viewing import view_files
 
 
-_ROOMS = {
-    ".datasets.contour_file.check": "check_file",
-    ".datasets.contour_file.reader": "ContourFile",
-    ".datasets.errors": "DatasetError ContourFileError Hdf5Error MotionError ShapeError RecordingError "
-    "SweepStoreError NotStoreError RecordingWarning",
-    ".datasets.motions.hand_motion": "HandMotion static_pose",
-    ".datasets.recordings.files": "load_recording",
-    ".datasets.shapes.built_in": "shape_names",
-    "acoustics.emission": "PlayedFrames",
-    "acoustics.field_metrics": "PressureMetrics pressure_metrics",
-    "acoustics.noise": "NoiseListener NoiseModel",
-    "acoustics.prediction": "predict_noise",
-    "acoustics.pressure": "pressure_at",
-    "acoustics.radiation": "radiation_pressure",
-    "acoustics.spectrum": "NoiseSignal NoiseSpectrum level_differences",
-    "acoustics.transducers": "Resonance",
-    "acoustics.wave_files": "write_wave_files",
-    "contour_batch": "ContourBatch",
-    "errors": "RenderError MeshError VoxelError ImplicitError StrategyError PlacementError RepairError "
-    "PoseError SweepError PlanError UntrustedCodeError TrustStoreError KernelCacheError "
-    "ViewError PalpateWarning",
-    "exports.file_export": "export_file",
-    "focal_spot": "focal_width",
-    "hands.combined_hands": "together",
-    "hands.hand": "Hand Palm",
-    "hands.mesh_hand": "MeshHand",
-    "hands.plane_hand": "HandPatch PatchJoint PlaneHand flat_hand",
-    "intersection.file_recording": "record",
-    "intersection.patch_points": "array_points",
-    "intersection.prepared_contours": "PreparedContours",
-    "intersection.scene": "Scene",
-    "objects.functions.expression": "box capsule cylinder half_space sphere torus expression_from_json "
-    "expression_to_json load_expression",
-    "objects.functions.implicit_object": "ImplicitObject",
-    "objects.isosurface": "isosurface",
-    "objects.level_of_detail": "simplify",
-    "objects.mesh.placement": "Placement",
-    "objects.mesh.solid_mesh": "MeshObject",
-    "objects.voxels.voxel_object": "VoxelObject save_voxels",
-    "objects.voxels.voxeliser": "voxelise",
-    "live.counts": "RunStatistics",
-    "live.handle": "Live",
-    "live.instant": "Instant",
-    "live.moment": "LiveMoment LiveScene",
-    "live.recording": "LiveRecording",
-    "live.session": "LiveStimulus Onset Session Stimulus",
-    "live.sources.shaping": "PoseShaping Prediction Smoothing",
-    "live.sources.hand_frame": "PoseSource SeenHand SourceFault",
-    "motions.groups": "MotionGroup render_motions",
-    "motions.explorations.explored": "ExploredPoses exploration",
-    "motions.explorations.habits": "ExplorerHabits explorer_habits",
-    "playback.drive": "Driver DriveStrategy drive_focus",
-    "playback.file_playback": "Connection play_file",
-    "playback.placed_arrays": "PlacedArray load_rig",
-    "playback.prepared_frames": "prepare_frames",
-    "reports.contour_figure": "draw_figure",
-    "reports.file_summary": "summarise",
-    "runtime.worker_devices": "worker_devices",
-    "sampling.metrics": "FocalPoints MotionSamples dwell_map",
-    "sampling.presets": "load_sampling preset",
-    "sampling.revisits": "revisit_rate",
-    "sampling.sampler": "Sampler sample_bounds sample_contours sample_motions",
-    "sampling.strategy": "Dwell Gap SamplingStrategy",
-    "scripting.rendered_batch": "RenderedBatch",
-    "scripting.rendering": "load_contours render",
-    "scripting.sampled_contours": "SampledContours",
-    "stages.registry": "Stage register_prune register_transform",
-    "stages.point_function": "register_point_function",
-    "stages.prune": "cut_batch",
-    "strategies.intersection_strategy": "IntersectionStrategy closed_contour load_strategy open_contour",
-    "sweeps.plan.loading": "load_plans",
-    "sweeps.run.sweep_run": "run_sweep",
-    "sweeps.report.table": "tidy_columns",
-    "sweeps.study": "SweepResult sweep",
-    "view.served.viewing": "view_files",
-    "view.page.export": "export_page",
-}
-"""What each module has that scripts use: it is imported when that is asked for, as a command needs few of them."""
-
-_HOMES = {name: room for room, names in _ROOMS.items() for name in names.split()}
+# The imports above are the one list of public names: each module is imported when a name of it is asked for, as a
+# command needs few of them, so the list is read from this file's own text, which takes less than a millisecond.
+_IMPORTS = re.findall(r"^    from \.(\S+) import (?:\(([^)]*)\)|(.*))$", Path(__file__).read_text(), re.MULTILINE)
+_HOMES = {name: module for module, *names in _IMPORTS for name in re.findall(r"\w+", "".join(names))}
 
 __all__ = [
     "Connection",

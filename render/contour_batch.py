@@ -14,7 +14,7 @@ from ..datasets.known_names import find_name, unknown_name
 from ..kernels.contours import LINE_COLUMNS, POINT_COLUMNS, Contours, with_columns
 from ..kernels.metrics.measure import measure_contours
 from ..kernels.one_device import require_one_device
-from ..kernels.section.piece_walker import HAND, MADE, OBJECT
+from ..kernels.section.draw import HAND, MADE, OBJECT
 from .errors import StrategyError
 from .validation import value_text
 

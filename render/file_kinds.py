@@ -5,11 +5,12 @@ from pathlib import Path
 
 from ..datasets.bounded_file import FileBoundError, open_regular
 
-MESH_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", ".gltf", ".zip")
+MESH_SUFFIXES = (".stl", ".obj", ".ply", ".off", ".glb", ".gltf")
 VOLUME_SUFFIXES = (".npy", ".npz", ".nrrd", ".nhdr", ".nii", ".nii.gz", ".nvdb")
 _OF_BLENDER = "a scene of a format that is not read: Blender, for one, opens it and exports STL, PLY or glTF"
 NOT_READ = {
     ".3mf": "a 3MF file, whose millimetres and parts are not read: save it as STL in the program that made it",
+    ".zip": "an archive: unpack it, and give the mesh that it holds",
     **dict.fromkeys((".step", ".stp", ".iges", ".igs"), "a CAD file without triangles: export STL from a CAD program"),
     **dict.fromkeys((".fbx", ".dae", ".blend", ".3ds", ".x3d", ".wrl"), _OF_BLENDER),
     **dict.fromkeys((".usd", ".usda", ".usdc", ".usdz"), _OF_BLENDER),

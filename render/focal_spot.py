@@ -1,6 +1,6 @@
 """How wide a focal point is: no detail of an object below it can be felt, so stages and grids are scaled by it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -21,7 +21,7 @@ FARTHEST = 10.0  # [m]; of a focal point to the nearest: there the focus is wide
 STEPS_A_WAVE = 8  # of a scan along a line: pressure changes over half a wavelength at least
 STEPS_FINER = 16  # of a step, around the peak and the borders
 REACH_FIRST, REACH_LAST = 4, 256  # wavelengths that a scan reaches to each side
-HALF_POWER, MINUS_6DB = 0.5, 0.25  # of p^2; the second is half of p
+HALF_POWER = 0.5  # of p^2
 
 Power = Callable[[np.ndarray], np.ndarray]
 
@@ -39,10 +39,6 @@ class FocalSize:
     """The same along y."""
     z: float
     """The same along z, away from the array."""
-    x_6db: float
-    """How long the pressure stays above half of the peak's (-6 dB), along x."""
-    y_6db: float
-    """The same along y."""
 
     @property
     def width(self) -> float:
@@ -89,13 +85,9 @@ def _focal_size(array: ArrayModel, place: tuple[float, ...], speed_of_sound: flo
     point = np.array(place)
     wave_length = speed_of_sound / array.carrier
     power = focused_power(array, point, wave_length, piston_radius)
-    x, y, z = rotate(array.pose[3:], np.eye(3))
-
-    def widths(axis: np.ndarray, *levels: float) -> list[float]:
-        return peak_widths(lambda t: power(point + t[:, None] * axis), wave_length / STEPS_A_WAVE, levels)
-
-    (x_half, x_6db), (y_half, y_6db) = (widths(axis, HALF_POWER, MINUS_6DB) for axis in (x, y))
-    return FocalSize(x=x_half, y=y_half, z=widths(z, HALF_POWER)[0], x_6db=x_6db, y_6db=y_6db)
+    step = wave_length / STEPS_A_WAVE
+    axes = rotate(array.pose[3:], np.eye(3))
+    return FocalSize(*(peak_width(lambda t, axis=axis: power(point + t[:, None] * axis), step) for axis in axes))
 
 
 def focused_power(array: ArrayModel, point: np.ndarray, wave_length: float, piston_radius: float) -> Power:
@@ -137,8 +129,8 @@ def focused_power(array: ArrayModel, point: np.ndarray, wave_length: float, pist
     return power
 
 
-def peak_widths(power: Callable[[np.ndarray], np.ndarray], step: float, levels: Sequence[float]) -> list[float]:
-    """How long a function of place stays above each level times its peak, uphill from 0 [m].
+def peak_width(power: Callable[[np.ndarray], np.ndarray], step: float) -> float:
+    """How long a function of place stays above half of its peak, which lies uphill from 0 [m].
 
     step: of the scan [m], then refined. A width ends where the scan does, REACH_LAST wavelengths away.
     """
@@ -151,13 +143,13 @@ def peak_widths(power: Callable[[np.ndarray], np.ndarray], step: float, levels: 
         peak = half
         while 0 < peak < 2 * half and max(value[peak - 1], value[peak + 1]) > value[peak]:
             peak += 1 if value[peak + 1] >= value[peak - 1] else -1
-        below = np.flatnonzero(value < min(levels) * value[peak])
+        below = np.flatnonzero(value < HALF_POWER * value[peak])
         if reach >= REACH_LAST or (below.size and below[0] < peak < below[-1]):
             break
         reach *= 2
-    top = max(value[peak], power(place[peak] + np.concatenate([-fine, fine])).max())
+    bound = HALF_POWER * max(value[peak], power(place[peak] + np.concatenate([-fine, fine])).max())
 
-    def end(bound: float, sign: int) -> float:
+    def end(sign: int) -> float:
         at = peak
         while 0 < at < 2 * half and value[at] >= bound:
             at += sign
@@ -168,4 +160,4 @@ def peak_widths(power: Callable[[np.ndarray], np.ndarray], step: float, levels: 
         k = max(int(np.argmax(over >= 0)), 1)
         return float(inwards[k - 1] + (inwards[k] - inwards[k - 1]) * over[k - 1] / (over[k - 1] - over[k]))
 
-    return [end(level * top, 1) - end(level * top, -1) for level in levels]
+    return end(1) - end(-1)

@@ -38,7 +38,7 @@ def pytest_addoption(parser):
     parser.addoption(
         "--lanes",
         choices=("rising", "falling"),
-        help="kernels/section and kernels/pieces run on the CPU what they run on GPUs; lanes in this order",
+        help="kernels/section runs on the CPU what it runs on GPUs; lanes in this order",
     )
 
 

@@ -1,1 +1,1 @@
-"""Emulated USB buses and serial ports, faults included."""
+"""Emulated USB buses and serial ports."""

@@ -1,4 +1,4 @@
-"""Emulated serial ports with boards behind them: adapters, the driver's buffer, plugs, faults.
+"""Emulated serial ports with boards behind them: adapters, the driver's buffer, plugs.
 
 What passes through here is bytes; nothing here knows what they mean. docs/formats/emulator.md has what is modelled.
 """
@@ -8,19 +8,16 @@ from __future__ import annotations
 import errno
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 from ..clock import Clock, MonotonicClock
 from ..transports.serial_line import PortInfo, SerialPort, SerialPorts
-from .faults import Fault, FaultKind, FaultList
 
 DRIVER_BYTES = 4096
 """Bytes that the driver takes ahead of the adapter: as much as Linux's drivers of USB adapters."""
 ADAPTER_BYTES = 640
 """Bytes that the adapter takes ahead of the line: a CP2102's, the most of the usual ones."""
-
-_UNFIT = (FaultKind.STALL,)
 
 
 class SerialBoard(Protocol):
@@ -64,7 +61,6 @@ class _Adapter(Generic[BoardT]):
     board: BoardT
     plugged: bool = True
     is_open: bool = False
-    faults: FaultList = field(default_factory=FaultList)
 
 
 class EmulatedPorts(SerialPorts, Generic[BoardT]):
@@ -96,19 +92,13 @@ class EmulatedPorts(SerialPorts, Generic[BoardT]):
         """What the port of an adapter is opened by."""
         return self._adapters[index].info.path
 
-    def inject(self, fault: Fault, *, index: int = 0) -> None:
-        """Let a fault happen at an adapter; a serial line has neither stalls nor requests."""
-        if fault.kind in _UNFIT or fault.request is not None:
-            raise ValueError(f"fault {fault.kind.value} is one of USB, not of a serial line: it has no such thing")
-        self._adapters[index].faults.add(fault)
-
     def unplug(self, *, index: int = 0) -> None:
         """Pull the adapter, and with it the board's power: the array falls silent and the port is gone."""
         self._adapters[index].plugged = False
         self._adapters[index].board.power_off()
 
     def replug(self, *, index: int = 0) -> None:
-        """Plug it in again: a board fresh from power-up, its faults gone."""
+        """Plug it in again: a board fresh from power-up."""
         self._adapters[index] = self._plug(index, self._adapters[index].info.serial)
 
     def listed(self) -> list[PortInfo]:
@@ -120,9 +110,7 @@ class EmulatedPorts(SerialPorts, Generic[BoardT]):
         adapter = next((one for one in self._adapters if one.info.path == path and one.plugged), None)
         if adapter is None:
             raise _error(errno.ENOENT)
-        if adapter.faults.on(FaultKind.DENIED):
-            raise _error(errno.EACCES)
-        if adapter.is_open or adapter.faults.on(FaultKind.BUSY):
+        if adapter.is_open:
             raise _error(errno.EAGAIN)
         adapter.is_open = True
         adapter.board.set_line(baud)
@@ -140,17 +128,8 @@ class _Port:
         self._adapter = adapter
 
     def write(self, data: memoryview) -> int:
-        """Bytes that there was room for, or those before a fault."""
-        board = self._require_plugged().board
-        start = board.bytes_received
-        fault = self._adapter.faults.before_byte(start + len(data))
-        limit = len(data) if fault is None else min(max((fault.byte or 0) - start, 0), len(data))
-        count = board.accept(data[:limit])
-        if fault is not None and count == limit and self._adapter.faults.strike(fault) is FaultKind.UNPLUG:
-            self._adapter.plugged = False
-            board.power_off()
-            raise _error(errno.EIO)
-        return count
+        """Bytes that there was room for."""
+        return self._require_plugged().board.accept(data)
 
     def waiting(self) -> int:
         """Bytes that the driver holds."""

@@ -1,4 +1,4 @@
-"""An emulated bus behind pyusb's backend interface: ports, claims, configurations, plugs, faults.
+"""An emulated bus behind pyusb's backend interface: ports, claims, configurations, plugs.
 
 pyusb finds, opens, claims and writes as it would through libusb. The bus has no speed of its own: a transfer takes
 as long as the board makes it wait. What passes through here is bytes; nothing here knows what they mean.
@@ -9,13 +9,12 @@ from __future__ import annotations
 import errno
 from array import array
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Generic
 
 from ..clock import Clock, MonotonicClock
 from ..transports.pyusb import Backend, UsbError, UsbTimeoutError
-from .faults import Fault, FaultKind, FaultList
 from .peripheral import BoardT, EmulatedBoard, Peripheral
 
 ON_FOR_NS = 10_000_000_000
@@ -29,7 +28,6 @@ _SLICE_NS = 10_000_000  # a blocked write looks up this often, so that a clear o
 _NOT_FOUND = (-5, errno.ENOENT, "Entity not found")
 _NO_DEVICE = (-4, errno.ENODEV, "No such device (it may have been disconnected)")
 _BUSY = (-6, errno.EBUSY, "Resource busy")
-_ACCESS = (-3, errno.EACCES, "Access denied (insufficient permissions)")
 _PIPE = (-9, errno.EPIPE, "Pipe error")
 _TIMEOUT = (-7, errno.ETIMEDOUT, "Operation timed out")
 _OVERFLOW = (-8, errno.EOVERFLOW, "Overflow")
@@ -46,8 +44,7 @@ class Port:
     driver_known: bool
     plugged: bool = True
     holder: Handle | None = None
-    halted: bool = False
-    faults: FaultList = field(default_factory=FaultList)
+    halted: bool = False  # by a stall, as a test may cause one
 
     def unplug(self) -> None:
         """Pull the plug: the board loses its power."""
@@ -100,10 +97,6 @@ class EmulatedBus(Backend, Generic[BoardT]):
         """The board in a place on the bus."""
         return self._devices[index].board
 
-    def inject(self, fault: Fault, *, index: int = 0) -> None:
-        """Let a fault happen at a place on the bus."""
-        self._ports[index].faults.add(fault)
-
     def bind_kernel_driver(self, *, index: int = 0) -> None:
         """Let the operating system's driver hold the interface, as it does with a chip that it knows."""
         self._ports[index].driver = self._ports[index].driver_known = True
@@ -113,7 +106,7 @@ class EmulatedBus(Backend, Generic[BoardT]):
         self._ports[index].unplug()
 
     def replug(self, *, index: int = 0) -> None:
-        """Plug the array in again: a board fresh from power-up, its faults gone."""
+        """Plug the array in again: a board fresh from power-up."""
         old = self._ports[index]
         self._devices[index] = self._plug(self.clock, old.device.descriptors.serial, 0)
         self._ports[index] = _port(old.address, self._devices[index])
@@ -169,8 +162,6 @@ class EmulatedBus(Backend, Generic[BoardT]):
     def open_device(self, dev: Port) -> Handle:
         """Open an array."""
         _require_plugged(dev)
-        if dev.faults.on(FaultKind.DENIED):
-            raise _error(_ACCESS)
         return Handle(dev)
 
     def close_device(self, dev_handle: Handle) -> None:
@@ -194,7 +185,7 @@ class EmulatedBus(Backend, Generic[BoardT]):
         port = _require_plugged(dev_handle.port)
         if port.configuration == 0 or intf != 0:
             raise _error(_NOT_FOUND)
-        if port.faults.on(FaultKind.BUSY) or port.driver or port.holder not in (None, dev_handle):
+        if port.driver or port.holder not in (None, dev_handle):
             raise _error(_BUSY)
         port.holder = dev_handle
 
@@ -244,8 +235,6 @@ class EmulatedBus(Backend, Generic[BoardT]):
         """Vendor requests and string descriptors; anything else stalls."""
         port = _require_plugged(dev_handle.port)
         if bmRequestType in (_VENDOR_OUT, _VENDOR_IN):
-            if kind := port.faults.on_request(bRequest):
-                self._fail_control(port, kind, timeout)
             reply = port.device.request(bmRequestType, bRequest, wValue, wIndex)
         elif (bmRequestType, bRequest, wValue >> 8) == (_STANDARD_IN, _GET_DESCRIPTOR, _STRING):
             reply = _string_descriptor(port, wValue & 0xFF)
@@ -259,13 +248,8 @@ class EmulatedBus(Backend, Generic[BoardT]):
         """Bulk OUT: blocks while the board has no room; at the timeout [ms, 0 never] the count, ETIMEDOUT if 0."""
         port = self._require_endpoint(dev_handle, ep)
         deadline_ns = self.clock.now_ns() + timeout * 1_000_000 if timeout else None
-        start = port.device.board.bytes_received
-        fault = port.faults.before_byte(start + len(data))
-        limit = len(data) if fault is None else max((fault.byte or 0) - start, 0)
-        sent = self._pour(port, memoryview(data)[:limit], deadline_ns)
-        if fault is not None and sent == limit:
-            self._fail_bulk(port, port.faults.strike(fault), deadline_ns, sent)
-        elif sent == 0 < len(data):
+        sent = self._pour(port, memoryview(data), deadline_ns)
+        if sent == 0 < len(data):
             raise _timeout()
         return sent
 
@@ -304,29 +288,6 @@ class EmulatedBus(Backend, Generic[BoardT]):
             self.clock.sleep_until_ns(wake_ns if deadline_ns is None else min(wake_ns, deadline_ns))
             now_ns = self.clock.now_ns()
             _require_plugged(port)
-
-    def _fail_bulk(self, port: Port, kind: FaultKind, deadline_ns: int | None, sent: int) -> None:
-        """Raise what the fault raises, or return for a short count."""
-        if kind is FaultKind.TIMEOUT:
-            if deadline_ns is not None:
-                self.clock.sleep_until_ns(deadline_ns)
-            if not sent:
-                raise _timeout()
-        elif kind is FaultKind.STALL:
-            port.halted = True
-            raise _error(_PIPE)
-        elif kind is FaultKind.UNPLUG:
-            port.unplug()
-            raise _error(_NO_DEVICE)
-
-    def _fail_control(self, port: Port, kind: FaultKind, timeout: int) -> None:
-        if kind is FaultKind.TIMEOUT:
-            self.clock.sleep_until_ns(self.clock.now_ns() + timeout * 1_000_000)
-            raise _timeout()
-        if kind is FaultKind.UNPLUG:
-            port.unplug()
-            raise _error(_NO_DEVICE)
-        raise _error(_PIPE)
 
 
 def _port(address: int, device: Peripheral[EmulatedBoard]) -> Port:

@@ -2,9 +2,9 @@
 
 | the player | the watchdog |
 |---|---|
-| says goodbye: it left `Watchdog`'s context, whatever for | ends, exit code 0 |
+| sends a goodbye: it left `Watchdog`'s context, whatever for | ends, exit code 0 |
 | is gone: its pipe closed without goodbye | opens the array, sends off; exit code 3, or 4 if that failed |
-| is silent (SIGSTOP, a hang) for `silence_max` | tries the same once, says that the player holds the array, waits |
+| is silent (SIGSTOP, a hang) for `silence_max` | tries the same once, logs that the player holds the array, waits |
 
 What no process can help against: the host's power or its USB fails, or both processes are killed at once (a control
 group). A child that the player forked without exec keeps the pipe open: then only the silence shows.
@@ -13,26 +13,28 @@ group). A child that the player forked without exec keeps the pipe open: then on
 from __future__ import annotations
 
 import contextlib
+import importlib
+import json
+import math
 import os
-import pickle
 import select
 import signal
-import struct
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Final, Self
+from typing import Any, Final, Self, cast
 
 from ..array import ArrayModel
+from ..array_kind import ArrayKind
 from ..boards.discovery import open_link
 from ..errors import DeviceBusyError, DeviceError, DeviceTimeoutError, LinkError, WatchdogError
 from ..link import Link
-from ..registry import array_kinds, kind_of, register_array
+from ..registry import array_model, array_names, kind_of, register_array
 from ..silence import is_switched_off, wait_silent
 from ..transports.lookup import choose_port, find_device
 from ..transports.pyusb import Backend, libusb_backend
@@ -48,25 +50,71 @@ _GOODBYE_TIMEOUT = 10.0  # [s]
 _RELEASE_TIMEOUT = 5.0  # [s] in which the system takes the array from a process that is dead
 _RETRY = 0.05  # [s]
 
-_LENGTH = struct.Struct("<I")
 _BEAT, _GOODBYE = b".", b"G"
 _READY = b"ready"
-_UNPICKLABLE: Final = (pickle.PickleError, AttributeError, ImportError, TypeError)  # an array kind's local functions
 
 
 @dataclass(frozen=True)
-class _Charge:
-    """What a watchdog watches."""
+class WatchOrder:
+    """What a watchdog is to watch; it goes to its process as one line of JSON."""
 
-    model: ArrayModel
+    array: str
+    """Name of the array's kind."""
+    module: str
+    """Module whose import makes that kind known, where it is not built in."""
     serial: str | None
+    baud: int | None
     silence_max: float
+    """Longest time without a sign of life [s]."""
     log: str | None
+    """File that it appends to; None: standard error."""
 
     @property
     def who(self) -> str:
         """Name and serial number."""
-        return f"{self.model.name} {self.serial}" if self.serial else self.model.name
+        return f"{self.array} {self.serial}" if self.serial else self.array
+
+    def model(self) -> ArrayModel:
+        """The array, without its calibration, which off frames do not need; raises WatchdogError if it is unknown."""
+        if self.array not in array_names():
+            try:
+                module = importlib.import_module(self.module)
+            except ImportError as error:
+                raise WatchdogError(
+                    f"no other process can import {self.module}, which has array {self.array}: {error}"
+                ) from error
+            kinds = [value for value in vars(module).values() if isinstance(value, ArrayKind)]
+            for kind in kinds:  # one that the module has, but leaves to others to register
+                if kind.name == self.array and self.array not in array_names():
+                    register_array(kind)
+        return array_model(self.array, baud=self.baud)
+
+
+def read_order(text: str) -> WatchOrder:
+    """Read the line back; raises WatchdogError, with the field, for anything else."""
+    try:
+        values: object = json.loads(text)
+    except ValueError as error:
+        raise WatchdogError(f"a watchdog's order must be JSON: {error}") from error
+    if not isinstance(values, dict) or values.keys() != _ORDER_TYPES.keys():
+        raise WatchdogError(f"a watchdog's order must have the fields {', '.join(_ORDER_TYPES)}")
+    for name, types in _ORDER_TYPES.items():
+        if isinstance(values[name], bool) or not isinstance(values[name], types):
+            raise WatchdogError(f"{name} of a watchdog's order is {values[name]!r}")
+    order = WatchOrder(**cast("dict[str, Any]", values))
+    if not 0 < order.silence_max < math.inf:
+        raise WatchdogError(f"silence_max is {order.silence_max!r}, but it must be above 0 s")
+    return order
+
+
+_ORDER_TYPES: Final[Mapping[str, tuple[type, ...]]] = {
+    "array": (str,),
+    "module": (str,),
+    "serial": (str, type(None)),
+    "baud": (int, type(None)),
+    "silence_max": (int, float),
+    "log": (str, type(None)),
+}
 
 
 def is_watchable(model: ArrayModel) -> bool:
@@ -90,39 +138,33 @@ class Watchdog:
     """
 
     def __init__(self, link: Link, *, silence_max: float = SILENCE_MAX, log: Path | None = None) -> None:
-        if not is_watchable(link.array):
-            raise WatchdogError(f"a watchdog is for arrays on USB or at a serial port, which {link.array.name} is not")
+        model = link.array
+        if not is_watchable(model):
+            raise WatchdogError(f"a watchdog is for arrays on USB or at a serial port, which {model.name} is not")
         if not silence_max > 0:
             raise WatchdogError(f"silence_max is {silence_max!r}, but it must be above 0 s")
-        self._charge = _Charge(link.array, link.serial, silence_max, None if log is None else os.path.abspath(log))
+        module = kind_of(model).open_link.__module__
+        path = None if log is None else os.path.abspath(log)
+        self._order = WatchOrder(model.name, module, link.serial, model.baud, silence_max, path)
         self._process: subprocess.Popen[bytes] | None = None
         self._goodbye = threading.Event()
         self._heart = threading.Thread(target=self._beat, name="palpate-heartbeat", daemon=True)
 
     def __enter__(self) -> Self:
-        told = self._told()
+        module = "palpate.device.playing.watchdog"
         self._process = process = subprocess.Popen(
-            [
-                sys.executable,
-                "-P",
-                "-m",
-                "palpate.device.playing.watchdog",
-            ],  # -P: no module of the current folder is imported
+            # -P: no module of the current folder is imported
+            [sys.executable, "-P", "-m", module, json.dumps(asdict(self._order))],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             bufsize=0,
             start_new_session=True,  # the terminal's SIGINT and SIGHUP are not for it
         )
-        try:
-            self._send(told)
-            answer = self._answer()
-        except OSError as error:
-            answer = f"it did not start ({error})".encode()
-        if answer != _READY:
+        if (answer := self._answer()) != _READY:
             process.kill()
             self._reap()
             reason = answer.decode(errors="replace") or "it did not start"
-            raise WatchdogError(f"a watchdog cannot reach array {self._charge.who} from its own process: {reason}")
+            raise WatchdogError(f"a watchdog cannot reach array {self._order.who} from its own process: {reason}")
         self._heart.start()
         return self
 
@@ -133,48 +175,28 @@ class Watchdog:
         self._heart.join()
         code = self._reap()
         if code != EXIT_GOODBYE and error is None:
-            raise WatchdogError(f"the watchdog of array {self._charge.who} had ended before (exit code {code})")
+            raise WatchdogError(f"the watchdog of array {self._order.who} had ended before (exit code {code})")
 
     @property
     def process_id(self) -> int | None:
         """Id of the watchdog's process; None before it was started."""
         return self._process.pid if self._process else None
 
-    def _told(self) -> bytes:
-        """What the process is told first: the kind of the array, which its modules make known, then the charge."""
-        charge = self._charge
-        told = b""
-        for part in (kind_of(charge.model), (charge.model, charge.serial, charge.silence_max, charge.log)):
-            try:
-                pickled = pickle.dumps(part)
-            except _UNPICKLABLE as error:
-                raise WatchdogError(
-                    f"no other process can import what array {charge.model.name} is registered with: {error}"
-                ) from error
-            told += _LENGTH.pack(len(pickled)) + pickled
-        return told
-
-    def _send(self, data: bytes) -> None:
-        if self._process and self._process.stdin:
-            self._process.stdin.write(data)
-
     def _answer(self) -> bytes:
-        """The line that the watchdog says when it stands ready, or why it cannot."""
+        """The line that the watchdog writes when it stands ready, or why it cannot."""
         stdout = self._process.stdout if self._process else None
         if stdout is None or not select.select([stdout], [], [], _READY_TIMEOUT)[0]:
             return b""
         return stdout.readline().strip()
 
     def _beat(self) -> None:
-        while not self._goodbye.wait(self._charge.silence_max / 4):
-            try:
-                self._send(_BEAT)
-            except OSError:  # it has ended: `__exit__` says so
-                return
-        try:
-            self._send(_GOODBYE)
-        except OSError:
+        stdin = self._process.stdin if self._process else None
+        if stdin is None:
             return
+        with contextlib.suppress(OSError):  # it has ended: `__exit__` says so
+            while not self._goodbye.wait(self._order.silence_max / 4):
+                stdin.write(_BEAT)
+            stdin.write(_GOODBYE)
 
     def _reap(self) -> int | None:
         """Close the pipes and wait for the end of the process; its exit code."""
@@ -199,7 +221,7 @@ def keep_watch(pipe: int, silence_max: float, off: Callable[[float], str | None]
         silence_max: longest time between two of them [s].
         off: switches the array off within a time [s], longer than which it does not wait for it to be free; returns
             why it could not, None if it could.
-        say: told in a sentence what happened.
+        say: takes a sentence on what happened.
 
     Returns:
         The exit code.
@@ -224,9 +246,7 @@ def keep_watch(pipe: int, silence_max: float, off: Callable[[float], str | None]
                 + ("the array was switched off" if reason is None else f"the array may still be emitting: {reason}")
             )
             return EXIT_OFF if reason is None else EXIT_FAILED
-        if limit is None:
-            say("the player is back")
-            limit = silence_max
+        limit = silence_max  # a player that has come back is watched anew
 
 
 def switch_off(
@@ -265,80 +285,57 @@ def switch_off(
 
 
 def main() -> int:
-    """Stand watch over the player whose pipe is standard input."""
+    """Stand watch over the player whose pipe is standard input, as the command line's one argument says."""
     for signum in (signal.SIGINT, signal.SIGHUP):
         signal.signal(signum, signal.SIG_IGN)
-    pipe = sys.stdin.fileno()
-    # a pipe of our own, from the process that started this one
     try:
-        kind = pickle.loads(_told(pipe))
-        if kind not in array_kinds():  # neither built in nor registered by its module, when that was imported
-            register_array(kind)
-        charge = _Charge(*pickle.loads(_told(pipe)))
-        if charge.log is not None:
-            open(charge.log, "a", encoding="utf-8").close()
-        backend = _reach(charge)
-    except (DeviceError, OSError, *_UNPICKLABLE) as error:
-        _tell(str(error).encode())
+        order = read_order(sys.argv[1] if len(sys.argv) == 2 else "")
+        model = order.model()
+        if order.log is not None:
+            open(order.log, "a", encoding="utf-8").close()
+        backend = _reach(model, order.serial)
+    except (DeviceError, OSError) as error:
+        _answer(" ".join(str(error).split()).encode())
         return EXIT_FAILED
-    _tell(_READY)
+    _answer(_READY)
 
     def off(patience: float) -> str | None:
         try:
-            switch_off(charge.model, charge.serial, backend=backend, patience=patience)
+            switch_off(model, order.serial, backend=backend, patience=patience)
         except Exception as error:  # whatever it is, it is the answer: nobody is left to take an exception
             return str(error)
         return None
 
-    return keep_watch(pipe, charge.silence_max, off, lambda sentence: _log(charge, sentence))
+    return keep_watch(sys.stdin.fileno(), order.silence_max, off, lambda sentence: _log(order, sentence))
 
 
-def _reach(charge: _Charge) -> Backend | SerialPorts:
+def _reach(model: ArrayModel, serial: str | None) -> Backend | SerialPorts:
     """What the array is opened through; raises `DeviceError` if it is not to be seen from here."""
-    if charge.model.usb is None:
+    if model.usb is None:
         ports = SystemPorts()
-        choose_port(charge.model, charge.serial, ports)
+        choose_port(model, serial, ports)
         return ports
     backend = libusb_backend()
-    find_device(charge.model, charge.serial, backend)
+    find_device(model, serial, backend)
     return backend
 
 
-def _told(pipe: int) -> bytes:
-    """The next thing that the player says of the array."""
-    return _read(pipe, _LENGTH.unpack(_read(pipe, _LENGTH.size))[0])
-
-
-def _read(pipe: int, count: int) -> bytes:
-    data = b""
-    while len(data) < count:
-        part = os.read(pipe, count - len(data))
-        if not part:
-            raise SystemExit(EXIT_FAILED)
-        data += part
-    return data
-
-
-def _tell(line: bytes) -> None:
+def _answer(line: bytes) -> None:
     os.write(sys.stdout.fileno(), line + b"\n")
 
 
-def _log(charge: _Charge, sentence: str) -> None:
+def _log(order: WatchOrder, sentence: str) -> None:
     """Append a sentence; a log that cannot be written is no reason not to watch on."""
-    with contextlib.suppress(OSError):
-        _append(charge, sentence)
-
-
-def _append(charge: _Charge, sentence: str) -> None:
-    news = f"palpate watchdog of array {charge.who}: {sentence}"
+    news = f"palpate watchdog of array {order.who}: {sentence}"
     shown = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in news)  # names of devices come from others
     line = f"{time.strftime('%Y-%m-%dT%H:%M:%S%z')} {shown}\n"
-    if charge.log is None:
-        sys.stderr.write(line)
-        sys.stderr.flush()
-    else:
-        with open(charge.log, "a", encoding="utf-8") as file:
-            file.write(line)
+    with contextlib.suppress(OSError):
+        if order.log is None:
+            sys.stderr.write(line)
+            sys.stderr.flush()
+        else:
+            with open(order.log, "a", encoding="utf-8") as file:
+                file.write(line)
 
 
 if __name__ == "__main__":

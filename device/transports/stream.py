@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable
-from types import TracebackType
-from typing import Self
 
 from ..array import ArrayModel
 from ..clock import Clock, MonotonicClock
-from ..link import BoardStatus, never
+from ..link import Link, never
 from .pyusb import UsbDevice, dispose
 from .transport import Transport
 
@@ -18,8 +16,8 @@ WINDOW_DURATION = 0.05  # [s] of frames under way at most: how late the host may
 PIECE_DURATION = 0.1  # [s] of frames in one submit at most: well below the second after which a device counts as hung
 
 
-class StreamLink:
-    """A link whose frames go through a transport. A context manager that closes it.
+class StreamLink(Link):
+    """A link whose frames go through a transport.
 
     A board's own link derives from it and adds `start`, and `status` and `clear` if the board can. Its `start` ends
     with `begin(divider)`. Not for several threads at once; a player uses it from one.
@@ -41,11 +39,6 @@ class StreamLink:
     (1536, 0)
     """
 
-    off_frames: int = 1
-    """How many frames `off_bytes` are."""
-    queue_frames: int | None = None
-    """None: what waits in the board is little, or nobody knows."""
-
     def __init__(
         self,
         model: ArrayModel,
@@ -66,18 +59,6 @@ class StreamLink:
         self._off = off
         self._boundary: int | None = None  # bytes taken at some boundary of frames; None: only the board knows
         self._piece_bytes = PIECE_BYTES // model.frame_bytes * model.frame_bytes
-
-    def __repr__(self) -> str:
-        """One line."""
-        return f"{type(self).__name__}({self.array.name!r}, serial={self.serial!r})"
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self.close()
 
     @property
     def transport(self) -> str:
@@ -105,11 +86,6 @@ class StreamLink:
         return self._transport.is_exact
 
     @property
-    def hold_ns(self) -> int:
-        """How long what is written first after `start` waits in the board until it plays [ns]: 0, it does not."""
-        return 0
-
-    @property
     def off_bytes(self) -> bytes:
         """Wire bytes that end a content: the array is off once they have played."""
         return self._off * self.off_frames
@@ -132,10 +108,6 @@ class StreamLink:
         """Note that the board has `torn` bytes of an incomplete frame now: it said so, or was made to."""
         self._transport.is_exact = True  # whoever calls this knows how much was taken
         self._boundary = self._transport.bytes_taken - torn
-
-    def refresh(self) -> bool:
-        """False: the board forgets nothing in a pause."""
-        return False
 
     def write(self, data: array[int], *, abandon: Callable[[], bool] = never) -> None:
         """Send whole frames: return once they are under way, or taken; wait while there is no room for them.
@@ -164,14 +136,6 @@ class StreamLink:
     def cancel(self) -> None:
         """End what is under way; then `bytes_sent` is exact, and the last frame may be torn."""
         self._transport.cancel()
-
-    def status(self) -> BoardStatus | None:
-        """None: the board never answers."""
-        return None
-
-    def clear(self) -> bool:
-        """False: the board cannot drop what it has queued."""
-        return False
 
     def send_off(self) -> None:
         """Off now: cancel what is under way, complete a torn frame, its missing part silent, then `off_bytes`."""

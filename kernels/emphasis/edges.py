@@ -8,7 +8,7 @@ from ..contours import Contours, full_intensity, segment_length, with_columns
 from ..offsets import count_then_fill, launch
 from ..one_device import on_one_device
 from ..patch import EXACT, to_float64
-from ..section.piece_walker import HAND, MADE, OBJECT
+from ..section.draw import HAND, MADE, OBJECT
 from ..stages.insertion import insert_points
 from .corners import SHORTEST
 

@@ -19,8 +19,8 @@ import warp as wp
 from ..offsets import launch
 from ..patch import EXACT, ON, to_float32, to_float64
 from ..section.half_edges import LEAF, Surface
-from ..section.tree_search import node_after
-from ..section.triangle_walk import load_vec4, vertex_of
+from ..section.tree import node_after
+from ..section.walk import load_vec4, vertex_of
 from .field import Field, root_of
 
 wp.set_module_options(EXACT)

@@ -1,8 +1,11 @@
 """Insets: what of a region in a plane is at least a distance away from its outlines, as loops around it.
 
 The loops are made of the pieces of offsets (`inset_pieces`). A piece goes on with the next offset of its polyline where
-neither is cut, or both are at one point; else with the piece that begins nearest to its end, if that is mutual. Where a
-region's pieces do not all go on so, or its outlines cross each other, it has failed: its loops must be found otherwise.
+neither is cut, or both are at one point; else with the piece that begins nearest to its end, if that is mutual.
+
+A region's pieces do not all go on so where outlines cross, since what is left of them is not inside, or where a part of
+the region is exactly twice the distance wide. Such a region is tried again ATTEMPTS - 1 times: with the pieces that
+are inside only, and ASIDE farther in each time, which no part is twice as wide as.
 """
 
 import numpy as np
@@ -12,7 +15,7 @@ from ..offsets import launch, scan_counts
 from ..one_device import on_one_device
 from ..patch import EXACT
 from ..stages.regions import FlatLines, Regions, room_for_lines
-from .inset_edges import InsetEdges, cross_of, edges_of, find_edges, has_arc, left_of, offset_end
+from .inset_edges import InsetEdges, cross_of, edges_of, find_edges, has_arc, left_of, offset_end, winding_of
 from .inset_pieces import OffsetPieces, find_pieces
 
 wp.set_module_options(EXACT)
@@ -20,6 +23,8 @@ wp.set_module_options(EXACT)
 JOINED = wp.constant(wp.float64(2e-5))  # [m]; ends of pieces this near may be one: two offsets that touch are cut apart
 SAME = wp.constant(wp.float64(1e-6))  # [m]; ends of neighbours that cut each other this near are one
 THINNEST = wp.constant(wp.float64(1e-7))  # [m]; a loop that is thinner is rounding
+ASIDE = wp.constant(wp.float64(1e-7))  # [m]; nobody feels it, and rounding is a thousandth of it
+ATTEMPTS = 4
 ROUND = 64  # segments of a full turn around a corner
 
 
@@ -119,7 +124,8 @@ def corner_point(edges: InsetEdges, pieces: OffsetPieces, steps: ArcSteps, i: in
         e = pieces.offset[i] // 2
         tangent = edges.tangent[e]
         direction = steps.direction[step]
-        out = edges.origin[edges.after[e]] + edges.distance * (direction[0] * left_of(tangent) + direction[1] * tangent)
+        distance = edges.distance[edges.region[e]]
+        out = edges.origin[edges.after[e]] + distance * (direction[0] * left_of(tangent) + direction[1] * tangent)
     return out
 
 
@@ -157,23 +163,6 @@ def measure_loop(
         step = corner
     loop.length += wp.length(base - before)
     return loop
-
-
-@wp.func
-def winding_of(edges: InsetEdges, region: int, x: wp.vec2d):
-    """How often the outlines of a region go around a point."""
-    first, stop = edges_of(edges, region)
-    turns = int(0)
-    for e in range(first, stop):
-        a = edges.origin[e]
-        b = edges.origin[edges.after[e]]
-        if (a[1] <= x[1]) != (b[1] <= x[1]):
-            left = cross_of(b - a, x - a)
-            if a[1] <= x[1] and left > wp.float64(0.0):
-                turns += 1
-            elif a[1] > x[1] and left < wp.float64(0.0):
-                turns -= 1
-    return turns
 
 
 @wp.func
@@ -294,6 +283,15 @@ def link_pieces(edges: InsetEdges, pieces: OffsetPieces) -> PieceLinks:
     return links
 
 
+@wp.kernel
+def _step_aside(failed: wp.array[wp.int32], edges: InsetEdges):
+    """Move the offsets of regions that have failed a little farther in, and keep only those that lie inside."""
+    region = wp.tid()
+    if failed[region] != 0:
+        edges.distance[region] = edges.distance[region] + ASIDE
+        edges.filters[region] = 1
+
+
 @on_one_device
 def draw_inset(
     regions: Regions, filled: wp.array, *, distance: float, point_limit: int | None = None
@@ -302,12 +300,25 @@ def draw_inset(
 
     Other arguments as for `draw_hatch`. Of a region, outer loops come first, the largest first. A loop starts near the
     region's first point. Corners of the outline that point inwards are rounded, by 64 segments a turn.
-    Returns also where a region's loops are not known, 1, int32, shape [region].
+    Returns also which regions have no loops because all ATTEMPTS failed, 1, int32, shape [region].
     Raises PointLimitError before memory is allocated for more points than `point_limit`.
     """
-    edges, failed = find_edges(regions, filled, distance)
-    device, pieces = failed.device, find_pieces(edges, failed)
-    found, count = [edges, pieces, link_pieces(edges, pieces), arc_steps(device)], pieces.offset.shape[0]
+    edges = find_edges(regions, filled, distance)
+    out, failed = _draw_loops_of(edges, point_limit)
+    for _attempt in range(1, ATTEMPTS):
+        if not failed.numpy().any():
+            break
+        # The loops of the other regions come out the same, and all stay in order.
+        launch(_step_aside, failed.shape[0], [failed], [edges])
+        out, failed = _draw_loops_of(edges, point_limit)
+    return out, failed
+
+
+def _draw_loops_of(edges: InsetEdges, point_limit: int | None) -> tuple[FlatLines, wp.array]:
+    """Loops at the distances of `edges`, and which regions failed."""
+    pieces, failed = find_pieces(edges)
+    device, count = failed.device, pieces.offset.shape[0]
+    found = [edges, pieces, link_pieces(edges, pieces), arc_steps(device)]
     loops = wp.empty(count, dtype=InsetLoop, device=device)
     counts = [wp.zeros(count + 1, dtype=wp.int64, device=device) for _ in range(2)]
     visited = wp.zeros(count, dtype=wp.uint8, device=device)

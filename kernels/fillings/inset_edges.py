@@ -1,9 +1,9 @@
 """Edges of regions in a plane, and the lines and arcs at a distance inside of them: *offsets*.
 
 A region's edges run with the inside on their left. Edge e has two offsets: number 2 e is the edge moved to its left,
-and number 2 e + 1 is the arc around the edge's end, there only where the outline turns right. The parameter of a moved
-edge is the distance along it [m]; that of an arc grows with the angle (`diamond_angle`), and needs sums, products and
-roots only, so that every device gives the same bits.
+and number 2 e + 1 is the arc around the edge's end, there only where the outline turns right or straight back. The
+parameter of a moved edge is the distance along it [m]; that of an arc grows with the angle (`diamond_angle`), and needs
+sums, products and roots only, so that every device gives the same bits.
 """
 
 import warp as wp
@@ -16,8 +16,11 @@ from ..stages.regions import Regions
 wp.set_module_options(EXACT)
 
 BLOCK_EDGES = wp.constant(16)  # edges that share a box, so that those far away are passed over together
-SLACK = 1e-9  # [m]; what is nearer to an edge than the distance by less is not too near: offsets touch their neighbours
+SLACK = wp.constant(
+    wp.float64(1e-9)
+)  # [m]; what is nearer to an edge than the distance by less is not too near: offsets touch their neighbours
 STRAIGHT_BACK = wp.constant(wp.float64(1e-9))  # sine of the turn at a vertex below which an outline turns straight back
+SHORTEST_EDGE = wp.constant(wp.float64(1e-12))  # [m]; a shorter one has no direction, and is left out
 
 
 @wp.struct
@@ -34,8 +37,8 @@ class InsetEdges:
     region: wp.array[wp.int32]
     low: wp.array[wp.vec2d]  # box of every 16 edges, shape [block] [m]
     high: wp.array[wp.vec2d]
-    distance: wp.float64  # [m]
-    radius: wp.float64  # distance less SLACK [m]
+    distance: wp.array[wp.float64]  # of each region's offsets from its edges [m]
+    filters: wp.array[wp.int32]  # of each region: whether only offsets that lie inside it have pieces
 
 
 @wp.func
@@ -64,8 +67,11 @@ def diamond_angle(x: wp.float64, y: wp.float64):
 
 @wp.func
 def has_arc(edges: InsetEdges, e: int):
-    """Whether the outline turns right at the end of an edge."""
-    return cross_of(edges.tangent[e], edges.tangent[edges.after[e]]) < wp.float64(0.0)
+    """Whether the outline turns right, or straight back, at the end of an edge."""
+    tangent = edges.tangent[e]
+    other = edges.tangent[edges.after[e]]
+    turn = cross_of(tangent, other)
+    return turn < wp.float64(0.0) or (turn < STRAIGHT_BACK and wp.dot(tangent, other) < wp.float64(0.0))
 
 
 @wp.func
@@ -76,7 +82,7 @@ def offset_end(edges: InsetEdges, offset: int):
     if offset % 2 != 0:
         tangent = edges.tangent[e]
         other = edges.tangent[edges.after[e]]
-        out = diamond_angle(wp.dot(tangent, other), -cross_of(tangent, other))
+        out = diamond_angle(wp.dot(tangent, other), wp.max(-cross_of(tangent, other), wp.float64(0.0)))
     return out
 
 
@@ -84,13 +90,14 @@ def offset_end(edges: InsetEdges, offset: int):
 def offset_point(edges: InsetEdges, offset: int, t: wp.float64):
     """The point of an offset at a parameter [m]."""
     e = offset // 2
+    distance = edges.distance[edges.region[e]]
     tangent = edges.tangent[e]
     normal = left_of(tangent)
-    out = edges.origin[e] + edges.distance * normal + t * tangent
+    out = edges.origin[e] + distance * normal + t * tangent
     if offset % 2 != 0:
         x = wp.float64(1.0) - t
         y = wp.min(t, wp.float64(2.0) - t)
-        size = edges.distance / wp.sqrt(x * x + y * y)
+        size = distance / wp.sqrt(x * x + y * y)
         out = edges.origin[edges.after[e]] + (size * x) * normal + (size * y) * tangent
     return out
 
@@ -105,12 +112,35 @@ def edges_of(edges: InsetEdges, region: int):
 
 
 @wp.func
+def side_of(edges: InsetEdges, e: int, x: wp.vec2d):
+    """Distance of a point to the left of an edge's line [m]."""
+    return cross_of(edges.tangent[e], x - edges.origin[e])
+
+
+@wp.func
 def square_distance(edges: InsetEdges, j: int, x: wp.vec2d):
     """Square of a point's distance from an edge [m2]."""
     away = x - edges.origin[j]
     part = wp.clamp(wp.dot(away, edges.tangent[j]), wp.float64(0.0), edges.length[j])
     rest = away - part * edges.tangent[j]
     return wp.dot(rest, rest)
+
+
+@wp.func
+def winding_of(edges: InsetEdges, region: int, x: wp.vec2d):
+    """How often the outlines of a region go around a point."""
+    first, stop = edges_of(edges, region)
+    turns = int(0)
+    for e in range(first, stop):
+        a = edges.origin[e]
+        b = edges.origin[edges.after[e]]
+        if (a[1] <= x[1]) != (b[1] <= x[1]):
+            left = cross_of(b - a, x - a)
+            if a[1] <= x[1] and left > wp.float64(0.0):
+                turns += 1
+            elif a[1] > x[1] and left < wp.float64(0.0):
+                turns -= 1
+    return turns
 
 
 @wp.struct
@@ -146,45 +176,49 @@ def next_edge(edges: InsetEdges, reach: Reach, j: int, stop: int):
     return wp.min(out, stop)
 
 
+@wp.func
+def edge_vector(r: Regions, point: wp.int64):
+    """From a point of a polyline to the next one [m]."""
+    a = r.local[point]
+    b = r.local[point + wp.int64(1)]
+    return wp.vec2d(b[0] - a[0], b[1] - a[1])
+
+
 @wp.kernel
 def _count_edges(r: Regions, filled: wp.array[wp.uint8], count: wp.array[wp.int64]):
-    """Count the edges of each polyline of a region that is filled."""
-    region = wp.tid()
-    for entry in range(int(r.region_start[region]), int(r.region_start[region + 1])):
-        line = r.region_line[entry]
-        size = wp.max(r.polyline_start[line + 1] - r.polyline_start[line] - wp.int64(1), wp.int64(0))
-        count[entry] = wp.where(filled[region] != wp.uint8(0), size, wp.int64(0))
-
-
-@wp.kernel
-def _write_edges(
-    # In:
-    r: Regions,
-    filled: wp.array[wp.uint8],
-    start: wp.array[wp.int64],
-    failed: wp.array[wp.int32],  # is set to 1 where an edge of the region has no length
-    # Out:
-    edges: InsetEdges,
-):
-    """Write the edges of each region."""
+    """Count the edges of each polyline of a region that is filled; points that repeat the one before make none."""
     region = wp.tid()
     for entry in range(int(r.region_start[region]), int(r.region_start[region + 1])):
         base = r.polyline_start[r.region_line[entry]]
+        total = wp.int64(0)
+        if filled[region] != wp.uint8(0):
+            for k in range(int(r.polyline_start[r.region_line[entry] + 1] - base) - 1):
+                if wp.length(edge_vector(r, base + wp.int64(k))) > SHORTEST_EDGE:
+                    total += wp.int64(1)
+        count[entry] = total
+
+
+@wp.kernel
+def _write_edges(r: Regions, filled: wp.array[wp.uint8], start: wp.array[wp.int64], edges: InsetEdges):
+    """Write the edges of each region."""
+    region = wp.tid()
+    for entry in range(int(r.region_start[region]), int(r.region_start[region + 1])):
+        point = r.polyline_start[r.region_line[entry]]
         first = int(start[entry])
         count = int(start[entry + 1]) - first
-        for k in range(count):
-            a = r.local[base + wp.int64(k)]
-            b = r.local[base + wp.int64(k + 1)]
-            tangent = wp.vec2d(b[0] - a[0], b[1] - a[1])
+        k = int(0)
+        while k < count:
+            tangent = edge_vector(r, point)
             length = wp.sqrt(tangent[0] * tangent[0] + tangent[1] * tangent[1])
-            edges.origin[first + k] = wp.vec2d(a[0], a[1])
-            edges.length[first + k] = length
-            edges.tangent[first + k] = tangent / wp.max(length, wp.float64(1e-30))
-            edges.before[first + k] = first + (k + count - 1) % count
-            edges.after[first + k] = first + (k + 1) % count
-            edges.region[first + k] = region
-            if length <= wp.float64(1e-12):
-                failed[region] = 1
+            if length > SHORTEST_EDGE:
+                edges.origin[first + k] = wp.vec2d(r.local[point][0], r.local[point][1])
+                edges.length[first + k] = length
+                edges.tangent[first + k] = tangent / length
+                edges.before[first + k] = first + (k + count - 1) % count
+                edges.after[first + k] = first + (k + 1) % count
+                edges.region[first + k] = region
+                k += 1
+            point += wp.int64(1)
 
 
 @wp.kernel
@@ -202,43 +236,10 @@ def _find_boxes(edges: InsetEdges):
     edges.high[block] = highest
 
 
-@wp.func
-def side_of(edges: InsetEdges, e: int, x: wp.vec2d):
-    """Distance of a point to the left of an edge's line [m]."""
-    return cross_of(edges.tangent[e], x - edges.origin[e])
-
-
-@wp.kernel
-def _find_crossed_regions(edges: InsetEdges, failed: wp.array[wp.int32]):
-    """Find regions whose left side is not everywhere inside: the outline crosses itself or turns straight back."""
-    e = wp.tid()
-    region = edges.region[e]
-    _first, stop = edges_of(edges, region)
-    reach = reach_of(edges.origin[e], edges.origin[edges.after[e]], wp.float64(0.0))
-    crossed = int(0)
-    j = next_edge(edges, reach, e + 1, stop)
-    while j < stop:
-        a = side_of(edges, e, edges.origin[j]) * side_of(edges, e, edges.origin[edges.after[j]])
-        b = side_of(edges, j, edges.origin[e]) * side_of(edges, j, edges.origin[edges.after[e]])
-        if a < wp.float64(0.0) and b < wp.float64(0.0):  # they cross at an inner point of both
-            crossed = int(1)
-        j = next_edge(edges, reach, j + 1, stop)
-    tangent = edges.tangent[e]
-    other = edges.tangent[edges.after[e]]
-    if wp.abs(cross_of(tangent, other)) < STRAIGHT_BACK and wp.dot(tangent, other) < wp.float64(0.0):
-        crossed = int(1)
-    if crossed != 0:
-        failed[region] = 1
-
-
 @on_one_device
-def find_edges(regions: Regions, filled: wp.array, distance: float) -> tuple[InsetEdges, wp.array]:
-    """Edges of the regions that are filled, and which regions have an outline that is no simple one, int32 [region].
-
-    Arguments as for `draw_inset`.
-    """
+def find_edges(regions: Regions, filled: wp.array, distance: float) -> InsetEdges:
+    """Edges of the regions that are filled; arguments as for `draw_inset`."""
     device, region_count = regions.local.device, regions.region_start.shape[0] - 1
-    failed = wp.zeros(region_count, dtype=wp.int32, device=device)
     (edges,), (edges.start,) = count_then_fill(
         _count_edges,
         _write_edges,
@@ -246,13 +247,12 @@ def find_edges(regions: Regions, filled: wp.array, distance: float) -> tuple[Ins
         [regions, filled],
         lambda total: [_room_for_edges(total, device)],
         rows=regions.region_line.shape[0],
-        more=[failed],
     )
     edges.region_start = regions.region_start
-    edges.distance, edges.radius = wp.float64(distance), wp.float64(distance - SLACK)
+    edges.distance = wp.full(region_count, distance, dtype=wp.float64, device=device)
+    edges.filters = wp.zeros(region_count, dtype=wp.int32, device=device)
     launch(_find_boxes, edges.low.shape[0], [], [edges])
-    launch(_find_crossed_regions, edges.origin.shape[0], [edges], [failed])
-    return edges, failed
+    return edges
 
 
 def _room_for_edges(count: int, device: wp.Device) -> InsetEdges:

@@ -12,6 +12,7 @@ from ..offsets import count_then_fill, launch, scan_counts
 from ..one_device import on_one_device
 from ..patch import EXACT
 from .inset_edges import (
+    SLACK,
     InsetEdges,
     cross_of,
     diamond_angle,
@@ -24,6 +25,7 @@ from .inset_edges import (
     reach_of,
     side_of,
     square_distance,
+    winding_of,
 )
 
 wp.set_module_options(EXACT)
@@ -78,11 +80,12 @@ def slab_interval(x: wp.float64, ux: wp.float64, low: wp.float64, high: wp.float
 def stadium_interval(edges: InsetEdges, e: int, j: int):
     """The parameters at which edge e, moved to its left, is inside the stadium of edge j; empty: first >= last."""
     zero = wp.float64(0.0)
-    radius = edges.radius
+    distance = edges.distance[edges.region[e]]
+    radius = distance - SLACK
     length = edges.length[j]
     end = edges.length[e]
     out = wp.vec2d(wp.float64(wp.inf), -wp.float64(wp.inf))
-    away = edges.origin[e] + edges.distance * left_of(edges.tangent[e]) - edges.origin[j]
+    away = edges.origin[e] + distance * left_of(edges.tangent[e]) - edges.origin[j]
     x = wp.dot(away, edges.tangent[j])
     ux = wp.dot(edges.tangent[e], edges.tangent[j])
     if (x > -radius or x + end * ux > -radius) and (x < length + radius or x + end * ux < length + radius):
@@ -123,7 +126,8 @@ def put_crossing(
     if t > wp.float64(0.0) and t < offset_end(edges, offset):
         tangent = edges.tangent[offset // 2]
         x = edges.origin[edges.after[offset // 2]] - edges.origin[j]
-        x = x + edges.distance * (direction[0] * left_of(tangent) + direction[1] * tangent)
+        distance = edges.distance[edges.region[j]]
+        x = x + distance * (direction[0] * left_of(tangent) + direction[1] * tangent)
         along = wp.dot(x, edges.tangent[j])
         there = along >= -TOUCH and along <= edges.length[j] + TOUCH
         if cap < 0:
@@ -169,7 +173,8 @@ def put_cap_crossings(
 ):
     """Keep where an arc crosses the circle around the start, cap -1, or end, cap 1, of an edge; the new count."""
     out = count
-    d = edges.distance
+    d = edges.distance[edges.region[j]]
+    radius = d - SLACK
     tangent = edges.tangent[offset // 2]
     away = edges.origin[j] - edges.origin[edges.after[offset // 2]]
     if cap > 0:
@@ -177,7 +182,7 @@ def put_cap_crossings(
     size = wp.length(away)
     if size > wp.float64(0.0):
         axis = wp.vec2d(wp.dot(away, left_of(tangent)) / size, wp.dot(away, tangent) / size)
-        cosine = (d * d + size * size - edges.radius * edges.radius) / (wp.float64(2.0) * d * size)
+        cosine = (d * d + size * size - radius * radius) / (wp.float64(2.0) * d * size)
         out = put_pair(edges, offset, j, axis, cosine, cap, bounds, base, out)
     return out
 
@@ -186,7 +191,8 @@ def put_cap_crossings(
 def put_arc_crossings(edges: InsetEdges, offset: int, j: int, bounds: wp.array[wp.float64], base: wp.int64, count: int):
     """Keep where an arc crosses the boundary of an edge's stadium; the new count of crossings."""
     out = count
-    d = edges.distance
+    d = edges.distance[edges.region[j]]
+    radius = d - SLACK
     tangent = edges.tangent[offset // 2]
     middle = edges.origin[edges.after[offset // 2]]
     if square_distance(edges, j, middle) < wp.float64(4.0) * d * d:
@@ -195,8 +201,8 @@ def put_arc_crossings(edges: InsetEdges, offset: int, j: int, bounds: wp.array[w
         across = left_of(edges.tangent[j])
         axis = wp.vec2d(wp.dot(across, left_of(tangent)), wp.dot(across, tangent))
         height = side_of(edges, j, middle)
-        out = put_pair(edges, offset, j, axis, (edges.radius - height) / d, int(0), bounds, base, out)
-        out = put_pair(edges, offset, j, axis, (-edges.radius - height) / d, int(0), bounds, base, out)
+        out = put_pair(edges, offset, j, axis, (radius - height) / d, int(0), bounds, base, out)
+        out = put_pair(edges, offset, j, axis, (-radius - height) / d, int(0), bounds, base, out)
     return out
 
 
@@ -205,11 +211,13 @@ def is_too_near(edges: InsetEdges, offset: int, x: wp.vec2d):
     """Whether a point of an arc is in the stadium of an edge other than the two that meet in its middle."""
     e = offset // 2
     first, stop = edges_of(edges, edges.region[e])
-    reach = reach_of(x, x, edges.distance)
+    distance = edges.distance[edges.region[e]]
+    radius = distance - SLACK
+    reach = reach_of(x, x, distance)
     out = int(0)
     j = next_edge(edges, reach, first, stop)
     while j < stop and out == 0:
-        if j != e and j != edges.after[e] and square_distance(edges, j, x) < edges.radius * edges.radius:
+        if j != e and j != edges.after[e] and square_distance(edges, j, x) < radius * radius:
             out = int(1)
         j = next_edge(edges, reach, j + 1, stop)
     return out != 0
@@ -220,18 +228,18 @@ def reach_of_offset(edges: InsetEdges, offset: int):
     """A box that meets every edge whose stadium an offset can meet."""
     a = offset_point(edges, offset, wp.float64(0.0))
     b = offset_point(edges, offset, offset_end(edges, offset))
-    away = edges.distance
+    away = edges.distance[edges.region[offset // 2]]
     if offset % 2 != 0:
         away += wp.float64(0.5) * wp.length(b - a)  # an arc of half a turn or less is no farther from its chord
     return reach_of(a, b, away)
 
 
 @wp.kernel
-def _count_bounds(edges: InsetEdges, failed: wp.array[wp.int32], count: wp.array[wp.int64]):
+def _count_bounds(edges: InsetEdges, count: wp.array[wp.int64]):
     """Count the crossings of each offset with stadiums: numbers that its pieces need at most; 0: it has none."""
     offset = wp.tid()
     e = offset // 2
-    if failed[edges.region[e]] != 0 or (offset % 2 != 0 and not has_arc(edges, e)):
+    if offset % 2 != 0 and not has_arc(edges, e):
         return
     first, stop = edges_of(edges, edges.region[e])
     reach = reach_of_offset(edges, offset)
@@ -279,7 +287,7 @@ def is_long(edges: InsetEdges, offset: int, begin: wp.float64, end: wp.float64):
     """Whether a piece of an offset is more than rounding."""
     size = end - begin
     if offset % 2 != 0:
-        size = size * edges.distance  # an arc is longer than this
+        size = size * edges.distance[edges.region[offset // 2]]  # an arc is longer than this
     return size > SHORTEST
 
 
@@ -335,11 +343,26 @@ def keep_far(edges: InsetEdges, offset: int, bounds: wp.array[wp.float64], base:
     return pieces
 
 
+@wp.func
+def keep_inside(edges: InsetEdges, offset: int, bounds: wp.array[wp.float64], base: wp.int64, pieces: int):
+    """Keep the pieces of an offset that lie inside its region; their number."""
+    out = int(0)
+    for k in range(pieces):
+        begin = bounds[base + wp.int64(2 * k)]
+        end = bounds[base + wp.int64(2 * k + 1)]
+        # No piece crosses an outline, so one point of it decides.
+        middle = offset_point(edges, offset, wp.float64(0.5) * (begin + end))
+        if winding_of(edges, edges.region[offset // 2], middle) > 0:
+            bounds[base + wp.int64(2 * out)] = begin
+            bounds[base + wp.int64(2 * out + 1)] = end
+            out += 1
+    return out
+
+
 @wp.kernel
 def _keep_pieces(
     # In:
     edges: InsetEdges,
-    failed: wp.array[wp.int32],
     place: wp.array[wp.int64],  # offsets of each offset's bounds
     # Out:
     count: wp.array[wp.int64],  # pieces, shape [offset + 1]
@@ -353,6 +376,8 @@ def _keep_pieces(
             pieces = keep_outside(edges, offset // 2, bounds, place[offset])
         else:
             pieces = keep_far(edges, offset, bounds, place[offset])
+        if edges.filters[edges.region[offset // 2]] != 0:
+            pieces = keep_inside(edges, offset, bounds, place[offset], pieces)
         count[offset] = wp.int64(pieces)
 
 
@@ -384,25 +409,27 @@ def _find_doubtful_regions(edges: InsetEdges, pieces: OffsetPieces, failed: wp.a
     if offset % 2 == 0:
         first, stop = edges_of(edges, edges.region[e])
         x = offset_point(edges, offset, wp.float64(0.5) * (pieces.begin[i] + pieces.end[i]))
-        most = edges.distance + DOUBTFUL
+        most = edges.distance[edges.region[e]] + DOUBTFUL
         reach = reach_of(x, x, most)
         j = next_edge(edges, reach, first, stop)
         while j < stop:
-            if wp.dot(edges.tangent[e], edges.tangent[j]) < OPPOSITE and square_distance(edges, j, x) < most * most:
+            opposite = wp.dot(edges.tangent[e], edges.tangent[j]) < OPPOSITE and side_of(edges, j, x) > wp.float64(0.0)
+            if opposite and square_distance(edges, j, x) < most * most:
                 failed[edges.region[e]] = 1
             j = next_edge(edges, reach, j + 1, stop)
 
 
 @on_one_device
-def find_pieces(edges: InsetEdges, failed: wp.array) -> OffsetPieces:
-    """Pieces of the offsets of all regions that have not failed; those of which a piece is in doubt fail, too."""
-    device, offset_count, pieces = failed.device, 2 * edges.origin.shape[0], OffsetPieces()
+def find_pieces(edges: InsetEdges) -> tuple[OffsetPieces, wp.array]:
+    """Pieces of the offsets of all regions, and of which region a piece is in doubt, int32, shape [region]."""
+    device, offset_count, pieces = edges.origin.device, 2 * edges.origin.shape[0], OffsetPieces()
+    failed = wp.zeros(edges.distance.shape[0], dtype=wp.int32, device=device)
     count = wp.zeros(offset_count + 1, dtype=wp.int64, device=device)
     (bounds,), (place,) = count_then_fill(
         _count_bounds,
         _keep_pieces,
         offset_count,
-        [edges, failed],
+        [edges],
         lambda total: [wp.empty(total, dtype=wp.float64, device=device)],
         rows=offset_count,
         more=[count],
@@ -413,4 +440,4 @@ def find_pieces(edges: InsetEdges, failed: wp.array) -> OffsetPieces:
     pieces.first, pieces.last = (wp.empty(total, dtype=wp.vec2d, device=device) for _ in range(2))
     launch(_gather_pieces, offset_count, [edges, place, bounds], [pieces])
     launch(_find_doubtful_regions, total, [edges, pieces], [failed])
-    return pieces
+    return pieces, failed

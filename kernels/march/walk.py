@@ -16,7 +16,7 @@ import warp as wp
 
 from ..offsets import launch
 from ..patch import EXACT
-from ..section.piece_walker import HAND
+from ..section.draw import HAND
 from .grid import TILE_HEIGHT, TILE_WIDTH, Grid, Grids, is_inside, rim_count, rim_node
 from .sample import ALONG_U, ALONG_V, AT_NODE, NO_POINT, Samples, parts_of
 

@@ -22,8 +22,8 @@ from ..fields.field import Field
 from ..offsets import count_then_fill, launch
 from ..one_device import on_one_device
 from ..patch import EXACT
-from ..section.edge_pairing import OPEN
-from ..section.triangle_walk import half_after, half_before
+from ..section.half_edges import OPEN
+from ..section.walk import half_after, half_before
 from .edges import Skin
 from .sign import Posed, is_inside, place_points, sign_vertices
 

@@ -5,8 +5,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ..section.edge_pairing import OPEN, twins_of
-from ..section.half_edges import forest_by_order, spatial_order
+from ..section.half_edges import OPEN, forest_by_order, spatial_order, twins_of
 from .refine import refine_faces
 
 UNSCANNED = 2**31 - 1  # key of an edge that no search begins at

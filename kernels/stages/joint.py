@@ -16,8 +16,8 @@ from ..contours import Contours, find_poses
 from ..offsets import count_then_fill, launch
 from ..one_device import on_one_device
 from ..patch import EXACT, Frame, Patch, corner, patch_coordinates, require_section_poses, section_frame
-from ..section.piece_walker import HAND
-from ..section.segment_clipping import side_position
+from ..section.clip import side_position
+from ..section.draw import HAND
 from .cut import Parts, room_for_parts
 
 wp.set_module_options(EXACT)

@@ -14,7 +14,7 @@ from ..contours import Contours, find_poses, room_for
 from ..offsets import count_then_fill, launch, scan_counts
 from ..one_device import on_one_device
 from ..patch import EXACT, to_float32, to_float64
-from ..section.piece_walker import MADE
+from ..section.draw import MADE
 from .prune import Patches
 
 wp.set_module_options(EXACT)

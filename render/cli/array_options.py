@@ -6,12 +6,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import StrategyError
-from .inputs import require_contour_files, require_end, require_object
-from .option_fields import REQUIRED, Command, NamedOptions, argument, option, switch
-from .shared_options import (
+from .inputs import (
     OBJECTS,
     SAMPLINGS,
     STRATEGIES,
+    require_contour_files,
+    require_end,
+    require_object,
+    require_sampling,
+    require_strategy,
+)
+from .option_fields import REQUIRED, Command, NamedOptions, argument, option, switch
+from .shared_options import (
     AllowCodeOptions,
     BaudOptions,
     ClockOptions,
@@ -105,8 +111,6 @@ class LiveCommand(
         """Raise what makes the request impossible."""
         if self.duration is not None and not 0 < self.duration < float("inf"):  # a NaN compares false
             raise StrategyError(f"--duration must be above 0 s, not {self.duration}")
-        if self.palm is not None and self.hand != "palm":
-            raise StrategyError(f"--palm is the size of --hand palm, which {self.hand} is not")
         for name in ("port", "no_browser"):
             if getattr(self, name) and not self.view:
                 raise StrategyError(f"--{name.replace('_', '-')} is of the page that --view shows")
@@ -114,6 +118,10 @@ class LiveCommand(
             require_end(self.record, (".h5", ".hdf5"), "a contour file")
         for name in self.solids:
             require_object(name)
+        for name in self.strategy:
+            require_strategy(name)
+        for name in self.sampling or ():
+            require_sampling(name)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,6 +131,10 @@ class SamplingCommand(Command):
     job = ".listing_commands:run_sampling"
     given = ("name",)
     name: str | None = argument("[NAME|FILE]", "A preset, or a JSON file.", None, complete=SAMPLINGS)
+
+    def judge(self) -> None:
+        """Refuse a misspelt preset."""
+        require_sampling(self.name)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,21 +9,21 @@ from ..errors import StrategyError
 from ..output_file import require_output
 from .inputs import (
     EXPLORATION,
+    OBJECTS,
+    STRATEGIES,
     require_contour_files,
     require_end,
-    require_known_strategy,
     require_motion,
     require_object,
     require_output_file,
+    require_strategy,
     worker_count,
 )
 from .option_fields import REQUIRED, Command, argument, option, switch
 from .shared_options import (
     ARRAY_OPTION,
     OBJECT_HELP,
-    OBJECTS,
     SCALE_HELP,
-    STRATEGIES,
     STRATEGY_HELP,
     AlignmentOptions,
     AllowCodeOptions,
@@ -130,7 +130,7 @@ class RenderCommand(
             raise StrategyError(f"--simplify must be a length in metres of 0 or more, not {self.simplify}")
         require_object(self.source)
         require_motion(self.motion)
-        require_known_strategy(self.strategy)
+        require_strategy(self.strategy)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,7 +178,7 @@ class StrategiesCommand(Command, AllowCodeOptions, OverwriteOptions):
         elif len(self.names or ()) > 1:
             raise StrategyError("one strategy is printed at a time; with -o PICTURE several are drawn side by side")
         for name in self.names or ():
-            require_known_strategy(name)
+            require_strategy(name)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -393,3 +393,11 @@ class TrustCommand(Command):
         None,
     )
     remove: list[str] | None = option("FILE|SHA256", "Accept it no longer. May be repeated.")
+
+    def judge(self) -> None:
+        """Refuse what names no code by its name."""
+        for name in self.files or ():
+            if ":" not in name and not Path(name).is_file():
+                raise StrategyError(f"{name}: there is no such file")
+            if ":" not in name and not name.endswith((".py", ".toml", ".json")):
+                raise StrategyError(f"{name}: must be a strategy (.json), a plan (.toml) or Python (.py)")

@@ -39,7 +39,7 @@ def run_voxelise(job: VoxeliseCommand, *, as_json: bool) -> None:
     """Voxelise, write, say what came of it."""
     start_warp()
     started = perf_counter()
-    with bars.loading_bar(job.mesh, quiet=as_json) as watch:
+    with bars.progress_bar(job.mesh, quiet=as_json) as watch:
         facts = voxelise_file(
             job.mesh,
             job.out,

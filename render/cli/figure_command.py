@@ -39,7 +39,7 @@ def run_figure(job: FigureCommand, *, as_json: bool) -> None:
     width_of(job.width)
     font_of(job.font_size)
     _warn_unfinished(job.files)
-    with bars.loading_bar(f"drawing {job.out}", quiet=as_json):
+    with bars.progress_bar(f"drawing {job.out}", quiet=as_json):
         draw_figure(
             labelled(job),
             job.out,

@@ -34,7 +34,7 @@ def show_info(file: Path, job: InfoCommand, *, as_json: bool) -> None:
         raise StrategyError(f"--pressure is of contour files, and {file} is none")
     if is_mesh_name(str(file)):
         start_warp()
-        with bars.loading_bar(str(file), quiet=as_json) as watch:
+        with bars.progress_bar(str(file), quiet=as_json) as watch:
             facts = mesh_facts(str(file), options, watch)
         facts = {name: console.worded(value) if isinstance(value, str) else value for name, value in facts.items()}
         names = [name for name, value in facts.items() if value not in (0, "")]
@@ -45,7 +45,7 @@ def show_info(file: Path, job: InfoCommand, *, as_json: bool) -> None:
     if frame_format(file) is not None:
         console.show_values(summarise_frames(file), as_json=as_json, title=str(file))
         return
-    with bars.loading_bar(f"reading {file}", quiet=as_json):
+    with bars.progress_bar(f"reading {file}", quiet=as_json):
         summary = summarise(file)
     if not summary["sealed"]:
         console.warn(
@@ -78,7 +78,7 @@ def run_check(job: CheckCommand, *, as_json: bool) -> int:
 
 def check_one(file: Path, *, as_json: bool) -> int:
     """Check; 0 whole, 1 not."""
-    with bars.loading_bar(f"checking {file}", quiet=as_json):
+    with bars.progress_bar(f"checking {file}", quiet=as_json):
         if is_store(file):
             problems, unproven = check_store(file), []
         else:

@@ -4,17 +4,40 @@ What is right here may still be refused by what reads it: each message is the on
 """
 
 from collections.abc import Collection, Iterable
+from importlib.util import find_spec
 from pathlib import Path
 
-from ...datasets.errors import ContourFileError, MotionError, name_nothing
+from ...datasets.errors import ContourFileError, MotionError, NotStoreError, name_nothing
 from ...datasets.known_names import find_name, likely_file, likely_name
 from ...datasets.storage.durable import fitting_name
+from ...device.errors import UnknownArrayError
 from ..errors import MeshError, PlanError, StrategyError
 from ..file_kinds import described_file, is_point_list
 from ..output_file import require_output
-from .shared_options import HANDS, OBJECTS, SAMPLINGS, STRATEGIES
 
+OBJECTS = ("cube", "sphere", "tube", "dog", "dog-detailed", "rock", "boulder")
+STRATEGIES = (
+    "oc", "cc", "whole", "mammoth", "corners", "corner-pauses", "edges", "simplified", "smooth", "inset",
+    "hatch", "inset-hatch", "ellipse", "pca-ellipse", "circle", "centroid", "depth", "depth-hatch",
+)  # fmt: skip
+SAMPLINGS = (
+    "stm", "constant-frequency", "capped", "pendulum", "fast-return", "dtp", "stp", "am", "lm", "pressure",
+    "multi-focus", "am-multi-focus", "step", "random",
+)  # fmt: skip
+HANDS = ("palm", "planes", "skin")
+ARRAYS = {
+    "emulator": (),
+    "pat16": ("openmpd", "asierinho", "pat"),
+    "sonicsurface": ("sonic-surface",),
+    "stratos": ("stratos-explore", "ultraleap", "ultrahaptics", "usx"),
+    "autd3": ("autd",),
+}
+"""Names of arrays, each with those that it also has.
+
+A test compares these names with the modules that have what they name, which import NumPy or Warp.
+"""
 EXPLORATION = "exploration"
+STORE = "store.sqlite"
 
 
 def require_contour_files(files: Iterable[Path], *, also: Collection[str] = (), takes_points: bool = False) -> None:
@@ -59,14 +82,51 @@ def require_motion(source: str) -> None:
         raise name_nothing(MotionError(f"{source}: no such motion file{likely_file(source)}"))
 
 
-def require_known_strategy(source: str) -> None:
-    """Raise for a strategy that is neither a preset nor a file; a preset of sampling has a hint of its own."""
-    if find_name(source, (*STRATEGIES, *SAMPLINGS)) is None and not Path(source).exists():
-        meant = likely_name(source, STRATEGIES) or likely_file(source)
-        if meant:
-            raise StrategyError(
-                f"unknown strategy {source!r}{meant}: neither a preset ({', '.join(STRATEGIES)}) nor a JSON file"
-            )
+def require_strategy(source: str) -> None:
+    """Raise for a strategy that is probably a misspelt preset."""
+    if not source.casefold().startswith(("open", "closed")):  # other words for oc and cc
+        _require_preset("strategy", source, STRATEGIES)
+
+
+def require_sampling(source: str | None) -> None:
+    """Raise for a way of sampling that is probably a misspelt preset."""
+    if source is not None:
+        _require_preset("sampling", source, SAMPLINGS)
+
+
+def _require_preset(kind: str, source: str, known: Collection[str]) -> None:
+    """Raise StrategyError where neither a preset nor a file has a name, and something has one that is alike.
+
+    A name like no other is left to what loads presets, which has more to say about it.
+    """
+    if find_name(source, (*STRATEGIES, *SAMPLINGS)) is not None or Path(source).exists():
+        return
+    if meant := likely_name(source, known) or likely_file(source):
+        raise StrategyError(f"unknown {kind} {source!r}{meant}: neither a preset ({', '.join(known)}) nor a JSON file")
+
+
+def require_array(source: str) -> None:
+    """Raise UnknownArrayError for an array that is not known."""
+    called = [name for own, others in ARRAYS.items() for name in (own, *others)]
+    if not source.endswith(".json") and _letters(source) not in map(_letters, called):
+        known = ", ".join(f"{name} ({', '.join(others)})" if others else name for name, others in ARRAYS.items())
+        raise UnknownArrayError(f"unknown array {source!r}{likely_name(source, called)}; known: {known}")
+
+
+def _letters(name: str) -> str:
+    return "".join(name.casefold().replace("-", "").replace("_", "").split())
+
+
+def require_store(folder: Path) -> None:
+    """Raise NotStoreError for a folder that is no sweep's store."""
+    if not (folder / STORE).exists():
+        raise NotStoreError(f"{folder.absolute()} is not a sweep's store: it has no {STORE}")
+
+
+def require_extra(module: str, error: Exception) -> None:
+    """Raise an error where a module of an extra is not installed; it is not imported."""
+    if find_spec(module) is None:
+        raise error
 
 
 def require_end(out: Path, ends: Collection[str], what: str) -> None:

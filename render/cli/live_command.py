@@ -32,7 +32,7 @@ from ..runtime.warp_start import start_warp
 from ..sampling.strategy import SamplingStrategy
 from ..strategies.intersection_strategy import IntersectionStrategy, load_strategy
 from ..terminal import bars, console
-from ..terminal.foreign_text import errors, print_message, shows_progress
+from ..terminal.foreign_text import print_message, shows_progress
 from ..terminal.keys import pressed_keys
 from ..view.served.viewing import LiveViewer, announce
 from .array_options import LiveCommand
@@ -165,7 +165,7 @@ def _choices(job: LiveCommand, arrays: tuple[PlacedArray, ...], *, as_json: bool
     placement = Placement(**job.part(PlacementOptions))
     solids = []
     for name in job.solids:
-        with bars.loading_bar(name, quiet=as_json) as watch:
+        with bars.progress_bar(name, quiet=as_json) as watch:
             solids.append(load_solid(name, placement, watch=watch))
     samplings = [sampling_for(name, arrays) for name in job.sampling or ["stm"]]
     if (rate := job.update_rate) is not None:
@@ -251,7 +251,7 @@ def _live_line(run: Live, *, quiet: bool) -> Any:
         yield lambda: None
         return
     print_message(KEYS, "note")
-    with Progress(TextColumn("{task.description}", markup=False), console=errors, transient=True) as progress:
+    with Progress(TextColumn("{task.description}", markup=False), console=bars.screen(), transient=True) as progress:
         task = progress.add_task("waiting for a hand", total=None)
         yield lambda: progress.update(task, description=_line(run))
 

@@ -1,5 +1,8 @@
 """A command is a dataclass: its fields are the options, its docstring is the help, and `job` names what it runs.
 
+The method `judge` of a command, and those of the classes that it inherits, raise what makes a request impossible. The
+module of the work is imported afterwards, so that a command that must fail does not wait for Warp.
+
 Typer reads a signature that is made from the fields. The option `spacing` is written `--spacing`, and `font_size` is
 written `--font-size`. Options that several commands share stand in classes that these commands inherit.
 """
@@ -85,12 +88,6 @@ class Command:
         """What the work is given, beside `as_json`."""
         return tuple(getattr(self, name) for name in self.given) or (self,)
 
-    def judge(self) -> None:
-        """Raise what makes the request impossible.
-
-        The work's module is imported afterwards, so that a command that must fail does not wait for Warp.
-        """
-
     def part(self, group: type) -> dict[str, Any]:
         """The options that a group of options declares, by their names."""
         return {name: getattr(self, name) for name in group.__annotations__}
@@ -112,7 +109,9 @@ def add_command(
     def run(**values: Any) -> None:
         def work() -> object:
             job = kind(**{name: _chosen(name, value, by_name[name]) for name, value in values.items()})
-            job.judge()
+            for group in kind.__mro__:  # a command's own options first, then those that it inherits
+                if "judge" in vars(group):
+                    group.judge(job)  # type: ignore[attr-defined]
             module, _, function = kind.job.partition(":")
             return getattr(import_module(module, PACKAGE), function)(*job.arguments(), as_json=job.json)
 

@@ -5,7 +5,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from .inputs import require_file
+from ..errors import PlanError, StudyError
+from .inputs import require_extra, require_file, require_store
 from .option_fields import Command, NamedOptions, argument, option, switch
 from .shared_options import (
     AllowCodeOptions,
@@ -15,6 +16,8 @@ from .shared_options import (
     SourceOptions,
     TransportOptions,
 )
+
+IN_FOLDER = "pip install -e '.[{}]' in palpate's folder"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,6 +70,13 @@ class SweepCommand(NamedOptions, OverwriteOptions, AllowCodeOptions):
         """Raise what makes the request impossible."""
         for plan in self.plans:
             require_file(plan, "a plan is a TOML file")
+        if self.scheduler is not None:
+            require_extra("distributed", PlanError("--scheduler needs Dask: " + IN_FOLDER.format("cluster")))
+        for table in self.tables or ():
+            if table.suffix.lower() == ".parquet":
+                require_extra(
+                    "pyarrow", PlanError(f"--table {table}: Parquet needs PyArrow: " + IN_FOLDER.format("parquet"))
+                )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,6 +86,10 @@ class StoreCommand(Command):
     given = ("store",)
 
     store: Path = argument("STORE", "Folder of results that `palpate sweep` made.")
+
+    def judge(self) -> None:
+        """Refuse a folder that is no store."""
+        require_store(self.store)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,6 +123,11 @@ class SweepMergeCommand(Command):
     given = ("store", "others")
     store: Path = argument("STORE", "Takes the results; made if it is not there.")
     others: list[Path] = argument("OTHER", "Stores to read; they stay as they are.")
+
+    def judge(self) -> None:
+        """Refuse folders that are no stores."""
+        for store in self.others:
+            require_store(store)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,6 +174,13 @@ class StudyAnalyseCommand(NamedOptions, OverwriteOptions):
     noise: float | None = option("SD", "Of --power: of one answer on a scale [point], by default 1.")
     tables: int = option("COUNT", "Of --power: simulated studies of each number of participants.", 1000)
     seed: int = option("NUMBER", "Of --power.", 1)
+
+    def judge(self) -> None:
+        """Refuse a study that is not there, and to begin without what analyses it."""
+        require_extra("statsmodels", StudyError('statsmodels is missing: pip install "palpate[study]"'))
+        if not self.study.exists() and self.data is None and not self.study.with_suffix(".data").exists():
+            data = self.study.with_suffix(".data") if self.study.suffix == ".toml" else self.study
+            raise StudyError(f"{data} is not there: nor is {self.study}")
 
 
 @dataclass(frozen=True, kw_only=True)

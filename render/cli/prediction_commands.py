@@ -76,7 +76,7 @@ def run_field(job: FieldCommand, *, as_json: bool) -> None:
     arrays = load_rig(job.array, calibration=job.calibration)
     found, shown = [], []
     for path in paths:
-        with bars.loading_bar(f"sampling {path}", quiet=as_json):
+        with bars.progress_bar(f"sampling {path}", quiet=as_json):
             emitted = averaged_drives(path, job, arrays)
         with bars.progress_bar("points", quiet=as_json) as bar:
             compute = _in_volume if job.where == "volume" else _on_planes
@@ -309,7 +309,7 @@ def _signals(job: NoiseCommand, arrays: tuple[PlacedArray, ...], *, as_json: boo
     drive = DriveStrategy(slew=job.slew)
     signals: dict[Path, NoiseSignal] = {}
     for file in job.files:
-        with bars.loading_bar(f"sampling {file}", quiet=as_json):
+        with bars.progress_bar(f"sampling {file}", quiet=as_json):
             frames = frames_of(
                 file,
                 arrays,

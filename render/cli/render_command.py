@@ -1,6 +1,5 @@
 """`palpate render`, contours of an object on a moving hand in a file, and `palpate demo`, the main job in one go."""
 
-from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from time import perf_counter
@@ -9,7 +8,6 @@ from ...datasets.contour_file.blocks import work_folder
 from ...datasets.contour_file.reader import ContourFile
 from ...datasets.errors import ContourFileError
 from ...datasets.motions.hand_motion import HandMotion
-from ...kernels import PLAYING_STAGES
 from ..coordinate_spacing import apart_text, joining_place
 from ..errors import StrategyError
 from ..hands.hand import Palm
@@ -23,7 +21,6 @@ from ..playback.file_playback import Connection, play_file
 from ..playback.pose_insertion import insert_poses
 from ..reports.contour_figure import draw_figure
 from ..reports.file_summary import summarise
-from ..runtime.kernel_compiling import CompilingAhead
 from ..runtime.warp_start import start_warp
 from ..runtime.worker_devices import worker_devices
 from ..strategies.intersection_strategy import closed_contour, load_strategy, open_contour
@@ -46,7 +43,7 @@ def run_render(job: RenderCommand, *, as_json: bool) -> int:
     strategy = load_strategy(job.strategy, allow_code=job.allow_code)
     changes = {name: getattr(job, name) for name in ("step", "flush") if getattr(job, name) is not None}
     strategy = replace(strategy, **changes)
-    with bars.loading_bar(job.source, quiet=as_json) as watch:
+    with bars.progress_bar(job.source, quiet=as_json) as watch:
         whole = load_solid(
             job.source,
             Placement(**job.part(PlacementOptions)),
@@ -59,7 +56,7 @@ def run_render(job: RenderCommand, *, as_json: bool) -> int:
     solid, detail = simplified(whole, job.simplify)
     if strategy.needs_closed:
         solid.require_closed()
-    with bars.loading_bar(job.motion, quiet=as_json) as watch:
+    with bars.progress_bar(job.motion, quiet=as_json) as watch:
         hand, motion = load_hand_and_motion(
             job.hand,
             job.palm,
@@ -74,16 +71,15 @@ def run_render(job: RenderCommand, *, as_json: bool) -> int:
         raise StrategyError(f"--step is of a grid on the skin, but {solid.name} is a mesh, cut exactly by {job.hand}")
     object_pose = None
     if job.object_motion is not None:
-        with bars.loading_bar(job.object_motion, quiet=as_json):
+        with bars.progress_bar(job.object_motion, quiet=as_json):
             object_pose = HandMotion.load(job.object_motion)
     started = perf_counter()
     if job.interpolate is not None:
         motion = insert_poses(
             solid, hand, motion, strategy, distance=job.interpolate, object_pose=object_pose, device=devices[0]
         )
-    ahead = CompilingAhead(PLAYING_STAGES)
     try:
-        with ahead, bars.progress_bar("poses rendered, saved every 10 s", quiet=as_json) as bar:
+        with bars.progress_bar("poses rendered, saved every 10 s", quiet=as_json) as bar:
             recording = record(
                 job.out,
                 solid,
@@ -103,7 +99,7 @@ def run_render(job: RenderCommand, *, as_json: bool) -> int:
     seconds = perf_counter() - started
     for repair in recording.repairs:
         console.warn(repair)
-    with bars.loading_bar(f"reading {job.out}", quiet=as_json):
+    with bars.progress_bar(f"reading {job.out}", quiet=as_json):
         summary = summarise(job.out)
     summary |= {"poses_rendered": recording.rendered, "seconds": seconds}
     if detail is not None:
@@ -126,8 +122,6 @@ def run_render(job: RenderCommand, *, as_json: bool) -> int:
             "another contour, and a hand feels both as one band. Thicker walls, scale=FACTOR or the prune stage "
             "close-together make them distinct"
         )
-    with suppress(KeyboardInterrupt), bars.loading_bar("compiling kernels for palpate play", quiet=as_json):
-        ahead.wait()  # for the module under way, as results are complete; Ctrl-C leaves it, too
     return console.FAILED if is_empty and job.strict else console.DONE
 
 
@@ -156,19 +150,17 @@ def run_demo(job: DemoCommand, *, as_json: bool) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ContourFileError(f"{folder}: cannot be made ({error.strerror})") from error
-    with CompilingAhead(PLAYING_STAGES) as ahead:
-        mesh = MeshObject.load("tube")
-        hand = Palm()
-        motion = exploration(mesh.bounds, duration=30.0, rate=90.0, seed=1)
-        motion.save(folder / "motion.csv", overwrite=True)
-        files = {"OC": folder / "tube-oc.h5", "CC": folder / "tube-cc.h5"}
-        for label, strategy in (("OC", open_contour()), ("CC", closed_contour())):
-            with bars.progress_bar(f"render {label}", quiet=as_json) as progress:
-                record(files[label], mesh, hand, motion, strategy, mode="overwrite", progress=progress)
-        rendered = perf_counter() - started
-        picture = folder / "tube.png"
-        draw_figure(files, picture, overwrite=True)
-        ahead.wait(console.report_compiling)
+    mesh = MeshObject.load("tube")
+    hand = Palm()
+    motion = exploration(mesh.bounds, duration=30.0, rate=90.0, seed=1)
+    motion.save(folder / "motion.csv", overwrite=True)
+    files = {"OC": folder / "tube-oc.h5", "CC": folder / "tube-cc.h5"}
+    for label, strategy in (("OC", open_contour()), ("CC", closed_contour())):
+        with bars.progress_bar(f"render {label}", quiet=as_json) as progress:
+            record(files[label], mesh, hand, motion, strategy, mode="overwrite", progress=progress)
+    rendered = perf_counter() - started
+    picture = folder / "tube.png"
+    draw_figure(files, picture, overwrite=True)
     with bars.playback_line("playing CC", quiet=as_json) as line:
         played = play_file(files["CC"], connection=connection, watch=line, compiling=console.report_compiling)
     playback = played.as_dict()

@@ -5,20 +5,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..errors import StrategyError
+from .inputs import ARRAYS, HANDS, SAMPLINGS, require_array, require_sampling
 from .option_fields import option, switch
-
-OBJECTS = ("cube", "sphere", "tube", "dog", "dog-detailed", "rock", "boulder")
-STRATEGIES = (
-    "oc", "cc", "whole", "mammoth", "corners", "corner-pauses", "edges", "simplified", "smooth", "inset",
-    "hatch", "inset-hatch", "ellipse", "pca-ellipse", "circle", "centroid", "depth", "depth-hatch",
-)  # fmt: skip
-SAMPLINGS = (
-    "stm", "constant-frequency", "capped", "pendulum", "fast-return", "dtp", "stp", "am", "lm", "pressure",
-    "multi-focus", "am-multi-focus", "step", "random",
-)  # fmt: skip
-HANDS = ("palm", "planes", "skin")
-ARRAYS = ("emulator", "pat16", "sonicsurface", "autd3", "stratos")
-"""Names that a shell completes; a test compares them with the modules that have what they name, which import Warp."""
 
 Three = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]
@@ -108,6 +97,11 @@ class HandOptions:
     )
     palm: tuple[float, float] | None = option("WIDTH LENGTH", "Size of the palm [m], by default 0.085 0.085.")
 
+    def judge(self) -> None:
+        """Refuse a size of another hand than a palm."""
+        if self.palm is not None and self.hand.casefold() != "palm":
+            raise StrategyError(f"--palm is the size of --hand palm, which {self.hand} is not")
+
 
 @dataclass(frozen=True, kw_only=True)
 class AllowCodeOptions:
@@ -120,7 +114,7 @@ ARRAY_OPTION = {
     "metavar": "NAME|RIG",
     "help": "emulator, pat16 (openmpd), sonicsurface, autd3, stratos (ultraleap), or a JSON file of several and their "
     "poses.",
-    "complete": ARRAYS,
+    "complete": tuple(ARRAYS),
 }
 
 
@@ -130,6 +124,10 @@ class ArrayOptions:
 
     array: str = option(default="emulator", **ARRAY_OPTION)
     calibration: Path | None = option("BOARD.pat", "Board file of a pat16: wiring, phase offsets, serial number.")
+
+    def judge(self) -> None:
+        """Refuse an array that is not known."""
+        require_array(self.array)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,6 +190,10 @@ class SamplingOptions(UpdateRateOptions):
         complete=SAMPLINGS,
     )
     speed: float | None = option("M/S", "Of the focal point [m/s], by default 7.")
+
+    def judge(self) -> None:
+        """Refuse a misspelt preset."""
+        require_sampling(self.sampling)
 
 
 @dataclass(frozen=True, kw_only=True)

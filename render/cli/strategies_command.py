@@ -22,7 +22,7 @@ def run_strategies(job: StrategiesCommand, *, as_json: bool) -> None:
     lists: dict = {"strategies": dict(strategy_rows()), "stages": stages}
     if out is not None:
         start_warp()
-        with bars.loading_bar(f"drawing {out}", quiet=as_json):
+        with bars.progress_bar(f"drawing {out}", quiet=as_json):
             draw_strategies(out, None, overwrite=job.overwrite)
         lists["picture"] = str(out)
     if as_json:
@@ -45,7 +45,7 @@ def _run_named(names: list[str], job: StrategiesCommand, *, as_json: bool) -> No
     start_warp()
     titles = {Path(name).stem if name.endswith(".json") else name: strategy for name, strategy in loaded.items()}
     shown = titles if len(titles) == len(loaded) else loaded
-    with bars.loading_bar(f"drawing {out}", quiet=as_json):
+    with bars.progress_bar(f"drawing {out}", quiet=as_json):
         draw_strategies(out, shown, overwrite=job.overwrite)
     strategies = {name: strategy.described() for name, strategy in shown.items()}
     values = {"picture": str(out), "strategies": strategies if as_json else ", ".join(shown)}

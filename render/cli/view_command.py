@@ -46,7 +46,7 @@ def preview(job: ViewCommand, folder: Path, *, as_json: bool) -> Path:
     start_warp()
     source, motion = map(str, job.files)
     placement = Placement(**job.part(PlacementOptions))
-    with bars.loading_bar(source, quiet=as_json) as watch:
+    with bars.progress_bar(source, quiet=as_json) as watch:
         solid = load_solid(source, placement, volume={}, mesh={}, bounds=None, watch=watch)
     hand, moved = load_hand_and_motion(
         "palm", None, motion, solid, exploration_options={"rate": None}, alignment=job.alignment
@@ -104,7 +104,7 @@ def _export(files: list[Path], job: ViewCommand, out: Path, *, as_json: bool) ->
         if is_store(file):
             raise StrategyError(f"{file} is a sweep's store: --export takes contour files")
     start_warp()
-    with bars.loading_bar(f"writing {out}", quiet=as_json):
+    with bars.progress_bar(f"writing {out}", quiet=as_json):
         facts = export_page(
             files,
             out,

@@ -13,7 +13,7 @@ from ...datasets.array_file import ONLY, read_arrays
 from ...datasets.bounded_file import read_text
 from ...datasets.errors import name_nothing
 from ...datasets.known_names import likely_file
-from ...kernels.section.edge_pairing import OPEN, twins_of
+from ...kernels.section.half_edges import OPEN, twins_of
 from ..errors import MeshError, PlacementError
 from ..objects.mesh.files import load_mesh
 from ..user_warnings import warn_user

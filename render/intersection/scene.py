@@ -36,7 +36,7 @@ from ..strategies.stage_order import FILLS, SHAPES, TOURS
 from ..strategies.stage_runner import run_stages
 from ..validation import require_choice, value_text
 from .contact_tour import contact_contours
-from .mesh_section import intersect, needs_regularising, patches_for, tally_intersection
+from .mesh_section import intersect, needs_regularising, patches_for
 
 SECTION_BYTES = 1024  # for a pose and patch: slots of pieces (SLOTS x 72), listed steps (128), events (24 x 8), offsets
 
@@ -251,19 +251,9 @@ class Scene:
         return all(s.name in BY_RAW_KERNELS for s in (*self.strategy.prune_stages, *self.strategy.transform_stages))
 
     @property
-    def is_plain(self) -> bool:
-        """Whether contours are those in which planes cut a mesh, drawn by kernels alone, and no stage follows."""
-        return self.is_raw and self.is_cut_plainly
-
-    @property
     def is_cut_plainly(self) -> bool:
         """Whether the raw contours are those in which planes cut a mesh, drawn by kernels alone."""
         return self.method == "cut" and not needs_regularising(self._mesh_and_patches[0])
-
-    @property
-    def is_drawn_to_measure(self) -> bool:
-        """Whether lengths can be measured only after points are written; otherwise `tally` measures without them."""
-        return self.object_pose is not None or not self.is_plain
 
     def require_poses(self, pose_count: int) -> None:
         """Raise PoseError unless the hand and the object have as many poses as the motion."""
@@ -323,18 +313,6 @@ class Scene:
         setting = Setting(self.solid, self.hand, *where, self.focal_width, self.step, **limits, **at)
         with StageClock(block.timing, "stages", block.device):
             return run_stages(batch, self.strategy, setting)
-
-    def tally(self, block: PoseBlock, value: wp.array, length: wp.array) -> None:
-        """Measure poses without writing contours; value, length: as of `tally_intersection`.
-
-        Raises StrategyError where points are needed to measure (`is_drawn_to_measure`).
-        """
-        if self.is_drawn_to_measure:
-            raise StrategyError(
-                "only raw contours of a simple mesh that stands still, on patches, are measured undrawn"
-            )
-        section = sections_on(self.hand, block.pose, block.first, block.device)
-        tally_intersection(*self._mesh_and_patches, section, self.strategy, value, length, timing=block.timing)
 
     def _path(self, block: PoseBlock) -> Any:
         """Path through points of the skin that are inside the object."""

@@ -15,9 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from ...kernels.pieces.near_corners import have_near_corners
-from ...kernels.pieces.plane_loops import PlaneLoops
-from ...kernels.section.piece_walker import HAND, OBJECT
+from ...kernels.section.draw import HAND, OBJECT
+from ...kernels.section.loops import PlaneLoops, have_near_corners
 from ..contour_batch import ContourBatch, join_batches, object_part
 from ..errors import MeshError
 

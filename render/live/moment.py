@@ -87,11 +87,6 @@ class LiveScene:
         )
 
     @property
-    def hand_kind(self) -> str:
-        """`palm`, `planes` or `mesh`."""
-        return str(self.hand.described()["kind"])
-
-    @property
     def is_rigid(self) -> bool:
         """The hand has the same shape at all poses: its look at one pose, moved, is that at any other."""
         return self.hand.pose_count is None
@@ -159,11 +154,6 @@ class LiveMoment:
     def __repr__(self) -> str:
         lines = counted(self.contours.polyline_count, "polyline")
         return f"LiveMoment({self.number}: {self.state} at {self.time:.3f} s, {lines}, latency {self.latency!r})"
-
-    @property
-    def object_pose(self) -> None:
-        """None: the object of a live run is at rest."""
-        return
 
     @cached_property
     def hand(self) -> HandLook | None:

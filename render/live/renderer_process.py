@@ -104,8 +104,8 @@ class RendererSettings:
     pose_fd: int
     control_fd: int
     log_fd: int | None
-    moment_fd: int | None = None
-    """Memory for moments that a viewer shows; None: nobody can look."""
+    moment_fd: int
+    """Memory for moments that a viewer shows."""
 
 
 class LiveRenderer:
@@ -120,7 +120,7 @@ class LiveRenderer:
         ring: FrameRing,
         log: DrawnLog | None,
         *,
-        tap: MomentTap | None = None,
+        tap: MomentTap,
         clock_ns: Any = time.monotonic_ns,
     ) -> None:
         self.counts = {
@@ -137,7 +137,8 @@ class LiveRenderer:
         self._period_ns = round(1e9 / self._rate)
         self._lead_ns = round(settings.lead * 1e9)
         self._guards = [Guard(Limits(on_time_max=None, duty_max=None), model) for model in settings.arrays]
-        self._base: int | None = None  # number in the ring of sample 0; None: not begun
+        self.base: int | None = None
+        """Number in the ring of sample 0; None before it."""
         self._drawn = 0  # samples
         self._pose_number = settings.first_number
         self._newest: PoseMessage | None = None
@@ -192,9 +193,8 @@ class LiveRenderer:
         """Draw a rendering from the next pose on, or from one that is fresh."""
         self._instant, self._driver = self._all[index]
         self._index, self._last = index, None
-        if self._tap is not None:
-            self._tap.begin()
-        self._base, self._drawn, self._pose_first, self._asked_base = None, 0, -1, base
+        self._tap.begin()
+        self.base, self._drawn, self._pose_first, self._asked_base = None, 0, -1, base
         self._gain = self._wanted = self._intensity
         self._is_waiting, self._is_stopping, self._was_silent = True, False, True
         if self._newest is not None and self._clock_ns() - self._newest.stamp_ns > FRESH_NS:
@@ -202,7 +202,7 @@ class LiveRenderer:
 
     def rest(self) -> None:
         """Be ready to begin again."""
-        self._base, self._is_waiting = None, False
+        self.base, self._is_waiting = None, False
         for instant, driver in self._all:
             if instant.contours is not None:
                 instant.reset()
@@ -220,16 +220,11 @@ class LiveRenderer:
             self._wanted = value
 
     @property
-    def base(self) -> int | None:
-        """Number in the ring of sample 0; None before it."""
-        return self._base
-
-    @property
     def stopped_at(self) -> int | None:
         """Number in the ring of the first sample that is not drawn any more, once all has faded."""
-        if not self._is_stopping or (self._base is not None and self._gain > 0):
+        if not self._is_stopping or (self.base is not None and self._gain > 0):
             return None
-        return self._drawn + (self._base or 0)
+        return self._drawn + (self.base or 0)
 
     def take(self, messages: list[PoseMessage]) -> None:
         """Note what the source has sent: the newest pose wins."""
@@ -238,7 +233,7 @@ class LiveRenderer:
             if message.fault:
                 self.faults.append(message.fault)
             if message.pose is not None:
-                self.counts["superseded"] += self._newest is not None and self._base is not None
+                self.counts["superseded"] += self._newest is not None and self.base is not None
                 self._newest = message
                 self.is_lost = False
             elif message.is_lost:
@@ -249,7 +244,7 @@ class LiveRenderer:
         now_ns = self._clock_ns()
         if self._log is not None:
             self._log.flush()
-        if self._base is None and not self._start(now_ns):
+        if self.base is None and not self._start(now_ns):
             return now_ns + round(STATE_PERIOD * 1e9)
         if self.stopped_at is not None:
             return now_ns + round(STATE_PERIOD * 1e9)
@@ -260,7 +255,7 @@ class LiveRenderer:
             self._meet(self._newest)
             now_ns = self._clock_ns()
         if self._instant.contours is None:  # the first pose was refused: wait for another
-            self._base, self._is_waiting = None, True
+            self.base, self._is_waiting = None, True
             return now_ns + round(STATE_PERIOD * 1e9)
         self._draw_until(now_ns, now_ns + self._lead_ns)
         return self._start_ns + (self._drawn * self._period_ns) - self._lead_ns + SLICE_NS
@@ -271,12 +266,12 @@ class LiveRenderer:
             return False
         self._is_waiting = False
         if self._asked_base is None or not self._ring.start_ns:  # the second: nothing has been drawn by others yet
-            self._base = 0
+            self.base = 0
             self._ring.start_ns = now_ns + START_NS
         else:
             passed = -((self._ring.start_ns - now_ns - self._lead_ns) // self._period_ns)
-            self._base, self._gain = max(self._asked_base, passed), 0.0
-        self._start_ns = self._ring.start_ns + self._base * self._period_ns
+            self.base, self._gain = max(self._asked_base, passed), 0.0
+        self._start_ns = self._ring.start_ns + self.base * self._period_ns
         return True
 
     def _due(self, time_ns: int) -> int:
@@ -304,20 +299,18 @@ class LiveRenderer:
 
     def show(self) -> None:
         """Let a viewer see what is drawn, once all that is due has been handed to the writer."""
-        if (tap := self._tap) is None:
-            return
         state, due_ns, last = RESTING, 0, self._last
-        if self._base is None:
+        if self.base is None:
             state = WAITING if self._is_waiting else RESTING
         elif last is not None and self.stopped_at is None:
             state, due_ns = DRAWING, self._start_ns + last.first * self._period_ns
         now_ns = self._clock_ns()
-        if not tap.is_due(state, is_lost=self.is_lost, pose_due_ns=due_ns, now_ns=now_ns):
+        if not self._tap.is_due(state, is_lost=self.is_lost, pose_due_ns=due_ns, now_ns=now_ns):
             return
         contours = self._instant.contours
         if last is not None and contours is not None:
-            time = ((self._base or 0) + self._drawn) / self._rate
-            tap.copy(last, contours, index=self._index, time=time, now_ns=now_ns)
+            time = ((self.base or 0) + self._drawn) / self._rate
+            self._tap.copy(last, contours, index=self._index, time=time, now_ns=now_ns)
 
     def _draw_until(self, now_ns: int, until_ns: int) -> None:
         """Draw what is due before a time [ns], and hand it over.
@@ -353,8 +346,7 @@ class LiveRenderer:
         if gain is not None:
             shaped = gain.reshape(-1, *[1] * (focus.intensity.ndim - 1))
             focus = focus._replace(intensity=focus.intensity * shaped)
-        if self._tap is not None:
-            self._tap.add_points(focus)
+        self._tap.add_points(focus)
         blocks, doses = None, []
         if focus.intensity.any():
             if self._was_silent:
@@ -364,7 +356,7 @@ class LiveRenderer:
         self.counts["frames_on"] += 0 if blocks is None else len(focus.intensity)
         number, stamp_ns = self._begun
         is_put = self._ring.put(
-            first + (self._base or 0), len(focus.intensity), blocks, doses, pose_number=number, stamp_ns=stamp_ns
+            first + (self.base or 0), len(focus.intensity), blocks, doses, pose_number=number, stamp_ns=stamp_ns
         )
         self.counts["slices_lost"] += not is_put
         if is_put:
@@ -405,21 +397,19 @@ class _RendererProcess:
         try:
             ring = FrameRing([model.frame_bytes for model in own.arrays], frame_count=own.slice_frames, fd=own.ring_fd)
             self._log = log = None if own.log_fd is None else DrawnLog(own.log_fd)
-            tap = None
-            if own.moment_fd is not None:
-                (rate,) = {rendering.sampling.update_rate for rendering in own.renderings}
-                tap = MomentTap(MomentSlot(fd=own.moment_fd), rate)
+            (rate,) = {rendering.sampling.update_rate for rendering in own.renderings}
+            tap = MomentTap(MomentSlot(fd=own.moment_fd), rate)
             self._renderer = renderer = LiveRenderer(own, ring, log, tap=tap)
             cost = renderer.try_poses()
             is_realtime = own.realtime and enter_realtime(RENDERER_PRIORITY)
             stop_collecting()
-            self._tell("ready", realtime=is_realtime, **cost)
+            tell(self._control, "ready", realtime=is_realtime, **cost)
             self._loop(renderer)
             if log is not None:
                 log.drain(DRAIN_TIMEOUT)
             self._tell_state(time.monotonic())
         except Exception as error:  # whatever it is, the parent is told: the writer switches off by itself
-            self._tell("failed", kind=type(error).__name__, text=str(error) or type(error).__name__)
+            tell(self._control, "failed", kind=type(error).__name__, text=str(error) or type(error).__name__)
 
     def _loop(self, renderer: LiveRenderer) -> None:
         own = self._settings
@@ -428,12 +418,12 @@ class _RendererProcess:
             renderer.show()
             if renderer.base is not None and self._is_asked:
                 self._is_asked = False
-                self._tell("began", base=renderer.base)
+                tell(self._control, "began", base=renderer.base)
             if (at := renderer.stopped_at) is not None and self._is_stopping:
                 self._is_stopping = False
                 renderer.rest()
                 renderer.show()  # before it is told: who hears of it finds no moment of what has ended
-                self._tell("stopped", at=at)
+                tell(self._control, "stopped", at=at)
             if (now := time.monotonic()) >= self._state_at:
                 self._tell_state(now)
             watched = [own.control_fd, own.pose_fd] if self._listens else [own.control_fd]
@@ -483,11 +473,8 @@ class _RendererProcess:
             self._renderer.counts["records_lost"] = self._log.lost
         faults, self._renderer.faults = self._renderer.faults, []
         for fault in dict.fromkeys(faults[:20]):
-            self._tell("fault", text=fault[:1000])
-        self._tell("poses", **self._renderer.counts)
-
-    def _tell(self, event: str, **values: Any) -> None:
-        tell(self._control, event, **values)
+            tell(self._control, "fault", text=fault[:1000])
+        tell(self._control, "poses", **self._renderer.counts)
 
 
 def tell(control: socket.socket, event: str, **values: Any) -> None:

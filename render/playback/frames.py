@@ -158,7 +158,6 @@ def counted_values(count: SamplingCount, strategy: SamplingStrategy) -> dict[str
         "silent": count.silent,
         "held": count.held,
         "draw_frequency": count.draw_frequency(strategy.update_rate),
-        "draw_frequency_nominal": count.draw_frequency(strategy.update_rate),  # deprecated: its name of old
         "revisit_rate": count.revisit_rate,
         "sampling": strategy.described(),
     }

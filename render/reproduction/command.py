@@ -103,7 +103,7 @@ def run_reproduce(
     paths = {kind: folder / name for kind, name in NAMES.items()}
     _require_room(folder, list(paths.values()), overwrite=overwrite)
     start_warp()
-    with bars.loading_bar("palpate reproduce", quiet=as_json) as watch:
+    with bars.progress_bar("palpate reproduce", quiet=as_json) as watch:
         found = evaluate(settings, watch)
     values = {**found.values, "seconds": perf_counter() - started}
     _write(paths, found, values)

@@ -56,7 +56,7 @@ def run_study(options: dict[str, Any], *, as_json: bool) -> int:
         options["array"], serial=options["serial"], calibration=options["calibration"], baud=options["baud"]
     )
     solids: PlacedSolids = {}
-    with bars.loading_bar(str(options["plan"]), quiet=as_json):
+    with bars.progress_bar(str(options["plan"]), quiet=as_json):
         judgement = judge_study(plan, arrays[0].model, allow_code=options["allow_code"], solids=solids)
     if options["dry_run"]:
         sheet = console.json_line(run_sheet_values(plan, judgement)) if as_json else run_sheet(plan, judgement)
@@ -121,7 +121,7 @@ def _run_participant(
 
     with ExitStack() as stack:
         session = stack.enter_context(_open_session(plan, judgement, arrays, options, warn))
-        with bars.loading_bar("stimuli", quiet=as_json):
+        with bars.progress_bar("stimuli", quiet=as_json):
             player = IntervalPlayer(session, plan, solids)
         server = stack.enter_context(
             study_server(

@@ -204,7 +204,7 @@ def since_start() -> float:
 def _end_at_once(as_json: bool) -> int:
     """Report that a command was interrupted, remove what it has half written, and return its exit code."""
     try:
-        errors.show_cursor()
+        errors.write("\x1b[?25h" if errors.is_terminal else "")  # a bar may have hidden the cursor
         return fail("interrupted", FAILED, as_json)
     except OutputError:
         return FAILED

@@ -1,39 +1,41 @@
 """The terminal: whatever a command shows goes through `visible`, since names, files and errors come from others.
 
 A terminal obeys some characters instead of showing them: they set its title or clipboard, clear it, or begin a line
-that looks like one of ours. Rich takes brackets for markup, and `:name:` for an emoji. So text reaches it as `plain`.
+that looks like one of ours.
 """
 
 import contextlib
 import os
 import sys
 from collections.abc import Iterable, Sequence
-from typing import IO, Any, Literal, cast
-
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
+from typing import Any, Literal
 
 from ..errors import RenderError
 
 
-class _Errors:
+class ErrorStream:
     """The standard error that Python has when a line is written; one that is closed or full stops no work."""
 
     def __getattr__(self, name: str) -> Any:
         return getattr(sys.stderr, name)
 
+    @property
+    def is_terminal(self) -> bool:
+        """Whether people look at it."""
+        return sys.stderr is not None and sys.stderr.isatty()
+
     def write(self, text: str) -> None:
+        """Write, if that is possible."""
         with contextlib.suppress(OSError, AttributeError):
             sys.stderr.write(text)
 
     def flush(self) -> None:
+        """Flush, if that is possible."""
         with contextlib.suppress(OSError, AttributeError):
             sys.stderr.flush()
 
 
-errors = Console(file=cast("IO[str]", _Errors()), highlight=False, soft_wrap=True)
-"""Standard error."""
+errors = ErrorStream()
 
 
 class OutputError(RenderError):
@@ -54,7 +56,8 @@ def shows_progress() -> bool:
     return errors.is_terminal and not _is_quiet
 
 
-STYLES = {"error": "bold red", "warning": "yellow", "note": "yellow"}
+STYLES = {"error": "1;31", "warning": "33", "note": "33"}
+"""SGR codes of the words that begin messages (ECMA-48): bold red, yellow."""
 
 
 def visible(text: object) -> str:
@@ -69,11 +72,6 @@ def visible(text: object) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
-def plain(text: object) -> Text:
-    """A visible text for Rich, which then takes no part of it for markup."""
-    return Text(visible(text))
-
-
 def print_message(text: object, kind: Literal["", "error", "warning", "note", "progress"] = "") -> None:
     """Print a line on standard error that begins with its kind; a quiet command leaves out all but errors.
 
@@ -81,7 +79,11 @@ def print_message(text: object, kind: Literal["", "error", "warning", "note", "p
     """
     if _is_quiet and kind in ("warning", "note", "progress"):
         return
-    errors.print(Text.assemble((f"{kind}: ", STYLES[kind]), visible(text)) if kind in STYLES else plain(text))
+    word = f"{kind}: " if kind in STYLES else ""
+    if word and errors.is_terminal and "NO_COLOR" not in os.environ:
+        word = f"\x1b[{STYLES[kind]}m{word}\x1b[0m"
+    errors.write(f"{word}{visible(text)}\n")
+    errors.flush()
 
 
 def write(text: object) -> None:
@@ -112,29 +114,11 @@ def show_table(
 ) -> None:
     """A table on standard output, or standard error; without `columns` it has no head.
 
-    A terminal's table is folded to its width; elsewhere each row is one line, however long.
+    Each row is one line, however long; the cells of all columns but the last are padded to one width.
     """
-    is_piped = None if sys.stdout is not None and sys.stdout.isatty() else False  # Rich would obey FORCE_COLOR
-    console = errors if to_errors else Console(highlight=False, force_terminal=is_piped)
-    cells = [[visible(cell) for cell in row] for row in rows]
-    if not console.is_terminal:
-        text = plain_table(visible(title), cells, [visible(name) for name in columns])
-        errors.file.write(text) if to_errors else write_output(text)
-        return
-    table = Table(title=plain(title), title_justify="left", show_header=bool(columns), box=None, padding=(0, 2, 0, 0))
-    for name in columns:
-        table.add_column(plain(name), overflow="fold")
-    for row in cells:
-        table.add_row(*map(plain, row))
-    for column in table.columns:
-        column.overflow = "fold"  # two files may differ only in the end of their names
-    console.print(table)
-
-
-def plain_table(title: str, rows: Sequence[Sequence[str]], columns: Sequence[str]) -> str:
-    """A table as lines of text, the cells of all columns but the last padded to one width."""
-    lines = [*([columns] if columns else []), *rows]
+    lines = [[visible(cell) for cell in row] for row in (*([columns] if columns else []), *rows)]
     count = max(map(len, lines), default=0)
     widths = [max((len(line[k]) for line in lines if k < len(line)), default=0) for k in range(count)]
     texts = ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=False)).rstrip() for line in lines]
-    return "".join(f"{text}\n" for text in ([title] if title else []) + texts)
+    text = "".join(f"{line}\n" for line in ([visible(title)] if title else []) + texts)
+    (errors.write if to_errors else write_output)(text)

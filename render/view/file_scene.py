@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -58,22 +58,21 @@ class FileScene:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self._file = ContourFile(self.path)
+        self.file = file = ContourFile(self.path)
         self._inode = self._inode_now()
         try:
-            self._read_constants()
+            self._read_constants(file)
         except BaseException:
-            self._file.close()
+            file.close()
             raise
 
-    def _read_constants(self) -> None:
-        file = self._file
+    def _read_constants(self, file: ContourFile) -> None:
         self.pose_count = file.pose_count
-        solid = _object(file)
-        self.object_name: str = solid["name"]
-        self.vertices: np.ndarray = solid["vertices"]
+        header = file.parts()[0]  # without the poses of an object that moves, which may be millions
+        self.object_name: str = header.text("/object", "name")
+        self.vertices: np.ndarray = header.read("/object/vertices")
         """Of the object where it was placed [m], float32, shape [vertex, 3]."""
-        self.faces: np.ndarray = solid["faces"]
+        self.faces: np.ndarray = header.read("/object/faces")
         self.middle = (self.vertices.min(axis=0).astype(np.float64) + self.vertices.max(axis=0)) / 2
         """Of the object's box [m], which `Moment.object_pose` moves."""
         self.strategy = file.strategy
@@ -89,36 +88,31 @@ class FileScene:
 
     def close(self) -> None:
         """Close the file."""
-        self._file.close()
-
-    @property
-    def file(self) -> ContourFile:
-        """The opened file."""
-        return self._file
+        self.file.close()
 
     @property
     def is_sealed(self) -> bool:
         """The file is whole; False: it is still being written, or was interrupted."""
-        return self._file.sealed
+        return self.file.sealed
 
     @property
     def done_count(self) -> int:
         """Number of poses that are rendered."""
-        return sum(stop - first for first, stop in self._file.done)
+        return sum(stop - first for first, stop in self.file.done)
 
     def refresh(self) -> None:
         """Open an unfinished file again, so that poses done meanwhile have contours.
 
         Raises ContourFileError if another rendering is there by now.
         """
-        if not self._file.sealed:
-            before, file = self._file, ContourFile(self.path)
+        if not self.file.sealed:
+            before, file = self.file, ContourFile(self.path)
             if file.recipe != before.recipe:
                 file.close()
                 raise ContourFileError(f"{self.path}: is another rendering now; open it again")
-            self._file, self._inode = file, self._inode_now()
+            self.file, self._inode = file, self._inode_now()
             before.close()
-            self.looks = HandLooks(self._file)
+            self.looks = HandLooks(self.file)
 
     def _inode_now(self) -> tuple[int, int] | None:
         try:
@@ -134,15 +128,15 @@ class FileScene:
 
     def is_done(self, index: int) -> bool:
         """Whether a pose is rendered."""
-        return any(first <= index < stop for first, stop in self._file.done)
+        return any(first <= index < stop for first, stop in self.file.done)
 
     def time_of(self, index: int) -> float | None:
         """When a pose begins [s]; None: the poses have no times."""
-        return float(self._file.motion(index, index + 1)["time"][0]) if self.has_time else None
+        return float(self.file.motion(index, index + 1)["time"][0]) if self.has_time else None
 
     def times(self, first: int, stop: int) -> np.ndarray:
         """When poses begin [s], float64; their numbers where they have no times."""
-        motion = self._file.motion(first, stop)
+        motion = self.file.motion(first, stop)
         return motion["time"] if self.has_time else np.arange(first, stop, dtype=np.float64)
 
     def pose_at(self, time: float) -> int:
@@ -161,29 +155,26 @@ class FileScene:
 
     def moment(self, index: int) -> Moment:
         """What is shown of a pose; raises ContourFileError for one that the file does not have."""
-        motion = self._file.motion(index, index + 1)
+        motion = self.file.motion(index, index + 1)
         pose = motion["pose"][0]
         is_done = self.is_done(index)
-        arrays = self._file.contours(index, index + 1) if is_done else _NOTHING
+        arrays = self.file.contours(index, index + 1) if is_done else _NOTHING
         return Moment(
             index=index,
             time=float(motion["time"][0]) if "time" in motion else None,
             hand_pose=pose,
-            object_pose=object_pose_at(self._file, index),
+            object_pose=object_pose_at(self.file, index),
             hand=self.looks.at(index, pose),
             contours=ContourBatch.from_arrays(arrays),
             is_done=is_done,
         )
 
-    def _object_moves(self) -> bool:
-        return object_pose_at(self._file, 0) is not None
-
     def bounds(self) -> np.ndarray:
         """Box of the object and of the palm's places in some poses [m], shape [2, 3]."""
         poses = np.unique(np.linspace(0, self.pose_count - 1, 200).astype(np.int64))
-        places = np.concatenate([self._file.motion(int(i), int(i) + 1)["pose"][:, :3] for i in poses])
-        if self._object_moves():
-            moved = [object_pose_at(self._file, int(i)) for i in poses]
+        places = np.concatenate([self.file.motion(int(i), int(i) + 1)["pose"][:, :3] for i in poses])
+        if object_pose_at(self.file, 0) is not None:
+            moved = [object_pose_at(self.file, int(i)) for i in poses]
             reach = np.linalg.norm(self.vertices - self.middle, axis=1).max(initial=0.0)
             middles = np.array([pose[:3] for pose in moved if pose is not None])
             places = np.concatenate([places, middles - reach, middles + reach])
@@ -199,13 +190,3 @@ _NOTHING: dict[str, np.ndarray] = {
     "polyline_closed": np.zeros(0, np.uint8),
     "pose_start": np.zeros(2, np.int64),
 }
-
-
-def _object(file: ContourFile) -> dict[str, Any]:
-    """Name and mesh of the object, without the poses of a moving one, which may be millions."""
-    header = file.parts()[0]
-    return {
-        "name": header.text("/object", "name"),
-        "vertices": header.read("/object/vertices"),
-        "faces": header.read("/object/faces"),
-    }

@@ -11,7 +11,6 @@ from ..contour_batch import ContourBatch
 from ..playback.focal_points import ContourSource
 from ..sampling.draw_frequency import file_frequencies
 from ..sampling.sampler import Sampler
-from ..sampling.strategy import SamplingStrategy
 from .file_scene import FileScene, tilts_of
 from .focal_path import steps_of
 
@@ -49,16 +48,6 @@ class PoseWindow:
     """Angle between the palm's skin and the array's face [rad], shape [pose]."""
 
 
-@dataclass(frozen=True, eq=False)
-class Steps:
-    """Where the focal point jumps or hops."""
-
-    jump: np.ndarray
-    """Times [s]."""
-    hop: np.ndarray
-    """Times [s]."""
-
-
 def overview_of(scene: FileScene, bins: int = BINS) -> Overview:
     """The whole file in bins, read block by block; a pose that is not rendered is in no bin."""
     count = min(bins, scene.pose_count)
@@ -87,31 +76,33 @@ def longest_pose(scene: FileScene, overview: Overview) -> int:
     return low + int(length.argmax())
 
 
-def window_around(scene: FileScene, index: int, seconds: float, poses_most: int = POSES_MOST) -> PoseWindow:
-    """Poses up to `seconds` before and after a pose, or half `poses_most` where that is less; read as one range."""
+def window_around(scene: FileScene, index: int, poses_most: int = POSES_MOST) -> PoseWindow:
+    """Half of `poses_most` poses before and after a pose, read as one range."""
     half = poses_most // 2
     first, stop = max(0, index - half), min(scene.pose_count, index + half + 1)
-    if scene.has_time:
-        now = scene.times(index, index + 1)[0]
-        time = scene.times(first, stop)
-        inside = np.flatnonzero(np.abs(time - now) <= seconds)
-        first, stop = first + int(inside[0]), first + int(inside[-1]) + 1
-    time = scene.times(first, stop)
     length = np.full(stop - first, np.nan)
     for begin, end in scene.file.done:
         low, high = max(begin, first), min(end, stop)
         if low < high:
             length[low - first : high - first] = scene.file.metrics(low, high)["length"]
     frequency = file_frequencies(scene.file, np.arange(first, stop), scene.sampling)
-    return PoseWindow(first, time, length, frequency, tilts_of(scene.file.motion(first, stop)["pose"]))
+    tilt = tilts_of(scene.file.motion(first, stop)["pose"])
+    return PoseWindow(first, scene.times(first, stop), length, frequency, tilt)
 
 
-def steps_in(scene: FileScene, window: PoseWindow, sampling: SamplingStrategy | None = None) -> Steps:
-    """Jumps and hops of the focal point in a window, drawn from its first pose on; none where poses have no times."""
-    strategy = sampling or scene.sampling
-    rows = window_rows(scene, window)
-    if rows is None:
-        return Steps(np.zeros(0), np.zeros(0))
+def steps_in(scene: FileScene, window: PoseWindow) -> tuple[np.ndarray, np.ndarray]:
+    """Times [s] of jumps and of hops of the focal point in a window, drawn from its first pose on.
+
+    None where poses have no times, or are not all rendered.
+    """
+    strategy = scene.sampling
+    if not scene.has_time or len(window.time) < 2 or np.isnan(window.length).any():
+        return np.zeros(0), np.zeros(0)
+    stop = window.first + len(window.time)
+    batch = ContourBatch.from_arrays(scene.file.contours(window.first, stop))
+    pose = scene.file.motion(window.first, stop)["pose"]
+    # the window as a motion of its own, which begins at 0 s
+    rows = BatchRows(batch, HandMotion(window.time - window.time[0], pose), Path(scene.path))
     found: list[np.ndarray] = []
     done, before = 0, None
     for block in ContourSource(rows, Sampler(strategy)):
@@ -125,14 +116,4 @@ def steps_in(scene: FileScene, window: PoseWindow, sampling: SamplingStrategy | 
         done += len(block.intensity)
     jump, hop, number = np.concatenate(found, axis=1) if found else np.zeros((3, 0))
     time = window.time[0] + number / strategy.update_rate
-    return Steps(time[jump > 0], time[hop > 0])
-
-
-def window_rows(scene: FileScene, window: PoseWindow) -> BatchRows | None:
-    """The contours of a window as a motion of its own that begins at 0 s; None where poses lack times or contours."""
-    stop = window.first + len(window.time)
-    if not scene.has_time or len(window.time) < 2 or np.isnan(window.length).any():
-        return None
-    batch = ContourBatch.from_arrays(scene.file.contours(window.first, stop))
-    pose = scene.file.motion(window.first, stop)["pose"]
-    return BatchRows(batch, HandMotion(window.time - window.time[0], pose), Path(scene.path))
+    return time[jump > 0], time[hop > 0]

@@ -14,7 +14,7 @@ import zlib
 from dataclasses import fields
 
 import numpy as np
-from drawing import METHODS, STRATEGIES, Drawn, draw, exact_poses, patch_array, surface_on
+from drawing import SEARCHES, STRATEGIES, Drawn, draw, exact_poses, patch_array, surface_on
 from mesh_cases import CLOSED, MESHES, slab
 from section_oracle import cut_mesh, is_degenerate, soup_length
 
@@ -54,7 +54,7 @@ def numbers_of(name, mesh, poses):
         if strategy == "cc" and surface.is_open:
             continue
         out[f"{strategy}/oracle"] = oracle_lengths(name, mesh, poses, strategy)
-        for method in METHODS if surface.scan_path.shape[0] > 0 else ("seek",):
+        for method in SEARCHES if surface.scan_path.shape[0] > 0 else ("tree",):
             drawn = draw(surface, poses, patch, strategy, method)
             kept = drawn.part(0, KEPT)
             for field in fields(Drawn):

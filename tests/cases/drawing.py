@@ -1,18 +1,21 @@
 """The kernels' stages in a row, arrays in and arrays out: what tests run that must not need `palpate.render`."""
 
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
+import pytest
 import warp as wp
 
 from palpate.kernels.metrics.measure import measure_contours
 from palpate.kernels.patch import ON, Patch
-from palpate.kernels.pieces.finding import find_pieces
-from palpate.kernels.section.contour_writing import draw_contours
+from palpate.kernels.section import search
+from palpate.kernels.section.draw import draw_contours
 from palpate.kernels.section.half_edges import HalfEdges, upload_surface
-from palpate.kernels.section.joining import join_pieces
+from palpate.kernels.section.join import join_sections
+from palpate.kernels.section.pieces import CutPlanes
 
-METHODS = ("trace", "seek")
+SEARCHES = ("scan", "tree")
 STRATEGIES = {"raw": (False, False), "oc": (True, False), "cc": (True, True)}  # whether bounded, whether closed
 PALM_AXES = ((1, 0, 0), (0, 0, -1))  # u and v in the hand's frame (design, section 2)
 LEVEL_AXES = ((1, 0, 0), (0, 1, 0))
@@ -101,14 +104,24 @@ def surface_on(mesh, device):
     return upload_surface(HalfEdges(*mesh), device)
 
 
-def draw(surface, poses, patch, strategy, method, *, limit=None):
+@contextmanager
+def searching_by(name):
+    """Pieces are found by the search of that name, "scan", "tree" or "flat"; None: by the fastest one."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(search, "_FORCED_BY_TESTS", name)
+        yield
+
+
+def join(surface, poses, patch, strategy, name, *, limit=None):
+    """Joined pieces of a surface at poses [pose, 7] or [pose, patch, 7], found by the search of a name."""
+    planes = CutPlanes(surface, pose_array(poses, surface.corner.device), patch, *STRATEGIES[strategy])
+    with searching_by(name):
+        return join_sections(planes, limit=limit)
+
+
+def draw(surface, poses, patch, strategy, name, *, limit=None):
     """Contours of a surface on a device at poses [pose, 7] or [pose, patch, 7], every patch, by a strategy's name."""
-    bounded, closes = STRATEGIES[strategy]
-    pose = pose_array(poses, surface.corner.device)
-    found = find_pieces(surface, pose, patch, bounded=bounded, closes=closes, method=method)
-    joined = join_pieces(surface, found, pose, patch, closes=closes, limit=limit)
-    contours = draw_contours(surface, pose, patch, joined, bounded=bounded, closes=closes)
-    return drawn_of(contours)
+    return drawn_of(draw_contours(join(surface, poses, patch, strategy, name, limit=limit)))
 
 
 def pose_array(poses, device):

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from palpate.device.errors import CalibrationError, UnknownArrayError, UpdateRateError
+from palpate.device.errors import UnknownArrayError, UpdateRateError
 from palpate.device.registry import array_kinds, array_model, array_names, canonical_name
 
 # published lists of wiring, as comma-separated text: OpenMPD's board files, SonicSurface.py
@@ -135,14 +135,6 @@ def test_an_unknown_array_is_refused_with_names_and_aliases() -> None:
             array_model(name)
 
 
-def test_options_of_one_array_go_by_its_own_name_too(tmp_path: Path) -> None:
-    lines, *_ = board_lines(np.random.default_rng(3))
-    assert array_model("OpenMPD", calibration=write(tmp_path / "b.pat", lines)).name == "pat16"
-    assert array_model("Sonic-Surface", baud=1462857).baud == 1462857
-    with pytest.raises(CalibrationError, match="array autd3 has no board file"):
-        array_model("AUTD", calibration=tmp_path / "b.pat")
-
-
 @given(st.integers(1, 255))
 def test_each_divider_comes_back_from_its_update_rate(divider: int) -> None:
     model = array_model("emulator")
@@ -176,18 +168,6 @@ def test_a_sonicsurface_refuses_rates_above_its_link_with_the_figure() -> None:
             array_model("sonicsurface", baud=baud)
     with pytest.raises(UpdateRateError, match="emulator has no UART"):
         array_model("emulator", baud=9600)
-
-
-def test_a_pat16_keeps_up_13_kHz_and_only_bursts_above() -> None:
-    model = array_model("pat16")
-    assert (model.divider_sustained, model.burst_frames, model.fifo_frames) == (3, 28, 34)
-    assert model.update_rate(model.divider_default) == 10e3
-
-
-def test_the_focal_zone_refuses_points_beside_it() -> None:
-    zone = array_model("emulator").focal_zone
-    points = np.array([[0, 0, 0.2], [0.2, 0, 0.2], [0, -0.2, 0.2], [0, 0, 0.01], [0, 0, 1], [np.nan, 0, 0.2]])
-    assert zone.contains(points).tolist() == [True, False, False, False, False, False]
 
 
 @pytest.mark.parametrize("ending", ["\n", "\r\n"])

@@ -172,14 +172,6 @@ def test_a_divider_that_a_pat16_lacks_is_refused() -> None:
 
 
 @EACH_BOARD
-def test_no_frames_encode_to_no_frames(name: str) -> None:
-    model = array_model(name)
-    none = encode_frames(np.zeros((0, model.transducer_count)), np.zeros(0), array=model)
-    assert none.shape == (0, model.frame_bytes)
-    assert is_emitting(none, array=model).shape == duty(none, array=model).shape == (0,)
-
-
-@EACH_BOARD
 def test_frames_are_encoded_each_on_its_own(name: str) -> None:
     rng = np.random.default_rng(3)
     delay, amplitude = rng.random((513, array_model(name).transducer_count), np.float32), rng.random(513, np.float32)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import usb.core
 from board_file_cases import board_lines, write
+from injected_faults import Fault, FaultKind, inject
 
 from palpate.device.boards.discovery import UDEV_FILE, find_arrays, open_link, udev_rule
 from palpate.device.boards.emulator.link import UsbLink
@@ -16,7 +17,6 @@ from palpate.device.boards.pat16.ftdi import FtdiPort
 from palpate.device.boards.pat16.link import PatLink
 from palpate.device.boards.sonicsurface.link import SonicLink
 from palpate.device.clock import VirtualClock
-from palpate.device.emulation.faults import Fault, FaultKind
 from palpate.device.errors import (
     CalibrationError,
     DeviceBusyError,
@@ -58,7 +58,7 @@ def test_what_has_an_ftdi_chip_is_only_said_to_be_a_likely_array(tmp_path: Path)
 @EACH_BOARD
 def test_without_permission_the_rule_that_gives_it_is_told(name: str) -> None:
     bus = emulated_backend(name, clock=VirtualClock())
-    bus.inject(Fault(FaultKind.DENIED, count=None))
+    inject(bus, Fault(FaultKind.DENIED, count=None))
     (info,) = find_arrays(bus)
     assert (info.accessible, info.serial) == (False, None)
     assert udev_rule(array_model(name)) in (info.reason or "")
@@ -189,14 +189,11 @@ def test_a_rule_names_the_chip_and_arrays_that_libusb_does_not_open_have_none() 
 
 def test_an_emulated_port_is_refused_and_busy_as_a_real_one() -> None:
     ports = emulated_backend("sonicsurface", clock=VirtualClock())
-    ports.inject(Fault(FaultKind.DENIED))
-    ports.inject(Fault(FaultKind.BUSY))
+    inject(ports, Fault(FaultKind.DENIED))
+    inject(ports, Fault(FaultKind.BUSY))
     for error in (DevicePermissionError, DeviceBusyError):
         with pytest.raises(error):
             open_link(array_model("sonicsurface"), backend=ports)
     with open_link(array_model("sonicsurface"), backend=ports), pytest.raises(DeviceBusyError, match="in use"):
         open_link(array_model("sonicsurface"), backend=ports)
     open_link(array_model("sonicsurface"), backend=ports).close()
-    for fault in (Fault(FaultKind.STALL, byte=1), Fault(FaultKind.UNPLUG, request=1)):
-        with pytest.raises(ValueError, match="not of a serial line"):
-            ports.inject(fault)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from array import array
 
 import pytest
+from injected_faults import Fault, FaultKind, inject
 
-from palpate.device import EmulatorBackend, Fault, FaultKind, VirtualClock, array_model, open_link
+from palpate.device import EmulatorBackend, VirtualClock, array_model, open_link
 from palpate.device.silence import is_switched_off, wait_silent
 
 FRAME = 512
@@ -18,7 +19,7 @@ def test_an_array_is_silent_once_what_it_holds_has_played(stalls: int) -> None:
     with open_link(array_model("emulator"), backend=bus) as link:
         link.start(4)
         link.write(array("B", bytes([200] * FRAME) * 5))  # none of them plays yet
-        bus.inject(Fault(FaultKind.STALL, byte=5 * FRAME, count=stalls)) if stalls else None
+        inject(bus, Fault(FaultKind.STALL, byte=5 * FRAME, count=stalls)) if stalls else None
         assert is_switched_off(link) == (stalls < 3)
         if stalls < 3:
             assert wait_silent(link, 4) is True

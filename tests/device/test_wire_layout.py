@@ -102,7 +102,7 @@ def test_bytes_may_be_counted_from_the_end_and_delays_may_have_marks() -> None:
 
 
 @pytest.mark.parametrize("name", ARRAYS_OF_PHASES)
-def test_a_layout_goes_to_another_process_as_the_watchdog_sends_it(name: str) -> None:
+def test_a_layout_goes_to_another_process(name: str) -> None:
     layout = kind_of(array_model(name)).layout
     sent = pickle.loads(pickle.dumps(layout))
     assert sent is not layout

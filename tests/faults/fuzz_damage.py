@@ -359,7 +359,7 @@ def _strange_gzip(content: bytes, rng: random.Random) -> bytes:
 
 STRUCTURED: dict[str, Damage] = {
     ".json": strange_json, ".gltf": strange_json, ".glb": strange_glb, ".npy": strange_array, ".gz": _strange_gzip,
-    ".npz": strange_member, ".3mf": strange_member, ".zip": strange_member,
+    ".npz": strange_member,
 }  # fmt: skip
 
 

@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -287,8 +286,6 @@ def mesh_seeds(folder: Path) -> None:
     (folder / "gltf").mkdir()
     for name, content in trimesh.exchange.gltf.export_gltf(trimesh.Scene(mesh)).items():
         (folder / "gltf" / name).write_bytes(content)
-    with zipfile.ZipFile(folder / "box.zip", "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("box.stl", mesh.export(file_type="stl"))
     mesh.export(folder / "ascii.stl", file_type="stl_ascii")
     mesh.export(folder / "ascii.ply", encoding="ascii")
     (folder / "full.gltf").write_bytes(full_file().text())

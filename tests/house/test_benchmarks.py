@@ -24,7 +24,6 @@ from pressure import random_points
 from recording import THINGS
 from recording import measure as measure_recording
 from scaling import measure as measure_scaling
-from small_batches import measure as measure_small_batch
 from solvers import SEVERAL, SINGLE, focal_points
 from solvers import measure as measure_solvers
 from transforms import PRESETS, measure_explorations, numbers_of
@@ -158,11 +157,3 @@ def test_bytes_of_the_whole_chain_do_not_depend_on_how_many_motions_are_made_at_
     assert one["frames"] == two["frames"] == 600_000
     assert (one["sum"], one["refused"]) == (two["sum"], two["refused"])
     assert one["sum"] != 0
-
-
-@pytest.mark.exhaustive
-def test_small_batches_are_measured(device):
-    figures = measure_small_batch(7, device, rounds=1)
-    assert figures["points"] > 0
-    assert figures["prepared_ms"] > 0
-    assert figures["usual_ms"] > 0

@@ -46,8 +46,6 @@ EXPRESSIONS = {
     "palpate.datasets.ContourWriter": None,
     "palpate.device.Clock": "VirtualClock()",
     "palpate.device.EmulationRequest": "EmulationRequest(serials=('A',), clock=None, record=0, baud=None)",
-    "palpate.device.Fault": "Fault(FaultKind.TIMEOUT, byte=100)",
-    "palpate.device.FaultKind": "FaultKind.TIMEOUT",
     "palpate.device.Limits": "Limits()",
     "palpate.device.Player": "Player(open_link(array_model('emulator'), clock=VirtualClock()))",
     "palpate.device.LinkRequest": "LinkRequest(serial='A')",

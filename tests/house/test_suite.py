@@ -43,7 +43,7 @@ def test_a_test_file_uses_the_rooms_that_it_imports_or_names(tmp_path):
     file = tmp_path / "test_it.py"
     file.write_text(
         "from palpate.render import (\n    MeshObject,\n    open_contour,\n)\n"
-        "from palpate.device.playing.player import Player\nCODE = 'import palpate.kernels.section.joining'\n"
+        "from palpate.device.playing.player import Player\nCODE = 'import palpate.kernels.section.join'\n"
     )
     assert imported_rooms(file) >= {"render/objects/mesh", "render/strategies", "device/playing", "kernels/section"}
     assert "render/sampling" not in imported_rooms(file)

@@ -17,7 +17,7 @@ TERMS = {
     "way": "segment, length or direction",
 }
 IN_SECTIONS = {"row": "query: a section that is searched", "roughly": "in float32"}
-WITH_MORE = ("kernels/section", "kernels/pieces", "kernels/patterns")
+WITH_MORE = ("kernels/section",)
 FOLDERS = {folder_of(path): TERMS for path in SOURCES if folder_of(path).split("/")[0] == "kernels"}
 RENDERING = "sampling", "intersection", "stages", "hands", "playback"
 FOLDERS |= dict.fromkeys((f"render/{folder}" for folder in RENDERING), TERMS)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 from degenerate_cases import degenerate_poses
-from drawing import METHODS, STRATEGIES, assert_same_bits, draw, patch_array, steps_of, surface_on
+from drawing import SEARCHES, STRATEGIES, assert_same_bits, draw, patch_array, steps_of, surface_on
 from mesh_cases import CLOSED, MESHES, MIDDLE, comb, egg_box, generic_poses, moved, soup, unwelded_cubes
 from scipy.spatial.transform import Rotation
 from section_oracle import cut_mesh, is_degenerate, rotation, soup_length
@@ -12,17 +12,17 @@ from stage_cases import assert_limited
 
 from palpate.kernels.contours import Contours
 from palpate.kernels.metrics.measure import measure_contours
-from palpate.kernels.pieces import finding
-from palpate.kernels.pieces.finding import find_pieces, method_for
+from palpate.kernels.section import search
 from palpate.kernels.section.half_edges import MASK_WORDS, SCAN_FACES_MOST
 from palpate.kernels.section.pieces import SLOTS
+from palpate.kernels.section.search import search_for
 
 HALF, SQUARE = np.array([0.0425, 0.03]), [0.0425, 0.0425]
 SEVERAL = [[0.04, 0.03], [0.3, 0.3], [0.004, 0.003], [0.05, 0.01]]
 TOLERANCE = 1e-5  # [m]
 FOUR_AROUND_AN_EDGE = "cubes sharing an edge"
 WATERTIGHT = [*CLOSED, FOUR_AROUND_AN_EDGE]
-every_method = pytest.mark.parametrize("method", METHODS)
+every_method = pytest.mark.parametrize("method", SEARCHES)
 
 
 def poses_for(mesh, count, seed):
@@ -35,10 +35,10 @@ def poses_for(mesh, count, seed):
 
 def drawn_in_all_ways(surface, poses, patch, strategy, monkeypatch):
     """By every method of search, and traced with listed steps, as on GPUs."""
-    yield from (draw(surface, poses, patch, strategy, method) for method in (*METHODS, "flat"))
+    yield from (draw(surface, poses, patch, strategy, method) for method in (*SEARCHES, "flat"))
     with monkeypatch.context() as there:
-        there.setattr(finding, "lists_steps", lambda device: True)
-        yield draw(surface, poses, patch, strategy, "trace")
+        there.setattr(search, "lists_steps", lambda device: True)
+        yield draw(surface, poses, patch, strategy, "scan")
 
 
 @pytest.mark.exhaustive(but="few")
@@ -68,7 +68,7 @@ def test_closed_meshes_agree_with_the_oracle(name, device):
     mesh = CLOSED[name]()
     surface, patch = surface_on(mesh, device), patch_array(HALF, device)
     poses = generic_poses(25, 2)
-    raw, oc, cc = (draw(surface, poses, patch, strategy, "trace") for strategy in STRATEGIES)
+    raw, oc, cc = (draw(surface, poses, patch, strategy, "scan") for strategy in STRATEGIES)
     compared = 0
     for i, pose in enumerate(poses):
         if is_degenerate(*mesh, pose, HALF):
@@ -91,7 +91,7 @@ def test_open_and_odd_meshes_give_every_triangles_part(name, device):
     mesh = MESHES[name]()
     surface, patch = surface_on(mesh, device), patch_array(HALF, device)
     poses = generic_poses(60, 3)
-    raw, oc = (draw(surface, poses, patch, strategy, "trace") for strategy in ("raw", "oc"))
+    raw, oc = (draw(surface, poses, patch, strategy, "scan") for strategy in ("raw", "oc"))
     for i, pose in enumerate(poses):
         assert oc.length[i].sum() == pytest.approx(soup_length(*mesh, pose, HALF), abs=2 * TOLERANCE)
         assert raw.length[i].sum() == pytest.approx(soup_length(*mesh, pose, (9.0, 9.0)), abs=2 * TOLERANCE)
@@ -253,24 +253,17 @@ def test_surfaces_without_a_trail_are_sought_and_never_traced(device):
     patch, poses, most = patch_array(HALF, device), generic_poses(20, 12), 32 * MASK_WORDS // 3  # three edges each
     for count in (most + 1, SCAN_FACES_MOST + 1):
         surface = surface_on(soup(count), device)
-        with pytest.raises(ValueError, match=f"{count} triangles has no scan path"):
-            draw(surface, poses, patch, "oc", "trace")
-        assert_same_bits(draw(surface, poses, patch, "oc", None), draw(surface, poses, patch, "oc", "seek"))
+        assert_same_bits(draw(surface, poses, patch, "oc", None), draw(surface, poses, patch, "oc", "tree"))
     surface = surface_on(soup(most), device)
-    traced, sought = (draw(surface, poses, patch, "raw", method) for method in METHODS)
+    traced, sought = (draw(surface, poses, patch, "raw", method) for method in SEARCHES)
     assert_same_bits(traced, sought)
     assert len(traced.polyline_closed) > most
 
 
-def test_the_method_is_the_faster_one_and_can_be_named(device):
-    patch, pose = patch_array(HALF, device), wp.array(generic_poses(3, 1)[:, None], dtype=wp.transform, device=device)
+def test_the_search_is_the_faster_one(device):
     surface, large = surface_on(MESHES["cube"](), device), surface_on(soup(SCAN_FACES_MOST + 1), device)
-    assert method_for(surface, pose.device) == "trace"
-    assert method_for(large, pose.device) == ("seek" if pose.device.is_cpu else "flat")
-    for method in (None, *METHODS, "flat"):
-        assert len(list(find_pieces(surface, pose, patch, bounded=True, closes=True, method=method))) == 1
-    with pytest.raises(ValueError, match="method must be one of trace, seek, flat, not 'guess'"):
-        find_pieces(surface, pose, patch, bounded=True, closes=True, method="guess")
+    assert search_for(surface, wp.get_device(device)) == "scan"
+    assert search_for(large, wp.get_device(device)) == ("tree" if wp.get_device(device).is_cpu else "flat")
 
 
 def test_lengths_are_those_of_numpy(device, rng):
@@ -297,7 +290,7 @@ def test_thousands_of_loops_in_a_section_are_joined_in_the_order_of_their_keys(d
     joined = np.concatenate([faces + k * len(vertices) for k in range(len(offset))])
     poses = np.array([[0, 0, 0.2001, 0.5**0.5, 0, 0, 0.5**0.5]], np.float32)
     surface, patch = surface_on((many, joined), device), patch_array(HALF, device)
-    drawn = draw(surface, poses, patch, "cc", "seek")
-    assert_same_bits(drawn, draw(surface, poses, patch, "cc", "trace"))  # which finds them in another order
+    drawn = draw(surface, poses, patch, "cc", "tree")
+    assert_same_bits(drawn, draw(surface, poses, patch, "cc", "scan"))  # which finds them in another order
     assert len(drawn.closed_of(0)) == cubes**2
     assert drawn.length[0].sum() == pytest.approx(cubes**2 * 4 * 0.02 / cubes, rel=1e-4)

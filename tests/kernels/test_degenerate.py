@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from degenerate_cases import HALF, degenerate_poses, pose_of
-from drawing import METHODS, STRATEGIES, assert_same_bits, draw, patch_array, surface_on
+from drawing import SEARCHES, STRATEGIES, assert_same_bits, draw, patch_array, surface_on
 from mesh_cases import CLOSED, MESHES, slab
 from section_oracle import SHIFT, cut_mesh, is_degenerate
 
@@ -34,9 +34,9 @@ def fits(oc, cc, i, cut):
 def check(mesh, poses, device):
     """Both methods give the same bits, and these equal the oracle at one of the shifts; returns how many were so."""
     surface, patch, stack = surface_on(mesh, device), patch_array(HALF, device), np.array(list(poses.values()))
-    raw, oc, cc = (draw(surface, stack, patch, strategy, "trace") for strategy in STRATEGIES)
+    raw, oc, cc = (draw(surface, stack, patch, strategy, "scan") for strategy in STRATEGIES)
     for strategy, traced in zip(STRATEGIES, (raw, oc, cc), strict=True):
-        assert_same_bits(traced, draw(surface, stack, patch, strategy, "seek"))
+        assert_same_bits(traced, draw(surface, stack, patch, strategy, "tree"))
     for i, (label, pose) in enumerate(poses.items()):
         cuts = [cut_mesh(*mesh, pose, HALF, plane_shift=p, side_shift=s) for p, s in SHIFTS]
         agreed = any(fits(oc, cc, i, cut) for cut in cuts)
@@ -53,7 +53,7 @@ def test_palm_along_an_edge_goes_around_a_sliver(device):
     poses = np.array(
         [pose_of(0.5 * (a + b), rng.normal(size=3), np.cross(b - a, rng.normal(size=3))) for _ in range(200)]
     )
-    for method in METHODS:
+    for method in SEARCHES:
         oc, cc = (draw(surface, poses, patch, strategy, method) for strategy in ("oc", "cc"))
         np.testing.assert_allclose(cc.length[:, 0], oc.length[:, 0], atol=1e-6)
         assert np.isfinite(cc.points).all()
@@ -75,7 +75,7 @@ def test_degenerate_poses_of_open_and_odd_meshes_are_the_same_by_either_method(n
     surface, patch = surface_on(mesh, device), patch_array(HALF, device)
     poses = np.array(list(degenerate_poses(mesh, 12, seed=4).values()))
     for strategy in ("raw", "oc"):
-        traced, sought = (draw(surface, poses, patch, strategy, method) for method in METHODS)
+        traced, sought = (draw(surface, poses, patch, strategy, method) for method in SEARCHES)
         assert_same_bits(traced, sought)
         assert traced.length.sum() > 0
 

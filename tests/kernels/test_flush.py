@@ -9,18 +9,16 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from drawing import LEVEL_AXES, METHODS, STRATEGIES, assert_same_bits, draw, patch_array, surface_on
+from drawing import LEVEL_AXES, SEARCHES, STRATEGIES, assert_same_bits, draw, patch_array, searching_by, surface_on
 from mesh_cases import CLOSED, generic_poses
 from scipy.spatial.transform import Rotation
 from section_oracle import cut_mesh
-from tally_outputs import empty
 
 from palpate.datasets.shapes.built_in import shape
 from palpate.kernels.flush import resolve_flush
 from palpate.render import ImplicitObject, IntersectionStrategy, MeshObject, Palm, closed_contour, open_contour, render
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand
 from palpate.render.intersection.prepared_contours import PreparedContours
-from palpate.render.intersection.scene import PoseBlock, Scene
 from palpate.render.objects.functions.expression import box
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*reaches behind the array:palpate.render.errors.PalpateWarning")
@@ -130,9 +128,9 @@ def test_sections_are_those_of_the_mesh_as_the_rule_takes_it(name, fewest, devic
     """
     mesh, poses, flush = CLOSED[name](), generic_poses(60, 9), 1e-3
     surface, patch = surface_on(mesh, device), resolve_flush(patch_array(HALF, device), flush=flush)
-    drawn = {strategy: draw(surface, poses, patch, strategy, "trace") for strategy in STRATEGIES}
+    drawn = {strategy: draw(surface, poses, patch, strategy, "scan") for strategy in STRATEGIES}
     for strategy, traced in drawn.items():
-        assert_same_bits(traced, draw(surface, poses, patch, strategy, "seek"))
+        assert_same_bits(traced, draw(surface, poses, patch, strategy, "tree"))
     changed = 0
     for i, pose in enumerate(poses):
         cuts = [cut_mesh(*mesh, pose, HALF, flush=flush, lift=lift) for lift in (0.0, 1e-11)]
@@ -152,7 +150,7 @@ def level_box(top, right):
     return vertices.astype(np.float32), faces
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", SEARCHES)
 def test_what_is_flush_and_what_is_not_is_one_float32_apart(method, device):
     """In binary fractions nothing rounds: a vertex `flush` below the plane is on it, a float32 step lower not."""
     flush, step, half = Fraction(1, 2**14), Fraction(1, 2**37), Fraction(1, 32)
@@ -172,7 +170,7 @@ def test_what_is_flush_and_what_is_not_is_one_float32_apart(method, device):
 
 
 @pytest.mark.exhaustive
-def test_one_pose_at_a_time_and_undrawn_sums_have_the_same_flush():
+def test_one_pose_at_a_time_has_the_same_flush():
     """On a turned cube, where the rule of 1 pm gives another length: all ways give that of `render`."""
     vertices, faces, top = solid_about_origin("cube")
     turns, places = rigid_motions(12, 0.2, 5)
@@ -180,12 +178,10 @@ def test_one_pose_at_a_time_and_undrawn_sums_have_the_same_flush():
     for turn, place, pose in zip(turns, places, poses, strict=True):
         thing = MeshObject(turn.apply(vertices) + place, faces)
         expected = render(thing, palm, pose[None], strategy)
-        for method in METHODS:
-            points = PreparedContours(thing, palm, strategy, method=method).at_checked(pose).points
+        for name in SEARCHES:
+            with searching_by(name):
+                points = PreparedContours(thing, palm, strategy).at_checked(pose).points
             assert points.tobytes() == expected.points.tobytes()
-        value, length = empty(1, "cpu")
-        Scene.of(thing, palm, strategy).tally(PoseBlock(pose[None], 0, "cpu"), value, length)
-        assert length.numpy()[0] == pytest.approx(0.16, abs=TOLERANCE)
         assert expected.length()[0] == pytest.approx(0.16, abs=TOLERANCE)
 
 

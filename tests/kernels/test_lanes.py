@@ -6,8 +6,7 @@ import warp as wp
 
 from palpate.kernels.lanes import any_lane, from_first_lane, numbers_of_warps, sync_lanes, votes_of
 from palpate.kernels.offsets import BLOCK
-from palpate.kernels.section.joining import number_memory
-from palpate.kernels.section.warp_planes import PLANE_WORDS
+from palpate.kernels.section.join import PLANE_WORDS, number_memory
 from palpate.kernels.warps import (
     WARP,
     bits_to,

@@ -14,9 +14,6 @@ from palpate import kernels
 from palpate.kernels.contours import Contours
 from palpate.kernels.one_device import MixedDevicesError, on_one_device, require_one_device
 from palpate.kernels.stages.cut import Parts, cut_contours, divide_segments
-from palpate.render import Palm, closed_contour
-from palpate.render.errors import PoseError
-from palpate.render.intersection.prepared_contours import PreparedContours
 from palpate.render.stages.prune import cut_batch
 
 CHECKED = ("acoustics", "driving", "emphasis", "fillings", "metrics", "stages", "tours")  # edges of render/
@@ -87,13 +84,6 @@ def test_cutting_refuses_a_keep_on_another_device(batch):
         cut_batch(batch, keep)
     with pytest.raises(MixedDevicesError, match=r"contours\.points is on cpu, keep is on"):
         cut_contours(batch.struct, keep, divide_segments(batch.struct))
-
-
-def test_prepared_contours_refuse_poses_on_another_device():
-    pose = np.float32([[0, 0, 0.2, 0, 0, 0, 1]])
-    prepared = PreparedContours("cube", Palm(), closed_contour(), device="cpu")
-    with pytest.raises(PoseError, match=r"pose is on cuda.*prepared on cpu"):
-        prepared.at(elsewhere(wp.array(pose, dtype=wp.transform, device="cpu")))
 
 
 def holds_arrays(annotation):

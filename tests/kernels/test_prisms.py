@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 import shapely
-from drawing import LEVEL_AXES, METHODS, assert_same_bits, draw, patch_array, steps_of, surface_on
+from drawing import LEVEL_AXES, SEARCHES, assert_same_bits, draw, patch_array, steps_of, surface_on
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from palpate.kernels.section.piece_walker import HAND
+from palpate.kernels.section.draw import HAND
 
 once_a_device = settings(max_examples=120, suppress_health_check=[HealthCheck.function_scoped_fixture])
 grid = st.integers(-12, 12).map(
@@ -58,7 +58,7 @@ def found_in(drawn):
 def contours_of(loops, capped, device, strategy):
     """Contours at the level pose; both methods give the same."""
     surface, patch = surface_on(prism(loops, capped), device), patch_array((1.0, 1.0), device, LEVEL_AXES, rim=0.0)
-    traced, sought = (draw(surface, [0, 0, 0, 0, 0, 0, 1], patch, strategy, method) for method in METHODS)
+    traced, sought = (draw(surface, [0, 0, 0, 0, 0, 0, 1], patch, strategy, method) for method in SEARCHES)
     assert_same_bits(traced, sought)
     return traced
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.kernels.section.piece_walker import MADE
+from palpate.kernels.section.draw import MADE
 from palpate.render import ContourBatch
 from palpate.render.stages.setting import Setting
 

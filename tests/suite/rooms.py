@@ -90,10 +90,11 @@ def public_homes() -> dict[str, dict[str, str]]:
     found = {}
     for package in PACKAGES:
         for node in ast.parse((ROOT / package / "__init__.py").read_text()).body:
-            if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_ROOMS":
-                modules = ast.literal_eval(node.value)
-                rooms = {module: folder_of(module_file(package, module)) for module in modules}
-                found[package] = {name: rooms[module] for module in modules for name in modules[module].split()}
+            if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+                imports = [each for each in node.body if isinstance(each, ast.ImportFrom)]
+                homes = [folder_of(module_file(package, "." * (each.level - 1) + str(each.module))) for each in imports]
+                names = zip(homes, imports, strict=True)
+                found[package] = {alias.name: room for room, each in names for alias in each.names}
     return found
 
 

@@ -16,8 +16,7 @@ from array import array
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import TracebackType
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +25,7 @@ from ...array import ArrayModel
 from ...clock import Clock
 from ...codec import off_frame
 from ...errors import DeviceTimeoutError, FrameError, LinkError, NoBackendError
-from ...link import BoardStatus, never
+from ...link import BoardStatus, Link, never
 
 if TYPE_CHECKING:
     from .vendor_client import Controller
@@ -43,8 +42,8 @@ LOOP_GUESSES: Final = 8  # lengths of a loop that are tried
 LEVEL_UNKNOWN: Final = 255  # it plays what it should not: that may be full pressure
 
 
-class Autd3Link:
-    """An opened AUTD3; a context manager that closes it. Made by `open_autd3`.
+class Autd3Link(Link):
+    """An opened AUTD3, by `open_autd3`.
 
     Not for several threads at once; a player uses it from one. A frame counts as sent, and as played, from the time at
     which it is played, by the array's clock as the host has it; until then it is under way.
@@ -55,12 +54,10 @@ class Autd3Link:
         serial: the address at which it was found.
     """
 
-    transport = "udp"
-    off_frames = 1
-    queue_frames = None  # its banks play by the host's clock
-    hold_ns = 0
-    is_exact = True  # by the array's clock
-    short_writes = 0  # UDP takes a datagram or loses it; a lost one is sent again by the vendor's package
+    @property
+    def transport(self) -> str:
+        """A lost datagram is sent again by the vendor's package, so there are no short writes."""
+        return "udp"
 
     def __init__(self, model: ArrayModel, controller: Controller, *, serial: str | None = None) -> None:
         self.array = model
@@ -78,18 +75,6 @@ class Autd3Link:
         self._starved_ns = 0
         self._frames_past = 0  # of banks that are no longer scheduled, and off frames
         self._set_divider(model.divider_default)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def refresh(self) -> bool:
-        """False: the array forgets nothing in a pause."""
-        return False
 
     @property
     def off_bytes(self) -> bytes:

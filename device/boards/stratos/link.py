@@ -9,15 +9,14 @@ import time
 from array import array
 from collections import deque
 from collections.abc import Callable
-from types import TracebackType
-from typing import Final, NamedTuple, Self
+from typing import Final, NamedTuple
 
 from ...array import ArrayModel
 from ...array_kind import LinkRequest
 from ...clock import Clock, MonotonicClock
 from ...codec import off_frame
 from ...errors import DeviceBusyError, DeviceTimeoutError, FrameError, LinkError
-from ...link import BoardStatus, never
+from ...link import BoardStatus, Link, never
 from .channel import BridgeChannel, TcpChannel
 from .model import EmulatedBridge
 
@@ -60,8 +59,8 @@ class _Counts(NamedTuple):
         return self.taken - self.begun - self.passed - self.dropped
 
 
-class BridgeLink:
-    """An opened Ultraleap array; a context manager that closes it. Made by `open_bridge`, and by `open_link`.
+class BridgeLink(Link):
+    """An opened Ultraleap array, by `open_bridge`.
 
     A frame counts as taken once it is on its way: no more are sent than the bridge has room for. Played is what the
     vendor's library was handed, or whose time went by in a callback that it missed; both missed callbacks and times
@@ -77,19 +76,11 @@ class BridgeLink:
         DeviceBusyError: the bridge has another client.
     """
 
-    off_frames = 1
-    hold_ns = 0
-    short_writes = 0  # TCP takes all or fails
-
     def __init__(self, model: ArrayModel, channel: BridgeChannel, clock: Clock) -> None:
         self.array = model
         self.clock = clock
-        self.transport = channel.name
-        """Name of the transport."""
-        self.bytes_sent = 0
-        """Bytes that the bridge has taken, or has room for, since the link was opened."""
-        self.is_exact = True
-        """Whether `bytes_sent` is exact: False once sending has failed."""
+        self._bytes_sent = 0
+        self._is_exact = True
         self._channel = channel
         self._unread = b""
         self._awaited: deque[tuple[bytes, int]] = deque()  # answers that are due: names, and samples sent before
@@ -115,20 +106,23 @@ class BridgeLink:
         about = greeting[_GREETING.size :].decode(errors="replace").split("\n")
         self.library = about[0]
         """Version of the vendor's library, as it calls itself."""
-        self.serial: str | None = about[1] if len(about) > 1 else None
+        self.serial = about[1] if len(about) > 1 else None
         """Identifier of the array, such as USX:00000001."""
 
-    def __repr__(self) -> str:
-        """One line."""
-        return f"BridgeLink({self.array.name!r}, serial={self.serial!r})"
+    @property
+    def transport(self) -> str:
+        """Name of the channel; it takes all bytes or fails, so there are no short writes."""
+        return self._channel.name
 
-    def __enter__(self) -> Self:
-        return self
+    @property
+    def bytes_sent(self) -> int:
+        """Bytes that the bridge has taken, or has room for, since the link was opened."""
+        return self._bytes_sent
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self.close()
+    @property
+    def is_exact(self) -> bool:
+        """Whether `bytes_sent` is exact: False once sending has failed."""
+        return self._is_exact
 
     @property
     def bytes_under_way(self) -> int:
@@ -180,10 +174,6 @@ class BridgeLink:
         self._sent = self._freed = 0
         self._looked_ns = self.clock.now_ns()
 
-    def refresh(self) -> bool:
-        """False: the bridge forgets nothing in a pause."""
-        return False
-
     def write(self, data: array[int], *, abandon: Callable[[], bool] = never) -> None:
         """Send whole frames; wait while the bridge has no room for them.
 
@@ -209,7 +199,7 @@ class BridgeLink:
             self._send(b"FOCI", data[done : done + count * size].tobytes())
             done += count * size
             self._sent += count
-            self.bytes_sent += count * size
+            self._bytes_sent += count * size
 
     def drain(self, *, abandon: Callable[[], bool] = never) -> bool:
         """True: nothing is under way."""
@@ -327,7 +317,7 @@ class BridgeLink:
         try:
             self._channel.send(_HEAD.pack(name, len(content)) + content)
         except LinkError as error:
-            self.is_exact = False
+            self._is_exact = False
             if (reason := self._last_words()) is not None:
                 raise self._failure(reason) from error
             raise

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....kernels.section.edge_pairing import OPEN
+from ....kernels.section.half_edges import OPEN
 from ....kernels.solids.nesting import wind_bodies
 from .sheets import components, edges_of
 

@@ -25,8 +25,7 @@ import numpy as np
 from ....datasets.array_file import read_arrays
 from ....datasets.json_text import parse_json
 from ....datasets.storage.durable import discard, write_file
-from ....kernels.section.edge_pairing import OPEN
-from ....kernels.section.half_edges import LEAF, Boxes, HalfEdges
+from ....kernels.section.half_edges import LEAF, OPEN, Boxes, HalfEdges
 from ...runtime.loading_progress import Watch, unwatched
 from .repair import Mended, Repair, repair_mesh
 from .report import MeshReport
@@ -110,10 +109,7 @@ def drop_oldest(folder: Path) -> None:
 
 
 EDGES_SECONDS = 0.2  # of making them, below which they are not kept: some 200,000 triangles
-EDGES_SOURCES = (
-    "kernels/section/edge_pairing.py",
-    "kernels/section/half_edges.py",
-)  # decide what edges are
+EDGES_SOURCES = ("kernels/section/half_edges.py",)  # decide what edges are
 EDGES_LIBRARIES = ("numpy", "scipy")
 
 
@@ -155,7 +151,7 @@ REPAIR_SOURCES = (  # decide how a mesh is repaired
     "kernels/offsets.py",
     "kernels/one_device.py",
     "kernels/patch.py",
-    "kernels/section/edge_pairing.py",
+    "kernels/section/half_edges.py",
     "kernels/solids/crossing.py",
     "kernels/solids/nesting.py",
     "kernels/solids/orientation.py",

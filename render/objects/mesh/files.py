@@ -2,16 +2,19 @@
 
 | in a file                                         | may be                                                       |
 |---------------------------------------------------|--------------------------------------------------------------|
-| its bytes; those of the members of a .zip         | as many as the budget, all together                          |
+| its bytes                                         | as many as the budget                                        |
 | words of text (OBJ, OFF, STL or PLY in ASCII)     | as many as it takes memory to parse                          |
 | arrays that a glTF's JSON declares; their uses    | the same, whatever lies in its buffers                       |
 | copies of a mesh in a scene                       | the same, before they are made                               |
-| another file that a .gltf names                   | in its folder or below; in a .zip, one of its members        |
+| another file that a .gltf names                   | in its folder or below                                       |
+
+The formats have readers of their own because trimesh 5.2 gives other shapes without an error: it counts relative
+indices of an OBJ from the last vertex of the file, and reads rows of unequal width of a binary PLY as if they were
+alike. It takes text that is cut off, and polygons with inward corners as fans.
 """
 
 import warnings
-from collections.abc import Callable
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
@@ -23,7 +26,6 @@ from ....datasets.bounded_file import (
     file_beside,
     read_content,
     require_bytes,
-    unzip,
 )
 from ....datasets.json_text import parse_json
 from ...errors import MeshError
@@ -33,7 +35,7 @@ from .formats.gltf import glb_chunks, read_gltf
 from .formats.obj import read_obj
 from .formats.off import read_off
 from .formats.ply import read_ply
-from .formats.polygons import FileMesh, united
+from .formats.polygons import FileMesh
 from .formats.stl import is_binary_stl, read_stl
 
 if TYPE_CHECKING:
@@ -41,18 +43,17 @@ if TYPE_CHECKING:
     import trimesh
 
 WORD_BYTES = 64  # that parsing takes for a word of text: 30 to 75, measured
-Read = Callable[[str], bytes]
 
 
 class NamedFiles:
-    """The files that a mesh names; all together within the budget."""
+    """The files that a mesh file names; all together within the budget."""
 
-    def __init__(self, read: Read) -> None:
-        self._read, self._taken = read, 0
+    def __init__(self, path: Path) -> None:
+        self._path, self._taken = path, 0
 
     def get(self, name: str) -> bytes:
         """Bytes of a file by its URI; raises FileBoundError."""
-        content = self._read(unquote(name))
+        content = read_content(file_beside(self._path, unquote(name)))
         self._taken += len(content)
         require_bytes(self._taken, "what it names")
         return content
@@ -74,9 +75,8 @@ def load_mesh(path: Path) -> FileMesh:
         raise MeshError(f"{path}: cannot be read as a mesh: {what}")
     try:
         content = read_content(path)
-        files = NamedFiles(lambda name: read_content(file_beside(path, name)))
         with np.errstate(all="ignore"):  # what is not finite is refused once it is placed
-            mesh = archived(content) if suffix == ".zip" else parsed(content, suffix, files)
+            mesh = parsed(content, suffix, NamedFiles(path))
     except FileBoundError as error:
         raise MeshError(f"{path}: {error}") from error
     except Exception as error:  # ValueErrors, MeshErrors too, say what is wrong
@@ -85,42 +85,6 @@ def load_mesh(path: Path) -> FileMesh:
     if len(mesh.faces) == 0:
         raise MeshError(f"{path}: has no triangles ({len(content)} bytes)")
     return without_stray(mesh)
-
-
-def archived(content: bytes) -> FileMesh:
-    """All meshes in a zip file; raises MeshError, which names the member that cannot be read."""
-    members = unzip(content, needed_members)
-
-    def member(name: str) -> bytes:
-        if name not in members:
-            raise FileBoundError(f"names the file {name[:200]!r}, which is not in the archive")
-        return members[name]
-
-    suffixes = {name: Path(name).suffix.lower() for name in members}
-    meshes = []
-    for name, suffix in suffixes.items():
-        if suffix not in MESH_SUFFIXES or suffix == ".zip":
-            continue
-        try:
-            meshes.append(parsed(members[name], suffix, NamedFiles(member)))
-        except MeshError as error:
-            raise MeshError(f"its member {name[:200]!r} {error}") from error
-    if not meshes:
-        raise MeshError(f"has no member whose name ends in one of {', '.join(MESH_SUFFIXES[:-1])}")
-    return united(meshes)
-
-
-def needed_members(names: list[str]) -> list[str]:
-    """Members of an archive that its meshes are read from: all if one is a .gltf, which may name any other."""
-    names = [name for name in names if not is_of_macos(name)]
-    is_whole = any(name.lower().endswith(".gltf") for name in names)
-    return [name for name in names if is_whole or Path(name).suffix.lower() in MESH_SUFFIXES]
-
-
-def is_of_macos(name: str) -> bool:
-    """Whether a member of an archive holds what macOS keeps about a file, not the file."""
-    parts = PurePosixPath(name).parts
-    return "__MACOSX" in parts or name.rpartition("/")[2].startswith("._")
 
 
 def parsed(content: bytes, suffix: str, files: NamedFiles) -> FileMesh:

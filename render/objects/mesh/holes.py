@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ....kernels.section.edge_pairing import OPEN
+from ....kernels.section.half_edges import OPEN
 from .sheets import closed_part, components
 from .welding import sorted_faces, weld, weld_close
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ....kernels.section.edge_pairing import twins_of
+from ....kernels.section.half_edges import twins_of
 from ...errors import MeshError
 from ...runtime.loading_progress import Watch, unwatched
 from .bodies import (

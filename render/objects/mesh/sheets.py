@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....kernels.section.edge_pairing import faces_around_edges, group_starts, order_of
+from ....kernels.section.half_edges import faces_around_edges, group_starts, order_of
 
 
 class Edges(NamedTuple):

@@ -5,7 +5,7 @@ from copy import copy
 from dataclasses import asdict, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -16,7 +16,6 @@ from ....datasets.known_names import likely_file, likely_name
 from ....datasets.shapes.built_in import shape, shape_name, shape_names
 from ....kernels.fields.field import Field
 from ....kernels.fields.mesh_inside import mesh_field
-from ....kernels.patterns.loop_table import upload_loop_table
 from ....kernels.section.half_edges import HalfEdges, upload_surface
 from ...device_copies import KeepsDeviceCopies
 from ...errors import MeshError, RepairError
@@ -92,8 +91,6 @@ class MeshObject(KeepsDeviceCopies):
 
     _on: dict[str, Any]  # by device: a Surface, a Warp struct that type checkers do not know
     _fields: dict[str, Field]
-    _loop_tables: dict[str, Any]  # by device: a LoopTable, or None
-    made_anew: ClassVar = {**KeepsDeviceCopies.made_anew, "_loop_tables": dict}
 
     def __init__(
         self,
@@ -282,12 +279,6 @@ class MeshObject(KeepsDeviceCopies):
                 wp.set_mempool_release_threshold(device, POOL_KEPT)
             self._on[device] = upload_surface(self.edges, device)
         return self._on[device]
-
-    def loop_table_on(self, device: str) -> Any:
-        """The mesh's loops by pattern on a Warp device, a LoopTable made once; None if it is open or too large."""
-        if device not in self._loop_tables:
-            self._loop_tables[device] = upload_loop_table(self.edges, device)
-        return self._loop_tables[device]
 
     def field_on(self, device: str) -> Field:
         """The inside of a closed mesh as a field on a Warp device, made once."""

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....kernels.section.edge_pairing import OPEN, twins_of
+from ....kernels.section.half_edges import OPEN, twins_of
 from ....kernels.solids.crossing import find_crossings
 from ....kernels.solids.nesting import wind_bodies
 from ...errors import MeshError

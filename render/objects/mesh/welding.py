@@ -13,7 +13,7 @@ A triangle that is there twice in the same direction is no wall if two bodies on
 
 import numpy as np
 
-from ....kernels.section.edge_pairing import group_starts, order_of, twins_of
+from ....kernels.section.half_edges import group_starts, order_of, twins_of
 from ...errors import MeshError
 from .bodies import areas_of, body_labels, largest_faces, normals_of, signed_volumes
 from .sheets import edges_of, joined_by_edges, joined_by_pairs

@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from ....datasets.errors import name_nothing
-from ....kernels.section.edge_pairing import twins_of
+from ....kernels.section.half_edges import twins_of
 from ....kernels.solids.voxelise import GridNodes, cross_columns, measure_distances, wind_nodes
 from ...errors import MeshError, VoxelError
 from ...runtime.interrupt import abandonable

@@ -53,7 +53,7 @@ def analyse_study(options: dict[str, Any], *, as_json: bool) -> int:
     there = [output / name for name in names if (output / name).exists()]
     if there and not options["overwrite"]:
         raise StrategyError(f"{there[0]}: exists; --overwrite replaces it")
-    with bars.loading_bar(str(data), quiet=as_json):
+    with bars.progress_bar(str(data), quiet=as_json):
         analysis = analyse_answers(table)
         sections = report_sections(analysis)
     paths = _write(output, analysis, sections, str(data))
@@ -135,7 +135,7 @@ def _show_power(path: Path, options: dict[str, Any], *, as_json: bool) -> int:
         raise StrategyError(f"--power is computed from a plan, STUDY.toml, not {path}")
     plan = read_study(path)
     question = power_question(plan, options)
-    with bars.loading_bar(str(path), quiet=as_json):
+    with bars.progress_bar(str(path), quiet=as_json):
         found = find_power(question)
     needed = next((own.participants for own in found if own.power >= WANTED), None)
     facts: dict[str, Any] = {

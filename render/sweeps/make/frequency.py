@@ -36,11 +36,6 @@ def needs_gaps(strategy: SamplingStrategy) -> bool:
     return strategy.gap.kind != "jump" and not is_fixed(strategy)
 
 
-def needs_contours(strategy: SamplingStrategy) -> bool:
-    """Whether draw frequencies need more than the length of contours that have no pauses of their own."""
-    return needs_gaps(strategy) or (not is_fixed(strategy) and (strategy.dwell.time > 0 or strategy.dwell.share > 0))
-
-
 def pacing_of(strategy: SamplingStrategy) -> Any:
     """A strategy as the kernel takes it, `Pacing`."""
     pace, gap, capped = strategy.pace, strategy.gap.kind, strategy.pace.kind == "capped"
@@ -63,8 +58,8 @@ def pacing_of(strategy: SamplingStrategy) -> Any:
 class Pacer:
     """Draw frequencies of one batch, strategy by strategy; what they have in common is made once."""
 
-    batch: ContourBatch | None
-    """On the device; None where no strategy needs it, see `needs_contours`."""
+    batch: ContourBatch
+    """On the device."""
     length: wp.array
     """Of each pose's contours [m], float64, shape [pose]."""
 
@@ -79,7 +74,7 @@ class Pacer:
         rows = self._rows_of_cycles(strategy)
         if len(rows):
             host = value.numpy()
-            cycles = laid_cycles(self._contours(), strategy)[rows]
+            cycles = laid_cycles(self.batch, strategy)[rows]
             host[1, rows] = np.where(
                 cycles["count"] > 0, strategy.update_rate / np.maximum(cycles["samples"], 1), np.nan
             )
@@ -89,18 +84,13 @@ class Pacer:
     @cached_property
     def _gaps(self) -> tuple[wp.array, wp.array, wp.array]:
         """Lengths between the ends of polylines, and their number; see `measure_gaps`."""
-        return measure_gaps(self._contours().struct)
+        return measure_gaps(self.batch.struct)
 
     def _rows_of_cycles(self, strategy: SamplingStrategy) -> np.ndarray:
         """Poses whose samples are known only from a cycle."""
         if is_fixed(strategy):
             return np.zeros(0, np.int64)
-        paused = self.batch is not None and self.batch.dwell is not None
+        paused = self.batch.dwell is not None
         if paused or strategy.dwell.time > 0 or strategy.dwell.share > 0:
             return np.flatnonzero(self.length.numpy() > 0)
         return np.flatnonzero(self._gaps[2].numpy() > 1) if strategy.gap.kind == "return" else np.zeros(0, np.int64)
-
-    def _contours(self) -> ContourBatch:
-        if self.batch is None:
-            raise ValueError("contours are needed, and there are none: see needs_contours")
-        return self.batch

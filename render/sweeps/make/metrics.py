@@ -36,13 +36,12 @@ from ...runtime.stage_timing import StageClock, resolved_times, stage_times
 from ...sampling.strategy import SamplingStrategy
 from ...stages.registry import BY_RAW_KERNELS
 from . import histogram
-from .frequency import Pacer, needs_contours
+from .frequency import Pacer
 from .unit import CHUNK_POSES, SPAN
 from .user_metrics import UserMetric, measure
 
 FACING = tuple(f"facing_{degrees}" for degrees in SHARE_ANGLES)
 FREQUENCIES = ("draw_frequency_nominal", "draw_frequency_actual")
-DRAWS_ON_CPU = True  # there it takes 3 to 10 % less than walking undrawn (measured); the bits are the same
 WHOLE_NUMBERS = ("polylines",)  # columns of int32
 
 
@@ -99,17 +98,14 @@ def measure_batch(
     pose: of all slices, float32, shape [pose, 7], or wp.transform [pose] on the device. per_pose: whether columns are
     asked for. first: row of the motion that `pose` begins at, for hands that are posed row by row and objects that
     move.
-    Raises PointLimitError before memory is taken for more points than `point_limit`; a GPU takes none where lengths
-    are enough (`Scene.is_drawn_to_measure`, `needs_contours`). Raises SweepError for slices that are not within the
-    batch, and for one that goes on in the middle of a span.
+    Raises PointLimitError before memory is taken for more points than `point_limit`; SweepError for slices that are not
+    within the batch, and for one that goes on in the middle of a span.
     """
     _require_slices(slices, len(pose))
     clock = stage_times(device)
     asked = list(dict.fromkeys(chain.from_iterable(own.samplings for own in slices)))
     has_user_metrics = any(own.user_metrics for own in slices)
-    needs_points = has_user_metrics or scene.is_drawn_to_measure or any(map(needs_contours, asked))
-    is_drawn = needs_points or (DRAWS_ON_CPU and wp.get_device(device).is_cpu)
-    tallied = _tallied(scene, PoseBlock(pose, first, device, point_limit, clock), len(asked), is_drawn=is_drawn)
+    tallied = _tallied(scene, PoseBlock(pose, first, device, point_limit, clock), len(asked))
     with StageClock(clock, "measure", device):  # whether the palm faces the array; of several patches, their frame
         row = tallied.names.index(FACING[0])
         placed = pose if isinstance(pose, wp.array) else wp.array(pose, dtype=wp.transform, device=device)
@@ -149,8 +145,6 @@ def measure_batch(
 
 def _user_metrics(tallied: "Tallied", slices: Sequence[ChunkSlice]) -> list[dict[str, dict[str, Any] | SweepError]]:
     """Payloads of users' metrics of each slice; an error of one is the result of its own group."""
-    if tallied.batch is None:
-        raise ValueError("contours are needed for a user's metric, and none were drawn")
     host, out = tallied.batch.numpy(), []
     for own in slices:
         before = {} if own.before is None else own.before.user_metrics
@@ -183,25 +177,21 @@ def _require_slices(slices: Sequence[ChunkSlice], pose_count: int) -> None:
 class Tallied(NamedTuple):
     """A batch and the metrics of each of its poses, on the device."""
 
-    batch: ContourBatch | None  # None: not drawn
+    batch: ContourBatch
     names: tuple[str, ...]  # of metrics of contours
     value: wp.array  # those, then FREQUENCIES of each sampling strategy, float32, shape [metric, pose]
     length: wp.array  # of all contours [m], float64, shape [pose]
 
 
-def _tallied(scene: Scene, block: PoseBlock, paced: int, *, is_drawn: bool) -> Tallied:
+def _tallied(scene: Scene, block: PoseBlock, paced: int) -> Tallied:
     """Render and measure poses, with room for the frequencies of `paced` sampling strategies.
 
-    is_drawn: whether points are written; raw and exact contours can be measured without, which takes a GPU less time.
     The area is of raw contours, as the lines that stages make may enclose something else.
     """
     stages = [stage.name for stage in scene.strategy.prune_stages if stage.name not in BY_RAW_KERNELS]
     names = (*METRICS, *FACING, *dict.fromkeys(map(removed_name, stages)))
     value = wp.empty((len(names) + 2 * paced, len(block.pose)), dtype=wp.float32, device=block.device)
     length = wp.empty(len(block.pose), dtype=wp.float64, device=block.device)
-    if not is_drawn:
-        scene.tally(block, value, length)
-        return Tallied(None, names, value, length)
     batch = scene.raw_contours(block)
     encloses = scene.strategy.closes and isinstance(scene.hand, PatchHand)
     if not encloses:

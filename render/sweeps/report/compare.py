@@ -14,9 +14,9 @@ from ....datasets.errors import SweepStoreError
 from ....datasets.sweeps.table import TABLE, load_table
 from ...errors import RenderError, SweepError
 from ..plan.recipe import PARTS, Recipe
-from .layout import Axis, telling_axes
 from .matching import is_complete, pair_rows
 from .table import UNITS, is_metric, is_missing
+from .table_axes import Axis, telling_axes
 
 DEFAULT = 1e-6
 """Relative. One machine gives the same bits again; other processors and compilers round the last bits of float32

@@ -1,7 +1,6 @@
-"""A picture of a sweep: small multiples of its metrics over the axes that vary."""
+"""A picture of a sweep: its metrics over one axis that varies, by colour and column over two more."""
 
 import math
-import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,27 +10,19 @@ import numpy as np
 
 from ...errors import SweepError
 from ...reports.picture_style import SUFFIXES, save_picture
-from .layout import Axis, FigureLayout, View, choose_views
 from .table import AXIS_UNITS, USER_COLUMN, is_missing, is_user_column
+from .table_axes import Axis, axis_of, follows, telling_axes
 
 COLOURS = ("#2b2d42", "#c1121f", "#1d6fa5", "#2a9d8f", "#f4a261", "#9b5de5", "#bc6c25", "#e56b9f", "#8d99ae", "#606c38")
 MARKERS = "osD^vPX<>*"
-DASHES = ("-", "--", ":", "-.")
-ACROSS = 3  # panels in a row where no axis takes the columns
-REMARKS = {
-    "length_mean": "Length: mean over all poses; one without contact counts as 0.",
-    "draw_frequency_actual": "Draw frequency: mean over poses with contours; few short contours can dominate it.",
-}
-"""Of metrics shown: what a reader of the picture would not guess."""
-ROWS = 5  # metrics shown at most
-SHOWN_UNITS = {
-    "m": ("mm", 1e3),
-    "m2": ("cm²", 1e4),
-    "Hz": ("Hz", 1.0),
-    "dB": ("dB", 1.0),
-    "Pa": ("Pa", 1.0),
-    "1": ("", 1.0),
-}
+COLUMNS_MOST = 6
+NUMBERS_FEW = 3  # values from which a number makes a curve
+REPLICATES = ("seed", "explorer")  # how often a person, and another person, explores: a point is their mean
+METRICS_MOST = 5  # rows of panels
+LOG_FROM = 40.0  # greatest over least from which an axis is logarithmic
+NAME_MOST, TITLE_MOST = 32, 100  # characters of a name: of a value, of the sweep
+UNITS_SHOWN = {"m": ("mm", 1e3), "m2": ("cm²", 1e4), "1": ("", 1.0)}
+"""Other units are shown as they are."""
 TITLES: dict[str, tuple[str, str]] = {
     "length_mean": ("length", "m"),
     "r": ("r = |CC| / |OC|", "1"),
@@ -44,34 +35,31 @@ TITLES: dict[str, tuple[str, str]] = {
     "revisit_rate": ("revisit rate", "Hz"),
     "dwell_spread": ("spread of dwell", "1"),
 }
-"""Metrics shown, the first that there are: title and unit. A user's own metrics come before the last of them."""
-
-LOG_FROM = 40.0  # greatest over least from which an axis is logarithmic
-SINGLE_MOST = 40  # results of a point that are drawn one by one
-BANDS_CLEAR = 4  # series of which a reader can distinguish the spreads
-MARKED_MOST = 25  # points of a line that have markers
-NAME_MOST, TITLE_MOST = 32, 100  # characters of a name: of a value, of the sweep
-WIDE = 9  # characters of a tick label from which labels stand on end
-COMMA = ", "
+"""Metrics shown, the first that there are: title and unit. A user's own metrics come before the draw frequency."""
 
 
-def draw_sweep(
-    columns: Mapping[str, Sequence[Any] | np.ndarray],
-    picture: Path,
-    *,
-    name: str,
-) -> None:
+@dataclass(frozen=True)
+class FigureLayout:
+    """Where axes stand."""
+
+    x: Axis
+    hue: Axis | None
+    column: Axis | None
+    averaged: tuple[Axis, ...]
+    """Replicates, and what there is no room for."""
+
+
+def draw_sweep(columns: Mapping[str, Sequence[Any] | np.ndarray], picture: Path, *, name: str) -> None:
     """Draw a sweep's table (`tidy_columns`) into a PNG, SVG or PDF.
 
-    Metrics are rows of panels; x, colours, columns and dashes are those of `choose_layout`, for each metric of the axes
-    that it depends on. What is left is averaged over: a point is a mean, a band or bar one standard deviation to each
-    side. The caption names what is averaged over, and what metrics do not depend on.
+    Metrics are rows of panels; see `choose_layout` for the axes. A point is the mean over the axes that have no place,
+    a bar one standard deviation to each side; the caption names these axes.
 
-    name: of the plan. Raises SweepError for another kind of picture, a table without a
-    result, and where the picture cannot be written.
+    name: of the plan. Raises SweepError for another kind of picture, a table without a result, and where the picture
+    cannot be written.
     """
     if picture.suffix not in SUFFIXES:
-        raise SweepError(f"{picture}: a picture must end in one of {COMMA.join(SUFFIXES)}")
+        raise SweepError(f"{picture}: a picture must end in one of {', '.join(SUFFIXES)}")
     figure = sweep_figure(columns, name=name)
     try:
         save_picture(figure, picture, dpi=120)
@@ -86,266 +74,123 @@ def sweep_figure(columns: Mapping[str, Sequence[Any] | np.ndarray], *, name: str
 
     total = len(columns["recipe_hash"])
     rows = np.flatnonzero(np.asarray(columns["complete"], bool)) if "complete" in columns else np.arange(total)
-    if not len(rows):
-        raise SweepError(f"{name}: no recipe has its results, so there is nothing to draw")
     table: dict[str, list[Any]] = {key: [values[i] for i in rows.tolist()] for key, values in columns.items()}
-    metrics = shown_metrics(table)
+    metrics = shown_metrics(table) if len(rows) else {}
     if not metrics:
-        raise SweepError(f"{name}: the table has none of {COMMA.join(TITLES)}, so there is nothing to draw")
-    views = choose_views(table, metrics)
+        raise SweepError(f"{name}: no recipe has a result of {', '.join(TITLES)}, so there is nothing to draw")
+    layout = choose_layout(table)
+    across = len(layout.column.values) if layout.column else 1
     style = {"font.size": 8, "axes.spines.top": False, "axes.spines.right": False, "axes.titlelocation": "left"}
     with mpl.rc_context(style):
-        # Views whose axes have the same places are one block; metrics keep their order.
-        rows_of = {metric: (view.layout, values) for view in views for metric, values in view.metrics.items()}
-        found: dict[tuple[str, ...], dict[str, tuple[FigureLayout, np.ndarray]]] = {}
-        for metric in metrics:
-            found.setdefault(rows_of[metric][0].places, {})[metric] = rows_of[metric]
-        blocks = [_Block(own) for own in found.values()]
-        heights = [block.height for block in blocks]
-        figure = Figure(figsize=(max(block.width for block in blocks), 1.35 + sum(heights)), layout="constrained")
-        figure.get_layout_engine().set(w_pad=0.05, h_pad=0.05)  # type: ignore[union-attr]  # given one line before
-        areas = figure.subfigures(len(blocks), 1, height_ratios=heights) if blocks[1:] else [figure]
-        for area, block in zip(areas, blocks, strict=True):
-            _draw_block(area, block)
-        _label(figure, views, table, name, total)
+        size = max(6.4, 1.9 + 2.1 * across), 1.35 + 1.6 * len(metrics)
+        figure = Figure(figsize=size, layout="constrained")
+        panels = figure.subplots(len(metrics), across, sharex=True, sharey="row", squeeze=False)
+        for line, (metric, values) in zip(panels, metrics.items(), strict=True):
+            for k, panel in enumerate(line):
+                _draw_panel(
+                    panel, layout, values, layout.column.code == k if layout.column else np.ones(len(rows), bool)
+                )
+            title, unit = _shown(metric)[:2]
+            line[0].set_ylabel(f"{title} [{unit}]" if unit else title)
+            if _spans_decades(values):
+                line[0].set_yscale("log")
+        for k, panel in enumerate(panels[0] if layout.column else ()):
+            panel.set_title(_value(layout.column, k), fontweight="bold")
+        for panel in panels[-1]:
+            _label_x(panel, layout.x)
+        if layout.hue:
+            figure.legend(*panels[0, 0].get_legend_handles_labels(), title=_with_unit(layout.hue.name),
+                          loc="outside right upper", frameon=False)  # fmt: skip
+        _add_texts(figure, layout, table, name, total)
     return figure
 
 
-@dataclass(frozen=True)
-class _Block:
-    """Panels that share their axes."""
+def choose_layout(table: Mapping[str, Sequence[Any]]) -> FigureLayout:
+    """Give axes that vary their places.
 
-    metrics: Mapping[str, tuple[FigureLayout, np.ndarray]]
-    """Layouts have the same places, and differ in their rows."""
+    | place | takes | at most |
+    |---|---|---|
+    | x | a number of 3 values or more, else words; of several the one with the most values, strategies last | |
+    | colours | the strategy, else words, else a number | 10 |
+    | columns | the object, else words, else a number | 6 |
+    | averaged over | seeds and explorers, and the rest | |
 
-    @property
-    def layout(self) -> FigureLayout:
-        """Of any of them."""
-        return next(iter(self.metrics.values()))[0]
-
-    @property
-    def grid(self) -> tuple[int, int]:
-        """Panels below and beside each other."""
-        return (1, len(self.metrics)) if _lies(self.layout) else _grid(len(self.metrics), self.layout)
-
-    @property
-    def width(self) -> float:
-        """[inch]."""
-        return max(6.4, 1.9 + 2.1 * self.grid[1])
-
-    @property
-    def height(self) -> float:
-        """[inch]."""
-        if not _lies(self.layout):
-            return 1.6 * self.grid[0]
-        return 0.3 + len(self.layout.x.values) * max(0.17, 0.08 * (1 + _lanes(self.layout)))
+    An axis that follows from those that have a place (the scale of each object, say) needs none.
+    """
+    axes = telling_axes(table)
+    left = [axis for axis in axes if not axis.name.endswith(REPLICATES)]
+    x = max(left, key=_rank_as_x, default=None)
+    if x is None:
+        x = axis_of("strategy", table.get("strategy") or [""] * len(table["recipe_hash"]))
+    placed: list[Axis] = [x]
+    places: list[Axis | None] = []
+    for first, most in (("strategy", len(COLOURS)), ("object", COLUMNS_MOST)):
+        able = [axis for axis in left if axis not in placed and len(axis.values) <= most and not follows(axis, placed)]
+        own = min(able, key=lambda axis: (axis.name != first, axis.is_numeric), default=None)
+        places.append(own)
+        placed += [own] if own else []
+    rest = [axis for axis in axes if not any(axis is own for own in placed) and not follows(axis, placed)]
+    return FigureLayout(x, places[0], places[1], tuple(rest))
 
 
-def _draw_block(area: Any, block: _Block) -> None:
-    """Draw panels and their legend into a figure or a part of one."""
-    layout, lies = block.layout, _lies(block.layout)
-    share_y = "row" if layout.column or lies else False
-    axes = area.subplots(*block.grid, sharex=not lies, sharey=share_y, squeeze=False)
-    _draw_panels(axes, layout, block.metrics)
-    handles = [
-        handle
-        for axis in (layout.hue, layout.dash)
-        if axis is not None
-        for handle in _legend(axis, layout, _with_unit(axis.name))
-    ]
-    if handles:
-        legend = area.legend(handles=handles, loc="outside right upper", frameon=False, handlelength=1.8)
-        for text in legend.get_texts():
-            text.set_fontweight("normal" if text.get_text().startswith(" ") else "bold")
-
-
-def _grid(metric_count: int, layout: FigureLayout) -> tuple[int, int]:
-    if layout.column is not None:
-        return metric_count, len(layout.column.values)
-    across = min(metric_count, 2 if metric_count == 4 else ACROSS)
-    return -(-metric_count // across), across
-
-
-def _lies(layout: FigureLayout) -> bool:
-    """Whether words stand one below the other at the left, metrics side by side: words are read best like that."""
-    return not layout.x.is_numeric and layout.column is None
-
-
-def _lanes(layout: FigureLayout) -> int:
-    """Series in a panel."""
-    return math.prod(len(axis.values) for axis in (layout.hue, layout.dash) if axis)
-
-
-def _draw_panels(
-    axes: np.ndarray, layout: FigureLayout, metrics: Mapping[str, tuple[FigureLayout, np.ndarray]]
-) -> None:
-    column, panels_all = layout.column, axes.ravel()
-    for i, (metric, (own, values)) in enumerate(metrics.items()):
-        panels = axes[i] if column else [panels_all[i]]
-        for k, panel in enumerate(panels):
-            rows = np.flatnonzero(own.column.code == k) if own.column else np.arange(len(values))
-            _draw_panel(panel, own, values, rows)
-            if i == 0 and column:
-                title = f"{_words(column.name)} {column.word(k)}" if column.is_numeric else _value(column, k)
-                panel.set_title(title, fontsize=9, fontweight="bold")
-        title, unit = titled(metric)
-        shown = SHOWN_UNITS[unit][0]
-        (panels[0].set_ylabel if column else panels[0].set_title)(f"{title} [{shown}]" if shown else title, fontsize=8)
-        # Logarithmic if most would else lie on top of each other; with zeros, linear below the small ones.
-        positive = values[values > 0]
-        low = float(np.quantile(positive, 0.1)) if len(positive) else 0.0
-        if low and positive.max() > LOG_FROM * low:
-            set_scale = panels[0].set_xscale if _lies(layout) else panels[0].set_yscale
-            has_zero = len(positive) < np.isfinite(values).sum()
-            set_scale("symlog", linthresh=low) if has_zero else set_scale("log")
-    for panel in () if column else panels_all[len(metrics) :]:
-        panel.remove()
-    if _lies(layout):
-        labels = [_value(layout.x, k) for k in range(len(layout.x.values))]
-        panels_all[0].set_yticks(range(len(labels)), labels)
-        panels_all[0].set_ylim(len(labels) - 0.4, -0.6)  # the first on top
-        panels_all[0].set_ylabel(_words(layout.x.name))
-    else:
-        for panel in axes[-1] if column else panels_all[: len(metrics)][-axes.shape[1] :]:
-            _label_x(panel, layout.x)
-
-
-def _label_x(panel: Any, x: Axis) -> None:
-    panel.tick_params(labelbottom=True)
-    panel.set_xlabel(_with_unit(x.name))
-    if not x.is_numeric:
-        labels = [_value(x, k) for k in range(len(x.values))]
-        on_end = max(map(len, labels)) * len(labels) > 24 or max(map(len, labels)) > WIDE
-        panel.set_xticks(range(len(labels)), labels, rotation=45 if on_end else 0, ha="right" if on_end else "center")
-        if on_end:
-            for label in panel.get_xticklabels():
-                label.set_rotation_mode("anchor")
-        panel.set_xlim(-0.6, len(labels) - 0.4)
-    elif x.values[0] > 0 and x.values[-1] > LOG_FROM * x.values[0]:
-        panel.set_xscale("log")
+def _rank_as_x(axis: Axis) -> tuple[bool, bool, int]:
+    is_curve = axis.is_numeric and len(axis.values) >= NUMBERS_FEW
+    return is_curve, axis.name != "strategy" or len(axis.values) > len(COLOURS), len(axis.values)
 
 
 def _draw_panel(panel: Any, layout: FigureLayout, values: np.ndarray, rows: np.ndarray) -> None:
-    """One metric over x, a line or a row of points for each colour and dash."""
-    hues, dashes, lanes = layout.hue, layout.dash, _lanes(layout)
-    dash_count = len(dashes.values) if dashes else 1
+    """One metric over x, a line or a row of points for each colour."""
+    x, hue = layout.x, layout.hue
+    lanes = len(hue.values) if hue else 1
     for lane in range(lanes):
-        h, d = divmod(lane, dash_count)
-        mine = rows[hues.code[rows] == h] if hues else rows
-        mine = mine[dashes.code[mine] == d] if dashes else mine
-        mine = mine[np.isfinite(values[mine])]
-        if not len(mine):
-            continue
-        look = {"color": _colour(hues, h), "marker": MARKERS[h % len(MARKERS)], "ls": DASHES[d]}
-        face = "white" if d else look["color"]
-        if layout.x.is_numeric:
-            _draw_line(
-                panel, layout.x, values, mine, {**look, "mfc": face}, alpha=0.13 if lanes <= BANDS_CLEAR else 0.06
-            )
-        else:
-            shift = 0.7 * ((lane + 0.5) / lanes - 0.5)
-            points = _Points(shift, look["color"], look["marker"], face, lanes <= BANDS_CLEAR, _lies(layout))
-            _draw_points(panel, layout.x, values, mine, points)
+        mine = rows & np.isfinite(values) & (hue.code == lane if hue else True)
+        codes = np.unique(x.code[mine])
+        groups = [values[mine & (x.code == code)] for code in codes]
+        middle, spread = (np.array([f(group) for group in groups]) for f in (np.mean, np.std))
+        # Words get a place each, beside which the colours stand.
+        across = (
+            np.array([x.values[k] for k in codes], float)
+            if x.is_numeric
+            else codes + 0.7 * ((lane + 0.5) / lanes - 0.5)
+        )
+        panel.errorbar(
+            across, middle, spread if spread.any() else None, ls="-" if x.is_numeric else "", lw=1.1, elinewidth=0.8,
+            ms=3.5, marker=MARKERS[lane], color=COLOURS[lane], label=_value(hue, lane) if hue else None,
+        )  # fmt: skip
     panel.grid(axis="y", color="#e5e5e5", lw=0.6)
-    if _lies(layout):
-        panel.grid(axis="x", color="#e5e5e5", lw=0.6)
     panel.set_axisbelow(True)
 
 
-def _groups(x: Axis, values: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Places on x that rows have, and the values at each."""
-    codes = np.unique(x.code[rows])
-    return codes, [values[rows[x.code[rows] == code]] for code in codes.tolist()]
+def _label_x(panel: Any, x: Axis) -> None:
+    panel.set_xlabel(_with_unit(x.name))
+    if not x.is_numeric:
+        labels = [_value(x, k) for k in range(len(x.values))]
+        is_long = sum(map(len, labels)) > 24
+        panel.set_xticks(range(len(labels)), labels, rotation=45 if is_long else 0, ha="right" if is_long else "center")
+    elif _spans_decades(np.array(x.values, float)):
+        panel.set_xscale("log")
 
 
-def _draw_line(
-    panel: Any, x: Axis, values: np.ndarray, rows: np.ndarray, look: dict[str, Any], *, alpha: float
-) -> None:
-    codes, groups = _groups(x, values, rows)
-    middle, spread = (np.array([f(group) for group in groups]) for f in (np.mean, np.std))
-    across = np.array([x.values[k] for k in codes.tolist()], float)
-    marker = look["marker"] if len(codes) <= MARKED_MOST else ""
-    panel.plot(across, middle, lw=1.1, ms=3.5, **look | {"marker": marker})
-    if spread.any():
-        panel.fill_between(across, middle - spread, middle + spread, color=look["color"], alpha=alpha, lw=0)
+def _spans_decades(values: np.ndarray) -> bool:
+    """Whether values are above 0 and differ so much that most would lie on each other on a linear axis."""
+    known = values[np.isfinite(values)]
+    return bool(len(known) and known.min() > 0 and known.max() > LOG_FROM * known.min())
 
 
-@dataclass(frozen=True)
-class _Points:
-    """How points over words look."""
-
-    shift: float
-    colour: Any
-    marker: str
-    face: Any
-    singles: bool
-    """Whether there is room for every result."""
-    lies: bool
-
-
-def _draw_points(panel: Any, x: Axis, values: np.ndarray, rows: np.ndarray, points: _Points) -> None:
-    codes, groups = _groups(x, values, rows)
-    middle, spread = (np.array([f(group) for group in groups]) for f in (np.mean, np.std))
-    turn = -1 if points.lies else 1  # y comes after x
-    for code, group in zip(codes.tolist(), groups, strict=True):
-        if points.singles and 1 < len(group) <= SINGLE_MOST:
-            pair = (np.full(len(group), code + points.shift), group)[::turn]
-            panel.plot(*pair, ".", color=points.colour, alpha=0.2, ms=3, mew=0)
-    bars = {"xerr" if points.lies else "yerr": spread} if spread.any() else {}
-    look = {"marker": points.marker, "color": points.colour, "mfc": points.face, "ms": 4, "elinewidth": 1.0}
-    panel.errorbar(*(codes + points.shift, middle)[::turn], ls="", **bars, **look)
-
-
-def _colour(hues: Axis | None, k: int) -> Any:
-    import matplotlib as mpl
-
-    if hues is None:
-        return COLOURS[0]
-    if hues.is_numeric and len(hues.values) > 2:
-        return mpl.colormaps["viridis"](0.9 * k / (len(hues.values) - 1))
-    return COLOURS[k] if len(hues.values) <= len(COLOURS) else mpl.colormaps["tab20"](k % 20)
-
-
-def _label(figure: Any, views: Sequence[View], table: Mapping[str, Sequence[Any]], name: str, total: int) -> None:
+def _add_texts(figure: Any, layout: FigureLayout, table: Mapping[str, Sequence[Any]], name: str, total: int) -> None:
     """Title and caption; total: recipes, with those that are left out."""
-    poses = np.nansum(numbers(table["poses"])) if "poses" in table else None
-    parts = [f"{total:,} recipe{'s' * (total != 1)}", *([f"{poses:,.0f} poses"] if poses else [])]
-    parts += sorted({str(maker).partition(COMMA)[0] for maker in table.get("maker", ())})[:2]
+    parts = [f"{total:,} recipe{'s' * (total != 1)}"]
+    if "poses" in table:
+        parts.append(f"{np.nansum(_numbers(table['poses'])):,.0f} poses")
+    parts += sorted({str(maker).partition(", ")[0] for maker in table.get("maker", ())})[:2]
+    notes = [", ".join(parts)]
+    if layout.averaged:
+        over = ", ".join(f"{_words(axis.name)} ({len(axis.values)})" for axis in layout.averaged)
+        notes.append(f"Means over {over}; bars: one standard deviation.")
+    if left_out := total - len(table["recipe_hash"]):
+        notes.append(f"{left_out:,} recipe{'s' * (left_out != 1)} without whole results left out.")
     figure.suptitle(shown_name(name, TITLE_MOST), x=0.01, ha="left", fontsize=11, fontweight="bold")
-    notes = caption(views, total - len(table["recipe_hash"]), int(18 * figure.get_figwidth()))
-    notes += [REMARKS[metric] for view in views for metric in view.metrics if metric in REMARKS]
-    figure.supxlabel("\n".join([COMMA.join(parts), *notes]), x=0.01, ha="left", fontsize=7, color="#555555")
-
-
-def _legend(axis: Axis, layout: FigureLayout, title: str) -> list[Any]:
-    """A heading, and how each value looks."""
-    from matplotlib.lines import Line2D
-
-    handles: list[Any] = [Line2D([], [], ls="", label=title)]
-    for k in range(len(axis.values)):
-        is_hue = axis is layout.hue
-        colour, marker = (_colour(axis, k), MARKERS[k % len(MARKERS)]) if is_hue else (COLOURS[0], "o")
-        line = ("-" if is_hue else DASHES[k]) if layout.x.is_numeric else ""
-        look = {"color": colour, "marker": marker, "mfc": colour if is_hue or not k else "white", "ls": line}
-        handles.append(Line2D([], [], ms=4, lw=1.1, label=f"  {_value(axis, k)}", **look))
-    return handles
-
-
-def caption(views: Sequence[View], left_out: int, width: int) -> list[str]:
-    """What a point is and what is not shown, in lines of `width` characters."""
-    words = [text for view in views if (text := _described(view, is_alone=len(views) == 1))]
-    words += [f"{left_out:,} recipe{'s' * (left_out != 1)} without whole results left out."] if left_out else []
-    return [line for sentence in words for line in textwrap.wrap(sentence, width)]
-
-
-def _described(view: View, *, is_alone: bool) -> str:
-    """A sentence on what the points of a view are; its metrics are named unless it is alone."""
-    over = COMMA.join(f"{_words(axis.name)} ({len(axis.values)})" for axis in view.layout.averaged)
-    clauses = [f"the same for every {COMMA.join(map(_words, view.omitted))}"] if view.omitted else []
-    clauses += [f"means over {over}", "spread: one standard deviation"] if over else []
-    text = "; ".join(clauses)
-    titles = COMMA.join(titled(metric)[0].partition(COMMA)[0] for metric in view.metrics)
-    return f"{text[0].upper() + text[1:] if is_alone else f'{titles}: {text}'}." if text else ""
+    figure.supxlabel("\n".join(notes), x=0.01, ha="left", fontsize=7, color="#555555", wrap=True)
 
 
 def shown_name(name: str, most: int = NAME_MOST) -> str:
@@ -360,7 +205,8 @@ def shown_name(name: str, most: int = NAME_MOST) -> str:
 
 
 def _value(axis: Axis, k: int) -> str:
-    return shown_name(axis.word(k))
+    word = f"{_words(axis.name)} {axis.word(k)}" if axis.is_numeric else axis.word(k)
+    return shown_name(word)
 
 
 def _words(name: str) -> str:
@@ -369,29 +215,30 @@ def _words(name: str) -> str:
 
 def _with_unit(name: str) -> str:
     unit = AXIS_UNITS.get(name, "1")
-    return _words(name) if unit in ("", "1") else f"{_words(name)} [{unit}]"
+    return _words(name) if unit == "1" else f"{_words(name)} [{unit}]"
 
 
 def shown_metrics(table: Mapping[str, Sequence[Any]]) -> dict[str, np.ndarray]:
-    """Metrics that have values, at most ROWS, in shown units; what never differs comes only if nothing else does."""
-    jumps = [numbers(table[key]) for key in table if key.startswith("jumps_")]
+    """Metrics that have values, a few at most, in shown units; what never differs comes only if nothing else does."""
     # What was asked for beyond contours and draw frequency comes first, but for the length.
     own = [name for name in table if is_user_column(name) and name.endswith("_mean")]
     place = list(TITLES).index("draw_frequency_actual")
     names = [*list(TITLES)[:place], *own, *list(TITLES)[place:]]
-    source: dict[str, np.ndarray] = {key: numbers(table[key]) for key in names if key in table}
-    if jumps:
+    source: dict[str, np.ndarray] = {key: _numbers(table[key]) for key in names if key in table}
+    if jumps := [_numbers(table[key]) for key in table if key.startswith("jumps_")]:
         source["jumps"] = np.sum(jumps, axis=0)
     there = {key: source[key] for key in names if key in source and np.isfinite(source[key]).any()}
     telling = {key: values for key, values in there.items() if np.nanmax(values) > np.nanmin(values)} or there
-    return {key: SHOWN_UNITS[titled(key)[1]][1] * values for key, values in list(telling.items())[:ROWS]}
+    return {key: _shown(key)[2] * values for key, values in list(telling.items())[:METRICS_MOST]}
 
 
-def titled(metric: str) -> tuple[str, str]:
-    """Title and unit; a user's own metric has the name of its function, and no unit."""
-    return TITLES.get(metric) or (metric.removeprefix(USER_COLUMN).removesuffix("_mean").replace("_", " "), "1")
+def _shown(metric: str) -> tuple[str, str, float]:
+    """Title, shown unit and factor; a user's own metric has the name of its function, and no unit."""
+    own = _words(metric.removeprefix(USER_COLUMN).removesuffix("_mean"))
+    title, unit = TITLES.get(metric, (own, "1"))
+    return title, *UNITS_SHOWN.get(unit, (unit, 1.0))
 
 
-def numbers(values: Sequence[Any]) -> np.ndarray:
+def _numbers(values: Sequence[Any]) -> np.ndarray:
     """float64, NaN for what is missing."""
     return np.array([math.nan if is_missing(value) else value for value in values], np.float64)

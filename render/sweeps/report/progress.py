@@ -4,7 +4,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from ...terminal.foreign_text import errors, print_message, shows_progress
+from ...terminal.bars import progress_bar
+from ...terminal.foreign_text import errors, print_message
 from ..run.progress import SweepProgress, clock_time
 
 LINE_SECONDS = 30.0
@@ -22,24 +23,9 @@ def sweep_bar(*, as_json: bool) -> Iterator[Watch]:
     """
     if not errors.is_terminal:
         yield _print_lines()
-    elif as_json or not shows_progress():
-        yield lambda progress: None
-    else:
-        with _bar() as watch:
-            yield watch
-
-
-@contextmanager
-def _bar() -> Iterator[Watch]:
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    pace = TextColumn("{task.fields[pace]}", markup=False)
-    columns = (TextColumn("recipes"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), pace)
-    with Progress(*columns, console=errors, transient=True) as bar:
-        task = bar.add_task("recipes", total=None, pace="")
-        yield lambda progress: bar.update(
-            task, completed=progress.recipes, total=progress.recipe_count, pace=_pace(progress)
-        )
+        return
+    with progress_bar("recipes", quiet=as_json) as show:
+        yield lambda progress: show(_pace(progress), progress.recipes, progress.recipe_count)
 
 
 def _print_lines() -> Watch:

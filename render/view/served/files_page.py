@@ -135,8 +135,8 @@ class FilesPage:
     def _series(self, poses: list[int], packer: Packer) -> dict[str, Any]:
         files = []
         for scene, row in zip(self._scenes, poses, strict=True):
-            window = window_around(scene, row, np.inf, PLOTTED_MOST)
-            steps = steps_in(scene, window)
+            window = window_around(scene, row, PLOTTED_MOST)
+            jump, hop = steps_in(scene, window)
             number = np.arange(window.first, window.first + len(window.time), dtype=np.float64)
             files.append(
                 {
@@ -144,8 +144,8 @@ class FilesPage:
                     "length": packer.numbers(window.length, "f4"),
                     "draw_frequency": packer.numbers(window.draw_frequency, "f4"),
                     "tilt": packer.numbers(np.degrees(window.tilt), "f4"),
-                    "jump": packer.numbers(_counts_in(window.time, steps.jump), "u2"),
-                    "hop": packer.numbers(_counts_in(window.time, steps.hop), "u2"),
+                    "jump": packer.numbers(_counts_in(window.time, jump), "u2"),
+                    "hop": packer.numbers(_counts_in(window.time, hop), "u2"),
                     "is_whole": len(window.time) == scene.pose_count,
                 }
             )

@@ -16,7 +16,6 @@ from types import SimpleNamespace
 import warp as wp
 from warp._src import codegen  # its template gives lanes their order
 
-import palpate.kernels.pieces
 import palpate.kernels.section
 from palpate.kernels import lanes, warps
 
@@ -162,10 +161,10 @@ def source_for_cpu(source, own):
 
 def modules():
     """The modules whose kernels have lanes."""
-    for package in (palpate.kernels.pieces, palpate.kernels.section):
-        for found in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
-            importlib.import_module(found.name)
-    names = [f"palpate.kernels.{name}" for name in ("lanes", "warps", "pieces", "section")]
+    section = palpate.kernels.section
+    for found in pkgutil.iter_modules(section.__path__, f"{section.__name__}."):
+        importlib.import_module(found.name)
+    names = [f"palpate.kernels.{name}" for name in ("lanes", "warps", "section")]
     return [module for name, module in sys.modules.items() if name.startswith(tuple(names))]
 
 

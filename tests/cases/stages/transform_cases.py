@@ -7,7 +7,7 @@ import shapely
 import warp as wp
 from contour_random import random_batch
 
-from palpate.kernels.section.piece_walker import HAND, MADE, OBJECT
+from palpate.kernels.section.draw import HAND, MADE, OBJECT
 from palpate.kernels.stages.regions import Regions
 from palpate.render import ContourBatch, MeshObject, Palm, Scene
 from palpate.render.hands.plane_hand import flat_hand

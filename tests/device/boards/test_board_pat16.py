@@ -138,15 +138,6 @@ def test_nothing_is_read_above_28_frames(board: PatBoard, clock: VirtualClock) -
     assert board.bytes_received == 30 * FRAME
 
 
-def test_what_the_chip_holds_comes_on_top_and_can_be_purged(clock: VirtualClock) -> None:
-    board = PatBoard(clock, record=100, chip_bytes=1024, on_for_ns=SWITCHED_ON)
-    send(board, wire(1))
-    assert send(board, wire(40)) == 30 * FRAME
-    board.purge_chip()
-    advance(clock, SECOND)
-    assert board.frames_played == 29
-
-
 def test_a_starved_board_plays_its_last_frame_on_and_the_model_counts(board: PatBoard, clock: VirtualClock) -> None:
     send(board, wire(1))
     advance(clock, 4 * TICK)
@@ -158,14 +149,6 @@ def test_a_starved_board_plays_its_last_frame_on_and_the_model_counts(board: Pat
     advance(clock, 4 * TICK)
     assert (board.underruns, board.starved_ns) == (1, 6 * TICK)
     assert board.lateness_ns.tolist() == [0, 6 * TICK, 0]
-
-
-def test_holding_an_off_frame_is_no_underrun(board: PatBoard, clock: VirtualClock) -> None:
-    send(board, np.concatenate([wire(1), wire(1, duty=0)]))
-    advance(clock, SECOND)
-    assert (board.emitting, board.underruns) == (False, 0)
-    send(board, wire(1))
-    assert board.lateness_ns.tolist() == [0, 0, 0]
 
 
 def test_a_torn_frame_is_cleared_after_a_second_and_not_before(board: PatBoard, clock: VirtualClock) -> None:
@@ -299,13 +282,6 @@ def test_from_power_up_until_the_off_frame_all_pins_emit_in_phase_at_full_drive(
     assert not board.emitting
     assert not board.playing.any()
     assert board.underruns == 0
-
-
-def test_without_power_it_is_silent_and_takes_nothing(board: PatBoard, clock: VirtualClock) -> None:
-    send(board, wire(20))
-    board.power_off()
-    advance(clock, SECOND)
-    assert (board.emitting, board.fifo_bytes, send(board, wire(1)), board.frames_played) == (False, 0, 0, 1)
 
 
 @settings(max_examples=40, deadline=None)

@@ -159,13 +159,6 @@ def test_what_there_is_no_room_for_is_not_taken_and_what_is_dropped_never_sent()
     assert board.played.tobytes() == pattern(1)
 
 
-def test_without_power_it_is_silent_and_takes_nothing() -> None:
-    board = board_of()
-    pour(board, command(bytes(256)))
-    board.power_off()
-    assert (board.emitting, board.accept(memoryview(bytes(5)))) == (False, 0)
-
-
 def test_places_of_the_wiring_that_the_maker_lists() -> None:
     position = slot_position()
     # Read off the maker's list, whose z is -y.

@@ -14,7 +14,7 @@ import usb.util
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.device import EmulatorBackend, Fault, FaultKind, VirtualClock
+from palpate.device import EmulatorBackend, VirtualClock
 
 FRAME = 512
 PERIOD = 4 * 25_000  # [ns], at the divider after power-up
@@ -56,30 +56,6 @@ def tick(bus: EmulatorBackend, periods: float) -> None:
     bus.clock.advance(periods * PERIOD * 1e-9)
 
 
-def test_writing_needs_a_configuration_and_the_claim(bus: EmulatorBackend) -> None:
-    first = usb.core.find(backend=bus)
-    with pytest.raises(usb.core.USBError, match="Configuration not set"):
-        first.write(0x01, frames(1))
-    first.set_configuration()
-    first.write(0x01, frames(1))  # pyusb claims on the way
-    second = usb.core.find(backend=bus)
-    for attempt in (second.set_configuration, lambda: usb.util.claim_interface(second, 0)):
-        with pytest.raises(usb.core.USBError) as error:
-            attempt()
-        assert error.value.errno == errno.EBUSY
-    unclaimed = bus.open_device(next(bus.enumerate_devices()))  # pyusb itself would claim
-    with pytest.raises(usb.core.USBError, match="busy"):
-        bus.bulk_write(unclaimed, 0x01, 0, frames(1), 0)
-    usb.util.dispose_resources(first)
-    usb.util.claim_interface(second, 0)
-    usb.util.dispose_resources(second)
-
-
-def test_silent_and_not_starved_before_the_first_frame(bus: EmulatorBackend, board_usb: usb.core.Device) -> None:
-    tick(bus, 1000)
-    assert status(board_usb) == (0, 0, 0, 0, 0, 0, 4)
-
-
 def test_one_frame_a_tick_and_the_last_one_holds(bus: EmulatorBackend, board_usb: usb.core.Device) -> None:
     sent = frames(3, level=9)
     board_usb.write(0x01, sent)
@@ -102,12 +78,6 @@ def test_underruns_count_once_each_starved_periods_all(bus: EmulatorBackend, boa
             tick(bus, 1)
             status(board_usb)
     assert status(board_usb)[:3] == (2, 2, 2 + 4)
-
-
-def test_an_off_frame_held_is_no_underrun(bus: EmulatorBackend, board_usb: usb.core.Device) -> None:
-    board_usb.write(0x01, frames(2, level=5) + frames(1, level=0))
-    tick(bus, 50)
-    assert status(board_usb) == (3, 0, 0, 0, 0, 0, 4)
 
 
 @pytest.mark.parametrize("divider", [1, 3, 255])
@@ -133,14 +103,6 @@ def test_a_full_fifo_blocks_until_the_clock_makes_room(bus: EmulatorBackend, boa
     assert board_usb.write(0x01, frames(10), timeout=1000) == 10 * FRAME
     assert bus.clock.now_ns() == 10 * PERIOD
     assert status(board_usb)[3] == 2048
-
-
-def test_a_write_larger_than_the_fifo_does_not_starve_it(bus: EmulatorBackend, board_usb: usb.core.Device) -> None:
-    sent = frames(5000)
-    board_usb.write(0x01, sent, timeout=0)
-    tick(bus, 2048)
-    assert status(board_usb)[:3] == (5000, 0, 0)
-    assert bus.board().played.tobytes() == sent.tobytes()
 
 
 def test_a_torn_frame_waits_for_its_rest_through_a_clear(bus: EmulatorBackend, board_usb: usb.core.Device) -> None:
@@ -171,14 +133,3 @@ def test_content_played_is_content_sent_in_pieces_of_any_size(sizes: list[int], 
     assert bus.board().played.tobytes() == sent[: whole * FRAME].tobytes()
     assert status(device)[4] == sum(sizes) % FRAME
     usb.util.dispose_resources(device)
-
-
-def test_a_fault_without_its_place_is_refused() -> None:
-    for kind, place in (
-        (FaultKind.STALL, {}),
-        (FaultKind.BUSY, {"byte": 3}),
-        (FaultKind.SHORT, {"request": 3}),
-        (FaultKind.UNPLUG, {"byte": 3, "request": 3}),
-    ):
-        with pytest.raises(ValueError, match="fault"):
-            Fault(kind, **place)

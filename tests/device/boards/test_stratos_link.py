@@ -18,7 +18,6 @@ import pytest
 from bridge_cases import TIMEOUT, Peer, PlayingBridge, ScriptedBridge, greeting, message, samples, status
 
 from palpate.device import (
-    Clock,
     DeviceBusyError,
     DeviceLostError,
     DeviceNotFoundError,
@@ -28,7 +27,6 @@ from palpate.device import (
     Link,
     LinkError,
     Player,
-    SafetyLimitError,
     UpdateRateError,
     VirtualClock,
     array_model,
@@ -107,38 +105,6 @@ def test_a_stop_drops_what_waits_and_counts_what_was_played() -> None:
     content = [sample for sample, _ in played(bridge)]
     assert len(content) == report.frames - report.frames_cleared
     assert b"".join(content) == foci[: len(content)].tobytes()
-
-
-def test_an_exception_in_the_blocks_passes_through_with_the_array_silent() -> None:
-    bridge = emulated()
-
-    def failing() -> Iterator[array[int]]:
-        yield from blocks(samples(5000), 500)
-        raise KeyError("of the caller")
-
-    with open_link(MODEL, backend=bridge) as link:
-        with pytest.raises(KeyError, match="of the caller") as caught:
-            Player(link, limits=FREE).play(failing(), update_rate=40e3)
-        assert bridge.board().intensity == 0
-    report = caught.value.report  # type: ignore[attr-defined]  # `attach_report` sets it
-    assert (report.stopped_by, report.off_sent) == ("exception", True)
-
-
-@pytest.mark.parametrize(
-    ("limits", "field"),
-    [(Limits(on_time_max=0.05), "on_time_max"), (Limits(duty_max=0.01, duty_window=10.0), "duty_max")],
-)
-def test_limits_end_a_playback_in_silence(limits: Limits, field: str) -> None:
-    bridge = emulated()
-    loud = samples(20_000)
-    loud[..., 3] = 1
-    with open_link(MODEL, backend=bridge) as link:
-        with pytest.raises(SafetyLimitError, match=rf"\({field}\)") as caught:
-            Player(link, limits=limits).play(blocks(loud, 1000), update_rate=40e3)
-        assert bridge.board().intensity == 0
-    assert caught.value.report is not None
-    assert caught.value.report.stopped_by == "limit"
-    assert len(played(bridge)) <= (0.05 if field == "on_time_max" else 0.1) * 40e3
 
 
 def test_a_bridge_that_ends_amid_a_playback_is_told_with_what_to_do() -> None:
@@ -530,21 +496,6 @@ def test_what_a_bridge_says_as_it_fails_is_told_and_it_counts_as_silent(fails_af
             player.play([block(samples(1))], update_rate=40e3)
 
 
-def test_a_connection_that_closes_amid_a_playback_is_told_as_lost() -> None:
-    def script(peer: Peer) -> None:
-        peer.greet()
-        peer.take("PING")
-        peer.give(status())
-        peer.take("FOCI")
-
-    with ScriptedBridge(script) as server, open_link(MODEL, serial=server.address) as link:
-        player = Player(link, limits=FREE)
-        with pytest.raises(DeviceLostError, match=r"is gone .*switch it off"):
-            player.play(blocks(samples(20_000), 500), update_rate=40e3)
-        assert player.report is not None
-        assert (player.report.off_sent, player.report.may_emit) == (False, True)
-
-
 def test_a_bridge_that_reads_nothing_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
     """Part of a message may be on its way, so nothing that followed would be understood."""
 
@@ -570,35 +521,3 @@ def test_a_bridge_that_reads_nothing_is_left(monkeypatch: pytest.MonkeyPatch) ->
         with pytest.raises(DeviceLostError):
             link.send_off()
         left.set()
-
-
-def test_a_real_bridge_is_sent_all_in_order_and_hears_from_its_player_all_the_time() -> None:
-    bridge, foci = PlayingBridge(), samples(9000)
-    with ScriptedBridge(bridge) as server, open_link(MODEL, serial=server.address) as link:
-        report = Player(link, limits=FREE).play(blocks(foci, 700), update_rate=40e3)
-    assert bridge.samples == foci.tobytes() + bytes(16)
-    assert (report.frames, report.off_sent, report.off_confirmed) == (9000, True, None)
-    assert bridge.heard[:2] == ["OPEN", "PING"]
-
-
-def test_a_model_goes_with_as_many_points_as_are_asked_for() -> None:
-    four = MODEL.placed([0, 0, 0.1, 0, 0, 0, 1]).with_points(4)
-    assert (MODEL.point_count, four.point_count, four.frame_bytes) == (1, 4, 64)
-    assert four.unplaced is not None
-    assert four.unplaced.frame_bytes == 64
-    assert four.placed(four.pose).frame_bytes == 64
-    assert four.wire_identity() != MODEL.placed(four.pose).wire_identity()
-    assert array_model("pat16").with_points(4) is array_model("pat16")
-    assert replace(MODEL, takes_points=False).point_count == 0
-
-
-def test_its_clock_is_that_of_its_emulated_bus_and_links_say_what_they_are() -> None:
-    bridge = emulated()
-    with open_link(MODEL, backend=bridge) as link:
-        own: Link = link
-        clock: Clock = own.clock
-        assert clock is bridge.clock
-        assert repr(link) == "BridgeLink('stratos', serial='USX:1')"
-        assert (own.off_frames, own.hold_ns, own.short_writes, own.bytes_under_way) == (1, 0, 0, 0)
-        assert own.drain()
-        assert not own.refresh()

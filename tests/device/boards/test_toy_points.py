@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from palpate.datasets.focus_files.ptlist import write_ptlist
 from palpate.device import (
@@ -31,11 +30,8 @@ from palpate.device import (
     remove_array,
 )
 from palpate.device.boards.emulator.kind import KIND as EMULATOR
-from palpate.device.codec import is_emitting
-from palpate.device.link import never
+from palpate.device.link import Link, never
 from palpate.device.registry import emulated_backend
-from palpate.render import Driver
-from palpate.render.cli.app import app
 from palpate.render.playback.file_playback import Connection, play_file
 
 
@@ -50,29 +46,19 @@ def points_model() -> ArrayModel:
     )
 
 
-class PointsLink:
+class PointsLink(Link):
     """Takes all at once, plays it in no time, and confirms that it is silent."""
 
-    transport, short_writes, bytes_under_way, is_exact, off_frames, hold_ns = "points", 0, 0, True, 1, 0
+    transport, bytes_sent, bytes_under_way, off_bytes = "points", 0, 0, b""
     serial = "P1"
 
     def __init__(self, model: ArrayModel, bus: PointsBus) -> None:
         self.array, self.clock, self._bus = model, bus.clock, bus
-        self.bytes_sent = 0
         self.off_bytes = bytes(model.frame_bytes)
-
-    def __enter__(self) -> PointsLink:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def start(self, divider: int) -> None:
         self.array.update_rate(divider)
         self._divider = divider
-
-    def refresh(self) -> bool:
-        return False
 
     def write(self, data: array[int], *, abandon: Callable[[], bool] = never) -> None:
         self._bus.received += data.tobytes()
@@ -87,9 +73,6 @@ class PointsLink:
         size = self.array.frame_bytes
         last = self._bus.received[-size:]
         return BoardStatus(len(self._bus.received) // size, 0, 0, 0, 0, int(any(last[12::16])), self._divider)
-
-    def clear(self) -> bool:
-        return False
 
     def send_off(self) -> None:
         self.write(array("B", self.off_bytes))
@@ -142,15 +125,6 @@ def test_a_file_is_played_to_it_as_its_focal_points(bus: PointsBus, tmp_path: Pa
     assert values[:, 3].tolist() == [1.0] * 50 + [0.0]
 
 
-def test_the_command_line_and_predictions_know_it(bus: PointsBus, tmp_path: Path) -> None:
-    path = tmp_path / "points.ptlist"
-    write_ptlist(path, np.full((20, 3), 0.1, np.float32), np.ones(20, np.float32), 10e3)
-    run = CliRunner().invoke(app, ["play", str(path), "--array", "points", "--emulate"])
-    assert run.exit_code == 0, run.output
-    assert Driver("points").takes_points
-    assert is_emitting(np.ones((1, 16), np.uint8), array="points").tolist() == [True]
-
-
 @pytest.mark.parametrize(
     ("kind", "message"),
     [
@@ -171,11 +145,3 @@ def test_a_model_that_does_not_take_what_its_kind_says_is_refused(kind: ArrayKin
             array_model("points")
     finally:
         remove_array("points")
-
-
-def test_sentences_of_a_kind_are_sentences_or_none() -> None:
-    for field in ("supposed", "watches_itself"):
-        with pytest.raises(
-            ArrayKindError, match=f"{field} of array 'points' is True, but it must be a sentence or None"
-        ):
-            register_array(replace(POINTS, **{field: True}))

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 import usb.core
 import usb.util
+from injected_faults import Fault, FaultKind, inject
 
 import palpate.device
 from palpate.device.clock import VirtualClock
-from palpate.device.emulation.faults import Fault, FaultKind
 from palpate.device.emulation.usb_bus import EmulatedBus
 from palpate.device.errors import UnknownArrayError
 from palpate.device.registry import emulated_backend
@@ -89,7 +89,7 @@ def test_boards_are_written_from_documents_alone() -> None:
                 imported = module.parents[node.level - 1] / (node.module or "").replace(".", "/")
                 waiting += [] if str(imported.relative_to(DEVICE)) in reached else [imported]
     boards = {"emulator/model", "pat16/model", "pat16/ftdi_model", "sonicsurface/model"}
-    buses = {"peripheral", "usb_bus", "faults", "serial_bus"}
+    buses = {"peripheral", "usb_bus", "serial_bus"}
     assert reached == (
         {f"boards/{name}" for name in boards}
         | {f"emulation/{name}" for name in buses}
@@ -172,53 +172,9 @@ def test_a_write_blocked_at_its_timeout_is_short_and_without_any_byte_an_error(
     taken = plugged.write(ENDPOINT[name], sent, timeout=2)
     assert 0 < taken < len(sent)
     assert bus.clock.now_ns() == 2_000_000
-    bus.inject(Fault(FaultKind.TIMEOUT, byte=taken))
+    inject(bus, Fault(FaultKind.TIMEOUT, byte=taken))
     raised(errno.ETIMEDOUT, lambda: plugged.write(ENDPOINT[name], sent[taken:], timeout=1))
     assert bus.board().bytes_received == taken
-
-
-@pytest.mark.parametrize("offset", [0, 700])
-@pytest.mark.parametrize("kind", [FaultKind.UNPLUG, FaultKind.STALL, FaultKind.TIMEOUT, FaultKind.SHORT])
-def test_a_fault_strikes_at_its_byte(
-    bus: EmulatedBus, name: str, plugged: usb.core.Device, kind: FaultKind, offset: int
-) -> None:
-    whole = 3 * FRAME
-    bus.inject(Fault(kind, byte=whole + offset))
-    sent = frames(6)
-
-    def write(data: array) -> int:
-        return plugged.write(ENDPOINT[name], data, timeout=1000)
-
-    assert write(sent[:whole]) == whole
-    if kind is FaultKind.SHORT or (kind is FaultKind.TIMEOUT and offset):
-        assert write(sent[whole:]) == offset
-    else:
-        code = {FaultKind.UNPLUG: errno.ENODEV, FaultKind.STALL: errno.EPIPE, FaultKind.TIMEOUT: errno.ETIMEDOUT}[kind]
-        raised(code, lambda: write(sent[whole:]))
-    assert bus.board().bytes_received == whole + offset
-    if kind is FaultKind.UNPLUG:
-        assert not bus.board().emitting
-        assert usb.core.find(backend=bus) is None
-        return
-    if kind is FaultKind.STALL:
-        raised(errno.EPIPE, lambda: write(sent))
-        plugged.clear_halt(ENDPOINT[name])
-    assert write(sent[whole + offset :]) == len(sent) - whole - offset
-    bus.clock.advance(0.5)
-    assert bus.board().played.tobytes() == sent.tobytes()
-
-
-def test_opening_and_claiming_fail_when_told_to(bus: EmulatedBus, name: str) -> None:
-    bus.inject(Fault(FaultKind.DENIED))
-    bus.inject(Fault(FaultKind.BUSY))
-    found = usb.core.find(backend=bus)
-    raised(errno.EACCES, lambda: found.is_kernel_driver_active(0))
-    if found.is_kernel_driver_active(0):
-        found.detach_kernel_driver(0)
-    found.set_configuration()
-    raised(errno.EBUSY, lambda: usb.util.claim_interface(found, 0))
-    usb.util.claim_interface(found, 0)
-    usb.util.dispose_resources(found)
 
 
 def test_a_kernel_driver_keeps_the_interface_until_it_is_detached(bus: EmulatedBus, name: str) -> None:
@@ -238,12 +194,6 @@ def test_a_kernel_driver_keeps_the_interface_until_it_is_detached(bus: EmulatedB
     usb.util.release_interface(found, 0)
     found.attach_kernel_driver(0)
     assert found.is_kernel_driver_active(0)
-    usb.util.dispose_resources(found)
-
-
-def test_no_driver_of_the_system_knows_the_emulator() -> None:
-    found = usb.core.find(backend=bus_of("emulator"))
-    raised(errno.ENOENT, lambda: found.attach_kernel_driver(0))
     usb.util.dispose_resources(found)
 
 
@@ -284,13 +234,6 @@ def test_an_unknown_request_and_another_port_stall(name: str, plugged: usb.core.
         raised(errno.EPIPE, lambda request=request: plugged.ctrl_transfer(*request))
     for known in ((OUT, RESET, 0, 1), (OUT, BIT_MODE, 0x00FF, 1), (OUT, FLOW, 0, 1)):
         assert plugged.ctrl_transfer(*known) == 0
-
-
-@chips
-def test_a_request_can_be_made_to_fail(bus: EmulatedBus, name: str, plugged: usb.core.Device) -> None:
-    bus.inject(Fault(FaultKind.STALL, request=BIT_MODE))
-    raised(errno.EPIPE, lambda: plugged.ctrl_transfer(OUT, BIT_MODE, 0, 1))
-    assert plugged.ctrl_transfer(OUT, BIT_MODE, 0, 1) == 0
 
 
 @chips

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from injected_faults import Fault, FaultKind, inject
 
 import palpate.device
 from palpate.device.boards.sonicsurface.model import SonicPorts
 from palpate.device.clock import VirtualClock
-from palpate.device.emulation.faults import Fault, FaultKind
 from palpate.device.emulation.serial_bus import ADAPTER_BYTES, DRIVER_BYTES
 from palpate.device.transports.serial_line import SerialPort
 
@@ -58,7 +58,7 @@ def test_they_know_nothing_of_pyserial() -> None:
     for module in ("emulation/serial_bus", "transports/serial_line", "boards/sonicsurface/model"):
         tree = ast.parse((folder / f"{module}.py").read_text())
         imported = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.level}
-        assert imported <= {"clock", "errors", "faults", "transports.serial_line", "emulation.serial_bus"}
+        assert imported <= {"clock", "errors", "transports.serial_line", "emulation.serial_bus"}
 
 
 def test_what_is_written_is_played(ports: SonicPorts, port: SerialPort) -> None:
@@ -88,30 +88,10 @@ def test_closing_drops_what_the_driver_holds_and_the_board_plays_on(ports: Sonic
     ports.open(ports.path(), baud=BAUD).close()
 
 
-@pytest.mark.parametrize("offset", [0, 100])
-@pytest.mark.parametrize("kind", [FaultKind.UNPLUG, FaultKind.TIMEOUT, FaultKind.SHORT])
-def test_a_fault_strikes_at_its_byte(ports: SonicPorts, port: SerialPort, kind: FaultKind, offset: int) -> None:
-    whole = 3 * 258
-    ports.inject(Fault(kind, byte=whole + offset))
-    sent = memoryview(frames(6))
-    assert port.write(sent[:whole]) == whole
-    if kind is FaultKind.UNPLUG:
-        raised(errno.EIO, lambda: port.write(sent[whole:]))
-        for call in (port.waiting, port.drop_waiting, lambda: port.write(sent)):
-            raised(errno.EIO, call)
-        assert (ports.board().emitting, [info.serial for info in ports.listed()]) == (False, ["two"])
-        port.close()
-        return
-    assert port.write(sent[whole:]) == offset
-    assert port.write(sent[whole + offset :]) == len(sent) - whole - offset
-    ports.clock.sleep_until_ns(10**9)
-    assert ports.board().played.tobytes() == patterns(bytes(sent))
-
-
 def test_a_port_has_one_user_and_must_be_there(ports: SonicPorts, port: SerialPort) -> None:
     raised(errno.EAGAIN, lambda: ports.open(ports.path(), baud=BAUD))
     raised(errno.ENOENT, lambda: ports.open("emulated:9", baud=BAUD))
-    ports.inject(Fault(FaultKind.DENIED), index=1)
+    inject(ports, Fault(FaultKind.DENIED), index=1)
     raised(errno.EACCES, lambda: ports.open(ports.path(1), baud=BAUD))
     ports.open(ports.path(1), baud=BAUD).close()
 

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from injected_faults import Fault, FaultKind, inject
 
-from palpate.device import EmulatorBackend, Fault, FaultKind, Link, PlayInterrupted, array_model, open_link
+from palpate.device import EmulatorBackend, Link, PlayInterrupted, array_model, open_link
 from palpate.device.errors import DeviceTimeoutError, LinkError, UpdateRateError
 from palpate.device.playing.ensemble import play_together
 
@@ -63,9 +64,9 @@ def test_a_signal_tells_of_the_array_that_may_still_be_on() -> None:
     def blocks() -> Iterator[tuple[array[int], array[int]]]:
         for number in range(10_000):
             if number == 30:
-                buses[1].inject(Fault(FaultKind.TIMEOUT, byte=buses[1].board().bytes_received, count=None))
+                inject(buses[1], Fault(FaultKind.TIMEOUT, byte=buses[1].board().bytes_received, count=None))
                 for request in (2, 3):
-                    buses[1].inject(Fault(FaultKind.STALL, request=request, count=None))
+                    inject(buses[1], Fault(FaultKind.STALL, request=request, count=None))
                 os.kill(os.getpid(), signal.SIGINT)
             yield WIRE, WIRE
 
@@ -110,7 +111,7 @@ def test_what_the_maker_of_blocks_raises_passes_through_once_all_are_off() -> No
 @pytest.mark.exhaustive
 def test_an_array_that_fails_stops_the_others() -> None:
     buses, links = pair()
-    buses[1].inject(Fault(FaultKind.TIMEOUT, byte=1_000_000, count=None))
+    inject(buses[1], Fault(FaultKind.TIMEOUT, byte=1_000_000, count=None))
     with pytest.raises(DeviceTimeoutError):
         play_together(links, ((WIRE, WIRE) for _ in range(100_000)), update_rate=RATE)
     assert not buses[0].board().playing[1::2].any()

@@ -14,15 +14,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from injected_faults import Fault, FaultKind, inject
 
 from palpate.device import (
     DeviceBusyError,
     DeviceError,
-    DeviceLostError,
     DeviceTimeoutError,
     EmulatorBackend,
-    Fault,
-    FaultKind,
     FrameError,
     LiveStatistics,
     Player,
@@ -209,16 +207,6 @@ def test_what_the_blocks_raise_passes_through_and_the_array_is_off(
     assert_plays_again(bus, link)
 
 
-def test_an_exception_in_progress_passes_through_and_the_array_is_off(bus: EmulatorBackend, link: UsbLink) -> None:
-    def progress(frames: int) -> None:
-        if frames:
-            raise Broken
-
-    with pytest.raises(Broken):
-        Player(link).play(in_blocks(content(3000), 100), update_rate=RATE, progress=progress)
-    assert_off(bus)
-
-
 def test_stop_clears_what_is_queued_and_play_returns(bus: EmulatorBackend, link: UsbLink) -> None:
     player = Player(link)
 
@@ -292,7 +280,7 @@ def test_a_torn_frame_is_completed_before_the_off_frame(bus: EmulatorBackend, li
     player = Player(link)
     wire = content(3000)
     torn_at = 2600 * FRAME + 77
-    bus.inject(Fault(FaultKind.TIMEOUT, byte=torn_at))
+    inject(bus, Fault(FaultKind.TIMEOUT, byte=torn_at))
     writes = link.short_writes
 
     def blocks() -> Iterator[array]:
@@ -323,17 +311,6 @@ def test_a_torn_frame_is_completed_before_the_off_frame(bus: EmulatorBackend, li
     assert_plays_again(bus, link)
 
 
-def test_a_device_that_disappears_while_blocks_are_slow_ends_it_too(bus: EmulatorBackend, link: UsbLink) -> None:
-    def blocks() -> Iterator[bytes]:
-        for number in range(1000):
-            if number == 20:
-                bus.unplug()
-            yield content(100).tobytes()
-
-    with pytest.raises(DeviceLostError):
-        Player(link, queue_blocks=2).play(blocks(), update_rate=RATE)
-
-
 @pytest.mark.parametrize("request_number", [2, 3])
 @pytest.mark.parametrize("kind", [FaultKind.STALL, FaultKind.TIMEOUT])
 def test_a_stop_whose_request_fails_still_ends_off(
@@ -343,7 +320,7 @@ def test_a_stop_whose_request_fails_still_ends_off(
 
     def blocks() -> Iterator[bytes]:
         yield from in_blocks(content(2500), 100)
-        bus.inject(Fault(kind, request=request_number))
+        inject(bus, Fault(kind, request=request_number))
         player.stop()
         yield bytes(FRAME)
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from injected_faults import Fault, FaultKind, inject
 
 from palpate.device import (
     ArrayModel,
@@ -17,8 +18,6 @@ from palpate.device import (
     DeviceStallError,
     DeviceTimeoutError,
     EmulatorBackend,
-    Fault,
-    FaultKind,
     FrameError,
     Limits,
     Link,
@@ -168,7 +167,7 @@ def test_a_stop_ends_off_within_what_the_board_holds(setup: Setup) -> None:
 def test_a_fault_ends_it_with_the_array_off(setup: Setup, kind: FaultKind, error: type[Exception], byte: int) -> None:
     wire = content(setup.model, 200)
     setup.play(wire[:5])  # so that the fault hits content, not what comes before it
-    setup.bus.inject(Fault(kind, byte=content_byte(setup, byte)))
+    inject(setup.bus, Fault(kind, byte=content_byte(setup, byte)))
     played = len(setup.board.played)
     with pytest.raises(error) as raised:
         setup.play(wire)
@@ -208,7 +207,7 @@ def content_byte(setup: Setup, byte: int) -> int:
 def test_short_writes_change_nothing_that_is_played(setup: Setup, kind: FaultKind) -> None:
     at = content_byte(setup, 0)
     for byte in (1, 700, 3000, 3001):
-        setup.bus.inject(Fault(kind, byte=at + byte))
+        inject(setup.bus, Fault(kind, byte=at + byte))
     wire = content(setup.model, 60)
     report = setup.play(wire)
     assert report.short_writes >= 4
@@ -226,7 +225,7 @@ def distinct(played: np.ndarray, wire: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("setup", BOARDS, indirect=True)
 def test_a_board_that_hangs_is_said_to_be_possibly_emitting(setup: Setup) -> None:
     setup.play(content(setup.model, 5))
-    setup.bus.inject(Fault(FaultKind.TIMEOUT, byte=setup.board.bytes_received + 20 * 512, count=None))
+    inject(setup.bus, Fault(FaultKind.TIMEOUT, byte=setup.board.bytes_received + 20 * 512, count=None))
     with pytest.raises(DeviceTimeoutError, match="did not answer in time"):
         setup.play(content(setup.model, 200))
     report = setup.player.report
@@ -281,7 +280,7 @@ def test_a_burst_that_is_stopped_while_it_is_held_has_sounded_when_play_returns(
 @pytest.mark.parametrize("byte", [-100, 0, 3 * 512 + 100])
 def test_the_hold_of_a_burst_is_no_content(setup: Setup, byte: int) -> None:
     at = content_byte(setup, 512 + byte)
-    setup.bus.inject(Fault(FaultKind.TIMEOUT, byte=at, count=None))
+    inject(setup.bus, Fault(FaultKind.TIMEOUT, byte=at, count=None))
     with pytest.raises(DeviceTimeoutError) as raised:
         setup.player.play([content(setup.model, 20)], update_rate=40e3)
     report = raised.value.report
@@ -294,12 +293,12 @@ def test_the_hold_of_a_burst_is_no_content(setup: Setup, byte: int) -> None:
 def test_a_stall_on_the_off_frame_is_tried_again(setup: Setup, at: str, monkeypatch: pytest.MonkeyPatch) -> None:
     wire = content(setup.model, 200)
     if at == "end":
-        setup.bus.inject(Fault(FaultKind.STALL, byte=content_byte(setup, wire.size), count=2))
+        inject(setup.bus, Fault(FaultKind.STALL, byte=content_byte(setup, wire.size), count=2))
     send_off = setup.link.send_off
 
     def stall_first() -> None:
         monkeypatch.undo()
-        setup.bus.inject(Fault(FaultKind.STALL, byte=setup.board.bytes_received, count=2))
+        inject(setup.bus, Fault(FaultKind.STALL, byte=setup.board.bytes_received, count=2))
         send_off()
 
     def blocks() -> Iterator[np.ndarray]:
@@ -358,14 +357,6 @@ def test_whatever_it_raises_says_that_the_array_may_still_be_emitting(
     assert said.count("emitting") == 1
     assert player.report is not None
     assert player.report.may_emit
-
-
-@pytest.mark.parametrize("setup", ["sonicsurface"], indirect=True)
-def test_a_swap_read_out_of_noise_brings_nothing_back(setup: Setup) -> None:
-    for _ in range(3):  # after the opening, and after a content
-        assert setup.board.accept(memoryview(b"\xfd")) == 1
-        setup.assert_off()
-        setup.play(content(setup.model, 9))
 
 
 def test_playing_begins_when_80_ms_are_ready_however_many_blocks_fit(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,7 @@ PLAYS_FOREVER = """
 import json, signal, sys, threading, time
 import numpy as np
 signal.signal(signal.SIGHUP, signal.SIG_DFL)  # whatever runs the tests, such as nohup, may ignore it
-from palpate.device import EmulatorBackend, Player, PlayInterrupted, UsbLink, array_model
+from palpate.device import EmulatorBackend, Player, PlayInterrupted, array_model, open_link
 
 maker = sys.argv[1]
 bus = EmulatorBackend(record=10)
@@ -177,7 +177,7 @@ def tell():
     outcome["stopped_by"] = player.report.stopped_by if player.report else None
     print(json.dumps(outcome))
 
-from palpate.device import EmulatorBackend, Player, UsbLink, array_model
+from palpate.device import EmulatorBackend, Player, array_model, open_link
 
 bus = EmulatorBackend(record=10)
 wire = np.full((100, 512), 200, np.uint8)

@@ -2,27 +2,39 @@
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import threading
 import time
 from array import array
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
+from injected_faults import Fault, FaultKind, inject
 
 from palpate.device import (
     DeviceBusyError,
-    Fault,
-    FaultKind,
+    UnknownArrayError,
     UsbLink,
     VirtualClock,
     WatchdogError,
     array_model,
     encode_frames,
     open_link,
+    remove_array,
 )
-from palpate.device.playing.watchdog import EXIT_FAILED, EXIT_GOODBYE, EXIT_OFF, Watchdog, keep_watch, switch_off
+from palpate.device.playing.watchdog import (
+    EXIT_FAILED,
+    EXIT_GOODBYE,
+    EXIT_OFF,
+    Watchdog,
+    keep_watch,
+    read_order,
+    switch_off,
+)
 from palpate.device.registry import emulated_backend
 
 
@@ -93,8 +105,7 @@ def test_silence_is_met_once_and_heartbeats_make_it_good() -> None:
         "the player has given no sign of life for 0.05 s; the array may be emitting: array x is in use"
     ]
     watched.send(b".")
-    watched.wait_until(lambda: len(watched.said) >= 2)
-    assert watched.said[1] == "the player is back"
+    watched.wait_until(lambda: len(watched.offs) == 2)  # the player came back, and fell silent again
     watched.send(b"G")
     watched.end()
     assert watched.code == EXIT_GOODBYE
@@ -113,7 +124,7 @@ def test_it_silences_what_a_dead_player_left_although_a_request_fails(name: str,
     bus.clock.advance(20 / model.frame_clock * model.divider_default)
     assert bus.board().emitting
     if request_number is not None:
-        bus.inject(Fault(FaultKind.STALL, request=request_number))
+        inject(bus, Fault(FaultKind.STALL, request=request_number))
     switch_off(model, None, backend=bus)
     bus.clock.advance(1)
     assert not bus.board().emitting
@@ -156,3 +167,42 @@ def test_an_array_that_is_not_on_usb_is_refused() -> None:
 def test_a_time_of_nothing_is_refused(unreachable: UsbLink) -> None:
     with pytest.raises(WatchdogError, match="silence_max is 0"):
         Watchdog(unreachable, silence_max=0)
+
+
+ORDER = {"array": "pat16", "module": "json", "serial": None, "baud": None, "silence_max": 2.0, "log": None}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        "{}",
+        *(json.dumps(ORDER | change) for change in ({"array": 3}, {"serial": ["a"]}, {"silence_max": True})),
+        *(json.dumps(ORDER | change) for change in ({"silence_max": -1}, {"silence_max": math.nan}, {"more": 1})),
+    ],
+)
+def test_an_order_that_is_none_is_refused(text: str) -> None:
+    with pytest.raises(WatchdogError, match=r"order|silence_max"):
+        read_order(text)
+
+
+def test_an_order_is_read_back_and_names_what_cannot_be_imported() -> None:
+    assert read_order(json.dumps(ORDER)).model() is array_model("pat16")
+    with pytest.raises(WatchdogError, match=r"no other process can import no\.such\.module, which has array mine"):
+        read_order(json.dumps(ORDER | {"array": "mine", "module": "no.such.module"})).model()
+    with pytest.raises(UnknownArrayError, match="unknown array 'mine'"):
+        read_order(json.dumps(ORDER | {"array": "mine"})).model()
+
+
+def test_a_kind_of_a_users_own_is_found_in_its_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "their_array.py").write_text(
+        "from dataclasses import replace\n"
+        "from palpate.device.boards.emulator.kind import KIND, emulator_model\n"
+        "OWN = replace(KIND, name='theirs', build=lambda: replace(emulator_model(), name='theirs'))\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    try:
+        assert read_order(json.dumps(ORDER | {"array": "theirs", "module": "their_array"})).model().name == "theirs"
+    finally:
+        remove_array("theirs")

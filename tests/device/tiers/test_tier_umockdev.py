@@ -110,8 +110,6 @@ with open_link(array_model("emulator"), serial="U1", backend=libusb_backend()) a
     with Watchdog(link, silence_max=0.3, log=log) as watchdog:
         assert watchdog.process_id
         print(Player(link).play(blocks(), update_rate=10e3).frames)
-        while "is back" not in log.read_text():
-            pass
 """
 
 
@@ -119,7 +117,6 @@ def test_a_player_that_is_suspended_keeps_the_array_and_the_watchdog_says_so(tmp
     outcome = run_code(IS_SUSPENDED, tmp_path, str(tmp_path / "log"))
     assert outcome.returncode == 0, outcome.err
     assert outcome.out.strip() == "2"
-    silent, back = (tmp_path / "log").read_text().splitlines()
+    (silent,) = (tmp_path / "log").read_text().splitlines()
     assert "palpate watchdog of array emulator U1: the player has given no sign of life for 0.3 s" in silent
     assert "the array may be emitting: array emulator U1 is in use" in silent
-    assert back.endswith("the player is back")

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import usb.core
 import usb.util
+from injected_faults import Fault, FaultKind, inject
 
 from palpate.device.boards.discovery import open_link
 from palpate.device.boards.pat16.ftdi import FtdiPort
@@ -21,7 +22,6 @@ from palpate.device.boards.pat16.ftdi_model import EEPROM_BLANK, EEPROM_FIFO, Ft
 from palpate.device.boards.pat16.model import PatBoard
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames
-from palpate.device.emulation.faults import Fault, FaultKind
 from palpate.device.emulation.usb_bus import EmulatedBus
 from palpate.device.errors import DeviceLostError, LinkError
 from palpate.device.registry import array_model, emulated_backend
@@ -104,14 +104,14 @@ def test_without_the_question_a_uart_would_take_everything_and_play_nothing(monk
 def test_a_chip_that_does_not_give_its_eeprom_is_warned_of_and_played_to(kind: FaultKind | None) -> None:
     bus = bus_with(b"\x01" if kind is None else EEPROM_FIFO)  # half a word is no answer
     if kind is not None:
-        bus.inject(Fault(kind, request=READ_EEPROM))
+        inject(bus, Fault(kind, request=READ_EEPROM))
     with pytest.warns(RuntimeWarning, match="array pat16 PATEMU01 may be silent: its FT232H does not give its EEPROM"):
         open_link(array_model("pat16"), backend=bus).close()
 
 
 def test_a_chip_that_vanishes_while_it_is_asked_is_lost() -> None:
     bus = bus_with(EEPROM_FIFO)
-    bus.inject(Fault(FaultKind.UNPLUG, request=READ_EEPROM))
+    inject(bus, Fault(FaultKind.UNPLUG, request=READ_EEPROM))
     with pytest.raises(DeviceLostError, match="pat16 PATEMU01 is gone") as caught:
         open_link(array_model("pat16"), backend=bus)
     assert isinstance(caught.value.__cause__, usb.core.USBError)

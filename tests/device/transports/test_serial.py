@@ -37,7 +37,6 @@ from palpate.device import (
 from palpate.device.transports.serial_transport import SerialTransport
 
 comports = pytest.importorskip("serial.tools.list_ports", reason="pyserial is a test extra")
-FAST = 1_462_857  # [Bd], of SonicSurface's firmware compiled with divisor 7
 MODEL = array_model("sonicsurface")
 RATE = MODEL.update_rate(MODEL.divider_default)  # [Hz]
 # Distribute.vhd: 0xC0 and 0xC1 select a board, 0xFE begins its data, 0xFD swaps the buffers of both boards.
@@ -121,25 +120,6 @@ def test_a_reader_that_stalls_is_a_time_out_and_the_array_perhaps_on() -> None:
         assert "may still be emitting" in str(caught.value)
         before = time.monotonic()
     assert time.monotonic() - before < 5  # closing does not wait for what nobody reads
-
-
-@pytest.mark.exhaustive
-def test_a_reader_of_a_recompiled_board_that_stalls_for_a_moment_loses_nothing() -> None:
-    model = array_model("sonicsurface", baud=FAST)
-    with pty_board(baud=10.24e6 / 7, sender=FAST) as board, open_link(model, serial=board.path) as link:
-        wire = content(300)
-
-        def blocks() -> Iterator[np.ndarray]:
-            yield wire[:100]
-            board.is_stalled = True
-            yield wire[100:200]
-            time.sleep(0.3)
-            board.is_stalled = False
-            yield wire[200:]
-
-        assert Player(link).play(blocks(), update_rate=model.update_rate(model.divider_default)).frames == 300
-        board.settle()
-        assert np.array_equal(board.board.played[-302:-2], wire[:, 1:-1])
 
 
 def test_a_port_has_one_user(board: PtyBoard) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from injected_faults import Fault, FaultKind, inject
 
 from palpate.device import (
     DeviceBusyError,
@@ -16,10 +17,7 @@ from palpate.device import (
     DeviceStallError,
     DeviceTimeoutError,
     EmulatorBackend,
-    Fault,
-    FaultKind,
     LinkError,
-    UpdateRateError,
     UsbLink,
     VirtualClock,
     array_model,
@@ -48,14 +46,8 @@ def test_a_strangers_device_with_the_shared_test_ids_is_no_array(monkeypatch: py
         open_link(MODEL, backend=bus)
 
 
-def test_an_embedded_array_needs_no_backend() -> None:
-    with open_link(MODEL) as link:
-        assert link.clock.name == "monotonic"
-        assert link.status().level == 0
-
-
 def test_a_claim_refused_by_the_system_is_busy_and_leaves_nothing_open(bus: EmulatorBackend) -> None:
-    bus.inject(Fault(FaultKind.BUSY))
+    inject(bus, Fault(FaultKind.BUSY))
     with pytest.raises(DeviceBusyError):
         open_link(MODEL, backend=bus)
     open_link(MODEL, backend=bus).close()
@@ -71,7 +63,7 @@ def test_an_open_that_fails_lets_the_array_go(bus: EmulatorBackend) -> None:
 @pytest.mark.parametrize("kind", [FaultKind.SHORT, FaultKind.TIMEOUT])
 @pytest.mark.parametrize("offset", [0, 1, 511, 512, 700])
 def test_a_short_write_is_completed_and_counted(bus: EmulatorBackend, kind: FaultKind, offset: int) -> None:
-    bus.inject(Fault(kind, byte=offset))
+    inject(bus, Fault(kind, byte=offset))
     sent = frames(3)
     with open_link(MODEL, backend=bus) as link:
         link.write(sent)
@@ -81,7 +73,7 @@ def test_a_short_write_is_completed_and_counted(bus: EmulatorBackend, kind: Faul
 
 
 def test_an_abandoned_write_says_how_much_was_taken_and_off_completes_the_frame(bus: EmulatorBackend) -> None:
-    bus.inject(Fault(FaultKind.SHORT, byte=700))
+    inject(bus, Fault(FaultKind.SHORT, byte=700))
     sent = frames(3)
     with open_link(MODEL, backend=bus) as link:
         link.status()
@@ -94,7 +86,7 @@ def test_an_abandoned_write_says_how_much_was_taken_and_off_completes_the_frame(
 
 
 def test_after_a_stall_the_board_is_asked_how_much_it_took(bus: EmulatorBackend) -> None:
-    bus.inject(Fault(FaultKind.STALL, byte=700))
+    inject(bus, Fault(FaultKind.STALL, byte=700))
     with open_link(MODEL, backend=bus) as link:
         link.status()
         with pytest.raises(DeviceStallError):
@@ -106,7 +98,7 @@ def test_after_a_stall_the_board_is_asked_how_much_it_took(bus: EmulatorBackend)
 
 
 def test_a_board_that_takes_nothing_ends_the_write_in_bounded_time(bus: EmulatorBackend) -> None:
-    bus.inject(Fault(FaultKind.TIMEOUT, byte=100, count=None))
+    inject(bus, Fault(FaultKind.TIMEOUT, byte=100, count=None))
     with open_link(MODEL, backend=bus) as link:
         with pytest.raises(DeviceTimeoutError, match="emulator one did not answer in time"):
             link.write(frames(1))
@@ -134,24 +126,9 @@ def test_a_failed_request_is_an_error_of_our_own(
     call: Callable[[UsbLink], object],
 ) -> None:
     with open_link(MODEL, backend=bus) as link:
-        bus.inject(Fault(kind, request=request_number))
+        inject(bus, Fault(kind, request=request_number))
         with pytest.raises(error, match="array emulator one"):
             call(link)
-
-
-def test_an_unplugged_array_closes_without_an_error(bus: EmulatorBackend) -> None:
-    with open_link(MODEL, backend=bus) as link:
-        bus.unplug()
-        with pytest.raises(DeviceLostError):
-            link.write(frames(1))
-
-
-def test_a_divider_that_the_board_does_not_have_never_reaches_it(bus: EmulatorBackend) -> None:
-    with open_link(MODEL, backend=bus) as link:
-        with pytest.raises(UpdateRateError, match=r"divider 256 is outside 1\.\.255"):
-            link.start(256)
-        link.start(255)
-        assert link.status().divider == 255
 
 
 def test_a_write_never_blocks_for_more_than_50_ms(bus: EmulatorBackend, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -174,7 +151,7 @@ def test_a_write_never_blocks_for_more_than_50_ms(bus: EmulatorBackend, monkeypa
 
 
 def test_after_a_stall_the_next_start_ends_the_halt(bus: EmulatorBackend) -> None:
-    bus.inject(Fault(FaultKind.STALL, byte=700))
+    inject(bus, Fault(FaultKind.STALL, byte=700))
     with open_link(MODEL, backend=bus) as link:
         link.start(4)
         with pytest.raises(DeviceStallError):

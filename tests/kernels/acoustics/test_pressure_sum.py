@@ -57,27 +57,6 @@ def test_single_waves_are_those_of_bessel_functions(name, device, rng):
     assert error.max() < 1e-4 * np.abs(wanted).max()
 
 
-@pytest.mark.parametrize("count", [1, 15, 16, 17])
-def test_arrays_of_any_size_are_summed_and_a_sum_does_not_depend_on_its_neighbours(count, device, rng):
-    position, normal = (side[:count] for side in flat_array())
-    points, drive = points_above(11, rng), rng.normal(size=count) + 1j * rng.normal(size=count)
-    whole = summed(points, position, normal, drive, device=device)
-    waves = wave_matrix(points.astype(float), position.astype(float), normal, wavelength=WAVELENGTH, radius=RADIUS)
-    assert np.abs(whole - waves @ drive).max() < 2e-5 * (np.abs(waves) @ np.abs(drive)).max()
-    single = [summed(points[m : m + 1], position, normal, drive, device=device)[0] for m in range(11)]
-    assert single == whole.tolist()
-
-
-def test_a_piston_on_its_axis_has_pressure_one_over_distance_and_lags(device):
-    distance = np.array([0.01, 0.1, 0.343, 1.0])
-    points = np.column_stack([0 * distance, 0 * distance, distance])
-    got = summed(points, np.zeros((1, 3)), [[0, 0, 1]], np.ones(1), device=device, wavelength=343 / 40e3)
-    assert np.abs(got * distance) == pytest.approx(np.ones(4), rel=1e-6)
-    # 343 mm are 40 wavelengths: in phase again; 10 mm are 1.16618 of them
-    assert np.angle(got[2]) == pytest.approx(0, abs=1e-4)
-    assert np.angle(got[0]) == pytest.approx(-2 * np.pi * 0.1661808, abs=1e-4)
-
-
 def test_what_a_piston_radiates_through_a_sphere_is_the_integral_of_its_directivity(device):
     k, radius = 2 * np.pi / WAVELENGTH, 4.5e-3
     cosine, weight = np.polynomial.legendre.leggauss(48)

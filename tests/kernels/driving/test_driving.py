@@ -70,29 +70,6 @@ def test_solvers_reach_what_is_published(device, rng):
     assert median["wgs"] < 0.002
 
 
-def test_two_points_do_not_swing(device, rng):
-    array, points = flat_array(), random_foci(rng, 100, 2)
-    target = np.ones((100, 2), np.float32)
-    waves = wave_matrix(points.astype(float), *array, wavelength=WAVELENGTH, radius=RADIUS)
-    assert np.median(amplitude_error(waves, solved(device, array, points, target, "wgs"), target)) < 1e-3
-
-
-def test_phase_of_a_lone_point_is_the_focus(device):
-    array = flat_array()
-    points = np.float32([[[0.03, -0.02, 0.2], [0, 0, 0.2]]])
-    delay = solved(device, array, points, np.float32([[1, 0]]), "gs-pat+wgs")[0]
-    exact = -np.linalg.norm(points[0, 0] - array[0].astype(float), axis=-1) / WAVELENGTH
-    offset = delay - exact
-    assert turned(offset - offset[0]).max() < 1e-3
-
-
-def test_another_size_is_refused(device):
-    transducers = transducers_on(*flat_array(), wavelength=WAVELENGTH, radius=0.0, device=device)
-    points, target = (wp.zeros((1, 3), dtype=t, device=device) for t in (wp.vec3, wp.float32))
-    with pytest.raises(ValueError, match=r"\(2, 4, 8\).*\(1, 3\)"):
-        solve_points(points, target, transducers, gs_pat=0, wgs=0)
-
-
 def wandering(rng, frame_count=3500, jumps=(700, 1020, 1023, 1024, 1025, 3000)):
     """Delays [turns] that wander, jump by anything, and are turned as a whole at random, [frame, 37]."""
     delay = rng.normal(0, 0.002, (frame_count, 37)).cumsum(axis=0)

@@ -114,15 +114,6 @@ def test_a_switched_board_has_the_delay_or_off_and_its_marks(device, rng):
     assert np.abs(off[is_on]).max() < 0.5 + 1e-4
 
 
-def test_a_frame_does_not_depend_on_others_and_none_are_none(device, rng):
-    _, board = board_of(rng, device)
-    points, amplitude = random_points(rng, 50), rng.uniform(0, 1, 50)
-    whole = packed(points, amplitude, board, device)
-    parts = [packed(points[a:b], amplitude[a:b], board, device) for a, b in ((0, 7), (7, 50))]
-    np.testing.assert_array_equal(np.concatenate(parts), whole)
-    assert packed(np.zeros((0, 3)), np.zeros(0), board, device).shape == (0, 64)
-
-
 def test_points_have_the_bytes_of_their_delays_in_the_columns_of_the_board(device, rng):
     _, board = board_of(rng, device, places=20, column=7 + rng.permutation(20))
     points, amplitude = random_points(rng, 60), rng.uniform(0, 1, 60).astype(np.float32)

@@ -11,8 +11,7 @@ from polyline_oracle import levelled
 from stage_cases import assert_limited, stage_batches, stage_result
 from transform_cases import assert_equal
 
-from palpate.kernels.contours import Contours
-from palpate.kernels.emphasis.edges import KindLevels, level_by_kind, measure_runs, ramp_between_levels
+from palpate.kernels.emphasis.edges import measure_runs, ramp_between_levels
 from palpate.render import ContourBatch
 
 OPTIONS = [
@@ -44,16 +43,6 @@ def test_a_run_goes_on_over_points_across_the_seam_and_ends_where_the_kind_chang
     runs = runs_of(batch, device)
     assert runs[:8].tolist() == [0, 4, 1, 4, 1, 0, 4, 0]  # segments of no length are in no run
     assert runs[8:].tolist() == [0, 3, 1, 4, 1, 0, 1, 0]
-
-
-def test_levels_are_those_of_kinds_and_of_short_runs(device):
-    contours = Contours()
-    contours.points = wp.zeros(5, dtype=wp.vec3, device=device)
-    contours.kind = wp.array([0, 1, 2, 0, 1], dtype=wp.uint8, device=device)
-    run = wp.array([0.2, 0.05, 0.05, 0.05, 0.2], dtype=wp.float64, device=device)
-    levels = KindLevels(0.9, 0.5, 0.7, 0.1)
-    assert level_by_kind(contours, levels).numpy().tolist() == [0.9, 0.5, 0.7, 0.9, 0.5]
-    assert level_by_kind(contours, levels, run, 0.1).numpy().tolist() == [0.9, 0.5, 0.7, 0.1, 0.5]
 
 
 def test_any_levels_are_joined_by_ramps_as_the_oracle_joins_them(device, rng):

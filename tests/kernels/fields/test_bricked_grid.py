@@ -115,13 +115,6 @@ def test_the_surface_closes_half_a_voxel_beyond_the_border(device):
         np.testing.assert_array_equal(values_at(field, placed(affine, beyond), device) < 0, [False, True, True, False])
 
 
-def test_far_away_is_outside_and_finite(rng, device):
-    field = bricked_field(pad_outside(np.full((2, 2, 2), -3.0, np.float32)), affine_with(GRIDS["turned"]), device)
-    found = values_at(field, rng.normal(size=(50, 3)) * 1e7, device)
-    assert np.isfinite(found).all()
-    assert (found > 0).all()
-
-
 def test_two_values_below_zero_never_blend_to_zero(rng, device):
     values = -(np.float32(1e-30) ** rng.uniform(0, 1, (5, 5, 5))).astype(np.float32)
     affine = affine_with(GRIDS["even"])

@@ -1,14 +1,12 @@
 """Hatch lines over regions: the same lines as plain NumPy draws, bit by bit, whatever the regions and the batch."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from hatch_oracle import hatch_lines
 from stage_cases import assert_limited
 from transform_cases import plane_arrays, random_stars
 
-from palpate.kernels.fillings.hatch import draw_hatch, find_crossings, find_rows
+from palpate.kernels.fillings.hatch import draw_hatch
 from palpate.kernels.offsets import PointLimitError
 
 SQUARE = 0.02 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]])
@@ -65,41 +63,12 @@ def test_loops_that_cross_and_touch_on_rows_have_the_lines_of_the_oracle(connect
             assert assert_hatched(regions, device, spacing=spacing, angle=angle, connected=connected) > 60
 
 
-@pytest.mark.parametrize("connected", [True, False])
-def test_a_comb_that_one_row_crosses_many_times_is_filled(connected, device, rng):
-    x = np.linspace(-0.5, 0.5, 4001)
-    teeth = np.stack([x, np.where(np.arange(len(x)) % 2, 0.01, rng.uniform(-0.01, -0.001, len(x)))], axis=1)
-    comb = np.vstack([[[-0.5, -0.02], [0.5, -0.02]], teeth[::-1]])
-    # 4,000 crossings of one row, in the order of the comb and in random order
-    assert assert_hatched([[comb]], device, spacing=0.02, connected=connected) == 2000
-    shuffled = np.stack([rng.permutation(x), teeth[:, 1]], axis=1)
-    assert assert_hatched([[shuffled]], device, spacing=0.02, connected=connected) > 1
-
-
 def test_a_region_between_two_rows_gets_one_through_its_middle(device):
     thin = np.array([[-0.02, 0.004], [0.02, 0.004], [0.02, 0.006], [-0.02, 0.006]])
     arrays = plane_arrays([[thin]], device)
     ((_, line),) = lines_of(draw_hatch(*arrays, spacing=0.02, angle=0.0, connected=True))
     np.testing.assert_allclose(line, [[-0.02, 0.005], [0.02, 0.005]], atol=1e-12)
     assert assert_hatched([[thin], [SQUARE], [thin + 0.02]], device, spacing=0.02) == 3
-
-
-def test_lines_go_to_and_fro_and_around_a_hole(device):
-    def hatched(*loops):
-        arrays = plane_arrays([loops], device)
-        return [line for _, line in lines_of(draw_hatch(*arrays, spacing=0.006, angle=0.0, connected=True))]
-
-    # on one side of the hole, then on the other, four rows each
-    assert [len(line) for line in hatched(SQUARE, 0.25 * SQUARE[::-1])] == [8, 8]
-    (one,) = hatched(SQUARE)
-    assert np.sign(np.diff(one[:, 0])[::2]).tolist() == [1, -1, 1, -1, 1, -1, 1]
-
-
-def test_regions_that_are_left_out_have_no_lines(device, rng):
-    regions = random_stars(rng, 20)
-    filled = rng.integers(0, 2, 20)
-    assert assert_hatched(regions, device, filled=filled) > 0
-    assert assert_hatched(regions, device, filled=np.zeros(20)) == 0
 
 
 def test_polylines_that_enclose_nothing_have_no_lines(device):
@@ -122,32 +91,3 @@ def test_more_points_than_the_limit_are_refused_with_their_number(device):
     with pytest.raises(PointLimitError) as caught:
         draw_hatch(*corner, **options, point_limit=14)
     assert caught.value.count == 15
-
-
-def test_crossings_are_sorted_within_their_region(device, rng):
-    regions = random_stars(rng, 40)
-    arrays = plane_arrays(regions, device)
-    c = find_crossings(find_rows(*arrays, spacing=0.002, angle=0.5))
-    start, order = c.start.numpy(), c.order.numpy()
-    row, x, enters = c.row.numpy(), c.x.numpy(), c.enters.numpy()
-    base = start[arrays[0].region_start.numpy()]
-    assert base[-1] == len(order) > 1000
-    for first, stop in pairwise(base):
-        own = order[first:stop]
-        assert sorted(own) == list(range(stop - first))
-        keys = list(zip(row[first + own], x[first + own], -enters[first + own], own, strict=True))
-        assert keys == sorted(keys)
-        assert np.bincount(row[first:stop], weights=enters[first:stop]).any() == 0  # each row leaves what it enters
-
-
-def test_crossings_run_along_their_outline(device, rng):
-    c = find_crossings(find_rows(*plane_arrays(random_stars(rng, 20), device), spacing=0.002, angle=0.0))
-    start, edge, row = c.start.numpy(), c.edge.numpy(), c.row.numpy()
-    for first, stop in pairwise(start):
-        assert (np.diff(edge[first:stop]) >= 0).all()
-        assert (np.abs(np.diff(row[first:stop])) <= 1).all()  # a way from row to row passes those between
-
-
-def test_more_crossings_than_the_limit_are_refused_with_their_number(device, rng):
-    o = find_rows(*plane_arrays(random_stars(rng, 10), device), spacing=0.002, angle=0.0)
-    assert_limited(lambda limit: find_crossings(o, limit).x.shape[0])

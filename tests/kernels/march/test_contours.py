@@ -147,22 +147,6 @@ def is_rim(edge, cells):
     return (j in (0, cells[1])) if axis == 0 else (i in (0, cells[0]))
 
 
-@pytest.mark.exhaustive
-def test_a_palm_all_inside_or_outside(device):
-    pose = random_poses(5, spread=0.001)
-    large = shape_field(ball_value, CENTER, (0.2, 0, 0))
-    for field, count in ((large, 1), (shape_field(ball_value, [1, 1, 1], (0.2, 0, 0)), 0)):
-        bounds = np.array([[-2, -2, -2], [2, 2, 2.0]])
-        assert marched(field, pose, device, closes=False, bounds=bounds).polyline_count == 0
-        batch = marched(field, pose, device, bounds=bounds)
-        np.testing.assert_array_equal(np.diff(batch.pose_start), count)
-        if count:
-            np.testing.assert_allclose(
-                batch.points.reshape(5, 5, 3)[:, :4], Palm().corners(pose).reshape(5, 4, 3), atol=1e-7
-            )
-            assert (batch.kind == 1).all()
-
-
 def test_no_poses_give_no_contours(device):
     batch = marched(shape_field(ball_value, CENTER, (0.03, 0, 0)), np.zeros((0, 7)), device)
     assert batch.pose_start.tolist() == [0]

@@ -20,9 +20,7 @@ from march_cases import (
 from palpate.kernels.fields.bricked_grid import bricked_field, pad_outside
 from palpate.kernels.fields.field import Field
 from palpate.kernels.patch import EXACT
-from palpate.render import ImplicitObject
 from palpate.render.contour_batch import object_part
-from palpate.render.objects.functions.expression import sphere
 
 wp.set_module_options(EXACT)
 
@@ -150,29 +148,6 @@ def test_a_wedge_that_leaves_the_palm_is_cut_at_its_side(angle, device):
         )
         assert one == two
     assert left > 15
-
-
-@pytest.mark.exhaustive
-def test_horns_of_a_sphere_less_a_sphere_are_those_of_two_circles(device, rng):
-    """Circles of radii a and b, their middles d apart, meet at x = (d^2 + a^2 - b^2) / 2 d, y = +-sqrt(a^2 - x^2)."""
-    for _ in range(30):
-        a, b, turn = rng.uniform(0.02, 0.03), rng.uniform(0.015, 0.04), rng.uniform(0, 2 * np.pi)
-        d = rng.uniform(abs(a - b) + 0.006, min(a + b - 0.004, abs(a - b) + 0.02))
-        middle = in_array(d * ray(turn))
-        field = ImplicitObject(sphere(a) - sphere(b).moved(*map(float, middle)), hand=True).field_on(device)
-        batch = marched(field, [FLAT], device, step=STEP)
-        assert_sound(batch)
-        x = (d**2 + a**2 - b**2) / (2 * d)
-        y = np.sqrt(a**2 - x**2)
-        points = in_plane(batch.points)
-        angle = np.degrees(np.arccos(np.clip((a**2 + b**2 - d**2) / (2 * a * b), -1, 1)))
-        for side in (1, -1):
-            horn = x * ray(turn) + side * y * ray(turn + np.pi / 2)
-            if angle >= 20:
-                assert np.linalg.norm(points - horn, axis=1).min() < 0.25 * STEP
-        off = np.abs(np.linalg.norm(points, axis=1) - a), np.abs(np.linalg.norm(points - d * ray(turn), axis=1) - b)
-        assert np.minimum(*off).max() < 1e-7
-        assert all(shapely.LinearRing(ring).is_simple for ring in rings_of(batch))
 
 
 @pytest.mark.exhaustive

@@ -7,7 +7,7 @@ import pytest
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from palpate.kernels.section.edge_pairing import OPEN, twins_of
+from palpate.kernels.section.half_edges import OPEN, twins_of
 
 # Directions across an edge, by growing angle: integers, so that equal directions are equal whatever the radius
 ROUND = np.array(

@@ -9,9 +9,9 @@ from mesh_cases import CLOSED, MESHES
 from scipy.spatial.transform import Rotation
 
 from palpate.kernels.section import half_edges
-from palpate.kernels.section.edge_pairing import OPEN
-from palpate.kernels.section.float32_scan import room_for_scans
-from palpate.kernels.section.scan_search import _scan_sections
+from palpate.kernels.section.float32_walk import room_for_scans
+from palpate.kernels.section.half_edges import OPEN
+from palpate.kernels.section.scan import _scan_sections
 
 
 def scan(surface, poses, device):
@@ -62,5 +62,5 @@ def test_queries_whose_crossings_share_bits_keep_their_contours(name, device, mo
     monkeypatch.setattr(half_edges, "SCAN_WORDS", 1)
     surface, poses, patch = surface_on(MESHES[name](), device), exact_poses(200, 4), patch_array(HALF, device)
     for strategy in STRATEGIES:
-        traced, sought = (draw(surface, poses, patch, strategy, method) for method in ("trace", "seek"))
+        traced, sought = (draw(surface, poses, patch, strategy, method) for method in ("scan", "tree"))
         assert_same_bits(traced, sought)

@@ -7,7 +7,7 @@ from drawing import STRATEGIES, assert_same_bits, draw, exact_poses, patch_array
 from mesh_cases import MESHES
 from scipy.spatial.transform import Rotation
 
-from palpate.kernels.section import scan_search
+from palpate.kernels.section import scan
 
 SOLIDS = ("cube", "tube", "dog", "comb", "bodies")
 
@@ -79,20 +79,20 @@ def test_what_float32_decides_is_what_float64_decides(name, poses_of, count, dev
     surface, patch = surface_on(mesh, device), patch_array(HALF, device)
     poses = poses_of(mesh, count, 7)
     for strategy in STRATEGIES:
-        traced, sought = (draw(surface, poses, patch, strategy, method) for method in ("trace", "seek"))
+        traced, sought = (draw(surface, poses, patch, strategy, method) for method in ("scan", "tree"))
         assert_same_bits(traced, sought)
         assert len(traced.points) > count
 
 
 def test_few_queries_are_walked_in_float64(device, monkeypatch):
     """At any poses float32 nearly always suffices, so that a GPU's lanes walk alike."""
-    own, kept = scan_search.room_for_scans, []
+    own, kept = scan.room_for_scans, []
 
     def room_for_scans(surface, query_count, counters, device):
         kept.append(counters)
         return own(surface, query_count, counters, device)
 
-    monkeypatch.setattr(scan_search, "room_for_scans", room_for_scans)
+    monkeypatch.setattr(scan, "room_for_scans", room_for_scans)
     for name in SOLIDS:
-        draw(surface_on(MESHES[name](), device), exact_poses(200, 3), patch_array(HALF, device), "cc", "trace")
+        draw(surface_on(MESHES[name](), device), exact_poses(200, 3), patch_array(HALF, device), "cc", "scan")
         assert kept[-1].numpy()[2] < 20, name

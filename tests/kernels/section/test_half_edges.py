@@ -10,8 +10,7 @@ from mesh_cases import BODIES, CLOSED, GENUS, MESHES, generic_poses, soup
 from section_oracle import in_palm, section_steps, walk
 
 from palpate.kernels.section import half_edges as surface_module
-from palpate.kernels.section.edge_pairing import OPEN, twins_of
-from palpate.kernels.section.half_edges import LEAF, HalfEdges, boxes_of, spatial_order, upload_surface
+from palpate.kernels.section.half_edges import LEAF, OPEN, HalfEdges, boxes_of, spatial_order, twins_of, upload_surface
 
 every_mesh = pytest.mark.parametrize("name", MESHES)
 triangles = st.lists(st.permutations(range(6)).map(lambda p: p[:3]), min_size=1, max_size=14)

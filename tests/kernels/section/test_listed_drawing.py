@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 import warp as wp
 from degenerate_cases import degenerate_poses
-from drawing import STRATEGIES, assert_same_bits, draw, patch_array, pose_array, surface_on
+from drawing import STRATEGIES, assert_same_bits, draw, join, patch_array, surface_on
 from mesh_cases import CLOSED, MESHES, generic_poses
 
-from palpate.kernels.pieces import finding
-from palpate.kernels.pieces.finding import find_pieces
-from palpate.kernels.section import step_lists
-from palpate.kernels.section.clip_events import room_for_events
-from palpate.kernels.section.joining import WALKED, join_pieces
+from palpate.kernels.section import pieces, search
+from palpate.kernels.section.clip import room_for_events
+from palpate.kernels.section.join import WALKED
 from palpate.kernels.section.pieces import SLOTS
 from palpate.kernels.warps import threads_for
 from palpate.render.bench.cases import random_poses
@@ -23,20 +21,17 @@ SEVERAL = [[0.04, 0.03], [0.3, 0.3], [0.004, 0.003], [0.05, 0.01]]
 @pytest.fixture(autouse=True)
 def listing(monkeypatch):
     """Steps are listed on a CPU, too."""
-    monkeypatch.setattr(finding, "lists_steps", lambda device: True)
+    monkeypatch.setattr(search, "lists_steps", lambda device: True)
 
 
 def assert_same(surface, poses, patch, strategy):
-    sought, traced = (draw(surface, poses, patch, strategy, method) for method in ("seek", "trace"))
+    sought, traced = (draw(surface, poses, patch, strategy, method) for method in ("tree", "scan"))
     assert_same_bits(sought, traced)
 
 
 def joined_block(surface, poses, patch, strategy):
     """ContourPieces with lists, and the entries of their queries."""
-    bounded, closes = STRATEGIES[strategy]
-    pose = pose_array(poses, surface.corner.device)
-    found = find_pieces(surface, pose, patch, bounded=bounded, closes=closes, method="trace")
-    return join_pieces(surface, found, pose, patch, closes=closes).blocks[0]
+    return join(surface, poses, patch, strategy, "scan").blocks[0]
 
 
 def walked_share(surface, poses, patch, strategy):
@@ -61,8 +56,8 @@ def test_queries_with_steps_of_zero_length_at_sides_are_walked(device):
 
 def test_queries_with_more_steps_than_their_list_has_room_for_are_walked(device, monkeypatch):
     for words in (1, 3, 7):
-        monkeypatch.setattr(step_lists, "BOUNDED", (1000.0, words))
-        monkeypatch.setattr(step_lists, "UNBOUNDED", (1000.0, words))
+        monkeypatch.setattr(pieces, "BOUNDED", (1000.0, words))
+        monkeypatch.setattr(pieces, "UNBOUNDED", (1000.0, words))
         for name in ("tube", "shell", "torn dog"):
             surface, patch = surface_on(MESHES[name](), device), patch_array(SEVERAL, device)
             for strategy in STRATEGIES if name in CLOSED else ("raw", "oc"):
@@ -82,8 +77,8 @@ def test_sections_with_many_pieces_are_walked(device):
     surface, patch = surface_on(MESHES["comb"](), device), patch_array([0.0425, 0.0425], device)
     for strategy in STRATEGIES:
         assert_same(surface, generic_poses(200, 8), patch, strategy)
-    pieces, entries = joined_block(surface, generic_poses(200, 8), patch, "cc")
-    many = pieces.count.numpy() > SLOTS
+    found, entries = joined_block(surface, generic_poses(200, 8), patch, "cc")
+    many = found.count.numpy() > SLOTS
     assert many.any()
     assert (entries.count.numpy()[many] == 0).all()
 
@@ -94,20 +89,6 @@ def test_threads_are_whole_blocks_on_a_gpu():
 
     assert [threads_for(Gpu, count) for count in (0, 1, 64, 65)] == [0, 64, 64, 128]
     assert threads_for(wp.get_device("cpu"), 65) == 65
-
-
-def test_pieces_that_were_taken_are_missed(device):
-    """What `find_pieces` returns can be used once; joining what is left of it is refused, or the same again."""
-    surface = surface_on(MESHES["sphere"](), device)
-    pose, patch = pose_array(generic_poses(5, 1), device), patch_array(HALF, device)
-    for method in ("trace", "seek", "flat"):
-        found = find_pieces(surface, pose, patch, bounded=True, closes=True, method=method)
-        joined = join_pieces(surface, found, pose, patch, closes=True)
-        if isinstance(found, list):
-            assert join_pieces(surface, found, pose, patch, closes=True).point_count == joined.point_count
-        else:
-            with pytest.raises(ValueError, match="can be taken once"):
-                join_pieces(surface, found, pose, patch, closes=True)
 
 
 def test_more_events_than_32_bits_count_are_refused(device):

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import warp as wp
 from mesh_cases import CLOSED, MIDDLE, generic_poses
-from skin_cases import drawn, grid_skin, lines_of, oracle_lines, placed_by, solid_on, summary_of
+from skin_cases import drawn, grid_skin, lines_of, oracle_lines, placed_by, summary_of
 from stage_cases import assert_limited
 
-from palpate.kernels.section.edge_pairing import OPEN, twins_of
+from palpate.kernels.section.half_edges import OPEN, twins_of
 from palpate.kernels.skin.curves import list_curves
 from palpate.kernels.skin.edges import SkinEdges, upload_skin
 from palpate.kernels.skin.refine import refine_faces
@@ -83,24 +83,6 @@ def segments(points, kinds):
     return {
         (*map(float, a), *map(float, b)) for a, b, kind in zip(points, points[1:], kinds, strict=False) if kind == 0
     }
-
-
-def test_closed_lines_repeat_their_first_point_and_nothing_has_no_length(device):
-    hand = pierced()
-    poses = np.concatenate([generic_poses(40, 5), [[*MIDDLE[:2], z, 0.5, 0.5, 0.5, 0.5] for z in (0.21, 0.23)]])
-    for solid in ("cube", "tube", "bodies"):
-        for closes in (False, True):
-            batch = drawn(hand, solid, poses, device, closes=closes)
-            assert batch.polyline_start[-1] == batch.point_count
-            assert batch.pose_start[-1] == batch.polyline_count
-            for k in range(len(poses)):
-                for points, kinds, closed in lines_of(batch, k):
-                    assert len(points) >= 2
-                    assert (np.linalg.norm(np.diff(points, axis=0), axis=1) > 0).all()
-                    assert not closed or (points[0] == points[-1]).all()
-                    assert set(kinds) <= {0, 1}
-            last = batch.polyline_start[1:] - 1
-            np.testing.assert_array_equal(batch.kind[last], batch.kind[last - 1])
 
 
 def test_skin_within_the_solid_gives_its_rims_and_skin_without_nothing(device):
@@ -196,13 +178,6 @@ def test_vertices_on_the_surface_make_no_spikes(device):
     assert (np.linalg.norm(np.diff(points, axis=0), axis=1) > 0).all()
 
 
-def test_no_pose_and_an_empty_solid(device):
-    hand = arched()
-    batch = drawn(hand, "tube", np.zeros((0, 7)), device, closes=True)
-    assert batch.pose_start.tolist() == [0]
-    assert batch.point_count == 0
-
-
 @pytest.mark.parametrize("step", [0.02, 0.0071, 0.003])
 def test_refined_triangles_are_short_close_up_and_cover_the_same_skin(step):
     hand = pierced()
@@ -226,24 +201,3 @@ def rim_length(corner, faces):
     """Length of all edges with one triangle [m]."""
     sides = np.linalg.norm(np.roll(corner, -1, axis=1) - corner, axis=2)
     return sides.ravel()[twins_of(faces) == OPEN].sum()
-
-
-def test_triangles_that_are_short_enough_stay_as_they_are():
-    hand = arched()
-    coarse, same = SkinEdges(hand.vertices, hand.faces), SkinEdges(hand.vertices, hand.faces, step=0.05)
-    assert len(same.source) == 0
-    np.testing.assert_array_equal(coarse.faces, same.faces)
-
-
-@pytest.mark.exhaustive
-def test_a_field_without_balls_and_without_bounds_gives_the_same(device):
-    from palpate.kernels.skin.curves import skin_contours
-
-    hand, poses = pierced(), generic_poses(15, 9)
-    field, bounds = solid_on("tube", device)
-    pose = wp.array(poses[:, None], dtype=wp.transform, device=device)
-    both = [
-        skin_contours(f, pose, hand.skin_on(device), hand.vertices_on(device), closes=True, bounds=b)
-        for f, b in ((field, bounds), (field._replace(ball=None), None))
-    ]
-    np.testing.assert_array_equal(both[0].points.numpy(), both[1].points.numpy())

@@ -71,11 +71,3 @@ def test_above_and_below_vertices_and_edges_nothing_leaks(device):
     distance, within = measured(np.asarray(box.vertices, np.float32), np.asarray(box.faces), points, device)
     np.testing.assert_array_equal(within, (np.abs(points) < 0.25).all(axis=1))
     np.testing.assert_allclose(distance[within], (0.25 - np.abs(points[within])).min(axis=1), atol=1e-7)
-
-
-def test_what_is_farther_than_the_most_is_as_far_as_it(device):
-    vertices, faces = shells()
-    points = np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 0.04], [0.0, 0.0, 0.0]], np.float32)
-    distance, _ = measured(vertices, faces, points, device, most=0.015)
-    assert distance[0] == np.float32(0.015)
-    assert distance[1] == pytest.approx(0.01, abs=1e-3)

@@ -8,10 +8,9 @@ from hypothesis import strategies as st
 
 from palpate.kernels.fields.expression_tree import tree_field
 from palpate.render.errors import MeshError
-from palpate.render.objects.functions.expression import box, sphere, torus, union
+from palpate.render.objects.functions.expression import box, sphere, torus
 from palpate.render.objects.functions.expression_compiler import compile_expression, expression_bounds
 from palpate.render.objects.isosurface import MARGIN, isosurface
-from palpate.render.objects.mesh.repair import repair_mesh
 
 
 def volume(vertices, faces):
@@ -46,15 +45,6 @@ def test_meshes_are_closed_and_on_the_surface(e, step):
     assert len(np.unique(vertices, axis=0)) == len(vertices) == len(np.unique(faces))
     assert volume(vertices, faces) > 0
     assert np.abs(value(e, vertices.astype(np.float64))).max() <= MARGIN * step + 1e-7
-
-
-@pytest.mark.exhaustive
-def test_cells_cut_in_every_way_still_close(rng):
-    """Spheres as small as a cell: ambiguous faces all over."""
-    e = union(*[sphere(0.011).moved(*at) for at in rng.uniform(-0.1, 0.1, (300, 3))])
-    vertices, faces = meshed(e, 0.01)
-    assert_closed(faces)
-    assert repair_mesh(vertices.astype(np.float64), faces).report.open_edges == 0
 
 
 @pytest.mark.exhaustive
@@ -109,12 +99,3 @@ def test_what_leaves_the_bounds_is_closed_beyond_them():
 def test_bad_input_is_named(bounds, step, message):
     with pytest.raises(MeshError, match=message):
         meshed(sphere(0.04).moved(0.05, 0.05, 0.05), step, bounds=bounds)
-
-
-def test_the_step_that_an_error_offers_fits():
-    bounds = np.array([[-0.1] * 3, [0.1] * 3])
-    field = tree_field(compile_expression(sphere(0.1)), "cpu")
-    with pytest.raises(MeshError) as caught:
-        isosurface(field, bounds, 0.004, limit=20_000)
-    step = float(str(caught.value).split("a step of about ")[1].split(" m")[0])
-    isosurface(field, bounds, step * 1.05, limit=20_000)

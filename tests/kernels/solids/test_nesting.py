@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from depth_oracle import windings
-from mesh_cases import CLOSED, built_in, flipped, merged
+from mesh_cases import CLOSED
 
 from palpate.kernels.solids import nesting as nesting_module
 from palpate.kernels.solids.nesting import wind_bodies
@@ -83,20 +83,6 @@ def test_points_under_vertices_and_edges_are_inside_what_their_inequalities_say(
     assert len(np.unique(want.sum(axis=1))) > 4
 
 
-def test_points_on_other_bodies_are_inside_what_their_inequalities_say(device):
-    """Vertices of a body asked about the others, where these have none of them on their surface."""
-    rng = np.random.default_rng(7)
-    balls = random_balls(rng, 30)
-    vertices, faces, body = as_bodies([ball.mesh() for ball in balls])
-    depth = np.stack([ball.depth(vertices) for ball in balls], axis=1)
-    want = (depth > 0) * np.array([ball.sign for ball in balls])
-    for k in range(len(balls)):
-        own = body == k
-        off = depth[:, k] != 0
-        got = wound(vertices, faces[own], np.zeros(own.sum(), int), vertices[off], device)
-        assert (got[:, 0] == want[off, k]).all()
-
-
 @pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", [name for name in CLOSED if name not in ("egg box", "comb")])
 def test_winding_numbers_are_solid_angles(name, device):
@@ -114,15 +100,6 @@ def test_winding_numbers_are_solid_angles(name, device):
     got = wound(vertices, faces, np.zeros(len(faces), int), points, device)
     assert (got[:, 0] == np.round(angle)).all()
     assert len(np.unique(got)) == 2
-
-
-def test_several_in_one_place_count_each(device):
-    tube = built_in("tube")
-    vertices, faces = merged(*([tube] * 3), flipped(tube), *([tube] * 2))
-    body = np.repeat(np.arange(6), len(tube[1]))
-    points = np.array([[0.05, 0.003, 0.2], [0.0, 0.0, 0.2]])
-    got = wound(vertices.astype(float), faces, body, points, device)
-    assert got.tolist() == [[1, 1, 1, -1, 1, 1], [0] * 6]
 
 
 def test_how_many_are_looked_at_in_one_go_is_nothing(device, monkeypatch):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 from depth_oracle import windings
-from mesh_cases import CLOSED, MIDDLE, OPEN_OR_ODD, bodies, bowl, built_in, flipped, merged, moved, torn, triangle
+from mesh_cases import CLOSED, MIDDLE, OPEN_OR_ODD, bowl, built_in, flipped, merged, moved, triangle
 from scipy.ndimage import label
 
 from palpate.kernels.solids.voxelise import GridNodes, cross_columns, measure_distances, wind_nodes
@@ -152,13 +152,6 @@ def test_distance_and_occupancy_are_the_mesh_in_numpy(device):
     np.testing.assert_allclose(voxels.values.ravel(), np.where(inside, -far, far), atol=2e-7)
 
 
-def test_a_closed_mesh_gives_the_same_by_winding_number(device):
-    thing = MeshObject(*bodies())
-    one, two = (voxelise(thing, spacing=0.003, sign=sign, device=device) for sign in ("crossings", "winding"))
-    np.testing.assert_array_equal(one.values, two.values)
-    assert two.source["hole_points"] == 0
-
-
 @pytest.mark.exhaustive
 def test_an_open_bowl_is_closed_over_its_rim_without_leaks(device):
     thing = MeshObject(*bowl(), name="bowl")
@@ -175,15 +168,6 @@ def test_an_open_bowl_is_closed_over_its_rim_without_leaks(device):
     assert voxels.source["hole_points"] > 100
     for axis in range(3):  # a distance everywhere, across what closes the mouth too
         assert np.abs(np.diff(voxels.values, axis=axis)).max() <= 0.004 * (1 + 1e-4)
-
-
-def test_a_torn_mesh_is_the_whole_one_but_near_its_holes(device):
-    thing, whole = MeshObject(*torn()), MeshObject(*built_in("dog"))
-    one, two = (voxelise(x, spacing=0.003, margin=0.01, device=device) for x in (thing, whole))
-    assert one.values.shape == two.values.shape
-    differ = (one.values < 0) != (two.values < 0)
-    assert differ.mean() < 0.01
-    assert np.abs(two.values[differ]).max() < 0.006
 
 
 def test_bodies_of_an_open_mesh_that_face_inwards_are_turned_and_counted(device):
@@ -212,13 +196,6 @@ def test_bodies_that_overlap_in_an_open_mesh_leave_no_voids_where_nodes_lie_on_t
     whole = trimesh.Trimesh(*voxels.outline_mesh(), process=False)
     assert whole.body_count == 1
     assert whole.volume == pytest.approx((1 / 16) ** 2 * 3 / 32, rel=0.02 if kind == "distance" else 0.2)
-
-
-def test_on_a_closed_surface_the_winding_number_is_a_half(device):
-    vertices, faces = built_in("cube")
-    low, high = vertices.min(axis=0).astype(float), vertices.max(axis=0).astype(float)
-    nodes = GridNodes(np.array([*(low[:2] + 0.3 * (high - low)[:2]), low[2]]), np.array([1e-3, 1e-3, 1.0]), (5, 5, 1))
-    np.testing.assert_allclose(wind_nodes(vertices.astype(float), faces, nodes, device), 0.5, atol=1e-6)
 
 
 def test_parity_serves_a_closed_surface_whose_sides_do_not_agree(device):
@@ -292,19 +269,3 @@ def test_a_file_of_voxels_is_made_of_a_mesh_file(tmp_path, device):
     assert said["inside"] == voxels.inside_count
     np.testing.assert_allclose(voxels.bounds.mean(axis=0), [0, 0, 0.3], atol=1e-6)
     np.testing.assert_allclose(np.ptp(voxels.bounds, axis=0), 0.13, atol=2e-3)
-
-
-@pytest.mark.exhaustive
-@pytest.mark.filterwarnings("ignore::palpate.render.errors.PalpateWarning")
-def test_real_meshes_with_holes_do_not_leak(outside_data, rng, device):
-    place = Placement(fit=0.13, at=(0, 0, 0.2))
-    for name in ("meshes/dog_skull_1200.stl", "hands/left.glb"):
-        whole = MeshObject.load(outside_data / name, placement=place)
-        torn_one = MeshObject(whole.vertices, whole.faces[rng.random(len(whole.faces)) > 0.05], name=name)
-        assert torn_one.report.open_edges > 100
-        one, two = (voxelise(x, spacing=0.002, margin=0.006, device=device) for x in (whole, torn_one))
-        sizes = np.sort(np.bincount(label(two.values < 0)[0].ravel())[1:])
-        assert sizes[-1] > 0.99 * sizes.sum()
-        assert two.inside_count == pytest.approx(one.inside_count, rel=0.03)
-        assert (two.bounds[0] >= torn_one.bounds[0] - 0.002).all()
-        assert (two.bounds[1] <= torn_one.bounds[1] + 0.002).all()

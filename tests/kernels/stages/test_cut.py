@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 import warp as wp
-from contour_random import kinds_agree, random_batch
+from contour_random import random_batch
 
-from palpate.kernels.stages.cut import cut_contours, divide_segments, measure_removed
+from palpate.kernels.stages.cut import cut_contours, divide_segments
 from palpate.render import ContourBatch
 from palpate.render.errors import StrategyError
 from palpate.render.stages.prune import cut_batch
-from palpate.render.stages.user_output_check import checked_batch
 
 
 def runs_of(kept, closed):
@@ -107,69 +106,6 @@ def test_parts_of_segments_are_cut_as_the_slow_way_does(device, rng):
     assert removed.sum() > 0.1
 
 
-def test_parts_cover_every_segment_and_are_short_enough(device, rng):
-    batch = random_batch(rng, 10)
-    parts = divide_segments(batch.to(device).struct, 0.003)
-    start, segment, share = parts.start.numpy(), parts.segment.numpy(), parts.share.numpy()
-    ends = batch.polyline_start[1:] - 1
-    assert (np.diff(start)[ends] == 0).all()
-    inner = np.setdiff1d(np.arange(batch.point_count), ends)
-    assert (np.diff(start)[inner] >= 1).all()
-    np.testing.assert_array_equal(share[start[inner]], 0.0)
-    np.testing.assert_array_equal(segment, np.repeat(np.arange(batch.point_count), np.diff(start)))
-    length = np.linalg.norm(np.diff(batch.points.astype(np.float64), axis=0), axis=1)
-    assert (length[inner] / np.diff(start)[inner]).max() <= 0.003 * (1 + 1e-12)
-
-
-def test_nothing_removed_gives_the_same_bits_however_segments_are_divided(device, rng):
-    batch = random_batch(rng, 30)
-    on = batch.to(device)
-    parts = divide_segments(on.struct, 0.002)
-    keep = wp.full(parts.segment.shape[0], 1, dtype=wp.uint8, device=device)
-    cut, removed = cut_batch(on, keep, parts=parts)
-    assert_same(cut, batch)
-    assert not removed.any()
-
-
-def test_a_closed_contour_cut_open_goes_on_across_its_seam():
-    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0]], np.float32)
-    batch = ContourBatch(
-        points=square,
-        kind=np.array([0, 1, 0, 1, 1], np.uint8),
-        polyline_start=np.array([0, 5]),
-        polyline_patch=np.array([3], np.int32),
-        polyline_closed=np.array([1], np.uint8),
-        pose_start=np.array([0, 0, 1, 1]),
-    )
-    cut, removed = cut_batch(batch, [1, 0, 1, 1, 0])
-    np.testing.assert_array_equal(cut.points, square[[2, 3, 0, 1]])
-    np.testing.assert_array_equal(cut.kind, [0, 1, 0, 0])
-    np.testing.assert_array_equal(cut.pose_start, [0, 0, 1, 1])
-    assert cut.polyline_closed.tolist() == [0]
-    assert cut.polyline_patch.tolist() == [3]
-    assert removed.tolist() == [0, 1, 0]
-
-
-def test_an_empty_batch_stays_empty(device):
-    empty = random_batch(np.random.default_rng(0), 4, line_most=0)
-    cut, removed = cut_batch(empty.to(device), wp.empty(0, dtype=wp.uint8, device=device))
-    assert_same(cut, empty)
-    assert removed.tolist() == [0, 0, 0, 0]
-
-
-def test_what_is_left_is_a_valid_batch_of_the_same_kinds_and_directions(rng):
-    batch = random_batch(rng, 60)
-    keep = rng.uniform(size=batch.point_count) < 0.6
-    cut, removed = cut_batch(batch, keep)
-    assert_same(checked_batch(cut, "cut", pose_count=60, patch_count=3), cut)
-    kinds_agree(cut, batch)
-    by_kind = batch.lengths() - cut.lengths()
-    np.testing.assert_allclose(by_kind.sum(axis=1), removed, atol=2e-6)
-    again, more = cut_batch(cut, np.ones(cut.point_count))
-    assert_same(again, cut)
-    assert not more.any()
-
-
 def test_pauses_stay_at_the_points_they_were_at(rng):
     batch = random_batch(rng, 10)
     dwell = rng.uniform(size=batch.point_count).astype(np.float32)
@@ -190,18 +126,3 @@ def test_a_keep_of_another_length_is_refused(rng):
     batch = random_batch(rng, 3)
     with pytest.raises(StrategyError, match=rf"shape \[{batch.point_count}\]"):
         cut_batch(batch, np.ones(batch.point_count + 1))
-
-
-def test_the_removed_length_does_not_count_what_follows_a_polyline(device):
-    points = np.array([[0, 0, 0], [1, 0, 0], [9, 9, 9], [9, 9, 8]], np.float32)
-    batch = ContourBatch(
-        points=points,
-        kind=np.zeros(4, np.uint8),
-        polyline_start=np.array([0, 2, 4]),
-        polyline_patch=np.zeros(2, np.int32),
-        polyline_closed=np.zeros(2, np.uint8),
-        pose_start=np.array([0, 2]),
-    ).to(device)
-    parts = divide_segments(batch.struct)
-    removed = measure_removed(batch.struct, parts, wp.zeros(2, dtype=wp.uint8, device=device))
-    assert removed.numpy().tolist() == [2.0]

@@ -10,7 +10,6 @@ from ovals_oracle import oval_batch
 from stage_cases import assert_limited
 from transform_cases import (
     a_setting,
-    assert_equal,
     assert_valid,
     batch_of_loops,
     near_poses,
@@ -88,19 +87,6 @@ def test_an_oblong_begins_at_the_end_of_its_longer_axis_with_u_above_0(device, r
         assert shapely.Polygon(oval).exterior.is_ccw
 
 
-def test_lines_that_are_straight_or_nearly_get_a_circle_around_them(device, rng):
-    setting = a_setting(random_poses(rng, 1), device=device)
-    x = np.linspace(-0.03, 0.03, 21)
-    straight = np.stack([x, 0 * x], axis=1)
-    slight = np.stack([x, 0.5 * x**2], axis=1)  # of a circle of 1 m
-    for line in (straight, slight, 10 * straight):
-        (oval,) = ovals_of_loops("circle", [line], setting, closed=False)
-        deviation = np.sqrt((line[:, 0] ** 2).mean() * 20 / 22)  # of a uniform line, by the trapezium rule's weights
-        assert np.linalg.norm(oval - oval[:-1].mean(axis=0), axis=1).mean() == pytest.approx(
-            min(math.sqrt(2) * deviation, 0.1), rel=2e-2
-        )
-
-
 def test_lines_of_no_length_have_no_oval(device, rng):
     setting = a_setting(random_poses(rng, 1), device=device)
     dot = np.full((3, 2), 0.01)
@@ -109,19 +95,6 @@ def test_lines_of_no_length_have_no_oval(device, rng):
         out = run_stage(name, batch_of_loops([[dot, arc]], setting.frames, closed=False), setting, per="region")
         assert out.polyline_count == 1
         assert run_stage(name, batch_of_loops([[dot]], setting.frames), setting).polyline_count == 0
-
-
-def test_an_oval_does_not_depend_on_the_batch_its_pose_is_in(device, rng):
-    setting = a_setting(random_poses(rng, 30), device=device)
-    (_, _), (batch, _), *_ = region_batches(rng, device)
-    batch = batch.select(0, 30)
-    for name, options in CASES:
-        whole = run_stage(name, batch, setting, **options)
-        for first, stop in ((0, 7), (7, 8), (8, 8), (8, 30)):
-            part = run_stage(
-                name, batch.select(first, stop), a_setting(setting.pose[first:stop], device=device), **options
-            )
-            assert_equal(part, whole.select(first, stop))
 
 
 def test_more_points_than_the_limit_are_refused(device, rng):

@@ -89,12 +89,6 @@ def test_small_rings_and_bends_in_pieces_that_touch_lose_nothing(count, turned, 
             assert pruned(lines_at(*pieces, patches=patches), setting, "close-together")[1].tolist() == [0]
 
 
-def test_arms_that_nothing_joins_are_two_lines(device):
-    apart = [U[:2], U[1:3] - [0.001, 0, 0], U[2:]]
-    setting = a_setting(flat_frames([(0, 0, 0.2)]), device)
-    assert pruned(lines_at(*apart), setting, "close-together")[1][0] == pytest.approx(0.012, abs=1e-6)
-
-
 def test_where_three_lines_meet_the_two_that_go_straight_on_are_one(device):
     """A stem goes on through a fork; the branch beside it, at 20 degrees, is another line and shorter."""
     setting = a_setting(flat_frames([(0, 0, 0.2)]), device)

@@ -10,11 +10,11 @@ from contour_random import random_batch
 from regions_oracle import FlatLines as SlowLines
 from regions_oracle import Stroke, batch_of_strokes, holds
 from stage_cases import assert_limited
-from transform_cases import a_setting, assert_equal, batch_of_loops, random_poses, random_regions, region_batches, star
+from transform_cases import a_setting, assert_equal, batch_of_loops, random_poses, region_batches, star
 
 from palpate.kernels.stages.ovals import measure_strokes
 from palpate.kernels.stages.regions import FlatLines, Regions, find_filled, find_regions, lift_polylines
-from palpate.render import ContourBatch, Palm
+from palpate.render import ContourBatch
 from palpate.render.contour_batch import join_batches
 from palpate.render.hands.plane_hand import flat_hand
 
@@ -45,20 +45,6 @@ def test_local_points_areas_and_moments_have_the_bits_of_the_oracle(device, rng)
         np.testing.assert_array_equal(regions.area.numpy().reshape(-1, 6), flat.areas)
         stroke = measure_strokes(regions).numpy().reshape(-1, 7)
         np.testing.assert_array_equal(stroke, np.column_stack([flat.strokes, flat.heights]).reshape(-1, 7))
-
-
-def test_polylines_of_one_point_or_none_are_regions_without_area(device, rng):
-    batch, setting, _ = random_regions(rng, 3)
-    short = type(batch)(
-        points=batch.points[:1], kind=batch.kind[:1], polyline_start=np.array([0, 0, 1]),
-        polyline_patch=np.zeros(2, np.int32), polyline_closed=np.zeros(2, np.uint8), pose_start=np.array([0, 2]),
-    )  # fmt: skip
-    both = join_batches([batch, short])
-    pose = np.concatenate([setting.pose, setting.pose[:1]])
-    regions = found(both, a_setting(pose, hand=Palm(), device=device))
-    before = batch.polyline_count
-    assert groups_of(regions)[-2:] == [[before], [before + 1]]
-    assert (regions.area.numpy()[before:] == 0).all()
 
 
 def test_a_hole_goes_to_the_smallest_loop_around_it_and_to_the_earlier_of_equals(device, rng):
@@ -97,12 +83,6 @@ def test_regions_of_closed_polylines_with_an_area_are_filled(device, rng):
         np.testing.assert_array_equal(filled.numpy(), np.array(want, np.uint8))
         assert 0 < sum(want) < len(want) - 20
         assert open_count == np.count_nonzero(batch.polyline_closed == 0) > 0
-
-
-def test_a_batch_of_nothing_has_no_region_to_fill(device, rng):
-    batch, setting, _ = random_regions(rng, 3)
-    filled, open_count = find_filled(found(batch.select(0, 0), a_setting(setting.pose[:0], device=device)))
-    assert (filled.shape, open_count) == ((0,), 0)
 
 
 def random_strokes(rng, pose_count):

@@ -9,9 +9,7 @@ from tour_oracle import thinned
 
 from palpate.kernels.tours.contact import list_nodes
 from palpate.kernels.tours.nodes import inside_nodes, thin_nodes
-from palpate.kernels.tours.thinning import POINTS_MOST
 from palpate.render.bench.cases import random_poses
-from palpate.render.errors import StrategyError
 from palpate.render.hands.hand import Palm
 from palpate.render.hands.plane_hand import flat_hand
 from palpate.render.intersection import contact_tour as contact
@@ -90,31 +88,3 @@ def test_nodes_that_lie_a_separation_apart_by_their_steps_are_kept(device):
     skin = contact._Skin(MeshObject.load("sphere"), Palm(0.08, 0.08), device, 0.004)
     _, start = skin.thinned_inside(pose, 0, 0.008)
     assert start.numpy().tolist() == [0, 121]
-
-
-def test_what_a_pose_keeps_does_not_depend_on_others(device):
-    """Steps of 1 mm, 2 mm apart: many nodes lie exactly so far apart, and one pose of the batch keeps too many."""
-    cube, palm = MeshObject.load("cube"), Palm(0.1, 0.1)
-    few = [0.09, 0.03, 0.2, 0.0, 0.0, 0.3, 0.9539392]
-    many = [0.0, 0.0, 0.2, 0.2860388, 0.0953463, 0.0, 0.9534626]
-    skin = contact._Skin(cube, palm, device, 0.001)
-    alone = skin.thinned_inside(np.array([few], np.float32), 0, 0.002)[0].numpy()
-    assert 300 < len(alone) < POINTS_MOST
-    other = [0.02, 0.06, 0.2, 0.1, 0.0, 0.3, 0.9539392]
-    both, start = skin.thinned_inside(np.array([few, other, few], np.float32), 0, 0.002)
-    places = start.numpy()
-    assert places[2] > places[1]
-    for k in (0, 2):
-        np.testing.assert_array_equal(both.numpy()[places[k] : places[k + 1]], alone)
-    with pytest.raises(StrategyError, match=r"^contact: pose 8 keeps more than 2000 of its \d+ points") as caught:
-        skin.thinned_inside(np.array([few, many], np.float32), 7, 0.002)
-    wider = float(str(caught.value).split("; ")[1].split(" m ")[0])
-    assert skin.thinned_inside(np.array([few, many], np.float32), 7, wider)[0].shape[0] > 100
-
-
-def test_a_separation_beyond_any_hand_keeps_two_points(device):
-    skin = contact._Skin(MeshObject.load("sphere"), Palm(), device, 0.004)
-    pose = np.asarray(random_poses(1), np.float32)
-    pose[0, :3] = [0.0, 0.0, 0.2]
-    for separation in (1.0, 1e200):
-        assert skin.thinned_inside(pose, 0, separation)[1].numpy().tolist() == [0, 2]

@@ -8,13 +8,10 @@ from palpate.render import (
     FocalPoints,
     HandMotion,
     Palm,
-    PlaneHand,
     Resonance,
     StrategyError,
     drive_focus,
     exploration,
-    flat_hand,
-    focal_width,
     load_rig,
     pressure_at,
     pressure_metrics,
@@ -27,7 +24,7 @@ from palpate.render.acoustics.drawn_frames import cycle_of, drawn_pose, longest_
 from palpate.render.acoustics.field_metrics import sampling_for
 from palpate.render.acoustics.pressure import PressureSum, complex_drives
 from palpate.render.acoustics.radiation import mean_square
-from palpate.render.acoustics.sampled_places import sample_patches, sample_plane, sample_volume
+from palpate.render.acoustics.sampled_places import sample_plane
 from palpate.render.acoustics.skin_print import distance_to, points_along, print_on, unevenness
 from palpate.render.acoustics.transducers import TransducerSet
 
@@ -90,22 +87,6 @@ def test_a_print_has_the_radiation_pressure_of_its_field():
     assert printed.radiation[0].ravel() == pytest.approx(radiation_pressure(pressure), rel=1e-3)
 
 
-def test_a_print_is_the_same_on_one_plane_and_on_its_halves():
-    transducers = TransducerSet("emulator")
-    drive = complex_drives(
-        drive_focus(FocalPoints(np.float32([[0.01, 0, 0.2]]), np.ones(1, np.float32)), "emulator"), transducers
-    )
-    whole = sample_plane(np.array([0, 0, 0.2]), X, Y, (0.08, 0.08), 1e-3)
-    halves = [sample_plane(np.array([x, 0, 0.2]), X, Y, (0.04, 0.08), 1e-3) for x in (-0.02, 0.02)]
-    one, two = (print_on(planes, PressureSum(transducers), drive, pressure_at_1m=3.4) for planes in ([whole], halves))
-    assert one.force == pytest.approx(two.force, rel=1e-5)
-    assert one.pressure_peak == pytest.approx(two.pressure_peak, rel=1e-5)
-    spot = [np.array([[0.01, 0, 0.2], [0.0101, 0, 0.2]])]
-    assert 0.5 < one.share_within(spot, focal_width().width) < 0.99
-    assert one.share_within(spot, 1.0) == pytest.approx(1.0)
-    assert one.share_within([], 0.01) is None
-
-
 def test_points_along_lines_stand_for_equal_lengths_and_distances_are_to_the_nearest():
     along = points_along([SQUARE], 1e-3)
     assert along.shape == (70, 3)
@@ -115,22 +96,6 @@ def test_points_along_lines_stand_for_equal_lengths_and_distances_are_to_the_nea
     assert np.isinf(distance_to([], SQUARE, 1e-3)).all()
     assert unevenness(np.array([1.0, 3.0])) == 0.5
     assert unevenness(np.zeros(0)) is None
-
-
-def test_grids_cover_patches_planes_and_volumes():
-    plane = sample_plane(np.array([0, 0, 0.2]), X, Y, (0.02, 0.01), 1e-3)
-    assert (plane.shape, plane.points.shape) == ((10, 20), (200, 3))
-    assert plane.cell_area == pytest.approx(1e-6)
-    assert plane.locate(plane.points)[21].tolist() == pytest.approx([-0.0085, -0.0035])
-    hand = flat_hand()
-    frames = hand.frames(static_pose([0, 0, 0.2]).pose)
-    assert isinstance(hand, PlaneHand)
-    assert sum(np.prod(p.shape) * p.cell_area for p in sample_patches(frames, 2e-3)) == pytest.approx(
-        4 * frames.half.prod(axis=1).sum()
-    )
-    assert [len(c) for c in sample_volume((0, 0, 0.2), 0.03, 1e-2)] == [3, 3, 3]
-    with pytest.raises(StrategyError, match="20000000 at most"):
-        sample_volume((0, 0, 0.2), 1.0, 1e-3)
 
 
 def test_poses_are_found_by_time_and_drawn_for_a_cycle_a_pose_or_an_instant(moving, still):
@@ -180,14 +145,6 @@ def test_metrics_are_of_a_seeded_sample_of_poses_with_contours(tmp_path):
     assert found == again
     assert found.force != other.force
     assert found.poses == 1
-
-
-def test_metrics_of_poses_without_contours_are_none_and_no_pose_is_refused(tmp_path):
-    far = render("cube", Palm(), static_pose([0.3, 0, 0.2]), "oc").save(tmp_path / "empty.h5")
-    none = pressure_metrics(far)
-    assert (none.poses, none.force, none.focus_pressure) == (0, None, None)
-    with pytest.raises(StrategyError, match="poses must"):
-        pressure_metrics(far, poses=0)
 
 
 def test_several_focal_points_have_less_pressure_each(still):

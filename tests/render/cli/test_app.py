@@ -15,10 +15,11 @@ import pytest
 import trimesh
 from command_line import FAILED, MISUSED, PALPATE, answer, refused, run
 from contour_cases import redigest
+from injected_faults import Fault, FaultKind, inject
 
 from palpate.datasets import ContourFile, HandMotion, check_file, static_pose
 from palpate.datasets.contour_file.blocks import block_files, work_folder
-from palpate.device import EmulatorBackend, Fault, FaultKind, open_link
+from palpate.device import EmulatorBackend, open_link
 from palpate.device.clock import VirtualClock
 from palpate.render import record
 from palpate.render.cli import info_command, render_command
@@ -276,7 +277,7 @@ def test_files_that_are_not_contours_are_refused(rendered, tmp_path):
 
 def test_array_that_disappears_ends_the_playback_with_its_report(rendered, monkeypatch):
     bus = EmulatorBackend(clock=VirtualClock())
-    bus.inject(Fault(FaultKind.UNPLUG, byte=1_000_000))
+    inject(bus, Fault(FaultKind.UNPLUG, byte=1_000_000))
     monkeypatch.setattr(playback, "emulated_backend", lambda name, **options: bus)
     before = rendered.read_bytes()
     result = run("play", rendered, "--clock", "virtual", "--json")

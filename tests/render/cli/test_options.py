@@ -8,11 +8,11 @@ from command_line import MISUSED, refused, run
 
 from palpate.datasets.shapes.built_in import shape_names
 from palpate.device.link import TransportKind
-from palpate.device.registry import array_names
+from palpate.device.registry import array_kinds
 from palpate.render.acoustics.averaged_frames import AVERAGES
 from palpate.render.cli import array_options as arrays
 from palpate.render.cli import contour_options as contours
-from palpate.render.cli import shared_options as shared
+from palpate.render.cli import inputs
 from palpate.render.cli.app import app
 from palpate.render.exports.file_export import FORMATS
 from palpate.render.intersection.named_inputs import HANDS
@@ -47,11 +47,11 @@ def test_every_command_has_the_same_options_for_output():
 
 def test_names_that_the_command_line_knows_are_those_of_the_packages():
     """The command line has them once more, since the modules that have what they name import Warp or NumPy."""
-    assert tuple(shape_names()) == shared.OBJECTS
-    assert tuple(STRATEGIES) == shared.STRATEGIES
-    assert tuple(SAMPLINGS) == shared.SAMPLINGS
-    assert shared.HANDS == HANDS
-    assert set(shared.ARRAYS) == set(array_names())
+    assert tuple(shape_names()) == inputs.OBJECTS
+    assert tuple(STRATEGIES) == inputs.STRATEGIES
+    assert tuple(SAMPLINGS) == inputs.SAMPLINGS
+    assert inputs.HANDS == HANDS
+    assert {kind.name: kind.aliases for kind in array_kinds()} == inputs.ARRAYS
     assert tuple(FORMATS) == contours.FORMATS
     assert tuple(WRITERS) == contours.VOXELS
     assert SUFFIXES == contours.PICTURES

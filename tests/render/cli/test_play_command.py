@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from command_line import run
 from typer.testing import CliRunner
 
 from palpate.datasets import HandMotion
@@ -20,6 +21,7 @@ from palpate.datasets.focus_files.ptlist import write_ptlist
 from palpate.render import MeshObject, Palm, closed_contour, exploration, record, render
 from palpate.render.cli.app import app
 from palpate.render.cli.play_commands import _too_fast
+from palpate.render.playback import file_playback
 from palpate.render.playback import focal_points as source_module
 from palpate.render.sampling.strategy import SamplingStrategy
 
@@ -208,3 +210,21 @@ def test_in_a_storm_of_signals_a_pat16_ends_off_and_the_command_with_1_and_one_s
     assert err.count("error:") == 1, err
     assert "Traceback" not in err
     assert "Exception ignored" not in err
+
+
+def test_play_tells_of_the_compiler_before_it_begins_and_when_the_first_frame_came(tmp_path, monkeypatch):
+    motion = tmp_path / "motion.csv"
+    motion.write_text("x,y,z,qx,qy,qz,qw\n0,0,0.2,0,0,0,1\n")
+    path = tmp_path / "cube.h5"
+    assert run("render", "cube", motion, "-o", path, "--device", "cpu").exit_code == 0
+    monkeypatch.setattr(file_playback, "uncompiled", lambda stages: stages[:2])
+    monkeypatch.setattr(file_playback, "compile_now", lambda stages: time.sleep(0.2))
+    begun = time.perf_counter()
+    result = run("play", path, "--duration", "0.01", "--clock", "virtual", "--json")
+    taken = time.perf_counter() - begun
+    first, second = result.stderr.splitlines()
+    assert first == "compiling 2 modules of kernels that sample contours: some seconds, once on a machine"
+    assert second.startswith(f"playing {path} to emulator, first frame after ")
+    values = json.loads(result.stdout)
+    assert 0.2 <= values["first_frame_seconds"] <= taken
+    assert abs(values["first_frame_seconds"] - float(second.split(" after ")[1].split(" s;")[0])) < 0.15

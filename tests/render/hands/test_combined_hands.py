@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from palpate.datasets.motions.hand_motion import HandMotion
 from palpate.render import MeshObject, Palm, closed_contour, open_contour, render
 from palpate.render.errors import PoseError, StrategyError
-from palpate.render.hands.combined_hands import Times, together
+from palpate.render.hands.combined_hands import together
 from palpate.render.hands.mesh_hand import MeshHand
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand, flat_hand
 
@@ -86,28 +86,6 @@ def test_no_hand_is_invented_in_a_gap():
     assert not bridged.absent.any()
     slow = motion_of(6, 7, rate=5.0)  # farther apart than a gap, but always so
     assert not together([(Palm(), base), (Palm(), slow)])[0].absent[:, 1].any()
-
-
-def test_patches_that_are_missing_stay_missing():
-    base, motion = motion_of(9, 8, rate=10.0), motion_of(5, 9, rate=5.0)
-    own = np.tile(np.array([0, 0, 0.01, 0, 0, 0, 1.0]), (5, 1, 1))
-    own[2] = np.nan
-    hand, _ = together([(Palm(), base), (PlaneHand((HandPatch("palm", 0.08, 0.08),), (), own), motion)])
-    np.testing.assert_array_equal(np.flatnonzero(hand.absent[:, 1]), [3, 4, 5])
-
-
-def test_rotations_go_the_short_way_whatever_the_sign_of_a_quaternion():
-    turns = Rotation.from_rotvec([[0, 0, 0], [0, 0, np.radians(40)]]).as_quat()
-    pose = np.concatenate([np.zeros((2, 3)), turns * [[1], [-1]]], axis=1)
-    two, one = HandMotion(np.array([0.0, 1.0]), pose), HandMotion(np.array([0.0, 0.5]), pose)
-    half = Times.of(two, one, same_clock=True, gap=2.0).poses(pose[:, None])[1, 0, 3:]
-    assert Rotation.from_quat(half).as_euler("zyx", degrees=True)[0] == pytest.approx(20.0)
-
-
-def test_motions_without_time_go_pose_by_pose():
-    one, two = motion_of(7, 10, time=False), motion_of(7, 11, time=False)
-    hand, motion = together([(Palm(), one), (Palm(), two)])
-    np.testing.assert_allclose(hand.frames(motion.pose).origin[:, 1], two.pose[:, :3], atol=1e-7)
 
 
 def skin(width, length):

@@ -6,21 +6,20 @@ import numpy as np
 import pytest
 import trimesh
 import warp as wp
-from mesh_cases import CLOSED, MIDDLE, generic_poses
+from mesh_cases import CLOSED, generic_poses
 from section_oracle import rotation
 from skin_cases import drawn, grid_skin, lines_of
 
-from palpate.kernels.pieces.finding import find_pieces
-from palpate.kernels.section.contour_writing import draw_contours
+from palpate.kernels.section.draw import draw_contours
 from palpate.kernels.section.half_edges import HalfEdges, upload_surface
-from palpate.kernels.section.joining import join_pieces
-from palpate.kernels.skin.curves import skin_contours
+from palpate.kernels.section.join import join_sections
+from palpate.kernels.section.pieces import CutPlanes
 from palpate.render.contour_batch import ContourBatch
 from palpate.render.errors import MeshError, PalpateWarning, PlacementError, PoseError, StrategyError
-from palpate.render.hands.hand import Hand, Palm
+from palpate.render.hands.hand import Palm
 from palpate.render.hands.mesh_hand import MeshHand, facing_palm
 from palpate.render.hands.stored_hand import hand_from
-from palpate.render.objects.functions.expression import box, sphere
+from palpate.render.objects.functions.expression import box
 from palpate.render.objects.functions.implicit_object import ImplicitObject
 
 STEP = 0.002
@@ -36,9 +35,7 @@ def palm_contours(name, poses, device, *, closes):
     """What mesh x Palm draws."""
     surface, patch = upload_surface(HalfEdges(*CLOSED[name]()), device), Palm().on(device)
     pose = wp.array(poses[:, None], dtype=wp.transform, device=device)
-    found = find_pieces(surface, pose, patch, bounded=True, closes=closes)
-    joined = join_pieces(surface, found, pose, patch, closes=closes)
-    drawing = draw_contours(surface, pose, patch, joined, bounded=True, closes=closes)
+    drawing = draw_contours(join_sections(CutPlanes(surface, pose, patch, bounded=True, closes=closes)))
     return ContourBatch.of_sections(drawing, 1).numpy()
 
 
@@ -80,20 +77,6 @@ def test_a_hand_of_two_triangles_is_the_palm(name, device):
     assert (whole[0] == whole[1]).mean() > 0.8
 
 
-def test_contours_turn_with_object_and_hand(device):
-    """Hand and pose turned by quarter turns about the tube's axis: the same curves, turned."""
-    hand, poses = MeshHand(*grid_skin(15)), generic_poses(10, 12)
-    turn = np.array([0, 0, np.sin(np.pi / 4), np.cos(np.pi / 4)])
-    matrix = rotation(turn)
-    turned = poses.astype(np.float64).copy()
-    turned[:, :3] = (poses[:, :3] - MIDDLE) @ matrix.T + MIDDLE
-    a, w, b, v = turn[:3], turn[3], poses[:, 3:6].astype(float), poses[:, 6:].astype(float)
-    turned[:, 3:6], turned[:, 6:] = w * b + v * a + np.cross(a, b), w * v - (b @ a)[:, None]
-    one, two = drawn(hand, "tube", poses, device, closes=True), drawn(hand, "tube", turned, device, closes=True)
-    np.testing.assert_array_equal(one.polyline_start, two.polyline_start)
-    np.testing.assert_allclose((one.points - MIDDLE) @ matrix.T + MIDDLE, two.points, atol=1e-6)
-
-
 VERTICES, FACES = two_triangles()
 FIN = np.array([[0, 2, 1], [0, 3, 2], [2, 0, 4]])
 BOX = trimesh.creation.box((0.1, 0.02, 0.1))
@@ -121,22 +104,6 @@ def test_bad_hands_are_named(vertices, faces, options, says):
         MeshHand(vertices, np.asarray(faces), **options)
 
 
-@pytest.mark.parametrize(
-    ("vertices", "faces", "options", "error"),
-    [
-        ([[[0, 0, 0], [1, 0, 0]], [[0, 0, 0]]], FACES, {}, MeshError),
-        ("vertices", FACES, {}, MeshError),
-        (VERTICES, [[0, 1, 2], [0, 1]], {}, MeshError),
-        (VERTICES, FACES, {"glabrous": [[1], [1, 0]]}, MeshError),
-        (VERTICES, FACES, {"step": "a"}, StrategyError),
-        (VERTICES, FACES, {"step": np.nan}, StrategyError),
-    ],
-)
-def test_what_is_no_array_or_number_gets_a_sentence(vertices, faces, options, error):
-    with pytest.raises(error, match="hand: "):
-        MeshHand(vertices, faces, **options)
-
-
 def test_a_strip_without_area_at_the_rim_falls_whole_so_that_the_stored_hand_reads_back():
     strip = [VERTICES[1] + share * (VERTICES[2] - VERTICES[1]) for share in (0.25, 0.5, 0.75)]
     faces = np.concatenate([FACES, [[2, 1, 4], [2, 4, 5], [2, 5, 6]]])
@@ -145,13 +112,6 @@ def test_a_strip_without_area_at_the_rim_falls_whole_so_that_the_stored_hand_rea
     back = hand_from(hand.described(), hand.arrays())
     np.testing.assert_array_equal(back.faces, hand.faces)
     assert back.identity == hand.identity
-
-
-def test_the_palm_of_a_row_that_is_folded_flat_is_still_a_place():
-    flat = np.tile([[0.01, 0.0, 0.0]], (len(VERTICES), 1)) + np.outer(np.arange(len(VERTICES)), [0.0, 0.0, 0.01])
-    frames = MeshHand(np.stack([VERTICES, flat]), FACES).frames(np.tile([0, 0, 0.2, 0, 0, 0, 1.0], (2, 1)))
-    assert all(np.isfinite(part).all() for part in frames)
-    np.testing.assert_allclose(frames.origin[1, 0, 0], 0.01, atol=1e-9)
 
 
 def test_steps_and_rows_that_are_none_are_named():
@@ -199,20 +159,6 @@ def test_a_closed_hand_that_faces_inwards_is_turned_over():
         assert hand.palm_frames.n[0, 0] == pytest.approx([0, 1, 0])
         assert hand.palm_frames.half[0] == pytest.approx([0.05, 0.05])
         assert hand.palm_frames.origin[0, 0] == pytest.approx([0, -0.01, 0])
-
-
-def test_frames_follow_pose_and_rows():
-    hand, palm = MeshHand(*two_triangles()), Palm()
-    poses = generic_poses(4, 13)
-    for one, two in zip(hand.frames(poses), palm.frames(poses), strict=True):
-        np.testing.assert_allclose(one, two, atol=1e-7)
-    np.testing.assert_allclose(hand.corners(poses), palm.corners(poses), atol=1e-7)
-    assert isinstance(hand, Hand)
-    lifted = MeshHand(np.stack([VERTICES, VERTICES + np.float32([0, 0.01, 0])]), FACES)
-    rows = lifted.frames(poses[[0, 0]])
-    shift = rows.origin[1, 0] - rows.origin[0, 0]
-    assert shift == pytest.approx(0.01 * rows.n[0, 0], abs=1e-6)
-    np.testing.assert_allclose(lifted.frames(poses[:1], 1).origin[0], rows.origin[1])
 
 
 @pytest.mark.parametrize("rows", [None, 3])
@@ -295,20 +241,3 @@ def test_a_hand_given_as_a_function_is_meshed_once(device):
     assert sole.glabrous.sum() < hand.glabrous.sum()
     with pytest.raises(MeshError, match="no boundary"):
         MeshHand.from_solid(block, 0.005, glabrous="all", device=device)
-
-
-@pytest.mark.exhaustive
-def test_any_representation_of_a_sphere_gives_its_circle(device):
-    """A flat skin 20 mm from the middle of a sphere of 50 mm: a circle of 45.8 mm radius."""
-    vertices, faces = grid_skin(3, size=0.12, bump=0.0)
-    hand = MeshHand(vertices, faces, step=0.002)
-    pose = wp.array([[[0, 0.02, 0.2, 0, 0, 0, 1]]], dtype=wp.transform, device=device)
-    ball = ImplicitObject(sphere(0.05).moved(z=0.2))
-    skin, vertex = hand.skin_on(device), hand.vertices_on(device)
-    batch = ContourBatch.of_sections(skin_contours(ball.field_on(device), pose, skin, vertex, closes=True), 1).numpy()
-    ((points, kinds, closed),) = lines_of(batch, 0)
-    assert closed
-    assert (kinds == 0).all()
-    radius = np.sqrt(0.05**2 - 0.02**2)
-    np.testing.assert_allclose(np.linalg.norm(points - [0, 0.02, 0.2], axis=1), radius, atol=1e-7)
-    assert batch.length()[0] == pytest.approx(2 * np.pi * radius, rel=1e-3)

@@ -4,21 +4,19 @@ import numpy as np
 import pytest
 import warp as wp
 from crossing_cases import PRISMS, block, crossing, overlapping_blocks, section_region
-from drawing import METHODS, patch_array, surface_on
+from drawing import SEARCHES, patch_array, searching_by, surface_on
 from manifold3d import CrossSection, FillRule
 from mesh_cases import CLOSED, MIDDLE, bowl, generic_poses, merged, moved
 from section_oracle import section_links, walk
 
-from palpate.kernels.metrics.tally import METRICS
 from palpate.kernels.offsets import PointLimitError
-from palpate.kernels.pieces.plane_loops import plane_loops
+from palpate.kernels.section.loops import plane_loops
 from palpate.render import IntersectionStrategy, Palm, closed_contour, open_contour, render
-from palpate.render.errors import MeshError, StrategyError
+from palpate.render.errors import MeshError
 from palpate.render.hands.hand import rigid_poses
 from palpate.render.intersection import section_regularisation as regularisation
-from palpate.render.intersection.mesh_section import intersect, tally_intersection
+from palpate.render.intersection.mesh_section import intersect
 from palpate.render.intersection.prepared_contours import PreparedContours
-from palpate.render.intersection.scene import PoseBlock, Scene
 from palpate.render.intersection.section_regularisation import FILL_RULES, STEP, UNIT, Loops, Planes
 
 OC, CC, WHOLE = open_contour(), closed_contour(), IntersectionStrategy()
@@ -34,12 +32,13 @@ def assert_same_bits(one, two):
         assert array.tobytes() == two.arrays()[name].tobytes(), name
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", SEARCHES)
 @pytest.mark.parametrize("name", ["tube", "egg box", "shell"])
 def test_loops_are_those_of_a_walk_over_mesh_edges(name, method, device):
     mesh, poses = CLOSED[name](), generic_poses(15, 2)
     patch, surface = patch_array([[0.0425, 0.0425]], device), surface_on(mesh, device)
-    loops = plane_loops(surface, sections(poses, device), patch, method=method)
+    with searching_by(method):
+        loops = plane_loops(surface, sections(poses, device), patch)
     points, start, of_section = (array.numpy() for array in loops[:3])
     for row, pose in enumerate(poses):
         crossing_of, after = section_links(*mesh, pose)
@@ -112,19 +111,6 @@ def test_live_poses_have_the_contours_of_render_bit_for_bit():
         live, expected = PreparedContours(thing, Palm(), strategy), render(thing, Palm(), poses, strategy)
         for row, pose in enumerate(poses):
             assert_same_bits(live.at_checked(pose), expected.select(row, row + 1))
-
-
-def test_a_mesh_that_crosses_itself_is_drawn_to_be_measured():
-    thing, poses = crossing(PRISMS["limacon"]()), generic_poses(10, 3)
-    scene = Scene.of(thing, Palm(), CC)
-    assert scene.is_drawn_to_measure
-    assert not Scene.of(crossing(PRISMS["limacon"](), crossings=0), Palm(), CC).is_drawn_to_measure
-    value = wp.empty((len(METRICS), 10), dtype=wp.float32, device="cpu")
-    length = wp.empty(10, dtype=wp.float64, device="cpu")
-    with pytest.raises(StrategyError, match="simple mesh"):
-        scene.tally(PoseBlock(poses, 0, "cpu"), value, length)
-    with pytest.raises(MeshError, match="crosses itself"):
-        tally_intersection(thing, Palm(), sections(poses), CC, value, length)
 
 
 def test_a_surface_with_a_rim_is_drawn_as_cut_and_refused_where_it_must_be_closed():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.render.live.counts import Durations, LiveCounts
+from palpate.render.live.counts import LiveCounts
 
 MS = 1_000_000  # [ns]
 
@@ -23,13 +23,6 @@ def test_latency_and_age_are_those_of_the_times():
         assert (times.p50, times.p99, times.longest) == pytest.approx(expected)
     assert found.poses == 500
     assert found.seconds == pytest.approx((began[-1] - began[0]) * 1e-9)
-
-
-def test_of_no_poses_there_are_no_times():
-    found = LiveCounts(period=1e-4, emission="estimate").statistics()
-    assert np.isnan([found.latency.p50, found.age.longest]).all()
-    assert (found.poses, found.seconds, found.emission) == (0, 0.0, "estimate")
-    assert repr(Durations(0.0057, 0.0065, 0.0071)) == "Durations(5.7, 6.5, 7.1 ms)"
 
 
 def test_the_pause_between_two_runs_is_no_age():

@@ -1,24 +1,19 @@
 """One pose at a time: the contours of `render` and the focal points of `sample_contours`, to the bit."""
 
 import functools
-import sys
 import warnings
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from mesh_cases import CLOSED, MESHES, MIDDLE, generic_poses
-from scipy.spatial.transform import Rotation
+from mesh_cases import MESHES, generic_poses
 
 from palpate.datasets import HandMotion
 from palpate.datasets.errors import MotionError
 from palpate.datasets.motions.hand_motion import PALM_DOWN
-from palpate.kernels.section.recorded_launches import RoomSize
 from palpate.render import (
-    IntersectionStrategy,
     MeshObject,
     Palm,
     closed_contour,
@@ -31,15 +26,10 @@ from palpate.render import (
 from palpate.render.errors import MeshError, PoseError, StrategyError
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand
 from palpate.render.intersection.named_inputs import motion_of
-from palpate.render.intersection.prepared_contours import PreparedContours
 from palpate.render.live.instant import DRAWN_MOST, Instant, checked_pose
 from palpate.render.sampling.sampler import Sampler, sample_bounds, sample_contours
 from palpate.render.sampling.strategy import AmplitudeModulation, LateralModulation, SamplingStrategy
 
-sys.path.insert(0, str(Path(__file__).parents[3] / "benchmarks"))
-from one_pose import object_of
-
-STRATEGIES = {"raw": IntersectionStrategy(), "oc": open_contour(), "cc": closed_contour()}
 PALM = Palm(0.085, 0.06)
 NEAR = np.array([0.0, 0.0, 0.2, *PALM_DOWN])
 FAR = np.array([0.0, 0.0, 0.9, *PALM_DOWN])
@@ -59,23 +49,6 @@ def motion_on(name):
     return HandMotion(motion.time / 10.0, motion.pose)
 
 
-def crowded_poses(count):
-    """Palms nearly level in the comb's ridges, and as many that cut next to nothing."""
-    rng = np.random.default_rng(8)
-    level = Rotation.from_euler("x", -90, degrees=True)
-    lean = Rotation.from_euler("xyz", rng.uniform(-3, 3, (count, 3)) * [1, 1, 60], degrees=True)
-    crowded = np.hstack([MIDDLE + rng.uniform(-0.004, 0.004, (count, 3)), (lean * level).as_quat()])
-    return np.concatenate([generic_poses(count, 9, spread=0.09), crowded]).astype(np.float32)
-
-
-def assert_same_bits(one, two):
-    first, second = one.by_name(), two.by_name()
-    assert first.keys() == second.keys()
-    for name in first:
-        assert first[name].dtype == second[name].dtype, name
-        np.testing.assert_array_equal(first[name], second[name], err_msg=name, strict=True)
-
-
 def assert_same_focus(one, two):
     for a, b in zip(one, two, strict=True):
         np.testing.assert_array_equal(a, b, strict=True)
@@ -83,39 +56,6 @@ def assert_same_focus(one, two):
 
 def joined(blocks):
     return [np.concatenate(parts) for parts in zip(*blocks, strict=True)]
-
-
-@pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize("method", ["trace", "seek"])
-@pytest.mark.parametrize("strategy", STRATEGIES)
-@pytest.mark.parametrize("name", MESHES)
-def test_contours_are_those_of_render_bit_for_bit(name, strategy, method):
-    if strategy == "cc" and name not in CLOSED:
-        return  # closed contours are not defined, or are refused
-    thing, poses = thing_of(name), generic_poses(60, 3)
-    expected = render(thing, PALM, poses, STRATEGIES[strategy])
-    contours = PreparedContours(thing, PALM, STRATEGIES[strategy], method=method)
-    assert expected.polyline_count > 5
-    for i, pose in enumerate(poses):
-        assert_same_bits(contours.at_checked(pose), expected.select(i, i + 1))
-
-
-@pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize("size", [RoomSize(1, 1, 1), RoomSize(200, 1, 1), RoomSize(1, 200, 1), RoomSize(1, 1, 10_000)])
-@pytest.mark.parametrize("method", ["trace", "seek"])
-@pytest.mark.parametrize("strategy", STRATEGIES)
-def test_a_pose_that_needs_more_memory_gets_it_once(strategy, method, size):
-    thing, poses = thing_of("comb"), crowded_poses(6)
-    expected = render(thing, PALM, poses, STRATEGIES[strategy])
-    assert np.diff(expected.pose_start).max() > (2 if strategy == "cc" else 8)
-    contours = PreparedContours(thing, PALM, STRATEGIES[strategy], method=method, size=size)
-    grown = []
-    for _ in range(2):
-        for i, pose in enumerate(poses):
-            assert_same_bits(contours.at_checked(pose), expected.select(i, i + 1))
-            grown.append(contours.grown)
-    assert 1 <= grown[len(poses) - 1] == grown[-1] <= 20
-    assert PreparedContours(thing, PALM, STRATEGIES[strategy], method=method).grown == 0
 
 
 SAMPLINGS = {
@@ -185,29 +125,13 @@ def test_stages_behind_kept_contours_give_the_focal_points_of_sample_contours(ha
     assert sampler.count.drawn > 1000
 
 
-def test_the_clock_may_start_anywhere_and_the_next_pose_is_expected_after_an_interval():
-    motion = motion_on("tube")
-    one, two = (Instant(thing_of("tube"), PALM, closed_contour()) for _ in range(2))
-    for pose, time in zip(motion.pose, motion.time, strict=True):
-        assert_same_focus(one.draw(pose, 4096.0 + time), two.draw(pose, time, until=time + 1 / 90))
-    assert one.sampler.count.samples == 20_000
-
-
-@pytest.mark.exhaustive
-@settings(max_examples=30)
 @given(
-    gaps=st.lists(st.floats(1e-4, 0.06), min_size=1, max_size=8),
-    aheads=st.lists(st.floats(0.0, 0.03), min_size=8, max_size=8),
+    gaps=st.lists(st.floats(1e-4, 0.06), min_size=1, max_size=5),
+    aheads=st.lists(st.floats(0.0, 0.03), min_size=5, max_size=5),
 )
-def test_no_sample_is_lost_or_drawn_twice_whenever_poses_come(gaps, aheads):
-    assert_each_sample_is_drawn_once(gaps, aheads)
-
-
-def test_what_was_not_drawn_before_a_pose_is_drawn_from_the_one_before_it():
-    assert_each_sample_is_drawn_once([0.02, 0.005, 0.01], [0.0, 0.01, 0.0, 0.01])
-
-
-def assert_each_sample_is_drawn_once(gaps, aheads):
+@settings(max_examples=5)
+@example(gaps=[0.02, 0.005, 0.01], aheads=[0.0, 0.01, 0.0, 0.01])
+def test_what_was_not_drawn_before_a_pose_is_drawn_from_the_one_before_it(gaps, aheads):
     """Poses come `gaps` [s] apart, each is drawn for `aheads` [s], and what is left then is drawn from it as well."""
     time = np.concatenate([[0.0], np.cumsum(gaps)])
     late, own = (Instant(thing_of("tube"), PALM, open_contour()) for _ in range(2))
@@ -231,21 +155,10 @@ def test_going_on_holds_the_last_pose_and_then_fades():
     assert (more[1][1200 - 112 :] == 0).all()
 
 
-def test_a_pose_without_contours_is_silent_and_the_next_one_is_drawn():
-    instant = Instant(thing_of("tube"), PALM, closed_contour())
-    sound = [instant.draw(pose, 0.01 * k, until=0.01 * (k + 1)) for k, pose in enumerate([FAR, NEAR, FAR, NEAR])]
-    assert [focus.intensity.max() for focus in sound] == [0, 1, 0, 1]
-    assert all(len(focus.intensity) == 100 for focus in sound)
-    assert instant.contours.polyline_count == 2
-
-
 BAD_POSES = {
-    "nan": NEAR * [np.nan, 1, 1, 1, 1, 1, 1],
     "infinite": NEAR * [1, 1, np.inf, 1, 1, 1, 1],
     "beyond float32": NEAR * [1, 1, 1e40, 1, 1, 1, 1],
-    "no rotation": NEAR * [1, 1, 1, 0, 0, 0, 0],
     "norm": NEAR * [1, 1, 1, 1.0011, 1.0011, 1.0011, 1.0011],
-    "nan rotation": NEAR * [1, 1, 1, np.nan, 1, 1, 1],
 }
 
 
@@ -289,17 +202,6 @@ def test_impossible_times_are_refused_and_change_nothing():
     assert_same_focus(instant.draw(NEAR, 1.01), other.draw(NEAR, 1.01))
 
 
-def test_the_first_time_must_be_finite_and_going_on_needs_a_pose():
-    instant = Instant(thing_of("tube"), PALM, closed_contour())
-    for time in (np.nan, np.inf, -np.inf):
-        with pytest.raises(MotionError, match="is not finite"):
-            instant.draw(NEAR, time)
-    with pytest.raises(MotionError, match="no pose yet"):
-        instant.go_on(1.0)
-    assert len(instant.draw(NEAR, 0.0).intensity) == 112
-    assert len(instant.go_on(0.01).intensity) == 0
-
-
 def test_impossible_intervals_and_closed_contours_of_an_open_mesh_are_refused_when_made():
     for interval in (0.0, -1.0, np.nan, 5.1):
         with pytest.raises(StrategyError, match=rf"0\.0001\.\.5 s, not {interval}"):
@@ -308,26 +210,7 @@ def test_impossible_intervals_and_closed_contours_of_an_open_mesh_are_refused_wh
         Instant(thing_of("bowl"), PALM, closed_contour())
 
 
-@pytest.mark.exhaustive
-def test_a_method_that_there_is_not_is_refused_when_made():
-    with pytest.raises(ValueError, match="guess"):
-        PreparedContours(thing_of("tube"), PALM, closed_contour(), method="guess")
-    with pytest.raises(ValueError, match="no scan path"):
-        PreparedContours(object_of("blob-100k"), PALM, closed_contour(), method="trace")
-
-
 TWO_PALMS = PlaneHand((HandPatch("palm", 0.085, 0.085), HandPatch("over", 0.03, 0.1, (0.02, 0.015, -0.01, 0, 0, 0, 1))))
-
-
-@pytest.mark.parametrize("size", [RoomSize(), RoomSize(1, 1, 1)])
-@pytest.mark.parametrize("method", ["trace", "seek"])
-def test_every_patch_of_a_hand_is_drawn(method, size):
-    thing, poses = thing_of("dog"), generic_poses(60, 5)
-    expected = render(thing, TWO_PALMS, poses, closed_contour())
-    assert set(expected.polyline_patch) == {0, 1}
-    contours = PreparedContours(thing, TWO_PALMS, closed_contour(), method=method, size=size)
-    for i, pose in enumerate(poses):
-        assert_same_bits(contours.at_checked(pose), expected.select(i, i + 1))
 
 
 def test_patch_poses_that_are_refused_leave_what_was_not_drawn_yet_to_the_next_pose():
@@ -342,8 +225,3 @@ def test_patch_poses_that_are_refused_leave_what_was_not_drawn_yet_to_the_next_p
     drawn, expected = (one.draw(NEAR, 0.03, until=0.04, patch_pose=rest) for one in (instant, other))
     assert len(drawn.position) == 300
     np.testing.assert_array_equal(drawn.position, expected.position)
-
-
-def test_a_rigid_hand_takes_no_patch_poses():
-    with pytest.raises(PoseError, match="patch_pose is for an articulated PlaneHand"):
-        Instant(thing_of("tube"), PALM, closed_contour()).draw(NEAR, 0.0, patch_pose=np.zeros((1, 7)))

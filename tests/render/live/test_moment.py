@@ -58,22 +58,6 @@ def test_a_hand_looks_as_that_of_a_file(name, tmp_path):
     np.testing.assert_array_equal(scene.glabrous, looks.glabrous)
     assert scene.is_rigid is looks.is_rigid
     assert len(own.patches) + len(own.vertices) > 0
-    assert scene.hand_kind == name.split()[-1]
-
-
-def test_a_patch_that_is_not_there_is_not_drawn():
-    hand = live_hand("planes")
-    patch_pose = hand.patch_pose[0].copy()
-    patch_pose[3] = np.nan
-    assert len(LiveScene.of(rendering(hand)).look(POSE, patch_pose).patches) == hand.patch_count - 1
-
-
-def test_a_scene_has_object_and_strategy_as_a_file_describes_them():
-    scene = LiveScene.of(rendering())
-    assert scene.object_name == "cube"
-    assert (scene.vertices.shape, scene.faces.shape) == ((8, 3), (12, 3))
-    assert scene.strategy == strategy_of("cc").described()
-    assert repr(scene) == "LiveScene(cube, Palm(width=0.085, length=0.085))"
 
 
 def moment(age, *, state=DRAWING, is_lost=False, copied=True):
@@ -122,7 +106,6 @@ def test_the_state_follows_from_the_age_of_the_pose_and_from_what_the_tracker_se
         assert (own.pose_number, own.stamp) == (4, pytest.approx(4.999))
         assert own.hand.patches.shape == (1, 4, 3)
         assert own.hand is own.hand  # worked out once
-    assert own.object_pose is None
     assert (own.number, own.poses, own.frames, own.dropped) == (3, 5, 6, 7)
     assert "\n" not in repr(own)
 

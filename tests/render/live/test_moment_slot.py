@@ -124,7 +124,7 @@ class MemoryWrittenMeanwhile:
         self.slot, self.memory, self.values = slot, slot._memory, [2, 3]  # the second overwrites what is being read
 
     def __getitem__(self, span):
-        found = self.memory[span]
+        found = bytes(self.memory[span])
         while self.values:
             self.slot.copy(POSE, contours(3, value=self.values.pop(0)), NO_FOCUS, index=0, time=0.0, now_ns=0)
         return found

@@ -109,18 +109,14 @@ def test_a_full_disk_ends_the_record_and_is_raised_at_its_end(tmp_path, monkeypa
         assert (len(made.time), made.run.samples) == (1, 40)
 
 
-def test_what_a_killed_run_left_is_named_before_another_one_begins(tmp_path):
-    spool_folder(tmp_path / "run.h5").mkdir()
-    with pytest.raises(StrategyError, match=r"run\.h5\.live: a run that was killed left it.*--finish"):
-        record_path(tmp_path / "run.h5", overwrite=True)
-
-
 def test_a_recording_that_cannot_be_written_is_refused_before_the_run(tmp_path):
     (tmp_path / "there.h5").write_bytes(b"")
+    spool_folder(tmp_path / "killed.h5").mkdir()
     for name, sentence in {
         "run.txt": r"must end in \.h5 or \.hdf5",
         "there.h5": "exists already; overwrite=True",
         "no/run.h5": "there is no folder",
+        "killed.h5": r"killed\.h5\.live: a run that was killed left it.*--finish",
     }.items():
         with pytest.raises(StrategyError, match=sentence):
             record_path(tmp_path / name, overwrite=False)

@@ -20,8 +20,6 @@ from palpate.render.live.recording import (
     HELD,
     LiveComparison,
     LiveRecording,
-    event_lines,
-    events_of,
     save_segment,
 )
 from palpate.render.playback.focal_points import open_focal_points
@@ -75,12 +73,6 @@ def test_everything_of_a_run_is_read_back(tmp_path):
     assert (summary["poses_emitted"], summary["seconds_dropped"]) == (3, 1)
     assert summarise(tmp_path / "run.h5")["live"] == summary
     assert EMITTED == 0
-
-
-def test_events_of_odd_words_are_kept():
-    """A file's name that is no UTF-8 comes with half a surrogate pair."""
-    assert events_of(event_lines([(0.5, "told", "cannot open a\udcff.json")])) == [(0.5, "told", "cannot open a?.json")]
-    assert np.isnan(events_of(event_lines([(np.nan, "told", "of no time")]))[0][0])
 
 
 @pytest.mark.parametrize(("name", "sample"), [("position", 77), ("intensity", 80)])

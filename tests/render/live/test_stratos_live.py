@@ -88,17 +88,6 @@ def test_a_session_of_four_focal_points_hands_over_each_stimulus_between_silence
     assert served.model.intensity == 0
 
 
-@pytest.mark.exhaustive
-def test_an_emulated_one_says_when_it_began(tmp_path):
-    contours = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save(tmp_path / "cube.h5")
-    with Session("stratos", emulate=True, realtime=False) as session:
-        (number,) = session.load([Stimulus(contours, duration=0.2)])
-        onset = session.play(number)
-        assert not onset.is_estimate
-        assert 0 < onset.latency < 0.2
-        assert session.wait(5.0)
-
-
 def test_a_watchdog_for_an_emulated_one_and_what_it_cannot_be_told_are_refused_before_anything_is_started(monkeypatch):
     monkeypatch.setattr("palpate.device.live.writer_handle.subprocess.Popen", None)
     with pytest.raises(StrategyError, match="a watchdog is for real arrays"):

@@ -44,27 +44,6 @@ def test_contours_of_a_moved_object_are_those_of_the_object_made_where_it_is():
             assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 1e-5
 
 
-def test_an_object_that_stays_where_it_was_placed_is_one_that_stands_still():
-    hands = generic_poses(40, 6)
-    still = np.tile(np.array([*MIDDLE, 0, 0, 0, 1], np.float32), (40, 1))
-    batch, expected = (
-        render(TUBE, PALM, hands, closed_contour(), object_pose=still),
-        render(TUBE, PALM, hands, closed_contour()),
-    )
-    np.testing.assert_array_equal(batch.pose_start, expected.pose_start)
-    np.testing.assert_allclose(batch.points, expected.points, atol=1e-7)
-
-
-def test_a_hand_that_moves_with_the_object_keeps_its_contour():
-    places = object_motion(50)
-    turn = Rotation.from_quat(places[:, 3:])
-    own = np.array([0.02, 0.01, 0.03])
-    hands = np.concatenate([places[:, :3] + turn.apply(own), turn.as_quat()], axis=1).astype(np.float32)
-    length = render(TUBE, PALM, hands, closed_contour(), object_pose=places).length()
-    assert length[0] > 0.1
-    np.testing.assert_allclose(length, length[0], atol=2e-6)
-
-
 def test_seen_from_and_back_undo_the_motion():
     places, hands = object_motion(30), generic_poses(30, 8)
     seen = seen_from(places, MIDDLE, hands)

@@ -105,16 +105,6 @@ def _endless(frames: np.ndarray):
 
 
 @pytest.mark.exhaustive
-def test_frames_reach_the_emulated_array_at_the_network(link):
-    frames = _frames(3000)
-    report = Player(link).play(_blocks(frames), update_rate=RATE)
-    assert (report.frames, report.frames_cleared, report.transport) == (3000, 0, "udp")
-    assert (report.off_sent, report.off_confirmed, report.stopped_by) == (True, True, "end")
-    assert report.elapsed >= 0.3
-    assert link.status().level == 0
-
-
-@pytest.mark.exhaustive
 def test_a_stop_silences_the_array_although_banks_are_full(link):
     player = Player(link)
     threading.Timer(0.4, player.stop).start()

@@ -11,7 +11,7 @@ from palpate.device.registry import array_model
 from palpate.kernels.driving.solve import solve_points
 from palpate.render.errors import StrategyError
 from palpate.render.playback import drive as drive_module
-from palpate.render.playback.drive import SOLVERS, Driver, DriveStrategy, drive_focus
+from palpate.render.playback.drive import Driver, DriveStrategy, drive_focus
 from palpate.render.sampling.metrics import FocalPoints
 
 EMULATOR = array_model("emulator")
@@ -41,13 +41,6 @@ def test_strategy_survives_json():
         DriveStrategy.from_json('{"gain": 1}')
 
 
-def test_iterations_are_those_asked_for_or_the_solvers_own():
-    assert DriveStrategy().iterations == (10, 6)
-    assert DriveStrategy(gs_pat_iterations=33).iterations == (33, 6)
-    assert DriveStrategy(solver="wgs").iterations == (0, 20)
-    assert DriveStrategy(solver="naive").iterations == (0, 0)
-
-
 def test_value_out_of_its_range_is_refused():
     for values, message in (
         ({"amplitude": "power"}, "amplitude must be one of pressure, force, not 'power'"),
@@ -70,13 +63,6 @@ def test_intensity_is_pressure_or_force_and_scaled_to_the_level():
     assert Driver(EMULATOR).drive(focus).amplitude.tolist() == [0, 0.25, 1]
     assert Driver(EMULATOR, DriveStrategy(amplitude="force")).drive(focus).amplitude.tolist() == [0, 0.5, 1]
     assert Driver(EMULATOR, DriveStrategy(level_max=0.5)).drive(focus).amplitude.tolist() == [0, 0.125, 0.5]
-
-
-def test_one_focus_is_that_of_drive_focus_whatever_its_shape():
-    focus = foci(circle(1500))
-    plain = drive_focus(focus, EMULATOR)
-    for same in (focus, FocalPoints(focus.position[:, None], focus.intensity[:, None])):
-        np.testing.assert_array_equal(Driver(EMULATOR).drive(same).delay, plain.delay)
 
 
 @pytest.mark.parametrize("amplitude", ["pressure", "force"])
@@ -141,27 +127,12 @@ def test_points_out_of_reach_among_several_are_silenced_alone(device):
     assert (reached.std(axis=1) / reached.mean(axis=1) < 0.05).all()
 
 
-def test_intensity_outside_its_range_is_silenced_and_counted():
-    drives = Driver(EMULATOR, DriveStrategy(amplitude="force")).drive(
-        foci([[0, 0, 0.2]] * 4, [np.nan, -0.1, 1.01, np.inf])
-    )
-    assert drives.refused == 4
-    assert drives.amplitude.tolist() == [0] * 4
-    assert Driver(EMULATOR).drive(foci([[0, 0, 0.2]], 1 + 1e-7)).amplitude.tolist() == [1]
-
-
 def test_silent_frames_hold_the_phases_before_them():
     focus = foci([[0, 0, 0.2], [9, 9, 9], [np.nan] * 3, [0.02, 0, 0.2]])
     delay = Driver(EMULATOR).drive(focus).delay
     np.testing.assert_array_equal(delay[1], delay[0])
     np.testing.assert_array_equal(delay[2], delay[0])
     assert (delay[3] != delay[0]).any()
-
-
-def test_silent_frames_hold_the_phases_of_the_block_before_them():
-    driver = Driver(EMULATOR)
-    last = driver.drive(foci([[0, 0, 0.2], [0.02, 0, 0.2]])).delay[-1]
-    np.testing.assert_array_equal(driver.drive(foci([[np.nan] * 3])).delay[0], last)
 
 
 def test_points_out_of_reach_that_are_meant_to_be_silent_do_not_count_as_refused():
@@ -296,15 +267,6 @@ def test_several_points_are_solved_for_all_arrays_together(device, rng):
     waves = wave_matrix(points.astype(float), position, normal, wavelength=WAVELENGTH, radius=RADIUS)
     reached = np.abs(pressure_of(waves, drives.delay))
     assert np.median(reached.std(axis=1) / reached.mean(axis=1)) < 0.01
-
-
-@pytest.mark.parametrize("solver", SOLVERS)
-def test_no_frames_are_no_frames(solver, device):
-    driver = Driver(EMULATOR, DriveStrategy(solver=solver, slew=0.1), update_rate=10e3, device=device)
-    for focus in (foci(np.zeros((0, 3))), foci(np.zeros((0, 4, 3)))):
-        drives = driver.drive(focus)
-        assert drives.delay.shape == (0, 256)
-        assert drives.amplitude.shape == (0,)
 
 
 def test_what_cannot_be_driven_is_refused():

@@ -5,17 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from injected_faults import Fault, FaultKind, inject
 
 from palpate.datasets import HandMotion
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.focus_files.ptlist import write_ptlist
-from palpate.device.boards.emulator.model import Fault, FaultKind
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames
 from palpate.device.errors import DeviceBusyError, DeviceLostError, UpdateRateError
 from palpate.device.registry import array_model, emulated_backend
 from palpate.render import MeshObject, Palm, closed_contour, exploration, record, render
-from palpate.render.contour_batch import ContourBatch
 from palpate.render.errors import PoseError, StrategyError
 from palpate.render.playback import focal_points as source_module
 from palpate.render.playback.drive import Driver, DriveStrategy
@@ -26,7 +25,7 @@ from palpate.render.playback.placed_arrays import PlacedArray, load_rig
 from palpate.render.sampling.metrics import FocalPoints
 from palpate.render.sampling.presets import preset
 from palpate.render.sampling.sampler import Sampler, joined, sample_contours
-from palpate.render.sampling.strategy import AmplitudeModulation, Gap, LateralModulation, Pace, SamplingStrategy
+from palpate.render.sampling.strategy import AmplitudeModulation, LateralModulation, Pace, SamplingStrategy
 
 VIRTUAL = Connection(clock="virtual")
 
@@ -106,33 +105,6 @@ def test_a_static_pose_is_sampled_once_and_counted_as_if_always(sampling, static
     assert sampler.count.revisit_rate == pytest.approx(whole.count.revisit_rate, rel=0.02)
 
 
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("sampling", [SamplingStrategy(), SamplingStrategy(gap=Gap(kind="return"))])
-def test_the_revisit_rate_of_a_static_pose_is_that_of_every_place(sampling, static, monkeypatch):
-    """Against all places instead of picked ones; the first second, which knows less, is not taken for the rest."""
-    _, sampler = focus_of(static, sampling, duration=20.0)
-    with ContourFile(static) as file:
-        pose, batch = file.motion()["pose"], source_module.ContourBatch.from_arrays(file.contours())
-    monkeypatch.setattr("palpate.render.sampling.revisits.PICK_INTERVAL", 1e-9)
-    every = Sampler(sampling)
-    for _ in sample_contours([batch], pose, np.zeros(1), 4.0, every):
-        pass
-    assert sampler.count.revisit_rate == pytest.approx(every.count.revisit_rate, rel=0.01)
-
-
-def test_a_static_pose_is_sampled_as_a_motion_is(static):
-    """Cycle for cycle its focal points are the same, and all of them are counted."""
-    with ContourFile(static) as file:
-        source = ContourSource(file, Sampler(SamplingStrategy()), duration=3.0)
-        focus = joined(list(source))
-        batch, pose = ContourBatch.from_arrays(file.contours(0, 1)), file.motion(0, 1)["pose"][0]
-    cycle = Sampler(SamplingStrategy()).cycle(batch, pose)
-    assert source.count.samples == source.frame_count == len(focus.intensity) == 30_000
-    again = np.resize(cycle.position, (30_000, 3))
-    np.testing.assert_allclose(focus.position, again, atol=1e-7)
-    assert source.count.revisits > 0
-
-
 def test_repeats_play_the_same_frames_again_without_the_file(moving):
     sampling = SamplingStrategy(update_rate=2000.0)
     bus = emulated_backend("emulator", clock=VirtualClock(), record=20_000)
@@ -144,18 +116,6 @@ def test_repeats_play_the_same_frames_again_without_the_file(moving):
     np.testing.assert_array_equal(played[:once], played[2 * once :])
     assert playback.count.samples == once
     assert playback.as_dict()["repeats"] == 3
-
-
-def test_repeats_are_counted_once(moving):
-    sampler = Sampler(SamplingStrategy(update_rate=1000.0))
-    with ContourFile(moving) as file:
-        frames = MadeFrames(ContourSource(file, sampler), Driver(array_model("emulator")), repeats=2)
-        count = sum(len(block[0]) for block in frames) // 512
-    assert count == frames.frame_count == 2 * sampler.count.samples
-    assert frames.making.count == sampler.count
-    playback = play_file(moving, sampling=sampler.strategy, repeats=2, connection=VIRTUAL)
-    assert playback.count == sampler.count
-    assert playback.played.frames == 2 * playback.count.samples
 
 
 def test_a_slew_limit_reaches_across_blocks_and_repeats():
@@ -253,7 +213,7 @@ def test_several_arrays_focus_at_the_same_point_each_from_where_it_stands(tmp_pa
 
 def test_when_one_of_several_arrays_is_lost_the_others_are_switched_off(tmp_path, moving, monkeypatch):
     buses = [emulated_backend("emulator", clock=VirtualClock()) for _ in range(2)]
-    buses[1].inject(Fault(FaultKind.UNPLUG, byte=200_000))
+    inject(buses[1], Fault(FaultKind.UNPLUG, byte=200_000))
     waiting = list(buses)
     monkeypatch.setattr(
         "palpate.render.playback.file_playback.emulated_backend", lambda name, **options: waiting.pop(0)
@@ -301,14 +261,6 @@ def test_a_point_list_can_be_cut_short_and_not_to_nothing(tmp_path):
     for duration in (-0.1, 0.0, np.nan, np.inf):
         with pytest.raises(StrategyError, match="duration must be positive"):
             play_file(path, duration=duration, connection=VIRTUAL)
-
-
-@pytest.mark.parametrize(("intensity", "switched"), [(1.0, 0), (0.7, 20)])
-def test_frames_that_can_only_be_switched_are_counted(intensity, switched, tmp_path):
-    rate = array_model("sonicsurface").update_rate(258)
-    path = points_file(tmp_path, count=20, rate=rate, intensity=intensity)
-    playback = play_file(path, array="sonicsurface", connection=Connection(clock="virtual", emulate=True), repeats=2)
-    assert playback.switched == playback.as_dict()["switched"] == switched
 
 
 @pytest.mark.parametrize("frequency", [200.0, 300.0])
@@ -362,15 +314,6 @@ def test_am_of_a_motion_is_refused_on_a_sonicsurface_before_anything_is_sent(mov
     assert sent.frames == 18
 
 
-def test_am_of_two_times_at_the_same_pose_plays_on_a_sonicsurface(static, tube, tmp_path):
-    with ContourFile(static) as file:
-        pose = file.motion()["pose"]
-    path = tmp_path / "rest.h5"
-    record(path, tube, Palm(), HandMotion(np.arange(2) * 0.01, np.repeat(pose, 2, axis=0)), closed_contour())
-    sent = play_file(path, array="sonicsurface", sampling="am", emulate=True, clock="virtual")
-    assert sent.played.update_rate == 23_040
-
-
 @pytest.mark.parametrize(("depth", "level", "counted"), [(1.0, 1.0, False), (0.5, 1.0, True), (1.0, 0.7, True)])
 def test_am_that_a_board_can_only_switch_is_counted_unless_it_goes_from_0_to_full(depth, level, counted, static):
     """Full am becomes a square wave of its frequency; less depth, or less than full level, is lost."""
@@ -397,18 +340,3 @@ def test_poses_far_apart_are_held_until_the_next_one(static, tube, tmp_path):
     assert sampler.count.held == 0
     assert (focus.intensity == 1).all()
     assert len(focus.intensity) == 1200  # the last pose lasts as long as those before it
-
-
-@pytest.mark.exhaustive
-def test_emulated_boards_have_the_names_serial_numbers_and_rates_that_are_asked_for(moving):
-    emulated = Connection(clock="virtual", emulate=True)
-    report = play_file(moving, array=load_rig("OpenMPD", serial="FT1234"), duration=0.1, connection=emulated).played
-    assert (report.array, report.serial, report.off_sent, report.underruns) == ("pat16", "FT1234", True, 0)
-    fast = load_rig("sonicsurface", baud=1_462_857)
-    playback = play_file(moving, array=fast, connection=emulated)
-    assert playback.played.update_rate == pytest.approx(567, rel=0.03)
-
-
-def test_more_foci_than_can_be_solved_are_refused(moving):
-    with pytest.raises(StrategyError, match="foci must be at most 8 to be solved for an array, not 16"):
-        play_file(moving, sampling=SamplingStrategy(foci=16), connection=VIRTUAL)

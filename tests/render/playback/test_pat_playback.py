@@ -9,9 +9,10 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from board_pipe import BoardPipe
+from injected_faults import Fault, FaultKind, inject
 from pat_grid_cases import FRAME, MODEL, bus_of, content, played_since
 
-from palpate.device import DeviceError, Fault, FaultKind, Player, VirtualClock, open_link
+from palpate.device import DeviceError, Player, open_link
 from palpate.device.boards.pat16.ftdi import FtdiPort
 from palpate.device.boards.pat16.link import PatLink
 from palpate.device.transports.queued import QueuedTransport
@@ -39,7 +40,7 @@ def test_a_start_that_fails_switches_off_what_a_killed_player_left_on(fault: Fau
     assert bus.board().accept(memoryview(content(1).tobytes())) == FRAME
     bus.clock.advance(0.1)
     assert bus.board().emitting
-    bus.inject(fault)
+    inject(bus, fault)
     with open_link(MODEL, backend=bus) as link, pytest.raises(DeviceError) as raised:
         Player(link).play([content(10)], update_rate=10e3)
     assert "may still be emitting" not in str(raised.value)
@@ -50,7 +51,7 @@ def test_a_start_that_fails_switches_off_what_a_killed_player_left_on(fault: Fau
 
 def test_a_start_that_cannot_switch_off_says_so() -> None:
     bus = bus_of()
-    bus.inject(Fault(FaultKind.STALL, byte=100, count=100))
+    inject(bus, Fault(FaultKind.STALL, byte=100, count=100))
     with (
         open_link(MODEL, backend=bus) as link,
         pytest.raises(DeviceError, match="may still be emitting, switch it off"),
@@ -115,7 +116,7 @@ def test_frames_are_those_executed_where_beginning_anew_fails(byte: int) -> None
         link.start(4)
         link.write(array("B", wire[:20].tobytes()))
         bus.clock.advance(2)
-        bus.inject(Fault(FaultKind.STALL, byte=bus.board().bytes_received + byte))
+        inject(bus, Fault(FaultKind.STALL, byte=bus.board().bytes_received + byte))
         sent = link.bytes_sent
         with pytest.raises(DeviceError):
             link.write(array("B", wire[20:].tobytes()))
@@ -125,39 +126,3 @@ def test_frames_are_those_executed_where_beginning_anew_fails(byte: int) -> None
         bus.clock.advance(10)
         assert not bus.board().emitting
         assert player.play([wire], update_rate=10e3).frames == 60
-
-
-def test_off_after_counts_from_when_the_stop_was_asked_for() -> None:
-    bus = bus_of()
-    asked: list[int] = []
-
-    class Asking(VirtualClock):
-        """Asks for a stop in the middle of the second silence in which the board begins anew."""
-
-        def sleep_until_ns(self, time_ns: int) -> None:
-            if asking and time_ns - self.now_ns() > 1_000_000_000:
-                asked.append(self.now_ns())
-                player.stop()
-            super().sleep_until_ns(time_ns)
-
-    asking = False
-    clock = Asking()
-    bus.clock = bus.board().clock = clock
-    with open_link(MODEL, backend=bus, clock=clock) as link:
-        player = Player(link)
-
-        def blocks() -> Iterator[np.ndarray]:
-            nonlocal asking
-            yield content(1000)
-            time.sleep(0.1)
-            clock.advance(1.0)
-            asking = True
-            yield content(1000)
-            time.sleep(0.1)
-            yield content(1000)
-
-        report = player.play(blocks(), update_rate=10e3)
-    assert len(asked) == 1
-    assert report.stopped_by == "stop"
-    assert report.off_after is not None
-    assert report.off_after == pytest.approx(1.31, abs=0.02)

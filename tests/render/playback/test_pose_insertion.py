@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.motions.hand_motion import PALM_DOWN, HandMotion
 from palpate.render import (
     MeshObject,
@@ -17,7 +16,6 @@ from palpate.render import (
     exploration,
     load_strategy,
     open_contour,
-    record,
     render,
 )
 from palpate.render.errors import PoseError, StrategyError
@@ -109,21 +107,6 @@ def test_what_appears_and_disappears_takes_a_bounded_number_of_poses():
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize(("name", "seed"), [("dog", 1), ("dog", 4), ("tube", 2)])
-@pytest.mark.parametrize("strategy", [closed_contour, open_contour])
-@pytest.mark.parametrize(("update_rate", "steps"), [(10_000.0, 3), (10_000.0, 1), (40_000.0, 1)])
-def test_no_direction_is_worth_a_longer_step_at_a_new_pose(name, seed, strategy, update_rate, steps):
-    """Where contours part and merge, the nearest one may run the other way."""
-    thing, ordinary = MeshObject.load(name), 7.0 / update_rate
-    motion = exploration(thing.bounds, duration=10.0, rate=90.0, seed=seed, model="around")
-    denser = insert_poses(thing, Palm(), motion, strategy(), distance=steps * ordinary)
-    count = counted(thing, denser, update_rate, strategy())[0]
-    assert count.jumps["pose"] == 0
-    assert count.hops_longest["pose"] <= 1.01 * 4 * ordinary
-    assert count.hops["pose"] == 0 or steps == 3
-
-
-@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("update_rate", "steps", "hops"), [(10_000.0, 3, True), (10_000.0, 1, False), (40_000.0, 3, True)]
 )
@@ -179,26 +162,6 @@ def test_the_poses_are_those_of_each_interval_halved_alone(name, strategy, dista
     np.testing.assert_array_equal(denser.pose, pose)
 
 
-@pytest.mark.exhaustive
-def test_old_contours_are_near_the_new_ones_and_a_part_that_appears_may_be_farther_from_the_old():
-    """One direction is bounded, as the docs say: points every 0.5 mm or closer against segments, both ways."""
-    tube, distance = MeshObject.load("tube"), 2e-3
-    motion = exploration("tube", duration=1.0, rate=90.0, seed=1, model="around")
-    denser = insert_poses(tube, Palm(), motion, closed_contour(), distance=distance)
-    scene = Scene.of(tube, Palm(), closed_contour())
-    lines = [lines_at(scene, pose) for pose in denser.pose]
-    pairs = [
-        (a, b)
-        for (a, b), lasting in zip(itertools.pairwise(lines), np.diff(denser.time), strict=True)
-        if a and b and lasting >= 50e-6
-    ]
-    assert len(pairs) > 10
-    assert not any(insertion_oracle.moves_far(a, b, 1.001 * distance + distance / 8) for a, b in pairs)
-    assert any(insertion_oracle.moves_far(b, a, 2 * distance) for a, b in pairs)
-    back = insert_poses(tube, Palm(), HandMotion(motion.time, motion.pose[::-1]), closed_contour(), distance=distance)
-    assert len(back) != len(denser)
-
-
 def test_motions_together_have_the_poses_of_each_alone(monkeypatch, device):
     """Also in small batches, and with two poses half a turn apart, between which both arcs are as short."""
     motions = [sideways(steps) for steps in ([4e-2, 2e-3], [], [2e-4], [2e-2] * 2)]
@@ -228,27 +191,6 @@ def test_an_object_that_moves_is_followed_too():
     denser = insert_poses(CUBE, Palm(), still_hand, open_contour(), distance=1e-3, object_pose=moved)
     np.testing.assert_allclose(denser.time, np.arange(17) / 8 / 90)
     assert insert_poses(CUBE, Palm(), still_hand, open_contour(), distance=1e-3).inserted == 0
-
-
-def test_an_object_that_is_elsewhere_but_stays_needs_no_times():
-    """One pose without a time, as `render` takes it: the same poses as for a motion that stays there."""
-    x, y, z = CUBE.bounds.mean(axis=0)
-    place = np.array([[x, y - 0.004, z, 0, 0, 0, 1.0]])
-    motion, rest = sideways([5e-3, 5e-3]), {"distance": 1e-3}
-    once = insert_poses(CUBE, Palm(), motion, closed_contour(), object_pose=HandMotion(None, place), **rest)
-    stays = HandMotion(motion.time[[0, -1]], np.repeat(place, 2, axis=0))
-    np.testing.assert_array_equal(
-        once.time, insert_poses(CUBE, Palm(), motion, closed_contour(), object_pose=stays, **rest).time
-    )
-    assert once.inserted > 0
-
-
-def test_a_file_says_how_many_poses_were_inserted(tmp_path):
-    denser = insert_poses(CUBE, Palm(), sideways([5e-3]), closed_contour(), distance=1e-3)
-    record(tmp_path / "cube.h5", CUBE, Palm(), denser, closed_contour())
-    with ContourFile(tmp_path / "cube.h5") as file:
-        assert file.attributes["poses_inserted"] == denser.inserted > 0
-        assert file.header().inserted == denser.inserted
 
 
 def test_what_has_no_poses_in_between_is_refused():

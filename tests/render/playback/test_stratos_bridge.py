@@ -4,8 +4,6 @@ The bridge is compiled against a stub of the vendor's library, whose fake array 
 second. Nothing here is hardware.
 """
 
-import json
-import os
 import signal
 import subprocess
 import sys
@@ -15,12 +13,8 @@ import numpy as np
 import pytest
 from devices.ultraleap_bridge import RATE, Bridge, shared_program
 
-from palpate.device import DeviceBusyError, LinkError, array_model, open_link
 from palpate.render import (
-    LiveStimulus,
     SamplingStrategy,
-    Session,
-    Stimulus,
     load_rig,
     play_file,
     prepare_frames,
@@ -133,68 +127,3 @@ def test_the_array_is_handed_silence_when_its_player_is_killed_or_hangs(program,
     np.testing.assert_array_equal(distinct(seen), distinct(sent)[: len(distinct(seen))])  # in order, until the end
     assert not rows[-40:, 3].any()
     assert "client went" in bridge.output or "sent away" in bridge.output
-
-
-def test_a_session_hands_over_silence_between_its_stimuli(program, contours, tmp_path):
-    with Bridge(program, record=tmp_path / "seen") as bridge:
-        with Session(rig_at(bridge)) as session:
-            numbers = session.load([Stimulus(contours, duration=0.2), LiveStimulus("tube", duration=0.3)])
-            for number in (*numbers, numbers[0]):
-                session.play(number)
-                session.wait()
-                time.sleep(0.1)
-        bridge.end()
-    rows = recorded(tmp_path / "seen")[:, 0]
-    on = np.concatenate([[False], rows[:, 3] > 0, [False]])
-    begins, ends = np.flatnonzero(np.diff(on.astype(int)) == 1), np.flatnonzero(np.diff(on.astype(int)) == -1)
-    first, last = rows[begins[0] : ends[0]], rows[begins[-1] : ends[-1]]
-    sent = sampled(contours, tmp_path, None, 0.2, 1)[:, 0]
-    for seen in (distinct(first), distinct(last)):  # a machine that is late leaves samples out, and turns none round
-        places = [np.flatnonzero((sent == row).all(axis=1)) for row in seen]
-        assert all(len(place) for place in places)
-        order = [-1]
-        for place in places:
-            order.append(place[np.searchsorted(place, order[-1], side="right")])
-        assert len(seen) > 0.9 * len(distinct(sent))
-    assert not rows[: begins[0], 3].any()
-    assert not rows[ends[-1] :, 3].any()
-
-
-def test_what_the_library_refuses_is_told_before_anything_sounds(program, contours, tmp_path):
-    with Bridge(program, record=tmp_path / "seen", rates="16000,8000") as bridge:
-        with pytest.raises(LinkError, match="16000"):
-            play_file(contours, array=rig_at(bridge), sampling=SamplingStrategy(update_rate=20e3), duration=0.1)
-        with pytest.raises(LinkError, match="takes 2 focal points a frame at most, not 3"):
-            play_file(contours, array=rig_at(bridge), sampling=SamplingStrategy(foci=3), duration=0.1)
-        played = play_file(contours, array=rig_at(bridge), sampling=SamplingStrategy(update_rate=8e3), duration=0.1)
-        bridge.end()
-    assert played.frames == 800
-    assert bridge.output.count("played") == 1
-
-
-def test_a_second_player_is_refused_and_the_first_one_goes_on(program, contours, tmp_path):
-    with Bridge(program, record=tmp_path / "seen") as bridge:
-        model, place = array_model("stratos"), f"127.0.0.1:{bridge.port}"
-        with open_link(model, serial=place) as link:
-            assert link.serial == "USX:00000001"
-            with pytest.raises(DeviceBusyError, match="in use"):
-                open_link(model, serial=place)
-        assert play_file(contours, array=rig_at(bridge), duration=0.1).frames == 1000  # it is free again
-
-
-def test_the_command_line_plays_to_a_bridge_and_names_its_array(program, contours, tmp_path):
-    with Bridge(program, record=tmp_path / "seen") as bridge:
-        words = ["play", contours, "--array", "ultraleap", "--serial", f":{bridge.port}", "--duration", "0.2"]
-        done = subprocess.run(
-            [sys.executable, "-m", "palpate.render.cli", *words, "--watchdog", "--json"],
-            capture_output=True,
-            text=True,
-            check=False,
-            env=os.environ,
-        )
-        bridge.end()
-    assert done.returncode == 0, done.stderr
-    values = json.loads(done.stdout)
-    assert (values["array"], values["serial"], values["transport"]) == ("stratos", "USX:00000001", "tcp")
-    assert (values["frames"], values["off_confirmed"], values["may_emit"]) == (2000, None, None)
-    assert bridge.counts()[1] == 2001

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from bridge_cases import PlayingBridge, ScriptedBridge
-from command_line import FAILED, answer, refused, run
+from command_line import answer
 
 from palpate.datasets import HandMotion
 from palpate.datasets.focus_files.ptlist import write_ptlist
@@ -24,7 +24,6 @@ from palpate.render import (
 )
 from palpate.render.errors import StrategyError
 from palpate.render.playback import file_playback
-from palpate.render.playback.placed_arrays import load_rig
 
 DURATION = 0.1
 FOUR = SamplingStrategy(foci=4, update_rate=10e3)
@@ -111,13 +110,6 @@ def test_what_it_cannot_be_asked_for_is_refused_before_it_is_opened(path, tmp_pa
     assert not (tmp_path / "x.h5").exists()
 
 
-def test_a_rig_of_it_and_others_is_refused(path, tmp_path):
-    (tmp_path / "rig.json").write_text('[{"array": "stratos"}, {"array": "emulator", "pose": [0, 0, 0.4, 1, 0, 0, 0]}]')
-    rig = load_rig(str(tmp_path / "rig.json"))
-    with pytest.raises(StrategyError, match="array stratos plays alone"):
-        play_file(path, array=rig, duration=0.1, connection=Connection(emulate=True))
-
-
 def test_a_watchdog_needs_no_process_where_the_bridge_is_one(path, monkeypatch):
     def no_watchdog(link):
         raise AssertionError(f"a watchdog was started for {link}")
@@ -147,36 +139,3 @@ def test_the_command_line_plays_to_it_by_any_of_its_names(points):
         assert (told["array"], told["serial"], told["frames"]) == ("stratos", "USX:EMULATED", 200)
         assert told["off_confirmed"] is None
         assert "does not say whether the array is silent" in told["off_doubt"]
-
-
-def test_the_command_line_says_what_to_start_where_no_bridge_listens(points):
-    missing = "no palpate-ultraleap listens at 127.0.0.1:1"
-    refused(FAILED, missing, "play", points, "--array", "stratos", "--serial", ":1")
-    refused(
-        FAILED,
-        "serial of a stratos is the HOST:PORT of its palpate-ultraleap",
-        "play",
-        points,
-        "--array",
-        "usx",
-        "--serial",
-        ":0",
-    )
-
-
-def test_devices_says_why_it_is_not_listed():
-    told = " ".join(run("devices").output.split())
-    assert (
-        "a real stratos cannot be listed: --serial HOST:PORT names the place at which its palpate-ultraleap listens"
-        in told
-    )
-
-
-@pytest.mark.exhaustive
-def test_predictions_say_what_they_suppose_of_it_and_of_no_other(path):
-    for command in (("field", path), ("noise", path, "--duration", "0.1")):
-        own, other = (answer(*command, "--array", name) for name in ("stratos", "emulator"))
-        assert "of a stratos the grid of transducers is published, but neither their pressure" in own["supposed"]
-        assert other["supposed"] is None
-    note = " ".join(run("noise", path, "--duration", "0.1", "--array", "stratos").output.split())
-    assert "of a stratos the grid of transducers is published" in note

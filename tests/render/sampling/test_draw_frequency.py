@@ -65,7 +65,7 @@ def test_a_palm_of_85_mm_that_pauses_at_its_corners_is_drawn_at_7_8_hz_wherever_
     assert summarise(path)["draw_frequency_of_mean_length"] == pytest.approx(1 / (0.34 / 7 + 0.08), rel=1e-6)
     assert batch.sample("stm", duration=1.0).draw_frequency == pytest.approx(10_000 / 1286)
     with FileScene(path) as scene:
-        assert window_around(scene, 0, 1.0).draw_frequency == pytest.approx([10_000 / 1286])
+        assert window_around(scene, 0).draw_frequency == pytest.approx([10_000 / 1286])
         block, _ = pack_poses(scene, [0], packer := Packer(exact=True))
         shown = decoded(block["poses"], packer.content())["draw_frequency"]
         assert shown == pytest.approx([10_000 / 1286])

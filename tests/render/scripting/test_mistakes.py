@@ -14,26 +14,20 @@ from palpate.render import (
     DatasetError,
     HandMotion,
     ImplicitObject,
-    Instant,
     IntersectionStrategy,
     MeshObject,
     Palm,
     RenderError,
-    SamplingStrategy,
     closed_contour,
-    draw_figure,
     exploration,
     load_contours,
     load_sampling,
     load_strategy,
-    play_file,
     preset,
-    record,
     render,
     sphere,
     static_pose,
     summarise,
-    voxelise,
 )
 
 TUBE = MeshObject.load("tube")
@@ -58,48 +52,28 @@ ALONE = {
     "a hand for an object": (lambda: render(Palm(), TUBE, STILL), "the order is object, hand, motion, strategy"),
     "hand and motion exchanged": (lambda: render(TUBE, STILL, "palm"), "the motion comes after the hand"),
     "a mesh for a hand": (lambda: render(TUBE, OPEN, STILL), "MeshHand(mesh.vertices, mesh.faces)"),
-    "no motion": (lambda: render(TUBE, "palm", None), "the motion must be a HandMotion"),
     "seconds for a motion": (lambda: render(TUBE, "palm", 30), "the motion must be a HandMotion"),
     "voxels for a mesh": (lambda: render(np.zeros((4, 4, 4)), "palm", STILL), "VoxelObject(values, spacing=METRES)"),
-    "texts for arrays": (lambda: MeshObject("a", "b"), "MeshObject.load(path) loads a file"),
-    "an argument of an object": (lambda: render(TUBE, "palm", STILL, fit=0.1), "unexpected keyword argument 'fit'"),
     "a strategy to load": (lambda: load_strategy(load_strategy("cc")), "must be the name of a preset"),
-    "a sampling for a strategy": (lambda: load_strategy("stm"), "is for sample and play"),
     "a strategy for a sampling": (lambda: load_sampling("cc"), "is the strategy that render takes"),
     "one pose by its number": (lambda: exploration("tube", 1.0)[0], "motion.pose has the rows"),
-    "a path for pictures": (lambda: draw_figure("a.h5", "a.png"), "files must be given by label"),
-    "a negative size": (lambda: Palm(-1, 1), "must lie between 0.0001 and 1 m, not -1"),
     "a hand's name": (lambda: render("tube", "plam", STILL), "did you mean 'palm'?"),
     "a palm in millimetres": (lambda: Palm(85, 85), "85 mm are 0.085"),
     "a position for a motion": (lambda: render("tube", "palm", [0, 0, 0.2]), "static_pose([x, y, z]) makes one"),
     "positions for a motion": (lambda: render("tube", "palm", np.zeros((9, 3))), "poses must be an array [pose, 7]"),
-    "rotations of zeros": (lambda: render("tube", "palm", np.zeros((9, 7))), "zero quaternion, which is no rotation"),
-    "NaN": (lambda: render("tube", "palm", np.full((9, 7), np.nan)), "row 0: pose [nan"),
     "a motion's name": (lambda: render("tube", "palm", "explore.csv"), "no such motion file"),
-    "a word for a motion": (lambda: render("tube", "palm", "wave"), "give the word exploration"),
     "one pose of a motion": (lambda: exploration("tube", 1.0)[5:5], "as in motion[0:90]"),
     "a strategy's name": (lambda: render("tube", "palm", STILL, "hacth"), "did you mean 'hatch'?"),
     "a function for a strategy": (lambda: render("tube", "palm", STILL, closed_contour), "load_strategy gives one"),
     "a stage's name": (lambda: IntersectionStrategy(transform=("hacth",)), "did you mean 'hatch'?"),
-    "a text for a list": (lambda: IntersectionStrategy(transform="hatch"), "must be a list, not 'hatch'"),
     "a device": (lambda: render("tube", "palm", STILL, device="gpu"), "GPUs are cuda:0"),
     "an argument's name": (lambda: MeshObject.load("tube", fitt=0.1), "did you mean 'fit'?"),
     "an axis": (lambda: MeshObject.load("tube", up="w"), "one of x, y, z, -x"),
     "two coordinates": (lambda: MeshObject.load("tube", at=(0, 0)), "at must be three finite numbers"),
     "a path for a mesh": (lambda: MeshObject("tube.stl"), "load a file by MeshObject.load(path)"),
-    "an empty name": (lambda: render("", "palm", STILL), "give a file or a built-in object's name"),
-    "a text for a size": (lambda: MeshObject.load("tube", fit="0.1"), "a positive length in metres, not '0.1'"),
     "a mesh and faces": (lambda: MeshObject(OPEN, [[0, 1, 2]]), "has faces of its own"),
     "a file to explore": (lambda: exploration("dog.stl"), "exploration(MeshObject.load('dog.stl'))"),
-    "a broken seed": (lambda: exploration(TUBE, seed=1.5), "seed must be an integer"),
-    "times without poses": (lambda: HandMotion([0, 1], [[0, 0, 0, 0, 0, 0, 1]]), "one value a pose"),
-    "a missing contour file": (lambda: play_file("nosuch.h5"), "does not exist"),
-    "a mode": (lambda: record("new.h5", TUBE, "palm", STILL, mode="append"), "create, resume or overwrite"),
     "a preset's name": (lambda: preset("smt"), "did you mean 'stm'?"),
-    "a speed in mm/s": (lambda: SamplingStrategy(speed=7000), "7000 mm/s are 7"),
-    "voxels in millimetres": (lambda: voxelise(TUBE, spacing=1), "1 mm are 0.001"),
-    "a negative radius": (lambda: sphere(-1), "radius must be a number from"),
-    "an interval in Hz": (lambda: Instant("tube", "palm", "cc", interval=90), "interval must lie in 0.0001..5 s"),
 }
 OF_A_BATCH = {
     "a pose too far": (lambda b: b[99], "pose 99 is outside the batch's 18 poses"),
@@ -108,10 +82,6 @@ OF_A_BATCH = {
     "a kind": (lambda b: b.length("objct"), "did you mean 'object'?"),
     "a sampling": (lambda b: b.sample("smt"), "did you mean 'stm'?"),
     "a board without its file": (lambda b: b.play("pat16"), "calibration=BOARD.pat, emulate=True or uncalibrated=True"),
-    "another maker's array": (lambda b: b.play("tinylev"), "known: emulator, pat16"),
-    "a clock": (lambda b: b.play(clock="fast"), "one of monotonic, virtual"),
-    "no time": (lambda b: b.play(clock="virtual", duration=0), "duration must be positive"),
-    "a sampling to play": (lambda b: b.play(sampling="smt"), "did you mean 'stm'?"),
     "no function to watch": (lambda b: b.play(watch=3), "watch must be a function"),
     "a part of a batch to summarise": (lambda b: summarise(b[5:5]), "this batch has no poses"),
     "chosen poses": (lambda b: b[[1, 2]], "[batch[i] for i in numbers]"),
@@ -120,11 +90,6 @@ OF_A_BATCH = {
     "a file's batch to save": (lambda b: load_contours(b.save("l.h5")).save("m.h5"), "read from l.h5, which holds all"),
     "a part of a file's batch": (lambda b: load_contours(b.save("n.h5"))[1:3].save("m.h5"), "a part of n.h5"),
     "no sampling": (lambda b: b.sample(None), "sampling must be a SamplingStrategy, or the name or file of one"),
-    "an empty part": (lambda b: b[5:5].to_pandas(), "this batch has no poses"),
-    "no repeats": (lambda b: b.play(clock="virtual", repeats=0), "repeats must lie in 1.."),
-    "a suffix": (lambda b: b.save("tube.txt"), "must end in .h5 or .hdf5"),
-    "a missing folder": (lambda b: b.save("no/tube.h5"), "there is no folder"),
-    "a picture": (lambda b: b.figure("a.gif"), "one of .png, .svg, .pdf"),
     "a table": (lambda b: b.to_pandas("lines"), "of must be poses or points"),
     "a file that is there": (lambda b: b.save(still().save("a.h5")), "overwrite=True replaces it"),
 }
@@ -174,21 +139,10 @@ def test_what_is_doubtful_is_warned_of_at_the_line_that_led_to_it(tmp_path, monk
         assert {warning.filename for warning in told} == {__file__}
 
 
-@pytest.mark.filterwarnings("ignore:mesh. 3 open edges")
-def test_an_open_mesh_is_answered_by_the_ways_out():
-    said = answer(lambda: render(OPEN, "palm", STILL))
-    assert 'strategy="oc" accepts any mesh on palms' in said
-    assert "voxelise" in said
-
-
 def test_a_misspelt_name_is_marked_so_that_python_suggests_the_right_one():
     with pytest.raises(AttributeError) as refusal:
         _ = palpate.render.rendr
     assert (refusal.value.name, refusal.value.obj) == ("rendr", palpate.render)
-
-
-def test_an_expression_is_an_object():
-    assert render(sphere(0.04).moved(0, 0, 0.2), "palm", STILL).facts()["object"] == "sphere"
 
 
 def test_a_loaded_batch_knows_the_names_that_its_file_has(batch, tmp_path):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 from depth_oracle import weighed
-from transform_cases import a_setting, assert_equal, near_poses, random_regions, rendered, run_stage
+from transform_cases import a_setting, near_poses, rendered, run_stage
 
 from palpate.render import MeshObject, Palm, PlaneHand, Scene, Stage, static_pose
 from palpate.render.hands.plane_hand import flat_hand
@@ -49,27 +49,6 @@ def test_a_patch_that_is_absent_has_no_depth(at, device, rng):
     got = run_stage("depth", batch, setting, **options)
     np.testing.assert_allclose(got.intensity, weighed(batch, setting, **options).intensity, atol=1e-4)
     assert np.diff(got.pose_start)[3] == 0
-
-
-@pytest.mark.parametrize("at", ["patch", "pose", "point"])
-def test_depth_does_not_depend_on_the_batch_a_pose_is_in(at, device, rng):
-    batch, setting = rendered(rng, device, moved=True, count=24)
-    whole = run_stage("depth", batch, setting, **DEFAULTS, at=at)
-    for first, stop in ((0, 5), (5, 6), (6, 6), (6, 24)):
-        own = a_setting(
-            setting.pose[first:stop], thing=setting.solid, device=device, moved=setting.object_pose[first:stop]
-        )
-        part = run_stage("depth", batch.select(first, stop), own, **DEFAULTS, at=at)
-        assert_equal(part, whole.select(first, stop))
-
-
-@pytest.mark.parametrize("at", ["patch", "pose", "point"])
-def test_a_batch_without_contours_stays_one(at, device, rng):
-    batch, setting, _ = random_regions(rng)
-    empty = batch.select(0, 1)
-    setting = a_setting(setting.pose[:1], thing=MeshObject.load("tube"), device=device)
-    out = run_stage("depth", empty, setting, **DEFAULTS, at=at)
-    assert (out.pose_count, out.point_count, len(out.intensity)) == (1, 0, 0)
 
 
 def test_a_mesh_is_made_once_for_an_object_and_the_oldest_go(device):

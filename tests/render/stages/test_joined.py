@@ -1,15 +1,12 @@
 """Joined sides: patches that tile a rectangle draw that rectangle, an edge is drawn once, what is apart stays."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 import warp as wp
 from mesh_cases import generic_poses
 from scipy.spatial.transform import Rotation
 
-from palpate.kernels.stages.joint import divide_joints, side_pairs
-from palpate.render import ContourBatch, IntersectionStrategy, MeshObject, Palm, closed_contour, open_contour, render
+from palpate.render import IntersectionStrategy, MeshObject, Palm, closed_contour, open_contour, render
 from palpate.render.hands.plane_hand import HandPatch, PatchJoint, PlaneHand, flat_hand
 from palpate.render.intersection.mesh_section import intersect
 from palpate.render.stages.prune import JOINT_GAP, drop_joined_sides
@@ -86,24 +83,6 @@ def test_two_patches_that_tile_a_palm_draw_its_contours(name, axis, strategy, de
                 assert far_from(np.concatenate([*mine.swapaxes(0, 1), mine.mean(axis=1)]), theirs).max() < 1e-6
 
 
-def test_what_is_left_is_a_batch_in_order(device):
-    hand, pose = flat_hand(), generic_poses(200, 3, spread=0.04)
-    before, after, _ = joined_contours(MeshObject.load("tube"), hand, pose, closed_contour(), device)
-    start, line_pose = after.polyline_start, np.repeat(np.arange(200), np.diff(after.pose_start))
-    assert start[0] == after.pose_start[0] == 0
-    assert start[-1] == after.point_count
-    assert (np.diff(start) >= 2).all()
-    assert (np.diff(line_pose * 100 + after.polyline_patch) >= 0).all()
-    closed = after.polyline_closed == 1
-    shut = (after.points[start[:-1]] == after.points[start[1:] - 1]).all(axis=1)
-    assert shut[closed].all()
-    assert closed.any()
-    assert not closed.all()
-    assert set(np.unique(after.kind)) == {0, 1}
-    object_length = [b.length("object") for b in (before, after)]
-    np.testing.assert_allclose(*object_length, atol=1e-6)
-
-
 def test_a_flat_hand_draws_the_outline_of_its_union_in_a_convex_solid(device):
     shapely = pytest.importorskip("shapely")
     hand, thing = flat_hand(), MeshObject.load("sphere")
@@ -174,14 +153,6 @@ def test_sides_are_dropped_by_angle_and_distance(bend, apart, lost, device):
     np.testing.assert_allclose(removed_inside(hinge(bend, apart), device), lost, atol=1e-6)
 
 
-def test_only_the_stretch_that_touches_is_dropped(device):
-    np.testing.assert_allclose(removed_inside(hinge(0, aside=0.035), device), [0.02, 0.02], atol=1e-6)
-    np.testing.assert_allclose(removed_inside(hinge(0, width=0.1), device), [0.08, 0.08], atol=1e-6)
-    np.testing.assert_allclose(removed_inside(hinge(0, aside=0.055), device), [0, 0], atol=1e-6)
-    np.testing.assert_allclose(removed_inside(hinge(0), device, gap=0.0), [0.03, 0.03], atol=1e-6)
-    np.testing.assert_allclose(removed_inside(hinge(20), device, angle=np.radians(30.0)), [0.03, 0.03], atol=1e-6)
-
-
 def test_patches_on_top_of_each_other_are_an_edge_and_not_one_plane(device):
     folded = HandPatch("finger", 0.03, 0.04, (0, 0, -0.05 + 0.02, 0, 0, 0, 1))  # its side 2 under the palm's side 2
     hand = PlaneHand((HandPatch("palm", 0.08, 0.1), folded), (PatchJoint("palm", 2, "finger", 2),))
@@ -205,32 +176,6 @@ def test_other_hands_and_hands_without_joints_keep_everything(device):
         assert removed.dtype == np.float32
         for name, array in before.arrays().items():
             assert array.tobytes() == after.arrays()[name].tobytes()
-
-
-def test_intensity_goes_along(device):
-    hand = hinge(0)
-    raw = raw_contours(large_cube(), hand, INSIDE, closed_contour(), device).numpy()
-    along = raw.points @ np.array([3.0, 5.0, 1.0], np.float32)
-    batch = ContourBatch(**{**raw.by_name(), "intensity": along.astype(np.float32)}).to(device)
-    setting = Setting(large_cube(), hand, INSIDE, 0, device, 0.0086, 0.002)
-    after = drop_joined_sides(batch, setting, angle=ANGLE, gap=JOINT_GAP)[0].numpy()
-    np.testing.assert_allclose(after.intensity, after.points @ [3.0, 5.0, 1.0], atol=1e-6)
-    assert raw.point_count == 5 + 5
-    assert after.point_count == 6 + 4  # two ends within the palm's side; the finger's side is gone
-
-
-def test_a_contour_that_runs_the_other_way_loses_as_much(device):
-    hand, pose, thing = flat_hand(), generic_poses(40, 11, spread=0.03), MeshObject.load("cube")
-    raw = raw_contours(thing, hand, pose, closed_contour(), device).numpy()
-    index = np.concatenate([np.arange(b - 1, a - 1, -1) for a, b in pairwise(raw.polyline_start)])
-    kind = raw.kind[np.maximum(index - 1, 0)]  # of the segment that now starts here
-    kind[raw.polyline_start[1:] - 1] = kind[raw.polyline_start[1:] - 2]
-    turned = ContourBatch(**{**raw.by_name(), "points": raw.points[index], "kind": kind})
-    setting = Setting(thing, hand, pose, 0, device, 0.0086, 0.002)
-    one, two = (drop_joined_sides(b.to(device), setting, angle=ANGLE, gap=JOINT_GAP) for b in (raw, turned))
-    np.testing.assert_allclose(one[1], two[1], atol=1e-6)
-    np.testing.assert_allclose(one[0].lengths(), two[0].lengths(), atol=1e-6)
-    assert one[1].sum() > 1.0
 
 
 def covered(begin, end, stretches):
@@ -296,16 +241,6 @@ def test_removed_lengths_are_those_of_the_oracle(rigid, device):
     expected = removed_slowly(before, hand, pose, ANGLE, JOINT_GAP)
     np.testing.assert_allclose(removed, expected, atol=1e-5)
     assert (expected > 0.001).sum() > 20
-
-
-def test_the_kernels_refuse_poses_of_another_number(device):
-    hand, pose = hinge(0), generic_poses(3, 0)
-    raw = raw_contours(MeshObject.load("cube"), hand, pose, closed_contour(), device)
-    pairs = side_pairs(((0, 2, 1, 0),), device)
-    for count, columns, said in ((2, 1, "of 3 poses, not of 2"), (3, 3, r"\[pose, 1\] or \[pose, 2\], not \[3, 3\]")):
-        section = wp.zeros((count, columns), dtype=wp.transform, device=device)
-        with pytest.raises(ValueError, match=said):
-            divide_joints(raw.struct, section, hand.on(device), pairs, angle=0.1, gap=0.005)
 
 
 @pytest.mark.parametrize("name", ["hatch", "inset", "ellipse", "circle", "centroid"])

@@ -39,11 +39,6 @@ def striped(x: wp.vec3):
 
 
 @wp.func
-def sloping(x: wp.vec3):
-    return 0.5 + 5.0 * x[0] - 3.0 * x[1]
-
-
-@wp.func
 def stepped(x: wp.vec3):
     return wp.where(x[0] > 0.0113, 1.0, 0.0)
 
@@ -51,11 +46,6 @@ def stepped(x: wp.vec3):
 @wp.func
 def waving(x: wp.vec3):
     return wp.vec3(x[0], x[1] + 0.01 * wp.sin(x[0] * 200.0), x[2])
-
-
-@wp.func
-def turned(x: wp.vec3):
-    return wp.vec3(-x[1], x[0], 2.0 * x[2])
 
 
 def drawn(*stages, poses=1, **options):
@@ -135,12 +125,6 @@ def test_no_part_that_resampling_leaves_is_taken_for_longer_however_float32_roun
     assert 0.0025 < longest < length_least(striped, setting) < 0.00251
 
 
-@pytest.mark.parametrize(("func", "gives"), [(sloping, "intensity"), (turned, "point")])
-def test_what_is_linear_needs_no_more_vertices(func, gives):
-    register_point_function("mine", func, gives=gives)
-    assert drawn("mine")[1] == []
-
-
 def test_between_polylines_there_is_no_segment(rng):
     setting = a_setting(np.float32([[0, 0, 0.2, 0, 0, 0, 1]]))
     dots = [0.001 * SQUARE + [x, 0.0] for x in (-0.04, 0.0, 0.033)]
@@ -171,17 +155,3 @@ def test_the_kernels_measure_what_the_oracle_measures(device, rng):
     unasked, none = map_points(waving, points)
     assert none.shape == (0,)
     np.testing.assert_array_equal(unasked.numpy(), map_points(waving, points, length_least=0.01)[0].numpy())
-
-
-def test_places_of_a_segment_see_waves_that_its_middle_does_not():
-    periods, phase = (part.ravel() for part in np.meshgrid(np.linspace(0.4, 30, 600), np.linspace(0, 6.28, 64)))
-
-    def missed(shares):
-        def wave(share):
-            return 0.5 * np.sin(2 * np.pi * periods * share + phase)
-
-        off = [np.abs(wave(t) - (1 - t) * wave(0.0) - t * wave(1.0)) for t in shares]
-        return np.mean(np.max(off, axis=0) < 0.05)
-
-    assert missed(list(PLACES)) < 1e-3
-    assert missed([0.5]) > 0.2

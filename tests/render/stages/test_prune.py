@@ -49,32 +49,6 @@ def test_what_is_kept_and_what_is_removed_are_all_and_once_is_enough(name, devic
             np.testing.assert_array_equal(value, out.by_name()[field])
 
 
-@pytest.mark.parametrize("name", STAGES)
-def test_an_empty_batch_stays_empty_and_one_without_anything_to_remove_the_same(name, device, rng):
-    empty = random_batch(rng, 3, line_most=0)
-    setting = a_setting(random_frames(rng, 3), device)
-    out, removed = pruned(empty, setting, name)
-    assert out.point_count == 0
-    assert removed.tolist() == [0, 0, 0]
-    loop = lines_at(circle(0.02), closed=True)
-    out, removed = pruned(loop, a_setting(flat_frames([(0, 0, 0.2)]), device), name)
-    assert removed.tolist() == [0]
-    for field, value in out.by_name().items():
-        np.testing.assert_array_equal(value, loop.by_name()[field])
-
-
-@pytest.mark.parametrize("name", STAGES)
-def test_poses_do_not_depend_on_each_other(name, device, rng):
-    batch, frames = random_batch(rng, 12), random_frames(rng, 12)
-    whole, removed = pruned(batch, a_setting(frames, device), name)
-    for first, stop in ((0, 5), (5, 12)):
-        part = PatchFrames(*(value[first:stop] for value in frames[:4]), frames.half)
-        own, own_removed = pruned(batch.select(first, stop), a_setting(part, device), name)
-        np.testing.assert_array_equal(own_removed, removed[first:stop])
-        for field, value in own.by_name().items():
-            np.testing.assert_array_equal(value, whole.select(first, stop).by_name()[field])
-
-
 # ---- off-skin ------------------------------------------------------------------------------------------------------
 
 
@@ -117,20 +91,6 @@ def test_pauses_stay_at_the_vertices_that_stay_and_cuts_have_none(device, rng):
     assert 10 < np.count_nonzero(out.dwell) < out.point_count - 10
 
 
-def test_off_skin_cuts_exactly_at_the_focal_radius(device):
-    frames = flat_frames([(0, 0, 0.2)], [(0.04, 0.03)])
-    line = lines_at([(-1, 0, 0.2), (1, 0, 0.2)])
-    out, removed = pruned(line, a_setting(frames, device), "off-skin")
-    reach = 0.04 + FOCAL_WIDTH / 2
-    np.testing.assert_allclose(out.points, [(-reach, 0, 0.2), (reach, 0, 0.2)], atol=1e-7)
-    assert removed[0] == pytest.approx(2 - 2 * reach)
-    corner = lines_at([(0, 0.03, 0.2), (0.08, 0.03 + 0.08, 0.2)])  # leaves over the rounded corner
-    out, _ = pruned(corner, a_setting(frames, device), "off-skin")
-    over = out.points[-1] - [0.04, 0.03, 0.2]
-    assert skin_distance(out.points[-1:].astype(float), frames, 0)[0] == pytest.approx(FOCAL_WIDTH / 2, abs=1e-7)
-    assert over[1] > 0
-
-
 # ---- close-together ------------------------------------------------------------------------------------------------
 
 
@@ -159,69 +119,11 @@ def test_of_two_parallel_lines_the_shorter_one_goes(device):
     assert removed[0] == pytest.approx(0.06, abs=1e-6)
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        [(-0.03, 0.0151, 0.2), (0.03, 0.0151, 0.2)],  # 1.49 focal widths away
-        [(-0.01, 0.004, 0.2), (0.01, 0.024, 0.2)],  # at 45 degrees
-        [(0.045, 0, 0.2), (0.07, 0, 0.2)],  # goes on where the other ends
-    ],
-)
-def test_what_is_far_or_oblique_or_follows_stays(line, device):
-    both = lines_at([(-0.04, 0, 0.2), (0.04, 0, 0.2)], line)
-    _, removed = pruned(both, a_setting(flat_frames([(0, 0, 0.2)]), device), "close-together")
-    assert removed.tolist() == [0]
-
-
-@pytest.mark.parametrize("count", [2, 4, 8, 16])
-def test_a_ring_in_pieces_that_touch_end_to_end_loses_nothing(count, device):
-    ring = circle(0.04, count=64)
-    ring = np.vstack([ring, ring[:1]])
-    pieces = [ring[k : k + 64 // count + 1] for k in range(0, 64, 64 // count)]
-    turned = [piece[::-1] if k % 3 == 1 else piece for k, piece in enumerate(pieces)]  # ends meet ends and starts
-    for lines in (pieces, turned):
-        out, removed = pruned(lines_at(*lines), a_setting(flat_frames([(0, 0, 0.2)]), device), "close-together")
-        assert removed.tolist() == [0]
-        assert len(out.polyline_closed) == count
-
-
-@pytest.mark.parametrize(("leg", "kept"), [(0.014, True), (0.03, False)])  # 2 x 14 mm is within 2.98 widths, 30.1 mm
-def test_a_hairpin_of_two_pieces_is_judged_as_one_line_is(leg, kept, device):
-    bend = [(leg, 0, 0.2), (0, 0, 0.2), (leg, 0.2 * leg, 0.2)]
-    setting = a_setting(flat_frames([(0, 0, 0.2)]), device)
-    _, together = pruned(lines_at(bend), setting, "close-together")
-    _, apart = pruned(lines_at(bend[:2], bend[1:]), setting, "close-together")
-    assert (together[0] == 0) == (apart[0] == 0) == kept
-    assert apart[0] == pytest.approx(together[0], abs=2 * 1.49 * FOCAL_WIDTH / 8)  # judged in parts this long
-    away = [(0.001 + x, y, z) for x, y, z in bend[1:]]  # a millimetre apart, nothing joins them
-    assert pruned(lines_at(bend[:2], away), setting, "close-together")[1][0] > 0.8 * leg
-
-
 def test_contours_on_different_patches_are_compared_only_if_asked(device):
     both = lines_at([(-0.04, 0, 0.2), (0.04, 0, 0.2)], [(-0.03, 0.01, 0.2), (0.03, 0.01, 0.2)], patches=[0, 1])
     setting = a_setting(flat_frames([(0, 0, 0.2), (0, 0, 0.3)], [(0.1, 0.1)] * 2), device)
     assert pruned(both, setting, "close-together")[1].tolist() == [0]
     assert pruned(both, setting, "close-together", across=True)[1][0] == pytest.approx(0.06, abs=1e-6)
-
-
-def test_a_thin_loop_loses_one_long_side_and_a_small_circle_nothing(device):
-    setting = a_setting(flat_frames([(0, 0, 0.2)]), device)
-    thin = np.array([(-0.04, 0, 0.2), (0.04, 0, 0.2), (0.04, 0.008, 0.2), (-0.04, 0.008, 0.2)])
-    out, removed = pruned(lines_at(thin, closed=True), setting, "close-together")
-    assert 0.04 < removed[0] < 0.08  # not where it is joined by less than 30 mm
-    assert not out.polyline_closed.any()
-    assert pruned(lines_at(circle(0.006), closed=True), setting, "close-together")[1].tolist() == [0]
-
-
-def test_what_a_loop_loses_later_no_longer_joins_what_was_judged_before(device):
-    thin = [(0.02, 0, 0.2), (0.02, 0.008, 0.2), (-0.02, 0.008, 0.2), (-0.02, 0, 0.2), (0.02, 0, 0.2)]
-    beside = [(0.026, -0.009, 0.2), (0.2, -0.009, 0.2)]  # takes the last 3 mm, over which 13..17 mm were joined
-    batch = lines_at(thin, beside)
-    batch.polyline_closed[0] = 1
-    out, _ = pruned(batch, a_setting(flat_frames([(0, 0, 0.2)]), device), "close-together")
-    segments = np.stack([out.points[:-1], out.points[1:]])[:, np.diff(out.points[:, 0]) > 0]
-    lower = segments[:, (np.abs(segments[:, :, 1]) < 1e-6).all(axis=0)]
-    assert lower[:, :, 0].max() < 0
 
 
 # ---- small, turned-away, hidden ------------------------------------------------------------------------------------

@@ -3,7 +3,6 @@
 import json
 import sys
 from dataclasses import replace
-from threading import Thread
 
 import pytest
 
@@ -151,57 +150,12 @@ def test_a_module_that_fails_is_told_by_file_and_name(own_module):
         load_strategy(str(own_module), allow_code=True)
 
 
-def test_a_module_that_exits_is_told_too(own_module):
-    own_module.with_name("palpate_test_stages.py").write_text("raise SystemExit(7)\n")
-    with pytest.raises(StrategyError, match=r"cannot import 'palpate_test_stages' \(SystemExit: 7\)"):
-        load_strategy(str(own_module), allow_code=True)
-
-
-def test_modules_of_one_name_in_two_folders_are_two(own_module, tmp_path):
-    load_strategy(str(own_module), allow_code=True)
-    load_strategy(str(own_module), allow_code=True)  # the same file again
-    other = tmp_path / "other"
-    other.mkdir()
-    module = own_module.with_name("palpate_test_stages.py").read_text()
-    (other / "palpate_test_stages.py").write_text(module.replace("test-same", "test-also"))
-    (other / "strategy.json").write_text(own_module.read_text().replace("test-same", "test-also"))
-    load_strategy(str(other / own_module.name), allow_code=True)
-    assert {"test-same", "test-also"} <= known_stages("transform").keys()
-    registry._ENTRIES.pop("test-also")
-
-
-def test_a_module_may_load_a_strategy_while_it_is_imported(own_module):
-    module = own_module.with_name("palpate_test_stages.py")
-    plain = own_module.with_name("plain.json")
-    plain.write_text('{"modules": ["json"]}')
-    loads = (
-        f"from palpate.render.strategies.intersection_strategy import load_strategy\nload_strategy({str(plain)!r})\n"
-    )
-    module.write_text(loads + module.read_text())
-    found = []
-    thread = Thread(target=lambda: found.append(load_strategy(str(own_module), allow_code=True)), daemon=True)
-    thread.start()
-    thread.join(20)
-    assert found
-
-
-def test_a_file_may_begin_with_a_byte_order_mark(tmp_path):
-    path = tmp_path / "s.json"
-    path.write_text(closed_contour().to_json(), encoding="utf-8-sig")
-    assert load_strategy(str(path)) == closed_contour()
-
-
 @pytest.mark.parametrize("options", [{"length": None}, {"length": None, "perimeter": None}])
 def test_a_stage_with_its_defaults_written_out_is_the_same_stage(options):
     with pytest.raises(StrategyError, match="listed twice with the same options"):
         IntersectionStrategy(prune=("small", Stage("small", options)))
     with pytest.raises(StrategyError, match="listed twice with the same options"):
         IntersectionStrategy(prune=(Stage("hidden", {"share": 0.5}), "hidden"))
-
-
-def test_far_objects_scale_options_to_their_bounds():
-    for make in PRESETS.values():
-        make().resolved(0.9)
 
 
 def test_an_unknown_strategy_lists_the_presets():

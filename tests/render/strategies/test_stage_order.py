@@ -1,20 +1,12 @@
 """Orders of transformations: those that make no sense are refused by name, presets are strategies that survive JSON."""
 
-from dataclasses import replace
-
-import numpy as np
 import pytest
-import shapely
-from transform_cases import a_setting, assert_valid, batch_of_loops, random_poses, random_regions, run_stage, star
 
 from palpate.render import IntersectionStrategy
 from palpate.render.errors import StrategyError
-from palpate.render.hands.hand import PatchFrames
 from palpate.render.stages.registry import Stage, known_stages
 from palpate.render.strategies.intersection_strategy import PRESET_LINES, PRESETS
 from palpate.render.strategies.stage_order import require_order
-
-MAKERS = ("ellipse", "circle", "centroid", "hatch", "inset")
 
 
 @pytest.mark.parametrize(
@@ -65,63 +57,6 @@ def test_every_stage_says_what_it_does_in_one_line():
     for name, entry in known_stages("transform").items():
         assert 10 < len(entry.line) < 100, name
         assert entry.line != "without description", name
-
-
-class TwoPatches:
-    """Two planes at right angles that move together."""
-
-    patch_count = 2
-    pose_count = None
-
-    def frames(self, pose, first=0):
-        one = a_setting(pose).frames
-        half = np.array([[0.04, 0.04], [0.03, 0.03]])
-        return PatchFrames(
-            np.concatenate([one.origin, one.origin + 0.05 * one.u], axis=1),
-            np.concatenate([one.u, one.v], axis=1),
-            np.concatenate([one.v, one.n], axis=1),
-            np.concatenate([one.n, one.u], axis=1),
-            half,
-        )
-
-
-@pytest.mark.parametrize("name", MAKERS)
-def test_what_is_made_lies_in_the_plane_of_its_patch(name, rng):
-    batch, setting, _ = random_regions(rng)
-    frames = TwoPatches().frames(setting.pose, 0)
-    line_pose = np.repeat(np.arange(batch.pose_count), np.diff(batch.pose_start))
-    point_pose = np.repeat(line_pose, np.diff(batch.polyline_start))
-    local = batch.points - setting.frames.origin[point_pose, 0]
-    x = (local * setting.frames.u[point_pose, 0]).sum(axis=1)
-    y = (local * setting.frames.v[point_pose, 0]).sum(axis=1)
-    other = frames.origin[point_pose, 1] + x[:, None] * frames.u[point_pose, 1] + y[:, None] * frames.v[point_pose, 1]
-    patch = np.ones(batch.polyline_count, np.int32)
-    moved = replace(batch, points=other.astype(np.float32), polyline_patch=patch)
-    first = run_stage(name, batch, setting)
-    second = run_stage(name, moved, a_setting(setting.pose, hand=TwoPatches()))
-    assert_valid(second, batch.pose_count)
-    assert (second.polyline_patch == 1).all()
-    line_pose = np.repeat(np.arange(batch.pose_count), np.diff(second.pose_start))
-    out_pose = np.repeat(line_pose, np.diff(second.polyline_start))
-    height = ((second.points - frames.origin[out_pose, 1]) * frames.n[out_pose, 1]).sum(axis=1)
-    assert np.abs(height).max() < 1e-7
-    if second.point_count == first.point_count:
-        np.testing.assert_allclose(second.length(), first.length(), rtol=1e-4)
-
-
-def test_a_hole_belongs_to_the_smallest_region_around_it(rng):
-    setting = a_setting(random_poses(rng, 1))
-    big, hole = star(rng, [0, 0], 0.03), star(rng, [0, 0], 0.018)[::-1]
-    island, pit = star(rng, [0, 0], 0.01), star(rng, [0, 0], 0.004)[::-1]
-    batch = batch_of_loops([[pit, big, island, hole]], setting.frames)
-    out = run_stage("circle", batch, setting)
-    want = [shapely.Polygon(island, [pit]).area, shapely.Polygon(big, [hole]).area]
-    assert sorted(area_of(line) for line in out.polylines_of(0)) == pytest.approx(want, rel=1e-4)
-
-
-def area_of(loop):
-    middle = loop[:-1].mean(axis=0)
-    return 0.5 * np.linalg.norm(np.cross(loop[:-1] - middle, loop[1:] - middle), axis=1).sum()
 
 
 def test_options_out_of_range_are_refused_by_name():

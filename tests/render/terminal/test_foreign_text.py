@@ -3,12 +3,12 @@
 import io
 import json
 import sys
+import time
 import unicodedata
 import warnings
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 from typer.testing import CliRunner
 
 from palpate.datasets import HandMotion, static_pose
@@ -131,14 +131,13 @@ def test_warnings_faults_and_tables_are_shown_and_not_obeyed(capsys):
 @pytest.mark.parametrize("name", [*HOSTILE, *MARKUP], ids=ascii)
 def test_bars_show_names_and_do_not_obey_them(name, monkeypatch):
     screen = io.StringIO()
-    live = Console(file=screen, force_terminal=True, width=200, soft_wrap=True)
-    monkeypatch.setattr(bars, "errors", live)
-    monkeypatch.setattr(terminal, "errors", live)
-    monkeypatch.setattr(bars, "LOADING_SILENT", 0.0)
-    with bars.loading_bar(name, quiet=False) as watch:
-        watch(name, 1, 2)
+    screen.isatty = lambda: True
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(bars, "SILENT_SECONDS", 0.0)
     with bars.progress_bar(name, quiet=False) as bar:
-        bar(1, 2)
+        bar(name, 1, 2)
+        time.sleep(0.02)  # the timer starts the bar
     with bars.playback_line(name, quiet=False) as line:
         line(LiveStatistics(1, 0.0, 2, 0, 0.0, 0.0), 5)
     told = screen.getvalue()

@@ -45,15 +45,6 @@ def test_a_palm_that_faces_the_array_has_no_tilt():
     assert tilts_of(np.array([0, 0, 0.2, -half, 0, 0, half])) == pytest.approx(np.pi)
 
 
-def test_poses_without_times_have_numbers(tmp_path):
-    path = render("cube", "palm", static_pose([0, 0, 0.2]), "cc").save(tmp_path / "a.h5")
-    with FileScene(path) as scene:
-        assert scene.time_of(0) is None
-        assert scene.times(0, 1).tolist() == [0.0]
-        assert scene.moment(0).time is None
-        assert scene.moment(0).length == pytest.approx(0.34, abs=1e-6)
-
-
 class StopError(Exception):
     """Ends a rendering half way."""
 
@@ -79,15 +70,6 @@ def test_an_unfinished_file_shows_what_is_done_and_goes_on(tmp_path):
         assert scene.is_sealed
         assert scene.done_count == scene.pose_count == 270
         assert scene.moment(269).is_done
-
-
-def test_pose_that_is_not_rendered_is_shown_without_contours(path, monkeypatch):
-    with FileScene(path) as scene:
-        monkeypatch.setattr(ContourFile, "done", property(lambda _: [(0, 10)]))
-        moment = scene.moment(50)
-        assert not moment.is_done
-        assert moment.contours.point_count == 0
-        assert moment.length == 0.0
 
 
 def test_files_that_cannot_be_read_are_refused_by_name(tmp_path, path):

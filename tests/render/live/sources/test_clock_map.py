@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from live_senders import arrivals, palm_frames, seen_at
 
-from palpate.render.live.sources.clock_map import JUMP_AHEAD, LATE_MOST, WINDOW, ClockMap
+from palpate.render.live.sources.clock_map import LATE_MOST, WINDOW, ClockMap
 
 DELAY = 2e-3
 
@@ -27,20 +27,14 @@ def stamps_of(frames, **how):
     return np.array(found), clock
 
 
-@pytest.mark.parametrize("rate", [60.0, 90.0, 120.0])
 @pytest.mark.parametrize("drift", [-1e-4, 0.0, 1e-4])
-def test_stamps_follow_a_clock_that_drifts_through_jitter_and_loss(rate, drift):
-    found, _ = stamps_of(palm_frames(rate, 20.0), jitter=3e-3, loss=0.1, drift=drift)
-    error, waited = found[round(rate) :].T  # the first second shows the shortest delay
+def test_stamps_follow_a_clock_that_drifts_through_jitter_and_loss(drift):
+    found, _ = stamps_of(palm_frames(90.0, 20.0), jitter=3e-3, loss=0.1, drift=drift)
+    error, waited = found[90:].T  # the first second shows the shortest delay
     assert error.min() > -max(drift, 0.0) * WINDOW - 1e-6
     assert np.abs(np.median(error)) < 4e-4
     assert error.max() < 1.5e-3
     assert waited.min() >= 0.0
-
-
-def test_without_jitter_the_stamp_is_exact():
-    found, _ = stamps_of(palm_frames(90.0, 5.0))
-    assert np.abs(found).max() < 2e-6  # nanoseconds of arrival, and float64 at 500 s
 
 
 def test_frames_out_of_order_are_left_out_and_counted():
@@ -48,16 +42,6 @@ def test_frames_out_of_order_are_left_out_and_counted():
     found, clock = stamps_of(frames, swaps=0.05)
     assert clock.late > 10
     assert len(found) + clock.late == len(frames)
-
-
-def test_stamps_increase_whatever_the_delays():
-    clock, last = ClockMap("own"), 0
-    rng = np.random.default_rng(8)
-    for arrival_ns, frame in arrivals(palm_frames(120.0, 3.0), rng, jitter=30e-3):
-        mapped = clock.stamp(frame.time, arrival_ns)
-        if mapped.stamp_ns is not None:
-            assert last < mapped.stamp_ns <= arrival_ns
-            last = mapped.stamp_ns
 
 
 @pytest.mark.parametrize(
@@ -78,20 +62,6 @@ def test_a_jump_is_reported_and_the_clock_is_mapped_anew(jump, text):
     assert np.abs(errors).max() < 1e-6
     assert len(errors) >= 300 - LATE_MOST
     assert pytest.approx(0, abs=1) == len(errors) - 300 + (LATE_MOST if jump == -0.5 else 0)
-
-
-def test_a_clock_that_is_ahead_by_less_than_a_jump_is_followed_at_once():
-    clock = ClockMap("own")
-    clock.stamp(0.0, 10_000_000_000)
-    mapped = clock.stamp(JUMP_AHEAD - 0.1, 10_010_000_000)
-    assert mapped == (10_010_000_000, None, False)
-
-
-def test_a_pause_of_the_source_is_no_jump():
-    clock = ClockMap("own")
-    clock.stamp(1.0, 10_000_000_000)
-    mapped = clock.stamp(61.0, 70_001_000_000)
-    assert (mapped.fault, mapped.stamp_ns) == (None, 70_001_000_000)  # older delays are no longer in the window
 
 
 def test_a_clock_that_stands_still_is_reported():

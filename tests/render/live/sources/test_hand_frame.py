@@ -32,13 +32,6 @@ def test_sources_keep_the_protocol_and_other_things_do_not():
     assert not isinstance([frame], PoseSource)
 
 
-def test_a_frame_without_pose_and_joints_has_no_hand():
-    (frame,) = palm_frames(1.0, 1.0)
-    assert not frame.is_lost
-    assert not SeenHand(0.0, joints=[[0.0] * 7] * 26).is_lost
-    assert SeenHand(0.0, "right", "1").is_lost
-
-
 def test_the_source_of_the_document_is_one_that_another_process_can_make(tmp_path, monkeypatch):
     (block,) = (one for one in blocks_of(ROOT / "docs/formats/live-poses.md") if one.name == "my_tracker.py")
     (tmp_path / block.name).write_text(block.text)

@@ -5,18 +5,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from live_senders import joint_frames, palm_at
+from live_senders import palm_at
 
 from palpate.datasets import Y_UP, HandRecording, load_recording
 from palpate.datasets.hand_model.joints import Joint
 from palpate.datasets.recordings.conventions import mirrored
 from palpate.datasets.recordings.leap import leap_arrays
 from palpate.datasets.recordings.sample import sample_recording
-from palpate.datasets.rigid import pose_product
-from palpate.render.errors import StrategyError
 from palpate.render.hands.plane_hand import PlaneHand
 from palpate.render.live.sources.hand_frame import SeenHand
-from palpate.render.live.sources.hand_poses import MEASURED, HandPoses, PatchLayout, moved, phalanx_poses
+from palpate.render.live.sources.hand_poses import MEASURED, HandPoses
 from palpate.render.live.sources.named_sources import patch_layout
 from palpate.render.live.sources.plausibility import Implausible
 
@@ -59,14 +57,6 @@ def test_palm_and_patches_are_those_of_the_recording(is_left):
         flip = np.sign(np.sum(expected[:, 3:] * patch_pose[:, 3:], axis=1, keepdims=True))
         assert np.allclose(patch_pose[:, :3], expected[:, :3], atol=1e-6)
         assert np.allclose(patch_pose[:, 3:] * flip, expected[:, 3:], atol=1e-6)
-
-
-def test_the_skin_is_where_a_recording_has_it_from_the_first_frame_on():
-    recording = recorded()
-    one = HandRecording(recording.time[:1], recording.joint_pose[:1], recording.joint_radius)
-    pose, patch_pose = HandPoses().posed(frame_of(recording, 0))
-    assert patch_pose is None
-    assert np.allclose(pose, one.skin_pose()[0], atol=1e-12)
 
 
 def test_what_is_measured_of_a_hand_stays_and_is_measured_anew_for_another():
@@ -144,53 +134,6 @@ def test_a_palm_alone_has_its_fingers_at_rest():
     pose, patch_pose = HandPoses(None, layout).posed(SeenHand(0.0, "right", "1", palm_at(0.0)))
     assert np.array_equal(pose, palm_at(0.0))
     assert np.array_equal(patch_pose, layout.rest)
-
-
-def test_a_patch_that_no_bone_moves_is_refused():
-    with pytest.raises(StrategyError, match="patch 'nose' lies under no bone; live patches are: palm, thumb-proximal"):
-        PatchLayout.of(("palm", "nose"), np.zeros((2, 7)))
-
-
-def test_planes_of_bones_without_length_or_joints_are_not_there():
-    joints = recorded().joints_in_hand()[0]
-    joints[Joint.INDEX_INTERMEDIATE] = joints[Joint.INDEX_PROXIMAL]
-    joints[Joint.RING_DISTAL] = np.nan
-    starts = np.array([Joint.INDEX_PROXIMAL, Joint.RING_INTERMEDIATE, Joint.RING_DISTAL, Joint.LITTLE_PROXIMAL])
-    found = phalanx_poses(joints, np.full(26, 0.01), starts)
-    assert np.isnan(found).all(axis=1).tolist() == [True, True, True, False]
-    assert np.isfinite(found[3]).all()
-
-
-def test_poses_are_moved_as_by_the_product_of_poses():
-    rng = np.random.default_rng(4)
-    poses = rng.normal(size=(9, 7))
-    poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
-    assert np.allclose(moved(poses[0], poses), pose_product(poses[0], poses), atol=1e-14)
-    assert np.allclose(moved(poses[0], poses[1]), pose_product(poses[0], poses[1]), atol=1e-14)
-
-
-def test_frames_of_joints_are_posed_as_quickly_as_a_live_hand_needs():
-    """0.35 ms of processor time were measured; a tenth of a 120 Hz frame is 0.83 ms."""
-    import time
-
-    recording = recorded(frame_count=MEASURED)
-    poses = HandPoses(
-        None, patch_layout(PlaneHand.from_joints(recording.joints_in_hand(), recording.radii(), is_left=False))
-    )
-    frames = [frame_of(recording, k) for k in range(MEASURED)]
-    for frame in frames:
-        poses.posed(frame)
-    spent = []
-    for frame in frames:
-        before = time.thread_time()
-        poses.posed(frame)
-        spent.append(time.thread_time() - before)
-    assert np.median(spent) < 0.83e-3
-
-
-def test_joint_frames_of_the_stand_in_are_of_its_side():
-    (frame,) = joint_frames(1.0, 1.0, is_left=True)
-    assert HandPoses(Y_UP).posed(frame)[0] is not None
 
 
 @needs_data

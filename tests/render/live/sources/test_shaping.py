@@ -1,9 +1,7 @@
 """Live poses are predicted and smoothed as worked out by hand, by SciPy's rotations and by SciPy's filters."""
 
 import math
-import pickle
 import sys
-import time as clock
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from palpate.render.errors import PoseError, StrategyError
 from palpate.render.live.sources.shaping import FILTER_RATE, PoseShaping, Prediction, Smoothing
 
-sys.path.insert(0, str(Path(__file__).parents[3] / "benchmarks"))
+sys.path.insert(0, str(Path(__file__).parents[4] / "benchmarks"))
 from live_prediction import measure, recorded_clip
 
 START = np.array([0.01, -0.02, 0.2])  # [m]
@@ -48,13 +46,6 @@ def shaped_all(shaping, times, poses):
 def angle_between(a, b):
     """Angle [rad] between the orientations of two poses."""
     return (Rotation.from_quat(a[3:]) * Rotation.from_quat(b[3:]).inv()).magnitude()
-
-
-def test_without_prediction_and_smoothing_poses_stay_bit_identical(rng):
-    shaping = PoseShaping()
-    for time in range(5):
-        pose = np.append(rng.normal(size=3), Rotation.random(random_state=time).as_quat())
-        assert shaping.shaped(float(time), pose).tobytes() == pose.tobytes()
 
 
 @pytest.mark.parametrize("damping", [0.0, 20.0, 300.0])
@@ -94,24 +85,6 @@ def test_uniform_rotation_is_predicted_exactly_but_for_the_damping(axis, damping
     np.testing.assert_allclose(error, 6.0 * (horizon - prediction.reach(horizon)), atol=1e-7)
     np.testing.assert_allclose(np.linalg.norm(shaped[:, 3:], axis=1), 1.0, atol=1e-12)
     np.testing.assert_array_equal(shaped[:, :3], np.tile(START, (40, 1)))
-
-
-def test_lost_frames_and_frames_that_come_together_change_nothing_of_a_uniform_movement():
-    times = np.array([0.0, 0.01, 0.0102, 0.02, 0.05, 0.0501, 0.06, 0.14])
-    shaped = shaped_all(PoseShaping(Prediction(0.02, 0.0)), times, straight(times, [0.4, 0, 0]))
-    np.testing.assert_allclose(shaped[1:, 0], START[0] + 0.4 * (times[1:] + 0.02), atol=1e-12)
-
-
-def test_jitter_of_times_weighs_less_than_in_a_difference_of_two_poses(rng):
-    """Stamps are wrong by up to 2 ms, so that a difference of two poses is wrong by up to 40 %."""
-    true = 0.01 * np.arange(400)
-    stamps = true + rng.uniform(-0.002, 0.002, 400)
-    poses = straight(true, [0.5, 0, 0])
-    shaped = shaped_all(PoseShaping(Prediction(0.02, 0.0)), stamps, poses)
-    velocity = (shaped[2:, 0] - np.array(poses)[2:, 0]) / 0.02
-    of_two = 0.5 * 0.01 / np.diff(stamps)[1:]
-    assert np.std(velocity) < 0.6 * np.std(of_two)
-    assert abs(velocity - 0.5).max() < 0.15
 
 
 def test_the_velocity_is_that_of_the_last_25_ms():
@@ -207,8 +180,7 @@ def test_a_quaternion_and_its_opposite_are_shaped_to_the_same_rotation(rng):
     assert max(angle_between(*pair) for pair in zip(a, b, strict=True)) < 1e-7
 
 
-@pytest.mark.parametrize("order", [1, 2, 3, 4])
-@pytest.mark.parametrize("cutoff", [3.0, 15.0, 100.0])
+@pytest.mark.parametrize(("order", "cutoff"), [(1, 15.0), (2, 3.0), (4, 100.0)])
 def test_the_stated_delay_is_that_of_scipy_and_of_a_steady_movement(order, cutoff):
     smoothing = Smoothing(cutoff, order)
     pairs = [(section[:3], section[3:]) for section in smoothing.sections]
@@ -221,13 +193,7 @@ def test_the_stated_delay_is_that_of_scipy_and_of_a_steady_movement(order, cutof
     assert late == pytest.approx(smoothing.delay, rel=0.01)
 
 
-def test_a_hand_at_rest_stays_where_it_is(rng):
-    pose = np.array([0.03, -0.01, 0.25, *Rotation.from_rotvec([0.3, 1.0, -0.2]).as_quat()])
-    shaped = shaped_all(PoseShaping(Prediction(), Smoothing(order=4)), irregular(300, rng), [pose] * 300)
-    np.testing.assert_allclose(shaped, np.tile(pose, (300, 1)), atol=1e-11)
-
-
-@pytest.mark.parametrize("order", [1, 2, 4])
+@pytest.mark.parametrize("order", [1, 4])
 def test_smoothing_is_scipys_filter_run_on_the_line_between_poses(order, rng):
     smoothing = Smoothing(12.0, order)
     counts = rng.integers(8, 40, 30)
@@ -242,27 +208,6 @@ def test_smoothing_is_scipys_filter_run_on_the_line_between_poses(order, rng):
     np.testing.assert_allclose(shaped[1:, :3], expected.T[np.cumsum(counts[1:]) - 1], atol=1e-14)
 
 
-def test_at_the_cutoff_half_the_power_passes_of_positions_and_of_small_rotations():
-    cutoff, rate = 5.0, 100.0
-    times = np.arange(400) / rate
-    wave = np.sin(2 * np.pi * cutoff * times)
-    turn = Rotation.from_rotvec(np.outer(0.1 * wave, [0, 1, 0])).as_quat()
-    poses = [np.array([0.01 * x, 0, 0.2, *q]) for x, q in zip(wave, turn, strict=True)]
-    shaped = shaped_all(PoseShaping(smoothing=Smoothing(cutoff)), times, poses)[200:]
-    # A straight line between poses takes sinc^2 (0.8 % of the amplitude here).
-    expected = np.sinc(cutoff / rate) ** 2 / math.sqrt(2)
-    angle = Rotation.from_quat(shaped[:, 3:]).as_rotvec()[:, 1]
-    for values, size in ((shaped[:, 0], 0.01), (angle, 0.1)):
-        assert math.sqrt(2) * np.std(values) / size == pytest.approx(expected, rel=0.005)
-
-
-def test_noise_of_a_tracker_gets_smaller(rng):
-    times = np.arange(500) / 100.0
-    poses = [np.array([*(START + 0.001 * rng.normal(size=3)), *UPRIGHT]) for _ in times]
-    shaped = shaped_all(PoseShaping(smoothing=Smoothing(8.0)), times, poses)
-    assert np.std(shaped[50:, :3] - START) < 0.5 * np.std(np.array(poses)[50:, :3] - START)
-
-
 def test_prediction_reaches_over_the_delay_of_the_smoothing():
     """Of a steady movement the smoothed pose lags by the delay, so the two together are at the horizon."""
     times = 0.01 * np.arange(100)
@@ -271,27 +216,12 @@ def test_prediction_reaches_over_the_delay_of_the_smoothing():
     np.testing.assert_allclose(shaped[60:, :3], START + np.outer(times[60:] + 0.02, [0.3, 0, -0.1]), atol=1e-6)
 
 
-def test_a_shaping_that_went_through_pickle_does_the_same_before_and_during_use(rng):
-    times = irregular(20, rng)
-    poses = straight(times, [0.4, 0.1, 0])
-    first = PoseShaping(Prediction(), Smoothing())
-    other = pickle.loads(pickle.dumps(first))
-    np.testing.assert_array_equal(shaped_all(other, times[:10], poses[:10]), shaped_all(first, times[:10], poses[:10]))
-    other = pickle.loads(pickle.dumps(first))
-    np.testing.assert_array_equal(shaped_all(other, times[10:], poses[10:]), shaped_all(first, times[10:], poses[10:]))
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [
         (lambda: Prediction(horizon=0.2), r"prediction.horizon must lie in 0..0.1 s, not 0.2"),
-        (lambda: Prediction(horizon=20.0), r"prediction.horizon must lie in 0..0.1 s, not 20.*20 ms are 0.02"),
-        (lambda: Prediction(horizon=math.nan), r"prediction.horizon must lie in 0..0.1 s, not nan"),
         (lambda: Prediction(damping=-1.0), r"prediction.damping must lie in 0..1000 1/s, not -1"),
         (lambda: Smoothing(cutoff=0.5), r"smoothing.cutoff must lie in 1..100 Hz, not 0.5"),
-        (lambda: Smoothing(cutoff="fast"), r"smoothing.cutoff must be a number in 1..100 Hz, not 'fast'"),
-        (lambda: Smoothing(order=5), r"smoothing.order must lie in 1..4, not 5"),
-        (lambda: Smoothing(order=1.5), r"smoothing.order must be a whole number in 1..4, not 1.5"),
     ],
 )
 def test_options_out_of_their_range_are_refused_with_value_and_bound(make, message):
@@ -318,18 +248,6 @@ def test_a_refused_pose_changes_nothing(time, pose, message):
         shaping.shaped(time, pose)
     later = straight([0.02], [0.4, 0, 0])[0]
     np.testing.assert_array_equal(shaping.shaped(0.02, later), other.shaped(0.02, later))
-
-
-def test_a_pose_is_shaped_in_well_under_100_us_of_cpu_time():
-    times = 0.009 * np.arange(300)
-    poses = straight(times, [0.1, 0, 0])
-    shaping = PoseShaping(Prediction(), Smoothing())
-    spent = []
-    for time, pose in zip(times, poses, strict=True):
-        began = clock.thread_time()
-        shaping.shaped(time, pose)
-        spent.append(clock.thread_time() - began)
-    assert np.median(spent) < 100e-6
 
 
 @pytest.mark.parametrize("name", ["HandSplay-110fps", "grab", "rollAndPitchCropped", "test-paddle-rightwards"])

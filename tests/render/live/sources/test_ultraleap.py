@@ -5,7 +5,6 @@ that it plays, which was made without this code.
 """
 
 import itertools
-import json
 
 import numpy as np
 import pytest
@@ -37,12 +36,6 @@ def test_a_frame_gives_the_joints_that_were_sent(recording, restored):
     assert np.allclose(dots, 1.0, atol=1e-6)
 
 
-def test_the_wrong_widths_of_the_restored_protocol_are_left_out():
-    for restored in (True, False):
-        (frame,) = seen_in(leapjs_frame(RIGHT, 0, restored=restored))
-        assert np.isnan(frame.radius[Joint.INDEX_TIP]) == restored
-
-
 def test_the_palm_is_where_the_recordings_palm_is():
     (frame,) = seen_in(leapjs_frame(RIGHT, 0))
     pose, _ = HandPoses(Y_UP).posed(frame)
@@ -70,18 +63,6 @@ def test_what_a_service_cannot_mean_is_a_fault(content, text):
         raise AssertionError(fault.text)
 
 
-@pytest.mark.parametrize(
-    "content",
-    ['{"version": 6}', '{"version": 7}', '{"event": {"state": {"attached": true, "streaming": true}}}', '{"event": 3}'],
-)
-def test_what_a_service_says_about_itself_is_no_frame(content):
-    assert seen_in(content) is None
-
-
-def test_an_empty_frame_is_a_lost_hand():
-    assert seen_in(empty_leapjs_frame(2_500_000)) == [SeenHand(2.5)]
-
-
 @pytest.mark.parametrize(("version", "path"), [(6, "/v6.json"), (7, "/v7.json")])
 def test_the_source_asks_for_frames_reads_them_and_connects_again(monkeypatch, version, path):
     monkeypatch.setattr(ultraleap, "RECONNECT_DELAY", 0.0)
@@ -101,25 +82,9 @@ def test_the_source_asks_for_frames_reads_them_and_connects_again(monkeypatch, v
     assert f"no connection to the tracking service at {url}" in fault.text
 
 
-def test_a_service_that_is_not_there_is_a_fault_again_and_again(monkeypatch):
-    monkeypatch.setattr(ultraleap, "RECONNECT_DELAY", 0.0)
-    faults = list(itertools.islice(UltraleapSource("ws://127.0.0.1:1/v6.json"), 2))
-    assert [fault.kind for fault in faults] == ["connection", "connection"]
-    assert "Connection refused; it is tried again" in faults[0].text
-
-
 def test_urls_are_read_and_others_refused():
     assert UltraleapSource.at("").url == URL
     assert UltraleapSource.at("ws://host:1/v7.json").url == "ws://host:1/v7.json"
     for text in ("http://host/v6.json", "6437", "ws://"):
         with pytest.raises(StrategyError, match="must be like ws://localhost:6437"):
             UltraleapSource.at(text)
-
-
-def test_the_stand_in_writes_what_a_recording_of_leapjs_is_read_from(tmp_path):
-    """So that stand-in and service agree: the frames make a recording, by the reader that public recordings prove."""
-    from palpate.datasets import load_recording
-
-    frames = [json.loads(leapjs_frame(RIGHT, k, restored=False)) for k in range(6)]
-    (tmp_path / "hand.json").write_text(json.dumps({"frames": frames}))
-    assert np.allclose(load_recording(tmp_path / "hand.json").time, RIGHT.time, atol=1e-6)

@@ -15,7 +15,6 @@ from palpate.render.objects.functions.expression import (
     DEEPEST,
     LARGEST,
     Difference,
-    Offset,
     Sphere,
     Torus,
     Union,
@@ -55,12 +54,6 @@ def test_values_are_those_of_the_oracle_on_every_device(device):
     got = values(e, device=device)
     assert np.abs(got - value(e, AT)).max() <= NEAR
     assert (got == values(e)).all()
-
-
-def test_transforms_follow_one_another():
-    e = (box(0.1, 0.02, 0.03).moved(0.05) | capsule((0, 0, 0), (0, 0, 0.1), 0.01)).turned(10, 20, 30).moved(0, 0.1)
-    e = (e.scaled(0.5).blended(sphere(0.02), 0.01).grown(0.004) - half_space((0, 1, 1), -0.03)).moved(0.01).scaled(3)
-    assert np.abs(values(e) - value(e, AT)).max() <= NEAR
 
 
 @given(expressions)
@@ -128,11 +121,6 @@ def test_bounds_hold_all_of_it(e):
 )
 def test_bounds_are_close(e, bounds):
     np.testing.assert_allclose(expression_bounds(e), bounds, atol=1e-15)
-
-
-def test_what_shrinks_to_nothing_has_empty_bounds():
-    low, high = expression_bounds(sphere(0.04).grown(-0.05))
-    assert (low > high).all()
 
 
 @given(expressions)
@@ -206,17 +194,10 @@ def test_the_widest_balanced_tree_fits_the_stack():
 
 BAD = {
     "sphere: radius must be a number from 1e-07 to 1000, not -0.04": lambda: sphere(-0.04),
-    "sphere: radius must be a number from 1e-07 to 1000, not nan": lambda: sphere(float("nan")),
     "sphere: radius must be a number from 1e-07 to 1000, not '4 cm'": lambda: sphere("4 cm"),
-    "box: size must be a number from 1e-07 to 1000, not 0": lambda: box(0.1, 0, 0.1),
     "capsule: start and stop are the same point": lambda: capsule((0, 0, 0), (0, 0, 0), 0.1),
-    "half-space: normal must not be of length 0": lambda: half_space((0, 0, 0)),
     "transform: at must be a number from -1000 to 1000, not inf": lambda: sphere(1).moved(float("inf")),
-    "transform: scale must be a number from 1e-06 to 1e\\+06, not 0": lambda: sphere(1).scaled(0),
-    "smooth union: width must be": lambda: sphere(1).blended(sphere(1), 0),
     "union: works on at least 1 expressions?, not 0": lambda: union(),
-    "difference: works on at least 2 expressions, not 1": lambda: Difference((sphere(1),)),
-    "offset: works on 1 expression, not 2": lambda: Offset((sphere(1), sphere(1)), 0.1),
     "union: works on expressions, not": lambda: Union((sphere(1), 3)),
     "more than 100 operators above one another": lambda: [e := sphere(1), *(e := e.grown(0) for _ in range(200))],
     "65536 primitives, of which a solid may have 32768": lambda: (
@@ -226,14 +207,10 @@ BAD = {
         '{"op": "sphere", "radius": ' + "9" * 5000 + "}"
     ),
     "sphere: radius must be .* not a number that large": lambda: sphere(10**5000),
-    "expression: not JSON": lambda: expression_from_json("{"),
     "unknown op 'ball'; known: sphere, box,": lambda: expression_from_json('{"op": "ball"}'),
-    "op must be one of sphere, .*, not None": lambda: expression_from_json("{}"),
     r"op must be one of sphere, .*, not \['sphere'\]": lambda: expression_from_json('{"op": ["sphere"]}'),
     "sphere: unknown field 'r'; known: radius": lambda: expression_from_json('{"op": "sphere", "r": 1}'),
-    "cylinder: height is missing": lambda: expression_from_json('{"op": "cylinder", "radius": 1}'),
     "union: of is missing": lambda: expression_from_json('{"op": "union"}'),
-    "union: of must be a list of expressions": lambda: expression_from_json('{"op": "union", "of": 3}'),
     "more than 100 operators above|deep in each other": lambda: expression_from_json(
         '{"op": "offset", "distance": 0, "of": [' * 10_000 + '{"op": "sphere", "radius": 1}' + "]}" * 10_000
     ),

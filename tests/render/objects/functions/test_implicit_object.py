@@ -1,20 +1,13 @@
 """Implicit objects: expressions and Warp functions, placed, judged, refused."""
 
 import json
-import warnings
-from dataclasses import replace
-from itertools import pairwise
 
 import implicit_functions as functions
 import numpy as np
 import pytest
-from expression_oracle import value
-from scipy.spatial.transform import Rotation
 
 from palpate.kernels.fields.probe import probe_points
-from palpate.render import render
 from palpate.render.errors import ImplicitError, PalpateWarning
-from palpate.render.hands.hand import Palm
 from palpate.render.objects.functions.expression import (
     box,
     expression_from,
@@ -27,7 +20,6 @@ from palpate.render.objects.functions.implicit_object import ImplicitObject
 from palpate.render.objects.mesh.placement import Placement
 from palpate.render.objects.mesh.solid_mesh import MeshObject
 from palpate.render.objects.solid import Solid
-from palpate.render.strategies.intersection_strategy import closed_contour
 
 AROUND = [[-0.06] * 3, [0.06] * 3]
 UP = Placement(at=(0, 0, 0.2))
@@ -97,19 +89,6 @@ def test_an_expression_without_bounds_needs_some_and_is_cut_by_them():
     thing = made(half_space((0, 0, 1)), AROUND, placement=None, hand=True)
     np.testing.assert_allclose(thing.bounds, [[-0.06] * 3, [0.06, 0.06, 0]])
     assert inside(thing, np.array([[0.05, 0.05, -0.01], [0.05, 0.05, 0.01], [0.05, 0.07, -0.01]])).tolist() == [1, 0, 0]
-
-
-def test_bounds_that_hold_an_expression_change_nothing():
-    one, other = made(sphere(0.04)), made(sphere(0.04), AROUND)
-    assert one.identity == other.identity
-    assert made(sphere(0.04), [[-0.06] * 3, [0.03] * 3]).identity != one.identity
-
-
-@pytest.mark.exhaustive
-def test_a_function_is_cut_by_its_bounds_with_a_warning():
-    with pytest.warns(PalpateWarning, match=r"ball: reaches its bounds' border, at \(-0.03, .*\) m for one"):
-        thing = made(functions.ball, [[-0.03] * 3, [0.06] * 3], placement=None, hand=True)
-    assert inside(thing, np.array([[-0.029, 0, 0], [-0.031, 0, 0]])).tolist() == [True, False]
 
 
 @pytest.mark.exhaustive
@@ -218,20 +197,6 @@ def test_a_file_that_ends_the_program_is_refused(tmp_path):
 
 
 @pytest.mark.exhaustive
-def test_identity_is_of_what_decides_where_the_surface_is():
-    of = {
-        made(sphere(0.04)).identity,
-        made(sphere(0.041)).identity,
-        made(sphere(0.04), placement=Placement(at=(0, 0, 0.21))).identity,
-        made(functions.ball, AROUND).identity,
-        made(functions.ball_of_doubles, AROUND).identity,
-        made(functions.ball, [[-0.07] * 3, [0.06] * 3]).identity,
-    }
-    assert len(of) == 6
-    assert made(sphere(0.04), name="other").identity == made(sphere(0.04)).identity
-
-
-@pytest.mark.exhaustive
 def test_a_constant_that_a_function_reads_counts_to_its_identity(tmp_path):
     """Its own source is the same, but not where it is below 0."""
     of = set()
@@ -255,42 +220,3 @@ def test_described_is_json_that_an_expression_comes_back_from():
     assert described["function"] == "ball"
     assert "RADIUS" in described["source"]
     assert described["bounds"] == AROUND
-
-
-def test_size_and_place_are_warned_of():
-    with pytest.warns(PalpateWarning, match=r"sphere: is 80 x 80 x 80 m; for millimetres use scale=0.001"):
-        ImplicitObject(sphere(40.0).moved(0, 0, 100))
-    with pytest.warns(PalpateWarning, match="reaches behind the array"):
-        ImplicitObject(sphere(0.04))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        ImplicitObject(sphere(0.04), hand=True)
-
-
-def test_contours_of_solids_apart_are_those_of_each(device):
-    """And a cavity's contour is one of its own, turned the other way."""
-    a = (sphere(0.03) - sphere(0.01)).moved(-0.02, 0, 0.2)
-    b = box(0.02, 0.03, 0.04).turned(0, 20).moved(0.03, 0, 0.2)
-    pose = np.array([[0, 0, 0.2, 0, 0, 0, 1], [0.01, 0.004, 0.201, 0.06, 0, 0.08, 0.995]], np.float32)
-    strategy = replace(closed_contour(), step=0.002)
-    lines = []
-    for e in (a | b, a, b):
-        batch = render(ImplicitObject(e), Palm(), pose, strategy, device=device)
-        areas = [
-            area(batch.points[first:stop], pose[k])
-            for k in range(2)
-            for first, stop in pairwise(batch.polyline_start[batch.pose_start[k] : batch.pose_start[k + 1] + 1])
-        ]
-        lines.append(sorted(areas))
-        on = np.abs(value(e, batch.points.astype(np.float64))) < 1e-6
-        assert on[batch.kind == 0].all()
-    assert lines[0] == pytest.approx(sorted(lines[1] + lines[2]), rel=1e-3)
-    assert [x < 0 for x in lines[0]] == [True, True, False, False, False, False]
-    assert lines[1][:2] == pytest.approx([-np.pi * 1e-4, -np.pi * 1e-4], rel=0.05)
-
-
-def area(points, pose):
-    """Signed area of a closed polyline seen from the palm's +n side [m2]."""
-    turn = Rotation.from_quat(pose[3:])
-    x = turn.inv().apply(points - pose[:3])[:, [0, 2]] * [1, -1]
-    return 0.5 * float(np.sum(x[:-1, 0] * x[1:, 1] - x[1:, 0] * x[:-1, 1]))

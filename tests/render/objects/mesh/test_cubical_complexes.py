@@ -8,7 +8,6 @@ from voxel_complexes import (
     Complex,
     as_indexed,
     as_soup,
-    has_cavity,
     layer_outline,
     mesh_outline,
     random_complex,
@@ -19,7 +18,6 @@ from voxel_complexes import (
 
 from palpate.render import MeshObject, Palm, closed_contour, open_contour, render
 from palpate.render.objects.mesh.repair import repair_mesh
-from palpate.render.objects.mesh.report import MeshReport
 
 SETS = 8  # of complexes, so that one that fails is found soon
 
@@ -92,19 +90,6 @@ def test_corners_on_sides_closed_by_slivers_change_nothing(kind):
     assert taken > 200
 
 
-@pytest.mark.exhaustive
-def test_walls_that_are_there_once_make_a_cavity_solid():
-    """The six sides of an empty voxel within single walls look like those of a filled one."""
-    filled = np.ones((3, 3, 3), bool)
-    filled[1, 1, 1] = False
-    rng = np.random.default_rng(2)
-    for walls, want in ((0, filled), (2, filled), (1, np.ones_like(filled))):
-        for _ in range(5):
-            mended = repair_mesh(*as_soup(triangles_of(Complex(filled, walls, True, False), rng)))
-            assert_is_solid(mended.vertices, mended.faces, want, 1e-9, walls)
-    assert has_cavity(filled)
-
-
 def random_boxes(rng, span=5):
     """Boxes with integer corners that overlap, touch and nest; the voxels they fill, and their triangles."""
     filled, triangles = np.zeros((span,) * 3, bool), []
@@ -135,39 +120,6 @@ def test_boxes_that_overlap_touch_and_nest_load_as_their_union(number, kind):
     assert simple > {"as it is": 40, "turned": 10, "turned float32": 2}[kind]
 
 
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("turn", [False, True], ids=["as it is", "turned"])
-def test_a_cube_many_times_in_one_place_is_one_cube(turn):
-    """With diagonals of its own each time, half of them inside out or none."""
-    one = Complex(np.ones((1, 1, 1), bool), 0, True, False)
-    for seed in range(60):
-        rng = np.random.default_rng(seed)
-        cubes = [triangles_of(one, rng) for _ in range(int(rng.integers(1, 8)))]
-        if seed % 2:
-            cubes = [cube[:, :: int(rng.choice([-1, 1]))] for cube in cubes]
-        mesh, rotated = disguised(np.concatenate(cubes), rng, turn, False)
-        mended = repair_mesh(*mesh)
-        assert len(mended.faces) == 12
-        assert mended.report.crossings == 0
-        assert_is_solid(mended.vertices @ rotated, mended.faces, np.ones((1, 1, 1), bool), 1e-9, seed)
-
-
-@pytest.mark.exhaustive
-def test_two_bodies_with_one_base_are_what_either_holds():
-    """A pyramid and the box that it stands in have the same bottom, and the same triangles there."""
-    box = triangles_of(Complex(np.ones((1, 1, 1), bool), 0, False, False), np.random.default_rng(1))
-    rim = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]])
-    sides = [[a, b, [0.5, 0.5, 0.75]] for a, b in zip(rim, np.roll(rim, -1, axis=0), strict=True)]
-    pyramid = np.concatenate([box[(box[:, :, 2] == 0).all(axis=1)], sides])
-    for seed in range(20):
-        rng = np.random.default_rng(seed)
-        turned = seed % 2 == 1
-        mesh, rotated = disguised(np.concatenate([box, pyramid]), rng, turned, False)
-        mended = repair_mesh(*mesh)
-        assert mended.report.crossings == 0
-        assert_is_solid(mended.vertices @ rotated, mended.faces, np.ones((1, 1, 1), bool), 1e-9, seed)
-
-
 def level_pose(height):
     """A palm parallel to the array, its middle 0.3 m to each side: a section of coordinates x and y."""
     return np.array([[0.3, 0.3, height, -np.sqrt(0.5), 0, 0, np.sqrt(0.5)]], np.float32)
@@ -192,10 +144,3 @@ def test_contours_of_random_complexes_are_those_of_their_layers(number, device):
             batch = render(thing, Palm(0.9, 0.9), poses, strategy, device=device)
             assert batch.length() == pytest.approx(want, abs=1e-5)
             assert batch.polyline_closed.all()
-
-
-def test_report_of_clean_cubes_says_nothing_was_done():
-    report = repair_mesh(
-        *as_soup(triangles_of(Complex(np.ones((1, 1, 1), bool), 0, True, False), np.random.default_rng(3)))
-    ).report
-    assert report == MeshReport(triangles=12, vertices_welded=28)

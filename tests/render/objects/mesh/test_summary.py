@@ -1,18 +1,15 @@
 """`palpate info MESH`: planted faults are counted as they were planted, and the ways out that it names work."""
 
-import json
-
 import numpy as np
 import pytest
 import trimesh
 from box_meshes import box, inverted, joined
-from command_line import answer, refused, run
+from command_line import answer, run
 
 from palpate.datasets import ContourFile
 from palpate.render import MeshObject, Palm, closed_contour, open_contour, render
 from palpate.render.errors import MeshError, PalpateWarning
 from palpate.render.objects.mesh import repair as mend
-from palpate.render.objects.mesh.summary import ways_out
 
 LEVEL = np.array([[0, 0, 0.2, -np.sqrt(0.5), 0, 0, np.sqrt(0.5)]])  # a palm parallel to the array
 
@@ -63,14 +60,6 @@ def test_planted_faults_are_counted(name, suffix, tmp_path):
     assert {told["changed"], told["left"]} != {"nothing"} or name in ("nothing", "cavity")
 
 
-def test_rim_is_measured_as_placed(tmp_path):
-    vertices, faces = without_top(box(80.0, (0, 0, 200)))  # millimetres
-    trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / "open.ply")
-    told = answer("info", tmp_path / "open.ply", "--scale", "0.001")
-    assert told["rim_longest"] == pytest.approx(4 * 0.08, rel=1e-6)
-    assert told["size"] == pytest.approx([0.08] * 3, rel=1e-6)
-
-
 def suggested(told, option):
     """The value that the table suggests for an option."""
     words = told["could_be_done"].split()
@@ -109,16 +98,6 @@ def test_filling_holes_as_suggested_closes_them(tmp_path):
     assert volume == pytest.approx(SPHERE.volume, rel=1e-5)  # a lid over one triangle is that triangle
 
 
-def test_only_holes_up_to_the_length_are_filled(tmp_path):
-    (vertices, faces), _ = FAULTS["torn sphere"]
-    corner = SPHERE.triangles[SPHERE.triangles_center.argmax(axis=0)]  # of the triangles that are missing
-    rims = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).sum(axis=1)
-    trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / "torn.ply")
-    for length, filled in ((0.999 * rims.min(), 0), (1.001 * rims.max(), 3)):
-        told = answer("info", tmp_path / "torn.ply", "--fill-holes", length)
-        assert (told["open_edges"], told["holes_filled"]) == (9 - 3 * filled, filled)
-
-
 def test_welding_as_suggested_closes_a_soup_whose_corners_are_apart(tmp_path, rng):
     vertices, faces = CUBE
     soup = vertices[faces].reshape(-1, 3) + rng.uniform(-4e-7, 4e-7, (36, 3))
@@ -138,14 +117,6 @@ def test_sheets_beside_a_solid_are_drawn_by_oc_and_left_out_of_cc(device):
     assert lengths == pytest.approx([4 * 0.08 + 0.04, 4 * 0.08], abs=1e-6)
 
 
-def test_an_open_surface_that_all_but_encloses_something_is_no_sheet():
-    with pytest.warns(PalpateWarning, match="4 open edges around 1 holes"):
-        thing = MeshObject(*joined(CUBE, without_top(box(0.05, (0.2, 0, 0.2)))))
-    assert thing.report.sheet_faces == 0
-    with pytest.raises(MeshError, match="4 open edges"):
-        thing.require_closed()
-
-
 def test_rule_of_inside_is_stored_and_tells_objects_apart(tmp_path):
     one, other = (MeshObject(*CUBE, solid=solid) for solid in ("winding", "even-odd"))
     assert one.identity != other.identity
@@ -153,25 +124,6 @@ def test_rule_of_inside_is_stored_and_tells_objects_apart(tmp_path):
     assert run("render", "cube", "exploration", "-o", out, "--solid", "even-odd", "--duration", "0.1").exit_code == 0
     with ContourFile(out) as file:
         assert file.object()["attributes"]["repair"] == {"solid": "even-odd", "weld": 0.0, "fill_holes": 0.0}
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--solid", "odd"), "solid must be one of winding, even-odd, not 'odd'"),
-        (("--weld", "-1"), "--weld must be a length in metres of 0 or more, not -1.0"),
-        (("--fill-holes", "nan"), "--fill-holes must be a length in metres of 0 or more, not nan"),
-    ],
-)
-def test_bad_options_are_refused_with_value_and_bound(options, message):
-    refused(2, message, "info", "cube", *options)
-
-
-def test_options_of_a_mesh_are_refused_for_other_files(tmp_path):
-    (tmp_path / "ball.json").write_text(json.dumps({"op": "sphere", "radius": 0.05}))
-    refused(2, "ball.json is not", "info", tmp_path / "ball.json", "--weld", "1e-6")
-    refused(2, "--solid is of a mesh", "render", tmp_path / "ball.json", "exploration", "-o", tmp_path / "o.h5",
-            "--solid", "winding")  # fmt: skip
 
 
 def test_sheets_beside_bodies_that_cross_are_drawn_with_what_the_bodies_bound(device):
@@ -195,12 +147,6 @@ def test_a_file_in_millimetres_is_told_the_scale(tmp_path):
     told = answer("info", path, "--scale", "0.001")
     assert told["could_be_done"] == "nothing needed"
     assert told["size"] == pytest.approx([0.04] * 3)
-
-
-def test_a_distance_of_welding_that_leaves_no_surface_is_named(tmp_path):
-    path = tmp_path / "ball.ply"
-    SPHERE.export(path)
-    refused(1, "weld merges what is 1 of the file's units apart", "info", path, "--weld", 1)
 
 
 def test_lids_are_not_suggested_where_they_enclose_nothing(tmp_path, rng):
@@ -234,26 +180,3 @@ def test_a_union_that_lost_a_body_is_not_believed(monkeypatch, device):
     assert not thing.is_simple
     length = render(thing, Palm(0.4, 0.4), LEVEL, closed_contour(), device=device).length()
     assert length == pytest.approx([4 * 0.08 + 2 * 0.01], abs=1e-6)
-
-
-@pytest.mark.exhaustive
-def test_the_command_that_an_open_mesh_is_answered_with_makes_a_closed_solid(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    vertices, faces = without_top(box(80.0))
-    trimesh.Trimesh(vertices, faces, process=False).export("box.stl")  # in millimetres
-    with pytest.warns(PalpateWarning):
-        mesh = MeshObject.load("box.stl", scale=0.001)
-    words = mesh.voxelising().removeprefix("palpate ").removesuffix(" makes a closed solid of it").split()
-    assert words[0] == "voxelise"
-    answer(*words, "--device", "cpu")
-    told = answer("render", "box.npz", "exploration", "--duration", 0.1, "--at", 0, 0, 0.2, "-o", "box.h5")
-    assert told["poses"] == 9
-
-
-def test_a_gltf_file_is_answered_with_its_axis_that_points_up(tmp_path):
-    vertices, faces = box(0.05, (0.0, 0.0, 0.2))
-    trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / "box.glb")
-    assert any(way.startswith('up="y"') for way in ways_out(MeshObject.load(tmp_path / "box.glb"), 1.0))
-    assert ways_out(MeshObject.load(tmp_path / "box.glb", up="y", at=(0, 0, 0.2)), 1.0) == []
-    trimesh.Trimesh(vertices, faces, process=False).export(tmp_path / "box.stl")
-    assert ways_out(MeshObject.load(tmp_path / "box.stl"), 1.0) == []

@@ -4,21 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from palpate.kernels.section.edge_pairing import group_starts, order_of
 from palpate.render.intersection.named_inputs import load_solid
 from palpate.render.objects.mesh.placement import Placement
 from palpate.render.objects.mesh.solid_mesh import repeats_at_most
 from palpate.render.objects.mesh.welding import coordinate_order
-
-
-@pytest.mark.parametrize("largest", [1, 7, 1000, 2**40])
-def test_rows_are_ordered_as_numpys_stable_sort_orders_them(rng, largest):
-    for count in (0, 1, 2, 1000):
-        columns = rng.integers(0, largest, (3, count))
-        np.testing.assert_array_equal(order_of(*columns), np.lexsort(columns))
-        rows = columns[:, np.lexsort(columns)]
-        _, start = np.unique(rows, axis=1, return_index=True) if count else (0, [])
-        np.testing.assert_array_equal(group_starts(*rows), np.sort(start))
 
 
 @pytest.mark.parametrize("steps", [1, 3, 50, 2**30])

@@ -27,14 +27,13 @@ from palpate.render import (
     open_contour,
 )
 from palpate.render.contour_batch import ContourBatch
-from palpate.render.errors import StrategyError, SweepError
+from palpate.render.errors import SweepError
 from palpate.render.hands.mesh_hand import MeshHand
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand
 from palpate.render.intersection.batch_rendering import Chunk
 from palpate.render.intersection.file_recording import metrics_of
-from palpate.render.intersection.scene import PoseBlock, Scene
+from palpate.render.intersection.scene import Scene
 from palpate.render.sampling.presets import PRESETS
-from palpate.render.sweeps.make import metrics as metrics_module
 from palpate.render.sweeps.make.histogram import merge, quantiles
 from palpate.render.sweeps.make.metrics import FREQUENCIES, ChunkSlice, measure_batch
 from palpate.render.sweeps.make.unit import CHUNK_POSES, SPAN
@@ -53,13 +52,6 @@ def share(contours):
 
 
 USERS = (UserMetric("metric 0 length", "mine.py:length", ContourBatch.length), UserMetric("metric 0 share", "", share))
-
-
-@pytest.fixture(scope="module", autouse=True)
-def undrawn_everywhere():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(metrics_module, "DRAWS_ON_CPU", False)
-        yield
 
 
 def random_on(device, count, seed=0):
@@ -162,7 +154,7 @@ def test_statistics_are_those_of_the_columns(device):
         assert (payload["poses"], payload["poses_drawn"]) == (len(pose), drawn)
         assert json.loads(json.dumps(payload)) == payload
     assert stat[FREQUENCIES[0]][0] == stat[FREQUENCIES[1]][0] == drawn
-    assert set(result.contours["seconds"]) == {"find", "join", "measure"}
+    assert set(result.contours["seconds"]) == {"find", "join", "draw", "measure"}
 
 
 def test_columns_are_those_of_a_contour_file(device):
@@ -285,24 +277,6 @@ def test_slices_that_no_batch_has_are_refused():
             measure_batch(CUBE_SCENE, pose, [own], device="cpu")
 
 
-def test_contours_are_drawn_only_where_their_points_are_needed(device):
-    pose = random_on(device, SPAN + 100)
-    for solid, strategy in ((TUBE, CC), (TUBE, open_contour()), (CUBE, CC)):
-        scene = Scene.of(solid, Palm(), strategy)
-        drawn = measured(scene, pose, device, (STM, RETURN), per_pose=True)
-        undrawn = measured(scene, pose, device, (STM,), per_pose=True)
-        assert set(drawn.contours["seconds"]) - set(undrawn.contours["seconds"]) == {"draw"}
-        assert without_seconds(undrawn) == without_seconds(replace(drawn, frequency=drawn.frequency[:1]))
-        for name, column in undrawn.columns[0].items():
-            np.testing.assert_array_equal(drawn.columns[0][name], column)
-    assert "draw" in measured(Scene.of(TUBE, Palm(), PRUNED), pose, device).contours["seconds"]
-    moved = Scene.of(TUBE, Palm(), CC, object_pose=generic_poses(len(pose), 8))
-    assert "draw" in measured(moved, pose, device).contours["seconds"]
-    with pytest.raises(StrategyError, match="stands still"):
-        moved.tally(PoseBlock(pose, 0, device), *(wp.empty(1, device=device),) * 2)
-
-
 def test_too_many_points_are_refused_before_memory_is_taken():
     with pytest.raises(PointLimitError):
         measured(CUBE_SCENE, random_on("cpu", 100), "cpu", (RETURN,), point_limit=10)
-    measured(CUBE_SCENE, random_on("cpu", 100), "cpu", point_limit=10)  # none are taken

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from page_oracle import decoded
 
-from palpate.render import Live, SamplingStrategy, load_rig, render, static_pose
-from palpate.render.errors import StrategyError
+from palpate.render import SamplingStrategy, load_rig, render, static_pose
 from palpate.render.live.counts import Durations
 from palpate.render.live.moment import LiveMoment, LiveScene
 from palpate.render.sampling.metrics import FocalPoints
@@ -16,10 +15,6 @@ from palpate.render.view.served.live_page import LivePage, path_of
 from palpate.render.view.served.page_server import PageRequest, message_of
 
 POSE = np.array([0, 0, 0.2, 0, 0, 0, 1], np.float32)
-
-
-def scene_of(run):
-    return run.scene()
 
 
 @pytest.fixture(scope="module")
@@ -88,13 +83,6 @@ def test_another_scene_has_another_number(scene):
     assert ask(page, ask="open")["files"][0]["object"] == "other"
 
 
-@pytest.mark.parametrize("values", [{"ask": "moment"}, {"ask": "now"}, {"ask": "now", "after": "x"}])
-def test_requests_of_another_page_are_refused(scene, values):
-    page = LivePage(lambda: scene, lambda: None, load_rig("emulator"))
-    with pytest.raises(StrategyError, match="must be"):
-        ask(page, **values)
-
-
 def test_of_thinned_focal_points_a_longer_step_is_no_jump(scene):
     """At 40 kHz every third sample is there: 0.5 mm apart at 7 m/s, not 0.175 mm."""
     from dataclasses import replace
@@ -107,18 +95,3 @@ def test_of_thinned_focal_points_a_longer_step_is_no_jump(scene):
     assert not path.jump.any()
     assert not path.hop.any()
     assert path_of(moment_of(fast, 1)) is None
-
-
-@pytest.mark.exhaustive
-def test_a_run_is_shown_while_it_runs():
-    with Live("tube", realtime=False) as run:
-        page = LivePage(run.scene, run.moment, load_rig("emulator"))
-        assert ask(page, ask="open")["files"][0]["object"] == "tube"
-        number, seen = -1, 0
-        for _ in range(200):
-            answer = ask(page, ask="now", after=number)
-            if "files" in answer:
-                assert answer["number"] > number
-                number, seen = answer["number"], seen + 1
-            run.wait(0.01)
-        assert seen > 10

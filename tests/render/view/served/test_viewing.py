@@ -1,17 +1,14 @@
 """The served page in a real browser: what it shows is what the files hold, and it asks nobody else for anything."""
 
 import re
-import socket
 import threading
-import time
 from contextlib import contextmanager
 
 import numpy as np
 import pytest
 from browser import Browser
-from websockets.sync.client import connect
 
-from palpate.render import ContourFile, HandMotion, exploration, record, render
+from palpate.render import ContourFile, exploration, record, render
 from palpate.render.view.served.viewing import view_files
 
 pytestmark = pytest.mark.exhaustive  # a browser that draws in software takes seconds to start
@@ -187,73 +184,9 @@ def test_a_row_of_a_sweep_opens_as_a_rendering_and_back_leads_to_the_table(tmp_p
         browser.wait("document.querySelector('.table') && document.body.innerText.includes('2 rows')")
 
 
-@pytest.fixture(scope="module")
-def million(tmp_path_factory):
-    """A file of 10^6 poses."""
-    motion = exploration("cube", duration=10.0, rate=100.0, seed=1)
-    poses = np.tile(motion.pose, (1000, 1))
-    path = tmp_path_factory.mktemp("million") / "million.h5"
-    record(path, "cube", "palm", HandMotion(np.arange(len(poses)) / 100.0, poses), "oc")
-    return path
-
-
-def test_of_a_file_of_a_million_poses_only_the_shown_ones_travel(tmp_path, million):
-    """benchmarks/view.py measures how long each takes."""
-    with ContourFile(million) as file:
-        assert file.pose_count == 1_000_000
-        length = 1e3 * file.metrics(123_456, 123_457)["length"][0]
-    with opened(tmp_path, million) as browser:
-        for pose in (999_999, 123_456):
-            go_to(browser, pose)
-        assert browser.run(READOUTS)[1].startswith(f"{length:.1f} mm" if length else "no contour")
-        browser.wait("document.getElementById('plot-overview')")
-        received = sum(size for _, size in browser.received)
-    assert 0 < received < 2_000_000  # of a file of over 100 MB
-
-
 def test_the_page_says_when_the_viewer_has_ended(tmp_path, files):
     with Browser(tmp_path) as browser:
         with served(files[0]) as address:
             browser.open(address)
             browser.wait("document.querySelector('[data-ready]')")
         browser.wait("document.body.innerText.includes('The viewer has ended')")
-
-
-def test_the_viewer_ends_at_once_while_pages_are_open(files):
-    ready, stop, found = threading.Event(), threading.Event(), []
-    thread = threading.Thread(
-        target=view_files,
-        args=([files[0]],),
-        kwargs={"stop": stop, "ready": lambda address: (found.append(address), ready.set())},
-    )
-    thread.start()
-    assert ready.wait(60)
-    port = int(re.search(r":(\d+)/", found[0])[1])
-    with (
-        socket.create_connection(("127.0.0.1", port)),
-        connect(found[0].replace("http:", "ws:"), compression=None) as page,
-    ):
-        page.send('{"ask": "open"}')
-        page.recv(timeout=10)
-        begun = time.monotonic()
-        stop.set()
-        thread.join(20)
-        assert time.monotonic() - begun < 2
-
-
-def test_plots_follow_while_a_long_file_plays(tmp_path):
-    motion = exploration("tube", duration=100.0, rate=100.0, seed=1)
-    path = render("tube", "palm", motion, "oc").save(tmp_path / "long.h5")
-    with opened(tmp_path, path) as browser:
-        browser.press("Home")
-        browser.wait(f"{READOUTS}[0].startsWith('pose 0 ')")
-        browser.settle(1.0)
-        browser.run("document.getElementById('time').value = 950")
-        browser.run("document.getElementById('time').dispatchEvent(new Event('input'))")
-        browser.wait(f"{READOUTS}[0].startsWith('pose 950 ')")
-        browser.press(" ")
-        now = "document.querySelector('#plot-length .now').getBoundingClientRect().left"
-        end = "document.querySelector('#plot-length .u-over').getBoundingClientRect().right"
-        browser.wait(f"Number({READOUTS}[0].match(/pose (\\d+)/)[1]) > 1400")
-        browser.wait(f"{now} < {end}", timeout=10)
-        browser.wait("document.getElementById('play').textContent === 'Pause'")

@@ -71,17 +71,6 @@ def test_two_boxes_of_normalised_integers_have_their_sizes():
     assert volume == pytest.approx(0.1**3 + 0.02**3)
 
 
-def test_positions_of_a_sparse_array_are_read():
-    file = GltfFile()
-    changes = {
-        "count": 8,
-        "indices": {"bufferView": file.view(np.arange(8, dtype="u2").tobytes()), "componentType": 5123},
-        "values": {"bufferView": file.view(CUBE.astype("f4").tobytes())},
-    }
-    file.mesh(attributes={"POSITION": file.array(CUBE, "f4", sparse=changes)})
-    assert enclosed(read(file)) == (12, [1, 1, 1], 1)
-
-
 @pytest.mark.parametrize(
     ("of_mesh", "of_node", "length"),
     [([1.0], None, 2), ([0.5], None, 1.5), (None, None, 1), ([1.0], [0.0], 1), (None, [1.0], 2), ([0.0], [0.25], 1.25)],
@@ -147,17 +136,8 @@ def test_strips_fans_and_corners_in_order_are_triangles():
     assert enclosed(read(strip)) == (4, [1, 1, 1], round(1 / 6, 9))
 
 
-def test_hidden_nodes_are_left_out_with_those_below():
-    """KHR_node_visibility."""
-    hidden = {"extensions": {"KHR_node_visibility": {"visible": False}}}
-    nodes = [{"mesh": 0}, {"mesh": 0, "matrix": SHIFT, "children": [2], **hidden}, {"mesh": 0}]
-    file = cube_file(nodes=nodes, scenes=[{"nodes": [0, 1]}], extensionsUsed=["KHR_node_visibility"])
-    assert enclosed(read(file)) == (12, [1, 1, 1], 1)
-
-
 BOUND = [{"mesh": 0, "skin": 0, "children": [1]}, {"translation": [1, 0, 0]}]
 DRACO = {"extensions": {"KHR_draco_mesh_compression": {"bufferView": 0, "attributes": {"POSITION": 0}}}}
-MESHOPT = {"extensions": {"EXT_meshopt_compression": {"buffer": 1, "byteLength": 20, "byteStride": 12, "count": 8}}}
 INSTANCES = {"extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 0}}}}
 
 
@@ -165,26 +145,17 @@ INSTANCES = {"extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLAT
     ("tree", "said"),
     [
         ({"extensionsRequired": ["KHR_draco_mesh_compression"]}, "needs the glTF extension KHR_draco_mesh_compression"),
-        ({"extensionsRequired": ["EXT_meshopt_compression"]}, "EXT_meshopt_compression, which is not read"),
-        ({"extensionsRequired": ["EXT_mesh_gpu_instancing"]}, "EXT_mesh_gpu_instancing, which is not read"),
         ({"extensionsRequired": ["ACME_of_tomorrow"]}, "ACME_of_tomorrow, which is not read"),
         ({"nodes": [{"mesh": 0} | INSTANCES]}, "EXT_mesh_gpu_instancing, which is not read"),
         ({"asset": {"version": "1.0"}}, "is glTF 1.0, and only glTF 2 is read"),
         ({"meshes": {"a": {}}}, "is glTF 1.0, and only glTF 2 is read"),
-        ({"asset": {"version": "3.0"}}, "is glTF 3.0"),
         ({"asset": {"version": "2.1", "minVersion": "2.1"}}, r"is glTF 2.1 \(at least 2.1\)"),
         ({"nodes": [{"mesh": 0, "matrix": SHIFT, "scale": [1, 1, 1]}]}, "node 0 has both a matrix and scale"),
         ({"nodes": [{"children": [0]}]}, "node 0 has two parents, or is its own"),
-        ({"nodes": [{"children": [1, 1]}, {"mesh": 0}]}, "node 1 has two parents"),
-        ({"nodes": [{"mesh": -1}]}, "names entry -1 of meshes, which has 1"),
         ({"nodes": [{"mesh": 0, "rotation": [0, 0, 0, 0]}]}, "the rotation of node 0 must be four numbers of length 1"),
         ({"nodes": [{"mesh": 0, "translation": [float("nan"), 0, 0]}]}, "the place of node 0 must be finite"),
         ({"nodes": [{"mesh": 0, "scale": 2}]}, "the scale of node 0 must be 3 numbers, not 2"),
-        ({"nodes": [{"mesh": 0, "scale": [[2, 2, 2]] * 3}]}, "the scale of node 0 must be 3 numbers"),
-        ({"nodes": [{"mesh": 0, "matrix": None}]}, "the matrix of node 0 must be 16 numbers, not None"),
         ({"scenes": None}, "is no valid glTF"),
-        ({"scene": 1}, "names entry 1 of scenes"),
-        ({"accessors": 3}, "is no valid glTF"),
         ({"nodes": BOUND, "skins": [{"joints": [0, 1]}]}, "has a skin, but its mesh has no JOINTS_0"),
         ({"nodes": [{"mesh": 0, "skin": 0}], "skins": [{"joints": [4]}]}, "the joint 4, which is no node of the scene"),
     ],
@@ -217,13 +188,6 @@ def test_rows_that_overlap_are_named(stride):
         read(file)
 
 
-def test_a_file_without_a_scene_is_named():
-    file = cube_file()
-    del file.tree["scenes"]
-    with pytest.raises(MeshError, match="has no scene"):
-        read(file)
-
-
 @pytest.mark.parametrize(
     ("primitive", "said"),
     [
@@ -239,31 +203,9 @@ def test_a_primitive_that_is_not_read_is_named(primitive, said):
         read(file)
 
 
-def test_indices_that_are_no_unsigned_integers_are_named():
-    file = cube_file()
-    file.tree["meshes"][0]["primitives"][0]["indices"] = file.array([0, 1, 2], "f4")
-    with pytest.raises(MeshError, match="must be unsigned integers, not float32"):
-        read(file)
-
-
 @pytest.mark.parametrize("triangles", [[0, 1], [0, 1, 8]])
 def test_indices_that_are_no_triangles_are_named(triangles):
     file = GltfFile()
     file.mesh(triangles=triangles)
     with pytest.raises(MeshError, match=r"has 2 corners, not three|indices of a primitive name vertices 0 to 8"):
-        read(file)
-
-
-def test_compressed_data_beside_plain_ones_are_read_plain_or_refused():
-    """A file that only uses Draco or meshopt, and does not require it, holds the same data plain."""
-    file = cube_file(extensionsUsed=["KHR_draco_mesh_compression"])
-    file.tree["meshes"][0]["primitives"][0] |= DRACO
-    assert enclosed(read(file)) == (12, [1, 1, 1], 1)
-    del file.tree["accessors"][0]["bufferView"]
-    with pytest.raises(MeshError, match=r"has no data.*has the extension KHR_draco_mesh_compression"):
-        read(file)
-    file = cube_file(extensionsUsed=["EXT_meshopt_compression"])
-    file.tree["bufferViews"][0] |= MESHOPT | {"buffer": 1}
-    file.tree["buffers"] = [{"byteLength": 96, "extensions": {"EXT_meshopt_compression": {"fallback": True}}}]
-    with pytest.raises(MeshError, match=r"buffer 1 has no data \(but EXT_meshopt_compression\)"):
         read(file)

@@ -13,8 +13,6 @@ from palpate.render.objects.mesh.formats.gltf import (
     accessor_bytes,
     embedded,
     glb_chunks,
-    item,
-    whole,
 )
 
 ROWS = np.arange(12).reshape(4, 3)
@@ -130,14 +128,3 @@ def test_data_uris_are_read_or_refused():
     for uri, said in (("data:;base64", "without a comma"), ("data:;base64,abc", "no base64")):
         with pytest.raises(MeshError, match=said):
             embedded(uri)
-
-
-def test_entries_and_counts():
-    assert item({"nodes": ["a"]}, "nodes", 0) == "a"
-    for index in (1, -1, True, 0.0, "0"):
-        with pytest.raises(MeshError, match="names entry"):
-            item({"nodes": ["a"]}, "nodes", index)
-    assert whole(3.0) == 3
-    for value in (True, -1, 1.5, float("nan"), float("inf"), "3"):
-        with pytest.raises(MeshError, match="whole number"):
-            whole(value)

@@ -18,7 +18,7 @@ def test_a_cube_of_quads_and_triangles_is_read_in_every_form(form, polygons, new
     assert enclosed(read_ply(content)) == (12, [1, 1, 1], 1)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(4))
 def test_random_tables_are_read_as_they_were_written(seed):
     rng = np.random.default_rng(seed)
     form, count, kind = (str(rng.choice(list(names))) for names in (FORMS, INTEGERS, INTEGERS))
@@ -36,15 +36,6 @@ def test_random_tables_are_read_as_they_were_written(seed):
     elements = [elements[k] for k in rng.permutation(3)]
     found = read_ply(ply_file(form, elements))
     np.testing.assert_array_equal(corners_of(found), triangles_of(points, polygons))
-
-
-def test_rows_of_unequal_width_are_walked_within_the_budget(monkeypatch):
-    """48 bytes for the place of each of 30,000 lists of 1 to 5 bytes: more than 1 MB."""
-    monkeypatch.setenv(LIMIT_VARIABLE, "1")
-    lists = b"\x04\0\0\0\0" + b"\0" * 29_999
-    head = "element face 30000\nproperty list uchar uchar vertex_indices\nend_header\n"
-    with pytest.raises(FileBoundError, match="what its rows need takes 1440000 bytes"):
-        read_ply(f"ply\nformat binary_little_endian 1.0\n{head}".encode() + lists)
 
 
 @pytest.mark.parametrize("form", FORMS)

@@ -5,15 +5,10 @@ import pytest
 import shapely
 
 from palpate.datasets.bounded_file import LIMIT_VARIABLE, FileBoundError
-from palpate.render.errors import MeshError
 from palpate.render.objects.mesh.formats.polygons import (
-    FileMesh,
     fan_triangles,
     polygon_triangles,
-    require_corners,
     strip_triangles,
-    unfolded,
-    united,
 )
 
 
@@ -41,21 +36,6 @@ def test_every_second_triangle_of_a_strip_is_turned():
     assert strip_triangles(np.array(strip)).tolist() == [[4, 5, 6], [6, 5, 7], [6, 7, 8], [1, 2, 3]]
     joined = [0, 1, 2, 2, 3, 3, 4, 5]  # two strips joined by corners that repeat
     assert strip_triangles(np.array(joined)).tolist() == [[0, 1, 2], [4, 3, 5]]
-
-
-def test_meshes_are_united_with_their_own_vertices():
-    one = FileMesh(np.eye(3), np.array([[0, 1, 2]]), {"a": np.eye(4)})
-    two = FileMesh(2 * np.eye(3), np.array([[2, 1, 0]]), {"a": np.zeros((4, 4))})
-    found = united([one, two])
-    assert found.vertices[found.faces].tolist() == [np.eye(3).tolist(), (2 * np.eye(3))[::-1].tolist()]
-    assert found.nodes["a"].max() == 1
-
-
-@pytest.mark.parametrize("corner", [-1, 3])
-def test_a_corner_that_is_no_vertex_is_named(corner):
-    require_corners(np.array([0, 2]), 3)
-    with pytest.raises(MeshError, match=r"faces name vertices -?\d to \d, but there are 3"):
-        require_corners(np.array([0, corner, 1]), 3)
 
 
 L = [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)]
@@ -90,17 +70,6 @@ def test_triangles_lie_within_their_polygon(name, turn, rng):
         whole, total = covered(flat, faces)
         assert whole.symmetric_difference(expected).area < 1e-9
         assert total == pytest.approx(expected.area)
-
-
-def test_polygons_that_point_nowhere_inwards_keep_their_fans(rng):
-    angle = np.linspace(0, 2 * np.pi, 7, endpoint=False)
-    flat = np.stack([np.cos(angle), np.sin(angle), np.ones(7)], axis=1)
-    vertices = np.concatenate([flat, np.column_stack([np.roll(L, -1, axis=0), np.zeros(6)])])
-    corners, counts = np.concatenate([np.arange(7), np.arange(7, 13), [0, 1, 2]]), np.array([7, 6, 3])
-    fans = fan_triangles(corners, counts)
-    faces = unfolded(fans.copy(), corners, counts, vertices)
-    np.testing.assert_array_equal(faces[[*range(5), 9]], fans[[*range(5), 9]])
-    assert (faces[5:9] != np.array(fans[5:9])).any()
 
 
 @pytest.mark.parametrize("points", [[(0, 0), (1, 1), (1, 0), (0, 1)], [(0, 0), (1, 0), (0, 0), (1, 0)]])

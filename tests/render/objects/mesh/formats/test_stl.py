@@ -2,13 +2,11 @@
 
 import struct
 
-import numpy as np
 import pytest
-import trimesh
-from file_meshes import CUBE, TRIANGLES, corners_of, enclosed, moved
+from file_meshes import CUBE, TRIANGLES, enclosed, moved
 
 from palpate.render.errors import MeshError
-from palpate.render.objects.mesh.formats.stl import binary_size, is_binary_stl, read_stl
+from palpate.render.objects.mesh.formats.stl import read_stl
 
 
 def solid_text(name, by=0, facet="facet normal 0 0 0\nouter loop\n{}endloop\nendfacet\n", vertex="vertex {} {} {}\n"):
@@ -44,20 +42,6 @@ def test_all_solids_of_a_file_are_read_whatever_their_names():
 )
 def test_a_cube_is_a_cube_however_it_is_written(content):
     assert enclosed(read_stl(content)) == (12, [1, 1, 1], 1)
-
-
-def test_the_forms_are_told_apart_by_length():
-    assert is_binary_stl(binary())
-    assert binary_size(binary()) == 84 + 12 * 50
-    assert not is_binary_stl(solid_text("a").encode())
-
-
-def test_triangles_are_those_of_trimesh():
-    mesh = trimesh.creation.icosphere(2)
-    for kind in ("stl", "stl_ascii"):
-        content = mesh.export(file_type=kind)
-        found = read_stl(content if isinstance(content, bytes) else content.encode())
-        np.testing.assert_allclose(corners_of(found), mesh.triangles, atol=1e-7)
 
 
 @pytest.mark.parametrize(

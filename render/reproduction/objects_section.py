@@ -3,7 +3,8 @@
 import numpy as np
 
 from ..objects.mesh.solid_mesh import MeshObject
-from ..reports.report_pages import ReportPicture, ReportSection, drawing, picture_content
+from ..reports.picture_style import DPI, picture_bytes
+from ..reports.report_pages import ReportPicture, ReportSection, drawing
 from ..reports.scene_drawing import SceneView, blank, draw_object, flat, set_limits
 from .paper_numbers import OBJECTS, ReportRow, compared
 
@@ -62,6 +63,6 @@ def _picture(meshes: dict[str, MeshObject]) -> ReportPicture:
             middle = flat(mesh.bounds.mean(axis=0), basis)
             set_limits(axes, middle, np.full(2, 90.0))  # [mm]; half the diagonal of the paper's cube
             axes.set_title(name, fontsize=10)
-        content = picture_content(figure, "png")  # a sphere of 1,280 shaded triangles is larger as SVG
+        content = picture_bytes(figure, "png", dpi=DPI)  # a sphere of 1,280 shaded triangles is larger as SVG
     alt = "The five objects side by side: tube, dog, cube, sphere and rock"
     return ReportPicture(content, alt, "The built-in objects in the order of the paper's figure 5B.")

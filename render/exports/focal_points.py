@@ -25,7 +25,7 @@ from ..sampling.presets import sampling_of
 from ..sampling.sampler import Sampler, joined
 from ..sampling.strategy import SamplingStrategy
 from .contour_tables import open_member
-from .pose_choice import Ends, Progress, picked, seconds_of
+from .pose_choice import Ends, Progress, ends_of, picked
 
 SAMPLES_A_BLOCK = 1 << 12  # of eight focal points: 40 MB while they are made to text
 
@@ -167,7 +167,7 @@ class ChosenRows:
 def _sample_range(path: Path, seconds: Ends, count: int, rate: float, target: FocusFormat) -> tuple[int, int]:
     """First sample of a range of a file that holds so many, and the one after the last."""
     SamplingStrategy(update_rate=rate)  # refuses a rate that no array plays
-    low, high = (None, None) if seconds is None else seconds_of(seconds)
+    low, high = (None, None) if seconds is None else ends_of(seconds, "seconds")
     first = 0 if low is None else max(int(np.ceil(low * rate - 1e-6)), 0)
     stop = count if high is None else min(int(np.ceil(high * rate - 1e-6)), count)
     if first >= stop:

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 from libraries import PEERS, find_peers
-from peers import Absence, Agreement, Declined, Peer, check_peer, one_core
+from peers import Absence, Agreement, Declined, Peer, check_peer, keep_to_one_core
 from turns import copying
 
 from palpate.render import IntersectionStrategy, MeshObject, Palm, exploration, load_strategy
@@ -362,21 +362,21 @@ def main() -> None:
     wp.config.log_level = wp.LOG_ERROR
     known, saved = np.load(options.compare) if options.compare else {}, {}
     print(json.dumps(machine_facts(options.device)))
-    with one_core(not options.all_cores) as core:
-        found, absent = find_peers(options.peers)
-        for name in options.objects:
-            for strategy in options.strategies:
-                count = options.poses or fitting_poses(object_of(name), strategy, options.device)
-                pose = poses_of(options.motion, name, count)
-                trial = Trial(name, strategy, pose, options.device, options.repeats, not options.all_cores)
-                row = {"core": core, **measure_trial(trial, found, absent)}
-                key = f"{name}-{strategy}"
-                if options.save:
-                    saved[key] = lengths_of(trial)
-                if key in known:  # as many poses as there: another count draws other poses
-                    same = Trial(name, strategy, random_poses(len(known[key])), options.device)
-                    row["against_file"] = compare(lengths_of(same), known[key])
-                print(json.dumps(row), flush=True)
+    core = None if options.all_cores else keep_to_one_core()
+    found, absent = find_peers(options.peers)
+    for name in options.objects:
+        for strategy in options.strategies:
+            count = options.poses or fitting_poses(object_of(name), strategy, options.device)
+            pose = poses_of(options.motion, name, count)
+            trial = Trial(name, strategy, pose, options.device, options.repeats, not options.all_cores)
+            row = {"core": core, **measure_trial(trial, found, absent)}
+            key = f"{name}-{strategy}"
+            if options.save:
+                saved[key] = lengths_of(trial)
+            if key in known:  # as many poses as there: another count draws other poses
+                same = Trial(name, strategy, random_poses(len(known[key])), options.device)
+                row["against_file"] = compare(lengths_of(same), known[key])
+            print(json.dumps(row), flush=True)
     if options.save:
         np.savez_compressed(options.save, **saved)
 

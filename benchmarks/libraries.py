@@ -11,8 +11,6 @@ import numpy as np
 from peers import COMPLETION, Absence, Declined, Peer
 from section_completion import PalmFrames, Polylines, offsets, rings_of, stitched
 
-from palpate.render.hands.hand import Palm
-from palpate.render.objects.mesh.solid_mesh import MeshObject
 from palpate.render.strategies.intersection_strategy import IntersectionStrategy
 
 
@@ -242,60 +240,7 @@ def _lies_in(point: list[float], normal: list[float], height: float) -> bool:
     return abs(point[0] * normal[0] + point[1] * normal[1] + point[2] * normal[2] - height) < 1e-9
 
 
-class Cgal(Peer):
-    """CGAL's slicer by its SWIG binding: a tree built once, a Python object a point."""
-
-    name = "cgal"
-    packages = ("cgal",)
-    modules = ("CGAL.CGAL_Polygon_mesh_processing", "CGAL.CGAL_Polyhedron_3", "CGAL.CGAL_Kernel")
-    licence = "GPL-3.0"
-    turn = 1
-    triangles_most = 20_000
-    """A mesh is handed over one Python call a corner."""
-
-    def setup(self, mesh: MeshObject, hand: Palm) -> None:
-        """Refuse meshes whose handing over takes minutes."""
-        if len(mesh.faces) > self.triangles_most:
-            raise Declined(f"its meshes are handed over corner by corner: {self.triangles_most} triangles at most")
-        super().setup(mesh, hand)
-
-    def prepare(self) -> None:
-        """Mesh and tree."""
-        processing, polyhedra, kernel = (import_module(module) for module in self.modules)
-        modifier = polyhedra.Polyhedron_modifier()
-        modifier.begin_surface(len(self.vertices), len(self.faces))
-        for vertex in self.vertices.tolist():
-            modifier.add_vertex(kernel.Point_3(*vertex))
-        for face in self.faces.tolist():
-            modifier.begin_facet()
-            for corner in face:
-                modifier.add_vertex_to_facet(corner)
-            modifier.end_facet()
-        modifier.end_surface()
-        self.mesh = polyhedra.Polyhedron_3()
-        self.mesh.delegate(modifier)
-        self.slicer = processing.Polygon_mesh_slicer(self.mesh)
-        self.plane, self.point, self.vector = kernel.Plane_3, kernel.Point_3, kernel.Vector_3
-        self.polylines = processing.Polylines
-
-    def rings(self, frames: PalmFrames) -> Polylines:
-        """One call a pose."""
-        rings, poses = [], []
-        normal = frames.axes[:, 2].tolist()
-        for pose, centre in enumerate(frames.centre.tolist()):
-            found = self.polylines()
-            self.slicer.slice(self.plane(self.point(*centre), self.vector(*normal[pose])), found)
-            for ring in found:
-                if len(ring) > 3:
-                    rings.append([(p.x(), p.y(), p.z()) for p in ring])
-                    poses.append(pose)
-        size = np.array([len(ring) for ring in rings], np.int64)
-        points = np.array([point for ring in rings for point in ring]).reshape(-1, 3)
-        pose = np.array(poses, np.int64)
-        return Polylines(frames.flat(points, np.repeat(pose, size)), offsets(size), pose)
-
-
-PEERS: dict[str, type[Peer]] = {peer.name: peer for peer in (MeshLib, Vtk, Manifold, LibIgl, Trimesh, CompasCgal, Cgal)}
+PEERS: dict[str, type[Peer]] = {peer.name: peer for peer in (MeshLib, Vtk, Manifold, LibIgl, Trimesh, CompasCgal)}
 
 
 def find_peers(wanted: Sequence[str]) -> tuple[list[Peer], list[Absence]]:

@@ -4,8 +4,6 @@ docs/measured/bench.md has the details.
 """
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
 
@@ -24,7 +22,7 @@ APART_SHARE = 1e-3  # of the poses may differ by more: corners that single preci
 LINES_SHARE = 1e-2  # of the poses may have another number of polylines
 COUNTED = 4e-6  # [m]; shorter polylines are rounding's
 COMPLETION = ("shapely",)  # what completes sections
-ONE_THREAD = ("OMP", "OPENBLAS", "MKL", "TBB", "VTK_SMP_MAX", "IGL", "NUMEXPR")
+ONE_THREAD = ("OMP", "OPENBLAS", "MKL", "TBB", "IGL", "NUMEXPR")
 
 
 class Declined(Exception):
@@ -82,31 +80,17 @@ class Absence:
     reason: str
 
 
-@contextmanager
-def one_core(wanted: bool) -> Iterator[int | None]:
-    """Keep this thread, and those it starts, to one core, and libraries that are imported within to one thread.
+def keep_to_one_core() -> int | None:
+    """Keep this process to one core, and libraries that are imported later to one thread.
 
-    Gives the core's number, or None where it is not wanted or the system cannot. All is put back at the end, except
-    what libraries have read by then.
+    Gives the core's number, or None where the system cannot.
     """
-    if not wanted or not hasattr(os, "sched_setaffinity"):
-        yield None
-        return
-    allowed = os.sched_getaffinity(0)
-    names = [f"{library}_NUM_THREADS" if library != "VTK_SMP_MAX" else "VTK_SMP_MAX_THREADS" for library in ONE_THREAD]
-    before = {name: os.environ.get(name) for name in names}
-    os.environ.update(dict.fromkeys(names, "1"))
-    core = max(allowed)  # interrupts are mostly served by the first
+    os.environ.update({f"{library}_NUM_THREADS": "1" for library in ONE_THREAD} | {"VTK_SMP_MAX_THREADS": "1"})
+    if not hasattr(os, "sched_setaffinity"):
+        return None
+    core = max(os.sched_getaffinity(0))  # interrupts are mostly served by the first
     os.sched_setaffinity(0, {core})
-    try:
-        yield core
-    finally:
-        os.sched_setaffinity(0, allowed)
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name)
-            else:
-                os.environ[name] = value
+    return core
 
 
 @dataclass(frozen=True)

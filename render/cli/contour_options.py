@@ -304,7 +304,7 @@ class ExportCommand(Command, SamplingOptions, DurationOptions, OverwriteOptions)
         if self.to is None and self.out.suffix.lower() not in FORMATS.values():
             ends = ", ".join(FORMATS.values())
             raise StrategyError(f"{self.out}: must end in one of {ends}, or say the format with to=NAME")
-        require_contour_files([self.file])
+        require_contour_files([self.file], takes_points=True)
 
 
 @dataclass(frozen=True, kw_only=True)

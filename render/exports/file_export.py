@@ -45,7 +45,7 @@ FORMATS = {
 OF_FOCUS = ("ptlist", "focal-points")
 """Formats of focal points; the others hold contours."""
 
-POINT_LIST = FocusFormat("a point list", 10_000_000, lambda rate: None)  # rows of text; 17 minutes at 10 kHz
+POINT_LIST = FocusFormat("a point list", 10_000_000)  # rows of text; 17 minutes at 10 kHz
 
 
 class ContourFields(NamedTuple):

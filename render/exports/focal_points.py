@@ -1,6 +1,5 @@
 """Focal points of contours or of a file, and the binary, CSV and NPZ files of them for other programs."""
 
-import math
 import shutil
 import struct
 import tempfile
@@ -26,7 +25,7 @@ from ..sampling.presets import sampling_of
 from ..sampling.sampler import Sampler, joined
 from ..sampling.strategy import SamplingStrategy
 from .contour_tables import open_member
-from .pose_choice import Ends, Progress, picked, seconds_of
+from .pose_choice import Ends, Progress, ends_of, picked
 
 SAMPLES_A_BLOCK = 1 << 12  # of eight focal points: 40 MB while they are made to text
 
@@ -51,8 +50,6 @@ class FocusFormat(NamedTuple):
     """What holds focal points, for messages: "a point list"."""
     count_most: int
     """Samples."""
-    require_rate: Callable[[float], object]
-    """Raises StrategyError for an update rate [Hz] that it does not take."""
     foci_most: int = 1
     """Focal points of a sample."""
 
@@ -79,13 +76,13 @@ def open_focus(path: Path, asked: SamplingFields, seconds: Ends, target: FocusFo
         raise StrategyError(f"{path} holds focal points at a rate of its own, so {fields[0]} cannot be asked for")
     if path.suffix.lower() == ".ptlist":
         points = read_ptlist(path)
-        first, stop = _fitting_samples(path, seconds, len(points.intensity), points.update_rate, target)
+        first, stop = _sample_range(path, seconds, len(points.intensity), points.update_rate, target)
         level = (points.intensity * np.float32(points.intensity_peak))[first:stop]
         focus = FocalPoints(points.position[first:stop], level)
         yield PointSource(focus, update_rate=points.update_rate, block=SAMPLES_A_BLOCK)
         return
     with FrameReader(path) as file:
-        first, stop = _fitting_samples(path, seconds, file.frame_count, file.update_rate, target)
+        first, stop = _sample_range(path, seconds, file.frame_count, file.update_rate, target)
         _require_foci(file.foci, target)
         yield PointSource(
             lambda low, high: FocalPoints(*file.focal_points(first + low, first + high)),
@@ -108,14 +105,9 @@ def sample_focus(file: ContourFile, chosen: range, asked: SamplingFields, target
     strategy = sampling_of(default if asked.sampling is None else asked.sampling)
     strategy = replace(strategy, **{name: value for name, value in changes.items() if value is not None})
     _require_foci(strategy.foci, target)
-    rate = strategy.update_rate
-    target.require_rate(rate)
     sampler = Sampler(strategy, revisits=False)
     source = ContourSource(ChosenRows(file, chosen), sampler, asked.duration, block=SAMPLES_A_BLOCK, run=run)
-    if source.frame_count > target.count_most:
-        moving = chosen if asked.duration is None else chosen[:1]
-        fitting = _fitting(file, moving, source.duration, rate, target)
-        _require_count(file.path, source.frame_count, rate, target, fitting)
+    _require_count(file.path, source.frame_count, strategy.update_rate, target)
     return source
 
 
@@ -172,25 +164,25 @@ class ChosenRows:
         return range(part.start, min(part.stop, self._chosen.stop), part.step)
 
 
-def _fitting_samples(path: Path, seconds: Ends, count: int, rate: float, target: FocusFormat) -> tuple[int, int]:
+def _sample_range(path: Path, seconds: Ends, count: int, rate: float, target: FocusFormat) -> tuple[int, int]:
     """First sample of a range of a file that holds so many, and the one after the last."""
-    target.require_rate(rate)
-    low, high = (None, None) if seconds is None else seconds_of(seconds)
+    SamplingStrategy(update_rate=rate)  # refuses a rate that no array plays
+    low, high = (None, None) if seconds is None else ends_of(seconds, "seconds")
     first = 0 if low is None else max(int(np.ceil(low * rate - 1e-6)), 0)
     stop = count if high is None else min(int(np.ceil(high * rate - 1e-6)), count)
     if first >= stop:
         raise StrategyError(f"seconds {seconds} hold no focal point of {path}, which lasts {count / rate:g} s")
-    _require_count(path, stop - first, rate, target, _span(first, rate, target))
+    _require_count(path, stop - first, rate, target)
     return first, stop
 
 
-def _require_count(path: Path, count: int, rate: float, target: FocusFormat, fitting: str) -> None:
-    """Refuse more samples than a format takes; fitting: what to ask for instead."""
+def _require_count(path: Path, count: int, rate: float, target: FocusFormat) -> None:
+    """Refuse more samples than a format takes."""
     if count > target.count_most:
-        what = "focal points" if target.foci_most == 1 else "samples"
+        most = target.count_most
         raise StrategyError(
-            f"{path}: {count} {what} ({count / rate:g} s at {rate:g} Hz), but {target.owner} holds "
-            f"{target.count_most}: {fitting} fits"
+            f"{path}: {count} samples ({count / rate:g} s at {rate:g} Hz), but {target.owner} holds {most}: choose at "
+            f"most {most / rate:g} s, by seconds or a duration"
         )
 
 
@@ -199,27 +191,6 @@ def _require_foci(foci: int, target: FocusFormat) -> None:
     if foci > target.foci_most:
         held = "one focal point" if target.foci_most == 1 else f"up to {target.foci_most} focal points"
         raise StrategyError(f"{target.owner} holds {held} at a time, not foci {foci}")
-
-
-def _fitting(file: ContourFile, chosen: range, duration: float, rate: float, target: FocusFormat) -> str:
-    """The option by which as much of the chosen poses is exported as a format takes; duration: of all of them [s]."""
-    length = target.count_most / rate
-    if len(chosen) > 1:
-        time = file.motion(chosen.start, chosen[-1] + 1)["time"]
-        less = 1.5 * max(duration - float(time[-1] - time[0]), 0.0)  # how long the last pose lasts, and a reserve
-        if time[chosen.step] - time[0] < length - less - 2e-3:  # two poses at least: one alone would be a static pose
-            return _span(float(time[0]) * rate, rate, target, less)
-    return f"duration={_rounded_down(length)}"
-
-
-def _span(first: float, rate: float, target: FocusFormat, less: float = 0.0) -> str:
-    """The range of time that a format takes from its sample `first` on, by `less` [s] shorter than can be."""
-    start = first / rate
-    return f"seconds={_rounded_down(start)}:{_rounded_down(start + target.count_most / rate - less)}"
-
-
-def _rounded_down(seconds: float) -> str:
-    return f"{math.floor(seconds * 1e3) / 1e3:g}"
 
 
 VERSION = 1
@@ -232,7 +203,6 @@ Rows = Iterator[tuple[np.ndarray, np.ndarray]]
 FOCUS_FILE = FocusFormat(
     "a file of focal points",
     40_000_000,  # more is rather a mistake: 67 minutes at 10 kHz, 17 at 40 kHz; a .bin of 0.64 GB for each focal point
-    lambda rate: SamplingStrategy(update_rate=rate),
     FOCI_MOST,
 )
 

@@ -97,7 +97,7 @@ def _picked(contours: Arrays, rows: np.ndarray) -> Arrays:
 
 
 def _by_number(file: ContourFile, poses: Ends) -> tuple[int, int]:
-    low, high = _ends(poses, "poses")
+    low, high = ends_of(poses, "poses")
     first, stop = (default if end is None else end for end, default in ((low, 0), (high, file.pose_count)))
     if first != int(first) or stop != int(stop):
         raise StrategyError(f"poses must be whole numbers FIRST:STOP, not {first:g}:{stop:g}")
@@ -110,7 +110,7 @@ def _by_number(file: ContourFile, poses: Ends) -> tuple[int, int]:
 
 
 def _by_time(file: ContourFile, seconds: Ends) -> tuple[int, int]:
-    low, high = seconds_of(seconds)
+    low, high = ends_of(seconds, "seconds")
     time = file.motion().get("time")
     if time is None:
         raise StrategyError(f"{file.path}: its poses have no times, so seconds cannot be chosen; poses can")
@@ -124,12 +124,7 @@ def _by_time(file: ContourFile, seconds: Ends) -> tuple[int, int]:
     return first, stop
 
 
-def seconds_of(given: Ends) -> tuple[float | None, float | None]:
-    """Both ends of a range of times [s]; None where one is left out."""
-    return _ends(given, "seconds")
-
-
-def _ends(given: Ends, name: str) -> tuple[float | None, float | None]:
+def ends_of(given: Ends, name: str) -> tuple[float | None, float | None]:
     """Both ends as numbers; None where one is left out."""
     parts = tuple(given.split(":")) if isinstance(given, str) else given
     if not isinstance(parts, tuple | list) or len(parts) != 2:

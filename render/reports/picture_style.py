@@ -67,8 +67,10 @@ def save_picture(figure: Any, picture: Path, *, dpi: int) -> None:
 
 def save_figure(figure: Any, picture: Path, *, in_print: bool) -> None:
     """Write a figure, with finer pixels in print; raises ContourFileError where it cannot be written."""
-    dpi = RASTER if in_print else DPI
-    write_picture(picture_bytes(figure, picture.suffix.lower().removeprefix("."), dpi=dpi), picture)
+    try:
+        save_picture(figure, picture, dpi=RASTER if in_print else DPI)
+    except OSError as error:
+        raise ContourFileError(f"{picture}: the picture cannot be written ({error.strerror or error})") from error
 
 
 def picture_bytes(figure: Any, kind: str, *, dpi: float) -> memoryview:
@@ -84,11 +86,3 @@ def picture_bytes(figure: Any, kind: str, *, dpi: float) -> memoryview:
     with mpl.rc_context({name: style()[name] for name in ("svg.fonttype", "svg.hashsalt", "pdf.fonttype")}):
         figure.savefig(content, dpi=dpi if kind == "png" else RASTER, format=kind, metadata=undated)
     return content.getbuffer()
-
-
-def write_picture(content: bytes | memoryview, picture: Path) -> None:
-    """Write a picture's bytes whole or not at all; raises ContourFileError with the system's reason."""
-    try:
-        write_file(picture, content)
-    except OSError as error:
-        raise ContourFileError(f"{picture}: the picture cannot be written ({error.strerror or error})") from error

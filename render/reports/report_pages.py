@@ -4,7 +4,6 @@ Texts are plain, whoever wrote them: all that HTML, Markdown or a terminal would
 something: what stands between two single backticks is a command or a name, set as code. A line of a cell is a line.
 """
 
-import io
 import re
 import textwrap
 from base64 import b64encode
@@ -72,7 +71,7 @@ class ReportTable(NamedTuple):
 class ReportPicture(NamedTuple):
     """A picture that an HTML page holds itself."""
 
-    content: bytes
+    content: bytes | memoryview
     """Of a file, SVG or PNG."""
     alt: str
     """What the picture shows, for who cannot see it."""
@@ -83,7 +82,7 @@ class ReportPicture(NamedTuple):
     @property
     def uri(self) -> str:
         """The picture as a data URI."""
-        kind = "png" if self.content.startswith(b"\x89PNG") else "svg+xml"
+        kind = "png" if bytes(self.content[:4]) == b"\x89PNG" else "svg+xml"
         return f"data:image/{kind};base64,{b64encode(self.content).decode()}"
 
 
@@ -235,14 +234,3 @@ def drawing(width: float, height: float) -> Iterator[Any]:
 
     with mpl.rc_context(PICTURE_STYLE):
         yield Figure(figsize=(width, height), layout="constrained")
-
-
-def picture_content(figure: Any, kind: Literal["svg", "png"] = "svg") -> bytes:
-    """The figure as a file, the same bytes each time; its texts are outlines. Call it inside `drawing`.
-
-    kind: png for what has very many parts.
-    """
-    content = io.BytesIO()
-    unstamped = {"Date": None, "Creator": None, "Type": None, "Format": None} if kind == "svg" else None
-    figure.savefig(content, format=kind, dpi=150, metadata=unstamped)
-    return content.getvalue()

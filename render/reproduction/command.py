@@ -20,7 +20,7 @@ from ..terminal import bars, console
 from ..terminal.foreign_text import show_table
 from .explorations import FeltLengths, StudySettings, block_ratios, measure_lengths
 from .noise_section import noise_section, predicted_noise
-from .object_sections import construction_section, objects_section
+from .objects_section import objects_section
 from .paper_numbers import BLOCK_COUNT, RATIOS, SOURCE
 from .stage_times import BATCH_POSES, LIVE_POSES, MESHES, REPEATS, measure_steps, time_section
 from .study_sections import frequency_section, people_section, ratio_section
@@ -37,13 +37,12 @@ class Evaluation(NamedTuple):
 def evaluate(settings: StudySettings, watch: Watch) -> Evaluation:
     """Measure everything, in the order of the paper; where nothing is recorded, there is no section of noise."""
     machine = machine_facts("cpu")
-    construction, values = construction_section()
     times = {}
     for done, name in enumerate(MESHES):
         watch("time of stages", done, len(MESHES))
         sizes = {"live_poses": LIVE_POSES, "batch_poses": BATCH_POSES, "repeats": REPEATS}
         times[name] = measure_steps(MeshObject.load(name), settings.palm, **sizes)
-    parts = [(construction, values), time_section(times, machine["cpu"])]
+    parts = [time_section(times, machine["cpu"])]
     if settings.recording:
         parts.append(noise_section(*predicted_noise(settings, watch)))
     lengths = _measure_all(settings, watch)

@@ -14,7 +14,8 @@ from ..acoustics.spectrum import NoiseSpectrum, level_differences
 from ..errors import StrategyError
 from ..objects.mesh.solid_mesh import MeshObject
 from ..playback.placed_arrays import load_rig
-from ..reports.report_pages import ReportPicture, ReportSection, drawing, picture_content
+from ..reports.picture_style import DPI, picture_bytes
+from ..reports.report_pages import ReportPicture, ReportSection, drawing
 from ..runtime.loading_progress import Watch
 from ..sampling.presets import load_sampling
 from ..scripting.rendered_batch import RenderedBatch, render
@@ -216,7 +217,7 @@ def _picture(found: NoiseComparison) -> ReportPicture:
             axes.set_ylabel(unit)
         handles, labels = drawn[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False)
-        content = picture_content(figure)
+        content = picture_bytes(figure, "svg", dpi=DPI)
     alt = "Spectra of CC, of OC and their difference: palpate's as lines, the paper's as dots"
     caption = f"Spectra (the paper's figure 4). palpate's levels are moved by {shift:+.1f} dB, one value for OC and CC."
     return ReportPicture(content, alt, caption)

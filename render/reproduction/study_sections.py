@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 
 from ..reports.file_summary import DRAW_FREQUENCIES, draw_frequencies
-from ..reports.report_pages import ReportPicture, ReportSection, ReportTable, drawing, picture_content
+from ..reports.picture_style import DPI, picture_bytes
+from ..reports.report_pages import ReportPicture, ReportSection, ReportTable, drawing
 from .explorations import BlockRatios, FeltLengths, StudySettings, p_text, ratio_tests, ratio_values
 from .paper_numbers import ALPHA, RATIOS, SPEED, ReportRow, compared
 
@@ -175,7 +176,7 @@ def _picture(readings: dict[str, dict[str, np.ndarray]]) -> ReportPicture:
         handles, labels = panels[0].get_legend_handles_labels()
         unique = dict(zip(labels, handles, strict=True))
         figure.legend(unique.values(), unique.keys(), loc="outside lower center", ncols=3, frameon=False)
-        content = picture_content(figure)
+        content = picture_bytes(figure, "svg", dpi=DPI)
     alt = (
         "Strip and violin plots of r for cube, tube and dog in two readings of CC, with palpate's and the paper's means"
     )

@@ -25,7 +25,7 @@ NO_RUN = {  # pages with blocks that are marked `no-run`, and what runs them ins
     "docs/develop/add-a-hand.md": "test_add_pages.py, with the page's own change of the source",
     "docs/develop/add-a-stage.md": "the same",
     "docs/develop/add-an-object.md": "the same",
-    "docs/formats/exports.md": "tests/render/exports/test_vtkhdf_file.py, where PyVista is installed",
+    "docs/formats/exports.md": "tests/render/exports/test_vtkhdf.py, where PyVista is installed",
     "docs/formats/study-analysis.md": "tests/render/study/test_analysis_page.py, with a table of the plan",
 }
 NOT_HERE = {  # command lines that no test runs, and why

@@ -7,7 +7,6 @@ from focus_cases import stored_focus
 
 from palpate.datasets import ContourFile, write_ptlist
 from palpate.datasets.focus_files.frame_file import FrameField, FrameFile
-from palpate.datasets.motions.hand_motion import PALM_DOWN
 from palpate.render import HandMotion, MeshObject, Palm, exploration, load_contours, record, render
 from palpate.render.errors import StrategyError
 from palpate.render.exports.focal_points import (
@@ -20,10 +19,9 @@ from palpate.render.exports.focal_points import (
     watched_blocks,
 )
 from palpate.render.exports.pose_choice import choose_poses
-from palpate.render.reports.file_summary import summarise
 from palpate.render.sampling.sampler import joined
 
-ANY = FocusFormat("anything", 10**7, lambda rate: None)
+ANY = FocusFormat("anything", 10**7)
 PLAIN = SamplingFields()
 
 
@@ -65,43 +63,11 @@ def test_a_range_gives_what_its_poses_alone_give(poses, every, tube):
     np.testing.assert_array_equal(got.intensity, wanted.intensity)
 
 
-@pytest.mark.parametrize("choice", [{}, {"poses": "33:"}, {"seconds": "1.2345:"}, {"every": 5}])
-@pytest.mark.parametrize("most", [3000, 12_345])
-def test_the_range_that_a_refusal_names_fits(choice, most, tube):
-    small = FocusFormat("a small one", most, lambda rate: None)
-    with ContourFile(tube) as file:
-        chosen = choose_poses(file, **choice)
-        with pytest.raises(StrategyError, match=f"but a small one holds {most}: seconds=.* fits") as refusal:
-            sample_focus(file, chosen, PLAIN, small)
-        fitting = str(refusal.value).partition("seconds=")[2].removesuffix(" fits")
-        fewer = choose_poses(file, seconds=fitting, every=choice.get("every", 1))
-        assert fewer.start == chosen.start
-        found = sample_focus(file, fewer, PLAIN, small)
-        assert most - 3 * 10e3 / 90 * choice.get("every", 1) <= found.frame_count <= most
-
-
-def test_where_a_range_would_hold_one_pose_the_refusal_names_a_duration_that_fits(tmp_path):
-    """Poses at 0 and 4 s are a motion of 4 s; a range of 3.5 s holds the first alone, which is static."""
-    small = FocusFormat("a small one", 35_000, lambda rate: None)
-    pose = np.tile([0, 0, 0.2, *PALM_DOWN], (2, 1))
-    path = render("cube", Palm(), HandMotion([0.0, 4.0], pose), "cc").save(tmp_path / "still.h5")
-    with pytest.raises(StrategyError, match=r"40000 focal points \(4 s .* holds 35000: duration=3\.5 fits"):
-        sampled(path, target=small)
-    found = sampled(path, SamplingFields(duration=3.5), small)
-    assert len(found.intensity) == 35_000
-    assert (found.intensity > 0).all()
-    assert summarise(path)["duration"] == 4.0
-
-
-def test_the_duration_that_a_refusal_names_fits(tube):
-    small = FocusFormat("a small one", 100, lambda rate: None)
-    for choice in ({}, {"poses": "20:21"}):
-        with ContourFile(tube) as file:
-            chosen = choose_poses(file, **choice)
-            asked = SamplingFields(duration=5.0)
-            with pytest.raises(StrategyError, match=r"holds 100: duration=0\.01 fits"):
-                sample_focus(file, chosen, asked, small)
-            assert sample_focus(file, chosen, SamplingFields(duration=0.01), small).frame_count == 100
+def test_more_than_the_format_holds_is_refused_with_what_fits(tube):
+    small = FocusFormat("a small one", 3000)
+    with pytest.raises(StrategyError, match=r"but a small one holds 3000: choose at most 0\.3 s"):
+        sampled(tube, target=small)
+    assert len(sampled(tube, SamplingFields(duration=0.3), small).intensity) == 3000
 
 
 def test_several_focal_points_at_once_are_refused(tube):
@@ -154,8 +120,8 @@ def test_what_focal_points_of_a_file_cannot_be_asked_for_is_refused(tmp_path):
         read(tmp_path / "a.h5", seconds="3:4")
     with pytest.raises(StrategyError, match="not foci 2"):
         read(tmp_path / "two.h5")
-    with pytest.raises(StrategyError, match=r"holds 100: seconds=0\.25:0\.275 fits"):
-        read(tmp_path / "a.h5", seconds="0.25:", target=FocusFormat("it", 100, lambda rate: None))
+    with pytest.raises(StrategyError, match=r"holds 100: choose at most 0\.025 s"):
+        read(tmp_path / "a.h5", seconds="0.25:", target=FocusFormat("it", 100))
 
 
 def test_drives_are_refused_by_name(tmp_path):

@@ -150,18 +150,6 @@ def test_a_hand_that_never_meets_the_object_is_drawn_as_it_is(tmp_path):
         contour_figure([path], times=[0])
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"times": [3.5]}, "time 3.5 s is outside .*oc.h5, which has times 0 to 3 s"),
-        ({"view": "sideways"}, "unknown view 'sideways'"),
-    ],
-)
-def test_what_cannot_be_shown_is_refused(files, options, message):
-    with pytest.raises(StrategyError, match=message):
-        contour_figure(files, **options)
-
-
 def test_files_of_nothing_too_many_and_unlike_ones_are_refused(files, tmp_path):
     other = render("tube", Palm(), static_pose([0, 0, 0.2]), "cc").save(tmp_path / "tube.h5")
     with pytest.raises(StrategyError, match="another object"):

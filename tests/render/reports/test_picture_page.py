@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from PIL import Image
 
 from palpate.datasets import HandMotion, static_pose
-from palpate.render import IntersectionStrategy, MeshObject, Palm, StrategyError, load_strategy, record, render
+from palpate.render import IntersectionStrategy, MeshObject, Palm, StrategyError, load_strategy, record
 from palpate.render.reports.contour_figure import contour_figure
 from palpate.render.reports.picture_page import EDGE, GAP, WIDTHS, Page, fit_text, font_of, text_width, width_of
 from palpate.render.reports.picture_style import save_figure
@@ -148,15 +148,6 @@ def test_a_page_is_exactly_as_wide_as_asked_for_in_every_kind_of_file(tmp_path, 
     for suffix in ("png", "svg", "pdf"):
         save_figure(page.figure, tmp_path / f"a.{suffix}", in_print=True)
     assert_width(tmp_path, metres)
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("width", ["ieee-single", "ieee-double"])
-def test_a_figure_is_exactly_as_wide_as_asked_for_in_every_kind_of_file(tmp_path, width):
-    batch = render("cube", Palm(), static_pose([0.04, 0, 0.2]), "cc")
-    for suffix in ("png", "svg", "pdf"):
-        batch.figure(tmp_path / f"a.{suffix}", width=width)
-    assert_width(tmp_path, WIDTHS[width])
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 
+from palpate.render.reports.picture_style import DPI, picture_bytes
 from palpate.render.reports.report_pages import (
     CONTENTS_FROM,
     WIDTH,
@@ -17,7 +18,6 @@ from palpate.render.reports.report_pages import (
     drawing,
     html_page,
     markdown_page,
-    picture_content,
 )
 from palpate.render.terminal.foreign_text import visible
 
@@ -197,7 +197,7 @@ def test_pictures_are_the_same_every_time_and_name_no_page_to_load():
     for _ in range(2):
         with drawing(2.0, 1.0) as figure:
             figure.subplots().plot([0, 1], [1, 0])
-            contents.append(picture_content(figure))
+            contents.append(bytes(picture_bytes(figure, "svg", dpi=DPI)))
     assert contents[0] == contents[1]
     svg = contents[0].decode()
     assert not re.search(r"(?:href|src)\s*=\s*[\"'](?!#)", svg)
@@ -206,5 +206,7 @@ def test_pictures_are_the_same_every_time_and_name_no_page_to_load():
 
 def test_the_address_of_a_picture_says_of_what_kind_it_is():
     with drawing(0.5, 0.5) as figure:
-        kinds = [ReportPicture(picture_content(figure, kind), "", "").uri.split(";")[0] for kind in ("svg", "png")]
+        kinds = [
+            ReportPicture(picture_bytes(figure, kind, dpi=DPI), "", "").uri.split(";")[0] for kind in ("svg", "png")
+        ]
     assert kinds == ["data:image/svg+xml", "data:image/png"]

@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 
 from palpate.datasets import hand_shape
 from palpate.datasets.storage.schema import KIND_NAMES
-from palpate.render import ContourBatch, MeshHand, Palm, flat_hand, load_strategy, render, static_pose
+from palpate.render import MeshHand, Palm, flat_hand, load_strategy, render, static_pose
 from palpate.render.errors import StrategyError
 from palpate.render.reports.picture_style import COLOURS, HAND_DASHES, paler
 from palpate.render.reports.scene_drawing import (
@@ -176,34 +175,6 @@ def test_weak_parts_are_paler_and_each_intensity_has_one_colour():
     assert len(colours) == len(pairs)
     np.testing.assert_allclose(paler("#000000", 0.0), [0.85] * 3)
     assert to_hex(paler(COLOURS["hand"], 1.0)) == COLOURS["hand"]
-
-
-def test_a_drawn_picture_has_as_many_colours_as_the_batch_has_intensities():
-    strength = np.array([0.1, 0.3, 0.5, 0.7, 1.0], np.float32)
-    parts = [[0.0, 0.2 * k, 0.0] for k in range(10)]
-    batch = ContourBatch.from_arrays(
-        {
-            "pose_start": np.array([0, 5]),
-            "polyline_start": np.arange(0, 11, 2),
-            "polyline_closed": np.zeros(5, np.uint8),
-            "polyline_patch": np.zeros(5, np.int32),
-            "points": (np.array(parts) + [[-0.4, 0, 0], [0.4, -0.2, 0]] * 5).astype(np.float32),
-            "kind": np.zeros(10, np.uint8),
-            "intensity": np.repeat(strength, 2),
-        }
-    )
-    figure = Figure(figsize=(3, 3), dpi=100)
-    canvas = FigureCanvasAgg(figure)
-    axes = figure.add_axes((0, 0, 1, 1))
-    axes.set_axis_off()
-    axes.set(xlim=(-1, 1), ylim=(-1, 3))
-    draw_contours(axes, batch, lambda points: points[:, :2], width=8.0)
-    canvas.draw()
-    pixels, count = np.unique(np.array(canvas.buffer_rgba())[..., :3].reshape(-1, 3), axis=0, return_counts=True)
-    often = {tuple(pixel) for pixel, times in zip(pixels.tolist(), count, strict=True) if times > 600} - {(255,) * 3}
-    expected = {tuple(round(255 * part) for part in paler(COLOURS["object"], s)) for s in strength.tolist()}
-    assert len(often) == len(expected) == len(set(strength.tolist()))
-    assert max(min(np.abs(np.subtract(a, b)).max() for b in often) for a in expected) <= 1
 
 
 def luminance(pixels):

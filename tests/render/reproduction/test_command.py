@@ -55,7 +55,7 @@ def test_the_command_makes_a_page_that_loads_nothing_and_the_numbers_beside(tmp_
     assert all(value.startswith(("data:image/", "#section-")) for value in page.loaded)
     assert not re.search(r"@import|url\(", text)
     assert [heading.split(":")[0] for heading in page.headings] == [
-        "Figure 3", "Section 4.3.1", "Section 4.3.2 and figure 4", "Sections 4.2 and 4.3", "Figure 5B", "Figure 6C",
+        "Section 4.3.1", "Section 4.3.2 and figure 4", "Sections 4.2 and 4.3", "Figure 5B", "Figure 6C",
         "Sections 5.2 and 6.2",
     ]  # fmt: skip
     values = json.loads((out / "paper.json").read_text())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.render.reproduction.explorations import BlockRatios, FeltLengths, StudySettings
-from palpate.render.reproduction.object_sections import PALM, construction_section, section_solid
+from palpate.render.reproduction.objects_section import objects_section
 from palpate.render.reproduction.paper_numbers import RATIOS
 from palpate.render.reproduction.study_sections import frequency_section, people_section, ratio_section
 
@@ -17,20 +17,13 @@ def ratios(explorers):
     return {name: BlockRatios(mean + spread, mean - 0.1 + spread) for name, mean in RATIOS.items()}
 
 
-def test_construction_has_the_cases_of_the_papers_figure():
-    section_solid().require_closed()
-    section, values = construction_section()
-    found = values["construction"]
-    assert found["raw"] > found["cc"] > found["oc"] > 0.0
-    assert found["oc_within_cc"] == pytest.approx(found["oc"], abs=1e-6)
-    # The circle of 17 mm over the corner meets the palm's sides sqrt(17^2 - 3.8^2) and sqrt(17^2 - 2^2) mm from its
-    # middle (37, 41); the bar of 22 mm meets each side at atan(19 / 98), which lengthens its width.
-    corner = 0.035 - 0.037 + np.sqrt(0.017**2 - 0.0038**2), 0.0448 - 0.041 + np.sqrt(0.017**2 - 0.002**2)
-    bar = 2 * 0.022 / np.cos(np.arctan2(19, 98))
-    assert found["cc"] - found["oc"] == pytest.approx(bar + sum(corner), abs=3e-4)  # circles are 48-gons
-    # Raw: four loops; OC: one loop, one arc, two sides of the bar; CC: three loops.
-    assert [row.ours.split(" ")[0] for row in section.tables[0].rows[:3]] == ["4", "4", "3"]
-    assert PALM.length / PALM.width == pytest.approx(1.28)
+def test_the_objects_fit_a_cube_of_130_mm_and_the_sphere_nearly_fills_its_circle():
+    section, values = objects_section()
+    assert list(values["objects"]) == ["tube", "dog", "cube", "sphere", "rock"]
+    assert {round(max(found["size"]), 4) for found in values["objects"].values()} == {0.13}
+    assert values["objects"]["cube"]["volume"] == pytest.approx(0.13**3, rel=1e-5)
+    assert values["objects"]["sphere"]["volume"] == pytest.approx(np.pi / 6 * 0.13**3, rel=0.03)
+    assert bytes(section.pictures[0].content[:4]) == b"\x89PNG"
 
 
 def test_draw_frequencies_are_of_poses_with_contours():

@@ -29,6 +29,7 @@ BY_TEXT = {
             "render/bench/peers.py",
             "render/cli/options/command_group.py",
             "render/objects/voxels/files.py",
+            "device/playing/watchdog.py",
             "render/stages/registry.py",
             "render/strategies/intersection_strategy.py",
             "render/trust/user_code.py",

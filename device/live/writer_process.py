@@ -50,10 +50,9 @@ from ..playing.limits import Dose, Limits
 from ..playing.watchdog import Watchdog
 from ..registry import array_kinds, emulated_backend, register_array
 from ..silence import is_switched_off, wait_silent
-from .content import DrawnContent, StoredContent
 from .paced_writer import PacedWriter, WriterPace
 from .realtime import WRITER_PRIORITY, enter_realtime, stop_collecting
-from .ring import FrameRing
+from .ring import DrawnContent, FrameRing, StoredContent
 
 MESSAGE_MOST: Final = 1 << 17  # [byte]
 _STATE_PERIOD: Final = 0.25  # [s]

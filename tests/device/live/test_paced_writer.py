@@ -8,9 +8,8 @@ import pytest
 from palpate.device import VirtualClock, array_model, encode_frames
 from palpate.device.boards.discovery import open_link
 from palpate.device.errors import SafetyLimitError
-from palpate.device.live.content import DrawnContent, StoredContent
 from palpate.device.live.paced_writer import FADED, HELD, LATE, PacedWriter, WriterPace
-from palpate.device.live.ring import FrameRing
+from palpate.device.live.ring import DrawnContent, FrameRing, StoredContent
 from palpate.device.playing.limits import Dose, Guard, Limits
 from palpate.device.registry import emulated_backend
 

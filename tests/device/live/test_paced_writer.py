@@ -257,12 +257,6 @@ def test_a_limit_ends_it_and_is_told_before():
         bench.run(300)
 
 
-def test_far_from_a_limit_nothing_is_told():
-    guard = Guard(Limits(), array_model("emulator"))
-    guard.admit(Dose(100, 0, 99, 50.0, 0.5), 0, PERIOD_NS)
-    assert guard.near(10 * MS, 0.8) == []
-
-
 def test_a_duty_that_nears_its_limit_is_told():
     guard = Guard(Limits(on_time_max=None, duty_max=0.5, duty_window=1.0), array_model("emulator"))
     guard.admit(Dose(4500, 0, 4499, 4500.0, 1.0), 0, PERIOD_NS)

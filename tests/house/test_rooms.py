@@ -21,6 +21,7 @@ JSON_UNBOUNDED = {
     "datasets/json_text.py": "the reader itself",
     "device/live/writer_handle.py": "a message of palpate's own process",
     "device/live/writer_process.py": "a message of palpate's own process, and the file that it names",
+    "device/playing/watchdog.py": "the one argument that palpate's own process is started with",
     "device/playing/limits.py": "a package that imports no other; it bounds depth and digits itself",
     "render/live/drawing_run.py": "a message of palpate's own process",
     "render/live/renderer_process.py": "a message of palpate's own process",

@@ -26,6 +26,7 @@ BY_TEXT = {
             "render/cli/command_group.py",
             "render/cli/option_fields.py",
             "render/objects/voxels/files.py",
+            "device/playing/watchdog.py",
             "render/stages/registry.py",
             "render/trust/user_code.py",
         ),

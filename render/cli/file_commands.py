@@ -14,7 +14,7 @@ from ...datasets.focus_files.frame_reader import check_frames, frame_format
 from ...datasets.known_names import likely_file, likely_name
 from ...datasets.motions.hand_motion import HandMotion
 from ...datasets.shapes.built_in import shape_names
-from ...datasets.sweeps.check import check_store, is_store
+from ...datasets.sweeps.merging import check_store, is_store
 from ...kernels import PLAYING_STAGES
 from ..coordinate_spacing import apart_text, joining_place
 from ..errors import StrategyError

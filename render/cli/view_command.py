@@ -7,7 +7,7 @@ from typing import Any
 import h5py
 
 from ...datasets.recordings.files import JOINT_SUFFIXES
-from ...datasets.sweeps.check import is_store
+from ...datasets.sweeps.merging import is_store
 from ...device.playing.signals import ending_on_signals
 from ..coordinate_spacing import apart_text, joining_place
 from ..errors import MeshError, StrategyError

@@ -143,7 +143,7 @@ def analyse(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Write a study's report (HTML, Markdown), its tables (CSV, Parquet) and pictures; needs palpate[study]."""
+    """Write a study's report (HTML, Markdown), its tables (CSV) and pictures; needs palpate[study]."""
     options = {name: value for name, value in locals().items() if name not in ("quiet", "json")}
     run_job("..study.analysis.command", "analyse_study", options, json=json, quiet=quiet)
 
@@ -155,4 +155,4 @@ def example(
     json: Json = False,
 ) -> None:
     """Write the plan of a whole study into this folder, as NAME.toml, to be run or changed."""
-    run_job("..study.plan.example_plans", "write_example", name, json=json, quiet=quiet)
+    run_job("..study.plan.study_plan", "write_example", name, json=json, quiet=quiet)

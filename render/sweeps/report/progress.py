@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from ...terminal.foreign_text import errors, print_message, shows_progress
-from ..run.progress import SweepProgress, clock_time
+from ..run.sweep_run import SweepProgress, clock_time
 
 LINE_SECONDS = 30.0
 """Least time between two lines; a sweep that takes less prints none."""

@@ -133,7 +133,7 @@ def run_sweep(
         missing = Missing(plan.recipes(), plan.groups, done=store.done, pose_count=count_poses, shard=shard)
         counts = missing.counts
         cutter = UnitCutter(missing.places(), missing.poses_by_family)
-        tally = RunFigures()
+        figures = RunFigures()
         if not cutter.is_empty:
             if mode == "read":
                 raise SweepError(
@@ -174,7 +174,7 @@ def run_sweep(
         rows=figures.rows,
         executor="; ".join(figures.names) or None,
         failures=tuple(missing.failures),
-        notes=tuple(text if times == 1 else f"{text} ({times} times)" for text, times in tally.notes.items()),
+        notes=tuple(text if times == 1 else f"{text} ({times} times)" for text, times in figures.notes.items()),
     )
 
 

@@ -26,7 +26,7 @@ JSON_UNBOUNDED = {
     "render/live/drawing_run.py": "a message of palpate's own process",
     "render/live/renderer_process.py": "a message of palpate's own process",
     "render/live/spool.py": "what it wrote to a text in the same line",
-    "render/study/run/store_rows.py": "what it wrote to a text in the line before",
+    "render/study/run/study_file.py": "what it wrote to a text in the line before",
     "render/sweeps/make/rendering.py": "parts of a recipe that it wrote to texts after reading it",
 }
 """Modules that parse JSON without `datasets.json_text`, which bounds it, with the reason."""

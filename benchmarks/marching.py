@@ -22,10 +22,9 @@ import numpy as np
 import warp as wp
 from turns import Case, Curves, copying, installed, measure_curves
 
-from palpate.kernels.contours import Contours
+from palpate.kernels.contours import Contours, measure_contours
 from palpate.kernels.fields.bricked_grid import bricked_field, pad_outside
 from palpate.kernels.march.contours import march_patches
-from palpate.kernels.metrics.measure import measure_contours
 from palpate.render.bench.cases import random_poses
 from palpate.render.hands.hand import Palm, frames_at
 

@@ -33,10 +33,9 @@ from palpate.render.study.analysis.answer_reading import read_answers
 from palpate.render.study.analysis.hypothesis_tests import bound_proportion, compare_with_centre_by_ranks
 from palpate.render.study.analysis.measure_tests import compare_pairs
 from palpate.render.study.analysis.power import power_of, power_question
-from palpate.render.study.analysis.result_texts import is_found
+from palpate.render.study.analysis.report_sections import is_found
 from palpate.render.study.analysis.study_analysis import StudyAnalysis, analyse_answers
-from palpate.render.study.plan.example_plans import example_text
-from palpate.render.study.plan.study_plan import StudyPlan
+from palpate.render.study.plan.study_plan import StudyPlan, example_text
 from palpate.render.study.plan.study_reading import read_stored_study
 
 OBJECTS = ("cube", "tube", "dog")

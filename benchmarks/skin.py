@@ -24,9 +24,8 @@ from turns import Case, Curves, copying, installed, measure_curves
 from palpate.datasets.hand_model.shape import hand_shape
 from palpate.datasets.rigid import rotate
 from palpate.datasets.shapes.built_in import shape
-from palpate.kernels.contours import Contours
+from palpate.kernels.contours import Contours, measure_contours
 from palpate.kernels.fields.mesh_inside import mesh_field
-from palpate.kernels.metrics.measure import measure_contours
 from palpate.kernels.skin.curves import skin_contours
 from palpate.kernels.skin.sign import WORD
 from palpate.render.bench.cases import random_poses

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 # Poses to contours of a mesh on patches.
 RENDER_STAGES = (
-    "flush",
+    "patch",
     "section.scan",
     "section.clip",
     "section.tree",
@@ -21,7 +21,7 @@ RENDER_STAGES = (
     "section.join",
     "section.draw",
     "section.loops",
-    "metrics.measure",
+    "contours",
 )
 FIELD_STAGES = (
     "march.sample",
@@ -35,13 +35,10 @@ FIELD_STAGES = (
     "stages.move",
 )  # of others
 POINT_STAGES = (
-    "tours.contact",
     "tours.nodes",
-    "tours.thinning",
     "tours.tour",
 )  # to paths through points
 FOLLOWING_STAGES = (
-    "contours",
     "stages.cut",
     "stages.insertion",
     "stages.joint",
@@ -50,24 +47,20 @@ FOLLOWING_STAGES = (
     "stages.prune_crowded",
     "stages.prune_hidden",
     "stages.regions",
-    "stages.simplify",
-    "stages.smooth",
-    "solids.nearest",
+    "stages.curves",
+    "solids.distance",
 )
 EMPHASIS_STAGES = ("emphasis.corners", "emphasis.edges", "emphasis.depth")  # strong and weak
 FILLING_STAGES = (
     "fillings.hatch",
     "fillings.inset",
-    "fillings.inset_edges",
     "fillings.inset_pieces",
 )  # of what contours enclose
 MOTION_STAGES = ("metrics.contour_shift", "motions.halving")  # from pose to pose
 OBJECT_STAGES = ("solids.crossing", "solids.nesting", "solids.voxelise")  # what is made of objects before
 EXPLORATION_STAGES = ("motions.over_array", "motions.around")  # synthetic motions, over an array and around objects
 SWEEP_STAGES = (
-    "metrics.facing",
     "metrics.random_pose",
-    "metrics.histogram",
     "metrics.tally",
 )  # random poses, and sums over poses
 FOCUS_STAGES = (
@@ -86,7 +79,6 @@ DRIVE_STAGES = (*BYTE_STAGES, "driving.solve", "driving.slew", "driving.foci")  
 ACOUSTIC_STAGES = (
     "acoustics.resonance",
     "acoustics.propagation",
-    "acoustics.late_power",
     "acoustics.pressure_sum",
 )  # phases to what is felt and heard
 STAGES = (

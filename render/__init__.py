@@ -59,9 +59,8 @@ if TYPE_CHECKING:
     from .hands.mesh_hand import MeshHand
     from .hands.plane_hand import HandPatch, PatchJoint, PlaneHand, flat_hand
     from .intersection.file_recording import record
-    from .intersection.patch_points import array_points
     from .intersection.prepared_contours import PreparedContours
-    from .intersection.scene import Scene
+    from .intersection.scene import Scene, array_points
     from .live.counts import RunStatistics
     from .live.handle import Live
     from .live.instant import Instant
@@ -103,8 +102,7 @@ if TYPE_CHECKING:
     from .sampling.revisits import revisit_rate
     from .sampling.sampler import Sampler, sample_bounds, sample_contours, sample_motions
     from .sampling.strategy import Dwell, Gap, SamplingStrategy
-    from .scripting.rendered_batch import RenderedBatch
-    from .scripting.rendering import load_contours, render
+    from .scripting.rendered_batch import RenderedBatch, load_contours, render
     from .scripting.sampled_contours import SampledContours
     from .stages.point_function import register_point_function
     from .stages.prune import cut_batch

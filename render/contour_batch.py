@@ -11,8 +11,7 @@ import warp as wp
 
 from ..datasets.counted import counted
 from ..datasets.known_names import find_name, unknown_name
-from ..kernels.contours import LINE_COLUMNS, POINT_COLUMNS, Contours, with_columns
-from ..kernels.metrics.measure import measure_contours
+from ..kernels.contours import LINE_COLUMNS, POINT_COLUMNS, Contours, measure_contours, with_columns
 from ..kernels.one_device import require_one_device
 from ..kernels.section.draw import HAND, MADE, OBJECT
 from .errors import StrategyError

@@ -1,17 +1,17 @@
 """Checks of values that users write (strategies in JSON, ranges, choices); errors name field, value and bounds."""
 
+import sys
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
-from typing import Any, TypeGuard, TypeVar
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, TypeGuard, TypeVar
 
 from ..datasets.bounded_file import read_text
-from ..datasets.json_text import parse_json
 from ..datasets.known_names import find_name, likely_file, likely_name, unknown_name
-from ..datasets.shapes.built_in import shape_name
 from .errors import StrategyError
 from .file_kinds import described_file
+
+if TYPE_CHECKING:
+    import numpy as np
 
 T = TypeVar("T")
 OTHER_UNITS = {
@@ -23,9 +23,12 @@ OTHER_UNITS = {
 """By SI unit: the unit in which people give such a quantity by mistake, its factor, words."""
 
 
-def is_number(value: object) -> TypeGuard[int | float | np.integer | np.floating]:
+def is_number(value: object) -> "TypeGuard[int | float | np.integer | np.floating]":
     """Whether a value is a number of Python or NumPy; True and False are none."""
-    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    if isinstance(value, int | float):
+        return not isinstance(value, bool)
+    numpy = sys.modules.get("numpy")  # a command that must fail does without its import
+    return numpy is not None and isinstance(value, (numpy.integer, numpy.floating))
 
 
 def require_choice(name: str, value: object, known: tuple[str, ...]) -> None:
@@ -85,6 +88,8 @@ def read_fields(text: str, known: Collection[str], name: str) -> dict[str, Any]:
 
     Raises StrategyError for a text that is not a JSON object, and for unknown fields.
     """
+    from ..datasets.json_text import parse_json  # it imports NumPy
+
     try:
         values = parse_json(text, allow_nan=True)
     except ValueError as error:
@@ -151,6 +156,8 @@ def refuse_object(path: Path) -> None:
     """Raise StrategyError, with what a file is and what takes it, where a file of contours is wanted."""
     if path.is_file() and (what := described_file(path)) is not None:
         raise StrategyError(f"{path} is no contour file but {what}")
+    from ..datasets.shapes.built_in import shape_name  # it imports NumPy
+
     if not path.exists() and shape_name(str(path)) is not None:
         raise StrategyError(
             f"{path} is an object, not a file: palpate render {path} exploration -o {path}.h5 makes one"

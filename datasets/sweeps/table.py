@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from ..bounded_file import open_regular, require_bytes
 from ..errors import SweepStoreError
 from ..storage.durable import NewFile, write_file
-from .columns import Columns, Values, column_arrays, naming_failures
-from .table_text import Constant, csv_content, read_csv
+from .table_text import Columns, Constant, Values, column_arrays, csv_content, naming_failures, read_csv
 
 CSV, PARQUET = SUFFIXES = (".csv", ".parquet")
 TABLE, POSES = "table.csv", "poses.parquet"

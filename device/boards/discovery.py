@@ -140,7 +140,7 @@ def open_link(
     is_new = emulated and backend is None
     request = LinkRequest(
         serial=serial,
-        backend=_emulated_bus(model, serial, clock) if is_new and not kind.emulates_itself else backend,
+        backend=emulated_bus(model, serial, clock) if is_new and not kind.emulates_itself else backend,
         clock=clock,
         transport=transport,
         uncalibrated=uncalibrated,
@@ -166,10 +166,11 @@ def udev_rule(model: ArrayModel) -> str:
     )
 
 
-def _emulated_bus(model: ArrayModel, serial: str | None, clock: Clock | None) -> Emulation:
-    """A new bus with one board, of the serial number that is asked for."""
+def emulated_bus(model: ArrayModel, serial: str | None, clock: Clock | None, *, record: int = 0) -> Emulation:
+    """A new bus with one board, of the serial number and the UART's rate that are asked for."""
     serial = serial or model.serial
-    return emulated_backend(model.name, clock=clock, serials=None if serial is None else (serial,), baud=model.baud)
+    serials = None if serial is None else (serial,)
+    return emulated_backend(model.name, clock=clock, serials=serials, baud=model.baud, record=record)
 
 
 def _boards_of(path: Path) -> list[tuple[str, str | None]]:

@@ -11,8 +11,7 @@ from typing import Final
 from ..link import Link
 from ..playing.limits import Dose, Guard, Limits
 from ..registry import kind_of
-from .content import Content
-from .ring import Slice
+from .ring import Content, Slice
 
 LATE, HELD, FADED = 1, 2, 3
 """Why a frame was not played: it came too late, or its array is behind; nothing came, and the array held the one

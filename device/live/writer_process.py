@@ -42,18 +42,17 @@ from typing import Any, Final
 
 from ..array import ArrayModel
 from ..array_kind import ArrayKind
-from ..boards.discovery import open_link
+from ..boards.discovery import emulated_bus, open_link
 from ..clock import MonotonicClock
 from ..errors import DeviceError
 from ..link import Link, TransportKind
 from ..playing.limits import Dose, Limits
 from ..playing.watchdog import Watchdog
-from ..registry import array_kinds, emulated_backend, register_array
+from ..registry import array_kinds, register_array
 from ..silence import is_switched_off, wait_silent
-from .content import DrawnContent, StoredContent
 from .paced_writer import PacedWriter, WriterPace
 from .realtime import WRITER_PRIORITY, enter_realtime, stop_collecting
-from .ring import FrameRing
+from .ring import DrawnContent, FrameRing, StoredContent
 
 MESSAGE_MOST: Final = 1 << 17  # [byte]
 _STATE_PERIOD: Final = 0.25  # [s]
@@ -133,15 +132,7 @@ class _Process:
         for request in self._settings.arrays:
             bus = None
             if request.emulated and not request.kind.emulates_itself:
-                model = request.model
-                serial = request.serial or model.serial
-                bus = emulated_backend(
-                    model.name,
-                    clock=MonotonicClock(),
-                    record=_RECORDED_FRAMES,
-                    serials=None if serial is None else (serial,),
-                    baud=model.baud,
-                )
+                bus = emulated_bus(request.model, request.serial, MonotonicClock(), record=_RECORDED_FRAMES)
             link = open_link(
                 request.model,
                 serial=request.serial,

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import contextlib
+import sys
 import threading
 import time
 from array import array
-from collections.abc import Callable, Iterable
-from typing import TypeAlias
+from collections.abc import Callable, Iterable, Iterator
+from itertools import chain
+from types import TracebackType
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..array import ArrayModel
+from ..codec import is_emitting
 from ..errors import (
     DeviceBusyError,
     DeviceError,
@@ -20,15 +25,98 @@ from ..errors import (
     LinkError,
     PlayInterrupted,
     SafetyLimitError,
+    UpdateRateError,
 )
 from ..link import Link
 from ..report import LiveStatistics, PlayReport
 from ..silence import is_switched_off
 from .limits import Guard, Limits
 from .signals import StopSignals
-from .switching import PROMPT_THREADS
-from .unsustained import within_reach
 from .writer import Writer
+
+
+def within_reach(blocks: Iterable[array[int]], model: ArrayModel, divider: int) -> Iterable[array[int]]:
+    """Blocks of whole frames, which are refused before the first of them is played where that shows soon.
+
+    A burst is gathered, and comes as one block, so that it is sent in one piece. Alternations of one pattern and off
+    are looked at block by block, the first one at once.
+
+    Raises `UpdateRateError`, here or from the blocks: they go beyond what the array plays at this divider.
+    """
+    if divider >= model.divider_sustained:
+        return blocks
+    if not model.alternates:
+        return _burst(blocks, model, divider)
+    alternating = _alternating(blocks, model, divider)
+    return chain([block for block in (next(alternating, None),) if block is not None], alternating)
+
+
+def _burst(blocks: Iterable[array[int]], model: ArrayModel, divider: int) -> list[array[int]]:
+    gathered = array("B")
+    for block in blocks:
+        gathered += block
+        if len(gathered) > model.burst_frames * model.frame_bytes:
+            raise UpdateRateError(
+                f"array {model.name} cannot keep up {model.update_rate(divider):g} Hz (divider {divider}): beyond "
+                f"{model.burst_frames} frames it needs divider {model.divider_sustained} or more, which is "
+                f"{model.update_rate(model.divider_sustained):.6g} Hz at most"
+            )
+    return [gathered] if gathered else []
+
+
+def _alternating(blocks: Iterable[array[int]], model: ArrayModel, divider: int) -> Iterator[array[int]]:
+    pattern: NDArray[np.uint8] | None = None
+    first = 0
+    for block in blocks:
+        frames = np.frombuffer(block, np.uint8).reshape(-1, model.frame_bytes)
+        on = np.flatnonzero(is_emitting(frames, array=model))
+        if len(on):
+            pattern = frames[on[0]].copy() if pattern is None else pattern
+            other = on[(frames[on] != pattern).any(axis=1)]
+            if len(other):
+                raise UpdateRateError(
+                    f"array {model.name} plays {model.update_rate(divider):g} Hz only as one pattern switched on and "
+                    f"off, such as am of one focal point at rest (pace.kind 'still' at one pose), but frame "
+                    f"{first + other[0]} has another pattern; it plays any frames at up to "
+                    f"{model.update_rate(model.divider_sustained):.6g} Hz"
+                )
+        first += len(frames)
+        yield block
+
+
+SWITCH_INTERVAL: Final = 5e-4  # [s]
+
+
+class PromptThreads:
+    """While active, a thread that wants the interpreter's lock gets it after 0.5 ms instead of 5.
+
+    The writer of a playback wants it once in the 5 ms of frames of a transfer or oftener, whatever else computes in
+    the process. Several may be active at once; the last one restores what was before the first.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._active = 0
+        self._before = 0.0
+
+    def __enter__(self) -> None:
+        with self._lock:
+            self._active += 1
+            if self._active == 1:
+                self._before = sys.getswitchinterval()
+                sys.setswitchinterval(min(self._before, SWITCH_INTERVAL))
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        with self._lock:
+            self._active -= 1
+            if self._active == 0:
+                sys.setswitchinterval(self._before)
+
+
+PROMPT_THREADS: Final = PromptThreads()
+
 
 Block: TypeAlias = "array[int] | bytes | bytearray | memoryview | NDArray[np.uint8]"
 """Wire bytes of whole frames. An array("B") is sent without a copy, so it must not be changed once handed over."""

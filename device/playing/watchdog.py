@@ -94,7 +94,7 @@ def read_order(text: str) -> WatchOrder:
     """Read the line back; raises WatchdogError, with the field, for anything else."""
     try:
         values: object = json.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise WatchdogError(f"a watchdog's order must be JSON: {error}") from error
     if not isinstance(values, dict) or values.keys() != _ORDER_TYPES.keys():
         raise WatchdogError(f"a watchdog's order must have the fields {', '.join(_ORDER_TYPES)}")

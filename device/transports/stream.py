@@ -20,7 +20,7 @@ class StreamLink(Link):
     """A link whose frames go through a transport.
 
     A board's own link derives from it and adds `start`, and `status` and `clear` if the board can. Its `start` ends
-    with `begin(divider)`. Not for several threads at once; a player uses it from one.
+    with `expect_frames(divider)`. Not for several threads at once; a player uses it from one.
 
     Args:
         model: the array.
@@ -97,14 +97,14 @@ class StreamLink(Link):
             return None
         return (self._transport.bytes_taken - self._boundary) % self.array.frame_bytes
 
-    def begin(self, divider: int) -> None:
-        """Note that the board is at a boundary of frames now, and plays at this divider from here on."""
+    def expect_frames(self, divider: int) -> None:
+        """The board is at a boundary of frames now, and gets whole frames at this divider from here on."""
         frames = max(1, int(PIECE_DURATION * self.array.update_rate(divider)))
         self._piece_bytes = min(frames, max(1, PIECE_BYTES // self.array.frame_bytes)) * self.array.frame_bytes
         self._transport.window_bytes = int(WINDOW_DURATION * self.array.update_rate(divider)) * self.array.frame_bytes
-        self.note_boundary()
+        self.note_torn_bytes()
 
-    def note_boundary(self, *, torn: int = 0) -> None:
+    def note_torn_bytes(self, torn: int = 0) -> None:
         """Note that the board has `torn` bytes of an incomplete frame now: it said so, or was made to."""
         self._transport.is_exact = True  # whoever calls this knows how much was taken
         self._boundary = self._transport.bytes_taken - torn
@@ -141,12 +141,12 @@ class StreamLink(Link):
         """Off now: cancel what is under way, complete a torn frame, its missing part silent, then `off_bytes`."""
         self._transport.cancel()
         torn = self.torn_bytes
-        rest = self.rest_unknown() if torn is None else self._rest(torn)
+        rest = self.rest_if_count_is_lost() if torn is None else self._rest(torn)
         self._transport.submit(array("B", rest + self.off_bytes))
         self._transport.drain()
-        self.note_boundary()
+        self.note_torn_bytes()
 
-    def rest_unknown(self) -> bytes:
+    def rest_if_count_is_lost(self) -> bytes:
         """What completes a torn frame, its missing part silent, when the host has lost count of it.
 
         Here the board is asked; one that cannot be is sent nothing.

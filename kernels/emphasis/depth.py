@@ -15,7 +15,7 @@ from ..contours import Contours, find_poses
 from ..offsets import count_then_fill, launch
 from ..one_device import on_one_device
 from ..patch import EXACT, to_float32, to_float64
-from ..solids.depth import distance_within, is_within
+from ..solids.distance import distance_within, is_within
 from ..stages.prune import Patches, turn_by
 
 wp.set_module_options(EXACT)

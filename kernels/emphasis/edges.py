@@ -1,4 +1,4 @@
-"""Intensity of whole segments of polylines, by kind and by how long they run straight."""
+"""Intensity of whole segments of polylines, by kind."""
 
 from typing import NamedTuple
 
@@ -7,7 +7,7 @@ import warp as wp
 from ..contours import Contours, full_intensity, segment_length, with_columns
 from ..offsets import count_then_fill, launch
 from ..one_device import on_one_device
-from ..patch import EXACT, to_float64
+from ..patch import EXACT
 from ..section.draw import HAND, MADE, OBJECT
 from ..stages.insertion import insert_points
 from .corners import SHORTEST
@@ -21,90 +21,16 @@ class KindLevels(NamedTuple):
     on_object: float
     on_hand: float
     on_made: float
-    curved: float
-    """Of the object's segments on straight runs that are too short."""
-
-
-@wp.func
-def extend_run(points: wp.array[wp.vec3], first: wp.int64, stop: wp.int64, total: wp.float64):
-    """A run's length [m] with the segments first..stop - 1, one after the other."""
-    out = total
-    for k in range(int(stop - first)):
-        out += segment_length(points, first + wp.int64(k))
-    return out
-
-
-@wp.func
-def write_run(points: wp.array[wp.vec3], first: wp.int64, stop: wp.int64, total: wp.float64, run: wp.array[wp.float64]):
-    """Write a run's length to its segments; those of no length are in no run."""
-    for k in range(int(stop - first)):
-        i = first + wp.int64(k)
-        if segment_length(points, i) > wp.float64(0.0):
-            run[i] = total
 
 
 @wp.kernel
-def _measure_runs(c: Contours, cosine: wp.float64, run: wp.array[wp.float64]):
-    """Measure the straight runs of one kind of a polyline [m]; on a loop, one may go on across the seam.
-
-    cosine: of the angle by which a run turns from segment to segment at most. run: zero-initialised, shape [point].
-    """
-    line = wp.tid()
-    base = c.polyline_start[line]
-    last = c.polyline_start[line + 1] - wp.int64(1)
-    runs = int(0)
-    start = base  # of the run that is being followed
-    before = wp.vec3d()
-    first_stop = base  # of the first run, which is written when it is known whether the last one goes on in it
-    first_kind = wp.uint8(0)
-    first_direction = wp.vec3d()
-    own_kind = wp.uint8(0)
-    for k in range(int(last - base)):
-        i = base + wp.int64(k)
-        length = segment_length(c.points, i)
-        if length > wp.float64(0.0):
-            direction = (to_float64(c.points[i + wp.int64(1)]) - to_float64(c.points[i])) / length
-            if runs == 0:
-                first_kind = c.kind[i]
-                first_direction = direction
-            if runs == 0 or wp.dot(direction, before) < cosine or c.kind[i] != own_kind:
-                if runs == 1:
-                    first_stop = i
-                if runs > 1:
-                    write_run(c.points, start, i, extend_run(c.points, start, i, wp.float64(0.0)), run)
-                runs += 1
-                start = i
-            before = direction
-            own_kind = c.kind[i]
-    if runs == 1:
-        write_run(c.points, base, last, extend_run(c.points, base, last, wp.float64(0.0)), run)
-    if runs > 1:
-        first_total = extend_run(c.points, base, first_stop, wp.float64(0.0))
-        last_total = extend_run(c.points, start, last, wp.float64(0.0))
-        goes_on = wp.dot(first_direction, before) >= cosine and first_kind == own_kind
-        if c.polyline_closed[line] != wp.uint8(0) and goes_on:
-            first_total = extend_run(c.points, start, last, first_total)
-            last_total = first_total
-        write_run(c.points, base, first_stop, first_total, run)
-        write_run(c.points, start, last, last_total, run)
-
-
-@wp.kernel
-def _level_segments(
-    c: Contours, run: wp.array[wp.float64], shortest: wp.float64, level_of: wp.vec4d, level: wp.array[wp.float64]
-):
-    """Choose the intensity of the segment that starts at a point.
-
-    run: [m]; of length 0 if runs do not count. shortest: [m]. level_of: object, hand, made, curved.
-    """
+def _level_segments(c: Contours, level_of: wp.vec3d, level: wp.array[wp.float64]):
+    """Choose the intensity of the segment that starts at a point; level_of: object, hand, made."""
     i = wp.tid()
     own = int(c.kind[i])
     level[i] = wp.float64(0.0)
     if own == OBJECT or own == HAND or own == MADE:
         level[i] = level_of[own]
-    if own == OBJECT and run.shape[0] > 0:
-        if run[i] < shortest:
-            level[i] = level_of[3]
 
 
 @wp.kernel
@@ -176,26 +102,10 @@ def _weigh_ramps(c: Contours, level: wp.array[wp.float64], peak: wp.array[wp.flo
         c.intensity[i] = wp.float32(wp.clamp(value, wp.float64(0.0), wp.float64(1.0)))
 
 
-def measure_runs(contours: Contours, cosine: float) -> wp.array:
-    """Length of the straight run of one kind that each segment is part of [m], float64, shape [point].
-
-    cosine: of the angle by which a run turns from segment to segment at most. 0 for segments of no length.
-    """
-    run = wp.zeros(contours.points.shape[0], dtype=wp.float64, device=contours.points.device)
-    launch(_measure_runs, contours.polyline_closed.shape[0], [contours, wp.float64(cosine)], [run])
-    return run
-
-
-@on_one_device
-def level_by_kind(
-    contours: Contours, levels: KindLevels, run: wp.array | None = None, shortest: float = 0.0
-) -> wp.array:
-    """Intensity of each segment, float64, shape [point].
-
-    run: see `measure_runs`; the object's segments on runs below `shortest` [m] are curved.
-    """
-    level = wp.empty(contours.kind.shape[0], dtype=wp.float64, device=contours.points.device)
-    launch(_level_segments, level.shape[0], [contours, run, wp.float64(shortest), wp.vec4d(*levels)], [level])
+def level_by_kind(contours: Contours, levels: KindLevels) -> wp.array:
+    """Intensity of each segment, float64, shape [point]."""
+    level = wp.empty(contours.kind.shape[0], dtype=wp.float64, device=contours.kind.device)
+    launch(_level_segments, level.shape[0], [contours, wp.vec3d(*levels)], [level])
     return level
 
 

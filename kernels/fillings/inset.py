@@ -15,8 +15,18 @@ from ..offsets import launch, scan_counts
 from ..one_device import on_one_device
 from ..patch import EXACT
 from ..stages.regions import FlatLines, Regions, room_for_lines
-from .inset_edges import InsetEdges, cross_of, edges_of, find_edges, has_arc, left_of, offset_end, winding_of
-from .inset_pieces import OffsetPieces, find_pieces
+from .inset_pieces import (
+    InsetEdges,
+    OffsetPieces,
+    cross_of,
+    edges_of,
+    find_edges,
+    find_pieces,
+    has_arc,
+    left_of,
+    offset_end,
+    winding_of,
+)
 
 wp.set_module_options(EXACT)
 

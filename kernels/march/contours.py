@@ -13,6 +13,7 @@ there; inside the tile, row and column of its lower node. No edge is cut twice, 
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -73,7 +74,7 @@ def march_patches(
         middle = bounds.mean(axis=0)
         half = np.full_like(half, 0.5 * float(np.linalg.norm(bounds[1] - bounds[0])) + step - float(ON))
     grids = lay_grids(half, step, pose.device)
-    march = _March(field, pose, patch, grids, bounds, middle, closes, limit, step)
+    march = _March(field, pose, patch, grids, bounds, middle, closes, limit, least=max(LEAST, field.grain / step))
     return _join_chunks(list(march.chunks()), pose.device)
 
 
@@ -85,26 +86,26 @@ class Traced(NamedTuple):
     found: FoundTips
 
 
+@dataclass
 class _March:
     """Chunks of poses, one after the other; counts what there is so far."""
 
-    def __init__(
-        self,
-        field: Field,
-        pose: wp.array,
-        patch: wp.array,
-        grids: Grids,
-        bounds: np.ndarray,
-        middle: np.ndarray | None,
-        closes: bool,
-        limit: int | None,
-        step: float,
-    ) -> None:
-        self.field, self.pose, self.patch, self.grids = field, pose, patch, grids
-        self.bounds, self.middle, self.closes, self.limit = bounds, middle, closes, limit
-        self.spare = 4 if closes else 0  # corners of a patch
-        self.least = max(LEAST, field.grain / step)
-        self.point_count = self.polyline_count = 0
+    field: Field
+    pose: wp.array
+    patch: wp.array
+    grids: Grids
+    bounds: np.ndarray
+    middle: np.ndarray | None
+    closes: bool
+    limit: int | None
+    least: float  # height of the lowest tip [grid step]
+    point_count: int = 0
+    polyline_count: int = 0
+
+    @property
+    def spare(self) -> int:
+        """Slots of a section for the corners of its patch."""
+        return 4 if self.closes else 0
 
     def chunks(self) -> Iterator[Contours]:
         """Contours chunk by chunk; chunks with too many cut edges are halved."""

@@ -1,8 +1,11 @@
-"""Contours -> numbers a pose -> sums of many poses, in an order that does not depend on who adds them up.
+"""Contours -> numbers a pose -> sums and counts of many poses, in an order that does not depend on who adds them up.
 
 Numbers stand in rows, float32, shape [metric, pose]; NaN where a metric does not apply. Sums go span by span, a thread
 from a span's first pose to its last, then part by part, from a part's first span to its last.
 """
+
+import math
+from collections.abc import Sequence
 
 import warp as wp
 
@@ -315,3 +318,92 @@ def sum_parts(
     launch(_sum_spans, spans.shape[:2], [value, span_first, span_count], [spans])
     launch(_sum_parts, shape, [spans, part_start, begun], [statistic])
     return statistic
+
+
+@wp.kernel
+def _count_bins(
+    # In:
+    value: wp.array[wp.float32],  # shape [pose]
+    span_first: wp.array[wp.int64],  # first pose, shape [span]
+    span_count: wp.array[wp.int64],  # poses
+    part_start: wp.array[wp.int64],  # offsets into spans, shape [part + 1]
+    shift: int,  # bits that are dropped
+    first: int,  # leading bits of bin 2
+    # Out:
+    count: wp.array2d[wp.int32],  # zero-initialised, shape [part, bin]
+):
+    """Count the numbers of one span in the bins of its part."""
+    span = wp.tid()
+    part = wp.lower_bound(part_start, wp.int64(span + 1)) - 1
+    last = count.shape[1] - 1
+    for k in range(int(span_count[span])):
+        x = value[int(span_first[span]) + k]
+        if x - x == wp.float32(0.0):  # finite
+            own = int(0)
+            if x > wp.float32(0.0):
+                own = wp.clamp((wp.cast(x, wp.int32) >> shift) - first + 2, 1, last)
+            wp.atomic_add(count, part, own, 1)
+
+
+@on_one_device
+def count_bins(
+    value: wp.array,
+    span_first: wp.array,
+    span_count: wp.array,
+    part_start: wp.array,
+    *,
+    lowest: int,
+    highest: int,
+    bits: int,
+) -> wp.array:
+    """Numbers of finite values in each bin, by part, int32, shape [part, bin].
+
+    Bin 0: values up to 0. Bin 1: above 0 and below 2^lowest. Then every factor of two up to 2^highest is divided into
+    2^bits bins of equal width; each holds its lower edge. The last bin: 2^highest and more.
+
+    value: float32, shape [pose]. span_first, span_count, part_start: as of `sum_parts`.
+    """
+    shape = part_start.shape[0] - 1, (highest - lowest) * 2**bits + 3
+    count = wp.zeros(shape, dtype=wp.int32, device=value.device)
+    inputs = [value, span_first, span_count, part_start, 23 - bits, (127 + lowest) << bits]  # float32: 23 and 8 bits
+    launch(_count_bins, span_first.shape[0], inputs, [count])
+    return count
+
+
+@wp.kernel
+def _count_facing(
+    # In:
+    pose: wp.array[wp.transform],  # hand frame -> array frame
+    drawn: wp.array[wp.float32],  # length of contours [m]
+    cosine: wp.float64,  # of the angle
+    # Out:
+    facing: wp.array[wp.float32],
+):
+    """Compare the angle between the skin's normal and the direction to the array's centre by its cosine."""
+    row = wp.tid()
+    if not (drawn[row] > 0.0):
+        facing[row] = NAN
+        return
+    position = to_float64(wp.transform_get_translation(pose[row]))
+    q = wp.transform_get_rotation(pose[row])
+    x = wp.float64(q[0])
+    y = wp.float64(q[1])
+    z = wp.float64(q[2])
+    w = wp.float64(q[3])
+    two = wp.float64(2.0)
+    # The hand's -y, on which its skin lies.
+    skin = wp.vec3d(two * (w * z - x * y), two * (x * x + z * z) - wp.float64(1.0), -two * (y * z + w * x))
+    along = -wp.dot(skin, position)
+    facing[row] = wp.float32(wp.where(along >= cosine * wp.length(position), 1.0, 0.0))
+
+
+@on_one_device
+def count_facing(pose: wp.array, drawn: wp.array, degrees: Sequence[float], out: wp.array) -> None:
+    """Write a row for each angle: 1 where a palm that draws faces the array's centre within it, 0 beyond, else NaN.
+
+    pose: wp.transform [pose], hand frame -> array frame; the skin faces -y of the hand. drawn: length of the pose's
+    contours [m], float32 [pose]. degrees: angles. out: float32, shape [angle, pose].
+    """
+    for row, angle in enumerate(degrees):
+        inputs = [pose, drawn, wp.float64(math.cos(math.radians(angle)))]
+        launch(_count_facing, len(pose), inputs, [out[row]])

@@ -20,13 +20,34 @@ from typing import Any
 import warp as wp
 
 from ..contours import Contours
-from ..lanes import lane_count
 from ..offsets import BLOCK
 from ..patch import EXACT, Frame, Patch, corner, half_extents, outcode, output_point, section_frame
-from ..warps import (
+from .clip import NONE, corners_left, segment_of, side_point
+from .half_edges import OPEN, Surface
+from .join import (
+    BEGIN,
+    PLANE_WORDS,
+    WALKED,
+    Entries,
+    Joined,
+    SectionPlane,
+    begins_line,
+    entry_corners,
+    entry_count,
+    entry_slot,
+    has_boundary,
+    is_through,
+    keep_plane,
+    piece_end,
+    plane_memory,
+    plane_of,
+    slot_int,
+)
+from .lanes import (
     bits_to,
     int_at,
     is_bit,
+    lane_count,
     lane_of_warp,
     mark_bit,
     memory_of_warp,
@@ -36,26 +57,6 @@ from ..warps import (
     sync_warp,
     threads_for,
     warp_size,
-)
-from .clip import NONE, corners_left, segment_of, side_point
-from .half_edges import OPEN, Surface
-from .join import (
-    BEGIN,
-    BOUNDARY,
-    CORNERS,
-    COUNT,
-    PLANE_WORDS,
-    SLOT,
-    WALKED,
-    Entries,
-    Joined,
-    SectionPlane,
-    is_through,
-    keep_plane,
-    piece_end,
-    plane_memory,
-    plane_of,
-    slot_int,
 )
 from .pieces import CLOSED, SLOTS, ContourPieces, end_side, enter_side, leave_side, listed_step, section_of, start_of
 from .walk import crossing_after, crossing_at, point_of
@@ -261,25 +262,25 @@ def section_writer(pass_piece: Any) -> Any:
         f = section_frame(pose, patch, section)
         side = half_extents(patch[own], bounded)
         base = start_of(pieces, query)
-        count = entries.count[query] & COUNT
+        count = entry_count(entries.count[query])
         for e in range(count):
             code = entries.entry[base + wp.int64(e) * pieces.stride]
-            slot = base + wp.int64(code & SLOT) * pieces.stride
+            slot = base + wp.int64(entry_slot(code)) * pieces.stride
             whole = pieces.key[slot] >= CLOSED
-            begins = (code & BEGIN) != 0
+            begins = begins_line(code)
             out = begin_line(lines, out, begins, whole or closes == 1)
             out = pass_piece(surface, f, side, pieces, slot, lines, out, begins)
             turns = closes == 1 and not whole
             corners = int(0)
             if turns:
-                corners = code >> CORNERS
+                corners = entry_corners(code)
             out = draw_corners(lines, out, f, side, leave_side(pieces.side[slot]) + 1, corners, turns)
             ends = e + 1 == count
             if not ends:
-                ends = (entries.entry[base + wp.int64(e + 1) * pieces.stride] & BEGIN) != 0
+                ends = begins_line(entries.entry[base + wp.int64(e + 1) * pieces.stride])
             out = write_to(lines, out, out.first, ends and closes == 1)
             out = end_line(lines, out, ends)
-        draw_boundary(lines, out, f, side, entries.count[query] >= BOUNDARY)
+        draw_boundary(lines, out, f, side, has_boundary(entries.count[query]))
         if section == section_start.shape[0] - 2:
             lines.polyline_start[section_start[section + 1]] = point_start[section + 1]
 
@@ -395,12 +396,12 @@ def place_pieces(
     if count > 0:
         code = slot_int(entries.entry, query)
     for e in range(count):
-        slot = code & SLOT
+        slot = entry_slot(code)
         i = query + slot * int(pieces.stride)
         side = slot_int(pieces.side, i)
         whole = slot_int(pieces.key, i) >= CLOSED
-        corners = code >> CORNERS
-        if (code & BEGIN) != 0:
+        corners = entry_corners(code)
+        if begins_line(code):
             begin = first + e
             out.i = plane.start + wp.int64(place)
             out = begin_line(lines, out, True, whole or closes == 1)
@@ -419,13 +420,13 @@ def place_pieces(
                     write_point(lines.points, plane.start + wp.int64(place + k), output_point(plane.f, x))
                     mark_hand(lines.kind, plane.start + wp.int64(place + k))
                 place += corners
-                if (code & BEGIN) != 0:  # a closed line's last point repeats where its first piece enters
+                if begins_line(code):  # a closed line's last point repeats where its first piece enters
                     own = int_at(memory.pieces, PIECE * begin + 1)
                     set_int(memory.pieces, PIECE * begin + 1, own | (place << CLOSING))
                     mark_hand(lines.kind, plane.start + wp.int64(place))
                     place += 1
     out.i = plane.start + wp.int64(place)
-    draw_boundary(lines, out, plane.f, plane.side, entries.count[query] >= BOUNDARY)
+    draw_boundary(lines, out, plane.f, plane.side, has_boundary(entries.count[query]))
     return crossings
 
 
@@ -544,7 +545,7 @@ def _draw_listed_sections(
     count = int(0)
     is_drawn = query < entries.count.shape[0]
     if is_drawn:
-        count = entries.count[query] & COUNT
+        count = entry_count(entries.count[query])
         writer.patch = query % patch.shape[0]
         writer.line = section_start[query]
         plane.start = point_start[query]
@@ -588,34 +589,18 @@ def _draw_contours(
     closes: int,  # 1: CC, 0: OC
     section_start: wp.array[wp.int64],  # offsets of the sections' polylines, shape [section + 1]
     point_start: wp.array[wp.int64],  # offsets of the sections' points, shape [section + 1]
-    # Out:
-    lines: Contours,
-):
-    """Write each query's polylines."""
-    write_section(surface, pose, patch, pieces, entries, wp.tid(), bounded, closes, section_start, point_start, lines)
-
-
-@wp.kernel
-def _draw_rest(
-    # In:
-    surface: Surface,
-    pose: wp.array2d[wp.transform],
-    patch: wp.array[Patch],
-    pieces: ContourPieces,
-    entries: Entries,
-    bounded: int,
-    closes: int,
-    section_start: wp.array[wp.int64],
-    point_start: wp.array[wp.int64],
-    rest: wp.array[wp.int32],  # queries that `_draw_listed_sections` leaves out
+    rest: wp.array[wp.int32],  # queries that `_draw_listed_sections` leaves out; none: all queries are drawn
     rest_count: wp.array[wp.int32],
     # Out:
     lines: Contours,
 ):
-    """Write the polylines of the queries that are left."""
-    if wp.tid() < rest_count[0]:
-        query = rest[wp.tid()]
-        write_section(surface, pose, patch, pieces, entries, query, bounded, closes, section_start, point_start, lines)
+    """Write each query's polylines."""
+    query = wp.tid()
+    if rest.shape[0] > 0:
+        if query >= rest_count[0]:
+            return
+        query = rest[query]
+    write_section(surface, pose, patch, pieces, entries, query, bounded, closes, section_start, point_start, lines)
 
 
 @wp.kernel
@@ -655,17 +640,18 @@ def _draw_listed(
     query = wp.tid() // lanes
     lane = wp.tid() - query * lanes
     while query < entries.count.shape[0]:
-        count = entries.count[query] & COUNT
+        count = entry_count(entries.count[query])
         if count > 0:
             f = pieces.frame[query]
             side = half_extents(patch[section_of(pieces, query) % patch.shape[0]], bounded)
             base = start_of(pieces, query)
             query_start = pieces.query_start[query]
             for e in range(count):
-                slot = base + wp.int64(entries.entry[base + wp.int64(e) * pieces.stride] & SLOT) * pieces.stride
-                begin = query_start + wp.int64(pieces.begin[slot])
-                place = pieces.place[slot]
-                steps = pieces.steps[slot] // 2
+                slot = entry_slot(entries.entry[base + wp.int64(e) * pieces.stride])
+                own = base + wp.int64(slot) * pieces.stride
+                begin = query_start + wp.int64(pieces.begin[own])
+                place = pieces.place[own]
+                steps = pieces.steps[own] // 2
                 k = int(lane)
                 while k < steps:
                     half = pieces.listed[begin + wp.int64(k)]
@@ -692,13 +678,13 @@ def draw_contours(joined: Joined) -> Contours:
             rest = [wp.empty(query_count, dtype=wp.int32, device=device), wp.zeros(1, dtype=wp.int32, device=device)]
             own = wp.empty(LANE_WORDS, dtype=wp.int64, device=device)
             launch(_draw_listed_sections, threads_for(device, query_count), inputs=inputs, outputs=[own, lines, *rest])
-            launch(_draw_rest, query_count, inputs=[*inputs, *rest], outputs=[lines])
+            launch(_draw_contours, query_count, inputs=[*inputs, *rest], outputs=[lines])
         elif pieces.listed is not None:
             launch(_draw_ends, query_count, inputs=inputs, outputs=[lines])
             lanes, groups = lane_count(device), min(query_count, GROUPS_MOST)
             launch(_draw_listed, groups * lanes, inputs=[surface, *drawn, lanes, groups], outputs=[lines.points])
         else:
-            launch(_draw_contours, query_count, inputs=inputs, outputs=[lines])
+            launch(_draw_contours, query_count, inputs=[*inputs, None, None], outputs=[lines])
     return lines
 
 

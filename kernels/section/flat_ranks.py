@@ -11,7 +11,6 @@ from typing import Any
 
 import warp as wp
 
-from ..lanes import any_lane, claim_query, lane_count, sync_lanes
 from ..offsets import BLOCK
 from ..patch import EXACT, Coarse, Frame, Patch, coarse_frame, half_extents, is_above, outcode, output_point
 from .clip import NONE, corners_left, needs_left, segment_of
@@ -37,6 +36,7 @@ from .flat_space import (
     state_at,
 )
 from .half_edges import OPEN, Surface
+from .lanes import any_lane, claim_query, lane_count, sync_lanes
 from .pieces import CLOSED, UNLISTED, ContourPieces, section_of, sides_word, start_of, store_piece
 from .walk import crossing_after, crossing_at, half_after, half_before, link_of, load_vec4, point_of, vertex_of
 

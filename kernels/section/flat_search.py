@@ -13,10 +13,8 @@ from typing import Any
 
 import warp as wp
 
-from ..lanes import Warp, claim_query, lane_count, numbers_of_warps, sync_lanes, votes_of, warp_of
 from ..offsets import BLOCK
 from ..patch import EXACT, Frame, Patch, coarse_frame, half_extents, section_frame
-from ..warps import int_at, set_int, sync_warp, warp_numbers_of, warp_votes_of
 from .flat_boxes import PackedFrame, crossed_halves, meets_packed, pack_boxes, packed_frame
 from .flat_ranks import rank_crossings
 from .flat_space import (
@@ -46,6 +44,20 @@ from .flat_space import (
     warp_space,
 )
 from .half_edges import LEAF, Surface
+from .lanes import (
+    Warp,
+    claim_query,
+    int_at,
+    lane_count,
+    numbers_of_warps,
+    set_int,
+    sync_lanes,
+    sync_warp,
+    votes_of,
+    warp_numbers_of,
+    warp_of,
+    warp_votes_of,
+)
 from .pieces import ContourPieces, CutPlanes, section_of
 from .tree import TreeSearch, corner_window, patch_window, winding_across
 

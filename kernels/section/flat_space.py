@@ -9,10 +9,9 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..lanes import Warp, group_count
 from ..patch import Frame
-from ..warps import int_at, long_at, set_int, set_long
 from .flat_boxes import PackedFrame
+from .lanes import Warp, group_count, int_at, long_at, set_int, set_long
 from .pieces import ContourPieces, section_of
 
 WORDS = wp.constant(5)  # of a crossing

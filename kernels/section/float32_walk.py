@@ -24,9 +24,9 @@ import warp as wp
 
 from ..offsets import BLOCK
 from ..patch import Frame, coarse_frame
-from ..warps import in_step
 from .clip import BEGIN, CLEAR, CORNERS, END, FROM, HALF, Events, is_quiet, needs_left, write_event
 from .half_edges import OPEN, SCAN_WORDS, Surface
+from .lanes import in_step
 from .pieces import end_list, list_half
 from .walk import half_after, load_vec4, vertex_of
 

@@ -13,7 +13,9 @@ import warp as wp
 
 from ..offsets import BLOCK, PointLimitError, lasts_of, offsets_of
 from ..patch import EXACT, Frame, Patch, corner, outcode, output_point, section_frame
-from ..warps import (
+from .clip import NONE, side_point, side_position
+from .half_edges import Surface
+from .lanes import (
     int_at,
     lane_of_warp,
     long_at,
@@ -28,8 +30,6 @@ from ..warps import (
     vec3d_at,
     warp_size,
 )
-from .clip import NONE, side_point, side_position
-from .half_edges import Surface
 from .pieces import (
     CLOSED,
     ContourPieces,
@@ -348,10 +348,46 @@ def number_memory(own: wp.array[wp.int64]) -> wp.uint64:
 class Entries:
     """Pieces in the order in which they are drawn; a query's entry e stands where its slot e does."""
 
-    entry: wp.array[wp.int32]  # slot, BEGIN, corners << CORNERS
-    count: wp.array[wp.int32]  # entries, WALKED, BOUNDARY; shape [query]
+    entry: wp.array[wp.int32]  # `entry_of`
+    count: wp.array[wp.int32]  # number of entries (`entry_count`), WALKED, BOUNDARY; shape [query]
     polylines: wp.array[wp.int64]  # of each section, shape [section + 1], the last one stays 0
     points: wp.array[wp.int64]
+
+
+@wp.func
+def entry_of(slot: int, corners: int, begin: int):
+    """Entry of a piece that so many corners of the patch follow; begin: BEGIN if a polyline begins with it, else 0."""
+    return slot | (corners << CORNERS) | begin
+
+
+@wp.func
+def entry_slot(entry: int):
+    """Slot of an entry's piece."""
+    return entry & SLOT
+
+
+@wp.func
+def entry_corners(entry: int):
+    """How many corners of the patch follow an entry's piece."""
+    return entry >> CORNERS
+
+
+@wp.func
+def begins_line(entry: int):
+    """Whether a polyline begins with an entry's piece."""
+    return (entry & BEGIN) != 0
+
+
+@wp.func
+def entry_count(counted: int):
+    """Number of a query's entries, from `Entries.count`."""
+    return counted & COUNT
+
+
+@wp.func
+def has_boundary(counted: int):
+    """Whether the patch's whole boundary is a polyline of a query, from `Entries.count`."""
+    return counted >= BOUNDARY
 
 
 @wp.func
@@ -419,7 +455,7 @@ def enter_loop(
         if drawn:
             corners = wp.where(corners_after(link) == NO_CORNERS, 0, corners_after(link))
             begin = wp.where(slot == first, BEGIN, 0)
-            set_slot_int(entries.entry, base + n * stride, slot | (corners << CORNERS) | begin)
+            set_slot_int(entries.entry, base + n * stride, entry_of(slot, corners, begin))
             n += 1
         slot = link & FOLLOWER
         if slot == first:
@@ -520,7 +556,7 @@ def _join_single_pieces(
                 listed = listed or corners == 0  # it may leave where it entered
             inside = False
         if steps > 0:
-            entries.entry[own] = BEGIN | (corners << CORNERS)
+            entries.entry[own] = entry_of(0, corners, BEGIN)
             entry = 1 | wp.where(is_drawable(pieces, own), 0, WALKED)
             lines = 1
             points = steps + 1

@@ -13,7 +13,7 @@ import warp as wp
 from ..offsets import BLOCK, scan_counts
 from ..patch import EXACT, Frame, Patch, half_extents, section_frame
 from .half_edges import OPEN, Surface
-from .join import COUNT, SLOT, Entries, join_sections
+from .join import Entries, entry_count, entry_slot, join_sections
 from .pieces import ContourPieces, CutPlanes, section_of, start_of
 from .walk import crossing_after, crossing_at, point_of
 
@@ -53,7 +53,7 @@ def _count_crossings(
 ):
     """Count the crossings of all loops of a query."""
     query = wp.tid()
-    count = entries.count[query] & COUNT
+    count = entry_count(entries.count[query])
     if count == 0:
         return
     section = section_of(pieces, query)
@@ -61,7 +61,7 @@ def _count_crossings(
     base = start_of(pieces, query)
     total = int(0)
     for e in range(count):
-        slot = entries.entry[base + wp.int64(e) * pieces.stride] & SLOT
+        slot = entry_slot(entries.entry[base + wp.int64(e) * pieces.stride])
         total += loop_length(surface, f, pieces.half[base + wp.int64(slot) * pieces.stride])
     crossings[section] = wp.int64(total)
 
@@ -88,8 +88,8 @@ def _draw_loops(
     side = half_extents(patch[section % patch.shape[0]], bounded)
     base = start_of(pieces, query)
     i = point_start[section]
-    for e in range(entries.count[query] & COUNT):
-        slot = entries.entry[base + wp.int64(e) * pieces.stride] & SLOT
+    for e in range(entry_count(entries.count[query])):
+        slot = entry_slot(entries.entry[base + wp.int64(e) * pieces.stride])
         half = pieces.half[base + wp.int64(slot) * pieces.stride]
         loop_start[section_start[section] + wp.int64(e)] = i
         c = crossing_at(surface, f, half)

@@ -11,12 +11,12 @@ import warp as wp
 
 from ..contours import Contours
 from ..offsets import BLOCK
-from ..warps import claiming_lanes, threads_for
 from .clip import _clip_loops, room_for_events
 from .draw import _draw_contours
 from .float32_walk import room_for_scans
 from .join import LANE_WORDS, _join_pieces, _join_single_pieces, room_to_join
-from .pieces import SLOTS, ContourPieces, with_slots
+from .lanes import claiming_lanes, threads_for
+from .pieces import SLOTS, ContourPieces, CutPlanes, with_slots
 from .scan import WALK_BLOCKS, _scan_sections, _walk_doubtful_loops, _walk_loops
 from .tree import _tree_search_pieces
 
@@ -58,58 +58,33 @@ def room_bytes(size: RoomSize, query_count: int) -> int:
 class Room:
     """Memory for the contours of as many poses each time, and the launches that fill it.
 
-    surface, patch: on the CPU. outside, close: whether contours end at the patch, and are closed along its boundary.
-    scans: whether the scan search finds pieces, else the tree search does. size: how much memory there is.
-    articulated: whether each patch has poses of its own.
+    planes: on the CPU, with room for the poses. scans: whether the scan search finds pieces, else the tree search does.
+    size: how much memory there is.
     """
 
-    device = CPU
-    struct: Any = None
-    """The contours of the last poses as kernels take them, `Contours`, in arrays that have room for more."""
-
-    def __init__(
-        self,
-        surface: Any,
-        patch: wp.array,
-        *,
-        outside: bool,
-        close: bool,
-        scans: bool,
-        size: RoomSize,
-        pose_count: int = 1,
-        articulated: bool = False,
-    ) -> None:
+    def __init__(self, planes: CutPlanes, size: RoomSize, *, scans: bool) -> None:
         self.size = size._replace(events=max(size.events, size.pieces))
-        self._surface, self._patch, self._pose_count = surface, patch, pose_count
-        self.query_count = pose_count * patch.shape[0]
-        self._stages = [int(outside), int(close)]
-        shape = pose_count, patch.shape[0] if articulated else 1
-        self._pose = wp.full(shape, wp.transform_identity(), dtype=wp.transform, device=self.device)
-        self._counters = wp.zeros(5, dtype=wp.int32, device=self.device)
-        self._rest = wp.zeros(self.query_count, dtype=wp.int32, device=self.device)
-        self._polylines, self._points = (Offsets(self.query_count, self.device) for _ in range(2))
+        self._planes, self.query_count = planes, planes.section_count
+        self._counters = wp.zeros(5, dtype=wp.int32, device=CPU)
+        self._rest = wp.zeros(self.query_count, dtype=wp.int32, device=CPU)
+        self._polylines, self._points = (Offsets(self.query_count) for _ in range(2))
         self._pieces = self._room_for_pieces()
-        count = wp.empty(self.query_count, dtype=wp.int32, device=self.device)
+        count = wp.zeros(self.query_count, dtype=wp.int32, device=CPU)  # of events; tree searches leave it so
         self._events = room_for_events(count, self.size.events)
-        self._events.count.zero_()  # seeking leaves them so
         self._lines = self._room_for_lines()
         self._find = self._scan_search() if scans else self._tree_search()
         self._join, self._draw = self._joining_and_drawing()
-        self._prepare()
-
-    def _prepare(self) -> None:
-        """Look at the arrays where they lie, as they stay there."""
-        lines = self._lines
+        # Arrays stay where they lie, so NumPy looks at them once.
         fields = ("points", "kind", "polyline_start", "polyline_patch", "polyline_closed")
-        self._host = {field: getattr(lines, field).numpy() for field in fields}
-        self._section_start = self._polylines.host[:: self._patch.shape[0]]
-        pose_start = wp.zeros(self._pose_count + 1, dtype=wp.int64, device=self.device)
-        self._pose_start = pose_start.numpy()
-        self._pose_view, self._count = self._pose.numpy(), self._counters.numpy()
-        self.struct = Contours()
-        columns = {field: getattr(lines, field) for field in fields}
-        for name, column in (columns | {"pose_start": pose_start}).items():
-            setattr(self.struct, name, column)
+        self._host = {field: getattr(self._lines, field).numpy() for field in fields}
+        self._section_start = self._polylines.host[:: planes.patch.shape[0]]
+        self._pose_start = self._lines.pose_start.numpy()
+        self._pose_view, self._count = planes.pose.numpy(), self._counters.numpy()
+
+    @property
+    def struct(self) -> Any:
+        """The contours of the last poses as kernels take them, `Contours`, in arrays that have room for more."""
+        return self._lines
 
     def fill(self, pose: np.ndarray) -> RoomSize | None:
         """Draw the contours of poses; returns None, or the size that they need if there is no room.
@@ -153,8 +128,14 @@ class Room:
         """The same as arrays on the device."""
         line_count, point_count, lines = self._polylines.total, self._points.total, self._lines
         counts = {"points": point_count, "kind": point_count, "polyline_start": line_count + 1}
-        columns = {field: first_of(getattr(lines, field), counts.get(field, line_count)) for field in self._host}
-        return {**columns, "pose_start": self.struct.pose_start}
+        # An array of no rows cannot be a part of another one.
+        columns = {
+            field: column[:count]
+            if (count := counts.get(field, line_count))
+            else wp.empty(0, dtype=column.dtype, device=CPU)
+            for field, column in ((field, getattr(lines, field)) for field in self._host)
+        }
+        return {**columns, "pose_start": lines.pose_start}
 
     def warm(self) -> None:
         """Launch everything once: a kernel's first launch takes longer."""
@@ -169,13 +150,12 @@ class Room:
 
     def _room_for_pieces(self) -> Any:
         room, queries = self.size.pieces, self.query_count
-        beside = self.device == CPU  # slots of a query beside each other; on a GPU equal slots of all queries
         pieces = ContourPieces()
-        pieces.section = wp.empty(0, dtype=wp.int32, device=self.device)
-        pieces.start = wp.array(np.arange(queries) * (room if beside else 1), dtype=wp.int64, device=self.device)
-        pieces.room = wp.full(queries, room, dtype=wp.int32, device=self.device)
-        pieces.stride = 1 if beside else queries
-        with_slots(pieces, queries, queries * room, self.device)
+        pieces.section = wp.empty(0, dtype=wp.int32, device=CPU)
+        pieces.start = wp.array(np.arange(queries) * room, dtype=wp.int64, device=CPU)
+        pieces.room = wp.full(queries, room, dtype=wp.int32, device=CPU)
+        pieces.stride = 1  # slots of a query lie beside each other
+        with_slots(pieces, queries, queries * room, CPU)
         pieces.excess = self._counters[EXCESS:]
         return pieces
 
@@ -190,66 +170,57 @@ class Room:
             ("polyline_patch", line_most, wp.int32),
             ("polyline_closed", line_most, wp.uint8),
         ):
-            setattr(lines, field, wp.zeros(size, dtype=dtype, device=self.device))
+            setattr(lines, field, wp.zeros(size, dtype=dtype, device=CPU))
+        lines.pose_start = wp.zeros(self._planes.pose.shape[0] + 1, dtype=wp.int64, device=CPU)
         return lines
 
     def _scan_search(self) -> Launches:
-        section = [self._surface, self._pose, self._patch, self._stages[0], self._pieces.section]
-        scans = room_for_scans(
-            self._surface, self.query_count, self._counters[CROSSED:], device := wp.get_device(self.device)
-        )
+        section = [*self._planes.inputs, self._pieces.section]
+        device, surface = wp.get_device(CPU), self._planes.surface
+        scans = room_for_scans(surface, self.query_count, self._counters[CROSSED:], device)
         doubtful, events = [self._rest, self._counters[DOUBTFUL:]], self._events
-        walk = self._record(
-            _walk_loops, [*section, scans], [events, *doubtful], claiming_lanes(device, self.query_count, WALK_BLOCKS)
-        )
+        lanes = claiming_lanes(device, self.query_count, WALK_BLOCKS)
         return [
             (self._record(_scan_sections, section, [scans, events.count, *doubtful]), None),
-            (walk, CROSSED),
+            (self._record(_walk_loops, [*section, scans], [events, *doubtful], lanes), CROSSED),
             (self._record(_walk_doubtful_loops, [*section, *doubtful], [events]), DOUBTFUL),
-            (self._record(_clip_loops, [self._surface.rank, self._events], [self._pieces]), None),
+            (self._record(_clip_loops, [surface.rank, events], [self._pieces]), None),
         ]
 
     def _tree_search(self) -> Launches:
-        inputs = [self._surface, self._pose, self._patch, *self._stages]
+        inputs = [*self._planes.inputs, int(self._planes.closes)]
         return [(self._record(_tree_search_pieces, inputs, [self._pieces]), None)]
 
     def _joining_and_drawing(self) -> tuple[Launches, wp.Launch]:
-        ends, entries = room_to_join(self._pieces, self.device)
-        self._entries = entries
+        surface, pose, patch, bounded, closes = self._planes
+        ends, entries = room_to_join(self._pieces, CPU)
         entries.polylines, entries.points = self._polylines.count, self._points.count
-        own = wp.empty(LANE_WORDS, dtype=wp.int64, device=self.device)
-        lanes_to_join = threads_for(wp.get_device(self.device), self.query_count)
+        own = wp.empty(LANE_WORDS, dtype=wp.int64, device=CPU)
+        lanes_to_join = threads_for(wp.get_device(CPU), self.query_count)
         rest = [self._rest, self._counters[LISTED:]]
-        single = [self._pieces, self._stages[1]]
-        several = [self._surface, self._pieces, self._pose, self._patch, self._stages[1], *rest]
-        drawn = [self._surface, self._pose, self._patch, self._pieces, entries, *self._stages]
+        single = [self._pieces, int(closes)]
+        several = [surface, self._pieces, pose, patch, int(closes), *rest]
+        drawn = [surface, pose, patch, self._pieces, entries, int(bounded), int(closes)]
         return [
             (self._record(_join_single_pieces, single, [entries, *rest]), None),
             (self._record(_join_pieces, several, [own, ends, entries], lanes_to_join), LISTED),
-        ], self._record(_draw_contours, [*drawn, self._polylines.start, self._points.start], [self._lines])
+        ], self._record(_draw_contours, [*drawn, self._polylines.start, self._points.start, None, None], [self._lines])
 
     def _record(self, kernel: Any, inputs: list, outputs: list, lanes: int | None = None) -> wp.Launch:
-        options = {"device": self.device, "block_dim": BLOCK, "record_cmd": True}
+        options = {"device": CPU, "block_dim": BLOCK, "record_cmd": True}
         return cast(wp.Launch, wp.launch(kernel, lanes or self.query_count, inputs=inputs, outputs=outputs, **options))
-
-
-def first_of(array: wp.array, count: int) -> wp.array:
-    """The first rows of an array, without copying."""
-    return array[:count] if count else wp.empty(0, dtype=array.dtype, device=array.device)
 
 
 class Offsets:
     """Counts of sections, which kernels write, and their offsets, which they read."""
 
-    def __init__(self, section_count: int, device: str = CPU) -> None:
-        self.count = wp.zeros(section_count + 1, dtype=wp.int64, device=device)
-        self.start = wp.zeros(section_count + 1, dtype=wp.int64, device=device)
-        if device == CPU:
-            self.host = self.start.numpy()
-            self._scanned = self.count.numpy()[:-1], self.host[1:]
+    def __init__(self, section_count: int) -> None:
+        self.count, self.start = (wp.zeros(section_count + 1, dtype=wp.int64, device=CPU) for _ in range(2))
+        self.host = self.start.numpy()
+        self._scanned = self.count.numpy()[:-1], self.host[1:]
 
     def scan(self) -> None:
-        """Counts to offsets, on the CPU."""
+        """Counts to offsets."""
         np.cumsum(self._scanned[0], out=self._scanned[1])
 
     @property

@@ -28,7 +28,6 @@ from ..patch import (
     output_point,
     section_frame,
 )
-from ..warps import claim_place, claiming_lanes, first_places, in_step, warp_votes_of
 from .clip import (
     BEGIN,
     CLEAR,
@@ -64,6 +63,7 @@ from .float32_walk import (
     step_in_float32,
 )
 from .half_edges import MASK_WORDS, OPEN, Surface
+from .lanes import claim_place, claiming_lanes, first_places, in_step, warp_votes_of
 from .pieces import CutPlanes, end_list, list_half, room_for_rest, room_for_sections, room_for_steps, section_at
 from .walk import Crossing, chain_start, crossing_after, crossing_at, link_of, load_vec4, point_of, vertex_of
 
@@ -373,26 +373,6 @@ def _walk_doubtful_loops(
         events.count[query] = walk_all_loops(surface, f, g, side, events, query)
 
 
-def walk_sections(planes: CutPlanes, section: wp.array | None, *, room: int, lists: Any = None) -> Any:
-    """Walk the loops of sections of a surface that has a scan path; returns their Events.
-
-    section: those of the queries, None for all; room: most events of a query; lists: StepLists of the queries, if any.
-    """
-    device, inputs = planes.pose.device, [*planes.inputs, section]
-    query_count = planes.section_count if section is None else section.shape[0]
-    launch = partial(wp.launch, device=device, block_dim=BLOCK)
-    counters = wp.zeros(3, dtype=wp.int32, device=device)
-    scans = room_for_scans(planes.surface, query_count, counters, device)
-    doubts = [wp.empty(query_count, dtype=wp.int32, device=device), counters[2:]]
-    count = wp.empty(query_count, dtype=wp.int32, device=device)
-    launch(_scan_sections, query_count, inputs=inputs, outputs=[scans, count, *doubts])
-    events = room_for_events(count, room, lists)
-    lanes = claiming_lanes(device, query_count, WALK_BLOCKS)
-    launch(_walk_loops, lanes, inputs=[*inputs, scans], outputs=[events, *doubts])
-    launch(_walk_doubtful_loops, query_count, inputs=[*inputs, *doubts], outputs=[events])
-    return events
-
-
 class ScanSearch:
     """A scan search of all sections, or of the queries of `pieces`, which have room for all of theirs."""
 
@@ -402,15 +382,26 @@ class ScanSearch:
     def launch(self) -> Any:
         """ContourPieces of the queries, which the device may not have found yet."""
         planes, device = self.planes, self.planes.pose.device
-        section, room, lists = None, EVENTS, None
+        section, query_count, room, lists = None, planes.section_count, EVENTS, None
         if self.pieces is not None:  # a query without room for its events has counted these as its pieces
-            section, room = self.pieces.section, max(EVENTS, int(self.pieces.room.numpy().max()))
+            section, query_count = self.pieces.section, self.pieces.section.shape[0]
+            room = max(EVENTS, int(self.pieces.room.numpy().max()))
         if self.lists:
             face_count = planes.surface.corner.shape[0] // 3
-            lists = room_for_steps(planes.section_count, face_count, bounded=planes.bounded, device=device)
-        events = walk_sections(planes, section, room=room, lists=lists)
+            lists = room_for_steps(query_count, face_count, bounded=planes.bounded, device=device)
+        inputs = [*planes.inputs, section]
+        launch = partial(wp.launch, device=device, block_dim=BLOCK)
+        counters = wp.zeros(3, dtype=wp.int32, device=device)
+        scans = room_for_scans(planes.surface, query_count, counters, device)
+        doubts = [wp.empty(query_count, dtype=wp.int32, device=device), counters[2:]]
+        count = wp.empty(query_count, dtype=wp.int32, device=device)
+        launch(_scan_sections, query_count, inputs=inputs, outputs=[scans, count, *doubts])
+        events = room_for_events(count, room, lists)
+        lanes = claiming_lanes(device, query_count, WALK_BLOCKS)
+        launch(_walk_loops, lanes, inputs=[*inputs, scans], outputs=[events, *doubts])
+        launch(_walk_doubtful_loops, query_count, inputs=[*inputs, *doubts], outputs=[events])
         if self.pieces is None:
-            self.pieces = room_for_sections(planes.section_count, device)
+            self.pieces = room_for_sections(query_count, device)
         if lists is not None:
             self.pieces.lists = lists
         clip_events(planes.surface, events, self.pieces)

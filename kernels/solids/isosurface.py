@@ -9,8 +9,7 @@ from typing import Any
 import warp as wp
 import warp.geometry
 
-from ..fields.field import MODULE, Field, inside_function, made_once, root_function
-from ..fields.probe import Lattice, node_at
+from ..fields.field import MODULE, Field, Lattice, inside_function, made_once, node_at, root_function
 from ..offsets import launch
 from ..patch import EXACT
 

@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
-from ..fields.probe import Lattice, lattice_of, node_at
+from ..fields.field import Lattice, lattice_of, node_at
 from ..offsets import launch
 from ..patch import EXACT
-from .nearest import triangle_distance
+from .distance import triangle_distance
 from .winding import WindingTree, upload_winding, winding_at
 
 wp.set_module_options(EXACT)

@@ -12,22 +12,23 @@ wp.set_module_options(EXACT)
 
 
 @wp.kernel
-def _move_contours(c: Contours, moved: wp.array[wp.transform], pivot: wp.vec3d):
-    """Turn each pose's points about the pivot [m] and move them with it."""
+def _move_contours(c: Contours, object_pose: wp.array[wp.transform], object_centre: wp.vec3d):
+    """Turn each pose's points about the object's centre [m] and move them with it."""
     pose = wp.tid()
-    q = wp.transform_get_rotation(moved[pose])
+    q = wp.transform_get_rotation(object_pose[pose])
     a = to_float64(wp.vec3(q[0], q[1], q[2]))
-    to = to_float64(wp.transform_get_translation(moved[pose]))
+    to = to_float64(wp.transform_get_translation(object_pose[pose]))
     begin = c.polyline_start[c.pose_start[pose]]
     for k in range(int(c.polyline_start[c.pose_start[pose + 1]] - begin)):
         i = begin + wp.int64(k)
-        c.points[i] = to_float32(to + rotate(a, wp.float64(q[3]), to_float64(c.points[i]) - pivot))
+        c.points[i] = to_float32(to + rotate(a, wp.float64(q[3]), to_float64(c.points[i]) - object_centre))
 
 
 @on_one_device
-def move_contours(contours: Contours, moved: wp.array, pivot: np.ndarray) -> None:
-    """Move the points of each pose in place by its transform in `moved`, wp.transform, shape [pose].
+def move_contours(contours: Contours, object_pose: wp.array, object_centre: np.ndarray) -> None:
+    """Move the points of each pose in place with the object.
 
-    pivot: where the transforms' origin is among the points [m], shape [3].
+    object_pose: position of the object's centre and its rotation, wp.transform, shape [pose].
+    object_centre: the point of the object as rendered that moves there [m], shape [3].
     """
-    launch(_move_contours, moved.shape[0], [contours, moved, wp.vec3d(*map(float, pivot))], [])
+    launch(_move_contours, object_pose.shape[0], [contours, object_pose, wp.vec3d(*map(float, object_centre))], [])

@@ -18,8 +18,8 @@ PLACES = wp.constant(wp.vec3(0.27, 0.49, 0.69))  # of a segment, at which the fu
 
 
 @cache
-def _make_point_kernel(func: Any) -> Any:
-    """A kernel that moves every point by a function vec3 -> vec3."""
+def _make_kernel(func: Any, dtype: Any, size: Any) -> Any:
+    """A kernel that evaluates a function vec3 -> `dtype` at every point; size: of a difference of its values."""
 
     @wp.kernel(**MODULE)
     def _map_points(
@@ -27,56 +27,25 @@ def _make_point_kernel(func: Any) -> Any:
         points: wp.array[wp.vec3],
         length_least: wp.float32,  # [m]
         # Out:
-        moved: wp.array[wp.vec3],
-        deviation: wp.array[wp.float32],  # [m]; of length 0: not asked for
+        values: wp.array[dtype],
+        deviation: wp.array[wp.float32],  # of length 0: not asked for
     ):
-        """Move each point; measure how far the function leaves the straight line of the segment that starts there."""
+        """Evaluate at each point; measure how far the function leaves the straight line to the next point."""
         i = wp.tid()
         x = points[i]
-        here = func(x)
-        moved[i] = here
+        here = dtype(func(x))
+        values[i] = here
         if i + 1 < deviation.shape[0]:
             step = points[i + 1] - x
             if wp.length(step) > length_least:
-                ahead = func(points[i + 1])
+                ahead = dtype(func(points[i + 1]))
                 most = wp.float32(0.0)
                 for k in range(3):
                     straight = here + PLACES[k] * (ahead - here)
-                    most = wp.max(most, wp.length(func(x + PLACES[k] * step) - straight))
+                    most = wp.max(most, size(dtype(func(x + PLACES[k] * step)) - straight))
                 deviation[i] = most
 
     return _map_points
-
-
-@cache
-def _make_intensity_kernel(func: Any) -> Any:
-    """A kernel that asks a function vec3 -> float at every point."""
-
-    @wp.kernel(**MODULE)
-    def _map_intensity(
-        # In:
-        points: wp.array[wp.vec3],
-        length_least: wp.float32,  # [m]
-        # Out:
-        intensity: wp.array[wp.float32],
-        deviation: wp.array[wp.float32],  # of length 0: not asked for
-    ):
-        """Ask at each point; measure how far the function leaves the straight line of the segment that starts there."""
-        i = wp.tid()
-        x = points[i]
-        here = wp.float32(func(x))
-        intensity[i] = here
-        if i + 1 < deviation.shape[0]:
-            step = points[i + 1] - x
-            if wp.length(step) > length_least:
-                ahead = wp.float32(func(points[i + 1]))
-                most = wp.float32(0.0)
-                for k in range(3):
-                    straight = here + PLACES[k] * (ahead - here)
-                    most = wp.max(most, wp.abs(wp.float32(func(x + PLACES[k] * step)) - straight))
-                deviation[i] = most
-
-    return _map_intensity
 
 
 def map_points(func: Any, points: wp.array, *, length_least: float = np.inf) -> tuple[wp.array, wp.array]:
@@ -84,7 +53,7 @@ def map_points(func: Any, points: wp.array, *, length_least: float = np.inf) -> 
 
     See `map_intensity`.
     """
-    return _map(_make_point_kernel(func), points, wp.empty_like(points), length_least)
+    return _map(_make_kernel(func, wp.vec3, wp.length), points, wp.empty_like(points), length_least)
 
 
 def map_intensity(func: Any, points: wp.array, *, length_least: float = np.inf) -> tuple[wp.array, wp.array]:
@@ -95,7 +64,7 @@ def map_intensity(func: Any, points: wp.array, *, length_least: float = np.inf) 
     apart. Of length 0 if that is infinite. The last point of a polyline has one, too, which means nothing.
     """
     intensity = wp.empty(points.shape[0], dtype=wp.float32, device=points.device)
-    return _map(_make_intensity_kernel(func), points, intensity, length_least)
+    return _map(_make_kernel(func, wp.float32, wp.abs), points, intensity, length_least)
 
 
 def _map(kernel: Any, points: wp.array, values: wp.array, length_least: float) -> tuple[wp.array, wp.array]:

@@ -190,7 +190,8 @@ class PoseMeter:
         position = focus.position.reshape(len(drive), -1, 3)
         emits = is_reachable(position, focus.intensity.reshape(position.shape[:2]), self._arrays)
         width = width_at(drawn.pose[:3], self._transducers)
-        planes = self._away_from_faces(planes_of(drawn, width / CELLS))
+        planes = planes_of(drawn, width / CELLS)
+        planes = [plane for plane in planes if len(self._clear_of_faces(plane.points)) == len(plane.points)]
         skin = print_on(planes, self._field, drive, pressure_at_1m=self._scale)
         lines = drawn.polylines()
         along, _ = mean_square(self._field, points_along(lines, width / CELLS), drive)
@@ -247,9 +248,6 @@ class PoseMeter:
 
         apart = KDTree(self._transducers.position).query(place)[0]
         return place[apart > NEAREST + self._transducers.piston_radius]
-
-    def _away_from_faces(self, planes: list[SampledPlane]) -> list[SampledPlane]:
-        return [plane for plane in planes if len(self._clear_of_faces(plane.points)) == len(plane.points)]
 
     def _speed_factor(
         self, position: np.ndarray, emits: np.ndarray, at_focus: np.ndarray, drive: np.ndarray

@@ -14,8 +14,7 @@ import warp as wp
 
 from ...datasets.rigid import rotate
 from ...device.array import ArrayModel
-from ...kernels.acoustics.late_power import split_lags, sum_late_power
-from ...kernels.acoustics.propagation import DEPTH, ROWS, propagate_signals, wave_rows
+from ...kernels.acoustics.propagation import DEPTH, ROWS, propagate_signals, split_lags, sum_late_power, wave_rows
 from ...kernels.acoustics.resonance import DeviceFrames, emit_frames
 from ..errors import StrategyError
 from ..focal_spot import SOUND_SPEED
@@ -179,7 +178,8 @@ class NoiseListener:
         """Matrix from transducers to what is squared and added up; with lag and weight of each of these."""
         if self.model.kind == "transducers":
             return None, lag, weight
-        waves = self._waves(place)
+        parts = [self.transducers.waves(place[first : first + 1024]) for first in range(0, len(place), 1024)]
+        waves = np.concatenate(parts)
         if not lag.any() and len(place) > waves.shape[1]:  # as many combinations of transducers do for all sources
             value, vector = np.linalg.eigh((waves.conj().T * weight) @ waves)
             waves, weight = (np.sqrt(np.maximum(value, 0)) * vector).conj().T, np.ones(len(value))
@@ -188,10 +188,6 @@ class NoiseListener:
         rows = wave_rows(np.pad(waves, ((0, spare), (0, 0))))
         rows = np.pad(rows, ((0, 0), (0, -rows.shape[1] % DEPTH)))
         return wp.array(rows, device=self._device), np.pad(lag, (0, spare)), np.pad(weight, (0, spare))
-
-    def _waves(self, place: np.ndarray) -> np.ndarray:
-        parts = [self.transducers.waves(place[first : first + 1024]) for first in range(0, len(place), 1024)]
-        return np.concatenate(parts)
 
     def listen(self, frames: PlayedFrames, progress: Progress | None = None) -> NoiseSignal:
         """The signal while frames are played from silence; progress: called with periods done and periods in all.

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import StrategyError
+from ..output_file import require_output
 from .inputs import (
     OBJECTS,
     SAMPLINGS,
@@ -72,6 +73,7 @@ class PrepareCommand(Command, BaudOptions, SamplingOptions, DurationOptions, Dri
     def judge(self) -> None:
         """Raise what makes the request impossible."""
         require_contour_files([self.file], takes_points=True)
+        require_output(self.out, overwrite=self.overwrite, sources=[self.file])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,9 +179,9 @@ class ReproduceCommand(Command, OverwriteOptions):
     job = "..reproduction.command:run_reproduce"
     given = ("out", "explorers", "repetitions", "palm", "recording", "overwrite")
     out: Path = option("FOLDER", "Where the report goes; made if it is missing.", Path("palpate-reproduction"), "-o")
-    explorers: int = option("N", "How many explore each object.", 18)
+    explorers: int = option("N", "How many explore each object.", 18, low=1)
     repetitions: int = option(
-        "N", "Explorations of 7 s in each of the two blocks that an explorer has with an object.", 10
+        "N", "Explorations of 7 s in each of the two blocks that an explorer has with an object.", 10, low=1
     )
     palm: tuple[float, float] | None = option("WIDTH LENGTH", "Size of the palm [m], by default 0.085 0.085.")
     recording: float = option("SECONDS", "Of each of ten recordings of noise [s]; 0: no noise.", 30.0)

@@ -7,6 +7,8 @@ from pathlib import Path
 
 from ..errors import StrategyError
 from ..output_file import require_output
+from ..runtime.worker_devices import has_cuda_driver, worker_devices
+from ..validation import require_number
 from .inputs import (
     EXPLORATION,
     OBJECTS,
@@ -48,7 +50,7 @@ VOXELS = (".npz", ".npy", ".nrrd", ".nii", ".nii.gz", ".nvdb")
 CONTOURS = (".h5", ".hdf5")
 KEPT = "Contour file, prepared frames, or focal points or drives of a sweep."
 COMPRESSION = ("0..9", "Compress the file: 0 not, 9 most.", 0)
-FORMATS = ("vtkhdf", "csv", "npz", "ptlist", "focal-points")
+FORMATS = {"vtkhdf": ".vtkhdf", "csv": ".csv", "npz": ".npz", "ptlist": ".ptlist", "focal-points": ".bin"}
 FIELDS_MOST = 4  # files beside each other in a picture
 MOTIONS = (".csv", ".json", ".jsonl", ".ndjson", ".lz", ".npz")
 NO_PLACEMENT = {"scale": 1.0, "up": "z", "fit": None, "rotate": (0.0, 0.0, 0.0), "at": None}
@@ -125,7 +127,8 @@ class RenderCommand(
         if self.resume and self.overwrite:
             raise StrategyError("--resume and --overwrite exclude each other")
         require_end(self.out, CONTOURS, "a contour file")
-        worker_count(self.workers)
+        if not has_cuda_driver():  # else Warp is asked, which takes longer
+            worker_devices(self.device, worker_count(self.workers))
         if self.simplify is not None and not 0 <= self.simplify < float("inf"):  # a NaN compares false
             raise StrategyError(f"--simplify must be a length in metres of 0 or more, not {self.simplify}")
         require_object(self.source)
@@ -287,7 +290,7 @@ class ExportCommand(Command, SamplingOptions, DurationOptions, OverwriteOptions)
     to: str | None = option(
         "FORMAT",
         "vtkhdf, csv, npz (contours), ptlist, focal-points (.bin, .csv, .npz); by default as OUT ends.",
-        complete=FORMATS,
+        complete=tuple(FORMATS),
     )
     poses: str | None = option("FIRST:STOP", "Only these poses, STOP not included; as 100:200 or 100:.")
     seconds: str | None = option("START:STOP", "Only the poses of this time [s]; as 1.5:3 or :3.")
@@ -298,6 +301,9 @@ class ExportCommand(Command, SamplingOptions, DurationOptions, OverwriteOptions)
     def judge(self) -> None:
         """Raise what makes the request impossible."""
         require_output(self.out, overwrite=self.overwrite, sources=[self.file])
+        if self.to is None and self.out.suffix.lower() not in FORMATS.values():
+            ends = ", ".join(FORMATS.values())
+            raise StrategyError(f"{self.out}: must end in one of {ends}, or say the format with to=NAME")
         require_contour_files([self.file], takes_points=True)
 
 
@@ -344,6 +350,8 @@ class FieldCommand(Command, ArrayOptions, SamplingOptions, PictureOptions, Overw
             raise StrategyError("--at and --pose exclude each other: both choose what is shown")
         if self.where == "palm" and (self.size is not None or self.centre is not None):
             raise StrategyError("--size and --centre are of a plane or volume; a palm has its own")
+        if self.size is not None:
+            require_number("--size", self.size, 1e-3, 2.0, unit="m")
         for name in ("width", "font_size"):
             if getattr(self, name) is not None and not self.draws:
                 raise StrategyError(f"--{name.replace('_', '-')} is of a picture: add -o PICTURE (PNG, SVG or PDF)")

@@ -6,7 +6,6 @@ from pathlib import Path
 from ...datasets.contour_file.reader import ContourFile
 from ..errors import StrategyError
 from ..reports.contour_figure import draw_figure
-from ..reports.picture_page import font_of, width_of
 from ..terminal import bars, console
 from .contour_options import FigureCommand
 
@@ -36,8 +35,6 @@ def labelled(job: FigureCommand) -> Sequence[Path] | Mapping[str, Path]:
 
 def run_figure(job: FigureCommand, *, as_json: bool) -> None:
     """Draw."""
-    width_of(job.width)
-    font_of(job.font_size)
     _warn_unfinished(job.files)
     with bars.progress_bar(f"drawing {job.out}", quiet=as_json):
         draw_figure(

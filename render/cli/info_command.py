@@ -5,10 +5,10 @@ from pathlib import Path
 from ...datasets.contour_file.check import check_file, unproven_content
 from ...datasets.counted import counted
 from ...datasets.focus_files.frame_reader import check_frames, frame_format
-from ...datasets.sweeps.check import check_store, is_store
+from ...datasets.sweeps.merging import check_store, is_store
 from ..errors import StrategyError
 from ..intersection.named_inputs import refuse_options
-from ..objects.mesh.summary import is_mesh_name, mesh_facts
+from ..objects.mesh.solid_mesh import is_mesh_name, mesh_facts
 from ..reports.file_summary import summarise, summarise_frames
 from ..runtime.warp_start import start_warp
 from ..terminal import bars, console

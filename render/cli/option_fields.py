@@ -16,9 +16,8 @@ from typing import Annotated, Any, ClassVar, get_type_hints
 
 import typer
 
-from ...datasets.known_names import find_name, likely_name
-from ..errors import StrategyError
 from ..terminal import console
+from ..validation import choose
 
 REQUIRED = MISSING
 """The default of an option that must be given."""
@@ -108,7 +107,10 @@ def add_command(
 
     def run(**values: Any) -> None:
         def work() -> object:
-            job = kind(**{name: _chosen(name, value, by_name[name]) for name, value in values.items()})
+            for name, one in by_name.items():
+                if (known := one.metadata["one_of"]) and values[name] is not None:  # the known word, in any case
+                    values[name] = choose(f"--{name.replace('_', '-')}", values[name], known)
+            job = kind(**values)
             for group in kind.__mro__:  # a command's own options first, then those that it inherits
                 if "judge" in vars(group):
                     group.judge(job)  # type: ignore[attr-defined]
@@ -120,7 +122,7 @@ def add_command(
     by_name = {one.name: one for one in fields(kind)}
     hints = get_type_hints(kind)
     # The help shows a command's own options first, then those that it inherits.
-    ordered = dict.fromkeys(name for group in kind.__mro__ for name in vars(group).get("__annotations__", ()))
+    ordered = dict.fromkeys(name for group in kind.__mro__ for name in inspect.get_annotations(group))
     parameters = [_parameter(by_name[name], hints[name]) for name in ordered if name in by_name]
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
@@ -138,15 +140,3 @@ def _parameter(one: "Field[Any]", hint: Any) -> inspect.Parameter:
         default=inspect.Parameter.empty if default is MISSING else default,
         annotation=Annotated[hint, made(*names or ())],
     )
-
-
-def _chosen(name: str, value: Any, one: "Field[Any]") -> Any:
-    """A value as the command gets it: a word in any case is the known one. Raises StrategyError for an unknown one."""
-    known = one.metadata["one_of"]
-    if not known or value is None:
-        return value
-    found = find_name(value, known)
-    if found is None:
-        option = f"--{name.replace('_', '-')}"
-        raise StrategyError(f"{option} must be one of {', '.join(known)}, not {value!r}{likely_name(value, known)}")
-    return found

@@ -154,7 +154,7 @@ class StudyCommand(NamedOptions, SourceOptions, OpenedArrayOptions, TransportOpt
 
 @dataclass(frozen=True, kw_only=True)
 class StudyAnalyseCommand(NamedOptions, OverwriteOptions):
-    """Write a study's report (HTML, Markdown), its tables (CSV, Parquet) and pictures; needs palpate[study]."""
+    """Write a study's report (HTML, Markdown), its tables (CSV) and pictures; needs palpate[study]."""
 
     job = "..study.analysis.command:analyse_study"
     study: Path = argument("STUDY", "The study's plan, STUDY.toml, or the folder of its data.")
@@ -187,6 +187,6 @@ class StudyAnalyseCommand(NamedOptions, OverwriteOptions):
 class StudyExampleCommand(Command):
     """Write the plan of a whole study into this folder, as NAME.toml, to be run or changed."""
 
-    job = "..study.plan.example_plans:write_example"
+    job = "..study.plan.study_plan:write_example"
     given = ("name",)
     name: str = argument("paper|pilot", "The founding paper's study, or its pilot.")

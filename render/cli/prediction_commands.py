@@ -31,13 +31,11 @@ from ..playback.drive import Driver, DriveStrategy
 from ..playback.placed_arrays import PlacedArray, load_rig
 from ..reports.field_figure import FieldPicture, draw_fields, print_picture, volume_picture
 from ..reports.noise_figure import draw_noise
-from ..reports.picture_page import font_of, width_of
 from ..runtime.warp_start import start_warp
 from ..sampling.sampler import has_contours
 from ..terminal import bars, console
 from ..terminal.foreign_text import print_message
 from ..terminal.value_words import words_of
-from ..validation import require_number
 from .contour_options import FieldCommand, NoiseCommand
 from .play_commands import require_device, sampling_of
 
@@ -68,10 +66,6 @@ class AveragedDrives(NamedTuple):
 def run_field(job: FieldCommand, *, as_json: bool) -> None:
     """Compute, draw or write, report; several files into one picture."""
     paths = job.files
-    width_of(job.width)
-    font_of(job.font_size)
-    if job.size is not None:
-        require_number("--size", job.size, 1e-3, 2.0, unit="m")
     start_warp()
     arrays = load_rig(job.array, calibration=job.calibration)
     found, shown = [], []

@@ -6,8 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import StrategyError
+from ..reports.picture_page import font_of, width_of
 from .inputs import ARRAYS, HANDS, SAMPLINGS, require_array, require_sampling
 from .option_fields import option, switch
+
+UP_AXES = ("x", "y", "z", "-x", "-y", "-z")
 
 Three = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]
@@ -26,10 +29,17 @@ class PlacementOptions:
     """Where the object goes."""
 
     scale: float = option("FACTOR", SCALE_HELP, 1.0)
-    up: str = option("AXIS", "Axis of the file that points up: x, y, z, -x, -y, -z.", "z")
+    up: str = option("AXIS", "Axis of the file that points up: x, y, z, -x, -y, -z.", "z", one_of=UP_AXES)
     fit: float | None = option("SIZE", "Longest side [m], whatever the scale.")
     rotate: Three = option("X Y Z", "Turn about the array's axes x, y, z in turn [degree].", (0.0, 0.0, 0.0))
     at: Three | None = option("X Y Z", "Where the middle of the object goes [m].")
+
+    def judge(self) -> None:
+        """Refuse a size that no object has."""
+        if not self.scale > 0 or not (self.fit is None or self.fit > 0):
+            from ..objects.mesh.placement import Placement  # it imports NumPy
+
+            Placement(scale=self.scale, fit=self.fit)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -273,6 +283,11 @@ class PictureOptions:
 
     width: str | None = option("METRES|NAME", "Of the picture [m], or single, double, ieee-single, ieee-double.")
     font_size: float | None = option("POINTS", "Of all texts in the picture [pt], by default 8.")
+
+    def judge(self) -> None:
+        """Refuse a width or a size that no picture has."""
+        width_of(self.width)
+        font_of(self.font_size)
 
 
 @dataclass(frozen=True, kw_only=True)

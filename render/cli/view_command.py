@@ -5,7 +5,7 @@ from tempfile import TemporaryDirectory
 
 import h5py
 
-from ...datasets.sweeps.check import is_store
+from ...datasets.sweeps.merging import is_store
 from ...device.playing.signals import ending_on_signals
 from ..coordinate_spacing import apart_text, joining_place
 from ..errors import MeshError, StrategyError

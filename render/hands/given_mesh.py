@@ -15,7 +15,9 @@ from ...datasets.errors import name_nothing
 from ...datasets.known_names import likely_file
 from ...kernels.section.half_edges import OPEN, twins_of
 from ..errors import MeshError, PlacementError
+from ..objects.mesh.bodies import signed_volumes
 from ..objects.mesh.files import load_mesh
+from ..objects.mesh.sheets import edges_of
 from ..user_warnings import warn_user
 
 AXES = ("x", "y", "z", "-x", "-y", "-z")
@@ -186,10 +188,9 @@ def checked_hand(name: str, vertices: np.ndarray, faces: np.ndarray, glabrous: n
     if not glabrous.any():
         raise MeshError(f"{name}: the glabrous region has no triangle: curves are drawn on it alone")
     require_manifold(name, faces, welded_from)
-    twin = twins_of(faces)
-    if not (twin == OPEN).any() and volume_of(vertices[0], faces) < 0:
-        text = f"{name}: faces inwards; all {len(faces)} triangles were turned over"
-        warn_user(text)
+    volume = signed_volumes(vertices[0].astype(np.float64), faces, np.zeros(len(faces), np.int64))[0]
+    if volume < 0 and not (twins_of(faces) == OPEN).any():
+        warn_user(f"{name}: faces inwards; all {len(faces)} triangles were turned over")
         faces = faces[:, ::-1]
     require_rim(name, faces[glabrous], len(faces))
     warn_of_size(name, vertices)
@@ -286,19 +287,17 @@ def living_faces(name: str, vertices: np.ndarray, faces: np.ndarray) -> np.ndarr
 
 def require_manifold(name: str, faces: np.ndarray, original: np.ndarray) -> None:
     """Raise MeshError, naming the vertices, for an edge of three triangles and for neighbours that disagree."""
-    tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    pair = np.stack([np.minimum(tail, head), np.maximum(tail, head)], axis=1)
-    edge, number, count = np.unique(pair, axis=0, return_inverse=True, return_counts=True)
-    if (count > 2).any():
-        one, two = original[edge[count > 2][0]]
+    edges = edges_of(faces)
+    ends = original[np.sort(np.stack([faces.ravel(), np.roll(faces, -1, axis=1).ravel()], axis=1), axis=1)]
+    many, wrong = edges.face_count > 2, (edges.face_count == 2) & (edges.balance != 0)
+    if many.any():
+        one, two = ends[many[edges.of_half]][0]
         raise MeshError(
-            f"{name}: the edge between vertices {one} and {two} is shared by {count[count > 2][0]} triangles "
-            f"({(count > 2).sum()} such edges in all): a skin has one side there and one behind, no more"
+            f"{name}: the edge between vertices {one} and {two} is shared by {edges.face_count[many][0]} triangles "
+            f"({many.sum()} such edges in all): a skin has one side there and one behind, no more"
         )
-    along = np.bincount(number.ravel(), weights=tail < head)
-    wrong = (count == 2) & (along != 1)
     if wrong.any():
-        one, two = original[edge[wrong][0]]
+        one, two = ends[wrong[edges.of_half]][0]
         raise MeshError(
             f"{name}: the two triangles at the edge between vertices {one} and {two} are wound against each other "
             f"({wrong.sum()} such edges in all): turn one over (trimesh.repair.fix_winding)"
@@ -314,12 +313,6 @@ def require_rim(name: str, region: np.ndarray, face_count: int) -> None:
         f"{name}: the glabrous region is {what} ({len(region)} triangles) and has no boundary to close contours along: "
         "name the skin that feels, as glabrous=facing_palm(vertices, faces)"
     )
-
-
-def volume_of(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Volume [m^3], negative if a closed mesh faces inwards."""
-    a, b, c = (vertices[faces[:, k]].astype(np.float64) - vertices.mean(axis=0) for k in range(3))
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
 
 
 def warn_of_size(name: str, vertices: np.ndarray) -> None:

@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 import warp as wp
 
-from ...kernels.metrics.measure import measure_contours
+from ...kernels.contours import measure_contours
 from ...kernels.offsets import PointLimitError
 from ..contour_batch import ContourBatch, join_batches
 from ..errors import StrategyError
@@ -77,7 +77,8 @@ class _Worker:
     """Renders poses of a job on one device; workers of one GPU take turns in computing, and download at any time."""
 
     def __init__(self, job: ContourJob, device: str, share: int, turn: threading.Lock) -> None:
-        self._job, self._device, self._share, self._turn = job, device, share, turn
+        self._job, self._device, self._turn = job, device, turn
+        self._limits: dict[str, Any] = {"device": device, "point_limit": share // POINT_BYTES}
         self._down = None if wp.get_device(device).is_cpu else Downloader(device)
 
     def __call__(self, first: int, stop: int) -> Chunk:
@@ -94,16 +95,11 @@ class _Worker:
                     ) from error
                 stop = first + (stop - first) // 2
 
-    def _contours(
-        self, first: int, stop: int, timing: dict[str, float] | None = None
-    ) -> tuple[ContourBatch, dict[str, np.ndarray]]:
-        pose, limit = self._job.motion.pose[first:stop], self._share // POINT_BYTES
-        return self._job.scene.contours(pose, first, self._device, point_limit=limit, timing=timing)
-
     def _on_cpu(self, first: int, stop: int) -> Chunk:
         timing: dict[str, float] = {}
         started = time.perf_counter()
-        batch, removed = self._contours(first, stop, timing)
+        pose = self._job.motion.pose[first:stop]
+        batch, removed = self._job.scene.contours(pose, first, **self._limits, timing=timing)
         lengths = batch.lengths()
         timing["total"] = time.perf_counter() - started
         return Chunk(first, stop, batch.numpy(), lengths, removed, timing)
@@ -111,7 +107,8 @@ class _Worker:
     def _on_gpu(self, first: int, stop: int, down: Downloader) -> Chunk:
         started = time.perf_counter()
         with self._turn:
-            batch, removed = self._contours(first, stop)
+            pose = self._job.motion.pose[first:stop]
+            batch, removed = self._job.scene.contours(pose, first, **self._limits)
             if not batch.on_device:
                 timing = {"total": time.perf_counter() - started}
                 return Chunk(first, stop, batch, batch.lengths(), removed, timing)

@@ -12,10 +12,16 @@ import warp as wp
 
 from ...kernels.contours import with_columns
 from ...kernels.skin.sign import Posed
-from ...kernels.tours.contact import inside_vertices, list_nodes
-from ...kernels.tours.nodes import Nodes, inside_nodes, nodes_of_pose, outlined_nodes, thin_nodes
-from ...kernels.tours.thinning import POINTS_MOST, TooManyPointsError, separation_that_fits, thin_points
-from ...kernels.tours.tour import tour_points
+from ...kernels.tours.nodes import (
+    Nodes,
+    inside_nodes,
+    inside_vertices,
+    list_nodes,
+    nodes_of_pose,
+    outlined_nodes,
+    thin_nodes,
+)
+from ...kernels.tours.tour import POINTS_MOST, TooManyPointsError, separation_that_fits, thin_points, tour_points
 from ..errors import MeshError, StrategyError
 from ..hands.hand import Hand, PatchHand
 from ..objects.mesh.solid_mesh import MeshObject
@@ -55,7 +61,10 @@ def contact_contours(
     """
     require_length("contact: step", step)
     require_length("contact: separation", separation)
-    require_inside(solid, "contact")
+    try:
+        solid.require_closed()
+    except MeshError as error:
+        raise MeshError(f'raw "contact" needs an object with an inside: {error}') from error
     pose = np.asarray(pose, np.float32).reshape(-1, 7)
     skin = _Skin(solid, hand, device, step)
     parts = []
@@ -66,26 +75,17 @@ def contact_contours(
             rows = slice(begin, min(begin + size, len(pose)))
             parts.append(skin.thinned_inside(pose[rows], first + begin, separation))
         point, start = joined_points(parts, device)
-        return toured(point, start, closes=closes, patch_count=hand.patch_count, name="contact")
+        return toured(point, start, closes=closes, patch_count=hand.patch_count)
     except (MeshError, StrategyError):
         raise
     except ValueError as error:
         raise StrategyError(f"contact: {error}") from error
 
 
-def require_length(name: str, value: Any, least: float = 0.0) -> None:
-    """Raise StrategyError unless a value is a positive, finite length of at least `least` [m]."""
-    if not is_number(value) or not 0.0 < value <= LARGEST or value < least:
-        bound = f"at least {least:g} m" if least else "a positive length in metres"
-        raise StrategyError(f"{name} must be {bound}, not {number_text(value)}")
-
-
-def require_inside(solid: Solid, name: str) -> None:
-    """Raise MeshError, naming the raw intersection `name`, for an object without an inside (`Solid.require_closed`)."""
-    try:
-        solid.require_closed()
-    except MeshError as error:
-        raise MeshError(f'raw "{name}" needs an object with an inside: {error}') from error
+def require_length(name: str, value: Any) -> None:
+    """Raise StrategyError unless a value is a positive, finite length [m]."""
+    if not is_number(value) or not 0.0 < value <= LARGEST:
+        raise StrategyError(f"{name} must be a positive length in metres, not {number_text(value)}")
 
 
 def is_outlined(solid: Solid) -> bool:
@@ -127,7 +127,7 @@ class _Skin:
     def thinned_inside(self, pose: np.ndarray, first: int, separation: float) -> tuple[wp.array, wp.array]:
         """Thinned points inside the object, and where each pose's start; raises as `thinned`."""
         if self.patch is None or self.hand.patch_count > 1:
-            return thinned(*self.inside(pose, first), separation=separation, first=first, name="contact")
+            return thinned(*self.inside(pose, first), separation=separation, first=first)
         nodes = self.nodes(pose, first)
         thin, count = thin_nodes(nodes, separation=separation)
         over = np.flatnonzero(count.numpy() > POINTS_MOST)
@@ -146,10 +146,10 @@ class _Skin:
         return wp.array(poses, dtype=wp.transform, ndim=2, device=self.device)
 
 
-def thinned(point: wp.array, start: wp.array, *, separation: float, first: int, name: str) -> tuple[wp.array, wp.array]:
+def thinned(point: wp.array, start: wp.array, *, separation: float, first: int) -> tuple[wp.array, wp.array]:
     """Thin each pose's points, see `thin_points`; first: the first one's row of the motion.
 
-    Raises StrategyError, by the name of the raw intersection, where too many points would be left.
+    Raises StrategyError where too many points would be left.
     """
     try:
         return thin_points(point, start, separation=separation)
@@ -164,7 +164,7 @@ def thinned(point: wp.array, start: wp.array, *, separation: float, first: int, 
                 return False
             return True
 
-        raise too_many(f"{name}: pose {first + error.pose}", error.point_count, separation, fits) from error
+        raise too_many(f"contact: pose {first + error.pose}", error.point_count, separation, fits) from error
 
 
 def too_many(title: str, point_count: int, separation: float, fits: Callable[[float], bool]) -> StrategyError:
@@ -189,17 +189,15 @@ def joined_points(parts: list[tuple[wp.array, wp.array]], device: str) -> tuple[
     return point, wp.array(np.cumsum(np.concatenate(counts)), dtype=wp.int64, device=device)
 
 
-def toured(point: wp.array, start: wp.array, *, closes: bool, patch_count: int, name: str) -> Any:
+def toured(point: wp.array, start: wp.array, *, closes: bool, patch_count: int) -> Any:
     """A path through each pose's points, see `tour_points`, as the contours of a hand of so many patches.
 
-    Warns of poses with a single point, which have no path, by the name of the raw intersection.
+    Warns of poses with a single point, which have no path.
     """
     tours = tour_points(point, start, closes=closes)
     if tours.single_count:
-        message = (
-            f"{name}: at {tours.single_count} of {start.shape[0] - 1} poses a single point touches, which has no length"
-        )
-        warn_user(message)
+        poses = start.shape[0] - 1
+        warn_user(f"contact: at {tours.single_count} of {poses} poses a single point touches, which has no length")
     if patch_count == 1:
         return tours.contours
     pose_start = tours.contours.pose_start.numpy()

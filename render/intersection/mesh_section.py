@@ -10,15 +10,14 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import warp as wp
 
-from ...kernels.flush import FLUSH_RATE, resolve_flush
 from ...kernels.offsets import PointLimitError
+from ...kernels.patch import FLUSH_RATE, resolve_flush
 from ...kernels.section.draw import draw_contours
 from ...kernels.section.join import join_sections
 from ...kernels.section.loops import plane_loops
 from ...kernels.section.pieces import CutPlanes
 from ..contour_batch import ContourBatch, join_polylines
 from ..hands.hand import Palm, PatchHand
-from ..objects.mesh.coincident_faces import gap_of
 from ..objects.mesh.solid_mesh import MeshObject
 from ..objects.solid import Solid
 from ..runtime.stage_timing import StageClock
@@ -86,7 +85,7 @@ def _regularised(
         loops = plane_loops(surface, section, patch, bounded=strategy.bounded, limit=point_limit)
     with StageClock(timing, "regularise", device):
         stages = {"bounded": strategy.bounded, "closes": strategy.closes}
-        batch = regularised_contours(loops, patch, solid=mesh.solid, gap=gap_of(mesh), **stages)
+        batch = regularised_contours(loops, patch, solid=mesh.solid, gap=mesh.gap, **stages)
         if point_limit is not None and batch.point_count > point_limit:
             raise PointLimitError(batch.point_count, point_limit)
         return batch.to(device), batch.point_count

@@ -148,7 +148,7 @@ def load_solid(
     if is_function_name(source) or Path(source).suffix == ".json":
         refuse_options(repair, "of a mesh", source)
         box = None if bounds is None else np.array(bounds).reshape(2, 3)
-        return ImplicitObject.load(source, bounds=box, placement=placement, allow_code=allow_code)
+        return ImplicitObject(source, bounds=box, placement=placement, allow_code=allow_code)
     refuse_options({"bounds": bounds}, "of a function", source)
     if find_name(source, HANDS) is not None and not Path(source).exists():
         raise StrategyError(f"{source} is a hand, not an object: hand={source} is where it belongs")
@@ -258,7 +258,7 @@ def load_hand(kind: str, palm: tuple[float, float] | None, recording: HandRecord
     if kind == "skin":
         return own_skin(recording)
     if is_volume(kind) or Path(kind).suffix == ".json":  # in the hand's frame
-        solid = VoxelObject.load(kind, hand=True) if is_volume(kind) else ImplicitObject.load(kind, hand=True)
+        solid = VoxelObject.load(kind, hand=True) if is_volume(kind) else ImplicitObject(kind, hand=True)
         return MeshHand.from_solid(solid, SOLID_HAND_STEP)
     if not Path(kind).is_file():
         meant = (

@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 
 from ...datasets.motions.hand_motion import PALM_DOWN
+from ...kernels.section.pieces import CutPlanes
 from ...kernels.section.room import Room, RoomSize, room_bytes
 from ...kernels.section.search import search_for
 from ..contour_batch import ContourBatch
@@ -153,17 +154,13 @@ class PreparedContours:
         strategy, surface = self._scene.strategy, solid.on(CPU)
         section = wp.array(hand.section_poses(pose), dtype=wp.transform, device=CPU)
         intersect(solid, hand, section, strategy)  # refuses what cannot be done
-        self._made_of = surface, patches_for(hand, solid, strategy, CPU)
-        self._options: dict[str, Any] = {
-            "outside": strategy.bounded,
-            "close": strategy.closes,
-            "scans": search_for(surface, wp.get_device(CPU)) == "scan",
-            "pose_count": self.pose_count,
-            "articulated": self._is_articulated,
-        }
-        query_count = self.pose_count * hand.patch_count
-        size = RoomSize.for_sections(query_count)
-        return None if room_bytes(size, query_count) > ROOM_MOST else self._room_of(size)
+        patch = patches_for(hand, solid, strategy, CPU)
+        shape = self.pose_count, hand.patch_count if self._is_articulated else 1
+        poses = wp.full(shape, wp.transform_identity(), dtype=wp.transform, device=CPU)
+        self._planes = CutPlanes(surface, poses, patch, strategy.bounded, strategy.closes)
+        self._scans = search_for(surface, wp.get_device(CPU)) == "scan"
+        size = RoomSize.for_sections(self._planes.section_count)
+        return None if room_bytes(size, self._planes.section_count) > ROOM_MOST else self._room_of(size)
 
     def _room_of(self, size: RoomSize) -> Room:
-        return Room(*self._made_of, **self._options, size=size)
+        return Room(self._planes, size, scans=self._scans)

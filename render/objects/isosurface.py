@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from ...kernels.fields.field import Field
-from ...kernels.fields.probe import lattice_of
+from ...kernels.fields.field import Field, lattice_of
 from ...kernels.solids.isosurface import mesh_isosurface
 from ..errors import MeshError
 from .solid import Solid

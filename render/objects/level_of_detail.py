@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ...datasets.errors import name_nothing
-from ...kernels.solids.nearest import MeshDistance
+from ...kernels.solids.distance import MeshDistance
 from ..errors import MeshError, StrategyError
 from ..focal_spot import focal_width
 from ..validation import unit_hint

@@ -11,7 +11,7 @@ from ...datasets.motions.hand_motion import HandMotion
 from ..hands.hand import Palm
 from ..motions.explorations.explored import exploration
 from ..objects.mesh.solid_mesh import MeshObject
-from ..scripting.rendering import render
+from ..scripting.rendered_batch import render
 from ..strategies.intersection_strategy import closed_contour
 from ..study.analysis.hypothesis_tests import check_normality, compare_pairs_by_ranks
 from ..validation import require_number

@@ -18,8 +18,7 @@ from ..reports.picture_style import DPI, picture_bytes
 from ..reports.report_pages import ReportPicture, ReportSection, drawing
 from ..runtime.loading_progress import Watch
 from ..sampling.presets import load_sampling
-from ..scripting.rendered_batch import RenderedBatch
-from ..scripting.rendering import render
+from ..scripting.rendered_batch import RenderedBatch, render
 from ..study.analysis.hypothesis_tests import check_normality, compare_with_centre_by_means
 from .explorations import StudySettings, p_text, recorded_motion
 from .paper_numbers import BIN, NOISE_BANDS, NOISE_PEAK, NOISE_RMS, ReportRow, compared, paper_spectra

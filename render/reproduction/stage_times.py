@@ -9,7 +9,7 @@ from ..hands.hand import Palm
 from ..intersection.prepared_contours import PreparedContours
 from ..objects.mesh.solid_mesh import MeshObject
 from ..reports.report_pages import ReportSection, ReportTable
-from ..scripting.rendering import render
+from ..scripting.rendered_batch import render
 from ..strategies.intersection_strategy import IntersectionStrategy, closed_contour, open_contour
 from .explorations import explorer_motion
 from .paper_numbers import CLOSE_SECONDS, PRUNE_SECONDS, RAW_SECONDS, ReportRow, compared

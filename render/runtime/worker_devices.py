@@ -27,7 +27,12 @@ def worker_devices(device: str, workers: int | None = None) -> list[str]:
     if workers is not None and workers > WORKERS_MOST:
         raise StrategyError(f"workers must be at most {WORKERS_MOST} on each device, not {workers}")
     device = device.lower()
-    devices = ["cpu"] if device == "cpu" or (device == "auto" and not has_cuda_driver()) else _warp_devices(device)
+    if device == "cpu" or not has_cuda_driver():
+        devices = [name.strip() for name in device.replace("auto", "cpu").split(",")]
+        if other := next((name for name in devices if name != "cpu"), None):  # as `span_workers.warp_device` has it
+            raise StrategyError(f"no device {other!r} on this machine; there is: cpu (GPUs are cuda:0, cuda:1, ...)")
+    else:
+        devices = _warp_devices(device)
     if len(set(devices)) < len(devices):
         raise StrategyError(f"device {device!r} names one device twice; workers=N puts N on each")
     cores = len(os.sched_getaffinity(0))

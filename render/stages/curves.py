@@ -1,8 +1,7 @@
 """Other curves along the same contours: as they are, smoother, or with fewer or more vertices."""
 
+from ...kernels.stages.curves import cut_corners, drop_repeats, simplify_polylines
 from ...kernels.stages.insertion import divide_contours
-from ...kernels.stages.simplify import drop_repeats, simplify_polylines
-from ...kernels.stages.smooth import cut_corners, relax_points
 from ..contour_batch import ContourBatch
 from .point_function import LEVEL, RESAMPLED
 from .registry import Option, transform_stage
@@ -37,27 +36,14 @@ def resample_contours(batch: ContourBatch, setting: Setting, *, spacing: float) 
     return divide_batch(batch, spacing, setting.point_limit)
 
 
-@transform_stage(
-    "smooth",
-    on="device",
-    method=Option("chaikin", choices=("chaikin", "laplace")),
-    rounds=Option(3, 1, 100),
-    reach=Option(None, 1e-5, 1.0, "m", widths=1.0),
-    strength=Option(0.5, 0.0, 1.0),
-)
-def smooth_contours(
-    batch: ContourBatch, setting: Setting, *, method: str, rounds: int, reach: float, strength: float
-) -> ContourBatch:
+@transform_stage("smooth", on="device", rounds=Option(3, 1, 6), reach=Option(None, 1e-5, 1.0, "m", widths=1.0))
+def smooth_contours(batch: ContourBatch, setting: Setting, *, rounds: int, reach: float) -> ContourBatch:
     """Corners rounded; ends of open contours stay.
 
-    method "chaikin" cuts every corner at a quarter of its sides, but at most `reach` [m] from it, `rounds` times, 6 at
-    most (each doubles the vertices): the curve stays within the hull of the old one. "laplace" moves every vertex
-    towards the middle of its neighbours by `strength`, `rounds` times.
+    Every corner is cut at a quarter of its sides, but at most `reach` [m] from it, `rounds` times (Chaikin 1974): each
+    round doubles the vertices, and the curve stays within the hull of the old one.
     """
-    if method == "laplace":
-        contours = relax_points(batch.struct, strength=strength, rounds=rounds)
-    else:
-        contours = cut_corners(batch.struct, reach=reach, rounds=min(rounds, 6), point_limit=setting.point_limit)
+    contours = cut_corners(batch.struct, reach=reach, rounds=rounds, point_limit=setting.point_limit)
     return ContourBatch.from_struct(drop_repeats(contours))
 
 

@@ -8,7 +8,7 @@ import warp as wp
 
 from ...kernels.contours import with_columns
 from ...kernels.emphasis.depth import find_deepest, make_ramp, place_body, weigh_by_patch, weigh_by_point
-from ...kernels.solids.depth import mesh_for_depth
+from ...kernels.solids.distance import mesh_for_depth
 from ...kernels.stages.insertion import divide_contours
 from ..contour_batch import ContourBatch
 from ..objects.solid import Solid

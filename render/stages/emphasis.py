@@ -3,13 +3,12 @@
 import math
 
 from ...kernels.emphasis.corners import find_corners, pause_at_corners, ramp_rows, weigh_corners
-from ...kernels.emphasis.edges import KindLevels, level_by_kind, measure_runs, ramp_between_levels
+from ...kernels.emphasis.edges import KindLevels, level_by_kind, ramp_between_levels
 from ...kernels.stages.insertion import insert_points
 from ..contour_batch import ContourBatch
 from .registry import Option, transform_stage
 from .setting import Setting
 
-STRAIGHT = math.radians(5.0)  # a straight edge turns by less from segment to segment
 RAMP = 1e-3  # [m] over which intensity changes between segments
 
 
@@ -44,27 +43,14 @@ def emphasise_corners(
     on_object=Option(1.0, 0.0, 1.0),
     on_hand=Option(0.4, 0.0, 1.0),
     on_made=Option(1.0, 0.0, 1.0),
-    curved=Option(0.4, 0.0, 1.0),
-    shortest=Option(0.0, 0.0, 1.0, "m"),
 )
 def emphasise_edges(
-    batch: ContourBatch,
-    setting: Setting,
-    *,
-    on_object: float,
-    on_hand: float,
-    on_made: float,
-    curved: float,
-    shortest: float,
+    batch: ContourBatch, setting: Setting, *, on_object: float, on_hand: float, on_made: float
 ) -> ContourBatch:
     """Edges of the object at full intensity, those of the hand weaker, or as options say by kind.
 
-    shortest: of the object's contours only straight runs this long [m] have the intensity `on_object`, the others
-    `curved`; a run ends where the contour turns by 5 degrees. Between kinds the intensity changes within 1 mm of the
-    weaker one.
+    Between kinds the intensity changes within 1 mm of the weaker one.
     """
-    contours = batch.struct
-    run = measure_runs(contours, math.cos(STRAIGHT)) if shortest > 0 else None
-    level = level_by_kind(contours, KindLevels(on_object, on_hand, on_made, curved), run, shortest)
-    limit = setting.point_limit
-    return ContourBatch.from_struct(ramp_between_levels(contours, level, ramp=RAMP, point_limit=limit))
+    level = level_by_kind(batch.struct, KindLevels(on_object, on_hand, on_made))
+    contours = ramp_between_levels(batch.struct, level, ramp=RAMP, point_limit=setting.point_limit)
+    return ContourBatch.from_struct(contours)

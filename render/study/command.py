@@ -22,7 +22,7 @@ from ..terminal.foreign_text import print_message, write_output
 from ..validation import choose
 from ..view.served.page_server import PageServer
 from ..view.served.viewing import open_browser
-from .pages.study_server import EXPERIMENTER, PARTICIPANT, study_server
+from .pages.experimenter_page import EXPERIMENTER, PARTICIPANT, study_server
 from .plan.duty_account import DutyAccount, EmissionInterval
 from .plan.run_sheet import run_sheet, run_sheet_values
 from .plan.stimulus_judgement import PlacedSolids
@@ -31,10 +31,9 @@ from .plan.study_plan import StudyPlan
 from .plan.study_reading import read_study
 from .run.answer_store import AnswerStore
 from .run.desk import ShownObject, StudyDesk
-from .run.event_stream import EventStream
+from .run.event_stream import EventStream, LslOutlet
 from .run.interval_player import IntervalPlayer
-from .run.lsl_outlet import LslOutlet
-from .run.store_rows import ParticipantProgress, SessionSetup
+from .run.study_file import ParticipantProgress, SessionSetup
 from .run.study_run import ENDED, FINISHED, StudyRun
 
 WARNINGS_SHOWN = 10

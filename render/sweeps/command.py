@@ -20,15 +20,13 @@ from .make.poses import pose_count
 from .plan.code_version import code_version
 from .plan.loading import Plan, draft_plans
 from .report.compare import Comparison
-from .report.failures import failure_rows
 from .report.progress import sweep_bar
 from .report.results import Results
-from .report.summary import append_summary, sweep_summary
+from .report.summary import append_summary, failure_rows, sweep_summary
 from .run.estimate import Estimate, estimate, refuse_too_large
 from .run.executors import dask_executor
 from .run.missing import Missing
-from .run.progress import SweepProgress
-from .run.sweep_run import SweepReport, run_sweep
+from .run.sweep_run import SweepProgress, SweepReport, run_sweep
 
 SHOWN = 20  # rows of failures, and of values that moved; JSON has all
 SHOWN_NAMES = "recipes recipes_failed poses poses_rendered poses_per_second seconds executor"

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...datasets.sweeps.columns import column_arrays
 from ...datasets.sweeps.store import Failure, SweepStore
+from ...datasets.sweeps.table_text import column_arrays
 from ..errors import PlanError, SweepError
 from ..trust.permission import AllowCode
 from .job import STORE_SUFFIX

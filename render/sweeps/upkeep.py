@@ -15,7 +15,7 @@ from ..terminal import console
 from ..terminal.foreign_text import show_table
 from .job import is_occupied
 from .plan.code_version import code_version
-from .report.failures import failure_rows
+from .report.summary import failure_rows
 
 
 def show_status(folder: Path, *, as_json: bool) -> int:

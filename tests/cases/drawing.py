@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from palpate.kernels.metrics.measure import measure_contours
+from palpate.kernels.contours import measure_contours
 from palpate.kernels.patch import ON, Patch
 from palpate.kernels.section import search
 from palpate.kernels.section.draw import draw_contours

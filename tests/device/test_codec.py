@@ -130,14 +130,6 @@ def test_off_is_off(name: str) -> None:
 
 
 @EACH_BOARD
-def test_one_transducer_that_is_on_is_emitting(name: str) -> None:
-    count = array_model(name).transducer_count
-    frames = encode_frames(np.zeros((count, count)), np.eye(count), array=name)
-    assert is_emitting(frames, array=name).all()
-    assert duty(frames, array=name) == pytest.approx(np.full(count, 1 / count))
-
-
-@EACH_BOARD
 def test_duty_is_the_width_of_the_pulses(name: str) -> None:
     count = array_model(name).transducer_count
     frames = encode_frames(np.zeros((3, count)), np.array([0, 0.5, 1]), array=name)

@@ -37,7 +37,7 @@ os.environ |= {"CUDA_VISIBLE_DEVICES": "", "OMP_NUM_THREADS": "1", "PALPATE_CACH
 import numpy as np
 import warp as wp
 from bounded import BAD, KINDS, Outcome, Wrong, outcome_in_child
-from fuzz_damage import ELSEWHERE, PIPE, damage
+from fuzz_damage import PIPE, damage
 from fuzz_readers import READERS, Reader
 
 READ_MB = "256"
@@ -85,8 +85,6 @@ def compare(reader: Reader, path: Path, how: str, whole: Any) -> None:
     found = reader.read(path)
     if reader.is_checked and "structure" not in how and (where := difference(found, whole)):
         raise Wrong(f"read without an error, but {where} differs")
-    if ELSEWHERE in how:
-        raise Wrong("an object that is linked, or lies in another file, is accepted")
 
 
 def difference(a: Any, b: Any) -> str:

@@ -12,7 +12,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
 DEEP = 100_000
@@ -21,8 +20,6 @@ CONTROL = "\x1b]0;title\x07\x1b[2J\r\nerror: forged\x00"
 """Characters that would rename a terminal, clear it and forge a line in it."""
 PIPE = "pipe"
 """A FIFO beside every case's files: opening it waits for ever."""
-ELSEWHERE = "elsewhere"
-"""In the description of a damage: an object is not in the file that is read, or not where its name says."""
 
 Damage = Callable[[bytes, random.Random], bytes]
 
@@ -208,96 +205,7 @@ def strange_values(values: np.ndarray, rng: random.Random) -> np.ndarray:
         return rng.choice(changed)()
 
 
-# HDF5, SQLite, Parquet, as a hostile writer would change them: with right checksums
-
-ATTRIBUTES: tuple[Callable[[], Any], ...] = (
-    *(lambda value=value: value for value in (0, -1, np.uint64(2**64 - 1), np.nan, 1e30, True, "x", "", "{", "[]")),
-    *(lambda text=text: text for text in ("[red]x[/] [/nothing]", "[" * 60_000, "é" * 20_000)),
-    *(lambda values=values: np.array(values, np.int32) for values in ([1, 2, 3], [-5, -7], [99, 0])),
-    lambda: np.array([1.0, 0.0]),
-    lambda: np.bytes_(b"\xff\xfe\x80"),
-    lambda: CONTROL.replace("\x00", ""),
-    lambda: np.zeros((2, 2)),
-    lambda: np.zeros(0),
-    lambda: h5py.Empty("f8"),
-    lambda: h5py.Empty("S1"),
-    lambda: np.array(["a", "b"], dtype=h5py.string_dtype()),
-    lambda: np.zeros(2, [("x", "f4"), ("y", "i4")]),
-    lambda: np.zeros(1, h5py.ref_dtype),
-    lambda: '{"x": ' * 5000 + "1" + "}" * 5000,
-    lambda: '{"x": ' + "1" * 5000 + "}",
-    lambda: '{"x": ' + "1" * 5000 + "}",
-    lambda: '{"stages": [1, null, "x"]}',
-)  # fmt: skip
-
-
-def damage_hdf5(path: Path, rng: random.Random) -> str:
-    """Change an attribute, a group or a dataset of an HDF5 file."""
-    with h5py.File(path, "r+", locking=False) as file:
-        places = ["/"]
-        file.visit(lambda name: places.append(f"/{name}"))
-        name = rng.choice(places)
-        found: Any = file[name]
-        if name == "/" or (len(found.attrs) and rng.random() < 0.4):
-            how = _change_attribute(found, rng) if len(found.attrs) else "nothing"
-        else:
-            how = (_change_group if isinstance(found, h5py.Group) else _change_dataset)(file, name, rng)
-    return f"structure: {how}"
-
-
-def _change_attribute(found: Any, rng: random.Random) -> str:
-    key = rng.choice(sorted(found.attrs))
-    old = found.attrs.pop(key)
-    text = old.decode(errors="replace") if isinstance(old, bytes) else old
-    if rng.random() < 0.1:
-        return f"attribute {key} removed"
-    if isinstance(text, str) and text.startswith(("{", "[")) and rng.random() < 0.6:
-        found.attrs[key] = strange_json(text.encode(), rng).decode(errors="replace").replace("\x00", "")[:60_000]
-    else:
-        found.attrs[key] = rng.choice(ATTRIBUTES)()
-    return f"attribute {key}"
-
-
-def _change_group(file: h5py.File, name: str, rng: random.Random) -> str:
-    change = rng.choice(("removed", "a dataset", ELSEWHERE))
-    del file[name]
-    if change == "a dataset":
-        file[name] = np.zeros(3)
-    elif change == ELSEWHERE:
-        file[name] = rng.choice((h5py.SoftLink(name), h5py.ExternalLink("/etc/passwd", name)))
-    return f"{name} {change}"
-
-
-def _change_dataset(file: h5py.File, name: str, rng: random.Random) -> str:
-    old = file[name]
-    values, dtype, shape, attributes = old[()], old.dtype, old.shape or (3,), dict(old.attrs)
-    if rng.random() < 0.15:
-        others = [f"/{other}" for other in ("contours/points", "motion/pose", "x") if f"/{other}" != name]
-        target, own = rng.choice(others), Path(file.filename).name
-        del file[name]
-        file[name] = rng.choice((h5py.SoftLink(target), h5py.SoftLink(name), h5py.ExternalLink(own, target)))
-        return f"{name} {ELSEWHERE}: a link"
-    del file[name]
-    how, change = name, rng.random()
-    if change < 0.15:
-        layout = h5py.VirtualLayout(shape, dtype)
-        layout[...] = h5py.VirtualSource(rng.choice((".", file.filename, "nowhere.h5")), name, shape, dtype)
-        file.create_virtual_dataset(name, layout)
-        how += f" {ELSEWHERE}: virtual"
-    elif change < 0.3:
-        where = rng.choice(("/etc/passwd", "/dev/zero", "nowhere.raw", str(Path(file.filename).with_name(PIPE))))
-        file.create_dataset(name, shape, dtype, external=[(where, 0, int(np.prod(shape)) * dtype.itemsize)])
-        how += f" {ELSEWHERE}: external"
-    elif change < 0.45:
-        rest, count = shape[1:], rng.choice((10**6, 10**9, 2 * 10**8, 2**40))
-        chunks = (8192, *rest) if rng.random() < 0.5 else None
-        file.create_dataset(name, shape=(count, *rest), dtype=dtype, chunks=chunks)
-        how += " never written"
-    else:
-        numbers = np.asarray(values) if dtype.kind in "iufb" else np.zeros(3)
-        file.create_dataset(name, data=strange_values(numbers, rng), fletcher32=rng.random() < 0.5 and bool(old.chunks))
-    file[name].attrs.update(attributes)
-    return how
+# SQLite, as a hostile writer would change it; `hostile_hdf5` has HDF5 files of such writers
 
 
 def damage_sqlite(path: Path, rng: random.Random) -> str:
@@ -325,32 +233,11 @@ def damage_sqlite(path: Path, rng: random.Random) -> str:
     return f"structure: {change}"
 
 
-def damage_parquet(path: Path, rng: random.Random) -> str:
-    """A column of another type or name, a column left out, or other metadata."""
-    import pyarrow.parquet
-
-    table = pyarrow.parquet.read_table(path)
-    at = rng.randrange(table.num_columns)
-    name, count = table.column_names[at], table.num_rows
-    values = rng.choice(("x", None, [1, 2], {"x": 1}, b"\xff", 2**62))
-    metadata = rng.choice((b"{", b"[]", b"\xff", b'{"format": 1}', b'{"version": [1]}'))
-    changes = {
-        "type": lambda: table.set_column(at, name, [[values] * count]),
-        "name": lambda: table.rename_columns([CONTROL if own == name else own for own in table.column_names]),
-        "metadata": lambda: table.replace_schema_metadata({"palpate": metadata}),
-        "drop": lambda: table.drop_columns([name]),
-    }
-    change = rng.choice(("type", *changes))
-    pyarrow.parquet.write_table(changes[change](), path)
-    return f"structure: {change}"
-
-
 # any file, by its suffix
 
 TEXT_SUFFIXES = (
     ".csv", ".json", ".toml", ".obj", ".ptlist", ".pat", ".py", ".off", ".gltf", ".nhdr", ".mtl", ".dae", ".xyz",
 )  # fmt: skip
-DATABASES = {".h5": damage_hdf5, ".parquet": damage_parquet, ".sqlite": damage_sqlite}
 
 
 def _strange_gzip(content: bytes, rng: random.Random) -> bytes:
@@ -379,8 +266,8 @@ def damage(path: Path, rng: random.Random) -> str:
 
 def _damage(path: Path, content: bytes, rng: random.Random) -> str:
     suffix = path.suffix.lower()
-    if suffix in DATABASES and rng.random() < 0.5:
-        return DATABASES[suffix](path, rng)
+    if suffix == ".sqlite" and rng.random() < 0.5:
+        return damage_sqlite(path, rng)
     if suffix in STRUCTURED and rng.random() < 0.7:
         path.write_bytes(STRUCTURED[suffix](content, rng))
         return f"structure: {STRUCTURED[suffix].__name__}"

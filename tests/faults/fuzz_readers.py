@@ -478,7 +478,7 @@ READERS: tuple[Reader, ...] = (
     Reader("mesh-hand", hand_seeds, lambda path: MeshHand.load(path).faces),
     Reader("mesh-cache", cache_seeds, read_cache, True),
     Reader("volume", volume_seeds, read_volume),
-    Reader("expression", expression_seeds, lambda path: ImplicitObject.load(path).bounds),
+    Reader("expression", expression_seeds, lambda path: ImplicitObject(path).bounds),
     Reader("strategy", strategy_seeds, lambda path: load_strategy(str(path)).described()),
     Reader("sampling", sampling_seeds, lambda path: load_sampling(str(path)).described()),
     Reader("descriptions", description_seeds, read_description),

@@ -94,13 +94,13 @@ reader = fuzz.Reader("a", None, lambda path: path)
 checked = fuzz.Reader("a", None, lambda path: path, True)
 def kind(*case): return fuzz.outcome_in_child(lambda: fuzz.compare(*case)).kind
 cases = [(checked, 1, "bytes", 1), (checked, 2, "bytes", 1), (checked, 2, "structure: x", 1)]
-for case in [*cases, (reader, 2, "bytes", 1), (reader, 1, "structure: elsewhere", 1)]:
+for case in [*cases, (reader, 2, "bytes", 1)]:
     print(kind(*case))
 """
 
 
 @pytest.mark.exhaustive
-def test_other_values_and_objects_of_other_files_are_wrong():
+def test_other_values_are_wrong():
     command = [sys.executable, "-c", SPOILED]
     done = subprocess.run(command, cwd=FUZZ.parent, capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines() == [ACCEPTED, WRONG, ACCEPTED, ACCEPTED, WRONG]
+    assert done.stdout.splitlines() == [ACCEPTED, WRONG, ACCEPTED, ACCEPTED]

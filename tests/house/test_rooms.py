@@ -21,11 +21,12 @@ JSON_UNBOUNDED = {
     "datasets/json_text.py": "the reader itself",
     "device/live/writer_handle.py": "a message of palpate's own process",
     "device/live/writer_process.py": "a message of palpate's own process, and the file that it names",
+    "device/playing/watchdog.py": "the one argument that palpate's own process is started with",
     "device/playing/limits.py": "a package that imports no other; it bounds depth and digits itself",
     "render/live/drawing_run.py": "a message of palpate's own process",
     "render/live/renderer_process.py": "a message of palpate's own process",
     "render/live/spool.py": "what it wrote to a text in the same line",
-    "render/study/run/store_rows.py": "what it wrote to a text in the line before",
+    "render/study/run/study_file.py": "what it wrote to a text in the line before",
     "render/sweeps/make/rendering.py": "parts of a recipe that it wrote to texts after reading it",
 }
 """Modules that parse JSON without `datasets.json_text`, which bounds it, with the reason."""

@@ -10,8 +10,6 @@ from scipy.spatial.transform import Rotation
 from section_oracle import cut_mesh, is_degenerate, rotation, soup_length
 from stage_cases import assert_limited
 
-from palpate.kernels.contours import Contours
-from palpate.kernels.metrics.measure import measure_contours
 from palpate.kernels.section import search
 from palpate.kernels.section.half_edges import MASK_WORDS, SCAN_FACES_MOST
 from palpate.kernels.section.pieces import SLOTS
@@ -203,26 +201,9 @@ def test_sections_of_more_pieces_than_slots_lose_none(make, strategy, method, de
 
 
 @every_method
-def test_a_batch_is_its_poses_one_by_one_in_any_order(method, device):
-    surface, patch = surface_on(MESHES["tube"](), device), patch_array(HALF, device)
-    poses = generic_poses(50, 10)
-    forth, back = (draw(surface, p, patch, "cc", method) for p in (poses, poses[::-1]))
-    for i in range(len(poses)):
-        assert_same_bits(forth.part(i, i + 1), back.part(len(poses) - 1 - i, len(poses) - i))
-
-
-@every_method
 def test_more_points_than_the_limit_are_refused_and_as_many_are_not(method, device):
     surface, patch, poses = surface_on(MESHES["tube"](), device), patch_array(HALF, device), generic_poses(50, 10)
     assert_limited(lambda limit: len(draw(surface, poses, patch, "cc", method, limit=limit).points))
-
-
-@every_method
-def test_no_poses_give_no_contours(method, device):
-    surface, patch = surface_on(MESHES["cube"](), device), patch_array(HALF, device)
-    drawn = draw(surface, np.zeros((0, 7)), patch, "cc", method)
-    assert drawn.section_start.tolist() == [0]
-    assert drawn.polyline_start.tolist() == [0]
 
 
 @every_method
@@ -264,33 +245,3 @@ def test_the_search_is_the_faster_one(device):
     surface, large = surface_on(MESHES["cube"](), device), surface_on(soup(SCAN_FACES_MOST + 1), device)
     assert search_for(surface, wp.get_device(device)) == "scan"
     assert search_for(large, wp.get_device(device)) == ("tree" if wp.get_device(device).is_cpu else "flat")
-
-
-def test_lengths_are_those_of_numpy(device, rng):
-    points = rng.normal(size=(50, 3)).astype(np.float32)
-    kind = rng.integers(0, 3, 50).astype(np.uint8)
-    line, pose = np.array([0, 2, 30, 50]), np.array([0, 1, 1, 3])
-    contours = Contours()
-    contours.points, contours.kind = wp.array(points, dtype=wp.vec3, device=device), wp.array(kind, device=device)
-    contours.polyline_start, contours.pose_start = (wp.array(v, dtype=wp.int64, device=device) for v in (line, pose))
-    got = measure_contours(contours).numpy()
-    expected = np.zeros((3, 3))
-    for i, j in [(0, 0), (2, 1), (2, 2)]:
-        np.add.at(expected[i], kind[line[j] : line[j + 1] - 1], steps_of(points[line[j] : line[j + 1]]))
-    np.testing.assert_allclose(got, expected, rtol=1e-6)
-
-
-def test_thousands_of_loops_in_a_section_are_joined_in_the_order_of_their_keys(device):
-    cubes = 24
-    vertices, faces = MESHES["cube"]()
-    centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-    small = (vertices - centre) * (0.02 / cubes / np.ptp(vertices, axis=0).max())
-    offset = np.stack(np.meshgrid(*[np.linspace(-0.02, 0.02, cubes)] * 2), axis=-1).reshape(-1, 2)
-    many = np.concatenate([small + np.array([x, y, 0.2]) for x, y in offset])
-    joined = np.concatenate([faces + k * len(vertices) for k in range(len(offset))])
-    poses = np.array([[0, 0, 0.2001, 0.5**0.5, 0, 0, 0.5**0.5]], np.float32)
-    surface, patch = surface_on((many, joined), device), patch_array(HALF, device)
-    drawn = draw(surface, poses, patch, "cc", "tree")
-    assert_same_bits(drawn, draw(surface, poses, patch, "cc", "scan"))  # which finds them in another order
-    assert len(drawn.closed_of(0)) == cubes**2
-    assert drawn.length[0].sum() == pytest.approx(cubes**2 * 4 * 0.02 / cubes, rel=1e-4)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from degenerate_cases import HALF, degenerate_poses, pose_of
 from drawing import SEARCHES, STRATEGIES, assert_same_bits, draw, patch_array, surface_on
-from mesh_cases import CLOSED, MESHES, slab
+from mesh_cases import CLOSED, slab
 from section_oracle import SHIFT, cut_mesh, is_degenerate
 
 from palpate.kernels.patch import ON
@@ -67,28 +67,3 @@ def test_degenerate_poses_equal_a_nearby_answer(count, name, device):
     mesh = slab(lambda x, y: 0 * x, 9) if name == "block" else CLOSED[name]()
     poses = degenerate_poses(mesh, count, seed=3)
     assert check(mesh, poses, device) > 0.9 * len(poses)
-
-
-@pytest.mark.parametrize("name", sorted(set(MESHES) - set(CLOSED)))
-def test_degenerate_poses_of_open_and_odd_meshes_are_the_same_by_either_method(name, device):
-    mesh = MESHES[name]()
-    surface, patch = surface_on(mesh, device), patch_array(HALF, device)
-    poses = np.array(list(degenerate_poses(mesh, 12, seed=4).values()))
-    for strategy in ("raw", "oc"):
-        traced, sought = (draw(surface, poses, patch, strategy, method) for method in SEARCHES)
-        assert_same_bits(traced, sought)
-        assert traced.length.sum() > 0
-
-
-@pytest.mark.exhaustive
-def test_palms_on_a_grid_of_quarter_millimetres_meet_a_block_as_defined(device):
-    """Level palms over a block with vertices on a grid: sides run along its sides, corners lie on its corners."""
-    mesh = slab(lambda x, y: 0 * x, 5, size=0.0625)
-    mesh = (np.round(mesh[0].astype(float) * 1024) / 1024).astype(np.float32), mesh[1]
-    step = 0.0625 / 2
-    poses = {}
-    for x in (-2, -1, 0, 1, 2):
-        for y in (-2, -1, 0, 1, 2):
-            for z in (0.0, -0.02):
-                poses[f"{x} {y} {z}"] = pose_of([x * step, y * step, mesh[0][0, 2] + z], [1, 0, 0], [0, 0, 1])
-    assert check(mesh, poses, device) >= 25

@@ -4,21 +4,19 @@ What is known without the code: turning and moving object and hand together chan
 a square face; and NumPy's section of the mesh as the rule takes it (`oracles.cut_mesh` with `flush`).
 """
 
-from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
 import pytest
-from drawing import LEVEL_AXES, SEARCHES, STRATEGIES, assert_same_bits, draw, patch_array, searching_by, surface_on
+from drawing import LEVEL_AXES, SEARCHES, STRATEGIES, assert_same_bits, draw, patch_array, surface_on
 from mesh_cases import CLOSED, generic_poses
 from scipy.spatial.transform import Rotation
 from section_oracle import cut_mesh
 
 from palpate.datasets.shapes.built_in import shape
-from palpate.kernels.flush import resolve_flush
+from palpate.kernels.patch import resolve_flush
 from palpate.render import ImplicitObject, IntersectionStrategy, MeshObject, Palm, closed_contour, open_contour, render
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand
-from palpate.render.intersection.prepared_contours import PreparedContours
 from palpate.render.objects.functions.expression import box
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*reaches behind the array:palpate.render.errors.PalpateWarning")
@@ -95,14 +93,6 @@ def test_a_palm_whose_side_runs_along_a_face_has_one_outcome(device):
             assert lengths == pytest.approx(length, abs=TOLERANCE)
 
 
-@pytest.mark.exhaustive
-def test_without_flush_a_resting_palm_has_many_outcomes():
-    """The tests above can fail: the rule of 1 pm gives the lengths that issue 14 saw."""
-    for strategy, offset in ((closed_contour(), [0, 0, 0.065]), (open_contour(), [0.045, 0, 0.03])):
-        for lengths in lengths_at_rest("cube", Palm(0.04, 0.04), offset, replace(strategy, flush=0.0), count=100):
-            assert np.ptp(lengths) > 0.03
-
-
 def test_turning_and_moving_object_and_hand_together_changes_no_length(device):
     vertices, faces, _ = solid_about_origin("tube")
     hands = generic_poses(30, 4).astype(np.float64)
@@ -167,22 +157,6 @@ def test_what_is_flush_and_what_is_not_is_one_float32_apart(method, device):
     on_side, inside = half - flush + Fraction(1, 2**29), half - flush - Fraction(1, 2**29)
     assert cc_length(far, on_side)[0] == 0.0  # all of it is hand kind
     assert cc_length(far, inside)[0] == pytest.approx(float(2 * half), abs=1e-7)
-
-
-@pytest.mark.exhaustive
-def test_one_pose_at_a_time_has_the_same_flush():
-    """On a turned cube, where the rule of 1 pm gives another length: all ways give that of `render`."""
-    vertices, faces, top = solid_about_origin("cube")
-    turns, places = rigid_motions(12, 0.2, 5)
-    poses, strategy, palm = carried(turns, places, [0, 0, top]), closed_contour(), Palm(0.04, 0.04)
-    for turn, place, pose in zip(turns, places, poses, strict=True):
-        thing = MeshObject(turn.apply(vertices) + place, faces)
-        expected = render(thing, palm, pose[None], strategy)
-        for name in SEARCHES:
-            with searching_by(name):
-                points = PreparedContours(thing, palm, strategy).at_checked(pose).points
-            assert points.tobytes() == expected.points.tobytes()
-        assert expected.length()[0] == pytest.approx(0.16, abs=TOLERANCE)
 
 
 @pytest.mark.parametrize("articulated", [False, True])

@@ -111,20 +111,6 @@ def passes_corner(loops):
     return min(shapely.LinearRing(loop.astype(float)).distance(corners).min() for loop in loops) < 1e-5
 
 
-@pytest.mark.exhaustive
-@once_a_device
-@given(loops=regions(grid), capped=st.booleans(), turn=st.integers(0, 3), mirror=st.booleans())
-def test_quarter_turns_of_region_and_patch_change_nothing(loops, capped, turn, mirror, device):
-    """No side and no corner of a patch is special."""
-    quarter = np.linalg.matrix_power(np.array([[0, 1], [-1, 0]]), turn)
-    turned = [loop @ quarter for loop in loops]
-    if mirror:
-        turned = [(loop * [-1, 1])[::-1] for loop in turned]
-    for strategy in ("oc", "cc"):
-        one, two = (contours_of(q, capped, device, strategy) for q in (loops, turned))
-        np.testing.assert_allclose(one.length, two.length, atol=2e-6)
-
-
 @pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("capped", [False, True])
 def test_many_crossings_of_a_side_and_of_every_corner_are_matched_in_order(capped, device):

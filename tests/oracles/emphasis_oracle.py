@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 from polyline_oracle import Lines, levelled, times, with_points
 
-STRAIGHT = math.radians(5.0)  # a straight edge turns by less from segment to segment
 RAMP = 1e-3  # [m] over which intensity changes between segments
 
 
@@ -90,33 +89,9 @@ def arc_to_nearest(lines: Lines, arc: np.ndarray, line: np.ndarray) -> np.ndarra
     return out
 
 
-def emphasise_edges(batch, *, on_object=1.0, on_hand=0.4, on_made=1.0, curved=0.4, shortest=0.0):
+def emphasise_edges(batch, *, on_object=1.0, on_hand=0.4, on_made=1.0):
     """A batch as the stage "edges" leaves it."""
     level = np.zeros(batch.point_count)
     for kind, value in enumerate((on_object, on_hand, on_made)):
         level[batch.kind == kind] = value
-    if shortest > 0:
-        level[(batch.kind == 0) & (straight_runs(Lines.of(batch)) < shortest)] = curved
     return levelled(batch, level, RAMP)
-
-
-def straight_runs(lines: Lines) -> np.ndarray:
-    """Length of the straight run that each segment is part of [m], shape [point]; kinds do not share a run."""
-    batch = lines.batch
-    run = np.zeros(batch.point_count)
-    here = np.flatnonzero(lines.is_segment & (lines.length > 0))
-    if len(here) == 0:
-        return run
-    unit = (lines.points[here + 1] - lines.points[here]) / lines.length[here, None]
-    line, kind = lines.line[here], batch.kind[here]
-    cosine = np.einsum("ij,ij->i", unit[1:], unit[:-1])
-    breaks = np.concatenate([[True], (cosine < math.cos(STRAIGHT)) | (np.diff(line) != 0) | (np.diff(kind) != 0)])
-    number = np.cumsum(breaks) - 1
-    ends = np.append(np.flatnonzero(np.diff(line)), len(here) - 1)
-    starts = np.concatenate([[0], ends[:-1] + 1])
-    for a, b in zip(starts.tolist(), ends.tolist(), strict=True):  # a run goes on across a loop's seam
-        if lines.closed[line[a]] and unit[a] @ unit[b] >= math.cos(STRAIGHT) and kind[a] == kind[b]:
-            own = number[a : b + 1]
-            own[own == own[-1]] = own[0]
-    run[here] = np.bincount(number, weights=lines.length[here])[number]
-    return run

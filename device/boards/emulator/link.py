@@ -58,11 +58,11 @@ class UsbLink(StreamLink):
         status = self.status()
         if status.fifo_frames or status.torn_bytes or status.level:
             self.clear()
-            self.note_boundary(torn=status.torn_bytes)
+            self.note_torn_bytes(status.torn_bytes)
             self.send_off()
             if not wait_silent(self, divider):
                 raise DeviceTimeoutError(f"array {self._who} does not fall silent: switch it off and on")
-        self.begin(divider)
+        self.expect_frames(divider)
 
     def status(self) -> BoardStatus:
         """Ask the board for its counts, its FIFO and what is playing."""

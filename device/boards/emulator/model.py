@@ -204,29 +204,6 @@ class Board:
         self._starving = False
 
 
-def slot_position() -> NDArray[np.float64]:
-    """Where the transducer of each slot of a frame stands [m], shape [slot, 3]: the board's own wiring.
-
-    Slots run along columns. The first column is at x = +78.75 mm and starts at y = +78.75 mm, going down; each next
-    column is one pitch of 10.5 mm nearer to -x and runs the other way.
-    """
-    position: list[tuple[float, float, float]] = []
-    for column in range(16):
-        ascending = [-78.75e-3 + 10.5e-3 * step for step in range(16)]
-        path = ascending if column % 2 else ascending[::-1]
-        position += [(78.75e-3 - 10.5e-3 * column, y, 0.0) for y in path]
-    return np.array(position)
-
-
-def decode_frames(frames: NDArray[np.uint8]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """What the transducers do in frames of shape [frame, 512].
-
-    Returns:
-        Delay [turns] and relative pressure amplitude 0..1, each of shape [frame, slot], slots as in `slot_position`.
-    """
-    return frames[:, 0::2] / 256, frames[:, 1::2] / 255
-
-
 VENDOR, PRODUCT = 0x1209, 0x0001  # pid.codes' shared product id for tests
 MANUFACTURER_STRING, PRODUCT_STRING = "palpate", "emulated 256-transducer array"
 BULK_OUT = 0x01

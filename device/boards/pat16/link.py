@@ -154,7 +154,7 @@ class PatLink(StreamLink):
             self._port.set_latency(_LATENCY_MS)
             self._port.purge()
             self._realign(divider)
-        self.begin(divider)
+        self.expect_frames(divider)
         self._divider = self._started_divider = divider
         self._extra_bytes += self._hold_bytes()
         self._hold_start, self._hold_until_ns = None, 0
@@ -262,7 +262,7 @@ class PatLink(StreamLink):
         self._transport.submit(array("B", data))
         self._transport.drain()
         self._note_fed()
-        self.note_boundary()
+        self.note_torn_bytes()
 
     def _silencer(self, off: bytes) -> bytes:
         """Three blocks that end in silence on any grid, which they do not move, unless a clear falls into them.

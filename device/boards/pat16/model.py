@@ -449,24 +449,3 @@ class PatBoard:
         self._bytes_cleared += passed
         self._drop(passed)
         self._short_ns = clear_ns + seconds * STALE_NS
-
-
-def pulses(frames: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """What the pins do in frames of shape [frame, 512].
-
-    Returns:
-        When the pulse of each pin begins [1/128 turn], and how long it lasts [1/128 turn], each [frame, pin].
-    """
-    low = frames & np.uint8(0x7F)
-    return low[:, :PIN_COUNT], low[:, PIN_COUNT:]
-
-
-def decode_frames(frames: NDArray[np.uint8]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The fundamental of each pin's pulses in frames of shape [frame, 512].
-
-    Returns:
-        Delay [turns], 0..1, of the middle of the pulse (a full pulse's is 1/4 turn after its beginning), and pressure
-        amplitude relative to a duty of one half, sin(pi duty / 128); each [frame, pin].
-    """
-    begin, duty = pulses(frames)
-    return (begin / COUNTS + duty / (2 * COUNTS)) % 1.0, np.sin(np.pi * duty / COUNTS)

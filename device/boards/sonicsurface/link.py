@@ -83,7 +83,7 @@ class SonicLink(StreamLink):
         """
         self._transport.slot_bytes = self.array.frame_bytes
         self.array.update_rate(divider)
-        self.begin(self.array.divider_default)
+        self.expect_frames(self.array.divider_default)
         self.send_off()
         self._transport.submit(array("B", [_CLOCKS_ON]))
         self._transport.drain()
@@ -91,7 +91,7 @@ class SonicLink(StreamLink):
             self.clock.now_ns() + round(self.array.fifo_frames * self.array.frame_bytes * self._byte_ns)
         )
         self._transport.slot_bytes = divider
-        self.begin(divider)
+        self.expect_frames(divider)
 
     def write(self, data: array[int], *, abandon: Callable[[], bool] = never) -> None:
         """As `StreamLink.write`; the bytes of `off_bytes` go out in one piece."""
@@ -105,4 +105,4 @@ class SonicLink(StreamLink):
         self._transport.cancel()
         self._transport.submit(array("B", self.off_bytes))
         self._transport.drain()
-        self.note_boundary()
+        self.note_torn_bytes()

@@ -225,35 +225,6 @@ class SonicBoard:
         self._count += 1
 
 
-def slot_position() -> NDArray[np.float64]:
-    """Where the transducer of each place of a pattern stands [m], shape [place, 3]: the board's own wiring.
-
-    As the maker lists it in axes of its own: x, y out of the face, z; taken as right-handed, which the list does not
-    say, so that its z is -y here. Blocks of 64 places are four columns wide, from -x to +x; in a block, groups of
-    eight places are two rows, from -y to +y. In a group, the first row has places 0, 7, 1, 2 from -x to +x, the second
-    4, 3, 6, 5.
-    """
-    edge, pitch = 78.75e-3, 10.5e-3
-    column_in_group = (0, 2, 3, 1, 0, 3, 2, 1)
-    row_in_group = (0, 0, 0, 1, 1, 1, 1, 0)
-    position: list[tuple[float, float, float]] = []
-    for place in range(TRANSDUCER_COUNT):
-        column = 4 * (place // 64) + column_in_group[place % 8]
-        row = 2 * (place % 64 // 8) + row_in_group[place % 8]
-        position.append((column * pitch - edge, row * pitch - edge, 0.0))
-    return np.array(position)
-
-
-def decode_patterns(patterns: NDArray[np.uint8]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The fundamental of each transducer's pulses in patterns of shape [pattern, 256].
-
-    Returns:
-        Delay [turns], 0..1, of the middle of the half-period pulse, which is 1/4 turn after its beginning, and relative
-        pressure amplitude, 0 or 1; each [pattern, place], places as in `slot_position`.
-    """
-    return (patterns / COUNTS + 0.25) % 1.0, (patterns < COUNTS).astype(np.float64)
-
-
 class SonicPorts(EmulatedPorts[SonicBoard]):
     """Serial ports with a SonicSurface at each: give them to `open_link` and `find_serial_arrays` as the backend.
 

@@ -129,7 +129,7 @@ def main() -> int:
     sender = PoseSender(descriptor)
     try:
         settings: SourceSettings = unship(content)
-    except StrategyError as error:
+    except Exception as error:  # of a user's module, perhaps
         _send_all(sender, PoseStream("own"), SourceFault("start", f"the source cannot be made: {error}"))
         return EXIT_FAILED
     threading.Thread(target=_end_with, args=(descriptor,), name="palpate-source-end", daemon=True).start()

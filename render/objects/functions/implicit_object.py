@@ -10,8 +10,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from ....kernels.fields.expression_tree import tree_field
-from ....kernels.fields.field import Field
-from ....kernels.fields.probe import probe_points
+from ....kernels.fields.field import Field, probe_points
 from ....kernels.fields.user_function import function_field
 from ...device_copies import KeepsDeviceCopies
 from ...errors import ImplicitError
@@ -104,21 +103,6 @@ class ImplicitObject(KeepsDeviceCopies):
     def __repr__(self) -> str:
         """One line."""
         return f"ImplicitObject({self.name!r}, {place_text(self.bounds)})"
-
-    @classmethod
-    def load(
-        cls,
-        source: str | Path,
-        *,
-        bounds: np.ndarray | None = None,
-        placement: Placement | None = None,
-        name: str | None = None,
-        hand: bool = False,
-        allow_code: AllowCode = False,
-        **place: Unpack[PlacementFields],
-    ) -> "ImplicitObject":
-        """Load a JSON file's expression, or a function by name: see the class."""
-        return cls(source, bounds=bounds, placement=placement, name=name, hand=hand, allow_code=allow_code, **place)
 
     def _check_place(self) -> None:
         warn_of_place(self.name, self.bounds, "for millimetres use scale=0.001, or fit=0.13", self.placement.at)

@@ -18,8 +18,7 @@ import numpy as np
 import warp as wp
 
 from ....datasets.errors import name_nothing
-from ....kernels.fields.field import Field
-from ....kernels.fields.probe import lattice_of, probe_nodes, probe_points
+from ....kernels.fields.field import Field, lattice_of, probe_nodes, probe_points
 from ....kernels.fields.user_function import Placed, raw_value
 from ...errors import ImplicitError, UntrustedCodeError
 from ...trust.permission import UNNAMED, AllowCode, Namer

@@ -157,7 +157,6 @@ REPAIR_SOURCES = (  # decide how a mesh is repaired
     "kernels/solids/orientation.py",
     "render/errors.py",
     "render/objects/mesh/bodies.py",
-    "render/objects/mesh/holes.py",
     "render/objects/mesh/repair.py",
     "render/objects/mesh/report.py",
     "render/objects/mesh/sheets.py",

@@ -1,6 +1,7 @@
-"""MeshObject: a mesh from a file, from arrays or built in, placed in the array's frame and repaired."""
+"""MeshObject: a mesh from a file, from arrays or built in, placed in the array's frame, repaired and described."""
 
 import hashlib
+import warnings
 from copy import copy
 from dataclasses import asdict, replace
 from functools import cached_property
@@ -18,7 +19,8 @@ from ....kernels.fields.field import Field
 from ....kernels.fields.mesh_inside import mesh_field
 from ....kernels.section.half_edges import HalfEdges, upload_surface
 from ...device_copies import KeepsDeviceCopies
-from ...errors import MeshError, RepairError
+from ...errors import MeshError, PalpateWarning, RepairError
+from ...file_kinds import MESH_SUFFIXES
 from ...runtime.loading_progress import Watch, unwatched
 from ...user_warnings import warn_user
 from ...validation import unit_hint
@@ -36,6 +38,10 @@ _EDGES: WeakValueDictionary[str, HalfEdges] = WeakValueDictionary()  # by `MeshO
 POOL_KEPT = 0.5  # share of a GPU's memory kept for the next batch, because freeing it at every wait takes milliseconds
 VOXELS_ACROSS = 100  # of a mesh, in the command that an error suggests
 SOLID_RULES = ("winding", "even-odd")
+FLAT = 1e-4  # planes whose normals, or whose places in units of the mesh's size, differ by less may be one plane
+ROUNDINGS = 8.0  # of float32: what two faces on each other may be apart by, seen along a plane that cuts both askew
+GAP_LARGEST = 1e-6  # [m]; a tenth of what contours are right to
+GLTF_SUFFIXES = (".gltf", ".glb")
 
 
 def require_solid_rule(solid: str) -> str:
@@ -68,6 +74,20 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
         raise name_nothing(MeshError(f"{path}: no such file{meant}; built-in objects are {', '.join(shape_names())}"))
     mesh = load_mesh(path)
     return mesh.vertices, mesh.faces
+
+
+def _has_opposite_planes(vertices: np.ndarray, faces: np.ndarray) -> bool:
+    from scipy.spatial import KDTree  # a tenth of a second that simple meshes do without
+
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    corner = ((vertices - 0.5 * (low + high)) / np.ptp([low, high], axis=0).max())[faces]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    length = np.linalg.norm(normal, axis=1)
+    normal, corner = normal[length > 0] / length[length > 0, None], corner[length > 0]
+    place = np.einsum("ij,ij->i", normal, corner[:, 0])
+    plane = np.unique(np.rint(np.column_stack([normal, place]) / FLAT), axis=0)  # many faces of a voxel mesh share one
+    distance = np.asarray(KDTree(plane).query(-plane, distance_upper_bound=4.0)[0])  # rounding: 2 units a coordinate
+    return bool(np.isfinite(distance).any())
 
 
 class MeshObject(KeepsDeviceCopies):
@@ -262,7 +282,7 @@ class MeshObject(KeepsDeviceCopies):
 
     def _of_faces(self, faces: np.ndarray, report: MeshReport) -> "MeshObject":
         out = copy(self)
-        for name in ("edges", "identity", "solid_part", "sheet_part"):
+        for name in ("edges", "identity", "solid_part", "sheet_part", "gap"):
             out.__dict__.pop(name, None)
         out.faces, out.report = faces, report
         return out
@@ -286,6 +306,17 @@ class MeshObject(KeepsDeviceCopies):
             if device not in self._fields:
                 self._fields[device] = mesh_field(self.on(device), self.bounds, solid=self.solid)
             return self._fields[device]
+
+    @cached_property
+    def gap(self) -> float:
+        """How far from each other faces may count as one place [m]; 0 if none lie on each other for sure.
+
+        Vertices are rounded to float32, so between faces that touched there are gaps and walls of that width. Faces
+        that merely look opposite ways in one plane count, too: telling them apart would take longer than it saves.
+        """
+        touches = self.solid != "winding" or _has_opposite_planes(self.vertices.astype(np.float64), self.faces)
+        spacing = float(np.spacing(np.abs(self.vertices).max()))
+        return min(ROUNDINGS * spacing, GAP_LARGEST) if touches else 0.0
 
     def __repr__(self) -> str:
         """One line: name, triangles, whether it is closed, size and place."""
@@ -319,3 +350,58 @@ class MeshObject(KeepsDeviceCopies):
             "report": asdict(self.report),
             **({} if self.detail is None else {"detail": self.detail}),
         }
+
+
+def is_mesh_name(source: str) -> bool:
+    """Whether a file's name, or a built-in one, is that of a mesh."""
+    return shape_name(source) is not None or Path(source).suffix.lower() in MESH_SUFFIXES
+
+
+def mesh_facts(source: str, options: dict[str, Any], watch: Watch = unwatched) -> dict[str, Any]:
+    """The mesh in numbers, and in sentences what was changed, what is left, and what could be done.
+
+    options: `scale` and those of `MeshObject.load`; None among them is an option not given. Raises MeshError.
+    """
+    given = {name: value for name, value in options.items() if value is not None}
+    placement = Placement(scale=given.pop("scale", 1.0))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", PalpateWarning)
+        mesh = MeshObject.load(source, placement=placement, watch=watch, **given)
+    report = mesh.report
+    told = "; ".join(report.changes() + report.faults(placement.scale))  # the table has it row by row
+    texts = [str(warning.message).removeprefix(f"{mesh.name}: ") for warning in caught]
+    numbers = asdict(report)
+    for name in ("rim_longest", "fill_closes", "weld_closes"):
+        numbers[name] *= placement.scale
+    return {
+        "size": np.ptp(mesh.bounds, axis=0).tolist(),
+        "triangles_kept": len(mesh.faces),
+        "vertices_kept": len(mesh.vertices),
+        "solid": mesh.solid,
+        **numbers,
+        "closed_contours": closed_contours(mesh),
+        "changed": "; ".join(report.changes()) or "nothing",
+        "left": "; ".join(report.faults(placement.scale)) or "nothing",
+        "warned": "; ".join(text for text in texts if text != told),
+        "could_be_done": "; ".join(ways_out(mesh, placement.scale)) or "nothing needed",
+    }
+
+
+def closed_contours(mesh: MeshObject) -> str:
+    """Whether CC can be had of a mesh."""
+    if not mesh.report.closed:
+        return "refused: inside and outside are not defined"
+    return "exact" if mesh.is_simple else "regularised pose by pose"
+
+
+def ways_out(mesh: MeshObject, scale: float) -> list[str]:
+    """What a user could do about what is left, one phrase each; scale: metres of the object as placed a unit."""
+    report, out = mesh.report, []
+    if scale == 1.0 and np.ptp(mesh.bounds, axis=0).max() > SIZE_LARGEST:
+        out.append("scale=0.001 takes the file as one in millimetres")
+    if Path(mesh.name).suffix.lower() in GLTF_SUFFIXES and mesh.placement.up == "z":
+        out.append('up="y" raises what the file has upright: +Y is up in glTF')
+    out += report.closing(scale)
+    if not report.closed:
+        out.append(mesh.voxelising())
+    return out

@@ -1,7 +1,6 @@
 """Meshes to voxels: the way to closed contours for a surface that has holes."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +15,10 @@ from ...runtime.interrupt import abandonable
 from ...runtime.loading_progress import Watch, unwatched
 from ...user_warnings import warn_user
 from ...validation import unit_hint, value_text
-from ..mesh.bodies import body_labels, resolve_signs, signed_volumes
+from ..mesh.bodies import body_labels, resolve_signs, rows_of, signed_volumes
 from ..mesh.placement import Placement
 from ..mesh.repair import winding_number
+from ..mesh.sheets import edges_of
 from ..mesh.solid_mesh import MeshObject
 from .grid import LENGTHS, PADDED_MOST, is_bounded_number, numbers_of
 from .voxel_object import VoxelObject, save_voxels
@@ -33,27 +33,6 @@ FLAT = 1e-6  # volume of a body, of the cube over its longest side, below which 
 BODIES_MOST = 2000  # beyond, bodies of an open mesh are taken as they face
 
 
-@dataclass(frozen=True)
-class VoxelReport:
-    """How a mesh became voxels."""
-
-    mesh: str
-    """SHA-256 of the mesh as placed."""
-    sign: str
-    """How inside was decided: crossings, parity or winding."""
-    bodies_turned: int
-    """Bodies of an open mesh that faced inwards and were turned over."""
-    hole_points: int
-    """Places between two nodes where the solid was closed over a hole of the mesh."""
-
-
-def rim_count(faces: np.ndarray) -> int:
-    """Edges with an odd number of triangles: where a column of voxels could slip through the surface."""
-    ends = np.sort(np.stack([faces.ravel(), np.roll(faces, -1, axis=1).ravel()], axis=1), axis=1).astype(np.int64)
-    _, count = np.unique(ends[:, 0] * (int(faces.max()) + 1) + ends[:, 1], return_counts=True)
-    return int(np.count_nonzero(count % 2))
-
-
 def sign_of(mesh: MeshObject, sign: str) -> str:
     """How to decide what is inside, once `auto` is resolved.
 
@@ -64,7 +43,7 @@ def sign_of(mesh: MeshObject, sign: str) -> str:
     """
     if sign not in SIGNS:
         raise VoxelError(f"sign must be one of {', '.join(SIGNS)}, not {value_text(sign)}")
-    rims = rim_count(mesh.faces)
+    rims = int(np.count_nonzero(edges_of(mesh.faces).face_count % 2))  # a column could slip through the surface there
     agrees = rims == 0 and mesh.report.open_edges == 0
     if sign == "auto":
         return "crossings" if agrees else "winding" if rims else "parity"
@@ -102,7 +81,7 @@ def grid_around(
 def turn_bodies(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, int]:
     """Faces with bodies that face inwards turned over, and how many were: else winding numbers would cancel."""
     label = body_labels(twins_of(faces))
-    rows = np.split(np.argsort(label, kind="stable"), np.cumsum(np.bincount(label))[:-1])
+    rows = rows_of(label)
     if len(rows) > BODIES_MOST:
         return faces, 0
     triangles = [vertices[faces[k]] for k in rows]
@@ -251,7 +230,12 @@ def voxelise(
         origin=nodes.origin,
         kind=kind,
         name=mesh.name,
-        source=asdict(VoxelReport(mesh.identity, sign, turned, len(points))),
+        source={
+            "mesh": mesh.identity,  # SHA-256 of the mesh as placed
+            "sign": sign,
+            "bodies_turned": turned,  # of an open mesh, which faced inwards
+            "hole_points": len(points),  # between two nodes, where the solid was closed over a hole
+        },
     )
 
 

@@ -1,15 +1,101 @@
 """Measures made of answers: proportions of choices, points of scales, ratios r. Practice counts for nothing."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Hashable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 
-from ..plan.study_plan import PlannedBlock, StudyPlan
-from .measures import Cell, Level, Measure, level_text
-from .study_table import AnswerRecord, StudyTable
+from ..plan.study_plan import Factors, PlannedBlock, Question, StudyPlan
+from .answer_reading import AnswerRecord, StudyTable
+
+Level = str | float
+"""A value of a factor."""
+CellKey = tuple[tuple[str, Level], ...]
+"""A cell's levels of all factors but one."""
+
+
+class Cell(NamedTuple):
+    """A cell of the design: a block, or within a block a pair or a stimulus."""
+
+    name: str
+    factors: Factors
+    """Its values of the keys of the plan's `for`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measure:
+    """A number for each participant and cell; what is compared between cells, and with chance."""
+
+    name: str
+    """In tables and files: `p_cc`, `confidence`."""
+    title: str
+    """For people: "proportion of answers for cc", "confidence"."""
+    unit: str = ""
+    codes: tuple[str, ...]
+    cells: tuple[Cell, ...]
+    values: np.ndarray = field(repr=False)
+    """float64, shape [participant, cell]; nan where there is none."""
+    successes: np.ndarray | None = field(default=None, repr=False)
+    """int64, shape [participant, cell]: of a proportion, the answers that it counts."""
+    counts: np.ndarray | None = field(default=None, repr=False)
+    """int64, shape [participant, cell]: of a proportion, all answers."""
+    chance: float | None = None
+    """Value that answers at random have."""
+    low: float | None = None
+    high: float | None = None
+    """Bounds of the scale, where there are any."""
+
+    @property
+    def factors(self) -> dict[str, tuple[Level, ...]]:
+        """Levels of each factor, in the plan's order; factors with one level are left out."""
+        names = dict.fromkeys(name for cell in self.cells for name in cell.factors)
+        levels = {
+            name: tuple(dict.fromkeys(own.factors[name] for own in self.cells if name in own.factors)) for name in names
+        }
+        return {name: own for name, own in levels.items() if len(own) > 1}
+
+    def cells_at(self, factor: str, level: Level) -> dict[CellKey, list[int]]:
+        """Numbers of the cells at a level of a factor, by their levels of all other factors.
+
+        Several cells have the same levels where a plan's tables repeat the values of their `for`.
+        """
+        found: dict[CellKey, list[int]] = {}
+        for number, cell in enumerate(self.cells):
+            if cell.factors.get(factor) == level:
+                others = sorted((name, own) for name, own in cell.factors.items() if name != factor)
+                found.setdefault(tuple(others), []).append(number)
+        return found
+
+    def numbers_at(self, factor: str, level: Level) -> list[int]:
+        """Numbers of all cells at a level of a factor."""
+        return sorted(chain.from_iterable(self.cells_at(factor, level).values()))
+
+    def at_level(self, factor: str, level: Level) -> np.ndarray:
+        """The mean over all cells at a level, shape [participant]; nan where a cell lacks."""
+        return self.values[:, self.numbers_at(factor, level)].mean(axis=1)
+
+    def by_participant(self) -> np.ndarray:
+        """The mean over all cells, shape [participant]; nan where a cell lacks."""
+        return self.values.mean(axis=1)
+
+
+def level_text(level: Level) -> str:
+    """A level as people read it."""
+    return level if isinstance(level, str) else f"{level:g}"
+
+
+def level_label(factor: str, level: Level) -> str:
+    """A level as people read it without its factor beside it: a number alone would say nothing."""
+    return level if isinstance(level, str) else f"{factor} {level:g}"
+
+
+def cell_text(cell: Cell) -> str:
+    """A cell as people read it: its levels, or its name where the plan gives it none."""
+    return ", ".join(level_text(own) for own in cell.factors.values()) or cell.name
+
 
 NAME = ""
 """Key under which a stimulus' name stands among its factors, none of which can be called so."""
@@ -201,3 +287,68 @@ def _matrix(
 
 def _mean(values: list[float]) -> float:
     return float(np.mean(values))
+
+
+# ---- Answers that no test is made of: counts of options, numbers as mean and range, and what people wrote
+
+
+PLAIN_BELOW = 1e6
+"""Numbers from which on a power of ten is written."""
+AROUND = {"before": "before all blocks", "after": "after all blocks"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class QuestionAnswers:
+    """All answers to one question at one place."""
+
+    question: Question
+    place: str
+    """A block's name, with the stimuli of the trial, or "before all blocks"."""
+    answers: tuple[AnswerRecord, ...]
+
+    @property
+    def summary(self) -> str:
+        """Of choices how often each was given; of numbers mean, deviation and range; of texts how many there are."""
+        given = [own.value for own in self.answers if own.value is not None and own.value != ""]
+        left = len(self.answers) - len(given)
+        empty = f"; {left} left empty" if left else ""
+        if self.question.kind == "choice":
+            found = Counter(own.label for own in self.answers)
+            return ", ".join(f"{option} {found[option]}" for option in self.question.options)
+        numbers = np.array([own for own in given if isinstance(own, int | float)], dtype=np.float64)
+        if self.question.kind == "text" or not len(numbers):
+            return f"{len(given)} answer{'s' * (len(given) != 1)}{empty}"
+        with np.errstate(over="ignore"):  # a person may type 1e300
+            mean, deviation = float(numbers.mean()), float(numbers.std(ddof=1)) if len(numbers) > 1 else None
+        form = ".1f" if np.abs(numbers).max() < PLAIN_BELOW else ".3g"
+        spread = "" if deviation is None else f" ± {deviation:{form}}"
+        return f"{mean:{form}}{spread} ({numbers.min():g} to {numbers.max():g}), n = {len(numbers)}{empty}"
+
+    @property
+    def texts(self) -> tuple[tuple[str, str], ...]:
+        """Who wrote what, where something was written."""
+        return tuple((own.code, own.value) for own in self.answers if isinstance(own.value, str) and own.value)
+
+
+def open_answers(table: StudyTable) -> list[QuestionAnswers]:
+    """Questions before and after all blocks, after blocks but scales, and of explorations but scales, as asked."""
+    found = []
+    plan, answers = table.plan, list(counted(table))
+    for place, questions in (("before", plan.questions_before), ("after", plan.questions_after)):
+        for question in questions:
+            own = tuple(one for one in answers if (one.block, one.name) == (place, question.name))
+            found.append(QuestionAnswers(question=question, place=AROUND[place], answers=own))
+    for block in plan.blocks:
+        of_block = [own for own in answers if own.block == block.name]
+        asked = block.questions if block.design == "exploration" else ()
+        for names in block.sets:
+            for question in asked:
+                own = tuple(one for one in of_block if (one.name, one.stimuli) == (question.name, names))
+                place = f"{block.name}: {', '.join(names)}"
+                if question.kind != "scale":
+                    found.append(QuestionAnswers(question=question, place=place, answers=own))
+        for question in block.questions_after:
+            own = tuple(one for one in of_block if (one.name, one.trial) == (question.name, -1))
+            if question.kind != "scale":
+                found.append(QuestionAnswers(question=question, place=block.name, answers=own))
+    return found

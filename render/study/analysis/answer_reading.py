@@ -7,19 +7,95 @@ import math
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ....datasets.bounded_file import FileBoundError
 from ....datasets.json_text import parse_json
 from ....datasets.storage.sqlite_opening import open_database
 from ...errors import StudyError
 from ...validation import value_text
-from ..plan.study_plan import PlannedBlock, Question, StudyPlan
+from ..plan.study_plan import Answer, PlannedBlock, Question, StudyPlan
 from ..plan.study_reading import read_stored_study
-from ..run.store_rows import ABOUT_CONSENT, APPLICATION_ID, FORMAT_VERSION
-from ..run.study_file import BUSY_SECONDS, NAME, file_error
-from .study_table import AnswerRecord, RatioRecord, SessionRecord, StudyTable
+from ..run.study_file import ABOUT_CONSENT, APPLICATION_ID, BUSY_SECONDS, FORMAT_VERSION, NAME, file_error
+
+
+class AnswerRecord(NamedTuple):
+    """One answer; practice included."""
+
+    code: str
+    block: str
+    """Its name; "before" and "after" for questions around all blocks."""
+    position: int
+    """Place of the block in this participant's order, from 0; -1 around all blocks."""
+    trial: int
+    """From 0, practice included; -1: asked after the block, or around all blocks."""
+    name: str
+    """Of the question; that of each trial of a forced choice is `answer`."""
+    kind: str
+    """"choice", "scale", "number" or "text"."""
+    value: Answer
+    """Of a choice: the option's number, from 0; of a scale: the point, from 1; None: left empty."""
+    label: str = ""
+    """Of a choice: the option's text."""
+    key: str = ""
+    """That was pressed."""
+    stimuli: tuple[str, ...] = ()
+    """Of the trial, in the order of its intervals."""
+    is_practice: bool = False
+    track: int = 0
+    level: int | None = None
+    comparison: int | None = None
+    """With a standard: the interval, from 0, of the other stimulus."""
+    clipped: int = 0
+    seconds: float | None = None
+    """Reaction time [s]."""
+
+
+class RatioRecord(NamedTuple):
+    """The ratio r of one interval with closed contours that was played live, outside practice, and met open ones."""
+
+    code: str
+    block: str
+    trial: int
+    stimulus: str
+    r: float
+
+
+class SessionRecord(NamedTuple):
+    """One process that ran a participant."""
+
+    code: str
+    array: str
+    source: str
+    """Where the hand's poses came from."""
+    palpate: str
+    """Its version."""
+    began: str
+    """ISO 8601, UTC."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyTable:
+    """All that an analysis needs of a study: read from its data by `read_answers`, or made by a simulation."""
+
+    plan: StudyPlan
+    codes: tuple[str, ...]
+    """Of the participants who have answered something, in the plan's order."""
+    unfinished: tuple[str, ...] = ()
+    """Those of them who have not answered everything."""
+    answers: tuple[AnswerRecord, ...]
+    """In the order in which they were given."""
+    ratios: tuple[RatioRecord, ...] = ()
+    sessions: tuple[SessionRecord, ...] = ()
+    """Of the participants; a simulation has none."""
+    replayed_count: int = 0
+    """Intervals that were stopped, or belong to a trial that was played again."""
+
+    def __repr__(self) -> str:
+        return f"StudyTable({self.plan.title!r}, {len(self.codes)} participants, {len(self.answers)} answers)"
+
 
 _TEXT, _WHOLE, _NUMBER, _NONE = (str,), (int,), (int, float), (type(None),)
 _ANSWER_TYPES = {

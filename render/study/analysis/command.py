@@ -16,15 +16,12 @@ from ...terminal.foreign_text import print_message, show_table, write_output
 from ..plan.study_reading import read_study
 from .answer_reading import read_answers
 from .power import WANTED, find_power, power_question
-from .report_sections import report_sections
-from .result_columns import answer_columns, fit_columns, measure_columns, outcome_columns
-from .result_texts import is_found, test_text
+from .report_sections import is_found, report_sections, test_text
+from .result_columns import answer_columns, fit_columns, measure_columns, outcome_columns, write_table
 from .study_analysis import StudyAnalysis, analyse_answers
-from .table_files import write_tables
 
 REPORTS = ("report.html", "report.md")
-TABLES = ("answers", "measures", "tests", "fits")
-TABLE_SUFFIXES = (".csv", ".parquet")
+TABLES = ("answers.csv", "measures.csv", "tests.csv", "fits.csv")
 PLAN_SUFFIX = ".toml"
 POWER_OPTIONS = ("measure", "mean", "mean_other", "factor", "spread", "opposite", "noise")
 
@@ -49,7 +46,7 @@ def analyse_study(options: dict[str, Any], *, as_json: bool) -> int:
         raise StudyError(f"{data} has no answers yet: nobody has taken part")
     if path.suffix == PLAN_SUFFIX and path.exists() and path.read_text("utf-8", "replace") != table.plan.text:
         console.warn(f"{path} is not the plan that is kept with the data, {table.plan.title!r}, which is used")
-    names = (*REPORTS, *(name + suffix for name in TABLES for suffix in TABLE_SUFFIXES))
+    names = (*REPORTS, *TABLES)
     there = [output / name for name in names if (output / name).exists()]
     if there and not options["overwrite"]:
         raise StrategyError(f"{there[0]}: exists; --overwrite replaces it")
@@ -109,16 +106,15 @@ def _write(folder: Path, analysis: StudyAnalysis, sections: list[ReportSection],
         except OSError as error:
             raise RenderError(f"{folder / name}: cannot be written ({error.strerror or error})") from error
     tables = (answer_columns(table), measure_columns(analysis), outcome_columns(analysis), fit_columns(analysis))
-    written = [
-        path
-        for name, columns in zip(TABLES, tables, strict=True)
-        if columns
-        for path in write_tables(folder, name, columns)
-    ]
-    for name in (*earlier, *(name + suffix for name in TABLES for suffix in TABLE_SUFFIXES)):
-        if name not in files and folder / name not in written:  # of an earlier analysis, which this one replaces
+    written = []
+    for name, columns in zip(TABLES, tables, strict=True):
+        if columns:
+            write_table(folder / name, columns)
+            written.append(name)
+    for name in (*earlier, *TABLES):
+        if name not in files and name not in written:  # of an earlier analysis, which this one replaces
             (folder / name).unlink(missing_ok=True)
-    return {"report": str(folder / REPORTS[0]), "tables": ", ".join(path.name for path in written)}
+    return {"report": str(folder / REPORTS[0]), "tables": ", ".join(written)}
 
 
 def _pictures_of(report: Path) -> list[str]:

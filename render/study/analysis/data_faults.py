@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from ..plan.block_designs import trial_counts
 from ..plan.study_plan import StudyPlan
 from .answer_measures import counted
+from .answer_reading import AnswerRecord, StudyTable
 from .level_answers import replay_tracks
-from .study_table import AnswerRecord, StudyTable
 
 SAME_LEAST = 8
 """Choices that are all alike are named from so many on: by chance, 1 of 128 participants makes them, of two options."""

@@ -18,11 +18,10 @@ from ...reports.picture_page import fit_text, text_width
 from ...reports.picture_style import DPI, FAINT, INK, picture_bytes
 from ...reports.report_pages import PICTURE_STYLE, ReportPicture, drawing
 from ...terminal.foreign_text import visible
-from .measures import Level, Measure, cell_text, level_text
+from .answer_measures import Level, Measure, cell_text, level_text
 
 if TYPE_CHECKING:  # they need the fits, which these pictures only read
-    from .level_answers import LevelAnswers
-    from .magnitude_scales import MagnitudeScale
+    from .level_answers import LevelAnswers, MagnitudeScale
     from .study_analysis import FittedLevels
 
 COLOURS = ("#1d6fa5", "#e08a00", "#3b3b3b", "#74b79c", "#a3195b", "#8d99ae")

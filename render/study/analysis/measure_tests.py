@@ -12,7 +12,9 @@ from itertools import combinations
 
 import numpy as np
 
+from .answer_measures import CellKey, Level, Measure, level_label
 from .hypothesis_tests import (
+    StatisticalTest,
     check_normality,
     compare_levels_by_ranks,
     compare_pairs_by_means,
@@ -23,8 +25,6 @@ from .hypothesis_tests import (
     compare_with_chance,
     correct_family,
 )
-from .measures import CellKey, Level, Measure, level_label
-from .statistical_test import StatisticalTest
 
 AGREEING_SHARE = 5 / 6
 """Of a participant's cells on one side of chance, from which on the founding paper calls the tendency strong."""

@@ -17,11 +17,10 @@ import numpy as np
 from ...errors import StrategyError
 from ..plan.block_designs import trial_counts
 from ..plan.study_plan import StudyPlan
-from .answer_measures import choice_measures, scale_measures
+from .answer_measures import Measure, choice_measures, level_label, scale_measures
+from .answer_reading import StudyTable
 from .hypothesis_tests import SIGNIFICANT, bound_proportion, compare_with_centre_by_ranks
 from .measure_tests import compare_pairs
-from .measures import Measure, level_label
-from .study_table import StudyTable
 
 PARTICIPANTS = (*range(6, 61), *range(65, 201, 5))
 """Numbers of participants among which the least one that has the power is searched."""

@@ -1,17 +1,22 @@
 """The analysis as tables for other programs: a row for each answer, each value of a measure, each test, each fit."""
 
+import math
+import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ....datasets.storage.durable import write_file
+from ...errors import RenderError
 from ..plan.study_plan import PlannedBlock
-from .measures import Level
+from .answer_measures import Level
+from .answer_reading import StudyTable
 from .psychometric_fit import FittedValue
-from .result_texts import all_tests
+from .report_sections import all_tests
 from .study_analysis import StudyAnalysis
-from .study_table import StudyTable
 
 Columns = dict[str, list[Any]]
 """Values by the name of a column; None is missing."""
@@ -141,3 +146,67 @@ def _level(block: PlannedBlock | None, factor: str) -> str | None:
 def _text(level: Level | None) -> str | None:
     """A level as text, so that a column has one type though a plan may mix numbers and words."""
     return None if level is None else level if isinstance(level, str) else f"{level:g}"
+
+
+# ---- the tables as files
+
+
+Value = str | float | bool | None
+"""A cell; None and nan are missing."""
+
+_FORMULA = re.compile(r"'*[=+\-@\t\r]")  # what begins a formula in spreadsheets; OWASP, "CSV Injection"
+_NUMBER = re.compile(r"[+-]?[0-9]+(\.[0-9]*)?(e[+-]?[0-9]+)?", re.IGNORECASE)
+_INT_MOST = 1 << 63
+
+
+def write_table(path: Path, columns: Mapping[str, Sequence[Any]]) -> None:
+    """Write equally long columns as CSV, replacing an earlier file.
+
+    A column with any text is text, else whole numbers, numbers or true and false. A text that a spreadsheet would
+    compute gets a `'` in front. The file has one line of names and no comments, so that R, spreadsheets and statistics
+    programs read it without options.
+
+    Raises:
+        RenderError: The file cannot be written; says why.
+    """
+    content = _csv_content({_clean(key): _cells_of(values) for key, values in columns.items()})
+    try:
+        write_file(path, content)
+    except OSError as error:
+        raise RenderError(f"{path}: cannot be written ({error.strerror or error})") from error
+
+
+def _cells_of(values: Sequence[Any]) -> list[Value]:
+    """Values of one kind, or None."""
+    plain = [own.item() if hasattr(own, "item") else own for own in values]  # NumPy's scalars
+    found = [None if isinstance(own, float) and math.isnan(own) else own for own in plain]
+    kinds = {type(own) for own in found if own is not None}
+    if kinds <= {bool} or (kinds == {int} and all(own is None or -_INT_MOST <= own < _INT_MOST for own in found)):
+        return found
+    if kinds <= {bool, int, float}:
+        return [None if own is None else float(own) for own in found]
+    return [None if own is None else _clean(own if isinstance(own, str) else _number_text(own)) for own in found]
+
+
+def _clean(text: str) -> str:
+    """A text that files can hold: null characters and halves of surrogate pairs as escapes."""
+    return text.replace("\0", "\\x00").encode(errors="backslashreplace").decode()
+
+
+def _number_text(value: Any) -> str:
+    """TRUE and FALSE, as R reads them, and no others, like pandas and polars; the same text for 7 and 7.0."""
+    if isinstance(value, bool):
+        return str(value).upper()
+    return str(int(value)) if isinstance(value, float) and value.is_integer() and abs(value) < 1e15 else str(value)
+
+
+def _csv_content(columns: Mapping[str, Sequence[Value]]) -> memoryview:
+    def cell(value: Value) -> str:
+        if not isinstance(value, str):
+            return "" if value is None else _number_text(value)
+        text = f"'{value}" if _FORMULA.match(value) and not _NUMBER.fullmatch(value) else value
+        # The csv module of Python 3.11 leaves a lone carriage return without quotes.
+        return '"' + text.replace('"', '""') + '"' if not text or any(own in text for own in ',"#\r\n') else text
+
+    rows = [list(columns), *zip(*columns.values(), strict=True)]
+    return memoryview("".join(f"{','.join(map(cell, row))}\n" for row in rows).encode())

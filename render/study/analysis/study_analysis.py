@@ -6,15 +6,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..plan.study_plan import PlannedBlock
-from .answer_measures import block_factors, choice_measures, ratio_measures, scale_measures
+from .answer_measures import (
+    Cell,
+    Measure,
+    QuestionAnswers,
+    block_factors,
+    choice_measures,
+    open_answers,
+    ratio_measures,
+    scale_measures,
+)
+from .answer_reading import StudyTable
 from .data_faults import data_faults
-from .level_answers import LevelAnswers, level_answers
-from .magnitude_scales import MagnitudeScale, exponent_measures, magnitude_scales
+from .level_answers import LevelAnswers, MagnitudeScale, exponent_measures, level_answers, magnitude_scales
 from .measure_tests import MeasureTests, analyse_measure
-from .measures import Cell, Measure
-from .open_answers import QuestionAnswers, open_answers
 from .psychometric_fit import PsychometricFit, fit_psychometric
-from .study_table import StudyTable
 
 
 @dataclass(frozen=True, kw_only=True)

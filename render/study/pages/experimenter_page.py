@@ -2,16 +2,18 @@
 
 import contextlib
 import math
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from ....device.errors import DeviceError
 from ...errors import RenderError
-from ...live.moment import LiveMoment
-from ...view.served.page_server import PageRequest, Send
+from ...live.moment import LiveMoment, LiveScene
+from ...view.page.document import document
+from ...view.served.page_server import PageRequest, PageServer, Send, ServedPage
 from ..run.desk import Screen, StudyDesk
-from .participant_page import visible_lines
+from .participant_page import MeshOf, ParticipantPage, visible_lines
 
 LIST_MOST = 100  # entries of a list that is shown: the last ones
 TEXT_MOST = 2000  # characters of a text
@@ -90,3 +92,49 @@ def plain(value: Any, depth: int = 0) -> Any:
     if hasattr(value, "tolist"):
         return plain(value.tolist(), depth + 1)  # of NumPy
     return visible_lines(str(value))[:TEXT_MOST]
+
+
+# ---- The server of a study's two pages
+
+
+PARTICIPANT, EXPERIMENTER = "/", "/experimenter"
+LOST = "The connection is lost. Please tell the experimenter."
+
+
+def study_server(
+    desk: StudyDesk,
+    mesh: MeshOf,
+    *,
+    scene: Callable[[], LiveScene | None] = lambda: None,
+    moment: Callable[[], LiveMoment | None] = lambda: None,
+    title: str = "palpate study",
+    language: str = "en",
+    lost: str = LOST,
+    noise_level: float = 0.0,
+    noise_seed: int = 0,
+    port: int | None = None,
+) -> PageServer:
+    """Serve a study's pages; close it at the run's end. `address(PARTICIPANT)` and `address(EXPERIMENTER)` lead there.
+
+    scene, moment: `Session.scene`, `Session.moment`. mesh: what is drawn of an object. language: of the participant's
+    words, as HTML's `lang`. lost: what the participant reads when the connection is lost. noise_level: of the masking
+    noise, 0..1 of full scale. Raises ViewError for a port that is taken, StrategyError for a number of no port.
+    """
+    turn = threading.Lock()
+
+    def one_moment() -> LiveMoment | None:
+        with turn:  # both pages ask, from threads of their own
+            return moment()
+
+    participant = ParticipantPage(desk, scene, one_moment, mesh, noise_level=noise_level, noise_seed=noise_seed)
+    described: dict[str, Any] = {"served": True, "page": "participant", "lost": lost}
+    pages = {
+        PARTICIPANT: ServedPage(
+            lambda sockets: document(described, "", title, sockets, language), participant.visit
+        ),
+        EXPERIMENTER: ServedPage(
+            lambda sockets: document({"served": True, "page": "experimenter"}, "", f"{title}: experimenter", sockets),
+            lambda: ExperimenterPage(desk, one_moment),
+        ),
+    }  # fmt: skip
+    return PageServer(pages, port)

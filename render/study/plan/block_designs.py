@@ -6,9 +6,105 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .latin_square import balanced_square
-from .staircase import Staircase
 from .study_plan import Answer, PlannedBlock, PlannedTrial, Question, StudyPlan
+
+
+class Staircase:
+    """One track of a staircase (H. Levitt, 1971, Transformed up-down methods in psychoacoustics).
+
+    `down` correct answers in a row make it a step harder, one wrong answer a step easier, so that it converges to the
+    level at which a share of 0.5 ** (1 / down) of the answers is correct. A reversal is a move in the other direction
+    than the one before; the move that is one has the size of step after it. A move that goes beyond the first or the
+    last level ends there, and counts as `clipped`; for reversals it is a move like the others.
+
+    >>> from palpate.render.study.plan.study_plan import PlannedBlock, Question
+    >>> question = Question(name="felt", text="Did you feel it?", kind="choice", options=("no", "yes"))
+    >>> levels = (("loud",), ("middle",), ("soft",))
+    >>> track = Staircase(
+    ...     PlannedBlock(name="b", design="staircase", question=question, questions=(question,), sets=levels, down=1)
+    ... )
+    >>> track.take(is_correct=True)
+    >>> track.level, track.reversals
+    (1, 0)
+    """
+
+    def __init__(self, block: PlannedBlock) -> None:
+        self._block = block
+        self.level = block.start_level
+        """Of the next trial."""
+        self.reversals = 0
+        self.clipped = 0
+        """Moves that would have gone beyond the first or the last level."""
+        self._trials = 0
+        self._correct = 0  # in a row, at this level
+        self._direction = 0  # of the move before: 1 is harder, -1 easier
+
+    def __repr__(self) -> str:
+        """One line."""
+        return f"Staircase(level {self.level}, {self.reversals} reversals, {self._trials} trials)"
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether it has as many reversals or trials as the block asks for."""
+        return self.reversals >= self._block.reversals or self._trials >= self._block.trials_max
+
+    def take(self, is_correct: bool) -> None:
+        """Take the answer of a trial at `level`."""
+        self._trials += 1
+        self._correct = self._correct + 1 if is_correct else 0
+        if is_correct and self._correct < self._block.down:
+            return
+        self._correct = 0
+        direction = 1 if is_correct else -1
+        self.reversals += self._direction == -direction
+        self._direction = direction
+        steps = self._block.steps
+        target = self.level + direction * steps[min(self.reversals, len(steps) - 1)]
+        self.level = min(max(target, 0), len(self._block.sets) - 1)
+        self.clipped += self.level != target
+
+
+def balanced_square(count: int) -> np.ndarray:
+    """Williams' design of `count` conditions, numbered from 0: int64, shape [row, position].
+
+    `count` rows where it is even, else twice as many, as no single square is balanced then; one row for one condition.
+    Each condition comes once in a row and equally often at each position, and each ordered pair of neighbours equally
+    often. The first row is 0, 1, count - 1, 2, count - 2, ...; the others add 1, modulo `count`. Of an odd count, the
+    second half of the rows are those of the first half, read backwards.
+    """
+    if count < 1:
+        raise ValueError(f"count must be at least 1, not {count}")
+    first = np.array([(place + 1) // 2 if place % 2 else -(place // 2) for place in range(count)])
+    square = (first + np.arange(count)[:, np.newaxis]) % count
+    if count % 2 and count > 1:
+        square = np.concatenate([square, square[:, ::-1]])
+    return square
+
+
+def row_count(count: int) -> int:
+    """Rows of the balanced square of `count` conditions: so many participants fill it once."""
+    return count if count % 2 == 0 or count == 1 else 2 * count
+
+
+def square_fault(condition_count: int, participant_count: int) -> str | None:
+    """Describe why participants do not fill whole balanced squares, and the nearest that do; None where they do."""
+    rows = row_count(condition_count)
+    if participant_count > 0 and participant_count % rows == 0:
+        return None
+    below = participant_count // rows * rows
+    nearest = f"{below} or {below + rows}" if below else f"{rows}"
+    sentence = (
+        f"the order of blocks is not balanced: a balanced Latin square of {condition_count} blocks has {rows} rows, "
+        f"and {participant_count} participants fill no whole ones; the nearest that do are {nearest} participants"
+    )
+    others = [
+        count
+        for count in (condition_count - 1, condition_count + 1)
+        if count > 1 and participant_count > 0 and participant_count % row_count(count) == 0
+    ]
+    if others:
+        sentence += f", or {participant_count} with {' or '.join(map(str, others))} blocks"
+    return sentence
 
 
 class TrialCounts(NamedTuple):

@@ -2,25 +2,33 @@
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
+from functools import partial
+from itertools import product
 from pathlib import Path
 from string import Formatter
 from typing import Any, NamedTuple, cast
 
 from pydantic import BaseModel
 
-from ....datasets.known_names import likely_name
+from ....datasets.errors import DatasetError
+from ....datasets.known_names import find_name, likely_file, likely_name
+from ....datasets.shapes.built_in import shape_name, shape_names
 from ....device.errors import LimitsError
 from ....device.playing.limits import Limits
-from ...errors import PlanError, StudyPlanError
+from ...errors import PlanError, RenderError, StudyPlanError
+from ...intersection.named_inputs import HANDS
 from ...objects.mesh.placement import Placement
+from ...sampling.presets import PRESETS as SAMPLINGS
+from ...sampling.presets import load_sampling
+from ...strategies.intersection_strategy import PRESETS as STRATEGIES
+from ...strategies.intersection_strategy import load_strategy, strategy_name
 from ...sweeps.plan.document import PlanDocument, parse_plan, read_plan
 from ...sweeps.plan.line_search import Place
-from ...sweeps.plan.values import ChoiceCheck, refuse
+from ...sweeps.plan.values import ChoiceCheck, PlanFault, refuse
 from ...user_warnings import warn_user
-from ...validation import value_text
-from .stimulus_sources import StimulusSources
+from ...validation import is_number, value_text
 from .study_plan import TEXTS, Factors, PlannedBlock, PlannedStimulus, Question, StudyPlan
 from .study_tables import (
     DESIGN_KEYS,
@@ -43,7 +51,87 @@ from .study_tables import (
     StudyKeys,
     TextKeys,
 )
-from .table_expansion import TABLES_MOST, expand_table, factor_values
+
+
+class StimulusSources:
+    """Looks up what stimuli name; each name once. A name that stands for nothing raises PlanFault.
+
+    Every method takes the text of the plan and returns the name itself, or the absolute path of the file.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder.absolute()
+        self._found: dict[tuple[str, str], str | PlanFault] = {}
+
+    def find(self, key: str, text: str) -> str:
+        """What a key of a plan names: `object`, `shown`, `strategy`, `sampling`, `hand` or `file`."""
+        if (key, text) not in self._found:
+            try:
+                self._found[key, text] = _FINDERS[key](text, self.folder)
+            except PlanFault as fault:
+                self._found[key, text] = fault
+        found = self._found[key, text]
+        if isinstance(found, PlanFault):
+            refuse(found.sentence)
+        return found
+
+
+def _file(text: str, folder: Path, what: str, known: tuple[str, ...] = ()) -> str:
+    """The absolute path of a file; refused if there is none."""
+    path = folder / text
+    try:
+        is_there = path.is_file()
+    except OSError:  # such as a name that is too long
+        is_there = False
+    if not is_there:
+        meant = likely_name(text, known) or likely_file(path)
+        builtin = f"neither {what} ({', '.join(known)}) nor a file" if known else "no file"
+        refuse(f"{text!r:.200} is {builtin} in {folder}{meant}")
+    return str(path)
+
+
+def _object(text: str, folder: Path) -> str:
+    module, colon, function = text.rpartition(":")
+    if colon and function.isidentifier():  # of a module, which is loaded when the study begins
+        return f"{_file(module, folder, 'a module')}:{function}" if module.endswith(".py") else text
+    return shape_name(text) or _file(text, folder, "a built-in object", shape_names())
+
+
+def _strategy(text: str, folder: Path) -> str:
+    if found := strategy_name(text):
+        return found
+    path = _file(text, folder, "a strategy", tuple(STRATEGIES))
+    try:
+        load_strategy(path)
+    except (RenderError, DatasetError) as error:
+        refuse(str(error))
+    return path
+
+
+def _sampling(text: str, folder: Path) -> str:
+    if found := find_name(text, SAMPLINGS):
+        return found
+    path = _file(text, folder, "a sampling strategy", tuple(SAMPLINGS))
+    try:
+        load_sampling(path)
+    except (RenderError, DatasetError) as error:
+        refuse(str(error))
+    return path
+
+
+def _hand(text: str, folder: Path) -> str:
+    return find_name(text, HANDS) or _file(text, folder, "a hand", HANDS)
+
+
+_FINDERS = {
+    "object": _object,
+    "shown": _object,
+    "strategy": _strategy,
+    "sampling": _sampling,
+    "hand": _hand,
+    "file": partial(_file, what="a file"),
+}
+
 
 TABLES = ("texts", "limits", "question_before", "question_after", "stimulus", "block")
 """Keys of a plan that have tables."""
@@ -526,3 +614,105 @@ def _check_translation(key: str, text: str) -> None:
         text.format(**STAND_INS)
     except ValueError as error:
         refuse(f"cannot be filled in ({error})")
+
+
+# ---- Tables of STUDY.toml that stand for several: `for = { object = ["cube", "tube"] }` and `{object}` in other values
+
+
+TABLES_MOST = 1000
+"""That all tables of one kind stand for."""
+NUMBER_MOST = 1e12
+"""Of the values of `for`; a nan is none of them."""
+_PLACEHOLDER = re.compile(r"\{\{|\}\}|\{([A-Za-z_]\w*)\}")
+_KEY = re.compile(r"[A-Za-z_]\w*")
+Note = Callable[[Place, str], None]
+"""Notes a fault: its place within the table, and the sentence."""
+
+
+def expand_table(table: dict[str, Any], note: Note) -> list[dict[str, Any]]:
+    """The tables that a table stands for, one for each combination of the values of its `for`, the last key fastest.
+
+    A text that is exactly `{key}` becomes the value itself, so that a number stays one; within a longer text the value
+    is put in, and `{{` and `}}` are braces. A table without `for` stands for itself, and its braces stay. Returns none,
+    with the fault noted, for a `for` that cannot be used and for placeholders that it does not know.
+    """
+    if "for" not in table:
+        return [table]
+    choices = table["for"]
+    if not _can_be_used(choices, note):
+        return []
+    rest = {key: value for key, value in table.items() if key != "for"}
+    filler = _Filler(note)
+    filled = [filler.fill(rest, values, ()) for values in factor_values(table)]
+    for key in choices:
+        if key not in filler.used:
+            note(("for", key), f"is not used: no other value of the table contains {{{key}}}")
+    return filled if filler.is_fine else []
+
+
+def factor_values(table: dict[str, Any]) -> list[dict[str, Any]]:
+    """The values of `for`, by key, of each of the tables that `expand_table` gives; one without any for no `for`."""
+    choices = table.get("for", {})
+    return [dict(zip(choices, values, strict=True)) for values in product(*choices.values())]
+
+
+def _can_be_used(choices: object, note: Note) -> bool:
+    """Whether `for` is a table of keys with lists of different values; faults are noted."""
+    if not isinstance(choices, dict) or not choices:
+        note(("for",), f'must be a table of lists, such as {{ object = ["cube", "tube"] }}, not {value_text(choices)}')
+        return False
+    fine, count = True, 1
+    for key, values in choices.items():
+        what = None
+        if not _KEY.fullmatch(key):
+            what = f"must be called by letters, digits and _, not {value_text(key)}"
+        elif not isinstance(values, list) or not values:
+            what = f"must be a list of at least one value, not {value_text(values)}"
+        elif not all(isinstance(value, str) or (is_number(value) and abs(value) <= NUMBER_MOST) for value in values):
+            what = f"must be a list of texts, or of numbers in +-{NUMBER_MOST:g}, not {value_text(values)}"
+        elif len(set(map(str, values))) < len(values):
+            what = f"must be a list of different values, not {value_text(values)}"
+        else:
+            count *= len(values)
+        if what:
+            note(("for", key), what)
+            fine = False
+    if fine and count > TABLES_MOST:
+        note(("for",), f"must stand for at most {TABLES_MOST} combinations, not more")
+        return False
+    return fine
+
+
+class _Filler:
+    """Puts values into the texts of a table, and remembers which were used."""
+
+    def __init__(self, note: Note) -> None:
+        self.note = note
+        self.used: set[str] = set()
+        self.is_fine = True
+
+    def fill(self, value: Any, values: dict[str, Any], place: Place) -> Any:
+        """A copy of a value with all placeholders filled in; keys stay as they are."""
+        if isinstance(value, dict):
+            return {key: self.fill(own, values, (*place, key)) for key, own in value.items()}
+        if isinstance(value, list):
+            return [self.fill(own, values, (*place, k)) for k, own in enumerate(value)]
+        if not isinstance(value, str):
+            return value
+        alone = _PLACEHOLDER.fullmatch(value)
+        if alone and alone[1] in values:
+            self.used.add(alone[1])
+            return values[alone[1]]
+
+        def put(found: re.Match[str]) -> str:
+            key = found[1]
+            if key is None:
+                return found[0][0]  # a brace that was written twice
+            if key not in values:
+                meant, self.is_fine = likely_name(key, values), False
+                self.note(place, f"{found[0]} is no key of this table's `for`{meant}; known: {', '.join(values)}")
+                return found[0]
+            self.used.add(key)
+            return str(values[key])
+
+        return _PLACEHOLDER.sub(put, value)

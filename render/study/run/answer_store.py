@@ -25,17 +25,17 @@ from ....datasets.storage.durable import FolderLock, is_locked, sync
 from ...errors import StudyError, StudyStorageError
 from ...live.recorder import spool_folder
 from ..plan.study_plan import StudyPlan
-from .store_rows import (
+from .study_file import (
     LISTS,
     AnswerRow,
     IntervalRow,
     ParticipantProgress,
     SessionSetup,
+    StudyFile,
     columns_of,
     json_text,
     storable,
 )
-from .study_file import StudyFile
 
 POSES = "poses"
 """Folder, beside the data file, of the contour files of live intervals."""

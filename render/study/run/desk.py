@@ -1,13 +1,40 @@
 """What participant and experimenter see and say: between the thread that runs a study and the pages in browsers."""
 
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from ...errors import StudyError
 from ..plan.study_plan import Answer, Question
-from .study_clock import StudyClock
+
+
+class StudyClock:
+    """Time of CLOCK_MONOTONIC, and waiting in it. Tests have subclasses, so that a study takes seconds there."""
+
+    def __repr__(self) -> str:
+        """One line."""
+        return f"{type(self).__name__}({self.now():.3f} s)"
+
+    def now(self) -> float:
+        """The time [s of time.monotonic()]."""
+        return time.monotonic()
+
+    def wait(self, changed: threading.Condition, seconds: float, until: Callable[[], bool] | None = None) -> None:
+        """Wait on a condition, whose lock the caller holds: until `until` is true, or without it until it is notified.
+
+        seconds: that it takes at most. Without `until` it may return earlier: callers ask again.
+        """
+        if until is None:
+            changed.wait(seconds)
+        else:
+            changed.wait_for(until, seconds)
+
+    def sleep(self, seconds: float) -> None:
+        """Do nothing for a time [s]."""
+        time.sleep(seconds)
+
 
 ScreenKind = Literal["text", "question", "stimulus", "rest", "wait", "ended"]
 LOST_SECONDS = 1.5  # without a word of the participant's page, after which it counts as closed

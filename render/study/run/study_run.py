@@ -21,10 +21,9 @@ from ..plan.block_designs import block_numbers, key_order, rng_of, trial_counts,
 from ..plan.duty_account import DutyAccount, EmissionInterval
 from ..plan.study_plan import Answer, PlannedBlock, PlannedTrial, Question, StudyPlan
 from .answer_store import AnswerStore
-from .desk import KeyChoice, Response, ShownObject, StudyDesk
+from .desk import KeyChoice, Response, ShownObject, StudyClock, StudyDesk
 from .interval_player import PLAYED, DrawnInterval, IntervalPlayer, PlayedInterval
-from .store_rows import ABOUT_CONSENT, AnswerRow, IntervalRow, ParticipantProgress
-from .study_clock import StudyClock
+from .study_file import ABOUT_CONSENT, AnswerRow, IntervalRow, ParticipantProgress
 
 BEFORE, AFTER = "before", "after"
 AFTER_BLOCK = -1

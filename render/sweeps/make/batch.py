@@ -13,10 +13,9 @@ import warp as wp
 from ...intersection.batch_rendering import CPU_SPAN_BYTES, POINT_BYTES
 from ...motions.explorations.explored import joined_rows
 from ...sampling.strategy import SamplingStrategy
-from .metrics import Measured
+from .metrics import Measured, UserMetric
 from .rendering import AskedResult, Rendering
 from .unit import CHUNK_POSES, SPAN
-from .user_metrics import UserMetric
 
 GPU_POSES = 128 * CHUNK_POSES  # of a batch: 16 M, if the memory has room; launches and waits cost less than 2 % then
 GPU_SHARE = 8  # of a GPU's memory, a batch's working arrays take one eighth

@@ -36,8 +36,8 @@ from ...strategies.intersection_strategy import IntersectionStrategy, read_strat
 from ...strategies.user_stage_sources import has_own_stages, stage_sources
 from ...trust.permission import AllowCode
 from ..plan.recipe import PARTS, RANDOM_AT, RANDOM_SIZE, Recipe, RecipePart, model_of
+from .metrics import UserMetric
 from .poses import ARTICULATED, EXPLORATION, RANDOM, Poses, RandomPoses, require_unchanged
-from .user_metrics import UserMetric
 
 Value = TypeVar("Value")
 SOLIDS_KEPT = 8

@@ -47,12 +47,11 @@ from .batch import (
     poses_of,
     take_batch,
 )
-from .metrics import ChunkSlice, measure_batch
+from .metrics import ChunkSlice, UserMetric, measure_batch
 from .rendering import AskedResult, Rendering, read_recipe, recipe_cache
 from .sampling_groups import SampledAlike, divide_results
 from .unit import CHUNK_POSES, SPAN, Chunk, FailedChunk, Unit, UnitResult, text_of, this_process
 from .unsplit import Payloads, make_unsplit
-from .user_metrics import UserMetric
 
 TRANSIENT = {
     getattr(errno, name)

@@ -27,11 +27,12 @@ from .axes import (
     require_playable,
     with_distinct_names,
 )
-from .constraint import Constraint, constraint_of
-from .document import PlanDocument, PlanTable, parse_plan, read_plan
+from .document import TABLES, PlanDocument, PlanTable, parse_plan, read_plan, unknown_key
 from .expansion import (
+    Constraint,
     PartTuple,
     combine,
+    constraint_of,
     distinct_names,
     distinct_parts,
     require_few,
@@ -39,7 +40,6 @@ from .expansion import (
     unmatched,
 )
 from .line_search import Place
-from .overrides import TABLES, unknown_key
 from .recipe import GROUPS, Recipe, RecipePart, groups_of, is_user_metric
 from .sources import SourceIndex
 from .tied_keys import DrawnRange, SampleTable, Ties, drawn_ranges, placed_tables, ties_of

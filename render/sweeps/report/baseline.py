@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from ....datasets.errors import SweepStoreError
-from ....datasets.sweeps.columns import column_arrays
 from ....datasets.sweeps.table import write_table
+from ....datasets.sweeps.table_text import column_arrays
 from ...errors import SweepError
-from .compare import Baseline, Tolerance, as_floats, tolerance_of
-from .matching import pair_rows
+from .compare import Baseline, Tolerance, as_floats, pair_rows, tolerance_of
 from .table import UNITS, column_units, is_axis, is_metric, plain_cell, split_constants
 
 Table = Mapping[str, Sequence[Any] | np.ndarray]

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 from ...terminal.bars import progress_bar
 from ...terminal.foreign_text import errors, print_message
-from ..run.progress import SweepProgress, clock_time
+from ..run.sweep_run import SweepProgress, clock_time
 
 LINE_SECONDS = 30.0
 """Least time between two lines; a sweep that takes less prints none."""

@@ -11,12 +11,21 @@ from typing import TYPE_CHECKING
 from ....datasets.storage.durable import open_own
 from ...errors import SweepError
 from ...terminal.foreign_text import visible
-from ..run.progress import clock_time
+from ..run.sweep_run import clock_time
 from .compare import ROWS_SHOWN, Comparison
-from .failures import failure_rows
 
 if TYPE_CHECKING:
     from ..run.sweep_run import SweepReport
+from ....datasets.sweeps.store import Failure
+
+
+def failure_rows(failures: Sequence[Failure]) -> list[tuple[str, str]]:
+    """Recipes that failed and why, one row a reason."""
+    names: dict[str, list[str]] = {}
+    for failure in failures:
+        names.setdefault(failure.sentence.removeprefix(f"{failure.name}: "), []).append(failure.name)
+    return [(own[0] + (f" and {len(own) - 1} more" if own[1:] else ""), why) for why, own in names.items()]
+
 
 TEXT_MOST = 300  # characters of a text from outside
 # Signs that could begin markup, HTML or a link; an underscore inside a word begins nothing.

@@ -21,7 +21,7 @@ from ..plan.loading import Plan
 from ..plan.recipe import WHOLE_GROUPS, Recipe, is_user_metric
 from .executors import START_SECONDS
 from .missing import Counts, Missing, PendingChunk
-from .progress import clock_time
+from .sweep_run import clock_time
 
 POSES_MOST = 10**12  # beyond, a sweep is made only with --yes
 RECIPES_SIZED = 200  # whose bytes are counted; the others count as their mean

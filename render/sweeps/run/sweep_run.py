@@ -8,8 +8,8 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
-from ....datasets.sweeps.network_disk import network_file_system
 from ....datasets.sweeps.store import Failure, SweepStore, is_read_only
+from ....datasets.sweeps.store_database import network_file_system
 from ...errors import SweepError
 from ...runtime.worker_devices import worker_devices
 from ...user_warnings import warn_user
@@ -17,12 +17,34 @@ from ..make.poses import pose_count
 from ..make.unit import Unit
 from ..plan.code_version import code_version
 from ..plan.recipe import Recipe, SweepPlan
-from .executors import Pool, pools_of
-from .memory import default_memory
+from .executors import Pool, default_memory, pools_of
 from .missing import Counts, Missing, PendingChunk
-from .progress import SweepProgress
-from .unit_cutting import UnitCutter
-from .unit_loop import UNIT_SECONDS, RunFigures, UnitLoop
+from .unit_loop import UNIT_SECONDS, RunFigures, UnitCutter, UnitLoop
+
+
+@dataclass(frozen=True)
+class SweepProgress:
+    """How far a sweep is."""
+
+    recipes: int
+    """Made, there already, or given up."""
+    recipe_count: int
+    poses: int
+    """Rendered in this run."""
+    rate: float
+    """Poses a second."""
+    seconds_left: float | None
+    """To go; None before any result has come."""
+
+
+def clock_time(seconds: float) -> str:
+    """A duration for people: seconds, minutes, hours or days, in two of them."""
+    whole = round(seconds)
+    for unit, length, lower, below in (("d", 86400, "h", 3600), ("h", 3600, "min", 60), ("min", 60, "s", 1)):
+        if whole >= length:
+            return f"{whole // length} {unit} {whole % length // below} {lower}"
+    return f"{whole} s" if seconds >= 9.5 else f"{seconds:.1f} s"
+
 
 GPU_PROCESSES = 4  # on each GPU: while one computes, others add up and encode results, half of a unit's time on an H200
 SHOW_SECONDS = 0.5  # between two calls of `progress`
@@ -111,7 +133,7 @@ def run_sweep(
         missing = Missing(plan.recipes(), plan.groups, done=store.done, pose_count=count_poses, shard=shard)
         counts = missing.counts
         cutter = UnitCutter(missing.places(), missing.poses_by_family)
-        tally = RunFigures()
+        figures = RunFigures()
         if not cutter.is_empty:
             if mode == "read":
                 raise SweepError(
@@ -134,25 +156,25 @@ def run_sweep(
                 loop.run()
             finally:
                 _note_failures(store, missing)
-            tally = loop.tally
+            figures = loop.figures
         else:
             _note_failures(store, missing)
         for sentence in store.damaged:
-            tally.note(sentence)
+            figures.note(sentence)
     return SweepReport(
         recipes=counts.recipes,
         recipes_left=counts.left,
         poses=counts.poses,
-        poses_rendered=tally.poses,
+        poses_rendered=figures.poses,
         poses_reused=max(0, counts.poses - counts.poses_once),
         seconds=time.monotonic() - begun,
-        units=tally.units,
-        retries=tally.retries,
-        workers_lost=tally.workers_lost,
-        rows=tally.rows,
-        executor="; ".join(tally.names) or None,
+        units=figures.units,
+        retries=figures.retries,
+        workers_lost=figures.workers_lost,
+        rows=figures.rows,
+        executor="; ".join(figures.names) or None,
         failures=tuple(missing.failures),
-        notes=tuple(text if times == 1 else f"{text} ({times} times)" for text, times in tally.notes.items()),
+        notes=tuple(text if times == 1 else f"{text} ({times} times)" for text, times in figures.notes.items()),
     )
 
 
@@ -175,9 +197,9 @@ class _SweepLoop:
         self._loop = UnitLoop(missing, cutter, store, pools, self._unit_of, limit=limit, on_turn=self._show)
 
     @property
-    def tally(self) -> RunFigures:
+    def figures(self) -> RunFigures:
         """What has happened."""
-        return self._loop.tally
+        return self._loop.figures
 
     def run(self) -> None:
         """Make everything."""
@@ -207,7 +229,7 @@ class _SweepLoop:
         if now < self._shown + SHOW_SECONDS:
             return
         self._shown = now
-        counts, poses, seconds = self._missing.counts, self.tally.poses, now - self._begun
+        counts, poses, seconds = self._missing.counts, self.figures.poses, now - self._begun
         left = None
         if poses:
             capacity = sum(pool.capacity for pool in self._loop.pools)

@@ -19,7 +19,7 @@ from __future__ import annotations
 import re
 import time
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import dataclass, field
 
@@ -29,7 +29,69 @@ from ...runtime.interrupt import interrupt_between
 from ..make.unit import FailedChunk, Unit, UnitResult, text_of
 from .executors import Ended, Pool
 from .missing import Missing, PendingChunk
-from .unit_cutting import UnitCutter
+
+SECONDS = {"cpu": 2.0, "cuda": 3.0}  # of a unit: long beside handing it over, short beside what a kill may lose
+RATE_FIRST = {"cpu": 1e4, "cuda": 2e6}  # [pose/s] supposed until any unit was made
+FIRST_SHARE = 0.25  # of a unit's length, that of the first unit of a family, whose speed is not known
+CHUNKS_FIRST, CHUNKS_MOST = 8, 1000  # of a unit of a family whose speed is not known, and of any
+BLEND = 0.5  # weight of the last unit in a family's speed
+
+
+class UnitCutter:
+    """Cuts chunks of one family into units; chunks of one place stay together.
+
+    places: as `Missing.places` gives them. poses: to be made of each family.
+    """
+
+    def __init__(self, places: Iterator[list[PendingChunk]], poses: dict[str, int]) -> None:
+        self._places, self._poses = places, dict(poses)
+        self._next: list[PendingChunk] = next(places, [])
+        self._rates: dict[str, float] = {}
+        self._done_poses, self._done_seconds = 0, 0.0
+        self._kind = "cpu"
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether all was given."""
+        return not self._next
+
+    def rate(self, family: str) -> float:
+        """Poses a second of one worker: of the family, else of all that was made, else supposed."""
+        mean = self._done_poses / self._done_seconds if self._done_seconds else RATE_FIRST[self._kind]
+        return self._rates.get(family, mean)
+
+    def seconds_left(self) -> float:
+        """For one worker, of what was not given yet."""
+        return sum(poses / self.rate(family) for family, poses in self._poses.items())
+
+    def take(self, device: str, worker_count: int = 1) -> list[PendingChunk]:
+        """Chunks for one of some workers with a device; none if all was given."""
+        self._kind = "cuda" if device.startswith("cuda") else "cpu"
+        if not self._next:
+            return []
+        family = self._next[0].family
+        seconds = SECONDS[self._kind] * (1.0 if family in self._rates else FIRST_SHARE)
+        room = min(seconds * self.rate(family), self._poses[family] / worker_count)
+        most = CHUNKS_MOST if family in self._rates else CHUNKS_FIRST
+        chunks: list[PendingChunk] = []
+        while self._next and self._next[0].family == family and (not chunks or self._next[0].pose_count <= room):
+            if len(chunks) >= most:
+                break
+            room -= self._next[0].pose_count
+            self._poses[family] = max(0, self._poses[family] - self._next[0].pose_count)
+            chunks += self._next
+            self._next = next(self._places, [])
+        return chunks
+
+    def learn(self, family: str, poses: int, seconds: float) -> None:
+        """Take note of the time that a unit took."""
+        if not poses or seconds <= 0.0:
+            return
+        known = self._rates.get(family, poses / seconds)
+        self._rates[family] = 1.0 / ((1.0 - BLEND) / known + BLEND * seconds / poses)
+        self._done_poses += poses
+        self._done_seconds += seconds
+
 
 UNIT_SECONDS = 1800.0  # that a unit may take by default
 WAIT = 0.5  # [s] for a result, before what takes too long is looked at, and Ctrl-C
@@ -107,7 +169,7 @@ class UnitLoop:
         wait: Wait = wait_for,
     ) -> None:
         self.missing, self.cutter, self.pools = missing, cutter, pools
-        self.tally = RunFigures()
+        self.figures = RunFigures()
         self._store, self._unit_of, self._limit, self._on_turn = store, unit_of, limit, on_turn
         self._clock, self._wait = clock, wait
         self._running: dict[Future[UnitResult], GivenUnit] = {}
@@ -170,7 +232,7 @@ class UnitLoop:
             pool.restart()
             return False
         self._running[future], self._idle = unit, 0.0
-        self.tally.names[pool.name] = None
+        self.figures.names[pool.name] = None
         return True
 
     def _free_pool(self) -> Pool | None:
@@ -228,13 +290,13 @@ class UnitLoop:
         if result.refusal is not None:
             raise SweepError(f"{self._pool_of(unit).name}: {result.refusal}")
         for text in result.warnings:
-            self.tally.note(text)
-        self.tally.units += 1
+            self.figures.note(text)
+        self.figures.units += 1
         if result.is_unnamed and len(unit.chunks) > 1:
             self._give_again(unit.chunks)
             return
         self._held.append(result)
-        self.tally.poses += result.pose_count
+        self.figures.poses += result.pose_count
         failed = {own.place: own for own in result.failed}
         if failed:
             self._record()  # giving up asks the store
@@ -259,21 +321,21 @@ class UnitLoop:
             self.missing.give_up(chunk, failed.message)
             return
         self._later.append((self._clock() + SYSTEM_WAIT * 2 ** (chunk.tries - 1), GivenUnit([chunk])))
-        self.tally.retries += 1
+        self.figures.retries += 1
 
     def _give_again(self, chunks: Collection[PendingChunk], *, alone: bool = False) -> None:
         """Have chunks made again, each in a unit of its own."""
         self._again.extend(GivenUnit([chunk], is_alone=alone) for chunk in chunks)
-        self.tally.retries += len(chunks)
+        self.figures.retries += len(chunks)
 
     def _lose(self, unit: GivenUnit, why: str) -> None:
         """A unit whose worker died."""
         pool = self._pool_of(unit)
-        self.tally.workers_lost += 1
-        self.tally.note(f"a worker of {pool.name} died: {why}")
+        self.figures.workers_lost += 1
+        self.figures.note(f"a worker of {pool.name} died: {why}")
         if not unit.is_alone:
             self._again.append(GivenUnit(unit.chunks, is_alone=True))
-            self.tally.retries += 1
+            self.figures.retries += 1
         elif len(unit.chunks) > 1:
             self._give_again(unit.chunks, alone=True)
         else:
@@ -290,7 +352,7 @@ class UnitLoop:
         results, self._held = self._held, []
         rows = [row for result in results for row in result.rows]
         if rows:
-            self.tally.rows += self._store.add(rows, dict(pair for result in results for pair in result.files))
+            self.figures.rows += self._store.add(rows, dict(pair for result in results for pair in result.files))
 
     # ---- watching
 
@@ -323,8 +385,8 @@ class UnitLoop:
             self._again.append(unit)
             return
         why = f"it took longer than the {self._limit:g} s that a unit may take (unit_timeout): {ended.value}"
-        self.tally.workers_lost += 1
-        self.tally.note(f"{pool.name}: a unit was ended, as {why}")
+        self.figures.workers_lost += 1
+        self.figures.note(f"{pool.name}: a unit was ended, as {why}")
         if len(unit.chunks) == 1:
             self.missing.give_up(unit.chunks[0], f"{unit.chunks[0].title}: {why}")
         else:

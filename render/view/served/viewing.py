@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Self
 
-from ....datasets.sweeps.check import is_store
+from ....datasets.sweeps.merging import is_store
 from ...contour_input import takes_batches
 from ...errors import StrategyError, ViewError
 from ...live.handle import Live

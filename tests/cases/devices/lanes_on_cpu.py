@@ -17,7 +17,7 @@ import warp as wp
 from warp._src import codegen  # its template gives lanes their order
 
 import palpate.kernels.section
-from palpate.kernels import lanes, warps
+from palpate.kernels.section import lanes
 
 GPU = SimpleNamespace(is_cpu=False, is_cuda=True, sm_count=1)
 ASKED = ("lane_count", "group_count", "threads_for", "claiming_lanes", "lists_steps")
@@ -164,8 +164,7 @@ def modules():
     section = palpate.kernels.section
     for found in pkgutil.iter_modules(section.__path__, f"{section.__name__}."):
         importlib.import_module(found.name)
-    names = [f"palpate.kernels.{name}" for name in ("lanes", "warps", "section")]
-    return [module for name, module in sys.modules.items() if name.startswith(tuple(names))]
+    return [module for name, module in sys.modules.items() if name.startswith(section.__name__)]
 
 
 def map_near_memory():
@@ -190,7 +189,7 @@ def emulate_lanes(order):
     map_near_memory()
     for module in modules():
         for name, x in list(vars(module).items()):
-            if name in ASKED and module not in (lanes, warps):  # tests call these two modules' functions as they are
+            if name in ASKED and module is not lanes:  # tests call its functions as they are
                 setattr(module, name, lambda device, *rest, ask=x: ask(GPU, *rest))
             source = getattr(x, "native_snippet", None)
             if source and "__CUDA_ARCH__" in source:

@@ -14,7 +14,7 @@ from palpate.render.hands.hand import Palm
 from palpate.render.live.counts import Durations
 from palpate.render.live.moment import LiveMoment, LiveScene
 from palpate.render.sampling.strategy import SamplingStrategy
-from palpate.render.study.pages.study_server import study_server
+from palpate.render.study.pages.experimenter_page import study_server
 from palpate.render.study.plan.study_plan import Question
 from palpate.render.study.run.desk import KeyChoice, ShownObject, StudyDesk
 from palpate.render.view.served.page_server import HOST

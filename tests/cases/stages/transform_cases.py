@@ -26,9 +26,9 @@ def run_stage(name, batch, setting, **options):
     return entry.function(batch, setting, **entry.values(stage, setting.focal_width)).numpy()
 
 
-def a_setting(pose, *, thing=None, hand=None, device="cpu", moved=None):
+def a_setting(pose, *, solid=None, hand=None, device="cpu", object_pose=None):
     return Setting(
-        thing, hand or Palm(), np.asarray(pose, np.float32), 0, device, FOCAL_WIDTH, 0.0025, object_pose=moved
+        solid, hand or Palm(), np.asarray(pose, np.float32), 0, device, FOCAL_WIDTH, 0.0025, object_pose=object_pose
     )
 
 
@@ -150,7 +150,7 @@ def rendered(rng, device, *, thing="tube", hand=None, moved=False, count=25):
     intensity[batch.polyline_start[1:] - 1] = intensity[batch.polyline_start[:-1]]
     batch = ContourBatch(**{**batch.by_name(), "intensity": intensity})
     return batch, a_setting(
-        pose, thing=solid, hand=hand, device=device, moved=near_poses(rng, count) if moved else None
+        pose, solid=solid, hand=hand, device=device, object_pose=near_poses(rng, count) if moved else None
     )
 
 

@@ -2,10 +2,10 @@
 
 import contextlib
 
-from palpate.render.study.analysis.study_table import AnswerRecord, RatioRecord, StudyTable
+from palpate.render.study.analysis.answer_reading import AnswerRecord, RatioRecord, StudyTable
 from palpate.render.study.plan.block_designs import block_numbers, rng_of, trials_of
 from palpate.render.study.plan.study_reading import read_stored_study
-from palpate.render.study.run.store_rows import AnswerRow
+from palpate.render.study.run.study_file import AnswerRow
 
 QUESTION = 'question = "Which one felt denser?"'
 PAPER = """

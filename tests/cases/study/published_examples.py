@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.render.study.analysis import hypothesis_tests as ht
+from palpate.render.study.analysis.hypothesis_tests import StatisticalTest
 from palpate.render.study.analysis.psychometric_fit import fit_psychometric
-from palpate.render.study.analysis.statistical_test import StatisticalTest
 
 
 @dataclass(frozen=True, kw_only=True)

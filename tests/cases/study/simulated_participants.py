@@ -16,17 +16,16 @@ from study_observers import PAPER_RATIOS, DrawnRatios, Mind, Observer
 from virtual_clock import VirtualClock
 
 from palpate.render.live.session import Onset
-from palpate.render.study.analysis.study_table import AnswerRecord, RatioRecord, StudyTable
+from palpate.render.study.analysis.answer_reading import AnswerRecord, RatioRecord, StudyTable
 from palpate.render.study.pages.participant_page import ParticipantPage
 from palpate.render.study.plan.block_designs import block_numbers, rng_of, trials_of
 from palpate.render.study.plan.duty_account import DutyAccount, EmissionInterval
 from palpate.render.study.plan.stimulus_judgement import LIVE_TAIL
 from palpate.render.study.plan.study_plan import PlannedBlock, PlannedTrial, Question, StudyPlan
 from palpate.render.study.run.answer_store import AnswerStore
-from palpate.render.study.run.desk import StudyDesk
+from palpate.render.study.run.desk import StudyClock, StudyDesk
 from palpate.render.study.run.interval_player import PLAYED, DrawnInterval, PlayedInterval
-from palpate.render.study.run.store_rows import ABOUT_CONSENT, SessionSetup
-from palpate.render.study.run.study_clock import StudyClock
+from palpate.render.study.run.study_file import ABOUT_CONSENT, SessionSetup
 from palpate.render.study.run.study_run import AFTER, AFTER_BLOCK, AGREED, BEFORE, FINISHED, StudyRun, keys_of
 from palpate.render.view.packing import Packer
 from palpate.render.view.served.page_server import PageRequest

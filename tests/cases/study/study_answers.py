@@ -13,7 +13,7 @@ from pathlib import Path
 from palpate.render.errors import StudyError
 from palpate.render.study.plan.study_plan import PlannedBlock, PlannedStimulus, Question, StudyPlan
 from palpate.render.study.run.answer_store import AnswerStore
-from palpate.render.study.run.store_rows import AnswerRow, IntervalRow
+from palpate.render.study.run.study_file import AnswerRow, IntervalRow
 
 TEXT = 'title = "Infill"\nseed = 3\n\n[[block]]\nname = "cube"\n'
 QUESTION = Question(name="answer", text="Which one felt denser?", kind="choice", options=("First", "Second"))

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from palpate.render.study.run.study_clock import StudyClock
+from palpate.render.study.run.desk import StudyClock
 
 SECONDS_MOST = 6 * 3600.0  # after which a run counts as one that never ends
 EMPTY_WAITS_MOST = 100  # in a row, with nothing that could end them

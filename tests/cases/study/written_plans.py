@@ -1,6 +1,6 @@
 """Plans of studies: the founding paper's study and pilot, and a plan with every design and every kind of question."""
 
-from palpate.render.study.plan.example_plans import example_text
+from palpate.render.study.plan.study_plan import example_text
 
 PAPER, PILOT = example_text("paper"), example_text("pilot")
 HEAD = """\

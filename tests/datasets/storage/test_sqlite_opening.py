@@ -10,7 +10,7 @@ import pytest
 
 from palpate.datasets.errors import SweepStoreError
 from palpate.datasets.storage.durable import FolderLock
-from palpate.datasets.sweeps.check import check_store
+from palpate.datasets.sweeps.merging import check_store
 from palpate.datasets.sweeps.result_row import ResultRow
 from palpate.datasets.sweeps.store import Failure, SweepStore
 

@@ -1,6 +1,5 @@
 """A sweep's store: results recorded once, proven by digests, found again by what they depend on."""
 
-import json
 import os
 import signal
 import sqlite3
@@ -13,12 +12,11 @@ import pytest
 import xxhash
 
 from palpate.datasets import ResultRow, SweepStore
-from palpate.datasets.errors import NotStoreError, SweepStoreError
-from palpate.datasets.sweeps import network_disk
-from palpate.datasets.sweeps.check import check_store
-from palpate.datasets.sweeps.merging import merge_store
+from palpate.datasets.errors import SweepStoreError
+from palpate.datasets.sweeps.merging import check_store, merge_store
 from palpate.datasets.sweeps.result_row import columns_of
 from palpate.datasets.sweeps.store import Failure
+from palpate.datasets.sweeps.store_database import network_file_system
 
 CODE, OTHER = "code 1", "code 2"
 KEEP = "keep-focal-points"
@@ -64,15 +62,6 @@ def test_results_are_recorded_once_and_given_in_the_order_asked_for(folder):
     assert found[0][3] == {"length": 0.25}
 
 
-def test_more_keys_than_a_statement_takes_are_looked_up(folder):
-    keys = [f"{k:04}" for k in range(2500)]
-    with SweepStore(folder, CODE, mode="write") as store:
-        store.add([row(key) for key in keys])
-        asked = [("contours", key) for key in reversed(keys)]
-        assert all(store.done(asked).values())
-        assert [key for _, key, _, _ in store.results(asked)] == keys[::-1]
-
-
 def test_digests_are_xxh3_of_identity_and_content(folder):
     """As docs/formats/sweep-store.md has it, by xxhash alone."""
     own = row(length=0.5)
@@ -91,12 +80,6 @@ def test_columns_come_back_bit_identical_chunk_by_chunk(folder):
         store.add([row(chunk=k, group="poses", columns={"length": own}) for k, own in enumerate(values)])
         found = dict(store.column_chunks("a1"))
     assert all(found[k]["length"].tobytes() == own.tobytes() for k, own in enumerate(values))
-
-
-@pytest.mark.parametrize("blob", [b"", b"PK", b"no zip at all"])
-def test_columns_that_are_none_are_refused(blob):
-    with pytest.raises(ValueError, match="columns cannot be read"):
-        columns_of(blob)
 
 
 def test_columns_that_grow_when_unpacked_are_refused(tmp_path):
@@ -224,54 +207,7 @@ def test_rows_of_other_types_are_damage(folder, change):
         assert store.done([("contours", "a"), ("contours", "b")]) == {("contours", "a"): set(), ("contours", "b"): {0}}
 
 
-def test_a_folder_is_unlocked_when_opening_fails_after_its_lock(folder, monkeypatch):
-    monkeypatch.setattr(SweepStore, "_number_of", lambda *_: 1 / 0)
-    with pytest.raises(ZeroDivisionError):
-        SweepStore(folder, CODE, mode="write")
-    monkeypatch.undo()
-    SweepStore(folder, CODE, mode="write").close()
-
-
-def test_the_lock_ends_although_a_forked_child_lives(folder):
-    store = SweepStore(folder, CODE, mode="write")
-    child = os.fork()
-    if not child:
-        time.sleep(60.0)
-        os._exit(0)
-    try:
-        store.close()
-        SweepStore(folder, CODE, mode="write").close()
-    finally:
-        os.kill(child, signal.SIGKILL)
-        os.waitpid(child, 0)
-
-
-def test_failures_and_runs_are_kept_by_code_version(folder):
-    with SweepStore(folder, CODE, mode="write") as store:
-        store.replace_failures([Failure("h1", "one", "no"), Failure("h2", "two", "no")])
-        store.replace_failures([Failure("h1", "one", "never")])
-        number = store.begin_run("study")
-        assert store.last_run()["state"] == "not ended"
-        store.end_run(number, "ended")
-    with SweepStore(folder, OTHER, mode="write") as store:
-        assert store.failures() == []
-        assert store.failure_counts() == {CODE: 1}
-        assert store.last_run()["state"] == "ended"
-    with SweepStore(folder, CODE) as store:
-        assert store.failures() == [Failure("h1", "one", "never")]
-
-
 # Opening
-
-
-def test_reading_takes_the_code_version_that_recorded_last_and_changes_nothing(folder):
-    written(written(folder, row("a"), code=CODE), row("b", code=OTHER), code=OTHER)
-    before = (folder / "store.sqlite").read_bytes()
-    with SweepStore(folder) as store:
-        assert (store.code, list(store.code_versions())) == (OTHER, [CODE, OTHER])
-        with pytest.raises(SweepStoreError, match="opened for reading"):
-            store.add([row("c")])
-    assert (folder / "store.sqlite").read_bytes() == before
 
 
 def test_one_process_writes_at_a_time_and_others_read(folder):
@@ -305,49 +241,6 @@ def test_a_strangers_tables_are_refused(folder, statement):
     changed(written(folder), statement)
     with pytest.raises(SweepStoreError, match="its tables are not a store's"):
         SweepStore(folder, CODE)
-
-
-def test_another_programs_database_is_refused(folder):
-    folder.mkdir()
-    changed(folder, "CREATE TABLE a (b)")
-    with pytest.raises(NotStoreError, match="another program wrote it"):
-        SweepStore(folder, CODE, mode="write")
-
-
-def test_damaged_files_say_so_with_the_way_out(folder):
-    path = written(folder, *(row(str(k)) for k in range(200))) / "store.sqlite"
-    content = bytearray(path.read_bytes())
-    content[4096:20000] = bytes(20000 - 4096)
-    path.write_bytes(content)
-    assert "move it away and run the sweep again" in check_store(folder)[0]
-
-
-def test_folders_with_other_things_are_refused(folder):
-    folder.mkdir()
-    (folder / "thesis.tex").write_text("x")
-    with pytest.raises(NotStoreError, match=r"holds other things \(thesis.tex\)"):
-        SweepStore(folder, CODE, mode="write")
-    with pytest.raises(NotStoreError, match=r"no store.sqlite"):
-        SweepStore(folder)
-
-
-def test_a_folder_whose_database_was_lost_is_taken_up(folder):
-    with SweepStore(folder, CODE, mode="write") as store:
-        store.add(*kept())
-    (folder / "store.sqlite").unlink()
-    (folder / "table.csv").write_text("")
-    with SweepStore(folder, CODE, mode="write") as store:
-        assert store.done([(KEEP, "k1")]) == {(KEEP, "k1"): set()}
-        assert store.add(*kept()) == 1
-
-
-def test_a_link_in_the_place_of_the_database_is_refused(folder, tmp_path):
-    written(tmp_path / "other")
-    folder.mkdir()
-    (folder / "store.sqlite").symlink_to(tmp_path / "other/store.sqlite")
-    for mode in ("read", "write"):
-        with pytest.raises(SweepStoreError, match=r"no regular file|symbolic links"):
-            SweepStore(folder, CODE, mode=mode)
 
 
 KILLED = """
@@ -393,16 +286,6 @@ def test_merging_adds_what_is_missing_once(folder, tmp_path):
         assert len(list(store.column_chunks("a1"))) == 1
 
 
-def test_merging_keeps_the_whole_kept_file_of_the_target(folder, tmp_path):
-    for place, content in ((folder, b"mine"), (tmp_path / "b", b"theirs")):
-        with SweepStore(place, CODE, mode="write") as store:
-            store.add(*kept(content=content))
-    assert merged(folder, tmp_path / "b").results == 0
-    assert (folder / "focal-points/k1.h5").read_bytes() == b"mine"
-    with SweepStore(folder, CODE) as store:
-        assert store.done([(KEEP, "k1")]) == {(KEEP, "k1"): {0}}
-
-
 def test_merging_leaves_damage_out_and_names_it(folder, tmp_path):
     changed(written(tmp_path / "b", row("a"), row("b")), 'UPDATE result SET payload = "{}" WHERE key = "a"')
     found = merged(folder, tmp_path / "b")
@@ -438,12 +321,4 @@ def test_merging_leaves_damaged_kept_files_out(folder, tmp_path, content):
 )
 def test_the_nearest_mount_tells_whether_a_disk_is_of_a_network(tmp_path, mounts, kind):
     (tmp_path / "mounts").write_text(mounts)
-    assert network_disk.network_file_system(tmp_path.__class__("/home/a/store"), tmp_path / "mounts") == kind
-
-
-def test_payloads_hold_what_json_holds():
-    assert json.loads(row(value=np.float32(0.5)).payload) == {"value": 0.5}
-    with pytest.raises(SweepStoreError, match="not ndarray"):
-        row(value=np.zeros(2))
-    with pytest.raises(SweepStoreError, match="a column cannot have the name 'file'"):
-        row(columns={"file": np.zeros(2)})
+    assert network_file_system(tmp_path.__class__("/home/a/store"), tmp_path / "mounts") == kind

@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 
 from palpate.datasets.errors import SweepStoreError
 from palpate.datasets.sweeps import table as table_module
-from palpate.datasets.sweeps.columns import column_arrays
 from palpate.datasets.sweeps.table import load_table, write_blocks, write_table
-from palpate.datasets.sweeps.table_text import cell_text, csv_content
+from palpate.datasets.sweeps.table_text import column_arrays
 
 COLUMNS = {
     "object": ["tube", "dög, #1", None],
@@ -90,23 +89,6 @@ def test_libraries_read_it_in_one_line_without_palpate(tmp_path, suffix, read):
     assert_rows(rows_of(read(tmp_path / f"t{suffix}")))
 
 
-@pytest.mark.exhaustive  # imports both
-def test_xarray_takes_it_from_pandas(tmp_path):
-    pandas = pytest.importorskip("pandas")
-    pytest.importorskip("xarray")
-    axes = {"seed": [1, 1, 2, 2], "speed": [5, 7, 5, 7]}
-    write_table(tmp_path / "t.csv", axes | {"r": [0.5, 1.5, 2.5, None]})
-    data = pandas.read_csv(tmp_path / "t.csv").set_index(list(axes)).to_xarray()
-    np.testing.assert_array_equal(data["r"], [[0.5, 1.5], [2.5, np.nan]])
-
-
-def test_units_are_with_the_columns_of_parquet(tmp_path):
-    parquet = pytest.importorskip("pyarrow.parquet")
-    write_table(tmp_path / "t.parquet", COLUMNS, units={"length": "m"})
-    schema = parquet.read_schema(tmp_path / "t.parquet")
-    assert {field.name: field.metadata for field in schema if field.metadata} == {"length": {b"units": b"m"}}
-
-
 @BOTH
 def test_constants_are_columns_when_a_table_is_read(tmp_path, suffix):
     constants = {"maker": "me", "speed": 7.0, "object_fit": None, "seed": 3}
@@ -117,14 +99,6 @@ def test_constants_are_columns_when_a_table_is_read(tmp_path, suffix):
     if suffix == ".csv":
         lines = (tmp_path / "t.csv").read_text().splitlines()
         assert lines[1:] == ['# maker = "me"', "# speed = 7", "# object_fit = null", "# seed = 3", "r", "0.1", "0.2"]
-
-
-@BOTH
-def test_a_table_without_rows_or_columns_is_a_table(tmp_path, suffix):
-    for columns in ({}, {"a": [], "b": np.zeros(0, np.int64)}):
-        write_table(tmp_path / f"t{suffix}", columns)
-        loaded = load_table(tmp_path / f"t{suffix}")
-        assert {name: len(column) for name, column in loaded.items()} == dict.fromkeys(columns, 0)
 
 
 @pytest.mark.parametrize(
@@ -146,25 +120,6 @@ def test_what_no_table_holds_is_refused_and_names_the_column(columns, reason):
         column_arrays(columns)
 
 
-TEXT = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=8)
-SCALARS = st.none() | st.booleans() | st.integers(-(2**53), 2**53) | st.floats(allow_nan=False)
-
-
-@pytest.mark.exhaustive
-@settings(max_examples=60)
-@given(numbers=st.lists(SCALARS, min_size=1, max_size=6), texts=st.lists(TEXT, min_size=6, max_size=6))
-def test_both_formats_hold_the_same(tmp_path_factory, numbers, texts):
-    folder = tmp_path_factory.mktemp("both")
-    names = [f"n {text}" for text in texts[: len(numbers)]]
-    for suffix in (".csv", ".parquet"):
-        write_table(folder / f"t{suffix}", {"number": numbers, "name": names}, constants={"last": names[-1]})
-        columns = load_table(folder / f"t{suffix}")
-        expected = [math.nan if number is None else number for number in numbers]
-        np.testing.assert_array_equal(columns["number"].astype(float), np.array(expected, float))
-        assert columns["name"].tolist() == names
-        assert columns["last"].tolist() == [names[-1]] * len(names)
-
-
 # ---- CSV
 
 FORMULAS = ["=1+1", '=HYPERLINK("http://a")', "+1 m", "-cube", "@SUM(A1)", "\t=1", "\r=1", "'=1", "''@a"]
@@ -181,29 +136,6 @@ def test_no_cell_is_a_formula_and_names_come_back(tmp_path, names):
     assert not [cell for cell in cells if cell[0] in "=+-@\t\r" and cell != "-5"]
     if names is not FORMULAS:
         assert cells == names
-
-
-@pytest.mark.exhaustive
-@given(st.lists(st.floats(allow_nan=False), min_size=2, max_size=6, unique=True), st.data())
-def test_one_number_that_moves_changes_one_line(numbers, data):
-    row = data.draw(st.integers(0, len(numbers) - 1))
-    moved = [math.nextafter(own, 0.0 if own else 1.0) if k == row else own for k, own in enumerate(numbers)]
-    before, after = (csv_content(column_arrays({"r": own})).splitlines() for own in (numbers, moved))
-    assert [k for k, (one, other) in enumerate(zip(before, after, strict=True)) if one != other] == [1 + row]
-
-
-def test_pandas_reads_one_with_constants_and_odd_names(tmp_path):
-    pandas = pytest.importorskip("pandas")
-    names = ["#1", 'a "b", c', "two\nlines", "cr\rhere"]
-    write_table(tmp_path / "t.csv", {"name": names, "r": [1.5, None, 3.0, 4.0]}, constants={"maker": "me"})
-    frame = pandas.read_csv(tmp_path / "t.csv", comment="#", lineterminator="\n")
-    assert frame["name"].tolist() == names
-    assert frame["r"].tolist() == pytest.approx([1.5, math.nan, 3.0, 4.0], nan_ok=True)
-
-
-def test_a_cell_has_one_text_for_each_meaning():
-    cells = (7, 7.0, True, None, math.nan, 0.1, -0.0, "7")
-    assert [cell_text(value) for value in cells] == ["7", "7", "1", "", "", "0.1", "0", "7"]
 
 
 HEAD = "# palpate text table 1\n"
@@ -232,18 +164,6 @@ def test_digits_that_are_no_number_stay_text_and_large_numbers_are_floats(tmp_pa
         assert load_table(tmp_path / "t.csv")["recipe_hash"].tolist() == [key]
     (tmp_path / "t.csv").write_text("a\n99999999999999999999\n1\n")
     assert load_table(tmp_path / "t.csv")["a"].tolist() == [1e20, 1.0]
-
-
-@given(st.one_of(st.text('#= ,"a1.e-\n\r{[', max_size=40).map(str.encode), st.binary(max_size=40)))
-def test_any_bytes_are_a_table_or_refused(tmp_path_factory, content):
-    path = tmp_path_factory.mktemp("text") / "t.csv"
-    path.write_bytes(HEAD.encode() + content)
-    try:
-        found = {len(values) for values in load_table(path).values()}
-    except SweepStoreError as error:
-        found = {str(path) in str(error)}
-    assert len(found) <= 1
-    assert False not in {own for own in found if isinstance(own, bool)}
 
 
 def test_constants_take_no_more_memory_than_a_file_may(tmp_path, monkeypatch):
@@ -300,19 +220,6 @@ def test_what_cannot_be_written_leaves_the_earlier_file(tmp_path):
     with file_size_limit(8192), pytest.raises(SweepStoreError, match=r"t\.csv cannot be written: File too large"):
         write_table(tmp_path / "t.csv", random)
     assert [own.name for own in tmp_path.iterdir()] == [path.name]
-
-
-def test_what_is_no_table_is_refused_by_name(tmp_path):
-    for name in ("no.csv", "no.parquet"):
-        with pytest.raises(SweepStoreError, match=f"{name} does not exist"):
-            load_table(tmp_path / name)
-    (tmp_path / "text.parquet").write_text("hello, this is not a table at all")
-    with pytest.raises(SweepStoreError, match=r"text\.parquet cannot be read"):
-        load_table(tmp_path / "text.parquet")
-    for use in (load_table, lambda path: write_table(path, COLUMNS)):
-        with pytest.raises(SweepStoreError, match=r"t\.h5: the name of a table must end in \.csv or \.parquet"):
-            use(tmp_path / "t.h5")
-    assert not (tmp_path / "t.h5").exists()
 
 
 def test_a_column_of_lists_or_bytes_is_refused_and_a_missing_text_is_empty(tmp_path):

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import usb.core
 import usb.util
+from board_outputs import pat_pulses
 
 from palpate.device.boards.discovery import open_link
-from palpate.device.boards.pat16.model import pulses
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames
 from palpate.device.emulation.serial_bus import EmulatedPorts
@@ -35,7 +35,7 @@ def wire(name: str, count: int, seed: int = 0) -> np.ndarray:
 def emitted(name: str, frames: np.ndarray) -> bytes:
     """What of frames, or of what a board has played of them, makes the transducers do what they do."""
     if name == "pat16":
-        return b"".join(part.tobytes() for part in pulses(frames))
+        return b"".join(part.tobytes() for part in pat_pulses(frames))
     return (frames[:, 1:-1] if frames.shape[1] == 258 else frames).tobytes()
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from board_outputs import pat_drives
 from drive_cases import turned
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from umockdev_session import write_pat_file
 
 from palpate.device.array import ArrayModel
-from palpate.device.boards.pat16.model import PatBoard, decode_frames
+from palpate.device.boards.pat16.model import PatBoard
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames
 from palpate.device.registry import array_model
@@ -88,7 +89,7 @@ def test_the_fundamental_told_is_that_of_the_pulse(board: PatBoard) -> None:
     frame = wire(phase=random.integers(0, 128, 256), duty=0)
     frame[0, 256:] = random.integers(1, 65, 256)
     send(board, frame)
-    [delay], [amplitude] = decode_frames(frame)
+    [delay], [amplitude] = pat_drives(frame)
     for pin in range(0, 256, 5):
         middle_of_count = np.exp(-2j * np.pi * (np.arange(128) + 0.5) / 128)
         fundamental = (board.output(pin) * middle_of_count).sum() * np.sin(np.pi / 128)
@@ -272,7 +273,7 @@ def test_from_power_up_until_the_off_frame_all_pins_emit_in_phase_at_full_drive(
     assert set(values) == {64}
     board = PatBoard(clock)
     assert board.emitting
-    delay, amplitude = decode_frames(board.playing[None])
+    delay, amplitude = pat_drives(board.playing[None])
     assert (amplitude == 1).all()
     assert np.ptp(delay) == 0
     assert board.output(0).sum() == 64
@@ -374,7 +375,7 @@ def test_every_transducer_emits_the_delay_meant_for_it(wiring: tuple) -> None:
     board = PatBoard(VirtualClock(), record=200, on_for_ns=SWITCHED_ON)
     pour(board, encode_frames(delay, amplitude, array=model).tobytes())
     advance(board.clock, SECOND)
-    begun, strength = decode_frames(board.played)
+    begun, strength = pat_drives(board.played)
     # A constant of a quarter of a turn is that of a full pulse's middle; where a duty is 0 there is no pulse.
     apart = turned(begun[:, pin] + own_delay - 0.25 - delay)
     assert apart[strength[:, pin] > 0].max() <= 1 / 128

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from board_outputs import sonic_drives, sonic_slots
 from drive_cases import turned
 
-from palpate.device.boards.sonicsurface.model import BAUD, SonicBoard, decode_patterns, slot_position
+from palpate.device.boards.sonicsurface.model import BAUD, SonicBoard
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames
 from palpate.device.registry import array_model
@@ -160,7 +161,7 @@ def test_what_there_is_no_room_for_is_not_taken_and_what_is_dropped_never_sent()
 
 
 def test_places_of_the_wiring_that_the_maker_lists() -> None:
-    position = slot_position()
+    position = sonic_slots()
     # Read off the maker's list, whose z is -y.
     expected = {0: (-78.75, -78.75), 1: (-57.75, -78.75), 7: (-68.25, -78.75), 4: (-78.75, -68.25)}
     expected |= {64: (-36.75, -78.75), 8: (-78.75, -57.75), 65: (-15.75, -78.75), 63: (-68.25, 68.25)}
@@ -177,9 +178,9 @@ def emitted(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Delay [turns] and amplitude of each transducer of the model as the board plays the frames."""
     board = board_of(sender=230_400)
     pour(board, frames.tobytes())
-    delay, amplitude = decode_patterns(board.played)
+    delay, amplitude = sonic_drives(board.played)
     position = array_model("sonicsurface").position.astype(np.float64)
-    apart = np.linalg.norm(position[:, None] - slot_position()[None], axis=2)
+    apart = np.linalg.norm(position[:, None] - sonic_slots()[None], axis=2)
     assert apart.min(axis=1).max() < 1e-6
     return delay[:, apart.argmin(axis=1)], amplitude[:, apart.argmin(axis=1)]
 

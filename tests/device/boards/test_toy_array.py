@@ -82,7 +82,7 @@ LAYOUT = Layout(
 class ToyLink(StreamLink):
     def start(self, divider: int) -> None:
         self.array.update_rate(divider)  # raises UpdateRateError
-        self.begin(divider)
+        self.expect_frames(divider)
         self.send_off()
 
 

@@ -1,6 +1,6 @@
 """Stored contents: slices in order, repeated, late ones left out."""
 
-from palpate.device.live.content import StoredContent
+from palpate.device.live.ring import StoredContent
 from palpate.device.playing.limits import Dose
 
 DOSES = [Dose(4, 0, 3, 4.0, 1.0), Dose(2, 0, 1, 2.0, 1.0)]

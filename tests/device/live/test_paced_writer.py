@@ -8,9 +8,8 @@ import pytest
 from palpate.device import VirtualClock, array_model, encode_frames
 from palpate.device.boards.discovery import open_link
 from palpate.device.errors import SafetyLimitError
-from palpate.device.live.content import DrawnContent, StoredContent
 from palpate.device.live.paced_writer import FADED, HELD, LATE, PacedWriter, WriterPace
-from palpate.device.live.ring import FrameRing
+from palpate.device.live.ring import DrawnContent, FrameRing, StoredContent
 from palpate.device.playing.limits import Dose, Guard, Limits
 from palpate.device.registry import emulated_backend
 
@@ -256,12 +255,6 @@ def test_a_limit_ends_it_and_is_told_before():
     assert sentence.startswith("on_time_max: it will be stopped in 0 s unless it is silent for 1 s")
     with pytest.raises(SafetyLimitError, match=r"more than 1 s without a pause"):
         bench.run(300)
-
-
-def test_far_from_a_limit_nothing_is_told():
-    guard = Guard(Limits(), array_model("emulator"))
-    guard.admit(Dose(100, 0, 99, 50.0, 0.5), 0, PERIOD_NS)
-    assert guard.near(10 * MS, 0.8) == []
 
 
 def test_a_duty_that_nears_its_limit_is_told():

@@ -5,8 +5,6 @@ import os
 import subprocess
 import sys
 
-from palpate.device.live.realtime import RENDERER_PRIORITY, SOURCE_PRIORITY, WRITER_PRIORITY
-
 CODE = (
     "import gc, os; from palpate.device.live.realtime import enter_realtime, stop_collecting; "
     "permitted = enter_realtime(7); stop_collecting(); "
@@ -21,7 +19,3 @@ def test_a_process_says_whether_it_is_scheduled_in_real_time():
     assert priority == ("7" if permitted == "True" else "0")
     assert os.sched_getscheduler(0) == os.SCHED_OTHER
     assert gc.isenabled()
-
-
-def test_the_writer_goes_before_the_source_and_the_source_before_what_draws():
-    assert WRITER_PRIORITY > SOURCE_PRIORITY > RENDERER_PRIORITY > 0

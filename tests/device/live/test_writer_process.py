@@ -12,7 +12,6 @@ import pytest
 
 from palpate.device import array_model, encode_frames
 from palpate.device.errors import DeviceError, DeviceNotFoundError, NoBackendError, SafetyLimitError, UpdateRateError
-from palpate.device.live.paced_writer import WriterPace
 from palpate.device.live.writer_handle import WriterHandle, error_of
 from palpate.device.live.writer_process import ArrayRequest
 from palpate.device.playing.limits import Guard, Limits
@@ -148,7 +147,3 @@ def test_an_error_of_another_kind_is_told_with_its_kind():
     error = error_of({"kind": "ZeroDivisionError", "text": "division by zero"})
     assert type(error) is DeviceError
     assert str(error) == "the process that writes to the array failed: ZeroDivisionError: division by zero"
-
-
-def test_a_pace_is_what_it_was_made_with():
-    assert (WriterPace().lead, WriterPace().hold, WriterPace().fade) == (6e-3, 20e-3, 30e-3)

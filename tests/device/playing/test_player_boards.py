@@ -376,3 +376,11 @@ def test_playing_begins_when_80_ms_are_ready_however_many_blocks_fit(monkeypatch
         monkeypatch.setattr(link, "write", lambda data, **options: begun.set() or write(data, **options))
         Player(link, queue_blocks=1000).play(blocks(), update_rate=10e3)
     assert seen == [False] * 8 + [True]
+
+
+@pytest.mark.parametrize("setup", ["sonicsurface"], indirect=True)
+def test_a_swap_read_out_of_noise_brings_nothing_back(setup: Setup) -> None:
+    for _ in range(3):  # after the opening, and after a content
+        assert setup.board.accept(memoryview(b"\xfd")) == 1
+        setup.assert_off()
+        setup.play(content(setup.model, 9))

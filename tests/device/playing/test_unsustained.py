@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.device import ArrayModel, Player, UpdateRateError, VirtualClock, array_model, encode_frames, open_link
-from palpate.device.playing.unsustained import within_reach
+from palpate.device.playing.player import within_reach
 from palpate.device.registry import emulated_backend
 
 

@@ -177,6 +177,7 @@ ORDER = {"array": "pat16", "module": "json", "serial": None, "baud": None, "sile
     [
         "",
         "[]",
+        "[" * 100_000,
         "{}",
         *(json.dumps(ORDER | change) for change in ({"array": 3}, {"serial": ["a"]}, {"silence_max": True})),
         *(json.dumps(ORDER | change) for change in ({"silence_max": -1}, {"silence_max": math.nan}, {"more": 1})),

@@ -54,12 +54,12 @@ class Wire:
 
 
 class PlainLink(StreamLink):
-    start = StreamLink.begin
+    start = StreamLink.expect_frames
 
 
 def link_over(wire: Wire) -> StreamLink:
     link = PlainLink(MODEL, wire, OFF, clock=VirtualClock())
-    link.begin(4)
+    link.expect_frames(4)
     return link
 
 
@@ -92,7 +92,7 @@ def test_a_board_that_answers_is_asked_when_the_count_is_lost() -> None:
     wire = Wire()
     link = Answering(MODEL, wire, OFF)
     assert link.torn_bytes is None  # before the start
-    link.begin(4)
+    link.expect_frames(4)
     wire.is_exact = False
     assert link.torn_bytes is None
     link.send_off()
@@ -109,7 +109,7 @@ def test_a_piece_has_at_most_64_kib_and_a_tenth_of_a_second_and_else_goes_as_it_
     small = frames(1)
     link.write(small)
     assert wire.pieces[-1] is small
-    link.begin(255)
+    link.expect_frames(255)
     wire.pieces.clear()
     link.write(sent)
     assert {len(piece) // FRAME for piece in wire.pieces} == {15}  # 157 Hz

@@ -7,8 +7,15 @@ import numpy as np
 import pytest
 import warp as wp
 
-from palpate.kernels.acoustics.late_power import split_lags, sum_late_power
-from palpate.kernels.acoustics.propagation import COLUMNS, DEPTH, ROWS, propagate_signals, wave_rows
+from palpate.kernels.acoustics.propagation import (
+    COLUMNS,
+    DEPTH,
+    ROWS,
+    propagate_signals,
+    split_lags,
+    sum_late_power,
+    wave_rows,
+)
 from palpate.kernels.acoustics.resonance import CHUNK, DeviceFrames, emit_frames
 
 CARRIER = 40_000.0
@@ -58,19 +65,6 @@ def test_spans_change_no_bit(device, rng):
     whole = emitted(device, frames, rate=1.0, pole=pole, spans=[(0, period_count)])
     cut = [0, 100, int(CHUNK), int(CHUNK) + 1, period_count]
     assert np.array_equal(emitted(device, frames, rate=1.0, pole=pole, spans=list(pairwise(cut))), whole)
-
-
-def test_a_step_and_a_ramp_of_phase_lose_what_a_low_pass_loses(device):
-    """Closed forms: after a step D the amplitude dips to cos(D / 2); a steady ramp is a detuning."""
-    pole, count = POLES["1 kHz"], 4000
-    delay = np.zeros((count, 2), np.uint8)
-    delay[2000:, 0] = 64  # a quarter turn
-    delay[:, 1] = np.arange(count) % 256  # 1/256 turn a period: 156.25 Hz
-    found = emitted(device, (delay, np.ones(count, np.float32)), rate=1.0, pole=pole, spans=[(0, count)])
-    assert np.abs(found[0, 2000:]).min() == pytest.approx(math.cos(math.pi / 4), abs=3e-3)  # at whole periods
-    ramp = abs((1 - pole) / (1 - pole * np.exp(2j * np.pi / 256)))
-    assert np.abs(found[1, 2000:]) == pytest.approx(ramp, abs=1e-5)
-    assert ramp == pytest.approx(1 / math.hypot(1, 156.25 / 1000), abs=2e-3)  # as time goes on without steps
 
 
 def test_power_arrives_late_and_linear_between_periods(device, rng):

@@ -10,7 +10,7 @@ from transform_cases import a_setting, near_poses, rendered, run_stage
 
 from palpate.kernels.emphasis.depth import find_deepest, make_ramp, place_body
 from palpate.kernels.patch import EXACT
-from palpate.kernels.solids.depth import distance_within, is_within
+from palpate.kernels.solids.distance import distance_within, is_within
 from palpate.render import MeshObject, Palm
 from palpate.render.hands.plane_hand import flat_hand
 from palpate.render.objects.moving_object import back_to
@@ -79,7 +79,7 @@ def test_long_lines_are_measured_in_runs_that_agree(device, rng):
     """A line of many points inside and outside: the side of a point may come from the one before it, or not."""
     ball = trimesh.creation.icosphere(3, 0.03)
     solid = MeshObject(ball.vertices, ball.faces, name="ball", at=(0, 0, 0.2))
-    setting = a_setting(near_poses(rng, 1), thing=solid, device=device)
+    setting = a_setting(near_poses(rng, 1), solid=solid, device=device)
     points = (np.linspace([-0.05, 0.002, 0.2], [0.05, -0.003, 0.201], 701) + rng.normal(0, 1e-4, (701, 3))).astype("f4")
     batch = batch_of([[(points, False)]])
     got = run_stage("depth", batch, setting, at="point", deep=0.02, lowest=0.3, spacing=1.0).intensity

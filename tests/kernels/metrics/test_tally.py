@@ -1,4 +1,4 @@
-"""Numbers of a pose and their sums against slow oracles: lengths, polylines, area, statistics of spans and parts."""
+"""Numbers of a pose and their sums against slow oracles: lengths, area, statistics, histograms, facing palms."""
 
 from dataclasses import replace
 
@@ -7,8 +7,10 @@ import pytest
 import warp as wp
 from mesh_cases import bodies, generic_poses, shell
 
-from palpate.kernels.metrics.measure import measure_contours
-from palpate.kernels.metrics.tally import METRICS, measure_gaps, sum_parts, tally_contours
+from palpate.datasets.motions.facing import facing_angles
+from palpate.kernels.contours import measure_contours
+from palpate.kernels.metrics.random_pose import random_poses
+from palpate.kernels.metrics.tally import METRICS, count_bins, count_facing, measure_gaps, sum_parts, tally_contours
 from palpate.render import MeshObject, Palm, closed_contour, load_strategy, open_contour
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand
 from palpate.render.intersection.scene import PoseBlock, Scene
@@ -169,3 +171,27 @@ def test_sums_go_pose_by_pose_and_span_by_span(device, rng):
     assert got[1, 0].tolist() == [0, 0, 0, np.inf, -np.inf, 0]  # nothing finite
     with pytest.raises(ValueError, match=r"shape \[2, 2, 6\]"):
         sum_parts(wp.array(value, device=device), *given[:3], wp.zeros((1, 2, 6), dtype=wp.float64, device=device))
+
+
+def test_rows_are_those_of_numpys_angles(device):
+    pose = random_poses(0, 5000, seed=3, size=0.13, at=(0.0, 0.0, 0.2), device=device)
+    length = np.tile(np.float32([0.1, 0.0, 2.0]), 2000)[:5000]
+    out = wp.full((2, 5000), 7.0, dtype=wp.float32, device=device)
+    count_facing(pose, wp.array(length, device=device), (30, 60), out)
+    angle = np.degrees(facing_angles(pose.numpy()))
+    assert np.abs(angle[:, None] - [30, 60]).min() > 1e-6  # no pose that rounding decides
+    for row, degrees in zip(out.numpy(), (30, 60), strict=True):
+        np.testing.assert_array_equal(row, np.where(length > 0, np.float32(angle <= degrees), np.nan))
+
+
+def test_counts_are_those_of_numpy(device, rng):
+    value = np.concatenate([10.0 ** rng.uniform(-5, 3, 5000), np.zeros(40), [np.nan, np.inf, 0.25, 0.5, 1.0, 2.0]])
+    value = rng.permutation(value).astype(np.float32)
+    spans, start = np.array([[0, 700], [700, 300], [1000, len(value) - 1000]]), np.array([0, 1, 3])
+    arrays = [wp.array(own, dtype=wp.int64, device=device) for own in (*spans.T, start)]
+    count = count_bins(wp.array(value, device=device), *arrays, lowest=-2, highest=3, bits=3).numpy()
+    octaves = [np.arange(8) / 8 * 2.0**power + 2.0**power for power in range(-2, 3)]
+    edges = np.concatenate([[-1.0, 1e-30], *octaves, [8.0, 1e30]])
+    assert count.shape == (2, 5 * 8 + 3)
+    for own, part in zip(count, (value[:700], value[700:]), strict=True):
+        np.testing.assert_array_equal(own, np.histogram(part[np.isfinite(part)].astype(np.float64), edges)[0])

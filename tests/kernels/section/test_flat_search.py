@@ -1,25 +1,23 @@
 """Contours by the flat search: the same bits as by walking, on every mesh, whatever the memory for it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import warp as wp
-from drawing import STRATEGIES, Drawn, assert_same_bits, draw, drawn_of, join, patch_array, searching_by, surface_on
+from drawing import STRATEGIES, assert_same_bits, draw, drawn_of, join, patch_array, surface_on
 from mesh_cases import CLOSED, MESHES, comb, generic_poses
 
-from palpate.kernels.section import flat_search
+from palpate.kernels import compile_kernels
+from palpate.kernels.offsets import BLOCK
+from palpate.kernels.section import flat_ranks, flat_search
 from palpate.kernels.section.draw import draw_contours
 from palpate.kernels.section.flat_search import FlatSearch
 from palpate.kernels.section.flat_space import FlatSize
 from palpate.kernels.section.pieces import SLOTS
-from palpate.render import Palm, closed_contour, open_contour
 from palpate.render.bench.cases import blob, random_poses
-from palpate.render.hands.plane_hand import flat_hand
-from palpate.render.intersection.mesh_section import intersect
-from palpate.render.objects.mesh.solid_mesh import MeshObject
 
 HALF = np.array([0.0425, 0.03])
-SEVERAL = [[0.04, 0.03], [0.3, 0.3], [0.004, 0.003], [0.05, 0.01]]
-FIELDS = [field for field in Drawn.__dataclass_fields__ if field != "length"]
 
 
 def strategies_for(name):
@@ -141,21 +139,6 @@ def test_sections_drawn_in_several_turns_of_few_groups(device, monkeypatch):
     assert_same(surface, generic_poses(60, 5), patch, "cc")
 
 
-@pytest.mark.parametrize("strategy", [open_contour(), closed_contour()], ids=["oc", "cc"])
-@pytest.mark.parametrize("hand", [Palm(), flat_hand()], ids=["palm", "hand"])
-def test_meshes_and_hands_are_intersected_alike(hand, strategy, device):
-    """Relative points and a flush, too, which the objects and hands bring."""
-    pose, mesh = wp.array(random_poses(40), dtype=wp.transform, device=device), MeshObject(*blob(12))
-    for relative in (False, True):
-        drawn = []
-        for name in ("tree", "flat"):
-            with searching_by(name):
-                drawn.append(intersect(mesh, hand, pose, strategy, relative=relative)[0].numpy())
-        one, two = drawn
-        for field in ("points", "kind", "polyline_start", "polyline_patch", "polyline_closed", "pose_start"):
-            assert getattr(one, field).tobytes() == getattr(two, field).tobytes(), field
-
-
 def test_slots_may_come_in_any_order(device, monkeypatch):
     """Lanes store a section's pieces in the order in which they come: nothing that is drawn depends on it."""
     surface, patch = surface_on(comb(), device), patch_array([0.0425, 0.0425], device)
@@ -180,3 +163,16 @@ def turn_slots(pieces):
             slots = start[query] + np.arange(stored)
             values[slots] = values[slots[::-1]]
         array.assign(values)
+
+
+def test_both_kernels_are_compiled_ahead_for_blocks_of_their_size(monkeypatch):
+    compiled = {}
+    monkeypatch.setattr(wp, "get_device", lambda device: SimpleNamespace(is_cpu=False))
+    monkeypatch.setattr(
+        wp, "force_load", lambda device, modules, *, block_dim, **_: compiled.update({block_dim: modules})
+    )
+    compile_kernels("cuda", ("section.flat_ranks",))
+    few, many = flat_ranks._rank_few_crossings, flat_ranks._rank_many_crossings
+    assert compiled == {BLOCK: [few.module], flat_ranks.MANY_LANES: [many.module]}
+    assert BLOCK < flat_ranks.MANY_LANES
+    assert few.module.options == many.module.options

@@ -1,12 +1,14 @@
-"""Half-edges on the host: twins, order, what a search must look at, boxes."""
+"""Half-edges against oracles: pairing across shared edges, scanned edges, paths, boxes."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mesh_cases import BODIES, CLOSED, GENUS, MESHES, generic_poses, soup
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 from section_oracle import in_palm, section_steps, walk
 
 from palpate.kernels.section import half_edges as surface_module
@@ -41,17 +43,6 @@ def test_spatial_order_keeps_faces_edges_and_bounds(name):
     assert (edges.open_count == 0) == (name in CLOSED or name == "cubes sharing an edge")
     reach = upload_surface(edges, "cpu").reach
     assert np.abs(edges.vertices.astype(np.float64)).sum(axis=1).max() <= reach * (1 + 1e-6)
-
-
-def test_spatial_order_keeps_neighbours_together():
-    vertices, faces = MESHES["sphere"]()
-    shuffled = np.random.default_rng(2).permutation(faces)
-    middle = vertices[HalfEdges(vertices, shuffled).faces].mean(axis=1)
-    before = vertices[shuffled].mean(axis=1)
-    assert (
-        np.linalg.norm(np.diff(middle, axis=0), axis=1).mean()
-        < 0.25 * np.linalg.norm(np.diff(before, axis=0), axis=1).mean()
-    )
 
 
 def test_spatial_order_takes_faces_that_all_lie_in_one_place():
@@ -160,3 +151,152 @@ def test_boxes_hold_their_faces_and_their_children(count):
     used = -(-count // LEAF)
     assert (half[first + used :] < 0).all()  # an empty leaf is never met
     assert (half[first : first + used] >= 0).all()
+
+
+# Directions across an edge, by growing angle: integers, so that equal directions are equal whatever the radius
+ROUND = np.array(
+    [[2, 0], [2, 1], [1, 1], [1, 2], [0, 2], [-1, 1], [-2, 0], [-2, -1], [-1, -1], [0, -2], [1, -1], [2, -1]]
+)
+UP, DOWN = True, False
+
+
+def fan(places, upward, rng):
+    """Triangles around the edge from vertex 0 to vertex 1: at which of ROUND, and whether each runs up the edge."""
+    radius = rng.choice([0.5, 1.0, 3.0], len(places))
+    third = np.column_stack([radius[:, None] * ROUND[places], rng.uniform(-1, 2, len(places))])
+    vertices = np.concatenate([[[0, 0, 0], [0, 0, 1]], third]).astype(float)
+    tip = np.arange(len(places)) + 2
+    return vertices, np.where(
+        upward[:, None], np.stack([0 * tip, 0 * tip + 1, tip], 1), np.stack([0 * tip + 1, 0 * tip, tip], 1)
+    )
+
+
+def pairs_by_place(faces, twin, named):
+    """How often triangles at two places are paired; named: a place of each face. Only one half-edge of each may be."""
+    assert (twin[twin != OPEN] // 3 != np.flatnonzero(twin != OPEN) // 3).all()
+    tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    out = Counter()
+    for half in np.flatnonzero(twin != OPEN):
+        other = twin[half]
+        assert twin[other] == half
+        assert (tail[half], head[half]) == (head[other], tail[other])
+        if half < other:
+            out[tuple(sorted((named[half // 3], named[other // 3])))] += 1
+    return out
+
+
+def matched_brackets(places, upward):
+    """The same by brackets: going round, a triangle that runs down opens, one that runs up closes; next to next."""
+    left = sorted(zip(places.tolist(), upward.tolist(), strict=True))  # False, down, comes before True
+    out = Counter()
+    while True:
+        for k in range(len(left)):
+            one, two = left[k], left[(k + 1) % len(left)]
+            if one[1] == DOWN and two[1] == UP:
+                out[tuple(sorted((one, two)))] += 1
+                left = [item for i, item in enumerate(left) if i not in (k, (k + 1) % len(left))]
+                break
+        else:
+            return out
+
+
+def random_fans(count=150):
+    rng = np.random.default_rng(12)
+    for _ in range(count):
+        size = int(rng.integers(3, 11))
+        places = rng.integers(0, len(ROUND), size)
+        yield places, rng.random(size) < rng.choice([0.3, 0.5, 0.7]), rng
+
+
+def turned(vertices, rng):
+    rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    return vertices @ (rotation * np.linalg.det(rotation)).T
+
+
+@pytest.mark.parametrize("jitter", [0.0, 1e-7])
+def test_pairs_are_matched_brackets_whatever_changes_no_angle(jitter):
+    """Fans are turned, moved and rounded; faces, their corners and vertices come in any order."""
+    total = 0
+    for places, upward, rng in random_fans():
+        vertices, faces = fan(places, upward, rng)
+        named = list(zip(places.tolist(), upward.tolist(), strict=True))
+        want = matched_brackets(places, upward)
+        total += sum(want.values())
+        vertices = turned(vertices, rng) + rng.normal(size=3) + rng.uniform(-jitter, jitter, vertices.shape)
+        if rng.random() < 0.5:
+            vertices = vertices.astype(np.float32).astype(float)
+        order = rng.permutation(len(vertices))
+        vertices, faces = vertices[order], np.argsort(order)[faces]
+        faces = np.take_along_axis(faces, (rng.integers(0, 3, len(faces))[:, None] + np.arange(3)) % 3, axis=1)
+        if rng.random() < 0.5:  # seen in a mirror, what ran up still does
+            vertices, faces = vertices * [-1, 1, 1], faces[:, ::-1]
+        row = rng.permutation(len(faces))
+        assert pairs_by_place(faces[row], twins_of(faces[row], vertices, 2e-6), [named[k] for k in row]) == want
+    assert total > 200
+
+
+def prism(corners, height=1.0):
+    """A closed prism over corners counter-clockwise, from z = 0 up."""
+    count = len(corners)
+    k = np.arange(count)
+    after = (k + 1) % count
+    sides = np.concatenate([np.stack([k, after, after + count], 1), np.stack([k, after + count, k + count], 1)])
+    k = np.arange(1, count - 1)
+    ends = np.concatenate([np.stack([0 * k, k + 1, k], 1), np.stack([0 * k, k, k + 1], 1) + count])
+    flat = np.column_stack([corners, np.zeros(count)])
+    return np.concatenate([flat, flat + np.array([0, 0, height])]), np.concatenate([sides, ends])
+
+
+def test_bodies_with_a_common_edge_stay_apart_however_they_cross():
+    """Wedges of random angles around one upright edge, some inside out: every pair stays within its wedge."""
+    rng = np.random.default_rng(5)
+    for _ in range(60):
+        vertices, faces, owner = [np.array([[0, 0, 0], [0, 0, 1.0]])], [], []
+        for body in range(int(rng.integers(2, 7))):
+            start, width = rng.integers(0, 12), rng.integers(1, 6)
+            corners = np.array([[0, 0], ROUND[start], ROUND[(start + width) % 12] * rng.choice([1, 2])]) * rng.uniform(
+                0.5, 2
+            )
+            own, own_faces = prism(corners)
+            number = np.array([0, 2, 3, 1, 4, 5])  # corners 0 and 3 are the common edge's ends
+            number[number > 1] += 4 * body
+            own_faces = number[own_faces][rng.permutation(len(own_faces))]
+            faces.append(own_faces[:, ::-1] if rng.random() < 0.5 else own_faces)
+            vertices.append(own[[1, 2, 4, 5]])
+            owner += [body] * len(own_faces)
+        vertices, faces = turned(np.concatenate(vertices), rng), np.concatenate(faces)
+        row = rng.permutation(len(faces))
+        twin = twins_of(faces[row], vertices, 1e-9)
+        body = np.array(owner)[row]
+        assert (twin != OPEN).all()
+        assert (body[twin // 3] == np.repeat(body, 3)).all()
+
+
+def test_bodies_in_one_place_stay_apart():
+    """Each edge has four triangles or more, two and two of which coincide; every body has each wall once."""
+    rng = np.random.default_rng(6)
+    vertices, faces = prism(ROUND[::2])
+    for count in (2, 3):
+        own = np.tile(faces, (count, 1))[rng.permutation(count * len(faces))]
+        twin = twins_of(own, vertices, 1e-9)
+        assert (twin != OPEN).all()
+        joined = coo_matrix((np.ones(len(twin)), (np.arange(len(twin)) // 3, twin // 3)), shape=(len(own), len(own)))
+        bodies, body = connected_components(joined)
+        assert bodies == count
+        for k in range(count):
+            assert sorted(map(tuple, own[body == k])) == sorted(map(tuple, faces))
+
+
+def test_edges_of_two_need_no_angles():
+    vertices, faces = prism(np.array([[0, 0], [1, 0], [0, 1.0]]))
+    assert (twins_of(faces) == twins_of(faces, vertices, 1e-9)).all()
+    assert (twins_of(faces) != OPEN).all()
+    assert (twins_of(faces[1:]) == OPEN).sum() == 3
+    assert len(twins_of(np.zeros((0, 3), int))) == 0
+
+
+def test_triangles_that_run_the_same_way_are_never_paired():
+    same = np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]])
+    vertices = np.random.default_rng(1).normal(size=(5, 3))
+    assert (twins_of(same, vertices, 1e-9) == OPEN).all()
+    assert (twins_of(same[:2]) == OPEN).all()

@@ -9,9 +9,7 @@ from stage_cases import assert_limited
 
 from palpate.kernels.section.half_edges import OPEN, twins_of
 from palpate.kernels.skin.curves import list_curves
-from palpate.kernels.skin.edges import SkinEdges, upload_skin
-from palpate.kernels.skin.refine import refine_faces
-from palpate.render.contour_batch import join_batches
+from palpate.kernels.skin.edges import SkinEdges, refine_faces, upload_skin
 from palpate.render.hands.mesh_hand import MeshHand
 
 
@@ -131,22 +129,6 @@ def test_the_inside_lies_to_the_left_seen_from_inside_the_hand(device):
 def turn_around(points):
     """Area that a loop goes around, counter-clockwise seen from +Y [m^2]."""
     return 0.5 * np.cross(points[:-1] - points[0], points[1:] - points[0]).sum(axis=0)[1]
-
-
-def test_chunks_rows_and_devices_give_the_same_curves(device):
-    """A row of vertices a pose gives what a rigid hand gives at that pose, bit for bit, in chunks of any size."""
-    rigid, poses = pierced(), generic_poses(30, 6)
-    rows = MeshHand(np.tile(rigid.vertices, (30, 1, 1)), rigid.faces, glabrous=rigid.glabrous)
-    for closes in (False, True):
-        whole = drawn(rigid, "dog", poses, device, closes=closes)
-        again = drawn(rows, "dog", poses, device, closes=closes)
-        parts = [drawn(rows, "dog", poses[a:b], device, closes=closes, first=a) for a, b in ((0, 7), (7, 8), (8, 30))]
-        for other in (again, join_batches(parts)):
-            for name, array in whole.by_name().items():
-                np.testing.assert_array_equal(array, getattr(other, name), err_msg=name)
-        here = drawn(rigid, "dog", poses, "cpu", closes=closes)
-        np.testing.assert_array_equal(here.polyline_start, whole.polyline_start)
-        np.testing.assert_allclose(here.points, whole.points, atol=1e-6)
 
 
 def test_articulated_vertices_are_those_of_their_own_pose(device):

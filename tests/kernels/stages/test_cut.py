@@ -7,7 +7,6 @@ from contour_random import random_batch
 
 from palpate.kernels.stages.cut import cut_contours, divide_segments
 from palpate.render import ContourBatch
-from palpate.render.errors import StrategyError
 from palpate.render.stages.prune import cut_batch
 
 
@@ -120,9 +119,3 @@ def test_pauses_stay_at_the_points_they_were_at(rng):
     np.testing.assert_array_equal(cut.dwell.numpy(), want)
     assert 0 < np.count_nonzero(want) < len(want)
     assert cut_contours(batch.to("cpu").struct, keep, parts).dwell is None
-
-
-def test_a_keep_of_another_length_is_refused(rng):
-    batch = random_batch(rng, 3)
-    with pytest.raises(StrategyError, match=rf"shape \[{batch.point_count}\]"):
-        cut_batch(batch, np.ones(batch.point_count + 1))

@@ -1,6 +1,5 @@
 """Ovals on a device against those that NumPy, LAPACK and least squares make, region by region."""
 
-import itertools
 import math
 
 import numpy as np
@@ -60,19 +59,6 @@ def ovals_of_loops(name, loops, setting, *, closed=True, **options):
     off = out.points.astype(np.float64) - setting.frames.origin[0, 0]
     flat = off @ np.stack([setting.frames.u[0, 0], setting.frames.v[0, 0]], axis=1)
     return np.split(flat, out.polyline_start[1:-1])
-
-
-def test_an_oval_of_equal_axes_begins_on_u_wherever_its_outline_does(device, rng):
-    """Any axis is right for a regular polygon; the outline's first corner and rounding must not choose it."""
-    setting = a_setting(random_poses(rng, 1), device=device)
-    shift = np.array([0.01, -0.02])
-    for corners, first in itertools.product((3, 4, 6, 64), rng.uniform(0, 2 * np.pi, 3)):
-        angle = first + 2 * np.pi * np.arange(corners) / corners
-        loop = 0.02 * np.stack([np.cos(angle), np.sin(angle)], axis=1) + shift
-        (oval,) = ovals_of_loops("ellipse", [loop], setting)
-        reach = math.sqrt(0.02**2 * 0.5 * corners * math.sin(2 * math.pi / corners) / math.pi)  # of the same area
-        assert np.linalg.norm(oval - shift, axis=1) == pytest.approx(reach, rel=2e-3)
-        np.testing.assert_allclose(oval[0] - shift, [np.linalg.norm(oval[0] - shift), 0], atol=1e-6)
 
 
 def test_an_oblong_begins_at_the_end_of_its_longer_axis_with_u_above_0(device, rng):

@@ -7,8 +7,7 @@ import pytest
 import warp as wp
 from tour_oracle import thinned
 
-from palpate.kernels.tours.contact import list_nodes
-from palpate.kernels.tours.nodes import inside_nodes, thin_nodes
+from palpate.kernels.tours.nodes import inside_nodes, list_nodes, thin_nodes
 from palpate.render.bench.cases import random_poses
 from palpate.render.hands.hand import Palm
 from palpate.render.hands.plane_hand import flat_hand

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from tour_oracle import length_on, path_of, thinned
 
 from palpate.datasets.shapes.built_in import shape
-from palpate.kernels.tours.thinning import POINTS_MOST, thin_points
-from palpate.kernels.tours.tour import tour_points
+from palpate.kernels.tours.tour import POINTS_MOST, thin_points, tour_points
 from palpate.render.contour_batch import ContourBatch
 from palpate.render.errors import MeshError, PalpateWarning, StrategyError
 from palpate.render.hands.hand import Palm

@@ -106,30 +106,6 @@ def test_many_sources_are_the_same_as_each_by_itself(device):
     assert combined[:400] == pytest.approx(np.array(power), rel=1e-4)
 
 
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("is_late", [False, True])
-def test_arrays_whose_transducers_fill_no_tile_are_heard(is_late, device):
-    """249 transducers and 40 places are no multiples of a tile's: sums by NumPy, period by period."""
-    rng = np.random.default_rng(2)
-    frames = PlayedFrames(rng.integers(0, 256, (4800, 249), np.uint8), rng.random(4800, np.float32), RATE)
-    model = NoiseModel(sources=40, is_late=is_late)
-    listener = NoiseListener("autd3", model, device=device)
-    transducers, microphone = listener.transducers, model.microphone_of(listener.transducers)
-    drive = frames.level[:, None] * np.exp(-2j * np.pi * frames.delay / 256)
-    emitted, pole = np.zeros(249, complex), math.exp(-2 * math.pi * 1000 / RATE)
-    power = []
-    for wanted in drive[:300]:
-        emitted = wanted + pole * (emitted - wanted)
-        power.append(np.abs(transducers.waves(model.places(transducers)) @ emitted) ** 2)
-    distance = np.linalg.norm(model.places(transducers) - microphone, axis=1)
-    lag = (distance - distance.min()) / 343 * RATE * is_late
-    time = np.arange(300)
-    expected = sum(
-        np.interp(time - lag[m], time, np.array(power)[:, m], left=0.0) / distance[m] / 40 for m in range(40)
-    )
-    assert listener.listen(frames).samples[50:300] == pytest.approx(expected[50:], rel=1e-4)
-
-
 def test_a_weights_are_those_of_the_standard():
     """IEC 61672-1, table of A weightings [dB] at nominal frequencies, which are 1000 * 10^(n / 10) Hz."""
     for step, decibel in {-10: -19.1, -3: -3.2, 0: 0.0, 4: 1.3, 10: -2.5}.items():

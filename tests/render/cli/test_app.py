@@ -68,35 +68,6 @@ def test_info_tells_what_design_promises(rendered):
     assert told["strategy"] == {"raw": "section", "prune": ["outside"], "transform": ["close"]}
 
 
-@pytest.mark.exhaustive
-def test_info_tells_who_explored_and_what_share_faced_the_array(tmp_path):
-    own = tmp_path / "own.h5"
-    options = ("--explorer", "3", "--facing", "0.9", "--workspace", *map(str, (-0.05, -0.05, 0.14, 0.05, 0.05, 0.3)))
-    answer("render", "cube", "exploration", "-o", own, "--duration", "3", *options)
-    told = answer("info", own)
-    assert told["motion"] == {
-        "model": "over-array", "version": 1, "duration": 3.0, "rate": 90.0, "seed": 1, "explorer": 3, "facing": 0.9,
-        "workspace": [[-0.05, -0.05, 0.14], [0.05, 0.05, 0.3]],
-    }  # fmt: skip
-    assert 0.5 < told["facing_share_30"] <= told["facing_share_60"] == 1.0
-    assert "facing share 30" in run("info", own).output
-
-
-@pytest.mark.exhaustive
-def test_an_exploration_around_the_object_faces_the_array_less(tmp_path):
-    around = tmp_path / "around.h5"
-    answer("render", "cube", "exploration", "-o", around, "--model", "around", "--rate", "15")
-    told = answer("info", around)
-    assert told["facing_share_30"] < 0.3 < 0.6 > told["facing_share_60"]
-
-
-def test_explorers_and_facing_are_refused_where_they_mean_nothing(tmp_path):
-    words = ("render", "cube", "exploration", "-o", tmp_path / "out.h5")
-    refused(MISUSED, "explorer is of the model over-array", *words, "--model", "around", "--explorer", "2")
-    refused(MISUSED, "60 degrees are 1.047 rad", *words, "--facing", "60")
-    refused(MISUSED, "bounds: the object's box", *words, "--at", "1", "0", "0.2")
-
-
 def test_options_of_rendering_reach_it_in_its_units(tmp_path, monkeypatch):
     """Megabytes become bytes; without any contour, --strict fails."""
     static_pose([0, 0, 0.9]).save(tmp_path / "far.csv")
@@ -123,37 +94,11 @@ def test_play_tells_what_design_promises(rendered):
     assert told["jumps"] == sum(told["jumps_by_cause"].values())
 
 
-def test_play_takes_other_rates_and_speeds(rendered):
-    told = answer("play", rendered, "--clock", "virtual", "--update-rate", "40000", "--speed", "5", "--duration", "0.5")
-    assert told["frames"] == 20_000
-    assert told["sampling"]["speed"] == 5.0
-    assert told["jump_threshold"] == 5e-3
-
-
 def test_devices_lists_the_emulated_array_without_libusb_too():
     told = answer("devices")
     emulated = {entry["array"] for entry in told["devices"] if entry["where"] == "emulated"}
     assert emulated == {"emulator", "pat16", "sonicsurface", "autd3", "stratos"}
     assert 'ATTR{idVendor}=="0403"' in told["udev_rules"]["pat16"]
-
-
-def test_selftest_plays_a_point_and_a_circle():
-    told = answer("selftest", "--clock", "virtual", "--duration", "0.2")
-    assert (told["point_frames"], told["circle_frames"]) == (2000, 2000)
-    assert told["point_off_confirmed"]
-    assert told["circle_off_confirmed"]
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("heights", [[0.2], [0.2, 0.201], [5.0], [5.0, 0.2, 5.0]])
-def test_figure_is_drawn_of_few_poses_and_of_none_that_meet_the_object(heights, tmp_path):
-    rows = "".join(f"0,0,{z},0.7071068,0,0,0.7071068\n" for z in heights)
-    (tmp_path / "few.csv").write_text("x,y,z,qx,qy,qz,qw\n" + rows)
-    result = run("render", "tube", tmp_path / "few.csv", "-o", tmp_path / "few.h5")
-    assert result.exit_code == 0
-    assert ("no pose has a contour" in " ".join(result.stderr.split())) == (min(heights) > 1)
-    assert run("figure", tmp_path / "few.h5", "-o", tmp_path / "few.svg").exit_code == 0
-    assert "<svg" in (tmp_path / "few.svg").read_text()
 
 
 def test_r_is_null_where_nothing_of_the_object_is_drawn(motion, tmp_path):
@@ -235,15 +180,6 @@ def test_mesh_in_millimetres_is_warned_of_and_scaled(tmp_path):
     told = answer("render", tmp_path / "mm.stl", motion, "-o", tmp_path / "m.h5", *placed)
     assert told["length_mean"] > 0.05
     assert told["object"]["placement"]["scale"] == 0.001
-
-
-def test_open_mesh_is_refused_for_closed_contours_with_the_ways_out(motion, tmp_path):
-    mesh = trimesh.creation.box([0.1, 0.1, 0.1], transform=trimesh.transformations.translation_matrix([0, 0, 0.2]))
-    path = tmp_path / "open.ply"
-    trimesh.Trimesh(mesh.vertices, mesh.faces[2:]).export(path)
-    refused(FAILED, "4 open edges", "render", path, motion, "-o", tmp_path / "out.h5")
-    told = answer("render", path, motion, "-o", tmp_path / "oc.h5", "--strategy", "oc", "--palm", "0.2", "0.2")
-    assert told["points"] > 0
 
 
 @pytest.mark.exhaustive
@@ -375,20 +311,6 @@ def test_killed_rendering_is_resumed_to_the_same_data(tmp_path):
     assert json.loads(result.stdout)["poses_rendered"] == 450_000 - done
     assert_same_data(killed, whole)
     assert check_file(killed) == []
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--workers", "0"), "workers must be at least 1, not 0"),
-        (("--workers", "many"), "--workers must be a number or auto, not 'many'"),
-        (("--device", "cpu,cpu"), "names one device twice"),
-        (("--device", "abacus"), "no device 'abacus' on this machine; there is: cpu"),
-    ],
-)
-def test_devices_and_workers_that_there_are_not_are_refused(tmp_path, options, message):
-    refused(MISUSED, message, "render", "cube", "exploration", "-o", tmp_path / "x.h5", *options)
-    assert list(tmp_path.iterdir()) == []
 
 
 def assert_same_data(one, two):

@@ -10,7 +10,6 @@ from command_line import run
 from palpate.datasets.motions.hand_motion import HandMotion
 from palpate.render import ContourFile, ContourFileError, record, render, static_pose
 from palpate.render.cli.contour_options import ViewCommand
-from palpate.render.coordinate_spacing import apart_text, joining_place
 from palpate.render.intersection.file_recording import polylines_in
 
 
@@ -81,23 +80,6 @@ def test_other_files_are_not_taken_for_empty_ones(tmp_path, motion):
     empty = render("cube", "palm", static_pose([1.0, 0, 0.2]), "oc")
     empty.save(tmp_path / "batch.h5")
     empty.save(tmp_path / "batch.h5")  # nothing is lost
-
-
-def test_the_distance_is_that_of_the_nearest_palm_to_the_box():
-    bounds = np.array([[-0.1, -0.1, 0.1], [0.1, 0.1, 0.3]])
-    pose = np.array([[0.4, 0.5, 0.2, 0, 0, 0, 1], [0.1, 0.1, 0.9, 0, 0, 0, 1]], np.float32)
-    assert "0.5 m from it at the nearest" in apart_text(bounds, pose)  # 0.3 and 0.4 m beside it
-    assert joining_place(pose) == "0.25 0.3 0.55"
-    assert "within that box" in apart_text(bounds, pose * np.float32(0.2))
-
-
-@pytest.mark.exhaustive
-def test_a_preview_renders_an_object_and_a_motion_into_a_page(tmp_path, motion):
-    shown = run("view", "cube", motion, "--export", tmp_path / "page.html", "--json")
-    assert '"poses": [3]' in shown.stdout
-    away = run("view", "cube", motion, "--at", 1, 0, 0.2, "--export", tmp_path / "away.html")
-    assert "--at 0 0 0.2 joins them" in " ".join(away.stderr.split())
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["away.html", "page.html", "still.csv"]
 
 
 def test_placement_belongs_to_a_preview(tmp_path):

@@ -60,13 +60,6 @@ def test_bad_input_is_refused_with_a_sentence_and_exit_code_2(words, tmp_path, m
     assert "Traceback" not in done.output
 
 
-def test_help_names_the_keys():
-    done = CliRunner(env={"COLUMNS": "400"}).invoke(app, ["live", "--help"])
-    assert done.exit_code == 0
-    for part in ("OBJECT", "--source", "--lead", "--record", "o, s, m the next object, strategy, sampling", "q ends"):
-        assert part in done.output
-
-
 class Run:
     """What keys do with a run."""
 
@@ -134,14 +127,6 @@ def test_json_is_one_object_and_the_record_is_given_again_bit_for_bit(tmp_path):
     assert values["files"] == [str(tmp_path / "run.h5")]
     with LiveRecording(tmp_path / "run.h5") as recording:
         assert recording.compare().differing == 0
-
-
-@pytest.mark.exhaustive
-def test_a_limit_ends_the_command_with_its_sentence():
-    done = live("tube", "--duration", "5", "--on-time-max", "0.3", "--no-realtime")
-    assert done.returncode == 1
-    assert "stopped at a limit" in done.stderr
-    assert "Traceback" not in done.stderr
 
 
 @pytest.mark.exhaustive

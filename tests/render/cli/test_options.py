@@ -52,7 +52,7 @@ def test_names_that_the_command_line_knows_are_those_of_the_packages():
     assert tuple(SAMPLINGS) == inputs.SAMPLINGS
     assert inputs.HANDS == HANDS
     assert {kind.name: kind.aliases for kind in array_kinds()} == inputs.ARRAYS
-    assert tuple(FORMATS) == contours.FORMATS
+    assert FORMATS == contours.FORMATS
     assert tuple(WRITERS) == contours.VOXELS
     assert SUFFIXES == contours.PICTURES
 

@@ -11,7 +11,6 @@ import sys
 from contextlib import contextmanager
 
 import pytest
-import trimesh
 from command_line import PALPATE, answer, run
 
 from palpate.render.cli.app import exit_code
@@ -126,25 +125,6 @@ def test_into_a_file_no_value_is_cut_or_folded_and_none_has_colours(folder, monk
 
 
 @pytest.mark.exhaustive
-def test_a_home_that_cannot_be_written_is_named(folder):
-    undetected = {"_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}  # of the shell that runs the tests
-    done = shell(folder, ("--install-completion", "bash"), HOME="/dev/null/home", **undetected)
-    assert done.returncode == 1
-    assert b"/dev/null" in done.stderr
-    assert b"standard output" not in done.stderr
-
-
-@pytest.mark.exhaustive
-def test_an_object_whose_name_is_no_text_is_rendered(folder):
-    trimesh.creation.box((0.1, 0.1, 0.1)).export(folder / "box.stl")
-    word = os.fsdecode(b"b\xffx.stl")
-    (folder / "box.stl").rename(folder / word)
-    done = shell(folder, ("render", word, "exploration", "-o", "box.h5", "--duration", "0.1", "--at", "0", "0", "0.2"))
-    assert done.returncode == 0, done.stderr
-    assert answer("info", folder / "box.h5")["object"]["name"] == r"b\udcffx.stl"
-
-
-@pytest.mark.exhaustive
 @pytest.mark.parametrize("words", [("info",), ("figure", "-o", "surrogates.png")], ids=lambda w: w[0])
 def test_names_that_are_no_text_are_shown_escaped_and_drawn(words, folder):
     name = b"su\xffr\x1b]0;x.h5"
@@ -181,12 +161,6 @@ def test_where_the_cache_cannot_be_written_kernels_are_compiled_for_this_run(cau
     assert "kernels were compiled for this run only" in done.stderr
     assert "WARP_CACHE_PATH" in done.stderr
     assert (tmp_path / "cube.npz").stat().st_size > 0
-
-
-@pytest.mark.exhaustive
-def test_a_cache_that_was_warmed_and_then_mounted_read_only_suffices(tmp_path):
-    done = in_mount(tmp_path, "{command} > first && mount -o remount,ro cache")
-    assert (done.returncode, done.stderr) == (0, "")
 
 
 @pytest.mark.exhaustive

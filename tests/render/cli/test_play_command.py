@@ -94,12 +94,6 @@ def test_strict_fails_where_frames_were_late_and_json_says_why(options, moving, 
     assert len(told["warnings"]) == 1
 
 
-def test_strict_is_content_with_a_playback_that_nothing_is_warned_of(moving):
-    done = play(moving, "--clock", "virtual", "--strict", "--json")
-    assert done.exit_code == 0
-    assert json.loads(done.stdout)["warnings"] == []
-
-
 def test_a_rate_that_a_pat16_cannot_keep_up_is_refused_as_misuse_before_anything_is_played(still):
     options = ("--array", "pat16", "--emulate", "--clock", "virtual", "--duration", "0.1", "--update-rate", "20000")
     done = play(still, *options)

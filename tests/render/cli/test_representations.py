@@ -111,43 +111,6 @@ def test_an_open_mesh_is_refused_with_the_way_out_that_works(tmp_path, monkeypat
     assert answer("render", volume, "sink.csv", "-o", tmp_path / "b.h5")["poses_drawn"] > 5
 
 
-KINDS = (
-    ("--level is of a volume, which tube is not", "tube", "sink.csv", "--level", 3),
-    ("--bounds is of a function", "cube.npz", "sink.csv", "--bounds", 0, 0, 0, 1, 1, 1),
-    ("--side is of a recording", "tube", "sink.csv", "--side", "left"),
-    ("--duration is of a synthetic exploration", "tube", "leap.json", "--duration", 3),
-    ("--simplify is of a mesh", "cube.npz", "sink.csv", "--simplify", 0),
-    ("a function needs bounds", "ball.py:ball", "sink.csv"),
-    ("--palm is the size of --hand palm", "tube", "sink.csv", "--hand", "skin", "--palm", 0.1, 0.1),
-    ("is no motion: give the word exploration", "tube", "cube.npz.glb"),
-    ("hand must be palm, planes, skin, or a file", "tube", "sink.csv", "--hand", "paw"),
-    ("step", "cube.npz", "sink.csv", "--step", -1),
-    ("a mesh, cut exactly by palm", "tube", "sink.csv", "--step", 0.001),
-)
-
-
-@pytest.mark.parametrize("case", KINDS, ids=lambda case: case[0])
-def test_options_of_another_kind_of_thing_are_refused(case, folder, tmp_path, monkeypatch):
-    monkeypatch.chdir(folder)
-    message, source, motion, *options = case
-    result = run("render", source, motion, "-o", tmp_path / "out.h5", *options)
-    assert result.exit_code != 0
-    assert message in " ".join(result.stderr.split())
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.exhaustive
-@pytest.mark.filterwarnings("ignore:motion. positions reach 9 m")
-def test_contours_that_stages_removed_are_told_from_poses_that_meet_nothing(folder, tmp_path):
-    strategy, away = tmp_path / "away.json", tmp_path / "away.csv"
-    strategy.write_text('{"prune": ["outside", {"stage": "small", "perimeter": 1.0}], "transform": ["close"]}')
-    HandMotion(None, np.array([[0, 0, 9.0, *DOWN]])).save(away)
-    for motion, message in ((folder / "sink.csv", "removed every contour"), (away, "no pose has a contour")):
-        result = run("render", "cube", motion, "-o", tmp_path / f"{motion.stem}.h5", "--strategy", strategy)
-        assert result.exit_code == 0, result.stderr
-        assert message in " ".join(result.stderr.split())
-
-
 def test_what_pruning_removed_is_in_the_file(folder, tmp_path, monkeypatch):
     monkeypatch.chdir(folder)
     (tmp_path / "s.json").write_text(json.dumps({"prune": ["outside", "turned-away"], "transform": ["close"]}))

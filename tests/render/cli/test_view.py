@@ -84,21 +84,6 @@ def test_what_cannot_be_shown_is_refused(file, tmp_path, monkeypatch, arguments,
     assert sentence in result.output
 
 
-def test_damaged_files_and_newer_ones_are_refused_before_a_page_is_made(file, tmp_path):
-    import h5py
-
-    broken, newer = tmp_path / "broken.h5", tmp_path / "newer.h5"
-    broken.write_bytes(file.read_bytes()[:9000])
-    newer.write_bytes(file.read_bytes())
-    with h5py.File(newer, "r+") as opened:
-        opened.attrs["version"] = [9, 0]
-    for path in (broken, newer):
-        result = CliRunner().invoke(app, ["view", "--no-browser", str(path)])
-        assert result.exit_code == 1
-        assert path.name in result.output
-    assert "newer" in result.output
-
-
 @pytest.mark.exhaustive
 def test_a_preview_is_named_and_leaves_nothing_behind_when_it_is_ended(tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path))

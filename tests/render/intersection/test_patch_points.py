@@ -12,21 +12,18 @@ import pytest
 from mesh_cases import generic_poses
 from section_oracle import rotation
 
-from palpate.datasets import HandMotion
 from palpate.datasets.shapes.built_in import shape
 from palpate.render import (
     ImplicitObject,
     MeshObject,
     Palm,
-    RecordingWarning,
     array_points,
     closed_contour,
     load_strategy,
     open_contour,
-    record,
     render,
 )
-from palpate.render.errors import PalpateWarning, PoseError, StrategyError
+from palpate.render.errors import PoseError, StrategyError
 from palpate.render.hands.plane_hand import HandPatch, PlaneHand
 from palpate.render.objects.functions.expression import sphere
 
@@ -110,12 +107,3 @@ def test_a_grid_of_float32_that_is_coarser_than_promised_is_warned_of_once(far, 
         assert f"{spacing:.2g} m" in told[0]
         assert 'points="patch"' in told[0]
         assert caught[0].filename == __file__
-
-
-def test_poses_far_away_are_warned_of_too(tmp_path):
-    poses = generic_poses(3, 1)
-    poses[1, 0] = 500.0
-    with pytest.warns(RecordingWarning, match="500 mm are 0.5"):
-        motion = HandMotion(None, poses)
-    with pytest.warns(PalpateWarning, match=r"tube: coordinates reach 500 m.*There float32 steps by 3.1e-05 m"):
-        record(tmp_path / "far.h5", TUBE, Palm(), motion, CC)

@@ -19,7 +19,6 @@ from palpate.render.hands.plane_hand import HandPatch, PlaneHand
 from palpate.render.intersection.scene import Scene
 from palpate.render.objects.functions import implicit_object
 from palpate.render.objects.functions.expression import box, sphere
-from palpate.render.reports.contour_figure import draw_figure
 from palpate.render.reports.scene_drawing import object_at
 from palpate.render.stages.registry import Stage
 
@@ -78,21 +77,6 @@ def test_a_file_tells_where_the_middle_of_its_outline_is_so_that_pictures_are_ri
         kept = file.object()
         shown = object_at(kept, 1)
         np.testing.assert_allclose(shown, expected[kept["faces"]], atol=1e-6)
-
-
-@pytest.mark.exhaustive
-def test_a_still_and_a_moving_object_are_not_drawn_in_one_picture(tmp_path):
-    motion = HandMotion(np.arange(3) / 90, poses_at(TUBE.bounds.mean(axis=0), 3))
-    moved = np.array([[0.01, 0.02, 0.25, 0, 0, 0, 1]], np.float32)
-    paths = {name: tmp_path / f"{name}.h5" for name in ("still", "moving", "again")}
-    for path, where in zip(paths.values(), (None, moved, moved), strict=True):
-        record(path, TUBE, Palm(), motion, CC, object_pose=where)
-    for first, second in (("still", "moving"), ("moving", "still")):
-        with pytest.raises(StrategyError, match=f"{second}.h5 is of another object motion than .*{first}.h5"):
-            draw_figure({first: paths[first], second: paths[second]}, tmp_path / "picture.png")
-    names = {r"a$\frac$": "moving", "b$": "again"}  # of files, which are no formulas
-    draw_figure({shown: paths[name] for shown, name in names.items()}, tmp_path / "text.svg")
-    assert all(shown in (tmp_path / "text.svg").read_text() for shown in names)
 
 
 def test_the_focal_width_is_that_where_a_moving_object_is():

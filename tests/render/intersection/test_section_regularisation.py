@@ -11,9 +11,7 @@ from crossing_cases import (
     PRISMS,
     block,
     crossing,
-    figure_eight,
     lengths_in,
-    limacon,
     overlapping_blocks,
     pentagram,
     prism,
@@ -30,7 +28,6 @@ from palpate.render import IntersectionStrategy, MeshObject, Palm, closed_contou
 from palpate.render.contour_batch import HAND, OBJECT
 from palpate.render.hands.plane_hand import HandPatch, PatchJoint, PlaneHand
 from palpate.render.intersection import section_regularisation as regularisation
-from palpate.render.objects.mesh.coincident_faces import gap_of
 from palpate.render.objects.mesh.placement import Placement
 
 OC, CC, WHOLE = open_contour(), closed_contour(), IntersectionStrategy()
@@ -90,33 +87,6 @@ def test_hands_of_several_patches_joints_and_objects_that_move_give_what_the_ker
         assert_same_contours(batch, expected, near=3e-7)
 
 
-def test_a_palm_wholly_within_a_solid_that_goes_around_itself_twice_is_its_own_boundary():
-    """r = 0.02 + 0.01 cos(t / 2), t to 4 pi: around the palm the outline goes once or twice, nowhere through it."""
-    angle = np.linspace(0, 2 * np.pi, 7)
-    corners = np.array([[-0.016, -0.01], [-0.016, 0.01], [0.024, -0.01], [0.024, 0.01]])
-    t = np.arctan2(corners[:, 1], corners[:, 0])
-    assert (np.hypot(*corners.T) < 0.02 + 0.01 * np.abs(np.cos(t / 2))).all()  # the outline's outer run
-    assert level_lengths(prism(limacon()), Palm(0.04, 0.02), at=(0.004, 0, 0)) == pytest.approx([0, 0.12], abs=ROUNDING)
-    for turn in angle:  # and so it does with the palm turned in the middle of what is gone around twice
-        pose = LEVEL.copy()
-        pose[0, 3:] = (Rotation.from_rotvec([0, 0, turn]) * Rotation.from_quat(LEVEL[0, 3:])).as_quat()
-        lengths = [render(crossing(prism(limacon())), Palm(0.01, 0.01), pose, s).length()[0] for s in (OC, CC)]
-        assert lengths == pytest.approx([0, 0.04], abs=ROUNDING)
-
-
-def test_what_winds_backwards_is_outside_and_by_even_and_odd_inside():
-    """Of the figure eight the right-hand lobe goes around counter-clockwise, the other one clockwise."""
-    outline, mesh = figure_eight(), prism(figure_eight())
-    both = sum(shapely.Polygon(half).length for half in (outline[outline[:, 0] > 0], outline[outline[:, 0] < 0]))
-    around = level_lengths(mesh, Palm(0.2, 0.2))
-    assert around == pytest.approx([both / 2] * 2, abs=2e-3)  # the corner at the crossing is left out of `both`
-    assert level_lengths(mesh, Palm(0.2, 0.2), "even-odd") == pytest.approx([2 * around[0]] * 2, abs=ROUNDING)
-    inside = [render(crossing(mesh, rule), Palm(0.2, 0.2), LEVEL, CC).points[:, 0] for rule in ("winding", "even-odd")]
-    lobe = inside[0].min() > -1e-7, inside[0].max() < 1e-7
-    assert sum(lobe) == 1
-    assert inside[1].min() < -0.03 < 0.03 < inside[1].max()
-
-
 def test_the_middle_of_a_pentagram_is_inside_and_by_even_and_odd_a_hole():
     """A pentagram's sides cut each other in the golden section: an arm's edge is a side over phi^2."""
     phi, corner = (1 + np.sqrt(5)) / 2, 0.04
@@ -135,7 +105,7 @@ def test_the_middle_of_a_pentagram_is_inside_and_by_even_and_odd_a_hole():
 def test_lengths_and_areas_are_those_of_the_faces_that_geos_makes_of_the_lines(name, solid):
     mesh, poses = PRISMS[name](), generic_poses(60, 8, spread=0.02)
     batches = [render(crossing(mesh, solid), Palm(), poses, strategy) for strategy in (OC, CC)]
-    near = 10 * gap_of(crossing(mesh, solid))  # lids cover themselves: notches narrower than that are filled
+    near = 10 * crossing(mesh, solid).gap  # lids cover themselves: notches narrower than that are filled
     wrong_as_cut = 0
     as_cut = render(crossing(mesh, crossings=0), Palm(), poses, CC).length()
     for row, pose in enumerate(poses):
@@ -215,7 +185,7 @@ def test_where_a_solid_touches_itself_there_is_no_wall_and_no_gap(name, turned):
     """Exact lengths of sections across boxes; turned ones have gaps of float32's rounding where they touch."""
     parts, length = TOUCHING[name]
     mesh = merged(*parts)
-    assert gap_of(crossing(mesh)) > 0
+    assert crossing(mesh).gap > 0
     for seed in range(60):
         turn = Rotation.random(random_state=seed) if turned else Rotation.identity()
         there = turn.apply(mesh[0] - MIDDLE) + MIDDLE, mesh[1]
@@ -292,31 +262,10 @@ def test_a_plane_through_an_edge_gives_no_more_than_planes_beside_it(name, most)
 
 def test_only_faces_that_look_at_each_other_in_one_plane_may_touch():
     apart = [block([-0.02, 0, 0], [-0.01, 0.01, 0.01]), block([0.01, 0.001, 0.002], [0.02, 0.03, 0.03])]
-    assert gap_of(crossing(merged(*apart))) == 0
-    assert gap_of(crossing(overlapping_blocks()[0])) == 0
-    assert 0 < gap_of(crossing(merged(*TOUCHING["side by side"][0]))) < 1e-6  # far below the promised 1e-5 m
-    assert gap_of(crossing(block([0, 0, 0], [0.01, 0.01, 0.01]), "even-odd")) > 0  # faces twice there cancel
-
-
-def test_two_bodies_in_one_place_are_one_solid_and_by_even_and_odd_none():
-    box = block([-0.02, -0.02, -0.02], [0.02, 0.02, 0.02])
-    shifted = block([-0.02, -0.02, -0.02], [0.01, 0.02, 0.01])  # shares three planes with it
-    poses = generic_poses(40, 6, spread=0.01)
-    for solid, expected in (("winding", section_lengths([box], poses)), ("even-odd", np.zeros(40))):
-        length = render(crossing(merged(box, box), solid), Palm(0.2, 0.2), poses, CC).length()
-        np.testing.assert_allclose(length, expected, atol=ROUNDING)
-    odd = render(crossing(merged(box, shifted), "even-odd"), Palm(0.2, 0.2), poses, CC).length()
-    np.testing.assert_allclose(odd, section_lengths([box, shifted], poses), atol=5e-6)
-
-
-def section_lengths(parts, poses):
-    """Outline of what one part has and the next ones, which are within it, have not [m]."""
-    out = []
-    for pose in poses:
-        first, *rest = [section_region(part, pose) for part in parts]
-        left = shapely.difference(first, shapely.union_all(rest).buffer(1e-9)) if rest else first
-        out.append(left.length)
-    return np.array(out)
+    assert crossing(merged(*apart)).gap == 0
+    assert crossing(overlapping_blocks()[0]).gap == 0
+    assert 0 < crossing(merged(*TOUCHING["side by side"][0])).gap < 1e-6  # far below the promised 1e-5 m
+    assert crossing(block([0, 0, 0], [0.01, 0.01, 0.01]), "even-odd").gap > 0  # faces twice there cancel
 
 
 def as_if_simple(thing):

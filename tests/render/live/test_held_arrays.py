@@ -137,16 +137,6 @@ def test_closing_twice_is_closing_once(monkeypatch):
         assert ended == [1]
 
 
-@pytest.mark.exhaustive
-def test_an_array_is_held_open_and_off_at_the_end():
-    before = threading.active_count()
-    own = HeldArrays(arrays_of("emulator"), Connection(), update_rate=10e3, realtime=False)
-    own.require_running()
-    own.close()
-    assert own.outcome["off_confirmed"] is True
-    assert threading.active_count() == before
-
-
 @contextmanager
 def supervised(count):
     """A supervisor, and so many pipes."""

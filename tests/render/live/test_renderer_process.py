@@ -351,17 +351,6 @@ def test_more_samples_than_a_slice_has_are_cut_and_a_full_ring_is_counted():
         own.require_sampled_again()  # what was lost was drawn
 
 
-def test_poses_are_tried_before_anything_is_drawn_and_leave_nothing_behind():
-    with drawing() as own, drawing() as fresh:
-        cost = own.renderer.try_poses()
-        assert 0 < cost["pose_seconds"] <= cost["pose_seconds_max"]
-        for one in (own, fresh):
-            one.renderer.begin(None)
-            one.feel(pose_at(0))
-            one.step()
-        assert own.slices == fresh.slices
-
-
 def test_without_a_viewer_nothing_is_copied_and_with_one_the_newest_pose_as_it_is_rendered():
     with drawing(rendering(), rendering("cube", "corners")) as own:
         own.renderer.begin(None, index=1)

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from board_outputs import emulator_drives, emulator_slots
 from scipy.special import j1
 
 from palpate.device import EmulatorBackend
-from palpate.device.boards.emulator.model import decode_frames, slot_position
 from palpate.device.clock import VirtualClock
 from palpate.device.codec import encode_frames
 from palpate.device.registry import array_model
@@ -48,7 +48,7 @@ def across_beam(focus):
 
 def peak_near(focus, delay, amplitude):
     """Where the pressure peaks across the beam within 5 mm of each point, and its share of the greatest possible."""
-    transducer, axes = slot_position(), across_beam(focus)
+    transducer, axes = emulator_slots(), across_beam(focus)
     place, reach = focus.copy(), 4e-3
     for _ in range(3):
         offset = reach * np.stack(np.meshgrid(*[np.linspace(-1, 1, 5)] * 2), axis=-1).reshape(-1, 2)
@@ -89,12 +89,12 @@ def test_delays_at_an_asymmetric_point_are_those_worked_by_hand():
 @pytest.mark.parametrize("point", [(0.03, -0.02, 0.2), (-0.06, 0.05, 0.14), (0.0, 0.0, 0.265), (0.065, 0.065, 0.25)])
 def test_decoded_bytes_focus_at_the_asked_point(point):
     drives = drive_focus(focus_at(point), array_model("emulator"))
-    delay, level = decode_frames(encode_frames(drives.delay, drives.amplitude))
+    delay, level = emulator_drives(encode_frames(drives.delay, drives.amplitude))
     peak, share = peak_near(np.array([point]), delay, level)
     assert np.linalg.norm(peak - point) < 1e-3
     assert share > 0.995
-    mirrored, _ = pressure(np.array([[point]]), slot_position(), 1 - delay, level)  # what a sign error would give
-    right, _ = pressure(np.array([[point]]), slot_position(), delay, level)
+    mirrored, _ = pressure(np.array([[point]]), emulator_slots(), 1 - delay, level)  # what a sign error would give
+    right, _ = pressure(np.array([[point]]), emulator_slots(), delay, level)
     assert abs(mirrored[0, 0]) < 0.2 * abs(right[0, 0])
 
 
@@ -135,8 +135,8 @@ def test_focal_points_outside_the_zone_are_silenced_counted_and_never_nan(point)
     assert drives.refused == 1
     assert drives.amplitude.tolist() == [0.0, 1.0]
     frames = encode_frames(drives.delay, drives.amplitude)
-    assert not decode_frames(frames)[1][0].any()
-    assert decode_frames(frames)[1][1].all()
+    assert not emulator_drives(frames)[1][0].any()
+    assert emulator_drives(frames)[1][1].all()
 
 
 def test_intensity_that_is_not_a_number_is_silenced_and_counted():
@@ -159,7 +159,7 @@ def test_pressure_peaks_on_the_contour_at_every_frame_played(name, strategy, tmp
     rate = 2500.0
     playback = play_file(path, connection=Connection(backend=bus), sampling=SamplingStrategy(update_rate=rate))
     frames = bus.board().played[: playback.played.frames]
-    delay, level = decode_frames(frames)
+    delay, level = emulator_drives(frames)
     assert len(frames) == round(0.2 * rate)
     batch = render(thing, Palm(), motion, strategy)
     pose = np.searchsorted(motion.time, np.arange(len(frames)) / rate + 1e-9, side="right") - 1
@@ -186,6 +186,6 @@ def focus_by_coherence(delay, segments):
         t = np.linspace(0, 1, 40)[None, :, None]
         points = (start[:, None] + t * (end - start)[:, None]).reshape(-1, 3)
         points = points[:: max(1, len(points) // 400)]
-        distance = np.linalg.norm(points[:, None] - slot_position(), axis=-1)
+        distance = np.linalg.norm(points[:, None] - emulator_slots(), axis=-1)
         out.append(points[np.abs(np.exp(-1j * (2 * np.pi * turns + WAVENUMBER * distance)).sum(axis=1)).argmax()])
     return np.array(out)

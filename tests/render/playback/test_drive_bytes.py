@@ -227,13 +227,6 @@ def test_rounded_frames_are_the_steps_of_the_board_without_its_calibration(name,
         assert found.refused == drives.refused
 
 
-def test_rounded_drives_of_arrays_stand_side_by_side(rng):
-    arrays = [array_model("emulator"), array_model("autd3")]
-    delay = rng.random((5, 505), np.float32)
-    found = round_drives(Drives(delay, np.ones(5, np.float32), 0), arrays).delay.numpy()
-    np.testing.assert_array_equal(found, np.floor(delay * 256 + np.float32(0.5)).astype(int) % 256)
-
-
 def test_shapes_that_are_none_are_refused():
     driver = Driver("pat16")
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from board_outputs import emulator_drives, emulator_slots
 from drive_cases import RADIUS, WAVELENGTH, random_foci
 from field_oracles import pressure_of, wave_matrix
 from scipy.special import j1
 
-from palpate.device.boards.emulator.model import decode_frames, slot_position
 from palpate.device.codec import encode_frames
 from palpate.device.registry import array_model
 from palpate.render.playback.drive import Driver, DriveStrategy, drive_focus
@@ -18,9 +18,9 @@ UP = np.array([[0.0, 0.0, 1.0]])
 
 def field_of(drives, points, radius=RADIUS):
     """Complex pressure at points [point, 3] of the first frame, by way of the wire."""
-    delay, level = decode_frames(encode_frames(drives.delay[:1], drives.amplitude[:1], array="emulator"))
+    delay, level = emulator_drives(encode_frames(drives.delay[:1], drives.amplitude[:1], array="emulator"))
     normal = np.tile(UP, (256, 1))
-    waves = wave_matrix(points, slot_position(), normal, wavelength=WAVELENGTH, radius=radius)
+    waves = wave_matrix(points, emulator_slots(), normal, wavelength=WAVELENGTH, radius=radius)
     return pressure_of(waves, delay[0], level[0]), np.abs(waves).sum(axis=-1)
 
 
@@ -70,9 +70,9 @@ def test_amplitudes_of_several_points_are_as_even_as_documented(size, solver):
     points = random_foci(np.random.default_rng(3), 600, size)
     driver = Driver(array_model("emulator"), DriveStrategy(solver=solver))
     drives = driver.drive(FocalPoints(points, np.ones((600, size), np.float32)))
-    delay, level = decode_frames(encode_frames(drives.delay, drives.amplitude, array="emulator"))
+    delay, level = emulator_drives(encode_frames(drives.delay, drives.amplitude, array="emulator"))
     assert (level == level[0]).all()
-    way = np.linalg.norm(points[:, :, None].astype(float) - slot_position(), axis=-1)
+    way = np.linalg.norm(points[:, :, None].astype(float) - emulator_slots(), axis=-1)
     sine = np.sqrt(1 - (points[:, :, None, 2] / way) ** 2)
     x = 2 * np.pi / WAVELENGTH * RADIUS * np.maximum(sine, 1e-9)
     field = (2 * j1(x) / x / way * np.exp(-2j * np.pi * (way / WAVELENGTH + delay[:, None]))).sum(axis=-1)

@@ -127,14 +127,6 @@ def test_points_out_of_reach_among_several_are_silenced_alone(device):
     assert (reached.std(axis=1) / reached.mean(axis=1) < 0.05).all()
 
 
-def test_silent_frames_hold_the_phases_before_them():
-    focus = foci([[0, 0, 0.2], [9, 9, 9], [np.nan] * 3, [0.02, 0, 0.2]])
-    delay = Driver(EMULATOR).drive(focus).delay
-    np.testing.assert_array_equal(delay[1], delay[0])
-    np.testing.assert_array_equal(delay[2], delay[0])
-    assert (delay[3] != delay[0]).any()
-
-
 def test_points_out_of_reach_that_are_meant_to_be_silent_do_not_count_as_refused():
     drives = Driver(EMULATOR).drive(foci([[9, 9, 9], [9, 9, 9], [np.nan] * 3], [1, 0, 0]))
     assert drives.refused == 1
@@ -251,22 +243,6 @@ def test_waves_of_several_arrays_arrive_together():
     below, above = driver.split(drives)
     assert below.delay.shape == above.delay.shape == (1, 256)
     np.testing.assert_array_equal(below.delay, drive_focus(foci(point), EMULATOR).delay)
-
-
-def test_point_in_reach_of_one_array_is_driven_by_all():
-    near_the_upper = foci([[0, 0, 0.36], [0, 0, 0.395], [0, 0, 0.7]])
-    drives = Driver(facing()).drive(near_the_upper)
-    assert drives.amplitude.tolist() == [1, 1, 0]
-    assert drives.refused == 1
-
-
-def test_several_points_are_solved_for_all_arrays_together(device, rng):
-    arrays, points = facing(), random_foci(rng, 10, 4)
-    drives = Driver(arrays, DriveStrategy(solver="wgs"), device=device).drive(foci(points))
-    position, normal = (np.concatenate([getattr(a, name) for a in arrays]) for name in ("position", "normal"))
-    waves = wave_matrix(points.astype(float), position, normal, wavelength=WAVELENGTH, radius=RADIUS)
-    reached = np.abs(pressure_of(waves, drives.delay))
-    assert np.median(reached.std(axis=1) / reached.mean(axis=1)) < 0.01
 
 
 def test_what_cannot_be_driven_is_refused():

@@ -7,15 +7,13 @@ import pytest
 import warp as wp
 
 from palpate.datasets import static_pose
-from palpate.datasets.focus_files.ptlist import write_ptlist
 from palpate.device.boards.emulator.link import UsbLink
 from palpate.device.clock import VirtualClock
 from palpate.device.errors import DeviceError
 from palpate.device.registry import emulated_backend
-from palpate.kernels import BYTE_STAGES, PLAYING_STAGES
+from palpate.kernels import PLAYING_STAGES
 from palpate.render import DriveStrategy, Palm, closed_contour, record
 from palpate.render.playback import file_playback
-from palpate.render.playback.drive import Driver
 from palpate.render.playback.file_playback import Connection, play_file
 from palpate.render.playback.placed_arrays import load_rig
 from palpate.render.sampling.presets import preset
@@ -64,15 +62,6 @@ def test_no_kernel_is_loaded_that_was_not_compiled_before_the_start(sampling, dr
     assert {"sampling.cycles", "sampling.focus"} <= set(loaded)
 
 
-def test_a_point_list_needs_the_kernels_of_wire_bytes_only(tmp_path, monkeypatch):
-    asked = []
-    monkeypatch.setattr(file_playback, "uncompiled", lambda stages: asked.append(stages) or ())
-    path = tmp_path / "points.PTLIST"
-    write_ptlist(path, [[0.0, 0.0, 0.2]] * 10, [1.0] * 10, update_rate=10e3)
-    play_file(path, connection=VIRTUAL)
-    assert asked == [BYTE_STAGES]
-
-
 def test_kernels_are_compiled_between_opening_an_array_and_starting_it(still, monkeypatch):
     events, start = [], UsbLink.start
     monkeypatch.setattr(file_playback, "uncompiled", lambda stages: stages[:2])
@@ -100,10 +89,3 @@ def test_the_time_of_compiling_is_part_of_the_first_frames_and_makes_no_frame_la
     assert 0.3 <= playback.first_frame_seconds <= time.perf_counter() - begun
     assert playback == replace(playback, first_frame_seconds=0.0)  # what is played does not depend on it
     assert (playback.underruns, playback.played.lateness.max) == (0, 0.0)
-
-
-def test_frames_of_one_focal_point_take_no_solver():
-    several = (*BYTE_STAGES, "driving.solve", "driving.slew")
-    assert [Driver("emulator").kernel_stages(foci) for foci in (1, 2)] == [BYTE_STAGES, several]
-    limited = Driver("emulator", DriveStrategy(slew=0.01), update_rate=10e3)
-    assert limited.kernel_stages(1) == (*BYTE_STAGES, "driving.slew")

@@ -9,7 +9,6 @@ import pytest
 from palpate.datasets import HandMotion
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.datasets.errors import ContourFileError
-from palpate.datasets.focus_files.frame_reader import FrameReader
 from palpate.device.clock import VirtualClock
 from palpate.device.registry import emulated_backend
 from palpate.render import MeshObject, Palm, closed_contour, exploration, record
@@ -78,23 +77,6 @@ def test_a_change_while_playing_is_an_error_at_the_next_block(
     assert not bus.board().emitting
 
 
-@pytest.mark.exhaustive
-def test_a_file_that_another_replaces_plays_to_its_end(recorded, tmp_path, monkeypatch):
-    path = tmp_path / "own.h5"
-    shutil.copy(recorded, path)
-    expected = play_file(path, connection=Connection(clock="virtual")).played.frames
-    contours = ContourFile.contours
-
-    def then_replace(file, first, stop):
-        arrays = contours(file, first, stop)
-        (tmp_path / "new.h5").write_bytes(b"something else")
-        (tmp_path / "new.h5").replace(path)
-        return arrays
-
-    monkeypatch.setattr(ContourFile, "contours", then_replace)
-    assert play_file(path, connection=Connection(clock="virtual")).played.frames == expected
-
-
 def test_a_static_pose_that_is_read_once_is_looked_at_all_the_same(recorded, tmp_path, monkeypatch):
     with ContourFile(recorded) as file:
         lengths = np.diff(file.contours(0, 200)["pose_start"])
@@ -106,24 +88,6 @@ def test_a_static_pose_that_is_read_once_is_looked_at_all_the_same(recorded, tmp
         play_file(path, duration=30.0, connection=Connection(backend=bus), watch=lambda live, total: cut(path))
     assert not bus.board().emitting
     assert bus.board().frames_played < 300_000
-
-
-def test_kept_focal_points_that_are_changed_are_an_error_too(tmp_path):
-    import h5py
-
-    path = tmp_path / "points.h5"
-    with h5py.File(path, "w") as file:
-        file.attrs["format"], file.attrs["version"] = "palpate focal points", np.array([1, 0], np.int32)
-        group = file.create_group("focus")
-        group.attrs["update_rate"] = 10_000.0
-        group["position"] = np.tile(np.float32([0, 0, 0.2]), (400_000, 1))
-        group["intensity"] = np.ones(400_000, np.float32)
-    with FrameReader(path) as reader:
-        reader.require_unchanged()
-    bus = emulated_backend("emulator", clock=VirtualClock())
-    with pytest.raises(ContourFileError, match="bytes"):
-        play_file(path, connection=Connection(backend=bus), watch=lambda live, total: cut(path))
-    assert not bus.board().emitting
 
 
 def test_the_error_carries_what_was_played_until_then(recorded, tmp_path):

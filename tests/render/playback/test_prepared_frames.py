@@ -1,6 +1,5 @@
 """Prepared frames: the bytes that playing the contour file sends, on the same arrays only, whole or refused."""
 
-import json
 import os
 import shutil
 import signal
@@ -15,7 +14,7 @@ from command_line import FAILED, MISUSED, answer, refused
 
 from palpate.datasets import HandMotion
 from palpate.datasets.errors import ContourFileError
-from palpate.datasets.focus_files.frame_reader import FrameReader, check_frames
+from palpate.datasets.focus_files.frame_reader import check_frames
 from palpate.datasets.focus_files.ptlist import write_ptlist
 from palpate.device import Limits, array_model
 from palpate.device.clock import VirtualClock
@@ -35,7 +34,6 @@ from palpate.render import (
     render,
 )
 from palpate.render.errors import StrategyError
-from palpate.render.playback import prepared_frames
 from palpate.render.playback.drive import DriveStrategy
 from palpate.render.playback.prepared_frames import PreparedFrames
 from palpate.render.sampling.strategy import SamplingStrategy
@@ -187,15 +185,6 @@ def test_commands_write_show_and_check_them(contours, tmp_path):
     assert answer("check", out)["whole"] is True
 
 
-@pytest.mark.exhaustive
-def test_commands_play_them_and_replace_no_other_file(contours, frames, tmp_path):
-    out = frames
-    refused(MISUSED, "exists; --overwrite replaces it", "prepare", contours, "-o", out)
-    refused(MISUSED, "must end in .h5", "prepare", contours, "-o", tmp_path / "frames.bin")
-    refused(MISUSED, "which its result never replaces", "prepare", contours, "-o", contours, "--overwrite")
-    assert answer("play", out, "--emulate", "--clock", "virtual")["frames"] == 2000
-
-
 def test_damage_is_found_before_its_block_is_played(frames):
     with h5py.File(frames, "r") as file:
         dataset = file["wire/frames"]
@@ -268,14 +257,3 @@ def test_a_file_that_changes_while_it_plays_is_noticed(frames, monkeypatch):
         os.utime(frames, ns=(time.time_ns(), time.time_ns() + 10**9))
         with pytest.raises(ContourFileError, match="was changed"):
             next(blocks)
-
-
-def test_counts_that_are_none_are_refused(contours, tmp_path, monkeypatch):
-    real = prepared_frames.asdict
-    monkeypatch.setattr(prepared_frames, "asdict", lambda value: {**real(value), "samples": "many"})
-    prepare_frames(contours, tmp_path / "frames.h5", duration=0.1)
-    monkeypatch.undo()
-    with pytest.raises(ContourFileError, match="count: samples is 'many'"):
-        play_file(tmp_path / "frames.h5", connection=VIRTUAL)
-    with FrameReader(tmp_path / "frames.h5") as file:
-        assert json.loads(file.text("/wire", "count"))["samples"] == "many"

@@ -107,7 +107,7 @@ def test_no_text_runs_into_another_where_strategies_have_many_stages():
     some = [
         "simplify",
         "resample",
-        {"stage": "smooth", "method": "laplace"},
+        {"stage": "smooth", "rounds": 2},
         "smooth",
         {"stage": "inset", "distance": 0.004},
     ]

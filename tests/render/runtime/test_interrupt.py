@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 
 import pytest
@@ -64,20 +63,6 @@ def test_an_applications_own_handler_is_left_alone():
     assert seen == [signal.SIGINT]
 
 
-def test_off_the_main_thread_nothing_changes():
-    handlers = []
-
-    def inside():
-        with interrupt_between() as raise_if_interrupted:
-            handlers.append(signal.getsignal(signal.SIGINT))
-            raise_if_interrupted()
-
-    thread = threading.Thread(target=inside)
-    thread.start()
-    thread.join()
-    assert handlers == [signal.default_int_handler]
-
-
 def test_native_code_that_hears_no_signal_ends_with_the_process():
     begun = time.monotonic()
     with subprocess.Popen([sys.executable, "-c", DEAF], stdout=subprocess.PIPE, text=True) as process:
@@ -128,17 +113,3 @@ def test_where_an_application_handles_the_signal_nothing_changes():
     finally:
         signal.signal(signal.SIGINT, before)
     assert (seen, refused) == ([signal.SIGINT], None)
-
-
-def test_the_wake_up_descriptor_of_others_stays():
-    reader, writer = os.pipe2(os.O_NONBLOCK)
-    before = signal.set_wakeup_fd(writer)
-    try:
-        with ended_promptly(lambda: 1), pytest.raises(KeyboardInterrupt):
-            interrupt_here()
-        assert os.read(reader, 9) == bytes([signal.SIGINT])
-        assert signal.set_wakeup_fd(writer) == writer
-    finally:
-        signal.set_wakeup_fd(before)
-        os.close(reader)
-        os.close(writer)

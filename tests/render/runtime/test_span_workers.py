@@ -3,8 +3,6 @@
 import gc
 import itertools
 import os
-import subprocess
-import sys
 import threading
 import time
 from dataclasses import dataclass
@@ -98,17 +96,6 @@ def test_chunks_cover_every_pose_in_order_within_bounds(ranges, size, workers, f
     assert most <= 2 * workers + 1  # one with the consumer
 
 
-@pytest.mark.parametrize("at", ["learn", "give_back", "take"])
-def test_a_failure_of_the_bookkeeping_is_raised(at):
-    def fail(*_):
-        raise OverflowError(at)
-
-    spans = spans_of([(0, 40)])
-    setattr(spans, at, fail)
-    with pytest.raises(OverflowError, match=at):
-        list(chunks_in_order(spans, [Made] * 2))
-
-
 @pytest.mark.parametrize("workers", [1, 2, 3])
 def test_a_failure_comes_out_as_itself_after_all_chunks_before_it(workers):
     fault = RuntimeError("pose 57")
@@ -125,20 +112,6 @@ def test_a_failure_comes_out_as_itself_after_all_chunks_before_it(workers):
         done.extend((chunk.first, chunk.stop) for chunk in chunks)
     assert raised.value is fault
     assert done == [(first, first + 10) for first in range(0, 50, 10)]
-
-
-def test_the_earliest_of_several_failures_comes_out():
-    gate = threading.Event()
-
-    def work(first, stop):
-        if first == 0:
-            gate.wait(10)
-            raise ValueError("early")
-        gate.set()
-        raise ValueError("late")
-
-    with pytest.raises(ValueError, match="early"):
-        list(chunks_in_order(spans_of([(0, 100)]), [work] * 2))
 
 
 @pytest.mark.parametrize("interruption", [KeyboardInterrupt, GeneratorExit])
@@ -188,17 +161,6 @@ def test_workers_and_chunk_sizes_change_no_bit(device, poses, workers, memory):
     np.testing.assert_array_equal(lengths, expected)
 
 
-def test_workers_on_several_devices_change_no_bit(poses):
-    devices = [str(device) for device in wp.get_devices()]
-    alone = render(TUBE, PALM, poses, closed_contour(), device=devices[0])
-    for mixed in ([devices[-1]] * 2, devices * 2):
-        together = render(TUBE, PALM, poses, closed_contour(), devices=mixed, memory=2**22)
-        if set(mixed) == {"cpu"}:
-            assert_same(alone, together)
-        else:
-            np.testing.assert_allclose(together.lengths(), alone.lengths(), atol=1e-5)
-
-
 def test_a_pose_too_large_for_its_share_is_refused_with_the_memory_that_it_needs(device, monkeypatch):
     monkeypatch.setattr(batch_module, "POINT_BYTES", 10**6)  # as if points were that large
     pose = np.array([[0, 0, 0.2, 0, 0, 0, 1]], np.float32)
@@ -242,37 +204,6 @@ def test_memory_of_chunks_under_way_stays_below_the_budget(workers, poses, monke
             start = most = held
             largest = max(sum(array.nbytes for array in chunk.contours.arrays().values()) for chunk in list_of_chunks)
         assert largest < most - start < budget
-
-
-HIGH_WATER = """
-import sys
-import numpy as np
-import warp as wp
-from palpate.render import MeshObject, Palm, closed_contour
-from palpate.render.intersection.batch_rendering import rendered_chunks
-from palpate.render.intersection.job import ContourJob
-from palpate.render.intersection.scene import Scene
-device, budget, poses = sys.argv[1], int(sys.argv[2]), np.load(sys.argv[3])
-thing = MeshObject.load("tube")
-thing.on(device)
-wp.synchronize_device(device)
-before, largest = wp.get_mempool_used_mem_current(device), 0
-scene = Scene.of(thing, Palm(), closed_contour())
-for chunk in rendered_chunks(ContourJob.of(scene, poses, devices=[device] * 2, memory=budget)):
-    largest = max(largest, sum(array.nbytes for array in chunk.contours.arrays().values()))
-print(wp.get_mempool_used_mem_high(device) - before, largest)
-"""
-
-
-def test_a_gpu_holds_at_most_twice_the_results_and_the_budget(device, poses, tmp_path):
-    if device == "cpu":
-        pytest.skip("no memory pool; the test before counts every array")
-    np.save(tmp_path / "poses.npy", np.tile(poses, (50, 1)))
-    command = [sys.executable, "-P", "-c", HIGH_WATER, device, str(2**26), str(tmp_path / "poses.npy")]
-    out = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    peak, largest = map(int, out.split()[-2:])
-    assert largest > 2**20
-    assert peak <= 2 * largest + 2**26
 
 
 @pytest.mark.exhaustive
@@ -320,10 +251,3 @@ def test_devices_by_the_command_lines_words(monkeypatch):
         worker_devices("cpu,cpu")
     with pytest.raises(StrategyError, match="name one device at least"):
         render(TUBE, PALM, np.array([[0, 0, 0.2, 0, 0, 0, 1]]), closed_contour(), devices=[])
-
-
-def test_more_workers_than_memory_has_shares_for_are_fewer(poses):
-    few = render(TUBE, PALM, poses[:200], closed_contour(), devices=["cpu"] * 100, memory=2 * 2**20)
-    assert_same(few, render(TUBE, PALM, poses[:200], closed_contour()))
-    with pytest.raises(StrategyError, match="workers must be at most 256 on each device, not 257"):
-        worker_devices("cpu", 257)

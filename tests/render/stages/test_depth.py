@@ -45,7 +45,7 @@ def test_a_patch_that_is_absent_has_no_depth(at, device, rng):
     pose = np.tile(np.array([0, 0, 0, 0, 0, 0, 1], np.float32), (4, 1))
     solid, options = MeshObject.load("tube"), {**DEFAULTS, "grid": 3, "at": at}
     raw, _ = Scene.of(solid, hand, "cc").contours(pose, 0, device)
-    batch, setting = raw.numpy(), a_setting(pose, thing=solid, hand=hand, device=device)
+    batch, setting = raw.numpy(), a_setting(pose, solid=solid, hand=hand, device=device)
     got = run_stage("depth", batch, setting, **options)
     np.testing.assert_allclose(got.intensity, weighed(batch, setting, **options).intensity, atol=1e-4)
     assert np.diff(got.pose_start)[3] == 0

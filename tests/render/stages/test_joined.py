@@ -12,7 +12,6 @@ from palpate.render.intersection.mesh_section import intersect
 from palpate.render.stages.prune import JOINT_GAP, drop_joined_sides
 from palpate.render.stages.setting import Setting
 
-STRATEGIES = {"oc": open_contour(), "cc": closed_contour()}
 ANGLE = np.radians(10.0)
 
 
@@ -37,50 +36,6 @@ def segments_of(batch):
     pose = np.searchsorted(batch.pose_start, line, side="right") - 1
     ends = np.stack([batch.points[first], batch.points[first + 1]], axis=1).astype(np.float64)
     return ends, batch.kind[first], batch.polyline_patch[line], pose
-
-
-def far_from(points, ends):
-    """Distance of each point from the nearest of some segments [m]."""
-    a, d = ends[:, 0], ends[:, 1] - ends[:, 0]
-    share = np.einsum("psk,sk->ps", points[:, None] - a, d) / np.maximum(np.einsum("sk,sk->s", d, d), 1e-300)
-    nearest = a + np.clip(share, 0.0, 1.0)[..., None] * d
-    return np.linalg.norm(points[:, None] - nearest, axis=2).min(axis=1)
-
-
-def tiles(axis):
-    """A palm of 60 x 80 mm, and two patches that tile it along v (0) or u (1)."""
-    size, parts = np.array([0.06, 0.08]), (0.3, 0.7)
-    patches, begin = [], -0.5
-    for name, part in zip("ab", parts, strict=True):
-        own, middle = size.copy(), begin + part / 2
-        own[1 - axis] *= part
-        place = (0, 0, -middle * size[1]) if axis == 0 else (middle * size[0], 0, 0)
-        patches.append(HandPatch(name, *own, (*place, 0, 0, 0, 1)))
-        begin += part
-    return Palm(*size), PlaneHand(
-        tuple(patches), (PatchJoint("a", 2, "b", 0) if axis == 0 else PatchJoint("a", 1, "b", 3),)
-    )
-
-
-@pytest.mark.parametrize("strategy", STRATEGIES)
-@pytest.mark.parametrize("axis", [0, 1])
-@pytest.mark.parametrize("name", ["tube", "dog", "cube"])
-def test_two_patches_that_tile_a_palm_draw_its_contours(name, axis, strategy, device):
-    thing, (palm, hand), pose = MeshObject.load(name), tiles(axis), generic_poses(150, axis)
-    whole = raw_contours(thing, palm, pose, STRATEGIES[strategy], device).numpy()
-    before, after, removed = joined_contours(thing, hand, pose, STRATEGIES[strategy], device)
-    np.testing.assert_allclose(after.lengths(), whole.lengths(), atol=2e-6)
-    np.testing.assert_allclose(before.length() - after.length(), removed, atol=2e-6)
-    assert (after.length() <= before.length() + 1e-7).all()
-    assert (removed > 0.01).sum() > 10 if strategy == "cc" else not removed.any()
-    ends, kind, _, row = segments_of(whole)
-    own_ends, own_kind, _, own_row = segments_of(after)
-    for i in range(len(pose)):
-        for k in (0, 1):
-            mine = own_ends[(own_row == i) & (own_kind == k)]
-            if len(mine):  # with equal lengths, that each lies on the others makes the sets equal
-                theirs = ends[(row == i) & (kind == k)]
-                assert far_from(np.concatenate([*mine.swapaxes(0, 1), mine.mean(axis=1)]), theirs).max() < 1e-6
 
 
 def test_a_flat_hand_draws_the_outline_of_its_union_in_a_convex_solid(device):

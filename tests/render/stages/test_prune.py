@@ -14,7 +14,6 @@ from palpate.kernels.stages.cut import divide_segments
 from palpate.kernels.stages.prune_crowded import Beside, thin_contours
 from palpate.render import ContourBatch
 from palpate.render.hands.hand import PatchFrames
-from palpate.render.stages.prune import facing_angle
 
 STAGES = ["off-skin", "close-together", "small", "turned-away", "hidden"]
 OPTIONS = {"small": {"perimeter": 0.4, "length": 0.2}}  # random polylines are long
@@ -139,14 +138,6 @@ def test_small_goes_by_the_focus_own_circumference(device):
         assert (removed[0] == 0) == stays
     _, removed = pruned(lines_at([(0, 0, 0.2), (0.02, 0, 0.2)]), setting, "small", length=0.03)
     assert removed[0] == pytest.approx(0.02)
-
-
-def test_facing_angle_is_that_between_the_skin_and_the_array(rng):
-    frames = random_frames(rng, 20)
-    way = -frames.origin / np.linalg.norm(frames.origin, axis=-1, keepdims=True)
-    cosine = np.sum(-frames.n * way, axis=-1)
-    np.testing.assert_allclose(np.cos(facing_angle(frames, np.zeros(3))), cosine, atol=1e-12)
-    assert facing_angle(flat_frames([(0, 0, 0.2)]), np.zeros(3))[0, 0] == 0
 
 
 @pytest.mark.parametrize(("tilt", "stays"), [(0, True), (59.9, True), (60.1, False), (180, False)])

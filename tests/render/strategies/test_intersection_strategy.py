@@ -109,11 +109,6 @@ def test_a_stage_may_be_listed_again_with_other_options():
     assert IntersectionStrategy.from_json(twice.to_json()) == twice
 
 
-def test_what_needs_inside_and_outside_says_so():
-    assert IntersectionStrategy(raw="contact").needs_closed
-    assert not IntersectionStrategy(prune=("off-skin", "small")).needs_closed
-
-
 @pytest.fixture
 def own_module(tmp_path):
     """A strategy file with a module of stages beside it."""
@@ -140,14 +135,6 @@ def test_a_file_names_the_modules_that_its_stages_come_from(own_module):
     assert "palpate_test_stages" not in sys.modules  # it runs under a name of its own
     with pytest.raises(StrategyError, match="cannot import 'palpate_test_stages'"):  # a text has no folder beside it
         IntersectionStrategy.from_json(strategy.to_json())
-
-
-def test_a_module_that_fails_is_told_by_file_and_name(own_module):
-    own_module.with_name("palpate_test_stages.py").write_text("raise RuntimeError('on purpose')\n")
-    with pytest.raises(
-        StrategyError, match=r"strategy\.json: modules: cannot import 'palpate_test_stages'.*on purpose"
-    ):
-        load_strategy(str(own_module), allow_code=True)
 
 
 @pytest.mark.parametrize("options", [{"length": None}, {"length": None, "perimeter": None}])

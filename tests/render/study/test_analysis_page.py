@@ -3,19 +3,16 @@
 import ast
 import re
 
-import numpy as np
 import pytest
 from answered_tables import PAPER, QUESTION, chosen, levels_text, option, paper_answers, plan_of, table_of
-from page_blocks import ROOT, blocks_of
+from page_blocks import ROOT
 from simulated_participants import observed_table
 from study_observers import paper_observers
 
 from palpate.render.study.analysis import psychometric_fit, report_sections
 from palpate.render.study.analysis.command import answer_columns, fit_columns, measure_columns, outcome_columns
-from palpate.render.study.analysis.report_sections import ASSUMPTIONS
 from palpate.render.study.analysis.study_analysis import analyse_answers
-from palpate.render.study.analysis.table_files import write_tables
-from palpate.render.study.plan.example_plans import example_text
+from palpate.render.study.plan.study_plan import example_text
 from palpate.render.study.plan.study_reading import read_stored_study
 
 PAGE = ROOT / "docs" / "formats" / "study-analysis.md"
@@ -90,10 +87,6 @@ def test_the_tutorial_quotes_the_report_of_simulated_people(monkeypatch):
     assert [own for own in quoted if " ".join(own.replace("> ", "").split()) not in " ".join(text.split())] == []
 
 
-def test_the_page_and_the_report_say_the_same_of_what_tests_assume():
-    assert [tuple(row) for row in rows_below("What each test assumes")] == list(ASSUMPTIONS)
-
-
 def test_the_page_explains_every_note_of_a_fit():
     tree = ast.parse((ROOT / psychometric_fit.__file__).read_text())
     found = []
@@ -115,31 +108,3 @@ def text_of(node):
     return "".join(
         EXAMPLES[ast.unparse(own.value)] if isinstance(own, ast.FormattedValue) else own.value for own in node.values
     )
-
-
-def code_of(language):
-    """The page's lines of code in a language."""
-    (block,) = [own for own in blocks_of(PAGE) if own.language == language]
-    return block.text
-
-
-def test_columns_that_the_lines_of_r_name_are_there():
-    code = code_of("r")
-    columns, made = set(answer_columns(paper_table())), set(re.findall(r"^trials\$(\w+) <-", code, re.MULTILINE))
-    used = set(re.findall(r"trials\$(\w+)\b(?! <-)", code)) | set(re.findall(r"block_\w+", code)) | {"code"}
-    formula = re.search(r"glmer\((\w+) ~ (\w+) \* (\w+) \+ \(1 \| (\w+)\)", code).groups()
-    subset = re.search(r"subset\(answers, (\w+) == \"answer\" & !(\w+)\)", code).groups()
-    assert used | set(formula) | set(subset) <= columns | made
-    assert made == {"cc", "opacity"}
-
-
-def test_lines_of_pandas_give_p_of_each_participant_and_cell(tmp_path, monkeypatch):
-    pytest.importorskip("pandas")
-    folder = tmp_path / "paper.data" / "analysis"
-    folder.mkdir(parents=True)
-    write_tables(folder, "answers", answer_columns(paper_table()))
-    names = {}
-    monkeypatch.chdir(tmp_path)
-    exec(code_of("python"), names)
-    assert names["p"].to_numpy() == pytest.approx(np.full((2, 6), 0.7))
-    assert names["p"].index.to_list() == ["P01", "P02"]

@@ -1,6 +1,5 @@
 """`palpate study` as a person runs it: the whole program on the emulated array, answered over the page's own socket."""
 
-import json
 import os
 import re
 import signal
@@ -137,23 +136,6 @@ def test_options_of_events_need_the_socket_of_events(plan):
     options = {"events": None, "events_host": "127.0.0.1", "lsl": True, "plan": plan}
     with pytest.raises(command.StrategyError, match="--lsl is of --events"):
         command.run_study(options, as_json=False)
-
-
-@pytest.mark.exhaustive
-def test_the_run_sheet_is_printed_and_nothing_is_made(plan):
-    code, out, err = run_palpate("study", plan, "--dry-run", "--json")
-    assert (code, err) == (0, "")
-    sheet = json.loads(out)
-    assert sheet["trials_least"] == 4
-    assert sheet["faults"] == []
-    code, out, _ = run_palpate("study", plan, "--dry-run")
-    assert code == 0
-    assert "The plan has no fault." in out
-    plan.write_text(PLAN.replace('file = "still.h5"', 'file = "stil.h5"'))
-    code, _, err = run_palpate("study", plan, "--dry-run")
-    assert code == 2
-    assert re.search(r"filled\.toml:\d+: stimulus\.file: .*stil\.h5", err)
-    assert not plan.with_suffix(".data").exists()
 
 
 @pytest.mark.exhaustive

@@ -6,7 +6,6 @@ import pytest
 from command_line import FAILED, MISUSED, answer, refused, run
 
 from palpate.datasets.sweeps.table import load_table, write_table
-from palpate.render.sweeps.baseline_check import BaselineCheck
 
 PLAN = """
 [object]
@@ -90,7 +89,3 @@ def test_a_baseline_that_cannot_serve_is_refused_before_a_sweep(path, tmp_path):
     assert not store.exists()
     shared = sweep(plan(tmp_path / "c.toml", [3, 2, 1]), "--baseline", old)["comparison"]
     assert (shared["kept"], shared["recipe_count"], len(shared["added"])) == (True, 4, 2)
-
-
-def test_only_a_missing_file_has_nothing_to_compare(tmp_path):
-    assert BaselineCheck(tmp_path / "new.csv", None, (), True).compare({"recipe_hash": ["a"]}) is None

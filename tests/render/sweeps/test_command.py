@@ -5,7 +5,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -15,7 +14,6 @@ import trimesh
 from command_line import FAILED, MISUSED, PALPATE, answer, refused, run
 
 from palpate.datasets.sweeps.table import load_table
-from palpate.render.cli import app as cli
 from palpate.render.sweeps.run import estimate as estimate_module
 
 SMALL = """
@@ -149,15 +147,6 @@ def test_a_dry_run_estimates_and_makes_nothing(tmp_path):
 
 
 @pytest.mark.exhaustive
-def test_a_dry_run_counts_a_pose_once_where_it_is_rendered_again_to_be_sampled(tmp_path):
-    path = plan(tmp_path / "a.toml", seeds=(1,), strategies=("cc",))
-    for metrics in ('["contours"]', '["contours", "sampling"]'):
-        words = ("--dry-run", "--device", "cpu", "--set", "motion.duration=1.0", "--set", f"metrics={metrics}")
-        found = answer("sweep", path, *words, "--store", tmp_path / "none")
-        assert (found["renderings"], found["poses_to_render"]) == (1, 90)
-
-
-@pytest.mark.exhaustive
 def test_a_dry_run_names_every_family_that_will_fail(tmp_path, monkeypatch):
     """18 of 120: an open sheet has no closed contours, and each of these strategies needs them."""
     monkeypatch.chdir(tmp_path)
@@ -180,17 +169,6 @@ def test_a_dry_run_names_every_family_that_will_fail(tmp_path, monkeypatch):
     for _, strategy in families:
         assert any("sheet.stl" in problem and strategy in problem for problem in found["problems"])
     assert len(found["problems"]) == len(families)
-
-
-@pytest.mark.exhaustive
-def test_a_dry_run_expects_the_bytes_that_kept_files_take(tmp_path):
-    path = plan(tmp_path / "a.toml", seeds=(1,), speeds=(5.0, 7.0))
-    path.write_text('keep = ["contours", "focal-points", "drives"]\n' + path.read_text())
-    found = answer("sweep", path, "--dry-run", "--device", "cpu", "--set", "motion.duration=1.0")
-    kept = sweep(path, "--set", "motion.duration=1.0")
-    size = sum(file.stat().st_size for file in Path(kept["store"]).rglob("*.h5"))
-    assert found["renderings"] == 2
-    assert found["bytes"] == pytest.approx(size, rel=0.2)
 
 
 def test_a_sweep_of_too_many_poses_needs_yes(tmp_path, monkeypatch):
@@ -236,47 +214,3 @@ def chunks_of(store):
     """Number of chunks that a store has; 0 where it is not there yet."""
     result = run("sweep", "status", store, "--json")
     return sum(own["chunks"] for own in json.loads(result.stdout).get("results", ()))
-
-
-def test_ctrl_c_before_the_command_runs_has_no_traceback(tmp_path, monkeypatch, capsys):
-    (tmp_path / "typer.py").write_text("raise KeyboardInterrupt")
-    paths = os.pathsep.join(filter(None, [str(tmp_path), os.environ.get("PYTHONPATH")]))
-    done = subprocess.run(PALPATE, env=os.environ | {"PYTHONPATH": paths}, capture_output=True, text=True)
-    assert (done.returncode, done.stderr.splitlines()[-1]) == (FAILED, "error: interrupted")
-    assert "Traceback" not in done.stderr
-
-    def interrupted():
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(cli, "app", interrupted)
-    assert (cli.exit_code(), "interrupted" in capsys.readouterr().err) == (FAILED, True)
-
-
-@pytest.mark.exhaustive
-def test_a_finished_sweep_imports_no_more_than_it_needs(tmp_path):
-    path = plan(tmp_path / "a.toml")
-    sweep(path)
-    code = (
-        "import sys; from palpate.render.cli.app import exit_code\n"
-        "sys.argv[1:] = ['sweep', sys.argv[1], '--no-figure', '--device', 'cpu']\n"
-        "print(exit_code(), {'matplotlib', 'trimesh', 'scipy', 'pyarrow', 'loky'} & set(sys.modules))"
-    )
-    out = subprocess.run([sys.executable, "-P", "-c", code, str(path)], capture_output=True, text=True, check=True)
-    assert out.stdout.splitlines()[-1] == "0 set()"
-
-
-@pytest.mark.exhaustive
-def test_json_is_one_object_whatever_device_the_plan_leaves_open(tmp_path):
-    """In a process of its own, where Warp has not been started: it would print a greeting to standard output."""
-    path = plan(tmp_path / "a.toml", seeds=(1,), strategies=("oc",))
-    words = [*PALPATE, "sweep", path, "--no-figure", "--json"]
-    done = subprocess.run(words, capture_output=True, text=True, check=True)
-    assert json.loads(done.stdout)["recipes"] == 1
-    assert "Warp" not in done.stderr
-
-
-def test_warnings_of_places_use_the_words_of_a_plan(tmp_path):
-    path = tmp_path / "a.toml"
-    path.write_text('[object]\nsource = "cube"\nat = [0.0, 0.0, -0.2]\n[motion]\nduration = 0.1\n')
-    shown = run("sweep", path, "--device", "cpu", "--workers", "1", "--no-figure").stderr
-    assert "at = [0, 0, 0.2]" in " ".join(shown.split())

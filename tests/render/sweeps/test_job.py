@@ -1,7 +1,6 @@
 """Options of `palpate sweep` that mean nothing are misuse, and refused before anything is made."""
 
 import sqlite3
-import sys
 from contextlib import closing
 
 import pytest
@@ -64,14 +63,6 @@ def test_an_option_that_means_nothing_is_refused(path, monkeypatch, words, messa
     assert not (path.parent / "a.sweep").exists()
 
 
-def test_extras_that_are_not_installed_are_named(path, monkeypatch):
-    for name in ("pyarrow", "distributed"):
-        monkeypatch.setitem(sys.modules, name, None)
-    refused(MISUSED, "pip install -e '.[parquet]'", "sweep", path, "--table", path.with_name("t.parquet"))
-    refused(MISUSED, "per_pose = true: Parquet needs PyArrow", "sweep", path, "--set", "per_pose=true")
-    refused(MISUSED, "--scheduler needs Dask", "sweep", path, "--scheduler", ADDRESS)
-
-
 def test_a_store_that_is_something_else_is_refused(path, tmp_path):
     other, empty = tmp_path / "other", tmp_path / "empty"
     other.mkdir()
@@ -103,10 +94,3 @@ def test_a_store_of_another_format_is_refused_with_the_way_out(path, tmp_path, v
         assert f"has format version {version}, and this palpate reads version 4" in text or "into itself" in text
     refused(FAILED, way_out, "sweep", path, "--device", "cpu")
     assert (store / "store.sqlite").read_bytes() == before
-
-
-def test_what_the_shell_took_apart_needs_quotes(path):
-    # --set motion.seed={first=1,count=5}, as bash gives it
-    apart = ["--set", "motion.seed=first=1", "motion.seed=count=5"]
-    refused(MISUSED, "a --set with braces or blanks needs quotes", "sweep", path, *apart)
-    assert "quotes" not in run("sweep", path, "none=such.toml").stderr

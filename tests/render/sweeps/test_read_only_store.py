@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 import pytest
-from command_line import FAILED, answer
+from command_line import answer
 
 from palpate.datasets.sweeps.table import load_table
 
@@ -80,19 +80,3 @@ def test_all_that_only_reads_works(store, tmp_path):
     assert "its own table is of another plan" in warning
     assert load_table(tube)["object"].tolist() == ["tube"]
     assert others[-1][1]["chunks_merged"] == 2
-
-
-@pytest.mark.exhaustive
-def test_all_that_would_write_is_refused(store, tmp_path):
-    sweep = (store.with_suffix(".toml"), "--device", "cpu")
-    lacking, *others = run_all(
-        store,
-        (*sweep, "--set", "motion.seed=5"),
-        (*sweep, "--same-results"),
-        (*sweep, "--update-baseline", "--baseline", store / "b.csv"),
-        ("prune", store),
-        ("merge", store, tmp_path / "a.sweep"),
-    )
-    assert lacking[0] == FAILED
-    assert "cannot be written, and lacks results of 2 recipes" in lacking[1]["error"]
-    assert all(code for code, *_ in others)

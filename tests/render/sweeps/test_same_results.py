@@ -62,27 +62,6 @@ def test_results_before_a_change_are_taken_over_once(path, monkeypatch):
     refused(MISUSED, "has no results of another code version", "sweep", path, "--same-results")
 
 
-def test_without_it_a_change_makes_all_again(path, monkeypatch):
-    change_code(monkeypatch)
-    report = sweep(path)
-    assert report["poses_rendered"] == 18
-    assert set(load_table(report["table"])["maker"].tolist()) == {OTHER}
-
-
-@pytest.mark.exhaustive
-def test_kept_files_are_taken_over_with_their_results(tmp_path, monkeypatch):
-    path, store = tmp_path / "a.toml", tmp_path / "a.sweep"
-    path.write_text('keep = ["contours"]\n' + PLAN)
-    sweep(path)
-    kept = {file: file.stat().st_mtime_ns for file in (store / "contours").iterdir()}
-    change_code(monkeypatch)
-    report = sweep(path, "--same-results")
-    assert (report["poses_rendered"], report["recipes_failed"]) == (0, 0)
-    assert answer("sweep", "prune", store)["files_removed"] == 0
-    assert {file: file.stat().st_mtime_ns for file in kept} == kept
-    assert run("check", store).exit_code == 0
-
-
 def test_a_dry_run_and_a_sweep_that_is_refused_take_nothing_over(path, tmp_path, monkeypatch):
     change_code(monkeypatch)
     file = path.with_name("a.sweep") / "store.sqlite"

@@ -1,9 +1,6 @@
 """Sweeps from Python: overrides, the table in pandas and xarray, the best row, and a search by Optuna."""
 
-import math
-import re
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,10 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.render import sweep
-from palpate.render.errors import PlanError, StrategyError, SweepError
+from palpate.render.errors import SweepError
 from palpate.render.sweeps.study import toml_text
 
-GUIDE = Path(__file__).parents[3] / "docs/guide/sweep.md"
 PLAN = """
 metrics = ["contours"]
 [object]
@@ -42,15 +38,6 @@ def plan(tmp_path):
 @given(value=VALUES)
 def test_values_are_written_as_toml_reads_them(value):
     assert tomllib.loads(f"x = {toml_text('x', value)}")["x"] == value
-
-
-def test_numpys_values_and_paths_are_values():
-    assert toml_text("x", np.arange(3)) == toml_text("x", range(3)) == "[0, 1, 2]"
-    assert toml_text("x", np.float64(0.1)) == "0.1"
-    assert toml_text("x", Path("a/b.stl")) == '"a/b.stl"'
-    for value in (None, [None], {"a": object()}, 1j):
-        with pytest.raises(PlanError, match=r"set: x: must be a number, a text"):
-            toml_text("x", value)
 
 
 def test_a_sweep_is_made_once_and_its_table_is_tidy(plan):
@@ -81,24 +68,6 @@ def test_axes_that_vary_are_dimensions_and_nothing_moves(plan):
     assert data["complete"].all()
 
 
-def test_axes_that_go_together_have_one_dimension(plan):
-    zipped = ["object.fit", "motion.seed", "motion.size"]
-    values = {"object.fit": [0.05, 0.06, 0.07], "motion.seed": [1, 2, 3], "motion.size": [0.1, 0.1, 0.12]}
-    data = sweep(plan, values | {"zip": [zipped]}).to_xarray()
-    assert dict(data.sizes) == {"object": 2, "object_fit": 3, "strategy": 2}
-    assert data["seed"].dims == data["size"].dims == ("object_fit",)
-    assert data["size"].values.tolist() == [0.1, 0.1, 0.12]
-    assert not data["length_mean"].isnull().any()
-
-
-def test_what_the_plan_leaves_out_is_nan(plan):
-    rule = [{"object.source": "cube", "strategy.source": "cc"}]
-    data = sweep(plan, {"exclude": rule}).to_xarray()
-    assert dict(data.sizes) == {"object": 2, "strategy": 2}
-    assert data["length_mean"].isnull().values.tolist() == [[False, False], [False, True]]
-    assert data["complete"].values.tolist() == [[True, True], [True, False]]
-
-
 @pytest.mark.exhaustive
 def test_a_sparse_design_has_one_row_a_recipe(plan):
     fits = [{"source": "sphere", "fit": 0.05 + k / 1000, "scale": 1 + k % 7 / 10} for k in range(20)]
@@ -122,39 +91,3 @@ def test_the_best_row_is_the_largest_or_the_smallest(plan):
             result.best(name)
     with pytest.raises(SweepError, match="no recipe has a value of r;"):
         sweep(plan, {"strategy.source": "oc"}).best("r")
-
-
-@pytest.mark.exhaustive
-def test_recipes_that_fail_are_in_the_result(plan, tmp_path):
-    (tmp_path / "mine.py").write_text("def f(contours):\n    return 'text'\n")
-    result = sweep(plan, {"metrics": ["contours", "mine.py:f"], "object.source": "cube"}, allow_code=True)
-    assert len(result.failures) == 2
-    assert result.columns["complete"].tolist() == [False, False]
-    assert result.best("length_mean")["object"] == "cube"
-
-
-def test_faults_of_values_name_the_key(plan):
-    with pytest.raises(PlanError, match=r"--set object\.fit=80: object\.fit: must lie in"):
-        sweep(plan, {"object.fit": 80})
-    with pytest.raises(StrategyError, match="workers must be at least 1, not 0"):
-        sweep(plan, workers=0)
-
-
-@pytest.mark.exhaustive
-def test_optuna_finds_the_known_best(tmp_path, monkeypatch):
-    pytest.importorskip("optuna", reason="Optuna is not installed")
-    text = GUIDE.read_text()
-    monkeypatch.chdir(tmp_path)
-    toml = re.findall(r"^```toml[^\n]*\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
-    Path("height.toml").write_text(next(block for block in toml if "a hand that turns about" in block))
-    search = next(block for block in re.findall(r"^```python[^\n]*\n(.*?)^```", text, re.M | re.S) if "optuna" in block)
-    names = {}
-    exec(search, names)
-    trials = names["study"].trials
-    heights = {trial.params["z"] for trial in trials}
-    assert names["study"].best_params["z"] == pytest.approx(0.2)
-    assert names["study"].best_value == pytest.approx(math.pi * 0.06, rel=0.01)  # a great circle
-    assert len(heights) < len(trials) == 40
-    table = sweep("height.toml", {"object.at": [[0.0, 0.0, z] for z in heights]})
-    assert table.report.rows == 0  # what the search made serves a sweep, and a point that came again was not made again
-    assert table.best("length_mean")["object_at_z"] == pytest.approx(0.2)

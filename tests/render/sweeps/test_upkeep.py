@@ -78,25 +78,6 @@ def test_stores_of_two_code_versions_are_refused_and_those_of_one_are_joined(tmp
     assert answer("sweep", "failures", tmp_path / "all")["code_version"] == OLDER
 
 
-def test_a_source_with_older_results_too_gives_only_those_of_this_code(path, tmp_path):
-    age(tmp_path / "1.sweep")
-    sweep(path, "--store", tmp_path / "1.sweep", "--set", "motion.seed=2")
-    result = run("sweep", "merge", tmp_path / "all", tmp_path / "1.sweep", "--json")
-    assert (result.exit_code, json.loads(result.stdout)["chunks_merged"]) == (0, 2)
-    assert "results of 1 other code version were left out" in " ".join(result.stderr.split())
-
-
-def test_a_merge_cannot_begin_with_a_folder_that_is_no_store(path, tmp_path):
-    one, mixed, target = tmp_path / "1.sweep", tmp_path / "mixed", tmp_path / "all"
-    mixed.mkdir()
-    (mixed / "thesis.txt").write_text("mine")
-    refused(MISUSED, "cannot be merged into itself", "sweep", "merge", one, mixed / "../1.sweep")
-    for words in ((target, mixed), (mixed, one), (target, tmp_path / "missing"), (path, one)):
-        refused(MISUSED, "is not a sweep's store", "sweep", "merge", *words)
-    assert [own.name for own in mixed.iterdir()] == ["thesis.txt"]
-    assert not target.exists()
-
-
 def test_damage_in_a_source_is_named_and_left_out(path, tmp_path):
     with closing(sqlite3.connect(tmp_path / "1.sweep/store.sqlite")) as connection, connection:
         connection.execute("UPDATE result SET payload = '{}' WHERE rowid = 1")
@@ -121,25 +102,6 @@ def test_failures_are_shown_by_reason_with_their_names(tmp_path):
     assert answer("sweep", "merge", tmp_path / "all.sweep", store)["failures_merged"] == 2
 
 
-def test_status_shows_results_and_the_last_run(path, tmp_path):
-    store = tmp_path / "a.sweep"
-    status = answer("sweep", "status", store)
-    assert (status["last_run"]["state"], status["last_run"]["plan"], status["is_in_use"]) == ("ended", "a", False)
-    assert status["results"] == [
-        {"code_version": code_version(), "group": group, "results": 3, "chunks": 3}
-        for group in ("contours", "frequency")
-    ]
-    assert status["bytes"]["store.sqlite"] > 10_000
-    shown = run("sweep", "status", store).stdout
-    assert "(this code)" in shown
-    assert "ended" in shown
-    with SweepStore(store, code_version(), mode="write") as own:
-        own.end_run(own.begin_run("b"), "stopped: interrupted")
-        assert answer("sweep", "status", store)["is_in_use"]
-    assert answer("sweep", "status", store)["last_run"]["state"] == "stopped: interrupted"
-    refused(MISUSED, "is not a sweep's store", "sweep", "status", tmp_path)
-
-
 def test_pruning_keeps_this_code_alone(path, tmp_path):
     store, words = tmp_path / "1.sweep", ("--store", tmp_path / "1.sweep", "--set", "motion.seed=2")
     assert answer("sweep", "prune", store)["chunks_removed"] == 0
@@ -157,10 +119,3 @@ def test_pruning_keeps_this_code_alone(path, tmp_path):
     assert answer("sweep", "prune", store) == dry | {"is_dry_run": False}
     assert {own["code_version"] for own in answer("sweep", "status", store)["results"]} == {code_version()}
     assert sweep(path, *words)["poses_rendered"] == 0
-
-
-def test_a_plan_may_have_a_commands_name_behind_a_dot(path, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    shutil.copy(path, "status")
-    assert sweep("./status", "--set", "motion.seed=1", "--dry-run")["recipes"] == 1
-    assert json.loads(run("sweep", "run", "a.toml", "--dry-run", "--json").stdout)["recipes"] == 3

@@ -32,7 +32,3 @@ def test_where_a_plan_has_the_key_it_is_one():
     sweep = Wording(["overwrite"], keys=PLAN_KEYS)
     assert sweep("use scale=0.001 or at=(0, 0, 0.2)") == "use scale = 0.001 or at = [0, 0, 0.2]"
     assert sweep("overwrite=True") == "--overwrite"
-
-
-def test_resuming_is_of_another_command_for_one_that_plays():
-    assert Wording([], ["resume"])('mode="resume" finishes it') == "palpate render --resume finishes it"

@@ -26,11 +26,6 @@ def test_points_lie_on_the_contours_of_their_pose(tmp_path):
             assert on < 1e-4
 
 
-def test_a_static_pose_is_drawn_for_a_twentieth_of_a_second(tmp_path):
-    with scene_of(tmp_path, "cc", static_pose([0, 0, 0.2])) as scene:
-        assert len(focal_path(scene, 0).position) == 500
-
-
 def test_an_open_line_jumps_from_its_end_and_a_closed_one_never(tmp_path):
     pose = static_pose([0, 0.045, 0.2])
     with scene_of(tmp_path, "oc", pose) as scene:

@@ -54,11 +54,6 @@ def test_indices_are_exact_also_where_16_bits_do_not_hold_them(count):
     assert back.tolist() == values.tolist()
 
 
-def test_no_rows_are_no_rows():
-    back, _ = through(Packer.positions, np.zeros((0, 3)))
-    assert back.shape == (0, 3)
-
-
 def test_the_same_content_is_stored_once():
     packer, values = Packer(), np.arange(30.0).reshape(10, 3)
     first, again, other = packer.positions(values), packer.positions(values), packer.positions(values[:5])

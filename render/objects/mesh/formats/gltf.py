@@ -92,10 +92,6 @@ class GltfArrays:
         self._named, self._binary = named, binary
         self._buffers: dict[int, bytes] = {}
 
-    def count(self, index: int) -> int:
-        """Rows of an accessor."""
-        return whole(item(self.tree, "accessors", index)["count"])
-
     def accessor(self, index: int, kind: str) -> np.ndarray:
         """An array, shape [row, component]; float64 if it is normalised, else of its own type.
 

@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from palpate.kernels.fields.expression_tree import STACK, tree_field
-from palpate.kernels.fields.probe import probe_points
+from palpate.kernels.fields.field import probe_points
 from palpate.render.errors import ImplicitError
 from palpate.render.objects.functions.expression import (
     DEEPEST,

@@ -6,7 +6,7 @@ import implicit_functions as functions
 import numpy as np
 import pytest
 
-from palpate.kernels.fields.probe import probe_points
+from palpate.kernels.fields.field import probe_points
 from palpate.render.errors import ImplicitError, PalpateWarning
 from palpate.render.objects.functions.expression import (
     box,
@@ -156,14 +156,14 @@ def test_thin_and_small_insides_are_found():
 def test_files_and_names_are_loaded(tmp_path, monkeypatch):
     path = tmp_path / "solid.json"
     path.write_text(expression_to_json(sphere(0.04)))
-    assert ImplicitObject.load(path, placement=UP).identity == made(sphere(0.04)).identity
-    assert ImplicitObject.load(str(path), placement=UP).name == "solid.json"
-    one = ImplicitObject.load("implicit_functions:ball", bounds=AROUND, placement=UP)
+    assert ImplicitObject(path, placement=UP).identity == made(sphere(0.04)).identity
+    assert ImplicitObject(str(path), placement=UP).name == "solid.json"
+    one = ImplicitObject("implicit_functions:ball", bounds=AROUND, placement=UP)
     assert (one.name, one.identity) == ("ball", made(functions.ball, AROUND).identity)
     module = tmp_path / "blob.py"
     module.write_text("import warp as wp\n\n@wp.func\ndef blob(x: wp.vec3) -> float:\n    return wp.length(x) - 0.04\n")
-    two = ImplicitObject.load(f"{module}:blob", bounds=AROUND, placement=UP, allow_code=True)
-    assert ImplicitObject.load(f"{module}:blob", bounds=AROUND, placement=UP, allow_code=True).function is two.function
+    two = ImplicitObject(f"{module}:blob", bounds=AROUND, placement=UP, allow_code=True)
+    assert ImplicitObject(f"{module}:blob", bounds=AROUND, placement=UP, allow_code=True).function is two.function
     for name, message in [
         (f"{module}:none", "has no 'none'; its Warp functions are blob"),
         (f"{tmp_path}/other.py:blob", "cannot be imported .ImportError: no such file"),
@@ -172,11 +172,11 @@ def test_files_and_names_are_loaded(tmp_path, monkeypatch):
         (str(tmp_path / "none.json"), "none.json: cannot be read"),
     ]:
         with pytest.raises(ImplicitError, match=message):
-            ImplicitObject.load(name, bounds=AROUND, allow_code=True)
+            ImplicitObject(name, bounds=AROUND, allow_code=True)
     bad = tmp_path / "bad.py"
     bad.write_text("raise RuntimeError('unfit')\n")
     with pytest.raises(ImplicitError, match=r"cannot be imported .RuntimeError: unfit"):
-        ImplicitObject.load(f"{bad}:blob", bounds=AROUND, allow_code=True)
+        ImplicitObject(f"{bad}:blob", bounds=AROUND, allow_code=True)
 
 
 @pytest.mark.exhaustive
@@ -206,7 +206,7 @@ def test_a_constant_that_a_function_reads_counts_to_its_identity(tmp_path):
             f"import warp as wp\n\nR = wp.constant({radius})\n\n@wp.func\ndef f(x: wp.vec3) -> float:\n"
             "    return wp.length(x) - R\n"
         )
-        of.add(ImplicitObject.load(f"{module}:f", bounds=AROUND, placement=UP, allow_code=True).identity)
+        of.add(ImplicitObject(f"{module}:f", bounds=AROUND, placement=UP, allow_code=True).identity)
     assert len(of) == 2
 
 

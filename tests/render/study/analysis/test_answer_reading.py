@@ -16,7 +16,7 @@ from palpate.render.study.analysis import answer_reading
 from palpate.render.study.analysis.answer_measures import choice_measures, ratio_measures, scale_measures
 from palpate.render.study.analysis.answer_reading import read_answers
 from palpate.render.study.run.answer_store import AnswerStore
-from palpate.render.study.run.store_rows import ABOUT_CONSENT, AnswerRow, IntervalRow
+from palpate.render.study.run.study_file import ABOUT_CONSENT, AnswerRow, IntervalRow
 
 pytestmark = pytest.mark.exhaustive
 
@@ -123,18 +123,6 @@ def test_r_is_that_of_sql_alone(written):
     assert np.nanmax(own.values) < 2.0  # r of intervals that were played again was 100
 
 
-def test_sessions_and_what_was_not_counted_are_read(written):
-    table = read_answers(written)
-    assert [(own.code, own.array, own.source) for own in table.sessions] == [("P01", "", ""), ("P02", "", "")]
-    assert all(own.began.startswith("20") and own.palpate for own in table.sessions)
-    (replayed,) = query(
-        written,
-        "SELECT count(*) FROM intervals WHERE outcome <> 'played' OR attempt < (SELECT max(attempt) FROM answers "
-        "WHERE answers.code = intervals.code AND answers.block = intervals.block AND answers.trial = intervals.trial)",
-    )[0]
-    assert table.replayed_count == replayed > 0
-
-
 def test_scales_are_those_that_were_given(written):
     confidence, difficulty = scale_measures(read_answers(written))
     assert confidence.values.tolist() == [[7, 4, 2, 1, 5, 3], [3, 5, 1, 2, 4, 7]]
@@ -143,17 +131,6 @@ def test_scales_are_those_that_were_given(written):
 
 def test_the_file_itself_can_be_named(written):
     assert read_answers(written / "answers.sqlite").answers == read_answers(str(written)).answers
-
-
-def test_every_answer_comes_back_in_its_order(written):
-    table = read_answers(written)
-    assert table.codes == ("P01", "P02")
-    assert table.unfinished == ("P02",)
-    given = [own for code, rows in (("P01", ROWS), ("P02", ROWS[::-1])) for own in paper_answers(code, rows)]
-    found = [own for own in table.answers if own.block != "after"]
-    assert [own._replace(is_practice=False) for own in found] == given
-    assert sum(own.is_practice for own in found) == 24
-    assert repr(table) == "StudyTable('Infill density', 2 participants, 169 answers)"
 
 
 def test_hostile_texts_come_back_as_the_store_keeps_them(written):
@@ -214,17 +191,6 @@ def test_data_without_an_answer_are_those_of_nobody(tmp_path):
         store.begin("P01")
     table = read_answers(tmp_path)
     assert (table.codes, table.unfinished, table.answers, table.ratios) == ((), (), (), ())
-
-
-def test_data_that_a_participant_goes_on_to_write_are_read(data):
-    with AnswerStore(data, plan_of(TEXT)) as store:
-        store.begin("P03")
-        before = len(read_answers(data).answers)
-        store.add_answer(answer_row(paper_answers("P03", ROWS)[0]))
-        table = read_answers(data)
-        assert len(table.answers) == before + 1
-        assert table.codes == ("P01", "P02", "P03")
-        store.add_answer(answer_row(paper_answers("P03", ROWS)[1]))  # reading has left no lock
 
 
 def test_a_transaction_that_never_ends_is_named(data, monkeypatch):
@@ -318,15 +284,3 @@ def test_pages_that_were_overwritten_are_refused(data):
     path.write_bytes(content)
     with pytest.raises(StudyError, match=r"answers\.sqlite cannot be read: it is damaged"):
         read_answers(data)
-
-
-def test_what_is_not_there_or_no_file_is_refused(tmp_path):
-    with pytest.raises(
-        StudyError, match=r"answers\.sqlite is not there: name the folder with a study's data, or its plan"
-    ):
-        read_answers(tmp_path)
-    with pytest.raises(StudyError, match=r"gone is not there"):
-        read_answers(tmp_path / "gone")
-    (tmp_path / "answers.sqlite").mkdir()
-    with pytest.raises(StudyError, match=r"answers\.sqlite cannot be read: .*Is a directory"):
-        read_answers(tmp_path)

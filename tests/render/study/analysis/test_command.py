@@ -5,15 +5,13 @@ import json
 
 import numpy as np
 import pytest
-from answered_tables import PAPER, answer_row, paper_answers, plan_of, random_run, stimulus_text, table_of
+from answered_tables import PAPER, answer_row, plan_of, random_run, stimulus_text
 from command_line import FAILED, MISUSED, answer, refused, run
 from simulated_participants import simulate_study
 from study_observers import paper_observers
 
 from palpate.render.errors import StrategyError, StudyError
 from palpate.render.study.analysis import command
-from palpate.render.study.analysis import report_sections as sections
-from palpate.render.study.analysis.power import FoundPower
 from palpate.render.study.plan.study_reading import read_study
 from palpate.render.study.run.answer_store import AnswerStore
 
@@ -76,12 +74,6 @@ def test_data_without_answers_are_refused(plan):
     refused(FAILED, sentence, "study", "analyse", plan)
 
 
-def test_data_of_another_plan_are_analysed_by_their_own_and_that_is_said(analysed, capsys):
-    analysed.write_text("title = 'Another'")
-    assert command.analyse_study({**NOTHING, "study": analysed}, as_json=False) == 0
-    assert "is not the plan that is kept with the data, 'Infill density', which is used" in capsys.readouterr().err
-
-
 def test_another_programs_database_is_refused(tmp_path):
     path = tmp_path / "answers.sqlite"
     path.write_bytes(b"not a database, and long enough to be looked at as one" * 40)
@@ -111,21 +103,6 @@ def test_power_says_how_many_participants_find_an_effect(plan):
     assert json.dumps(found["needed"]) in text
 
 
-def test_powers_are_shown_with_the_least_number_that_has_enough(plan, monkeypatch):
-    powers = [FoundPower(participants=own, power=own / 10, low=own / 12, high=own / 9) for own in (3, 6, 8)]
-    monkeypatch.setattr(command, "find_power", lambda _: powers)
-    lines = run("study", "analyse", plan, *POWER, "--mean", "0.75").output.splitlines()
-    assert [line.split() for line in lines[1:5]] == [
-        ["participants", "power", "95", "%", "interval"],
-        ["3", "(planned)", "0.30", "0.25", "to", "0.33"],
-        ["6", "0.60", "0.50", "to", "0.67"],
-        ["8", "0.80", "0.67", "to", "0.89"],
-    ]
-    assert answer("study", "analyse", plan, *POWER, "--mean", "0.75")["needed"] == 8
-    monkeypatch.setattr(command, "find_power", lambda _: powers[:2])
-    assert answer("study", "analyse", plan, *POWER, "--mean", "0.75")["needed"] == "more than 6"
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -146,43 +123,8 @@ def test_questions_of_power_that_have_no_answer_are_refused(plan, options, messa
     assert message in " ".join(result.output.split())
 
 
-def test_power_is_of_a_plan_and_not_of_data(tmp_path):
-    result = run("study", "analyse", tmp_path, *POWER, "--mean", "0.7")
-    assert result.exit_code == MISUSED
-    assert f"--power is computed from a plan, STUDY.toml, not {tmp_path}" in " ".join(result.output.split())
-
-
 NO_POWER = dict.fromkeys(command.POWER_OPTIONS)
 NOTHING = {"power": False, "data": None, "output": None, "overwrite": False, **NO_POWER}
-
-
-@pytest.fixture
-def analysed(monkeypatch, tmp_path):
-    """A plan whose data are eight participants, all of whom call closed contours denser; no picture is drawn."""
-    plan = plan_of(PAPER.replace("participants = 3", "participants = 8"))
-    rows = ["1111111111 7 1", "1111111110 6 2", "1111111100 5 3", "1111111000 4 4", "1111110000 3 5", "1111100000 2 6"]
-    table = table_of(plan, *(paper_answers(code, rows) for code in plan.codes))
-    monkeypatch.setattr(command, "read_answers", lambda folder: table)
-    for name in [own for own in vars(sections) if own.startswith("draw_")]:
-        monkeypatch.setattr(sections, name, lambda *values, **options: None)
-    path = tmp_path / "study.toml"
-    path.touch()
-    path.with_suffix(".data").mkdir()
-    return path
-
-
-def test_the_terminal_names_measures_and_factors_as_tables_do(analysed, capsys):
-    assert command.analyse_study({**NOTHING, "study": analysed}, as_json=False) == 0
-    printed = capsys.readouterr().out
-    assert "\np_cc - 0.5 " in printed
-    assert "\np_cc by object: cube - tube " in printed
-    assert "\np_cc by opacity: opacity 1 - opacity 0.7 " in printed
-
-
-def test_json_has_the_same_names(analysed, capsys):
-    assert command.analyse_study({**NOTHING, "study": analysed}, as_json=True) == 0
-    facts = json.loads(capsys.readouterr().out)
-    assert {"participants", "answers", "p_cc - 0.5", "p_cc by object: cube - tube", "report"} <= facts.keys()
 
 
 @pytest.mark.parametrize(
@@ -217,15 +159,7 @@ def small_data(tmp_path, monkeypatch):
     return tmp_path / "data"
 
 
-@pytest.mark.parametrize("name", ["study.toml", "folder", "nothing"])
-def test_without_answers_no_folder_is_made(tmp_path, name):
-    (tmp_path / "folder").mkdir()
-    with pytest.raises(StudyError, match="is not there"):
-        command.analyse_study(NOTHING | {"study": tmp_path / name}, as_json=True)
-    assert [own.name for own in tmp_path.rglob("*")] == ["folder"]
-
-
-@pytest.mark.parametrize("name", ["report.md", "answers.csv", "fits.parquet"])
+@pytest.mark.parametrize("name", ["report.md", "answers.csv"])
 def test_a_file_that_is_there_is_kept(small_data, name):
     output = small_data.parent / "output"
     output.mkdir()

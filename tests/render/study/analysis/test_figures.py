@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from palpate.render.study.analysis import figures
-from palpate.render.study.analysis.measures import Cell, Measure
+from palpate.render.study.analysis.answer_measures import Cell, Measure
 
 pytestmark = pytest.mark.exhaustive
 
-LONG = "a name that is much longer than anybody writes in a plan $x^2$ <b>&amp; \u202e日本語の長い名前 \\"
 OBJECTS = ("cube", "tube", "dog")
 
 
@@ -145,39 +144,6 @@ def test_dots_of_a_level_do_not_lie_on_each_other(drawn):
     assert len(np.unique(np.round(dots, 3))) == len(dots) == 72
 
 
-@pytest.mark.parametrize(
-    "values",
-    [
-        pytest.param([[0.5] * 6], id="one participant"),
-        pytest.param([[0.5] * 2 + [np.nan] * 4, [0.1, 0.9] + [np.nan] * 4], id="levels without data"),
-        pytest.param(np.full((2, 6), 1e-300), id="tiny"),
-        pytest.param([[np.inf, 0.1, 0.2, 0.3, 0.4, 0.5]], id="infinite"),
-    ],
-)
-def test_a_measure_of_little_data_is_drawn(drawn, values):
-    assert figures.draw_measure(measure(values), "object", "opacity") is not None
-    assert figures.draw_measure(measure(values), "opacity") is not None
-    assert figures.draw_participants(measure(values)) is not None
-    for figure in drawn:
-        require_apart(figure)
-
-
-def test_nothing_is_drawn_of_nothing(drawn):
-    nothing = measure(np.full((3, 6), np.nan))
-    assert figures.draw_measure(nothing, "object", "opacity") is None
-    assert figures.draw_measure(nothing, "size") is None
-    assert figures.draw_participants(nothing) is None
-    assert figures.draw_participants(measure(np.zeros((0, 6)))) is None
-    assert figures.draw_scale(nothing) is None
-    assert figures.draw_scale(measure(np.ones((3, 6)), high=None)) is None
-    assert figures.draw_psychometric([]) is None
-    assert figures.draw_psychometric(fitted(1, x=np.array([]))) is None
-    assert figures.draw_staircases([]) is None
-    assert figures.draw_magnitudes(estimates(2, reason="one value")) is None
-    assert figures.draw_magnitudes(estimates(2, means=np.full((2, 4), np.nan))) is None
-    assert not drawn
-
-
 def test_participants_stand_in_the_order_of_their_means(drawn):
     found = measure([[0.9] * 6, [0.1] * 6, [np.nan] * 6, [0.5, 0.5, 0.6, 0.6, np.nan, np.nan]])
     picture = figures.draw_participants(found)
@@ -211,12 +177,6 @@ def test_a_scale_is_centred_on_its_middle(drawn, high):
     require_apart(drawn[0])
 
 
-def test_means_of_points_count_as_the_nearest_point(drawn):
-    picture = figures.draw_scale(points([[1.4, 2.6, 3, 4, 5, 6]], 7))
-    assert "Means of several answers count as the nearest point." in picture.caption
-    assert "nearest" not in figures.draw_scale(points([[1, 2, 3, 4, 5, np.nan]], 7)).caption
-
-
 def test_a_psychometric_panel_has_answers_curve_and_threshold(drawn):
     picture = figures.draw_psychometric(fitted(1))
     (axes,) = drawn[0].axes
@@ -229,27 +189,6 @@ def test_a_psychometric_panel_has_answers_curve_and_threshold(drawn):
     assert band.get_x() + band.get_width() == pytest.approx(axes.get_xlim()[1])  # its interval is open above
     assert axes.get_title() == "P01: 4.1"
     assert "P01: 4.1" in picture.alt
-    require_apart(drawn[0])
-
-
-def test_panels_are_at_most_24_and_the_others_are_counted(drawn):
-    picture = figures.draw_psychometric(fitted(27), omitted=2)
-    assert picture.caption.endswith("5 more participants are left out.")
-    assert figures.draw_staircases(stairs(25)).caption.endswith("1 more participants are left out.")
-    assert [sum(own.axison for own in figure.axes) for figure in drawn] == [24, 24]
-    for figure in drawn:
-        require_apart(figure)
-
-
-def test_a_participant_without_a_fit_has_a_panel_that_says_why(drawn):
-    reason = "the plan gives no `value` to soft"
-    lacking = fitted(1, code="P09", x=np.array([]), counts=np.array([], int), reason=reason)
-    lacking[0].fit = None
-    flat = fitted(1, code="P10")
-    flat[0].fit = SimpleNamespace(mu=SimpleNamespace(value=None, low=None, high=None))
-    picture = figures.draw_psychometric([*fitted(1), *lacking, *flat])
-    assert "P09: no threshold; P10: no threshold" in picture.alt
-    assert reason in " ".join(drawn[0].axes[1].texts[0].get_text().split())
     require_apart(drawn[0])
 
 
@@ -276,56 +215,6 @@ def test_magnitudes_are_logarithmic_with_a_line_of_the_mean_exponent(drawn):
     require_apart(drawn[0])
 
 
-@pytest.mark.parametrize(
-    ("x", "factor"), [([4.0, 6, 8, 10], 10), (np.linspace(1, 100, 40), 1e-4), ([1e-5, 1, 1e5], 1), ([1, 1.001], 1e9)]
-)
-def test_axes_of_magnitudes_have_numbers_that_lie_apart(drawn, x, factor):
-    figures.draw_magnitudes(estimates(3, x=np.array(x), means=factor * np.array([x, x, x]) ** 0.7))
-    (axes,) = drawn[0].axes
-    low, high = axes.get_ylim()
-    assert 2 <= len(axes.get_xticklabels()) <= 12
-    assert sum(low <= own <= high for own in axes.get_yticks()) >= 1
-    require_apart(drawn[0])
-
-
-@pytest.mark.parametrize("count", [1, 3, 18, 200])
-def test_labels_lie_apart_for_any_number_of_participants(drawn, count):
-    figures.draw_measure(proportions(count), "object", "opacity")
-    figures.draw_measure(proportions(count), "opacity", "object")
-    figures.draw_participants(proportions(count))
-    figures.draw_scale(points(np.tile([1, 2, 3, 4, 5, 7], (count, 1)), 7))
-    figures.draw_psychometric(fitted(count))
-    figures.draw_staircases(stairs(count))
-    figures.draw_magnitudes(estimates(count))
-    for figure in drawn:
-        require_apart(figure)
-        assert max(figure.get_size_inches()) < 14
-
-
-def test_names_of_any_length_and_kind_are_cut_to_their_room(drawn):
-    objects = tuple(f"{k} {LONG * k}" for k in range(1, 7))
-    codes = tuple(f"{LONG * 3} {k}" for k in range(4))
-    named = {"title": LONG * 2, "unit": LONG, "codes": codes, "name": LONG}
-    found = proportions(4, objects, **named)
-    pictures = [
-        figures.draw_measure(found, "object", "opacity"),
-        figures.draw_measure(found, "opacity", "object"),
-        figures.draw_participants(found),
-        figures.draw_scale(measure(np.full((4, 12), 3.0), objects, **named | {"low": 1.0, "high": 9.0})),
-        figures.draw_psychometric(fitted(5, code=LONG, counted=LONG * 2, reason=LONG)),
-        figures.draw_staircases(stairs(5, code=LONG)),
-    ]
-    for figure in drawn:
-        require_apart(figure)
-    assert all(re.fullmatch(r"[\w-]{1,60}\.svg", own.file) for own in pictures)
-
-
-def test_many_levels_are_drawn_narrow_and_the_rest_is_counted(drawn):
-    picture = figures.draw_measure(proportions(3, tuple(f"object {k}" for k in range(50))), "object", "opacity")
-    assert picture.caption.endswith("10 more levels are left out.")
-    require_apart(drawn[0])
-
-
 def test_a_picture_is_the_same_every_time_holds_its_texts_and_loads_nothing():
     found = proportions(4, ("<script>", "$\\frac{$", "日本語"), codes=("a", "b", "c", "--> <x>"))
     contents = [figures.draw_measure(found, "object", "opacity").content for _ in range(2)]
@@ -335,11 +224,3 @@ def test_a_picture_is_the_same_every_time_holds_its_texts_and_loads_nothing():
     assert {"<script>", "$\\frac{$", "日本語", "opacity: 0.7"} <= set(texts)
     assert not list(root.iter("{http://www.w3.org/2000/svg}script"))
     assert not re.search(rb"(?:href|src)\s*=\s*[\"'](?!#)", contents[0])
-
-
-@pytest.mark.filterwarnings("error")
-def test_no_figure_warns():
-    figures.draw_measure(proportions(4, ("日本語", "\u0e01", "\U0001f600")), "object", "opacity")
-    figures.draw_participants(proportions(4, codes=("日", "本", "語", "\U0001f600")))
-    figures.draw_psychometric(fitted(2, counts=np.array([0, 10, 10, 10, 10, 10, 10])))
-    figures.draw_magnitudes(estimates(2, means=np.array([[0.0, 1, 2, 3], [np.nan, 1, np.inf, 3]])))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from answered_tables import QUESTION, levels_text, number, plan_of, stimulus_text, table_of
 
-from palpate.render.study.analysis.magnitude_scales import exponent_measures, magnitude_scales
+from palpate.render.study.analysis.level_answers import magnitude_scales
 
 VALUES = [8.0, 1.0, 2.0, 4.0]
 BLOCK = (
@@ -51,14 +51,6 @@ def test_the_exponent_is_the_slope_of_least_squares_by_hand(plan):
     assert own.exponents == pytest.approx([0.5 / np.log10(2.0)])
 
 
-def test_means_are_geometric(plan):
-    answers = [number("P01", "m", trial, value, ["s1"]) for trial, value in enumerate([1, 10, 100])]
-    (own,) = magnitude_scales(table_of(plan, answers))
-    assert own.means == pytest.approx(np.array([[10.0]]))
-    assert own.reason == "estimates of 1 value; a line needs 2"
-    assert np.isnan(own.exponents).all()
-
-
 def test_zeros_are_left_out_and_counted_and_empty_answers_and_practice_are_nothing(plan):
     answers = estimates("P01", lambda x: x)
     answers += [
@@ -70,21 +62,6 @@ def test_zeros_are_left_out_and_counted_and_empty_answers_and_practice_are_nothi
     (own,) = magnitude_scales(table_of(plan, answers))
     assert own.left_out == 2
     assert own.exponents == pytest.approx([1.0])
-
-
-def test_the_modulus_is_no_estimate():
-    plan = plan_of(levels_text(VALUES), BLOCK + 'modulus = { stimulus = "s3", number = 10 }\n')
-    (own,) = magnitude_scales(table_of(plan, estimates("P01", lambda x: x**2, modulus="s3")))
-    assert own.exponents == pytest.approx([2.0])
-    assert own.means[0] == pytest.approx([1, 4, 16, 64])
-
-
-def test_a_participant_with_one_value_has_no_exponent_and_others_have():
-    plan = plan_of(levels_text(VALUES), BLOCK)
-    answers = [estimates("P01", lambda x: x**2), number("P02", "m", 0, 5.0, ["s1"]), estimates("P03", lambda x: x)[1:3]]
-    (own,) = magnitude_scales(table_of(plan, *answers))
-    np.testing.assert_allclose(own.exponents, [2.0, np.nan, 1.0])
-    assert np.isnan(own.means[1, :3]).all()
 
 
 @pytest.mark.parametrize(
@@ -101,31 +78,3 @@ def test_what_has_no_power_law_says_why(stimuli, reason):
     (own,) = magnitude_scales(table_of(plan, estimates("P01", lambda x: x)))
     assert own.reason == reason
     assert np.isnan(own.exponents).tolist() == [True]
-
-
-def test_nobody_has_no_values_and_no_warning(plan):
-    (own,) = magnitude_scales(table_of(plan))
-    assert (own.means.shape, own.exponents.shape, own.reason) == ((0, 0), (0,), "estimates of 0 values; a line needs 2")
-    assert exponent_measures([own])[0].values.shape == (0, 1)
-    assert (
-        exponent_measures([])
-        == magnitude_scales(
-            table_of(
-                plan_of(
-                    stimulus_text("a", "b"),
-                    f'[[block]]\nname = "p"\ndesign = "2ifc"\npairs = [["a", "b"]]\n{QUESTION}\n',
-                )
-            )
-        )
-        == []
-    )
-
-
-def test_exponents_are_a_measure_with_a_cell_for_each_block():
-    blocks = BLOCK.replace('[[block]]\nname = "m"', '[[block]]\nfor = { hand = ["left", "right"] }\nname = "{hand}"')
-    plan = plan_of(levels_text(VALUES), blocks)
-    answers = [estimates("P01", lambda x: x**2, block="right"), estimates("P01", lambda x: x, block="left")]
-    (own,) = exponent_measures(magnitude_scales(table_of(plan, *answers)))
-    assert own.factors == {"hand": ("left", "right")}
-    np.testing.assert_allclose(own.values, [[1.0, 2.0]])
-    assert (own.name, own.chance) == ("exponent", None)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from palpate.render.study.analysis.answer_measures import Cell, Measure
 from palpate.render.study.analysis.measure_tests import (
     AGAINST,
     AMBIGUOUS,
@@ -14,7 +15,6 @@ from palpate.render.study.analysis.measure_tests import (
     compare_levels,
     matched_values,
 )
-from palpate.render.study.analysis.measures import Cell, Measure
 
 OBJECTS, OPACITIES = ("cube", "tube", "dog"), (1.0, 0.7)
 CELLS = tuple(Cell(f"{own}-{of}", {"object": own, "opacity": of}) for own, of in product(OBJECTS, OPACITIES))
@@ -92,24 +92,6 @@ def test_chance_is_compared_with_participants_means_and_beside_with_cells(drawn)
     assert found.chance_by_ranks.compares == "p_cc - 0.5"
 
 
-def test_the_order_of_participants_and_of_cells_changes_no_test(drawn):
-    rng = np.random.default_rng(2)
-    one = compare_levels(points(drawn), "object")
-    people, places = rng.permutation(14), np.array([1, 0, 4, 2, 5, 3])  # the first of each object stay in order
-    cells = [CELLS[place] for place in places]
-    assert list(dict.fromkeys(cell.factors["object"] for cell in cells)) == ["cube", "dog", "tube"]
-    other = compare_levels(points(drawn[people][:, places], cells=cells), "object")
-    by_pair = {frozenset(own.compares.split(" - ")): own for own in other.by_ranks + other.by_means}
-    for own in one.by_ranks:
-        same = next(
-            test for test in other.by_ranks if set(test.compares.split(" - ")) == set(own.compares.split(" - "))
-        )
-        assert (same.p, same.p_holm) == pytest.approx((own.p, own.p_holm))
-        assert abs(same.effect_size) == pytest.approx(abs(own.effect_size))
-    assert len(by_pair) == 3
-    assert other.omnibus.p == pytest.approx(one.omnibus.p)
-
-
 def test_cells_are_matched_by_all_other_factors_whatever_their_order():
     cells = [
         Cell("a", {"object": "cube", "opacity": 1.0}), Cell("b", {"object": "cube", "opacity": 0.7}),
@@ -128,13 +110,6 @@ def test_cells_that_have_no_partner_are_left_out_of_a_pair_of_levels():
     assert (a.tolist(), b.tolist()) == ([[1, 3], [2, 2]], [[2, 4], [2, 2]])
 
 
-def test_levels_without_any_common_cell_are_compared_by_their_means():
-    cells = [Cell("a", {"object": "cube", "hand": "left"}), Cell("b", {"object": "cube", "hand": "both"})]
-    cells += [Cell("c", {"object": "tube", "hand": "right"})]
-    a, b = matched_values(points([[1, 2, 7]], cells=cells), "object", "cube", "tube")
-    assert (a.tolist(), b.tolist()) == ([[1.5]], [[7]])
-
-
 def test_cells_that_repeat_their_levels_are_averaged():
     cells = [
         Cell("easy cube", {"object": "cube"}),
@@ -143,21 +118,6 @@ def test_cells_that_repeat_their_levels_are_averaged():
     ]
     a, b = matched_values(points([[1, 5, 2]], cells=cells), "object", "cube", "tube")
     assert (a.tolist(), b.tolist()) == ([[3]], [[2]])
-
-
-def test_a_missing_cell_leaves_a_participant_out_where_it_is_needed_alone(drawn):
-    values = drawn.copy()
-    values[3, 0] = np.nan  # the opaque cube of one
-    found = compare_levels(points(values), "object")
-    rest = np.delete(drawn, 3, axis=0)
-    for own in found.by_ranks:
-        one, other = own.compares.split(" - ")
-        kept = rest if "cube" in (one, other) else drawn
-        assert own.p == pytest.approx(stats.wilcoxon(mean_at(kept, one), mean_at(kept, other), method="exact").pvalue)
-        assert ("missing" in own.note) == ("cube" in (one, other))
-    (cells,) = compare_levels(points(values), "opacity").by_cells
-    assert "1 " in cells.note
-    assert "missing" in cells.note
 
 
 def paper_rows():
@@ -175,22 +135,6 @@ def test_tendencies_follow_the_founding_papers_rule():
     assert kinds == [FOR] * 11 + [AMBIGUOUS] + [AGAINST] * 2 + [AMBIGUOUS] * 4
     assert [found[place].above for place in (0, 6, 9, 12, 15)] == [6, 5, 5, 1, 4]
     assert found[0].mean == pytest.approx((1.0 + 0.9 + 0.5 + 0.7 + 0.6 + 0.9) / 6)
-
-
-def test_the_papers_counts_come_out_of_clear_participants():
-    rows = paper_rows()
-    rows[11], rows[14] = [0.9, 0.5, 0.5, 0.6, 0.6, 0.2], [0.1, 0.2, 0.5, 0.5, 0.4, 0.8]
-    kinds = [own.tendency for own in analyse_measure(proportions(rows)).tendencies]
-    assert [kinds.count(own) for own in (FOR, AGAINST, AMBIGUOUS)] == [12, 3, 3]
-
-
-def test_a_tendency_takes_five_sixths_of_the_cells_that_there_are():
-    rows = [[0.9, 0.9, 0.9, np.nan, np.nan, np.nan], [0.9, 0.9, 0.2, np.nan, np.nan, np.nan], [np.nan] * 6]
-    found = analyse_measure(proportions(rows)).tendencies
-    assert [(own.tendency, own.cells) for own in found] == [(FOR, 3), (AMBIGUOUS, 3), (AMBIGUOUS, 0)]
-    assert found[0].mean == pytest.approx(0.9)
-    assert np.isnan(found[2].mean)
-    assert found[2].binomial.p is None
 
 
 @pytest.mark.parametrize("count", range(1, 31))
@@ -211,21 +155,6 @@ def test_each_participants_answers_are_one_family_of_binomial_tests():
     assert [own.binomial.p_holm for own in found] == pytest.approx(holm(p))
 
 
-def test_subgroups_are_found_where_participants_answer_in_opposite_ways():
-    found = analyse_measure(proportions([[0.9] * 6] * 5 + [[0.1] * 6] * 5))
-    assert found.heterogeneity.p < 1e-9
-    assert found.chance_by_ranks.p == 1.0  # and no difference from chance is
-    assert analyse_measure(proportions([[0.6, 0.5, 0.4] * 2] * 6)).heterogeneity.p == pytest.approx(1.0)
-
-
-def test_points_of_scales_have_no_chance_and_no_tendencies(drawn):
-    found = analyse_measure(points(drawn))
-    assert (found.chance_by_ranks, found.chance_by_means, found.chance_by_cells, found.heterogeneity) == (None,) * 4
-    assert found.tendencies == ()
-    assert [own.factor for own in found.factors] == ["object", "opacity"]
-    assert found.factors[1].omnibus is None
-
-
 @pytest.mark.parametrize("people", [0, 1, 2])
 def test_nobody_and_few_participants_have_tests_without_p_or_none_below_the_bound(people):
     found = analyse_measure(proportions(np.full((people, 6), 0.9)))
@@ -233,26 +162,3 @@ def test_nobody_and_few_participants_have_tests_without_p_or_none_below_the_boun
     assert all(own.p is None or own.p >= 0.05 for own in tests)
     assert all(own.p is not None or own.note for own in tests)
     assert len(found.tendencies) == people
-
-
-def test_one_cell_has_no_factors():
-    found = analyse_measure(proportions([[0.9], [0.4]], cells=[Cell("x", {"block": "x"})]))
-    assert found.factors == ()
-    assert found.chance_by_ranks.n == 2
-
-
-def test_three_levels_are_compared_over_the_cells_that_all_of_them_share(drawn):
-    lone = points(drawn[:, :5], cells=CELLS[:5])  # a dog at one opacity alone
-    found = compare_levels(lone, "object")
-    expected = stats.friedmanchisquare(*drawn[:, :5:2].T)
-    assert (found.omnibus.value, found.omnibus.p) == pytest.approx((expected.statistic, expected.pvalue))
-    assert not found.is_crossed
-    assert compare_levels(points(drawn), "object").is_crossed
-
-
-def test_levels_without_a_cell_in_common_say_that_other_factors_may_move_them(drawn):
-    found = compare_levels(points(drawn[:, [0, 3]], cells=(CELLS[0], CELLS[3])), "object")
-    for own in (*found.by_ranks, *found.by_means, *found.by_cells):
-        assert "share no cells" in own.note
-    crossed = compare_levels(points(drawn), "object")
-    assert not any("share no cells" in own.note for own in (*crossed.by_ranks, *crossed.by_means, crossed.omnibus))

@@ -3,7 +3,7 @@
 import pytest
 from answered_tables import QUESTION, number, option, plan_of, point, stimulus_text, table_of, text
 
-from palpate.render.study.analysis.open_answers import open_answers
+from palpate.render.study.analysis.answer_measures import open_answers
 
 AROUND = (
     '[[question_before]]\nname = "age"\ntext = "Age?"\nkind = "number"\noptional = true\n'

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from published_examples import BEETLES, FITS, table_of_examples
+from published_examples import FITS, table_of_examples
 from scipy import special, stats
 
 from palpate.render.errors import StudyError
@@ -105,37 +105,6 @@ def test_intervals_end_where_the_best_of_a_grid_of_curves_has_the_deviance_of_th
             assert -1e-3 < lost - found.deviance - stats.chi2.ppf(0.95, 1) < 0.1
 
 
-@pytest.mark.parametrize(("offset", "factor"), [(-50.0, 0.01), (3.0, -7.0), (0.0, 1000.0)])
-def test_another_scale_of_x_changes_nothing_else(offset, factor):
-    is_turned = factor < 0.0
-    successes, counts = np.array([0, 2, 3, 6, 9, 9, 10]), np.full(7, 10)
-    found = fit_psychometric(LEVELS, successes, counts)
-    moved = fit_psychometric(offset + factor * LEVELS, successes, counts)
-    places = [found.mu.value, *sorted((found.mu.low, found.mu.high), reverse=is_turned)]
-    expected = [offset + factor * own for own in places]
-    tolerance = {"rel": 1e-6, "abs": 1e-6 * abs(factor)}
-    assert [moved.mu.value, moved.mu.low, moved.mu.high] == pytest.approx(expected, **tolerance)
-    assert vars(moved.sigma) == pytest.approx(
-        {name: abs(factor) * own for name, own in vars(found.sigma).items()}, **tolerance
-    )
-    assert moved.deviance == pytest.approx(found.deviance, abs=1e-7)
-    assert moved.is_increasing is not is_turned
-
-
-def test_answers_of_a_level_may_come_in_parts_in_any_order_and_a_level_without_answers_says_nothing():
-    found = fit_psychometric([1.0, 2.0, 0.3, 4.0], [1, 3, 1, 9], [10, 10, 10, 10])
-    parts = fit_psychometric([4.0, 0.1 + 0.2, 2.0, 1.0, 2.0, 0.3, 9.0], [9, 1, 1, 1, 2, 0, 0], [10, 4, 5, 10, 5, 6, 0])
-    assert parts == found
-
-
-def test_a_fit_without_intervals_has_the_same_values():
-    found = fit_psychometric(BEETLES["x"], BEETLES["k"], BEETLES["n"])
-    fast = fit_psychometric(BEETLES["x"], BEETLES["k"], BEETLES["n"], with_intervals=False)
-    assert fast.mu == FittedValue(value=pytest.approx(found.mu.value))
-    assert fast.sigma == FittedValue(value=pytest.approx(found.sigma.value))
-    assert (fast.lapse.low, fast.lapse.high, fast.note) == (None, None, "")
-
-
 # Data that cannot say ------------------------------------------------------------------------------------------------
 
 NO_CURVE = {
@@ -157,12 +126,6 @@ def test_data_without_a_curve_give_no_value_and_a_sentence_with_the_data(case):
     assert np.isnan(found.predict(np.array([1.0, 2.0]))).all()
 
 
-def test_answers_below_the_guess_rate_give_no_curve():
-    found = fit_psychometric([1.0, 2.0, 3.0], [3, 4, 3], [10, 10, 10], guess=0.5)
-    assert found.mu.value is None
-    assert found.note.startswith("No curve describes the data better than a flat line (3 of 10 at 1")
-
-
 @pytest.mark.parametrize("is_turned", [False, True])
 def test_a_step_between_two_levels_has_its_middle_as_threshold_and_an_upper_end_of_sigma(is_turned):
     successes = [0, 0, 0, 10, 10, 10]
@@ -175,13 +138,6 @@ def test_a_step_between_two_levels_has_its_middle_as_threshold_and_an_upper_end_
     assert "A step, at a level or between two, describes the answers as well as any curve" in found.note
     assert "0 of 10 at 2, 10 of 10 at 3" in found.note or is_turned
     assert found.predict(np.array([2.0, 2.5, 3.0])) == pytest.approx([1.0, 0.5, 0.0] if is_turned else [0.0, 0.5, 1.0])
-
-
-def test_a_step_at_a_level_has_that_level_as_threshold():
-    found = fit_psychometric(range(5), [0, 0, 5, 10, 10], [10] * 5)
-    assert found.mu.value == pytest.approx(2.0, abs=0.05)
-    assert found.mu.low < 2.0 < found.mu.high
-    assert (found.sigma.value, found.converged) == (0.0, False)
 
 
 def test_a_step_at_a_level_among_others_of_many_sizes_is_seen():
@@ -199,49 +155,6 @@ def test_a_weak_slope_leaves_intervals_open_and_says_so():
     assert "Sigma has no upper bound: a flat line is not refused either" in found.note
     assert "The threshold has no lower" in found.note
     assert found.note.endswith("(5 of 10 at 1, 4 of 10 at 2, 6 of 10 at 3, 5 of 10 at 4, 7 of 10 at 5).")
-
-
-def test_a_threshold_outside_the_levels_is_said_to_be():
-    found = fit_psychometric([1.0, 2.0, 3.0, 4.0, 5.0], [0, 1, 2, 6, 9], [50] * 5)
-    assert found.mu.value > 5.0
-    assert f"The threshold {found.mu.value:g} lies outside the levels, where nothing was asked" in found.note
-    assert found.mu.low > 4.5
-
-
-def test_two_levels_leave_no_goodness_of_fit():
-    found = fit_psychometric([1.0, 2.0], [10, 35], [40, 40], lapse_max=0.0)
-    # Through two points goes one curve: Phi^-1 of 0.25 and 0.875.
-    low, high = stats.norm.ppf([0.25, 0.875])
-    assert found.sigma.value == pytest.approx(1.0 / (high - low))
-    assert found.mu.value == pytest.approx(1.0 - low / (high - low))
-    assert (found.deviance, found.freedom, found.goodness_p) == (pytest.approx(0.0, abs=1e-9), 0, None)
-    assert "There is no goodness of fit, since there are no more levels than fitted values" in found.note
-
-
-def test_answers_off_any_curve_have_a_small_goodness_p():
-    found = fit_psychometric(LEVELS, [5, 35, 5, 20, 35, 5, 38], [40] * 7)
-    assert found.goodness_p < 1e-6
-    assert found.goodness_p == pytest.approx(stats.chi2.sf(found.deviance, found.freedom))
-
-
-@pytest.mark.parametrize("count", [3, 1500])
-def test_any_answers_give_finite_values_in_their_intervals_or_a_reason(count):
-    random = np.random.default_rng(5)
-    models = [*MODELS.values(), {"lapse_max": 0.0}, {"guess": 0.25, "lapse_max": 0.2}]
-    for _ in range(count):
-        size = random.integers(2, 12)
-        scales = [np.arange(size), random.uniform(0.0, 1.0, size), np.geomspace(1e-3, 1e3, size), 1e6 + np.arange(size)]
-        asked = random.integers(1, random.choice([4, 13, 61]), size)
-        curves = [random.uniform(0.0, 1.0, size), share(np.arange(size), size / 2.0, random.uniform(0.05, 3.0))]
-        curves += [np.full(size, 0.5), np.full(size, 0.03)]
-        successes = random.binomial(asked, curves[random.integers(4)])
-        found = fit_psychometric(scales[random.integers(4)], successes, asked, **models[random.integers(5)])
-        for own in (found.mu, found.sigma, found.lapse):
-            places = [number for number in (own.low, own.value, own.high) if number is not None]
-            assert np.isfinite(places).all()
-            assert (np.diff(places) >= -1e-9 * np.abs(places).max(initial=0.0)).all(), own
-        is_complete = None not in (found.mu.value, found.mu.low, found.mu.high, found.sigma.high, found.goodness_p)
-        assert found.note or (is_complete and found.converged)
 
 
 REFUSED = {

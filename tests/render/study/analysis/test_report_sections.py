@@ -1,11 +1,9 @@
 """The report's sections: what they say of tables whose answers are known, for every design."""
 
-import json
-
 import pytest
-from answered_tables import PAPER, paper_answers, plan_of, table_of
+from answered_tables import PAPER
 from simulated_participants import ObservedTables
-from study_observers import Observer, null_observers, paper_observers
+from study_observers import Observer, paper_observers
 from written_plans import EVERY_DESIGN
 
 from palpate.render.reports.report_pages import html_page, markdown_page
@@ -64,20 +62,6 @@ def test_the_papers_study_has_a_section_for_each_of_its_results(paper):
     ]  # fmt: skip
 
 
-def test_people_who_feel_nothing_are_reported_as_that(paper):
-    text = sections_of(paper.table(null_observers(18, seed=5)))["Choices: p_cc"].text
-    assert "No difference of p_cc from chance (0.5) was found" in text
-    assert "No difference between participants beyond chance was found" in text
-
-
-def test_what_is_odd_stands_in_the_first_section_and_is_kept(paper):
-    people = [Observer(seed=1, strengths=paper_observers(1)[0].strengths, habit="ArrowLeft"), *paper_observers(3)]
-    section = sections_of(paper.table(people))["Participants and data"]
-    rows = json.dumps([list(row) for table in section.tables for row in table.rows])
-    assert "P01 always pressed the key 'ArrowLeft', in 60 answers" in rows
-    assert section.text.startswith("4 of 18 participants have taken part; 4 have answered everything.")
-
-
 @pytest.mark.exhaustive
 def test_every_design_has_its_section_and_both_pages_are_made_of_them():
     plan = read_stored_study(EVERY_DESIGN, "all.toml")
@@ -97,13 +81,6 @@ def test_every_design_has_its_section_and_both_pages_are_made_of_them():
         assert "None" not in page
 
 
-def test_a_study_without_answers_has_a_report():
-    table = ObservedTables(plan_of(PAPER.partition("[[stimulus]]")[1] + PAPER.partition("[[stimulus]]")[2])).table([])
-    found = sections_of(table)
-    assert found["Participants and data"].text.startswith("0 of 3 participants have taken part")
-    assert "cannot be tested" in found["Choices: p_cc"].text
-
-
 def test_each_test_that_a_report_names_has_its_assumptions(paper):
     named = {own[0] for own in ASSUMPTIONS}
     assert all(len(own) == len(ASSUMED_HEAD) for own in ASSUMPTIONS)
@@ -120,27 +97,3 @@ def test_each_test_that_a_report_names_has_its_assumptions(paper):
     }  # fmt: skip
     for test in tests:
         assert any(name in test for name in named), test
-
-
-ROW = "1111100000 4 4"
-
-
-def report_of(count, unfinished=()):
-    plan = plan_of(PAPER.replace("participants = 3", "participants = 8"))
-    answers = [paper_answers(code, [ROW] * 6) for code in plan.codes[:count]]
-    return report_sections(analyse_answers(table_of(plan, *answers, unfinished=unfinished)))
-
-
-def test_a_report_of_one_participant_is_in_the_singular_and_says_that_nothing_can_be_found():
-    first, choices = report_of(1, unfinished=["P01"])[:2]
-    assert first.text.startswith("1 of 8 participants has taken part; 0 have answered everything. ")
-    assert "Fewer than 6 participants have taken part: whatever they answered, no p" in first.text
-    assert "6 cells of 1 participant with 10 answers each." in choices.text
-    groups = "0 of 1 participant have five sixths of their cells at chance or above, 0 at chance or below, and 1 is"
-    assert f"{groups} ambiguous." in choices.text  # each cell is at chance, and so on both sides
-
-
-def test_six_participants_are_enough_for_a_report_without_that_warning():
-    first = report_of(6)[0]
-    assert first.text.startswith("6 of 8 participants have taken part; 6 have answered everything. ")
-    assert "Fewer than" not in first.text

@@ -15,7 +15,6 @@ from answered_tables import (
     option,
     paper_answers,
     plan_of,
-    point,
     stimulus_text,
     table_of,
     text,
@@ -77,20 +76,6 @@ def test_what_was_chosen_follows_the_option_and_not_the_key():
     assert (columns["block_object"], columns["block_opacity"]) == (["cube"] * 2, ["1"] * 2)
 
 
-def test_r_is_the_mean_of_a_trials_intervals_and_stands_once():
-    plan = plan_of(
-        stimulus_text("a", "b"),
-        '[[block]]\nname = "e"\ndesign = "exploration"\nsets = [["a", "b"]]\nrepetitions = 2\n'
-        '[[block.question]]\nname = "soft"\ntext = "?"\nkind = "scale"\n'
-        '[[block.question]]\nname = "warm"\ntext = "?"\nkind = "scale"\n',
-    )
-    answers = [
-        point("P01", "e", name, 3, trial=trial, stimuli=("a", "b")) for trial in range(2) for name in ("soft", "warm")
-    ]
-    columns = answer_columns(table_of(plan, answers, ratios=[("P01", "e", 0, "a", 1.5), ("P01", "e", 0, "b", 2.0)]))
-    assert columns["r"] == [1.75, None, None, None]
-
-
 def test_a_factor_that_is_called_position_leaves_the_position_of_blocks():
     plan = plan_of(
         stimulus_text("a", "b"),
@@ -109,46 +94,6 @@ def test_nobody_has_tables_without_rows():
 
 
 ROWS = ["1101111011 5 3", "0111101110 4 4", "1100010110 3 5", "1110111011 5 2", "0001110100 2 6", "1101011010 4 4"]
-
-
-def test_each_value_of_each_measure_has_a_row_with_its_counts():
-    missing = [own for own in paper_answers("P02", ROWS) if own.block != "cube-0.7"]
-    columns = measure_columns(analyse_answers(table_of(plan_of(PAPER), paper_answers("P01", ROWS), missing)))
-    assert len(columns["code"]) == 2 * 3 * 6
-    place = next(
-        k
-        for k in range(36)
-        if (columns["code"][k], columns["cell"][k], columns["measure"][k]) == ("P02", "cube-0.7", "p_cc")
-    )
-    assert [columns[name][place] for name in ("value", "successes", "answers", "block_object", "block_opacity")] == [
-        None,
-        0,
-        0,
-        "cube",
-        "0.7",
-    ]
-    place = columns["measure"].index("difficulty")
-    assert [columns[name][place] for name in ("cell", "value", "successes", "answers")] == ["cube-1.0", 3.0, None, None]
-    assert columns["value"][0] == 0.8
-
-
-def test_the_levels_of_stimuli_are_columns_of_their_measures():
-    stimuli = (
-        '[[stimulus]]\nfor = { size = [1, 2], s = ["oc", "cc"] }\nname = "n{size}{s}"\nobject = "cube"\n'
-        "duration = 1.0\n"
-    )
-    block = (
-        '[[block]]\nname = "r"\ndesign = "rating"\nstimuli = ["n1oc", "n1cc", "n2oc", "n2cc"]\n'
-        '[[block.question]]\nname = "soft"\ntext = "?"\nkind = "scale"\n'
-    )
-    answers = [
-        point("P01", "r", "soft", k + 1, trial=k, stimuli=(name,))
-        for k, name in enumerate(["n1oc", "n1cc", "n2oc", "n2cc"])
-    ]
-    columns = measure_columns(analyse_answers(table_of(plan_of(stimuli, block), answers)))
-    assert columns["block_size"] == ["1", "1", "2", "2"]
-    assert columns["block_s"] == ["oc", "cc", "oc", "cc"]
-    assert "block_block" not in columns
 
 
 def test_each_test_has_a_row_that_says_what_its_observations_are():

@@ -1,10 +1,8 @@
 """What the participant's page is sent, and what it is not, through real WebSockets."""
 
-import math
 import time
 
 import numpy as np
-import pytest
 from study_cases import (
     AGE,
     ARROWS,
@@ -26,7 +24,7 @@ from study_cases import (
 )
 from virtual_clock import VirtualClock
 
-from palpate.render import Live, render, static_pose
+from palpate.render import render, static_pose
 from palpate.render.errors import RenderError
 from palpate.render.sampling.metrics import FocalPoints
 from palpate.render.study.pages.participant_page import ParticipantPage
@@ -111,17 +109,6 @@ def test_of_a_hand_without_a_mesh_its_planes_are_sent():
         assert ask(page, ask="screen", after=0)["hand"]["patches"].shape == (4, 3)
 
 
-def test_another_hand_has_another_number_and_the_same_one_of_another_stimulus_has_not():
-    scenes, numbers = [scene_around(square_hand())], []
-    options = {"scene": lambda: scenes[0], "moment": lambda: moment_at(scenes[0])}
-    with served_study(**options) as (desk, server), visit(server) as page:
-        desk.show("stimulus", "1", **show_object())
-        for width in (0.06, 0.06, 0.08):
-            scenes[0] = scene_around(square_hand(width))
-            numbers.append(ask(page, ask="screen", after=0)["hand"]["number"])
-    assert numbers == [1, 1, 2]
-
-
 def test_a_session_that_cannot_say_where_the_hand_is_leaves_the_screen():
     def fail():
         raise RenderError("the session has ended")
@@ -129,27 +116,6 @@ def test_a_session_that_cannot_say_where_the_hand_is_leaves_the_screen():
     with served_study(moment=fail) as (desk, server), visit(server) as page:
         desk.show("stimulus", "1", **show_object())
         assert ask(page, ask="screen", after=0)["hand"] is None
-
-
-def test_an_object_is_loaded_once_for_all_opacities_and_has_a_number_of_its_own():
-    asked = []
-
-    def mesh(shown):
-        asked.append(shown.solid)
-        return cube_mesh()
-
-    with served_study(mesh=mesh) as (desk, server), visit(server) as page:
-        assert "object" not in ask(page, ask="object")
-        numbers = []
-        for solid, opacity in (("cube", 1.0), ("cube", 0.7), ("tube", 1.0)):
-            desk.show("stimulus", "1", **show_object(opacity, solid=solid))
-            shown = ask(page, ask="screen", after=0)["screen"]["shown"]
-            found = ask(page, ask="object")["object"]
-            numbers.append((shown["number"], found["number"], shown["opacity"]))
-            assert found["vertices"].tolist() == cube_mesh()[0].tolist()
-            assert found["faces"].tolist() == cube_mesh()[1].tolist()
-        assert numbers == [(1, 1, 1.0), (1, 1, 0.7), (2, 2, 1.0)]
-        assert asked == ["cube", "tube"]
 
 
 def test_a_press_counts_once_and_for_its_screen_only():
@@ -179,45 +145,6 @@ def test_what_is_typed_counts_or_is_refused_with_a_sentence():
         number = desk.show("question", "Words?", question=WORDS).number
         assert ask(page, **give | {"screen": number}, value="rough \ud83d edge")["counts"] is True
         assert desk.await_response(0).value == "rough ? edge"  # half of a character is no text
-
-
-ABSURD = [
-    {"ask": "screen"},
-    {"ask": "screen", "after": "x"},
-    {"ask": "screen", "after": 1e300},
-    {"ask": "screen", "after": 0, "wait": 60},
-    {"ask": "screen", "after": 0, "sound": "loud"},
-    {"ask": "progress"},
-    {"ask": "stop"},
-    {"ask": ["press"]},
-    {"ask": "press", "screen": 1, "key": "", "seconds": 1},
-    {"ask": "press", "screen": 1, "key": "x" * 41, "seconds": 1},
-    {"ask": "press", "screen": 1, "key": "x", "seconds": -1},
-    {"ask": "press", "screen": 1, "key": "x", "seconds": math.nan},
-    {"ask": "press", "screen": None, "key": "x", "seconds": 1},
-    {"ask": "give", "screen": 1, "value": [1], "seconds": 1},
-    {"ask": "give", "screen": 1, "value": {}, "seconds": 1},
-    {"ask": "give", "screen": 1, "value": True, "seconds": 1},
-    {"ask": "give", "screen": 1, "value": math.inf, "seconds": 1},
-    {"ask": "give", "screen": 1, "value": 10**400, "seconds": 1},
-    {"ask": "give", "screen": 1, "value": "x" * 10_001, "seconds": 1},
-    {"ask": "noise", "rate": 1},
-    {"ask": "noise"},
-]
-
-
-def test_absurd_values_are_answered_with_a_sentence_and_without_a_word_in_the_terminal(capfd):
-    with served_study() as (desk, server), visit(server) as page:
-        desk.show("question", "Age?", question=AGE)
-        for request in ABSURD:
-            answer = ask(page, **request)
-            assert answer["kind"] == "failure", request
-            assert "must" in answer["text"], request
-        for message in ("", "[]", "null", "{", "[" * 5000, b"\xff\xfe"):
-            assert "must be a JSON object" in raw_answer(page, message)[0]["text"]
-        assert ask(page, ask="screen", after=0)["number"] == 1
-        assert desk.await_response(0) is None
-    assert capfd.readouterr() == ("", "")
 
 
 def test_large_numbers_are_stored_as_what_a_database_takes():
@@ -304,22 +231,3 @@ def test_control_characters_of_a_plan_do_not_reach_the_page_and_its_lines_do():
 def test_its_line_in_a_log_has_the_sound():
     page = ParticipantPage(StudyDesk(), lambda: None, lambda: None, cube_mesh)
     assert repr(page) == "ParticipantPage(sound off)"
-
-
-@pytest.mark.exhaustive
-def test_the_hand_of_a_run_is_where_the_run_has_it():
-    with Live("tube", realtime=False) as run:
-        scene = run.scene()
-        options = {"scene": run.scene, "moment": run.moment, "mesh": lambda shown: (scene.vertices, scene.faces)}
-        with served_study(**options) as (desk, server), visit(server) as page:
-            desk.show("stimulus", "1", **show_object(solid="tube"))
-            places = set()
-            for _ in range(50):
-                if (hand := ask(page, ask="screen", after=1)["hand"]) is not None:
-                    places.add(tuple(hand["pose"].tolist()))
-                run.wait(0.02)
-            meshes = ask(page, ask="object")
-    assert len(places) > 10
-    assert np.ptp(np.array(list(places))[:, :3], axis=0).max() > 0.01
-    assert np.array_equal(meshes["object"]["vertices"], scene.vertices)
-    assert np.array_equal(meshes["hand"]["vertices"], scene.hand_vertices)

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import welch
 
 from palpate.render.errors import StrategyError
-from palpate.render.study.pages.pink_noise import pink_noise
+from palpate.render.study.pages.participant_page import pink_noise
 
 RATE = 48_000
 

@@ -4,8 +4,8 @@ from command_line import FAILED, MISUSED, answer, refused, run
 
 from palpate.device import array_model
 from palpate.render.study.plan.block_designs import rng_of, trials_of
-from palpate.render.study.plan.example_plans import EXAMPLES, example_text
 from palpate.render.study.plan.study_judgement import judge_study
+from palpate.render.study.plan.study_plan import EXAMPLES, example_text
 from palpate.render.study.plan.study_reading import read_study
 
 

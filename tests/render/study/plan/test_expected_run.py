@@ -6,7 +6,7 @@ import pytest
 
 from palpate.device import Limits
 from palpate.render.study.plan.duty_account import EmissionInterval
-from palpate.render.study.plan.expected_run import expected_run
+from palpate.render.study.plan.study_judgement import expected_run
 from palpate.render.study.plan.study_plan import PlannedBlock, Question, StudyPlan
 
 WHICH = Question(name="which", text="Which one?", kind="choice", options=("first", "second"))
@@ -42,16 +42,6 @@ def test_onsets_and_seconds_are_the_sums_of_the_plan_s_times():
     assert repr(run) == "ExpectedRun(P01, 2 trials, 0.8 min)"
 
 
-def test_trials_and_blocks_are_those_of_the_participant():
-    plan = plan_of(block_of("x", repetitions=4), block_of("y", practice=3))
-    run = expected_run(plan, 1, emissions())
-    assert run.blocks == ("y", "x")
-    assert [(trial.block, trial.number, trial.is_practice) for trial in run.trials[:5]] == [
-        ("y", 0, True), ("y", 1, True), ("y", 2, True), ("y", 3, False), ("y", 4, False),
-    ]  # fmt: skip
-    assert sorted(trial.stimuli for trial in run.trials[5:]) == [("a", "b")] * 4 + [("b", "a")] * 4
-
-
 def test_a_staircase_has_its_most_trials_or_the_mean_at_the_level_that_drives_most():
     block = block_of(
         design="staircase", sets=(("a",), ("b",)), correct_option=1, reversals=3, trials_max=20, tracks=2, practice=1
@@ -74,12 +64,3 @@ def test_rests_keep_the_duty_within_its_bound():
     free = expected_run(plan_of(block_of(repetitions=10), limits=Limits(duty_max=None)), 0, emissions(5.0))
     assert free.pause_seconds == 0.0
     assert run.seconds - free.seconds == pytest.approx(run.pause_seconds)
-
-
-def test_a_trial_over_a_limit_is_one_fault_a_block():
-    limits = Limits(on_time_max=5.0)
-    run = expected_run(plan_of(block_of("long", repetitions=3, gap=0.5), limits=limits), 0, emissions(3.0))
-    assert run.faults == [
-        "block long: on_time_max: a, b in one trial emit for 7.1 s without a pause of 1 s, but the bound is 5 s: a gap "
-        "of 1.1 s is a pause"
-    ]

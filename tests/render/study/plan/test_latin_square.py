@@ -6,7 +6,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from palpate.render.study.plan.latin_square import balanced_square, row_count, square_fault
+from palpate.render.study.plan.block_designs import balanced_square, row_count, square_fault
 
 
 @pytest.mark.parametrize(
@@ -25,12 +25,6 @@ def test_even_squares_are_those_that_bradley_published(published):
     assert rows == published
 
 
-def test_square_of_three_has_all_orders_of_three():
-    # E. J. Williams (1949), Aust. J. Sci. Res. A 2, 149-168: an odd number of treatments needs two squares.
-    rows = {tuple(row) for row in balanced_square(3).tolist()}
-    assert len(rows) == len(balanced_square(3)) == 6
-
-
 @pytest.mark.parametrize("count", range(1, 17))
 def test_conditions_positions_and_neighbours_come_equally_often(count):
     square = balanced_square(count)
@@ -40,18 +34,6 @@ def test_conditions_positions_and_neighbours_come_equally_often(count):
     assert all((np.bincount(column, minlength=count) == times).all() for column in square.T)
     pairs = Counter((int(one), int(next_)) for row in square for one, next_ in itertools.pairwise(row))
     assert pairs == {(one, other): times for one in range(count) for other in range(count) if one != other}
-
-
-@pytest.mark.parametrize("count", [2, 5])
-def test_a_square_with_one_row_too_few_is_not_balanced(count):
-    fault = square_fault(count, 2 * row_count(count) - 1)
-    assert fault is not None
-    assert f"{row_count(count)} or {2 * row_count(count)} participants" in fault
-
-
-@pytest.mark.parametrize(("conditions", "participants"), [(1, 7), (2, 4), (3, 6), (4, 4), (5, 20), (6, 18)])
-def test_whole_squares_have_no_fault(conditions, participants):
-    assert square_fault(conditions, participants) is None
 
 
 def test_fault_names_nearest_counts_of_participants_and_of_blocks():
@@ -76,8 +58,3 @@ def test_a_fault_is_found_where_counting_finds_one(conditions, participants):
     np.add.at(pairs, (rows[:, :-1], rows[:, 1:]), 1)
     is_balanced = np.ptp(columns) == 0 and np.ptp(pairs[~np.eye(conditions, dtype=bool)]) == 0
     assert (square_fault(conditions, participants) is None) == is_balanced
-
-
-def test_a_square_needs_a_condition():
-    with pytest.raises(ValueError, match="count must be at least 1, not 0"):
-        balanced_square(0)

@@ -1,12 +1,9 @@
 """The run sheet as text and as values."""
 
-import json
 from pathlib import Path
 
-import pytest
-
 from palpate.device import Limits, array_model
-from palpate.render.study.plan.run_sheet import run_sheet, run_sheet_values
+from palpate.render.study.plan.run_sheet import run_sheet
 from palpate.render.study.plan.study_judgement import judge_study
 from palpate.render.study.plan.study_plan import PlannedBlock, PlannedStimulus, Question, StudyPlan
 
@@ -92,20 +89,3 @@ def test_no_line_has_more_than_100_characters_and_no_word_is_lost(tmp_path):
     assert "1 fault: the study cannot be run before it is mended" in sheet
     assert "no block has it" in sheet.replace("\n  ", " ")
     assert "(no bound)" in sheet
-
-
-def test_the_hash_of_a_file_is_shown(tmp_path):
-    path = tmp_path / "a.PTLIST"
-    path.write_text("1\n10000\n1\n0, 0, 0.2, 1\n")
-    stimuli = (PlannedStimulus(name="a", duration=1e-4, file=path),)
-    plan = plan_of(pairs(design="rating", sets=(("a",),)), stimuli=stimuli)
-    found = judged(plan)
-    assert f"  SHA-256 {found.stimuli[0].sha256}\n" in run_sheet(plan, found)
-
-
-def test_the_values_are_those_of_the_judgement_and_of_the_plan():
-    plan = plan_of(pairs())
-    found = judged(plan)
-    values = json.loads(json.dumps(run_sheet_values(plan, found)))
-    assert (values["plan"], values["seed"], values["codes"]) == ("STUDY.toml", 1, list(plan.codes))
-    assert values["seconds"] == pytest.approx(found.seconds)

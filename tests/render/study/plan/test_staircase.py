@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from palpate.render.study.plan.staircase import Staircase
+from palpate.render.study.plan.block_designs import Staircase
 from palpate.render.study.plan.study_plan import PlannedBlock, Question
 
 QUESTION = Question(name="felt", text="Did you feel it?", kind="choice", options=("no", "yes"))
@@ -32,15 +32,6 @@ def test_levels_and_reversals_are_those_worked_by_hand():
     assert track.has_ended
 
 
-def test_three_down_needs_three_correct_answers_in_a_row_at_a_level():
-    track = staircase(down=3, start_level=5)
-    levels = []
-    for answer in "++-+++++-+++":
-        track.take(answer == "+")
-        levels.append(track.level)
-    assert levels == [5, 5, 4, 4, 4, 5, 5, 5, 4, 4, 4, 5]
-
-
 def test_moves_beyond_the_ends_stay_there_and_are_counted():
     track = staircase(level_count=4, down=1, steps=(3,), reversals=99)
     seen = []
@@ -48,12 +39,6 @@ def test_moves_beyond_the_ends_stay_there_and_are_counted():
         track.take(answer == "+")
         seen.append((track.level, track.clipped, track.reversals))
     assert seen == [(0, 1, 0), (3, 1, 1), (3, 2, 1), (0, 2, 2), (0, 3, 2)]
-
-
-def test_a_step_that_is_cut_short_by_an_end_is_counted():
-    track = staircase(level_count=4, down=1, steps=(3,), start_level=1)
-    track.take(True)
-    assert (track.level, track.clipped) == (3, 1)
 
 
 def test_it_ends_after_so_many_trials():
@@ -85,13 +70,3 @@ def share_correct_at_reversals(down, reversals):
 @pytest.mark.parametrize(("down", "published"), [(1, 0.5), (2, 0.707), (3, 0.794), (4, 0.841)])
 def test_it_converges_near_the_published_point(down, published):
     assert share_correct_at_reversals(down, 1000) == pytest.approx(published, abs=0.03)
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize(("down", "published"), [(1, 0.5), (2, 0.707), (3, 0.794), (4, 0.841)])
-def test_it_converges_to_the_published_point(down, published):
-    assert share_correct_at_reversals(down, 100_000) == pytest.approx(published, abs=0.01)
-
-
-def test_representation_is_one_line():
-    assert repr(staircase(start_level=2)) == "Staircase(level 2, 0 reversals, 0 trials)"

@@ -1,12 +1,11 @@
 """Stimuli of a plan, opened and measured without an array, against files whose drive is known."""
 
-import subprocess
 from pathlib import Path
 
 import pytest
 
 from palpate.device import array_model
-from palpate.render import LiveStimulus, Stimulus, prepare_frames, render, static_pose
+from palpate.render import LiveStimulus, Stimulus, render, static_pose
 from palpate.render.study.plan import stimulus_judgement as module
 from palpate.render.study.plan.stimulus_judgement import judge_stimuli, sha256_of, stimulus_of
 from palpate.render.study.plan.study_plan import PlannedStimulus, StudyPlan
@@ -35,12 +34,6 @@ def judged(*stimuli, array=EMULATOR, **fields):
     return judge_stimuli(plan, array)
 
 
-def test_hash_is_that_of_sha256sum(tmp_path):
-    path = tmp_path / "bytes"
-    path.write_bytes(bytes(range(256)) * 300)
-    assert sha256_of(path) == subprocess.run(["sha256sum", path], capture_output=True, check=True).stdout.decode()[:64]
-
-
 def points_file(path, intensity, rate=10_000):
     """A point list, whose points all lie 20 cm above the array."""
     rows = "".join(f"0, 0, 0.2, {own}\n" for own in intensity)
@@ -57,44 +50,6 @@ def test_duty_is_the_mean_over_the_whole_interval(tmp_path):
     assert own.duty == pytest.approx(0.75, abs=0.01)  # full intensity drives each transducer fully
     assert own.sha256 == sha256_of(path)
     assert own.emission_seconds == 0.04
-
-
-def test_a_duration_cuts_a_stimulus_and_does_not_make_it_longer(tmp_path):
-    path = points_file(tmp_path / "half.PTLIST", [1] * 300 + [0] * 100)
-    found = judged(PlannedStimulus(name="cut", duration=0.03, file=path))
-    assert found.faults == []
-    assert found.stimuli[0].duty == pytest.approx(1.0, abs=0.01)
-    assert judged(PlannedStimulus(name="long", duration=0.05, file=path)).faults == [
-        f"stimulus long: {path} plays for 0.04 s, but duration is 0.05 s"
-    ]
-
-
-def test_a_stimulus_that_emits_nothing_is_noted(tmp_path):
-    path = points_file(tmp_path / "silent.PTLIST", [0] * 10)
-    assert judged(PlannedStimulus(name="none", duration=0.001, file=path)).notes == [
-        f"stimulus none: {path} emits nothing"
-    ]
-
-
-def test_points_out_of_reach_are_noted(tmp_path):
-    path = points_file(tmp_path / "far.PTLIST", [1] * 10)
-    path.write_text(path.read_text().replace("0, 0, 0.2, 1\n", "0, 0, 5.0, 1\n", 3))
-    assert judged(PlannedStimulus(name="far", duration=0.001, file=path)).notes == [
-        "stimulus far: 3 of 10 focal points are out of the array's reach and silent"
-    ]
-
-
-def test_prepared_frames_are_played_to_their_end(tmp_path):
-    path = tmp_path / "frames.h5"
-    prepare_frames(points_file(tmp_path / "a.PTLIST", [1] * 200), path)
-    planned = PlannedStimulus(name="cube", duration=0.02, file=path)
-    assert judged(planned).faults == []
-    assert stimulus_of(planned, "palm") == Stimulus(path)
-    assert judged(PlannedStimulus(name="cube", duration=0.5, file=path)).faults == [
-        f"stimulus cube: {path} plays for 0.02 s, but duration is 0.5 s"
-    ]
-    (fault,) = judged(planned, array=array_model("pat16")).faults
-    assert fault.startswith(f"stimulus cube: {path}: holds frames for emulator")
 
 
 def test_a_missing_file_and_one_that_is_no_stimulus_are_faults(tmp_path):
@@ -146,12 +101,6 @@ def test_a_live_object_counts_at_full_drive_and_its_file_is_hashed(open_mesh):
     assert [(own.kind, own.duty, own.update_rate) for own in found.stimuli] == [("live", 1.0, 10_000.0)] * 2
     assert [own.sha256 for own in found.stimuli] == [sha256_of(open_mesh), None]
     assert found.stimuli[0].emission_seconds == pytest.approx(1.15)
-
-
-def test_a_strategy_that_refuses_an_object_is_a_fault(open_mesh):
-    (fault,) = judged(PlannedStimulus(name="open cc", duration=1.0, solid=str(open_mesh), strategy="cc")).faults
-    assert fault.startswith("stimulus open cc: ")
-    assert "closed" in fault
 
 
 def test_an_object_is_loaded_once_and_its_fault_is_listed_once(monkeypatch):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from palpate.render.study.plan.stimulus_sources import StimulusSources
+from palpate.render.study.plan.study_reading import StimulusSources
 from palpate.render.sweeps.plan.values import PlanFault
 
 

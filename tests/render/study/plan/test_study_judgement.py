@@ -1,6 +1,5 @@
 """A plan judged whole, against its own numbers by hand."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -41,20 +40,6 @@ def test_numbers_are_those_of_the_plan():
     assert repr(found) == f"StudyJudgement('t', 2 participants, 2 blocks, {found.seconds / 60:.1f} min, 0 faults)"
 
 
-def test_everything_goes_into_json():
-    found = judge_study(plan_of(block_of("a", repetitions=1)), EMULATOR)
-    values = json.loads(json.dumps(found.as_dict()))
-    assert values["stimuli"][0] == {
-        "name": "oc", "kind": "live", "source": "cube", "sha256": None, "seconds": 2.0, "duty": 1.0,
-        "update_rate": 10_000.0,
-    }  # fmt: skip
-    (first, second) = values["participants"][0]["trials"]
-    assert {tuple(first["stimuli"]), tuple(second["stimuli"])} == {("oc", "cc"), ("cc", "oc")}
-    assert first["onsets"][0] == 4.0 + 1.0 + 1.0
-    assert values["limits"]["duty_window"] == 600.0
-    assert "faults" not in values["participants"][0]
-
-
 def test_a_staircase_has_a_shortest_and_a_longest_run():
     block = block_of("s", design="staircase", sets=(("oc",), ("cc",)), correct_option=1, reversals=2, trials_max=30)
     found = judge_study(plan_of(block), EMULATOR)
@@ -93,17 +78,3 @@ def test_limits_make_pauses_or_faults():
         "block a: on_time_max: cc, oc in one trial emit for 5.4 s without a pause of 1 s, but the bound is 2 s: a gap "
         "of 1.1 s is a pause",
     )
-
-
-def test_faults_of_stimuli_are_among_those_of_the_plan_and_unused_ones_are_noted(tmp_path):
-    stimuli = (*STIMULI, PlannedStimulus(name="gone", duration=1.0, file=tmp_path / "gone.h5"))
-    found = judge_study(plan_of(block_of("a"), stimuli=stimuli), EMULATOR)
-    assert found.faults == (f"stimulus gone: {tmp_path / 'gone.h5'} is missing",)
-    assert found.notes == ("stimulus gone: no block has it",)
-
-
-def test_a_modulus_is_used():
-    size = Question(name="size", text="How large?", kind="number")
-    block = block_of("m", design="magnitude", question=size, questions=(size,), sets=(("oc",),), modulus=("cc", 10.0))
-    found = judge_study(plan_of(block), EMULATOR)
-    assert (found.notes, found.intervals_most) == ((), 2)

@@ -1,6 +1,5 @@
 """STUDY.toml: plans as the run takes them, and every fault with its file, line and key."""
 
-import time
 import warnings
 
 import pytest
@@ -32,17 +31,6 @@ def faults(folder, text):
     with pytest.raises(StudyPlanError) as caught:
         read(folder, text)
     return [line.removeprefix(f"{folder}/") for line in str(caught.value).split("\n")]
-
-
-def block_of(folder, design, **changed):
-    """The block of one design, with lines that begin so replaced."""
-    lines = BLOCKS[design].splitlines()
-    for key, value in changed.items():
-        lines = [f"{key} = {value}" if line.startswith(f"{key} =") else line for line in lines]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", PalpateWarning)  # stimuli of other designs
-        (block,) = read(folder, HEAD + STIMULI + "\n".join(lines)).blocks
-    return block
 
 
 # plans
@@ -79,40 +67,6 @@ def test_a_stored_plan_is_read_although_the_files_that_it_names_are_gone(folder)
     assert plan.blocks == read(folder, PAPER).blocks
 
 
-def test_a_stored_plan_has_the_levels_of_its_tables_and_none_of_those_that_stand_alone(folder):
-    alone = '[[stimulus]]\nname = "spare"\nobject = "gone.stl"\nduration = 1.0\n'
-    plan = read_stored_study(PAPER.replace("[[block]]", alone + "[[block]]", 1), folder / "answers.sqlite")
-    assert plan.stimulus("spare").factors == {}  # nothing plays it: a warning of that came before the study
-    assert [tuple(own.factors.values()) for own in plan.blocks[:3]] == [("cube", 1.0), ("cube", 0.7), ("tube", 1.0)]
-    assert {type(own.factors["opacity"]) for own in plan.blocks} == {float}
-
-
-def test_a_fault_of_a_stored_plan_names_the_data_file_and_the_line(folder):
-    with pytest.raises(StudyPlanError, match=r"answers\.sqlite:\d+: block\.opacity: must lie in 0\.\.1, not 70"):
-        read_stored_study(PAPER.replace('opacity = "{opacity}"', "opacity = 70"), folder / "answers.sqlite")
-
-
-def test_the_papers_pilot_asks_three_open_questions_of_five_objects_in_its_order(folder):
-    plan = read(folder, PILOT)
-    (block,) = plan.blocks
-    order = ("tube", "sphere", "dog", "cube", "rock")
-    ways = (("oc", "cc"), ("cc", "oc"))  # in turns, as the paper does not state the order
-    assert block.sets == tuple(tuple(f"{shape}-{way}" for way in ways[k % 2]) for k, shape in enumerate(order))
-    assert (block.trial_order, block.repetitions, block.question) == ("fixed", 1, block.questions[0])
-    assert [(own.name, own.kind) for own in block.questions] == [
-        ("stimuli", "text"),
-        ("objects", "text"),
-        ("coherence", "text"),
-    ]
-    assert [own.text for own in block.questions] == [
-        "Did the haptic stimuli feel different? If so, how?",
-        "Did the virtual objects feel physically different? If so, how?",
-        "Was there a difference in terms of perceived coherence between the tactile sensation and the object's visual "
-        "aspect?",
-    ]
-    assert {own.duration for own in plan.stimuli} == {20.0}
-
-
 def test_each_design_is_read_as_the_run_takes_it(folder):
     plan = read(folder, EVERY_DESIGN)
     assert plan.codes == ("A1", "b-7")
@@ -135,19 +89,6 @@ def test_each_design_is_read_as_the_run_takes_it(folder):
     assert exploration.questions[2].is_optional
     assert plan.stimuli[3].value == 10.0
     assert plan.stimuli[0].placement == Placement(fit=0.08, at=(0.0, 0.0, 0.2))
-
-
-def test_constant_stimuli_and_staircases_have_two_intervals_only_with_a_standard(folder):
-    assert block_of(folder, "constant", standard='"10 cm"').sets[0] == ("10 cm", "4 cm")
-    text = HEAD + STIMULI + BLOCKS["constant"].replace('standard = "6 cm"', 'options = ["yes", "no"]')
-    with pytest.warns(PalpateWarning):
-        (block,) = read(folder, text).blocks
-    assert (block.sets[0], block.question.options) == (("4 cm",), ("yes", "no"))
-    levels = 'levels = ["8 cm", "6 cm"]\nstandard = "4 cm"\nquestion = "Which one was larger?"\n'
-    with pytest.warns(PalpateWarning):
-        (block,) = read(folder, HEAD + STIMULI + '[[block]]\nname = "s"\ndesign = "staircase"\n' + levels).blocks
-    assert block.sets == (("4 cm", "8 cm"), ("4 cm", "6 cm"))
-    assert (block.correct_option, block.question.options) == (None, ("First", "Second"))
 
 
 def test_a_prepared_file_is_beside_the_plan_and_may_show_an_object(folder):
@@ -185,14 +126,6 @@ def test_each_sentence_can_stand_as_its_own_translation(folder, key):
     assert read(folder, f"{PAPER}[texts]\n{key} = '{TEXTS[key]}'\n").texts == {key: TEXTS[key]}
 
 
-@pytest.mark.parametrize("count", [1, 99, 100, 999])
-def test_codes_have_the_same_length(folder, count):
-    codes = read(folder, PAPER.replace("participants = 18", f"participants = {count}")).codes
-    assert len(codes) == len(set(codes)) == count
-    assert {len(code) for code in codes} == {max(3, len(str(count)) + 1)}
-    assert codes[-1] == f"P{count:02d}"
-
-
 # faults
 
 TITLE, LAST = 'title = "All"', "optional = true"
@@ -214,13 +147,11 @@ FAULTS = [
         "study.toml:2: hand: 'plam' is neither a hand (palm, planes, skin) nor a file in ",
     ),
     (TITLE, f"{TITLE}\ntexts = 3", "study.toml:2: texts: must be a table, not 3"),
-    (TITLE, f"{TITLE}\nlimits = []", "study.toml:2: limits: must be a table, not []"),
     (
         TITLE,
         f"{TITLE}\nquestion_before = 3",
         "study.toml:2: question_before: must be tables [[question_before]], not 3",
     ),
-    (TITLE, f"{TITLE}\nquestion_after = [3]", "study.toml:2: question_after: must be a table, not 3"),
     # participants
     (
         "codes =",
@@ -232,20 +163,11 @@ FAULTS = [
         "#",
         "study.toml: needs participants, how many there are, or codes, what they are called: neither is given",
     ),
-    ("codes =", "participants = 0 #", "study.toml:2: participants: must lie in 1..999, not 0"),
-    ("codes =", "participants = 1000 #", "study.toml:2: participants: must lie in 1..999, not 1000"),
     ("codes =", "codes = [] #", "study.toml:2: codes: must be a list of 1..999 different codes, not []"),
     ('"b-7"', '"B 7"', "study.toml:2: codes: must be a code of at most 16 letters, digits, - and _, not 'B 7'"),
-    (
-        '"b-7"',
-        '"x2345678901234567"',
-        "study.toml:2: codes: must be a code of at most 16 letters, digits, - and _, not ",
-    ),
     ('"b-7"', '"A1"', "study.toml:2: codes: 'A1' stands twice in the list"),
     ('"b-7"', '"a1"', "study.toml:2: codes: 'A1' and another code differ by capital letters only, if at all"),
     # keys of choices
-    (TITLE, f'{TITLE}\nchoice_keys = ["a", "a", "b"]', "study.toml:2: choice_keys: 'a' stands twice in the list"),
-    (TITLE, f'{TITLE}\nchoice_keys = ["LeftArrow", "a", "b"]', "study.toml:2: choice_keys: must be one of ArrowLeft, "),
     (
         TITLE,
         f"{TITLE}\nchoice_keys = [1, 2, 3]",
@@ -257,16 +179,10 @@ FAULTS = [
         "study.toml:2: choice_keys: must be at least 3 keys, the options of question 'kind'",
     ),
     # stimuli
-    ("sphere", "spere", "study.toml:6: stimulus.object: 'spere' is neither a built-in object (cube, sphere, tube, "),
     (
         'object = "sphere"',
         "",
         "study.toml:3: stimulus: needs object, which is rendered live, or file, which is played: n",
-    ),
-    (
-        "object =",
-        'file = "circle.h5"\nobject =',
-        "study.toml:3: stimulus: needs object, which is rendered live, or file",
     ),
     (
         'object = "sphere"',
@@ -278,43 +194,7 @@ FAULTS = [
         'file = "circle.h5"',
         "study.toml:7: stimulus.fit: places the object that is seen, and there ",
     ),
-    (
-        'object = "sphere"',
-        'file = "circle.h5"\nshown = "cube"\nstrategy = "cc"',
-        "study.toml:8: stimulus.strategy: unknown key here: it belongs to stimuli with object; known: name, duration, ",
-    ),
-    (
-        "object =",
-        'strategy = "hatsch"\nobject =',
-        "study.toml:6: stimulus.strategy: 'hatsch' is neither a strategy (oc, ",
-    ),
-    (
-        "object =",
-        'sampling = "smt"\nobject =',
-        "study.toml:6: stimulus.sampling: 'smt' is neither a sampling strategy (",
-    ),
-    ("object =", "sampling = 3\nobject =", "study.toml:6: stimulus.sampling: must be a text, not 3"),
-    (
-        "object =",
-        "strategi = 3\nobject =",
-        "study.toml:6: stimulus.strategi: unknown key (did you mean 'strategy'?); k",
-    ),
-    (
-        "object =",
-        'shown = "tubs"\nobject =',
-        "study.toml:6: stimulus.shown: 'tubs' is neither a built-in object (cube, ",
-    ),
-    ("duration = 2.0", "", "study.toml:3: stimulus.duration: is missing"),
     ("duration = 2.0", "duration = 0", "study.toml:9: stimulus.duration: must lie in 0.001..3600 s, not 0"),
-    ("duration = 2.0", "duration = inf", "study.toml:9: stimulus.duration: must lie in 0.001..3600 s, not inf"),
-    ("duration = 2.0", "duration = nan", "study.toml:9: stimulus.duration: must lie in 0.001..3600 s, not nan"),
-    (
-        "fit = 0.08",
-        "fit = 80",
-        "study.toml:7: stimulus.fit: must lie in 0.001..5 m, not 80; lengths are in metres, 80 mm ",
-    ),
-    ("fit = 0.08", 'up = "w"', "study.toml:7: stimulus.up: must be one of x, y, z, -x, -y, -z, not 'w'"),
-    ("[0.0, 0.0, 0.2]", "[0, 0]", "study.toml:8: stimulus.at: must be a list of 3 numbers in -5..5 m, not [0, 0]"),
     (
         '"{size} cm"',
         '"{size}{siz}"',
@@ -324,36 +204,18 @@ FAULTS = [
     ('"{size} cm"', '"cm"', "study.toml:5: stimulus.name: must be another one: 'cm' is a stimulus already"),
     # blocks
     ('"pairs"', '"before"', "study.toml:12: block.name: must not be before: the data call other answers so"),
-    ('"pairs"', '"constant"', "study.toml:17: block.name: must be another one: 'constant' is a block already"),
     (
         '"pairs"',
         '"{shape}"',
         "study.toml:12: block.name: must be a name of at most 64 letters, digits, blanks and -_.+%, w",
     ),
     (
-        '"2ifc"',
-        '"2-ifc"',
-        "study.toml:13: block.design: must be one of 2ifc, constant, staircase, magnitude, rating, expl",
-    ),
-    (
         'design = "2ifc"',
         "",
         "study.toml:11: block.design: is missing: one of 2ifc, constant, staircase, magnitude, rat",
     ),
-    ("pairs =", "opacity = 70\npairs =", "study.toml:14: block.opacity: must lie in 0..1, not 70"),
-    ("pairs =", "hand = 'palm'\npairs =", "study.toml:14: block.hand: must be true or false, not 'palm'"),
     ("pairs =", "practice = 0.5\npairs =", "study.toml:14: block.practice: must be a whole number in 0..1000, not 0.5"),
     ("pairs =", "gap = -1\npairs =", "study.toml:14: block.gap: must lie in 0..60 s, not -1"),
-    (
-        "pairs =",
-        "modulus = 3\npairs =",
-        "study.toml:14: block.modulus: unknown key here: it belongs to design magnitude; k",
-    ),
-    (
-        "pairs =",
-        "sets = [[{}]]\npairs =",
-        "study.toml:14: block.sets: unknown key here: it belongs to design exploration",
-    ),
     (
         '["4 cm", "6 cm"]',
         '["4 cm", "5 cm"]',
@@ -364,21 +226,10 @@ FAULTS = [
         '["4 cm", "4 cm"]',
         "study.toml:14: block.pairs: must be two different stimuli, not ['4 cm', ",
     ),
-    ('["4 cm", "6 cm"]', '["4 cm"]', "study.toml:14: block.pairs: must be a list of 2 names of stimuli, not ['4 cm']"),
     (
         '["4 cm", "6 cm"]',
         '["8 cm", "4 cm"]',
         "study.toml:14: block.pairs: ['4 cm', '8 cm'] stands twice: each pair is ",
-    ),
-    (
-        "pairs =",
-        'options = ["a", "b", "c"]\npairs =',
-        "study.toml:14: block.options: must be a list of 2 different texts, not ",
-    ),
-    (
-        "pairs =",
-        'options = ["a"]\npairs =',
-        "study.toml:14: block.options: must be a list of 2 different texts, not ['a']",
     ),
     (
         'standard = "6 cm"',
@@ -386,88 +237,22 @@ FAULTS = [
         "study.toml:16: block.options: is missing: without standard, a trial has one interval: opt",
     ),
     (
-        'standard = "6 cm"',
-        'standard = "7 cm"',
-        "study.toml:19: block.standard: '7 cm' is no stimulus of this plan (did",
-    ),
-    ("repetitions = 10", "repetitions = 0", "study.toml:22: block.repetitions: must lie in 1..1000, not 0"),
-    (
         "repetitions = 10",
         "options = ['a', 'b', 'c']",
         "study.toml:22: block.options: must be 2 with standard, one for each",
     ),
-    ("start = 1", "start = 4", "study.toml:30: block.start: must lie in 0..3, the levels, not 4"),
-    (
-        "start = 1",
-        "repetitions = 2",
-        "study.toml:30: block.repetitions: unknown key here: it belongs to design 2ifc, con",
-    ),
-    ("[2, 1]", "[2, 0]", "study.toml:32: block.steps: must lie in 1..1000, not 0"),
-    ("[2, 1]", "[]", "study.toml:32: block.steps: must be a list of 1..20 whole numbers above 0, not []"),
-    (
-        'correct = "yes"',
-        'correct = "Yes"',
-        "study.toml:29: block.correct: must be one of ['no', 'yes'], not 'Yes' (did",
-    ),
-    (
-        'correct = "yes"',
-        "",
-        "study.toml:23: block.correct: is missing: without standard, one of ['no', 'yes'] is correct",
-    ),
     ("start = 1", 'standard = "4 cm"', "study.toml:26: block.levels: must not contain the standard, '4 cm': no answer"),
     ('"8 cm", "6 cm", "4 cm"]', '"8 cm"]\nstandard = "4 cm"', "study.toml:30: block.correct: goes without standard: "),
-    ('stimulus = "6 cm"', 'stimulus = "7 cm"', "study.toml:40: block.modulus.stimulus: '7 cm' is no stimulus of this "),
     ('stimulus = "6 cm"', 'stimuli = "6 cm"', "study.toml:40: block.modulus: must be { stimulus = "),
     ("number = 100", 'number = "100"', "study.toml:40: block.modulus.number: must be a number in "),
     ("high = 1000", "high = 0", "study.toml:42: block.high: must be above low, 0, not 0"),
-    (
-        '[["4 cm", "10 cm", "4 cm"]]',
-        '["4 cm"]',
-        "study.toml:60: block.sets: must be a list of 1..20 names of stimuli, ",
-    ),
     # questions
-    (
-        'was it?"\nkind = "scale"',
-        'was it?"\nkind = "text"',
-        "study.toml:51: block.question.kind: must be one of scale, not",
-    ),
-    ("points = 5", "points = 10", "study.toml:52: block.question.points: must lie in 2..9, not 10"),
-    (
-        "points = 5",
-        "low = 5",
-        "study.toml:52: block.question.low: unknown key here: it belongs to kind number; known: name, te",
-    ),
-    ('"hard"', '"rough"', "study.toml:54: block.question.name: must be another one: 'rough' is a question already"),
-    (
-        '"hard"',
-        '"how hard"',
-        "study.toml:54: block.question.name: must be a name of letters, digits and _ that begins wit",
-    ),
-    (
-        'kind = "number"',
-        'kind = "numbr"',
-        "study.toml:69: block.question.kind: must be one of choice, scale, number, t",
-    ),
-    ('kind = "number"', "", "study.toml:66: block.question.kind: is missing: one of choice, scale, number, text"),
-    ("low = 0", "low = 10\nhigh = 10", "study.toml:71: block.question.high: must be above low, 10, not 10"),
-    ('"a cube", "nothing"', '"a sphere"', "study.toml:65: block.question.options: 'a sphere' stands twice in the list"),
-    (
-        '[[block.question]]\nname = "else"',
-        '[[block.question_after]]\nname = "size"',
-        "study.toml:72: block.question_after.name: must be another one: 'size' is a question already",
-    ),
-    (
-        '[[block.question]]\nname = "else"',
-        '[[question_before]]\nname = "consent"',
-        "study.toml:72: question_before.name: must be another one: 'consent' is the consent itself",
-    ),
     # translations and limits
     (
         LAST,
         f"{LAST}\n[texts]\ncontinu = ''",
         "study.toml:77: texts.continu: unknown text (did you mean 'continue'?); know",
     ),
-    (LAST, f"{LAST}\n[texts]\ngap = 3", "study.toml:77: texts.gap: must be a text, not 3"),
     (
         LAST,
         f"{LAST}\n[texts]\nblock = '{{numbr}}'",
@@ -492,11 +277,6 @@ FAULTS = [
         LAST,
         f"{LAST}\n[texts]\nblock = '{{count!r}}'",
         "study.toml:77: texts.block: contains {count} with a form that is n",
-    ),
-    (
-        LAST,
-        f"{LAST}\n[texts]\nblock = '{{count:999d}}'",
-        "study.toml:77: texts.block: contains {count} with a form that i",
     ),
     (
         LAST,
@@ -540,15 +320,6 @@ def test_all_faults_are_reported_together_and_those_of_one_line_once(folder):
     ]
 
 
-def test_stimuli_are_not_missed_where_their_names_could_not_be_read(folder):
-    (line,) = faults(
-        folder, EVERY_DESIGN.replace('name = "{size} cm"', 'name = "/{size} cm"').replace("[4, 6, 8, 10]", "[4]")
-    )
-    assert line.startswith("study.toml:5: stimulus.name: must be a name of ")
-    (line,) = faults(folder, HEAD + BLOCKS["constant"])
-    assert line == "study.toml: stimulus: must be at least one table [[stimulus]]; there is none"
-
-
 @pytest.mark.parametrize(
     ("asked", "fault"),
     [
@@ -561,22 +332,6 @@ def test_stimuli_are_not_missed_where_their_names_could_not_be_read(folder):
 def test_questions_are_tables(folder, asked, fault):
     block = '[[block]]\nname = "rating"\ndesign = "rating"\nstimuli = ["4 cm"]\n'
     assert faults(folder, HEAD + STIMULI + block + asked) == [fault]
-
-
-@pytest.mark.exhaustive
-def test_very_many_faults_are_counted(folder):
-    text = PAPER + 80 * '[[question_after]]\nname = 3\ntext = "?"\nkind = "text"\n'
-    found = faults(folder, text)
-    assert (len(found), found[-1]) == (51, "study.toml: 30 more faults")
-    line = PAPER.count("\n") + 49 * 4 + 2  # of the name of the 50th table behind the plan
-    assert found[49].startswith(f"study.toml:{line}: question_after.name: must be a name of letters")
-
-
-def test_more_tables_than_a_study_can_have_are_refused(folder):
-    size = ", ".join(map(str, range(600)))
-    table = STIMULI.replace("4, 6, 8, 10", size)
-    found = faults(folder, HEAD + table + table.replace('"{size} cm"', '"{size} mm"') + BLOCKS["2ifc"])
-    assert found == ["study.toml:11: stimulus: must stand with those before for at most 1000 tables"]
 
 
 @pytest.mark.parametrize(
@@ -601,27 +356,6 @@ def test_a_missing_plan_is_refused_with_the_likely_one(folder):
     (folder / "study.toml").write_text(PAPER)
     with pytest.raises(StudyPlanError, match=r"studi\.toml: cannot be read \(No such file.*did you mean 'study\.toml'"):
         read_study(folder / "studi.toml")
-
-
-def test_a_relative_path_gives_files_that_stay_when_the_folder_changes(folder, monkeypatch):
-    text = HEAD + '[[stimulus]]\nname = "4 cm"\nfile = "circle.h5"\nduration = 2\n' + BLOCKS["rating"]
-    (folder / "study.toml").write_text(text.replace(', "10 cm"', ""))
-    monkeypatch.chdir(folder)
-    assert read_study("study.toml").stimuli[0].file == folder / "circle.h5"
-
-
-@pytest.mark.exhaustive
-def test_a_plan_of_100_blocks_is_read_in_less_than_a_third_of_a_second(folder):
-    block = PAPER[PAPER.index("[[block]]") : PAPER.index("[[question_after]]")]
-    block = block.replace("[1.0, 0.7]", "[1.0]").replace('["cube", "tube", "dog"]', '["dog"]')
-    blocks = (block.replace('"{object}-{opacity}"', f'"{k}-{{object}}-{{opacity}}"') for k in range(100))
-    path = folder / "study.toml"
-    path.write_text(PAPER[: PAPER.index("[[block]]")] + "".join(blocks))
-    begin = time.process_time()
-    with pytest.warns(PalpateWarning, match="no block uses cube-oc, cube-cc, tube-oc, tube-cc$"):
-        plan = read_study(path)
-    assert time.process_time() - begin < 0.3
-    assert len(plan.blocks) == 100
 
 
 # damaged plans

@@ -7,7 +7,6 @@ import pytest
 from pydantic import BeforeValidator
 
 from palpate.render.study.plan.study_plan import TEXTS
-from palpate.render.study.plan.study_reading import read_study
 from palpate.render.study.plan.study_tables import (
     CODE,
     COLUMN,
@@ -80,14 +79,6 @@ def test_the_page_lists_the_sentences_that_can_be_translated():
     assert [name for name, text in TEXTS.items() if f'`{name}` "{text}"' not in page] == []
 
 
-def test_the_page_is_short_and_its_example_is_a_plan(tmp_path):
-    page = PAGE.read_text()
-    assert page.count("\n") <= 160
-    (tmp_path / "infill.toml").write_text(page.partition('```toml title="infill.toml"\n')[2].partition("```")[0])
-    plan = read_study(tmp_path / "infill.toml")
-    assert (len(plan.codes), len(plan.stimuli), len(plan.blocks)) == (18, 6, 6)
-
-
 @pytest.mark.parametrize(
     ("check", "good", "bad"),
     [
@@ -106,7 +97,3 @@ def test_names_and_keys_are_of_certain_characters(check, good, bad):
     for own in bad:
         with pytest.raises(PlanFault):
             check(own)
-
-
-def test_a_key_with_a_name_is_found_in_any_case():
-    assert check_key("arrowleft") == "ArrowLeft"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from palpate.render.study.plan.table_expansion import expand_table, factor_values
+from palpate.render.study.plan.study_reading import expand_table
 
 
 def expand(table):
@@ -26,20 +26,6 @@ def test_a_table_stands_for_every_combination_the_last_key_fastest():
     assert found[3]["deep"] == {"{a}": [["y"], 3, "{a} {1} 1"]}
     assert "for" not in found[0]
     assert "for" in table
-
-
-def test_the_values_of_each_table_come_in_the_order_of_the_tables():
-    table = {"for": {"a": ["x", "y"], "b": [1, 0.5]}, "name": "{a}-{b}"}
-    found, _ = expand(table)
-    values = factor_values(table)
-    assert [f"{own['a']}-{own['b']}" for own in values] == [own["name"] for own in found]
-    assert values[1] == {"a": "x", "b": 0.5}
-    assert type(values[0]["b"]) is int
-    assert list(values[0]) == ["a", "b"]  # in the order of `for`, in which an analysis lists its factors
-
-
-def test_a_table_without_for_has_no_values():
-    assert factor_values({"name": "x"}) == [{}]
 
 
 def test_a_table_without_for_stays_as_it_is():

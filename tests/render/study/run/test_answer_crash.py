@@ -8,11 +8,9 @@ import os
 import random
 import re
 import shutil
-import signal
 import sqlite3
 import subprocess
 import sys
-import time
 from contextlib import closing
 from pathlib import Path
 
@@ -22,8 +20,7 @@ from disk_faults import Disk
 from study_answers import PLAN, answer, interval, take_part
 
 from palpate.render.study.run.answer_store import AnswerStore
-from palpate.render.study.run.store_rows import columns_of
-from palpate.render.study.run.study_file import NAME
+from palpate.render.study.run.study_file import NAME, columns_of
 
 SCRIPT = Path(study_answers.__file__)
 MORE = int(os.environ.get("PALPATE_FAULTS", "0"))
@@ -80,58 +77,6 @@ def answers_of(folder):
         return connection.execute("SELECT block, trial, name, value FROM answers ORDER BY trial, name").fetchall()
 
 
-class Participants:
-    """Processes that take part, one after the other."""
-
-    def __init__(self):
-        self.server = subprocess.Popen(
-            [sys.executable, str(SCRIPT)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-
-    def killed_after(self, folder, trials, count, delay):
-        """Lines of a process that is killed so long [s] after it has reported so many of them."""
-        self.server.stdin.write(f"{folder} {trials}\n")
-        self.server.stdin.flush()
-        lines = [self.server.stdout.readline()]
-        process = int(lines[0].split()[1])
-        while len(lines) <= count and not lines[-1].startswith("finished"):
-            lines.append(self.server.stdout.readline())
-        time.sleep(delay)
-        os.kill(process, signal.SIGKILL)
-        while lines[-1] != "over\n":
-            lines.append(self.server.stdout.readline())
-        return lines
-
-    def close(self):
-        self.server.stdin.close()
-        self.server.wait()
-        self.server.stdout.close()
-
-
-@pytest.mark.exhaustive
-def test_kill_9_at_200_random_moments_loses_no_answer_and_repeats_no_question(tmp_path):
-    chance, participants = random.Random(41), Participants()
-    folder, before, trials = tmp_path / "0", {}, 40
-    kills = unfinished = folders = 0
-    while kills < 200:
-        lines = participants.killed_after(folder, trials, chance.choice((0, *range(24))), chance.uniform(0, 0.012))
-        kills += 1
-        before = assert_saved(folder, places(lines), before.keys())
-        unfinished += "finished 0 0 \n" not in lines
-        if is_finished(folder):
-            assert len(answers_of(folder)) == 2 * trials
-            folders, before = folders + 1, {}
-            folder = tmp_path / str(folders)
-    participants.close()
-    print(f"{kills} kills, {unfinished} of a process that had not finished; {folders} participants finished")  # noqa: T201
-    assert unfinished > 150
-    take_part(folder, lambda *_: None, trials)
-    expected = [
-        ("cube", trial, name, answer(trial, name).value) for trial in range(trials) for name in ("answer", "why")
-    ]
-    assert answers_of(folder) == expected
-
-
 def test_a_process_killed_at_any_statement_leaves_what_was_reported(tmp_path):
     """What a kill leaves of files is what they hold at that moment: copies, made between statements, stand for kills.
 
@@ -162,8 +107,6 @@ def test_a_process_killed_at_any_statement_leaves_what_was_reported(tmp_path):
 
 # System calls, by strace.
 
-STEPS_OF_KILLS = {"pwrite64": 7, "fdatasync": 2}
-CALLS = ("pwrite64", "fdatasync", "ftruncate")
 TRACED = re.compile(r"^(?:\d+ +)?(\w+)\((.*)\) += (-?\d+)")
 
 
@@ -188,33 +131,6 @@ def strace(folder, trials, *options, output):
         str(trials),
     ]
     return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
-
-
-def call_counts(tmp_path):
-    """How often a participant's process makes each call."""
-    done = strace(tmp_path / "counted", 1, "-e", f"trace={','.join(CALLS)}", output=tmp_path / "counts")
-    assert done.returncode == 0, done.stderr
-    lines = (tmp_path / "counts").read_text().splitlines()
-    return {name: sum(f" {name}(" in line for line in lines) for name in CALLS}
-
-
-@pytest.mark.exhaustive
-def test_a_process_killed_at_system_calls_leaves_what_was_reported(tmp_path):
-    """At some calls that write and sync, and at all that cut a file; with `PALPATE_FAULTS` at all."""
-    counts = call_counts(tmp_path)
-    assert counts["fdatasync"] > 10
-    kills = 0
-    for name, count in counts.items():
-        for number in range(1, count + 1, 1 if MORE else STEPS_OF_KILLS.get(name, 1)):
-            folder = tmp_path / f"{name}-{number}"
-            done = strace(folder, 1, "-e", f"inject={name}:signal=SIGKILL:when={number}", output=tmp_path / "trace")
-            assert done.returncode != 0
-            assert_saved(folder, places(done.stdout.splitlines(keepends=True)))
-            if not is_finished(folder):
-                take_part(folder, lambda *_: None, 1)
-            assert len(answers_of(folder)) == 2
-            kills += 1
-    print(f"{kills} system calls at which a process was killed: {counts}")  # noqa: T201
 
 
 STEPS = {"pwrite64": 41, "fdatasync": 7, "ftruncate": 5}

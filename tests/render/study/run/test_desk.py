@@ -1,13 +1,11 @@
 """What the desk takes as an answer, and when it lets something play."""
 
 import threading
-import time
 
 import pytest
 
 from palpate.render.errors import StudyError
 from palpate.render.study.plan.study_plan import Question
-from palpate.render.study.run import desk as module
 from palpate.render.study.run.desk import KeyChoice, StudyDesk
 
 KEYS = (KeyChoice(key="ArrowLeft", label="Second", value=1), KeyChoice(key="ArrowRight", label="First", value=0))
@@ -87,34 +85,3 @@ def test_a_stopped_study_takes_no_answer_until_it_goes_on(desk):
     desk.end()
     assert desk.is_held
     assert desk.is_ended
-
-
-def test_a_page_is_one_and_counts_as_closed_once_it_is_silent(monkeypatch):
-    desk = StudyDesk()
-    assert desk.is_held
-    assert not desk.has_page
-    page = desk.open_page()
-    with pytest.raises(StudyError, match="open already"):
-        desk.open_page()
-    monkeypatch.setattr(module, "LOST_SECONDS", 0.2)
-    desk.screen()
-    assert desk.has_page
-    time.sleep(0.25)
-    assert not desk.has_page
-    other = desk.open_page()  # of the browser that was started again
-    desk.close_page(page)  # the first one's connection ends late
-    assert (desk.is_open(page), desk.is_open(other)) == (False, True)
-    desk.close_page(other)
-    assert not desk.has_page
-
-
-def test_waiting_ends_at_once_when_something_changes(desk):
-    desk.show("question", "Which?", keys=KEYS)
-    began = time.monotonic()
-    threading.Timer(0.02, desk.stop, ("now",)).start()
-    assert desk.await_response(5.0) is None
-    assert time.monotonic() - began < 4.0
-    threading.Timer(0.02, desk.go_on).start()
-    desk.await_change(5.0)
-    assert time.monotonic() - began < 5.0
-    assert not desk.is_held

@@ -17,9 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.render.errors import StudyError
 from palpate.render.study.plan.study_plan import Question
-from palpate.render.study.run import event_stream
 from palpate.render.study.run.desk import KeyChoice, StudyDesk
 from palpate.render.study.run.event_stream import CLIENTS_MOST, FAULTS_MOST, LINE_BYTES_MOST, EventStream
 
@@ -147,23 +145,6 @@ def test_answers_count_once_and_only_for_the_screen_that_is_shown():
         assert desk.await_response(1).value == 25
         assert client.ask(stop="the participant\x1b[2J coughs")["counts"] is True
         assert desk.status()["stop_reason"] == r"the participant\x1b[2J coughs"
-
-
-def test_a_number_is_taken_as_it_is_typed_where_one_is_asked_for():
-    with serving() as (desk, _, connect):
-        client = connect()
-        client.ask(page=True)
-        for typed, value in (("25", 25.0), ("0,5", 0.5), ("7.25", 7.25), ("-0", 0.0)):
-            number = desk.show("question", "How large?", question=SIZE).number
-            assert client.ask(give=typed, screen=number, seconds=1)["counts"] is True
-            assert desk.await_response(0).value == value
-        number = desk.show("question", "How large?", question=SIZE).number
-        for typed in ("", "1-2", "1e3", "inf", ".", "٣٣ ", "1" * 20):
-            assert client.ask(give=typed, screen=number, seconds=1)["event"] == "error"
-        assert client.ask(give="101", screen=number, seconds=1)["text"] == "size must be from 0 to 100, not 101.0"
-        number = desk.show("question", "Why?", question=Question(name="why", text="Why?", kind="text")).number
-        client.ask(give="25", screen=number, seconds=1)
-        assert desk.await_response(0).value == "25"
 
 
 def test_without_the_token_events_are_read_only():
@@ -347,58 +328,6 @@ time.sleep(60)
             child.wait()
 
 
-def test_what_was_sent_before_the_end_is_read_after_it():
-    desk = StudyDesk()
-    with EventStream(desk, port=None, token=TOKEN) as stream:
-        client = Client(stream.port)
-        client.read()
-        assert client.ask(page=True)["counts"] is True
-        stream.send("study_ended", reason="all trials are done")
-    assert client.read()["reason"] == "all trials are done"
-    assert client.read() is None
-    client.close()
-    assert not desk.has_page
-    desk.show("ended", "Thank you")  # no stream watches any more
-    stream.send("rest")
-    with pytest.raises(ConnectionRefusedError):
-        Client(stream.port)
-
-
-def test_a_client_that_does_not_read_does_not_delay_the_end(monkeypatch):
-    monkeypatch.setattr(event_stream, "CLOSE_SECONDS_MOST", 0.05)
-    with serving() as (_, stream, connect):
-        connect()
-        for _ in range(100):
-            stream.send("answer", text="x" * 100_000)
-        begun = time.monotonic()
-        stream.close()
-        assert time.monotonic() - begun < 0.5
-        assert stream.counts.connected == 0
-
-
-def test_an_address_that_cannot_be_had_is_refused_with_the_way_out():
-    with serving() as (_, stream, _), pytest.raises(StudyError) as refused:
-        EventStream(StudyDesk(), port=stream.port, token=TOKEN)
-    assert str(refused.value) == (
-        f"port {stream.port} of 127.0.0.1 cannot be had (Address already in use); without a port a free one is taken"
-    )
-    for port in (0, -1, 65536):
-        with pytest.raises(StudyError, match=f"port must be 1 to 65535, not {port}"):
-            EventStream(StudyDesk(), port=port, token=TOKEN)
-    with pytest.raises(StudyError, match=r"192\.0\.2\.1 is no address of this machine"):
-        EventStream(StudyDesk(), host="192.0.2.1", port=None, token=TOKEN)
-    with pytest.raises(StudyError, match="token must not be empty"):
-        EventStream(StudyDesk(), port=None, token="")
-
-
-def test_other_machines_reach_it_only_where_that_was_asked_for():
-    with serving(host="0.0.0.0") as (_, stream, connect):
-        assert connect().read()["event"] == "hello"
-        assert repr(stream) == f"EventStream(0.0.0.0:{stream.port}, 1 clients)"
-    with serving() as (_, stream, _), pytest.raises(OSError, match="refused"):
-        Client(stream.port, "127.0.0.2")
-
-
 class Outlet:
     def __init__(self):
         self.pushed = []
@@ -417,24 +346,6 @@ def test_an_outlet_gets_the_lines_that_clients_get():
         assert [line for line, _ in outlet.pushed] == [client.read(), client.read()]
         assert [line["array_time"] for line, _ in outlet.pushed] == [array_time for _, array_time in outlet.pushed]
         assert outlet.pushed[0][1] == 5.25
-
-
-def test_a_fault_of_ours_closes_the_page(monkeypatch):
-    """A thread that serves no more must not leave the array on."""
-    with serving() as (desk, stream, connect):
-        page = connect()
-        page.ask(page=True)
-
-        def press(*_):
-            raise RuntimeError("a fault of ours")
-
-        monkeypatch.setattr(desk, "press", press)
-        monkeypatch.setattr(threading, "excepthook", lambda arguments: None)
-        page.write(press="a", screen=0, seconds=1, token=TOKEN)
-        while page.read() is not None:
-            pass
-        assert wait_for(lambda: not desk.has_page, 1.0)
-        stream.send("rest")
 
 
 # The desk's side

@@ -11,8 +11,7 @@ import pytest
 
 from palpate.render.errors import StudyError
 from palpate.render.study.run.desk import StudyDesk
-from palpate.render.study.run.event_stream import EventStream
-from palpate.render.study.run.lsl_outlet import LslOutlet
+from palpate.render.study.run.event_stream import EventStream, LslOutlet
 
 
 class FakeLsl:

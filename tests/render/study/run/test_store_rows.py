@@ -11,7 +11,7 @@ from page_blocks import blocks_of
 from study_answers import PLAN, answer, interval
 
 from palpate.render.study.run.answer_store import AnswerStore
-from palpate.render.study.run.store_rows import SCHEMA, AnswerRow, IntervalRow, SessionSetup, json_text, storable
+from palpate.render.study.run.study_file import SCHEMA, AnswerRow, IntervalRow, SessionSetup
 
 PAGE = Path(__file__).parents[4] / "docs" / "formats" / "study-data.md"
 
@@ -73,11 +73,3 @@ def test_the_documents_queries_give_shares_and_remove_a_participant(tmp_path):
         assert [connection.execute(f"SELECT count(*) FROM {name}").fetchone() for name in tables] == [(0,)] * len(
             tables
         )
-
-
-def test_lists_become_json_and_other_values_stay():
-    assert [storable(own) for own in ((1, 0), (), "ü", 2**62, True, None)] == ["[1, 0]", "[]", "ü", 2**62, True, None]
-
-
-def test_json_holds_no_constants_that_are_not_json():
-    assert json_text({"a": [float("inf"), 1.5]}) == '{"a": [null, 1.5]}'

@@ -3,11 +3,9 @@
 import threading
 import time
 
-import pytest
-from virtual_clock import EMPTY_WAITS_MOST, EndlessWaitError, SkippingClock, VirtualClock
+from virtual_clock import SkippingClock, VirtualClock
 
-from palpate.render.study.run.desk import LOST_SECONDS, KeyChoice, StudyDesk
-from palpate.render.study.run.study_clock import StudyClock
+from palpate.render.study.run.desk import LOST_SECONDS, KeyChoice, StudyClock, StudyDesk
 
 
 def test_real_time_is_that_of_clock_monotonic_and_waits_end_when_they_are_notified():
@@ -42,37 +40,6 @@ def test_virtual_waits_run_what_is_planned_in_its_order_and_end_where_real_ones_
     assert (len(seen), clock.now()) == (3, 17.0)
     clock.sleep(20.0)
     assert (seen[3:], clock.now()) == ([30.0], 37.0)
-
-
-def test_a_virtual_wait_that_nothing_can_end_is_refused():
-    clock, changed = VirtualClock(), threading.Condition()
-    with pytest.raises(EndlessWaitError, match="nothing is planned"):
-        clock.wait(changed, float("inf"), lambda: False)
-    with pytest.raises(EndlessWaitError, match="nothing is planned"):
-        _wait_often(clock, 2 * EMPTY_WAITS_MOST)
-    ticking = VirtualClock(most=60.0)
-
-    def tick():
-        ticking.call_at(ticking.now() + 1.0, tick)
-
-    tick()
-    with pytest.raises(EndlessWaitError, match="has not ended"):
-        _wait_often(ticking, 1000)
-
-
-def _wait_often(clock, times):
-    for _ in range(times):
-        clock.wait(threading.Condition(), 0.25, lambda: False)
-
-
-def test_a_skipped_wait_takes_no_time_and_is_over():
-    clock, changed = SkippingClock(), threading.Condition()
-    began, real = clock.now(), time.monotonic()
-    clock.sleep(60.0)
-    clock.wait(changed, 40.0)
-    assert clock.now() - began >= 100.0
-    assert time.monotonic() - real < 5.0
-    assert clock.skipped == 100.0
 
 
 def test_a_desk_takes_its_time_from_its_clock():

@@ -4,19 +4,13 @@ import os
 import shutil
 import sqlite3
 import struct
-import subprocess
-import sys
 from contextlib import closing, suppress
-from pathlib import Path
 
 import pytest
-import study_answers
 from disk_faults import file_size_limit
 from study_answers import PLAN, answer, interval
 
-from palpate.datasets.storage import durable
 from palpate.render.errors import StudyError
-from palpate.render.study.run import study_file
 from palpate.render.study.run.answer_store import AnswerStore
 from palpate.render.study.run.study_file import NAME
 
@@ -61,12 +55,6 @@ def test_a_file_that_is_no_studys_is_refused_and_left_as_it_is(folder, statement
     assert (folder / NAME).read_bytes() == before
 
 
-def test_tables_and_views_of_those_who_analyse_may_stay(folder):
-    change(folder, "CREATE TABLE ages (code TEXT, age REAL); CREATE VIEW mine AS SELECT * FROM answers")
-    with AnswerStore(folder, PLAN) as store:
-        assert len(store.begin("P01", resume=True).answers) == 1
-
-
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
@@ -92,13 +80,6 @@ def test_a_page_that_has_changed_on_the_disk_is_found_before_a_participant_begin
         AnswerStore(folder, PLAN)
 
 
-def test_what_is_no_regular_file_is_refused(folder, tmp_path):
-    (folder / NAME).rename(tmp_path / "elsewhere.sqlite")
-    (folder / NAME).symlink_to(tmp_path / "elsewhere.sqlite")
-    with pytest.raises(StudyError, match="is no regular file"):
-        AnswerStore(folder, PLAN)
-
-
 def test_a_journal_that_names_another_file_is_refused_and_that_file_stays(folder, tmp_path):
     victim = tmp_path / "thesis.tex"
     victim.write_text("x")
@@ -107,22 +88,6 @@ def test_a_journal_that_names_another_file_is_refused_and_that_file_stays(folder
     with pytest.raises(StudyError, match="names another file, which SQLite would remove"):
         AnswerStore(folder, PLAN)
     assert victim.exists()
-
-
-def test_a_folder_that_cannot_be_made_is_named(tmp_path):
-    (tmp_path / "data").write_text("a file")
-    with pytest.raises(StudyError, match=r"data/answers\.sqlite cannot be made: .*data: File exists"):
-        AnswerStore(tmp_path / "data", PLAN)
-
-
-def test_folders_are_made_with_their_parents_and_the_file_appears_whole(tmp_path, monkeypatch):
-    synced = []
-    for module in (study_file, durable):
-        monkeypatch.setattr(module, "sync", lambda path: synced.append(path.relative_to(tmp_path)))
-    AnswerStore(tmp_path / "a" / "b", PLAN).close()
-    assert [str(path) for path in synced][:2] == [".", "a"]
-    assert str(synced[-1]) == "a/b"
-    assert sorted(path.name for path in (tmp_path / "a" / "b").iterdir()) == [NAME, f"{NAME}-journal"]
 
 
 def test_a_file_that_another_process_has_just_made_stays(folder, tmp_path, monkeypatch):
@@ -135,19 +100,6 @@ def test_a_file_that_another_process_has_just_made_stays(folder, tmp_path, monke
     monkeypatch.setattr(os, "link", late)
     AnswerStore(other, PLAN).close()
     assert (other / NAME).read_bytes() == (folder / NAME).read_bytes()
-
-
-def test_another_program_that_reads_for_long_is_named_as_the_reason(folder, monkeypatch):
-    monkeypatch.setattr(study_file, "BUSY_SECONDS", 0.01)
-    with AnswerStore(folder, PLAN) as store, closing(sqlite3.connect(folder / NAME, isolation_level=None)) as reader:
-        store.begin("P01", resume=True)
-        reader.execute("BEGIN")
-        reader.execute("SELECT * FROM answers").fetchone()
-        with pytest.raises(StudyError, match=r"is not saved: .*another program has read or written it for"):
-            store.add_answer(answer(1))
-        reader.execute("COMMIT")
-        store.add_answer(answer(1))
-        assert len(store._progress().answers) == 2
 
 
 def test_a_file_that_is_replaced_while_it_is_open_gets_the_answer_at_the_next_try(folder):
@@ -223,56 +175,6 @@ def test_a_file_that_may_not_grow_loses_nothing_and_goes_on_when_it_may(folder):
         store.add_answer(answer(1, "why"))
     with AnswerStore(folder, PLAN) as store:
         assert list(store.begin("P01", resume=True).answers.values()) == [answer(), answer(1, "why")]
-
-
-FULL = """
-import os
-from pathlib import Path
-from study_answers import *
-
-folder = Path("disk") / "data"
-with AnswerStore(folder, PLAN) as store:
-    store.begin("P01")
-    ballast, saved = Path("disk") / "ballast", 0
-    ballast.write_bytes(bytes(300_000))
-    try:
-        for saved in range(1000):
-            store.add_answer(answer(saved, "why"))
-    except StudyError as error:
-        report_line("full", saved, error)
-    assert len(store._progress().answers) == saved
-    try:
-        store.add_interval(interval(saved))
-        store.add_answer(answer(saved, "why"))
-    except StudyError as error:
-        report_line("still full", error)
-    ballast.unlink()
-    store.add_answer(answer(saved, "why"))
-with AnswerStore(folder, PLAN) as store:
-    rows = store.begin("P01", resume=True).answers.values()
-assert list(rows) == [answer(trial, "why") for trial in range(saved + 1)]
-"""
-
-
-@pytest.mark.exhaustive
-def test_a_disk_that_is_full_loses_nothing_and_goes_on_when_there_is_space(tmp_path):
-    """A disk of 1 MB in memory, in a mount namespace of its own."""
-    if shutil.which("unshare") is None or subprocess.run(["unshare", "-rm", "true"], check=False).returncode:
-        pytest.skip("this user may not make a mount namespace, which a small disk needs")
-    (tmp_path / "disk").mkdir()
-    (tmp_path / "full.py").write_text(FULL)
-    shared = Path(study_answers.__file__).parent
-    command = f'mount -t tmpfs -o size=1m tmp disk && PYTHONPATH="{shared}" exec "{sys.executable}" full.py'
-    done = subprocess.run(
-        ["unshare", "-rm", "sh", "-ec", command], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60
-    )
-    assert done.returncode == 0, done.stderr
-    full, still = done.stdout.splitlines()
-    saved = int(full.split()[1])
-    assert 5 < saved < 100
-    assert f"the answer to 'why' in trial {saved} of block 'cube' is not saved: " in full
-    assert "(the disk is full: free space)" in full
-    assert "is not saved" in still
 
 
 @pytest.mark.parametrize("size", [1000, 20_000])

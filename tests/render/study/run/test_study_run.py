@@ -7,20 +7,19 @@ from dataclasses import replace
 
 import pytest
 from scripted_participant import ScriptedParticipant, first_key
-from study_plans import CHOICE, CONFIDENCE, EMISSIONS, TYPED, SilentPlayer, block, stimuli, study
+from study_plans import CONFIDENCE, EMISSIONS, TYPED, SilentPlayer, block, study
 from virtual_clock import SkippingClock
 
 from palpate.device.errors import DeviceLostError
 from palpate.device.playing.limits import Limits
 from palpate.render.errors import StudyError, StudyStorageError
 from palpate.render.study.plan.duty_account import DutyAccount
-from palpate.render.study.plan.study_plan import Question
 from palpate.render.study.run import desk as desk_module
 from palpate.render.study.run import study_run as module
 from palpate.render.study.run.answer_store import AnswerStore
 from palpate.render.study.run.desk import StudyDesk
-from palpate.render.study.run.store_rows import AnswerRow
-from palpate.render.study.run.study_run import DECLINED, ENDED, FINISHED, StudyRun, keys_of
+from palpate.render.study.run.study_file import AnswerRow
+from palpate.render.study.run.study_run import DECLINED, ENDED, FINISHED, StudyRun
 
 WHOLE = study(
     welcome="Welcome",
@@ -249,59 +248,6 @@ def test_a_disk_that_is_full_stops_the_study_and_the_answer_is_kept_once_there_i
     assert len(rows(tmp_path, "SELECT * FROM answers")) == 2
 
 
-def test_each_design_runs_to_its_end_and_asks_what_it_says(tmp_path):
-    yes = Question(name="answer", text="Did you feel it?", kind="choice", options=("No", "Yes"))
-    size = Question(name="size", text="How strong?", kind="number", low=0)
-    scales = (CONFIDENCE, replace(CONFIDENCE, name="ease"))
-    names = ("a-oc", "b-oc", "c-oc", "d-oc")
-    one = tuple((name,) for name in names)
-    plan = study(
-        stimuli=stimuli(*names),
-        block_order="fixed",
-        blocks=(
-            block(name="constant", design="constant", sets=(("a-oc", "b-oc"), ("a-oc", "c-oc")), repetitions=1),
-            block(name="yes", design="constant", sets=one, question=yes, questions=(yes,), repetitions=1),
-            block(
-                name="stairs", design="staircase", sets=one, question=yes, questions=(yes,), correct_option=1,
-                reversals=3, trials_max=12,
-            ),
-            block(
-                name="size", design="magnitude", sets=one, question=size, questions=(size,), modulus=("a-oc", 10.0),
-                repetitions=1,
-            ),
-            block(name="rate", design="rating", sets=one, question=scales[0], questions=scales, repetitions=1),
-            block(
-                name="free", design="exploration", sets=(("a-oc", "b-oc"),), question=TYPED[1], questions=(TYPED[1],),
-                trial_order="fixed", repetitions=1,
-            ),
-        ),
-    )  # fmt: skip
-    with begun(plan, tmp_path) as own, ScriptedParticipant(own.desk) as person:
-        assert own.run.run() == FINISHED
-    assert person.error is None
-    found = dict(rows(tmp_path, "SELECT block, count(*) FROM answers GROUP BY block"))
-    assert {name: count for name, count in found.items() if name != "stairs"} == {
-        "constant": 4, "yes": 4, "size": 4, "rate": 8, "free": 1,
-    }  # fmt: skip
-    assert {level for (level,) in rows(tmp_path, "SELECT level FROM answers WHERE block = 'stairs'")} == {0}
-    played = rows(tmp_path, "SELECT stimulus FROM intervals WHERE block = 'size' ORDER BY sequence")
-    assert [name for (name,) in played[::2]] == ["a-oc"] * 4
-    assert sum("called 10" in screen.text for screen in own.shown) >= 4
-
-
-def test_keys_of_questions():
-    plan = study()
-    assert [(own.key, own.label, own.value) for own in keys_of(plan, CHOICE, (1, 0))] == [
-        ("ArrowLeft", "Second", 1),
-        ("ArrowRight", "First", 0),
-    ]
-    three = replace(CHOICE, options=("a", "b", "c"))
-    assert [own.key for own in keys_of(plan, three)] == ["1", "2", "3"]
-    assert [own.key for own in keys_of(replace(plan, choice_keys=("f", "j")), CHOICE)] == ["f", "j"]
-    assert [(own.key, own.value) for own in keys_of(plan, CONFIDENCE)] == [(str(k), k) for k in range(1, 8)]
-    assert keys_of(plan, TYPED[0]) == ()
-
-
 def test_an_interval_that_was_played_before_a_stop_is_data(tmp_path):
     plan = study(blocks=(block(repetitions=1, gap=0.3),))
     with begun(plan, tmp_path) as own, ScriptedParticipant(own.desk) as person:
@@ -398,48 +344,3 @@ def test_answers_of_other_trials_than_this_version_draws_are_refused(tmp_path):
         pytest.raises(StudyError, match="trial 0 of block 'cube' was of cube-cc, cube-cc, but this version"),
     ):
         own.run.run()
-
-
-def test_a_disk_that_is_full_while_a_question_is_answered_costs_no_answer(tmp_path, monkeypatch):
-    plan = study(blocks=(block(repetitions=1),))
-
-    def read_only(screen):
-        return None if screen.kind == "question" else first_key(screen)  # `save_poses` answers, as a quick person does
-
-    with begun(plan, tmp_path) as own, ScriptedParticipant(own.desk, read_only) as person:
-        failures = iter([True])
-
-        def save_poses():
-            screen = own.desk.shown
-            if screen.kind == "question" and screen.keys:
-                assert own.desk.press(screen.number, screen.keys[0].key, 0.1)
-            if next(failures, False):
-                raise StudyStorageError("the poses could not be kept: the disk is full")
-
-        monkeypatch.setattr(own.player, "save_poses", save_poses)
-        monkeypatch.setattr(own.desk, "await_change", lambda seconds: (own.desk.go_on(), time.sleep(0.001)))
-        assert own.run.run() == FINISHED
-        assert person.error is None
-    assert len(rows(tmp_path, "SELECT * FROM answers")) == 2
-    assert [name for (name,) in rows(tmp_path, "SELECT name FROM events WHERE name IN ('stopped', 'gone_on')")] == [
-        "stopped",
-        "gone_on",
-    ]
-
-
-def test_a_trial_that_the_disk_has_interrupted_is_played_again(tmp_path, monkeypatch):
-    plan = study(blocks=(block(repetitions=1),))
-    with begun(plan, tmp_path) as own, ScriptedParticipant(own.desk):
-        path, calls = own.store.poses_path, iter([False, True])
-
-        def failing(*place):
-            if next(calls, False):
-                raise StudyStorageError("the folder cannot be made: the disk is full")
-            return path(*place)
-
-        monkeypatch.setattr(own.store, "poses_path", failing)
-        wait = own.desk.await_change
-        monkeypatch.setattr(own.desk, "await_change", lambda seconds: own.desk.go_on() or wait(0.001))
-        assert own.run.run() == FINISHED
-    order = rows(tmp_path, "SELECT trial, attempt, interval FROM intervals ORDER BY sequence")
-    assert order[:3] == [(0, 0, 0), (0, 1, 0), (0, 1, 1)]

@@ -3,17 +3,14 @@
 import numpy as np
 import pytest
 from skin_cases import grid_skin
-from sweep_recipes import explored, made, random_motion, recipe_of, recorded, sampling_of
+from sweep_recipes import explored, made, random_motion, recipe_of, recorded
 
 from palpate.datasets import HandMotion
 from palpate.render import Palm, exploration, predict_noise, pressure_metrics, render
 from palpate.render.hands.mesh_hand import MeshHand
 from palpate.render.sampling.metrics import FocalPoints
 from palpate.render.sweeps.make.acoustic_metrics import NoiseMeter, measure_pressure
-from palpate.render.sweeps.make.rendering import AskedResult
 from palpate.render.sweeps.make.rendering import sampling_of as sampling_strategy
-from palpate.render.sweeps.make.sampling import RenderedContours
-from palpate.render.sweeps.make.unsplit import walks_of
 from palpate.render.sweeps.report.table import METRICS
 
 
@@ -82,24 +79,3 @@ def test_noise_on_a_device_is_that_of_the_cpu_however_it_is_taken(array, device)
     host = levels("cpu", 1024)
     assert levels(device, 2048) == pytest.approx(host, abs=0.02)  # [dB]
     assert host["noise_db_300_10k"] > 0.0
-
-
-@pytest.mark.exhaustive
-def test_pressure_on_a_device_is_that_of_the_cpu(device):
-    recipe = recipe_of("cube", motion=explored(0.3, seed=3))
-    batch = render("cube", Palm(), exploration("cube", duration=0.3, seed=3), "cc")
-    rows = RenderedContours(batch.scene, batch.motion, "cpu", name="cube")
-    strategy = sampling_strategy(recipe.sampling)
-    host, there = (measure_pressure(rows, Palm(), strategy, recipe, device=place) for place in ("cpu", device))
-    assert there | {"seconds": 0} == pytest.approx(host | {"seconds": 0}, rel=1e-3)
-
-
-def test_one_noise_at_most_has_its_frames_in_memory():
-    recipes = [recipe_of("cube", array=name) for name in ("emulator", "autd3")]
-    other = recipe_of("cube", sampling=sampling_of("stm", update_rate=4000.0))
-    groups = ("sampling", "noise", "pressure")
-    asked = [AskedResult(group, recipe, None) for recipe in (*recipes, other) for group in groups]
-    walks = walks_of(asked)
-    counts = [[sum(own.group == group for own in walk) for group in groups] for _, walk in walks]
-    assert counts == [[2, 1, 2], [0, 1, 0], [1, 1, 1]]
-    assert {own for _, walk in walks for own in walk} == set(asked)

@@ -8,7 +8,7 @@ import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.kernels.metrics.histogram import count_bins
+from palpate.kernels.metrics.tally import count_bins
 from palpate.render.sweeps.make.histogram import BINS, BITS, HIGHEST, LOWEST, describe, merge, quantiles
 
 ERROR = 2.0 ** -(BITS + 1)

@@ -3,13 +3,12 @@
 import h5py
 import numpy as np
 import pytest
-from sweep_recipes import explored, payloads_of, random_motion, recipe_of, recorded, sampling_of, unit_of
+from sweep_recipes import explored, payloads_of, random_motion, recipe_of, sampling_of, unit_of
 
-from palpate.datasets import HandMotion
 from palpate.datasets.contour_file.check import check_file
 from palpate.datasets.contour_file.reader import ContourFile
 from palpate.device.registry import array_model
-from palpate.render import MeshObject, Palm, Scene, record
+from palpate.render import MeshObject, Palm, record
 from palpate.render.playback.drive import Driver
 from palpate.render.playback.file_playback import Connection, play_file
 from palpate.render.playback.focal_points import ContourSource
@@ -21,7 +20,6 @@ from palpate.render.sweeps.make.rendering import recipe_cache
 from palpate.render.sweeps.make.rendering import sampling_of as sampling_strategy
 from palpate.render.sweeps.make.unit_making import make_unit
 
-ALL = ("contours", "sampling", "keep-contours", "keep-focal-points", "keep-drives")
 NOT_THE_SAME = {"created", "device", "digests"}  # digests are of the other two and of /timing, too
 
 
@@ -86,11 +84,6 @@ def test_kept_contours_are_the_file_that_render_writes(tmp_path, rendered, is_ne
     assert numbers["stat"]["length"][1] / numbers["stat"]["length_object"][1] == pytest.approx(summary["r"], rel=1e-12)
 
 
-def test_a_unit_that_keeps_no_file_leaves_nothing(tmp_path, rendered):
-    made(rendered[0], ("contours", "sampling"), tmp_path)
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", ["stm", "capped", "stp", "lm", "multi-focus", "step"])
 def test_sampling_is_counted_as_play_counts_it(rendered, name):
@@ -117,21 +110,6 @@ def test_sampling_is_counted_as_play_counts_it(rendered, name):
     assert (got["dwell_spread"], got["dwell_area"]) == (dwell.spread, dwell.area)
 
 
-def test_contours_that_a_unit_keeps_are_read_and_not_rendered_again(rendered, monkeypatch):
-    recipe, _ = rendered
-    alone = made(recipe, ("sampling",))[0]["sampling"]
-    rendered_poses, raw = [], Scene.raw_contours
-
-    def noted(scene, block):
-        rendered_poses.append(len(block.pose))
-        return raw(scene, block)
-
-    monkeypatch.setattr(Scene, "raw_contours", noted)
-    together = made(recipe, ("keep-contours", "sampling"))[0]["sampling"]
-    assert together | {"seconds": 0} == alone | {"seconds": 0}
-    assert 135 <= sum(rendered_poses) < 2 * 135
-
-
 @pytest.mark.exhaustive(after=1)
 @pytest.mark.parametrize("name", ["stm", "multi-focus"])
 def test_focal_points_and_drives_are_those_of_playing_the_file(tmp_path, rendered, name):
@@ -155,21 +133,6 @@ def test_focal_points_and_drives_are_those_of_playing_the_file(tmp_path, rendere
         np.testing.assert_array_equal(file["array/position"], model.position)
         assert model.identity() in file["array"].attrs["identities"].decode()
     assert payloads["keep-drives"]["refused"] == drives.refused
-
-
-def test_poses_without_time_have_contours_but_no_focal_points(tmp_path):
-    recipe = recipe_of("cube", motion=random_motion(900))
-    payloads, files = made(recipe, ALL, tmp_path)
-    for group in ("sampling", "keep-focal-points", "keep-drives"):
-        assert payloads[group]["reason"] == "the poses have no times"
-        assert payloads[group].get("path") is None
-        assert payloads[group].get("jump_length") is None
-    kept, numbers = summarise(files["contours"]), payloads["contours"]
-    assert (kept["poses"], kept["poses_drawn"]) == (900, numbers["poses_drawn"])
-    assert kept["length_mean"] * 900 == pytest.approx(numbers["stat"]["length"][1], rel=1e-12)  # the same poses
-    HandMotion(np.zeros(1), motion_of(recipe).pose[:1]).save(tmp_path / "one.csv")
-    one = recipe_of("cube", motion=recorded(tmp_path / "one.csv"))
-    assert made(one, ("sampling",))[0]["sampling"]["reason"] == "there is one pose only"
 
 
 @pytest.mark.parametrize(

@@ -5,16 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import warp as wp
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from implicit_functions import ball
 from mesh_cases import generic_poses
 from skin_cases import grid_skin
 
-from palpate.datasets.motions.facing import facing_angles
 from palpate.kernels.metrics.random_pose import random_poses
-from palpate.kernels.offsets import PointLimitError
 from palpate.render import (
     ImplicitObject,
     IntersectionStrategy,
@@ -27,17 +24,12 @@ from palpate.render import (
     open_contour,
 )
 from palpate.render.contour_batch import ContourBatch
-from palpate.render.errors import SweepError
 from palpate.render.hands.mesh_hand import MeshHand
-from palpate.render.hands.plane_hand import HandPatch, PlaneHand
-from palpate.render.intersection.batch_rendering import Chunk
-from palpate.render.intersection.file_recording import metrics_of
 from palpate.render.intersection.scene import Scene
 from palpate.render.sampling.presets import PRESETS
 from palpate.render.sweeps.make.histogram import merge, quantiles
-from palpate.render.sweeps.make.metrics import FREQUENCIES, ChunkSlice, measure_batch
-from palpate.render.sweeps.make.unit import CHUNK_POSES, SPAN
-from palpate.render.sweeps.make.user_metrics import UserMetric
+from palpate.render.sweeps.make.metrics import FREQUENCIES, ChunkSlice, UserMetric, measure_batch
+from palpate.render.sweeps.make.unit import SPAN
 
 TUBE, CUBE, CC = MeshObject.load("tube"), MeshObject.load("cube"), closed_contour()
 STM, RETURN = SamplingStrategy(), PRESETS["fast-return"]()
@@ -157,29 +149,6 @@ def test_statistics_are_those_of_the_columns(device):
     assert set(result.contours["seconds"]) == {"find", "join", "draw", "measure"}
 
 
-def test_columns_are_those_of_a_contour_file(device):
-    scene = Scene.of(TUBE, Palm(), PRUNED)
-    pose = generic_poses(70, 2)
-    batch, removed = scene.contours(pose, 0, device)
-    chunk = Chunk(0, 70, batch.numpy(), batch.lengths(), removed)
-    (columns,) = measured(scene, pose, device, per_pose=True).columns
-    want = metrics_of(chunk)
-    assert set(want) <= set(columns)
-    assert any(name.startswith("removed_") and value.any() for name, value in want.items())
-    for name, value in want.items():
-        np.testing.assert_array_equal(columns[name], value)
-        assert columns[name].dtype == value.dtype
-
-
-def test_facing_is_of_the_palms_that_draw(device):
-    pose = random_on("cpu", 600, 4).numpy()
-    (columns,) = measured(Scene.of(TUBE, Palm(), CC), pose, device, per_pose=True).columns
-    angle, drawn = np.degrees(facing_angles(pose)), columns["length"] > 0
-    assert 0 < drawn.sum() < len(pose)
-    for degrees in (30, 60):
-        np.testing.assert_array_equal(columns[f"facing_{degrees}"], np.where(drawn, angle <= degrees, np.nan))
-
-
 @pytest.mark.exhaustive
 def test_area_is_of_raw_contours_and_nan_where_none_is_closed(device):
     pose = generic_poses(50, 9)
@@ -199,56 +168,6 @@ def test_area_is_of_raw_contours_and_nan_where_none_is_closed(device):
     assert np.isnan(area(CUBE, MeshHand(*grid_skin()), replace(CC, step=0.01))).all()
 
 
-def test_strategies_that_differ_in_intensity_alone_have_other_numbers(device):
-    pose = generic_poses(60, 3)
-    one, other = (measured(Scene.of(CUBE, Palm(), load_strategy(name)), pose, device) for name in ("cc", "edges"))
-    stat, weighted = one.contours["stat"], other.contours["stat"]
-    assert stat["length_intensity"] == stat["length"]
-    assert weighted["length"][1] == pytest.approx(stat["length"][1], rel=1e-6)
-    assert 0.1 * stat["length"][1] < weighted["length_intensity"][1] < 0.99 * stat["length"][1]
-
-
-def test_what_never_applies_has_no_least(device):
-    away = generic_poses(20, 1) + np.array([1, 0, 0, 0, 0, 0, 0], np.float32)
-    result = measured(Scene.of(TUBE, Palm(), open_contour()), away, device)
-    assert result.contours["stat"]["length"] == [20, 0.0, 0.0, 0.0, 0.0]
-    assert result.contours["stat"]["area"] == [0, 0.0, 0.0, None, None]
-    assert result.frequency[0]["stat"][FREQUENCIES[1]] == [0, 0.0, 0.0, None, None]
-    assert result.contours["poses_drawn"] == 0
-
-
-def test_poses_on_the_device_give_the_same_contours(device):
-    pose = generic_poses(12, 6)
-    there = wp.array(pose, dtype=wp.transform, device=device)
-    moved = generic_poses(12, 8)
-    own = generic_poses(12, 3, spread=0.01)[:, None] - np.array([0, 0, 0.2, 0, 0, 0, 0], np.float32)
-    articulated = PlaneHand((HandPatch("palm", 0.08, 0.08),), (), own)
-    scenes = [
-        Scene.of(TUBE, Palm(), CC),
-        Scene.of(TUBE, PlaneHand((HandPatch("a", 0.05, 0.05), HandPatch("b", 0.07, 0.02))), CC),
-        Scene.of(TUBE, Palm(), CC, object_pose=moved),
-        Scene.of(TUBE, articulated, CC),
-        Scene.of(TUBE, Palm(), PRUNED),
-        Scene.of(CUBE, MeshHand(*grid_skin()), replace(CC, step=0.01)),
-        Scene.of(TUBE, Palm(), load_strategy("mammoth")),
-    ]
-    for scene in scenes:
-        one, two = (scene.contours(given, 0, device)[0].arrays() for given in (pose, there))
-        for name, value in one.items():
-            np.testing.assert_array_equal(two[name], value)
-
-
-def test_poses_of_a_rigid_hand_stay_on_the_device(device, monkeypatch):
-    there, numpy = random_on(device, 30), wp.array.numpy
-
-    def download(array):
-        assert array.shape[0] < 30
-        return numpy(array)
-
-    monkeypatch.setattr(wp.array, "numpy", download)
-    measured(Scene.of(TUBE, Palm(), CC), there, device)
-
-
 def test_time_is_shared_by_poses_and_adds_up(device):
     pose = random_on(device, SPAN + 20)
     (begun,) = measure_batch(CUBE_SCENE, pose[:SPAN], [ChunkSlice(0, 0, SPAN, (STM,))], device=device)
@@ -261,22 +180,3 @@ def test_time_is_shared_by_poses_and_adds_up(device):
         assert ended["seconds"].keys() == first["seconds"].keys() == other["seconds"].keys()
         for stage, seconds in ended["seconds"].items():
             assert seconds == pytest.approx(first["seconds"][stage] + other["seconds"][stage] / 3)
-
-
-def test_slices_that_no_batch_has_are_refused():
-    pose = random_on("cpu", SPAN + 1)
-    ended = measured(CUBE_SCENE, pose[:100], "cpu")
-    full = replace(ended, contours=ended.contours | {"poses": CHUNK_POSES - SPAN})
-    for own, message in (
-        (ChunkSlice(3, 50, SPAN), rf"chunk 3: poses 50\.\.{SPAN + 50} of a batch of {SPAN + 1}"),
-        (ChunkSlice(0, 0, 0), "poses 0..0"),
-        (ChunkSlice(0, 0, 10, before=ended), "goes on after 100 poses"),
-        (ChunkSlice(0, 0, SPAN + 1, before=full), f"{CHUNK_POSES} poses at most"),
-    ):
-        with pytest.raises(SweepError, match=message):
-            measure_batch(CUBE_SCENE, pose, [own], device="cpu")
-
-
-def test_too_many_points_are_refused_before_memory_is_taken():
-    with pytest.raises(PointLimitError):
-        measured(CUBE_SCENE, random_on("cpu", 100), "cpu", (RETURN,), point_limit=10)

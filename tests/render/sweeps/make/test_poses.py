@@ -1,18 +1,12 @@
 """Poses of recipes: they are counted without being made; those made on a device are those on the host."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from sweep_recipes import explored, random_motion, recipe_of, recorded
 
 from palpate.datasets import HandMotion
-from palpate.datasets.recordings.alignment import Y_UP
-from palpate.datasets.recordings.files import load_recording
 from palpate.datasets.recordings.sample import write_sample
-from palpate.render import MeshObject, exploration
-from palpate.render.motions.explorations.explored import ExploredPoses, HostPoses
-from palpate.render.sweeps.make.batch import PoseRange, poses_of
+from palpate.render import exploration
 from palpate.render.sweeps.make.poses import RandomPoses, pose_count
 from palpate.render.sweeps.make.rendering import recipe_cache
 
@@ -20,17 +14,6 @@ from palpate.render.sweeps.make.rendering import recipe_cache
 def test_random_poses_on_the_host_are_those_of_the_device(device):
     poses = RandomPoses(50, 3, 0.13, (0.0, 0.0, 0.2))
     np.testing.assert_array_equal(poses.rows(0, 50, device).numpy(), poses.motion.pose)
-
-
-def test_a_batch_may_have_poses_of_every_kind(device):
-    cube = MeshObject.load("cube").bounds
-    one, other = (ExploredPoses.of(cube, duration=3.0, rate=90.0, seed=seed) for seed in (1, 2))
-    random, host = RandomPoses(50, 3, 0.13, (0.0, 0.0, 0.2)), HostPoses(exploration(cube, 1.0, model="around"))
-    for kinds in ([one, random, other, host], [one, other], [host, host], [random]):
-        chunks = [SimpleNamespace(rendering=SimpleNamespace(poses=own)) for own in kinds]
-        rows = poses_of([PoseRange(chunk, k, k + 10) for k, chunk in enumerate(chunks)], device)
-        wanted = np.concatenate([own.motion.pose[k : k + 10] for k, own in enumerate(kinds)])
-        np.testing.assert_array_equal(rows if isinstance(rows, np.ndarray) else rows.numpy(), wanted)
 
 
 @pytest.mark.filterwarnings("ignore:the hand is nowhere in front")
@@ -45,11 +28,3 @@ def test_poses_are_counted_without_making_them(tmp_path):
     counts = [pose_count(recipe) for recipe in recipes]
     assert counts[:6] == [3, 180, 8, 7, 7, 10**9]
     assert counts == [recipe_cache("cpu").rendering(recipe).poses.count for recipe in recipes]
-
-
-def test_a_word_for_an_alignment_turns_a_recording_as_its_transform_does(tmp_path):
-    path = write_sample("openxr", tmp_path / "hand.json", frame_count=4)
-    recipe = recipe_of(motion=recorded(path) | {"alignment": {"source": "y-up", "name": "y-up"}})
-    poses = recipe_cache("cpu").rendering(recipe).poses
-    assert pose_count(recipe) == poses.count == 4
-    np.testing.assert_array_equal(poses.rows(0, 4, "cpu"), load_recording(path, alignment=Y_UP).motion().pose)

@@ -1,7 +1,6 @@
 """Sampling metrics and kept focal points of many motions at once: as of each motion alone, and failures stay apart."""
 
 import errno
-from dataclasses import replace
 
 import h5py
 import pytest
@@ -10,7 +9,6 @@ from sweep_recipes import explored, made, payloads_of, recipe_of, unit_of
 from palpate.render import StrategyError
 from palpate.render.motions.numbers import NUMBERS
 from palpate.render.sampling import sampler
-from palpate.render.sweeps.make import keep as keep_module
 from palpate.render.sweeps.make import sampling, sampling_groups
 from palpate.render.sweeps.make import unsplit as unsplit_module
 from palpate.render.sweeps.make.unit_making import make_unit
@@ -75,19 +73,6 @@ def test_motions_are_sampled_together_as_alone_and_in_blocks(tmp_path, monkeypat
     assert len(files) == (6 if "keep-focal-points" in groups_asked else 0)
 
 
-@pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize("name", ["am-multi-focus", "lm", "step"])
-def test_kept_focal_points_are_the_same_on_every_device_and_written_in_any_blocks(tmp_path, monkeypatch, device, name):
-    recipes = [recipe_of("tube", motion=own, sampling=name) for own in touching(5, 7)]
-    at_once = made_in(tmp_path, recipes, BOTH[1:])
-    assert len(at_once[1]) == 2
-    if device != "cpu":
-        assert made_in(tmp_path, recipes, BOTH[1:], device) == at_once
-    monkeypatch.setattr(keep_module, "POINTS_A_WRITE", 1500)
-    monkeypatch.setattr(sampling_groups, "_is_grouped", lambda *_: False)
-    assert made_in(tmp_path, recipes, BOTH[1:]) == at_once
-
-
 @pytest.mark.parametrize(("name", "together"), [("stm", True), ("multi-focus", False)])
 def test_motions_of_more_focal_points_than_memory_may_hold_are_made_alone(monkeypatch, name, together):
     """Two foci of 10,000 samples a second are 20,000 focal points."""
@@ -96,16 +81,6 @@ def test_motions_of_more_focal_points_than_memory_may_hold_are_made_alone(monkey
     monkeypatch.setattr(sampling_groups, "motion_groups", lambda *a, **o: seen.append(1) or real(*a, **o))
     made([recipe_of("tube", motion=touching(5)[0], sampling=name)], BOTH[:1])
     assert bool(seen) == together
-
-
-def test_chunks_of_one_motion_share_what_each_asks_for():
-    recipes = [recipe_of("tube", motion=touching(5)[0], array=array) for array in ("emulator", "pat16")]
-    units = [unit_of([recipe], (group,)) for recipe, group in zip(recipes, BOTH, strict=True)]
-    result = make_unit(replace(units[0], chunks=tuple(unit.chunks[0] for unit in units)), "cpu")
-    payloads = payloads_of(result)
-    assert [group for group, _, _ in payloads] == list(BOTH)
-    assert [bool(payload["seconds"]) for payload in payloads.values()] == [True, False]  # counted once
-    assert result.pose_count == 90
 
 
 def test_a_file_that_cannot_be_written_fails_alone(monkeypatch):

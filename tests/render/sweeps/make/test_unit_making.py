@@ -3,7 +3,6 @@
 import errno
 import json
 import signal
-import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -15,27 +14,19 @@ from sweep_recipes import (
     payloads_of,
     random_motion,
     recipe_of,
-    recorded,
     strategy_of,
     thing_of,
     unit_of,
 )
 
-from palpate.datasets.motions.motion_file import MotionRows, row_place, write_rows
-from palpate.datasets.recordings.alignment import Y_UP, write_alignment
-from palpate.datasets.recordings.files import load_recording
-from palpate.datasets.recordings.sample import write_sample
-from palpate.datasets.sweeps.result_row import ResultRow, columns_of
 from palpate.kernels.metrics.random_pose import random_poses
 from palpate.render import render
-from palpate.render.errors import PalpateWarning, StrategyError
-from palpate.render.intersection.named_inputs import load_hand, load_hand_and_motion, load_solid
-from palpate.render.objects.functions.expression import expression_to_json, sphere
+from palpate.render.errors import StrategyError
+from palpate.render.intersection.named_inputs import load_hand, load_solid
 from palpate.render.objects.mesh.placement import Placement
 from palpate.render.strategies.intersection_strategy import load_strategy
 from palpate.render.sweeps.make import unit_making
-from palpate.render.sweeps.make.poses import pose_count
-from palpate.render.sweeps.make.unit import CHUNK_POSES, SENTENCE_MOST, SPAN, Chunk, Unit, this_process
+from palpate.render.sweeps.make.unit import CHUNK_POSES, SPAN, Chunk, Unit, this_process
 from palpate.render.sweeps.make.unit_making import make_unit
 
 EXACT = [("tube", "palm", "cc"), ("sphere", "palm", "oc"), ("dog", "planes", "cc"), ("cube", "palm", "hatch")]
@@ -71,19 +62,6 @@ def test_statistics_are_those_of_what_render_gives(solid, hand, strategy):
     assert payload["stat"]["polylines"] == expected(np.diff(batch.pose_start))
     assert (payload["poses"], payload["poses_drawn"]) == (300, np.count_nonzero(lengths.sum(axis=1)))
     assert payload["poses_drawn"] > 0
-
-
-@pytest.mark.exhaustive
-def test_voxels_and_expressions_are_rendered_as_render_does(tmp_path):
-    z, y, x = np.meshgrid(*[np.arange(24) - 11.5] * 3, indexing="ij")
-    np.savez(tmp_path / "ball.npz", values=x**2 + y**2 + z**2 < 81, affine=np.diag([0.005, 0.005, 0.005, 1.0]))
-    (tmp_path / "drop.json").write_text(expression_to_json(sphere(0.05)))
-    for name in ("ball.npz", "drop.json"):
-        payload = contours_of(recipe_of(thing_of(tmp_path / name, at=[0.0, 0.0, 0.2]), motion=random_motion(200)))
-        solid = load_solid(str(tmp_path / name), Placement(at=(0.0, 0.0, 0.2)))
-        lengths = render(solid, load_hand("palm", None), poses_of(200), load_strategy("cc")).length()
-        assert payload["poses_drawn"] == np.count_nonzero(lengths) > 20
-        assert payload["stat"]["length"][1] == pytest.approx(lengths.sum(dtype=np.float64), rel=1e-6)
 
 
 def mixed():
@@ -129,16 +107,6 @@ def test_recipes_in_any_batches_and_on_every_device_are_bit_identical(alone, mon
     assert batches != "halved" or min(counts[1:6]) < max(counts)
 
 
-def test_chunks_are_counted_from_the_first_pose():
-    recipe = recipe_of("cube", motion=random_motion(CHUNK_POSES + 700))
-    result = make_unit(unit_of([recipe], ("contours", "poses"), chunk_count=2), "cpu")
-    payloads = payloads_of(result)
-    poses = [payloads["contours", recipe.key("contours"), chunk]["poses"] for chunk in (0, 1)]
-    assert (poses, result.pose_count) == ([CHUNK_POSES, 700], CHUNK_POSES + 700)
-    number = np.concatenate([columns_of(row.columns)["pose"] for row in result.rows if row.columns])
-    np.testing.assert_array_equal(number, np.arange(CHUNK_POSES + 700))
-
-
 def test_several_sampling_strategies_share_a_rendering(counts):
     recipes = [recipe_of(sampling=name) for name in ("stm", "capped", "dtp")]
     payloads = payloads_of(make_unit(unit_of(recipes), "cpu"))
@@ -149,28 +117,6 @@ def test_several_sampling_strategies_share_a_rendering(counts):
     for recipe in recipes:
         place = "frequency", recipe.key("frequency"), 0
         assert made([recipe], ("frequency",))[place][0] == payloads[place] | {"seconds": None}
-
-
-@pytest.mark.exhaustive
-def test_hands_that_a_recording_poses_keep_to_their_rows(tmp_path, monkeypatch):
-    path = write_sample("openxr", tmp_path / "hand.json", frame_count=40)
-    middle = np.median(load_recording(path, alignment=Y_UP).skin_pose()[:, :3], axis=0)
-    write_alignment(tmp_path / "above.json", [*(np.array([0.0, 0.05, 0.2]) - middle), *Y_UP[3:]])
-    motion = recorded(path, alignment=tmp_path / "above.json", rate=900.0)
-    recipes = [recipe_of("tube", hand, motion) for hand in ("planes", "palm")]
-    results = made(recipes, GROUPS)
-    for recipe in recipes:
-        options = {"duration": None, "rate": 900.0, "seed": None}
-        hand, rows = load_hand_and_motion(
-            recipe.hand["source"], None, path, None, exploration_options=options, alignment=tmp_path / "above.json"
-        )
-        lengths = render(load_solid("tube", Placement()), hand, rows, load_strategy("cc")).length()
-        payload, _ = results["contours", recipe.key("contours"), 0]
-        assert payload["poses"] == pose_count(recipe) == len(rows) > 2 * SPAN
-        assert payload["poses_drawn"] == np.count_nonzero(lengths) > 100
-        assert payload["stat"]["length"][1] == pytest.approx(lengths.sum(dtype=np.float64), rel=1e-6)
-    monkeypatch.setattr(unit_making, "batch_capacity", lambda *_: SPAN)
-    assert made(recipes, GROUPS) == results
 
 
 # Failures
@@ -222,23 +168,6 @@ def own_strategy(folder, body):
     return strategy_of(folder / "own.json")
 
 
-def test_a_stage_that_fails_on_one_motion_takes_no_other_with_it(tmp_path):
-    body = "    if (abs(setting.pose[:, 0]) > 0.5).any():\n        raise RuntimeError('a hand too\\nfar out')\n"
-    strategy = own_strategy(tmp_path, f"{body}    return batch")
-    far = poses_of(5)
-    far[3, 0] = 0.6
-    write_rows(tmp_path / "far.csv", MotionRows(None, far, 0.0, None, row_place), overwrite=False)
-    motions = [random_motion(600), recorded(tmp_path / "far.csv"), random_motion(30, seed=2)]
-    recipes = [recipe_of(motion=motion, strategy=strategy) for motion in motions]
-    result = make_unit(unit_of(recipes), "cpu")
-    (message,) = failures_of(result).values()
-    assert "far.csv" in message
-    assert "RuntimeError: a hand too" in message
-    assert {key for _, key, _ in payloads_of(result)} == {
-        recipes[k].key(group) for k in (0, 2) for group in ("contours", "frequency")
-    }
-
-
 def test_a_rendering_that_fails_takes_none_of_its_batch_with_it(monkeypatch):
     recipes = [recipe_of(motion=random_motion(count)) for count in (60, 50, 40)]
     measure, slice_counts = unit_making.measure_batch, []
@@ -268,26 +197,6 @@ def test_all_chunks_of_a_rendering_that_fails_have_failed(monkeypatch):
     assert "it has no chunk 2, as its motion has 262144 poses" in result.failed[2].message
 
 
-def test_a_result_that_memory_does_not_hold_is_not_counted_twice(monkeypatch):
-    recipes = [recipe_of(motion=random_motion(2 * SPAN, seed=seed)) for seed in (1, 2)]
-    expected, encode, calls = made(recipes, GROUPS), ResultRow.of.__func__, []
-
-    def full(cls, *values):
-        calls.append(values)
-        if len(calls) == 3:
-            raise MemoryError
-        return encode(cls, *values)
-
-    monkeypatch.setattr(ResultRow, "of", classmethod(full))
-    result = make_unit(unit_of(recipes, GROUPS), "cpu")
-    (message,) = failures_of(result).values()
-    assert "MemoryError" in message
-    got = payloads_of(result)
-    assert len(got) >= 3
-    for place, payload in got.items():
-        assert payload | {"seconds": None} == expected[place][0]
-
-
 RAISED = ["KeyboardInterrupt()", "GeneratorExit()", "type('Strange', (BaseException,), {})()"]
 
 
@@ -302,15 +211,6 @@ def test_no_exception_of_a_stage_ends_a_worker(tmp_path, raised, monkeypatch):
     assert failures_of(result).keys() == {0, 1}
     assert raised.removeprefix("type('").split("'")[0].removesuffix("()") in result.failed[0].message
     assert result.rows == ()
-
-
-def test_an_interruption_of_the_process_that_gives_the_unit_is_its_own(monkeypatch):
-    def interrupt(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(unit_making, "measure_batch", interrupt)
-    with pytest.raises(KeyboardInterrupt):
-        make_unit(unit_of([recipe_of()], parent=this_process()), "cpu")
 
 
 def test_code_of_a_user_never_runs_in_the_process_that_gives_the_unit(tmp_path):
@@ -329,24 +229,6 @@ def result_code():
     return unit_of([]).code_version
 
 
-def test_a_worker_of_another_code_version_refuses_the_unit():
-    result = make_unit(replace(unit_of([recipe_of()]), code_version="1.0 other"), "cpu")
-    assert f"runs other code: {result_code()}, not 1.0 other" in result.refusal
-    assert (result.rows, result.failed) == ((), ())
-
-
-def test_warnings_of_a_worker_are_in_its_result(open_box):
-    recipes = [recipe_of(open_box, strategy="oc", motion=random_motion(9, seed)) for seed in (1, 2)]
-    unit_making.recipe_cache.cache_clear()
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        (text,) = make_unit(unit_of(recipes), "cpu").warnings
-    assert "open.stl" in text
-    unit_making.recipe_cache.cache_clear()
-    with pytest.warns(PalpateWarning, match=r"open\.stl"):
-        assert make_unit(unit_of(recipes, parent=this_process()), "cpu").warnings == ()
-
-
 def test_a_disk_on_which_no_folder_can_be_made_is_a_transient_failure(monkeypatch):
     def full(**_):
         raise OSError(errno.ENOSPC, "No space left on device", "/scratch")
@@ -356,13 +238,3 @@ def test_a_disk_on_which_no_folder_can_be_made_is_a_transient_failure(monkeypatc
     assert result.is_unnamed
     assert [(own.place, own.is_transient) for own in result.failed] == [(0, True), (1, True)]
     assert result.failed[0].message == "No space left on device (/scratch)"
-
-
-def test_a_message_of_any_length_and_text_can_be_stored(monkeypatch):
-    def fail(*_, **__):
-        raise StrategyError("\ud800" + "x" * 10**6)
-
-    monkeypatch.setattr(unit_making, "measure_batch", fail)
-    (failed,) = make_unit(unit_of([recipe_of()]), "cpu").failed
-    assert SENTENCE_MOST < len(failed.message.encode()) < SENTENCE_MOST + 20
-    assert "\\ud800xxx" in failed.message

@@ -1,32 +1,19 @@
 """A user's metrics: NumPy's numbers, the same however poses are batched; bad ones fail alone, and name what came."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mesh_cases import generic_poses
-from sweep_recipes import digest, payloads_of, random_motion, recipe_of, unit_of
 
 from palpate.render import MeshObject, Palm, closed_contour
 from palpate.render.errors import SweepError
 from palpate.render.intersection.scene import Scene
-from palpate.render.sweeps.make.unit_making import make_unit
-from palpate.render.sweeps.make.user_metrics import UserMetric, measure
-from palpate.render.sweeps.plan.user_metric import DIGITS
+from palpate.render.sweeps.make.metrics import UserMetric, measure
 
 SCENE = Scene.of(MeshObject.load("tube"), Palm(), closed_contour())
-CODE = """
-import numpy as np
-
-def length(contours):
-    return contours.length().astype(float)
-
-def wrong(contours):
-    return contours.length()[:3]
-"""
 
 
 def metric_of(function):
@@ -50,12 +37,6 @@ def test_whatever_a_function_raises_names_the_metric(batch, error):
 
     with pytest.raises(SweepError, match=rf"metric mine.py:f: raised {type(error).__name__}"):
         metric_of(fail).numbers(batch)
-
-
-def test_statistics_are_numpys(batch):
-    stat = measure(metric_of(lambda contours: {"own": contours.length()}), batch, 0, 40, None)["stat"]["own"]
-    lengths = batch.length().astype(np.float64)
-    assert stat == [40, math.fsum(lengths), math.fsum(lengths**2), lengths.min(), lengths.max()]
 
 
 BAD = {
@@ -98,29 +79,3 @@ def test_nan_does_not_count(values, batch):
     assert total == math.fsum(known)
     assert square == pytest.approx(np.square(known).sum(), rel=1e-12)
     assert ends == ([min(known), max(known)] if known else [None, None])
-
-
-def test_keys_are_the_same_for_all_poses(batch):
-    asked = []
-    metric = metric_of(lambda contours: asked.append(0) or {f"k{len(asked)}": np.zeros(contours.pose_count)})
-    begun = measure(metric, batch, 0, 20, None)
-    with pytest.raises(SweepError, match="same keys for all poses, first k1, then k2"):
-        measure(metric, batch, 20, 20, begun)
-
-
-def test_a_metric_that_fails_leaves_the_other_groups(tmp_path):
-    mine = tmp_path / "mine.py"
-    mine.write_text(CODE)
-    groups = {f"metric {digest(mine)[:DIGITS]} {name}": f"{mine}:{name}" for name in ("length", "wrong")}
-    recipe = recipe_of(motion=random_motion(600))
-    unit = replace(unit_of([recipe], ("contours", *groups)), user_metrics=tuple(groups.items()))
-    assert "not the code that was permitted" in make_unit(unit, "cpu").failed[0].message
-    unit = replace(unit, granted=frozenset([digest(mine)]))
-    result = make_unit(unit, "cpu")
-    (failed,) = result.failed
-    assert "metric mine.py:wrong: must return one number per pose" in failed.message
-    payloads = {group: payload for (group, _, _), payload in payloads_of(result).items()}
-    assert set(payloads) == {"contours", next(iter(groups))}
-    assert payloads["contours"]["stat"]["length"][1] == pytest.approx(payloads[next(iter(groups))]["stat"][""][1])
-    mine.write_text(CODE + "\n# edited\n")
-    assert "has changed since the plan was read" in make_unit(unit, "cpu").failed[0].message

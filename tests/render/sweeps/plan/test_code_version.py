@@ -31,15 +31,6 @@ def test_a_checkout_counts_by_its_files_and_an_installed_package_by_its_version(
     assert code_version.__wrapped__().split(", ") == [f"palpate {version('palpate')}", *libraries]
 
 
-def test_another_version_of_a_library_is_another_code_version(monkeypatch):
-    own = code_version()
-    for changed in LIBRARIES:
-        monkeypatch.setattr(module, "version", lambda name, of=changed: "0.0" if name == of else version(name))
-        other = code_version.__wrapped__()
-        assert other != own
-        assert f"{changed} 0.0" in other
-
-
 @pytest.mark.exhaustive
 def test_every_module_that_runs_in_a_unit_counts(tmp_path, monkeypatch):
     """A trace of units of every kind finds no module outside COMPUTING that computes."""

@@ -1,6 +1,5 @@
 """Plans while files change beside them: edited sources, and stages that go by the motion's row."""
 
-import importlib
 import json
 import os
 import sys
@@ -10,8 +9,6 @@ import pytest
 from sweep_recipes import made, random_motion, recipe_of, unit_of
 
 from palpate.datasets.sweeps.result_row import payload_of
-from palpate.render.errors import ImplicitError
-from palpate.render.objects.functions.user_function import load_function
 from palpate.render.stages import registry as stages
 from palpate.render.sweeps.make.unit_making import make_unit
 from palpate.render.sweeps.plan.loading import load_plans
@@ -92,19 +89,6 @@ def test_an_edited_function_is_another_object_in_the_same_process(tmp_path, monk
     assert before != after == length_sum(tmp_path, "new.py:ball")
 
 
-def test_an_edited_package_is_refused_until_python_starts_anew(tmp_path, monkeypatch):
-    name = f"package_{tmp_path.name}"
-    (tmp_path / f"{name}.py").write_text(BALL)
-    monkeypatch.syspath_prepend(tmp_path)
-    assert load_function(f"{name}:ball", allow_code=True) is load_function(f"{name}:ball")
-    edit(tmp_path / f"{name}.py", "0.02", "0.05")
-    with pytest.raises(ImplicitError, match=rf"{name}\.py has changed since it was imported: start anew"):
-        load_function(f"{name}:ball")
-    importlib.reload(sys.modules[name])
-    assert load_function(f"{name}:ball") is load_function(f"{name}:ball")
-    del sys.modules[name]
-
-
 def test_a_plan_runs_an_edited_module_anew_and_units_of_the_old_plan_are_refused(tmp_path, own):
     (before,) = plan_in(tmp_path, "tube", "own.json").recipes()
     edit(own, "1.0", "2.0")
@@ -120,27 +104,3 @@ def test_stages_of_ones_own_see_the_rows_of_their_motion_whoever_shares_the_unit
     together = made(recipes)
     assert len(together) == 4
     assert together == made(recipes[:1]) | made(recipes[1:])
-
-
-def test_a_stage_that_remembers_is_not_taken_for_an_edited_one(tmp_path, own):
-    own.write_text(own.read_text().replace("setting):", "setting, _seen=[]):\n    _seen.append(1)", 1))
-    plan_in(tmp_path, "tube", "own.json")
-    (recipe,) = plan_in(tmp_path, "tube", "own.json").recipes()
-    assert len(made([recipe])) == 2
-    (again,) = plan_in(tmp_path, "tube", "own.json").recipes()
-    assert again.key("contours") == recipe.key("contours")
-
-
-def test_the_file_that_registers_a_stage_counts(tmp_path, own, monkeypatch):
-    monkeypatch.syspath_prepend(tmp_path)
-    library = tmp_path / f"lib_{own.stem}.py"
-    library.write_text("def as_it_is(level, batch, setting):\n    return batch\n")
-    own.write_text(
-        f"from functools import partial\nfrom {library.stem} import as_it_is\n"
-        "from palpate.render.stages.registry import register_transform\n"
-        f"register_transform('{own.stem}', partial(as_it_is, 1))\n"
-    )
-    (before,) = plan_in(tmp_path, "tube", "own.json").recipes()
-    edit(own, "as_it_is, 1", "as_it_is, 2")
-    (after,) = plan_in(tmp_path, "tube", "own.json").recipes()
-    assert before.key("contours") != after.key("contours")

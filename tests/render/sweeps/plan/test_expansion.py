@@ -7,7 +7,6 @@ import random
 import pytest
 
 from palpate.render.errors import PlanError
-from palpate.render.sweeps.plan import expansion
 from palpate.render.sweeps.plan.loading import load_plans
 
 SHORT = '[object]\nsource = "cube"\n'
@@ -146,13 +145,6 @@ def test_recipes_of_several_plans_are_those_of_each_once(tmp_path, first):
     assert len({recipe.hash for recipe in plan.recipes()}) == plan.recipe_count
 
 
-def test_recipes_are_one_sequence_that_is_made_once(tmp_path):
-    plan = load(tmp_path, SHORT + "[motion]\nseed = [3, 1]")
-    assert plan.recipes() is plan.recipes()
-    assert [recipe.motion["seed"] for recipe in plan.recipes()] == [3, 1]
-    assert plan.recipes()[-1].motion["seed"] == 1
-
-
 BILLION = SHORT + "[motion]\nseed = {first = 1, count = 1000000000}\n"
 
 
@@ -167,20 +159,6 @@ BILLION = SHORT + "[motion]\nseed = {first = 1, count = 1000000000}\n"
 )  # fmt: skip
 def test_a_plan_of_more_than_a_million_recipes_is_refused_before_it_is_expanded(tmp_path, text, said):
     assert f"plan.toml: a plan must have at most 1,000,000 recipes, {said}" in refusal(tmp_path, text)
-
-
-def test_recipes_count_after_constraints_and_zip_and_over_all_plans(tmp_path, monkeypatch):
-    monkeypatch.setattr(expansion, "RECIPES_MOST", 9)
-    cross = SHORT + "fit = [0.1, 0.2, 0.3]\n[motion]\nseed = [1, 2, 3]\n[sampling]\nspeed = [5, 6, 7]\n"
-    assert load(tmp_path, cross + '[[exclude]]\n"sampling.speed" = [5, 6]').recipe_count == 9
-    assert load(tmp_path, 'zip = [["object.fit", "sampling.speed"]]\n' + cross).recipe_count == 9
-    told = refusal(tmp_path, cross + '[[exclude]]\n"sampling.speed" = 5')
-    assert "at most 9 recipes, but more combinations are left after the axis sampling: list fewer" in told
-    paths = [tmp_path / f"{name}.toml" for name in "xy"]
-    for path in paths:
-        path.write_text(f'{SHORT}up = "{path.stem}"\n[motion]\nseed = {list(range(5))}')
-    with pytest.raises(PlanError, match="the plans must have at most 9 recipes together, not 10"):
-        load_plans(paths)
 
 
 def test_drawn_rows_go_with_every_table_that_has_none(tmp_path):

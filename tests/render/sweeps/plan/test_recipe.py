@@ -11,9 +11,8 @@ from palpate.render.errors import PlanError
 from palpate.render.playback.drive import DriveStrategy
 from palpate.render.sampling.strategy import SamplingStrategy
 from palpate.render.sweeps.plan import recipe as recipe_module
-from palpate.render.sweeps.plan.axes import KEYS
 from palpate.render.sweeps.plan.loading import load_plans
-from palpate.render.sweeps.plan.recipe import GROUPS, PARTS, Recipe, digest_source, groups_of, part_of
+from palpate.render.sweeps.plan.recipe import GROUPS, PARTS, Recipe, digest_source
 
 PLAIN = '[object]\nsource = "cube"\n'
 
@@ -107,36 +106,6 @@ def test_equal_meaning_has_equal_json_and_keys(folder, text, other):
     assert one(folder, text).hash == one(folder, other).hash
 
 
-def test_the_first_model_of_explorations_has_the_recipes_it_had_and_the_new_one_names_itself(folder):
-    around = one(folder, PLAIN + '[motion]\nmodel = "around"')
-    assert around.motion == {
-        "source": "exploration", "name": "exploration", "sha256": None, "duration": 30.0, "rate": 90.0, "seed": 1,
-    }  # fmt: skip
-    row = around.columns()
-    assert (row["model"], row["explorer"], row["facing"], row["workspace"]) == ("around", None, None, None)
-    over = one(folder, PLAIN + "[motion]\nexplorer = 4\nfacing = 0.7")
-    own = {name: over.motion[name] for name in ("model", "version", "explorer", "facing", "workspace")}
-    space = [-0.125, -0.125, 0.135, 0.125, 0.125, 0.325]
-    assert own == {"model": "over-array", "version": 1, "explorer": 4, "facing": 0.7, "workspace": space}
-    assert over.columns()["workspace"] == json.dumps(space)
-
-
-@pytest.mark.parametrize(
-    ("keys", "said"),
-    [
-        ('model = "around"\nexplorer = 2', "explorer is of the model over-array, not of around"),
-        ("facing = 60", "facing: must lie in 0.0872665..1.5708 rad, not 60"),
-        ("workspace = [0, 0, 0.1, 0.1, 0.1, 0.11]", "0.02 m apart"),
-        ('model = "beside"', "model: must be one of over-array, around, not 'beside'"),
-        ('source = "random"\ncount = 3\nexplorer = 1', "explorer: is of exploration, which random is not"),
-    ],
-)
-def test_options_that_no_exploration_has_are_refused(folder, keys, said):
-    with pytest.raises(PlanError) as caught:
-        one(folder, f"{PLAIN}[motion]\n{keys}")
-    assert said in str(caught.value)
-
-
 def test_files_are_known_by_what_is_in_them(folder):
     text = '[object]\nsource = "thing.stl"\n[strategy]\nsource = "mine.json"\n'
     (folder / "mine.json").write_text('{"prune": ["outside"], "transform": ["close", {"stage": "hatch"}]}')
@@ -198,92 +167,6 @@ def test_fields_count_where_they_differ_from_their_default(folder, part, name, d
     assert changed(recipe, part, name, other).hash != recipe.hash
 
 
-def test_a_group_of_a_sampling_strategy_counts_by_what_it_says(folder):
-    recipe = one(folder, PLAIN)
-    short, long, other = (
-        changed(recipe, "sampling", "am", group)
-        for group in ({"depth": 0.5}, {"depth": 0.5, "frequency": 200.0, "wave": "sine"}, {"depth": 0.6})
-    )
-    assert short.hash == long.hash
-    assert len({recipe.hash, short.hash, other.hash}) == 3
-
-
-VOXELS = 'source = "voxels.npy"'
-RANDOM = 'source = "random"'
-RECORDING = 'source = "hand.csv"'
-
-TABLES = {  # every key: what its table needs, and two values
-    "object.source": ("bounds = [-1, -1, -1, 1, 1, 1]", "'ball.py:ball'", "'ball.py:egg'"),
-    "object.scale": ('source = "cube"', "1.0", "1.5"),
-    "object.up": ('source = "cube"', "'z'", "'-y'"),
-    "object.fit": ('source = "cube"', "0.1", "0.2"),
-    "object.rotate": ('source = "cube"', "[0, 0, 1]", "[0, 1, 0]"),
-    "object.at": ('source = "cube"', "[0, 0, 0.2]", "[0, 0, 0.3]"),
-    "object.solid": ('source = "cube"', "'winding'", "'even-odd'"),
-    "object.weld": ('source = "cube"', "0.0", "1e-6"),
-    "object.fill_holes": ('source = "cube"', "0.0", "0.01"),
-    "object.simplify": ('source = "cube"', "0.0", "0.001"),
-    "object.kind": (VOXELS, "'label'", "'distance'"),
-    "object.level": (VOXELS, "0.5", "1.5"),
-    "object.label": (VOXELS, "[1, 2]", "[1]"),
-    "object.inside": (VOXELS, "'above'", "'below'"),
-    "object.spacing": (VOXELS, "[1e-3, 1e-3, 1e-3]", "[1e-3, 1e-3, 2e-3]"),
-    "object.unit": (VOXELS, "'m'", "'mm'"),
-    "object.bounds": ('source = "ball.py:ball"', "[-1, -1, -1, 1, 1, 1]", "[-1, -1, -1, 1, 1, 2]"),
-    "hand.source": ("", "'palm'", "'skin'"),
-    "hand.palm": ("", "[0.1, 0.2]", "[0.2, 0.1]"),
-    "motion.source": ("seed = 2", "'exploration'", "'random'\ncount = 3"),
-    "motion.duration": ("", "1.0", "2.0"),
-    "motion.rate": ("", "1.0", "2.0"),
-    "motion.seed": ("", "1", "2"),
-    "motion.model": ("", "'over-array'", "'around'"),
-    "motion.explorer": ("", "1", "2"),
-    "motion.facing": ("", "0.8", "1.0"),
-    "motion.workspace": ("", "[-0.1, -0.1, 0.1, 0.1, 0.1, 0.3]", "[-0.1, -0.1, 0.2, 0.1, 0.1, 0.3]"),
-    "motion.count": (RANDOM, "3", "4"),
-    "motion.size": (f"{RANDOM}\ncount = 3", "0.1", "0.2"),
-    "motion.at": (f"{RANDOM}\ncount = 3", "[0, 0, 0.1]", "[0, 0, 0.2]"),
-    "motion.side": (RECORDING, "'left'", "'right'"),
-    "motion.alignment": (RECORDING, "'still.json'", "'raised.json'"),
-    "strategy.source": ("", "'cc'", "'oc'"),
-    "strategy.step": ("", "0.001", "0.002"),
-    "strategy.flush": ("", "0.0", "1e-6"),
-    "sampling.source": ("", "'stm'", "'lm'"),
-    "sampling.speed": ("", "7.0", "7.5"),
-    "sampling.update_rate": ("", "1e4", "2e4"),
-    "array.source": ("", "'emulator'", "'sonicsurface'"),
-    "array.amplitude": ("", "'pressure'", "'force'"),
-    "array.solver": ("", "'wgs'", "'naive'"),
-    "array.gs_pat_iterations": ("", "3", "4"),
-    "array.wgs_iterations": ("", "3", "4"),
-    "array.slew": ("", "0.01", "0.02"),
-    "array.sound_speed": ("", "343.0", "343.5"),
-    "array.level_max": ("", "0.5", "0.6"),
-    "array.piston_radius": ("", "0.0", "0.001"),
-}
-
-
-def test_every_key_is_tried():
-    assert set(TABLES) == {f"{axis}.{key}" for axis, keys in KEYS.items() for key in ("source", *keys)}
-
-
-@pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize("key", TABLES)
-def test_another_value_of_any_key_has_other_keys_where_it_matters_only(folder, key):
-    axis, name = key.split(".")
-    needs, *values = TABLES[key]
-    plain = "" if axis == "object" else PLAIN
-    first, second = (one(folder, f"{plain}[{axis}]\n{needs}\n{name} = {value}") for value in values)
-    again = one(folder, f"{plain}[{axis}]\n{needs}\n{name} = {values[0]}")
-    assert again.hash == first.hash
-    part = "thing" if axis == "object" else axis
-    differs = {group for group in GROUPS if first.key(group) != second.key(group)}
-    assert differs == {group for group, names in GROUPS.items() if part in names}
-    assert first.hash != second.hash
-    old, new = first.columns(), second.columns()
-    assert {part_of(column) for column in old if old[column] != new[column]} == {part}
-
-
 def test_recipes_read_back_from_their_json(folder):
     recipe = one(folder, '[object]\nsource = "thing.stl"\n[motion]\nsource = "hand.csv"\nalignment = "still.json"')
     again = Recipe.from_json(recipe.to_json())
@@ -306,34 +189,6 @@ def test_words_for_alignments_have_digests_of_their_own(folder):
     assert len({recipe.hash for recipe in known.values()}) == 3
     assert [known[word].columns()["alignment"] for word in ("unity", "yup")] == ["unity", "y-up"]
     assert Recipe.from_json(known["unity"].to_json()) == known["unity"]
-
-
-def test_every_recipe_has_the_same_columns_of_plain_values(folder):
-    texts = [
-        PLAIN,
-        '[object]\nsource = "voxels.npy"\nkind = "label"\nlabel = [3, 1]\nspacing = [1e-3, 1e-3, 2e-3]',
-        '[object]\nsource = "ball.py:ball"\nbounds = [-1, -1, -1, 1, 1, 1]\n[motion]\nsource = "random"\ncount = 7',
-        PLAIN + '[motion]\nsource = "hand.csv"\nside = "left"\nalignment = "still.json"\n[hand]\nsource = "skin"',
-    ]
-    rows = [one(folder, text).columns() for text in texts]
-    assert len({tuple(row) for row in rows}) == 1
-    assert {type(value) for row in rows for value in row.values()} <= {str, float, int, bool, type(None)}
-    assert (rows[1]["object_label"], rows[1]["object_spacing_z"], rows[0]["object_label"]) == ("[1, 3]", 2e-3, None)
-    assert (rows[2]["object"], rows[2]["count"], rows[2]["duration"], rows[2]["motion_at_z"]) == ("ball", 7, None, 0.2)
-    assert (rows[3]["side"], rows[3]["alignment"], rows[3]["palm_width"]) == ("left", "still.json", None)
-
-
-def test_groups_are_what_is_asked_for_in_one_order():
-    assert groups_of(["frequency", "contours"], True, ["focal-points"]) == (
-        "contours",
-        "frequency",
-        "poses",
-        "keep-focal-points",
-    )
-    with pytest.raises(PlanError, match="unknown groups keep-all"):
-        groups_of([], False, ["all"])
-    with pytest.raises(PlanError, match="unknown group 'x'"):
-        Recipe({}, {}, {}, {}, {}, {}).key("x")
 
 
 def test_files_that_hold_their_data_elsewhere_are_hashed_with_it(folder):

@@ -38,33 +38,12 @@ def rows(plan, *names):
     return [tuple(recipe.columns()[name] for name in names) for recipe in plan.recipes()]
 
 
-def test_zip_by_the_command_line_and_in_one_of_several_plans(tmp_path):
-    plan = load(tmp_path, CROSS, 'zip=[["object.source","motion.seed"]]', "motion.seed={first=4,count=3}")
-    assert {row[:2] for row in rows(plan, "object", "seed")} == {("cube", 4), ("tube", 5), ("dog", 6)}
-    (tmp_path / "a.toml").write_text('zip = [["object.source", "motion.seed"]]\n' + CROSS)
-    (tmp_path / "b.toml").write_text(CROSS)
-    together = load_plans([tmp_path / "a.toml", tmp_path / "b.toml"])
-    product = load_plans([tmp_path / "b.toml"])
-    assert {recipe.hash for recipe in together.recipes()} == {recipe.hash for recipe in product.recipes()}
-    assert len(list(together.recipes())) == product.recipe_count
-
-
 def test_values_that_zip_lists_twice_stay_in_their_rows_and_equal_rows_are_one_recipe(tmp_path):
     text = 'zip = [["object.fit", "motion.seed"]]\n' + SHORT + "fit = [0.1, 0.2, 0.1]\n[motion]\nseed = [1, 1, {}]\n"
     plan = load(tmp_path, text.format(2))
     assert rows(plan, "object_fit", "seed") == [(0.1, 1), (0.2, 1), (0.1, 2)]
     plan = load(tmp_path, text.format(1))
     assert (plan.recipe_count, rows(plan, "object_fit", "seed")) == (2, [(0.1, 1), (0.2, 1)])
-
-
-def test_values_are_validated_together_only_where_they_come_together(tmp_path):
-    text = SHORT + '[array]\nsolver = ["wgs", "gs-pat"]\n{} = [3, 4]\n'
-    assert "solver" in refusal(tmp_path, text.format("wgs_iterations"))
-    both = 'zip = [["array.solver", "array.wgs_iterations"]]\n'
-    assert "solver" in refusal(tmp_path, both + text.format("wgs_iterations"))  # gs-pat has no such iterations
-    text = SHORT + "[motion]\nduration = [1e3, 1e8]\nrate = [1e5, 1.0]\n"
-    assert "must give at most 1e+09 poses" in refusal(tmp_path, text)
-    assert load(tmp_path, 'zip = [["motion.duration", "motion.rate"]]\n' + text).recipe_count == 2
 
 
 def test_drives_are_validated_only_where_sampling_and_array_come_together(tmp_path):
@@ -128,21 +107,6 @@ def test_a_sample_is_one_design_for_every_value_of_the_other_axes(tmp_path, meth
     assert discrepancy < (0.0005 if method == "sobol" else 0.02)
     if method != "random":  # each of 64 strips holds one point, along every axis
         assert [sorted(np.minimum(axis * 64, 63).astype(int)) for axis in unit.T] == [list(range(64))] * 2
-
-
-def test_a_longer_sobol_sample_has_the_recipes_of_a_shorter_one(tmp_path):
-    short, long = (load(tmp_path, SAMPLE.format("sobol", count, 3) + RANGES) for count in (16, 32))
-    assert {recipe.hash for recipe in short.recipes()} < {recipe.hash for recipe in long.recipes()}
-
-
-def test_drawn_values_are_those_of_a_list(tmp_path):
-    plan = load(tmp_path, SAMPLE.format("random", 5, 1) + RANGES)
-    drawn = list(dict.fromkeys(rows(plan, "object_fit", "speed")))
-    text = 'zip = [["object.fit", "sampling.speed"]]\n[object]\nsource = ["cube", "tube"]\n'
-    text += f"fit = {[fit for fit, _ in drawn]}\n"
-    listed = load(tmp_path, text + f"[sampling]\nspeed = {[s for _, s in drawn]}\n")
-    assert [recipe.hash for recipe in listed.recipes()] == [recipe.hash for recipe in plan.recipes()]
-    assert all(float(f"{value:.12g}") == value for row in drawn for value in row)
 
 
 def test_whole_numbers_and_equal_factors_are_drawn(tmp_path):

@@ -6,9 +6,9 @@ import tracemalloc
 import pytest
 
 from palpate.render.errors import PlanError
+from palpate.render.sweeps.plan.document import put_override
+from palpate.render.sweeps.plan.line_search import parse_toml
 from palpate.render.sweeps.plan.loading import load_plans
-from palpate.render.sweeps.plan.overrides import put_override
-from palpate.render.sweeps.plan.toml_text import parse_toml
 from palpate.render.sweeps.plan.values import PlanFault
 
 

@@ -7,7 +7,7 @@ from rich.console import Console
 
 from palpate.render.sweeps.report import progress
 from palpate.render.sweeps.report.progress import sweep_bar
-from palpate.render.sweeps.run.progress import SweepProgress
+from palpate.render.sweeps.run.sweep_run import SweepProgress
 from palpate.render.terminal import foreign_text
 
 

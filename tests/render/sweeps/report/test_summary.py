@@ -12,7 +12,7 @@ from sweep_rows import table
 from palpate.datasets.sweeps.store import Failure
 from palpate.render.errors import SweepError
 from palpate.render.sweeps.report.compare import Baseline, compare_tables
-from palpate.render.sweeps.report.summary import TEXT_MOST, append_summary, markdown_text, sweep_summary
+from palpate.render.sweeps.report.summary import TEXT_MOST, append_summary, sweep_summary
 from palpate.render.sweeps.run.sweep_run import SweepReport
 from palpate.render.terminal.foreign_text import visible
 
@@ -68,11 +68,6 @@ def test_a_name_is_shown_as_it_is_and_begins_nothing(name):
         assert cells[-2:] == [cut, cut]
         assert [" ".join(text.split()) for text in page.of("h3")] == [f"Sweep {cut}".strip()]
     assert len(page.of("td")) == 6 + 2
-
-
-def test_a_long_text_is_cut():
-    assert len(markdown_text("a" * 10**6)) == TEXT_MOST
-    assert len(markdown_text("|" * 10**6)) < 7 * TEXT_MOST
 
 
 def test_what_moved_and_what_is_new_or_missing_stands_in_tables():

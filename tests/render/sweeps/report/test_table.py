@@ -1,7 +1,6 @@
 """A sweep's tidy table: merged parts, columns, what is missing, and its pace."""
 
 import math
-from itertools import product
 
 import numpy as np
 import pytest
@@ -15,14 +14,8 @@ from palpate.datasets.sweeps.store import SweepStore
 from palpate.datasets.sweeps.table import load_table, write_blocks
 from palpate.render.sweeps.make.unit import CHUNK_POSES
 from palpate.render.sweeps.report.table import (
-    CONTOUR_METRICS,
-    FREQUENCY_METRICS,
     METRICS,
-    SAMPLING_METRICS,
     Statistic,
-    column_units,
-    is_axis,
-    is_metric,
     pose_blocks,
     tidy_columns,
 )
@@ -46,11 +39,6 @@ def test_statistics_are_those_of_all_poses_however_they_are_cut(values, cuts):
     assert merged.mean == pytest.approx(np.mean(values), rel=1e-12)
     assert merged.most == max(values)
     assert merged.std == pytest.approx(np.std(values), rel=1e-6, abs=2e-6 * math.sqrt(np.mean(np.square(values))))
-
-
-@given(parts=st.permutations([statistic([0.1 * k, 0.3]) for k in range(6)]))
-def test_statistics_do_not_depend_on_the_order_of_parts(parts):
-    assert Statistic.merged(parts) == Statistic.merged(sorted(parts))
 
 
 def test_rounding_is_no_deviation_and_nothing_has_none():
@@ -111,33 +99,6 @@ def test_what_is_not_whole_has_no_metrics_and_says_so():
     assert tidy_columns([whole], store, ["contours", "frequency"])["complete"] == [False]
 
 
-def test_kept_files_are_named():
-    one = recipe()
-    kept = {"path": "contours/1.h5", "bytes": 12}
-    columns = tidy_columns([one], HandMadeStore(results(one, keep_contours=[kept])), ["keep-contours"])
-    assert columns["kept_contours"] == ["contours/1.h5"]
-    assert columns["complete"] == [True]
-
-
-def test_each_column_is_of_the_recipe_or_a_metric_or_neither():
-    one = recipe()
-    columns = tidy_columns([one], HandMadeStore({}), GROUPS)
-    assert [name for name in columns if is_axis(name)] == list(one.columns())
-    assert {n for n in columns if is_metric(n)} == {*CONTOUR_METRICS, *FREQUENCY_METRICS, *SAMPLING_METRICS}
-    numbers = {name for name, value in one.columns().items() if isinstance(value, float | int)}
-    assert numbers <= set(column_units(columns)) | {"drive_gs_pat_iterations", "drive_wgs_iterations"}
-
-
-@pytest.mark.exhaustive
-def test_results_of_thousands_of_recipes_are_looked_up_together():
-    recipes = [recipe(thing, seed=seed) for thing, seed in product("abc", range(1500))]
-    store = HandMadeStore({("contours", one.key("contours")): [payload(length=[0.2])] for one in recipes[::2]})
-    columns = tidy_columns(iter(recipes), store, GROUPS[:1])
-    assert store.asked == 2
-    assert [mean is None for mean in columns["length_mean"]] == [False, True] * 2250
-    assert columns["seed"] == [one.motion["seed"] for one in recipes]
-
-
 def test_a_real_store_gives_the_table_and_rows_of_poses(tmp_path):
     one, other, bare = recipe(), recipe("cube"), recipe("rock")
     lengths = {"pose": np.arange(3), "length": np.ones(3, np.float32)}
@@ -159,9 +120,3 @@ def test_a_real_store_gives_the_table_and_rows_of_poses(tmp_path):
     assert set(blocks[0]) == set(blocks[1]) == {"recipe", "pose", "length", *map(removed_name, PRUNED_NAMES)}
     removed = load_table(tmp_path / "poses.parquet")["removed_small"]
     np.testing.assert_array_equal(removed, [0.5] * 3 + [np.nan] * 3)
-
-
-def test_what_a_stage_removed_has_one_name_in_files_and_tables():
-    names = {stage: removed_name(stage) for stage in ("off-skin", "small#2", "halve", "mine.halve#2")}
-    assert set(names.values()) == {"removed_off_skin", "removed_small", "removed_other"}
-    assert {f"{name}_mean" for name in names.values()} <= set(CONTOUR_METRICS)

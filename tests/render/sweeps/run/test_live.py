@@ -13,12 +13,10 @@ import warp as wp
 from bad_stages import REASONS, write_plan
 from command_line import PALPATE
 
-from palpate.datasets.sweeps.check import check_store
+from palpate.datasets.sweeps.merging import check_store
 from palpate.datasets.sweeps.table import load_table
 from palpate.render import load_plans, run_sweep
-from palpate.render.errors import SweepError
-from palpate.render.sweeps.run import executors
-from palpate.render.sweeps.run.executors import LocalPool, ProcessPool
+from palpate.render.sweeps.run.executors import LocalPool
 
 LIMIT = 240.0
 BOUNDS = ["--unit-timeout", "20", "--worker-memory", "1500"]
@@ -88,12 +86,6 @@ def test_the_same_on_dask(tmp_path, stage, cluster):
     assert "Dask at tcp://" in values["executor"], err
 
 
-@pytest.mark.exhaustive
-def test_slow_stages_are_not_ended(tmp_path):
-    values, err = finished(started(write_plan(tmp_path, ["be-slow"]), "--workers", 2, *BOUNDS))
-    assert (values["recipes_failed"], values["workers_lost"]) == (0, 0), err
-
-
 LARGE = """
 [object]
 source = ["tube", "cube"]
@@ -155,13 +147,6 @@ def plan(tmp_path):
     return load_plans([path])
 
 
-def test_threads_make_what_runs_no_code_of_a_user(plan, tmp_path):
-    with ThreadPoolExecutor(2) as executor:
-        report = run_sweep(plan, tmp_path / "s", executor, device="cpu")
-    assert (report.failures, report.poses_rendered) == ((), 600)
-    assert report.executor == "ThreadPoolExecutor, on cpu"
-
-
 def test_threads_never_run_code_of_a_user(tmp_path):
     """Nothing could end a stage that hangs in this process."""
     plan = load_plans([write_plan(tmp_path, ["fail"])], allow_code=True)
@@ -169,14 +154,6 @@ def test_threads_never_run_code_of_a_user(tmp_path):
         report = run_sweep(plan, tmp_path / "s", executor, device="cpu")
     assert "fail.json" in {failure.name.split(", ")[3] for failure in report.failures}
     assert all("an executor of processes, not of threads" in failure.sentence for failure in report.failures)
-
-
-def test_a_pool_whose_processes_cannot_start_is_an_error(monkeypatch):
-    monkeypatch.setattr(executors, "START_LONGEST", -1.0)
-    pool = ProcessPool("cpu", 1)
-    pool._pool = object()
-    with pytest.raises(SweepError, match=r"1 process, on cpu: no process has started"):
-        assert not pool.is_ready
 
 
 def test_this_process_makes_what_takes_seconds_and_processes_the_rest():

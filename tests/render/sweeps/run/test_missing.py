@@ -5,7 +5,6 @@ import itertools
 import pytest
 from sweep_stand_ins import Memory, StandIn, count_poses, rows_wanted
 
-from palpate.datasets.errors import MotionError
 from palpate.render.sweeps.make.unit import CHUNK_POSES
 from palpate.render.sweeps.run.missing import Missing
 
@@ -65,14 +64,6 @@ def test_shards_share_all_rows_and_none_twice():
     assert all(every)
 
 
-def test_counts_of_shards_add_up_to_those_of_the_plan():
-    shards = [missing_of(RECIPES, Memory(), (k, 3)) for k in range(3)]
-    whole = missing_of(RECIPES, Memory())
-    assert sum(own.counts.poses_once for own in shards) == whole.counts.poses_once
-    assert sum(own.counts.renderings for own in shards) == whole.counts.renderings
-    assert sum(sum(own.poses_by_family.values()) for own in shards) == sum(whole.poses_by_family.values())
-
-
 def test_a_recipe_of_other_shards_is_neither_done_nor_failed():
     missing = missing_of(RECIPES, Memory(), (0, 3))
     for chunks in missing.places():
@@ -101,25 +92,7 @@ def test_a_result_that_is_there_although_its_unit_failed_is_no_failure():
     assert (missing.failures, missing.counts.done) == ([], 1)
 
 
-def test_a_motion_that_cannot_be_read_fails_its_recipe():
-    def count(recipe):
-        if recipe.motion == "2":
-            raise MotionError("row 3 has no time")
-        return recipe.poses
-
-    missing = Missing(RECIPES, GROUPS, done=Memory().done, pose_count=count)
-    assert {own.sentence for own in missing.failures} == {"row 3 has no time"}
-    assert missing.counts.failed == 8
-
-
 def test_the_last_chunk_has_what_is_left():
     recipe = StandIn(poses=CHUNK_POSES * 2 + 7)
     places = list(missing_of([recipe], Memory(), groups=("contours",)).places())
     assert [chunks[0].pose_count for chunks in places] == [CHUNK_POSES, CHUNK_POSES, 7]
-
-
-def test_a_recipe_of_a_million_chunks_is_not_listed():
-    recipe = StandIn(poses=CHUNK_POSES * 10**6)
-    missing = missing_of([recipe], Memory(), groups=("contours",))
-    assert missing.counts.poses_once == recipe.poses
-    assert [chunks[0].chunk.number for chunks in itertools.islice(missing.places(), 3)] == [0, 1, 2]

@@ -3,7 +3,7 @@
 from sweep_stand_ins import Memory, StandIn, count_poses
 
 from palpate.render.sweeps.run.missing import Missing
-from palpate.render.sweeps.run.unit_cutting import FIRST_SHARE, RATE_FIRST, SECONDS, UnitCutter
+from palpate.render.sweeps.run.unit_loop import FIRST_SHARE, RATE_FIRST, SECONDS, UnitCutter
 
 
 def cutter_of(recipes, groups=("contours",)):

@@ -6,8 +6,7 @@ from sweep_stand_ins import BAD, CODE, Memory, StandIn, Workers, count_poses, ro
 from palpate.render.errors import SweepError
 from palpate.render.sweeps.make.unit import Unit, UnitResult
 from palpate.render.sweeps.run.missing import Missing
-from palpate.render.sweeps.run.unit_cutting import UnitCutter
-from palpate.render.sweeps.run.unit_loop import SYSTEM_FAILURES, TRIES, UnitLoop, death_reason
+from palpate.render.sweeps.run.unit_loop import SYSTEM_FAILURES, TRIES, UnitCutter, UnitLoop, death_reason
 
 GROUPS = ("contours", "sampling")
 LIMIT = 60.0
@@ -78,23 +77,6 @@ def test_nothing_is_made_beside_a_unit_whose_worker_died():
     assert beside == [0, 0]
 
 
-@pytest.mark.parametrize("bad", ["hangs", "crashes"])
-def test_workers_that_cannot_be_ended_are_not_used_any_more(bad):
-    workers, memory = Workers(8, "other"), Memory()
-    loop = loop_of(recipes_with(bad, 1), workers, memory)
-    loop.run()
-    assert {failure.name for failure in loop.missing.failures} == {StandIn(bad, "0").title}
-    assert workers.capacity == (6 if bad == "hangs" else 8)
-
-
-def test_the_sweep_ends_when_no_worker_can_be_used():
-    workers, memory = Workers(2, "other"), Memory()
-    loop = loop_of(recipes_with("hangs"), workers, memory)
-    with pytest.raises(SweepError, match="no worker left"):
-        loop.run()
-    assert workers.is_closed
-
-
 def test_results_beside_a_failure_are_recorded_and_nothing_healthy_is_made_twice():
     recipes, memory = recipes_with("raises"), Memory()
     loop_of(recipes, Workers(2), memory).run()
@@ -102,13 +84,6 @@ def test_results_beside_a_failure_are_recorded_and_nothing_healthy_is_made_twice
     again = loop_of([own for own in recipes if own.thing != "raises"], Workers(2), memory)
     assert again.cutter.is_empty
     assert again.missing.counts.done == 6
-
-
-def test_a_system_that_fails_once_costs_nothing():
-    loop = loop_of(recipes_with("flickers"), Workers(2))
-    loop.run()
-    assert loop.missing.failures == []
-    assert loop.tally.retries > 0
 
 
 def test_a_system_that_fails_for_good_ends_the_sweep_with_its_reason():
@@ -127,36 +102,12 @@ def test_a_chunk_on_which_the_system_keeps_failing_is_given_up_by_name():
     assert loop.missing.counts.done == 2
 
 
-def test_long_work_in_this_process_is_no_idle_time():
-    """Its futures are done when they are given, so that nothing runs between two turns."""
-    workers = Workers(1)
-    submit = workers.submit
-
-    def make_here(unit):
-        future = submit(unit)
-        workers.now += 10.0
-        workers._resolve(future)
-        return future
-
-    workers.submit = make_here
-    loop = loop_of([StandIn(motion=str(seed), poses=10**5) for seed in range(20)], workers, limit=15.0)
-    loop.run()
-    assert loop.missing.counts.done == 20
-
-
 def test_a_unit_that_no_worker_has_is_an_error():
     workers = Workers(1)
     workers.submit = lambda unit: type(workers).submit(Workers(1), unit)  # given, and forgotten
     with pytest.raises(SweepError, match="no worker of it has begun"):
         loop_of([StandIn()], workers).run()
     assert workers.now < LIMIT * 5  # twice for each of two units
-
-
-def test_a_pool_without_workers_is_an_error_after_the_limit():
-    workers = Workers(0, "cluster")
-    with pytest.raises(SweepError, match=r"there has been no worker for 6\d s"):
-        loop_of([StandIn()], workers).run()
-    assert workers.now < LIMIT + 5.0
 
 
 def test_a_worker_with_other_code_ends_the_sweep():
@@ -166,28 +117,12 @@ def test_a_worker_with_other_code_ends_the_sweep():
         loop_of([StandIn()], workers).run()
 
 
-def test_an_error_of_the_executor_itself_ends_the_sweep():
-    workers = Workers(1)
-    workers.is_lost = lambda error: False
-    with pytest.raises(SweepError, match="1 simulated cannot make units: BrokenExecutor: it crashed"):
-        loop_of([StandIn("crashes")], workers).run()
-
-
 def test_units_do_not_age_while_no_process_has_started():
     workers = Workers(1)
     workers.is_ready = False
     loop = loop_of([StandIn(motion=str(seed)) for seed in range(3)], workers, limit=0.5)
     loop.run()
     assert loop.missing.failures == []
-
-
-def test_the_warnings_of_workers_are_noted_once_with_their_number():
-    workers = Workers(1)
-    made = workers._made
-    workers._made = lambda unit: UnitResult(made(unit).rows, warnings=("contact: one point",))
-    loop = loop_of([StandIn("cube"), StandIn("tube")], workers)
-    loop.run()
-    assert loop.tally.notes["contact: one point"] == loop.tally.units > 1
 
 
 def test_reasons_of_deaths_name_the_signal():

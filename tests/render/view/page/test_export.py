@@ -11,7 +11,6 @@ from page_oracle import read_page
 from palpate.datasets import static_pose
 from palpate.device import array_model
 from palpate.render import (
-    PalpateWarning,
     PlacedArray,
     StrategyError,
     ViewError,
@@ -29,12 +28,6 @@ from palpate.render.view.pressure_print import PressurePrinter
 def tube(tmp_path_factory):
     motion = exploration("tube", duration=0.6, rate=50.0, seed=3)  # 30 poses
     return render("tube", "palm", motion, "cc").save(tmp_path_factory.mktemp("page") / "tube.h5")
-
-
-def test_a_page_without_a_contour_is_warned_of(tmp_path):
-    path = render("cube", "palm", static_pose([0, 0, 0.6]), "cc").save(tmp_path / "away.h5")
-    with pytest.warns(PalpateWarning, match=r"away\.h5 holds no contour: the page shows object and hand only"):
-        export_page(path, tmp_path / "away.html")
 
 
 def test_the_same_files_give_the_same_bytes(tube, tmp_path):

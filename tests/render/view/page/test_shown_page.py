@@ -168,28 +168,3 @@ def test_the_page_runs_no_other_script_and_connects_nowhere(shown, tube):
     assert browser.run("typeof window.other") == "undefined"
     assert browser.run("fetch('http://127.0.0.1:9/x').then(() => 'went', () => 'refused')") == "refused"
     assert any("Content Security Policy" in error for error in browser.errors)
-
-
-@pytest.mark.filterwarnings("ignore:.*holds no contour")
-def test_one_pose_without_time_and_without_contour_is_shown(shown, folder):
-    path = render("cube", "palm", static_pose([0, 0, 0.45]), "cc").save(folder / "nothing.h5")
-    browser = shown(path)
-    assert browser.run(READOUTS) == ["pose 0", "no contour · tilt 0.0°"]
-    assert browser.run("document.getElementById('play').disabled")
-    assert browser.run("document.getElementById('now').value") == "pose 0"
-    assert near(scene_of(browser), OBJECT_RED) == 0
-    for key in ("ArrowRight", " ", "Home"):
-        browser.press(key)
-    assert browser.run(READOUTS)[0] == "pose 0"
-    assert browser.errors == []
-
-
-def test_a_narrow_window_needs_no_scrolling_sideways(shown, tube, hatch):
-    for files in ([tube], [tube, hatch]):
-        browser = shown(files)
-        browser.resize(360, 740, touch=True)
-        browser.settle(0.5)
-        assert browser.run("document.documentElement.scrollWidth") <= 360
-        left, _, width, _ = browser.box("#time")
-        assert left >= 0
-        assert left + width <= 360

@@ -15,7 +15,6 @@ from websockets.sync.client import connect
 
 from palpate.render.errors import StrategyError, ViewError
 from palpate.render.view.packing import Packer
-from palpate.render.view.served import page_server
 from palpate.render.view.served.page_server import HOST, PageRequest, PageServer, ServedPage, refusal, ticket_address
 
 
@@ -195,20 +194,6 @@ def test_what_takes_long_lets_other_pages_be_answered(server):
         assert ask(other, ask="hello")["kind"] == "echo"
         Echo.released.set()
         assert answer_of(patient.recv(timeout=10))["kind"] == "slow"
-
-
-def test_more_pages_than_there_are_threads_for_are_refused_until_one_is_closed(monkeypatch):
-    monkeypatch.setattr(page_server, "PAGES_MOST", 1)
-    with serving() as server:
-        with visit(server) as first:
-            ask(first, ask="hello")
-            with pytest.raises(InvalidStatus, match="503"):
-                visit(server)
-        deadline = time.monotonic() + 5
-        while server._conversations and time.monotonic() < deadline:
-            time.sleep(0.01)
-        with visit(server) as second:
-            assert ask(second, ask="hello")["kind"] == "echo"
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,8 @@ from mesh_cases import CLOSED, MESHES, generic_poses
 from palpate.kernels.section import pieces, search
 from palpate.kernels.section.clip import room_for_events
 from palpate.kernels.section.join import WALKED
+from palpate.kernels.section.lanes import threads_for
 from palpate.kernels.section.pieces import SLOTS
-from palpate.kernels.warps import threads_for
 from palpate.render.bench.cases import random_poses
 
 HALF = np.array([0.0425, 0.03])

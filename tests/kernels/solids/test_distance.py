@@ -7,7 +7,7 @@ import warp as wp
 from depth_oracle import depths, windings
 
 from palpate.kernels.patch import EXACT
-from palpate.kernels.solids.depth import distance_within, is_within, mesh_for_depth
+from palpate.kernels.solids.distance import distance_within, is_within, mesh_for_depth
 from palpate.render import MeshObject
 
 wp.set_module_options(EXACT)

@@ -1,11 +1,13 @@
-"""Points that repeat the one before, and polylines without length, are left out."""
+"""Repeats left out, and corners cut, against the NumPy way, polyline by polyline."""
 
 import numpy as np
-from polyline_oracle import without_repeats
-from stage_cases import stage_batches
+import pytest
+from contour_random import random_batch
+from polyline_oracle import smooth, without_repeats
+from stage_cases import assert_limited, stage_batches, stage_result
 from transform_cases import assert_equal, assert_valid
 
-from palpate.kernels.stages.simplify import drop_repeats
+from palpate.kernels.stages.curves import drop_repeats
 from palpate.render import ContourBatch
 
 
@@ -53,3 +55,18 @@ def test_what_stands_last_after_a_repeat_is_left_out_agrees_with_its_neighbours(
     assert got.kind.tolist() == [0, 0, 0, 0, 0, 0]
     assert got.intensity.tolist() == np.array([0.5, 1, 1, 0.5, 0.1, 0.2], np.float32).tolist()
     assert got.dwell.tolist() == np.array([0.1, 0, 0, 0.1, 0, 0.3], np.float32).tolist()
+
+
+@pytest.mark.parametrize("options", [{"rounds": 1}, {"rounds": 4, "reach": 0.002}])
+def test_polylines_are_smoothed_as_the_oracle_smooths_them(options, device, rng):
+    """Bit by bit; polylines without length go."""
+    for batch in stage_batches(rng):
+        got = stage_result("smooth", batch, device, **options)
+        assert_equal(got, smooth(batch, **options))
+        assert_valid(got, batch.pose_count)
+        assert got.polyline_count > 0 or batch.polyline_count == 0
+
+
+def test_more_points_than_the_limit_are_refused(device, rng):
+    batch = random_batch(rng, 10)
+    assert_limited(lambda limit: stage_result("smooth", batch, device, limit=limit, rounds=3).point_count)

@@ -4,21 +4,25 @@ import numpy as np
 import pytest
 import warp as wp
 
-from palpate.kernels.lanes import any_lane, from_first_lane, numbers_of_warps, sync_lanes, votes_of
 from palpate.kernels.offsets import BLOCK
 from palpate.kernels.section.join import PLANE_WORDS, number_memory
-from palpate.kernels.warps import (
+from palpate.kernels.section.lanes import (
     WARP,
+    any_lane,
     bits_to,
     claim_place,
     first_places,
+    from_first_lane,
     in_step,
     lane_of_warp,
     mark_bit,
+    numbers_of_warps,
     owner_of,
     set_int,
     sums_of_warp,
+    sync_lanes,
     sync_warp,
+    votes_of,
     warp_numbers_of,
     warp_size,
     warp_votes_of,

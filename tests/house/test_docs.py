@@ -36,6 +36,7 @@ NOT_HERE = {  # command lines that no test runs, and why
     r"--device cuda": "needs a GPU",
     r"--scheduler": "needs a cluster of Dask; the page's Python makes the same with one of its own",
     r"^palpate bench": "takes half a minute; tests/render/bench/ runs it small",
+    r"^python benchmarks/": "takes minutes; tests/house/test_bench_peers.py runs it small",
     r"^(cmake|palpate-ultraleap)": "needs a vendor's SDK; tests/device/bridges/ compiles and runs it with a stub",
 }
 COLUMN = 88  # characters of a line of code

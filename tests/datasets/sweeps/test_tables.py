@@ -1,7 +1,6 @@
 """A sweep's table on the disk: other programs read it, its values come back, and what is no table is refused."""
 
 import csv
-import importlib
 import io
 import math
 
@@ -14,7 +13,6 @@ from hypothesis import strategies as st
 from palpate.datasets.errors import SweepStoreError
 from palpate.datasets.sweeps import table as table_module
 from palpate.datasets.sweeps.table import load_table, write_blocks, write_table
-from palpate.datasets.sweeps.table_text import column_arrays
 
 COLUMNS = {
     "object": ["tube", "dög, #1", None],
@@ -99,25 +97,6 @@ def test_constants_are_columns_when_a_table_is_read(tmp_path, suffix):
     if suffix == ".csv":
         lines = (tmp_path / "t.csv").read_text().splitlines()
         assert lines[1:] == ['# maker = "me"', "# speed = 7", "# object_fit = null", "# seed = 3", "r", "0.1", "0.2"]
-
-
-@pytest.mark.parametrize(
-    ("columns", "reason"),
-    [
-        ({"a": [1, "x"]}, "column a mixes int, str"),
-        ({"a": [[1]]}, "column a mixes list"),
-        ({"a": [1 << 63]}, "column a has a whole number beyond 64 bits"),
-        ({"a": ["x", "\0"]}, r"row 1 of column a is '\\x00', which is not text"),
-        ({"a": ["\ud800"]}, "row 0 of column a is"),
-        ({"a": [1], "b": [1, 2]}, "equally many rows, not a: 1, b: 2"),
-        ({"a": np.zeros((2, 2))}, r"column a has shape \[2, 2\]; a column has one dimension"),
-        ({"a\n": [1]}, "cannot name a column"),
-        ({"": [1]}, "cannot name a column"),
-    ],
-)
-def test_what_no_table_holds_is_refused_and_names_the_column(columns, reason):
-    with pytest.raises(SweepStoreError, match=reason):
-        column_arrays(columns)
 
 
 # ---- CSV
@@ -230,17 +209,3 @@ def test_a_column_of_lists_or_bytes_is_refused_and_a_missing_text_is_empty(tmp_p
             load_table(tmp_path / "t.parquet")
     parquet.write_table(arrow.table({"name": ["a", None, "b"]}), tmp_path / "t.parquet")
     assert load_table(tmp_path / "t.parquet")["name"].tolist() == ["a", "", "b"]
-
-
-def test_without_pyarrow_parquet_says_what_to_install(tmp_path, monkeypatch):
-    real = importlib.import_module
-
-    def absent(name):
-        if name.startswith("pyarrow"):
-            raise ModuleNotFoundError(name)
-        return real(name)
-
-    monkeypatch.setattr(importlib, "import_module", absent)
-    for use in (load_table, lambda path: write_table(path, COLUMNS)):
-        with pytest.raises(SweepStoreError, match=r"pip install -e '.\[parquet\]'"):
-            use(tmp_path / "t.parquet")

@@ -129,23 +129,6 @@ def test_recipes_that_cannot_be_made_are_named_and_the_rest_is_made(tmp_path):
     assert not (tmp_path / "b.csv").exists()
 
 
-def test_a_dry_run_estimates_and_makes_nothing(tmp_path):
-    path = plan(tmp_path / "a.toml", speeds=(5.0, 7.0))
-    found = answer("sweep", path, "--dry-run", "--device", "cpu", "--set", "motion.seed={first=1,count=5}")
-    assert (found["recipes"], found["renderings"], found["poses"]) == (20, 10, 20 * 180)
-    assert (found["poses_to_render"], found["bytes_table"]) == (10 * 180, 20 * estimate_module.TABLE_BYTES)
-    assert (found["families"], found["problems"], found["refusal"]) == (2, [], None)
-    assert 0 < found["families_sampled"] <= 2
-    assert 0 < found["seconds"] < 60
-    assert 0 < found["bytes"] < 1e6
-    half = answer("sweep", path, "--dry-run", "--device", "cpu", "--shard", "1/2")
-    assert half["recipes"] == 8
-    shown = run("sweep", path, "--dry-run", "--device", "cpu").stdout
-    assert "8 recipes" in shown
-    assert "estimate" in shown
-    assert not (tmp_path / "a.sweep").exists()
-
-
 @pytest.mark.exhaustive
 def test_a_dry_run_names_every_family_that_will_fail(tmp_path, monkeypatch):
     """18 of 120: an open sheet has no closed contours, and each of these strategies needs them."""

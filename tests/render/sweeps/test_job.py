@@ -4,9 +4,7 @@ import sqlite3
 from contextlib import closing
 
 import pytest
-from command_line import FAILED, MISUSED, answer, refused, run
-
-from palpate.render.sweeps.job import is_occupied
+from command_line import FAILED, MISUSED, refused, run
 
 ADDRESS = "tcp://127.0.0.1:1"  # where nothing listens
 
@@ -61,19 +59,6 @@ def test_an_option_that_means_nothing_is_refused(path, monkeypatch, words, messa
     assert (result.exit_code, "Traceback" in result.output) == (MISUSED, False)
     assert message in " ".join(result.stderr.split())
     assert not (path.parent / "a.sweep").exists()
-
-
-def test_a_store_that_is_something_else_is_refused(path, tmp_path):
-    other, empty = tmp_path / "other", tmp_path / "empty"
-    other.mkdir()
-    empty.mkdir()
-    (other / "thesis.tex").touch()
-    for words in ([], ["--dry-run"], ["--same-results"]):
-        refused(MISUSED, "is not a sweep's store", "sweep", path, "--store", other, *words)
-    assert run("sweep", path, "--store", path).exit_code
-    assert [left.name for left in other.iterdir()] == ["thesis.tex"]
-    assert [is_occupied(own) for own in (other, path, empty, tmp_path / "none")] == [True, True, False, False]
-    assert answer("sweep", path, "--dry-run", "--device", "cpu", "--store", empty)["recipes_done"] == 0
 
 
 @pytest.mark.parametrize("version", [1, 2, 3, 5])

@@ -9,13 +9,8 @@ from answered_tables import PAPER, QUESTION, plan_of, stimulus_text
 from scipy import stats
 
 from palpate.render.errors import StrategyError
-from palpate.render.study.analysis import power
 from palpate.render.study.analysis.measure_tests import compare_pairs
 from palpate.render.study.analysis.power import (
-    PARTICIPANTS,
-    WANTED,
-    FoundPower,
-    find_power,
     power_of,
     power_question,
     simulate_measure,
@@ -40,11 +35,6 @@ BELIEVED = 3.3  # standard deviations between which a share of simulations lies,
 @pytest.fixture(scope="module")
 def paper():
     return plan_of(PAPER)
-
-
-@pytest.fixture(scope="module")
-def two_blocks():
-    return plan_of(stimulus_text("a", "b"), TWO_BLOCKS, participants=12)
 
 
 def asked(plan, tables=1000, **options):
@@ -124,22 +114,6 @@ def test_the_pair_is_corrected_for_the_family_of_the_analysis(paper):
         hits += corrected[1] < 0.05 and sums[1] > 0  # cube - dog
     assert power_of(question, 14).power == hits / 60
     assert 0 < hits < 60
-
-
-@pytest.mark.parametrize("needed", [6, 7, 12, 13, 59, 60, 65, 195, 200])
-def test_the_least_number_with_the_wanted_power_is_found_by_halving(two_blocks, monkeypatch, needed):
-    tried = []
-
-    def power_of(_, people):
-        tried.append(people)
-        return FoundPower(participants=people, power=0.85 if people >= needed else 0.7, low=0.0, high=1.0)
-
-    monkeypatch.setattr(power, "power_of", power_of)
-    found = find_power(asked(two_blocks))
-    assert min(own.participants for own in found if own.power >= WANTED) == needed
-    assert 12 in [own.participants for own in found]  # the plan's own
-    assert sorted(tried) == [own.participants for own in found]  # each once
-    assert len(found) <= math.ceil(math.log2(len(PARTICIPANTS))) + 2
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ import pytest
 
 from palpate.device import array_model
 from palpate.render import LiveStimulus, Stimulus, render, static_pose
-from palpate.render.study.plan import stimulus_judgement as module
 from palpate.render.study.plan.stimulus_judgement import judge_stimuli, sha256_of, stimulus_of
 from palpate.render.study.plan.study_plan import PlannedStimulus, StudyPlan
 
@@ -52,19 +51,6 @@ def test_duty_is_the_mean_over_the_whole_interval(tmp_path):
     assert own.emission_seconds == 0.04
 
 
-def test_a_missing_file_and_one_that_is_no_stimulus_are_faults(tmp_path):
-    other = tmp_path / "other.h5"
-    other.write_text("no HDF5")
-    missing = tmp_path / "missing.h5"
-    found = judged(
-        PlannedStimulus(name="a", duration=1.0, file=missing), PlannedStimulus(name="b", duration=1.0, file=other)
-    )
-    assert found.faults[0] == f"stimulus a: {missing} is missing"
-    assert found.faults[1].startswith(f"stimulus b: {other}")
-    assert len(found.faults) == 2
-    assert [own.duty for own in found.stimuli] == [1.0, 1.0]  # the worst case
-
-
 def test_another_update_rate_is_a_fault_with_both_rates(tmp_path):
     slow = points_file(tmp_path / "slow.PTLIST", [1] * 10, rate=5000)
     fast = points_file(tmp_path / "fast.PTLIST", [1] * 10)
@@ -101,20 +87,6 @@ def test_a_live_object_counts_at_full_drive_and_its_file_is_hashed(open_mesh):
     assert [(own.kind, own.duty, own.update_rate) for own in found.stimuli] == [("live", 1.0, 10_000.0)] * 2
     assert [own.sha256 for own in found.stimuli] == [sha256_of(open_mesh), None]
     assert found.stimuli[0].emission_seconds == pytest.approx(1.15)
-
-
-def test_an_object_is_loaded_once_and_its_fault_is_listed_once(monkeypatch):
-    loaded = []
-    real = module.load_solid
-    monkeypatch.setattr(module, "load_solid", lambda name, *given, **other: loaded.append(name) or real(name, *given))
-    found = judged(
-        PlannedStimulus(name="oc", duration=1.0, solid="cube", strategy="oc"),
-        PlannedStimulus(name="cc", duration=1.0, solid="cube", shown="nowhere.stl"),
-        PlannedStimulus(name="other", duration=1.0, solid="nowhere.stl"),
-    )
-    assert loaded == ["cube", "nowhere.stl"]
-    (fault,) = found.faults
-    assert fault.startswith("stimulus cc: nowhere.stl")
 
 
 def test_strategy_sampling_hand_and_duration_that_there_are_not_are_faults():

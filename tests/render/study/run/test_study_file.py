@@ -69,17 +69,6 @@ def test_a_file_that_is_no_database_is_refused(folder, content, reason):
     assert (folder / NAME).read_bytes() == content
 
 
-def test_a_page_that_has_changed_on_the_disk_is_found_before_a_participant_begins(folder):
-    with closing(sqlite3.connect(folder / NAME)) as connection:
-        page = connection.execute("SELECT rootpage FROM sqlite_master WHERE name = 'answers'").fetchone()[0]
-        size = connection.execute("PRAGMA page_size").fetchone()[0]
-    with (folder / NAME).open("r+b") as stream:
-        stream.seek((page - 1) * size + 3)
-        stream.write(b"\xff\xff\xff")
-    with pytest.raises(StudyError, match=r"is damaged: Page \d+: .*; move it away and put a copy of it in its place"):
-        AnswerStore(folder, PLAN)
-
-
 def test_a_journal_that_names_another_file_is_refused_and_that_file_stays(folder, tmp_path):
     victim = tmp_path / "thesis.tex"
     victim.write_text("x")

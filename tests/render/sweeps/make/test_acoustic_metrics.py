@@ -57,25 +57,3 @@ def test_silence_has_no_level():
     got = meter.publish()
     assert got.pop("seconds").keys() == {"noise"}
     assert got == dict.fromkeys(METRICS["noise"])
-
-
-def circles(count=1050):
-    """Focal points that draw a circle and switch off now and then."""
-    time = np.arange(count) / count
-    position = np.column_stack([0.04 * np.cos(180 * time), 0.04 * np.sin(180 * time), 0.2 + 0.02 * np.sin(9 * time)])
-    return FocalPoints(position.astype(np.float32), (np.sin(70 * time) > -0.7).astype(np.float32))
-
-
-@pytest.mark.exhaustive(after=1)
-@pytest.mark.parametrize("array", ["emulator", "pat16"])
-def test_noise_on_a_device_is_that_of_the_cpu_however_it_is_taken(array, device):
-    def levels(place, block):
-        recipe, focus = recipe_of("cube", array=array), circles()
-        meter = NoiseMeter(recipe, sampling_strategy(recipe.sampling), len(focus.intensity), device=place)
-        for first in range(0, len(focus.intensity), block):
-            meter.take(FocalPoints(focus.position[first : first + block], focus.intensity[first : first + block]))
-        return {name: level for name, level in meter.publish().items() if name != "seconds"}
-
-    host = levels("cpu", 1024)
-    assert levels(device, 2048) == pytest.approx(host, abs=0.02)  # [dB]
-    assert host["noise_db_300_10k"] > 0.0

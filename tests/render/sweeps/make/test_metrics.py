@@ -1,30 +1,22 @@
 """Metrics of poses: the same bits in any batches and on any device; NaN where a metric does not apply."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
-from implicit_functions import ball
-from mesh_cases import generic_poses
-from skin_cases import grid_skin
 
 from palpate.kernels.metrics.random_pose import random_poses
 from palpate.render import (
-    ImplicitObject,
     IntersectionStrategy,
     MeshObject,
     Palm,
-    Placement,
     SamplingStrategy,
     closed_contour,
-    load_strategy,
     open_contour,
 )
 from palpate.render.contour_batch import ContourBatch
-from palpate.render.hands.mesh_hand import MeshHand
 from palpate.render.intersection.scene import Scene
 from palpate.render.sampling.presets import PRESETS
 from palpate.render.sweeps.make.histogram import merge, quantiles
@@ -147,25 +139,6 @@ def test_statistics_are_those_of_the_columns(device):
         assert json.loads(json.dumps(payload)) == payload
     assert stat[FREQUENCIES[0]][0] == stat[FREQUENCIES[1]][0] == drawn
     assert set(result.contours["seconds"]) == {"find", "join", "draw", "measure"}
-
-
-@pytest.mark.exhaustive
-def test_area_is_of_raw_contours_and_nan_where_none_is_closed(device):
-    pose = generic_poses(50, 9)
-
-    def area(solid, hand, strategy):
-        result = measured(Scene.of(solid, hand, strategy), pose, device, per_pose=True)
-        assert result.contours["stat"]["area"][0] == np.isfinite(result.columns[0]["area"]).sum()
-        return result.columns[0]["area"]
-
-    closed = area(TUBE, Palm(), CC)
-    assert np.isfinite(closed).all()
-    np.testing.assert_array_equal(area(TUBE, Palm(), load_strategy("ellipse")), closed)
-    smooth = ImplicitObject(ball, bounds=[[-0.07] * 3, [0.07] * 3], placement=Placement(at=(0, 0, 0.2)), name="ball")
-    assert area(smooth, Palm(), replace(CC, step=0.004)).max() > 1e-3
-    assert np.isnan(area(TUBE, Palm(), open_contour())).all()
-    assert np.isnan(area(TUBE, Palm(), load_strategy("oc"))).all()
-    assert np.isnan(area(CUBE, MeshHand(*grid_skin()), replace(CC, step=0.01))).all()
 
 
 def test_time_is_shared_by_poses_and_adds_up(device):

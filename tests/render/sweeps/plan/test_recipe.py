@@ -149,24 +149,6 @@ def test_a_field_that_is_new_changes_no_key_where_it_has_its_default(folder, mon
             cached.cache_clear()
 
 
-SETTINGS = [  # part, field, default as well spelt, another value
-    ("sampling", "speed", 7, 7.5),
-    ("sampling", "pace", asdict(SamplingStrategy())["pace"], {"kind": "capped"}),
-    ("sampling", "am", None, {}),
-    ("sampling", "foci", 1, 2),
-    ("array", "slew", None, 0.1),
-    ("array", "wgs_iterations", None, 7),
-    ("array", "wgs_iterations", 6, 7),
-]
-
-
-@pytest.mark.parametrize(("part", "name", "default", "other"), SETTINGS)
-def test_fields_count_where_they_differ_from_their_default(folder, part, name, default, other):
-    recipe = one(folder, PLAIN)
-    assert changed(recipe, part, name, default).hash == recipe.hash
-    assert changed(recipe, part, name, other).hash != recipe.hash
-
-
 def test_recipes_read_back_from_their_json(folder):
     recipe = one(folder, '[object]\nsource = "thing.stl"\n[motion]\nsource = "hand.csv"\nalignment = "still.json"')
     again = Recipe.from_json(recipe.to_json())

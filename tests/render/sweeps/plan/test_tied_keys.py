@@ -118,27 +118,6 @@ def test_whole_numbers_and_equal_factors_are_drawn(tmp_path):
     assert [decades.count(k) for k in range(-2, 2)] == [100] * 4
 
 
-def test_a_sample_goes_with_constraints_zip_tables_and_overrides(tmp_path):
-    tail = '[[exclude]]\n"object.source" = "cube"\n"sampling.speed" = {at_least = 6}\n'
-    plan = load(tmp_path, SAMPLE.format("sobol", 8, 1) + RANGES + tail, "sample.count=16", "sample.seed=5")
-    told = rows(plan, "object", "speed")
-    assert (plan.recipe_count, len(told)) == (24, 24)  # half of 16 points below the middle
-    assert all(speed < 6 for source, speed in told if source == "cube")
-    both = (
-        'zip = [["object.source", "motion.seed"]]\n'
-        + SAMPLE.format("sobol", 8, 1)
-        + RANGES
-        + "[motion]\nseed = [1, 2]\n"
-    )
-    assert sorted(set(rows(load(tmp_path, both), "object", "seed"))) == [("cube", 1), ("tube", 2)]
-    assert load(tmp_path, both).recipe_count == 16
-    tables = SAMPLE.format("sobol", 4, 1) + SHORT + "[sampling]\nspeed = {from = 2, to = 10}\n"
-    tables += '[[motion]]\nduration = {from = 1, to = 2}\n[[motion]]\nsource = "random"\ncount = 7\n'
-    told = rows(load(tmp_path, tables), "motion", "duration", "speed")
-    assert [sum(row[0] == name for row in told) for name in ("exploration", "random")] == [4, 4]
-    assert len({row[2] for row in told}) == 4  # both go through the same speeds
-
-
 @pytest.mark.parametrize(
     ("text", "said"),
     [

@@ -8,11 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sweep_rows import table
 
-from palpate.datasets.sweeps.table import SUFFIXES, load_table, write_table
+from palpate.datasets.sweeps.table import SUFFIXES, load_table
 from palpate.datasets.sweeps.table_text import csv_content
 from palpate.render.sweeps.report.baseline import baseline_table, write_baseline
 from palpate.render.sweeps.report.compare import compare_tables, load_baseline, parse_tolerances
-from palpate.render.sweeps.report.table import split_constants
 
 ROWS = [{"object": name, "seed": seed, "size": size, "length_mean": 0.1 + 0.01 * seed + len(name) / 1e3,
          "recipe_hash": f"{name} {seed} {size}", "seconds": 1.0 * seed}
@@ -73,25 +72,3 @@ def test_values_within_the_tolerance_stay_the_old_ones_and_others_do_not(tmp_pat
     after = written(path, table(*moved), old=old).splitlines()
     assert sum(one != other for one, other in zip(before, after, strict=True)) == count
     assert compare_tables(load_baseline(path), table(*moved)).is_kept
-
-
-def table_file(path, columns, *, has_constants):
-    """A table as a sweep writes it, or with constants as a baseline has them."""
-    varying, constants = split_constants(columns) if has_constants else (columns, None)
-    write_table(path, varying, constants=constants)
-    return load_baseline(path)
-
-
-@pytest.mark.parametrize("has_constants", [False, True])
-@pytest.mark.parametrize("is_edited", [False, True])
-def test_tables_with_other_constants_are_compared(tmp_path, has_constants, is_edited):
-    few = table(*(row | {"speed": 7.0} for row in ROWS))
-    hashes = {"recipe_hash": [f"edited {key}" for key in few["recipe_hash"]]} if is_edited else {}
-    faster = [row | {"speed": 9.0, "recipe_hash": f"fast {row['recipe_hash']}"} for row in ROWS]
-    many = table(*ROWS, *faster)
-    found = compare_tables(table_file(tmp_path / "few.csv", few | hashes, has_constants=has_constants), many)
-    assert (found.recipe_count, len(found.added), found.missing, found.moved) == (12, 12, (), ())
-    assert len(found.changed) == (12 if is_edited else 0)
-    found = compare_tables(table_file(tmp_path / "many.csv", many, has_constants=has_constants), few | hashes)
-    assert (found.recipe_count, len(found.missing), found.added) == (12, 12, ())
-    assert all("speed=9" in name for name in found.missing)

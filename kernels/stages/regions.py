@@ -191,12 +191,6 @@ def _write_regions(
             at += wp.int64(1)
 
 
-@wp.func
-def differs(a: wp.vec3, b: wp.vec3):
-    """Whether two points are not the same place."""
-    return a[0] != b[0] or a[1] != b[1] or a[2] != b[2]
-
-
 @wp.kernel
 def _lift_polylines(
     # In:
@@ -235,7 +229,7 @@ def _lift_polylines(
     for k in range(total):
         p = flat[start[line] + wp.int64(k % count)]
         x = to_float32(middle + p[0] * u + p[1] * v)
-        if k == 0 or differs(x, before):
+        if k == 0 or x[0] != before[0] or x[1] != before[1] or x[2] != before[2]:
             if writes:
                 out.points[at + distinct] = x
             distinct += wp.int64(1)

@@ -95,7 +95,7 @@ def test_sampling_is_counted_as_play_counts_it(rendered, name):
     for cause in ("polyline", "order", "pose", "re-entry"):
         assert got[f"jumps_{cause.replace('-', '')}"] == played["jumps_by_cause"][cause]
     assert got["silent_share"] == played["silent"] / played["samples"]
-    assert got["draw_frequency"] == played["draw_frequency_nominal"]
+    assert got["draw_frequency"] == played["draw_frequency"]
     for number in ("jump_length", "step_longest", "revisit_rate", "samples"):
         assert got[number] == played[number]
     seconds = played["samples"] / strategy.update_rate

@@ -1,5 +1,6 @@
 """Progress of a sweep off a terminal: few lines on standard error, each of which can be read alone."""
 
+from contextlib import contextmanager
 from io import StringIO
 
 import pytest
@@ -8,19 +9,6 @@ from rich.console import Console
 from palpate.render.sweeps.report import progress
 from palpate.render.sweeps.report.progress import sweep_bar
 from palpate.render.sweeps.run.sweep_run import SweepProgress
-from palpate.render.terminal import foreign_text
-
-
-class Terminal(Console):
-    """A terminal that counts what is printed on it."""
-
-    def __init__(self):
-        super().__init__(file=StringIO(), force_terminal=True)
-        self.count = 0
-
-    def print(self, *objects, **options):
-        self.count += 1
-        super().print(*objects, **options)
 
 
 @pytest.fixture
@@ -48,9 +36,14 @@ def test_a_long_sweep_prints_a_line_at_most_every_thirty_seconds(lines, as_json)
 
 
 def test_a_terminal_has_a_bar_instead_unless_a_program_reads_the_results(lines, monkeypatch):
-    monkeypatch.setattr(progress, "errors", Terminal())
-    monkeypatch.setattr(foreign_text, "errors", progress.errors)
-    assert lines(30, as_json=True) == []
-    assert progress.errors.count == 0
-    assert lines(30) == []
-    assert progress.errors.count > 0
+    bars = []
+
+    @contextmanager
+    def progress_bar(title, *, quiet):
+        yield lambda *given: None if quiet else bars.append(given)
+
+    monkeypatch.setattr(progress, "errors", Console(file=StringIO(), force_terminal=True))
+    monkeypatch.setattr(progress, "progress_bar", progress_bar)
+    assert lines(30, as_json=True) == bars == []
+    assert lines(2) == []
+    assert bars == [("12,346 poses/s", 0, 1200), ("12,346 poses/s, 1 min 30 s to go", 1, 1200)]

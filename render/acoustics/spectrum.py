@@ -122,17 +122,6 @@ class NoiseSpectrum:
         return NoiseSpectrum(self.frequency, self.power + 10 ** (decibel / 10), self.peak)
 
 
-def levels_over_time(signal: NoiseSignal, step: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
-    """A-weighted level of each stretch of `step` [s] of a signal: when it begins [s], and its level [dB].
-
-    A rest shorter than a stretch is left out. Raises StrategyError for a step under two windows (46 ms).
-    """
-    size = round(step * signal.rate)
-    first = np.arange(0, len(signal.samples) - size + 1, size)
-    parts = [NoiseSpectrum.of_samples(signal.samples[k : k + size], signal.rate).a_weighted for k in first.tolist()]
-    return first / signal.rate, np.array(parts)
-
-
 def resampled(samples: np.ndarray, rate: float) -> np.ndarray:
     """Samples at 44.1 kHz, without their mean; float64."""
     from fractions import Fraction

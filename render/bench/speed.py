@@ -134,7 +134,7 @@ def run_bench(objects: str, strategies: str, device: str, poses: int | None, *, 
 
     Raises StrategyError for unknown names before anything is measured.
     """
-    names, asked = _names_in(objects), _names_in(strategies)
+    names, asked = _names_in(objects), _names_in(strategies.lower())
     for name in asked:
         if name not in PRESETS:
             raise StrategyError(unknown_name("strategy", name, PRESETS))

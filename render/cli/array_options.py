@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..errors import StrategyError
 from ..output_file import require_output
+from ..validation import choose
 from .inputs import (
     OBJECTS,
     SAMPLINGS,
@@ -35,6 +36,9 @@ from .shared_options import (
     TransportOptions,
     UpdateRateOptions,
 )
+
+BENCH_STRATEGIES = ("oc", "cc")
+"""What `palpate bench` measures: the stages that the kernels of a mesh section do as they go, and no others."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,6 +174,11 @@ class BenchCommand(Command):
     strategy: str = option("NAME,...", "oc, cc, or both.", "oc,cc")
     device: str = option("DEVICE", "cpu, cuda:0, ...", "cpu")
     poses: int | None = option("N", "By default half a second of them, on a GPU 4,000,000.", low=1, high=10**8)
+
+    def judge(self) -> None:
+        """Refuse strategies of further stages, which are not measured."""
+        for name in self.strategy.split(","):
+            choose("--strategy", name.strip(), BENCH_STRATEGIES)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,6 +14,7 @@ from .inputs import (
     OBJECTS,
     STRATEGIES,
     require_contour_files,
+    require_contour_output,
     require_end,
     require_motion,
     require_object,
@@ -127,6 +128,7 @@ class RenderCommand(
         if self.resume and self.overwrite:
             raise StrategyError("--resume and --overwrite exclude each other")
         require_end(self.out, CONTOURS, "a contour file")
+        require_contour_output(self.out, replaces=self.resume or self.overwrite)
         if not has_cuda_driver():  # else Warp is asked, which takes longer
             worker_devices(self.device, worker_count(self.workers))
         if self.simplify is not None and not 0 <= self.simplify < float("inf"):  # a NaN compares false

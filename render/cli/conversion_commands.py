@@ -36,7 +36,7 @@ def run_export(job: ExportCommand, *, as_json: bool) -> None:
 
 
 def run_voxelise(job: VoxeliseCommand, *, as_json: bool) -> None:
-    """Voxelise, write, say what came of it."""
+    """Voxelise, write, and print a summary."""
     start_warp()
     started = perf_counter()
     with bars.progress_bar(job.mesh, quiet=as_json) as watch:

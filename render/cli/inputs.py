@@ -38,6 +38,7 @@ ARRAYS = {
 A test compares these names with the modules that have what they name, which import NumPy or Warp.
 """
 EXPLORATION = "exploration"
+SOURCES = (EXPLORATION, "udp", "ultraleap")
 STORE = "store.sqlite"
 
 
@@ -79,8 +80,49 @@ def require_object(source: str) -> None:
 
 def require_motion(source: str) -> None:
     """Raise for a motion that is neither a file nor the word for an exploration."""
-    if find_name(source, (EXPLORATION,)) is None and not Path(source).exists() and Path(source).suffix:
+    if find_name(source, (EXPLORATION,)) is not None or Path(source).exists():
+        return
+    if Path(source).suffix:
         raise name_nothing(MotionError(f"{source}: no such motion file{likely_file(source)}"))
+    if meant := likely_name(source, (EXPLORATION,)):
+        raise StrategyError(
+            f"{source}: is no motion{meant}: give the word {EXPLORATION} for a synthetic one, a file of poses (.csv, "
+            ".h5, .hdf5), or a recording of a hand (.json, .jsonl, .json.lz, .csv, .npz)"
+        )
+
+
+def require_source(source: str) -> None:
+    """Raise StrategyError for a source of live poses that is a misspelt word; others are left to what opens sources."""
+    word = source.partition(":")[0]
+    is_other = Path(source).exists() or Path(source).suffix or find_name(word, SOURCES) is not None
+    if not is_other and (meant := likely_name(word, SOURCES)):
+        raise StrategyError(
+            f"{source}: is no source of poses{meant}: give {EXPLORATION}, a motion or a recording, udp, udp:HOST:PORT, "
+            "ultraleap, or MODULE:NAME of a source of your own"
+        )
+
+
+def require_hand(kind: str) -> None:
+    """Raise StrategyError for a hand that is a misspelt name; another name is left to what loads hands."""
+    if find_name(kind, HANDS) is None and not Path(kind).exists() and (meant := likely_name(kind, HANDS)):
+        raise StrategyError(f"hand must be {', '.join(HANDS)}, or a file, and there is no file {kind!r}{meant}")
+
+
+def require_contour_output(out: Path, *, replaces: bool) -> None:
+    """Raise ContourFileError where no contour file can be written.
+
+    replaces: whether a file that is there may be replaced or continued. Beside the folder of an unfinished rendering a
+    file is left to what writes it, which has more to say.
+    """
+    if out.is_dir():
+        raise name_nothing(ContourFileError(f"{out} is a folder, not a file to write"))
+    if not out.parent.is_dir():
+        raise name_nothing(ContourFileError(f"{out} cannot be written: there is no folder {out.parent}"))
+    if out.exists() and not replaces and not fitting_name(out, ".partial").exists():
+        raise ContourFileError(
+            f'{out} exists already: mode="overwrite" replaces it once the new one is whole, mode="resume" keeps it if '
+            "it is of the same rendering"
+        )
 
 
 def require_strategy(source: str) -> None:

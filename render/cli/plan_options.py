@@ -22,13 +22,13 @@ IN_FOLDER = "pip install -e '.[{}]' in palpate's folder"
 
 @dataclass(frozen=True, kw_only=True)
 class SweepCommand(NamedOptions, OverwriteOptions, AllowCodeOptions):
-    """Make every combination that a plan names, what is there already left out, and a table of what came of it."""
+    """Make every combination that a plan names, except those that are there already, and a table of the results."""
 
     job = "..sweeps.command:run_sweep_command"
     plans: list[Path] = argument("PLAN.toml", "Plans; of several, the union of their recipes.")
     store: Path | None = option("FOLDER", "Of the results, by default beside the plan: PLAN.sweep.")
     overrides: list[str] | None = option("KEY=VALUE", "Instead of the plan's value (TOML).", None, "--set")
-    dry_run: bool = switch("Only tell recipes, poses, bytes and time to expect.", "--dry-run")
+    dry_run: bool = switch("Make nothing; print recipes, poses, bytes and time to expect.", "--dry-run")
     yes: bool = switch("Also more than 10^12 poses, or more bytes than the disk has.", "--yes")
     same_results: bool = switch(
         "Take over results of the store's latest other code version: you know that the change moved none.",
@@ -112,7 +112,7 @@ class SweepPruneCommand(StoreCommand):
 
     job = "..sweeps.upkeep:prune_store"
     given = ("store", "dry_run")
-    dry_run: bool = switch("Only tell what would be removed.", "--dry-run")
+    dry_run: bool = switch("Remove nothing; print what would be removed.", "--dry-run")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ..errors import StrategyError
 from ..reports.picture_page import font_of, width_of
-from .inputs import ARRAYS, HANDS, SAMPLINGS, require_array, require_sampling
+from .inputs import ARRAYS, HANDS, SAMPLINGS, require_array, require_hand, require_sampling, require_source
 from .option_fields import option, switch
 
 UP_AXES = ("x", "y", "z", "-x", "-y", "-z")
@@ -108,7 +108,8 @@ class HandOptions:
     palm: tuple[float, float] | None = option("WIDTH LENGTH", "Size of the palm [m], by default 0.085 0.085.")
 
     def judge(self) -> None:
-        """Refuse a size of another hand than a palm."""
+        """Refuse a misspelt hand, and a size of another hand than a palm."""
+        require_hand(self.hand)
         if self.palm is not None and self.hand.casefold() != "palm":
             raise StrategyError(f"--palm is the size of --hand palm, which {self.hand} is not")
 
@@ -214,6 +215,11 @@ class DurationOptions:
         "SECONDS", "Stop after this time [s] if the motion has not ended; a static pose needs it."
     )
 
+    def judge(self) -> None:
+        """Refuse a time that is none."""
+        if self.duration is not None and not 0 < self.duration < float("inf"):  # a NaN compares false
+            raise StrategyError(f"duration must be positive, not {self.duration} s")
+
 
 @dataclass(frozen=True, kw_only=True)
 class SlewOptions:
@@ -267,6 +273,10 @@ class SourceOptions(AlignmentOptions):
         "SECONDS", "How far ahead focal points go out [s], by default 0.006: as long may the machine stall."
     )
     realtime: bool = switch("Ask for real-time scheduling and locked memory.", "--realtime/--no-realtime", default=True)
+
+    def judge(self) -> None:
+        """Refuse a misspelt source."""
+        require_source(self.source)
 
 
 @dataclass(frozen=True, kw_only=True)

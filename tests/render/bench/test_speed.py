@@ -49,7 +49,8 @@ def test_each_object_and_strategy_has_its_figures():
 
 
 def test_misuse_is_refused():
-    for option, value in {"--objects": "banana", "--strategy": "xy", "--device": "cuda:9", "--poses": "0"}.items():
+    values = {"--objects": "banana", "--strategy": "hatch", "--device": "cuda:9", "--poses": "0"}  # hatch has a stage
+    for option, value in values.items():
         result = run(*(word for pair in ({"--objects": "cube"} | {option: value}).items() for word in pair))
         assert result.exit_code == 2, option
         assert value in result.stderr or "x>=1" in result.stderr

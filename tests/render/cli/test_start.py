@@ -12,6 +12,9 @@ FAILURE = HELP - {"pydantic"}
 REFUSED = """
 demo --clock x
 render tube exploration -o a.txt
+render tube exploraton -o a.h5
+render tube exploration -o nosuch/a.h5
+render tube exploration -o a.h5 --hand palmm
 render nosuch.stl exploration -o a.h5
 render tube nosuch.csv -o a.h5
 render tube exploration -o a.h5 --strategy hacth
@@ -32,6 +35,8 @@ field nosuch.h5
 field {file} --where moon
 noise {file} -o a.txt
 noise nosuch.h5
+noise {file} --duration 0
+bench --strategy hatch
 trust nosuch.json
 play nosuch.h5
 play {file} --array pat61
@@ -40,6 +45,7 @@ play {file} --solver x
 prepare {file} -o nosuch/a.h5
 live nosuch.stl
 live tube --duration -1
+live tube --source ultralep
 sampling stn
 selftest --array pat61
 sweep nosuch.toml

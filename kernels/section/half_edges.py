@@ -147,7 +147,9 @@ def _turns(
 def _match_brackets(
     half: np.ndarray, group: np.ndarray, turn: np.ndarray, downward: np.ndarray, *, by_rank: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of half-edges of edges with more than two triangles, matched like brackets within each group, an edge's.
+    """Pairs of half-edges of edges with more than two triangles, matched like brackets within each group.
+
+    A group is an edge, or the part of one patch at an edge (see `twins_of`).
 
     Seen from the edge's lower vertex, by growing angle, the solid begins at the triangle of a downward half-edge (it
     opens) and ends at that of an upward one (it closes). Of coincident triangles the opening ones come first, in the
@@ -198,7 +200,7 @@ def _neighbours(
 
 ROUNDING = 2.0**-22  # two float32 spacings, relative to a surface's size: nearer triangles count as coincident
 FACES_MOST = 2**28  # most triangles: half-edge numbers and flags share 31 bits
-LEAF_BITS = wp.constant(2)  # below a leaf's number in those of its triangles
+LEAF_BITS = wp.constant(2)  # a triangle's number, shifted right by these, is its leaf's number
 LEAF = 4  # triangles of a leaf of the hierarchy
 MASK_WORDS = 128  # 32-bit words of the scan search's mask, which has one bit per scanned edge
 SCAN_FACES_MOST = 8000  # most triangles of a surface with a scan path: links of their half-edges have 16 bits
@@ -213,8 +215,8 @@ class Surface:
     rank: wp.array[wp.int32]  # `HalfEdges.rank`, shape [half]
     is_open: wp.int32  # 1 if any edge has a triangle on one side only
     reach: wp.float32  # largest |x| + |y| + |z| of a vertex [m]; bounds the rounding of float32 heights
-    hop: wp.array[wp.vec4]  # the triangle's third vertex [m] and bits of two links: of the next half-edge, and 16 bits
-    # higher of the previous one, shape [half]; empty for an open surface and one without a scan path
+    hop: wp.array[wp.vec4]  # the triangle's third vertex [m], and in its last 32 bits two links of 16 bits: the next
+    # half-edge's below, the previous one's above; shape [half]; empty for an open surface and one without a scan path
     scan_path: wp.array[wp.vec4]  # vertices along the scan path [m], and the bit in which a scan notes a crossing of
     # the step that ends there, 0 for a jump; shape [step + 1]
     scan_path_half: wp.array[wp.vec2i]  # half-edges of the step that ends here, forth and back; OPEN for none or a jump

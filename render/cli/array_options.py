@@ -149,7 +149,9 @@ class DevicesCommand(Command):
 
     job = ".listing_commands:run_devices"
     given = ("calibration",)
-    calibration: list[Path] | None = option("BOARD.pat", "Board files: they tell a pat16 by its serial.")
+    calibration: list[Path] | None = option(
+        "BOARD.pat", "Board file of a pat16, which it recognises by the serial number. May be repeated."
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -91,10 +91,12 @@ class RenderCommand(
     )
     out: Path = option("OUT.h5", "Contour file to write.", REQUIRED, "-o")
     strategy: str = option("NAME|FILE", STRATEGY_HELP, "cc", complete=STRATEGIES)
-    step: float | None = option("METRES", "Of the grid on the skin, if one is needed; by default a quarter focus.")
+    step: float | None = option(
+        "METRES", "Spacing of the grid on the skin, if one is needed; by default a quarter of the focal width."
+    )
     flush: float | None = option(
         "METRES",
-        "What is so near to a patch's plane or side lies on it; the default (float32's rounding) fits nearly always.",
+        "Points within this distance of a patch's plane or side count as on it; by default float32's rounding.",
     )
     bounds: tuple[float, float, float, float, float, float] | None = option(
         "X Y Z X Y Z", "Of a function: lowest and highest coordinates [m]."
@@ -145,7 +147,7 @@ class VoxeliseCommand(Command, PlacementOptions, OverwriteOptions):
     job = ".conversion_commands:run_voxelise"
     mesh: str = argument("MESH", "Mesh file, or built in; open ones too.", complete=OBJECTS)
     out: Path = option("OUT.npz", "Or .npy, .nrrd, .nii, .nvdb.", REQUIRED, "-o")
-    spacing: float = option("METRES", "Between voxels.", REQUIRED)
+    spacing: float = option("METRES", "Distance between voxels.", REQUIRED)
     kind: str = option("KIND", "distance (signed), or occupancy.", "distance", one_of=("distance", "occupancy"))
     sign: str = option(
         "RULE",
@@ -379,7 +381,9 @@ class NoiseCommand(Command, ArrayOptions, SamplingOptions, DurationOptions, Slew
     )
     sources: int = option("N", "Virtual sources of the beam.", 2000)
     pole: float = option("HZ", "Half the bandwidth of a transducer [Hz].", 1000.0)
-    microphone: Three | None = option("X Y Z", "Its place [m]; by default 7 cm up and 15 cm aside of the array.")
+    microphone: Three | None = option(
+        "X Y Z", "Place of the microphone [m]; by default 7 cm above and 15 cm beside the array."
+    )
     wav: bool = switch("Write FILE.wav beside each file, all with one gain.", "--wav")
     out: Path | None = option("PICTURE", "Draw spectra and levels: PNG, SVG or PDF.", None, "-o")
     device: str = option("DEVICE", "Where it is computed: cpu, cuda:0.", "cpu")

@@ -5,6 +5,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from ...datasets.errors import name_nothing
 from ..errors import PlanError, StudyError
 from .inputs import require_extra, require_file, require_store
 from .option_fields import Command, NamedOptions, argument, option, switch
@@ -27,9 +28,11 @@ class SweepCommand(NamedOptions, OverwriteOptions, AllowCodeOptions):
     job = "..sweeps.command:run_sweep_command"
     plans: list[Path] = argument("PLAN.toml", "Plans; of several, the union of their recipes.")
     store: Path | None = option("FOLDER", "Of the results, by default beside the plan: PLAN.sweep.")
-    overrides: list[str] | None = option("KEY=VALUE", "Instead of the plan's value (TOML).", None, "--set")
+    overrides: list[str] | None = option(
+        "KEY=VALUE", "Take this value (TOML) instead of the plan's. May be repeated.", None, "--set"
+    )
     dry_run: bool = switch("Make nothing; print recipes, poses, bytes and time to expect.", "--dry-run")
-    yes: bool = switch("Also more than 10^12 poses, or more bytes than the disk has.", "--yes")
+    yes: bool = switch("Go ahead although there are more than 10^12 poses, or more bytes than the disk has.", "--yes")
     same_results: bool = switch(
         "Take over results of the store's latest other code version: you know that the change moved none.",
         "--same-results",
@@ -37,7 +40,7 @@ class SweepCommand(NamedOptions, OverwriteOptions, AllowCodeOptions):
     device: str | None = option(
         "DEVICE", "Instead of the plan's: cpu, cuda:0, several with commas between, cuda (all GPUs), auto."
     )
-    workers: str = option("N", "On each device; auto: one for each core of the CPU, four on a GPU.", "auto")
+    workers: str = option("N", "Workers on each device; auto: one for each core of the CPU, four on a GPU.", "auto")
     shard: str | None = option(
         "I/N", "Make only part I of N, in a store of its own; palpate sweep merge puts the parts together."
     )
@@ -173,14 +176,14 @@ class StudyAnalyseCommand(NamedOptions, OverwriteOptions):
     opposite: float | None = option("SHARE", "Of --power: participants who answer the other way, below 0.5.")
     noise: float | None = option("SD", "Of --power: of one answer on a scale [point], by default 1.")
     tables: int = option("COUNT", "Of --power: simulated studies of each number of participants.", 1000)
-    seed: int = option("NUMBER", "Of --power.", 1)
+    seed: int = option("NUMBER", "Of --power: seed of the simulated studies.", 1)
 
     def judge(self) -> None:
         """Refuse a study that is not there, and to begin without what analyses it."""
         require_extra("statsmodels", StudyError('statsmodels is missing: pip install "palpate[study]"'))
         if not self.study.exists() and self.data is None and not self.study.with_suffix(".data").exists():
             data = self.study.with_suffix(".data") if self.study.suffix == ".toml" else self.study
-            raise StudyError(f"{data} is not there: nor is {self.study}")
+            raise name_nothing(StudyError(f"{data} is not there: nor is {self.study}"))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -51,8 +51,8 @@ def flat_array(
         position: middle of each transducer's face [m], shape [transducer, 3], as `flat_grid` gives it.
         wire_order: transducer at each place of the wire, shape [transducer].
         frame_bytes, fifo_frames, usb, baud, embedded, calibrated: as in `ArrayModel`.
-        frame_clock, frame_clock_reason, divider_max, divider_default, divider_sustained, burst_frames, alternates,
-            takes_points: the same.
+        frame_clock, frame_clock_reason, divider_max, divider_default, divider_sustained: the same.
+        burst_frames, alternates, takes_points: the same.
         focal_zone: None is |x| and |y| up to 0.15 m, z 0.05 to 0.5 m.
 
     >>> import numpy as np

@@ -112,7 +112,7 @@ class MomentSlot:
         values = plain((*pose, *kept, *focus))
         content = pickle.dumps((copied + 1, index, time, now_ns, left_out, values), pickle.HIGHEST_PROTOCOL)
         if len(content) > _SLOT_BYTES:
-            return  # the hand is drawn on, which nobody sees
+            return  # drawing goes on; a viewer keeps the moment before
         place = copied % 2  # the newest moment is in the other slot
         first, sequence = _CONTROL_BYTES + place * _SLOT_BYTES, self._control[_SEQUENCE + place]
         self._control[_SEQUENCE + place] = sequence + 1  # odd: the slot is being written

@@ -15,7 +15,6 @@ from __future__ import annotations
 import contextlib
 import importlib
 import json
-import math
 import os
 import select
 import signal
@@ -45,6 +44,7 @@ EXIT_OFF: Final = 3
 EXIT_FAILED: Final = 4
 
 SILENCE_MAX: Final = 2.0  # [s]
+_SILENCE_BOUND = 86_400.0  # [s]
 _READY_TIMEOUT = 30.0  # [s]; a new interpreter imports NumPy
 _GOODBYE_TIMEOUT = 10.0  # [s]
 _RELEASE_TIMEOUT = 5.0  # [s] in which the system takes the array from a process that is dead
@@ -60,8 +60,8 @@ class WatchOrder:
 
     array: str
     """Name of the array's kind."""
-    module: str
-    """Module whose import makes that kind known, where it is not built in."""
+    modules: list[str]
+    """Modules of the kind's functions: importing them makes it known, where it is not built in."""
     serial: str | None
     baud: int | None
     silence_max: float
@@ -76,18 +76,21 @@ class WatchOrder:
 
     def model(self) -> ArrayModel:
         """The array, without its calibration, which off frames do not need; raises WatchdogError if it is unknown."""
-        if self.array not in array_names():
+        for name in self.modules if self.array not in array_names() else ():
             try:
-                module = importlib.import_module(self.module)
+                module = importlib.import_module(name)
             except ImportError as error:
                 raise WatchdogError(
-                    f"no other process can import {self.module}, which has array {self.array}: {error}"
+                    f"no other process can import {name}, which has array {self.array}: {error}"
                 ) from error
             kinds = [value for value in vars(module).values() if isinstance(value, ArrayKind)]
             for kind in kinds:  # one that the module has, but leaves to others to register
                 if kind.name == self.array and self.array not in array_names():
                     register_array(kind)
-        return array_model(self.array, baud=self.baud)
+        model = array_model(self.array, baud=self.baud)
+        if _modules(kind_of(model)) != self.modules:  # the player has another kind of that name
+            raise WatchdogError(f"no other process can make array {self.array} from {', '.join(self.modules)}")
+        return model
 
 
 def read_order(text: str) -> WatchOrder:
@@ -101,20 +104,32 @@ def read_order(text: str) -> WatchOrder:
     for name, types in _ORDER_TYPES.items():
         if isinstance(values[name], bool) or not isinstance(values[name], types):
             raise WatchdogError(f"{name} of a watchdog's order is {values[name]!r}")
+    if not all(isinstance(name, str) and name for name in values["modules"]):
+        raise WatchdogError(f"modules of a watchdog's order is {values['modules']!r}")
     order = WatchOrder(**cast("dict[str, Any]", values))
-    if not 0 < order.silence_max < math.inf:
-        raise WatchdogError(f"silence_max is {order.silence_max!r}, but it must be above 0 s")
+    _require_time(order.silence_max)
     return order
 
 
 _ORDER_TYPES: Final[Mapping[str, tuple[type, ...]]] = {
     "array": (str,),
-    "module": (str,),
+    "modules": (list,),
     "serial": (str, type(None)),
     "baud": (int, type(None)),
     "silence_max": (int, float),
     "log": (str, type(None)),
 }
+
+
+def _modules(kind: ArrayKind) -> list[str]:
+    """Modules of a kind's functions, its model's first: a kind may open its link by a function of palpate's."""
+    return list(dict.fromkeys((kind.build.__module__, kind.open_link.__module__)))
+
+
+def _require_time(silence_max: float) -> None:
+    """Raise WatchdogError unless threads and `select` can wait for so long."""
+    if not 0 < silence_max <= _SILENCE_BOUND:
+        raise WatchdogError(f"silence_max is {silence_max!r}, but it must be above 0 s, and at most a day")
 
 
 def is_watchable(model: ArrayModel) -> bool:
@@ -141,11 +156,11 @@ class Watchdog:
         model = link.array
         if not is_watchable(model):
             raise WatchdogError(f"a watchdog is for arrays on USB or at a serial port, which {model.name} is not")
-        if not silence_max > 0:
-            raise WatchdogError(f"silence_max is {silence_max!r}, but it must be above 0 s")
-        module = kind_of(model).open_link.__module__
+        _require_time(silence_max)
         path = None if log is None else os.path.abspath(log)
-        self._order = WatchOrder(model.name, module, link.serial, model.baud, silence_max, path)
+        self._order = WatchOrder(
+            model.name, _modules(kind_of(model)), link.serial, model.baud, float(silence_max), path
+        )
         self._process: subprocess.Popen[bytes] | None = None
         self._goodbye = threading.Event()
         self._heart = threading.Thread(target=self._beat, name="palpate-heartbeat", daemon=True)

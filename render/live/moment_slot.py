@@ -29,7 +29,7 @@ RESTING, WAITING, DRAWING = range(3)
 """States of the process that draws: it draws nothing; it waits for the first pose; it has a pose to draw."""
 
 _CONTROL_BYTES: Final = 4096
-_SLOT_BYTES: Final = 1 << 19  # more than a moment of all the points above and a hand of 2,300 patches takes
+_SLOT_BYTES: Final = 1 << 23  # a moment of all the points above takes 0.5 MB, and a patch of the hand 28 bytes
 _COPIED, _BEGUN, _ASKED, _STATE, _IS_LOST, _POSE_DUE = range(6)
 _SEQUENCE, _LENGTH = 6, 8  # each and the next one: of the two slots
 
@@ -105,12 +105,14 @@ class MomentSlot:
     def copy(
         self, pose: LoggedPose, contours: ContourBatch, focus: FocalPoints, *, index: int, time: float, now_ns: int
     ) -> None:
-        """Leave a moment; arguments as `CopiedMoment` has them."""
+        """Leave a moment, unless it is larger than a slot; arguments as `CopiedMoment` has them."""
         copied = self._control[_COPIED]
         kept = _with_room(contours)
         left_out = contours.point_count - len(kept[0])
         values = plain((*pose, *kept, *focus))
         content = pickle.dumps((copied + 1, index, time, now_ns, left_out, values), pickle.HIGHEST_PROTOCOL)
+        if len(content) > _SLOT_BYTES:
+            return  # drawing goes on; a viewer keeps the moment before
         place = copied % 2  # the newest moment is in the other slot
         first, sequence = _CONTROL_BYTES + place * _SLOT_BYTES, self._control[_SEQUENCE + place]
         self._control[_SEQUENCE + place] = sequence + 1  # odd: the slot is being written

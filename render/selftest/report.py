@@ -28,7 +28,7 @@ QUESTION = "What did you feel and hear, and where? One line, Enter ends it: "
 
 
 class SelftestReport:
-    """A report in the making; the file is replaced as a whole after each answer.
+    """A report in the making; the file is replaced as a whole after each playback and each answer.
 
     Raises StrategyError for a path that exists (unless it may be overwritten) or whose folder does not, RenderError
     where it cannot be written.
@@ -72,6 +72,7 @@ class SelftestReport:
         played = [report.as_dict() for report in reports]
         entry: dict[str, object] = {"stimulus": name, "expected": expected, "played": played, "answer": None}
         self._stimuli.append(entry)
+        self.write()  # a selftest that is killed at the question keeps what the boards did
         print_message(QUESTION)
         entry["answer"] = read_answer()
         self.write()

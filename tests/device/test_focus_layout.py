@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import struct
+from array import array
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,11 +13,14 @@ import pytest
 from palpate.device import (
     FocusLayout,
     FrameError,
+    Limits,
+    SafetyLimitError,
     array_model,
     encode_frames,
     off_frame,
 )
 from palpate.device.codec import duty, is_emitting, switched_count
+from palpate.device.playing.limits import Guard
 
 MODEL = array_model("stratos")
 
@@ -82,3 +87,17 @@ def test_the_grid_is_the_published_one() -> None:
     assert not z.any()
     assert np.array_equal(MODEL.normal, np.tile([0, 0, 1], (256, 1)))
     assert (MODEL.carrier, MODEL.frame_clock, MODEL.usb, MODEL.baud, MODEL.embedded) == (40e3, 40e3, None, None, False)
+
+
+def test_limits_of_duty_and_of_time_count_its_frames() -> None:
+    second = np.tile(frame((0, 0, 0.2, 0.5)), 1000)  # at 1 kHz; duty 1/3
+    free = Limits(duty_max=None, on_time_max=None)
+    for limits, admitted in ((replace(free, duty_max=0.11, duty_window=10.0), 3), (replace(free, on_time_max=7.0), 7)):
+        guard = Guard(limits, MODEL)
+        (dose,) = guard.measure(array("B", second.tobytes()), 1000)
+        assert (dose.first_on, dose.last_on) == (0, 999)
+        assert dose.duty_sum == pytest.approx(1000 / 3, rel=1e-6)
+        for count in range(admitted):
+            guard.admit(dose, count * 10**9, 10**6)
+        with pytest.raises(SafetyLimitError):  # 1.1 s at full drive of 10 s are 3.3 s at a third; 7 s
+            guard.admit(dose, admitted * 10**9, 10**6)

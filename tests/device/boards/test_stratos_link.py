@@ -27,6 +27,7 @@ from palpate.device import (
     Link,
     LinkError,
     Player,
+    SafetyLimitError,
     UpdateRateError,
     VirtualClock,
     array_model,
@@ -521,3 +522,35 @@ def test_a_bridge_that_reads_nothing_is_left(monkeypatch: pytest.MonkeyPatch) ->
         with pytest.raises(DeviceLostError):
             link.send_off()
         left.set()
+
+
+def test_an_exception_in_the_blocks_passes_through_with_the_array_silent() -> None:
+    bridge = emulated()
+
+    def failing() -> Iterator[array[int]]:
+        yield from blocks(samples(5000), 500)
+        raise KeyError("of the caller")
+
+    with open_link(MODEL, backend=bridge) as link:
+        with pytest.raises(KeyError, match="of the caller") as caught:
+            Player(link, limits=FREE).play(failing(), update_rate=40e3)
+        assert bridge.board().intensity == 0
+    report = caught.value.report  # type: ignore[attr-defined]  # `attach_report` sets it
+    assert (report.stopped_by, report.off_sent) == ("exception", True)
+
+
+@pytest.mark.parametrize(
+    ("limits", "field"),
+    [(Limits(on_time_max=0.05), "on_time_max"), (Limits(duty_max=0.01, duty_window=10.0), "duty_max")],
+)
+def test_limits_end_a_playback_in_silence(limits: Limits, field: str) -> None:
+    bridge = emulated()
+    loud = samples(20_000)
+    loud[..., 3] = 1
+    with open_link(MODEL, backend=bridge) as link:
+        with pytest.raises(SafetyLimitError, match=rf"\({field}\)") as caught:
+            Player(link, limits=limits).play(blocks(loud, 1000), update_rate=40e3)
+        assert bridge.board().intensity == 0
+    assert caught.value.report is not None
+    assert caught.value.report.stopped_by == "limit"
+    assert len(played(bridge)) <= (0.05 if field == "on_time_max" else 0.1) * 40e3

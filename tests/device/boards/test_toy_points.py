@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from palpate.datasets.focus_files.ptlist import write_ptlist
 from palpate.device import (
@@ -30,8 +31,11 @@ from palpate.device import (
     remove_array,
 )
 from palpate.device.boards.emulator.kind import KIND as EMULATOR
+from palpate.device.codec import is_emitting
 from palpate.device.link import Link, never
 from palpate.device.registry import emulated_backend
+from palpate.render import Driver
+from palpate.render.cli.app import app
 from palpate.render.playback.file_playback import Connection, play_file
 
 
@@ -145,3 +149,12 @@ def test_a_model_that_does_not_take_what_its_kind_says_is_refused(kind: ArrayKin
             array_model("points")
     finally:
         remove_array("points")
+
+
+def test_the_command_line_and_predictions_know_it(bus: PointsBus, tmp_path: Path) -> None:
+    path = tmp_path / "points.ptlist"
+    write_ptlist(path, np.full((20, 3), 0.1, np.float32), np.ones(20, np.float32), 10e3)
+    run = CliRunner().invoke(app, ["play", str(path), "--array", "points", "--emulate"])
+    assert run.exit_code == 0, run.output
+    assert Driver("points").takes_points
+    assert is_emitting(np.ones((1, 16), np.uint8), array="points").tolist() == [True]

@@ -443,3 +443,13 @@ def test_whatever_ends_the_writing_thread_the_array_is_off_and_the_caller_learns
     assert (player.report.stopped_by, player.report.off_confirmed) == ("device", True)
     assert_off(bus)
     assert_plays_again(bus, link)
+
+
+def test_an_exception_in_progress_passes_through_and_the_array_is_off(bus: EmulatorBackend, link: UsbLink) -> None:
+    def progress(frames: int) -> None:
+        if frames:
+            raise Broken
+
+    with pytest.raises(Broken):
+        Player(link).play(in_blocks(content(3000), 100), update_rate=RATE, progress=progress)
+    assert_off(bus)

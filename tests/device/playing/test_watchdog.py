@@ -169,7 +169,14 @@ def test_a_time_of_nothing_is_refused(unreachable: UsbLink) -> None:
         Watchdog(unreachable, silence_max=0)
 
 
-ORDER = {"array": "pat16", "module": "json", "serial": None, "baud": None, "silence_max": 2.0, "log": None}
+ORDER = {
+    "array": "pat16",
+    "modules": ["palpate.device.boards.pat16.kind"],
+    "serial": None,
+    "baud": None,
+    "silence_max": 2.0,
+    "log": None,
+}
 
 
 @pytest.mark.parametrize(
@@ -179,8 +186,12 @@ ORDER = {"array": "pat16", "module": "json", "serial": None, "baud": None, "sile
         "[]",
         "[" * 100_000,
         "{}",
-        *(json.dumps(ORDER | change) for change in ({"array": 3}, {"serial": ["a"]}, {"silence_max": True})),
+        *(
+            json.dumps(ORDER | change)
+            for change in ({"array": 3}, {"serial": ["a"]}, {"silence_max": True}, {"modules": [3]})
+        ),
         *(json.dumps(ORDER | change) for change in ({"silence_max": -1}, {"silence_max": math.nan}, {"more": 1})),
+        json.dumps(ORDER | {"silence_max": math.inf}),
     ],
 )
 def test_an_order_that_is_none_is_refused(text: str) -> None:
@@ -191,9 +202,11 @@ def test_an_order_that_is_none_is_refused(text: str) -> None:
 def test_an_order_is_read_back_and_names_what_cannot_be_imported() -> None:
     assert read_order(json.dumps(ORDER)).model() is array_model("pat16")
     with pytest.raises(WatchdogError, match=r"no other process can import no\.such\.module, which has array mine"):
-        read_order(json.dumps(ORDER | {"array": "mine", "module": "no.such.module"})).model()
+        read_order(json.dumps(ORDER | {"array": "mine", "modules": ["no.such.module"]})).model()
     with pytest.raises(UnknownArrayError, match="unknown array 'mine'"):
         read_order(json.dumps(ORDER | {"array": "mine"})).model()
+    with pytest.raises(WatchdogError, match="no other process can make array pat16 from their_array"):
+        read_order(json.dumps(ORDER | {"modules": ["their_array"]})).model()  # theirs has taken a built-in one's name
 
 
 def test_a_kind_of_a_users_own_is_found_in_its_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -203,7 +216,8 @@ def test_a_kind_of_a_users_own_is_found_in_its_module(tmp_path: Path, monkeypatc
         "OWN = replace(KIND, name='theirs', build=lambda: replace(emulator_model(), name='theirs'))\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
+    modules = ["their_array", "palpate.device.boards.emulator.link"]  # it opens its link as the emulator does
     try:
-        assert read_order(json.dumps(ORDER | {"array": "theirs", "module": "their_array"})).model().name == "theirs"
+        assert read_order(json.dumps(ORDER | {"array": "theirs", "modules": modules})).model().name == "theirs"
     finally:
         remove_array("theirs")

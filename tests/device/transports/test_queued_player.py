@@ -114,3 +114,20 @@ def test_a_transfer_that_fails_ends_the_playback_with_the_count_exact(
         whole = report.frames - report.frames_cleared
         assert np.array_equal(setup.played[:whole], wire[:whole])
         setup.assert_off_and_plays_again()
+
+
+def test_a_stop_while_the_board_goes_on_taking_counts_what_it_took_and_what_it_dropped(setup: Setup) -> None:
+    wire = content(5000)
+
+    def stop(frames: int) -> None:
+        if frames >= 2600:
+            setup.player.stop()
+
+    report = setup.player.play(in_blocks(wire), update_rate=RATE, progress=stop)
+    assert report.stopped_by == "stop"
+    assert report.frames_cleared is not None
+    assert setup.bus.board().bytes_received == -(-report.bytes // FRAME) * FRAME + FRAME  # a rest, and off
+    whole = report.frames - report.frames_cleared
+    assert np.array_equal(setup.played[:whole], wire[:whole])
+    assert len(setup.played) == whole + (report.bytes % FRAME > 0) + 1
+    setup.assert_off_and_plays_again()

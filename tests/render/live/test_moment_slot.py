@@ -79,6 +79,13 @@ def test_a_moment_is_read_as_it_was_copied_bit_for_bit(slot, strategy, patch_pos
         np.testing.assert_array_equal(copied, value)
 
 
+@pytest.mark.parametrize(("patches", "number"), [(20_000, 1), (400_000, None)])
+def test_a_hand_of_many_patches_has_room_and_one_without_room_stops_no_drawing(slot, patches, number):
+    patch_pose = np.zeros((patches, 7), np.float32)
+    read = leave(slot, contours(POINTS_MOST), POSE._replace(patch_pose=patch_pose))
+    assert (read and read.number) == number
+
+
 def test_the_newest_moment_of_this_run_is_read(slot):
     assert slot.read() is None
     for k in (1, 2, 3):

@@ -396,3 +396,10 @@ def test_code_given_as_an_object_needs_no_permission(folder):
     done = subprocess.run([sys.executable, "script.py"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert (folder / "ran").read_text() == "x"
+
+
+def test_modules_of_python_itself_need_permission_too():
+    """`antigravity` opens a browser when it is imported."""
+    with pytest.raises(UntrustedCodeError, match=r"antigravity \("):
+        IntersectionStrategy.from_json('{"modules": ["antigravity"]}')
+    assert "antigravity" not in sys.modules

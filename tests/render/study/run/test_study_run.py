@@ -344,3 +344,30 @@ def test_answers_of_other_trials_than_this_version_draws_are_refused(tmp_path):
         pytest.raises(StudyError, match="trial 0 of block 'cube' was of cube-cc, cube-cc, but this version"),
     ):
         own.run.run()
+
+
+def test_a_disk_that_is_full_while_a_question_is_answered_costs_no_answer(tmp_path, monkeypatch):
+    plan = study(blocks=(block(repetitions=1),))
+
+    def read_only(screen):
+        return None if screen.kind == "question" else first_key(screen)  # `save_poses` answers, as a quick person does
+
+    with begun(plan, tmp_path) as own, ScriptedParticipant(own.desk, read_only) as person:
+        failures = iter([True])
+
+        def save_poses():
+            screen = own.desk.shown
+            if screen.kind == "question" and screen.keys:
+                assert own.desk.press(screen.number, screen.keys[0].key, 0.1)
+            if next(failures, False):
+                raise StudyStorageError("the poses could not be kept: the disk is full")
+
+        monkeypatch.setattr(own.player, "save_poses", save_poses)
+        monkeypatch.setattr(own.desk, "await_change", lambda seconds: (own.desk.go_on(), time.sleep(0.001)))
+        assert own.run.run() == FINISHED
+        assert person.error is None
+    assert len(rows(tmp_path, "SELECT * FROM answers")) == 2
+    assert [name for (name,) in rows(tmp_path, "SELECT name FROM events WHERE name IN ('stopped', 'gone_on')")] == [
+        "stopped",
+        "gone_on",
+    ]

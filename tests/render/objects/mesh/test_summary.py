@@ -85,10 +85,13 @@ def test_a_t_junction_is_refused_by_the_length_of_rim_that_closes_it():
     assert render(whole, Palm(), LEVEL, closed_contour()).length() == pytest.approx([4 * 0.085], abs=1e-6)  # all inside
 
 
-def test_filling_holes_as_suggested_closes_them(tmp_path):
+def test_filling_holes_as_suggested_closes_them_and_a_shorter_length_none(tmp_path):
     (vertices, faces), _ = FAULTS["torn sphere"]
     path = tmp_path / "torn.ply"
     trimesh.Trimesh(vertices, faces, process=False).export(path)
+    corners = SPHERE.triangles[SPHERE.triangles_center.argmax(axis=0)]  # of the triangles that are missing
+    rims = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).sum(axis=1)
+    assert answer("info", path, "--fill-holes", 0.999 * rims.min())["holes_filled"] == 0
     length = suggested(answer("info", path), "--fill-holes")
     told = answer("info", path, "--fill-holes", length)
     assert (told["open_edges"], told["holes_filled"], told["closed_contours"]) == (0, 3, "exact")

@@ -6,7 +6,7 @@ import pytest
 
 from palpate.render.errors import StudyError
 from palpate.render.study.plan.study_plan import Question
-from palpate.render.study.run.desk import KeyChoice, StudyDesk
+from palpate.render.study.run.desk import LOST_SECONDS, KeyChoice, StudyClock, StudyDesk
 
 KEYS = (KeyChoice(key="ArrowLeft", label="Second", value=1), KeyChoice(key="ArrowRight", label="First", value=0))
 AGE = Question(name="age", text="Your age?", kind="number", low=18, high=99)
@@ -85,3 +85,29 @@ def test_a_stopped_study_takes_no_answer_until_it_goes_on(desk):
     desk.end()
     assert desk.is_held
     assert desk.is_ended
+
+
+class FixedClock(StudyClock):
+    """It stands still until the test sets it."""
+
+    seconds = 0.0
+
+    def now(self) -> float:
+        return self.seconds
+
+
+def test_nothing_may_play_without_a_page_and_a_silent_page_counts_as_closed():
+    clock = FixedClock()
+    desk = StudyDesk(clock)
+    assert desk.is_held
+    page = desk.open_page()
+    assert not desk.is_held
+    with pytest.raises(StudyError, match="open already"):
+        desk.open_page()
+    clock.seconds = LOST_SECONDS
+    assert desk.is_held
+    other = desk.open_page()  # the browser was started again
+    desk.close_page(page)  # the connection of the first page ends late, and must not close the second one
+    assert not desk.is_held
+    desk.close_page(other)
+    assert desk.is_held

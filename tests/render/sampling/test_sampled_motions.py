@@ -92,7 +92,7 @@ def explored(name, contours, seed=0, duration=1.2):
     return Scene.of(MeshObject.load(name), Palm(), contours).contours(motion.pose, 0, "cpu")[0].numpy(), motion
 
 
-@pytest.mark.exhaustive(after=1)
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("name", "contours"), [("tube", "oc"), ("tube", "cc"), ("cube", "cc"), ("dog", "oc")])
 def test_explorations_are_what_the_sampler_in_numpy_draws(name, contours, device):
     batch, motion = explored(name, contours)

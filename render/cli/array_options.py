@@ -41,7 +41,7 @@ BENCH_STRATEGIES = ("oc", "cc")
 """What `palpate bench` measures: the stages that the kernels of a mesh section do as they go, and no others."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class PlayCommand(
     Command,
     OpenedArrayOptions,
@@ -65,7 +65,7 @@ class PlayCommand(
         require_contour_files([self.file], takes_points=True)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class PrepareCommand(Command, BaudOptions, SamplingOptions, DurationOptions, DriveOptions, OverwriteOptions):
     """Write the wire bytes that `palpate play` would send, so that playing them costs the host only copying."""
 
@@ -80,7 +80,7 @@ class PrepareCommand(Command, BaudOptions, SamplingOptions, DurationOptions, Dri
         require_output(self.out, overwrite=self.overwrite, sources=[self.file])
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class LiveCommand(
     Command,
     SourceOptions,
@@ -130,7 +130,7 @@ class LiveCommand(
             require_sampling(name)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class SamplingCommand(Command):
     """List sampling presets, or print one as the JSON that --sampling takes: a start for one of your own."""
 
@@ -143,7 +143,7 @@ class SamplingCommand(Command):
         require_sampling(self.name)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class DevicesCommand(Command):
     """List the arrays that can be played to, and why one cannot be opened."""
 
@@ -154,7 +154,7 @@ class DevicesCommand(Command):
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class SelftestCommand(NamedOptions, OpenedArrayOptions, ClockOptions, OverwriteOptions):
     """Play a point, a circle and a slow turn for a hand above the array."""
 
@@ -164,7 +164,7 @@ class SelftestCommand(NamedOptions, OpenedArrayOptions, ClockOptions, OverwriteO
     duration: float = option("SECONDS", "Of each of the three stimuli [s].", 3.0)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class BenchCommand(Command):
     """Time contours of random palms on this machine: one row for each object and strategy."""
 
@@ -183,7 +183,7 @@ class BenchCommand(Command):
             choose("--strategy", name.strip(), BENCH_STRATEGIES)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class ReproduceCommand(Command, OverwriteOptions):
     """Make the founding paper's evaluation again: its figures and numbers beside palpate's, as HTML and JSON."""
 

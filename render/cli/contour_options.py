@@ -59,7 +59,7 @@ OF_A_PAGE = ("poses", "every", "limit", "pressure", "overwrite")
 OF_A_SERVER = ("port", "no_browser", "allow_code")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class DemoCommand(Command, ClockOptions, OverwriteOptions):
     """Run the main job: explore the tube for 30 s, render OC and CC, play CC on the emulated array, draw a picture."""
 
@@ -67,7 +67,7 @@ class DemoCommand(Command, ClockOptions, OverwriteOptions):
     out: Path = option("FOLDER", "Where the files go; made if it is missing.", Path("palpate-demo"), "-o")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class RenderCommand(
     Command,
     HandOptions,
@@ -140,7 +140,7 @@ class RenderCommand(
         require_strategy(self.strategy)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class VoxeliseCommand(Command, PlacementOptions, OverwriteOptions):
     """Turn a mesh into voxels: the way out for open meshes."""
 
@@ -168,7 +168,7 @@ class VoxeliseCommand(Command, PlacementOptions, OverwriteOptions):
         require_object(self.mesh)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class StrategiesCommand(Command, AllowCodeOptions, OverwriteOptions):
     """List strategies and their stages, print one as the JSON that --strategy takes, or draw some side by side."""
 
@@ -188,7 +188,7 @@ class StrategiesCommand(Command, AllowCodeOptions, OverwriteOptions):
             require_strategy(name)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class InfoCommand(Command, MeshOptions):
     """Show what is in contours, prepared frames, or what a sweep keeps, or what is wrong with a mesh."""
 
@@ -202,7 +202,7 @@ class InfoCommand(Command, MeshOptions):
         require_contour_files(self.files, also=OBJECTS)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class CheckCommand(Command):
     """Check that a contour file, a sweep's store or what it keeps is whole: exit 0 if it is, 1 if not."""
 
@@ -214,7 +214,7 @@ class CheckCommand(Command):
         require_contour_files(self.files)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class FigureCommand(Command, PictureOptions, OverwriteOptions):
     """Draw contours on hand and object at some moments, their length and draw frequency."""
 
@@ -235,7 +235,7 @@ class FigureCommand(Command, PictureOptions, OverwriteOptions):
         require_output_file(self.out, PICTURES, overwrite=self.overwrite)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class ViewCommand(
     Command, PageOptions, ArrayOptions, AllowCodeOptions, PlacementOptions, AlignmentOptions, OverwriteOptions
 ):
@@ -284,7 +284,7 @@ class ViewCommand(
                 raise StrategyError(f"--{name.replace('_', '-')} is {why}")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class ExportCommand(Command, SamplingOptions, DurationOptions, OverwriteOptions):
     """Write contours, or focal points sampled from them, as a file that other programs open, whole or by range."""
 
@@ -311,7 +311,7 @@ class ExportCommand(Command, SamplingOptions, DurationOptions, OverwriteOptions)
         require_contour_files([self.file], takes_points=True)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class FieldCommand(Command, ArrayOptions, SamplingOptions, PictureOptions, OverwriteOptions):
     """Predict how hard ultrasound presses on the palm, in a plane or a volume: the print of a rendering."""
 
@@ -367,7 +367,7 @@ class FieldCommand(Command, ArrayOptions, SamplingOptions, PictureOptions, Overw
                 )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class NoiseCommand(Command, ArrayOptions, SamplingOptions, DurationOptions, SlewOptions, OverwriteOptions):
     """Predict how loud renderings are while they play: spectrum, bands, A-weighted level; and listen to them."""
 
@@ -395,7 +395,7 @@ class NoiseCommand(Command, ArrayOptions, SamplingOptions, DurationOptions, Slew
             require_output_file(self.out, PICTURES, overwrite=self.overwrite, sources=self.files)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class TrustCommand(Command):
     """Accept the code that files name, or are, as it is now, and list all that is accepted; nothing is run."""
 

@@ -71,7 +71,7 @@ def _declared(made: Any, default: Any, names: Sequence[str] | None, one_of: Sequ
     return field(default=default, metadata=metadata)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class Command:
     """The options that every command has, and what it runs."""
 

@@ -21,7 +21,7 @@ from .shared_options import (
 IN_FOLDER = "pip install -e '.[{}]' in palpate's folder"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class SweepCommand(NamedOptions, OverwriteOptions, AllowCodeOptions):
     """Make every combination that a plan names, except those that are there already, and a table of the results."""
 
@@ -82,7 +82,7 @@ class SweepCommand(NamedOptions, OverwriteOptions, AllowCodeOptions):
                 )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class StoreCommand(Command):
     """What all commands about a store take."""
 
@@ -95,21 +95,21 @@ class StoreCommand(Command):
         require_store(self.store)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class SweepStatusCommand(StoreCommand):
     """Show what a store holds: results by code version and group, bytes, the last run, who works in it now."""
 
     job = "..sweeps.upkeep:show_status"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class SweepFailuresCommand(StoreCommand):
     """Show which recipes could not be made, and why."""
 
     job = "..sweeps.upkeep:show_failures"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class SweepPruneCommand(StoreCommand):
     """Remove results of other code versions, and files that only these name."""
 
@@ -118,7 +118,7 @@ class SweepPruneCommand(StoreCommand):
     dry_run: bool = switch("Remove nothing; print what would be removed.", "--dry-run")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class SweepMergeCommand(Command):
     """Take over what other stores hold, such as those of the machines that each made a shard."""
 
@@ -133,7 +133,7 @@ class SweepMergeCommand(Command):
             require_store(store)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class StudyCommand(NamedOptions, SourceOptions, OpenedArrayOptions, TransportOptions, PageOptions, AllowCodeOptions):
     """Run one participant of a study; each answer is on disk before the next is asked, and the array is off at the end.
 
@@ -155,7 +155,7 @@ class StudyCommand(NamedOptions, SourceOptions, OpenedArrayOptions, TransportOpt
         require_file(self.plan, "a plan is a TOML file")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class StudyAnalyseCommand(NamedOptions, OverwriteOptions):
     """Write a study's report (HTML, Markdown), its tables (CSV) and pictures; needs palpate[study]."""
 
@@ -186,7 +186,7 @@ class StudyAnalyseCommand(NamedOptions, OverwriteOptions):
             raise name_nothing(StudyError(f"{data} is not there: nor is {self.study}"))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class StudyExampleCommand(Command):
     """Write the plan of a whole study into this folder, as NAME.toml, to be run or changed."""
 

@@ -24,7 +24,7 @@ OBJECT_HELP = (
 STRATEGY_HELP = "By name (palpate strategies lists them), or a JSON file."
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class PlacementOptions:
     """Where the object goes."""
 
@@ -42,7 +42,7 @@ class PlacementOptions:
             Placement(scale=self.scale, fit=self.fit)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class VolumeOptions:
     """How a volume is read."""
 
@@ -60,7 +60,7 @@ class VolumeOptions:
     unit: str | None = option("UNIT", "Of a volume file's lengths: m, cm, mm, um.", one_of=("m", "cm", "mm", "um"))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class MeshOptions:
     """How a mesh is repaired."""
 
@@ -69,7 +69,7 @@ class MeshOptions:
     fill_holes: float | None = option("METRES", "Of a mesh: close holes of at most this rim.")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class ExplorationOptions:
     """How a synthetic hand explores the object."""
 
@@ -88,14 +88,14 @@ class ExplorationOptions:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class AlignmentOptions:
     """Where a recording lies."""
 
     alignment: Path | None = option("FILE|y-up|unity", "Of a recording: from the tracker's frame to the array's.")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class HandOptions:
     """The hand."""
 
@@ -114,7 +114,7 @@ class HandOptions:
             raise StrategyError(f"--palm is the size of --hand palm, which {self.hand} is not")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class AllowCodeOptions:
     """Permission to run code, for one run."""
 
@@ -129,7 +129,7 @@ ARRAY_OPTION = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class ArrayOptions:
     """The array."""
 
@@ -141,14 +141,14 @@ class ArrayOptions:
         require_array(self.array)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class BaudOptions(ArrayOptions):
     """The array, as its frames are made for it."""
 
     baud: int | None = option("BAUD", "Of a sonicsurface with unusual firmware [Bd].")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class OpenedArrayOptions(BaudOptions):
     """The array that is opened."""
 
@@ -163,14 +163,14 @@ class OpenedArrayOptions(BaudOptions):
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class TransportOptions:
     """How bytes go to the array."""
 
     transport: str = option("KIND", "USB writes: queued, sync, or auto.", "auto", one_of=("auto", "sync", "queued"))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class ClockOptions:
     """The clock of an emulated array."""
 
@@ -182,7 +182,7 @@ class ClockOptions:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class UpdateRateOptions:
     """The update rate."""
 
@@ -191,7 +191,7 @@ class UpdateRateOptions:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class SamplingOptions(UpdateRateOptions):
     """How contours become focal points."""
 
@@ -207,7 +207,7 @@ class SamplingOptions(UpdateRateOptions):
         require_sampling(self.sampling)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class DurationOptions:
     """The end of what is played."""
 
@@ -221,14 +221,14 @@ class DurationOptions:
             raise StrategyError(f"duration must be positive, not {self.duration} s")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class SlewOptions:
     """How fast phases change."""
 
     slew: float | None = option("TURNS", "Most that a phase changes in 25 us [turns]; 0.015625 quietens jumps.")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class DriveOptions(SlewOptions):
     """How focal points become drives."""
 
@@ -248,7 +248,7 @@ class DriveOptions(SlewOptions):
     sound_speed: float = option("M/S", "Speed of sound [m/s]: 331.3 + 0.606 x degrees C.", 343.0)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class LimitOptions:
     """How long and how strongly an array emits."""
 
@@ -256,7 +256,7 @@ class LimitOptions:
     duty_max: float = option("SHARE", "Highest mean duty over 10 min, 1 being full drive; 0 lifts the limit.", 0.5)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class SourceOptions(AlignmentOptions):
     """The hand that moves now."""
 
@@ -279,7 +279,7 @@ class SourceOptions(AlignmentOptions):
         require_source(self.source)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class PageOptions:
     """The page that is served."""
 
@@ -287,7 +287,7 @@ class PageOptions:
     no_browser: bool = switch("Print the page's address only, and open nothing.", "--no-browser")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class PictureOptions:
     """The look of a picture."""
 
@@ -300,7 +300,7 @@ class PictureOptions:
         font_of(self.font_size)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class OverwriteOptions:
     """What becomes of a file that is there."""
 

@@ -104,7 +104,7 @@ def read_order(text: str) -> WatchOrder:
     for name, types in _ORDER_TYPES.items():
         if isinstance(values[name], bool) or not isinstance(values[name], types):
             raise WatchdogError(f"{name} of a watchdog's order is {values[name]!r}")
-    if not all(isinstance(name, str) and name for name in values["modules"]):
+    if not all(isinstance(name, str) and name for name in cast("list[object]", values["modules"])):
         raise WatchdogError(f"modules of a watchdog's order is {values['modules']!r}")
     order = WatchOrder(**cast("dict[str, Any]", values))
     _require_time(order.silence_max)

@@ -17,15 +17,15 @@ HOUSE = Path(__file__).resolve().parents[3]
 COMPUTING = (
     "kernels/**/*.py",
     *(f"datasets/{folder}/**/*.py" for folder in ("hand_model", "motions", "recordings", "shapes")),
-    *(f"device/boards/*/{module}.py" for module in ("geometry", "layout")),
+    "device/boards/*/kind.py",
     *(f"render/{folder}/**/*.py" for folder in ("acoustics", "hands", "intersection", "motions", "objects")),
     *(f"render/{folder}/**/*.py" for folder in ("playback", "sampling", "stages", "strategies", "sweeps/make")),
     *(f"{package}/*.py" for package in ("datasets", "device", "render")),
 )
 """Patterns of the files that compute results, from `HOUSE` on."""
 LIBRARIES = ("numpy", "scipy", "trimesh", "manifold3d", "warp-lang")
-"""Those that decide numbers: arrays; nearest points, components, filters; meshes of scripts; solids united, outlines
-offset; kernels. h5py and xxhash only store, nibabel and pynrrd return the values that a file has."""
+"""Those that decide numbers: arrays; nearest points, components, filters; meshes of scripts; solids united;
+kernels. h5py and xxhash only store, nibabel and pynrrd return the values that a file has."""
 
 
 @cache

@@ -381,6 +381,7 @@ def _columns(
     places: of each slice's sampling strategies among those whose frequencies `tallied` has.
     """
     count, table = len(tallied.names), tallied.value.numpy()
+    table[np.isnan(table)] = np.nan  # GPUs write a NaN of the other sign, and kept files are compared by their bytes
     values = dict(zip(tallied.names, table[:count], strict=True))
     values |= {name: values[name].astype(np.int32) for name in WHOLE_NUMBERS}
     out = []

@@ -21,13 +21,12 @@ def test_marching_cases_measure_the_same_contours(device):
             installed(marching.CASES), device, 1, random_poses(20), device, marching.Size(48, 32)
         )
     }
-    ours = {"OC, bricks", "OC, rows", "CC, bricks", "floor"}
+    ours = {"OC", "CC", "floor"}
     assert ours <= set(figures)
     assert min(figure.microseconds for figure in figures.values()) > 0
-    assert figures["CC, bricks"].length > figures["OC, bricks"].length > 0.05
-    assert figures["OC, rows"].apart == 0
+    assert figures["CC"].length > figures["OC"].length > 0.05
     for name in set(figures) - ours:
-        assert figures[name].apart < 0.01 * figures["OC, bricks"].length, name
+        assert figures[name].apart < 0.01 * figures["OC"].length, name
 
 
 @pytest.mark.exhaustive
